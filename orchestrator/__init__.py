@@ -1,0 +1,1 @@
+"""Plans, drives, scans, reconstructs and evaluates with the simulated robot cell."""

@@ -1,0 +1,29 @@
+"""The exception tree: every error that a person can cause or mend derives from `ScancellError`."""
+
+
+class ScancellError(Exception):
+    """An error with a message for people: it names the file, the key, the value and what was expected."""
+
+
+class DescriptionError(ScancellError):
+    """A cell, sensor or scan description is wrong (unknown key, missing key, value out of bounds)."""
+
+
+class MeshError(ScancellError):
+    """A mesh file is missing, unreadable, empty or broken."""
+
+
+class PlanningError(ScancellError):
+    """A scan cannot be carried out: unreachable, outside limits, or colliding poses."""
+
+
+class CellError(ScancellError):
+    """The FMU refused a call or reported an error."""
+
+
+class SensorError(ScancellError):
+    """The sensor library refused its input."""
+
+
+class OutputError(ScancellError):
+    """A result cannot be written."""
