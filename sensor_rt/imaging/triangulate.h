@@ -1,0 +1,59 @@
+// Peaks -> Profiles: points in the sensor frame with their uncertainty.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include <Eigen/Dense>
+
+#include "sensor_rt/imaging/peaks.h"
+#include "sensor_rt/optics/camera.h"
+
+namespace sensor_rt {
+
+/// kEq4AsPrinted is the published form, kept for comparison: its Y is too large by sqrt(f² + p_y²) / f.
+enum class TriangulationForm { kExact, kEq4AsPrinted };
+
+struct TriangulationOptions {
+  TriangulationForm form = TriangulationForm::kExact;
+  double near = 0.0;           ///< m: points with sensor Z outside [near, far] are left out
+  double far = 0.0;            ///< m
+  bool keep_rejected = false;  ///< true: also triangulate peaks whose flags are in kPeakRejected
+};
+
+/// Points of any number of frames, as a structure of arrays. Metres, sensor frame (x = 0 on the laser sheet).
+struct Profiles {
+  std::vector<std::int64_t> frame;
+  std::vector<std::int32_t> camera;
+  std::vector<std::int32_t> column;
+  std::vector<double> row;
+  std::vector<Eigen::Vector3d> points_in_sensor;
+  std::vector<Eigen::Matrix3d> covariance;  ///< m²
+  std::vector<float> sigma;                 ///< m: standard deviation along the direction of largest uncertainty
+  std::vector<float> intensity;             ///< amplitude of the peak, DN
+  std::vector<std::uint32_t> flags;         ///< PeakFlag bits
+
+  std::size_t size() const { return points_in_sensor.size(); }
+  void clear();
+  void reserve(std::size_t count);
+  void append(const Profiles& other);
+};
+
+/// Point on the laser sheet seen at a pixel: closed form (pinhole in the frame of the paper, distortion removed first).
+Eigen::Vector3d triangulate_exact(const Camera& camera, const Eigen::Vector2d& pixel);
+
+/// The same as the intersection of the pixel's ray with the sheet X = 0, from the camera's pose alone.
+Eigen::Vector3d triangulate_ray(const Camera& camera, const Eigen::Vector2d& pixel);
+
+/// Dumitrache & Borangiu, Eq. 4, as printed (without the stray f in the denominator of Z).
+Eigen::Vector3d triangulate_eq4_as_printed(const Camera& camera, const Eigen::Vector2d& pixel);
+
+/// d point / d (column, row) of triangulate_exact, m/px.
+Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const Eigen::Vector2d& pixel);
+
+/// Appends the points of all usable peaks. Throws std::invalid_argument when a peak names a camera that is not there.
+void triangulate(const Peaks& peaks, const std::vector<Camera>& cameras, const TriangulationOptions& options,
+                 Profiles& out);
+
+}  // namespace sensor_rt
