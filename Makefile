@@ -1,0 +1,71 @@
+# `make scan` and `make test` do all the set-up they need, on a bare Debian 12 or newer.
+# Variables: PYTHON (interpreter for the environment), PART (mesh that `make scan` scans), OUT (where results go).
+
+PYTHON ?= /usr/bin/python3
+PART ?= assets/parts/free_form.stl
+OUT ?= out/scan
+
+VENV := .venv
+BIN := $(VENV)/bin
+SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+STAMPS := build/stamps
+
+# What the compilers need; the FMU and the Python module are linked against these.
+SYSTEM_PACKAGES := g++ cmake ninja-build ccache patchelf python3-venv python3-dev \
+  libdart-dev libdart-collision-ode-dev libdart-collision-bullet-dev libdart-external-ikfast-dev \
+  libdart-external-odelcpsolver-dev libeigen3-dev libfcl-dev libembree-dev nlohmann-json3-dev libgtest-dev
+
+NATIVE_SOURCES := CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
+  \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))
+
+.PHONY: setup scan test check format bench peers clean
+
+setup: $(STAMPS)/installed
+
+$(STAMPS)/system: Makefile
+	@mkdir -p $(STAMPS)
+	@if ! dpkg-query -W $(SYSTEM_PACKAGES) >/dev/null 2>&1; then \
+	  command -v apt-get >/dev/null || { echo "scancell: install these packages first: $(SYSTEM_PACKAGES)"; exit 1; }; \
+	  echo "scancell: installing system packages"; \
+	  $(SUDO) apt-get update -qq && DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends $(SYSTEM_PACKAGES) >build/apt.log 2>&1 \
+	    || { tail -n 20 build/apt.log; exit 1; }; \
+	fi
+	@touch $@
+
+$(STAMPS)/venv: $(STAMPS)/system
+	@echo "scancell: making $(VENV)"
+	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/pip install -q --disable-pip-version-check "scikit-build-core>=0.10" "pybind11>=2.12"
+	@touch $@
+
+$(STAMPS)/installed: $(STAMPS)/venv $(NATIVE_SOURCES)
+	@echo "scancell: building and installing (a few minutes the first time)"
+	@$(BIN)/pip install -q --disable-pip-version-check --no-build-isolation -e '.[dev]'
+	@touch $@
+
+scan: setup
+	@$(BIN)/scancell scan $(PART) --out $(OUT) --images
+
+test: setup
+	@$(BIN)/python -m pytest -q
+
+check: setup
+	@$(BIN)/ruff format --check orchestrator sensor_rt fmu tests assets
+	@$(BIN)/ruff check orchestrator sensor_rt fmu tests assets
+	@$(BIN)/mypy
+	@command -v clang-format >/dev/null || DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends clang-format >/dev/null
+	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format --dry-run --Werror
+
+format: setup
+	@$(BIN)/ruff format -q orchestrator sensor_rt fmu tests assets
+	@$(BIN)/ruff check -q --fix orchestrator sensor_rt fmu tests assets
+	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format -i
+
+bench: setup
+	@$(BIN)/python -m tests.bench
+
+peers: setup
+	@$(BIN)/python -m tests.bench.peers
+
+clean:
+	@rm -rf build out $(VENV) .pytest_cache .mypy_cache .ruff_cache

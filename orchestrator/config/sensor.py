@@ -1,0 +1,131 @@
+"""Description of the laser profile sensor: laser, cameras, detector, rendering, extraction."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from orchestrator.config.description import Description, Finite, Fraction, NonNegative, Positive
+
+_Pixels = Annotated[int, Field(ge=16, le=16_384)]
+
+
+class LaserDescription(Description):
+    """Laser sheet in the sensor's YZ plane, from a point source through a narrow opening."""
+
+    wavelength_nm: Annotated[float, Field(ge=200.0, le=2000.0)]
+    power_mw: NonNegative
+    fan_half_angle_deg: Annotated[float, Field(gt=0.0, lt=80.0)]
+    source_z_mm: Finite = Field(default=0.0, description="the source lies at (0, 0, source_z) of the sensor frame")
+    sheet_sigma_mm: Positive = Field(description="standard deviation of the irradiance across the sheet at its waist")
+    waist_z_mm: Finite
+    divergence_mrad: NonNegative = Field(default=0.0, description="growth of the sheet's sigma, far from the waist")
+
+
+class RangeDescription(Description):
+    """Measuring range along sensor Z."""
+
+    near_mm: Positive
+    far_mm: Positive
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.near_mm >= self.far_mm:
+            raise ValueError(f"near_mm ({self.near_mm:g}) must be below far_mm ({self.far_mm:g})")
+        return self
+
+
+class CameraDescription(Description):
+    """One camera at distance `baseline` (the paper's a) from the sheet and sensor height `height` (b).
+
+    Its optical axis is tilted by `tilt` (phi) from sensor Z towards the sheet; `half_angle` (gamma) is half the
+    vertical field of view, so that the focal length is ``height_px / (2 tan gamma)`` pixels.
+    """
+
+    name: str
+    side: Literal[1, -1] = Field(description="1: at sensor X = +baseline; -1: its mirror image")
+    baseline_mm: Positive
+    height_mm: Finite = 0.0
+    tilt_deg: Annotated[float, Field(gt=0.0, lt=90.0)]
+    half_angle_deg: Annotated[float, Field(gt=0.1, lt=60.0)]
+    width_px: _Pixels
+    height_px: _Pixels
+    cx_px: Finite | None = Field(default=None, description="column of the principal point; default: image centre")
+    cy_px: Finite | None = Field(default=None, description="row of the principal point; default: image centre")
+    distortion: Annotated[tuple[float, ...], Field(min_length=5, max_length=5)] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    f_number: Positive
+    pixel_pitch_um: Positive
+    transmission: Fraction = Field(description="lens times band-pass filter")
+
+    @model_validator(mode="after")
+    def _sees_a_bounded_range(self) -> Self:
+        if self.half_angle_deg >= self.tilt_deg:
+            raise ValueError(
+                f"half_angle_deg ({self.half_angle_deg:g}) must be below tilt_deg ({self.tilt_deg:g}),"
+                " or the far end of the range is infinite"
+            )
+        return self
+
+
+class DetectorDescription(Description):
+    """Image sensor in EMVA 1288 terms."""
+
+    exposure_ms: Annotated[float, Field(gt=0.0, le=1000.0)]
+    quantum_efficiency: Annotated[float, Field(gt=0.0, le=1.0)]
+    full_well_e: Positive
+    read_noise_e: NonNegative
+    dark_current_e_per_s: NonNegative = 0.0
+    gain_dn_per_e: Positive
+    bit_depth: Annotated[int, Field(ge=8, le=16)]
+    black_level_dn: NonNegative
+    prnu: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(default=0.0, description="gain spread between pixels")
+    dsnu_e: NonNegative = Field(default=0.0, description="offset spread between pixels")
+
+
+class AmbientDescription(Description):
+    """External light that passes the band-pass filter, from all sides."""
+
+    irradiance_w_m2: NonNegative = 0.0
+
+
+class RenderDescription(Description):
+    """How finely images are computed."""
+
+    samples_per_pixel: Literal[4, 16, 64] = 16
+    noise: bool = True
+    rays_across_fan: Annotated[int, Field(ge=64, le=65_536)] = 2560
+
+
+class ExtractionDescription(Description):
+    """From image to stripe peaks to points."""
+
+    detector: Literal["gaussian", "centre_of_gravity"] = "gaussian"
+    triangulation: Literal["exact", "eq4_as_printed"] = "exact"
+    peak: Literal["brightest", "first", "last"] = "brightest"
+    threshold_sigma: Positive = Field(default=6.0, description="detection threshold above background noise")
+    min_amplitude_dn: NonNegative = 4.0
+    min_sigma_px: Positive = 0.5
+    max_sigma_px: Positive = 8.0
+    max_asymmetry: Positive = 0.25
+    max_residual: Positive = 0.1
+
+
+class GeometricDescription(Description):
+    """The fast mode: laser rays instead of images."""
+
+    rays: Annotated[int, Field(ge=2, le=65_536)] = 1280
+
+
+class SensorDescription(Description):
+    """A laser profile sensor with one or more cameras."""
+
+    name: str
+    laser: LaserDescription
+    range: RangeDescription
+    camera: Annotated[tuple[CameraDescription, ...], Field(min_length=1, max_length=8)]
+    detector: DetectorDescription
+    ambient: AmbientDescription = AmbientDescription()
+    render: RenderDescription = RenderDescription()
+    extraction: ExtractionDescription = ExtractionDescription()
+    geometric: GeometricDescription = GeometricDescription()
