@@ -105,10 +105,17 @@ class ExtractionDescription(Description):
     peak: Literal["brightest", "first", "last"] = "brightest"
     threshold_sigma: Positive = Field(default=6.0, description="detection threshold above background noise")
     min_amplitude_dn: NonNegative = 4.0
-    min_sigma_px: Positive = 0.5
-    max_sigma_px: Positive = 8.0
-    max_asymmetry: Positive = 0.25
-    max_residual: Positive = 0.1
+    min_sigma_px: Positive = 0.4
+    max_sigma_px: Annotated[float, Field(gt=0.0, le=8.0)] = 6.0
+    max_asymmetry: Positive = 0.05
+    max_residual: Positive = 0.05
+    max_row_jump_px: Positive = Field(
+        default=3.0, description="neighbouring columns further apart than their slopes predict break a run"
+    )
+    max_amplitude_jump: Positive = Field(default=0.3, description="relative change from column to column")
+    max_width_jump: Positive = Field(default=0.25, description="relative change from column to column")
+    end_columns: Annotated[int, Field(ge=0, le=100)] = Field(default=1, description="distrusted at the ends of a run")
+    min_run_columns: Annotated[int, Field(ge=1, le=1000)] = Field(default=5, description="shorter runs are distrusted")
 
 
 class GeometricDescription(Description):

@@ -1,0 +1,166 @@
+"""The cell as its description says it is: what planning and reconstruction may know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from orchestrator.config.cell import CellDescription, FixtureDescription, PartDescription, ToolDescription
+from orchestrator.config.description import PoseDescription
+from orchestrator.config.units import to_si
+from orchestrator.geometry import pose
+from orchestrator.geometry.arm import Arm, Joint
+from orchestrator.geometry.mesh import Mesh, load_mesh
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid thing that can occlude, be lit, or be hit.
+
+    `moves_with` names the frame that carries it: ``world``, ``link[1]`` … ``link[6]``, ``sensor``, ``table`` or ``part``;
+    the mesh is given in that frame, metres.
+    """
+
+    name: str
+    moves_with: str
+    mesh: Mesh
+    reflectance: float
+
+
+@dataclass(frozen=True)
+class NominalCell:
+    """Nominal geometry of arm, tool, table and part; poses are (4, 4) ``target_from_source``, metres."""
+
+    arm: Arm
+    flange_from_sensor: Array
+    world_from_table: Array
+    table_from_part: Array
+    home: Array
+    table_radius: float
+    table_thickness: float
+    table_max_speed: float
+    table_max_acceleration: float
+    part: Mesh
+    bodies: tuple[Body, ...]
+
+    def world_from_sensor(self, q: ArrayLike) -> Array:
+        """(..., 4, 4) for joint angles q (..., 6)."""
+        return np.asarray(self.arm.fk(q) @ self.flange_from_sensor)
+
+    def world_from_part(self, table: ArrayLike) -> Array:
+        """(..., 4, 4) for table angles (...,)."""
+        turn = pose.from_rotation(pose.rotation_about(2, table))
+        return np.asarray(self.world_from_table @ turn @ self.table_from_part)
+
+    def part_from_sensor(self, q: ArrayLike, table: ArrayLike) -> Array:
+        """(..., 4, 4) for joint angles q (..., 6) and table angles (...,)."""
+        return np.asarray(pose.inverse(self.world_from_part(table)) @ self.world_from_sensor(q))
+
+    def frame_poses(self, q: ArrayLike, table: ArrayLike) -> dict[str, Array]:
+        """``world_from_frame`` (..., 4, 4) of every frame that a body can move with."""
+        links = self.arm.link_poses(q)
+        frames = {f"link[{i}]": links[..., i, :, :] for i in range(1, links.shape[-3])}
+        turn = pose.from_rotation(pose.rotation_about(2, table))
+        frames["world"] = np.broadcast_to(np.eye(4), links.shape[:-3] + (4, 4))
+        frames["sensor"] = links[..., -1, :, :] @ self.flange_from_sensor
+        frames["table"] = self.world_from_table @ turn
+        frames["part"] = frames["table"] @ self.table_from_part
+        return frames
+
+    def body_poses(self, q: ArrayLike, table: ArrayLike) -> Array:
+        """(..., bodies, 4, 4) in the order of `bodies`."""
+        frames = self.frame_poses(q, table)
+        return np.stack([frames[body.moves_with] for body in self.bodies], -3)
+
+
+def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
+    """Assemble the nominal cell around a part whose mesh (metres) is in its own coordinate system.
+
+    Raises
+    ------
+    MeshError
+        If a mesh that the description names cannot be used.
+    """
+    robot = cell.robot
+    joints = [Joint(**_joint_fields(joint.model_dump())) for joint in robot.joint]
+    return NominalCell(
+        arm=Arm(joints, pose_matrix(robot.base)),
+        flange_from_sensor=tool_matrix(cell.tool),
+        world_from_table=pose_matrix(cell.table.pose),
+        table_from_part=lay_down(part, cell.part),
+        home=np.radians(robot.home_deg),
+        table_radius=to_si({"r_mm": cell.table.radius_mm})["r"],
+        table_thickness=to_si({"t_mm": cell.table.thickness_mm})["t"],
+        table_max_speed=to_si({"v_deg_s": cell.table.max_speed_deg_s})["v"],
+        table_max_acceleration=to_si({"a_deg_s2": cell.table.max_acceleration_deg_s2})["a"],
+        part=part,
+        bodies=_bodies(cell, part),
+    )
+
+
+def pose_matrix(description: PoseDescription) -> Array:
+    """(4, 4) of a described pose."""
+    si = to_si(description.model_dump())
+    position = (si["x"], si["y"], si["z"])
+    if si["yaw"] is not None:
+        return pose.from_rotation(pose.rotation_from_euler_zyz((si["yaw"], si["pitch"], si["roll"])), position)
+    return pose.from_euler_xyz(position, (si["rx"], si["ry"], si["rz"]))
+
+
+def tool_matrix(tool: ToolDescription) -> Array:
+    """``flange_from_sensor`` (4, 4), given directly or from the dimensions of the fixture."""
+    if tool.flange_from_sensor is not None:
+        return pose_matrix(tool.flange_from_sensor)
+    assert isinstance(tool.fixture, FixtureDescription)  # the description has exactly one of the two
+    si = to_si(tool.fixture.model_dump())
+    return np.asarray(
+        pose.from_rotation(pose.rotation_about(2, si["rotation"]))
+        @ pose.translation((si["offset"], 0.0, si["plate"] + si["reach"]))
+        @ pose.from_rotation(pose.rotation_about(1, si["tilt"]))
+    )
+
+
+def lay_down(part: Mesh, description: PartDescription) -> Array:
+    """``table_from_part`` (4, 4): bounding box centred on the axis, lowest point on the table, then displaced."""
+    si = to_si(description.model_dump())
+    rotation = pose.rotation_from_euler_xyz((si["rx"], si["ry"], si["rz"]))
+    vertices = part.vertices @ rotation.T
+    low, high = vertices.min(0), vertices.max(0)
+    centre = (low + high) / 2
+    return pose.from_rotation(rotation, (si["x"] - centre[0], si["y"] - centre[1], si["z"] - low[2]))
+
+
+def _joint_fields(joint: dict[str, float]) -> dict[str, float]:
+    si = to_si(joint)
+    names = ("a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration")
+    return {name: si[name] for name in names}
+
+
+def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
+    table = cell.table
+    files = [
+        ("base", "world", cell.robot.base_mesh, cell.robot_reflectance),
+        *((f"link{i}", f"link[{i}]", joint.mesh, cell.robot_reflectance) for i, joint in enumerate(cell.robot.joint, 1)),
+        ("sensor", "sensor", cell.sensor_mesh, cell.robot_reflectance),
+        ("table", "table", table.platter_mesh, table.reflectance),
+        ("table_base", "world", table.base_mesh, table.reflectance),
+    ]
+    bodies = [
+        Body(name, frame, _placed(load_mesh(Path(path)), name, cell), reflectance)
+        for name, frame, path, reflectance in files
+        if path is not None
+    ]
+    return (*bodies, Body("part", "part", part, cell.part.reflectance))
+
+
+def _placed(mesh: Mesh, name: str, cell: CellDescription) -> Mesh:
+    """Meshes of standing bodies are drawn in the frame they stand in; move them to the world."""
+    frames = {"base": cell.robot.base, "table_base": cell.table.pose}
+    if name not in frames:
+        return mesh
+    return mesh.transformed(pose_matrix(frames[name]))

@@ -1,0 +1,68 @@
+"""A folder of results that appears whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from orchestrator.errors import OutputError
+
+
+class RunFolder:
+    """Collects files in a hidden folder beside `target`; they move to `target` when the block ends without error.
+
+    Files of an earlier run that this run does not write stay; folders that it writes are replaced.
+
+    Raises
+    ------
+    OutputError
+        If `target` cannot be made or written, before any work is done.
+    """
+
+    def __init__(self, target: Path) -> None:
+        self.target = target
+        self._staging = target.parent / f".{target.name}.partial-{os.getpid()}"
+        self.names: list[str] = []
+
+    def path(self, name: str) -> Path:
+        """Where to write the file `name`, for now."""
+        path = self._staging / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def __enter__(self) -> Self:
+        try:
+            if self.target.exists() and not self.target.is_dir():
+                raise OutputError(f"{self.target}: expected a folder, found a file")
+            self.target.parent.mkdir(parents=True, exist_ok=True)
+            self._staging.mkdir()
+            if self.target.exists() and not os.access(self.target, os.W_OK):
+                raise PermissionError(13, "Permission denied")
+        except OSError as error:
+            shutil.rmtree(self._staging, ignore_errors=True)
+            raise OutputError(f"{self.target}: cannot be written: {error.strerror}") from None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None:
+                self._publish()
+        finally:
+            shutil.rmtree(self._staging, ignore_errors=True)
+
+    def _publish(self) -> None:
+        try:
+            self.target.mkdir(exist_ok=True)
+            for item in sorted(self._staging.iterdir()):
+                destination = self.target / item.name
+                if item.is_dir() and destination.is_dir():
+                    shutil.rmtree(destination)
+                item.replace(destination)
+                self.names.append(item.name)
+        except OSError as error:
+            raise OutputError(f"{self.target}: cannot be written: {error.strerror}") from None

@@ -1,0 +1,1 @@
+"""Drives the cell through a program and turns its exposures into a cloud."""

@@ -1,0 +1,54 @@
+"""Turns recorded truth into what the ray tracer needs: a scene and the poses of everything in it."""
+
+from __future__ import annotations
+
+import numpy as np
+import sensor_rt
+from numpy.typing import NDArray
+
+from orchestrator.cell.nominal import Body, NominalCell
+from orchestrator.cell.recording import ExposureTruth
+
+Array = NDArray[np.float64]
+
+# The sensor's own housing neither blocks its light nor its view.
+_UNSEEN = frozenset({"sensor"})
+# The FMU counts its parts; a cell description has one.
+_RECORDED_NAME = {"part": "part[1]"}
+
+
+def visible_bodies(cell: NominalCell) -> tuple[Body, ...]:
+    """Bodies that light can meet, in the order of the scene."""
+    return tuple(body for body in cell.bodies if body.name not in _UNSEEN)
+
+
+def build_scene(bodies: tuple[Body, ...]) -> sensor_rt.Scene:
+    """Scene of `bodies`, one mesh each."""
+    scene = sensor_rt.Scene()
+    for body in bodies:
+        scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, body.reflectance)
+    return scene
+
+
+def exposures_from_truth(
+    truth: ExposureTruth, index: NDArray[np.int64], bodies: tuple[Body, ...], rows: slice = slice(None)
+) -> sensor_rt.Exposures:
+    """Exposures with the true poses of sensor and bodies at start and end; `index` (n,) keys the noise."""
+    world_from_sensor = truth.world_from_frame["sensor"][rows]
+    still = np.broadcast_to(np.eye(4), world_from_sensor.shape)
+    poses = [
+        still if body.moves_with == "world" else truth.world_from_frame[_recorded(body.moves_with)][rows]
+        for body in bodies
+    ]
+    return sensor_rt.Exposures(world_from_sensor, np.stack(poses, 1), truth.duration[rows], index[rows])
+
+
+def still_exposure(world_from_sensor: Array, world_from_body: Array, duration: float) -> sensor_rt.Exposures:
+    """One exposure of a world that stands still: sensor pose (4, 4), body poses (bodies, 4, 4), seconds."""
+    return sensor_rt.Exposures(
+        world_from_sensor[None, None], world_from_body[None, :, None], np.array([duration]), np.array([1], np.int64)
+    )
+
+
+def _recorded(frame: str) -> str:
+    return _RECORDED_NAME.get(frame, frame)
