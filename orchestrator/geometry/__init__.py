@@ -1,0 +1,1 @@
+"""Poses, arm kinematics and meshes: pure functions on arrays, no devices."""

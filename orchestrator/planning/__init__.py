@@ -1,0 +1,1 @@
+"""From a part to a checked motion: scan paths, constraints, trajectories, programs."""

@@ -1,0 +1,106 @@
+"""Motions as set-points per controller cycle: rest-to-rest moves and runs at constant speed between smooth ramps.
+
+Every ramp is a polynomial whose acceleration starts and ends at zero, so that set-points sampled each cycle are
+followed without jerks in acceleration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+# Extremes of the quintic 10 s³ - 15 s⁴ + 6 s⁵ over unit time and travel.
+_QUINTIC_SPEED = 1.875
+_QUINTIC_ACCELERATION = 10 / np.sqrt(3)
+# Largest acceleration of a speed that rises as 3 s² - 2 s³ over unit time to unit speed.
+_RAMP_ACCELERATION = 1.5
+
+
+def quintic(fraction: ArrayLike) -> Array:
+    """10 s³ - 15 s⁴ + 6 s⁵: from 0 to 1 with no speed and no acceleration at both ends."""
+    s = np.clip(np.asarray(fraction, float), 0.0, 1.0)
+    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+
+
+def move_time(travel: ArrayLike, max_speed: ArrayLike, max_acceleration: ArrayLike) -> float:
+    """Shortest duration (s) of a synchronised quintic move by `travel` (axes,) within the axes' limits."""
+    distance = np.abs(np.asarray(travel, float))
+    by_speed = _QUINTIC_SPEED * distance / np.asarray(max_speed, float)
+    by_acceleration = np.sqrt(_QUINTIC_ACCELERATION * distance / np.asarray(max_acceleration, float))
+    return float(max(by_speed.max(), by_acceleration.max()))
+
+
+def move(start: ArrayLike, end: ArrayLike, max_speed: ArrayLike, max_acceleration: ArrayLike, cycle: float) -> Array:
+    """Positions (n, axes) each `cycle` seconds of a straight synchronised move, rest to rest, n >= 2."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    cycles = max(1, int(np.ceil(move_time(end - start, max_speed, max_acceleration) / cycle - 1e-9)))
+    return np.asarray(start + quintic(np.arange(cycles + 1) / cycles)[:, None] * (end - start))
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run along a path: rest, ramp, constant speed, ramp, rest.
+
+    Attributes
+    ----------
+    times, path
+        (n,) seconds and (n,) path coordinate (metres or radians), one per cycle; `path` is 0 where the first
+        exposure is due and runs in the positive direction.
+    trigger_from, trigger_to
+        Seconds; the speed is constant from before the first to after the second.
+    """
+
+    times: Array
+    path: Array
+    trigger_from: float
+    trigger_to: float
+
+
+def run(count: int, interval: float, speed: float, acceleration: float, cycle: float) -> Run:
+    """The run that fires `count` exposures every `interval` of path at `speed`, accelerating by `acceleration`.
+
+    Ramps last whole cycles, and two cycles at speed lie between them and the exposures: the controller reaches a
+    set-point one cycle late.
+    """
+    ramp_cycles = int(np.ceil(_RAMP_ACCELERATION * speed / acceleration / cycle))
+    lead = 2
+    trigger_from = (ramp_cycles + lead) * cycle
+    # Half an interval after the last exposure: late enough for it, too early for another one.
+    trigger_to = trigger_from + (count - 0.5) * interval / speed
+    cruise_cycles = 2 * lead + int(np.ceil((trigger_to - trigger_from) / cycle))
+    times = np.arange(2 * ramp_cycles + cruise_cycles + 1) * cycle
+    ramp = ramp_cycles * cycle
+    cruise_end = ramp + cruise_cycles * cycle
+    rising = np.clip(times / ramp, 0.0, 1.0)
+    falling = np.clip((times - cruise_end) / ramp, 0.0, 1.0)
+    travelled = _ramp_travel(rising) * ramp + np.clip(times - ramp, 0.0, cruise_end - ramp)
+    travelled += (falling - _ramp_travel(falling)) * ramp
+    path = speed * (travelled - 0.5 * ramp - lead * cycle)
+    return Run(times, path, trigger_from, trigger_to)
+
+
+def _ramp_travel(s: Array) -> Array:
+    """Integral of the speed 3 s² - 2 s³: half a unit over one ramp."""
+    return np.asarray(s**3 - s**4 / 2)
+
+
+def run_travel(speed: float, acceleration: float, cycle: float) -> float:
+    """Path (m or rad) that a `run` needs before its first exposure; a little more lies behind its last."""
+    ramp_cycles = int(np.ceil(_RAMP_ACCELERATION * speed / acceleration / cycle))
+    return speed * cycle * (ramp_cycles / 2 + 2)
+
+
+def excess_of_limits(
+    positions: ArrayLike, max_speed: ArrayLike, max_acceleration: ArrayLike, cycle: float
+) -> tuple[Array, Array]:
+    """Largest speed and acceleration per axis (axes,) of sampled positions (n, axes), relative to the limits."""
+    p = np.asarray(positions, float)
+    speed = np.abs(np.diff(p, axis=0)) / cycle
+    acceleration = np.abs(np.diff(p, n=2, axis=0)) / cycle**2
+    peak_speed = speed.max(0) if len(speed) else np.zeros(p.shape[1])
+    peak_acceleration = acceleration.max(0) if len(acceleration) else np.zeros(p.shape[1])
+    return peak_speed / np.asarray(max_speed, float), peak_acceleration / np.asarray(max_acceleration, float)

@@ -1,0 +1,1 @@
+"""Clash checks and bounded distances between the bodies of the cell."""
