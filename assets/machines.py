@@ -134,7 +134,9 @@ def table_base() -> Manifold:
     """Fixed foot in the table frame: 1 mm of air under the platter, feet on the floor at z = -100."""
     drum_body = union([cone(98, 90, -88, -60), drum(90, -62, -28, chamfer=4), drum(60, -40, -21, chamfer=2)])
     plate = block((-100, -100, -100), (100, 100, -86), corner=18, chamfer=2)
-    motor = union([block((60, -42, -92), (150, 42, -32), corner=10, chamfer=4), drum(20, 140, 168, "x", (0, 0, -62))])
+    motor = union(
+        [block((60, -42, -92), (150, 42, -32), corner=10, chamfer=4), drum(20, 140, 168, axis="x", at=(0, 0, -62))]
+    )
     bolts = ring_of(drum(7, -90, -80, at=(112, 0, 0), chamfer=1, segments=24), 4, start_deg=45)
     return union([drum_body, plate, motor, *bolts])
 

@@ -14,7 +14,7 @@ SPHERE_CENTRE_Z = 45.0
 def sphere_on_foot() -> Manifold:
     """Sphere of 50 mm diameter, its centre 45 mm above the table, on a stem and a round foot.
 
-    The corners of the facets lie on the sphere, their middles up to 3 µm inside.
+    The corners of the facets lie on the sphere, their middles up to 4 µm inside.
     """
     vertices, faces = _subdivided(*_icosahedron(), 45)
     ball = solid_from(vertices * SPHERE_RADIUS + [0, 0, SPHERE_CENTRE_Z], faces)

@@ -19,6 +19,7 @@ def drum(
     radius: float,
     low: float,
     high: float,
+    *,
     axis: Axis = "z",
     at: tuple[float, float, float] = (0.0, 0.0, 0.0),
     chamfer: float = 3.0,

@@ -1,0 +1,103 @@
+"""Surface normals from the order in which a scanner measures: along the profile, and from profile to profile."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_REACH = 6  # columns to either side that the direction along the profile is taken from
+_GAP = 4.0  # neighbours farther apart than this many typical distances belong to different surfaces
+_LEAST_SINE = 0.2  # of the angle between the two directions, below which they span no surface
+_BLOCK = 400  # frames worked on at a time, which bounds the memory
+_NEIGHBOURS = 12  # for points without an ordered neighbourhood
+
+
+def estimate_normals(
+    points: Array, frame: Index, camera: NDArray[np.int32], column: Index, sensor_in_part: Array
+) -> Array:
+    """Unit normals (m, 3) of the surface at points (m, 3), towards the sensor; NaN for a point that stands alone.
+
+    Parameters
+    ----------
+    frame, camera, column
+        (m,) where each point was seen; the points of one camera form a grid of frames and columns.
+    sensor_in_part
+        (n, 3) where the light came from in each frame, m.
+    """
+    normals = np.full_like(points, np.nan)
+    for one_camera in np.unique(camera):
+        of_camera = camera == one_camera
+        for start in range(0, len(sensor_in_part), _BLOCK):
+            wanted = (frame >= start) & (frame < start + _BLOCK)
+            rows = np.flatnonzero(of_camera & (frame >= start - 1) & (frame <= start + _BLOCK))
+            if len(rows):
+                found = _grid_normals(points[rows], frame[rows], column[rows])
+                normals[rows[wanted[rows]]] = found[wanted[rows]]
+    lonely = np.flatnonzero(np.isnan(normals[:, 0]))
+    if len(lonely) and len(points) >= 3:
+        normals[lonely] = _plane_normals(points, lonely)
+    outward = np.einsum("mi,mi->m", normals, sensor_in_part[frame] - points) >= 0
+    return np.asarray(np.where(outward[:, None], normals, -normals))
+
+
+def _grid_normals(points: Array, frame: Index, column: Index) -> Array:
+    """Normals (m, 3) of points that one camera saw; NaN where a direction is missing."""
+    first = column.min() - _REACH
+    grid = np.full((int(np.ptp(frame)) + 3, int(np.ptp(column)) + 1 + 2 * _REACH, 3), np.nan)
+    where = (frame - frame.min() + 1, column - first)
+    grid[where] = points
+    along = _direction(np.swapaxes(grid, 0, 1), _REACH).swapaxes(0, 1)[where]
+    across = _direction(grid, 1)[where]
+    normal = np.cross(along, across)
+    length = np.linalg.norm(normal, axis=1)
+    spread = np.linalg.norm(along, axis=1) * np.linalg.norm(across, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where((length > _LEAST_SINE * spread)[:, None], normal / length[:, None], np.nan))
+
+
+def _direction(grid: Array, reach: int) -> Array:
+    """Direction of the first axis of a grid (a, b, 3) at each point, from up to `reach` neighbours on either side.
+
+    The weighted sum of differences to neighbours that unbroken chains of short steps lead to (weights as in the
+    slope of a straight-line fit); zero sum of weights gives NaN. A point at the end of a chain uses its one side.
+    """
+    step = np.linalg.norm(np.diff(grid, axis=0), axis=-1)
+    known = step[np.isfinite(step)]
+    if not len(known):
+        return np.full_like(grid, np.nan)
+    joined = step < _GAP * np.median(known)
+    total = np.zeros_like(grid)
+    weight = np.zeros(grid.shape[:2])
+    for sign in (1, -1):
+        chain = np.ones(grid.shape[:2], bool)
+        for k in range(1, reach + 1):
+            chain = chain & _link(joined, k, sign, grid.shape[:2])
+            difference = np.where(chain[..., None], sign * (np.roll(grid, -sign * k, axis=0) - grid), 0.0)
+            total += k * difference
+            weight += k * chain
+    return np.where(weight[..., None] > 0, total, np.nan)
+
+
+def _link(joined: NDArray[np.bool_], k: int, sign: int, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Whether the k-th step from each point, forwards or backwards, is a short one between two points."""
+    link = np.zeros(shape, bool)
+    if sign > 0:
+        link[: shape[0] - k] = joined[k - 1 :]
+    else:
+        link[k:] = joined[: shape[0] - k]
+    return link
+
+
+def _plane_normals(points: Array, chosen: Index) -> Array:
+    """Normals of the planes that fit the nearest neighbours of `chosen` points best, from all points."""
+    count = min(_NEIGHBOURS, len(points))
+    _, near = cKDTree(points).query(points[chosen], k=count, workers=-1)
+    offset = points[near] - points[near].mean(axis=1, keepdims=True)
+    scatter = np.einsum("mki,mkj->mij", offset, offset)
+    values, vectors = np.linalg.eigh(scatter)
+    flat = values[:, 1] > 1e-6 * values[:, 2]  # points on one line span no surface
+    return np.asarray(np.where(flat[:, None], vectors[:, :, 0], np.nan))

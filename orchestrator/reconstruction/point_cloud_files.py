@@ -1,0 +1,109 @@
+"""Clouds as binary PLY: millimetres, in the coordinate system of the mesh file that was scanned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from orchestrator.errors import MeshError
+from orchestrator.files import atomic_write
+from orchestrator.reconstruction.cloud import Cloud
+
+_MM = 1e3
+
+# Positions as doubles: a mesh far from its origin would lose micrometres to single precision.
+_RECORD = np.dtype(
+    [
+        ("x", "<f8"),
+        ("y", "<f8"),
+        ("z", "<f8"),
+        ("nx", "<f4"),
+        ("ny", "<f4"),
+        ("nz", "<f4"),
+        ("sigma", "<f4"),
+        ("intensity", "<f4"),
+        ("quality", "<f4"),
+        ("camera", "u1"),
+        ("segment", "<i4"),
+        ("profile", "<i4"),
+        ("time", "<f8"),
+    ]
+)
+_PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar", "<i4": "int"}
+
+
+def write_ply(path: str | Path, cloud: Cloud, comments: tuple[str, ...] = ()) -> None:
+    """Write a binary little-endian PLY; x, y, z and sigma in mm, time in s. It appears whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    record = np.zeros(len(cloud), _RECORD)
+    for axis, name in enumerate("xyz"):
+        record[name] = cloud.points_in_part[:, axis] * _MM
+        record[f"n{name}"] = cloud.normals[:, axis]
+    record["sigma"] = cloud.sigma * _MM
+    for name in ("intensity", "quality", "camera", "segment", "profile", "time"):
+        record[name] = getattr(cloud, name)
+    with atomic_write(path) as temporary, temporary.open("wb") as stream:
+        stream.write(_header(len(cloud), comments))
+        record.tofile(stream)
+
+
+def read_ply(path: str | Path) -> Cloud:
+    """Read a cloud that `write_ply` wrote.
+
+    Raises
+    ------
+    MeshError
+        If the file is missing, is no such PLY, or is cut short.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file")
+    with path.open("rb") as stream:
+        count, known = _read_header(stream.read(65536))
+        if count is None:
+            raise MeshError(f"{path}: expected a binary point cloud as scancell writes it")
+        stream.seek(known)
+        record = np.fromfile(stream, _RECORD, count)
+    if len(record) < count:
+        raise MeshError(f"{path}: is cut short: {len(record)} of {count} points")
+    return Cloud(
+        points_in_part=np.stack([record[name] for name in "xyz"], -1) / _MM,
+        normals=np.stack([record[f"n{name}"] for name in "xyz"], -1).astype(float),
+        sigma=record["sigma"] / _MM,
+        intensity=record["intensity"].astype(float),
+        quality=record["quality"].astype(float),
+        camera=record["camera"].astype(np.int32),
+        profile=record["profile"].astype(np.int64),
+        segment=record["segment"].astype(np.int32),
+        time=record["time"].astype(float),
+    )
+
+
+def _properties() -> list[str]:
+    return [f"property {_PLY_NAMES[_RECORD[name].str]} {name}" for name in _RECORD.names or ()]
+
+
+def _header(count: int, comments: tuple[str, ...]) -> bytes:
+    notes = ("units: x y z sigma in mm, time in s; normals towards the sensor", *comments)
+    lines = ["ply", "format binary_little_endian 1.0"]
+    lines += [f"comment {' '.join(note.split())}" for note in notes]
+    lines += [f"element vertex {count}", *_properties(), "end_header"]
+    return ("\n".join(lines) + "\n").encode("utf-8")
+
+
+def _read_header(start: bytes) -> tuple[int | None, int]:
+    """Number of points, or None when the header is not one of ours, and where the points begin."""
+    head, mark, _ = start.partition(b"end_header\n")
+    lines = head.decode("utf-8", errors="replace").splitlines()
+    properties = [line for line in lines if line.startswith("property")]
+    elements = [line.split() for line in lines if line.startswith("element")]
+    ours = mark and lines[:2] == ["ply", "format binary_little_endian 1.0"] and properties == _properties()
+    if not ours or len(elements) != 1 or not elements[0][-1].isdigit():
+        return None, 0
+    return int(elements[0][-1]), len(head) + len(mark)

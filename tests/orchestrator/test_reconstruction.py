@@ -1,0 +1,227 @@
+"""Reconstruction against analytic surfaces seen from random joint poses."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from orchestrator.geometry import pose
+from orchestrator.geometry.arm import Arm, Joint
+from orchestrator.reconstruction import Envelope, ProfilePoints, reconstruct
+from orchestrator.reconstruction.reconstruct import points_in_part, quality_of
+
+ARM = Arm(
+    [
+        Joint(0.075, 0.335, -np.pi / 2),
+        Joint(0.270, 0.0, 0.0),
+        Joint(-0.090, 0.0, np.pi / 2),
+        Joint(0.0, 0.295, -np.pi / 2),
+        Joint(0.0, 0.0, np.pi / 2),
+        Joint(0.0, 0.080, 0.0),
+    ]
+)
+FLANGE_FROM_SENSOR = pose.from_euler_xyz((0.01, -0.02, 0.08), (0.1, -0.2, 0.3))
+WORLD_FROM_TABLE = pose.translation((0.45, 0.0, 0.1))
+TABLE_FROM_PART = pose.from_euler_xyz((0.02, 0.0, 0.03), (0.0, 0.0, 0.4))
+EVERYWHERE = Envelope(-np.inf, np.inf, np.inf)
+RADIUS = 0.025
+
+
+def part_from_sensor(q: np.ndarray, table: np.ndarray) -> np.ndarray:
+    turn = pose.from_rotation(pose.rotation_about(2, table))
+    world_from_part = WORLD_FROM_TABLE @ turn @ TABLE_FROM_PART
+    return pose.inverse(world_from_part) @ ARM.fk(q) @ FLANGE_FROM_SENSOR
+
+
+@dataclass(frozen=True)
+class Records:
+    index: np.ndarray
+    segment: np.ndarray
+    time: np.ndarray
+    q: np.ndarray
+    table: np.ndarray
+
+
+def records(q: np.ndarray, table: np.ndarray) -> Records:
+    n = len(q)
+    return Records(np.arange(1, n + 1), np.ones(n, int), 0.01 * np.arange(n), q, table)
+
+
+def profiles_of(points_in_sensor: np.ndarray, frame: np.ndarray, column: np.ndarray) -> ProfilePoints:
+    m = len(frame)
+    return ProfilePoints(
+        points_in_sensor=points_in_sensor,
+        sigma=np.full(m, 5e-6),
+        intensity=np.full(m, 100.0),
+        camera=np.zeros(m, np.int32),
+        column=column.astype(np.int32),
+        frame=frame,
+        flags=np.zeros(m, np.uint32),
+    )
+
+
+def sphere_points_under_random_poses(seed: int) -> tuple[ProfilePoints, Records]:
+    """Points of a sphere about the part's origin, expressed in the sensor frame of random arm and table poses."""
+    rng = np.random.default_rng(seed)
+    n, per_frame = 40, 50
+    q = np.radians([35, -25, 195, -68, 79, -10]) + rng.uniform(-0.5, 0.5, (n, 6))
+    table = rng.uniform(-7, 7, n)
+    direction = rng.normal(size=(n * per_frame, 3))
+    on_sphere = RADIUS * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    frame = np.repeat(np.arange(n), per_frame)
+    in_sensor = points_in_part(on_sphere, frame, pose.inverse(part_from_sensor(q, table)))
+    return profiles_of(in_sensor, frame, np.tile(np.arange(per_frame), n)), records(q, table)
+
+
+def sweep_over_sphere(noise: float = 0.0) -> tuple[ProfilePoints, Records, np.ndarray]:
+    """A sensor looks down and passes over the sphere in 60 frames; returns the sphere's centre in the part too."""
+    n, columns = 60, 400
+    q = np.tile(np.radians([35, -25, 195, -68, 79, -10]), (n, 1))
+    table = np.linspace(0.0, 0.9, n)  # every frame another pose of the sensor over the part
+    poses = part_from_sensor(q, table)
+    middle = poses[n // 2] @ np.array([0.0, 0.0, 0.12, 1.0])
+    centre = middle[:3]
+    frame, column, found = [], [], []
+    y = np.linspace(-0.02, 0.02, columns)
+    for i in range(n):
+        c = np.append(centre, 1.0)
+        cx, cy, cz, _ = pose.inverse(poses[i]) @ c
+        square = RADIUS**2 - cx**2 - (y - cy) ** 2
+        seen = np.flatnonzero(square > 0)
+        z = cz - np.sqrt(square[seen])
+        found.append(np.stack([np.zeros(len(seen)), y[seen], z], -1))
+        frame.append(np.full(len(seen), i))
+        column.append(seen)
+    points = np.concatenate(found)
+    points[:, 2] += np.random.default_rng(1).normal(0.0, noise, len(points)) if noise else 0.0
+    return profiles_of(points, np.concatenate(frame), np.concatenate(column)), records(q, table), centre
+
+
+def test_sphere_comes_back_from_random_poses() -> None:
+    profiles, triggers = sphere_points_under_random_poses(3)
+    cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+    radius = np.linalg.norm(cloud.points_in_part, axis=1)
+    assert np.abs(radius - RADIUS).max() < 1e-12
+
+
+def test_every_point_carries_its_trigger() -> None:
+    profiles, triggers = sphere_points_under_random_poses(4)
+    triggers = replace(triggers, index=triggers.index + 100, segment=np.arange(40) // 10 + 1)
+    cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+    assert np.array_equal(cloud.profile, profiles.frame + 101)
+    assert np.array_equal(cloud.segment, profiles.frame // 10 + 1)
+    assert np.array_equal(cloud.time, triggers.time[profiles.frame])
+
+
+def test_a_joint_error_shows_as_the_jacobian_predicts() -> None:
+    """Measured joints are what counts: an error of joint 3 moves the points as its axis and lever say."""
+    profiles, triggers = sphere_points_under_random_poses(5)
+    error = 1e-6
+    wrong = replace(triggers, q=triggers.q + error * np.eye(6)[2])
+    right = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+    moved = reconstruct(profiles, wrong, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+    links = ARM.link_poses(triggers.q)
+    axis, origin = links[:, 2, :3, 2], links[:, 2, :3, 3]
+    world_from_sensor = ARM.fk(triggers.q) @ FLANGE_FROM_SENSOR
+    in_world = points_in_part(profiles.points_in_sensor, profiles.frame, world_from_sensor)
+    shift = np.cross(axis[profiles.frame], in_world - origin[profiles.frame]) * error
+    turn = pose.from_rotation(pose.rotation_about(2, triggers.table))
+    part_from_world = pose.inverse(WORLD_FROM_TABLE @ turn @ TABLE_FROM_PART)[:, :3, :3]
+    expected = np.einsum("mij,mj->mi", part_from_world[profiles.frame], shift)
+    assert np.abs(moved.points_in_part - right.points_in_part - expected).max() < 1e-11
+
+
+def test_normals_of_a_swept_sphere_point_outwards() -> None:
+    profiles, triggers, centre = sweep_over_sphere()
+    cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+    true = (cloud.points_in_part - centre) / RADIUS
+    angle = np.degrees(np.arccos(np.clip((cloud.normals * true).sum(1), -1, 1)))
+    assert np.linalg.norm(cloud.normals, axis=1) == pytest.approx(1.0)
+    assert np.median(angle) < 0.2
+    assert np.quantile(angle, 0.95) < 2.0
+
+
+def test_normals_stand_noise() -> None:
+    profiles, triggers, centre = sweep_over_sphere(noise=5e-6)
+    cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+    true = (cloud.points_in_part - centre) / RADIUS
+    angle = np.degrees(np.arccos(np.clip((cloud.normals * true).sum(1), -1, 1)))
+    assert np.median(angle) < 2.0
+
+
+def test_scattered_points_get_normals_of_their_neighbourhood() -> None:
+    rng = np.random.default_rng(8)
+    m = 4000
+    direction = rng.normal(size=(m, 3))
+    points = RADIUS * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    poses = part_from_sensor(np.zeros((1, 6)), np.zeros(1))
+    in_sensor = points_in_part(points, np.zeros(m, int), pose.inverse(poses))
+    profiles = profiles_of(in_sensor, np.zeros(m, int), np.arange(m) * 3)
+    triggers = records(np.zeros((1, 6)), np.zeros(1))
+    cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+    cosine = np.abs((cloud.normals * points).sum(1)) / RADIUS
+    assert np.median(cosine) > np.cos(np.radians(5))
+    assert ((cloud.normals * (poses[0, :3, 3] - points)).sum(1) >= 0).all()
+
+
+def test_envelope_cuts_by_height_over_the_table_and_distance_from_its_axis() -> None:
+    profiles, triggers = sphere_points_under_random_poses(6)
+    everything = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+    envelope = Envelope(0.02, 0.045, 0.03)
+    kept = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, envelope)
+    on_table = pose.transform_points(TABLE_FROM_PART, everything.points_in_part)
+    x, y, z = on_table.T
+    inside = (z >= 0.02) & (z <= 0.045) & (x * x + y * y <= 0.03**2)
+    assert 0 < inside.sum() < len(everything)
+    assert np.array_equal(kept.points_in_part, everything.points_in_part[inside])
+
+
+def test_batches_join_with_their_first_trigger() -> None:
+    profiles, triggers = sphere_points_under_random_poses(7)
+    split = int(np.searchsorted(profiles.frame, 25))
+    columns = {name: getattr(profiles, name) for name in ProfilePoints.__dataclass_fields__}
+    first = ProfilePoints(**{name: values[:split] for name, values in columns.items()})
+    second = ProfilePoints(**{name: values[split:] for name, values in columns.items()})
+    second = replace(second, frame=second.frame - 25)
+    joined = ProfilePoints.concatenate([first, second], [0, 25])
+    assert np.array_equal(joined.frame, profiles.frame)
+    assert np.array_equal(joined.points_in_sensor, profiles.points_in_sensor)
+    assert len(reconstruct(joined, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)) == len(profiles.frame)
+
+
+def test_a_frame_without_trigger_is_refused() -> None:
+    profiles, triggers = sphere_points_under_random_poses(7)
+    short = Records(*(getattr(triggers, name)[:30] for name in Records.__dataclass_fields__))
+    with pytest.raises(ValueError, match="30 trigger records"):
+        reconstruct(profiles, short, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+
+
+def test_no_points_make_an_empty_cloud() -> None:
+    profiles = profiles_of(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0, int))
+    triggers = records(np.zeros((2, 6)), np.zeros(2))
+    assert len(reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)) == 0
+
+
+def test_quality_falls_with_uncertainty_and_with_warnings() -> None:
+    sigma = np.array([0.0, 10e-6, 20e-6, 100e-6])
+    clean, warned = quality_of(sigma, np.zeros(4, int)), quality_of(sigma, np.full(4, 8))
+    assert clean[0] == 1.0 and clean[2] == pytest.approx(0.5)
+    assert (np.diff(clean) < 0).all() and (warned < clean).all() and (warned > 0).all()
+
+
+def test_nothing_true_enters() -> None:
+    """The signature takes what a controller knows and nominal geometry, nothing else."""
+    names = list(inspect.signature(reconstruct).parameters)
+    assert names == ["profiles", "triggers", "part_from_sensor", "table_from_part", "envelope"]
+
+    class Watched(Records):
+        def __getattribute__(self, name: str) -> object:
+            assert "truth" not in name
+            return super().__getattribute__(name)
+
+    profiles, triggers = sphere_points_under_random_poses(9)
+    watched = Watched(*(getattr(triggers, name) for name in Records.__dataclass_fields__))
+    reconstruct(profiles, watched, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
