@@ -1,4 +1,5 @@
-// The image sensor: expected photo-electrons per pixel -> digital numbers, in the terms of EMVA 1288 (linear model).
+// The image sensor: expected photo-electrons per pixel -> digital numbers, in the terms of EMVA 1288 (linear
+// model).
 #pragma once
 
 #include <cstddef>
@@ -9,7 +10,8 @@
 
 namespace sensor_rt {
 
-/// Camera constants in EMVA 1288 terms. Electrons where the name ends in _e, digital numbers where it ends in _dn.
+/// Camera constants in EMVA 1288 terms. Electrons where the name ends in _e, digital numbers where it ends in
+/// _dn.
 struct DetectorParameters {
   double exposure = 0.0;            ///< s, used when a frame does not bring its own
   double quantum_efficiency = 0.0;  ///< electrons per photon; the renderer applies it, the detector does not
@@ -23,21 +25,22 @@ struct DetectorParameters {
   double dsnu_e = 0.0;          ///< standard deviation of the pixels' dark offset
 };
 
-/// Which frame of which camera is exposed. Together with the seed and the pixel this keys every random number.
+/// Which frame of which camera is exposed. Together with the seed and the pixel this keys every random
+/// number.
 struct FrameId {
   std::int64_t frame = 0;
   int camera = 0;
   double exposure = 0.0;  ///< s
 };
 
-/// Turns expected electrons into digital numbers. Immutable, safe to share between threads; the same seed and FrameId
-/// give the same bytes in any order of calls.
+/// Turns expected electrons into digital numbers. Immutable, safe to share between threads; the same seed and
+/// FrameId give the same bytes in any order of calls.
 ///
-/// Pixels without light are drawn from the exact distribution of dark current plus read noise by one inverse-CDF
-/// look-up per pixel. Lit pixels get a Poisson number of electrons (exact inversion below a mean of 16; above it the
-/// asymptotic inverse of M. B. Giles, "Algorithm 955", ACM TOMS 42 (2016), which keeps skewness and is off by less
-/// than 1e-4 in probability), clipped at the full well, then read noise. Fixed patterns depend on seed, camera and
-/// pixel only.
+/// Pixels without light are drawn from the exact distribution of dark current plus read noise by one
+/// inverse-CDF look-up per pixel. Lit pixels get a Poisson number of electrons (exact inversion below a mean
+/// of 16; above it the asymptotic inverse of M. B. Giles, "Algorithm 955", ACM TOMS 42 (2016), which keeps
+/// skewness and is off by less than 1e-4 in probability), clipped at the full well, then read noise. Fixed
+/// patterns depend on seed, camera and pixel only.
 class Detector {
  public:
   /// Throws std::invalid_argument naming the parameter that is out of bounds.

@@ -19,13 +19,14 @@ enum class PeakChoice { kBrightest, kFirst, kLast };
 struct ExtractionOptions {
   PeakDetector detector = PeakDetector::kGaussian;
   PeakChoice peak = PeakChoice::kBrightest;
-  double threshold_sigma = 0.0;     ///< a candidate rises this many noise standard deviations above the background
+  double threshold_sigma =
+      0.0;  ///< a candidate rises this many noise standard deviations above the background
   double min_amplitude_dn = 0.0;
   double min_sigma_px = 0.0;
-  double max_sigma_px = 0.0;        ///< at most 8
-  double max_asymmetry = 0.0;       ///< largest |asymmetry| that is not flagged
-  double max_residual = 0.0;        ///< largest relative residual that is not flagged
-  double max_row_jump_px = 0.0;     ///< neighbouring columns further apart than their slopes predict break a run
+  double max_sigma_px = 0.0;     ///< at most 8
+  double max_asymmetry = 0.0;    ///< largest |asymmetry| that is not flagged
+  double max_residual = 0.0;     ///< largest relative residual that is not flagged
+  double max_row_jump_px = 0.0;  ///< neighbouring columns further apart than their slopes predict break a run
   double max_amplitude_jump = 0.0;  ///< largest relative change of amplitude from column to column
   double max_width_jump = 0.0;      ///< largest relative change of width from column to column
   int end_columns = 0;              ///< columns distrusted at either end of a continuous run

@@ -9,35 +9,38 @@ namespace sensor_rt {
 
 /// Reasons to distrust a peak. Bits may be combined.
 enum PeakFlag : std::uint32_t {
-  kPeakSaturated = 1u << 0,      ///< some pixels were saturated; they were left out of the fit
-  kPeakBorder = 1u << 1,         ///< the stripe is cut by the border of the image
-  kPeakAsymmetric = 1u << 2,     ///< skewed: partly occluded, truncated or merging
-  kPeakWide = 1u << 3,           ///< wider than max_sigma_px
-  kPeakNarrow = 1u << 4,         ///< narrower than min_sigma_px: noise or a hot pixel
-  kPeakWeak = 1u << 5,           ///< below min_amplitude_dn
-  kPeakMultiple = 1u << 6,       ///< the column holds other peaks
-  kPeakStep = 1u << 7,           ///< amplitude or width jumps against a neighbour: edge or step of reflectance
-  kPeakResidual = 1u << 8,       ///< the stripe is not shaped like the model
-  kPeakEnd = 1u << 9,            ///< within end_columns of the end of a continuous run, or in a run too short
+  kPeakSaturated = 1u << 0,   ///< some pixels were saturated; they were left out of the fit
+  kPeakBorder = 1u << 1,      ///< the stripe is cut by the border of the image
+  kPeakAsymmetric = 1u << 2,  ///< skewed: partly occluded, truncated or merging
+  kPeakWide = 1u << 3,        ///< wider than max_sigma_px
+  kPeakNarrow = 1u << 4,      ///< narrower than min_sigma_px: noise or a hot pixel
+  kPeakWeak = 1u << 5,        ///< below min_amplitude_dn
+  kPeakMultiple = 1u << 6,    ///< the column holds other peaks
+  kPeakStep = 1u << 7,        ///< amplitude or width jumps against a neighbour: edge or step of reflectance
+  kPeakResidual = 1u << 8,    ///< the stripe is not shaped like the model
+  kPeakEnd = 1u << 9,         ///< within end_columns of the end of a continuous run, or in a run too short
   kPeakNotConverged = 1u << 10,  ///< the fit did not settle
   kPeakOverlap = 1u << 11        ///< another peak overlaps the flank of this one
 };
 
 /// Peaks with any of these are not turned into points.
 constexpr std::uint32_t kPeakRejected = kPeakBorder | kPeakAsymmetric | kPeakWide | kPeakNarrow | kPeakWeak |
-                                        kPeakStep | kPeakResidual | kPeakEnd | kPeakNotConverged | kPeakOverlap;
+                                        kPeakStep | kPeakResidual | kPeakEnd | kPeakNotConverged |
+                                        kPeakOverlap;
 
 /// Peaks of any number of images, in the order frame, camera, column, row.
 struct Peaks {
   std::vector<std::int64_t> frame;
   std::vector<std::int32_t> camera;
   std::vector<std::int32_t> column;
-  std::vector<double> row;        ///< px, integer = pixel centre
-  std::vector<float> amplitude;   ///< height above the background, DN (of the stripe, not of the brightest pixel)
-  std::vector<float> width;       ///< standard deviation of the stripe, px
-  std::vector<float> row_sigma;   ///< standard deviation of row from shot, read and quantisation noise, px
-  std::vector<float> asymmetry;   ///< third Hermite coefficient (skewness / 6); > 0: the tail lies at larger rows
-  std::vector<float> residual;    ///< RMS misfit beyond the expected noise, relative to amplitude
+  std::vector<double> row;  ///< px, integer = pixel centre
+  std::vector<float>
+      amplitude;             ///< height above the background, DN (of the stripe, not of the brightest pixel)
+  std::vector<float> width;  ///< standard deviation of the stripe, px
+  std::vector<float> row_sigma;  ///< standard deviation of row from shot, read and quantisation noise, px
+  std::vector<float>
+      asymmetry;  ///< third Hermite coefficient (skewness / 6); > 0: the tail lies at larger rows
+  std::vector<float> residual;  ///< RMS misfit beyond the expected noise, relative to amplitude
   std::vector<std::uint32_t> flags;
 
   std::size_t size() const { return row.size(); }

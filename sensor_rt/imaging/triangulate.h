@@ -30,9 +30,9 @@ struct Profiles {
   std::vector<double> row;
   std::vector<Eigen::Vector3d> points_in_sensor;
   std::vector<Eigen::Matrix3d> covariance;  ///< m²
-  std::vector<float> sigma;                 ///< m: standard deviation along the direction of largest uncertainty
-  std::vector<float> intensity;             ///< amplitude of the peak, DN
-  std::vector<std::uint32_t> flags;         ///< PeakFlag bits
+  std::vector<float> sigma;          ///< m: standard deviation along the direction of largest uncertainty
+  std::vector<float> intensity;      ///< amplitude of the peak, DN
+  std::vector<std::uint32_t> flags;  ///< PeakFlag bits
 
   std::size_t size() const { return points_in_sensor.size(); }
   void clear();
@@ -40,7 +40,8 @@ struct Profiles {
   void append(const Profiles& other);
 };
 
-/// Point on the laser sheet seen at a pixel: closed form (pinhole in the frame of the paper, distortion removed first).
+/// Point on the laser sheet seen at a pixel: closed form (pinhole in the frame of the paper, distortion
+/// removed first).
 Eigen::Vector3d triangulate_exact(const Camera& camera, const Eigen::Vector2d& pixel);
 
 /// The same as the intersection of the pixel's ray with the sheet X = 0, from the camera's pose alone.
@@ -52,7 +53,8 @@ Eigen::Vector3d triangulate_eq4_as_printed(const Camera& camera, const Eigen::Ve
 /// d point / d (column, row) of triangulate_exact, m/px.
 Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const Eigen::Vector2d& pixel);
 
-/// Appends the points of all usable peaks. Throws std::invalid_argument when a peak names a camera that is not there.
+/// Appends the points of all usable peaks. Throws std::invalid_argument when a peak names a camera that is
+/// not there.
 void triangulate(const Peaks& peaks, const std::vector<Camera>& cameras, const TriangulationOptions& options,
                  Profiles& out);
 

@@ -1,0 +1,143 @@
+#include "sensor_rt/detector/detector.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <mutex>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sensor_rt/detector/background.h"
+#include "sensor_rt/detector/electrons.h"
+
+namespace sensor_rt {
+namespace {
+
+constexpr double kLeastReadNoise = 0.3;  // below it dark current is too discrete for a continuous table
+constexpr std::size_t kTablesKept = 16;
+
+void require(bool condition, const char* name, double value, const char* expected) {
+  if (!condition) {
+    throw std::invalid_argument(std::string("detector.") + name + " = " + std::to_string(value) +
+                                ": expected " + expected);
+  }
+}
+
+void validate(const DetectorParameters& p) {
+  const auto not_negative = [](const char* name, double value) {
+    require(value >= 0.0 && std::isfinite(value), name, value, "a finite number >= 0");
+  };
+  not_negative("exposure", p.exposure);
+  not_negative("read_noise_e", p.read_noise_e);
+  not_negative("dark_current_e_per_s", p.dark_current_e_per_s);
+  not_negative("black_level_dn", p.black_level_dn);
+  not_negative("prnu", p.prnu);
+  not_negative("dsnu_e", p.dsnu_e);
+  require(p.full_well_e > 0.0 && std::isfinite(p.full_well_e), "full_well_e", p.full_well_e,
+          "a finite number > 0");
+  require(p.gain_dn_per_e > 0.0 && std::isfinite(p.gain_dn_per_e), "gain_dn_per_e", p.gain_dn_per_e,
+          "a finite number > 0");
+  require(p.bit_depth >= 8 && p.bit_depth <= 16, "bit_depth", p.bit_depth, "8 to 16");
+}
+
+}  // namespace
+
+class Detector::Impl {
+ public:
+  Impl(const DetectorParameters& parameters, bool noise, std::uint64_t seed)
+      : parameters_(parameters), noise_(noise), seed_(seed) {
+    validate(parameters);
+  }
+
+  const DetectorParameters& parameters() const { return parameters_; }
+
+  PixelModel model(const FrameId& id) const {
+    require(id.exposure >= 0.0 && std::isfinite(id.exposure), "exposure", id.exposure,
+            "a finite number >= 0");
+    return {parameters_, noise_, seed_, id};
+  }
+
+  /// Every pixel of the image as if no light fell on it.
+  void expose_dark(const PixelModel& model, ImageView<std::uint16_t> out) const {
+    const double dark = model.dark_e();
+    if (!noise_) {
+      const std::uint16_t value = model.lit(0, 0.0f);
+      for (int y = 0; y < out.height; ++y) std::fill_n(out.row(y), out.width, value);
+      return;
+    }
+    const bool discrete = dark > 0.0 && parameters_.read_noise_e < kLeastReadNoise;
+    if (discrete || dark > 0.5 * parameters_.full_well_e) {
+      for (int y = 0; y < out.height; ++y) {
+        const auto first = static_cast<std::uint32_t>(y) * static_cast<std::uint32_t>(out.width);
+        for (int x = 0; x < out.width; ++x)
+          out.at(y, x) = model.lit(first + static_cast<std::uint32_t>(x), 0.0f);
+      }
+      return;
+    }
+    const std::shared_ptr<const QuantileTable> table = dark_table(dark);
+    for (int y = 0; y < out.height; ++y) model.dark_row(*table, y, out.width, out.row(y));
+  }
+
+ private:
+  /// The table of this dark charge, made once; exposures rarely differ.
+  std::shared_ptr<const QuantileTable> dark_table(double dark) const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    for (const auto& [key, table] : tables_) {
+      if (key == dark) return table;
+    }
+    if (tables_.size() >= kTablesKept) tables_.erase(tables_.begin());
+    tables_.emplace_back(
+        dark, std::make_shared<const QuantileTable>(dark_signal_table(dark, parameters_.read_noise_e)));
+    return tables_.back().second;
+  }
+
+  DetectorParameters parameters_;
+  bool noise_;
+  std::uint64_t seed_;
+  mutable std::mutex mutex_;
+  mutable std::vector<std::pair<double, std::shared_ptr<const QuantileTable>>> tables_;
+};
+
+Detector::Detector(const DetectorParameters& parameters, bool noise, std::uint64_t seed)
+    : impl_(std::make_unique<Impl>(parameters, noise, seed)) {}
+Detector::~Detector() = default;
+Detector::Detector(Detector&&) noexcept = default;
+Detector& Detector::operator=(Detector&&) noexcept = default;
+
+const DetectorParameters& Detector::parameters() const { return impl_->parameters(); }
+
+void Detector::expose(const FrameId& id, const std::uint32_t* pixels, const float* electrons,
+                      std::size_t count, ImageView<std::uint16_t> out) const {
+  const PixelModel model = impl_->model(id);
+  impl_->expose_dark(model, out);
+  const auto width = static_cast<std::uint32_t>(out.width);
+  const auto size = width * static_cast<std::uint32_t>(out.height);
+  for (std::size_t i = 0; i < count; ++i) {
+    if (!(electrons[i] > 0.0f)) continue;
+    if (pixels[i] >= size) {
+      throw std::invalid_argument("pixel index " + std::to_string(pixels[i]) + " lies outside the image");
+    }
+    out.at(static_cast<int>(pixels[i] / width), static_cast<int>(pixels[i] % width)) =
+        model.lit(pixels[i], electrons[i]);
+  }
+}
+
+void Detector::expose(const FrameId& id, ImageView<const float> electrons,
+                      ImageView<std::uint16_t> out) const {
+  if (electrons.width != out.width || electrons.height != out.height) {
+    throw std::invalid_argument("the plane of electrons and the image differ in size");
+  }
+  const PixelModel model = impl_->model(id);
+  impl_->expose_dark(model, out);
+  for (int y = 0; y < out.height; ++y) {
+    const float* light = electrons.row(y);
+    const auto first = static_cast<std::uint32_t>(y) * static_cast<std::uint32_t>(out.width);
+    for (int x = 0; x < out.width; ++x) {
+      if (light[x] > 0.0f) out.at(y, x) = model.lit(first + static_cast<std::uint32_t>(x), light[x]);
+    }
+  }
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,147 @@
+#include "sensor_rt/detector/electrons.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "sensor_rt/geometry/multiversion.h"
+#include "sensor_rt/geometry/random.h"
+
+namespace sensor_rt {
+namespace {
+
+enum Purpose : std::uint32_t { kDark = 1, kLit = 2, kDsnu = 3, kPrnu = 4 };
+
+/// Independent key for one purpose, camera and frame.
+std::array<std::uint32_t, 2> purpose_key(std::uint64_t seed, Purpose purpose, int camera,
+                                         std::int64_t frame) {
+  const auto bits = static_cast<std::uint64_t>(frame);
+  const auto block = philox4x32({purpose, static_cast<std::uint32_t>(camera),
+                                 static_cast<std::uint32_t>(bits), static_cast<std::uint32_t>(bits >> 32)},
+                                {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)});
+  return {block[0], block[1]};
+}
+
+/// Finaliser of MurmurHash3 (Appleby, public domain): a bijection that mixes 32 bits.
+inline std::uint32_t mix(std::uint32_t h) {
+  h ^= h >> 16;
+  h *= 0x85EBCA6Bu;
+  h ^= h >> 13;
+  h *= 0xC2B2AE35u;
+  return h ^ (h >> 16);
+}
+
+/// 32 bits per pixel. Mixed twice with a key in between, or images whose first keys are close would be
+/// shifted copies.
+inline std::uint32_t pixel_bits(std::uint32_t pixel, std::uint32_t key0, std::uint32_t key1) {
+  return mix(mix(pixel + key0) ^ key1);
+}
+
+struct DarkRow {
+  const QuantileTable* table;
+  const QuantileTable* normal;
+  std::uint32_t first;
+  std::array<std::uint32_t, 2> key;
+  std::array<std::uint32_t, 2> dsnu_key;
+  float gain;
+  float black;
+  float max_dn;
+  float dsnu_e;
+};
+
+inline std::uint16_t quantise_dark(const DarkRow& r, float electrons) {
+  const float value = r.black + r.gain * electrons;
+  const float positive = value < 0.0f ? 0.0f : value;
+  const float clipped = positive > r.max_dn ? r.max_dn : positive;
+  return static_cast<std::uint16_t>(static_cast<std::int32_t>(clipped + 0.5f));
+}
+
+SENSOR_RT_MULTIVERSION void uniform_dark_row(const DarkRow& r, int width, std::uint16_t* out) {
+  for (int x = 0; x < width; ++x) {
+    const std::uint32_t pixel = r.first + static_cast<std::uint32_t>(x);
+    out[x] = quantise_dark(r, r.table->sample(pixel_bits(pixel, r.key[0], r.key[1])));
+  }
+}
+
+SENSOR_RT_MULTIVERSION void patterned_dark_row(const DarkRow& r, int width, std::uint16_t* out) {
+  for (int x = 0; x < width; ++x) {
+    const std::uint32_t pixel = r.first + static_cast<std::uint32_t>(x);
+    const float offset = r.dsnu_e * r.normal->sample(pixel_bits(pixel, r.dsnu_key[0], r.dsnu_key[1]));
+    out[x] = quantise_dark(r, r.table->sample(pixel_bits(pixel, r.key[0], r.key[1])) + offset);
+  }
+}
+
+}  // namespace
+
+double poisson(double mean, std::uint32_t bits) {
+  if (mean < 16.0) {
+    const double u = (bits + 0.5) * 0x1p-32;
+    double probability = std::exp(-mean);
+    double cumulative = probability;
+    double k = 0.0;
+    while (u > cumulative && probability > 0.0) {
+      k += 1.0;
+      probability *= mean / k;
+      cumulative += probability;
+    }
+    return k;
+  }
+  const double w = standard_normal().sample(bits);
+  const double w2 = w * w;
+  const double root = std::sqrt(mean);
+  const double x = mean + root * w + (1.0 / 3.0 + w2 / 6.0) - w * (1.0 / 36.0 + w2 / 72.0) / root +
+                   (-8.0 / 405.0 + w2 * (7.0 / 810.0 + w2 / 270.0)) / mean;
+  return std::max(0.0, std::floor(x));
+}
+
+PixelModel::PixelModel(const DetectorParameters& p, bool noise, std::uint64_t seed, const FrameId& id)
+    : noise_(noise),
+      dark_e_(p.dark_current_e_per_s * id.exposure),
+      full_well_e_(p.full_well_e),
+      read_noise_e_(p.read_noise_e),
+      gain_(p.gain_dn_per_e),
+      black_(p.black_level_dn),
+      max_dn_(std::exp2(p.bit_depth) - 1.0),
+      prnu_(static_cast<float>(p.prnu)),
+      dsnu_e_(static_cast<float>(p.dsnu_e)),
+      dark_key_(purpose_key(seed, kDark, id.camera, id.frame)),
+      lit_key_(purpose_key(seed, kLit, id.camera, id.frame)),
+      dsnu_key_(purpose_key(seed, kDsnu, id.camera, 0)),
+      prnu_key_(purpose_key(seed, kPrnu, id.camera, 0)) {}
+
+std::uint16_t PixelModel::quantise(double electrons) const {
+  return static_cast<std::uint16_t>(std::clamp(black_ + gain_ * electrons, 0.0, max_dn_) + 0.5);
+}
+
+std::uint16_t PixelModel::lit(std::uint32_t pixel, float electrons) const {
+  // More light than this saturates for certain; the bound keeps the arithmetic finite.
+  const double light = std::min(static_cast<double>(electrons), 16.0 * full_well_e_ + 1e4);
+  if (!noise_) return quantise(std::min(light + dark_e_, full_well_e_));
+  const QuantileTable& normal = standard_normal();
+  double mean = light;
+  if (prnu_ > 0.0f) {
+    mean *= std::max(0.0f, 1.0f + prnu_ * normal.sample(pixel_bits(pixel, prnu_key_[0], prnu_key_[1])));
+  }
+  const auto random = philox4x32({pixel, 0, 0, 0}, lit_key_);
+  double charge = poisson(mean + dark_e_, random[0]);
+  if (dsnu_e_ > 0.0f) charge += dsnu_e_ * normal.sample(pixel_bits(pixel, dsnu_key_[0], dsnu_key_[1]));
+  return quantise(std::min(charge, full_well_e_) + read_noise_e_ * normal.sample(random[1]));
+}
+
+void PixelModel::dark_row(const QuantileTable& table, int row, int width, std::uint16_t* out) const {
+  const DarkRow r{&table,
+                  &standard_normal(),
+                  static_cast<std::uint32_t>(row) * static_cast<std::uint32_t>(width),
+                  dark_key_,
+                  dsnu_key_,
+                  static_cast<float>(gain_),
+                  static_cast<float>(black_),
+                  static_cast<float>(max_dn_),
+                  dsnu_e_};
+  if (dsnu_e_ > 0.0f) {
+    patterned_dark_row(r, width, out);
+  } else {
+    uniform_dark_row(r, width, out);
+  }
+}
+
+}  // namespace sensor_rt

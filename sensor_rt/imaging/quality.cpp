@@ -1,0 +1,118 @@
+// Which peaks deserve trust. A stripe that is partly hidden, cut by an edge or merged with another gives
+// itself away by its shape in its own column or by not matching its neighbours.
+#include <algorithm>
+#include <cmath>
+
+#include "sensor_rt/imaging/stripe.h"
+
+namespace sensor_rt {
+namespace {
+
+constexpr float kNoiseSigmas = 4.0f;  // allowance for noise in every comparison
+
+void judge_shape(const ExtractionOptions& o, StripeFit& fit) {
+  if (fit.amplitude < o.min_amplitude_dn) fit.flags |= kPeakWeak;
+  if (fit.width < o.min_sigma_px) fit.flags |= kPeakNarrow;
+  if (fit.width > o.max_sigma_px) fit.flags |= kPeakWide;
+  if (std::fabs(fit.asymmetry) > static_cast<float>(o.max_asymmetry) + kNoiseSigmas * fit.asymmetry_sigma) {
+    fit.flags |= kPeakAsymmetric;
+  }
+  // The residual's square fluctuates by about its expectation when few pixels carry it.
+  const auto allowed = static_cast<float>(o.max_residual);
+  const float noise = 1.5f * fit.residual_noise;
+  if (fit.residual * fit.residual > allowed * allowed + noise * noise) fit.flags |= kPeakResidual;
+}
+
+/// The peaks of an image seen as a chain over the columns.
+class Chain {
+ public:
+  Chain(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
+        std::vector<StripeFit>& fits)
+      : options_(options), candidates_(candidates), fits_(fits), linked_(fits.size(), false) {}
+
+  /// Flags jumps of amplitude, width or direction from column to column.
+  void judge_neighbours() {
+    for (std::size_t i = 0; i + 1 < fits_.size(); ++i) {
+      linked_[i] = candidates_[i + 1].column == candidates_[i].column + 1 && within_reach(i);
+    }
+    for (std::size_t i = 0; i + 1 < fits_.size(); ++i) {
+      if (!linked_[i]) continue;
+      if (jumps(fits_[i], fits_[i + 1])) {
+        fits_[i].flags |= kPeakStep;
+        fits_[i + 1].flags |= kPeakStep;
+      }
+      if (i > 0 && linked_[i - 1] && std::fabs(bend(i)) > tolerance(i)) fits_[i].flags |= kPeakStep;
+    }
+  }
+
+  /// Flags the ends of runs of trusted, linked peaks, and runs that are too short.
+  void judge_runs() {
+    std::size_t begin = 0;
+    while (begin < fits_.size()) {
+      if (fits_[begin].flags & kPeakRejected) {
+        ++begin;
+        continue;
+      }
+      std::size_t end = begin + 1;
+      while (end < fits_.size() && linked_[end - 1] && !(fits_[end].flags & kPeakRejected)) ++end;
+      trim(begin, end);
+      begin = end;
+    }
+  }
+
+ private:
+  double step(std::size_t i) const { return fits_[i + 1].row - fits_[i].row; }
+  double bend(std::size_t i) const { return step(i) - step(i - 1); }
+
+  double tolerance(std::size_t i) const {
+    const double noise = kNoiseSigmas * std::sqrt(6.0) * static_cast<double>(fits_[i].row_sigma);
+    return options_.max_row_jump_px + noise;
+  }
+
+  bool adjacent(std::size_t i) const {
+    return i + 1 < fits_.size() && candidates_[i + 1].column == candidates_[i].column + 1;
+  }
+
+  /// Peak i + 1 continues peak i: along the slope before or behind, or straight on where neither is known.
+  bool within_reach(std::size_t i) const {
+    const bool before = i > 0 && adjacent(i - 1);
+    const bool behind = adjacent(i + 1);
+    if (std::fabs(step(i)) <= tolerance(i)) return true;
+    return (before && std::fabs(bend(i)) <= tolerance(i)) ||
+           (behind && std::fabs(bend(i + 1)) <= tolerance(i));
+  }
+
+  bool jumps(const StripeFit& a, const StripeFit& b) const {
+    const float noise = kNoiseSigmas * 1.5f * (a.row_sigma / a.width + b.row_sigma / b.width);
+    const float amplitude = std::fabs(a.amplitude - b.amplitude) / std::max(a.amplitude, b.amplitude);
+    const float width = std::fabs(a.width - b.width) / std::max(a.width, b.width);
+    return amplitude > static_cast<float>(options_.max_amplitude_jump) + noise ||
+           width > static_cast<float>(options_.max_width_jump) + noise;
+  }
+
+  void trim(std::size_t begin, std::size_t end) {
+    const std::size_t length = end - begin;
+    const auto ends = static_cast<std::size_t>(options_.end_columns);
+    const bool too_short = length < static_cast<std::size_t>(options_.min_run_columns) || length <= 2 * ends;
+    for (std::size_t i = begin; i < end; ++i) {
+      if (too_short || i - begin < ends || end - 1 - i < ends) fits_[i].flags |= kPeakEnd;
+    }
+  }
+
+  const ExtractionOptions& options_;
+  const std::vector<Candidate>& candidates_;
+  std::vector<StripeFit>& fits_;
+  std::vector<bool> linked_;
+};
+
+}  // namespace
+
+void judge(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
+           std::vector<StripeFit>& fits) {
+  for (StripeFit& fit : fits) judge_shape(options, fit);
+  Chain chain(options, candidates, fits);
+  chain.judge_neighbours();
+  chain.judge_runs();
+}
+
+}  // namespace sensor_rt

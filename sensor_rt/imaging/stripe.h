@@ -1,0 +1,103 @@
+// What the steps of the stripe search hand to one another. Internal to imaging.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "sensor_rt/geometry/image.h"
+#include "sensor_rt/imaging/extract.h"
+
+namespace sensor_rt {
+
+/// Noise of a pixel: variance = floor + gain * (signal above the black level), all in DN.
+struct PixelNoise {
+  float background = 0.0f;      ///< level of the unlit image
+  float variance_floor = 0.0f;  ///< read noise and quantisation, DN²
+  float gain = 0.0f;            ///< DN per electron: shot noise has variance gain * signal
+  float saturation = 0.0f;      ///< values from here on are not trusted
+};
+
+/// A run of rows in one column that may hold the stripe.
+struct Candidate {
+  int column = 0;
+  int first_row = 0;  ///< rows above the threshold
+  int last_row = 0;
+  int lower_limit = 0;  ///< rows that no other candidate claims
+  int upper_limit = 0;
+  float strength = 0.0f;   ///< largest sum over three neighbouring rows
+  float row = 0.0f;        ///< first guess of the centre
+  float width = 0.0f;      ///< first guess of the standard deviation, px
+  float amplitude = 0.0f;  ///< first guess of the height, DN
+  std::uint32_t flags = 0;
+};
+
+/// Centre and shape of a stripe in one column.
+struct StripeFit {
+  double row = 0.0;
+  float amplitude = 0.0f;
+  float width = 0.0f;
+  float row_sigma = 0.0f;
+  float asymmetry = 0.0f;
+  float asymmetry_sigma = 0.0f;  ///< standard deviation of asymmetry from noise
+  float residual = 0.0f;         ///< RMS misfit beyond the expected noise, relative to amplitude
+  float residual_noise = 0.0f;   ///< expected noise, relative to amplitude
+  std::uint32_t flags = 0;
+};
+
+using ImageRows = ImageView<const std::uint16_t>;
+
+/// Rows around a candidate within `reach` of its centre that belong to it alone.
+struct RowWindow {
+  int first = 0;
+  int last = 0;
+};
+RowWindow window(const Candidate& candidate, float reach, int height);
+
+/// A detector measures `count` candidates of one image. Each lives in a file of its own.
+using LocateFunction = void (*)(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
+                                std::size_t count, StripeFit* fits);
+void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
+                     StripeFit* fits);
+void locate_centre_of_gravity(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
+                              std::size_t count, StripeFit* fits);
+
+/// Finds the candidates of all columns. Keeps its memory from image to image.
+class CandidateFinder {
+ public:
+  /// Candidates sorted by column, then row: runs of rows whose sum with both neighbours exceeds that of the
+  /// background by `threshold` (DN), split where a dip between two maxima stands out of the noise. The sum
+  /// over three rows keeps single bright pixels out. `bit_depth` chooses the width of the sums.
+  const std::vector<Candidate>& find(ImageRows image, const PixelNoise& noise, float threshold,
+                                     int bit_depth);
+
+ private:
+  struct Run {
+    int first_row = -1;  ///< -1: none
+    int valley_row = 0;
+    float highest = 0.0f;
+    float valley = 0.0f;
+  };
+
+  template <typename Sum>
+  void scan(ImageRows image, const PixelNoise& noise, float threshold);
+  void visit(ImageRows image, const PixelNoise& noise, float level, int row, int block);
+  void close(int column, int last_row, int block);
+  void sort_by_column(int width);
+  void set_limits(int height);
+
+  std::vector<Run> runs_;           // per column
+  std::vector<int> runs_in_block_;  // how many are open
+  std::vector<Candidate> found_;
+  std::vector<Candidate> sorted_;
+  std::vector<int> starts_;
+};
+
+/// First guesses of centre, width and amplitude by moments over the run.
+void guess(ImageRows image, float background, Candidate& candidate);
+
+/// Sets the flags of the fits of one image (ascending columns) from their shape and from their neighbours.
+void judge(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
+           std::vector<StripeFit>& fits);
+
+}  // namespace sensor_rt

@@ -1,0 +1,122 @@
+#include "sensor_rt/imaging/triangulate.h"
+
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+namespace sensor_rt {
+namespace {
+
+template <typename T, typename Allocator>
+void extend(std::vector<T, Allocator>& to, const std::vector<T, Allocator>& from) {
+  to.insert(to.end(), from.begin(), from.end());
+}
+
+/// d (p_x, p_y) / d (column, row). Distortion varies slowly: central differences err by less than 1e-9.
+Eigen::Matrix2d paper_jacobian(const Camera& camera, const Eigen::Vector2d& pixel) {
+  if (!camera.is_distorted()) return Eigen::Vector2d(-camera.side, 1.0).asDiagonal();
+  constexpr double kStep = 0.05;  // px
+  Eigen::Matrix2d jacobian;
+  for (int k = 0; k < 2; ++k) {
+    const Eigen::Vector2d step = kStep * Eigen::Vector2d::Unit(k);
+    jacobian.col(k) =
+        (camera.paper_coordinates(pixel + step) - camera.paper_coordinates(pixel - step)) / (2.0 * kStep);
+  }
+  return jacobian;
+}
+
+}  // namespace
+
+Eigen::Vector3d triangulate_exact(const Camera& camera, const Eigen::Vector2d& pixel) {
+  const Eigen::Vector2d p = camera.paper_coordinates(pixel);
+  const double s = std::sin(camera.tilt);
+  const double c = std::cos(camera.tilt);
+  const double d = camera.focal_px * s - p.y() * c;
+  return {0.0, camera.baseline * p.x() / d,
+          camera.height + camera.baseline * (camera.focal_px * c + p.y() * s) / d};
+}
+
+Eigen::Vector3d triangulate_ray(const Camera& camera, const Eigen::Vector2d& pixel) {
+  const Eigen::Vector3d origin = camera.sensor_from_camera.translation;
+  const Eigen::Vector3d direction = camera.sensor_from_camera.rotation * camera.ray(pixel);
+  Eigen::Vector3d point = origin - origin.x() / direction.x() * direction;
+  point.x() = 0.0;
+  return point;
+}
+
+Eigen::Vector3d triangulate_eq4_as_printed(const Camera& camera, const Eigen::Vector2d& pixel) {
+  const Eigen::Vector2d p = camera.paper_coordinates(pixel);
+  const double angle = camera.tilt - std::atan(p.y() / camera.focal_px);
+  return {0.0, camera.baseline * p.x() / (camera.focal_px * std::sin(angle)),
+          camera.baseline / std::tan(angle) + camera.height};
+}
+
+Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const Eigen::Vector2d& pixel) {
+  const Eigen::Vector2d p = camera.paper_coordinates(pixel);
+  const double s = std::sin(camera.tilt);
+  const double c = std::cos(camera.tilt);
+  const double d = camera.focal_px * s - p.y() * c;
+  Eigen::Matrix<double, 3, 2> by_paper = Eigen::Matrix<double, 3, 2>::Zero();
+  by_paper(1, 0) = camera.baseline / d;
+  by_paper(1, 1) = camera.baseline * p.x() * c / (d * d);
+  by_paper(2, 1) = camera.baseline * camera.focal_px / (d * d);
+  return by_paper * paper_jacobian(camera, pixel);
+}
+
+void triangulate(const Peaks& peaks, const std::vector<Camera>& cameras, const TriangulationOptions& options,
+                 Profiles& out) {
+  const auto locate =
+      options.form == TriangulationForm::kExact ? triangulate_exact : triangulate_eq4_as_printed;
+  for (std::size_t i = 0; i < peaks.size(); ++i) {
+    const auto index = static_cast<std::size_t>(peaks.camera[i]);
+    if (peaks.camera[i] < 0 || index >= cameras.size()) {
+      throw std::invalid_argument("peak " + std::to_string(i) + " names camera " +
+                                  std::to_string(peaks.camera[i]) + ", but the sensor has " +
+                                  std::to_string(cameras.size()));
+    }
+    if (!options.keep_rejected && (peaks.flags[i] & kPeakRejected) != 0) continue;
+    const Eigen::Vector2d pixel(peaks.column[i], peaks.row[i]);
+    const Eigen::Vector3d point = locate(cameras[index], pixel);
+    if (!(point.z() >= options.near && point.z() <= options.far)) continue;
+    // A column's centre is known exactly, so the point is uncertain along the image of its column only.
+    const auto row_sigma = static_cast<double>(peaks.row_sigma[i]);
+    const Eigen::Vector3d deviation = triangulation_jacobian(cameras[index], pixel).col(1) * row_sigma;
+    out.frame.push_back(peaks.frame[i]);
+    out.camera.push_back(peaks.camera[i]);
+    out.column.push_back(peaks.column[i]);
+    out.row.push_back(peaks.row[i]);
+    out.points_in_sensor.push_back(point);
+    out.covariance.push_back(deviation * deviation.transpose());
+    out.sigma.push_back(static_cast<float>(deviation.norm()));
+    out.intensity.push_back(peaks.amplitude[i]);
+    out.flags.push_back(peaks.flags[i]);
+  }
+}
+
+void Profiles::clear() { *this = Profiles{}; }
+
+void Profiles::reserve(std::size_t count) {
+  frame.reserve(count);
+  camera.reserve(count);
+  column.reserve(count);
+  row.reserve(count);
+  points_in_sensor.reserve(count);
+  covariance.reserve(count);
+  sigma.reserve(count);
+  intensity.reserve(count);
+  flags.reserve(count);
+}
+
+void Profiles::append(const Profiles& other) {
+  extend(frame, other.frame);
+  extend(camera, other.camera);
+  extend(column, other.column);
+  extend(row, other.row);
+  extend(points_in_sensor, other.points_in_sensor);
+  extend(covariance, other.covariance);
+  extend(sigma, other.sigma);
+  extend(intensity, other.intensity);
+  extend(flags, other.flags);
+}
+
+}  // namespace sensor_rt
