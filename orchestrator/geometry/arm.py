@@ -146,6 +146,14 @@ class Arm:
         q = self.nearest_turn(q, reference)
         return np.where(self.within_limits(q)[..., None], q, np.nan) if filtered else q
 
+    def shortfall(self, world_from_flange: ArrayLike) -> Array:
+        """Metres (n,) by which targets (n, 4, 4) lie outside the reach of the wrist centre; NaN without closed form."""
+        targets = np.asarray(world_from_flange, float).reshape(-1, 4, 4)
+        if not self.has_closed_form:
+            return np.full(len(targets), np.nan)
+        base_from_flange = pose.inverse(self.world_from_base) @ targets
+        return spherical_wrist.shortfall(self._column("a"), self._column("d"), self._column("alpha"), base_from_flange)
+
     def _seeds(self, targets: Array) -> Array:
         """Starting points (n, 8, 6) for the iteration."""
         relative = self._closed_form_relative()

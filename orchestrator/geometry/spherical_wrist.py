@@ -47,6 +47,18 @@ def solve(a: Array, d: Array, alpha: Array, base_from_flange: Array) -> Array:
     return np.asarray(np.where(theta <= -np.pi, theta + 2 * np.pi, theta))
 
 
+def shortfall(a: Array, d: Array, alpha: Array, base_from_flange: Array) -> Array:
+    """Metres (n,) by which the wrist centre lies beyond (or too near for) the arm's reach, 0 within it."""
+    last = pose.from_rotation(pose.rotation_about(0, alpha[5]), (a[5], 0.0, d[5]))
+    x, y, z = (base_from_flange @ pose.inverse(last))[:, :3, 3].T
+    forearm = np.hypot(a[2], d[3])
+    radial = np.sqrt(np.maximum(x * x + y * y - (d[1] + d[2]) ** 2, 0.0))
+    # The nearer of the two shoulder positions decides; so does the nearer end of the reach.
+    distance = np.hypot(np.stack([radial, -radial]) - a[0], z - d[0])
+    outside = np.maximum(distance - (abs(a[1]) + forearm), abs(abs(a[1]) - forearm) - distance)
+    return np.asarray(np.maximum(outside, 0.0).min(0))
+
+
 def _solve_position(a: Array, d: Array, alpha: Array, centre: Array) -> Array:
     """Joints 1-3 (n, 4, 3): shoulder x elbow choices that bring the wrist centre to `centre` (n, 3)."""
     s1, s3 = np.sign(np.sin(alpha[0])), np.sign(np.sin(alpha[2]))

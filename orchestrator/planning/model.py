@@ -1,19 +1,17 @@
-"""What planning knows of the cell: nominal kinematics, bodies and the sensor's range, all SI."""
+"""What planning needs beside the nominal cell: where the sensor sees, and which bodies must keep apart."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from orchestrator.cell.nominal import NominalCell
 from orchestrator.geometry import pose
-from orchestrator.geometry.arm import Arm
-from orchestrator.geometry.mesh import Mesh
 from orchestrator.proximity.pairs import always_touching, cell_pairs
-from orchestrator.proximity.scene import ProximityScene
+from orchestrator.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]
 
@@ -52,102 +50,49 @@ class SensorRange:
 
 
 @dataclass(frozen=True)
-class TableModel:
-    """Rotary table. `world_from_table` at angle 0: origin where the axis meets the top face, z along the axis."""
-
-    world_from_table: Array
-    radius: float
-    max_speed: float
-    max_acceleration: float
-
-    def pose(self, angle: ArrayLike) -> Array:
-        """``world_from_platter`` (..., 4, 4) at table angles (...)."""
-        return np.asarray(self.world_from_table @ pose.from_rotation(pose.rotation_about(2, angle)))
-
-
-@dataclass(frozen=True)
-class CellModel:
-    """The nominal cell.
+class PlanningCell:
+    """The nominal cell as planning sees it.
 
     Attributes
     ----------
-    arm, flange_from_sensor, table
-        Kinematics.
-    part, table_from_part
-        The part's mesh in its own frame, and where it is clamped on the platter at angle 0.
-    links
-        Meshes of the base and the links in their Denavit-Hartenberg frames, base first, last link last.
-    sensor
-        Housing in the sensor frame, without the bracket.
-    platter, table_base
-        The part of the table that turns, and what stands still below it (may be None), table frame.
-    home, table_start
-        Joints (6,) and table angle where every program starts; it also ends at `home`.
+    nominal
+        Kinematics and bodies; every program starts and ends at its `home`.
     range
         Where the sensor sees.
     cycle
         Seconds between set-points.
+    table_start
+        Table angle at the start, rad.
     """
 
-    arm: Arm
-    flange_from_sensor: Array
-    table: TableModel
-    part: Mesh
-    table_from_part: Array
-    links: tuple[Mesh, ...]
-    sensor: Mesh
-    platter: Mesh
-    table_base: Mesh | None
-    home: Array
-    table_start: float
+    nominal: NominalCell
     range: SensorRange
     cycle: float
-
-    @cached_property
-    def chain(self) -> tuple[str, ...]:
-        """Names of the bodies that the arm carries, base first."""
-        return ("base", *(f"link[{i}]" for i in range(1, len(self.links))), "sensor")
-
-    @cached_property
-    def meshes(self) -> Mapping[str, Mesh]:
-        """Body name → mesh."""
-        bodies = dict(zip(self.chain, (*self.links, self.sensor), strict=True))
-        bodies |= {"table": self.platter, "part": self.part}
-        if self.table_base is not None:
-            bodies["table_base"] = self.table_base
-        return bodies
+    table_start: float = 0.0
 
     @cached_property
     def proximity(self) -> ProximityScene:
         """Pairs of bodies that a motion must keep apart, without those that intersect whatever the arm does."""
-        around = [name for name in self.meshes if name not in self.chain]
-        everything = ProximityScene(self.meshes, cell_pairs(self.chain, around))
-        lower, upper = self.arm.limits
-        q = np.random.default_rng(0).uniform(lower, upper, (200, len(lower)))
-        touching = always_touching(everything, self.body_poses(q, np.zeros(len(q))))
-        if not touching:
-            return everything
-        return ProximityScene(self.meshes, cell_pairs(self.chain, around, touching))
+        bodies = self.nominal.bodies
+        meshes = {body.name: body.mesh for body in bodies}
+        chain = [body.name for body in bodies if body.name == "base" or body.moves_with.startswith(("link", "sensor"))]
+        around = [body.name for body in bodies if body.name not in chain]
+        everything = ProximityScene(meshes, cell_pairs(chain, around))
+        lower, upper = self.nominal.arm.limits
+        q = np.random.default_rng(0).uniform(lower, upper, (100, len(lower)))
+        touching = always_touching(everything, self.nominal.body_poses(q, np.zeros(len(q))))
+        return everything.without(touching) if touching else everything
 
-    def world_from_sensor(self, q: ArrayLike) -> Array:
-        """Nominal sensor poses (..., 4, 4) at joints (..., 6)."""
-        return np.asarray(self.arm.fk(q) @ self.flange_from_sensor)
+    def too_near(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
+        """What comes nearer than `clearance` (m) at joints (n, 6) and table angles (n,)."""
+        return self.proximity.too_near(self.nominal.body_poses(q, table), clearance)
 
-    def part_from_sensor(self, q: ArrayLike, table: ArrayLike) -> Array:
-        """Sensor poses (..., 4, 4) in the part frame at joints (..., 6) and table angles (...)."""
-        world_from_part = self.table.pose(table) @ self.table_from_part
-        return np.asarray(pose.inverse(world_from_part) @ self.world_from_sensor(q))
+    def table_from_sensor(self, q: ArrayLike) -> Array:
+        """Sensor poses (..., 4, 4) in the frame of the table at angle 0, at joints (..., 6)."""
+        return np.asarray(pose.inverse(self.nominal.world_from_table) @ self.nominal.world_from_sensor(q))
 
-    def flange_targets(self, world_from_sensor: ArrayLike) -> Array:
-        """Flange poses that put the sensor where it is wanted."""
-        return np.asarray(np.asarray(world_from_sensor, float) @ pose.inverse(self.flange_from_sensor))
-
-    def body_poses(self, q: ArrayLike, table: ArrayLike) -> Array:
-        """``world_from_body`` (n, bodies, 4, 4) at joints (n, 6) and table angles (n,), in the order of `meshes`."""
-        frames = self.arm.link_poses(q)
-        platter = self.table.pose(table)
-        placed = dict(zip(self.chain, np.moveaxis(frames, 1, 0), strict=False))
-        placed["sensor"] = frames[:, -1] @ self.flange_from_sensor
-        placed |= {"table": platter, "part": platter @ self.table_from_part}
-        placed["table_base"] = np.broadcast_to(self.table.world_from_table, platter.shape)
-        return np.stack([placed[name] for name in self.meshes], 1)
+    def ik(self, table_from_sensor: ArrayLike, reference: ArrayLike | None = None, filtered: bool = True) -> Array:
+        """Joints (n, 8, 6) of every branch that puts the sensor at poses (n, 4, 4) in the standing table's frame."""
+        world_from_sensor = self.nominal.world_from_table @ np.asarray(table_from_sensor, float)
+        flange = world_from_sensor @ pose.inverse(self.nominal.flange_from_sensor)
+        return self.nominal.arm.ik(flange, reference, filtered)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -11,17 +11,14 @@ from numpy.typing import ArrayLike
 from orchestrator.proximity.scene import ProximityScene
 
 
-def cell_pairs(
-    chain: Sequence[str], around: Sequence[str], touching: Collection[frozenset[str]] = ()
-) -> list[tuple[str, str]]:
+def cell_pairs(chain: Sequence[str], around: Sequence[str]) -> list[tuple[str, str]]:
     """Pairs of a serial chain of links (base first, tool last) with itself and with the bodies around it.
 
     Neighbours in the chain share a joint and touch, and the bodies around (table, part) touch each other by design:
-    those are left out, and so are the pairs that `touching` names.
+    those are left out.
     """
     inner = [(a, b) for (i, a), (j, b) in combinations(enumerate(chain), 2) if j - i > 1]
-    outer = [(a, b) for a in chain for b in around]
-    return [pair for pair in inner + outer if frozenset(pair) not in touching]
+    return inner + [(a, b) for a in chain for b in around]
 
 
 def always_touching(scene: ProximityScene, poses: ArrayLike, share: float = 0.95) -> set[frozenset[str]]:

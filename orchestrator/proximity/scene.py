@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,12 +43,17 @@ class ProximityScene:
 
     def __init__(self, meshes: Mapping[str, Mesh], pairs: Sequence[tuple[str, str]]) -> None:
         self.names = tuple(meshes)
+        self._meshes = dict(meshes)
         self.pairs = tuple(pairs)
         number = {name: i for i, name in enumerate(self.names)}
         self._pairs: Indices = np.array([(number[a], number[b]) for a, b in pairs], np.int64).reshape(-1, 2)
         self._bounds = SphereBounds(list(meshes.values()), self._pairs)
         self._fcl = [_fcl_object(mesh) for mesh in meshes.values()]
         self._coal = [_coal_model(mesh) for mesh in meshes.values()]
+
+    def without(self, excluded: Collection[frozenset[str]]) -> ProximityScene:
+        """The same bodies with fewer pairs."""
+        return ProximityScene(self._meshes, [pair for pair in self.pairs if frozenset(pair) not in excluded])
 
     def clashes(self, poses: ArrayLike) -> list[Clash]:
         """Every pair that intersects at each of the poses (n, bodies, 4, 4), ``world_from_body`` in `names` order."""

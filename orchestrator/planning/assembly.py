@@ -1,0 +1,106 @@
+"""Placed views joined into one program: connections, runs with their triggers, or single exposures at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from orchestrator.cell.program import Program, Segment, TriggerRule
+from orchestrator.planning import trajectory
+from orchestrator.planning.connection import Connector
+from orchestrator.planning.model import PlanningCell
+from orchestrator.planning.options import ScanOptions
+from orchestrator.planning.placement import LIMIT_SHARE, PlacedPass, PlacedPose, PlacedSweep
+
+Array = NDArray[np.float64]
+Parts = tuple[Program, NDArray[np.int64], Array, Array, dict[int, str]]
+
+_DEFAULT_AZIMUTH = np.radians(105.0)
+
+
+class Assembly:
+    """Collects segments; it remembers where the cell stands, and every segment starts there."""
+
+    def __init__(self, cell: PlanningCell, options: ScanOptions) -> None:
+        self._cell = cell
+        self._options = options
+        self._connector = Connector(cell, options.clearance)
+        self._at = np.append(cell.nominal.home, cell.table_start)
+        self._segments: list[Segment] = []
+        self._views: dict[int, str] = {}
+        self._exposures: list[tuple[int, Array]] = []
+        self.azimuth = options.sweep.azimuth if options.sweep else _DEFAULT_AZIMUTH
+
+    def add_sweep(self, placed: PlacedSweep, count: int) -> None:
+        """A full turn with `count` exposures from table angle 0 on."""
+        step = 2 * np.pi / count
+        first = 2 * np.pi * np.round(self._at[6] / (2 * np.pi))
+        angles = first + step * np.arange(count)
+        points = np.column_stack([np.tile(placed.q, (count, 1)), angles])
+        if not self._options.dynamic:
+            self._expose_at_rest(points, placed.view.name)
+            return
+        assert self._options.sweep is not None
+        acceleration = LIMIT_SHARE * self._cell.nominal.table_max_acceleration
+        speed = min(self._options.sweep.speed, LIMIT_SHARE * self._cell.nominal.table_max_speed)
+        run = trajectory.run(count, step, speed, acceleration, self._cell.cycle)
+        setpoints = np.column_stack([np.tile(placed.q, (len(run.path), 1)), first + run.path])
+        self._run(setpoints, run, TriggerRule("table_angle", step), points, placed.view.name)
+
+    def add_pass(self, placed: PlacedPass) -> None:
+        """A straight pass at constant speed."""
+        table = self._nearest_table(placed.table)
+        points = np.column_stack([placed.exposures, np.full(len(placed.exposures), table)])
+        if not self._options.dynamic:
+            self._expose_at_rest(points, placed.view.name)
+            return
+        setpoints = np.column_stack([placed.q, np.full(len(placed.q), table)])
+        interval = placed.view.length / (len(points) - 1)
+        self._run(setpoints, placed.run, TriggerRule("path_distance", interval), points, placed.view.name)
+
+    def add_pose(self, placed: PlacedPose) -> None:
+        """One exposure at rest."""
+        point = np.append(placed.q, self._nearest_table(placed.table))
+        self._expose_at_rest(point[None], placed.name)
+
+    def finish(self) -> Parts:
+        """Return home; the program, and segment id, joints and table angle of every exposure."""
+        self._go(np.append(self._cell.nominal.home, self._at[6]), "home")
+        program = Program(tuple(self._segments), 0.0 if self._all_moving() else self._options.settle)
+        ids = np.array([number for number, _ in self._exposures], np.int64)
+        points = np.concatenate([points for _, points in self._exposures])
+        return program, ids, points[:, :6], points[:, 6], self._views
+
+    def _all_moving(self) -> bool:
+        return all(segment.trigger.kind != "request" for segment in self._segments)
+
+    def _nearest_table(self, angle: float) -> float:
+        turn = 2 * np.pi
+        return float(angle + turn * np.round((self._at[6] - angle) / turn))
+
+    def _go(self, goal: Array, purpose: str) -> None:
+        for setpoints in self._connector.connect(self._at, goal, purpose):
+            self._append(setpoints, TriggerRule(), 0.0, 0.0, f"way to {purpose}")
+
+    def _run(self, setpoints: Array, run: trajectory.Run, rule: TriggerRule, points: Array, name: str) -> None:
+        self._go(setpoints[0], name)
+        number = self._append(setpoints, rule, run.trigger_from, run.trigger_to, name)
+        self._exposures += [(number, point[None]) for point in points]
+
+    def _expose_at_rest(self, points: Array, name: str) -> None:
+        """Visit points (m, 7); the first is approached around obstacles, its neighbours follow straight."""
+        for k, point in enumerate(points):
+            ways = self._connector.connect(self._at, point, name) if k == 0 or len(points) == 1 else []
+            for setpoints in ways[:-1]:
+                self._append(setpoints, TriggerRule(), 0.0, 0.0, f"way to {name}")
+            last = ways[-1] if ways else self._connector.move(self._at, point)
+            number = self._append(last, TriggerRule("request"), 0.0, 0.0, name)
+            self._exposures.append((number, point[None]))
+
+    def _append(self, setpoints: Array, rule: TriggerRule, start: float, end: float, name: str) -> int:
+        number = len(self._segments) + 1
+        times = np.arange(len(setpoints)) * self._cell.cycle
+        self._segments.append(Segment(number, times, setpoints[:, :6], setpoints[:, 6], rule, start, end))
+        self._views[number] = name
+        self._at = setpoints[-1]
+        return number
