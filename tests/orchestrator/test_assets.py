@@ -1,0 +1,153 @@
+"""The meshes in assets/: closed, right way out, of the stated size, and drawn to the arm's kinematics."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from orchestrator.geometry import pose
+from orchestrator.geometry.arm import Arm, Joint
+
+ASSETS = Path(__file__).resolve().parents[2] / "assets"
+LINKS = [f"robots/six_axis/{name}.stl" for name in ("base", *(f"link{i}" for i in range(1, 7)))]
+MACHINES = [*LINKS, "tables/rotary_table.stl", "tables/table_base.stl", "sensors/profile_probe.stl"]
+PARTS = [f"parts/{name}.stl" for name in ("sphere_on_foot", "step_block", "free_form", "machined")]
+
+# Millimetres, as the meshes are.
+ARM = Arm(
+    [
+        Joint(75.0, 335.0, -np.pi / 2),
+        Joint(270.0, 0.0, 0.0),
+        Joint(-90.0, 0.0, np.pi / 2),
+        Joint(0.0, 295.0, -np.pi / 2),
+        Joint(0.0, 0.0, np.pi / 2),
+        Joint(0.0, 80.0, 0.0),
+    ]
+)
+SCANNING = np.radians([35.0, -25.0, 195.0, -68.0, 79.0, -10.0])
+
+
+def load(name: str) -> trimesh.Trimesh:
+    return trimesh.load(ASSETS / name)
+
+
+@pytest.mark.parametrize("name", MACHINES + PARTS)
+def test_closed_and_right_way_out(name: str) -> None:
+    mesh = load(name)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume > 0
+    assert mesh.body_count == 1
+    assert (ASSETS / name).stat().st_size < 2 * 1024 * 1024
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_machines_are_light(name: str) -> None:
+    assert len(load(name).faces) <= 5000
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_parts_stand_on_zero_inside_the_reach_of_the_scan(name: str) -> None:
+    low, high = load(name).bounds
+    assert low[2] == pytest.approx(0.0, abs=1e-6)
+    assert np.hypot(*np.abs([low, high]).max(0)[:2]) <= 100.0
+    assert high[2] <= 150.0
+
+
+def distance(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
+    manager = trimesh.collision.CollisionManager()
+    manager.add_object("a", a)
+    return float(manager.min_distance_single(b))
+
+
+def cell_at(q: np.ndarray) -> list[trimesh.Trimesh]:
+    """Base, links 1 to 6 and sensor in the world."""
+    links = ARM.link_poses(q)
+    meshes = [load(name) for name in LINKS] + [load("sensors/profile_probe.stl")]
+    poses = [*links, links[-1] @ pose.translation((0.0, 0.0, 80.0))]
+    for mesh, where in zip(meshes, poses, strict=True):
+        mesh.apply_transform(where)
+    return meshes
+
+
+@pytest.mark.parametrize(
+    "q", [SCANNING, np.radians([0.0, -60.0, 200.0, 0.0, 60.0, 0.0]), np.radians([35, -60, 185, 0, 55, 0])]
+)
+def test_neighbours_join_and_others_stay_apart(q: np.ndarray) -> None:
+    bodies = cell_at(q)
+    for i, j in itertools.combinations(range(len(bodies)), 2):
+        gap = distance(bodies[i], bodies[j])
+        if j == i + 1:
+            assert gap == 0.0, f"bodies {i} and {j} are {gap:.1f} mm apart"
+        else:
+            assert gap > 5.0, f"bodies {i} and {j} come within {gap:.1f} mm"
+
+
+def test_arm_keeps_clear_of_table_and_part_while_scanning() -> None:
+    bodies = cell_at(SCANNING)
+    for name in ("tables/rotary_table.stl", "tables/table_base.stl", "parts/sphere_on_foot.stl"):
+        obstacle = load(name).apply_translation((450.0, 0.0, 100.0))
+        assert min(distance(body, obstacle) for body in bodies) > 10.0
+
+
+@pytest.mark.parametrize(
+    ("name", "axis_point", "axis"),
+    [
+        ("link1", (-75.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+        ("link2", (-270.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        ("link3", (90.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+        ("link4", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+        ("link5", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+        ("link6", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    ],
+)
+def test_links_hold_their_own_joint_axis(name: str, axis_point: tuple[float, ...], axis: tuple[float, ...]) -> None:
+    """The axis a link turns about passes through its material, in the frame that the kinematics put it in."""
+    where = ARM.link_poses(np.zeros(6))
+    number = int(name[-1])
+    own_from_previous = pose.inverse(where[number]) @ where[number - 1]
+    assert np.abs(own_from_previous[:3, 2]) == pytest.approx(np.abs(axis), abs=1e-12)
+    offset = own_from_previous[:3, 3] - np.array(axis_point)
+    assert np.linalg.norm(np.cross(offset, axis)) < 1e-9
+    mesh = load(f"robots/six_axis/{name}.stl")
+    along = np.array(axis_point) + np.linspace(-400, 400, 801)[:, None] * np.array(axis)
+    assert mesh.contains(along).any()
+
+
+def test_table_top_is_at_zero_and_the_platter_turns_free_of_its_foot() -> None:
+    platter, foot = load("tables/rotary_table.stl"), load("tables/table_base.stl")
+    assert platter.bounds[1, 2] == pytest.approx(0.0, abs=1e-6)
+    assert platter.bounds[0, 2] == pytest.approx(-20.0, abs=1e-6)
+    assert np.linalg.norm(platter.vertices[:, :2], axis=1).max() == pytest.approx(120.0, abs=1e-3)
+    assert foot.bounds[0, 2] == pytest.approx(-100.0, abs=1e-6)
+    assert 0.5 < platter.bounds[0, 2] - foot.bounds[1, 2] < 2.0
+
+
+def test_sensor_housing_stays_behind_its_windows() -> None:
+    probe = load("sensors/profile_probe.stl")
+    assert probe.bounds[1, 2] < 0.0
+    for window in ((60.0, 0.0, 0.0), (-60.0, 0.0, 0.0), (0.0, 0.0, 0.0)):
+        assert not probe.contains([window])[0]
+    # Rays of the outermost pixels (9.34° around the tilt of 29.3°) leave the housing without meeting it.
+    for side, tilt in itertools.product((1, -1), np.radians([29.3 - 9.34, 29.3, 29.3 + 9.34])):
+        way = np.linspace(0, 100, 201)[:, None] * np.array([-side * np.sin(tilt), 0.0, np.cos(tilt)])
+        assert not probe.contains(way + np.array([side * 60.0, 0.0, 0.0])).any()
+
+
+def test_sphere_has_the_stated_diameter() -> None:
+    mesh = load("parts/sphere_on_foot.stl")
+    radius = np.linalg.norm(mesh.vertices - [0.0, 0.0, 45.0], axis=1)
+    on_ball = mesh.vertices[:, 2] > 25.0
+    assert np.abs(radius[on_ball] - 25.0).max() < 1e-5
+    middles = np.linalg.norm(mesh.triangles_center - [0.0, 0.0, 45.0], axis=1)[on_ball[mesh.faces].all(1)]
+    assert 25.0 - middles.min() < 4e-3
+
+
+def test_free_form_is_smooth_above_its_flat_bottom() -> None:
+    mesh = load("parts/free_form.stl")
+    above = (mesh.vertices[mesh.face_adjacency_edges][:, :, 2] > 1e-6).any(1)
+    assert np.degrees(mesh.face_adjacency_angles[above].max()) < 6.0
