@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,9 +72,7 @@ class Arm:
         angle = np.asarray(q, float) + self._column("theta")
         step = np.zeros((*angle.shape, 4, 4))
         alpha, beta = self._column("alpha"), self._column("beta")
-        step[..., :3, :3] = (
-            pose.rotation_about(2, angle) @ pose.rotation_about(0, alpha) @ pose.rotation_about(1, beta)
-        )
+        step[..., :3, :3] = pose.rotation_about(2, angle) @ pose.rotation_about(0, alpha) @ pose.rotation_about(1, beta)
         step[..., 0, 3] = self._column("a") * np.cos(angle)
         step[..., 1, 3] = self._column("a") * np.sin(angle)
         step[..., 2, 3] = self._column("d")
@@ -89,7 +87,7 @@ class Arm:
         return np.asarray(self.link_poses(q)[..., -1, :, :])
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Geometric Jacobian (..., 6, joints): velocity of the flange's origin over its angular velocity, world axes."""
+        """Geometric Jacobian (..., 6, joints) in world axes: rows 1-3 velocity of the flange, 4-6 its rotation."""
         frames = self.link_poses(q)
         axes = frames[..., :-1, :3, 2]
         lever = frames[..., -1:, :3, 3] - frames[..., :-1, :3, 3]
@@ -137,9 +135,7 @@ class Arm:
             reference = np.broadcast_to(np.asarray(reference, float), (len(targets), 6))[:, None]
         if self.has_closed_form:
             base_from_flange = pose.inverse(self.world_from_base) @ targets
-            theta = spherical_wrist.solve(
-                self._column("a"), self._column("d"), self._column("alpha"), base_from_flange
-            )
+            theta = spherical_wrist.solve(self._column("a"), self._column("d"), self._column("alpha"), base_from_flange)
             q = theta - self._column("theta")
         else:
             q = numeric_ik.solve_branches(self, targets, self._seeds(targets))
@@ -176,6 +172,6 @@ class Arm:
             a = 0.0 if in_wrist else joint.a
             d = 0.0 if i == 4 else joint.d
             alpha = joint.alpha if i == 5 else right
-            joints.append(Joint(a, d, alpha, joint.theta, joint.min, joint.max, joint.max_speed, joint.max_acceleration))
+            joints.append(replace(joint, a=a, d=d, alpha=alpha, beta=0.0))
         relative = Arm(joints, self.world_from_base)
         return relative if relative.has_closed_form else None

@@ -87,7 +87,7 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
         raise MeshError(f"{path}: {'is not a file' if path.exists() else 'no such file'}")
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
-        raise MeshError(f"{path}: {suffix or 'no suffix'} is not a mesh format read here; expected {', '.join(FORMATS)}")
+        raise MeshError(f"{path}: {suffix or 'no suffix'} is not a mesh format known here: {', '.join(FORMATS)}")
     vertices, faces = _read_obj(path) if suffix == ".obj" else _read_with_trimesh(path, suffix)
     mesh = Mesh(vertices * METRES_PER_UNIT[unit], faces, str(path))
     check_mesh(mesh)
@@ -107,7 +107,8 @@ def check_mesh(mesh: Mesh) -> None:
     finite = np.isfinite(vertices).all(1)
     if not finite.all():
         row = int(np.flatnonzero(~finite)[0])
-        raise MeshError(f"{source}: vertex {row} is {vertices[row].tolist()}; {int((~finite).sum())} are NaN or infinite")
+        count = int((~finite).sum())
+        raise MeshError(f"{source}: vertex {row} is {vertices[row].tolist()}; {count} are NaN or infinite")
     if not (mesh.areas > 0).any():
         raise MeshError(f"{source}: all {len(faces)} triangles are degenerate (no area)")
 

@@ -68,5 +68,6 @@ def _error(arm: Kinematics, targets: Array, q: Array) -> Array:
     reached = arm.fk(q)
     turn = targets[:, :3, :3] @ np.swapaxes(reached[:, :3, :3], -1, -2)
     # NaN seeds stay NaN rather than confuse the quaternion's argmax.
-    missing = np.where(np.isfinite(q).all(-1)[:, None], pose.log_rotation(np.nan_to_num(turn)), np.nan)
+    known = np.asarray(np.isfinite(q).all(-1))
+    missing = np.where(known[:, None], pose.log_rotation(np.nan_to_num(turn)), np.nan)
     return np.concatenate([targets[:, :3, 3] - reached[:, :3, 3], missing], -1)

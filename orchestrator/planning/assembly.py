@@ -15,8 +15,6 @@ from orchestrator.planning.placement import LIMIT_SHARE, PlacedPass, PlacedPose,
 Array = NDArray[np.float64]
 Parts = tuple[Program, NDArray[np.int64], Array, Array, dict[int, str]]
 
-_DEFAULT_AZIMUTH = np.radians(105.0)
-
 
 class Assembly:
     """Collects segments; it remembers where the cell stands, and every segment starts there."""
@@ -29,7 +27,6 @@ class Assembly:
         self._segments: list[Segment] = []
         self._views: dict[int, str] = {}
         self._exposures: list[tuple[int, Array]] = []
-        self.azimuth = options.sweep.azimuth if options.sweep else _DEFAULT_AZIMUTH
 
     def add_sweep(self, placed: PlacedSweep, count: int) -> None:
         """A full turn with `count` exposures from table angle 0 on."""
@@ -99,7 +96,7 @@ class Assembly:
 
     def _append(self, setpoints: Array, rule: TriggerRule, start: float, end: float, name: str) -> int:
         number = len(self._segments) + 1
-        times = np.arange(len(setpoints)) * self._cell.cycle
+        times: Array = np.arange(len(setpoints), dtype=np.float64) * self._cell.cycle
         self._segments.append(Segment(number, times, setpoints[:, :6], setpoints[:, 6], rule, start, end))
         self._views[number] = name
         self._at = setpoints[-1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ from orchestrator.errors import PlanningError
 from orchestrator.geometry import pose
 from orchestrator.planning import trajectory
 from orchestrator.planning.model import PlanningCell
-from orchestrator.planning.placement import LIMIT_SHARE, describe
+from orchestrator.planning.placement import LIMIT_SHARE
+from orchestrator.planning.reasons import describe
 from orchestrator.proximity.scene import Clash
 
 Array = NDArray[np.float64]
@@ -44,7 +46,7 @@ class Connector:
         checked: dict[tuple[bytes, bytes], list[Clash]] = {}
         direct: list[Clash] = []
         for way in self._ways(start, end):
-            for a, b in zip(way[:-1], way[1:], strict=True):
+            for a, b in pairwise(way):
                 key = (a.tobytes(), b.tobytes())
                 if key not in checked:
                     checked[key] = self._check(a, b)
@@ -52,7 +54,7 @@ class Connector:
                     direct = direct or checked[key]
                     break
             else:
-                return [self.move(a, b) for a, b in zip(way[:-1], way[1:], strict=True)]
+                return [self.move(a, b) for a, b in pairwise(way)]
         raise PlanningError(f"no clear way to {purpose}: {describe(direct[0], self._clearance)} on the straight one")
 
     def _check(self, start: Array, end: Array) -> list[Clash]:

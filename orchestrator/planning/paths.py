@@ -6,11 +6,13 @@ gets there, and from which side, is decided later.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from orchestrator.errors import PlanningError
 from orchestrator.geometry import pose
 from orchestrator.planning import surface
 from orchestrator.planning.model import SensorRange
@@ -61,6 +63,10 @@ class Pass:
     end: Array
     direction: float
 
+    def at(self, path: Array) -> Array:
+        """Sensor poses (n, 4, 4) at path coordinates (n,) in metres from the start, extrapolated beyond both ends."""
+        return pose.interpolate_straight(self.start, self.end, path / self.length)
+
     @property
     def length(self) -> float:
         """Metres between the first and the last exposure."""
@@ -68,7 +74,7 @@ class Pass:
 
 
 def sweep_pose(target: Array, elevation: float, distance: float) -> Array:
-    """``table_from_sensor`` at azimuth 0 that looks at `target` (3,) from `distance` (m), the line in the plane y = 0."""
+    """``table_from_sensor`` at azimuth 0 that looks at `target` (3,) from `distance` (m), in one plane with the axis."""
     c, s = np.cos(elevation), np.sin(elevation)
     rotation = np.array([[0.0, -s, -c], [-1.0, 0.0, 0.0], [0.0, c, -s]])
     return pose.from_rotation(rotation, target + distance * np.array([c, 0.0, s]))
@@ -87,10 +93,10 @@ def _sweeps_at(part: Surface, sensor_range: SensorRange, options: SweepOptions, 
     wanted = facing.any(0)
     if not wanted.any():
         return []
-    rows = np.arange(len(wanted))
+    rows = np.arange(wanted.size)
     up, depth = up[side, rows], depth[side, rows]
     solid_up, solid_depth = (x.reshape(-1) for x in _meridian(part.extremes, elevation))
-    half = float(sensor_range.half_line(options.standoff)) - _EDGE
+    half = _half_line(sensor_range, options.standoff)
     views: list[Sweep] = []
     covered = ~wanted
     for centre in tile(float(up[wanted].min()), float(up[wanted].max()), half, options.height_step):
@@ -133,7 +139,7 @@ def _facing(part: Surface, elevation: float) -> NDArray[np.bool_]:
     outwards = part.points[:, :2] / np.maximum(radius, 1e-9)[:, None]
     radial = (part.normals[:, :2] * outwards).sum(1)
     c, s = np.cos(elevation), np.sin(elevation)
-    return np.stack([c * radial, -c * radial]) + s * part.normals[:, 2] > MIN_COSINE
+    return np.asarray(np.stack([c * radial, -c * radial]) + s * part.normals[:, 2] > MIN_COSINE)
 
 
 def tile(low: float, high: float, half: float, step: float) -> Array:
@@ -143,6 +149,10 @@ def tile(low: float, high: float, half: float, step: float) -> Array:
         return np.array([(low + high) / 2])
     count = int(np.ceil((span - 2 * half) / min(step, 2 * half) - 1e-9)) + 1
     return np.linspace(low + half, high - half, count)
+
+
+def _half_line(sensor_range: SensorRange, standoff: float) -> float:
+    return float(sensor_range.half_line(standoff)) - _EDGE
 
 
 def centre_text(target: Array) -> str:
@@ -155,7 +165,7 @@ def passes(part: Surface, sensor_range: SensorRange, options: RasterOptions) -> 
     up = part.normals[:, 2] > MIN_COSINE
     if not up.any():
         return []
-    half = float(sensor_range.half_line(options.standoff)) - _EDGE
+    half = _half_line(sensor_range, options.standoff)
     step = max(2 * half - options.overlap, half)
 
     def effort(direction: float) -> float:
@@ -167,15 +177,16 @@ def passes(part: Surface, sensor_range: SensorRange, options: RasterOptions) -> 
     y = turned.points[up, 1]
     result: list[Pass] = []
     for centre in tile(float(y.min()), float(y.max()), half, step):
-        result += _passes_along(turned, sensor_range, options, half, float(centre), float(direction))
+        result += _passes_along(turned, sensor_range, options, float(centre), float(direction))
     # Back and forth: every other strip is driven the other way.
     return [p if i % 2 == 0 else Pass(p.name, p.end, p.start, p.direction) for i, p in enumerate(result)]
 
 
 def _passes_along(
-    turned: Surface, sensor_range: SensorRange, options: RasterOptions, half: float, centre: float, direction: float
+    turned: Surface, sensor_range: SensorRange, options: RasterOptions, centre: float, direction: float
 ) -> list[Pass]:
     """One strip; deeper surfaces get passes of their own."""
+    half = _half_line(sensor_range, options.standoff)
     strip = (turned.normals[:, 2] > MIN_COSINE) & (np.abs(turned.points[:, 1] - centre) <= half)
     window = np.abs(turned.extremes[:, 1] - centre) <= half
     if not strip.any():
@@ -189,10 +200,9 @@ def _passes_along(
         reached = here & (turned.points[:, 2] >= z - sensor_range.far)
         if reached.mean() > _WORTH or not views:
             x = turned.points[reached if reached.any() else here, 0]
-            ends = [
-                pose.from_rotation(looking_down, (end, centre, z)) for end in (x.min() - _EDGE, x.max() + _EDGE)
-            ]
-            views.append(Pass(f"pass over y = {1e3 * centre:.0f} mm at height {1e3 * z:.0f} mm", *ends, direction))
+            start = pose.from_rotation(looking_down, (x.min() - _EDGE, centre, z))
+            end = pose.from_rotation(looking_down, (x.max() + _EDGE, centre, z))
+            views.append(Pass(f"pass at y = {1e3 * centre:.0f} mm, height {1e3 * z:.0f} mm", start, end, direction))
         strip = here & ~reached
         if strip.mean() < _WORTH:
             break
@@ -200,23 +210,19 @@ def _passes_along(
     return views
 
 
-def fit_budget(
-    views: list[Sweep | Pass], sweep_step: float, pass_pitch: float, max_profiles: int
-) -> tuple[float, float, list[int]]:
-    """Angle step, pitch and exposures per view (the last ones fit `max_profiles`).
+def fit_budget(views: Sequence[Sweep | Pass], angle_step: float, pitch: float, max_profiles: int) -> list[int]:
+    """Exposures of each view: as dense as asked for, or thinned alike so that the sum keeps to `max_profiles`.
 
-    Both steps widen by the same factor when the budget would be exceeded; every view keeps at least two exposures.
+    A view needs at least two; `PlanningError` when even that is too many.
     """
 
     def counts(factor: float) -> list[int]:
-        return [
-            max(2, int(np.ceil(2 * np.pi / (sweep_step * factor) - 1e-9)))
-            if isinstance(view, Sweep)
-            else max(2, int(np.ceil(view.length / (pass_pitch * factor) - 1e-9)) + 1)
-            for view in views
-        ]
+        wanted = [2 * np.pi / angle_step if isinstance(v, Sweep) else v.length / pitch + 1 for v in views]
+        return [max(2, int(np.ceil(w / factor - 1e-9))) for w in wanted]
 
-    factor = max(1.0, sum(counts(1.0)) / max_profiles) if views else 1.0
-    while sum(counts(factor)) > max_profiles and factor < 1e6:
+    if 2 * len(views) > max_profiles:
+        raise PlanningError(f"{len(views)} views need two exposures each; max_profiles = {max_profiles} is too few")
+    factor = max(1.0, sum(counts(1.0)) / max_profiles)
+    while sum(counts(factor)) > max_profiles:
         factor *= 1.005
-    return sweep_step * factor, pass_pitch * factor, counts(factor)
+    return counts(factor)

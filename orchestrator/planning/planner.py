@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +15,15 @@ from orchestrator.planning.assembly import Assembly
 from orchestrator.planning.model import PlanningCell
 from orchestrator.planning.options import ScanOptions
 from orchestrator.planning.paths import Pass, Sweep
-from orchestrator.planning.placement import PlacedPass, PlacedSweep, describe, place_passes, place_poses, place_sweeps
+from orchestrator.planning.placement import PlacedPass, PlacedSweep, Placer, Refusal
+from orchestrator.planning.reasons import describe, listed
 from orchestrator.planning.surface import MIN_COSINE, Surface
 
 Array = NDArray[np.float64]
 
 # When views that cannot be reached cost more than this share of what the wanted views would see, the scan is refused.
 _MAX_LOSS = 0.2
+_DEFAULT_AZIMUTH = np.radians(105.0)  # where single poses are taken when there are no sweeps to say it
 
 
 @dataclass(frozen=True)
@@ -62,11 +65,15 @@ def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
     comes too near what; or by how much the part is too large for the table.
     """
     check_part(cell)
+    azimuth = options.sweep.azimuth if options.sweep else _DEFAULT_AZIMUTH
+    placer = Placer(cell, azimuth, options.clearance)
     assembly = Assembly(cell, options)
+    coverage: float | None = None
+    warnings: list[str] = []
     if len(options.poses):
-        coverage, warnings = None, _plan_poses(cell, options, assembly)
+        _plan_poses(options, placer, assembly)
     else:
-        coverage, warnings = _plan_views(cell, options, assembly)
+        coverage, warnings = _plan_views(cell, options, placer, assembly)
     program, segment, q, table, views = assembly.finish()
     part_from_sensor = cell.nominal.part_from_sensor(q, table)
     return Plan(program, segment, part_from_sensor, q, table, views, coverage, tuple(warnings))
@@ -92,69 +99,66 @@ def check_part(cell: PlanningCell) -> None:
         raise PlanningError(f"at home {describe(hit[0], 1e-4)}")
 
 
-def _plan_poses(cell: PlanningCell, options: ScanOptions, assembly: Assembly) -> list[str]:
+def _plan_poses(options: ScanOptions, placer: Placer, assembly: Assembly) -> None:
     if len(options.poses) > options.max_profiles:
         raise PlanningError(f"{len(options.poses)} poses are given, max_profiles allows {options.max_profiles}")
-    placed, reasons = place_poses(cell, options.poses, assembly.azimuth, options.clearance)
-    if reasons:
-        raise PlanningError(_listed("poses that cannot be taken", reasons))
-    for item in placed:
-        if item is not None:
+    found = placer.poses(options.poses)
+    refused = [item.reason for item in found if isinstance(item, Refusal)]
+    if refused:
+        raise PlanningError(listed("poses that cannot be taken", refused))
+    for item in found:
+        if not isinstance(item, Refusal):
             assembly.add_pose(item)
-    return []
 
 
-def _plan_views(cell: PlanningCell, options: ScanOptions, assembly: Assembly) -> tuple[float, list[str]]:
+def _plan_views(
+    cell: PlanningCell, options: ScanOptions, placer: Placer, assembly: Assembly
+) -> tuple[float, list[str]]:
     part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
     sweep_views = paths.sweeps(part, cell.range, options.sweep) if options.sweep else []
     pass_views = paths.passes(part, cell.range, options.raster) if options.raster else []
-    wanted: list[Sweep | Pass] = [*sweep_views, *pass_views]
-    if not wanted:
+    if not (sweep_views or pass_views):
         raise PlanningError("no view sees any of the part: nothing of it faces the sensor")
     warnings: list[str] = []
-    sweeps = _reach_sweeps(cell, sweep_views, options, warnings)
-    angle_step = options.sweep.angle_step if options.sweep else 1.0
-    pitch = options.raster.pitch if options.raster else 1.0
+    sweeps = _reach_sweeps(placer, sweep_views, warnings)
     kept: list[Sweep | Pass] = [*(s.view for s in sweeps), *pass_views]
-    angle_step, pitch, counts = paths.fit_budget(kept, angle_step, pitch, options.max_profiles)
-    if sum(counts) > options.max_profiles:
-        raise PlanningError(f"{len(kept)} views need more than max_profiles = {options.max_profiles} exposures")
-    placed_passes: list[PlacedPass] = []
+    counts = paths.fit_budget(
+        kept,
+        options.sweep.angle_step if options.sweep else np.inf,
+        options.raster.pitch if options.raster else np.inf,
+        options.max_profiles,
+    )
+    passes: list[PlacedPass] = []
     if options.raster:
         branch = sweeps[0].branch if sweeps else None
-        found, reasons = place_passes(
-            cell, pass_views, counts[len(sweeps) :], pitch, options.raster.speed, options.clearance, branch
-        )
-        placed_passes = [p for p in found if p is not None]
-        warnings += [f"left out: {reason}" for reason in reasons]
-    coverage = _check_loss(cell, part, wanted, sweeps, placed_passes, warnings)
+        for item in placer.passes(pass_views, counts[len(sweeps) :], options.raster.speed, branch):
+            if isinstance(item, Refusal):
+                warnings.append(f"left out: {item.reason}")
+            else:
+                passes.append(item)
+    coverage = _check_loss(cell, part, [*sweep_views, *pass_views], [*sweeps, *passes], warnings)
     for sweep, count in zip(sweeps, counts, strict=False):
         assembly.add_sweep(sweep, count)
-    for item in placed_passes:
-        assembly.add_pass(item)
+    for placed in passes:
+        assembly.add_pass(placed)
     return coverage, warnings
 
 
-def _reach_sweeps(
-    cell: PlanningCell, views: list[Sweep], options: ScanOptions, warnings: list[str]
-) -> list[PlacedSweep]:
+def _reach_sweeps(placer: Placer, views: list[Sweep], warnings: list[str]) -> list[PlacedSweep]:
     """Place sweeps; one that fails is tried from farther off and from higher up, then left out with a warning."""
-    if options.sweep is None:
-        return []
-    azimuth = options.sweep.azimuth
-    placed, reasons = place_sweeps(cell, views, azimuth, options.clearance)
-    failed = [view for view, item in zip(views, placed, strict=True) if item is None]
-    result = [item for item in placed if item is not None]
-    for view, reason in zip(failed, reasons, strict=True):
+    result: list[PlacedSweep] = []
+    for view, item in zip(views, placer.sweeps(views), strict=True):
+        if not isinstance(item, Refusal):
+            result.append(item)
+            continue
         raised = [view.elevation + np.radians(k) for k in (15, 30, 45)]
         others = [view.tilted(view.elevation, extra) for extra in (0.015, 0.03)]
         others += [view.tilted(e, 0.0) for e in raised if e <= np.radians(85)]
-        found, _ = place_sweeps(cell, others, azimuth, options.clearance)
-        instead = next((item for item in found if item is not None), None)
+        instead = next((other for other in placer.sweeps(others) if not isinstance(other, Refusal)), None)
         if instead is None:
-            warnings.append(f"left out: {reason}")
+            warnings.append(f"left out: {item.reason}")
         else:
-            warnings.append(f"{reason}; done instead: {instead.view.name}")
+            warnings.append(f"{item.reason}; done instead: {instead.view.name}")
             result.append(instead)
     return result
 
@@ -163,30 +167,27 @@ def _check_loss(
     cell: PlanningCell,
     part: Surface,
     wanted: list[Sweep | Pass],
-    sweeps: list[PlacedSweep],
-    passes: list[PlacedPass],
+    placed: list[PlacedSweep | PlacedPass],
     warnings: list[str],
 ) -> float:
     """Share of the surface that the placed views see; `PlanningError` when far less than wanted."""
-    ideal = np.any([_sees(cell, part, view) for view in wanted], axis=0)
-    done: list[Sweep | Pass] = [*(s.view for s in sweeps), *(p.view for p in passes)]
-    real = np.any([_sees(cell, part, view) for view in done], axis=0) if done else np.zeros_like(ideal)
+    ideal = _seen(cell, part, wanted)
+    real = _seen(cell, part, [item.view for item in placed])
     lost = float((ideal & ~real).mean() / max(ideal.mean(), 1e-12))
     if lost > _MAX_LOSS:
-        raise PlanningError(
-            _listed(f"{100 * lost:.0f} % of the surface that the wanted views see is out of reach", warnings)
-        )
+        title = f"{100 * lost:.0f} % of the surface that the wanted views see is out of reach"
+        raise PlanningError(listed(title, warnings))
     return float(real.mean())
 
 
-def _sees(cell: PlanningCell, part: Surface, view: Sweep | Pass) -> NDArray[np.bool_]:
-    if isinstance(view, Sweep):
-        return surface.best_cosine_of_sweep(cell.range, view.at_azimuth_zero, part) > MIN_COSINE
-    turned = part.turned(-view.direction)
-    return surface.best_cosine_of_passes(cell.range, view.start, view.end, turned) > MIN_COSINE
-
-
-def _listed(title: str, reasons: list[str]) -> str:
-    shown = reasons[:8]
-    more = [f"and {len(reasons) - len(shown)} more"] if len(reasons) > len(shown) else []
-    return f"{title}: " + "; ".join([*shown, *more])
+def _seen(cell: PlanningCell, part: Surface, views: Sequence[Sweep | Pass]) -> NDArray[np.bool_]:
+    """(n,) whether any of the views sees each point of the surface."""
+    seen = np.zeros(len(part.points), bool)
+    for view in views:
+        if isinstance(view, Sweep):
+            cosine = surface.best_cosine_of_sweep(cell.range, view.at_azimuth_zero, part)
+        else:
+            turned = part.turned(-view.direction)
+            cosine = surface.best_cosine_of_passes(cell.range, view.start, view.end, turned)
+        seen |= cosine > MIN_COSINE
+    return seen

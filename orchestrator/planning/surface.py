@@ -56,11 +56,9 @@ def sample(part: Mesh, table_from_part: Array, count: int = 12_000) -> Surface:
         points, normals = np.concatenate([points, points]), np.concatenate([normals, -normals])
     elif (area_vector * (part.vertices[part.faces[:, 0]] - part.bounds.mean(0))).sum() < 0:
         normals = -normals
-    rotation = table_from_part[:3, :3]
-    used = part.vertices[np.unique(part.faces)]
-    return Surface(
-        pose.transform_points(table_from_part, points), normals @ rotation.T, pose.transform_points(table_from_part, used)
-    )
+    extremes = part.vertices[np.unique(part.faces)]
+    points, extremes = (pose.transform_points(table_from_part, p) for p in (points, extremes))
+    return Surface(points, normals @ table_from_part[:3, :3].T, extremes)
 
 
 def lit_cosine(sensor_range: SensorRange, table_from_sensor: Array, points: Array, normals: Array) -> Array:

@@ -72,7 +72,7 @@ def run(count: int, interval: float, speed: float, acceleration: float, cycle: f
     # Half an interval after the last exposure: late enough for it, too early for another one.
     trigger_to = trigger_from + (count - 0.5) * interval / speed
     cruise_cycles = 2 * lead + int(np.ceil((trigger_to - trigger_from) / cycle))
-    times = np.arange(2 * ramp_cycles + cruise_cycles + 1) * cycle
+    times: Array = np.arange(2 * ramp_cycles + cruise_cycles + 1, dtype=np.float64) * cycle
     ramp = ramp_cycles * cycle
     cruise_end = ramp + cruise_cycles * cycle
     rising = np.clip(times / ramp, 0.0, 1.0)
@@ -94,7 +94,7 @@ def run_travel(speed: float, acceleration: float, cycle: float) -> float:
     return speed * cycle * (ramp_cycles / 2 + 2)
 
 
-def excess_of_limits(
+def share_of_limits(
     positions: ArrayLike, max_speed: ArrayLike, max_acceleration: ArrayLike, cycle: float
 ) -> tuple[Array, Array]:
     """Largest speed and acceleration per axis (axes,) of sampled positions (n, axes), relative to the limits."""

@@ -55,7 +55,7 @@ class SphereBounds:
         centres = np.einsum("nbij,bj->nbi", poses[..., :3, :3], self._coarse[:, :3]) + poses[..., :3, 3]
         gap = np.linalg.norm(centres[:, first] - centres[:, second], axis=-1)
         gap -= self._coarse[first, 3] + self._coarse[second, 3]
-        pair, index = np.nonzero(gap.T <= distance)
+        pair, index = np.nonzero((gap <= distance).T)
         keep = np.zeros(len(pair), bool)
         for start in range(0, len(pair), 4096):
             part = slice(start, start + 4096)
