@@ -1,0 +1,250 @@
+// Entry points of FMI 2.0 for co-simulation.
+#include <cstring>
+
+#include "fmu/fmi/guard.h"
+#include "fmu/fmi/variable_table.h"
+
+extern "C" {
+#include "fmu/third_party/fmi/fmi2Functions.h"
+}
+
+namespace {
+
+using namespace robotcell::fmi;
+
+Instance* instance_of(fmi2Component c) { return static_cast<Instance*>(c); }
+
+template <class Call>
+fmi2Status status_of(fmi2Component c, const char* function, const Call& call) {
+  return guarded(instance_of(c), function, call) ? fmi2OK : fmi2Error;
+}
+
+/// The message goes through printf on the importer's side.
+std::string printf_safe(const std::string& message) {
+  std::string safe;
+  for (const char c : message) safe += c == '%' ? std::string("%%") : std::string(1, c);
+  return safe;
+}
+
+Logger make_logger(const fmi2CallbackFunctions* functions, const std::string& name) {
+  if (functions == nullptr || functions->logger == nullptr) return {};
+  return [logger = functions->logger, environment = functions->componentEnvironment,
+          name](const std::string& message) {
+    logger(environment, name.c_str(), fmi2Error, "logStatusError", printf_safe(message).c_str());
+  };
+}
+
+template <class T, class Value>
+fmi2Status get_values(fmi2Component c, const char* function, const fmi2ValueReference vr[], size_t n,
+                      Value values[]) {
+  return status_of(c, function, [&] {
+    require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
+    for (size_t i = 0; i < n; ++i) {
+      const T& value = instance_of(c)->get<T>(vr[i]);
+      if constexpr (std::is_same_v<T, std::string>) {
+        values[i] = value.c_str();
+      } else {
+        values[i] = value;
+      }
+    }
+  });
+}
+
+template <class T, class Value>
+fmi2Status set_values(fmi2Component c, const char* function, const fmi2ValueReference vr[], size_t n,
+                      const Value values[]) {
+  return status_of(c, function, [&] {
+    require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
+    for (size_t i = 0; i < n; ++i) {
+      if constexpr (std::is_same_v<T, std::string>) require(values[i] != nullptr, "null string");
+      instance_of(c)->set<T>(vr[i], static_cast<T>(values[i]));
+    }
+  });
+}
+
+fmi2Status unsupported(fmi2Component c, const char* function) {
+  return status_of(c, function, [] { throw std::logic_error("this FMU does not offer the function"); });
+}
+
+Snapshot& snapshot_of(fmi2FMUstate state) {
+  require(state != nullptr, "null state");
+  return *static_cast<Snapshot*>(state);
+}
+
+}  // namespace
+
+extern "C" {
+
+const char* fmi2GetTypesPlatform() { return fmi2TypesPlatform; }
+
+const char* fmi2GetVersion() { return fmi2Version; }
+
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean, size_t, const fmi2String[]) {
+  return status_of(c, "fmi2SetDebugLogging", [] {});  // errors are the only messages, and always logged
+}
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                              const fmi2CallbackFunctions* functions, fmi2Boolean, fmi2Boolean) {
+  try {
+    const std::string instance_name = name == nullptr ? "" : name;
+    const Logger logger = make_logger(functions, instance_name);
+    const auto refuse = [&logger](const char* message) {
+      if (logger) logger(std::string("fmi2Instantiate: ") + message);
+      return nullptr;
+    };
+    if (instance_name.empty()) return refuse("the instance needs a name");
+    if (type != fmi2CoSimulation) return refuse("this FMU is for co-simulation alone");
+    if (guid == nullptr || instantiation_token() != guid) return refuse("the GUID is not this FMU's");
+    return new Instance(instance_name, resources == nullptr ? "" : resources, logger);
+  } catch (...) {
+    return nullptr;
+  }
+}
+
+void fmi2FreeInstance(fmi2Component c) { delete instance_of(c); }
+
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean, fmi2Real, fmi2Real start,
+                               fmi2Boolean stop_defined, fmi2Real stop) {
+  return status_of(c, "fmi2SetupExperiment", [&] {
+    instance_of(c)->setup(start, stop_defined != fmi2False ? std::optional<double>(stop) : std::nullopt);
+  });
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
+  return status_of(c, "fmi2EnterInitializationMode", [&] { instance_of(c)->enter_initialization(); });
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
+  return status_of(c, "fmi2ExitInitializationMode", [&] { instance_of(c)->exit_initialization(); });
+}
+
+fmi2Status fmi2Terminate(fmi2Component c) {
+  return status_of(c, "fmi2Terminate", [&] { instance_of(c)->terminate(); });
+}
+
+fmi2Status fmi2Reset(fmi2Component c) {
+  return status_of(c, "fmi2Reset", [&] { instance_of(c)->reset(); });
+}
+
+fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
+  return get_values<double>(c, "fmi2GetReal", vr, n, value);
+}
+
+fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer value[]) {
+  return get_values<std::int32_t>(c, "fmi2GetInteger", vr, n, value);
+}
+
+fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Boolean value[]) {
+  return get_values<bool>(c, "fmi2GetBoolean", vr, n, value);
+}
+
+fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[]) {
+  return get_values<std::string>(c, "fmi2GetString", vr, n, value);
+}
+
+fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
+  return set_values<double>(c, "fmi2SetReal", vr, n, value);
+}
+
+fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                          const fmi2Integer value[]) {
+  return set_values<std::int32_t>(c, "fmi2SetInteger", vr, n, value);
+}
+
+fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                          const fmi2Boolean value[]) {
+  return set_values<bool>(c, "fmi2SetBoolean", vr, n, value);
+}
+
+fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String value[]) {
+  return set_values<std::string>(c, "fmi2SetString", vr, n, value);
+}
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate* state) {
+  return status_of(c, "fmi2GetFMUstate", [&] {
+    require(state != nullptr, "null pointer");
+    if (*state == nullptr) {
+      *state = new Snapshot(instance_of(c)->snapshot());
+    } else {
+      snapshot_of(*state) = instance_of(c)->snapshot();
+    }
+  });
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
+  return status_of(c, "fmi2SetFMUstate", [&] { instance_of(c)->restore(snapshot_of(state)); });
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate* state) {
+  return status_of(c, "fmi2FreeFMUstate", [&] {
+    if (state == nullptr) return;
+    delete static_cast<Snapshot*>(*state);
+    *state = nullptr;
+  });
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t* size) {
+  return status_of(c, "fmi2SerializedFMUstateSize", [&] {
+    require(size != nullptr, "null pointer");
+    *size = serialize(snapshot_of(state)).size();
+  });
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
+  return status_of(c, "fmi2SerializeFMUstate", [&] {
+    const auto serialized = serialize(snapshot_of(state));
+    require(bytes != nullptr && size >= serialized.size(), "too few bytes for the state");
+    std::memcpy(bytes, serialized.data(), serialized.size());
+  });
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
+                                   fmi2FMUstate* state) {
+  return status_of(c, "fmi2DeSerializeFMUstate", [&] {
+    require(state != nullptr, "null pointer");
+    *state = new Snapshot(deserialize(reinterpret_cast<const std::uint8_t*>(bytes), size));
+  });
+}
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference[], size_t,
+                                        const fmi2ValueReference[], size_t, const fmi2Real[], fmi2Real[]) {
+  return unsupported(c, "fmi2GetDirectionalDerivative");
+}
+
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t,
+                                       const fmi2Integer[], const fmi2Real[]) {
+  return unsupported(c, "fmi2SetRealInputDerivatives");
+}
+
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t,
+                                        const fmi2Integer[], fmi2Real[]) {
+  return unsupported(c, "fmi2GetRealOutputDerivatives");
+}
+
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real current, fmi2Real step, fmi2Boolean) {
+  return status_of(c, "fmi2DoStep", [&] { instance_of(c)->do_step(current, step); });
+}
+
+fmi2Status fmi2CancelStep(fmi2Component c) { return unsupported(c, "fmi2CancelStep"); }
+
+fmi2Status fmi2GetStatus(fmi2Component, const fmi2StatusKind, fmi2Status*) { return fmi2Discard; }
+
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real* value) {
+  if (c == nullptr || value == nullptr) return fmi2Error;
+  if (kind != fmi2LastSuccessfulTime) return fmi2Discard;
+  *value = instance_of(c)->last_successful_time();
+  return fmi2OK;
+}
+
+fmi2Status fmi2GetIntegerStatus(fmi2Component, const fmi2StatusKind, fmi2Integer*) { return fmi2Discard; }
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean* value) {
+  if (c == nullptr || value == nullptr) return fmi2Error;
+  if (kind != fmi2Terminated) return fmi2Discard;
+  *value = fmi2False;
+  return fmi2OK;
+}
+
+fmi2Status fmi2GetStringStatus(fmi2Component, const fmi2StatusKind, fmi2String*) { return fmi2Discard; }
+
+}  // extern "C"

@@ -1,0 +1,242 @@
+// Entry points of FMI 3.0 for co-simulation.
+#include <cstring>
+
+#include "fmu/fmi/guard.h"
+#include "fmu/fmi/variable_table.h"
+
+extern "C" {
+#include "fmu/third_party/fmi/fmi3Functions.h"
+}
+
+namespace {
+
+using namespace robotcell::fmi;
+
+Instance* instance_of(fmi3Instance instance) { return static_cast<Instance*>(instance); }
+
+template <class Call>
+fmi3Status status_of(fmi3Instance instance, const char* function, const Call& call) {
+  return guarded(instance_of(instance), function, call) ? fmi3OK : fmi3Error;
+}
+
+Logger make_logger(fmi3LogMessageCallback callback, fmi3InstanceEnvironment environment) {
+  if (callback == nullptr) return {};
+  return [callback, environment](const std::string& message) {
+    callback(environment, fmi3Error, "logStatusError", message.c_str());
+  };
+}
+
+template <class T, class Value>
+fmi3Status get_values(fmi3Instance instance, const char* function, const fmi3ValueReference vr[], size_t n,
+                      Value values[], size_t n_values) {
+  return status_of(instance, function, [&] {
+    require(n == n_values, "the numbers of value references and of values differ");
+    require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
+    for (size_t i = 0; i < n; ++i) {
+      const T& value = instance_of(instance)->get<T>(vr[i]);
+      if constexpr (std::is_same_v<T, std::string>) {
+        values[i] = value.c_str();
+      } else {
+        values[i] = value;
+      }
+    }
+  });
+}
+
+template <class T, class Value>
+fmi3Status set_values(fmi3Instance instance, const char* function, const fmi3ValueReference vr[], size_t n,
+                      const Value values[], size_t n_values) {
+  return status_of(instance, function, [&] {
+    require(n == n_values, "the numbers of value references and of values differ");
+    require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
+    for (size_t i = 0; i < n; ++i) {
+      if constexpr (std::is_same_v<T, std::string>) require(values[i] != nullptr, "null string");
+      instance_of(instance)->set<T>(vr[i], static_cast<T>(values[i]));
+    }
+  });
+}
+
+Snapshot& snapshot_of(fmi3FMUState state) {
+  require(state != nullptr, "null state");
+  return *static_cast<Snapshot*>(state);
+}
+
+}  // namespace
+
+extern "C" {
+
+const char* fmi3GetVersion() { return fmi3Version; }
+
+fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean, size_t, const fmi3String[]) {
+  return status_of(instance, "fmi3SetDebugLogging",
+                   [] {});  // errors are the only messages, and always logged
+}
+
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean,
+                                         fmi3Boolean, fmi3Boolean event_mode_used, fmi3Boolean,
+                                         const fmi3ValueReference[], size_t n_intermediate,
+                                         fmi3InstanceEnvironment environment,
+                                         fmi3LogMessageCallback log_message, fmi3IntermediateUpdateCallback) {
+  try {
+    const Logger logger = make_logger(log_message, environment);
+    const auto refuse = [&logger](const char* message) {
+      if (logger) logger(std::string("fmi3InstantiateCoSimulation: ") + message);
+      return nullptr;
+    };
+    if (name == nullptr || *name == '\0') return refuse("the instance needs a name");
+    if (token == nullptr || instantiation_token() != token) {
+      return refuse("the instantiation token is not this FMU's");
+    }
+    if (event_mode_used) return refuse("this FMU has no event mode");
+    if (n_intermediate > 0) return refuse("this FMU has no intermediate update");
+    return new Instance(name, resources == nullptr ? "" : resources, logger);
+  } catch (...) {
+    return nullptr;
+  }
+}
+
+fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
+                                          fmi3InstanceEnvironment environment,
+                                          fmi3LogMessageCallback log_message) {
+  if (log_message != nullptr) {
+    log_message(environment, fmi3Error, "logStatusError",
+                "fmi3InstantiateModelExchange: this FMU is for co-simulation alone");
+  }
+  return nullptr;
+}
+
+fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
+                                               fmi3InstanceEnvironment environment,
+                                               fmi3LogMessageCallback log_message, fmi3ClockUpdateCallback,
+                                               fmi3LockPreemptionCallback, fmi3UnlockPreemptionCallback) {
+  if (log_message != nullptr) {
+    log_message(environment, fmi3Error, "logStatusError",
+                "fmi3InstantiateScheduledExecution: this FMU is for co-simulation alone");
+  }
+  return nullptr;
+}
+
+void fmi3FreeInstance(fmi3Instance instance) { delete instance_of(instance); }
+
+fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean, fmi3Float64, fmi3Float64 start,
+                                       fmi3Boolean stop_defined, fmi3Float64 stop) {
+  return status_of(instance, "fmi3EnterInitializationMode", [&] {
+    instance_of(instance)->setup(start, stop_defined ? std::optional<double>(stop) : std::nullopt);
+    instance_of(instance)->enter_initialization();
+  });
+}
+
+fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
+  return status_of(instance, "fmi3ExitInitializationMode",
+                   [&] { instance_of(instance)->exit_initialization(); });
+}
+
+fmi3Status fmi3Terminate(fmi3Instance instance) {
+  return status_of(instance, "fmi3Terminate", [&] { instance_of(instance)->terminate(); });
+}
+
+fmi3Status fmi3Reset(fmi3Instance instance) {
+  return status_of(instance, "fmi3Reset", [&] { instance_of(instance)->reset(); });
+}
+
+fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+                          fmi3Float64 values[], size_t n_values) {
+  return get_values<double>(instance, "fmi3GetFloat64", vr, n, values, n_values);
+}
+
+fmi3Status fmi3GetInt32(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Int32 values[],
+                        size_t n_values) {
+  return get_values<std::int32_t>(instance, "fmi3GetInt32", vr, n, values, n_values);
+}
+
+fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+                          fmi3Boolean values[], size_t n_values) {
+  return get_values<bool>(instance, "fmi3GetBoolean", vr, n, values, n_values);
+}
+
+fmi3Status fmi3GetString(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3String values[],
+                         size_t n_values) {
+  return get_values<std::string>(instance, "fmi3GetString", vr, n, values, n_values);
+}
+
+fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+                          const fmi3Float64 values[], size_t n_values) {
+  return set_values<double>(instance, "fmi3SetFloat64", vr, n, values, n_values);
+}
+
+fmi3Status fmi3SetInt32(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+                        const fmi3Int32 values[], size_t n_values) {
+  return set_values<std::int32_t>(instance, "fmi3SetInt32", vr, n, values, n_values);
+}
+
+fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+                          const fmi3Boolean values[], size_t n_values) {
+  return set_values<bool>(instance, "fmi3SetBoolean", vr, n, values, n_values);
+}
+
+fmi3Status fmi3SetString(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+                         const fmi3String values[], size_t n_values) {
+  return set_values<std::string>(instance, "fmi3SetString", vr, n, values, n_values);
+}
+
+fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState* state) {
+  return status_of(instance, "fmi3GetFMUState", [&] {
+    require(state != nullptr, "null pointer");
+    if (*state == nullptr) {
+      *state = new Snapshot(instance_of(instance)->snapshot());
+    } else {
+      snapshot_of(*state) = instance_of(instance)->snapshot();
+    }
+  });
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state) {
+  return status_of(instance, "fmi3SetFMUState", [&] { instance_of(instance)->restore(snapshot_of(state)); });
+}
+
+fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState* state) {
+  return status_of(instance, "fmi3FreeFMUState", [&] {
+    if (state == nullptr) return;
+    delete static_cast<Snapshot*>(*state);
+    *state = nullptr;
+  });
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t* size) {
+  return status_of(instance, "fmi3SerializedFMUStateSize", [&] {
+    require(size != nullptr, "null pointer");
+    *size = serialize(snapshot_of(state)).size();
+  });
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
+  return status_of(instance, "fmi3SerializeFMUState", [&] {
+    const auto serialized = serialize(snapshot_of(state));
+    require(bytes != nullptr && size >= serialized.size(), "too few bytes for the state");
+    std::memcpy(bytes, serialized.data(), serialized.size());
+  });
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size,
+                                   fmi3FMUState* state) {
+  return status_of(instance, "fmi3DeserializeFMUState", [&] {
+    require(state != nullptr, "null pointer");
+    *state = new Snapshot(deserialize(bytes, size));
+  });
+}
+
+fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 current, fmi3Float64 step, fmi3Boolean,
+                      fmi3Boolean* event_handling_needed, fmi3Boolean* terminate_simulation,
+                      fmi3Boolean* early_return, fmi3Float64* last_successful_time) {
+  if (event_handling_needed != nullptr) *event_handling_needed = fmi3False;
+  if (terminate_simulation != nullptr) *terminate_simulation = fmi3False;
+  if (early_return != nullptr) *early_return = fmi3False;
+  const fmi3Status status =
+      status_of(instance, "fmi3DoStep", [&] { instance_of(instance)->do_step(current, step); });
+  if (instance != nullptr && last_successful_time != nullptr) {
+    *last_successful_time = instance_of(instance)->last_successful_time();
+  }
+  return status;
+}
+
+}  // extern "C"

@@ -1,0 +1,224 @@
+#include "fmu/fmi/model_description.h"
+
+#include <charconv>
+#include <sstream>
+
+#include "fmu/fmi/variable_table.h"
+
+namespace robotcell::fmi {
+namespace {
+
+constexpr const char* kGenerationTool = "scancell " SCANCELL_VERSION;
+
+std::string escaped(const std::string& text) {
+  std::string xml;
+  for (const char c : text) {
+    switch (c) {
+      case '&':
+        xml += "&amp;";
+        break;
+      case '<':
+        xml += "&lt;";
+        break;
+      case '>':
+        xml += "&gt;";
+        break;
+      case '"':
+        xml += "&quot;";
+        break;
+      default:
+        xml += c;
+    }
+  }
+  return xml;
+}
+
+/// Shortest text that reads back as the same number, in any locale.
+std::string number(double value) {
+  char buffer[32];
+  return {buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr};
+}
+
+const char* causality_name(Causality causality) {
+  switch (causality) {
+    case Causality::kIndependent:
+      return "independent";
+    case Causality::kParameter:
+      return "parameter";
+    case Causality::kInput:
+      return "input";
+    default:
+      return "output";
+  }
+}
+
+const char* variability_name(Variability variability) {
+  switch (variability) {
+    case Variability::kFixed:
+      return "fixed";
+    case Variability::kDiscrete:
+      return "discrete";
+    default:
+      return "continuous";
+  }
+}
+
+const char* type_name(Type type, int version) {
+  switch (type) {
+    case Type::kReal:
+      return version == 2 ? "Real" : "Float64";
+    case Type::kInteger:
+      return version == 2 ? "Integer" : "Int32";
+    case Type::kBoolean:
+      return "Boolean";
+    default:
+      return "String";
+  }
+}
+
+/// FMI 2 counts variables from 1 in its model structure, FMI 3 uses value references.
+std::size_t structure_index(std::size_t reference, int version) {
+  return version == 2 ? reference + 1 : reference;
+}
+
+std::string start_of(const Variable& variable) {
+  static Values defaults;
+  switch (variable.type) {
+    case Type::kReal:
+      return number(member<double>(defaults, variable));
+    case Type::kInteger:
+      return std::to_string(member<std::int32_t>(defaults, variable));
+    case Type::kBoolean:
+      return member<bool>(defaults, variable) ? "true" : "false";
+    default:
+      return escaped(member<std::string>(defaults, variable));
+  }
+}
+
+bool has_start(const Variable& variable) {
+  return variable.causality == Causality::kParameter || variable.causality == Causality::kInput;
+}
+
+/// Attributes that the type carries: unit, bounds, start (an FMI 3 string's start is an element).
+std::string type_attributes(const Variable& variable, int version) {
+  std::string text;
+  if (*variable.unit.name != '\0') text += std::string(" unit=\"") + variable.unit.name + "\"";
+  if (*variable.unit.display != '\0') text += std::string(" displayUnit=\"") + variable.unit.display + "\"";
+  if (variable.max > variable.min) {
+    text += " min=\"" + std::to_string(variable.min) + "\" max=\"" + std::to_string(variable.max) + "\"";
+  }
+  if (has_start(variable) && (version == 2 || variable.type != Type::kString)) {
+    text += " start=\"" + start_of(variable) + "\"";
+  }
+  return text;
+}
+
+std::string common_attributes(const Variable& variable, std::size_t reference) {
+  std::string text = " name=\"" + escaped(variable.name) + "\" valueReference=\"" +
+                     std::to_string(reference) + "\" causality=\"" + causality_name(variable.causality) +
+                     "\" variability=\"" + variability_name(variable.variability) + "\"";
+  if (variable.causality == Causality::kParameter) text += " initial=\"exact\"";
+  if (variable.causality == Causality::kOutput) text += " initial=\"calculated\"";
+  return text + " description=\"" + escaped(variable.description) + "\"";
+}
+
+void write_variables(std::ostream& xml, int version) {
+  xml << "  <ModelVariables>\n";
+  for (std::size_t i = 0; i < variables().size(); ++i) {
+    const Variable& variable = variables()[i];
+    const char* type = type_name(variable.type, version);
+    const std::string attributes = type_attributes(variable, version);
+    if (version == 2) {
+      xml << "    <ScalarVariable" << common_attributes(variable, i) << "><" << type << attributes
+          << "/></ScalarVariable>\n";
+    } else if (variable.type == Type::kString && has_start(variable)) {
+      xml << "    <" << type << common_attributes(variable, i) << "><Start value=\"" << start_of(variable)
+          << "\"/></" << type << ">\n";
+    } else {
+      xml << "    <" << type << common_attributes(variable, i) << attributes << "/>\n";
+    }
+  }
+  xml << "  </ModelVariables>\n";
+}
+
+/// One entry of the model structure. Outputs depend on no input at the same instant: what is commanded at a
+/// communication point acts behind it.
+void write_unknown(std::ostream& xml, const char* element, std::size_t reference,
+                   const std::vector<std::uint32_t>& dependencies, int version) {
+  xml << "<" << element << (version == 2 ? " index=\"" : " valueReference=\"")
+      << structure_index(reference, version) << "\" dependencies=\"";
+  for (std::size_t i = 0; i < dependencies.size(); ++i) {
+    xml << (i > 0 ? " " : "") << structure_index(dependencies[i], version);
+  }
+  xml << "\"/>\n";
+}
+
+void write_structure(std::ostream& xml, int version) {
+  xml << "  <ModelStructure>\n" << (version == 2 ? "    <Outputs>\n" : "");
+  const char* indent = version == 2 ? "      " : "    ";
+  for (std::size_t i = 0; i < variables().size(); ++i) {
+    if (variables()[i].causality != Causality::kOutput) continue;
+    xml << indent;
+    write_unknown(xml, version == 2 ? "Unknown" : "Output", i, {}, version);
+  }
+  if (version == 2) xml << "    </Outputs>\n    <InitialUnknowns>\n";
+  for (std::size_t i = 0; i < variables().size(); ++i) {
+    if (variables()[i].causality != Causality::kOutput) continue;
+    xml << indent;
+    write_unknown(xml, version == 2 ? "Unknown" : "InitialUnknown", i, variables()[i].initial_dependencies,
+                  version);
+  }
+  xml << (version == 2 ? "    </InitialUnknowns>\n" : "") << "  </ModelStructure>\n";
+}
+
+void write_units(std::ostream& xml) {
+  constexpr const char* kDegrees = "57.29577951308232";
+  const auto unit = [&xml](const char* name, const char* base, const char* display, const char* factor) {
+    xml << "    <Unit name=\"" << name << "\"><BaseUnit " << base << "/><DisplayUnit name=\"" << display
+        << "\" factor=\"" << factor << "\"/></Unit>\n";
+  };
+  xml << "  <UnitDefinitions>\n";
+  unit("s", "s=\"1\"", "ms", "1000");
+  unit("m", "m=\"1\"", "mm", "1000");
+  unit("rad", "rad=\"1\"", "deg", kDegrees);
+  unit("m/s", "m=\"1\" s=\"-1\"", "mm/s", "1000");
+  unit("rad/s", "rad=\"1\" s=\"-1\"", "deg/s", kDegrees);
+  xml << "  </UnitDefinitions>\n";
+}
+
+void write_head(std::ostream& xml, const CellDescription& cell, int version) {
+  xml << "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiModelDescription fmiVersion=\""
+      << (version == 2 ? "2.0" : "3.0") << "\" modelName=\"RobotCell\" "
+      << (version == 2 ? "guid" : "instantiationToken") << "=\"" << instantiation_token()
+      << "\" description=\"Robot cell that scans a part with a laser profile sensor: " << escaped(cell.name)
+      << "\" version=\"" << SCANCELL_VERSION << "\" license=\"BSD-3-Clause\" generationTool=\""
+      << kGenerationTool
+      << "\" variableNamingConvention=\"structured\">\n  <CoSimulation modelIdentifier=\"RobotCell\" "
+         "canHandleVariableCommunicationStepSize=\"true\" ";
+  if (version == 2) {
+    xml << "canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\"/>\n";
+  } else {
+    xml << "canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\" hasEventMode=\"false\" "
+           "canReturnEarlyAfterIntermediateUpdate=\"false\" providesIntermediateUpdate=\"false\"/>\n";
+  }
+}
+
+}  // namespace
+
+std::string model_description(const CellDescription& cell, int version) {
+  std::ostringstream xml;
+  xml.imbue(std::locale::classic());
+  write_head(xml, cell, version);
+  write_units(xml);
+  xml << "  <LogCategories>\n    <Category name=\"logStatusError\" description=\"Errors: what was wrong, and "
+         "where\"/>\n"
+         "    <Category name=\"logAll\" description=\"Every message\"/>\n  </LogCategories>\n";
+  xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\""
+      << number(static_cast<double>(cell.controller_cycle_us) / 1e6) << "\"/>\n";
+  write_variables(xml, version);
+  write_structure(xml, version);
+  xml << "</fmiModelDescription>\n";
+  return xml.str();
+}
+
+}  // namespace robotcell::fmi

@@ -1,0 +1,148 @@
+#include "fmu/fmi/snapshot.h"
+
+#include "fmu/fmi/archive.h"
+#include "fmu/fmi/variable_table.h"
+
+// Found by argument-dependent lookup, so each lives in the namespace of its structure.
+namespace robotcell {
+
+using fmi::exchange_all;
+
+template <class A>
+void exchange(A& a, DhDeviation& v) {
+  exchange_all(a, v.a, v.d, v.alpha, v.theta, v.beta);
+}
+template <class A>
+void exchange(A& a, AsBuilt& v) {
+  exchange_all(a, v.dh, v.tool, v.table, v.platter, v.trigger_latency);
+}
+template <class A>
+void exchange(A& a, CellParameters& v) {
+  exchange_all(a, v.cell_file, v.seed, v.as_built);
+}
+template <class A>
+void exchange(A& a, TriggerCommand& v) {
+  exchange_all(a, v.mode, v.period, v.angle, v.distance, v.request);
+}
+template <class A>
+void exchange(A& a, CellInputs& v) {
+  exchange_all(a, v.mode, v.position, v.segment, v.trigger, v.exposure);
+}
+template <class A>
+void exchange(A& a, BodyState& v) {
+  exchange_all(a, v.position, v.orientation, v.velocity, v.angular_velocity);
+}
+template <class A>
+void exchange(A& a, Measurement& v) {
+  exchange_all(a, v.position, v.rate);
+}
+template <class A>
+void exchange(A& a, TriggerRecord& v) {
+  exchange_all(a, v.index, v.segment, v.time, v.exposure, v.measured, v.truth);
+}
+template <class A>
+void exchange(A& a, PendingRecord& v) {
+  exchange_all(a, v.middle_us, v.light_us, v.measured, v.lit, v.record);
+}
+template <class A>
+void exchange(A& a, TriggerState& v) {
+  exchange_all(a, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry, v.entry_angle,
+               v.path, v.path_reference, v.pending, v.open, v.shown);
+}
+template <class A>
+void exchange(A& a, AxesState& v) {
+  exchange_all(a, v.position, v.rate);
+}
+template <class A>
+void exchange(A& a, GridPoint& v) {
+  exchange_all(a, v.time_us, v.axes, v.part_position, v.part_orientation);
+}
+template <class A>
+void exchange(A& a, StickAnchorState& v) {
+  exchange_all(a, v.engaged, v.support_from_body);
+}
+template <class A>
+void exchange(A& a, FreePartState& v) {
+  exchange_all(a, v.position, v.velocity, v.friction_direction, v.anchor);
+}
+
+namespace control {
+template <class A>
+void exchange(A& a, Knot& v) {
+  fmi::exchange_all(a, v.position, v.velocity);
+}
+template <class A>
+void exchange(A& a, ServoState& v) {
+  fmi::exchange_all(a, v.start_us, v.before, v.start, v.end, v.limit);
+}
+}  // namespace control
+
+template <class A>
+void exchange(A& a, CellState& v) {
+  exchange_all(a, v.time_us, v.from, v.to, v.servo, v.part, v.trigger);
+}
+
+}  // namespace robotcell
+
+namespace robotcell::fmi {
+namespace {
+
+constexpr std::size_t kChecksumSize = sizeof(std::uint64_t);
+
+template <class Archive>
+void exchange_snapshot(Archive& archive, Snapshot& snapshot) {
+  auto phase = static_cast<std::int32_t>(snapshot.phase);
+  exchange_all(archive, phase, snapshot.start_time, snapshot.stop_time, snapshot.communication_time,
+               snapshot.parameters, snapshot.inputs, snapshot.description_hash);
+  bool has_cell = snapshot.cell.has_value();
+  exchange(archive, has_cell);
+  if constexpr (Archive::kReads) {
+    if (phase < 0 || phase > static_cast<std::int32_t>(Phase::kFailed)) {
+      throw std::invalid_argument("the serialized state holds an impossible value");
+    }
+    snapshot.phase = static_cast<Phase>(phase);
+    if (has_cell) snapshot.cell.emplace();
+  }
+  if (has_cell) exchange(archive, *snapshot.cell);
+}
+
+}  // namespace
+
+std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size) {
+  std::uint64_t hash = 0xcbf29ce484222325u;
+  for (std::size_t i = 0; i < size; ++i) hash = (hash ^ bytes[i]) * 0x100000001b3u;
+  return hash;
+}
+
+std::vector<std::uint8_t> serialize(Snapshot& snapshot) {
+  Writer writer;
+  std::string token = instantiation_token();
+  exchange(writer, token);
+  exchange_snapshot(writer, snapshot);
+  std::vector<std::uint8_t> bytes = writer.take();
+  const std::uint64_t checksum = hash_of(bytes.data(), bytes.size());
+  const auto* first = reinterpret_cast<const std::uint8_t*>(&checksum);
+  bytes.insert(bytes.end(), first, first + kChecksumSize);
+  return bytes;
+}
+
+Snapshot deserialize(const std::uint8_t* bytes, std::size_t size) {
+  if (bytes == nullptr || size < kChecksumSize)
+    throw std::invalid_argument("the serialized state is cut off");
+  const std::size_t body = size - kChecksumSize;
+  std::uint64_t checksum = 0;
+  std::memcpy(&checksum, bytes + body, kChecksumSize);
+  if (checksum != hash_of(bytes, body)) {
+    throw std::invalid_argument("the serialized state is foreign, cut off or altered: its checksum is wrong");
+  }
+  Reader reader(bytes, body);
+  std::string token;
+  exchange(reader, token);
+  if (token != instantiation_token()) throw std::invalid_argument("the serialized state is of another FMU");
+  Snapshot snapshot;
+  exchange_snapshot(reader, snapshot);
+  if (reader.left() != 0) throw std::invalid_argument("the serialized state is longer than it should be");
+  return snapshot;
+}
+
+}  // namespace robotcell::fmi

@@ -1,0 +1,33 @@
+// An instance's whole state (FMUState), and its bytes.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "fmu/model/cell.h"
+
+namespace robotcell::fmi {
+
+enum class Phase : std::int32_t { kInstantiated, kInitialization, kStepping, kTerminated, kFailed };
+
+struct Snapshot {
+  Phase phase = Phase::kInstantiated;
+  double start_time = 0;
+  double stop_time = 0;  // infinite when not defined
+  double communication_time = 0;
+  CellParameters parameters;
+  CellInputs inputs;
+  std::uint64_t description_hash = 0;  // of the cell's JSON, 0 while there is no cell
+  std::optional<CellState> cell;
+};
+
+std::vector<std::uint8_t> serialize(Snapshot& snapshot);
+
+/// Throws std::invalid_argument when the bytes are not a whole, unaltered state of this FMU.
+Snapshot deserialize(const std::uint8_t* bytes, std::size_t size);
+
+/// FNV-1a of a byte sequence.
+std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size);
+
+}  // namespace robotcell::fmi

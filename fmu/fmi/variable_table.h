@@ -1,0 +1,54 @@
+// The one list of the FMU's variables: both FMI versions and both model descriptions are made from it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "fmu/model/cell_values.h"
+
+namespace robotcell::fmi {
+
+/// The memory behind the variables of one instance.
+struct Values {
+  double time = 0;
+  CellParameters parameters;
+  CellInputs inputs;
+  CellOutputs outputs;
+};
+
+enum class Type { kReal, kInteger, kBoolean, kString };
+enum class Causality { kIndependent, kParameter, kInput, kOutput };
+enum class Variability { kFixed, kDiscrete, kContinuous };
+
+struct Unit {
+  const char* name;     // "" for a number without unit
+  const char* display;  // "" for none
+};
+
+/// A variable; its position in the table is its value reference.
+struct Variable {
+  std::string name;
+  Type type;
+  Causality causality;
+  Variability variability;
+  Unit unit;
+  std::string description;
+  std::size_t offset;                               // of its member in Values
+  std::int32_t min = 0, max = 0;                    // of an integer, where max > min
+  std::vector<std::uint32_t> initial_dependencies;  // parameters on which an output's initial value depends
+};
+
+const std::vector<Variable>& variables();
+
+/// Identifies the table: equal for the library and every model description that was made with it.
+const std::string& instantiation_token();
+
+/// The member behind a variable.
+template <class T>
+T& member(Values& values, const Variable& variable) {
+  return *reinterpret_cast<T*>(reinterpret_cast<char*>(&values) + variable.offset);
+}
+
+}  // namespace robotcell::fmi

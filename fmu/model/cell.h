@@ -1,0 +1,79 @@
+// The robot cell: controller, dynamics, encoders and trigger on one clock of whole microseconds.
+#pragma once
+
+#include <cstdint>
+
+#include "fmu/control/servo_controller.h"
+#include "fmu/model/cell_description.h"
+#include "fmu/model/cell_values.h"
+#include "fmu/model/encoder.h"
+#include "fmu/model/kinematics.h"
+#include "fmu/model/trigger.h"
+#include "fmu/model/world.h"
+
+namespace robotcell {
+
+/// A point of the dynamics grid.
+struct GridPoint {
+  std::int64_t time_us = 0;
+  AxesState axes;
+  Eigen::Vector3d part_position = Eigen::Vector3d::Zero();  // of the part in the platter's frame
+  Eigen::Quaterniond part_orientation = Eigen::Quaterniond::Identity();
+};
+
+/// Everything that changes while a cell runs.
+struct CellState {
+  std::int64_t time_us = 0;
+  GridPoint from;  // the dynamics step that holds the present: from <= time <= to
+  GridPoint to;
+  control::ServoState servo;
+  FreePartState part;
+  TriggerState trigger;
+};
+
+/// Runs the dynamics on its own grid, whatever the steps of `advance` are; between two grid points the axes
+/// follow the cubic with the rates at both ends, and a free part moves evenly relative to the platter. So
+/// neither outputs nor records depend on the communication step.
+///
+/// At an instant of the controller's cycle, the controller takes the inputs of the step that starts there.
+/// The trigger device takes its commands at the start of every step.
+class Cell : private MotionView {
+ public:
+  Cell(const CellDescription& description, const CellParameters& parameters);
+
+  /// Goes on to an instant (microseconds from the start) with the inputs held; throws std::exception.
+  void advance(const CellInputs& inputs, std::int64_t to_us);
+
+  /// What the cell says at the present instant.
+  CellOutputs outputs() const;
+
+  std::int64_t time_us() const { return time_us_; }
+  const World& world() const { return world_; }
+
+  CellState state() const;
+  void restore(const CellState& state);
+
+ private:
+  double table_angle(std::int64_t time_us) const override;
+  Eigen::Vector3d sensor_in_table(std::int64_t time_us) const override;
+  Measurement measurement(std::int64_t time_us) const override;
+  Bodies truth(std::int64_t time_us) const override;
+
+  AxesState axes_at(std::int64_t time_us) const;
+  Motion part_at(std::int64_t time_us, const Motion& platter) const;
+  void step_dynamics(const CellInputs& inputs);
+  void place_part(GridPoint& point) const;
+
+  CellDescription description_;
+  Kinematics nominal_;
+  Kinematics true_;
+  Encoders encoders_;
+  control::ServoController servo_;
+  World world_;
+  Trigger trigger_;
+  std::int64_t time_us_ = 0;
+  GridPoint from_;
+  GridPoint to_;
+};
+
+}  // namespace robotcell

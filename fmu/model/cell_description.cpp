@@ -1,0 +1,132 @@
+#include "fmu/model/cell_description.h"
+
+#include <cstdio>
+#include <limits>
+#include <memory>
+
+#include "fmu/model/json_reader.h"
+
+namespace robotcell {
+namespace {
+
+constexpr double kHuge = 1e6;
+
+EncoderDescription parse_encoder(const JsonReader& json) {
+  return {json.at("encoder_resolution").number(0, 1), json.at("encoder_noise").number(0, 1)};
+}
+
+JointDescription parse_joint(const JsonReader& json) {
+  json.expect_keys({"a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration", "start",
+                    "encoder_resolution", "encoder_noise"});
+  JointDescription joint;
+  joint.a = json.at("a").number();
+  joint.d = json.at("d").number();
+  joint.alpha = json.at("alpha").number();
+  joint.theta = json.at("theta").number();
+  joint.min = json.at("min").number();
+  joint.max = json.at("max").number(joint.min, kHuge);
+  joint.max_speed = json.at("max_speed").positive();
+  joint.max_acceleration = json.at("max_acceleration").positive();
+  joint.start = json.at("start").number(joint.min, joint.max);
+  joint.encoder = parse_encoder(json);
+  return joint;
+}
+
+TableDescription parse_table(const JsonReader& json) {
+  json.expect_keys({"world_from_table", "radius", "thickness", "max_speed", "max_acceleration", "start",
+                    "friction", "encoder_resolution", "encoder_noise"});
+  TableDescription table;
+  table.world_from_table = json.at("world_from_table").pose();
+  table.radius = json.at("radius").positive();
+  table.thickness = json.at("thickness").positive();
+  table.max_speed = json.at("max_speed").positive();
+  table.max_acceleration = json.at("max_acceleration").positive();
+  table.start = json.at("start").number();
+  table.friction = json.at("friction").number(0, kHuge);
+  table.encoder = parse_encoder(json);
+  return table;
+}
+
+void parse_hull(const JsonReader& json, PartDescription& part) {
+  json.expect_keys({"vertices", "faces"});
+  for (const JsonReader& vertex : json.at("vertices").items()) part.hull_vertices.push_back(vertex.vector3());
+  const auto last = static_cast<std::int64_t>(part.hull_vertices.size()) - 1;
+  for (const JsonReader& face : json.at("faces").items()) {
+    const auto corners = face.items(3);
+    part.hull_faces.push_back({static_cast<int>(corners[0].integer(0, last)),
+                               static_cast<int>(corners[1].integer(0, last)),
+                               static_cast<int>(corners[2].integer(0, last))});
+  }
+  if (part.free && part.hull_faces.size() < 4) json.at("faces").fail("at least 4 faces for a free part");
+}
+
+PartDescription parse_part(const JsonReader& json) {
+  json.expect_keys({"fixture", "table_from_part", "mass", "friction", "hull", "centre_of_mass", "inertia"});
+  PartDescription part;
+  const std::string fixture = json.at("fixture").text();
+  if (fixture != "clamped" && fixture != "free") json.at("fixture").fail("\"clamped\" or \"free\"");
+  part.free = fixture == "free";
+  part.table_from_part = json.at("table_from_part").pose();
+  part.mass = json.at("mass").positive();
+  part.friction = json.at("friction").number(0, kHuge);
+  part.centre_of_mass = json.at("centre_of_mass").vector3();
+  const auto rows = json.at("inertia").items(3);
+  for (int i = 0; i < 3; ++i) part.inertia.row(i) = rows[static_cast<std::size_t>(i)].vector3();
+  if (part.free && part.inertia.llt().info() != Eigen::Success) {
+    json.at("inertia").fail("a positive definite matrix");
+  }
+  parse_hull(json.at("hull"), part);
+  return part;
+}
+
+CellDescription parse_root(const JsonReader& json) {
+  json.expect_keys({"format", "name", "time_step_us", "controller_cycle_us", "gravity", "seed", "robot",
+                    "tool", "table", "part"});
+  json.at("format").integer(1, 1);
+  CellDescription cell;
+  cell.name = json.at("name").text();
+  cell.time_step_us = json.at("time_step_us").integer(1, 1000000);
+  cell.controller_cycle_us = json.at("controller_cycle_us").integer(1, 1000000);
+  if (cell.controller_cycle_us % cell.time_step_us != 0) {
+    json.at("controller_cycle_us").fail("a multiple of time_step_us");
+  }
+  cell.gravity = json.at("gravity").vector3();
+  cell.seed = static_cast<std::int32_t>(json.at("seed").integer(std::numeric_limits<std::int32_t>::min(),
+                                                                std::numeric_limits<std::int32_t>::max()));
+  const JsonReader robot = json.at("robot");
+  robot.expect_keys({"world_from_base", "joints"});
+  cell.world_from_base = robot.at("world_from_base").pose();
+  const auto joints = robot.at("joints").items(kJoints);
+  for (std::size_t i = 0; i < kJoints; ++i) cell.joints[i] = parse_joint(joints[i]);
+  const JsonReader tool = json.at("tool");
+  tool.expect_keys({"flange_from_sensor"});
+  cell.flange_from_sensor = tool.at("flange_from_sensor").pose();
+  cell.table = parse_table(json.at("table"));
+  cell.part = parse_part(json.at("part"));
+  return cell;
+}
+
+}  // namespace
+
+CellDescription parse_cell(const std::string& json) {
+  nlohmann::json document;
+  try {
+    document = nlohmann::json::parse(json);
+  } catch (const nlohmann::json::parse_error& error) {
+    throw DescriptionError(std::string("not valid JSON: ") + error.what());
+  }
+  return parse_root(JsonReader(document, ""));
+}
+
+std::string read_text_file(const std::string& path) {
+  const std::string& actual = path == "-" ? "/dev/stdin" : path;
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(actual.c_str(), "rb"), &std::fclose);
+  if (!file) throw DescriptionError("cannot open the cell description '" + path + "'");
+  std::string text;
+  char buffer[65536];
+  for (std::size_t n = 0; (n = std::fread(buffer, 1, sizeof buffer, file.get())) > 0;) text.append(buffer, n);
+  if (std::ferror(file.get()) != 0) throw DescriptionError("cannot read the cell description '" + path + "'");
+  return text;
+}
+
+}  // namespace robotcell

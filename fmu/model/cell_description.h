@@ -1,0 +1,68 @@
+// The resolved description of a cell: JSON in SI units, complete (nothing has a default here).
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "fmu/model/cell_values.h"
+
+namespace robotcell {
+
+/// The description cannot be read; the message names the key, the value and what was expected.
+class DescriptionError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+struct EncoderDescription {
+  double resolution = 0;  // rad; 0: continuous
+  double noise = 0;       // standard deviation, rad
+};
+
+struct JointDescription {
+  double a = 0, d = 0, alpha = 0, theta = 0;  // Rz(q + theta) T(a, 0, d) Rx(alpha)
+  double min = 0, max = 0, max_speed = 0, max_acceleration = 0, start = 0;
+  EncoderDescription encoder;
+};
+
+struct TableDescription {
+  Eigen::Isometry3d world_from_table;  // origin where the axis meets the top face, z along the axis
+  double radius = 0, thickness = 0;
+  double max_speed = 0, max_acceleration = 0, start = 0, friction = 0;
+  EncoderDescription encoder;
+};
+
+struct PartDescription {
+  bool free = false;  // stands by gravity and friction instead of being clamped
+  Eigen::Isometry3d table_from_part;
+  double mass = 0, friction = 0;
+  std::vector<Eigen::Vector3d> hull_vertices;  // part frame
+  std::vector<std::array<int, 3>> hull_faces;
+  Eigen::Vector3d centre_of_mass;
+  Eigen::Matrix3d inertia;  // about the centre of mass, part axes
+};
+
+struct CellDescription {
+  std::string name;
+  std::int64_t time_step_us = 0;
+  std::int64_t controller_cycle_us = 0;
+  Eigen::Vector3d gravity;
+  std::int32_t seed = 0;
+  Eigen::Isometry3d world_from_base;
+  std::array<JointDescription, kJoints> joints;
+  Eigen::Isometry3d flange_from_sensor;
+  TableDescription table;
+  PartDescription part;
+};
+
+/// Parses a description; throws DescriptionError.
+CellDescription parse_cell(const std::string& json);
+
+/// Whole content of a file; throws DescriptionError naming the file.
+std::string read_text_file(const std::string& path);
+
+}  // namespace robotcell

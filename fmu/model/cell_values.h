@@ -1,0 +1,98 @@
+// What goes into and comes out of the cell. Plain numbers in SI units; knows neither FMI nor the dynamics
+// engine.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+
+namespace robotcell {
+
+constexpr int kJoints = 6;
+constexpr int kAxes = kJoints + 1;  // the arm's joints, then the table
+constexpr int kTableAxis = kJoints;
+
+/// Bodies whose pose and twist the cell reports; links 1..6 come first.
+enum Body { kSensor = kJoints, kTable, kPart, kBodies };
+
+/// Deviation of one Denavit-Hartenberg row from nominal; `beta` is Hayati's turn about y after the row's
+/// alpha.
+struct DhDeviation {
+  double a = 0, d = 0, alpha = 0, theta = 0, beta = 0;
+};
+
+/// How the cell as built differs from its drawing. All zero: the nominal cell.
+struct AsBuilt {
+  std::array<DhDeviation, kJoints> dh{};
+  std::array<double, 6> tool{};   // x, y, z (m), rx, ry, rz (rad, intrinsic XYZ): flange_from_sensor * delta
+  std::array<double, 5> table{};  // x, y, z (m), rx, ry (rad): world_from_table * delta
+  std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the turning frame
+  double trigger_latency = 0;       // s from the instant that the device believes to the instant of the light
+};
+
+struct CellParameters {
+  std::string cell_file;  // empty: the description in the FMU's resources
+  std::int32_t seed = 0;
+  AsBuilt as_built;
+};
+
+enum class TriggerMode : std::int32_t { kOff, kTime, kTableAngle, kPathDistance, kRequest };
+
+struct TriggerCommand {
+  std::int32_t mode = 0;
+  double period = 0;         // s
+  double angle = 0;          // rad
+  double distance = 0;       // m
+  std::int32_t request = 0;  // every increase fires once
+};
+
+struct CellInputs {
+  std::int32_t mode = 0;                 // 0 hold, 1 servo
+  std::array<double, kAxes> position{};  // set-points: joints, then table (rad)
+  std::int32_t segment = 0;
+  TriggerCommand trigger;
+  double exposure = 0;  // s
+};
+
+/// Pose of a body's frame in the world; velocity is that of the frame's origin.
+struct BodyState {
+  std::array<double, 3> position{};
+  std::array<double, 4> orientation{1, 0, 0, 0};  // quaternion w, x, y, z with w >= 0
+  std::array<double, 3> velocity{};
+  std::array<double, 3> angular_velocity{};
+};
+
+using Bodies = std::array<BodyState, kBodies>;
+
+/// What the encoders say (joints, then table).
+struct Measurement {
+  std::array<double, kAxes> position{};
+  std::array<double, kAxes> rate{};
+};
+
+struct Truth {
+  std::array<double, kAxes> position{};
+  Bodies bodies{};
+};
+
+/// One exposure: what was measured in its middle, and what was true when the light came.
+struct TriggerRecord {
+  std::int32_t index = 0;  // counts from 1; 0: no record yet
+  std::int32_t segment = 0;
+  double time = 0;      // middle of the exposure, s
+  double exposure = 0;  // s
+  Measurement measured;
+  Bodies truth{};
+};
+
+struct CellOutputs {
+  Measurement measured;
+  Truth truth;
+  std::int32_t trigger_count = 0;
+  std::int32_t trigger_queued = 0;
+  TriggerRecord trigger;
+  bool moving = false;
+  std::int32_t limit = 0;
+};
+
+}  // namespace robotcell

@@ -1,0 +1,25 @@
+// Encoders: resolution and noise. The noise is a function of seed, axis and time alone, so that it does not
+// depend on how often or in which order anybody asks.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "fmu/model/cell_description.h"
+#include "fmu/model/cell_values.h"
+
+namespace robotcell {
+
+class Encoders {
+ public:
+  /// Two seeds: the description's and the instance's; either changes all noise.
+  Encoders(const CellDescription& cell, std::int32_t instance_seed);
+
+  std::array<double, kAxes> read(const std::array<double, kAxes>& position, std::int64_t time_us) const;
+
+ private:
+  std::array<EncoderDescription, kAxes> encoders_;
+  std::uint64_t key_;
+};
+
+}  // namespace robotcell

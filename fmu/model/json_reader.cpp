@@ -1,0 +1,95 @@
+#include "fmu/model/json_reader.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "fmu/model/cell_description.h"
+
+namespace robotcell {
+
+void JsonReader::fail(const std::string& expected) const {
+  std::string shown = node_.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
+  if (shown.size() > 80) shown = shown.substr(0, 77) + "...";
+  throw DescriptionError((path_.empty() ? "the cell description" : path_) + ": expected " + expected +
+                         ", got " + shown);
+}
+
+void JsonReader::expect_keys(std::initializer_list<const char*> keys) const {
+  if (!node_.is_object()) fail("an object");
+  const std::string prefix = path_.empty() ? "" : path_ + ".";
+  for (const char* key : keys) {
+    if (!node_.contains(key)) throw DescriptionError(prefix + key + ": this key is missing");
+  }
+  for (const auto& item : node_.items()) {
+    const bool known =
+        std::any_of(keys.begin(), keys.end(), [&item](const char* key) { return item.key() == key; });
+    if (!known) throw DescriptionError(prefix + item.key() + ": unknown key");
+  }
+}
+
+JsonReader JsonReader::at(const char* key) const {
+  return {node_.at(key), path_.empty() ? key : path_ + "." + key};
+}
+
+std::vector<JsonReader> JsonReader::items() const {
+  if (!node_.is_array()) fail("an array");
+  std::vector<JsonReader> readers;
+  for (std::size_t i = 0; i < node_.size(); ++i) {
+    readers.emplace_back(node_[i], path_ + "[" + std::to_string(i) + "]");
+  }
+  return readers;
+}
+
+std::vector<JsonReader> JsonReader::items(std::size_t count) const {
+  if (!node_.is_array() || node_.size() != count) fail("an array of " + std::to_string(count));
+  return items();
+}
+
+double JsonReader::number() const {
+  if (!node_.is_number() || !std::isfinite(node_.get<double>())) fail("a finite number");
+  return node_.get<double>();
+}
+
+double JsonReader::number(double lowest, double highest) const {
+  const double value = number();
+  if (value < lowest || value > highest) {
+    fail("a number from " + std::to_string(lowest) + " to " + std::to_string(highest));
+  }
+  return value;
+}
+
+double JsonReader::positive() const {
+  const double value = number();
+  if (value <= 0) fail("a number above 0");
+  return value;
+}
+
+std::int64_t JsonReader::integer(std::int64_t lowest, std::int64_t highest) const {
+  if (!node_.is_number_integer()) fail("a whole number");
+  const auto value = node_.get<std::int64_t>();
+  if (value < lowest || value > highest) {
+    fail("a whole number from " + std::to_string(lowest) + " to " + std::to_string(highest));
+  }
+  return value;
+}
+
+std::string JsonReader::text() const {
+  if (!node_.is_string()) fail("a string");
+  return node_.get<std::string>();
+}
+
+Eigen::Vector3d JsonReader::vector3() const {
+  const auto values = items(3);
+  return {values[0].number(), values[1].number(), values[2].number()};
+}
+
+Eigen::Isometry3d JsonReader::pose() const {
+  expect_keys({"position", "quaternion"});
+  const auto q = at("quaternion").items(4);
+  const Eigen::Quaterniond rotation(q[0].number(), q[1].number(), q[2].number(), q[3].number());
+  if (std::abs(rotation.norm() - 1) > 1e-6) at("quaternion").fail("a quaternion w, x, y, z of length 1");
+  return Eigen::Translation3d(at("position").vector3()) * rotation.normalized();
+}
+
+}  // namespace robotcell

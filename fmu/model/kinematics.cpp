@@ -1,0 +1,89 @@
+#include "fmu/model/kinematics.h"
+
+namespace robotcell {
+namespace {
+
+using Eigen::AngleAxisd;
+using Eigen::Isometry3d;
+using Eigen::Translation3d;
+using Eigen::Vector3d;
+
+Isometry3d turned_about_z(double angle) { return Isometry3d(AngleAxisd(angle, Vector3d::UnitZ())); }
+
+/// The fixed transform behind joint i: Rz(theta) T(a, 0, d) Rx(alpha) Ry(beta).
+Isometry3d fixed_part(const JointDescription& joint, const DhDeviation& delta) {
+  return turned_about_z(joint.theta + delta.theta) * Translation3d(joint.a + delta.a, 0, joint.d + delta.d) *
+         AngleAxisd(joint.alpha + delta.alpha, Vector3d::UnitX()) * AngleAxisd(delta.beta, Vector3d::UnitY());
+}
+
+/// A motion turned about its own z axis, and then displaced.
+Motion after_joint(const Motion& base, double angle, double rate, const Isometry3d& joint_from_link) {
+  Motion turned = base;
+  turned.pose = base.pose * turned_about_z(angle);
+  turned.angular_velocity += rate * base.pose.linear().col(2);
+  return attached(turned, joint_from_link);
+}
+
+template <std::size_t N>
+std::array<double, N> numbers(const Eigen::Matrix<double, static_cast<int>(N), 1>& vector) {
+  std::array<double, N> values;
+  Eigen::Map<Eigen::Matrix<double, static_cast<int>(N), 1>>(values.data()) = vector;
+  return values;
+}
+
+}  // namespace
+
+Motion attached(const Motion& body, const Isometry3d& body_from_frame) {
+  Motion frame;
+  frame.pose = body.pose * body_from_frame;
+  frame.angular_velocity = body.angular_velocity;
+  frame.velocity =
+      body.velocity + body.angular_velocity.cross(body.pose.linear() * body_from_frame.translation());
+  return frame;
+}
+
+Kinematics::Kinematics(const CellDescription& cell, const AsBuilt& as_built)
+    : world_from_base_(cell.world_from_base), axis_from_platter_(Isometry3d::Identity()) {
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    joint_from_link_[i] = fixed_part(cell.joints[i], as_built.dh[i]);
+  }
+  const auto& tool = as_built.tool;
+  flange_from_sensor_ = cell.flange_from_sensor * Translation3d(tool[0], tool[1], tool[2]) *
+                        AngleAxisd(tool[3], Vector3d::UnitX()) * AngleAxisd(tool[4], Vector3d::UnitY()) *
+                        AngleAxisd(tool[5], Vector3d::UnitZ());
+  const auto& table = as_built.table;
+  world_from_axis_ = cell.table.world_from_table * Translation3d(table[0], table[1], table[2]) *
+                     AngleAxisd(table[3], Vector3d::UnitX()) * AngleAxisd(table[4], Vector3d::UnitY());
+  axis_from_platter_.translation() << as_built.platter[0], as_built.platter[1], 0;
+}
+
+std::array<Motion, kJoints> Kinematics::arm(const std::array<double, kAxes>& position,
+                                            const std::array<double, kAxes>& rate) const {
+  std::array<Motion, kJoints> links;
+  Motion previous;
+  previous.pose = world_from_base_;
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    links[i] = after_joint(previous, position[i], rate[i], joint_from_link_[i]);
+    previous = links[i];
+  }
+  return links;
+}
+
+Motion Kinematics::platter(double angle, double rate) const {
+  Motion axis;
+  axis.pose = world_from_axis_;
+  return after_joint(axis, angle, rate, axis_from_platter_);
+}
+
+BodyState body_state(const Motion& motion) {
+  Eigen::Quaterniond rotation(motion.pose.linear());
+  if (rotation.w() < 0) rotation.coeffs() *= -1;
+  BodyState state;
+  state.position = numbers<3>(motion.pose.translation());
+  state.orientation = {rotation.w(), rotation.x(), rotation.y(), rotation.z()};
+  state.velocity = numbers<3>(motion.velocity);
+  state.angular_velocity = numbers<3>(motion.angular_velocity);
+  return state;
+}
+
+}  // namespace robotcell

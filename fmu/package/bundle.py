@@ -1,0 +1,134 @@
+"""Collects what a shared library needs at run time into one folder, so that it loads on a machine without any of it.
+
+Every library of the closure but those of the C and C++ run-time system goes beside the binary, under a name
+of its own (a hash of its content in its soname), and is looked for nowhere else (RPATH ``$ORIGIN``).
+So two FMUs in one process never share a library by accident, and none is shared with the host program.
+
+Run by CMake with the standard library alone: ``bundle.py LIBRARY PROGRAM FOLDER --patchelf PATCHELF``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import re
+import shutil
+import struct
+import subprocess
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+# Present, in a compatible version, on every Linux system that loads the FMU: glibc and the compiler's run-time.
+SYSTEM_LIBRARIES = re.compile(
+    r"^(linux-vdso|ld-linux.*|libc|libm|libdl|librt|libpthread|libresolv|libstdc\+\+|libgcc_s)\.so(\.|$)"
+)
+
+
+def run(*command: str | Path) -> str:
+    """Output of a command; raises when it fails."""
+    return subprocess.run([str(part) for part in command], check=True, capture_output=True, text=True).stdout
+
+
+def closure(library: Path) -> dict[str, Path]:
+    """Needed libraries by soname, direct and indirect, without those of the system."""
+    found: dict[str, Path] = {}
+    for line in run("ldd", library).splitlines():
+        match = re.match(r"\s*(\S+) => (\S.*?) \(0x", line)
+        if "not found" in line:
+            raise SystemExit(f"{library}: {line.strip()}")
+        if match and not SYSTEM_LIBRARIES.match(match[1]):
+            found[match[1]] = Path(match[2]).resolve()
+    return found
+
+
+def own_name(soname: str, path: Path) -> str:
+    """Name with a content hash: ``libode.so.8`` becomes ``libode-1a2b3c4d.so.8``."""
+    stem, dot, rest = soname.partition(".so")
+    return f"{stem}-{hashlib.sha256(path.read_bytes()).hexdigest()[:8]}{dot}{rest}"
+
+
+def make_unique_symbols_ordinary(library: Path) -> None:
+    """Turns GNU-unique dynamic symbols into weak ones.
+
+    The loader merges unique symbols over all libraries of a process, however they were loaded, and never unloads a
+    library that has them. Another copy of the engine in the process (a second FMU, a Python binding of another
+    version) would share its static variables with ours.
+    """
+    data = bytearray(library.read_bytes())
+    section_table, entry_size, count = (
+        struct.unpack_from("<Q", data, 0x28)[0],
+        struct.unpack_from("<H", data, 0x3A)[0],
+        struct.unpack_from("<H", data, 0x3C)[0],
+    )
+    dynamic_symbols, unique, weak = 11, 10, 2
+    for section in range(count):
+        header = section_table + section * entry_size
+        if struct.unpack_from("<I", data, header + 4)[0] != dynamic_symbols:
+            continue
+        offset, size = struct.unpack_from("<QQ", data, header + 0x18)
+        symbol_size = struct.unpack_from("<Q", data, header + 0x38)[0]
+        for symbol in range(offset, offset + size, symbol_size):
+            if data[symbol + 4] >> 4 == unique:
+                data[symbol + 4] = weak << 4 | data[symbol + 4] & 0xF
+    library.write_bytes(data)
+
+
+def copy_licenses(libraries: Iterable[Path], folder: Path) -> None:
+    """Copies the licence texts of the Debian packages that the libraries come from."""
+    for library in libraries:
+        # By name: with a merged /usr, the package manager knows a library under /lib or under /usr/lib.
+        package = run("dpkg-query", "--search", f"*/{library.name}").partition(":")[0]
+        target = folder / f"{package}.txt"
+        if not target.exists():
+            folder.mkdir(exist_ok=True)
+            shutil.copyfile(Path("/usr/share/doc") / package / "copyright", target)
+
+
+def bundle(library: Path, folder: Path, patchelf: str, licenses: Iterable[Path]) -> None:
+    """Writes the library and its closure into the folder, and the licences of all that went into them."""
+    needed = closure(library)
+    names = {soname: own_name(soname, path) for soname, path in needed.items()}
+    replacements = [part for old, new in names.items() for part in ("--replace-needed", old, new)]
+    for soname, path in [(None, library), *needed.items()]:
+        target = folder / (names[soname] if soname else library.name)
+        shutil.copyfile(path, target)
+        target.chmod(0o755)
+        run("strip", "--strip-unneeded", target)
+        # One change per run: patchelf 0.14 mixes up the names when it gets several at once.
+        if soname:
+            run(patchelf, "--set-soname", names[soname], target)
+        run(patchelf, *replacements, target)
+        run(patchelf, "--set-rpath", "$ORIGIN", target)
+        make_unique_symbols_ordinary(target)
+    copy_licenses(needed.values(), folder / "licenses")
+    for text in licenses:
+        shutil.copyfile(text, folder / "licenses" / f"{text.parent.name}.txt")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Collect a library, its closure and a program into one folder.")
+    parser.add_argument("library", type=Path)
+    parser.add_argument("program", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--patchelf", default="patchelf")
+    parser.add_argument("--license", type=Path, action="append", default=[], help="further licence text to copy")
+    arguments = parser.parse_args()
+
+    arguments.folder.parent.mkdir(parents=True, exist_ok=True)
+    fresh = Path(tempfile.mkdtemp(dir=arguments.folder.parent))
+    fresh.chmod(0o755)
+    try:
+        bundle(arguments.library, fresh, arguments.patchelf, arguments.license)
+        program = fresh / arguments.program.name
+        shutil.copyfile(arguments.program, program)
+        program.chmod(0o755)
+        run("strip", program)
+        shutil.rmtree(arguments.folder, ignore_errors=True)
+        fresh.rename(arguments.folder)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    main()
