@@ -38,7 +38,9 @@ def _parse(word: str, units: Mapping[str, str | None]) -> tuple[str, float]:
         raise DescriptionError(f"--as-built {word}: unknown perturbation '{key}'; known: {known}")
     suffixes = _SUFFIXES_OF_UNIT.get(units[variable] or "", ("",))
     if not any(suffix and key.endswith(suffix) for suffix in suffixes) and suffixes != ("",):
-        raise DescriptionError(f"--as-built {word}: expected a unit in the key: {' or '.join(name + s for s in suffixes)}")
+        raise DescriptionError(
+            f"--as-built {word}: expected a unit in the key: {' or '.join(name + s for s in suffixes)}"
+        )
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise DescriptionError(f"--as-built {word}: expected a finite number, got {value!r}")
     return variable, float(value) * scale

@@ -53,21 +53,19 @@ class Driver:
         cell.set_integer("command.mode", _SERVO)
 
     def run(self, program: Program, progress: Progress | None = None) -> Recording:
-        """Drive `program` from start to end; `progress` hears the simulated seconds done.
+        """Drive `program` from start to end; `progress` hears of the seconds of each segment.
 
         Raises
         ------
         CellError
             If the FMU reports an error, or a requested exposure never comes.
         """
-        done = 0.0
         for segment in program.segments:
             self._drive(segment)
             if segment.trigger.kind == "request":
                 self._expose_at_rest(segment, program.settle)
-            done += float(segment.times[-1])
             if progress:
-                progress(done)
+                progress(float(segment.times[-1]))
         self._drain()
         return self._recording()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from ctypes import POINTER, c_double, c_size_t, c_uint32
 from pathlib import Path
 from types import TracebackType
@@ -17,10 +17,14 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave
 from numpy.typing import NDArray
 
-from orchestrator.errors import CellError
+from orchestrator.errors import CellError, DescriptionError
 
 _STATUS_WARNING = 1
 _DOUBLES = POINTER(c_double)
+
+
+# Chooses values (SI) of fixed parameters, knowing the names and units of those that the FMU has.
+Parameters = Callable[[Mapping[str, str | None]], Mapping[str, float]]
 
 
 class RealGroup:
@@ -42,13 +46,16 @@ class CellInstance:
         If the FMU cannot be loaded or refuses a call, with the message that it logged.
     """
 
-    def __init__(self, fmu: Path, cell_file: Path | None = None, parameters: Mapping[str, float] | None = None) -> None:
+    def __init__(self, fmu: Path, cell_file: Path | None = None, parameters: Parameters | None = None) -> None:
         self._messages: list[str] = []
         self._folder = Path(tempfile.mkdtemp(prefix="scancell-fmu-"))
         self._time_us = 0
         try:
             self._load(fmu)
-            self._initialise(cell_file, parameters or {})
+            self._initialise(cell_file, parameters(self.units()) if parameters else {})
+        except DescriptionError:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise
         except Exception as error:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise CellError(self._explain(f"{fmu}: cannot be started", error)) from error

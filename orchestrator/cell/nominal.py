@@ -145,7 +145,10 @@ def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
     table = cell.table
     files = [
         ("base", "world", cell.robot.base_mesh, cell.robot_reflectance),
-        *((f"link{i}", f"link[{i}]", joint.mesh, cell.robot_reflectance) for i, joint in enumerate(cell.robot.joint, 1)),
+        *(
+            (f"link{i}", f"link[{i}]", joint.mesh, cell.robot_reflectance)
+            for i, joint in enumerate(cell.robot.joint, 1)
+        ),
         ("sensor", "sensor", cell.sensor_mesh, cell.robot_reflectance),
         ("table", "table", table.platter_mesh, table.reflectance),
         ("table_base", "world", table.base_mesh, table.reflectance),

@@ -1,0 +1,309 @@
+"""The `scancell` command."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from orchestrator.errors import ScancellError
+from orchestrator.progress import Progress, Silent
+
+EXIT_ERROR = 1
+EXIT_INTERRUPTED = 130
+
+app = typer.Typer(
+    help="A robot cell that scans parts in 3D with a laser profile sensor, simulated end to end.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+fmu_app = typer.Typer(help="Make and look into FMUs of the robot cell.", no_args_is_help=True)
+app.add_typer(fmu_app, name="fmu")
+
+CellOption = Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")]
+SensorOption = Annotated[Path | None, typer.Option("--sensor", help="sensor description (TOML)")]
+ScanOption = Annotated[Path | None, typer.Option("--scan", help="scan description (TOML)")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", help="change the nominal description: cell.part.x_mm=20; repeatable")
+]
+AsBuiltOption = Annotated[
+    list[str] | None, typer.Option("--as-built", help="perturb the true cell: tool.x_mm=0.1; repeatable")
+]
+IdealOption = Annotated[bool, typer.Option("--ideal", help="switch off all noise")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="keys every random number")]
+UnitOption = Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")]
+ThreadsOption = Annotated[int, typer.Option("--threads", min=0, help="0: as many as there are cores")]
+JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
+EngineOption = Annotated[str, typer.Option("--engine", help="ray-traced or geometric")]
+
+
+@dataclass
+class Outcome:
+    """What a command has to say; `text` is for people, the rest goes into the JSON object."""
+
+    text: list[str] = field(default_factory=list)
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    files: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    timings: Mapping[str, float] = field(default_factory=dict)
+
+
+def _run(command: str, as_json: bool, work: Callable[[], Outcome]) -> None:
+    """Do the work, print what came of it, and turn errors into messages and exit codes."""
+    try:
+        outcome = work()
+    except ScancellError as error:
+        _fail(command, as_json, str(error), type(error).__name__, EXIT_ERROR)
+    except KeyboardInterrupt:
+        _fail(command, as_json, "interrupted", "KeyboardInterrupt", EXIT_INTERRUPTED)
+    else:
+        for line in outcome.text:
+            print(line, file=sys.stderr if as_json else sys.stdout)
+        for warning in outcome.warnings:
+            print(f"warning: {warning}", file=sys.stderr)
+        if as_json:
+            fields = {name: getattr(outcome, name) for name in ("figures", "files", "warnings", "timings")}
+            print(json.dumps({"command": command, "ok": True, **fields}))
+
+
+def _fail(command: str, as_json: bool, message: str, kind: str, code: int) -> None:
+    print(f"scancell: {message}", file=sys.stderr)
+    if as_json:
+        print(json.dumps({"command": command, "ok": False, "error": {"kind": kind, "message": message}}))
+    sys.stdout.flush()
+    raise typer.Exit(code)
+
+
+def _progress(as_json: bool) -> AbstractContextManager[Progress]:
+    if as_json or not sys.stderr.isatty():
+        return Silent()
+    from orchestrator.terminal import TerminalProgress  # noqa: PLC0415  (rich takes 0.1 s to import)
+
+    return TerminalProgress()
+
+
+@app.command()
+def scan(
+    part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
+    cell: CellOption = None,
+    sensor: SensorOption = None,
+    scan: ScanOption = None,
+    engine: EngineOption = "ray-traced",
+    mode: Annotated[str | None, typer.Option("--mode", help="dynamic or stop-and-look")] = None,
+    set_: SetOption = None,
+    as_built: AsBuiltOption = None,
+    ideal: IdealOption = False,
+    seed: SeedOption = 0,
+    unit: UnitOption = "mm",
+    out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/scan"),
+    images: Annotated[bool, typer.Option("--images", help="keep sample camera images")] = False,
+    threads: ThreadsOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Scan a part with the simulated cell: cloud, deviation from the mesh, pictures."""
+
+    def work() -> Outcome:
+        from orchestrator.config.loading import load_setup  # noqa: PLC0415
+        from orchestrator.evaluation.job import ScanRequest, scan_to_folder  # noqa: PLC0415
+
+        overrides = [*(set_ or []), *([f'scan.mode="{mode}"'] if mode else [])]
+        request = ScanRequest(
+            part=part,
+            unit=unit,
+            setup=load_setup(cell, sensor, scan, overrides, ideal),
+            engine=engine,
+            as_built=tuple(as_built or ()),
+            seed=seed,
+            images=images,
+            threads=threads,
+            command_line=tuple(sys.argv[1:]),
+        )
+        with _progress(as_json) as progress:
+            report = scan_to_folder(request, out, progress)
+        return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
+
+    _run("scan", as_json, work)
+
+
+@app.command()
+def shot(
+    part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
+    pose: Annotated[
+        str, typer.Option("--pose", help="part_from_sensor: x,y,z in mm and XYZ' angles rx,ry,rz in degrees")
+    ],
+    cell: CellOption = None,
+    sensor: SensorOption = None,
+    engine: EngineOption = "ray-traced",
+    set_: SetOption = None,
+    ideal: IdealOption = False,
+    seed: SeedOption = 0,
+    unit: UnitOption = "mm",
+    out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/shot"),
+    threads: ThreadsOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Expose once from a given pose: the camera images and one profile."""
+
+    def work() -> Outcome:
+        from orchestrator.config.loading import load_setup  # noqa: PLC0415
+        from orchestrator.evaluation.shot import ShotRequest, shoot_to_folder  # noqa: PLC0415
+
+        setup = load_setup(cell, sensor, None, set_ or [], ideal)
+        request = ShotRequest(
+            part, unit, setup, _numbers(pose, 6, "--pose"), engine, seed, threads, tuple(sys.argv[1:])
+        )
+        report = shoot_to_folder(request, out)
+        return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
+
+    _run("shot", as_json, work)
+
+
+@app.command()
+def render(
+    recording: Annotated[Path, typer.Argument(help="table of trigger records (Parquet or CSV), columns as in the FMU")],
+    part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
+    cell: CellOption = None,
+    sensor: SensorOption = None,
+    engine: EngineOption = "ray-traced",
+    set_: SetOption = None,
+    ideal: IdealOption = False,
+    seed: SeedOption = 0,
+    unit: UnitOption = "mm",
+    out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/render"),
+    images: Annotated[bool, typer.Option("--images", help="keep sample camera images")] = False,
+    threads: ThreadsOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Make images and a cloud from poses that any FMI tool recorded."""
+
+    def work() -> Outcome:
+        from orchestrator.config.loading import load_setup  # noqa: PLC0415
+        from orchestrator.evaluation.job import ScanRequest, render_to_folder  # noqa: PLC0415
+
+        request = ScanRequest(
+            part=part,
+            unit=unit,
+            setup=load_setup(cell, sensor, None, set_ or [], ideal),
+            engine=engine,
+            as_built=(),
+            seed=seed,
+            images=images,
+            threads=threads,
+            command_line=tuple(sys.argv[1:]),
+        )
+        with _progress(as_json) as progress:
+            report = render_to_folder(request, recording, out, progress)
+        return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
+
+    _run("render", as_json, work)
+
+
+@fmu_app.command("build")
+def fmu_build(
+    cell: Annotated[Path | None, typer.Argument(help="cell description (TOML)")] = None,
+    part: Annotated[Path | None, typer.Option("--part", help="mesh of the part on the table")] = None,
+    set_: SetOption = None,
+    seed: SeedOption = 0,
+    unit: UnitOption = "mm",
+    out: Annotated[Path, typer.Option("--out", help="folder for the FMUs")] = Path("out"),
+    as_json: JsonOption = False,
+) -> None:
+    """Write RobotCell2.fmu (FMI 2.0) and RobotCell3.fmu (FMI 3.0) of a cell."""
+
+    def work() -> Outcome:
+        from orchestrator.cell.fmu_file import build_fmu, cell_json  # noqa: PLC0415
+        from orchestrator.cell.nominal import nominal_cell  # noqa: PLC0415
+        from orchestrator.config.loading import assets_dir, load_setup  # noqa: PLC0415
+        from orchestrator.geometry.mesh import load_mesh  # noqa: PLC0415
+
+        setup = load_setup(cell, overrides=set_ or [])
+        mesh = load_mesh(part, unit) if part else load_mesh(assets_dir() / "parts" / "step_block.stl")
+        description = cell_json(setup.cell, nominal_cell(setup.cell, mesh), seed)
+        files = []
+        for version in (2, 3):
+            path = out / f"RobotCell{version}.fmu"
+            build_fmu(description, path, 2 if version == 2 else 3)
+            files.append(str(path))
+        sizes = {Path(file).name: Path(file).stat().st_size for file in files}
+        return Outcome([f"{file}: {Path(file).stat().st_size / 1e6:.1f} MB" for file in files], {"bytes": sizes}, files)
+
+    _run("fmu build", as_json, work)
+
+
+@fmu_app.command("info")
+def fmu_info(
+    fmu: Annotated[Path, typer.Argument(help="an FMU")],
+    as_json: JsonOption = False,
+) -> None:
+    """Tell version, token and variables of an FMU."""
+
+    def work() -> Outcome:
+        from orchestrator.cell.fmu_info import describe_fmu  # noqa: PLC0415
+
+        info = describe_fmu(fmu)
+        return Outcome(info.lines(), info.figures())
+
+    _run("fmu info", as_json, work)
+
+
+@app.command()
+def schema(
+    out: Annotated[Path, typer.Option("--out", help="folder for the schemas")] = Path("docs/schemas"),
+    as_json: JsonOption = False,
+) -> None:
+    """Write the JSON Schemas of the description files, for editors."""
+
+    def work() -> Outcome:
+        from orchestrator.config.schema import json_schemas  # noqa: PLC0415
+        from orchestrator.files import atomic_write  # noqa: PLC0415
+
+        files = []
+        for kind, content in json_schemas().items():
+            path = out / f"{kind}.schema.json"
+            with atomic_write(path) as temporary:
+                temporary.write_text(json.dumps(content, indent=1) + "\n")
+            files.append(str(path))
+        return Outcome(files, files=files)
+
+    _run("schema", as_json, work)
+
+
+@app.command()
+def version(as_json: JsonOption = False) -> None:
+    """Tell the versions of scancell and of what it stands on."""
+
+    def work() -> Outcome:
+        from orchestrator.evaluation.manifest import versions  # noqa: PLC0415
+
+        found = versions()
+        return Outcome([f"{name} {number}" for name, number in found.items()], {"versions": found})
+
+    _run("version", as_json, work)
+
+
+def _numbers(text: str, count: int, option: str) -> tuple[float, ...]:
+    from orchestrator.errors import DescriptionError  # noqa: PLC0415
+
+    try:
+        values = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != count or not all(abs(value) < float("inf") for value in values):
+        raise DescriptionError(f"{option} {text}: expected {count} finite numbers with commas between them")
+    return values
+
+
+def main() -> None:
+    """Entry point; a second Ctrl-C during clean-up still ends the process."""
+    signal.signal(signal.SIGTERM, lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    app()

@@ -1,0 +1,147 @@
+"""A whole scan as one job: plan, drive, sense, reconstruct, evaluate, and a folder with what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import sensor_rt
+
+from orchestrator.cell.nominal import NominalCell, nominal_cell
+from orchestrator.cell.recording import Recording, read_recording
+from orchestrator.config.loading import Setup
+from orchestrator.config.units import to_si
+from orchestrator.evaluation.report import ReportInputs, write_report
+from orchestrator.evaluation.run_folder import RunFolder
+from orchestrator.evaluation.stopwatch import Stopwatch
+from orchestrator.geometry.mesh import load_mesh
+from orchestrator.progress import Progress
+from orchestrator.reconstruction.cloud import Cloud
+from orchestrator.reconstruction.reconstruct import Envelope, reconstruct
+from orchestrator.scanning.drive import drive
+from orchestrator.scanning.exposures import visible_bodies
+from orchestrator.scanning.prepare import make_plan
+from orchestrator.scanning.sense import make_sensor, sense
+
+# Points this far outside the table's rim, or above the highest reach of the sensor, are none of the part's.
+_ENVELOPE_HEIGHT = 0.5
+
+
+@dataclass(frozen=True)
+class ScanRequest:
+    """What a person asks for."""
+
+    part: Path
+    unit: str
+    setup: Setup
+    engine: str
+    as_built: Sequence[str]
+    seed: int
+    images: bool
+    threads: int
+    command_line: Sequence[str]
+
+
+@dataclass
+class ScanReport:
+    """What came of it: figures and files, as they also lie in the folder."""
+
+    figures: dict[str, Any]
+    files: list[str]
+    warnings: list[str]
+    timings: dict[str, float]
+    lines: list[str]
+
+    def summary(self) -> list[str]:
+        """For people."""
+        return self.lines
+
+
+def scan_to_folder(request: ScanRequest, out: Path, progress: Progress) -> ScanReport:
+    """Scan the part and leave the results in `out`, whole or not at all.
+
+    Raises
+    ------
+    ScancellError
+        With a message for people, whatever is wrong.
+    """
+    watch = Stopwatch()
+    with RunFolder(out) as folder:
+        with watch.measure("load"):
+            nominal = _load(request)
+            sensor = make_sensor(request.setup.sensor, request.seed)
+        with watch.measure("plan"):
+            progress.stage("planning", 1, "plan")
+            plan = make_plan(nominal, sensor, request.setup)
+            progress.advance(1)
+        with watch.measure("drive"):
+            driven = drive(request.setup, nominal, plan.program, request.as_built, request.seed, progress)
+        report = _finish(
+            request, nominal, sensor, driven.recording, folder, watch, progress, {"fmu_token": driven.fmu_token}
+        )
+        report.warnings[:0] = plan.warnings
+    report.files = [str(out / name) for name in folder.names]
+    return report
+
+
+def render_to_folder(request: ScanRequest, recording_path: Path, out: Path, progress: Progress) -> ScanReport:
+    """Images and cloud from a recording made by any FMI tool; results as `scan_to_folder` leaves them.
+
+    Raises
+    ------
+    ScancellError
+        With a message for people, whatever is wrong.
+    """
+    watch = Stopwatch()
+    with RunFolder(out) as folder:
+        with watch.measure("load"):
+            recording = read_recording(recording_path)
+            nominal = _load(request)
+            sensor = make_sensor(request.setup.sensor, request.seed)
+        run = {"recording": str(recording_path)}
+        report = _finish(request, nominal, sensor, recording, folder, watch, progress, run, [recording_path])
+    report.files = [str(out / name) for name in folder.names]
+    return report
+
+
+def _load(request: ScanRequest) -> NominalCell:
+    return nominal_cell(request.setup.cell, load_mesh(request.part, request.unit))
+
+
+def _finish(
+    request: ScanRequest,
+    nominal: NominalCell,
+    sensor: sensor_rt.Sensor,
+    recording: Recording,
+    folder: RunFolder,
+    watch: Stopwatch,
+    progress: Progress,
+    run: dict[str, Any],
+    inputs: Sequence[Path] = (),
+) -> ScanReport:
+    """Everything after the recording."""
+    bodies = visible_bodies(nominal)
+    with watch.measure("sense"):
+        sensed = sense(recording, bodies, sensor, request.engine, request.threads, progress)
+    with watch.measure("reconstruct"):
+        cloud = cloud_of(nominal, recording, sensed.points, request.setup)
+    progress.stage("evaluating", 1, "report")
+    figures, warnings, lines = write_report(
+        ReportInputs(request, nominal, bodies, sensor, recording, cloud, sensed.timings, run, inputs), folder, watch
+    )
+    progress.advance(1)
+    return ScanReport(figures, [], warnings, dict(watch.seconds), lines)
+
+
+def cloud_of(nominal: NominalCell, recording: Recording, points: Any, setup: Setup) -> Cloud:
+    """Reconstruct from measured joints and nominal geometry alone."""
+    margin = to_si({"m_mm": setup.scan.table_margin_mm})["m"]
+    return reconstruct(
+        points,
+        recording.measured,
+        nominal.part_from_sensor,
+        nominal.table_from_part,
+        Envelope(lowest=margin, highest=_ENVELOPE_HEIGHT, radius=nominal.table_radius),
+    )

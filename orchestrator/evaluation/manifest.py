@@ -1,0 +1,68 @@
+"""What made a result: versions, seed, checksums of every input."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as package_version
+from pathlib import Path
+from typing import Any
+
+from orchestrator.config.loading import Setup
+from orchestrator.config.toml_text import to_toml
+
+_PACKAGES = (
+    "scancell",
+    "numpy",
+    "scipy",
+    "fmpy",
+    "python-fcl",
+    "coal",
+    "opencv-python-headless",
+    "trimesh",
+    "pydantic",
+)
+
+
+def versions() -> dict[str, str]:
+    """Version of scancell, of Python and of the packages that take part in a result."""
+    found = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = package_version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def manifest(setup: Setup, inputs: Sequence[Path], run: Mapping[str, Any]) -> dict[str, Any]:
+    """Versions, `run` (seed, engine, command line, FMU token …) and the checksum of every input file.
+
+    Meshes that the descriptions name count as inputs.
+    """
+    meshes = {Path(path) for path in _mesh_paths(setup.cell.model_dump())}
+    files = sorted({*inputs, *meshes})
+    return {"versions": versions(), **run, "inputs": {str(path): sha256(path) for path in files}}
+
+
+def _mesh_paths(node: Any) -> list[str]:
+    if isinstance(node, Mapping):
+        own = [str(value) for key, value in node.items() if key.endswith("mesh") and isinstance(value, str)]
+        return own + [path for value in node.values() for path in _mesh_paths(value)]
+    if isinstance(node, list | tuple):
+        return [path for value in node for path in _mesh_paths(value)]
+    return []
+
+
+def resolved_toml(setup: Setup, run: Mapping[str, Any]) -> str:
+    """All descriptions after overrides and defaults, and how the command was called, as TOML."""
+    sections = {"run": dict(run), **{name: getattr(setup, name).model_dump() for name in ("cell", "sensor", "scan")}}
+    return to_toml(sections)

@@ -1,0 +1,135 @@
+"""The static mode: one exposure from a given pose, its images and its profile."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import sensor_rt
+from numpy.typing import NDArray
+
+from orchestrator.cell.nominal import nominal_cell
+from orchestrator.config.loading import Setup
+from orchestrator.config.units import to_si
+from orchestrator.errors import OutputError, SensorError
+from orchestrator.evaluation.job import ScanReport
+from orchestrator.evaluation.report import draw_stripes
+from orchestrator.evaluation.run_folder import RunFolder
+from orchestrator.evaluation.stopwatch import Stopwatch
+from orchestrator.geometry import pose
+from orchestrator.geometry.mesh import load_mesh
+from orchestrator.scanning.exposures import build_scene, still_exposure, visible_bodies
+from orchestrator.scanning.sense import make_sensor
+
+# The arm is left out: the pose is given without it.
+_BODIES = frozenset({"part", "table", "table_base"})
+
+
+@dataclass(frozen=True)
+class ShotRequest:
+    """What a person asks for; `pose` is part_from_sensor as x, y, z in mm and XYZ' angles in degrees."""
+
+    part: Path
+    unit: str
+    setup: Setup
+    pose: Sequence[float]
+    engine: str
+    seed: int
+    threads: int
+    command_line: Sequence[str]
+
+
+def shoot_to_folder(request: ShotRequest, out: Path) -> ScanReport:
+    """Expose once; leave ``profile.csv`` and, ray-traced, the camera images in `out`.
+
+    Raises
+    ------
+    ScancellError
+        With a message for people, whatever is wrong.
+    """
+    watch = Stopwatch()
+    with RunFolder(out) as folder:
+        with watch.measure("load"):
+            nominal = nominal_cell(request.setup.cell, load_mesh(request.part, request.unit))
+            sensor = make_sensor(request.setup.sensor, request.seed)
+            bodies = tuple(body for body in visible_bodies(nominal) if body.name in _BODIES)
+        position, angles = np.asarray(request.pose[:3]) * 1e-3, np.radians(request.pose[3:])
+        part_from_sensor = pose.from_euler_xyz(position, angles)
+        frames = nominal.frame_poses(nominal.home, np.array(0.0))
+        exposure = still_exposure(
+            frames["part"] @ part_from_sensor,
+            np.stack([frames[body.moves_with] for body in bodies]),
+            float(to_si({"t_ms": request.setup.sensor.detector.exposure_ms})["t"]),
+        )
+        with watch.measure("sense"):
+            profiles, images = _expose(bodies, sensor, exposure, request)
+        with watch.measure("write"):
+            points = np.asarray(profiles.points_in_sensor)
+            _write_profile(folder.path("profile.csv"), profiles, pose.transform_points(part_from_sensor, points))
+            if images is not None:
+                _write_images(images, sensor, folder)
+    figures = {"points": len(points), "by_camera": _count(np.asarray(profiles.camera), len(sensor.cameras))}
+    warnings = [] if len(points) else ["the sensor sees nothing from this pose"]
+    lines = [f"{request.part.name}: {len(points)} points", f"  results    {out}"]
+    return ScanReport(figures, [str(out / name) for name in folder.names], warnings, dict(watch.seconds), lines)
+
+
+def _expose(bodies: Any, sensor: sensor_rt.Sensor, exposure: sensor_rt.Exposures, request: ShotRequest) -> Any:
+    try:
+        scene = build_scene(bodies)
+        result = sensor_rt.scan(
+            scene, sensor, exposure, engine=request.engine, threads=request.threads, keep_images=True
+        )
+    except (ValueError, RuntimeError) as error:
+        raise SensorError(str(error)) from error
+    return result.profiles, None if result.images is None else result.images[0]
+
+
+def _write_profile(path: Path, profiles: Any, points_in_part: NDArray[np.float64]) -> None:
+    """Columns in millimetres, pixels and digital numbers."""
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        header = "camera column_px row_px x_sensor_mm y_sensor_mm z_sensor_mm x_part_mm y_part_mm z_part_mm sigma_mm"
+        writer.writerow([*header.split(), "intensity_dn"])
+        rows = zip(
+            profiles.camera,
+            profiles.column,
+            profiles.row,
+            np.asarray(profiles.points_in_sensor) * 1e3,
+            points_in_part * 1e3,
+            np.asarray(profiles.sigma) * 1e3,
+            profiles.intensity,
+            strict=True,
+        )
+        for camera, column, row, in_sensor, in_part, sigma, intensity in rows:
+            numbers = [row, *in_sensor, *in_part, sigma, intensity]
+            writer.writerow([int(camera), int(column), *(f"{value:.6f}" for value in numbers)])
+
+
+def _write_images(images: NDArray[np.uint16], sensor: sensor_rt.Sensor, folder: RunFolder) -> None:
+    write_raw_images(images, sensor, folder, "image")
+    draw_stripes(images, sensor, folder.path("stripes.png"), "shot")
+
+
+def write_raw_images(images: NDArray[np.uint16], sensor: sensor_rt.Sensor, folder: RunFolder, name: str) -> None:
+    """One PNG per camera, 8 bits deep where all values fit, else 16.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    for camera, image in zip(sensor.cameras, images, strict=True):
+        path = folder.path(f"{name}_{camera.name}.png")
+        plane = image.astype(np.uint8) if image.max(initial=0) < 256 else image
+        if not cv2.imwrite(str(path), plane):
+            raise OutputError(f"{folder.target / path.name}: cannot be written")
+
+
+def _count(camera: NDArray[np.int32], cameras: int) -> list[int]:
+    return [int((camera == k).sum()) for k in range(cameras)]

@@ -1,0 +1,58 @@
+"""Runs a program on the simulated cell."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from orchestrator.cell.as_built import parse_as_built
+from orchestrator.cell.driver import Driver, DriveOptions
+from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.fmu_info import describe_fmu
+from orchestrator.cell.instance import CellInstance
+from orchestrator.cell.nominal import NominalCell
+from orchestrator.cell.program import Program
+from orchestrator.cell.recording import Recording
+from orchestrator.config.loading import Setup
+from orchestrator.config.units import to_si
+from orchestrator.progress import Progress
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What became of a program: the recording, and which FMU ran it."""
+
+    recording: Recording
+    fmu_token: str
+
+
+def drive(
+    setup: Setup, nominal: NominalCell, program: Program, as_built: Sequence[str], seed: int, progress: Progress
+) -> Drive:
+    """Build the cell's FMU, perturb it, and let it run `program`.
+
+    Parameters
+    ----------
+    as_built
+        Perturbations as ``key=value`` words, see `orchestrator.cell.as_built`.
+
+    Raises
+    ------
+    DescriptionError
+        If a perturbation is unknown.
+    CellError
+        If the FMU cannot be built or reports an error.
+    """
+    with tempfile.TemporaryDirectory(prefix="scancell-") as folder:
+        fmu = Path(folder) / "RobotCell2.fmu"
+        build_fmu(cell_json(setup.cell, nominal, seed), fmu, 2)
+        progress.stage("driving", program.duration, "s")
+        options = DriveOptions(
+            cycle_us=setup.cell.world.controller_cycle_us,
+            exposure=float(to_si({"t_ms": setup.sensor.detector.exposure_ms})["t"]),
+        )
+        with CellInstance(fmu, parameters=lambda units: parse_as_built(as_built, units)) as cell:
+            recording = Driver(cell, options).run(program, progress.advance)
+        return Drive(recording, describe_fmu(fmu).token)

@@ -1,0 +1,83 @@
+"""From recorded exposures to profiles: images, peaks, triangulation, a batch at a time."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+import sensor_rt
+
+from orchestrator.cell.nominal import Body
+from orchestrator.cell.recording import Recording
+from orchestrator.config.resolved import sensor_json
+from orchestrator.config.sensor import SensorDescription
+from orchestrator.errors import SensorError
+from orchestrator.progress import Progress
+from orchestrator.reconstruction.reconstruct import ProfilePoints
+from orchestrator.scanning.exposures import build_scene, exposures_from_truth
+
+# Large enough to keep all cores busy, small enough that Ctrl-C and the progress bar feel prompt.
+_BATCH = 64
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """Points of all exposures in the sensor frame, and seconds of processor time by station."""
+
+    points: ProfilePoints
+    timings: dict[str, float]
+
+
+def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:
+    """The native sensor.
+
+    Raises
+    ------
+    SensorError
+        If the library refuses the description.
+    """
+    try:
+        return sensor_rt.Sensor(json.dumps(sensor_json(description, seed)))
+    except (ValueError, RuntimeError) as error:
+        raise SensorError(f"sensor '{description.name}': {error}") from error
+
+
+def sense(
+    recording: Recording,
+    bodies: tuple[Body, ...],
+    sensor: sensor_rt.Sensor,
+    engine: str,
+    threads: int,
+    progress: Progress,
+) -> Sensed:
+    """Profiles of every exposure; frames count the rows of the recording.
+
+    Raises
+    ------
+    SensorError
+        If the engine is unknown or the library reports an error.
+    """
+    truth, index = recording.truth, recording.measured.index
+    timings: Counter[str] = Counter()
+    batches, first_rows = [], []
+    progress.stage("sensing", len(recording), "profiles")
+    try:
+        scene = build_scene(bodies)
+        for start in range(0, len(recording), _BATCH):
+            rows = slice(start, min(start + _BATCH, len(recording)))
+            exposures = exposures_from_truth(truth, index, bodies, rows)
+            result = sensor_rt.scan(scene, sensor, exposures, engine=engine, threads=threads)
+            batches.append(result.profiles)
+            first_rows.append(start)
+            timings.update(result.timings)
+            progress.advance(rows.stop - rows.start)
+    except (ValueError, RuntimeError) as error:
+        raise SensorError(str(error)) from error
+    return Sensed(ProfilePoints.concatenate(batches, first_rows), dict(timings))
+
+
+def sample_rows(count: int, wanted: int) -> list[int]:
+    """Rows of `wanted` exposures spread over `count`."""
+    return sorted({int(row) for row in np.linspace(0, count - 1, min(wanted, count)).round()})
