@@ -38,6 +38,7 @@ void validate(const ExtractionOptions& o, const ImageNoise& n) {
   positive("gain_dn_per_e", n.gain_dn_per_e);
   positive("full_well_e", n.full_well_e);
   require(n.read_noise_e >= 0.0, "read_noise_e", n.read_noise_e, "a number >= 0");
+  require(n.dsnu_e >= 0.0, "dsnu_e", n.dsnu_e, "a number >= 0");
   require(n.black_level_dn >= 0.0, "black_level_dn", n.black_level_dn, "a number >= 0");
 }
 
@@ -77,8 +78,8 @@ class Extractor::Impl {
  public:
   Impl(const ExtractionOptions& options, const ImageNoise& noise) : options_(options), image_noise_(noise) {
     validate(options, noise);
-    const double read_dn = noise.gain_dn_per_e * noise.read_noise_e;
-    noise_.variance_floor = static_cast<float>(read_dn * read_dn + 1.0 / 12.0);
+    const double dark_dn = noise.gain_dn_per_e * std::hypot(noise.read_noise_e, noise.dsnu_e);
+    noise_.variance_floor = static_cast<float>(dark_dn * dark_dn + 1.0 / 12.0);
     noise_.gain = static_cast<float>(noise.gain_dn_per_e);
     noise_.saturation = saturation_level(noise);
   }

@@ -40,6 +40,7 @@ struct ImageNoise {
   double read_noise_e = 0.0;
   double full_well_e = 0.0;
   int bit_depth = 0;
+  double dsnu_e = 0.0;  ///< spread of the pixels' offsets: noise of an unknown but fixed pattern
 };
 
 /// Finds the stripe in images. Keeps its scratch memory: one Extractor per thread.

@@ -1,0 +1,178 @@
+// Python face of imaging: images to peaks to profiles.
+#include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "sensor_rt/bindings/bindings.h"
+#include "sensor_rt/bindings/image_stack.h"
+#include "sensor_rt/geometry/parallel.h"
+#include "sensor_rt/imaging/extract.h"
+#include "sensor_rt/imaging/triangulate.h"
+
+namespace py = pybind11;
+
+namespace sensor_rt {
+namespace {
+
+/// Read-only array on the memory of `owner`.
+template <typename T>
+py::array view(const py::object& owner, const T* data, std::vector<py::ssize_t> shape) {
+  py::array array(py::dtype::of<T>(), std::move(shape), data, owner);
+  array.attr("flags").attr("writeable") = false;
+  return array;
+}
+
+/// Property that shows a member vector as an array of shape (n).
+template <typename Owner, typename T, typename Class>
+void bind_vector(Class& bound, const char* name, std::vector<T> Owner::*member, const char* doc) {
+  bound.def_property_readonly(
+      name,
+      [member](const py::object& self) {
+        const auto& values = self.cast<const Owner&>().*member;
+        return view(self, values.data(), {static_cast<py::ssize_t>(values.size())});
+      },
+      doc);
+}
+
+Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads) {
+  const ImageStack<std::uint16_t> stack("images", images, sensor);
+  const py::gil_scoped_release release;
+  const std::size_t tasks = stack.frames() * stack.cameras();
+  std::vector<Extractor> extractors;
+  for (unsigned k = 0; k < thread_count(threads, tasks); ++k) {
+    extractors.emplace_back(sensor.extraction, sensor.image_noise);
+  }
+  std::vector<Peaks> found(tasks);
+  parallel_for(tasks, threads, [&](std::size_t task, unsigned worker) {
+    extractors[worker].extract(stack.image(task), static_cast<std::int64_t>(task / stack.cameras()),
+                               static_cast<int>(task % stack.cameras()), found[task]);
+  });
+  Peaks all;
+  for (const Peaks& peaks : found) all.append(peaks);
+  return all;
+}
+
+Profiles triangulate_peaks(const Peaks& peaks, const Sensor& sensor, bool keep_rejected) {
+  TriangulationOptions options = sensor.triangulation;
+  options.keep_rejected = keep_rejected;
+  Profiles profiles;
+  const py::gil_scoped_release release;
+  triangulate(peaks, sensor.cameras, options, profiles);
+  return profiles;
+}
+
+using Pixels = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;
+using Points = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
+
+const Camera& camera_of(const Sensor& sensor, int camera) {
+  if (camera < 0 || static_cast<std::size_t>(camera) >= sensor.cameras.size()) {
+    throw std::invalid_argument("camera " + std::to_string(camera) + ": the sensor has " +
+                                std::to_string(sensor.cameras.size()));
+  }
+  return sensor.cameras[static_cast<std::size_t>(camera)];
+}
+
+Points triangulate_pixels(const Pixels& pixels, const Sensor& sensor, int camera, const std::string& form) {
+  Eigen::Vector3d (*locate)(const Camera&, const Eigen::Vector2d&) = nullptr;
+  if (form == "exact") locate = triangulate_exact;
+  if (form == "ray") locate = triangulate_ray;
+  if (form == "eq4_as_printed") locate = triangulate_eq4_as_printed;
+  if (locate == nullptr) {
+    throw std::invalid_argument("form \"" + form + "\": expected exact, ray or eq4_as_printed");
+  }
+  const Camera& optics = camera_of(sensor, camera);
+  Points points(pixels.rows(), 3);
+  for (Eigen::Index i = 0; i < pixels.rows(); ++i) points.row(i) = locate(optics, pixels.row(i));
+  return points;
+}
+
+void bind_peaks(py::module_& module) {
+  py::class_<Peaks> peaks(module, "Peaks", py::module_local(),
+                          "Stripe peaks as arrays of equal length, in the order frame, camera, column.");
+  peaks.def("__len__", &Peaks::size);
+  bind_vector(peaks, "frame", &Peaks::frame, "(n,) int64: number of the frame within the batch");
+  bind_vector(peaks, "camera", &Peaks::camera, "(n,) int32");
+  bind_vector(peaks, "column", &Peaks::column, "(n,) int32, px");
+  bind_vector(peaks, "row", &Peaks::row, "(n,) float64, px, integer = pixel centre");
+  bind_vector(peaks, "amplitude", &Peaks::amplitude, "(n,) float32, DN above the background");
+  bind_vector(peaks, "width", &Peaks::width, "(n,) float32: standard deviation of the stripe, px");
+  bind_vector(peaks, "row_sigma", &Peaks::row_sigma,
+              "(n,) float32: standard deviation of row from noise, px");
+  bind_vector(peaks, "asymmetry", &Peaks::asymmetry, "(n,) float32: > 0 when the tail lies at larger rows");
+  bind_vector(peaks, "residual", &Peaks::residual,
+              "(n,) float32: misfit beyond noise, relative to amplitude");
+  bind_vector(peaks, "flags", &Peaks::flags, "(n,) uint32: bits of PEAK_FLAGS");
+  py::dict flags;
+  for (const auto& [name, bit] : {std::pair{"saturated", kPeakSaturated},
+                                  {"border", kPeakBorder},
+                                  {"asymmetric", kPeakAsymmetric},
+                                  {"wide", kPeakWide},
+                                  {"narrow", kPeakNarrow},
+                                  {"weak", kPeakWeak},
+                                  {"multiple", kPeakMultiple},
+                                  {"step", kPeakStep},
+                                  {"residual", kPeakResidual},
+                                  {"end", kPeakEnd},
+                                  {"not_converged", kPeakNotConverged},
+                                  {"overlap", kPeakOverlap}}) {
+    flags[name] = static_cast<std::uint32_t>(bit);
+  }
+  module.attr("PEAK_FLAGS") = flags;
+  module.attr("PEAK_REJECTED") = kPeakRejected;
+}
+
+void bind_profiles(py::module_& module) {
+  py::class_<Profiles> profiles(module, "Profiles", py::module_local(),
+                                "Points in the sensor frame (m) as arrays of equal length.");
+  profiles.def("__len__", &Profiles::size);
+  profiles.def_property_readonly(
+      "points_in_sensor",
+      [](const py::object& self) {
+        const auto& points = self.cast<const Profiles&>().points_in_sensor;
+        return view(self, reinterpret_cast<const double*>(points.data()),
+                    {static_cast<py::ssize_t>(points.size()), 3});
+      },
+      "(n, 3) float64, m");
+  profiles.def_property_readonly(
+      "covariance",
+      [](const py::object& self) {
+        const auto& covariance = self.cast<const Profiles&>().covariance;
+        return view(self, reinterpret_cast<const double*>(covariance.data()),
+                    {static_cast<py::ssize_t>(covariance.size()), 3, 3});
+      },
+      "(n, 3, 3) float64, m²");
+  bind_vector(profiles, "sigma", &Profiles::sigma,
+              "(n,) float32: largest standard deviation over directions, m");
+  bind_vector(profiles, "intensity", &Profiles::intensity, "(n,) float32, DN");
+  bind_vector(profiles, "camera", &Profiles::camera, "(n,) int32");
+  bind_vector(profiles, "column", &Profiles::column, "(n,) int32, px");
+  bind_vector(profiles, "row", &Profiles::row, "(n,) float64, px");
+  bind_vector(profiles, "frame", &Profiles::frame, "(n,) int64");
+  bind_vector(profiles, "flags", &Profiles::flags, "(n,) uint32: bits of PEAK_FLAGS");
+}
+
+}  // namespace
+
+void bind_imaging(py::module_& module) {
+  bind_peaks(module);
+  bind_profiles(module);
+  module.def(
+      "extract", &extract, py::arg("images"), py::arg("sensor"), py::arg("threads") = 0u,
+      "Stripe peaks of images (n, cameras, height, width) uint16. ValueError when the images do not fit.");
+  module.def("triangulate", &triangulate_peaks, py::arg("peaks"), py::arg("sensor"),
+             py::arg("keep_rejected") = false,
+             "Points of peaks. Peaks with a flag of PEAK_REJECTED are left out unless kept, points outside "
+             "the range "
+             "always.");
+  module.def(
+      "triangulate_pixels", &triangulate_pixels, py::arg("pixels"), py::arg("sensor"), py::arg("camera"),
+      py::arg("form"),
+      "Points (n, 3) on the laser sheet, m, seen at pixels (n, 2) = (column, row). form: exact, ray or "
+      "eq4_as_printed.");
+}
+
+}  // namespace sensor_rt

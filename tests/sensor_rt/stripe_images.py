@@ -1,0 +1,117 @@
+"""Stripe images made in NumPy, and the description of a sensor to go with them. Independent of the ray tracer."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from sensor_rt import Sensor
+
+Array = NDArray[np.float64]
+
+PEAK_E = 10_000.0  # height of the standard stripe, electrons
+
+
+def sensor_description(width: int = 1280, height: int = 1024, cameras: int = 1, **overrides: Any) -> dict[str, Any]:
+    """Description of an 8-bit sensor; ``section={"key": value}`` overrides single keys (``camera=`` of all cameras)."""
+    camera = {
+        "baseline": 0.06,
+        "height": 0.0,
+        "tilt": float(np.radians(29.3)),
+        "width_px": width,
+        "height_px": height,
+        "focal_px": float(height / (2.0 * np.tan(np.radians(9.34)))),
+        "cx_px": (width - 1) / 2.0,
+        "cy_px": (height - 1) / 2.0,
+        "distortion": [0.0] * 5,
+        "f_number": 11.0,
+        "pixel_pitch": 5e-6,
+        "transmission": 0.8,
+    } | overrides.pop("camera", {})
+    description: dict[str, Any] = {
+        "format": 1,
+        "name": "test",
+        "laser": {
+            "wavelength": 660e-9,
+            "power": 1e-3,
+            "fan_half_angle": 0.28,
+            "source_z": 0.0,
+            "sheet_sigma": 55e-6,
+            "waist_z": 0.12,
+            "divergence": 4e-4,
+        },
+        "range": {"near": 0.0, "far": 10.0},
+        "cameras": [camera | {"name": f"camera {k}", "side": 1 - 2 * (k % 2)} for k in range(cameras)],
+        "detector": {
+            "exposure": 5e-4,
+            "quantum_efficiency": 0.55,
+            "full_well_e": 11_000.0,
+            "read_noise_e": 5.0,
+            "dark_current_e_per_s": 0.0,
+            "gain_dn_per_e": 0.0225,
+            "bit_depth": 8,
+            "black_level_dn": 4.0,
+            "prnu": 0.0,
+            "dsnu_e": 0.0,
+        },
+        "ambient": {"irradiance": 0.0},
+        "render": {"samples_per_pixel": 16, "noise": True, "seed": 1, "rays_across_fan": 2560},
+        "extraction": {
+            "detector": "gaussian",
+            "peak": "brightest",
+            "triangulation": "exact",
+            "threshold_sigma": 6.0,
+            "min_amplitude_dn": 4.0,
+            "min_sigma_px": 0.4,
+            "max_sigma_px": 6.0,
+            "max_asymmetry": 0.05,
+            "max_residual": 0.05,
+            "max_row_jump_px": 0.5,
+            "max_amplitude_jump": 0.3,
+            "max_width_jump": 0.25,
+            "end_columns": 1,
+            "min_run_columns": 5,
+        },
+        "geometric": {"rays": 1280},
+    }
+    for section, values in overrides.items():
+        description[section] |= values
+    return description
+
+
+def make_sensor(width: int = 1280, height: int = 1024, cameras: int = 1, **overrides: Any) -> Sensor:
+    """Sensor from :func:`sensor_description`."""
+    return Sensor(json.dumps(sensor_description(width, height, cameras, **overrides)))
+
+
+def stripe(rows: Array, sigma: Array | float, peak: Array | float, height: int) -> Array:
+    """Electrons (height, width) of a Gaussian stripe whose column c is centred at ``rows[c]``, integrated over pixels.
+
+    ``peak`` is the height of the Gaussian before integration.
+    """
+    edges = (np.arange(height + 1)[:, None] - 0.5 - rows) / sigma
+    return peak * sigma * np.sqrt(2.0 * np.pi) * np.diff(ndtr(edges), axis=0)
+
+
+def cramer_rao(sigma: float, peak: float, offset: float, variance_floor: float) -> float:
+    """Least standard deviation (px) of a stripe's row when row, width, area and background are unknown.
+
+    ``offset`` is the sub-pixel position, ``variance_floor`` the variance (electrons²) that is not shot noise.
+    """
+    rows = np.arange(-40.0, 41.0)
+    step = 1e-4
+
+    def model(p: Array) -> Array:
+        return p[3] + p[2] * np.diff(ndtr((np.append(rows - 0.5, rows[-1] + 0.5) - p[0]) / p[1]))
+
+    truth = np.array([offset, sigma, peak * sigma * np.sqrt(2.0 * np.pi), 0.0])
+    scale = np.array([1.0, 1.0, truth[2], peak])
+    jacobian = np.stack(
+        [(model(truth + step * scale * e) - model(truth - step * scale * e)) / (2 * step) for e in np.eye(4)]
+    )
+    information = (jacobian / (model(truth) + variance_floor)) @ jacobian.T
+    return float(np.sqrt(np.linalg.inv(information)[0, 0]))

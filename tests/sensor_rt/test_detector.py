@@ -1,0 +1,168 @@
+"""The detector against the statistics that EMVA 1288 defines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from stripe_images import make_sensor
+
+from sensor_rt import expose
+
+QUIET = {"read_noise_e": 0.0, "black_level_dn": 0.0, "gain_dn_per_e": 1.0, "full_well_e": 1e5, "bit_depth": 12}
+
+
+def flat(sensor, electrons, frames=1, index=0, duration=5e-4, threads=1):
+    """Images of evenly lit frames, (frames, cameras, height, width)."""
+    camera = sensor.cameras[0]
+    light = np.full((frames, len(sensor.cameras), camera.height_px, camera.width_px), electrons, np.float32)
+    return expose(light, sensor, np.full(frames, duration), np.arange(index, index + frames), threads)
+
+
+def chi_square_p(values, cdf, lowest, highest):
+    """P-value of integer samples against a cumulative distribution; classes with few expected counts are pooled."""
+    levels = np.arange(lowest, highest + 1)
+    probability = np.diff(np.concatenate([[0.0], cdf(levels[:-1]), [1.0]]))
+    counts = np.array([(values == level).sum() for level in levels])
+    expected = probability * values.size
+    order = np.argsort(expected)
+    pooled = np.searchsorted(np.cumsum(expected[order]), 10.0)
+    rare, common = order[: pooled + 1], order[pooled + 1 :]
+    observed = np.append(counts[common], counts[rare].sum())
+    wanted = np.append(expected[common], expected[rare].sum())
+    return stats.chisquare(observed, wanted * observed.sum() / wanted.sum()).pvalue
+
+
+def test_noise_free_image_is_the_rounded_clipped_mean():
+    sensor = make_sensor(64, 48, detector={"dark_current_e_per_s": 2e4}, render={"noise": False})
+    light = np.random.default_rng(1).uniform(0.0, 15_000.0, (1, 1, 48, 64)).astype(np.float32)
+    light[0, 0, :10] = 0.0
+    expected = np.minimum(4.0 + 0.0225 * np.minimum(light.astype(float) + 2e4 * 5e-4, 11_000.0), 255.0)
+    image = expose(light, sensor, np.array([5e-4]), np.array([0]))
+    np.testing.assert_array_equal(image, np.floor(expected + 0.5))
+
+
+@pytest.mark.parametrize("mean", [0.2, 1.0, 6.5, 15.9, 16.1, 40.0, 250.0, 3000.0])
+def test_shot_noise_is_poisson(mean):
+    sensor = make_sensor(640, 512, detector=QUIET)
+    image = flat(sensor, mean)
+    spread = 8 * np.sqrt(mean) + 8
+    p = chi_square_p(image, stats.poisson(np.float32(mean)).cdf, max(0, int(mean - spread)), int(mean + spread))
+    assert p > 1e-3
+    deviation = (image - mean) / np.sqrt(mean)
+    assert stats.skew(deviation.ravel()) == pytest.approx(1 / np.sqrt(mean), abs=5 * np.sqrt(6 / image.size))
+
+
+@pytest.mark.parametrize(("dark", "read"), [(0.0, 5.0), (0.3, 5.0), (3.0, 1.0), (40.0, 2.5), (2.0, 0.0)])
+def test_dark_pixels_follow_poisson_plus_normal(dark, read):
+    black = 100.0
+    detector = QUIET | {"read_noise_e": read, "black_level_dn": black, "dark_current_e_per_s": dark / 5e-4}
+    image = flat(make_sensor(640, 512, detector=detector), 0.0)
+    charge = np.arange(0, int(dark + 12 * np.sqrt(dark)) + 12)
+    weight = stats.poisson(dark).pmf(charge)
+
+    def cdf(level):
+        return (weight * stats.norm.cdf((level[:, None] + 0.5 - black - charge) / max(read, 1e-9))).sum(axis=1)
+
+    reach = 7 * np.sqrt(dark + read**2) + 8
+    assert chi_square_p(image, cdf, int(black - reach), int(black + dark + reach)) > 1e-3
+
+
+def test_lit_and_dark_pixels_of_no_light_agree():
+    """Pixels take one of two paths; in the limit of no light both have the same mean and variance."""
+    sensor = make_sensor(640, 512, detector=QUIET | {"read_noise_e": 5.0, "black_level_dn": 100.0})
+    dark, lit = flat(sensor, 0.0).astype(float), flat(sensor, 1e-6).astype(float)
+    assert dark.mean() == pytest.approx(lit.mean(), abs=5 * 5.0 * np.sqrt(2 / dark.size))
+    assert dark.var() == pytest.approx(lit.var(), rel=5 * np.sqrt(4 / dark.size))
+
+
+def test_photon_transfer_returns_gain_read_noise_and_full_well():
+    gain, read, full_well, black = 0.35, 8.0, 10_000.0, 40.0
+    sensor = make_sensor(
+        320,
+        256,
+        detector={
+            "gain_dn_per_e": gain,
+            "read_noise_e": read,
+            "full_well_e": full_well,
+            "black_level_dn": black,
+            "bit_depth": 12,
+            "prnu": 0.01,
+            "dsnu_e": 3.0,
+        },
+    )
+    means, variances = [], []
+    for k, level in enumerate([0.0, *np.linspace(200.0, 8000.0, 14)]):
+        pair = flat(sensor, level, frames=2, index=10 * k).astype(float)
+        means.append(pair.mean())
+        variances.append(np.var(pair[0] - pair[1]) / 2)  # the difference cancels the fixed patterns
+    slope, _ = np.polyfit(means, variances, 1)
+    saturated = flat(sensor, 3 * full_well).mean()
+    assert slope == pytest.approx(gain, rel=0.02)
+    assert np.sqrt(variances[0] - 1 / 12) / gain == pytest.approx(read, rel=0.02)
+    assert (saturated - black) / gain == pytest.approx(full_well, rel=0.02)
+
+
+def test_fixed_patterns_have_their_size_and_stay():
+    sensor = make_sensor(
+        128,
+        128,
+        cameras=2,
+        detector=QUIET | {"black_level_dn": 100.0, "dsnu_e": 20.0, "prnu": 0.02, "read_noise_e": 2.0},
+    )
+    dark = flat(sensor, 0.0, frames=40).astype(float).mean(axis=0)
+    light = flat(sensor, 3000.0, frames=40, index=100).astype(float).mean(axis=0)
+    assert dark[0].std() == pytest.approx(20.0, rel=0.05)
+    assert ((light - dark) / 3000.0)[0].std() == pytest.approx(np.hypot(0.02, 1 / np.sqrt(3000 * 40)), rel=0.05)
+    assert np.corrcoef(dark[0].ravel(), light[0].ravel())[0, 1] > 0.2  # the offset is part of the lit image too
+    assert abs(np.corrcoef(dark[0].ravel(), dark[1].ravel())[0, 1]) < 5 / 128
+
+
+def test_same_key_same_bytes_any_threads_any_order():
+    sensor = make_sensor(320, 256, cameras=2, detector={"dsnu_e": 2.0, "prnu": 0.01, "dark_current_e_per_s": 2e3})
+    light = np.zeros((6, 2, 256, 320), np.float32)
+    light[:, :, 100:110] = 4000.0
+    duration, index = np.full(6, 5e-4), np.arange(6)
+    images = expose(light, sensor, duration, index, 1)
+    np.testing.assert_array_equal(images, expose(light, sensor, duration, index, 2))
+    np.testing.assert_array_equal(images[::-1], expose(light, sensor, duration, index[::-1].copy(), 2))
+    other = make_sensor(320, 256, cameras=2, render={"seed": 2}, detector={"dsnu_e": 2.0, "prnu": 0.01})
+    assert (images != expose(light, other, duration, index)).any()
+
+
+def test_noise_is_uncorrelated_between_pixels_frames_and_cameras():
+    sensor = make_sensor(512, 512, cameras=2, detector=QUIET | {"read_noise_e": 10.0, "black_level_dn": 100.0})
+    noise = flat(sensor, 0.0, frames=2).astype(float) - 100.0
+    noise /= noise.std()
+    limit = 4.5 / 512
+    a = noise[0, 0]
+    for shift in [(0, 1), (1, 0), (1, 1), (0, 16), (7, 3)]:
+        assert abs((a * np.roll(a, shift, (0, 1))).mean()) < limit
+    assert abs((a * noise[1, 0]).mean()) < limit
+    assert abs((a * noise[0, 1]).mean()) < limit
+    spectrum = np.abs(np.fft.fft2(a - a.mean())) ** 2 / a.size
+    assert spectrum.max() < 25.0  # white: exponential with mean 1, P(any of 262144 above 25) = 4e-6
+
+
+@pytest.mark.parametrize(
+    ("light", "message"),
+    [
+        (np.zeros((1, 1, 48, 64)), "electrons: expected float32"),
+        (np.zeros((48, 64), np.float32), "electrons: expected float32"),
+        (np.zeros((1, 2, 48, 64), np.float32), "1 cameras"),
+        (np.zeros((1, 1, 48, 65), np.float32), "48 rows and 64 columns"),
+    ],
+)
+def test_wrong_planes_are_refused(light, message):
+    with pytest.raises(ValueError, match=message):
+        expose(light, make_sensor(64, 48), np.zeros(1), np.zeros(1, np.int64))
+
+
+def test_wrong_times_are_refused():
+    sensor, light = make_sensor(64, 48), np.zeros((2, 1, 48, 64), np.float32)
+    with pytest.raises(ValueError, match="duration"):
+        expose(light, sensor, np.zeros(1), np.zeros(2, np.int64))
+    with pytest.raises(ValueError, match="index"):
+        expose(light, sensor, np.zeros(2), np.zeros(2))
+    with pytest.raises(ValueError, match="exposure"):
+        expose(light, sensor, np.array([0.0, -1.0]), np.zeros(2, np.int64))
