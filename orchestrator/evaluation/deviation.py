@@ -83,13 +83,11 @@ class Deviation:
         }
 
 
-def deviation_from_mesh(cloud: Cloud, mesh: Mesh, closest_points: ClosestPoints | None = None) -> Deviation:
+def deviation_from_mesh(cloud: Cloud, mesh: Mesh, closest_points: ClosestPoints) -> Deviation:
     """Distances of all points of the cloud to the mesh in the same frame; no point is left out.
 
-    `closest_points` is `sensor_rt.closest_points` unless another search is given.
+    `closest_points` finds the nearest points of a mesh: `sensor_rt.closest_points`, or another that judges it.
     """
-    if closest_points is None:
-        from sensor_rt import closest_points  # noqa: PLC0415 - figures of finished clouds do not need the library
     points = np.ascontiguousarray(cloud.points_in_part)
     _, face, signed = closest_points(mesh.vertices, mesh.faces.astype(np.uint32), points)
     signed = np.asarray(signed, float)
