@@ -40,6 +40,7 @@ def cloud_of(points: np.ndarray, camera: np.ndarray | None = None, segment: np.n
 
 def closest_by_brute_force(vertices, faces, points):  # type: ignore[no-untyped-def]
     """Closest points by trying every triangle, signed by the winding number (solid angle) of the closed mesh."""
+    vertices, points = 1e6 * vertices, 1e6 * points  # micrometres: trimesh's tolerances are absolute and coarse
     best = np.full(len(points), np.inf)
     where = np.zeros((len(points), 3))
     which = np.zeros(len(points), int)
@@ -55,7 +56,7 @@ def closest_by_brute_force(vertices, faces, points):  # type: ignore[no-untyped-
         top = np.einsum("ni,ni->n", a, np.cross(b, c))
         bottom = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
         solid_angle += 2 * np.arctan2(top, bottom)
-    return where, which, np.where(solid_angle > 2 * np.pi, -best, best)
+    return 1e-6 * where, which, 1e-6 * np.where(solid_angle > 2 * np.pi, -best, best)
 
 
 def search(name: str):  # type: ignore[no-untyped-def]
