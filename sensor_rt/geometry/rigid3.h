@@ -5,7 +5,8 @@
 
 namespace sensor_rt {
 
-/// Maps a point in the source frame to the target frame: p_target = rotation * p_source + translation (metres).
+/// Maps a point in the source frame to the target frame: p_target = rotation * p_source + translation
+/// (metres).
 struct Rigid3 {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
@@ -16,9 +17,24 @@ struct Rigid3 {
     return {rotation * other.rotation, rotation * other.translation + translation};
   }
 
-  Rigid3 inverse() const {
-    return {rotation.transpose(), -(rotation.transpose() * translation)};
+  bool operator==(const Rigid3& other) const {
+    return rotation == other.rotation && translation == other.translation;
   }
+
+  Rigid3 inverse() const { return {rotation.transpose(), -(rotation.transpose() * translation)}; }
 };
+
+/// Pose between `from` (fraction 0) and `to` (fraction 1): straight line and constant turn. Equal poses come
+/// back unchanged to the last bit, so that a still exposure does not depend on how often its pose was
+/// sampled.
+inline Rigid3 interpolate(const Rigid3& from, const Rigid3& to, double fraction) {
+  if (from == to || fraction == 0.0) return from;
+  const Eigen::AngleAxisd turn(Eigen::Matrix3d(from.rotation.transpose() * to.rotation));
+  Rigid3 result;
+  result.rotation =
+      from.rotation * Eigen::AngleAxisd(fraction * turn.angle(), turn.axis()).toRotationMatrix();
+  result.translation = from.translation + fraction * (to.translation - from.translation);
+  return result;
+}
 
 }  // namespace sensor_rt

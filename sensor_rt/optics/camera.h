@@ -1,16 +1,16 @@
 // Pinhole camera of the profile sensor, with Brown-Conrady distortion.
 #pragma once
 
+#include <Eigen/Dense>
 #include <array>
 #include <string>
-
-#include <Eigen/Dense>
 
 #include "sensor_rt/geometry/rigid3.h"
 
 namespace sensor_rt {
 
-/// One camera. Camera frame: +z forward, x to the right (columns), y down (rows); integer pixel = pixel centre.
+/// One camera. Camera frame: +z forward, x to the right (columns), y down (rows); integer pixel = pixel
+/// centre.
 struct Camera {
   std::string name;
   int side = 1;           ///< +1: camera at sensor X = +baseline, -1: its mirror image
@@ -23,10 +23,12 @@ struct Camera {
   double cx_px = 0.0;
   double cy_px = 0.0;
   std::array<double, 5> distortion{};  ///< k1, k2, p1, p2, k3 (OpenCV order)
-  double f_number = 0.0;
-  double pixel_pitch = 0.0;   ///< m
-  double transmission = 0.0;  ///< lens times band-pass filter, 0..1
-  Rigid3 sensor_from_camera;  ///< follows from side, baseline, height, tilt
+  double f_number = 0.0;               ///< working f-number: image distance over diameter of the aperture
+  double pixel_pitch = 0.0;            ///< m
+  double transmission = 0.0;           ///< lens times band-pass filter, 0..1
+  Rigid3 sensor_from_camera;           ///< follows from side, baseline, height, tilt
+
+  bool is_distorted() const { return distortion != std::array<double, 5>{}; }
 
   /// Pixel (column, row) of a point in the camera frame (z > 0), distortion applied.
   Eigen::Vector2d project(const Eigen::Vector3d& point_in_camera) const;
@@ -34,7 +36,11 @@ struct Camera {
   /// Direction (x, y, 1) in the camera frame seen by pixel (column, row), distortion removed.
   Eigen::Vector3d ray(const Eigen::Vector2d& pixel) const;
 
-  /// The paper's p = (p_x along sensor +Y, p_y towards larger range), px from the principal point, undistorted.
+  /// d (x, y) / d (column, row) of `ray` at the direction (x, y, 1).
+  Eigen::Matrix2d ray_jacobian(const Eigen::Vector3d& direction) const;
+
+  /// The paper's p = (p_x along sensor +Y, p_y towards larger range), px from the principal point,
+  /// undistorted.
   Eigen::Vector2d paper_coordinates(const Eigen::Vector2d& pixel) const;
 };
 

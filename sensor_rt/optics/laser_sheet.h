@@ -1,4 +1,5 @@
-// The laser sheet: a fan from a point source through a narrow opening, Gaussian across, in the sensor's YZ plane.
+// The laser sheet: a fan from a point source through a narrow opening, Gaussian across, in the sensor's YZ
+// plane.
 #pragma once
 
 namespace sensor_rt {

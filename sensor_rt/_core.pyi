@@ -1,0 +1,216 @@
+"""Types of the compiled module. Poses are (4, 4) matrices `target_from_source`; SI units throughout.
+
+`threads = 0` uses every core; results do not depend on the number of threads. Wrong input raises ValueError and names
+what is wrong. The functions release the interpreter lock while they work.
+"""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+class Camera:
+    """One camera of a sensor."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def side(self) -> int:
+        """+1: at sensor X = +baseline; -1: its mirror image."""
+    @property
+    def width_px(self) -> int: ...
+    @property
+    def height_px(self) -> int: ...
+    @property
+    def focal_px(self) -> float: ...
+    @property
+    def sensor_from_camera(self) -> NDArray[np.float64]:
+        """(4, 4) pose; camera axes: +z forward, x along columns, y along rows."""
+    def project(self, points_in_sensor: ArrayLike) -> NDArray[np.float64]:
+        """Pixels (n, 2) = (column, row) of points (n, 3), distortion applied. Integer pixel = pixel centre."""
+    def view_rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """Directions (n, 3) in the sensor frame, not normalised, seen by pixels (n, 2) = (column, row)."""
+    def paper_coordinates(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """(n, 2): p_x along sensor +Y and p_y towards larger range, px from the principal point, undistorted."""
+
+class Sensor:
+    """A sensor from its resolved JSON description: SI units, every key present."""
+
+    def __init__(self, json: str) -> None: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def cameras(self) -> list[Camera]: ...
+    @property
+    def exposure(self) -> float:
+        """Default exposure, s."""
+    @property
+    def range(self) -> tuple[float, float]:
+        """Nearest and farthest sensor z of measured points, m."""
+    def trapezoid(self, camera: int = 0) -> NDArray[np.float64]:
+        """(4, 2) corners (y, z) of the field that a camera sees in the sheet: near -y, near +y, far +y, far -y, m.
+
+        Dumitrache & Borangiu, Eq. 5, with y corrected. ValueError for a camera that sees to infinity.
+        """
+
+class Scene:
+    """Bodies made of shapes. Shapes with the same body name move as one. Surfaces are Lambertian and two-sided."""
+
+    def __init__(self) -> None: ...
+    def add_mesh(self, name: str, vertices: ArrayLike, faces: ArrayLike, reflectance: float) -> None:
+        """Mesh with vertices (n, 3) in the body frame, m, and faces (m, 3) of vertex indices."""
+    def add_sphere(self, name: str, centre: ArrayLike, radius: float, reflectance: float) -> None:
+        """Exact sphere around a point (3,) of the body frame."""
+    def add_box(self, name: str, body_from_box: ArrayLike, size: ArrayLike, reflectance: float) -> None:
+        """Exact box with edges `size` (3,), centred in its own frame."""
+    def add_cylinder(
+        self, name: str, body_from_cylinder: ArrayLike, radius: float, height: float, reflectance: float
+    ) -> None:
+        """Exact capped cylinder along its own z axis, centred in its own frame."""
+    def add_plane(self, name: str, body_from_plane: ArrayLike, size: ArrayLike, reflectance: float) -> None:
+        """Exact rectangle with edges `size` (2,) in the xy plane of its own frame, centred."""
+    @property
+    def bodies(self) -> list[str]:
+        """Names in the order in which `Exposures` and `cast_rays` expect their poses: that of their first shape."""
+
+class Exposures:
+    """Poses over a batch of n exposures, k samples each, evenly spaced from start to end of the exposure (k = 1: still).
+
+    Parameters
+    ----------
+    world_from_sensor
+        (n, k, 4, 4)
+    world_from_body
+        (n, bodies, k, 4, 4), bodies in the order of `Scene.bodies`
+    duration
+        (n,) s
+    index
+        (n,) frame numbers; they key the noise
+    """
+
+    def __init__(
+        self, world_from_sensor: ArrayLike, world_from_body: ArrayLike, duration: ArrayLike, index: NDArray[np.int64]
+    ) -> None: ...
+    @property
+    def samples(self) -> int: ...
+    @property
+    def bodies(self) -> int: ...
+    def __len__(self) -> int: ...
+
+PEAK_FLAGS: dict[str, int]
+PEAK_REJECTED: int
+
+class Peaks:
+    """Stripe peaks as arrays of equal length, in the order frame, camera, column."""
+
+    @property
+    def frame(self) -> NDArray[np.int64]: ...
+    @property
+    def camera(self) -> NDArray[np.int32]: ...
+    @property
+    def column(self) -> NDArray[np.int32]: ...
+    @property
+    def row(self) -> NDArray[np.float64]: ...
+    @property
+    def amplitude(self) -> NDArray[np.float32]: ...
+    @property
+    def width(self) -> NDArray[np.float32]: ...
+    @property
+    def row_sigma(self) -> NDArray[np.float32]: ...
+    @property
+    def asymmetry(self) -> NDArray[np.float32]: ...
+    @property
+    def residual(self) -> NDArray[np.float32]: ...
+    @property
+    def flags(self) -> NDArray[np.uint32]: ...
+    def __len__(self) -> int: ...
+
+class Profiles:
+    """Points in the sensor frame (m) as arrays of equal length."""
+
+    @property
+    def points_in_sensor(self) -> NDArray[np.float64]: ...
+    @property
+    def covariance(self) -> NDArray[np.float64]: ...
+    @property
+    def sigma(self) -> NDArray[np.float32]: ...
+    @property
+    def intensity(self) -> NDArray[np.float32]: ...
+    @property
+    def camera(self) -> NDArray[np.int32]: ...
+    @property
+    def column(self) -> NDArray[np.int32]: ...
+    @property
+    def row(self) -> NDArray[np.float64]: ...
+    @property
+    def frame(self) -> NDArray[np.int64]: ...
+    @property
+    def flags(self) -> NDArray[np.uint32]: ...
+    def __len__(self) -> int: ...
+
+def expose(
+    electrons: NDArray[np.float32],
+    sensor: Sensor,
+    duration: NDArray[np.float64],
+    index: NDArray[np.int64],
+    threads: int = 0,
+) -> NDArray[np.uint16]: ...
+def extract(images: NDArray[np.uint16], sensor: Sensor, threads: int = 0) -> Peaks: ...
+def triangulate(peaks: Peaks, sensor: Sensor, keep_rejected: bool = False) -> Profiles: ...
+def triangulate_pixels(
+    pixels: NDArray[np.float64], sensor: Sensor, camera: int, form: Literal["exact", "ray", "eq4_as_printed"]
+) -> NDArray[np.float64]: ...
+
+class ScanResult:
+    """What `scan` made."""
+
+    @property
+    def profiles(self) -> Profiles: ...
+    @property
+    def timings(self) -> dict[str, float]:
+        """Seconds per station (cast, render, detect, extract, triangulate), summed over the threads."""
+    @property
+    def images(self) -> NDArray[np.uint16] | None:
+        """(n, cameras, height, width) when they were kept."""
+
+def scan(
+    scene: Scene,
+    sensor: Sensor,
+    exposures: Exposures,
+    engine: Literal["ray-traced", "geometric"] = "ray-traced",
+    threads: int = 0,
+    keep_images: bool = False,
+) -> ScanResult:
+    """Profiles of all exposures.
+
+    ``ray-traced`` renders the images of all cameras, adds the detector's noise, finds the stripe and triangulates.
+    ``geometric`` casts the laser's rays at mid-exposure and keeps what a camera sees of their landing points: exact
+    points without covariance, intensity = reflectance times cosine of incidence.
+    """
+
+def render(scene: Scene, sensor: Sensor, exposures: Exposures, threads: int = 0) -> NDArray[np.uint16]:
+    """Images (n, cameras, height, width) in digital numbers. All cameras must be of one size."""
+
+def expected_electrons(
+    scene: Scene, sensor: Sensor, exposures: Exposures, whole_image: bool = False, threads: int = 0
+) -> NDArray[np.float32]:
+    """Photo-electrons (n, cameras, height, width) expected before any noise.
+
+    `whole_image` traces every pixel instead of those that the laser can reach: slow, and the same to the last bit.
+    """
+
+def cast_rays(
+    scene: Scene, world_from_body: ArrayLike, origins: ArrayLike, directions: ArrayLike, threads: int = 0
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
+    """Closest hits of rays (n, 3) in the world: distance in m (inf: none), body, face (both -1: none).
+
+    `world_from_body` is (bodies, 4, 4). Directions need not be unit vectors.
+    """
+
+def closest_points(
+    vertices: ArrayLike, faces: ArrayLike, points: ArrayLike, threads: int = 0
+) -> tuple[NDArray[np.float64], NDArray[np.uint32], NDArray[np.float64]]:
+    """Closest points (n, 3) of a mesh, their faces (n,) and signed distances (n,), negative inside; exact, in double.
+
+    The sign needs a closed mesh with outward faces.
+    """

@@ -1,0 +1,58 @@
+// Between NumPy arrays and the types of the libraries.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sensor_rt/geometry/rigid3.h"
+#include "sensor_rt/scene/mesh_shape.h"
+
+namespace sensor_rt {
+
+/// Arrays as the libraries want them: contiguous, converted when the caller's differ. forcecast also accepts
+/// integers where floats are expected.
+using Doubles = pybind11::array_t<double, pybind11::array::c_style | pybind11::array::forcecast>;
+
+/// Text such as "(3, 4)".
+std::string shape_text(const pybind11::array& array);
+
+/// Throws std::invalid_argument unless the array has the given shape; -1 stands for any length.
+void require_shape(const pybind11::array& array, const char* name,
+                   const std::vector<pybind11::ssize_t>& shape);
+
+/// Pose from 16 row-major values. Throws std::invalid_argument unless it is finite and rigid (orthonormal to
+/// 1e-6, right-handed, last row 0 0 0 1).
+Rigid3 to_pose(const double* matrix, const char* name);
+
+/// Pose from an array of shape (4, 4).
+Rigid3 to_pose(const Doubles& matrix, const char* name);
+
+Eigen::Vector3d to_vector3(const Doubles& values, const char* name);
+
+/// Mesh from vertices (n, 3) and faces (m, 3) of any integer type; keeps what it had to convert.
+class MeshArrays {
+ public:
+  MeshArrays(const Doubles& vertices, const pybind11::array& faces);
+  MeshView view() const;
+
+ private:
+  Doubles vertices_;
+  std::vector<std::uint32_t> faces_;
+};
+
+/// Array that takes over the values without copying them.
+template <typename T>
+pybind11::array_t<T> to_array(std::vector<T>&& values, std::vector<pybind11::ssize_t> shape) {
+  auto owner = std::make_unique<std::vector<T>>(std::move(values));
+  const T* data = owner->data();
+  pybind11::capsule capsule(owner.get(), [](void* p) { delete static_cast<std::vector<T>*>(p); });
+  owner.release();
+  return pybind11::array_t<T>(std::move(shape), data, capsule);
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,91 @@
+#include <pybind11/stl.h>
+
+#include <memory>
+#include <stdexcept>
+#include <string>
+
+#include "sensor_rt/bindings/arrays.h"
+#include "sensor_rt/bindings/bindings.h"
+#include "sensor_rt/pipeline/scan.h"
+
+namespace py = pybind11;
+
+namespace sensor_rt {
+namespace {
+
+std::vector<py::ssize_t> images_shape(const Sensor& sensor, const Exposures& exposures) {
+  const Camera& camera = sensor.cameras.front();
+  return {static_cast<py::ssize_t>(exposures.count), static_cast<py::ssize_t>(sensor.cameras.size()),
+          camera.height_px, camera.width_px};
+}
+
+/// What scan() hands over.
+struct PyScanResult {
+  py::object profiles;
+  py::dict timings;
+  py::object images;
+};
+
+py::dict timings(const ScanResult& result) {
+  py::dict seconds;
+  for (std::size_t s = 0; s < result.seconds.size(); ++s) seconds[kStationNames[s]] = result.seconds[s];
+  return seconds;
+}
+
+PyScanResult py_scan(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
+                     const std::string& engine, unsigned threads, bool keep_images) {
+  ScanOptions options;
+  if (engine != "ray-traced" && engine != "geometric") {
+    throw std::invalid_argument("engine: expected ray-traced or geometric, got " + engine);
+  }
+  options.engine = engine == "geometric" ? Engine::kGeometric : Engine::kRayTraced;
+  options.threads = threads;
+  options.keep_images = keep_images;
+  ScanResult result;
+  {
+    const py::gil_scoped_release release;
+    result = scan(scene, sensor, exposures, options);
+  }
+  py::object images = py::none();
+  if (keep_images && options.engine == Engine::kRayTraced) {
+    images = to_array(std::move(result.images), images_shape(sensor, exposures));
+  }
+  const py::dict seconds = timings(result);
+  return {py::cast(std::move(result.profiles)), seconds, images};
+}
+
+py::array py_render(const Scene& scene, const Sensor& sensor, const Exposures& exposures, unsigned threads) {
+  std::vector<std::uint16_t> images;
+  {
+    const py::gil_scoped_release release;
+    images = render_images(scene, sensor, exposures, threads);
+  }
+  return to_array(std::move(images), images_shape(sensor, exposures));
+}
+
+py::array py_expected_electrons(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
+                                bool whole_image, unsigned threads) {
+  std::vector<float> images;
+  {
+    const py::gil_scoped_release release;
+    images = expected_electrons(scene, sensor, exposures, whole_image, threads);
+  }
+  return to_array(std::move(images), images_shape(sensor, exposures));
+}
+
+}  // namespace
+
+void bind_pipeline(py::module_& module) {
+  py::class_<PyScanResult>(module, "ScanResult", py::module_local())
+      .def_readonly("profiles", &PyScanResult::profiles)
+      .def_readonly("timings", &PyScanResult::timings)
+      .def_readonly("images", &PyScanResult::images);
+  module.def("scan", &py_scan, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
+             py::arg("engine") = "ray-traced", py::arg("threads") = 0, py::arg("keep_images") = false);
+  module.def("render", &py_render, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
+             py::arg("threads") = 0);
+  module.def("expected_electrons", &py_expected_electrons, py::arg("scene"), py::arg("sensor"),
+             py::arg("exposures"), py::arg("whole_image") = false, py::arg("threads") = 0);
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,146 @@
+#include <pybind11/eigen.h>
+#include <pybind11/stl.h>
+
+#include <cmath>
+#include <memory>
+#include <stdexcept>
+#include <string>
+
+#include "sensor_rt/bindings/arrays.h"
+#include "sensor_rt/bindings/bindings.h"
+#include "sensor_rt/scene/cast.h"
+#include "sensor_rt/scene/closest_point.h"
+#include "sensor_rt/scene/pose_track.h"
+#include "sensor_rt/scene/scene.h"
+
+namespace py = pybind11;
+
+namespace sensor_rt {
+namespace {
+
+void add_mesh(Scene& scene, const std::string& body, const Doubles& vertices, const py::array& faces,
+              double reflectance) {
+  const MeshArrays mesh(vertices, faces);
+  const py::gil_scoped_release release;
+  scene.add_mesh(body, mesh.view(), reflectance);
+}
+
+void add_sphere(Scene& scene, const std::string& body, const Doubles& centre, double radius,
+                double reflectance) {
+  scene.add_sphere(body, to_vector3(centre, "centre"), radius, reflectance);
+}
+
+void add_box(Scene& scene, const std::string& body, const Doubles& body_from_box, const Doubles& size,
+             double reflectance) {
+  scene.add_box(body, to_pose(body_from_box, "body_from_box"), to_vector3(size, "size"), reflectance);
+}
+
+void add_cylinder(Scene& scene, const std::string& body, const Doubles& body_from_cylinder, double radius,
+                  double height, double reflectance) {
+  scene.add_cylinder(body, to_pose(body_from_cylinder, "body_from_cylinder"), radius, height, reflectance);
+}
+
+void add_plane(Scene& scene, const std::string& body, const Doubles& body_from_plane, const Doubles& size,
+               double reflectance) {
+  require_shape(size, "size", {2});
+  scene.add_plane(body, to_pose(body_from_plane, "body_from_plane"), {size.at(0), size.at(1)}, reflectance);
+}
+
+std::vector<Rigid3> to_poses(const Doubles& matrices, const char* name) {
+  std::vector<Rigid3> poses(static_cast<std::size_t>(matrices.size() / 16));
+  for (std::size_t i = 0; i < poses.size(); ++i) poses[i] = to_pose(matrices.data() + 16 * i, name);
+  return poses;
+}
+
+std::unique_ptr<Exposures> make_exposures(const Doubles& world_from_sensor, const Doubles& world_from_body,
+                                          const Doubles& duration,
+                                          const py::array_t<std::int64_t, py::array::c_style>& index) {
+  require_shape(world_from_sensor, "world_from_sensor", {-1, -1, 4, 4});
+  const py::ssize_t count = world_from_sensor.shape(0);
+  const py::ssize_t samples = world_from_sensor.shape(1);
+  require_shape(world_from_body, "world_from_body", {count, -1, samples, 4, 4});
+  require_shape(duration, "duration", {count});
+  require_shape(index, "index", {count});
+  if (count > 0 && samples == 0)
+    throw std::invalid_argument("world_from_sensor: an exposure needs at least one pose");
+  auto exposures = std::make_unique<Exposures>();
+  exposures->count = static_cast<std::size_t>(count);
+  exposures->samples = static_cast<std::size_t>(samples);
+  exposures->bodies = static_cast<std::size_t>(world_from_body.shape(1));
+  exposures->world_from_sensor = to_poses(world_from_sensor, "world_from_sensor");
+  exposures->world_from_body = to_poses(world_from_body, "world_from_body");
+  exposures->duration.assign(duration.data(), duration.data() + count);
+  exposures->index.assign(index.data(), index.data() + count);
+  for (const double seconds : exposures->duration) {
+    if (!std::isfinite(seconds) || !(seconds > 0.0))
+      throw std::invalid_argument("duration: must be finite and positive");
+  }
+  return exposures;
+}
+
+py::tuple py_cast_rays(const Scene& scene, const Doubles& world_from_body, const Doubles& origins,
+                       const Doubles& directions, unsigned threads) {
+  require_shape(world_from_body, "world_from_body", {-1, 4, 4});
+  require_shape(origins, "origins", {-1, 3});
+  require_shape(directions, "directions", {origins.shape(0), 3});
+  const std::vector<Rigid3> poses = to_poses(world_from_body, "world_from_body");
+  const py::ssize_t count = origins.shape(0);
+  CastResult result;
+  {
+    const py::gil_scoped_release release;
+    result =
+        cast_rays(scene, poses, origins.data(), directions.data(), static_cast<std::size_t>(count), threads);
+  }
+  return py::make_tuple(to_array(std::move(result.distance), {count}),
+                        to_array(std::move(result.body), {count}), to_array(std::move(result.face), {count}));
+}
+
+py::tuple py_closest_points(const Doubles& vertices, const py::array& faces, const Doubles& points,
+                            unsigned threads) {
+  const MeshArrays mesh(vertices, faces);
+  require_shape(points, "points", {-1, 3});
+  const py::ssize_t count = points.shape(0);
+  ClosestPoints result;
+  {
+    const py::gil_scoped_release release;
+    result = closest_points(mesh.view(), points.data(), static_cast<std::size_t>(count), threads);
+  }
+  py::array_t<double> closest({count, py::ssize_t{3}});
+  for (py::ssize_t i = 0; i < count; ++i) {
+    Eigen::Map<Eigen::Vector3d>(closest.mutable_data(i, 0)) = result.point[static_cast<std::size_t>(i)];
+  }
+  return py::make_tuple(closest, to_array(std::move(result.face), {count}),
+                        to_array(std::move(result.signed_distance), {count}));
+}
+
+}  // namespace
+
+void bind_scene(py::module_& module) {
+  py::class_<Scene>(module, "Scene", py::module_local())
+      .def(py::init<>())
+      .def("add_mesh", &add_mesh, py::arg("name"), py::arg("vertices"), py::arg("faces"),
+           py::arg("reflectance"))
+      .def("add_sphere", &add_sphere, py::arg("name"), py::arg("centre"), py::arg("radius"),
+           py::arg("reflectance"))
+      .def("add_box", &add_box, py::arg("name"), py::arg("body_from_box"), py::arg("size"),
+           py::arg("reflectance"))
+      .def("add_cylinder", &add_cylinder, py::arg("name"), py::arg("body_from_cylinder"), py::arg("radius"),
+           py::arg("height"), py::arg("reflectance"))
+      .def("add_plane", &add_plane, py::arg("name"), py::arg("body_from_plane"), py::arg("size"),
+           py::arg("reflectance"))
+      .def_property_readonly("bodies", &Scene::bodies);
+
+  py::class_<Exposures>(module, "Exposures", py::module_local())
+      .def(py::init(&make_exposures), py::arg("world_from_sensor"), py::arg("world_from_body"),
+           py::arg("duration"), py::arg("index"))
+      .def("__len__", [](const Exposures& e) { return e.count; })
+      .def_readonly("samples", &Exposures::samples)
+      .def_readonly("bodies", &Exposures::bodies);
+
+  module.def("cast_rays", &py_cast_rays, py::arg("scene"), py::arg("world_from_body"), py::arg("origins"),
+             py::arg("directions"), py::arg("threads") = 0);
+  module.def("closest_points", &py_closest_points, py::arg("vertices"), py::arg("faces"), py::arg("points"),
+             py::arg("threads") = 0);
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,62 @@
+// Geometric mode: where the laser's rays land and which cameras see it, without images.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "sensor_rt/optics/camera.h"
+#include "sensor_rt/optics/laser_sheet.h"
+#include "sensor_rt/scene/ray_view.h"
+
+namespace sensor_rt {
+
+/// Points of one profile, camera by camera in ascending columns.
+struct FanPoints {
+  std::vector<std::int32_t> camera;
+  std::vector<Eigen::Vector2d> pixel;  ///< (column, row) where the camera sees the point
+  std::vector<Eigen::Vector3d> point;  ///< sensor frame, m
+  std::vector<double> brightness;      ///< reflectance times cosine of incidence
+
+  void clear();
+};
+
+/// What of the sensor the geometric mode needs.
+struct FanGeometry {
+  std::vector<Camera> cameras;
+  LaserSheet laser;
+  double near = 0.0;  ///< points with sensor z outside [near, far] are left out
+  double far = 0.0;
+  int rays = 0;
+};
+
+/// Casts `rays` laser rays at equal angles across the fan, at mid-exposure, and keeps each closest hit for
+/// every camera that has a free view of the lit side of the surface within its image. Keeps scratch memory:
+/// one per thread.
+class FanCaster {
+ public:
+  explicit FanCaster(const FanGeometry& geometry);
+
+  void cast(const Scene& scene, const Exposures& exposures, std::size_t exposure, FanPoints& out);
+
+ private:
+  struct Landing {
+    Lanes3 point;
+    Lanes3 normal;  ///< towards the light
+    double brightness[kLanes];
+    int valid[kLanes];
+  };
+
+  void land(const Scene& scene);
+  void see(int camera, FanPoints& out);
+
+  FanGeometry geometry_;
+  std::vector<Lanes3> directions_;
+  std::vector<HalfSpace> laser_region_;
+  std::vector<std::vector<HalfSpace>> camera_regions_;
+  PoseTrack track_;
+  RayView laser_view_;
+  RayView camera_view_;
+  std::vector<Landing> landings_;
+};
+
+}  // namespace sensor_rt

@@ -1,0 +1,19 @@
+// The part of the laser sheet that a camera sees.
+#pragma once
+
+#include <Eigen/Dense>
+
+#include "sensor_rt/optics/camera.h"
+
+namespace sensor_rt {
+
+/// Corners (y, z) of the measuring field in the sheet: near -y, near +y, far +y, far -y; metres.
+using Trapezoid = Eigen::Matrix<double, 4, 2>;
+
+/// Dumitrache & Borangiu, Eq. 5, with the width corrected for the perspective of the tilted camera and for
+/// images that are not square: z = b + a / tan(phi ± gamma), y = a (W/H) sin gamma / sin(phi ± gamma), where
+/// tan gamma = H / (2 f). Holds for a centred principal point without distortion. Throws
+/// std::invalid_argument when phi <= gamma: such a camera sees to infinity.
+Trapezoid range_trapezoid(const Camera& camera);
+
+}  // namespace sensor_rt

@@ -1,0 +1,47 @@
+// Batches of exposures through all stations, many at a time.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "sensor_rt/pipeline/sensor.h"
+#include "sensor_rt/scene/pose_track.h"
+#include "sensor_rt/scene/scene.h"
+
+namespace sensor_rt {
+
+/// kRayTraced makes images and measures the stripe in them; kGeometric takes the laser's landing points
+/// themselves.
+enum class Engine { kRayTraced, kGeometric };
+
+enum Station { kCast, kRender, kDetect, kExtract, kTriangulate, kStationCount };
+constexpr std::array<const char*, kStationCount> kStationNames{"cast", "render", "detect", "extract",
+                                                               "triangulate"};
+
+struct ScanOptions {
+  Engine engine = Engine::kRayTraced;
+  unsigned threads = 0;      ///< 0: as many as the machine has
+  bool keep_images = false;  ///< needs cameras of one size
+};
+
+struct ScanResult {
+  Profiles profiles;                            ///< in the order of the exposures
+  std::vector<std::uint16_t> images;            ///< (exposure, camera, row, column) when kept
+  std::array<double, kStationCount> seconds{};  ///< per station, summed over the threads
+};
+
+/// Throws std::invalid_argument when the exposures do not fit the scene.
+ScanResult scan(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
+                const ScanOptions& options);
+
+/// Images of all exposures and cameras: (exposure, camera, row, column). Needs cameras of one size.
+std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
+                                         unsigned threads);
+
+/// Expected electrons before any noise, laid out like render_images. `whole_image` traces every pixel instead
+/// of those that the laser can reach.
+std::vector<float> expected_electrons(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
+                                      bool whole_image, unsigned threads);
+
+}  // namespace sensor_rt

@@ -1,0 +1,136 @@
+#include "sensor_rt/pipeline/sensor.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include "sensor_rt/pipeline/json_object.h"
+
+namespace sensor_rt {
+namespace {
+
+LaserSheet read_laser(JsonObject json) {
+  LaserSheet laser;
+  laser.wavelength = json.positive("wavelength");
+  laser.power = json.non_negative("power");
+  laser.fan_half_angle = json.positive("fan_half_angle");
+  if (laser.fan_half_angle >= 0.5 * M_PI) json.fail("fan_half_angle", "must be below pi/2");
+  laser.source_z = json.number("source_z");
+  laser.sheet_sigma = json.positive("sheet_sigma");
+  laser.waist_z = json.number("waist_z");
+  laser.divergence = json.non_negative("divergence");
+  json.finish();
+  return laser;
+}
+
+Camera read_camera(JsonObject& json) {
+  Camera camera;
+  camera.name = json.text("name");
+  camera.side = static_cast<int>(json.integer("side", -1, 1));
+  if (camera.side == 0) json.fail("side", "must be 1 or -1");
+  camera.baseline = json.positive("baseline");
+  camera.height = json.number("height");
+  camera.tilt = json.number("tilt");
+  if (!(std::abs(camera.tilt) < 0.5 * M_PI)) json.fail("tilt", "must lie within ±pi/2");
+  camera.width_px = static_cast<int>(json.integer("width_px", 1, 1 << 14));
+  camera.height_px = static_cast<int>(json.integer("height_px", 1, 1 << 14));
+  camera.focal_px = json.positive("focal_px");
+  camera.cx_px = json.number("cx_px");
+  camera.cy_px = json.number("cy_px");
+  const std::vector<double> distortion = json.numbers("distortion", camera.distortion.size());
+  std::copy(distortion.begin(), distortion.end(), camera.distortion.begin());
+  camera.f_number = json.positive("f_number");
+  camera.pixel_pitch = json.positive("pixel_pitch");
+  camera.transmission = json.fraction("transmission");
+  camera.sensor_from_camera = sensor_from_camera(camera.side, camera.baseline, camera.height, camera.tilt);
+  json.finish();
+  return camera;
+}
+
+void read_detector(JsonObject json, Sensor& sensor) {
+  DetectorParameters& d = sensor.detector;
+  d.exposure = json.positive("exposure");
+  d.quantum_efficiency = json.fraction("quantum_efficiency");
+  d.full_well_e = json.positive("full_well_e");
+  d.read_noise_e = json.non_negative("read_noise_e");
+  d.dark_current_e_per_s = json.non_negative("dark_current_e_per_s");
+  d.gain_dn_per_e = json.positive("gain_dn_per_e");
+  d.bit_depth = static_cast<int>(json.integer("bit_depth", 8, 16));
+  d.black_level_dn = json.non_negative("black_level_dn");
+  d.prnu = json.fraction("prnu");
+  d.dsnu_e = json.non_negative("dsnu_e");
+  json.finish();
+  sensor.image_noise = {d.black_level_dn, d.gain_dn_per_e, d.read_noise_e,
+                        d.full_well_e,    d.bit_depth,     d.dsnu_e};
+}
+
+void read_extraction(JsonObject json, Sensor& sensor) {
+  ExtractionOptions& e = sensor.extraction;
+  constexpr PeakDetector kDetectors[] = {PeakDetector::kGaussian, PeakDetector::kCentreOfGravity};
+  e.detector = kDetectors[json.choice("detector", {"gaussian", "centre_of_gravity"})];
+  constexpr PeakChoice kChoices[] = {PeakChoice::kBrightest, PeakChoice::kFirst, PeakChoice::kLast};
+  e.peak = kChoices[json.choice("peak", {"brightest", "first", "last"})];
+  constexpr TriangulationForm kForms[] = {TriangulationForm::kExact, TriangulationForm::kEq4AsPrinted};
+  sensor.triangulation.form = kForms[json.choice("triangulation", {"exact", "eq4_as_printed"})];
+  e.threshold_sigma = json.positive("threshold_sigma");
+  e.min_amplitude_dn = json.non_negative("min_amplitude_dn");
+  e.min_sigma_px = json.positive("min_sigma_px");
+  e.max_sigma_px = json.positive("max_sigma_px");
+  e.max_asymmetry = json.positive("max_asymmetry");
+  e.max_residual = json.positive("max_residual");
+  e.max_row_jump_px = json.positive("max_row_jump_px");
+  e.max_amplitude_jump = json.positive("max_amplitude_jump");
+  e.max_width_jump = json.positive("max_width_jump");
+  e.end_columns = static_cast<int>(json.integer("end_columns", 0, 1 << 14));
+  e.min_run_columns = static_cast<int>(json.integer("min_run_columns", 1, 1 << 14));
+  json.finish();
+}
+
+void read_render(JsonObject json, Sensor& sensor) {
+  sensor.samples_per_pixel = static_cast<int>(json.integer("samples_per_pixel", 1, 1024));
+  sensor.noise = json.boolean("noise");
+  sensor.seed = static_cast<std::uint64_t>(json.integer("seed", 0, std::numeric_limits<long long>::max()));
+  sensor.rays_across_fan = static_cast<int>(json.integer("rays_across_fan", 2, 1 << 16));
+  json.finish();
+}
+
+void read_range(JsonObject json, Sensor& sensor) {
+  sensor.near = json.number("near");
+  sensor.far = json.number("far");
+  if (!(sensor.near < sensor.far)) json.fail("near", "must be below far");
+  json.finish();
+  sensor.triangulation.near = sensor.near;
+  sensor.triangulation.far = sensor.far;
+}
+
+}  // namespace
+
+Sensor parse_sensor(const std::string& text) {
+  nlohmann::json document;
+  try {
+    document = nlohmann::json::parse(text);
+  } catch (const nlohmann::json::exception& error) {
+    throw std::invalid_argument(std::string("sensor: not valid JSON: ") + error.what());
+  }
+  JsonObject json(document, "sensor");
+  Sensor sensor;
+  json.integer("format", 1, 1);
+  sensor.name = json.text("name");
+  sensor.laser = read_laser(json.object("laser"));
+  read_range(json.object("range"), sensor);
+  for (JsonObject& camera : json.objects("cameras")) sensor.cameras.push_back(read_camera(camera));
+  read_detector(json.object("detector"), sensor);
+  JsonObject ambient = json.object("ambient");
+  sensor.ambient_irradiance = ambient.non_negative("irradiance");
+  ambient.finish();
+  read_render(json.object("render"), sensor);
+  read_extraction(json.object("extraction"), sensor);
+  JsonObject geometric = json.object("geometric");
+  sensor.geometric_rays = static_cast<int>(geometric.integer("rays", 1, 1 << 20));
+  geometric.finish();
+  json.finish();
+  return sensor;
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,212 @@
+#include "sensor_rt/render/band_marker.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace sensor_rt {
+namespace {
+
+constexpr std::size_t kSlopes = 5;  ///< grid rays through the thickness of the sheet
+constexpr float kCloseGap = 4.0f;   ///< px: neighbours within this bound a piece of surface
+constexpr float kMargin =
+    1.0f;  ///< px around a landing: half a pixel's own size, and the bulge between landings
+constexpr float kJustOutside = 1.05f;  ///< of the half width of the sheet: what rounding may bring back in
+constexpr int kDeepest = 10;           ///< halvings of a gap
+
+bool in_sheet(const Landing& landing) { return landing.hit && std::abs(landing.across) <= kJustOutside; }
+
+/// Both on the same dark side of the sheet.
+bool beside_sheet(const Landing& a, const Landing& b) {
+  return (a.across > kJustOutside && b.across > kJustOutside) ||
+         (a.across < -kJustOutside && b.across < -kJustOutside);
+}
+
+bool beyond(float a, float b, int size) {
+  const float last = static_cast<float>(size) + kMargin;
+  return (a < -kMargin - 1.0f && b < -kMargin - 1.0f) || (a > last && b > last);
+}
+
+}  // namespace
+
+BandMarker::BandMarker(const RenderPlan& plan)
+    : plan_(plan),
+      grid_(plan),
+      cameras_(plan.settings.model.cameras.size()),
+      angles_(static_cast<std::size_t>(plan.settings.rays_across_fan)),
+      slopes_(kSlopes) {}
+
+void BandMarker::mark(const Scene& scene, const PoseTrack& track, std::vector<PixelMask>& masks) {
+  grid_.set(scene, track);
+  if (grid_.empty()) return;
+  lay_grid(scene, track);
+  grid_.cast(rays_, landings_);
+  gaps_.clear();
+  visit_grid(masks);
+  for (int depth = 0; depth < kDeepest && !gaps_.empty(); ++depth) refine(masks);
+}
+
+std::vector<std::size_t> BandMarker::choose_instants(const Scene& scene, const PoseTrack& track) const {
+  const std::size_t last = track.instants() - 1;
+  if (last == 0) return {0};
+  // How far points of the measuring field move between first and last instant, against the size of a pixel
+  // there.
+  const SensorModel& model = plan_.settings.model;
+  double farthest_px = 0.0;
+  for (std::size_t s = 0; s < scene.shapes().size(); ++s) {
+    const Rigid3 moved = track.shape_from_reference(s, last).inverse() * track.shape_from_reference(s, 0);
+    for (const double z : {model.near, model.far}) {
+      const Eigen::Vector3d point(0.0, 0.0, z);
+      for (const Camera& camera : model.cameras) {
+        const double distance = (point - camera.sensor_from_camera.translation).norm();
+        farthest_px = std::max(farthest_px, (moved * point - point).norm() * camera.focal_px / distance);
+      }
+    }
+  }
+  constexpr double kStep = 3.0;  // px between neighbouring instants of the grid
+  const auto steps =
+      static_cast<std::size_t>(std::clamp(std::ceil(farthest_px / kStep), 1.0, static_cast<double>(last)));
+  std::vector<std::size_t> chosen;
+  for (std::size_t i = 0; i <= steps; ++i) chosen.push_back(i * last / steps);
+  return chosen;
+}
+
+void BandMarker::lay_grid(const Scene& scene, const PoseTrack& track) {
+  const std::vector<std::size_t> chosen = choose_instants(scene, track);
+  instants_ = chosen.size();
+  rays_.clear();
+  const double half = plan_.settings.model.laser.fan_half_angle;
+  for (const std::size_t instant : chosen) {
+    for (std::size_t j = 0; j < slopes_; ++j) {
+      const double slope =
+          plan_.slope * (2.0 * static_cast<double>(j) / static_cast<double>(slopes_ - 1) - 1.0);
+      for (std::size_t i = 0; i < angles_; ++i) {
+        const double angle = half * (2.0 * static_cast<double>(i) / static_cast<double>(angles_ - 1) - 1.0);
+        rays_.push_back({angle, slope, instant});
+      }
+      // Packets do not mix instants.
+      while (rays_.size() % kLanes != 0) rays_.push_back(rays_.back());
+    }
+  }
+}
+
+void BandMarker::visit_grid(std::vector<PixelMask>& masks) {
+  const std::size_t row = (angles_ + kLanes - 1) / kLanes * kLanes;
+  const auto at = [&](std::size_t instant, std::size_t j, std::size_t i) {
+    return (instant * slopes_ + j) * row + i;
+  };
+  const auto pair = [&](std::size_t a, std::size_t b) { visit({rays_[a], rays_[b], a, b, 0}, masks); };
+  for (std::size_t instant = 0; instant < instants_; ++instant) {
+    for (std::size_t j = 0; j < slopes_; ++j) {
+      for (std::size_t i = 0; i < angles_; ++i) {
+        const std::size_t here = at(instant, j, i);
+        if (i + 1 < angles_) pair(here, at(instant, j, i + 1));
+        if (j + 1 < slopes_) pair(here, at(instant, j + 1, i));
+        if (instant + 1 < instants_) pair(here, at(instant + 1, j, i));
+      }
+    }
+  }
+}
+
+BandMarker::Relation BandMarker::relate(std::size_t a, std::size_t b) const {
+  const Landing& from = landings_.landing[a];
+  const Landing& to = landings_.landing[b];
+  if (!from.hit && !to.hit) return Relation::kDark;
+  if (from.hit && to.hit && beside_sheet(from, to)) return Relation::kDark;
+  if (!from.hit || !to.hit) return Relation::kApart;
+  bool in_view = false;
+  for (std::size_t c = 0; c < cameras_; ++c) {
+    const Camera& camera = plan_.settings.model.cameras[c];
+    const std::size_t p = a * cameras_ + c;
+    const std::size_t q = b * cameras_ + c;
+    if (beyond(landings_.column[p], landings_.column[q], camera.width_px)) continue;
+    if (beyond(landings_.row[p], landings_.row[q], camera.height_px)) continue;
+    in_view = true;
+    if (std::abs(landings_.column[p] - landings_.column[q]) > kCloseGap) return Relation::kApart;
+    if (std::abs(landings_.row[p] - landings_.row[q]) > kCloseGap) return Relation::kApart;
+  }
+  return in_view ? Relation::kClose : Relation::kDark;
+}
+
+void BandMarker::visit(const Gap& gap, std::vector<PixelMask>& masks) {
+  switch (relate(gap.from_index, gap.to_index)) {
+    case Relation::kDark:
+      return;
+    case Relation::kClose:
+      return mark_between(gap.from_index, gap.to_index, masks);
+    case Relation::kApart:
+      break;
+  }
+  const bool halves = gap.from.instant == gap.to.instant || gap.to.instant > gap.from.instant + 1;
+  if (gap.depth < kDeepest && halves) {
+    gaps_.push_back(gap);
+  } else {
+    mark_alone(gap.from_index, masks);
+    mark_alone(gap.to_index, masks);
+  }
+}
+
+void BandMarker::refine(std::vector<PixelMask>& masks) {
+  // Packets share an instant: order the gaps by it, keeping neighbours together.
+  std::stable_sort(gaps_.begin(), gaps_.end(), [](const Gap& a, const Gap& b) {
+    return a.from.instant + a.to.instant < b.from.instant + b.to.instant;
+  });
+  middle_.clear();
+  next_gaps_.clear();
+  for (const Gap& gap : gaps_) {
+    const FanRay ray{0.5 * (gap.from.angle + gap.to.angle), 0.5 * (gap.from.slope + gap.to.slope),
+                     (gap.from.instant + gap.to.instant) / 2};
+    while (middle_.size() % kLanes != 0 && middle_.back().instant != ray.instant) {
+      middle_.push_back(middle_.back());
+      next_gaps_.push_back(next_gaps_.back());
+    }
+    middle_.push_back(ray);
+    next_gaps_.push_back(gap);
+  }
+  grid_.cast(middle_, middle_landings_);
+  const std::size_t base = landings_.landing.size();
+  landings_.landing.insert(landings_.landing.end(), middle_landings_.landing.begin(),
+                           middle_landings_.landing.end());
+  landings_.column.insert(landings_.column.end(), middle_landings_.column.begin(),
+                          middle_landings_.column.end());
+  landings_.row.insert(landings_.row.end(), middle_landings_.row.begin(), middle_landings_.row.end());
+  gaps_.clear();
+  for (std::size_t k = 0; k < middle_.size(); ++k) {
+    const Gap& gap = next_gaps_[k];
+    visit({gap.from, middle_[k], gap.from_index, base + k, gap.depth + 1}, masks);
+    visit({middle_[k], gap.to, base + k, gap.to_index, gap.depth + 1}, masks);
+  }
+}
+
+void BandMarker::mark_between(std::size_t a, std::size_t b, std::vector<PixelMask>& masks) const {
+  // Only the part of the surface between the edges of the sheet is lit.
+  const float from = landings_.landing[a].across;
+  const float to = landings_.landing[b].across;
+  float start = 0.0f;
+  float end = 1.0f;
+  if (std::abs(to - from) > 1e-6f) {
+    const float low = (-kJustOutside - from) / (to - from);
+    const float high = (kJustOutside - from) / (to - from);
+    start = std::clamp(std::min(low, high), 0.0f, 1.0f);
+    end = std::clamp(std::max(low, high), 0.0f, 1.0f);
+  }
+  for (std::size_t c = 0; c < cameras_; ++c) {
+    const std::size_t p = a * cameras_ + c;
+    const std::size_t q = b * cameras_ + c;
+    const float columns = landings_.column[q] - landings_.column[p];
+    const float rows = landings_.row[q] - landings_.row[p];
+    const auto [left, right] =
+        std::minmax({landings_.column[p] + start * columns, landings_.column[p] + end * columns});
+    const auto [top, bottom] = std::minmax({landings_.row[p] + start * rows, landings_.row[p] + end * rows});
+    const Camera& camera = plan_.settings.model.cameras[c];
+    if (beyond(left, right, camera.width_px) || beyond(top, bottom, camera.height_px)) continue;
+    masks[c].mark(
+        static_cast<int>(std::lround(left - kMargin)), static_cast<int>(std::lround(right + kMargin)),
+        static_cast<int>(std::lround(top - kMargin)), static_cast<int>(std::lround(bottom + kMargin)));
+  }
+}
+
+void BandMarker::mark_alone(std::size_t a, std::vector<PixelMask>& masks) const {
+  if (in_sheet(landings_.landing[a])) mark_between(a, a, masks);
+}
+
+}  // namespace sensor_rt

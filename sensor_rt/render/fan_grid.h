@@ -1,0 +1,62 @@
+// Laser rays that find out where the sheet lands, and where the cameras see that.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "sensor_rt/render/render_plan.h"
+#include "sensor_rt/scene/ray_view.h"
+
+namespace sensor_rt {
+
+/// A laser ray: angle across the fan, slope out of its plane (x per distance), instant of the exposure.
+struct FanRay {
+  double angle = 0.0;
+  double slope = 0.0;
+  std::size_t instant = 0;
+};
+
+/// Where a ray landed. Pixel coordinates are kept as floats: they serve to mark pixels, not to measure.
+struct Landing {
+  bool hit = false;
+  float across = 0.0f;  ///< x in units of the half width of the sheet there: light within [-1, 1]
+};
+
+/// Rays and their landings; pixel coordinates per camera at [ray * cameras + camera].
+struct FanLandings {
+  std::vector<Landing> landing;
+  std::vector<float> column;
+  std::vector<float> row;
+
+  void resize(std::size_t rays, std::size_t cameras);
+};
+
+/// Casts laser rays in packets and projects the landings into all cameras.
+class FanGrid {
+ public:
+  explicit FanGrid(const RenderPlan& plan);
+
+  /// Makes the scene at the instants of an exposure ready.
+  void set(const Scene& scene, const PoseTrack& track);
+
+  bool empty() const { return view_.empty(); }
+
+  /// Casts `rays`, which share the instant of the first of each sixteen.
+  void cast(const std::vector<FanRay>& rays, FanLandings& out);
+
+ private:
+  struct CameraLanes {
+    double rotation[9];  ///< camera_from_sensor, row-major
+    double translation[3];
+    double focal, cx, cy;
+  };
+
+  void project(const Lanes3& point, std::size_t first, int lanes, FanLandings& out) const;
+
+  const RenderPlan& plan_;
+  RayView view_;
+  std::vector<CameraLanes> cameras_;
+  std::vector<std::size_t> lane_instants_;
+};
+
+}  // namespace sensor_rt

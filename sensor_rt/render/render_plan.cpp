@@ -1,0 +1,70 @@
+#include "sensor_rt/render/render_plan.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "sensor_rt/optics/region.h"
+
+namespace sensor_rt {
+namespace {
+
+constexpr double kPlanck = 6.62607015e-34;
+constexpr double kLightSpeed = 299792458.0;
+
+/// A Lambertian surface that sends back the irradiance E has radiance E/pi; a lens of working f-number N
+/// turns radiance L into pi L / (4 N²) on the axis of the image plane.
+double electrons_per_irradiance(const Camera& camera, double wavelength, double quantum_efficiency) {
+  const double image_irradiance = camera.transmission / (4.0 * camera.f_number * camera.f_number);
+  const double photons_per_joule = wavelength / (kPlanck * kLightSpeed);
+  return image_irradiance * camera.pixel_pitch * camera.pixel_pitch * photons_per_joule * quantum_efficiency;
+}
+
+/// Largest half width of the sheet relative to the distance from the source, over the depths that cameras
+/// see.
+double largest_slope(const SensorModel& model) {
+  double near = std::numeric_limits<double>::infinity();
+  double far = 0.0;
+  for (const Camera& camera : model.cameras) {
+    const DepthRange depth = visible_depth(camera);
+    near = std::min(near, depth.near);
+    far = std::max(far, depth.far);
+  }
+  const LaserSheet& laser = model.laser;
+  constexpr double kFarthest = 10.0;  // m: a camera that sees to infinity
+  constexpr double kNearest = 1e-3;   // m from the source
+  near = std::max(near, laser.source_z + kNearest);
+  far = std::max(near, std::min(far, kFarthest));
+  double slope = 0.0;
+  constexpr int kSteps = 256;
+  for (int i = 0; i <= kSteps; ++i) {
+    const double z = near + (far - near) * i / kSteps;
+    slope = std::max(slope, kSheetReach * laser.sigma_at(z) / (z - laser.source_z));
+  }
+  return slope * 1.02;  // the depths are sampled
+}
+
+}  // namespace
+
+RenderPlan::RenderPlan(const RenderSettings& given)
+    : settings(given), pattern(make_sampling_pattern(static_cast<std::size_t>(given.samples_per_pixel))) {
+  const SensorModel& model = settings.model;
+  slope = largest_slope(model);
+  laser_region = sensor_rt::laser_region(model.laser, slope / std::cos(model.laser.fan_half_angle));
+  double beyond = 0.0;
+  for (const Camera& camera : model.cameras) {
+    const DepthRange depth = visible_depth(camera);
+    const double far = std::min(depth.far, 10.0);
+    beyond = std::max(
+        {beyond, kSheetReach * model.laser.sigma_at(depth.near), kSheetReach * model.laser.sigma_at(far)});
+  }
+  for (const Camera& camera : model.cameras) {
+    // Ambient light makes everything in view visible, not only what the laser can reach.
+    camera_regions.push_back(model.ambient_irradiance > 0.0 ? camera_field(camera)
+                                                            : camera_region(camera, 1.1 * beyond));
+    electrons_per_irradiance.push_back(
+        sensor_rt::electrons_per_irradiance(camera, model.laser.wavelength, settings.quantum_efficiency));
+  }
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,41 @@
+// What rendering needs to know of a sensor, prepared once and shared by all threads.
+#pragma once
+
+#include <vector>
+
+#include "sensor_rt/geometry/half_space.h"
+#include "sensor_rt/optics/sensor_model.h"
+#include "sensor_rt/render/sampling_pattern.h"
+
+namespace sensor_rt {
+
+struct RenderSettings {
+  SensorModel model;
+  double quantum_efficiency = 0.0;
+  int samples_per_pixel = 0;
+  int rays_across_fan = 0;   ///< laser rays that find the pixels to trace
+  bool whole_image = false;  ///< trace every pixel instead
+};
+
+/// The light counts out to this many standard deviations from the middle of the sheet; it has fallen to 4e-5
+/// there.
+constexpr double kSheetReach = 4.5;
+
+/// Light or view is free when nothing stands before this share of the way to the surface; the rest is the
+/// surface.
+constexpr double kBeforeSurface = 1.0 - 1e-4;
+
+struct RenderPlan {
+  explicit RenderPlan(const RenderSettings& settings);
+
+  RenderSettings settings;
+  SamplingPattern pattern;
+  double slope = 0.0;  ///< |x| / distance from the source that holds all light where any camera sees it
+  std::vector<HalfSpace> laser_region;
+  std::vector<std::vector<HalfSpace>> camera_regions;
+  std::vector<double>
+      electrons_per_irradiance;  ///< per camera: electrons per second and per W/m² of diffusely
+                                 ///< reflected irradiance, for a pixel on the optical axis
+};
+
+}  // namespace sensor_rt

@@ -1,0 +1,60 @@
+#include "sensor_rt/render/sampling_pattern.h"
+
+#include <algorithm>
+#include <numeric>
+
+namespace sensor_rt {
+namespace {
+
+/// Square of the shortest wave (p, q) that the lattice {(i, generator * i) / n} mistakes for a constant.
+long long shortest_hidden_wave(long long n, long long generator) {
+  long long shortest = n * n;
+  for (long long q = 1; q * q < shortest; ++q) {
+    const long long p = (generator * q) % n;  // p + generator * (-q) = 0 (mod n)
+    const long long nearest = std::min(p, n - p);
+    shortest = std::min(shortest, nearest * nearest + q * q);
+  }
+  return shortest;
+}
+
+/// Generator that makes `quality` largest among those that visit every stratum.
+template <typename Quality>
+long long best_generator(long long n, const Quality& quality) {
+  long long best = 1;
+  for (long long g = 2; g < n; ++g) {
+    if (std::gcd(g, n) == 1 && quality(g) > quality(best)) best = g;
+  }
+  return best;
+}
+
+}  // namespace
+
+SamplingPattern make_sampling_pattern(std::size_t samples) {
+  const auto n = static_cast<long long>(samples);
+  const long long to_column = best_generator(n, [&](long long g) { return shortest_hidden_wave(n, g); });
+  // Time against row matters as much as time against column; with time = g * i and column = to_column * i,
+  // the second pair is a lattice of its own, whose generator r satisfies r * to_column = g.
+  const long long to_time = best_generator(n, [&](long long g) {
+    long long r = 0;
+    while (r < n && (r * to_column - g) % n != 0) ++r;
+    return g == to_column ? 0 : std::min(shortest_hidden_wave(n, g), shortest_hidden_wave(n, r));
+  });
+  SamplingPattern pattern;
+  for (long long i = 0; i < n; ++i) {
+    const double count = static_cast<double>(n);
+    pattern.row.push_back((static_cast<double>(i) + 0.5) / count - 0.5);
+    pattern.column.push_back((static_cast<double>(i * to_column % n) + 0.5) / count - 0.5);
+    pattern.instant.push_back(static_cast<std::size_t>(i * to_time % n));
+  }
+  return pattern;
+}
+
+std::vector<double> instants_of_exposure(std::size_t samples) {
+  std::vector<double> fractions;
+  for (std::size_t i = 0; i < samples; ++i) {
+    fractions.push_back((static_cast<double>(i) + 0.5) / static_cast<double>(samples));
+  }
+  return fractions;
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,26 @@
+// Where in a pixel and when in an exposure the samples lie.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+namespace sensor_rt {
+
+/// A rank-1 lattice over row, column and time: n samples take n different rows, n different columns and n
+/// different instants. Stripes run along columns, so that every sample of a pixel sees another height of the
+/// stripe and the integral over a smooth stripe is exact to far below the noise. The pattern is the same in
+/// every pixel.
+struct SamplingPattern {
+  std::vector<double> column;  ///< offset from the pixel centre, in (-0.5, 0.5)
+  std::vector<double> row;
+  std::vector<std::size_t> instant;  ///< stratum of the exposure, 0 .. n - 1
+
+  std::size_t size() const { return row.size(); }
+};
+
+SamplingPattern make_sampling_pattern(std::size_t samples);
+
+/// Middles of n equal strata of the exposure, as fractions.
+std::vector<double> instants_of_exposure(std::size_t samples);
+
+}  // namespace sensor_rt

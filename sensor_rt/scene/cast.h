@@ -1,0 +1,26 @@
+// Arbitrary rays in the world.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "sensor_rt/scene/scene.h"
+
+namespace sensor_rt {
+
+/// Closest hits: distance along the ray (infinite without a hit), body and face (-1 without a hit; 0 on
+/// primitives).
+struct CastResult {
+  std::vector<double> distance;
+  std::vector<std::int32_t> body;
+  std::vector<std::int64_t> face;
+};
+
+/// Casts `count` rays, origins and directions (count, 3) in the world frame. Directions need not be unit
+/// vectors; distances are metres all the same. Throws std::invalid_argument for rays that are not finite or
+/// have no direction.
+CastResult cast_rays(const Scene& scene, const std::vector<Rigid3>& world_from_body, const double* origins,
+                     const double* directions, std::size_t count, unsigned threads);
+
+}  // namespace sensor_rt

@@ -1,0 +1,43 @@
+#include "sensor_rt/scene/pose_track.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace sensor_rt {
+
+Rigid3 pose_at(const Rigid3* poses, std::size_t samples, double fraction) {
+  if (samples == 1) return poses[0];
+  const double position = fraction * static_cast<double>(samples - 1);
+  const std::size_t before = std::min(static_cast<std::size_t>(position), samples - 2);
+  return interpolate(poses[before], poses[before + 1], position - static_cast<double>(before));
+}
+
+void PoseTrack::set(const Scene& scene, const Exposures& exposures, std::size_t exposure,
+                    const std::vector<double>& fractions) {
+  instants_ = fractions.size();
+  sensor_from_world_.resize(instants_);
+  for (std::size_t i = 0; i < instants_; ++i) {
+    sensor_from_world_[i] =
+        pose_at(exposures.sensor_poses(exposure), exposures.samples, fractions[i]).inverse();
+  }
+  const std::vector<Shape>& shapes = scene.shapes();
+  shape_from_reference_.resize(shapes.size() * instants_);
+  for (std::size_t s = 0; s < shapes.size(); ++s) {
+    const Rigid3* poses = exposures.body_poses(exposure, static_cast<std::size_t>(shapes[s].body));
+    for (std::size_t i = 0; i < instants_; ++i) {
+      const Rigid3 sensor_from_body = sensor_from_world_[i] * pose_at(poses, exposures.samples, fractions[i]);
+      shape_from_reference_[s * instants_ + i] = shapes[s].shape_from_body * sensor_from_body.inverse();
+    }
+  }
+}
+
+void PoseTrack::set_still(const Scene& scene, const Rigid3* reference_from_body) {
+  instants_ = 1;
+  const std::vector<Shape>& shapes = scene.shapes();
+  shape_from_reference_.resize(shapes.size());
+  for (std::size_t s = 0; s < shapes.size(); ++s) {
+    shape_from_reference_[s] = shapes[s].shape_from_body * reference_from_body[shapes[s].body].inverse();
+  }
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,41 @@
+// The shapes that rays from one origin can meet, with their poses laid out for packets.
+#pragma once
+
+#include <vector>
+
+#include "sensor_rt/geometry/half_space.h"
+#include "sensor_rt/scene/packet.h"
+#include "sensor_rt/scene/pose_track.h"
+
+namespace sensor_rt {
+
+/// Rays that share an origin and stay inside a convex region. Shapes outside the region are dropped once per
+/// exposure, which takes the place of a tree over the handful of bodies: nothing is rebuilt when bodies move.
+class RayView {
+ public:
+  /// `lane_instants` gives the instant of each lane, a multiple of kLanes long: packet k uses the k-th
+  /// sixteen. `origin` in the reference frame. An empty region keeps every shape.
+  void set(const Scene& scene, const PoseTrack& track, const Eigen::Vector3d& origin,
+           const std::vector<std::size_t>& lane_instants, const std::vector<HalfSpace>& region);
+
+  /// Closest hits of packet kind `packet` up to t = farthest.
+  void intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
+                 PacketHits& hits) const;
+
+  /// Clears open[lane] for rays that are cut before t = farthest.
+  void occlude(std::size_t packet, const Lanes3& direction, double farthest, int* open) const;
+
+  bool empty() const { return shapes_.empty(); }
+
+ private:
+  const Scene* scene_ = nullptr;
+  std::size_t packets_ = 0;
+  std::vector<std::size_t> shapes_;
+  std::vector<LaneTransform> transforms_;  ///< [shape in view][packet]
+};
+
+/// Lays one pose into one lane.
+void set_lane(LaneTransform& transform, int lane, const Rigid3& shape_from_reference,
+              const Eigen::Vector3d& origin);
+
+}  // namespace sensor_rt

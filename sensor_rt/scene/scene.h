@@ -1,0 +1,44 @@
+// Bodies that move as one, made of meshes and exact primitives. Built once; poses come with every exposure.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "sensor_rt/scene/mesh_shape.h"
+#include "sensor_rt/scene/shape.h"
+
+namespace sensor_rt {
+
+/// Everything that light can meet. Several shapes may share a body. Shapes are two-sided; reflectance is
+/// Lambertian, 0..1. Sizes in metres. All add_* throw std::invalid_argument for what is not finite, not
+/// positive or out of range. Tracing a finished scene is safe from any number of threads.
+class Scene {
+ public:
+  /// Mesh given in the body frame.
+  void add_mesh(const std::string& body, const MeshView& mesh, double reflectance);
+  /// Sphere around `centre` (body frame).
+  void add_sphere(const std::string& body, const Eigen::Vector3d& centre, double radius, double reflectance);
+  /// Box with edges `size`, centred in its own frame.
+  void add_box(const std::string& body, const Rigid3& body_from_box, const Eigen::Vector3d& size,
+               double reflectance);
+  /// Cylinder along its own z, capped, centred in its own frame.
+  void add_cylinder(const std::string& body, const Rigid3& body_from_cylinder, double radius, double height,
+                    double reflectance);
+  /// Rectangle with edges `size` in the xy plane of its own frame, centred, visible from both sides.
+  void add_plane(const std::string& body, const Rigid3& body_from_plane, const Eigen::Vector2d& size,
+                 double reflectance);
+
+  /// Names in the order in which poses are given.
+  const std::vector<std::string>& bodies() const { return bodies_; }
+  const std::vector<Shape>& shapes() const { return shapes_; }
+
+ private:
+  void add_primitive(const std::string& body, ShapeKind kind, const Rigid3& body_from_shape,
+                     const Eigen::Vector3d& half_size, double reflectance);
+  void add_shape(const std::string& body, Shape shape, double reflectance);
+
+  std::vector<std::string> bodies_;
+  std::vector<Shape> shapes_;
+};
+
+}  // namespace sensor_rt

@@ -1,0 +1,33 @@
+// One piece of a body's surface: a triangle mesh or an exact primitive.
+#pragma once
+
+#include <Eigen/Dense>
+#include <vector>
+
+#include "sensor_rt/geometry/rigid3.h"
+#include "sensor_rt/scene/embree.h"
+
+namespace sensor_rt {
+
+enum class ShapeKind { kMesh, kSphere, kBox, kCylinder, kRectangle };
+
+/// Plane of a face: normal · p = offset, unit normal, in the frame of the shape.
+struct FacePlane {
+  double normal[3];
+  double offset;
+};
+
+/// Surface in a frame of its own, centred in the surface's bounding box so that single precision goes far.
+struct Shape {
+  ShapeKind kind = ShapeKind::kMesh;
+  int body = 0;
+  double reflectance = 0.0;
+  Rigid3 shape_from_body;
+  /// Half of the bounding box. For primitives this is their size: radius of a sphere; radius, radius and half
+  /// the height of a cylinder along z; a rectangle lies in z = 0.
+  Eigen::Vector3d half_size = Eigen::Vector3d::Zero();
+  std::vector<FacePlane> planes;  ///< meshes only, one per face
+  SceneHandle embree;             ///< meshes only
+};
+
+}  // namespace sensor_rt
