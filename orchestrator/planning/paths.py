@@ -20,17 +20,21 @@ from orchestrator.planning.options import RasterOptions, SweepOptions
 from orchestrator.planning.surface import MIN_COSINE, Surface
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _EDGE = 1e-3  # the ends of the laser line and of a pass reach this far beyond what they must cover
 _WORTH = 0.002  # share of the surface that a deeper level must add
 _MAX_LEVELS = 4
+_SIDE_OFFSETS = (0.3, 0.6, 0.85)  # of the part's radius
+_MAX_SIDE_SWEEPS = 4
+_WORTH_A_TURN = 0.01  # share of the surface that a side sweep must add
 
 
 @dataclass(frozen=True)
 class Sweep:
     """A full turn of the table under a standing sensor.
 
-    `at_azimuth_zero` (4, 4) is ``table_from_sensor`` in the plane y = 0, the laser sheet holding the table's axis;
+    `at_azimuth_zero` (4, 4) is ``table_from_sensor`` looking along -x at `target` (3,), the laser sheet upright;
     turning it about the axis gives the same scan from another side.
     """
 
@@ -74,7 +78,7 @@ class Pass:
 
 
 def sweep_pose(target: Array, elevation: float, distance: float) -> Array:
-    """``table_from_sensor`` at azimuth 0 that looks at `target` (3,) from `distance` (m), in one plane with the axis."""
+    """``table_from_sensor`` at azimuth 0 that looks at `target` (3,) from `distance` (m), sheet upright."""
     c, s = np.cos(elevation), np.sin(elevation)
     rotation = np.array([[0.0, -s, -c], [-1.0, 0.0, 0.0], [0.0, c, -s]])
     return pose.from_rotation(rotation, target + distance * np.array([c, 0.0, s]))
@@ -82,64 +86,96 @@ def sweep_pose(target: Array, elevation: float, distance: float) -> Array:
 
 def sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions) -> list[Sweep]:
     """Turns that cover what faces the sensor at each elevation."""
-    return [view for e in options.elevations for view in _sweeps_at(part, sensor_range, options, e)]
+    nothing = np.zeros(len(part.points), bool)
+    return [view for e in options.elevations for view in _sweeps_at(part, sensor_range, options, e, 0.0, nothing)]
 
 
-def _sweeps_at(part: Surface, sensor_range: SensorRange, options: SweepOptions, elevation: float) -> list[Sweep]:
-    up, depth = _meridian(part.points, elevation)
-    facing = _facing(part, elevation)
-    # A point seen on the sensor's side of the axis need not be seen again on the far side.
-    side = np.where(facing[0], 0, 1)
-    wanted = facing.any(0)
-    if not wanted.any():
+def side_sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags) -> list[Sweep]:
+    """Further turns, the sheet beside the axis, for what the others do not see (n,): walls that point at the axis.
+
+    A sheet through the axis only grazes them. The candidate that adds most is taken first, until none adds enough.
+    """
+    radius = float(np.hypot(part.extremes[:, 0], part.extremes[:, 1]).max())
+    offsets = [sign * share * radius for share in _SIDE_OFFSETS for sign in (1, -1)]
+    candidates = [
+        view
+        for e in options.elevations
+        for y in offsets
+        for view in _sweeps_at(part, sensor_range, options, e, y, seen)
+    ]
+    sees = np.array(
+        [surface.best_cosine_of_sweep(sensor_range, v.at_azimuth_zero, part) > MIN_COSINE for v in candidates]
+    )
+    chosen: list[Sweep] = []
+    while candidates and len(chosen) < _MAX_SIDE_SWEEPS:
+        gain = (sees & ~seen).mean(1)
+        best = int(np.argmax(gain))
+        if gain[best] < _WORTH_A_TURN:
+            break
+        chosen.append(candidates[best])
+        seen = seen | sees[best]
+    return chosen
+
+
+def _sweeps_at(
+    part: Surface, sensor_range: SensorRange, options: SweepOptions, elevation: float, offset: float, done: Flags
+) -> list[Sweep]:
+    """Turns at one elevation with the sheet at y = `offset`, for all that is not `done` (n,)."""
+    up, depth, facing = _in_sheet(part, elevation, offset)
+    wanted = facing & ~done
+    if wanted.mean() < _WORTH:
         return []
-    rows = np.arange(wanted.size)
-    up, depth = up[side, rows], depth[side, rows]
-    solid_up, solid_depth = (x.reshape(-1) for x in _meridian(part.extremes, elevation))
+    solid = np.concatenate(list(surface.crossings(part.extremes, offset) @ part.extremes[..., None]))[..., 0]
+    solid_up, solid_depth = _line_and_view(solid[np.isfinite(solid[:, 0])], elevation)
     half = _half_line(sensor_range, options.standoff)
     views: list[Sweep] = []
     covered = ~wanted
     for centre in tile(float(up[wanted].min()), float(up[wanted].max()), half, options.height_step):
-        window = np.abs(solid_up - centre) <= half
         own = np.abs(up - centre) <= half
-        near = solid_depth[window].min() if window.any() else depth[wanted & own].min(initial=np.inf)
+        near = float(solid_depth[np.abs(solid_up - centre) <= half].min(initial=np.inf))
         for _ in range(_MAX_LEVELS):
-            if not np.isfinite(near):
-                break
-            target = _from_meridian(centre, near, elevation)
-            name = f"sweep at {np.degrees(elevation):.0f} deg, line centre {centre_text(target)}"
-            view = Sweep(name, sweep_pose(target, elevation, options.standoff), target, elevation)
-            seen = surface.best_cosine_of_sweep(sensor_range, view.at_azimuth_zero, part) > MIN_COSINE
-            if (seen & ~covered).mean() > _WORTH or not views:
-                views.append(view)
-                covered |= seen
-            left = ~covered & own & (depth > near + 1e-6)
+            left = ~covered & own & (depth >= near - _EDGE)
             if left.mean() < _WORTH:
                 break
-            near = max(float(np.quantile(depth[left], 0.01)), near + 0.2 * (sensor_range.far - options.standoff))
+            view = _sweep(centre, near, elevation, offset, options.standoff)
+            seen = surface.best_cosine_of_sweep(sensor_range, view.at_azimuth_zero, part) > MIN_COSINE
+            if (seen & ~covered).mean() > _WORTH:
+                views.append(view)
+                covered |= seen
+                left &= ~seen
+            # What is left lies beyond the range: go nearer, by a fifth of the depth of field at the least.
+            beyond = depth[left & (depth > near)]
+            step = 0.2 * (sensor_range.far - options.standoff)
+            near = max(float(np.quantile(beyond, 0.01)), near + step) if len(beyond) else np.inf
     return views
 
 
-def _meridian(points: Array, elevation: float) -> tuple[Array, Array]:
-    """Coordinates (2, n) along the laser line and along the view when points pass near (0) and far (1) of the axis."""
-    radius = np.hypot(points[:, 0], points[:, 1])
-    r = np.stack([radius, -radius])
+def _sweep(up: float, depth: float, elevation: float, offset: float, standoff: float) -> Sweep:
     c, s = np.cos(elevation), np.sin(elevation)
-    return -s * r + c * points[:, 2], -c * r - s * points[:, 2]
+    target = np.array([-s * up - c * depth, offset, c * up - s * depth])
+    beside = f", {1e3 * offset:.0f} mm beside the axis" if offset else ""
+    where = f"radius {1e3 * target[0]:.0f} mm height {1e3 * target[2]:.0f} mm"
+    name = f"sweep at {np.degrees(elevation):.0f} deg{beside}, line centre at {where}"
+    return Sweep(name, sweep_pose(target, elevation, standoff), target, elevation)
 
 
-def _from_meridian(up: float, depth: float, elevation: float) -> Array:
+def _line_and_view(points: Array, elevation: float) -> tuple[Array, Array]:
+    """Coordinates (...,) of points (..., 3) along the laser line and along the view, sensor at azimuth 0."""
     c, s = np.cos(elevation), np.sin(elevation)
-    return np.array([-s * up - c * depth, 0.0, c * up - s * depth])
+    return -s * points[..., 0] + c * points[..., 2], -c * points[..., 0] - s * points[..., 2]
 
 
-def _facing(part: Surface, elevation: float) -> NDArray[np.bool_]:
-    """(2, n) whether the surface faces the sensor on the near and on the far side of the axis."""
-    radius = np.hypot(part.points[:, 0], part.points[:, 1])
-    outwards = part.points[:, :2] / np.maximum(radius, 1e-9)[:, None]
-    radial = (part.normals[:, :2] * outwards).sum(1)
-    c, s = np.cos(elevation), np.sin(elevation)
-    return np.asarray(np.stack([c * radial, -c * radial]) + s * part.normals[:, 2] > MIN_COSINE)
+def _in_sheet(part: Surface, elevation: float, offset: float) -> tuple[Array, Array, Flags]:
+    """Line and view coordinates (n,) of each point where it best crosses the sheet, and whether it faces the sensor."""
+    turn = surface.crossings(part.points, offset)
+    points = (turn @ part.points[..., None])[..., 0]
+    normals = (turn @ part.normals[..., None])[..., 0]
+    # NaN, a point that never crosses, compares as not facing.
+    facing = normals @ np.array([np.cos(elevation), 0.0, np.sin(elevation)]) > MIN_COSINE
+    # A point seen on the sensor's side of the axis need not be seen again beyond it.
+    side = np.where(facing[0], 0, 1)
+    up, depth = (np.take_along_axis(x, side[None], 0)[0] for x in _line_and_view(points, elevation))
+    return up, depth, np.asarray(facing.any(0))
 
 
 def tile(low: float, high: float, half: float, step: float) -> Array:
@@ -153,11 +189,6 @@ def tile(low: float, high: float, half: float, step: float) -> Array:
 
 def _half_line(sensor_range: SensorRange, standoff: float) -> float:
     return float(sensor_range.half_line(standoff)) - _EDGE
-
-
-def centre_text(target: Array) -> str:
-    """Radius and height of a point of the plane y = 0 in millimetres, for messages."""
-    return f"radius {1e3 * target[0]:.0f} mm height {1e3 * target[2]:.0f} mm"
 
 
 def passes(part: Surface, sensor_range: SensorRange, options: RasterOptions) -> list[Pass]:

@@ -119,6 +119,9 @@ def _plan_views(
     pass_views = paths.passes(part, cell.range, options.raster) if options.raster else []
     if not (sweep_views or pass_views):
         raise PlanningError("no view sees any of the part: nothing of it faces the sensor")
+    if options.sweep:
+        seen = _seen(cell, part, [*sweep_views, *pass_views])
+        sweep_views += paths.side_sweeps(part, cell.range, options.sweep, seen)
     warnings: list[str] = []
     sweeps = _reach_sweeps(placer, sweep_views, warnings)
     kept: list[Sweep | Pass] = [*(s.view for s in sweeps), *pass_views]

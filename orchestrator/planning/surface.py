@@ -23,7 +23,7 @@ GOOD_COSINE = float(np.cos(np.radians(60)))
 class Surface:
     """Points (n, 3) evenly spread over the surface, unit normals (n, 3), in the frame of the table at angle 0.
 
-    `extremes` (m, 3) are the vertices, for distances that must not be missed.
+    `extremes` (m, 3) are these points and the vertices, one per half millimetre, for distances not to be missed.
     """
 
     points: Array
@@ -58,7 +58,15 @@ def sample(part: Mesh, table_from_part: Array, count: int = 12_000) -> Surface:
         normals = -normals
     extremes = part.vertices[np.unique(part.faces)]
     points, extremes = (pose.transform_points(table_from_part, p) for p in (points, extremes))
-    return Surface(points, normals @ table_from_part[:3, :3].T, extremes)
+    return Surface(points, normals @ table_from_part[:3, :3].T, _thinned(np.concatenate([extremes, points])))
+
+
+def _thinned(points: Array, grid: float = 5e-4) -> Array:
+    """One of the points (n, 3) in each cube of a grid (m)."""
+    cell = np.floor((points - points.min(0)) / grid).astype(np.int64)
+    size = cell.max(0) + 1
+    _, first = np.unique((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2], return_index=True)
+    return np.asarray(points[first])
 
 
 def lit_cosine(sensor_range: SensorRange, table_from_sensor: Array, points: Array, normals: Array) -> Array:
@@ -81,19 +89,28 @@ def lit_cosine(sensor_range: SensorRange, table_from_sensor: Array, points: Arra
     return np.where(seen & sensor_range.holds(y, z), np.maximum(cosine, 0.0), 0.0)
 
 
-def best_cosine_of_sweep(sensor_range: SensorRange, table_from_sensor: Array, surface: Surface) -> Array:
-    """Best `lit_cosine` (n,) of each point during a full turn of the table under a sensor whose sheet holds the axis.
+def crossings(points: Array, offset: float) -> Array:
+    """Turns (2, n, 3, 3) of the table that carry points (n, 3) into the plane y = `offset`; NaN for those too near.
 
-    `table_from_sensor` must lie in the plane of azimuth 0. Each point crosses the sheet twice: on the sensor's side
-    of the axis and on the far side.
+    A point of a turning part crosses the plane twice: on the side of x > 0, where the sensor stands, and beyond.
     """
-    azimuth = np.arctan2(surface.points[:, 1], surface.points[:, 0])
+    radius = np.hypot(points[:, 0], points[:, 1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        near = np.arcsin(offset / radius) if offset else np.zeros_like(radius)
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    return pose.rotation_about(2, np.stack([near, np.pi - near]) - azimuth)
+
+
+def best_cosine_of_sweep(sensor_range: SensorRange, table_from_sensor: Array, surface: Surface) -> Array:
+    """Best `lit_cosine` (n,) of each point during a full turn of the table.
+
+    `table_from_sensor` must look along -x, so that its sheet is a plane of constant y.
+    """
     best = np.zeros(len(surface.points))
-    for side in (0.0, np.pi):
-        turn = pose.rotation_about(2, side - azimuth)
+    for turn in crossings(surface.points, float(table_from_sensor[1, 3])):
         points = (turn @ surface.points[..., None])[..., 0]
         normals = (turn @ surface.normals[..., None])[..., 0]
-        best = np.maximum(best, lit_cosine(sensor_range, table_from_sensor, points, normals))
+        best = np.fmax(best, lit_cosine(sensor_range, table_from_sensor, points, normals))
     return best
 
 

@@ -88,12 +88,6 @@ def _ramp_travel(s: Array) -> Array:
     return np.asarray(s**3 - s**4 / 2)
 
 
-def run_travel(speed: float, acceleration: float, cycle: float) -> float:
-    """Path (m or rad) that a `run` needs before its first exposure; a little more lies behind its last."""
-    ramp_cycles = int(np.ceil(_RAMP_ACCELERATION * speed / acceleration / cycle))
-    return speed * cycle * (ramp_cycles / 2 + 2)
-
-
 def share_of_limits(
     positions: ArrayLike, max_speed: ArrayLike, max_acceleration: ArrayLike, cycle: float
 ) -> tuple[Array, Array]:

@@ -1,0 +1,155 @@
+"""Meshes: every kind of broken file is named, good ones arrive in metres, solids have their textbook properties."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from orchestrator.errors import MeshError
+from orchestrator.geometry import mesh as meshes
+from orchestrator.geometry import pose
+from orchestrator.geometry.mesh import Mesh, load_mesh
+
+PLY_HEAD = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+)
+ASCII_STL = (
+    "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 {}\nendloop\nendfacet\nendsolid x\n"
+)
+PLY_POINTS = PLY_HEAD[: PLY_HEAD.index("element face")] + "end_header\n0 0 0\n1 0 0\n0 1 0\n"
+
+
+def box(size=(0.04, 0.06, 0.1), centre=(0.0, 0.0, 0.0)) -> Mesh:
+    made = trimesh.creation.box(size, pose.translation(centre))
+    return Mesh(np.asarray(made.vertices), np.asarray(made.faces, np.int64), "box")
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])
+@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("m", 1.0), ("inch", 0.0254)])
+def test_formats_and_units(tmp_path, suffix, unit, metres):
+    path = tmp_path / f"PART{suffix.upper()}"
+    trimesh.creation.box((40, 60, 100)).export(path, file_type=suffix[1:])
+    mesh = load_mesh(path, unit)
+    assert np.allclose(np.ptp(mesh.bounds, axis=0), np.array([40, 60, 100]) * metres, rtol=1e-6)
+    assert mesh.areas.sum() == pytest.approx(2 * (40 * 60 + 60 * 100 + 40 * 100) * metres**2)
+    assert mesh.source == str(path)
+
+
+def test_obj_polygons_texture_indices_and_negative_indices(tmp_path):
+    path = tmp_path / "quad.obj"
+    path.write_text("# two squares\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nf 1/1/1 2//2 3/1 4\nf -4 -3 -2 -1\n")
+    mesh = load_mesh(path, "m")
+    assert len(mesh.faces) == 4
+    assert mesh.areas.sum() == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.stl", b"", "empty"),
+        ("a.ply", b"", "empty"),
+        ("a.obj", b"", "not an OBJ mesh"),
+        ("a.stl", b"hello world\n", "holds no STL mesh"),
+        ("a.stl", b"solid x\nendsolid x\n", "no triangles"),
+        ("a.stl", bytes(84), "no triangles"),
+        ("a.stl", bytes(80) + b"\xff\xff\xff\xee" + bytes(50), "not a readable STL"),
+        ("a.stl", bytes(range(1, 256)) * 50, "not a readable STL"),
+        ("a.stl", ASCII_STL.format("foo 0").encode(), "not a readable STL"),
+        ("a.stl", ASCII_STL.format("nan 0").encode(), r"vertex 2 is .*nan"),
+        ("a.obj", b"garbage\n", "not an OBJ mesh"),
+        ("a.obj", bytes(range(256)) * 50, "OBJ mesh"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", r"face 0 uses vertex \[0, 1, 8\].*0 to 2"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", r"face 0 uses vertex \[-1"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -7\n", "face 0 uses"),
+        ("a.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "fewer than three"),
+        ("a.obj", b"v 0 0 zero\nf 1 1 1\n", "not a readable OBJ"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no triangles"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv inf 1 0\nf 1 2 3\n", r"vertex 2 is .*inf"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\nf 1 1 2\n", "all 2 triangles are degenerate"),
+        ("a.ply", (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n").encode(), r"face 0 uses vertex \[0, 1, 7\]"),
+        ("a.ply", (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n").encode(), "face 0 uses vertex"),
+        ("a.ply", (PLY_HEAD + "0 0 0\n1 0 0\n0 nan 0\n3 0 1 2\n").encode(), "vertex 2 is"),
+        ("a.ply", PLY_POINTS.encode(), "no triangles"),
+        ("a.ply", b"ply\n" + bytes(range(256)) * 50, "not a readable PLY"),
+        ("a.ply", PLY_HEAD.replace("vertex 3", "vertex 4000000000").encode() + b"0 0 0\n", "no triangles"),
+        ("a.step", b"ISO-10303-21;", "not a mesh format"),
+        ("a", b"solid", "no suffix"),
+    ],
+)
+def test_broken_files_get_one_clear_message(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(MeshError, match=message) as caught:
+        load_mesh(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_files_folders_and_units(tmp_path):
+    with pytest.raises(MeshError, match="no such file"):
+        load_mesh(tmp_path / "absent.stl")
+    with pytest.raises(MeshError, match="not a file"):
+        load_mesh(tmp_path)
+    (tmp_path / "a.stl").write_bytes(b"")
+    with pytest.raises(MeshError, match="unit 'cm' is not known; expected one of mm, m, inch"):
+        load_mesh(tmp_path / "a.stl", "cm")
+
+
+def test_degenerate_triangles_among_good_ones_are_accepted(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 1 2\n")
+    assert len(load_mesh(path).faces) == 2
+
+
+def test_normals_and_areas_of_a_box_close():
+    mesh = box()
+    outward = ((mesh.vertices[mesh.faces].mean(1)) * mesh.normals).sum(1)
+    assert (outward > 0).all()
+    assert np.abs((mesh.normals * mesh.areas[:, None]).sum(0)).max() < 1e-15
+
+
+def test_mass_properties_of_a_box():
+    size = np.array([0.04, 0.06, 0.1])
+    centre = np.array([0.2, -0.1, 0.3])
+    properties = meshes.mass_properties(box(size, centre), 2700.0)
+    mass = 2700.0 * size.prod()
+    assert properties.mass == pytest.approx(mass)
+    assert np.allclose(properties.centre_of_mass, centre)
+    expected = mass / 12 * np.diag((size**2).sum() - size**2)
+    assert np.abs(properties.inertia - expected).max() < 1e-9 * mass
+
+
+def test_mass_of_an_inside_out_box_and_of_an_open_one():
+    whole = box()
+    turned = Mesh(whole.vertices, whole.faces[:, ::-1], "inside out")
+    lidless = Mesh(whole.vertices, whole.faces[2:], "open")
+    for mesh in (turned, lidless):
+        assert meshes.mass_properties(mesh, 1000.0).mass == pytest.approx(1000.0 * 0.04 * 0.06 * 0.1)
+
+
+def test_hull_of_a_flat_mesh_is_refused():
+    flat = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "sheet.stl")
+    with pytest.raises(MeshError, match=r"sheet\.stl.*no volume"):
+        _ = flat.hull
+
+
+def test_resting_height_puts_the_lowest_point_on_the_table():
+    turned = pose.rotation_from_euler_xyz((0.3, -0.4, 0.9))
+    height = meshes.resting_height(box(), turned)
+    assert (box().vertices @ turned.T)[:, 2].min() + height == pytest.approx(0.0, abs=1e-15)
+
+
+def test_which_poses_are_stable():
+    upright = pose.translation((0, 0, 0.05))
+    assert meshes.is_stable_pose(box(), upright)
+    on_edge = pose.from_rotation(pose.rotation_about(0, np.pi / 4))
+    assert not meshes.is_stable_pose(box(), on_edge)
+    # A tetrahedron whose apex hangs far beyond its base topples; within it, it stands.
+    base = [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    for apex, stands in (([0.03, 0.03, 0.1], True), ([0.3, 0.3, 0.1], False)):
+        leaning = Mesh(np.array([*base, apex], float), faces, "tetrahedron")
+        assert meshes.is_stable_pose(leaning, np.eye(4)) == stands
+    ball = trimesh.creation.icosphere(4, 0.02)
+    sphere = Mesh(np.asarray(ball.vertices), np.asarray(ball.faces, np.int64), "ball")
+    assert not meshes.is_stable_pose(sphere, pose.from_rotation(pose.rotation_about(0, 0.1)))
