@@ -3,19 +3,16 @@
 from sensor_rt._core import (
     PEAK_FLAGS,
     PEAK_REJECTED,
-    PEAK_FLAGS,
-    PEAK_REJECTED,
     Camera,
     Exposures,
     Peaks,
     Profiles,
-    Scene,
     ScanResult,
+    Scene,
     Sensor,
     cast_rays,
     closest_points,
     expected_electrons,
-    expose,
     expose,
     extract,
     render,
@@ -25,8 +22,6 @@ from sensor_rt._core import (
 )
 
 __all__ = [
-    "PEAK_FLAGS",
-    "PEAK_REJECTED",
     "PEAK_FLAGS",
     "PEAK_REJECTED",
     "Camera",
@@ -40,11 +35,9 @@ __all__ = [
     "closest_points",
     "expected_electrons",
     "expose",
-    "expose",
     "extract",
     "render",
     "scan",
     "triangulate",
-    "triangulate_pixels",
     "triangulate_pixels",
 ]

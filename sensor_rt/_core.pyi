@@ -74,7 +74,7 @@ class Scene:
         """Names in the order in which `Exposures` and `cast_rays` expect their poses: that of their first shape."""
 
 class Exposures:
-    """Poses over a batch of n exposures, k samples each, evenly spaced from start to end of the exposure (k = 1: still).
+    """Poses over a batch of n exposures: k samples each, evenly spaced from start to end (k = 1: still).
 
     Parameters
     ----------
