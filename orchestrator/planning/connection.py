@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,8 @@ class Connector:
 
     def __init__(self, cell: PlanningCell, clearance: float) -> None:
         self._cell = cell
-        self._clearance = clearance
+        # Between the poses that views were checked at, bodies may come a little nearer.
+        self._clearance = 0.8 * clearance
         arm, nominal = cell.nominal.arm, cell.nominal
         self._speed = LIMIT_SHARE * np.append(arm.max_speed, nominal.table_max_speed)
         self._acceleration = LIMIT_SHARE * np.append(arm.max_acceleration, nominal.table_max_acceleration)
@@ -46,7 +47,8 @@ class Connector:
         checked: dict[tuple[bytes, bytes], list[Clash]] = {}
         direct: list[Clash] = []
         for way in self._ways(start, end):
-            for a, b in pairwise(way):
+            legs = [(a, b) for a, b in pairwise(way) if np.abs(b - a).max() > 0]
+            for a, b in legs:
                 key = (a.tobytes(), b.tobytes())
                 if key not in checked:
                     checked[key] = self._check(a, b)
@@ -54,7 +56,7 @@ class Connector:
                     direct = direct or checked[key]
                     break
             else:
-                return [self.move(a, b) for a, b in pairwise(way)]
+                return [self.move(a, b) for a, b in legs]
         raise PlanningError(f"no clear way to {purpose}: {describe(direct[0], self._clearance)} on the straight one")
 
     def _check(self, start: Array, end: Array) -> list[Clash]:
@@ -63,20 +65,25 @@ class Connector:
         return self._cell.too_near(way[:, :6], way[:, 6], self._clearance)
 
     def _ways(self, start: Array, end: Array) -> Iterator[list[Array]]:
-        """Waypoint lists to try, simplest first. The table turns on the longest leg, away from the part."""
+        """Waypoint lists to try, simplest first: straight, through a retreat at either end or both, through home."""
         yield [start, end]
+        starts, ends = self._escapes(start), self._escapes(end)
+        pairs = sorted(product(range(len(starts)), range(len(ends))), key=sum)
+        yield from ([start, starts[i], ends[k], end] for i, k in pairs)
         home = self._cell.nominal.home
-        for distance in _RETREATS:
-            back, front = self._retreat(start, distance), self._retreat(end, distance)
-            if back is not None and front is not None:
-                yield [start, back, front, end]
-                yield [start, back, np.append(home, start[6]), np.append(home, end[6]), front, end]
-        yield [start, np.append(home, start[6]), np.append(home, end[6]), end]
+        for i, k in pairs:
+            yield [start, starts[i], np.append(home, start[6]), np.append(home, end[6]), ends[k], end]
 
-    def _retreat(self, at: Array, distance: float) -> Array | None:
-        """Joints and table (7,) with the sensor drawn back along its viewing direction, in the same branch."""
-        target = self._cell.table_from_sensor(at[:6]) @ pose.translation((0.0, 0.0, -distance))
-        q = self._cell.ik(target[None], reference=at[:6])[0]
+    def _escapes(self, at: Array) -> list[Array]:
+        """`at` (7,) itself, and with the sensor drawn back along its view or lifted along the table's axis."""
+        here = self._cell.table_from_sensor(at[:6])
+        targets = []
+        for distance in _RETREATS:
+            targets.append(here @ pose.translation((0.0, 0.0, -distance)))
+            targets.append(pose.translation((0.0, 0.0, distance)) @ here)
+        q = self._cell.ik(np.array(targets), reference=at[:6])
+        # The same branch is the one whose joints hardly change.
         gap = np.nan_to_num(np.abs(q - at[:6]).max(-1), nan=np.inf)
-        best = int(np.argmin(gap))
-        return np.append(q[best], at[6]) if gap[best] < np.radians(60) else None
+        best = np.argmin(gap, axis=1)
+        near = [q[i, k] for i, k in enumerate(best) if gap[i, k] < np.radians(60)]
+        return [at, *(np.append(joints, at[6]) for joints in near)]

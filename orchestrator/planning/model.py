@@ -15,6 +15,8 @@ from orchestrator.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]
 
+_SELF_CLEARANCE = 2e-3  # m between links of the arm
+
 
 @dataclass(frozen=True)
 class SensorRange:
@@ -71,21 +73,29 @@ class PlanningCell:
     table_start: float = 0.0
 
     @cached_property
+    def _chain(self) -> list[str]:
+        """Names of the arm's bodies, base first, sensor last."""
+        return [b.name for b in self.nominal.bodies if b.name == "base" or b.moves_with.startswith(("link", "sensor"))]
+
+    @cached_property
     def proximity(self) -> ProximityScene:
         """Pairs of bodies that a motion must keep apart, without those that intersect whatever the arm does."""
         bodies = self.nominal.bodies
         meshes = {body.name: body.mesh for body in bodies}
-        chain = [body.name for body in bodies if body.name == "base" or body.moves_with.startswith(("link", "sensor"))]
-        around = [body.name for body in bodies if body.name not in chain]
-        everything = ProximityScene(meshes, cell_pairs(chain, around))
+        around = [body.name for body in bodies if body.name not in self._chain]
+        everything = ProximityScene(meshes, cell_pairs(self._chain, around))
         lower, upper = self.nominal.arm.limits
         q = np.random.default_rng(0).uniform(lower, upper, (100, len(lower)))
         touching = always_touching(everything, self.nominal.body_poses(q, np.zeros(len(q))))
         return everything.without(touching) if touching else everything
 
     def too_near(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
-        """What comes nearer than `clearance` (m) at joints (n, 6) and table angles (n,)."""
-        return self.proximity.too_near(self.nominal.body_poses(q, table), clearance)
+        """What comes nearer than `clearance` (m) at joints (n, 6) and table angles (n,).
+
+        The arm's own links are near each other by design: among them `_SELF_CLEARANCE` is enough.
+        """
+        near = self.proximity.too_near(self.nominal.body_poses(q, table), clearance)
+        return [c for c in near if c.distance < _SELF_CLEARANCE or not {c.body_a, c.body_b} <= set(self._chain)]
 
     def table_from_sensor(self, q: ArrayLike) -> Array:
         """Sensor poses (..., 4, 4) in the frame of the table at angle 0, at joints (..., 6)."""

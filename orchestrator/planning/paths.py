@@ -48,11 +48,12 @@ class Sweep:
         turn = pose.from_rotation(pose.rotation_about(2, azimuth))
         return np.asarray(turn @ self.at_azimuth_zero @ pose.from_rotation(pose.rotation_about(2, roll)))
 
-    def tilted(self, elevation: float, standoff: float) -> Sweep:
-        """The same line of the part seen under another elevation, from farther or nearer by `standoff` (m)."""
-        distance = float(np.linalg.norm(self.at_azimuth_zero[:3, 3] - self.target)) + standoff
-        name = f"{self.name} (raised to {np.degrees(elevation):.0f} deg)"
-        return Sweep(name, sweep_pose(self.target, elevation, distance), self.target, elevation)
+    def moved(self, raised: float, farther: float) -> Sweep:
+        """The same line of the part seen from `raised` radians higher and `farther` metres off."""
+        distance = float(np.linalg.norm(self.at_azimuth_zero[:3, 3] - self.target)) + farther
+        elevation = self.elevation + raised
+        how = f"from {1e3 * farther:.0f} mm farther" if farther else f"raised to {np.degrees(elevation):.0f} deg"
+        return Sweep(f"{self.name}, {how}", sweep_pose(self.target, elevation, distance), self.target, elevation)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from orchestrator.planning.paths import Pass, Sweep
 from orchestrator.planning.reasons import describe, out_of_reach
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 # Fraction of the joints' and the table's abilities that planned motions use: the controller keeps the rest.
 LIMIT_SHARE = 0.8
@@ -58,9 +59,10 @@ class PlacedPose:
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why a view cannot be taken."""
+    """Why a view cannot be taken; `by_view` when the sensor itself is in the way, wherever the arm stands."""
 
     reason: str
+    by_view: bool = False
 
 
 _T = TypeVar("_T", PlacedSweep, PlacedPass, PlacedPose)
@@ -98,10 +100,13 @@ class Placer:
 
             def attempt(choice: int, i: int = i, view: Sweep = view) -> PlacedSweep | Refusal:
                 standing = np.repeat(q[i, choice][None], len(table), 0)
-                return self._clear(standing, table) or PlacedSweep(view, q[i, choice], choice % 8)
+                # Most clashes show at any table angle: look at one before all.
+                refusal = self._clear(standing[:1], table[:1]) or self._clear(standing, table)
+                return refusal or PlacedSweep(view, q[i, choice], choice % 8)
 
             choices = order[usable[i][order]]
-            result.append(self._first(view.name, choices, attempt, targets[i]))
+            # Choices of one roll hold the sensor to the part alike.
+            result.append(self._first(view.name, choices, choices // 8 % 2, attempt, targets[i]))
         return result
 
     def passes(
@@ -131,7 +136,7 @@ class Placer:
                 return self._try_pass(view, runs[i], counts[i], float(headings[choice // 8]), choice % 8)
 
             choices = order[usable[i][order]]
-            result.append(self._first(view.name, choices, attempt, targets[i].reshape(-1, 4, 4)))
+            result.append(self._first(view.name, choices, 0 * choices, attempt, targets[i].reshape(-1, 4, 4)))
         return result
 
     def poses(self, part_from_sensor: Array) -> list[PlacedPose | Refusal]:
@@ -155,26 +160,36 @@ class Placer:
                 return self._clear(q[i, choice][None], np.array([table])) or PlacedPose(name, q[i, choice], table)
 
             choices = order[i][metric[i][order[i]] > _MIN_METRIC]
-            result.append(self._first(name, choices, attempt, targets[i]))
+            result.append(self._first(name, choices, 0 * choices, attempt, targets[i]))
         return result
 
     def _first(
-        self, name: str, choices: NDArray[np.int64], attempt: Callable[[int], _T | Refusal], targets: Array
+        self, name: str, choices: Indices, alike: Indices, attempt: Callable[[int], _T | Refusal], targets: Array
     ) -> _T | Refusal:
-        """The first choice that works; else the refusal of the first, or why there is no choice at all."""
+        """The first choice that works; else the refusal of the first, or why there is no choice at all.
+
+        Choices with the same number in `alike` are not tried any more after a refusal `by_view` of one of them.
+        """
         first: Refusal | None = None
-        for choice in choices[:_MAX_TRIES]:
-            placed = attempt(int(choice))
+        hopeless: set[int] = set()
+        for choice, group in zip(choices[:_MAX_TRIES].tolist(), alike.tolist(), strict=False):
+            if group in hopeless:
+                continue
+            placed = attempt(choice)
             if not isinstance(placed, Refusal):
                 return placed
             first = first or placed
-        reason = first.reason if first else out_of_reach(self._cell, targets)
-        return Refusal(f"{name}: {reason}")
+            if placed.by_view:
+                hopeless.add(group)
+        return Refusal(f"{name}: {first.reason if first else out_of_reach(self._cell, targets)}")
 
     def _clear(self, q: Array, table: Array) -> Refusal | None:
         """None when all bodies keep apart at joints (n, 6) and table angles (n,)."""
         near = self._cell.too_near(q, table, self._clearance)
-        return Refusal(describe(min(near, key=lambda c: c.distance), self._clearance)) if near else None
+        if not near:
+            return None
+        by_view = any({c.body_a, c.body_b} <= {"sensor", "part", "table", "table_base"} for c in near)
+        return Refusal(describe(min(near, key=lambda c: c.distance), self._clearance), by_view)
 
     def _try_pass(
         self, view: Pass, run: trajectory.Run, count: int, heading: float, branch: int

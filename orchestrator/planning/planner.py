@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 # When views that cannot be reached cost more than this share of what the wanted views would see, the scan is refused.
 _MAX_LOSS = 0.2
+# What a sweep that fails is replaced by: higher up (rad) or farther off (m).
+_ALTERNATIVES = ((0.0, 0.015), (0.0, 0.03), *((np.radians(k), 0.0) for k in (15, 30, 45)))
 _DEFAULT_AZIMUTH = np.radians(105.0)  # where single poses are taken when there are no sweeps to say it
 
 
@@ -154,14 +156,13 @@ def _reach_sweeps(placer: Placer, views: list[Sweep], warnings: list[str]) -> li
         if not isinstance(item, Refusal):
             result.append(item)
             continue
-        raised = [view.elevation + np.radians(k) for k in (15, 30, 45)]
-        others = [view.tilted(view.elevation, extra) for extra in (0.015, 0.03)]
-        others += [view.tilted(e, 0.0) for e in raised if e <= np.radians(85)]
-        instead = next((other for other in placer.sweeps(others) if not isinstance(other, Refusal)), None)
+        others = [view.moved(raised, farther) for raised, farther in _ALTERNATIVES]
+        tried = (placer.sweeps([other])[0] for other in others if other.elevation <= np.radians(85))
+        instead = next((other for other in tried if not isinstance(other, Refusal)), None)
         if instead is None:
             warnings.append(f"left out: {item.reason}")
         else:
-            warnings.append(f"{item.reason}; done instead: {instead.view.name}")
+            warnings.append(f"{item.reason}; done instead{instead.view.name.removeprefix(view.name)}")
             result.append(instead)
     return result
 

@@ -1,0 +1,280 @@
+"""Plans: from home to home within every limit, clear of everything, exposures where they were planned."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+from cells import CYCLE, RANGE, ball, block, mesh_of, planning_cell
+
+from orchestrator.config.scan import ScanDescription
+from orchestrator.errors import PlanningError
+from orchestrator.geometry import pose
+from orchestrator.geometry.mesh import Mesh
+from orchestrator.planning import constraints, surface, trajectory
+from orchestrator.planning.connection import Connector
+from orchestrator.planning.options import scan_options
+from orchestrator.planning.planner import Plan, plan
+
+
+def scan(**changes) -> ScanDescription:
+    return ScanDescription.model_validate(changes)
+
+
+def planned(part: Mesh, description: ScanDescription | None = None, **placement: float):
+    cell = planning_cell(part, **placement)
+    return cell, plan(cell, scan_options(description or scan()))
+
+
+@pytest.fixture(scope="module")
+def off_axis():
+    return planned(ball(), x_mm=20.0)
+
+
+@pytest.fixture(scope="module", params=["ball off the axis", "block", "tall cylinder", "tube", "stop and look"])
+def any_plan(request, off_axis):
+    if request.param == "ball off the axis":
+        return off_axis
+    if request.param == "block":
+        return planned(block(0.16, 0.1, 0.08))
+    if request.param == "tall cylinder":
+        return planned(mesh_of(trimesh.creation.cylinder(0.03, 0.25)))
+    if request.param == "tube":
+        return planned(mesh_of(trimesh.creation.annulus(0.05, 0.055, 0.06)))
+    return planned(ball(), scan(mode="stop-and-look", max_profiles=60), x_mm=20.0)
+
+
+def all_setpoints(result: Plan) -> np.ndarray:
+    """(n, 7) of the whole program."""
+    parts = [np.column_stack([s.q, s.table]) for s in result.program.segments]
+    return np.concatenate(parts)
+
+
+def test_segments_join_from_home_to_home(any_plan):
+    cell, result = any_plan
+    segments = result.program.segments
+    assert np.abs(segments[0].q[0] - cell.nominal.home).max() < 1e-12
+    assert np.abs(segments[-1].q[-1] - cell.nominal.home).max() < 1e-12
+    assert segments[0].table[0] == cell.table_start
+    for before, after in pairwise(segments):
+        assert np.abs(before.q[-1] - after.q[0]).max() < 1e-12
+        assert abs(before.table[-1] - after.table[0]) < 1e-12
+    assert [s.id for s in segments] == list(range(1, len(segments) + 1))
+    for s in segments:
+        assert np.abs(s.times - CYCLE * np.arange(len(s.q))).max() < 1e-9
+
+
+def test_joints_and_table_keep_their_limits(any_plan):
+    cell, result = any_plan
+    nominal = cell.nominal
+    speed = np.append(nominal.arm.max_speed, nominal.table_max_speed)
+    acceleration = np.append(nominal.arm.max_acceleration, nominal.table_max_acceleration)
+    assert nominal.arm.within_limits(all_setpoints(result)[:, :6]).all()
+    for s in result.program.segments:
+        path = np.column_stack([s.q, s.table])
+        at_rest = np.concatenate([path[:1], path, path[-1:]])
+        used = trajectory.share_of_limits(at_rest, speed, acceleration, CYCLE)
+        assert max(used[0].max(), used[1].max()) <= 1.0 + 1e-9, s.id
+
+
+def test_nothing_hits_anything_at_any_setpoint(any_plan):
+    cell, result = any_plan
+    path = all_setpoints(result)
+    # FCL here, coal in the planner; the clearance of 5 mm leaves room for what happens between set-points.
+    assert cell.proximity.clashes(cell.nominal.body_poses(path[:, :6], path[:, 6])) == []
+
+
+def test_the_trigger_rules_fire_the_planned_exposures(any_plan):
+    cell, result = any_plan
+    for s in result.program.segments:
+        mine = result.segment == s.id
+        if s.trigger.kind == "off":
+            assert not mine.any()
+        elif s.trigger.kind == "request":
+            assert mine.sum() == 1
+            assert np.abs(result.q[mine][0] - s.q[-1]).max() < 1e-12
+            assert abs(result.table[mine][0] - s.table[-1]) < 1e-12
+        else:
+            fine = np.arange(s.trigger_from, s.trigger_to, 1e-4)
+            table = np.interp(fine, s.times, s.table)
+            q = np.column_stack([np.interp(fine, s.times, s.q[:, i]) for i in range(6)])
+            if s.trigger.kind == "table_angle":
+                travelled = np.abs(table - table[0])
+            else:
+                origin = cell.nominal.world_from_sensor(q)[:, :3, 3]
+                travelled = np.linalg.norm(origin - origin[0], axis=1)
+            fired = [np.searchsorted(travelled, k * s.trigger.interval) for k in range(mine.sum() + 1)]
+            assert fired[-1] == len(fine)  # one more would not come before the gate closes
+            poses = cell.nominal.part_from_sensor(q[fired[:-1]], table[fired[:-1]])
+            assert np.abs(poses - result.part_from_sensor[mine]).max() < 2e-4
+
+
+def test_exposures_fire_at_constant_speed(off_axis):
+    cell, result = off_axis
+    for s in result.program.segments:
+        if s.trigger.kind == "off":
+            continue
+        inside = (s.times >= s.trigger_from - CYCLE) & (s.times <= s.trigger_to + CYCLE)
+        rate = np.diff(s.table[inside]) / CYCLE
+        origin = cell.nominal.world_from_sensor(s.q[inside])[:, :3, 3]
+        velocity = np.diff(origin, axis=0) / CYCLE
+        assert np.ptp(rate) < 1e-9
+        assert np.abs(velocity - velocity[0]).max() < 1e-9
+        if s.trigger.kind == "table_angle":
+            assert rate[0] == pytest.approx(np.radians(40))
+            assert np.abs(velocity).max() < 1e-12
+        else:
+            assert np.linalg.norm(velocity[0]) == pytest.approx(0.05)
+            assert np.abs(rate).max() < 1e-12
+
+
+def test_passes_look_straight_down_and_do_not_turn(off_axis):
+    cell, result = off_axis
+    for s in result.program.segments:
+        if s.trigger.kind == "path_distance":
+            poses = cell.nominal.world_from_sensor(s.q)
+            assert np.abs(poses[:, :3, 2] - (0, 0, -1)).max() < 1e-12
+            assert np.abs(poses[:, :3, :3] - poses[0, :3, :3]).max() < 1e-12
+
+
+def test_sweeps_turn_once_with_the_sheet_upright(off_axis):
+    _, result = off_axis
+    kinds = {s.id: s.trigger for s in result.program.segments}
+    for number in np.unique(result.segment):
+        if kinds[number].kind == "table_angle":
+            table = result.table[result.segment == number]
+            assert kinds[number].interval * len(table) == pytest.approx(2 * np.pi)
+            x_axis = result.part_from_sensor[result.segment == number][:, :3, 0]
+            assert np.abs(x_axis[:, 2]).max() < 1e-12
+
+
+def test_the_part_is_in_the_trapezoid_when_the_sensor_fires(off_axis):
+    cell, result = off_axis
+    part = surface.sample(cell.nominal.part, np.eye(4))
+    meets = []
+    # A sheet beside the axis misses a part off the axis for some of the turn.
+    beside = [number for number, name in result.views.items() if "beside" in name]
+    for at in result.part_from_sensor[~np.isin(result.segment, beside)]:
+        x, y, z = pose.transform_points(pose.inverse(at), part.points).T
+        near_sheet = np.abs(x) < 1e-3
+        meets.append(RANGE.holds(y[near_sheet], z[near_sheet]).any())
+    assert np.mean(meets) > 0.97
+    assert result.coverage is not None
+    # A ball lit from 30 degrees up, up to 78 degrees from the normal, can show this much at most.
+    assert 0.9 * (1 + np.sin(np.radians(48))) / 2 < result.coverage <= (1 + np.sin(np.radians(48.5))) / 2
+
+
+def test_the_budget_is_kept_and_nearly_used(off_axis):
+    _, result = off_axis
+    assert 1250 <= len(result.segment) <= 1300
+    assert len(result.part_from_sensor) == len(result.q) == len(result.table) == len(result.segment)
+    assert set(np.unique(result.segment)) <= set(result.views)
+
+
+def test_both_modes_expose_at_the_same_poses():
+    _, moving = planned(ball(), scan(max_profiles=80), x_mm=20.0)
+    _, still = planned(ball(), scan(mode="stop-and-look", max_profiles=80), x_mm=20.0)
+    assert np.abs(moving.part_from_sensor - still.part_from_sensor).max() < 1e-9
+    assert moving.program.settle == 0.0
+    assert still.program.settle == pytest.approx(0.1)
+    assert sum(s.trigger.kind == "request" for s in still.program.segments) == len(still.segment)
+
+
+def test_given_poses_are_taken_exactly():
+    down = {"rx_deg": 180.0, "z_mm": 130.0}
+    aslant = {"x_mm": 100.0, "z_mm": 90.0, "ry_deg": -130.0}
+    cell, result = planned(ball(), scan(pose=[down, aslant, down]))
+    wanted = np.stack(
+        [
+            pose.from_euler_xyz((0, 0, 0.13), (np.pi, 0, 0)),
+            pose.from_euler_xyz((0.1, 0, 0.09), (0, np.radians(-130), 0)),
+            pose.from_euler_xyz((0, 0, 0.13), (np.pi, 0, 0)),
+        ]
+    )
+    assert np.abs(result.part_from_sensor - wanted).max() < 1e-12
+    assert result.coverage is None
+    assert [s.trigger.kind for s in result.program.segments].count("request") == 3
+    assert cell.nominal.arm.within_limits(result.q).all()
+
+
+@pytest.mark.parametrize(
+    ("description", "placement", "message"),
+    [
+        ({}, {"x_mm": 110.0}, r"part\.stl: too large for the table: .* 135\.0 mm from the axis, 15\.0 mm beyond"),
+        ({}, {"z_mm": -3.0}, r"lowest point is 3\.000 mm below"),
+        ({"max_profiles": 3}, {}, "max_profiles = 3 is too few"),
+        (
+            {"pose": [{"rx_deg": 180.0, "z_mm": 130.0}, {"z_mm": 3000.0}]},
+            {},
+            r"pose 2: out of the arm's reach by \d+ mm",
+        ),
+        ({"pose": [{"rx_deg": 180.0, "z_mm": 26.0}]}, {}, "pose 1: sensor comes within .* of part"),
+        ({"pose": [{"rx_deg": 180.0, "z_mm": 5.0}]}, {}, "pose 1: sensor hits part"),
+        ({"pose": [{"z_mm": 150.0}]}, {}, r"pose 1: (joint \d would be .* deg outside its limits|.* hits .*)"),
+        (
+            {"max_profiles": 1, "pose": [{"z_mm": 130.0}, {"z_mm": 130.0}]},
+            {},
+            "2 poses are given, max_profiles allows 1",
+        ),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_words(description, placement, message):
+    with pytest.raises(PlanningError, match=message) as caught:
+        planned(ball(), scan(**description), **placement)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_part_too_tall_for_the_arm_is_refused_with_how_much():
+    with pytest.raises(PlanningError, match=r"% of the surface .* out of reach.*(by \d+ mm|outside its limits|hits)"):
+        planned(mesh_of(trimesh.creation.cylinder(0.03, 1.5)))
+
+
+def test_views_that_collide_are_replaced_and_reported():
+    stem = trimesh.creation.cylinder(0.01, 0.06, transform=pose.translation((0, 0, 0.03)))
+    cap = trimesh.creation.cylinder(0.08, 0.01, transform=pose.translation((0, 0, 0.065)))
+    _, result = planned(mesh_of(trimesh.util.concatenate([stem, cap])))
+    assert any("sensor hits part; done instead" in warning for warning in result.warnings)
+
+
+def test_connections_go_round_what_stands_in_the_way():
+    cell, result = planned(mesh_of(trimesh.creation.cylinder(0.03, 0.2)), scan(pose=[{"rx_deg": 180.0, "z_mm": 300.0}]))
+    down = cell.ik(pose.from_euler_xyz((0.0, 0.08, 0.1), (np.pi, 0, 0))[None], result.q[0])[0]
+    other = cell.ik(pose.from_euler_xyz((0.0, -0.08, 0.1), (np.pi, 0, 0))[None], result.q[0])[0]
+    branch = int(
+        np.argmax(constraints.arm_metric(cell.nominal.arm, down) * constraints.arm_metric(cell.nominal.arm, other))
+    )
+    start, end = np.append(down[branch], 0.0), np.append(other[branch], 0.0)
+    straight = np.linspace(start, end, 100)
+    assert cell.too_near(straight[:, :6], straight[:, 6], 0.0025)
+    way = Connector(cell, 0.005).connect(start, end, "the other side")
+    assert len(way) > 1
+    path = np.concatenate(way)
+    assert np.abs(path[0] - start).max() < 1e-12
+    assert np.abs(path[-1] - end).max() < 1e-12
+    assert cell.proximity.clashes(cell.nominal.body_poses(path[:, :6], path[:, 6])) == []
+
+
+def test_joint_range_metric():
+    lower, upper = np.radians(-170.0), np.radians(170.0)
+    assert constraints.joint_range(0.0, lower, upper) == pytest.approx(1.0)
+    assert constraints.joint_range(np.radians(85.0), lower, upper) == pytest.approx(np.sin(np.pi * 0.75))
+    assert constraints.joint_range(np.radians(85.0), lower, upper, 0.5) == pytest.approx(np.sin(np.pi * 0.75) ** 0.5)
+    for outside in (-3.1, 3.1, 9.0, lower, upper):
+        assert constraints.joint_range(outside, lower, upper, 0.5) == 0.0
+
+
+def test_two_joints_outside_do_not_make_a_good_pose():
+    lower, upper = np.full(6, -1.0), np.full(6, 1.0)
+    q = np.array([1.5, -1.5, 0.0, 0.0, 0.0, 0.0])
+    assert constraints.product(*constraints.joint_range(q, lower, upper)) == 0.0
+    assert constraints.product(np.nan, 1.0) == 0.0
+
+
+def test_clearance_metric_is_continuous_and_monotonic():
+    distance = np.linspace(0.0, 0.1, 1001)
+    metric = constraints.clearance(distance, 0.01, 0.06, 1.5)
+    assert (metric[distance <= 0.01] == 0).all()
+    assert (metric[distance >= 0.06] == 1).all()
+    assert (np.diff(metric) >= 0).all()
+    assert np.diff(metric).max() < 0.01
+    assert constraints.clearance(0.035, 0.01, 0.06) == pytest.approx(np.sin(np.pi / 4))
