@@ -1,339 +1,244 @@
 #include "fmu/fmi/variable_table.h"
 
 #include <cstdio>
-#include <initializer_list>
-#include <type_traits>
-#include <utility>
+
+#include "fmu/fmi/table_builder.h"
 
 namespace robotcell::fmi {
 namespace {
 
-constexpr Unit kNone{"", ""};
-constexpr Unit kSecond{"s", "ms"};
-constexpr Unit kMetre{"m", "mm"};
-constexpr Unit kRadian{"rad", "deg"};
-constexpr Unit kMetrePerSecond{"m/s", "mm/s"};
-constexpr Unit kRadianPerSecond{"rad/s", "deg/s"};
-constexpr const char* kAxisNames[] = {"x", "y", "z"};
-constexpr const char* kQuaternionNames[] = {"w", "x", "y", "z"};
-
-std::string indexed(const std::string& name, std::size_t index_from_0) {
-  return name + "[" + std::to_string(index_from_0 + 1) + "]";
-}
-
-/// Groups of parameters that initial values depend on.
-struct ParameterGroups {
-  std::vector<std::uint32_t> file, seed, links[kJoints], tool, table, platter;
+/// What initial values depend on.
+struct Dependencies {
+  Refs file, measured;
+  BodyDependencies bodies;
 };
 
-class TableBuilder {
- public:
-  std::vector<Variable> build();
-
- private:
-  using Refs = std::vector<std::uint32_t>;
-
-  template <class T>
-  std::uint32_t add(const std::string& name, Causality causality, Variability variability, Unit unit,
-                    const std::string& description, T& where, const Refs& dependencies = {});
-  void parameters();
-  void as_built_arm();
-  void as_built_rest();
-  void command();
-  void measurement(const std::string& prefix, const std::string& when, Measurement& where, bool live);
-  void body(const std::string& prefix, const std::string& what, const std::string& when, BodyState& where,
-            const Refs& dependencies);
-  void bodies(const std::string& prefix, const std::string& when, Bodies& where, bool live);
-  void record();
-  void limit_integer(std::int32_t min, std::int32_t max) {
-    table_.back().min = min;
-    table_.back().max = max;
-  }
-
-  Values values_;
-  ParameterGroups groups_;
-  std::vector<Variable> table_;
-};
-
-template <class T>
-constexpr Type type_of() {
-  if constexpr (std::is_same_v<T, double>) return Type::kReal;
-  if constexpr (std::is_same_v<T, std::int32_t>) return Type::kInteger;
-  if constexpr (std::is_same_v<T, bool>) return Type::kBoolean;
-  return Type::kString;
-}
-
-template <class T>
-std::uint32_t TableBuilder::add(const std::string& name, Causality causality, Variability variability,
-                                Unit unit, const std::string& description, T& where,
-                                const Refs& dependencies) {
-  const auto offset =
-      static_cast<std::size_t>(reinterpret_cast<char*>(&where) - reinterpret_cast<char*>(&values_));
-  table_.push_back(
-      {name, type_of<T>(), causality, variability, unit, description, offset, 0, 0, dependencies});
-  return static_cast<std::uint32_t>(table_.size() - 1);
-}
-
-std::vector<std::uint32_t> together(std::initializer_list<std::vector<std::uint32_t>> groups) {
-  std::vector<std::uint32_t> all;
-  for (const auto& group : groups) all.insert(all.end(), group.begin(), group.end());
-  return all;
-}
-
-void TableBuilder::parameters() {
-  const auto fixed = Variability::kFixed;
-  const auto parameter = Causality::kParameter;
-  auto& p = values_.parameters;
-  groups_.file = {
-      add("cell.file", parameter, fixed, kNone,
-          "Description of the cell (JSON in SI units): an absolute path, or one relative to the FMU's "
-          "resources; empty: cell.json in the resources",
-          p.cell_file)};
-  groups_.seed = {
-      add("seed", parameter, fixed, kNone,
-          "Seed of all random numbers, together with the seed in the cell's description; the same seeds "
-          "give the same noise at any communication step",
-          p.seed)};
-  as_built_arm();
-  as_built_rest();
-}
-
-void TableBuilder::as_built_arm() {
-  const auto add_deviation = [this](const std::string& name, Unit unit, const std::string& text,
-                                    double& where) {
-    return add("as_built." + name, Causality::kParameter, Variability::kFixed, unit,
-               "Deviation of the cell as built from its description: " + text, where);
-  };
-  Refs so_far = groups_.file;
+void add_as_built_arm(TableBuilder& table, Dependencies& known) {
+  PoseDependencies before;
+  before.position = before.orientation = known.file;
   for (std::size_t i = 0; i < kJoints; ++i) {
-    DhDeviation& dh = values_.parameters.as_built.dh[i];
+    DhDeviation& dh = table.values.parameters.as_built.dh[i];
     const std::string row = indexed("dh", i);
     const std::string link = " of link " + std::to_string(i + 1) + " (Denavit-Hartenberg)";
-    so_far.push_back(add_deviation(row + ".a", kMetre, "length a" + link, dh.a));
-    so_far.push_back(add_deviation(row + ".d", kMetre, "offset d" + link, dh.d));
-    so_far.push_back(add_deviation(row + ".alpha", kRadian, "twist alpha" + link, dh.alpha));
-    so_far.push_back(
-        add_deviation(row + ".theta", kRadian, "zero of the joint angle theta" + link, dh.theta));
+    PoseDependencies after = before;
+    const auto a = table.add_deviation(row + ".a", kMetre, "length a" + link, dh.a);
+    const auto d = table.add_deviation(row + ".d", kMetre, "offset d" + link, dh.d);
+    const auto alpha = table.add_deviation(row + ".alpha", kRadian, "twist alpha" + link, dh.alpha);
+    const auto theta =
+        table.add_deviation(row + ".theta", kRadian, "zero of the joint angle theta" + link, dh.theta);
+    after.add_length(a);
+    after.add_length(d);
+    after.add_angle(alpha);
+    after.add_angle(theta);
     if (i == 1) {
-      so_far.push_back(
-          add_deviation(row + ".beta", kRadian,
-                        "turn about y after the twist of link 2 (Hayati), the tilt between the parallel "
-                        "axes 2 and 3 that no Denavit-Hartenberg number expresses",
-                        dh.beta));
+      after.add_angle(table.add_deviation(
+          row + ".beta", kRadian,
+          "turn about y after the twist of link 2 (Hayati), the tilt between the parallel "
+          "axes 2 and 3 that no Denavit-Hartenberg number expresses",
+          dh.beta));
     }
-    groups_.links[i] = so_far;
+    // The row's own twists turn the link about its origin.
+    known.bodies[i] = {before.position, after.orientation};
+    known.bodies[i].position.insert(known.bodies[i].position.end(), {a, d, theta});
+    before = after;
+  }
+  known.bodies[kSensor] = before;
+}
+
+void add_as_built_tool(TableBuilder& table, Dependencies& known) {
+  auto& tool = table.values.parameters.as_built.tool;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::string axis = kAxisNames[i];
+    known.bodies[kSensor].position.push_back(table.add_deviation(
+        "tool." + axis, kMetre, "shift of the sensor along its nominal " + axis, tool[i]));
+  }
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::string axis = kAxisNames[i];
+    known.bodies[kSensor].orientation.push_back(table.add_deviation(
+        "tool.r" + axis, kRadian,
+        "turn of the sensor about its " + axis + " (intrinsic, in the order x, y, z)", tool[3 + i]));
   }
 }
 
-void TableBuilder::as_built_rest() {
-  const auto add_deviation = [this](const std::string& name, Unit unit, const std::string& text,
-                                    double& where) {
-    return add("as_built." + name, Causality::kParameter, Variability::kFixed, unit,
-               "Deviation of the cell as built from its description: " + text, where);
-  };
-  AsBuilt& as_built = values_.parameters.as_built;
-  groups_.tool = groups_.links[kJoints - 1];
-  groups_.table = groups_.file;
-  for (std::size_t i = 0; i < 6; ++i) {
-    const std::string axis = kAxisNames[i % 3];
-    groups_.tool.push_back(
-        i < 3 ? add_deviation("tool." + axis, kMetre, "shift of the sensor along its own " + axis,
-                              as_built.tool[i])
-              : add_deviation("tool.r" + axis, kRadian,
-                              "turn of the sensor about its " + axis + " (intrinsic x, y, z order)",
-                              as_built.tool[i]));
+void add_as_built_table(TableBuilder& table, Dependencies& known) {
+  AsBuilt& as_built = table.values.parameters.as_built;
+  PoseDependencies platter;
+  platter.position = platter.orientation = known.file;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::string axis = kAxisNames[i];
+    platter.add_length(table.add_deviation("table." + axis, kMetre,
+                                           "shift of the table's axis along the table's nominal " + axis,
+                                           as_built.table[i]));
   }
-  for (std::size_t i = 0; i < 5; ++i) {
-    const std::string axis = kAxisNames[i % 3];
-    groups_.table.push_back(
-        i < 3 ? add_deviation("table." + axis, kMetre, "shift of the table's axis along the table's " + axis,
-                              as_built.table[i])
-              : add_deviation("table.r" + axis, kRadian, "tilt of the table's axis about the table's " + axis,
-                              as_built.table[i]));
-  }
-  groups_.platter = groups_.table;
   for (std::size_t i = 0; i < 2; ++i) {
     const std::string axis = kAxisNames[i];
-    groups_.platter.push_back(add_deviation(
+    platter.add_angle(table.add_deviation(
+        "table.r" + axis, kRadian,
+        "tilt of the table's axis about the table's " + axis + " (intrinsic, in the order x, y)",
+        as_built.table[3 + i]));
+  }
+  for (std::size_t i = 0; i < 2; ++i) {
+    const std::string axis = kAxisNames[i];
+    platter.add_length(table.add_deviation(
         "platter." + axis, kMetre,
         "distance of the platter's centre from the table's axis along " + axis + " of the turning frame",
         as_built.platter[i]));
   }
-  add_deviation(
-      "trigger.latency", kSecond,
-      "time by which the light of an exposure comes after the instant that the trigger device latches",
-      as_built.trigger_latency);
+  known.bodies[kTable] = known.bodies[kPart] = platter;
 }
 
-void TableBuilder::command() {
+Dependencies add_parameters(TableBuilder& table) {
+  Dependencies known;
+  CellParameters& parameters = table.values.parameters;
+  const auto file = table.add(
+      "cell.file", Causality::kParameter, Variability::kFixed, kNone,
+      "Description of the cell (JSON in SI units): an absolute path, or one relative to the FMU's resources; "
+      "empty: cell.json in the resources",
+      parameters.cell_file);
+  const auto seed = table.add(
+      "seed", Causality::kParameter, Variability::kFixed, kNone,
+      "Seed of all random numbers, together with the seed in the cell's description; the same seeds give the "
+      "same noise at any communication step",
+      parameters.seed);
+  known.file = {file};
+  known.measured = {file, seed};
+  add_as_built_arm(table, known);
+  add_as_built_tool(table, known);
+  add_as_built_table(table, known);
+  table.add_deviation("trigger.latency", kSecond,
+                      "time by which the light of an exposure comes after the instant at which its "
+                      "measurements are latched",
+                      parameters.as_built.trigger_latency);
+  return known;
+}
+
+void add_set_points(TableBuilder& table) {
   const auto input = Causality::kInput;
   const auto discrete = Variability::kDiscrete;
-  CellInputs& in = values_.inputs;
-  add("command.mode", input, discrete, kNone,
-      "What the controller does: 0 brake and hold, 1 follow the set-points", in.mode);
-  limit_integer(0, 1);
+  CellInputs& in = table.values.inputs;
+  const char* taken = "; the controller takes it at its next cycle and reaches it one cycle later";
+  table.add("command.mode", input, discrete, kNone,
+            "What the controller does: 0 brake and hold, 1 follow the set-points", in.mode);
+  table.limit_integer(0, 1);
   for (std::size_t i = 0; i < kJoints; ++i) {
-    add(indexed("command.q", i), input, discrete, kRadian,
-        "Set-point of joint " + std::to_string(i + 1) +
-            "; the controller takes it at its next cycle and reaches it one cycle later",
-        in.position[i]);
+    table.add(indexed("command.q", i), input, discrete, kRadian,
+              "Set-point of joint " + std::to_string(i + 1) + taken, in.position[i]);
   }
-  add("command.table", input, discrete, kRadian,
-      "Set-point of the rotary table; the controller takes it at its next cycle and reaches it one cycle "
-      "later",
-      in.position[kTableAxis]);
-  add("command.segment", input, discrete, kNone,
-      "Number of the path segment, handed through to the trigger records", in.segment);
-  add("command.trigger.mode", input, discrete, kNone,
-      "What fires the sensor: 0 nothing, 1 time, 2 angle of the table, 3 path of the sensor over the table, "
-      "4 requests "
-      "alone; a mode counts from the instant at which it is entered and fires there first",
-      in.trigger.mode);
-  limit_integer(0, 4);
-  add("command.trigger.period", input, discrete, kSecond, "Time between two exposures in mode 1",
-      in.trigger.period);
-  add("command.trigger.angle", input, discrete, kRadian, "Angle of the table between two exposures in mode 2",
-      in.trigger.angle);
-  add("command.trigger.distance", input, discrete, kMetre,
-      "Path of the sensor's origin, as seen from the turning table, between two exposures in mode 3",
-      in.trigger.distance);
-  add("command.trigger.request", input, discrete, kNone,
-      "Every increase fires the sensor once, in any mode but 0", in.trigger.request);
-  add("command.exposure", input, discrete, kSecond, "Duration of the exposures that fire from now on",
-      in.exposure);
+  table.add("command.table", input, discrete, kRadian, std::string("Set-point of the rotary table") + taken,
+            in.position[kTableAxis]);
+  table.add("command.segment", input, discrete, kNone,
+            "Number of the path segment, handed through to the trigger records", in.segment);
 }
 
-void TableBuilder::measurement(const std::string& prefix, const std::string& when, Measurement& where,
-                               bool live) {
+void add_trigger_commands(TableBuilder& table) {
+  const auto input = Causality::kInput;
+  const auto discrete = Variability::kDiscrete;
+  CellInputs& in = table.values.inputs;
+  table.add("command.trigger.mode", input, discrete, kNone,
+            "What fires the sensor: 0 nothing, 1 time, 2 angle of the table, 3 path of the sensor over the "
+            "table, 4 requests alone; a mode counts from the instant at which it is entered (or its interval "
+            "changed) and fires there first",
+            in.trigger.mode);
+  table.limit_integer(0, 4);
+  table.add("command.trigger.period", input, discrete, kSecond, "Time between two exposures in mode 1",
+            in.trigger.period);
+  table.add("command.trigger.angle", input, discrete, kRadian,
+            "Angle of the table between two exposures in mode 2", in.trigger.angle);
+  table.add("command.trigger.distance", input, discrete, kMetre,
+            "Path of the sensor's origin, as seen from the turning table, between two exposures in mode 3",
+            in.trigger.distance);
+  table.add("command.trigger.request", input, discrete, kNone,
+            "Every increase fires the sensor once, in any mode but 0", in.trigger.request);
+  table.add("command.exposure", input, discrete, kSecond, "Duration of the exposures that fire from now on",
+            in.exposure);
+}
+
+void add_truth(TableBuilder& table, const Dependencies& known) {
+  const auto output = Causality::kOutput;
+  const auto continuous = Variability::kContinuous;
+  Truth& truth = table.values.outputs.truth;
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    table.add(indexed("truth.q", i), output, continuous, kRadian,
+              "True angle of joint " + std::to_string(i + 1) +
+                  " at its drive; the zero error of the arm as built comes on top",
+              truth.position[i], known.file);
+  }
+  table.add("truth.table", output, continuous, kRadian, "True angle of the table, not wrapped",
+            truth.position[kTableAxis], known.file);
+  table.add_bodies("truth.", "", continuous, truth.bodies, known.bodies);
+}
+
+void add_record(TableBuilder& table) {
   const auto output = Causality::kOutput;
   const auto discrete = Variability::kDiscrete;
-  const Refs position = live ? together({groups_.file, groups_.seed}) : Refs{};
-  const Refs rate = live ? groups_.file : Refs{};
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    add(indexed(prefix + "q", i), output, discrete, kRadian,
-        "Angle of joint " + std::to_string(i + 1) + " as its encoder reads it" + when, where.position[i],
-        position);
-  }
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    add(indexed(prefix + "qd", i), output, discrete, kRadianPerSecond,
-        "Rate of joint " + std::to_string(i + 1) + " as its drive reports it" + when, where.rate[i], rate);
-  }
-  add(prefix + "table", output, discrete, kRadian,
-      "Angle of the table as its encoder reads it, not wrapped" + when, where.position[kTableAxis], position);
-  add(prefix + "table_rate", output, discrete, kRadianPerSecond,
-      "Rate of the table as its drive reports it" + when, where.rate[kTableAxis], rate);
+  CellOutputs& out = table.values.outputs;
+  TriggerRecord& record = out.trigger;
+  table.add("trigger.count", output, discrete, kNone, "Exposures fired so far", out.trigger_count);
+  table.add("trigger.index", output, discrete, kNone,
+            "Number of the exposure whose record is on display, counted from 1; 0 before the first. Every "
+            "communication step displays the next finished record, if there is one",
+            record.index);
+  table.add("trigger.queued", output, discrete, kNone, "Finished records that wait for their display",
+            out.trigger_queued);
+  table.add("trigger.time", output, discrete, kSecond, "Middle of the exposure on display", record.time);
+  table.add("trigger.exposure", output, discrete, kSecond, "Duration of the exposure on display",
+            record.exposure);
+  table.add("trigger.segment", output, discrete, kNone, "Path segment in which the exposure on display fired",
+            record.segment);
+  table.add_measurement("trigger.measured.", ", latched in the middle of the exposure on display",
+                        record.measured, {});
+  table.add_bodies("trigger.truth.", ", when the light of the exposure on display came", discrete,
+                   record.truth, {});
 }
 
-void TableBuilder::body(const std::string& prefix, const std::string& what, const std::string& when,
-                        BodyState& where, const Refs& dependencies) {
-  const auto output = Causality::kOutput;
-  const auto variability = dependencies.empty() ? Variability::kDiscrete : Variability::kContinuous;
-  for (std::size_t i = 0; i < 3; ++i) {
-    add(indexed(prefix + ".position", i), output, variability, kMetre,
-        "True " + std::string(kAxisNames[i]) + " of the origin of " + what + " in the world" + when,
-        where.position[i], dependencies);
-  }
-  for (std::size_t i = 0; i < 4; ++i) {
-    add(indexed(prefix + ".orientation", i), output, variability, kNone,
-        "True orientation of " + what + " in the world, " + kQuaternionNames[i] +
-            " of the unit quaternion with w >= 0" + when,
-        where.orientation[i], dependencies);
-  }
-  for (std::size_t i = 0; i < 3; ++i) {
-    add(indexed(prefix + ".velocity", i), output, variability, kMetrePerSecond,
-        "True velocity of the origin of " + what + " along the world's " + kAxisNames[i] + when,
-        where.velocity[i], dependencies);
-  }
-  for (std::size_t i = 0; i < 3; ++i) {
-    add(indexed(prefix + ".angular_velocity", i), output, variability, kRadianPerSecond,
-        "True angular velocity of " + what + " about the world's " + kAxisNames[i] + when,
-        where.angular_velocity[i], dependencies);
-  }
-}
-
-void TableBuilder::bodies(const std::string& prefix, const std::string& when, Bodies& where, bool live) {
-  const auto when_live = [live](const Refs& refs) { return live ? refs : Refs{}; };
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    body(indexed(prefix + "link", i), "link " + std::to_string(i + 1), when, where[i],
-         when_live(groups_.links[i]));
-  }
-  body(prefix + "sensor", "the sensor", when, where[kSensor], when_live(groups_.tool));
-  body(prefix + "table", "the table's platter", when, where[kTable], when_live(groups_.platter));
-  body(indexed(prefix + "part", 0), "the part", when, where[kPart], when_live(groups_.platter));
-}
-
-void TableBuilder::record() {
-  const auto output = Causality::kOutput;
-  const auto discrete = Variability::kDiscrete;
-  TriggerRecord& record = values_.outputs.trigger;
-  add("trigger.count", output, discrete, kNone, "Exposures fired so far", values_.outputs.trigger_count);
-  add("trigger.index", output, discrete, kNone,
-      "Number of the exposure whose record is on display, counted from 1; 0 before the first. Every "
-      "communication step "
-      "displays the next finished record, if there is one",
-      record.index);
-  add("trigger.queued", output, discrete, kNone, "Finished records that wait for their display",
-      values_.outputs.trigger_queued);
-  add("trigger.time", output, discrete, kSecond, "Middle of the exposure on display", record.time);
-  add("trigger.exposure", output, discrete, kSecond, "Duration of the exposure on display", record.exposure);
-  add("trigger.segment", output, discrete, kNone, "Path segment in which the exposure on display fired",
-      record.segment);
-  measurement("trigger.measured.", ", latched in the middle of the exposure on display", record.measured,
-              false);
-  bodies("trigger.truth.", ", when the light of the exposure on display came", record.truth, false);
-}
-
-std::vector<Variable> TableBuilder::build() {
-  add("time", Causality::kIndependent, Variability::kContinuous, kSecond, "Simulation time", values_.time);
-  parameters();
-  command();
-  measurement("measured.", "", values_.outputs.measured, true);
-  Truth& truth = values_.outputs.truth;
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    add(indexed("truth.q", i), Causality::kOutput, Variability::kContinuous, kRadian,
-        "True angle of joint " + std::to_string(i + 1) +
-            " at its drive; the zero error of the arm as built comes on top",
-        truth.position[i], groups_.file);
-  }
-  add("truth.table", Causality::kOutput, Variability::kContinuous, kRadian,
-      "True angle of the table, not wrapped", truth.position[kTableAxis], groups_.file);
-  bodies("truth.", "", truth.bodies, true);
-  record();
-  add("controller.moving", Causality::kOutput, Variability::kDiscrete, kNone, "Whether any axis is in motion",
-      values_.outputs.moving);
-  add("controller.limit", Causality::kOutput, Variability::kDiscrete, kNone,
+std::vector<Variable> make_table() {
+  TableBuilder table;
+  table.add("time", Causality::kIndependent, Variability::kContinuous, kSecond, "Simulation time",
+            table.values.time);
+  const Dependencies known = add_parameters(table);
+  add_set_points(table);
+  add_trigger_commands(table);
+  table.add_measurement("measured.", "", table.values.outputs.measured, known.measured);
+  add_truth(table, known);
+  add_record(table);
+  table.add("controller.moving", Causality::kOutput, Variability::kDiscrete, kNone,
+            "Whether any axis is in motion", table.values.outputs.moving);
+  table.add(
+      "controller.limit", Causality::kOutput, Variability::kDiscrete, kNone,
       "First axis that a position or speed limit keeps from its set-point: 1 to 6 joint, 7 table, 0 none",
-      values_.outputs.limit);
-  return std::move(table_);
+      table.values.outputs.limit);
+  return table.take();
+}
+
+/// FNV-1a over what an importer relies on: order, names, types and causalities.
+std::string make_token() {
+  std::uint64_t low = 0xcbf29ce484222325u;
+  std::uint64_t high = 0x84222325cbf29ce4u;
+  const auto feed = [&low, &high](unsigned char byte) {
+    low = (low ^ byte) * 0x100000001b3u;
+    high = (high ^ (low >> 32)) * 0x100000001b3u;
+  };
+  for (const Variable& variable : variables()) {
+    for (const char c : variable.name) feed(static_cast<unsigned char>(c));
+    feed(static_cast<unsigned char>(variable.type));
+    feed(static_cast<unsigned char>(variable.causality));
+  }
+  char text[40];
+  std::snprintf(text, sizeof text, "{%08x-%04x-%04x-%04x-%012llx}", static_cast<unsigned>(high >> 32),
+                static_cast<unsigned>(high >> 16 & 0xffff), static_cast<unsigned>(high & 0xffff),
+                static_cast<unsigned>(low >> 48), static_cast<unsigned long long>(low & 0xffffffffffffu));
+  return text;
 }
 
 }  // namespace
 
 const std::vector<Variable>& variables() {
-  static const std::vector<Variable> table = TableBuilder().build();
+  static const std::vector<Variable> table = make_table();
   return table;
 }
 
 const std::string& instantiation_token() {
-  static const std::string token = [] {
-    // FNV-1a over what an importer relies on: order, names, types and causalities.
-    std::uint64_t low = 0xcbf29ce484222325u;
-    std::uint64_t high = 0x84222325cbf29ce4u;
-    const auto feed = [&low, &high](unsigned char byte) {
-      low = (low ^ byte) * 0x100000001b3u;
-      high = (high ^ (low >> 32)) * 0x100000001b3u;
-    };
-    for (const Variable& variable : variables()) {
-      for (const char c : variable.name) feed(static_cast<unsigned char>(c));
-      feed(static_cast<unsigned char>(variable.type));
-      feed(static_cast<unsigned char>(variable.causality));
-    }
-    char text[40];
-    std::snprintf(text, sizeof text, "{%08x-%04x-%04x-%04x-%012llx}", static_cast<unsigned>(high >> 32),
-                  static_cast<unsigned>(high >> 16 & 0xffff), static_cast<unsigned>(high & 0xffff),
-                  static_cast<unsigned>(low >> 48), static_cast<unsigned long long>(low & 0xffffffffffffu));
-    return std::string(text);
-  }();
+  static const std::string token = make_token();
   return token;
 }
 

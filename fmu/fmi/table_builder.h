@@ -1,0 +1,86 @@
+// Building blocks of the variable table: a variable, and groups of variables that occur several times.
+#pragma once
+
+#include <array>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "fmu/fmi/variable_table.h"
+
+namespace robotcell::fmi {
+
+using Refs = std::vector<std::uint32_t>;
+
+constexpr Unit kNone{"", ""};
+constexpr Unit kSecond{"s", "ms"};
+constexpr Unit kMetre{"m", "mm"};
+constexpr Unit kRadian{"rad", "deg"};
+constexpr Unit kMetrePerSecond{"m/s", "mm/s"};
+constexpr Unit kRadianPerSecond{"rad/s", "deg/s"};
+constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
+
+/// "name[1]" for index 0.
+std::string indexed(const std::string& name, std::size_t index_from_0);
+
+template <class T>
+constexpr Type type_of() {
+  if constexpr (std::is_same_v<T, double>) return Type::kReal;
+  if constexpr (std::is_same_v<T, std::int32_t>) return Type::kInteger;
+  if constexpr (std::is_same_v<T, bool>) return Type::kBoolean;
+  return Type::kString;
+}
+
+/// Parameters on which a body's initial pose depends.
+struct PoseDependencies {
+  Refs position, orientation;
+
+  void add_length(std::uint32_t parameter) { position.push_back(parameter); }
+  void add_angle(std::uint32_t parameter) {
+    position.push_back(parameter);
+    orientation.push_back(parameter);
+  }
+};
+
+using BodyDependencies = std::array<PoseDependencies, kBodies>;
+
+class TableBuilder {
+ public:
+  /// Appends a variable; `where` is its member of `values`.
+  template <class T>
+  std::uint32_t add(const std::string& name, Causality causality, Variability variability, Unit unit,
+                    const std::string& description, T& where, const Refs& dependencies = {}) {
+    const auto offset =
+        static_cast<std::size_t>(reinterpret_cast<char*>(&where) - reinterpret_cast<char*>(&values));
+    table_.push_back(
+        {name, type_of<T>(), causality, variability, unit, description, offset, 0, 0, dependencies});
+    return static_cast<std::uint32_t>(table_.size() - 1);
+  }
+
+  /// Bounds of the integer that was added last.
+  void limit_integer(std::int32_t min, std::int32_t max);
+
+  /// A fixed parameter "as_built.<name>".
+  std::uint32_t add_deviation(const std::string& name, Unit unit, const std::string& text, double& where);
+
+  /// What the encoders say: of the present (with dependencies), or latched in a record.
+  void add_measurement(const std::string& prefix, const std::string& when, Measurement& where,
+                       const Refs& position_dependencies);
+
+  /// Poses and twists of all bodies, of the present or of a record.
+  void add_bodies(const std::string& prefix, const std::string& when, Variability variability, Bodies& where,
+                  const BodyDependencies& dependencies);
+
+  std::vector<Variable> take() { return std::move(table_); }
+
+  Values values;  // never read: gives the members their places
+
+ private:
+  void add_body(const std::string& prefix, const std::string& what, const std::string& when,
+                Variability variability, BodyState& where, const PoseDependencies& dependencies);
+
+  std::vector<Variable> table_;
+};
+
+}  // namespace robotcell::fmi

@@ -1,0 +1,242 @@
+"""A cell description for the tests of the FMU, FMUs packed from it, and a plain driver for either version."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy import fmi2
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi3 import FMU3Slave
+from numpy.typing import NDArray
+
+import orchestrator.cell
+
+Array = NDArray[np.float64]
+LIMITS_DEG = [(-170, 170), (-190, 45), (-29, 256), (-190, 190), (-120, 120), (-360, 360)]
+DH_MM_DEG = [(75, 335, -90), (270, 0, 0), (-90, 0, 90), (0, 295, -90), (0, 0, 90), (0, 80, 0)]
+START_DEG = [35, -25, 195, -68, 79, -10]
+CYCLE_US = 16000
+Parameters = Mapping[str, float | int | str]
+BODIES = [*(f"link[{i}]" for i in range(1, 7)), "sensor", "table", "part[1]"]
+
+
+def pose(position: Sequence[float], quaternion: Sequence[float] = (1, 0, 0, 0)) -> dict[str, list[float]]:
+    return {"position": list(position), "quaternion": list(quaternion)}
+
+
+def box_hull(x: float, y: float, z: float) -> dict[str, Any]:
+    """Hull of a box that stands on z = 0, centred over the origin."""
+    vertices = [[sx * x / 2, sy * y / 2, h] for h in (0.0, z) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    quads = [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    return {"vertices": vertices, "faces": [f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])]}
+
+
+def cell_description(**part: Any) -> dict[str, Any]:
+    """The default arm at a table, with encoders free of error; keyword arguments go into the part."""
+    joints = [
+        {
+            "a": a / 1000, "d": d / 1000, "alpha": np.radians(alpha), "theta": 0.0,
+            "min": np.radians(low), "max": np.radians(high), "max_speed": 5.0, "max_acceleration": 20.0,
+            "start": np.radians(start), "encoder_resolution": 0.0, "encoder_noise": 0.0,
+        }
+        for (a, d, alpha), (low, high), start in zip(DH_MM_DEG, LIMITS_DEG, START_DEG, strict=True)
+    ]  # fmt: skip
+    box = (0.06, 0.04, 0.05)
+    mass = 0.5
+    inertia = np.diag([box[1] ** 2 + box[2] ** 2, box[0] ** 2 + box[2] ** 2, box[0] ** 2 + box[1] ** 2]) * mass / 12
+    return {
+        "format": 1, "name": "test cell", "time_step_us": 1000, "controller_cycle_us": 16000,
+        "gravity": [0.0, 0.0, -9.80665], "seed": 0,
+        "robot": {"world_from_base": pose([0, 0, 0]), "joints": joints},
+        "tool": {"flange_from_sensor": pose([0.01, -0.02, 0.08], [0.5, 0.5, 0.5, 0.5])},
+        "table": {
+            "world_from_table": pose([0.45, 0, 0.1]), "radius": 0.12, "thickness": 0.02, "max_speed": 10.0,
+            "max_acceleration": 20.0, "start": 0.0, "friction": 0.5, "encoder_resolution": 0.0, "encoder_noise": 0.0,
+        },
+        "part": {
+            "fixture": "clamped", "table_from_part": pose([0.02, 0, 0]), "mass": mass, "friction": 0.5,
+            "hull": box_hull(*box), "centre_of_mass": [0, 0, box[2] / 2], "inertia": inertia.tolist(), **part,
+        },
+    }  # fmt: skip
+
+
+def runtime_folder() -> Path:
+    """The native runtime: of the build folder that the environment names, or of the installed package."""
+    named = os.environ.get("SCANCELL_FMU_RUNTIME")
+    folders = [Path(named)] if named else [Path(p) / "runtime" for p in orchestrator.cell.__path__]
+    for folder in folders:
+        if (folder / "RobotCell.so").is_file():
+            return folder
+    raise FileNotFoundError(f"no native runtime in {folders}: build and install the project")
+
+
+def pack(cell: dict[str, Any], version: int, target: Path) -> Path:
+    """Writes an FMU around a cell description."""
+    runtime = runtime_folder()
+    description = target.with_suffix(".json")
+    description.write_text(json.dumps(cell))
+    command = [str(runtime / "robotcell-describe"), str(description), "--fmi", str(version)]
+    xml = subprocess.run(command, check=True, capture_output=True).stdout
+    platform = "linux64" if version == 2 else "x86_64-linux"
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.writestr("modelDescription.xml", xml)
+        archive.write(description, "resources/cell.json")
+        for library in sorted(runtime.glob("*.so*")):
+            archive.write(library, f"binaries/{platform}/{library.name}")
+    return target
+
+
+class CellFmu:
+    """One instance of a cell, driven by names; `messages` holds what it logged."""
+
+    def __init__(self, folder: Path, parameters: Parameters | None = None, stop_time: float | None = None) -> None:
+        self.description = fmpy.read_model_description(str(folder))
+        self.version = int(self.description.fmiVersion[0])
+        self.variables = {v.name: v for v in self.description.modelVariables}
+        self.messages: list[str] = []
+        slave = FMU2Slave if self.version == 2 else FMU3Slave
+        self.slave = slave(
+            guid=self.description.guid, unzipDirectory=str(folder), modelIdentifier="RobotCell", instanceName="cell"
+        )
+        self.slave.instantiate(**self._callbacks())
+        try:
+            self.initialize(parameters, stop_time)
+        except Exception as error:
+            self.close()
+            raise RuntimeError("; ".join(self.messages)) from error
+
+    def _callbacks(self) -> dict[str, Any]:
+        if self.version == 3:
+            return {"logMessage": lambda _env, _status, _category, text: self.messages.append(text.decode())}
+        callbacks = fmi2CallbackFunctions()
+        self.logger = fmi2CallbackLoggerTYPE(
+            lambda _env, _name, _status, _category, text: self.messages.append(text.decode())
+        )
+        callbacks.logger = self.logger
+        callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+        callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+        return {"callbacks": callbacks}
+
+    def initialize(self, parameters: Parameters | None = None, stop_time: float | None = None) -> None:
+        self.time_us = 0
+        if self.version == 2:
+            self.slave.setupExperiment(startTime=0.0, stopTime=stop_time)
+            self.slave.enterInitializationMode()
+        else:
+            self.slave.enterInitializationMode(startTime=0.0, stopTime=stop_time)
+        for name, value in (parameters or {}).items():
+            self.set(name, value)
+        self.slave.exitInitializationMode()
+
+    def _references(self, names: Iterable[str]) -> list[int]:
+        return [self.variables[name].valueReference for name in names]
+
+    def set(self, name: str, value: float | int | str) -> None:
+        kind = self.variables[name].type
+        setter = {"Real": "setReal", "Float64": "setFloat64", "Integer": "setInteger", "Int32": "setInt32"}
+        getattr(self.slave, setter.get(kind, "setString"))(self._references([name]), [value])
+
+    def get(self, *names: str) -> Array:
+        """Values of real variables."""
+        getter = self.slave.getReal if self.version == 2 else self.slave.getFloat64
+        return np.array(getter(self._references(names)))
+
+    def get_string(self, name: str) -> str:
+        value = self.slave.getString(self._references([name]))[0]
+        return str(value.decode() if isinstance(value, bytes) else value)
+
+    def get_int(self, name: str) -> int:
+        kind = self.variables[name].type
+        getter = {"Integer": "getInteger", "Int32": "getInt32", "Boolean": "getBoolean"}[kind]
+        return int(getattr(self.slave, getter)(self._references([name]))[0])
+
+    def vector(self, prefix: str, count: int) -> Array:
+        """Values of prefix[1] ... prefix[count]."""
+        return self.get(*(f"{prefix}[{i}]" for i in range(1, count + 1)))
+
+    def command(self, q: Array | None = None, table: float | None = None, mode: int = 1) -> None:
+        """Servo set-points; joints stay at their start where not given."""
+        self.set("command.mode", mode)
+        joints = np.radians(START_DEG) if q is None else q
+        for i, value in enumerate(joints, start=1):
+            self.set(f"command.q[{i}]", float(value))
+        if table is not None:
+            self.set("command.table", float(table))
+
+    def trigger(self, mode: int, interval: float = 0.0, exposure: float = 0.0, segment: int = 1) -> None:
+        names = {1: "period", 2: "angle", 3: "distance"}
+        if mode in names:
+            self.set(f"command.trigger.{names[mode]}", interval)
+        self.set("command.exposure", exposure)
+        self.set("command.segment", segment)
+        self.set("command.trigger.mode", mode)
+
+    def step(self, size_us: int, count: int = 1) -> None:
+        for _ in range(count):
+            self.slave.doStep(self.time_us * 1e-6, size_us * 1e-6)
+            self.time_us += size_us
+
+    def records(self, step_us: int, until_us: int) -> dict[int, Array]:
+        """Steps on, switches the trigger off and collects every record: time, exposure, measured axes, all truth."""
+        names = [n for n, v in self.variables.items() if n.startswith("trigger.") and v.type in {"Real", "Float64"}]
+        found: dict[int, Array] = {}
+        while self.time_us < until_us or len(found) < self.get_int("trigger.count"):
+            if self.time_us >= until_us:
+                self.trigger(0)
+            self.step(step_us)
+            index = self.get_int("trigger.index")
+            if index and index not in found:
+                found[index] = self.get(*names)
+        return found
+
+    def body(self, name: str, prefix: str = "truth.") -> Array:
+        """World pose (4, 4) of a body."""
+        w, x, y, z = self.vector(f"{prefix}{name}.orientation", 4)
+        matrix = np.eye(4)
+        matrix[:3, :3] = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+        matrix[:3, 3] = self.vector(f"{prefix}{name}.position", 3)
+        return matrix
+
+    def save(self) -> Any:
+        return self.slave.getFMUstate() if self.version == 2 else self.slave.getFMUState()
+
+    def restore(self, state: Any, time_us: int) -> None:
+        (self.slave.setFMUstate if self.version == 2 else self.slave.setFMUState)(state)
+        self.time_us = time_us
+
+    def serialize(self, state: Any) -> bytes:
+        return bytes((self.slave.serializeFMUstate if self.version == 2 else self.slave.serializeFMUState)(state))
+
+    def deserialize(self, data: bytes) -> Any:
+        return (self.slave.deSerializeFMUstate if self.version == 2 else self.slave.deserializeFMUState)(data)
+
+    def free_state(self, state: Any) -> None:
+        (self.slave.freeFMUstate if self.version == 2 else self.slave.freeFMUState)(state)
+
+    def close(self) -> None:
+        self.slave.freeInstance()
+
+
+def all_reals(cell: CellFmu) -> Array:
+    """Every real variable, in the order of the table."""
+    return cell.get(*(n for n, v in cell.variables.items() if v.type in {"Real", "Float64"}))
+
+
+def continue_motion(cell: CellFmu) -> None:
+    """A motion that goes on from wherever the cell is, with exposures, ending inside a dynamics step."""
+    for k in range(40):
+        cell.command(np.radians(START_DEG) + 0.1 * np.sin(0.1 * k), 3.0 + 0.02 * k)
+        cell.step(CYCLE_US // 2)
+    cell.step(330)

@@ -1,0 +1,147 @@
+"""The package: model descriptions, binary, closure."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cell_fixture import Array, cell_description, runtime_folder
+from conftest import Build, FmuFolders
+from fmpy.validation import validate_fmu
+
+SYSTEM = ("linux-vdso", "ld-linux", "libc.so", "libm.so", "libpthread.so", "libdl.so", "libstdc++.so", "libgcc_s.so")
+# Attributes of the co-simulation element by version of the standard: their spellings differ.
+CO_SIMULATION = {
+    2: {"modelIdentifier", "canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate"},
+    3: {
+        "modelIdentifier", "canHandleVariableCommunicationStepSize", "canGetAndSetFMUState", "canSerializeFMUState",
+        "hasEventMode", "canReturnEarlyAfterIntermediateUpdate", "providesIntermediateUpdate",
+    },
+}  # fmt: skip
+
+
+def run(*command: str | Path) -> str:
+    return subprocess.run([str(c) for c in command], check=True, capture_output=True, text=True).stdout
+
+
+def description_of(folder: Path) -> ET.Element:
+    return ET.parse(folder / "modelDescription.xml").getroot()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmpy_finds_nothing_to_complain_about(folders: FmuFolders, version: int) -> None:
+    file, _ = folders.packed(version, cell_description())
+    assert validate_fmu(str(file)) == []
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_attributes_are_spelled_as_the_version_wants(folders: FmuFolders, version: int) -> None:
+    root = description_of(folders.packed(version, cell_description())[1])
+    co_simulation = root.find("CoSimulation")
+    assert co_simulation is not None
+    assert set(co_simulation.attrib) == CO_SIMULATION[version]
+    assert ("guid" in root.attrib) == (version == 2)
+    assert ("instantiationToken" in root.attrib) == (version == 3)
+
+
+def test_both_versions_describe_the_same_variables(build: Build) -> None:
+    tables = [
+        [(v.name, v.valueReference, v.causality, v.variability, v.unit, v.displayUnit, v.description, v.start)
+         for v in build(version).description.modelVariables]
+        for version in (2, 3)
+    ]  # fmt: skip
+    assert tables[0] == tables[1]
+    assert len({name for name, *_ in tables[0]}) == len(tables[0])
+    assert all(len(description) > 10 for *_, description, _ in tables[0])
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_model_structure_is_sorted(folders: FmuFolders, version: int) -> None:
+    root = description_of(folders.packed(version, cell_description())[1])
+    paths = {
+        2: ("Outputs/Unknown", "InitialUnknowns/Unknown", "index"),
+        3: ("Output", "InitialUnknown", "valueReference"),
+    }
+    outputs, initial, key = paths[version]
+    for path in (outputs, initial):
+        references = [int(e.attrib[key]) for e in root.findall(f"ModelStructure/{path}")]
+        assert references == sorted(set(references))
+        for element in root.findall(f"ModelStructure/{path}"):
+            dependencies = [int(d) for d in element.attrib["dependencies"].split()]
+            assert dependencies == sorted(set(dependencies))
+
+
+def test_initial_values_depend_on_what_the_structure_says_and_on_nothing_else(build: Build) -> None:
+    """Every parameter moved on its own, from a cell with no symmetry, moves exactly what names it."""
+    description = cell_description()
+    for axis in [*description["robot"]["joints"], description["table"]]:
+        axis["encoder_noise"] = 1e-4
+    cell = build(3, description)
+    parameters = [n for n, v in cell.variables.items() if v.causality == "parameter" and n not in ("cell.file", "seed")]
+    rng = np.random.default_rng(1)
+    values: dict[str, float | int] = {name: float(rng.uniform(0.005, 0.02)) for name in parameters}
+    outputs = [n for n, v in cell.variables.items() if v.type == "Float64" and v.causality == "output"]
+
+    def initial_values(parameter: str) -> Array:
+        change = {parameter: 7 if parameter == "seed" else values.get(parameter, 0) + 0.01} if parameter else {}
+        cell.slave.reset()
+        cell.initialize({**values, **change})
+        return cell.get(*outputs)
+
+    before = initial_values("")
+    for parameter in [*parameters, "seed"]:
+        moved = initial_values(parameter) != before
+        named = {
+            u.variable.name for u in cell.description.initialUnknowns if parameter in {d.name for d in u.dependencies}
+        }
+        # A change along x may leave y as it is: what is declared for a vector holds for it as a whole.
+        moved_vectors = {name.rsplit("[", 1)[0] for name, m in zip(outputs, moved, strict=True) if m}
+        assert moved_vectors == {name.rsplit("[", 1)[0] for name in named}, parameter
+
+
+def test_the_library_exports_fmi_functions_alone() -> None:
+    symbols = run("nm", "-D", "--defined-only", runtime_folder() / "RobotCell.so").split("\n")
+    names = [line.split()[-1] for line in symbols if line]
+    assert len(names) > 80
+    assert all(re.match(r"fmi[23][A-Z]", name) for name in names)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_closure_travels_along(folders: FmuFolders, version: int) -> None:
+    _, folder = folders.packed(version, cell_description())
+    binaries = next((folder / "binaries").iterdir())
+    for library in binaries.iterdir():
+        for line in run("ldd", library).splitlines():
+            name, _, place = line.strip().partition(" => ")
+            if not Path(name).name.startswith(SYSTEM):
+                assert Path(place.split(" (")[0]).resolve().parent == binaries.resolve(), line
+        symbols = run("readelf", "--dyn-syms", "--wide", library)
+        assert " UNIQUE " not in symbols  # would tie it to other copies in the process
+    sonames = [library.name for library in binaries.iterdir() if library.name != "RobotCell.so"]
+    assert all(re.match(r".*-[0-9a-f]{8}\.so", name) for name in sonames)
+
+
+def test_every_bundled_library_brings_its_licence() -> None:
+    texts = {file.stem: file.read_text(errors="replace") for file in (runtime_folder() / "licenses").iterdir()}
+    assert "fmi" in texts
+    assert all("copyright" in text.lower() for text in texts.values())
+    for library in runtime_folder().glob("lib*.so*"):
+        stem = re.sub(r"-[0-9a-f]{8}\.so.*", "", library.name).removeprefix("lib").replace("_", "-")
+        octomap_parts = {"octomath": "octomap", "z": "zlib"}
+        assert any(octomap_parts.get(stem, stem) in name for name in texts), library.name
+
+
+def test_the_package_is_small(folders: FmuFolders) -> None:
+    file, _ = folders.packed(3, cell_description())
+    assert file.stat().st_size < 12e6
+
+
+def test_numbers_in_the_description_read_back(build: Build) -> None:
+    cell = build(2)
+    units = {u.name: {d.name: d.factor for d in u.displayUnits} for u in cell.description.unitDefinitions}
+    assert float(units["rad"]["deg"]) == np.degrees(1)
+    assert float(units["m"]["mm"]) == 1000

@@ -1,0 +1,335 @@
+"""Illegal calls and values, odd surroundings, many instances."""
+
+from __future__ import annotations
+
+import copy
+import ctypes
+import json
+import locale
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from cell_fixture import CYCLE_US, Array, CellFmu, all_reals, cell_description, continue_motion, pack, pose
+from conftest import Build, FmuFolders
+
+FREE = cell_description(fixture="free", table_from_part=pose([0.06, 0.02, 0]))
+Cell = dict[str, Any]
+
+
+def remove_speed(cell: Cell) -> None:
+    del cell["robot"]["joints"][2]["max_speed"]
+
+
+def add_key(cell: Cell) -> None:
+    cell["table"]["colour"] = "red"
+
+
+def negative_mass(cell: Cell) -> None:
+    cell["part"]["mass"] = -1
+
+
+def bad_quaternion(cell: Cell) -> None:
+    cell["tool"]["flange_from_sensor"]["quaternion"] = [1, 1, 0, 0]
+
+
+def start_outside(cell: Cell) -> None:
+    cell["robot"]["joints"][0]["start"] = 10
+
+
+def odd_cycle(cell: Cell) -> None:
+    cell["controller_cycle_us"] = 1500
+
+
+def five_joints(cell: Cell) -> None:
+    cell["robot"]["joints"].pop()
+
+
+def text_for_number(cell: Cell) -> None:
+    cell["table"]["radius"] = "big"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "key"),
+    [
+        (remove_speed, "robot.joints[2].max_speed"),
+        (add_key, "table.colour"),
+        (negative_mass, "part.mass"),
+        (bad_quaternion, "tool.flange_from_sensor.quaternion"),
+        (start_outside, "robot.joints[0].start"),
+        (odd_cycle, "controller_cycle_us"),
+        (five_joints, "robot.joints"),
+        (text_for_number, "table.radius"),
+    ],
+)
+def test_a_wrong_description_is_refused_by_key(
+    build: Build, tmp_path: Path, spoil: Callable[[Cell], None], key: str
+) -> None:
+    cell = copy.deepcopy(cell_description())
+    spoil(cell)
+    file = tmp_path / "spoilt.json"
+    file.write_text(json.dumps(cell))
+    with pytest.raises(RuntimeError) as caught:
+        build(3, parameters={"cell.file": str(file)})
+    assert str(file) in str(caught.value)
+    assert key in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": 2}', "null"])
+def test_a_file_that_is_no_description_is_refused(build: Build, tmp_path: Path, text: str) -> None:
+    file = tmp_path / "cell.json"
+    file.write_text(text)
+    with pytest.raises(RuntimeError, match=str(file)):
+        build(2, parameters={"cell.file": str(file)})
+
+
+def test_another_description_can_be_named(build: Build, tmp_path: Path) -> None:
+    cell = cell_description(table_from_part=pose([0.07, 0, 0]))
+    file = tmp_path / "other cell ä.json"
+    file.write_text(json.dumps(cell))
+    named = build(3, parameters={"cell.file": str(file)})
+    assert named.vector("truth.part[1].position", 3)[0] == pytest.approx(0.45 + 0.07, abs=1e-15)
+    assert named.get_string("cell.file") == str(file)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_values_that_are_no_numbers_are_refused_and_reset_helps(build: Build, version: int) -> None:
+    for value in (np.nan, np.inf, -np.inf):
+        cell = build(version)
+        with pytest.raises(Exception, match="Set"):
+            cell.set("command.q[3]", value)
+        assert "command.q[3]" in cell.messages[-1]
+        with pytest.raises(Exception, match="DoStep"):
+            cell.step(1000)
+        cell.slave.reset()
+        cell.initialize()
+        cell.step(1000)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("provoke", "said"),
+    [
+        (lambda c: c.set("as_built.tool.x", 1.0), "as_built.tool.x is not allowed while stepping"),
+        (lambda c: c.set("truth.table", 1.0), "truth.table is neither an input nor a parameter"),
+        (lambda c: c.set("command.mode", 5), "command.mode must be from 0 to 1"),
+        (lambda c: c.slave.doStep(0.5, 0.001), "is not where the last step ended"),
+        (lambda c: c.slave.doStep(0.0, 0.0), "must be positive"),
+        (lambda c: c.slave.doStep(0.0, -0.001), "must be positive"),
+        (lambda c: c.slave.doStep(0.0, np.nan), "must be positive"),
+        (lambda c: c.slave.doStep(0.0, 1e300), "must be positive and finite"),
+        (lambda c: c.slave.exitInitializationMode(), "leaving initialization mode is not allowed"),
+        (lambda c: (c.trigger(1, 0.0), c.step(1000)), "command.trigger.period"),
+        (lambda c: (c.trigger(2, -0.1), c.step(1000)), "command.trigger.angle"),
+        (lambda c: (c.trigger(1, 0.1, exposure=-1.0), c.step(1000)), "command.exposure"),
+    ],
+)
+def test_illegal_calls_are_errors_with_a_message(
+    build: Build, version: int, provoke: Callable[[CellFmu], Any], said: str
+) -> None:
+    cell = build(version)
+    with pytest.raises(Exception, match="fmi"):
+        provoke(cell)
+    assert said in cell.messages[-1]
+    cell.slave.reset()
+    cell.initialize()
+    cell.step(1000)
+
+
+def test_unknown_references_and_types_are_errors(build: Build) -> None:
+    for get, reference in (("getFloat64", 99999), ("getInt32", 0), ("getFloat32", 1), ("getUInt64", 1)):
+        cell = build(3)
+        with pytest.raises(Exception, match="fmi3Get"):
+            getattr(cell.slave, get)([reference])
+        assert cell.messages
+
+
+def test_a_step_behind_the_stop_time_is_an_error(folders: FmuFolders) -> None:
+    _, folder = folders.packed(3, cell_description())
+    cell = CellFmu(folder, stop_time=0.01)
+    cell.step(10_000)
+    with pytest.raises(Exception, match="fmi3DoStep"):
+        cell.step(1000)
+    cell.close()
+
+
+def resource_forms(resources: Path) -> dict[str, str]:
+    path = str(resources)
+    encoded = path.replace(" ", "%20").replace("ä", "%C3%A4")
+    return {
+        "file:///": "file://" + encoded, "file:///…/": "file://" + encoded + "/", "file:////": "file:///" + encoded,
+        "file:/": "file:" + encoded, "file:/…/": "file:" + encoded + "/", "localhost": "file://localhost" + encoded,
+        "unencoded": "file://" + path, "FILE:": "FILE://" + encoded, "path": path, "path/": path + "/",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("form", list(resource_forms(Path("/x"))))
+def test_resources_are_found_however_they_are_named(
+    folders: FmuFolders, tmp_path: Path, version: int, form: str
+) -> None:
+    """Straight through the C interface, without callbacks, without Terminate."""
+    _, folder = folders.packed(version, cell_description())
+    resources = tmp_path / "an ä folder" / "resources"
+    shutil.copytree(folder / "resources", resources)
+    location = resource_forms(resources)[form].encode()
+    description = fmpy.read_model_description(str(folder))
+    library = ctypes.CDLL(str(next((folder / "binaries").iterdir()) / "RobotCell.so"))
+    prefix = f"fmi{version}"
+    instantiate = getattr(library, "fmi2Instantiate" if version == 2 else "fmi3InstantiateCoSimulation")
+    instantiate.restype = ctypes.c_void_p
+    name, token = str(folder).encode(), description.guid.encode()
+    if version == 2:
+        instance = ctypes.c_void_p(instantiate(name, 1, token, location, None, 0, 0))
+        library.fmi2EnterInitializationMode(instance)
+    else:
+        instance = ctypes.c_void_p(
+            instantiate(name, token, location, *[False] * 4, None, ctypes.c_size_t(0), *[None] * 3)
+        )
+        start = ctypes.c_double(0)
+        library.fmi3EnterInitializationMode(instance, False, start, start, False, start)
+    assert instance
+    assert getattr(library, f"{prefix}ExitInitializationMode")(instance) == 0
+    getattr(library, f"{prefix}FreeInstance")(instance)
+
+
+def test_a_location_that_cannot_be_is_refused(folders: FmuFolders) -> None:
+    _, folder = folders.packed(2, cell_description())
+    library = ctypes.CDLL(str(folder / "binaries/linux64/RobotCell.so"))
+    library.fmi2Instantiate.restype = ctypes.c_void_p
+    token = fmpy.read_model_description(str(folder)).guid.encode()
+    for location in (
+        b"http://example.org/resources",
+        b"file://elsewhere/resources",
+        b"file:///bad%2",
+        b"/nowhere",
+        None,
+    ):
+        instance = ctypes.c_void_p(library.fmi2Instantiate(b"cell", 1, token, location, None, 0, 0))
+        library.fmi2EnterInitializationMode(instance)
+        assert library.fmi2ExitInitializationMode(instance) == 3
+        library.fmi2FreeInstance(instance)
+    for name, kind, guid in ((None, 1, token), (b"", 1, token), (b"cell", 0, token), (b"cell", 1, b"{other}")):
+        assert library.fmi2Instantiate(name, kind, guid, b"/x", None, 0, 0) is None
+
+
+def resident_mb() -> float:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 1e6
+
+
+def test_instances_come_and_go_without_leaving_anything(build: Build) -> None:
+    cell = build(3, FREE)
+    sizes = []
+    for k in range(200):
+        other = CellFmu(Path(cell.slave.unzipDirectory))
+        other.step(2 * CYCLE_US)
+        other.close()
+        if k in (49, 199):
+            sizes.append(resident_mb())
+    assert sizes[1] - sizes[0] < 2.0
+    folder = str(cell.slave.unzipDirectory)
+    cell.step(1000)
+    maps = Path("/proc/self/maps").read_text()
+    assert sum("libdart-" in line and folder in line for line in maps.splitlines()) < 20  # one copy
+
+
+def test_two_threads_give_the_bits_of_one(folders: FmuFolders, build: Build) -> None:
+    alone = build(3, FREE)
+    alone.command(table=0.0)
+    continue_motion(alone)
+    _, folder = folders.packed(3, FREE)
+    results: list[Array] = []
+
+    def work() -> None:
+        for _ in range(4):
+            cell = CellFmu(folder)
+            cell.command(table=0.0)
+            continue_motion(cell)
+            results.append(all_reals(cell))
+            cell.close()
+
+    threads = [threading.Thread(target=work) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(results) == 12
+    for result in results:
+        np.testing.assert_array_equal(result, all_reals(alone))
+
+
+def test_an_instance_may_change_threads(build: Build) -> None:
+    here, wandering = build(3, FREE), build(3, FREE)
+    for k in range(20):
+        for cell in (here, wandering):
+            cell.command(table=0.05 * k)
+        here.step(CYCLE_US)
+        thread = threading.Thread(target=wandering.step, args=(CYCLE_US,))
+        thread.start()
+        thread.join()
+    np.testing.assert_array_equal(all_reals(here), all_reals(wandering))
+
+
+def test_working_directory_and_locale_do_not_matter(
+    build: Build, folders: FmuFolders, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folders.packed(3, cell_description())
+    monkeypatch.chdir(tmp_path)
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        for name in ("de_DE.UTF-8", "fr_FR.UTF-8", "C.UTF-8", "C"):
+            try:
+                locale.setlocale(locale.LC_ALL, name)
+            except locale.Error:
+                continue
+            cell = build(3)
+            assert cell.vector("truth.part[1].position", 3)[0] == pytest.approx(0.47, abs=1e-15)
+            assert locale.setlocale(locale.LC_ALL) == locale.setlocale(locale.LC_ALL, None)
+            assert Path.cwd() == tmp_path
+    finally:
+        locale.setlocale(locale.LC_ALL, before)
+
+
+def test_another_copy_of_the_engine_in_the_process_does_not_disturb(folders: FmuFolders, tmp_path: Path) -> None:
+    """DART's Python binding (another version) at work, and the FMU of the other version beside ours."""
+    reference = CellFmu(folders.packed(3, FREE)[1])
+    continue_motion(reference)
+    np.save(tmp_path / "reals.npy", all_reals(reference))
+    reference.close()
+    program = """
+import sys
+from pathlib import Path
+import dartpy
+import numpy as np
+world = dartpy.simulation.World()
+world.step()
+from cell_fixture import CellFmu, all_reals, continue_motion
+second, third = (CellFmu(Path(folder)) for folder in sys.argv[1:3])
+for cell in (second, third):
+    continue_motion(cell)
+    world.step()
+np.testing.assert_array_equal(all_reals(second), np.load(sys.argv[3]))
+np.testing.assert_array_equal(all_reals(third), np.load(sys.argv[3]))
+second.close()
+third.close()
+"""
+    arguments = [str(folders.packed(version, FREE)[1]) for version in (2, 3)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    command = [sys.executable, "-c", program, *arguments, str(tmp_path / "reals.npy")]
+    subprocess.run(command, check=True, env=environment, cwd=Path(__file__).parent)
+
+
+def test_packing_twice_gives_the_same_description(tmp_path: Path) -> None:
+    texts = set()
+    for k in range(2):
+        file = pack(cell_description(), 3, tmp_path / f"{k}.fmu")
+        texts.add((Path(fmpy.extract(str(file), str(tmp_path / str(k)))) / "modelDescription.xml").read_text())
+    assert len(texts) == 1
