@@ -37,7 +37,7 @@ struct Batch {
   int rows = 0;
   Lane data[kMaxRows];
   Lane mask[kMaxRows];  // 0: outside the window or saturated
-  Lane floor, gain, prior;
+  Lane floor, gain, prior, end;
   Lane mu, sigma, area, background;
   Lane step;
   Lane hessian[10], gradient[4];               // packed lower triangle; order mu, sigma, area, background
@@ -179,7 +179,7 @@ SENSOR_RT_MULTIVERSION void iterate(Batch& b, float damping) {
     const float sigma = b.sigma.v[l];
     const float shift = clamp(x[0], -0.7f * sigma, 0.7f * sigma);
     const float widening = clamp(x[1], -0.3f * sigma, 0.4f * sigma);
-    b.mu.v[l] = clamp(b.mu.v[l] + shift, -1.0f, static_cast<float>(b.rows));
+    b.mu.v[l] = clamp(b.mu.v[l] + shift, -1.0f, b.end.v[l]);
     b.sigma.v[l] = clamp(sigma + widening, 0.2f, 30.0f);
     b.area.v[l] = clamp(b.area.v[l] + x[2], 1e-3f, 1e4f);
     b.background.v[l] = clamp(b.background.v[l] + x[3], -10.0f, 10.0f);
@@ -252,11 +252,29 @@ void load(ImageRows image, const PixelNoise& noise, const Candidate& c, Batch& b
   b.floor.v[l] = noise.variance_floor * scale * scale;
   b.gain.v[l] = noise.gain * scale;
   b.prior.v[l] = 0.0f;
+  b.end.v[l] = static_cast<float>(rows.last - rows.first + 1);
   b.mu.v[l] = c.row - static_cast<float>(rows.first);
   b.sigma.v[l] = clamp(c.width, 0.4f, 10.0f);
   b.area.v[l] = b.sigma.v[l] * kRootTwoPi;
   b.background.v[l] = 0.0f;
   b.rows = std::max(b.rows, rows.last - rows.first + 1);
+}
+
+bool is_finite(const StripeFit& fit) {
+  return std::isfinite(fit.row) && std::isfinite(fit.amplitude) && std::isfinite(fit.row_sigma) &&
+         std::isfinite(fit.asymmetry) && std::isfinite(fit.asymmetry_sigma) && std::isfinite(fit.residual);
+}
+
+/// What stands in for a fit that failed, for instance because nearly all pixels are saturated: the first
+/// guess.
+StripeFit unfitted(const Candidate& c) {
+  StripeFit fit;
+  fit.row = static_cast<double>(c.row);
+  fit.amplitude = c.amplitude;
+  fit.width = c.width;
+  fit.row_sigma = c.width;
+  fit.flags = c.flags | kPeakNotConverged;
+  return fit;
 }
 
 StripeFit result(const Candidate& c, const Batch& b, int l, const RowWindow& rows) {
@@ -275,8 +293,8 @@ StripeFit result(const Candidate& c, const Batch& b, int l, const RowWindow& row
   fit.residual = std::sqrt(std::max(0.0f, b.misfit.v[l] - b.noise.v[l]) / count) / relative_amplitude;
   fit.residual_noise = std::sqrt(b.noise.v[l] / count) / relative_amplitude;
   fit.flags = c.flags;
-  const bool finite = std::isfinite(fit.row) && std::isfinite(fit.row_sigma) && std::isfinite(fit.asymmetry);
-  if (!finite || b.step.v[l] > kSettled * std::max(1.0f, b.sigma.v[l])) fit.flags |= kPeakNotConverged;
+  if (b.step.v[l] > kSettled * std::max(1.0f, b.sigma.v[l])) fit.flags |= kPeakNotConverged;
+  if (!is_finite(fit)) fit = unfitted(c);
   for (int y = 0; y <= rows.last - rows.first; ++y) {
     if (b.mask[y].v[l] == 0.0f) fit.flags |= kPeakSaturated;
   }

@@ -8,13 +8,16 @@
 namespace sensor_rt {
 namespace {
 
-constexpr float kNoiseSigmas = 4.0f;  // allowance for noise in every comparison
+constexpr float kNoiseSigmas = 4.0f;     // allowance for noise in comparisons between columns
+constexpr float kShapeSigmas = 3.0f;     // allowance for noise in the asymmetry of one column
+constexpr float kMultipleSigmas = 1.0f;  // the same where a second peak is a reason to suspect a split stripe
 
 void judge_shape(const ExtractionOptions& o, StripeFit& fit) {
   if (fit.amplitude < o.min_amplitude_dn) fit.flags |= kPeakWeak;
   if (fit.width < o.min_sigma_px) fit.flags |= kPeakNarrow;
   if (fit.width > o.max_sigma_px) fit.flags |= kPeakWide;
-  if (std::fabs(fit.asymmetry) > static_cast<float>(o.max_asymmetry) + kNoiseSigmas * fit.asymmetry_sigma) {
+  const float sigmas = (fit.flags & kPeakMultiple) != 0 ? kMultipleSigmas : kShapeSigmas;
+  if (!(std::fabs(fit.asymmetry) <= static_cast<float>(o.max_asymmetry) + sigmas * fit.asymmetry_sigma)) {
     fit.flags |= kPeakAsymmetric;
   }
   // The residual's square fluctuates by about its expectation when few pixels carry it.
@@ -83,8 +86,12 @@ class Chain {
   }
 
   bool jumps(const StripeFit& a, const StripeFit& b) const {
-    const float noise = kNoiseSigmas * 1.5f * (a.row_sigma / a.width + b.row_sigma / b.width);
-    const float amplitude = std::fabs(a.amplitude - b.amplitude) / std::max(a.amplitude, b.amplitude);
+    // Amplitude and width are about as certain, relative to themselves, as the row relative to the width.
+    const float noise = kNoiseSigmas * std::hypot(a.row_sigma / a.width, b.row_sigma / b.width);
+    // The top of a saturated stripe is extrapolated from its flanks: its amplitude says little.
+    const bool comparable = ((a.flags | b.flags) & kPeakSaturated) == 0;
+    const float amplitude =
+        comparable ? std::fabs(a.amplitude - b.amplitude) / std::max(a.amplitude, b.amplitude) : 0.0f;
     const float width = std::fabs(a.width - b.width) / std::max(a.width, b.width);
     return amplitude > static_cast<float>(options_.max_amplitude_jump) + noise ||
            width > static_cast<float>(options_.max_width_jump) + noise;

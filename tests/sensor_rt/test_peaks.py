@@ -234,3 +234,21 @@ def test_options_out_of_bounds_name_their_key(key, value):
     sensor = make_sensor(64, 48, extraction={key: value})
     with pytest.raises(ValueError, match=key):
         extract(np.zeros((1, 1, 48, 64), np.uint16), sensor)
+
+
+@pytest.mark.parametrize("value", [0, 255])
+def test_evenly_lit_images_give_finite_numbers_only(value):
+    peaks = extract(np.full((1, 1, 48, 64), value, np.uint16), make_sensor(64, 48))
+    assert not used(peaks).any()
+    for name in ("row", "amplitude", "width", "row_sigma", "asymmetry", "residual"):
+        assert np.isfinite(getattr(peaks, name)).all()
+
+
+def test_random_images_give_finite_numbers_only():
+    images = np.random.default_rng(5).integers(0, 256, (4, 1, 48, 64)).astype(np.uint16)
+    images[2:] *= np.random.default_rng(6).integers(0, 2, (2, 1, 48, 64)).astype(np.uint16)
+    peaks = extract(images, make_sensor(64, 48))
+    for name in ("row", "amplitude", "width", "row_sigma", "asymmetry", "residual"):
+        assert np.isfinite(getattr(peaks, name)).all()
+    assert (peaks.row > -2).all()
+    assert (peaks.row < 50).all()
