@@ -65,6 +65,23 @@ class Mesh:
         return Mesh(np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int64), self.source)
 
 
+def clustered(mesh: Mesh, grid: float) -> Mesh:
+    """The mesh with all vertices in a cube of the grid (m) drawn together into one of them; coarser by < 2 `grid`.
+
+    The hull may shrink or grow by that much. Meant for proximity checks on scans of millions of triangles.
+    """
+    cell = np.floor((mesh.vertices - mesh.vertices.min(0)) / grid).astype(np.int64)
+    size = cell.max(0) + 1
+    _, first, place = np.unique(
+        (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2], return_index=True, return_inverse=True
+    )
+    faces = place[mesh.faces]
+    a, b, c = faces.T
+    whole = faces[(a != b) & (b != c) & (c != a)]
+    # A part smaller than the grid would vanish: leave it as it is.
+    return Mesh(mesh.vertices[first], whole, mesh.source) if len(whole) else mesh
+
+
 @dataclass(frozen=True)
 class MassProperties:
     """Mass (kg), centre of mass (3,) and inertia (3, 3) about it, in the mesh's own axes."""

@@ -10,12 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from orchestrator.cell.nominal import NominalCell
 from orchestrator.geometry import pose
+from orchestrator.geometry.mesh import Mesh, clustered
 from orchestrator.proximity.pairs import always_touching, cell_pairs
 from orchestrator.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]
 
 _SELF_CLEARANCE = 2e-3  # m between links of the arm
+_MANY_FACES = 100_000
+_CLUSTER = 3e-4  # m: makes meshes of many faces light, at an error well below any clearance
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,10 @@ class SensorRange:
         return np.asarray((z >= self.near) & (z <= self.far) & (np.abs(y) <= self.half_line(z)))
 
 
+def _light(mesh: Mesh) -> Mesh:
+    return clustered(mesh, _CLUSTER) if len(mesh.faces) > _MANY_FACES else mesh
+
+
 @dataclass(frozen=True)
 class PlanningCell:
     """The nominal cell as planning sees it.
@@ -81,7 +88,7 @@ class PlanningCell:
     def proximity(self) -> ProximityScene:
         """Pairs of bodies that a motion must keep apart, without those that intersect whatever the arm does."""
         bodies = self.nominal.bodies
-        meshes = {body.name: body.mesh for body in bodies}
+        meshes = {body.name: _light(body.mesh) for body in bodies}
         around = [body.name for body in bodies if body.name not in self._chain]
         everything = ProximityScene(meshes, cell_pairs(self._chain, around))
         lower, upper = self.nominal.arm.limits

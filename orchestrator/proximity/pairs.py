@@ -21,11 +21,14 @@ def cell_pairs(chain: Sequence[str], around: Sequence[str]) -> list[tuple[str, s
     return inner + [(a, b) for a in chain for b in around]
 
 
+_TOUCH = 1e-9  # m: what is nearer than this intersects
+
+
 def always_touching(scene: ProximityScene, poses: ArrayLike, share: float = 0.95) -> set[frozenset[str]]:
     """Pairs that intersect in at least `share` of the poses (n, bodies, 4, 4): drawn into each other, not clashing."""
     poses = np.asarray(poses, float)
     count: dict[frozenset[str], int] = {}
-    for clash in scene.clashes(poses):
+    for clash in scene.too_near(poses, _TOUCH):
         key = frozenset((clash.body_a, clash.body_b))
         count[key] = count.get(key, 0) + 1
     return {key for key, hits in count.items() if hits >= share * len(poses)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import coal
@@ -48,8 +49,14 @@ class ProximityScene:
         number = {name: i for i, name in enumerate(self.names)}
         self._pairs: Indices = np.array([(number[a], number[b]) for a, b in pairs], np.int64).reshape(-1, 2)
         self._bounds = SphereBounds(list(meshes.values()), self._pairs)
-        self._fcl = [_fcl_object(mesh) for mesh in meshes.values()]
-        self._coal = [_coal_model(mesh) for mesh in meshes.values()]
+
+    @cached_property
+    def _fcl(self) -> list[Any]:
+        return [_fcl_object(mesh) for mesh in self._meshes.values()]
+
+    @cached_property
+    def _coal(self) -> list[Any]:
+        return [_coal_model(mesh) for mesh in self._meshes.values()]
 
     def without(self, excluded: Collection[frozenset[str]]) -> ProximityScene:
         """The same bodies with fewer pairs."""

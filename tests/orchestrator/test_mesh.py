@@ -108,6 +108,18 @@ def test_normals_and_areas_of_a_box_close():
     assert np.abs((mesh.normals * mesh.areas[:, None]).sum(0)).max() < 1e-15
 
 
+def test_clustering_keeps_the_shape_within_the_grid():
+    made = trimesh.creation.icosphere(6, 0.025)
+    fine = Mesh(np.asarray(made.vertices), np.asarray(made.faces, np.int64), "ball")
+    coarse = meshes.clustered(fine, 2e-3)
+    assert len(coarse.faces) < len(fine.faces) / 8
+    assert set(map(tuple, coarse.vertices)) <= set(map(tuple, fine.vertices))
+    triangles = coarse.vertices[coarse.faces]
+    assert np.abs(np.linalg.norm(triangles.mean(1), axis=1) - 0.025).max() < 4e-3
+    assert meshes.mass_properties(coarse, 1.0).mass == pytest.approx(meshes.mass_properties(fine, 1.0).mass, rel=0.1)
+    assert meshes.clustered(fine, 1.0) is fine
+
+
 def test_mass_properties_of_a_box():
     size = np.array([0.04, 0.06, 0.1])
     centre = np.array([0.2, -0.1, 0.3])
