@@ -120,7 +120,7 @@ def _mark_size(axes: Axes, seen: Array, area_mm2: float) -> float:
     width, height = axes.get_window_extent().width, axes.get_window_extent().height
     extent = np.maximum(np.ptp(seen[:, :2], axis=0), 1e-3)
     points_per_mm = 72.0 / axes.figure.dpi * min(width / extent[0], height / extent[1])
-    return float(np.clip(2.2 * area_mm2 / len(seen) * points_per_mm**2, 0.35, 9.0))
+    return float(np.clip(3.5 * area_mm2 / len(seen) * points_per_mm**2, 0.35, 9.0))
 
 
 def _draw_scale_bar(axes: Axes, left: float, height: float, wanted: float) -> Any:

@@ -13,6 +13,8 @@ _REACH = 6  # columns to either side that the direction along the profile is tak
 _GAP = 4.0  # neighbours farther apart than this many typical distances belong to different surfaces
 _LEAST_SINE = 0.2  # of the angle between the two directions, below which they span no surface
 _BLOCK = 400  # frames worked on at a time, which bounds the memory
+_LEAST_SPREAD = 1e-2  # of the smaller to the larger variance of neighbours in their plane: less is a line
+_HARDLY = 1e-6  # of the same ratio: points on one line but for rounding
 _NEIGHBOURS = 12  # for points without an ordered neighbourhood
 
 
@@ -93,11 +95,24 @@ def _link(joined: NDArray[np.bool_], k: int, sign: int, shape: tuple[int, ...]) 
 
 
 def _plane_normals(points: Array, chosen: Index) -> Array:
-    """Normals of the planes that fit the nearest neighbours of `chosen` points best, from all points."""
-    count = min(_NEIGHBOURS, len(points))
-    _, near = cKDTree(points).query(points[chosen], k=count, workers=-1)
-    offset = points[near] - points[near].mean(axis=1, keepdims=True)
-    scatter = np.einsum("mki,mkj->mij", offset, offset)
-    values, vectors = np.linalg.eigh(scatter)
-    flat = values[:, 1] > 1e-6 * values[:, 2]  # points on one line span no surface
-    return np.asarray(np.where(flat[:, None], vectors[:, :, 0], np.nan))
+    """Normals of the planes that fit the nearest neighbours of `chosen` points best.
+
+    A profile is far denser than the profiles are near to each other, so that the nearest neighbours may all lie on one
+    line. Then every fourth, sixteenth, … point is asked instead, until neighbours span a surface; the widest counts.
+    """
+    normals = np.full((len(chosen), 3), np.nan)
+    widest = np.full(len(chosen), _HARDLY)
+    todo = np.arange(len(chosen))
+    for stride in (1, 4, 16, 64):
+        some = points[::stride]
+        if len(some) < 3 or not len(todo):
+            break
+        _, near = cKDTree(some).query(points[chosen[todo]], k=min(_NEIGHBOURS, len(some)), workers=-1)
+        offset = some[near] - some[near].mean(axis=1, keepdims=True)
+        values, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", offset, offset))
+        spread = values[:, 1] / np.maximum(values[:, 2], np.finfo(float).tiny)
+        wider = spread > widest[todo]
+        normals[todo[wider]] = vectors[wider, :, 0]
+        widest[todo[wider]] = spread[wider]
+        todo = todo[spread < _LEAST_SPREAD]
+    return normals

@@ -167,6 +167,21 @@ def test_scattered_points_get_normals_of_their_neighbourhood() -> None:
     assert ((cloud.normals * (poses[0, :3, 3] - points)).sum(1) >= 0).all()
 
 
+def test_lines_too_far_apart_for_a_grid_still_span_a_surface() -> None:
+    """Points 20 µm apart along profiles whose columns share nothing: the nearest twelve lie on one line."""
+    lines, per_line = 30, 1500
+    angle = np.repeat(np.linspace(-0.5, 0.5, lines), per_line)
+    along = np.tile(np.linspace(-0.015, 0.015, per_line), lines)
+    points = np.stack([RADIUS * np.sin(angle), along, RADIUS * (1 - np.cos(angle))], -1)
+    poses = part_from_sensor(np.zeros((1, 6)), np.zeros(1))
+    in_sensor = points_in_part(points, np.zeros(len(points), int), pose.inverse(poses))
+    profiles = profiles_of(in_sensor, np.zeros(len(points), int), np.arange(len(points)) * 3)
+    cloud = reconstruct(profiles, records(np.zeros((1, 6)), np.zeros(1)), part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+    true = np.stack([-np.sin(angle), 0 * angle, np.cos(angle)], -1)
+    assert np.isfinite(cloud.normals).all()
+    assert np.quantile(np.abs((cloud.normals * true).sum(1)), 0.05) > np.cos(np.radians(3))
+
+
 def test_envelope_cuts_by_height_over_the_table_and_distance_from_its_axis() -> None:
     profiles, triggers = sphere_points_under_random_poses(6)
     everything = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
