@@ -8,17 +8,6 @@ namespace {
 
 constexpr double kSecondsPerTick = 1e-6;
 
-/// Cubic Hermite from `start` to `end` in `duration` seconds, at the share s of it.
-Knot hermite(const Knot& start, const Knot& end, double duration, double s) {
-  const double travel = end.position - start.position;
-  const double v0 = start.velocity * duration;
-  const double v1 = end.velocity * duration;
-  const double quadratic = 3 * travel - 2 * v0 - v1;
-  const double cubic = v0 + v1 - 2 * travel;
-  return {start.position + s * (v0 + s * (quadratic + s * cubic)),
-          (v0 + s * (2 * quadratic + s * 3 * cubic)) / duration};
-}
-
 /// Greatest speed along the cubic between two knots.
 double peak_speed(const Knot& start, const Knot& end, double duration) {
   double peak = std::max(std::abs(start.velocity), std::abs(end.velocity));
@@ -26,7 +15,7 @@ double peak_speed(const Knot& start, const Knot& end, double duration) {
   const double quadratic = 3 * travel - (2 * start.velocity + end.velocity) * duration;
   const double cubic = (start.velocity + end.velocity) * duration - 2 * travel;
   const double s = cubic != 0 ? -quadratic / (3 * cubic) : -1;
-  if (s > 0 && s < 1) peak = std::max(peak, std::abs(hermite(start, end, duration, s).velocity));
+  if (s > 0 && s < 1) peak = std::max(peak, std::abs(cubic_between(start, end, duration, s).velocity));
   return peak;
 }
 
@@ -92,7 +81,7 @@ Knots ServoController::sample(std::int64_t time_us) const {
   if (s >= 1) return state_.end;
   Knots knots;
   for (std::size_t i = 0; i < kAxes; ++i) {
-    knots[i] = hermite(state_.start[i], state_.end[i], duration, s);
+    knots[i] = cubic_between(state_.start[i], state_.end[i], duration, s);
     const double inside = std::clamp(knots[i].position, limits_[i].min, limits_[i].max);
     if (inside != knots[i].position) knots[i] = {inside, 0};  // the hard stop
   }

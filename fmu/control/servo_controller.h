@@ -4,7 +4,8 @@
 
 #include <array>
 #include <cstdint>
-#include <vector>
+
+#include "fmu/control/cubic.h"
 
 namespace robotcell::control {
 
@@ -20,11 +21,6 @@ struct AxisLimits {
 struct Command {
   bool servo = false;                    // false: brake and hold
   std::array<double, kAxes> position{};  // rad
-};
-
-struct Knot {
-  double position = 0;  // rad
-  double velocity = 0;  // rad/s
 };
 
 using Knots = std::array<Knot, kAxes>;

@@ -13,14 +13,6 @@ constexpr double kTicksPerSecond = 1e6;
 constexpr double kLongestTime = 1e9;  // s: below it a double still tells microseconds apart
 constexpr double kNever = std::numeric_limits<double>::infinity();
 
-template <class T>
-constexpr Type type_of() {
-  if constexpr (std::is_same_v<T, double>) return Type::kReal;
-  if constexpr (std::is_same_v<T, std::int32_t>) return Type::kInteger;
-  if constexpr (std::is_same_v<T, bool>) return Type::kBoolean;
-  return Type::kString;
-}
-
 const char* phase_name(Phase phase) {
   switch (phase) {
     case Phase::kInstantiated:

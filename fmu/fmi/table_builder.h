@@ -3,7 +3,6 @@
 
 #include <array>
 #include <string>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -23,14 +22,6 @@ constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
 
 /// "name[1]" for index 0.
 std::string indexed(const std::string& name, std::size_t index_from_0);
-
-template <class T>
-constexpr Type type_of() {
-  if constexpr (std::is_same_v<T, double>) return Type::kReal;
-  if constexpr (std::is_same_v<T, std::int32_t>) return Type::kInteger;
-  if constexpr (std::is_same_v<T, bool>) return Type::kBoolean;
-  return Type::kString;
-}
 
 /// Parameters on which a body's initial pose depends.
 struct PoseDependencies {

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "fmu/model/cell_values.h"
@@ -19,6 +20,15 @@ struct Values {
 };
 
 enum class Type { kReal, kInteger, kBoolean, kString };
+/// The type of a variable with a member of type T.
+template <class T>
+constexpr Type type_of() {
+  if constexpr (std::is_same_v<T, double>) return Type::kReal;
+  if constexpr (std::is_same_v<T, std::int32_t>) return Type::kInteger;
+  if constexpr (std::is_same_v<T, bool>) return Type::kBoolean;
+  return Type::kString;
+}
+
 enum class Causality { kIndependent, kParameter, kInput, kOutput };
 enum class Variability { kFixed, kDiscrete, kContinuous };
 

@@ -32,13 +32,10 @@ AxesState start_of(const CellDescription& cell) {
 AxesState interpolated(const AxesState& from, const AxesState& to, double duration, double s) {
   AxesState state;
   for (std::size_t i = 0; i < kAxes; ++i) {
-    const double travel = to.position[i] - from.position[i];
-    const double v0 = from.rate[i] * duration;
-    const double v1 = to.rate[i] * duration;
-    const double quadratic = 3 * travel - 2 * v0 - v1;
-    const double cubic = v0 + v1 - 2 * travel;
-    state.position[i] = from.position[i] + s * (v0 + s * (quadratic + s * cubic));
-    state.rate[i] = (v0 + s * (2 * quadratic + 3 * s * cubic)) / duration;
+    const auto knot =
+        control::cubic_between({from.position[i], from.rate[i]}, {to.position[i], to.rate[i]}, duration, s);
+    state.position[i] = knot.position;
+    state.rate[i] = knot.velocity;
   }
   return state;
 }

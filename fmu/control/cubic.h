@@ -1,0 +1,23 @@
+// The cubic between two instants of an axis' motion.
+#pragma once
+
+namespace robotcell::control {
+
+/// Where an axis is and how fast it moves (rad, rad/s).
+struct Knot {
+  double position = 0;
+  double velocity = 0;
+};
+
+/// Cubic Hermite interpolation from `start` to `end` in `duration` seconds, at the share s of it.
+inline Knot cubic_between(const Knot& start, const Knot& end, double duration, double s) {
+  const double travel = end.position - start.position;
+  const double v0 = start.velocity * duration;
+  const double v1 = end.velocity * duration;
+  const double quadratic = 3 * travel - 2 * v0 - v1;
+  const double cubic = v0 + v1 - 2 * travel;
+  return {start.position + s * (v0 + s * (quadratic + s * cubic)),
+          (v0 + s * (2 * quadratic + s * 3 * cubic)) / duration};
+}
+
+}  // namespace robotcell::control

@@ -1,0 +1,54 @@
+// The dynamics world is where the exact kinematics says.
+#include <gtest/gtest.h>
+
+#include "fmu/model/world.h"
+
+namespace {
+
+using namespace robotcell;
+
+CellDescription a_cell() {
+  CellDescription cell;
+  cell.time_step_us = 1000;
+  cell.controller_cycle_us = 16000;
+  cell.gravity = {0, 0, -9.80665};
+  cell.world_from_base =
+      Eigen::Translation3d(0.1, 0.2, 0.3) * Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitY());
+  const double rows[kJoints][3] = {{0.075, 0.335, -1.5708}, {0.27, 0, 0},   {-0.09, 0, 1.5708},
+                                   {0, 0.295, -1.5708},     {0, 0, 1.5708}, {0, 0.08, 0}};
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    cell.joints[i].a = rows[i][0];
+    cell.joints[i].d = rows[i][1];
+    cell.joints[i].alpha = rows[i][2];
+  }
+  cell.flange_from_sensor = Eigen::Isometry3d::Identity();
+  cell.table.world_from_table = Eigen::Translation3d(0.45, 0, 0.1) * Eigen::Quaterniond::Identity();
+  cell.part.table_from_part = Eigen::Translation3d(0.02, 0, 0) * Eigen::Quaterniond::Identity();
+  return cell;
+}
+
+AxesState somewhere(double t) {
+  AxesState axes;
+  for (std::size_t i = 0; i < kAxes; ++i) axes.position[i] = 0.3 * std::sin(t * static_cast<double>(i + 1));
+  return axes;
+}
+
+TEST(World, LinksAreWhereTheKinematicsPutsThem) {
+  AsBuilt as_built;
+  as_built.dh[1] = {0.001, -0.002, 0.003, 0.004, 0.005};
+  as_built.dh[4] = {-0.001, 0.002, -0.003, 0.004, 0};
+  const CellDescription cell = a_cell();
+  const Kinematics kinematics(cell, as_built);
+  World world(cell, kinematics, somewhere(0));
+  for (int k = 0; k < 50; ++k) {
+    const AxesState to = somewhere(0.01 * (k + 1));
+    world.step(somewhere(0.01 * k), to);
+    const auto links = kinematics.arm(to.position, to.rate);
+    for (int i = 0; i < kJoints; ++i) {
+      const auto& expected = links[static_cast<std::size_t>(i)].pose;
+      EXPECT_TRUE(world.link_pose(i).isApprox(expected, 1e-12)) << "link " << i + 1;
+    }
+  }
+}
+
+}  // namespace
