@@ -1,0 +1,206 @@
+#include "sensor_rt/imaging/gaussian_batch.h"
+
+#include "sensor_rt/geometry/multiversion.h"
+#include "sensor_rt/imaging/fast_math.h"
+
+namespace sensor_rt {
+namespace {
+
+using Batch = GaussianBatch;
+
+constexpr float kModelError = 0.01f;      // of the amplitude
+constexpr float kBackgroundError = 0.1f;  // of the amplitude: how well the background is known beforehand
+
+/// Pixel-integrated shape and its derivatives with respect to mu, sigma, area, background.
+struct Shape {
+  float model;
+  float d[4];
+};
+
+inline void first_edge(Batch& b) {
+  for (int l = 0; l < kLanes; ++l) {
+    const float e = (-0.5f - b.mu.v[l]) / b.sigma.v[l];
+    const float exponential = exp_negative(-0.5f * e * e);
+    b.cumulative.v[l] = normal_cumulative(e, exponential);
+    b.density.v[l] = normal_density(exponential);
+  }
+}
+
+inline Shape shape(Batch& b, int row, int l) {
+  const float inverse = 1.0f / b.sigma.v[l];
+  const float upper = (static_cast<float>(row) + 0.5f - b.mu.v[l]) * inverse;
+  const float lower = (static_cast<float>(row) - 0.5f - b.mu.v[l]) * inverse;
+  const float exponential = exp_negative(-0.5f * upper * upper);
+  const float cumulative = normal_cumulative(upper, exponential);
+  const float density = normal_density(exponential);
+  const float share = cumulative - b.cumulative.v[l];
+  const float scale = b.area.v[l] * inverse;
+  Shape s;
+  s.model = b.background.v[l] + b.area.v[l] * share;
+  s.d[0] = -scale * (density - b.density.v[l]);
+  s.d[1] = -scale * (upper * density - lower * b.density.v[l]);
+  s.d[2] = share;
+  s.d[3] = 1.0f;
+  b.cumulative.v[l] = cumulative;
+  b.density.v[l] = density;
+  return s;
+}
+
+/// Noise variance of a pixel, relative to the squared guessed amplitude.
+inline float variance(const Batch& b, float model, int l) {
+  const float signal = model > 0.0f ? model : 0.0f;
+  return b.floor.v[l] + b.gain.v[l] * signal;
+}
+
+inline float weight(const Batch& b, float noise, int row, int l) {
+  return b.mask[row].v[l] / (noise + kModelError * kModelError);
+}
+
+inline void clear_sums(Batch& b) {
+  for (int l = 0; l < kLanes; ++l) {
+    for (int k = 0; k < 10; ++k) b.hessian[k].v[l] = 0.0f;
+    for (int k = 0; k < 4; ++k) b.gradient[k].v[l] = b.he3_gradient[k].v[l] = 0.0f;
+    b.he3_norm.v[l] = b.he3_misfit.v[l] = 0.0f;
+    b.row_variance.v[l] = b.misfit.v[l] = b.noise.v[l] = b.count.v[l] = 0.0f;
+    const float prior = 1.0f / (kBackgroundError * kBackgroundError);
+    b.hessian[9].v[l] = prior;
+    b.gradient[3].v[l] = prior * (b.prior.v[l] - b.background.v[l]);
+  }
+}
+
+/// Written out: the compiler only vectorises over the lanes when nothing else loops inside.
+inline void add_to_normal_equations(Batch& b, const Shape& s, float w, float misfit, int l) {
+  const float w0 = w * s.d[0];
+  const float w1 = w * s.d[1];
+  const float w2 = w * s.d[2];
+  b.hessian[0].v[l] += w0 * s.d[0];
+  b.hessian[1].v[l] += w1 * s.d[0];
+  b.hessian[2].v[l] += w1 * s.d[1];
+  b.hessian[3].v[l] += w2 * s.d[0];
+  b.hessian[4].v[l] += w2 * s.d[1];
+  b.hessian[5].v[l] += w2 * s.d[2];
+  b.hessian[6].v[l] += w0;  // the derivative with respect to the background is 1
+  b.hessian[7].v[l] += w1;
+  b.hessian[8].v[l] += w2;
+  b.hessian[9].v[l] += w;
+  b.gradient[0].v[l] += w0 * misfit;
+  b.gradient[1].v[l] += w1 * misfit;
+  b.gradient[2].v[l] += w2 * misfit;
+  b.gradient[3].v[l] += w * misfit;
+}
+
+/// Solves H x = g by L D L^T.
+inline void solve(const float (&h)[10], const float (&g)[4], float (&x)[4]) {
+  const float d0 = h[0];
+  const float l10 = h[1] / d0;
+  const float l20 = h[3] / d0;
+  const float l30 = h[6] / d0;
+  const float d1 = h[2] - l10 * h[1];
+  const float c21 = h[4] - l20 * h[1];
+  const float c31 = h[7] - l30 * h[1];
+  const float l21 = c21 / d1;
+  const float l31 = c31 / d1;
+  const float d2 = h[5] - l20 * h[3] - l21 * c21;
+  const float c32 = h[8] - l30 * h[3] - l31 * c21;
+  const float l32 = c32 / d2;
+  const float d3 = h[9] - l30 * h[6] - l31 * c31 - l32 * c32;
+  const float y0 = g[0];
+  const float y1 = g[1] - l10 * y0;
+  const float y2 = g[2] - l20 * y0 - l21 * y1;
+  const float y3 = g[3] - l30 * y0 - l31 * y1 - l32 * y2;
+  x[3] = y3 / d3;
+  x[2] = y2 / d2 - l32 * x[3];
+  x[1] = y1 / d1 - l21 * x[2] - l31 * x[3];
+  x[0] = y0 / d0 - l10 * x[1] - l20 * x[2] - l30 * x[3];
+}
+
+inline float clamp(float x, float low, float high) {
+  const float raised = x < low ? low : x;
+  return raised > high ? high : raised;
+}
+
+}  // namespace
+
+SENSOR_RT_MULTIVERSION void iterate(Batch& b, float damping) {
+  clear_sums(b);
+  first_edge(b);
+  for (int row = 0; row < b.rows; ++row) {
+    for (int l = 0; l < kLanes; ++l) {
+      const Shape s = shape(b, row, l);
+      const float w = weight(b, variance(b, s.model, l), row, l);
+      add_to_normal_equations(b, s, w, b.data[row].v[l] - s.model, l);
+    }
+  }
+  for (int l = 0; l < kLanes; ++l) {
+    float h[10];
+    float g[4];
+    float x[4];
+    for (int k = 0; k < 10; ++k) h[k] = b.hessian[k].v[l];
+    for (int k = 0; k < 4; ++k) g[k] = b.gradient[k].v[l];
+    h[0] = h[0] * (1.0f + damping) + 1e-12f;
+    h[2] = h[2] * (1.0f + damping) + 1e-12f;
+    h[5] = h[5] * (1.0f + damping) + 1e-12f;
+    solve(h, g, x);
+    const float sigma = b.sigma.v[l];
+    const float shift = clamp(x[0], -0.7f * sigma, 0.7f * sigma);
+    const float widening = clamp(x[1], -0.3f * sigma, 0.4f * sigma);
+    b.mu.v[l] = clamp(b.mu.v[l] + shift, -1.0f, b.end.v[l]);
+    b.sigma.v[l] = clamp(sigma + widening, 0.2f, 30.0f);
+    b.area.v[l] = clamp(b.area.v[l] + x[2], 1e-3f, 1e4f);
+    b.background.v[l] = clamp(b.background.v[l] + x[3], -10.0f, 10.0f);
+    b.step.v[l] = (shift < 0.0f ? -shift : shift) + (widening < 0.0f ? -widening : widening);
+  }
+}
+
+SENSOR_RT_MULTIVERSION void measure_shape(Batch& b) {
+  clear_sums(b);
+  first_edge(b);
+  for (int row = 0; row < b.rows; ++row) {
+    for (int l = 0; l < kLanes; ++l) {
+      const Shape s = shape(b, row, l);
+      const float w = weight(b, variance(b, s.model, l), row, l);
+      const float misfit = b.data[row].v[l] - s.model;
+      add_to_normal_equations(b, s, w, misfit, l);
+      const float z = (static_cast<float>(row) - b.mu.v[l]) / b.sigma.v[l];
+      const float he3 =
+          b.area.v[l] / (b.sigma.v[l] * kRootTwoPi) * (z * z * z - 3.0f * z) * exp_negative(-0.5f * z * z);
+      for (int k = 0; k < 4; ++k) b.he3_gradient[k].v[l] += w * s.d[k] * he3;
+      b.he3_norm.v[l] += w * he3 * he3;
+      b.he3_misfit.v[l] += w * he3 * misfit;
+    }
+  }
+  for (int l = 0; l < kLanes; ++l) {
+    float h[10];
+    float g[4];
+    float x[4];
+    const float row_unit[4] = {1.0f, 0.0f, 0.0f, 0.0f};
+    for (int k = 0; k < 10; ++k) h[k] = b.hessian[k].v[l];
+    for (int k = 0; k < 4; ++k) g[k] = b.he3_gradient[k].v[l];
+    solve(h, g, x);
+    for (int k = 0; k < 4; ++k) b.to_he3[k].v[l] = x[k];
+    solve(h, row_unit, x);
+    for (int k = 0; k < 4; ++k) b.to_row[k].v[l] = x[k];
+  }
+}
+
+SENSOR_RT_MULTIVERSION void measure_noise(Batch& b) {
+  first_edge(b);
+  for (int row = 0; row < b.rows; ++row) {
+    for (int l = 0; l < kLanes; ++l) {
+      const Shape s = shape(b, row, l);
+      const float noise = variance(b, s.model, l);
+      const float w = weight(b, noise, row, l);
+      float influence = 0.0f;
+      for (int k = 0; k < 4; ++k) influence += b.to_row[k].v[l] * s.d[k];
+      b.row_variance.v[l] += w * w * influence * influence * noise;
+      const float z = (static_cast<float>(row) - b.mu.v[l]) / b.sigma.v[l];
+      const float inside = z * z < 6.25f ? b.mask[row].v[l] : 0.0f;
+      const float misfit = b.data[row].v[l] - s.model;
+      b.misfit.v[l] += inside * misfit * misfit;
+      b.noise.v[l] += inside * noise;
+      b.count.v[l] += inside;
+    }
+  }
+}
+
+}  // namespace sensor_rt
