@@ -15,6 +15,8 @@ from orchestrator.planning.placement import LIMIT_SHARE, PlacedPass, PlacedPose,
 Array = NDArray[np.float64]
 Parts = tuple[Program, NDArray[np.int64], Array, Array, dict[int, str]]
 
+_CLOSE = np.radians(0.5)  # joints that change less stay within the clearance
+
 
 class Assembly:
     """Collects segments; it remembers where the cell stands, and every segment starts there."""
@@ -85,9 +87,13 @@ class Assembly:
         self._exposures += [(number, point[None]) for point in points]
 
     def _expose_at_rest(self, points: Array, name: str) -> None:
-        """Visit points (m, 7); the first is approached around obstacles, its neighbours follow straight."""
-        for k, point in enumerate(points):
-            ways = self._connector.connect(self._at, point, name) if k == 0 or len(points) == 1 else []
+        """Visit points (m, 7) in turn; close neighbours follow straight, the others around what is in the way.
+
+        While only the table turns, nothing new can come near: the whole turn was checked when the arm was placed.
+        """
+        for point in points:
+            far = np.abs(point[:6] - self._at[:6]).max() > _CLOSE
+            ways = self._connector.connect(self._at, point, name) if far else []
             for setpoints in ways[:-1]:
                 self._append(setpoints, TriggerRule(), 0.0, 0.0, f"way to {name}")
             last = ways[-1] if ways else self._connector.move(self._at, point)

@@ -223,19 +223,19 @@ def _passes_along(
     window = np.abs(turned.extremes[:, 1] - centre) <= half
     if not strip.any():
         return []
-    height = float(turned.extremes[window, 2].max() if window.any() else turned.points[strip, 2].max())
+    # Whatever stands up in the strip decides the height, also where it does not face up itself.
+    height = float(turned.extremes[window, 2].max(initial=turned.points[strip, 2].max()))
     looking_down = np.diag([1.0, -1.0, -1.0])
     views: list[Pass] = []
     for _ in range(_MAX_LEVELS):
         z = height + options.standoff
-        here = strip & (turned.points[:, 2] <= height + 1e-6)
-        reached = here & (turned.points[:, 2] >= z - sensor_range.far)
-        if reached.mean() > _WORTH or not views:
-            x = turned.points[reached if reached.any() else here, 0]
+        reached = strip & (turned.points[:, 2] >= z - sensor_range.far)
+        if reached.mean() > _WORTH or (reached.any() and not views):
+            x = turned.points[reached, 0]
             start = pose.from_rotation(looking_down, (x.min() - _EDGE, centre, z))
             end = pose.from_rotation(looking_down, (x.max() + _EDGE, centre, z))
             views.append(Pass(f"pass at y = {1e3 * centre:.0f} mm, height {1e3 * z:.0f} mm", start, end, direction))
-        strip = here & ~reached
+        strip = strip & ~reached
         if strip.mean() < _WORTH:
             break
         height = float(turned.points[strip, 2].max())

@@ -97,8 +97,9 @@ def test_tiles_cover_the_span_with_steps_as_asked(low, high, half, step):
         on_table(mesh_of(trimesh.creation.cylinder(0.05, 0.15))),
         on_table(mesh_of(trimesh.creation.cylinder(0.1, 0.01))),
         on_table(mesh_of(trimesh.creation.cone(0.04, 0.08))),
+        on_table(ball(25e-6)),
     ],
-    ids=["ball", "ball off the axis", "small ball far off", "tall cylinder", "disc", "cone"],
+    ids=["ball", "ball off the axis", "small ball far off", "tall cylinder", "disc", "cone", "speck"],
 )
 def test_sweeps_see_convex_parts_wherever_the_light_can_fall(part):
     seen = seen_by([*paths.sweeps(part, RANGE, SWEEP), *paths.passes(part, RANGE, RASTER)], part)
