@@ -130,6 +130,8 @@ def _um(value: float) -> str:
     if not np.isfinite(value):
         return "none"
     size = abs(1e6 * value)
+    if 0 < size < 5e-5:
+        return "< 0.0001 µm"
     decimals = 0 if size >= 100 else 1 if size >= 10 else 2 if size >= 0.1 else 4
     return f"{1e6 * value:,.{decimals}f} µm"
 

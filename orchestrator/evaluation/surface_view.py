@@ -74,8 +74,9 @@ class SurfaceView:
     def _draw_points(self, axes: Axes, axes_in_part: Array, colours: Normalize, area_mm2: float) -> None:
         light = self._mesh.normals[self._face] @ axes_in_part[2]
         facing = np.flatnonzero(light > 0.05)
-        facing = facing[:: max(1, -(-len(facing) // _MOST_POINTS))]
-        chosen = facing[self._in_view(self._points[facing], self._mesh.normals[self._face[facing]], axes_in_part)]
+        facing = _thinned(facing, 4 * _MOST_POINTS)  # most are hidden at worst; casting rays for all takes seconds
+        in_view = self._in_view(self._points[facing], self._mesh.normals[self._face[facing]], axes_in_part)
+        chosen = _thinned(facing[in_view], _MOST_POINTS)
         if not len(chosen):
             return
         seen = 1e3 * self._points[chosen] @ axes_in_part.T
@@ -97,6 +98,11 @@ class SurfaceView:
             return np.zeros(0, bool)
         start = points + _LIFT * normals
         return ~self._tracer.blocked(start, start + self._far * axes_in_part[2])
+
+
+def _thinned(rows: Index, most: int) -> Index:
+    """Every so many-th row, so that at most `most` are left."""
+    return rows[:: max(1, -(-len(rows) // most))]
 
 
 def _sharp_edges(mesh: Mesh) -> tuple[Array, Array]:
