@@ -35,14 +35,6 @@ class SensorRange:
     half_far: float
     cameras: Array
 
-    @staticmethod
-    def from_corners(corners: ArrayLike, cameras: ArrayLike) -> SensorRange:
-        """Range from the trapezoid's corners (4, 2) as (y, z), in any order."""
-        c = np.asarray(corners, float)
-        near, far = c[:, 1].min(), c[:, 1].max()
-        at_near, at_far = (np.abs(c[np.isclose(c[:, 1], z), 0]).min() for z in (near, far))
-        return SensorRange(float(near), float(far), float(at_near), float(at_far), np.asarray(cameras, float))
-
     def half_line(self, z: ArrayLike) -> Array:
         """Half-width (m) of the line that is seen at range `z`."""
         slope = (self.half_far - self.half_near) / (self.far - self.near)

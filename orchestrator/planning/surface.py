@@ -14,9 +14,8 @@ from orchestrator.planning.model import SensorRange
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Grazing light gives a broad, dim stripe: 78 degrees from the normal is the limit of use, 60 is comfortable.
+# Grazing light gives a broad, dim stripe: 78 degrees from the normal is the limit of use.
 MIN_COSINE = float(np.cos(np.radians(78)))
-GOOD_COSINE = float(np.cos(np.radians(60)))
 
 
 @dataclass(frozen=True)

@@ -31,10 +31,8 @@ def on_table(mesh, x=0.0):
     return surface.sample(mesh, pose.translation((x, 0.0, -mesh.bounds[0, 2])))
 
 
-def test_range_from_corners_in_any_order():
-    corners = np.array([[0.036, 0.165], [-0.0195, 0.075], [0.0195, 0.075], [-0.036, 0.165]])
-    made = SensorRange.from_corners(corners, np.zeros((1, 3)))
-    assert (made.near, made.far, made.half_near, made.half_far) == (0.075, 0.165, 0.0195, 0.036)
+def test_range_widens_from_near_to_far():
+    made = SensorRange(0.075, 0.165, 0.0195, 0.036, np.zeros((1, 3)))
     assert made.half_line(0.12) == pytest.approx((0.0195 + 0.036) / 2)
     assert made.holds([0.0, 0.02, 0.035, 0.0], [0.08, 0.0751, 0.165, 0.166]).tolist() == [True, False, True, False]
 
