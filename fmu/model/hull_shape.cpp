@@ -15,11 +15,10 @@ aiVector3D to_assimp(const Eigen::Vector3d& v) {
 /// Every face gets corners of its own. The engine hands the list of normals to ODE, which reads entry i as
 /// the normal of face i: with three corners per face the list is long enough to hold the face normals in that
 /// order.
-aiMesh* make_mesh(const std::vector<Eigen::Vector3d>& vertices,
-                  const std::vector<std::array<int, 3>>& faces) {
+aiMesh* make_mesh(const Hull& hull) {
   auto mesh = std::make_unique<aiMesh>();
   mesh->mPrimitiveTypes = aiPrimitiveType_TRIANGLE;
-  mesh->mNumFaces = static_cast<unsigned>(faces.size());
+  mesh->mNumFaces = static_cast<unsigned>(hull.faces.size());
   mesh->mNumVertices = 3 * mesh->mNumFaces;
   mesh->mFaces = new aiFace[mesh->mNumFaces];
   mesh->mVertices = new aiVector3D[mesh->mNumVertices];
@@ -29,7 +28,7 @@ aiMesh* make_mesh(const std::vector<Eigen::Vector3d>& vertices,
     mesh->mFaces[f].mNumIndices = 3;
     mesh->mFaces[f].mIndices = new unsigned[3];
     for (unsigned k = 0; k < 3; ++k) {
-      corner[k] = vertices[static_cast<std::size_t>(faces[f][k])];
+      corner[k] = hull.vertices[static_cast<std::size_t>(hull.faces[f][k])];
       mesh->mFaces[f].mIndices[k] = 3 * f + k;
       mesh->mVertices[3 * f + k] = to_assimp(corner[k]);
     }
@@ -40,11 +39,10 @@ aiMesh* make_mesh(const std::vector<Eigen::Vector3d>& vertices,
 
 }  // namespace
 
-dart::dynamics::ShapePtr make_hull_shape(const std::vector<Eigen::Vector3d>& vertices,
-                                         const std::vector<std::array<int, 3>>& faces) {
+dart::dynamics::ShapePtr make_hull_shape(const Hull& hull) {
   auto scene = std::make_unique<aiScene>();
   scene->mNumMeshes = 1;
-  scene->mMeshes = new aiMesh* [1] { make_mesh(vertices, faces) };
+  scene->mMeshes = new aiMesh* [1] { make_mesh(hull) };
   scene->mNumMaterials = 1;
   scene->mMaterials = new aiMaterial* [1] { new aiMaterial };
   scene->mRootNode = new aiNode;

@@ -1,15 +1,13 @@
 // A convex hull as a collision shape of the dynamics engine.
 #pragma once
 
-#include <Eigen/Core>
-#include <array>
 #include <dart/dynamics/SmartPointer.hpp>
-#include <vector>
+
+#include "fmu/model/support_hull.h"
 
 namespace robotcell {
 
-/// Builds a mesh shape that owns its data. Vertices in metres, faces counter-clockwise from outside.
-dart::dynamics::ShapePtr make_hull_shape(const std::vector<Eigen::Vector3d>& vertices,
-                                         const std::vector<std::array<int, 3>>& faces);
+/// Builds a mesh shape that owns its data.
+dart::dynamics::ShapePtr make_hull_shape(const Hull& hull);
 
 }  // namespace robotcell

@@ -26,6 +26,7 @@ using Eigen::Isometry3d;
 using Eigen::Vector3d;
 
 constexpr double kSecondsPerTick = 1e-6;
+constexpr std::size_t kMostFaces = 60;
 constexpr int kSettlingSteps = 1000;
 constexpr double kMostTilt = 0.02;     // rad, and
 constexpr double kMostSinking = 1e-3;  // m, by which a part that stands may settle
@@ -86,12 +87,18 @@ SkeletonPtr make_table(const CellDescription& cell, const Kinematics& kinematics
   return table;
 }
 
+/// The part's own hull while the collision detector can cope with it, or a reduced one.
+Hull contact_hull(const PartDescription& part) {
+  if (part.hull_faces.size() <= kMostFaces) return {part.hull_vertices, part.hull_faces};
+  return support_hull(part.hull_vertices, part.table_from_part.linear().row(2).transpose());
+}
+
 SkeletonPtr make_free_part(const PartDescription& part) {
   SkeletonPtr skeleton = Skeleton::create("part");
   BodyNode* body = skeleton->createJointAndBodyNodePair<FreeJoint>().second;
   body->setInertia(Inertia(part.mass, part.centre_of_mass, part.inertia));
-  ShapeNode* node = body->createShapeNodeWith<CollisionAspect, DynamicsAspect>(
-      make_hull_shape(part.hull_vertices, part.hull_faces));
+  ShapeNode* node =
+      body->createShapeNodeWith<CollisionAspect, DynamicsAspect>(make_hull_shape(contact_hull(part)));
   node->getDynamicsAspect()->setFrictionCoeff(part.friction);
   node->getDynamicsAspect()->setFirstFrictionDirectionFrame(Frame::World());
   return skeleton;

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cell_fixture import CYCLE_US, Array, CellFmu, cell_description, pose
 from conftest import Build
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 GRAVITY = 9.80665
@@ -41,6 +42,25 @@ def test_it_rests_where_it_was_put(build: Build) -> None:
     assert np.abs(change[:2, 3]).max() < 1e-12
     assert abs(change[2, 3]) < 0.4e-6
     assert np.abs(change[:3, :3] - np.eye(3)).max() < 1e-6
+
+
+def test_a_round_base_of_many_vertices_carries_all_around(build: Build) -> None:
+    """400 corners make 398 triangles on the table, more contacts than the detector returns."""
+    angles = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    ring = np.column_stack([0.02 * np.cos(angles), 0.02 * np.sin(angles)])
+    hull = ConvexHull(np.vstack([np.insert(ring, 2, height, axis=1) for height in (0.0, 0.05)]))
+    triangles = hull.points[hull.simplices]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0
+    faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
+    description = free_cell(0.05)
+    description["part"]["hull"] = {"vertices": hull.points.tolist(), "faces": faces.tolist()}
+    cell = build(3, description)
+    before = part_on_platter(cell)
+    np.testing.assert_allclose(before[:3, 3], [0.05, 0, 0], atol=0.4e-6)
+    np.testing.assert_allclose(before[:3, :3], np.eye(3), atol=1e-6)
+    turn(cell, np.full(round(2 * np.pi / CYCLE / 4), 4.0))
+    assert np.abs((part_on_platter(cell) - before)[:3, 3]).max() < 1e-6
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.09])
