@@ -59,7 +59,7 @@ def test_a_round_base_of_many_vertices_carries_all_around(build: Build) -> None:
     before = part_on_platter(cell)
     np.testing.assert_allclose(before[:3, 3], [0.05, 0, 0], atol=0.4e-6)
     np.testing.assert_allclose(before[:3, :3], np.eye(3), atol=1e-6)
-    turn(cell, np.full(round(2 * np.pi / CYCLE / 4), 4.0))
+    turn(cell, np.concatenate([np.linspace(0, 4, 40), np.full(round(2 * np.pi / CYCLE / 4), 4.0)]))
     assert np.abs((part_on_platter(cell) - before)[:3, 3]).max() < 1e-6
 
 
