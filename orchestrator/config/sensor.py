@@ -110,12 +110,12 @@ class ExtractionDescription(Description):
     max_asymmetry: Positive = 0.05
     max_residual: Positive = 0.05
     max_row_jump_px: Positive = Field(
-        default=3.0, description="neighbouring columns further apart than their slopes predict break a run"
+        default=0.1, description="rows that bend more than this from column to column break a run"
     )
     max_amplitude_jump: Positive = Field(default=0.3, description="relative change from column to column")
-    max_width_jump: Positive = Field(default=0.25, description="relative change from column to column")
+    max_width_jump: Positive = Field(default=0.15, description="relative change from column to column")
     end_columns: Annotated[int, Field(ge=0, le=100)] = Field(default=1, description="distrusted at the ends of a run")
-    min_run_columns: Annotated[int, Field(ge=1, le=1000)] = Field(default=5, description="shorter runs are distrusted")
+    min_run_columns: Annotated[int, Field(ge=1, le=1000)] = Field(default=8, description="shorter runs are distrusted")
 
 
 class GeometricDescription(Description):

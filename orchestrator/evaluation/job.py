@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import sensor_rt
-
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.cell.recording import Recording, read_recording
 from orchestrator.config.loading import Setup

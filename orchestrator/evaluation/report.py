@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import sensor_rt
 from numpy.typing import NDArray
 
+import sensor_rt
 from orchestrator.cell.nominal import Body, NominalCell
 from orchestrator.cell.recording import Recording, write_recording
 from orchestrator.config.resolved import sensor_json
@@ -20,8 +20,8 @@ from orchestrator.evaluation.deviation import Deviation, deviation_from_mesh
 from orchestrator.evaluation.manifest import manifest, resolved_toml
 from orchestrator.evaluation.pictures import deviation_picture
 from orchestrator.evaluation.run_folder import RunFolder
-from orchestrator.evaluation.stripe_picture import stripe_picture
 from orchestrator.evaluation.stopwatch import Stopwatch
+from orchestrator.evaluation.stripe_picture import stripe_picture
 from orchestrator.geometry import pose
 from orchestrator.reconstruction.cloud import Cloud
 from orchestrator.reconstruction.point_cloud_files import write_ply
@@ -55,7 +55,7 @@ def write_report(
 ) -> tuple[dict[str, Any], list[str], list[str]]:
     """Fill the run folder; returns figures, warnings and lines for people."""
     with watch.measure("evaluate"):
-        deviation = deviation_from_mesh(given.cloud, given.nominal.part)
+        deviation = deviation_from_mesh(given.cloud, given.nominal.part, sensor_rt.closest_points)
         covered = surface_coverage(given.nominal, given.recording, given.cloud, _view(given))
     figures = _figures(given, deviation, covered)
     with watch.measure("write"):
@@ -69,7 +69,12 @@ def write_report(
     with watch.measure("draw"):
         name = given.request.part.name
         deviation_picture(
-            folder.path("deviation.png"), given.cloud, deviation, given.nominal.part, name, covered.fraction
+            folder.path("deviation.png"),
+            given.cloud,
+            deviation,
+            given.nominal.part,
+            name=name,
+            coverage_fraction=covered.fraction,
         )
         if given.request.engine == "ray-traced":
             _draw_samples(given, folder)

@@ -10,9 +10,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-import sensor_rt
 from numpy.typing import NDArray
 
+import sensor_rt
 from orchestrator.cell.nominal import nominal_cell
 from orchestrator.config.loading import Setup
 from orchestrator.config.units import to_si

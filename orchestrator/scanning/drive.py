@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from orchestrator.cell.as_built import parse_as_built
-from orchestrator.cell.driver import Driver, DriveOptions
+from orchestrator.cell.driver import DriveOptions, Driver
 from orchestrator.cell.fmu_file import build_fmu, cell_json
 from orchestrator.cell.fmu_info import describe_fmu
 from orchestrator.cell.instance import CellInstance

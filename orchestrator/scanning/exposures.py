@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import sensor_rt
 from numpy.typing import NDArray
 
+import sensor_rt
 from orchestrator.cell.nominal import Body, NominalCell
 from orchestrator.cell.recording import ExposureTruth
 

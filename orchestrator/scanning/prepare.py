@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import sensor_rt
 
+import sensor_rt
 from orchestrator.cell.nominal import NominalCell
 from orchestrator.config.loading import Setup
 from orchestrator.config.units import to_si

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import sensor_rt
 
+import sensor_rt
 from orchestrator.cell.nominal import Body
 from orchestrator.cell.recording import Recording
 from orchestrator.config.resolved import sensor_json
@@ -61,7 +61,7 @@ def sense(
     """
     truth, index = recording.truth, recording.measured.index
     timings: Counter[str] = Counter()
-    batches, first_rows = [], []
+    batches = []
     progress.stage("sensing", len(recording), "profiles")
     try:
         scene = build_scene(bodies)
@@ -70,12 +70,13 @@ def sense(
             exposures = exposures_from_truth(truth, index, bodies, rows)
             result = sensor_rt.scan(scene, sensor, exposures, engine=engine, threads=threads)
             batches.append(result.profiles)
-            first_rows.append(start)
             timings.update(result.timings)
             progress.advance(rows.stop - rows.start)
     except (ValueError, RuntimeError) as error:
         raise SensorError(str(error)) from error
-    return Sensed(ProfilePoints.concatenate(batches, first_rows), dict(timings))
+    points = ProfilePoints.concatenate(batches, [0] * len(batches))
+    # The library calls an exposure by its trigger index, which keys the noise; reconstruction counts rows.
+    return Sensed(replace(points, frame=np.searchsorted(index, points.frame)), dict(timings))
 
 
 def sample_rows(count: int, wanted: int) -> list[int]:
