@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/optics/region.h"
 
 namespace sensor_rt {
@@ -12,14 +13,54 @@ namespace {
 /// itself.
 constexpr double kBeforeSurface = 1.0 - 1e-4;
 
-}  // namespace
+constexpr double kNone = std::numeric_limits<double>::infinity();
 
-void FanPoints::clear() {
-  camera.clear();
-  pixel.clear();
-  point.clear();
-  brightness.clear();
+/// Landing points in the plane x = 0 with their normals turned towards the light; used[lane] is 1 within
+/// near..far.
+SENSOR_RT_MULTIVERSION
+void locate(double source_z, double near, double far, const Lanes3& __restrict d,
+            const PacketHits& __restrict hits, Lanes3& __restrict point, Lanes3& __restrict normal,
+            double* __restrict cosine, double* __restrict used) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double t = hits.t[l] < kNone ? hits.t[l] : 1.0;
+    const double z = source_z + t * d.z[l];
+    const double facing = hits.normal.y[l] * d.y[l] + hits.normal.z[l] * d.z[l];
+    const double sign = facing > 0.0 ? -1.0 : 1.0;
+    const double beyond_near = z >= near ? 1.0 : 0.0;
+    const double before_far = z <= far ? 1.0 : 0.0;
+    used[l] = beyond_near * before_far;
+    cosine[l] = std::abs(facing);
+    point.x[l] = 0.0;
+    point.y[l] = t * d.y[l];
+    point.z[l] = z;
+    normal.x[l] = sign * hits.normal.x[l];
+    normal.y[l] = sign * hits.normal.y[l];
+    normal.z[l] = sign * hits.normal.z[l];
+  }
 }
+
+/// Directions from the eye; seen[lane] is 1 for points in use, on surfaces that face the eye, within the
+/// image.
+SENSOR_RT_MULTIVERSION
+void face(const double* __restrict eye, const Lanes3& __restrict point, const Lanes3& __restrict normal,
+          const double* __restrict used, const double* __restrict column, const double* __restrict row,
+          double width, double height, Lanes3& __restrict direction, double* __restrict seen) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double x = point.x[l] - eye[0];
+    const double y = point.y[l] - eye[1];
+    const double z = point.z[l] - eye[2];
+    const double away = normal.x[l] * x + normal.y[l] * y + normal.z[l] * z;
+    const double faces = away < 0.0 ? 1.0 : 0.0;
+    const double in_columns = std::abs(column[l] - 0.5 * (width - 1.0)) < 0.5 * width ? 1.0 : 0.0;
+    const double in_rows = std::abs(row[l] - 0.5 * (height - 1.0)) < 0.5 * height ? 1.0 : 0.0;
+    direction.x[l] = x;
+    direction.y[l] = y;
+    direction.z[l] = z;
+    seen[l] = used[l] * faces * in_columns * in_rows;
+  }
+}
+
+}  // namespace
 
 FanCaster::FanCaster(const FanGeometry& geometry) : geometry_(geometry) {
   const int packets = (geometry_.rays + kLanes - 1) / kLanes;
@@ -31,95 +72,77 @@ FanCaster::FanCaster(const FanGeometry& geometry) : geometry_(geometry) {
     packet.x[i % kLanes] = 0.0;
     packet.y[i % kLanes] = std::sin(angle);
     packet.z[i % kLanes] = std::cos(angle);
-    landings_[static_cast<std::size_t>(i / kLanes)].valid[i % kLanes] = 0;
   }
   laser_region_ = laser_region(geometry_.laser, 0.0);
-  for (const Camera& camera : geometry_.cameras) camera_regions_.push_back(camera_region(camera, 1e-9));
+  for (const Camera& camera : geometry_.cameras) {
+    camera_regions_.push_back(camera_region(camera, 1e-9));
+    projectors_.emplace_back(camera);
+  }
+  points_.reserve(geometry_.cameras.size() * static_cast<std::size_t>(geometry_.rays));
 }
 
-void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t exposure, FanPoints& out) {
+const std::vector<FanPoint>& FanCaster::cast(const Scene& scene, const Exposures& exposures,
+                                             std::size_t exposure) {
   static const std::vector<double> kMiddle{0.5};
   static const std::vector<std::size_t> kOneInstant(kLanes, 0);
-  out.clear();
+  points_.clear();
   track_.set(scene, exposures, exposure, kMiddle);
   const Eigen::Vector3d source(0.0, 0.0, geometry_.laser.source_z);
   laser_view_.set(scene, track_, source, kOneInstant, laser_region_);
-  if (laser_view_.empty()) return;
+  if (laser_view_.empty()) return points_;
   land(scene);
   for (std::size_t k = 0; k < geometry_.cameras.size(); ++k) {
-    const Eigen::Vector3d centre = geometry_.cameras[k].sensor_from_camera.translation;
-    camera_view_.set(scene, track_, centre, kOneInstant, camera_regions_[k]);
-    see(static_cast<int>(k), out);
+    const Eigen::Vector3d eye = geometry_.cameras[k].sensor_from_camera.translation;
+    camera_view_.set(scene, track_, eye, kOneInstant, camera_regions_[k]);
+    see(k);
   }
+  return points_;
 }
 
 void FanCaster::land(const Scene& scene) {
   for (std::size_t p = 0; p < directions_.size(); ++p) {
-    const Lanes3& d = directions_[p];
     Landing& landing = landings_[p];
     alignas(64) int valid[kLanes];
     for (int l = 0; l < kLanes; ++l) valid[l] = static_cast<int>(p) * kLanes + l < geometry_.rays ? -1 : 0;
     PacketHits hits;
-    laser_view_.intersect(0, d, valid, std::numeric_limits<double>::infinity(), hits);
+    laser_view_.intersect(0, directions_[p], valid, kNone, hits);
+    alignas(64) double cosine[kLanes];
+    locate(geometry_.laser.source_z, geometry_.near, geometry_.far, directions_[p], hits, landing.point,
+           landing.normal, cosine, landing.used);
     for (int l = 0; l < kLanes; ++l) {
-      landing.valid[l] = 0;
-      if (hits.shape[l] < 0) continue;
-      const double z = geometry_.laser.source_z + hits.t[l] * d.z[l];
-      const double facing = hits.normal.y[l] * d.y[l] + hits.normal.z[l] * d.z[l];
-      if (!(z >= geometry_.near && z <= geometry_.far) || facing == 0.0) continue;
-      const double sign = facing > 0.0 ? -1.0 : 1.0;
-      landing.valid[l] = -1;
-      landing.point.x[l] = 0.0;
-      landing.point.y[l] = hits.t[l] * d.y[l];
-      landing.point.z[l] = z;
-      landing.normal.x[l] = sign * hits.normal.x[l];
-      landing.normal.y[l] = sign * hits.normal.y[l];
-      landing.normal.z[l] = sign * hits.normal.z[l];
+      const bool hit = hits.shape[l] >= 0;
+      landing.used[l] = hit ? landing.used[l] : 0.0;
       landing.brightness[l] =
-          scene.shapes()[static_cast<std::size_t>(hits.shape[l])].reflectance * std::abs(facing);
+          hit ? cosine[l] * scene.shapes()[static_cast<std::size_t>(hits.shape[l])].reflectance : 0.0;
     }
   }
 }
 
-void FanCaster::see(int number, FanPoints& out) {
-  const Camera& camera = geometry_.cameras[static_cast<std::size_t>(number)];
-  const Rigid3 camera_from_sensor = camera.sensor_from_camera.inverse();
-  const Eigen::Vector3d centre = camera.sensor_from_camera.translation;
+void FanCaster::see(std::size_t number) {
+  const Camera& camera = geometry_.cameras[number];
+  const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
   const std::size_t packets = landings_.size();
   for (std::size_t step = 0; step < packets; ++step) {
     // Columns run along -y for side +1 and along +y for side -1.
     const Landing& landing = landings_[camera.side > 0 ? packets - 1 - step : step];
+    alignas(64) double column[kLanes];
+    alignas(64) double row[kLanes];
+    alignas(64) double seen[kLanes];
     alignas(64) int open[kLanes];
     Lanes3 direction;
-    Eigen::Vector2d pixels[kLanes];
-    bool any = false;
-    for (int l = 0; l < kLanes; ++l) {
-      open[l] = 0;
-      direction.x[l] = direction.y[l] = direction.z[l] = 0.0;
-      if (landing.valid[l] == 0) continue;
-      const Eigen::Vector3d point(landing.point.x[l], landing.point.y[l], landing.point.z[l]);
-      const Eigen::Vector3d normal(landing.normal.x[l], landing.normal.y[l], landing.normal.z[l]);
-      const Eigen::Vector3d d = point - centre;
-      const Eigen::Vector3d in_camera = camera_from_sensor * point;
-      if (!(normal.dot(d) < 0.0) || !(in_camera.z() > 0.0)) continue;
-      pixels[l] = camera.project(in_camera);
-      if (!(pixels[l].x() >= -0.5 && pixels[l].x() < camera.width_px - 0.5)) continue;
-      if (!(pixels[l].y() >= -0.5 && pixels[l].y() < camera.height_px - 0.5)) continue;
-      open[l] = -1;
-      any = true;
-      direction.x[l] = d.x();
-      direction.y[l] = d.y();
-      direction.z[l] = d.z();
-    }
-    if (!any) continue;
+    projectors_[number].project(landing.point, column, row);
+    face(eye.data(), landing.point, landing.normal, landing.used, column, row, camera.width_px,
+         camera.height_px, direction, seen);
+    for (int l = 0; l < kLanes; ++l) open[l] = seen[l] > 0.0 ? -1 : 0;
     camera_view_.occlude(0, direction, kBeforeSurface, open);
     for (int i = 0; i < kLanes; ++i) {
       const int l = camera.side > 0 ? kLanes - 1 - i : i;
       if (open[l] == 0) continue;
-      out.camera.push_back(number);
-      out.pixel.push_back(pixels[l]);
-      out.point.emplace_back(landing.point.x[l], landing.point.y[l], landing.point.z[l]);
-      out.brightness.push_back(landing.brightness[l]);
+      points_.push_back({{landing.point.x[l], landing.point.y[l], landing.point.z[l]},
+                         column[l],
+                         row[l],
+                         landing.brightness[l],
+                         static_cast<std::int32_t>(number)});
     }
   }
 }

@@ -1,23 +1,24 @@
 // Geometric mode: where the laser's rays land and which cameras see it, without images.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
 #include "sensor_rt/optics/camera.h"
 #include "sensor_rt/optics/laser_sheet.h"
+#include "sensor_rt/optics/projector.h"
 #include "sensor_rt/scene/ray_view.h"
 
 namespace sensor_rt {
 
-/// Points of one profile, camera by camera in ascending columns.
-struct FanPoints {
-  std::vector<std::int32_t> camera;
-  std::vector<Eigen::Vector2d> pixel;  ///< (column, row) where the camera sees the point
-  std::vector<Eigen::Vector3d> point;  ///< sensor frame, m
-  std::vector<double> brightness;      ///< reflectance times cosine of incidence
-
-  void clear();
+/// One point of a profile as one camera sees it.
+struct FanPoint {
+  Eigen::Vector3d point;  ///< sensor frame, m
+  double column;          ///< px, where the camera sees the point
+  double row;
+  double brightness;  ///< reflectance times cosine of incidence
+  std::int32_t camera;
 };
 
 /// What of the sensor the geometric mode needs.
@@ -36,20 +37,23 @@ class FanCaster {
  public:
   explicit FanCaster(const FanGeometry& geometry);
 
-  void cast(const Scene& scene, const Exposures& exposures, std::size_t exposure, FanPoints& out);
+  /// Points of one profile, camera by camera in ascending columns; valid until the next call.
+  const std::vector<FanPoint>& cast(const Scene& scene, const Exposures& exposures, std::size_t exposure);
 
  private:
+  /// Landing points of sixteen rays; used is 0 for those that are lost.
   struct Landing {
     Lanes3 point;
     Lanes3 normal;  ///< towards the light
-    double brightness[kLanes];
-    int valid[kLanes];
+    alignas(64) double brightness[kLanes];
+    alignas(64) double used[kLanes];
   };
 
   void land(const Scene& scene);
-  void see(int camera, FanPoints& out);
+  void see(std::size_t camera);
 
   FanGeometry geometry_;
+  std::vector<Projector> projectors_;
   std::vector<Lanes3> directions_;
   std::vector<HalfSpace> laser_region_;
   std::vector<std::vector<HalfSpace>> camera_regions_;
@@ -57,6 +61,7 @@ class FanCaster {
   RayView laser_view_;
   RayView camera_view_;
   std::vector<Landing> landings_;
+  std::vector<FanPoint> points_;
 };
 
 }  // namespace sensor_rt

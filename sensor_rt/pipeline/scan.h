@@ -1,11 +1,11 @@
 // Batches of exposures through all stations, many at a time.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <vector>
 
 #include "sensor_rt/pipeline/sensor.h"
+#include "sensor_rt/pipeline/stations.h"
 #include "sensor_rt/scene/pose_track.h"
 #include "sensor_rt/scene/scene.h"
 
@@ -15,10 +15,6 @@ namespace sensor_rt {
 /// themselves.
 enum class Engine { kRayTraced, kGeometric };
 
-enum Station { kCast, kRender, kDetect, kExtract, kTriangulate, kStationCount };
-constexpr std::array<const char*, kStationCount> kStationNames{"cast", "render", "detect", "extract",
-                                                               "triangulate"};
-
 struct ScanOptions {
   Engine engine = Engine::kRayTraced;
   unsigned threads = 0;      ///< 0: as many as the machine has
@@ -26,9 +22,9 @@ struct ScanOptions {
 };
 
 struct ScanResult {
-  Profiles profiles;                            ///< in the order of the exposures
-  std::vector<std::uint16_t> images;            ///< (exposure, camera, row, column) when kept
-  std::array<double, kStationCount> seconds{};  ///< per station, summed over the threads
+  Profiles profiles;                  ///< in the order of the exposures
+  std::vector<std::uint16_t> images;  ///< (exposure, camera, row, column) when kept
+  StationSeconds seconds{};           ///< per station, summed over the threads
 };
 
 /// Throws std::invalid_argument when the exposures do not fit the scene.

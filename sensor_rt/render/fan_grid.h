@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "sensor_rt/optics/projector.h"
 #include "sensor_rt/render/render_plan.h"
 #include "sensor_rt/scene/ray_view.h"
 
@@ -45,17 +46,9 @@ class FanGrid {
   void cast(const std::vector<FanRay>& rays, FanLandings& out);
 
  private:
-  struct CameraLanes {
-    double rotation[9];  ///< camera_from_sensor, row-major
-    double translation[3];
-    double focal, cx, cy;
-  };
-
-  void project(const Lanes3& point, std::size_t first, int lanes, FanLandings& out) const;
-
   const RenderPlan& plan_;
   RayView view_;
-  std::vector<CameraLanes> cameras_;
+  std::vector<Projector> projectors_;
   std::vector<std::size_t> lane_instants_;
 };
 

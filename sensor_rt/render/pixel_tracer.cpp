@@ -12,7 +12,8 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// Directions through the samples of a pixel: axes * (x, y, 1), x and y linear in the sample's offset.
 SENSOR_RT_MULTIVERSION
-void spread_directions(const double* axes, const double* ray, const double* du, const double* dv, Lanes3& d) {
+void spread_directions(const double* __restrict axes, const double* __restrict ray,
+                       const double* __restrict du, const double* __restrict dv, Lanes3& __restrict d) {
   for (int l = 0; l < kLanes; ++l) {
     const double x = ray[0] + ray[2] * du[l] + ray[3] * dv[l];
     const double y = ray[1] + ray[4] * du[l] + ray[5] * dv[l];

@@ -3,15 +3,9 @@
 
 #include <cstdint>
 
+#include "sensor_rt/geometry/lanes.h"
+
 namespace sensor_rt {
-
-constexpr int kLanes = 16;
-
-struct alignas(64) Lanes3 {
-  double x[kLanes];
-  double y[kLanes];
-  double z[kLanes];
-};
 
 /// Per ray: rotation shape_from_reference (row-major) and the ray's origin in the frame of a shape. The lanes
 /// of a packet may lie at different times of an exposure, hence at different poses.

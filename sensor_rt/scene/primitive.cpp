@@ -8,21 +8,22 @@
 namespace sensor_rt {
 namespace {
 
+// Conditions are joined by & and applied as factors: without branches the loops vectorise.
+
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
 /// Keeps the reciprocal of a direction component finite, so that 0 * infinity never arises.
-inline double safe_reciprocal(double d) {
-  return 1.0 / (std::abs(d) < 1e-200 ? std::copysign(1e-200, d) : d);
-}
+inline double safe_reciprocal(double d) { return 1.0 / (d + std::copysign(1e-200, d)); }
 
 /// First positive end of the interval [enter, leave] in which a ray is inside a convex solid.
 inline double first_crossing(double enter, double leave) {
-  const bool hit = enter <= leave && leave > 0.0;
-  return hit ? (enter > 0.0 ? enter : leave) : kNone;
+  const double first = enter > 0.0 ? enter : leave;
+  return (enter <= leave) & (leave > 0.0) ? first : kNone;
 }
 
 SENSOR_RT_MULTIVERSION
-void intersect_sphere(double radius, const Lanes3& o, const Lanes3& d, double* t, Lanes3& n) {
+void intersect_sphere(double radius, const Lanes3& __restrict o, const Lanes3& __restrict d,
+                      double* __restrict t, Lanes3& __restrict n) {
   for (int l = 0; l < kLanes; ++l) {
     const double a = d.x[l] * d.x[l] + d.y[l] * d.y[l] + d.z[l] * d.z[l];
     const double nearest = -(o.x[l] * d.x[l] + o.y[l] * d.y[l] + o.z[l] * d.z[l]) / a;
@@ -32,7 +33,8 @@ void intersect_sphere(double radius, const Lanes3& o, const Lanes3& d, double* t
     const double z = o.z[l] + nearest * d.z[l];
     const double rest = radius * radius - (x * x + y * y + z * z);
     const double half = std::sqrt((rest > 0.0 ? rest : 0.0) / a);
-    const double hit = rest >= 0.0 ? first_crossing(nearest - half, nearest + half) : kNone;
+    const double crossing = first_crossing(nearest - half, nearest + half);
+    const double hit = rest >= 0.0 ? crossing : kNone;
     t[l] = hit;
     const double at = hit < kNone ? hit : 0.0;
     n.x[l] = (o.x[l] + at * d.x[l]) / radius;
@@ -42,7 +44,8 @@ void intersect_sphere(double radius, const Lanes3& o, const Lanes3& d, double* t
 }
 
 SENSOR_RT_MULTIVERSION
-void intersect_box(double hx, double hy, double hz, const Lanes3& o, const Lanes3& d, double* t, Lanes3& n) {
+void intersect_box(double hx, double hy, double hz, const Lanes3& __restrict o, const Lanes3& __restrict d,
+                   double* __restrict t, Lanes3& __restrict n) {
   for (int l = 0; l < kLanes; ++l) {
     const double ix = safe_reciprocal(d.x[l]);
     const double iy = safe_reciprocal(d.y[l]);
@@ -59,29 +62,32 @@ void intersect_box(double hx, double hy, double hz, const Lanes3& o, const Lanes
     const double leave = leave_xy < z1 ? leave_xy : z1;
     const double hit = first_crossing(enter, leave);
     t[l] = hit;
-    // The face that was crossed last on the way in, or first on the way out; the outward normal faces the ray
-    // or not.
+    // The face that was crossed last on the way in, or first on the way out.
     const bool inside = !(enter > 0.0);
     const double sign = inside ? 1.0 : -1.0;
-    const bool on_x = inside ? leave == x1 : enter == x0;
-    const bool on_y = !on_x && (inside ? leave == y1 : enter == y0);
-    n.x[l] = on_x ? std::copysign(1.0, ix) * sign : 0.0;
-    n.y[l] = on_y ? std::copysign(1.0, iy) * sign : 0.0;
-    n.z[l] = on_x || on_y ? 0.0 : std::copysign(1.0, iz) * sign;
+    const double edge_x = inside ? x1 : x0;
+    const double edge_y = inside ? y1 : y0;
+    const double edge = inside ? leave : enter;
+    const double on_x = edge_x == edge ? 1.0 : 0.0;
+    const double on_y = (1.0 - on_x) * (edge_y == edge ? 1.0 : 0.0);
+    n.x[l] = on_x * std::copysign(1.0, sign * ix);
+    n.y[l] = on_y * std::copysign(1.0, sign * iy);
+    n.z[l] = (1.0 - on_x) * (1.0 - on_y) * std::copysign(1.0, sign * iz);
   }
 }
 
 SENSOR_RT_MULTIVERSION
-void intersect_cylinder(double radius, double half, const Lanes3& o, const Lanes3& d, double* t, Lanes3& n) {
+void intersect_cylinder(double radius, double half, const Lanes3& __restrict o, const Lanes3& __restrict d,
+                        double* __restrict t, Lanes3& __restrict n) {
   for (int l = 0; l < kLanes; ++l) {
     const double a = d.x[l] * d.x[l] + d.y[l] * d.y[l];
-    const bool along = a < 1e-24 * d.z[l] * d.z[l];
-    const double inverse = along ? 0.0 : 1.0 / a;
+    const double inverse =
+        1.0 / (a + 1e-300);  // a ray along the axis has no end on the side, but one far away
     const double nearest = -(o.x[l] * d.x[l] + o.y[l] * d.y[l]) * inverse;
     const double x = o.x[l] + nearest * d.x[l];
     const double y = o.y[l] + nearest * d.y[l];
     const double rest = radius * radius - (x * x + y * y);
-    const double reach = along ? kNone : std::sqrt((rest > 0.0 ? rest : 0.0) * inverse);
+    const double reach = std::sqrt((rest > 0.0 ? rest : 0.0) * inverse);
     const double iz = safe_reciprocal(d.z[l]);
     const double cap_in = (-std::copysign(half, iz) - o.z[l]) * iz;
     const double cap_out = (std::copysign(half, iz) - o.z[l]) * iz;
@@ -89,24 +95,27 @@ void intersect_cylinder(double radius, double half, const Lanes3& o, const Lanes
     const double side_out = nearest + reach;
     const double enter = side_in > cap_in ? side_in : cap_in;
     const double leave = side_out < cap_out ? side_out : cap_out;
-    const double hit = rest >= 0.0 ? first_crossing(enter, leave) : kNone;
+    const double crossing = first_crossing(enter, leave);
+    const double hit = rest >= 0.0 ? crossing : kNone;
     t[l] = hit;
     const bool inside = !(enter > 0.0);
-    const bool on_cap = inside ? leave == cap_out : enter == cap_in;
+    const double sign = inside ? 1.0 : -1.0;
+    const double on_cap = (inside ? cap_out : cap_in) == (inside ? leave : enter) ? 1.0 : 0.0;
     const double at = hit < kNone ? hit : 0.0;
-    n.x[l] = on_cap ? 0.0 : (o.x[l] + at * d.x[l]) / radius;
-    n.y[l] = on_cap ? 0.0 : (o.y[l] + at * d.y[l]) / radius;
-    n.z[l] = on_cap ? std::copysign(1.0, iz) * (inside ? 1.0 : -1.0) : 0.0;
+    n.x[l] = (1.0 - on_cap) * (o.x[l] + at * d.x[l]) / radius;
+    n.y[l] = (1.0 - on_cap) * (o.y[l] + at * d.y[l]) / radius;
+    n.z[l] = on_cap * std::copysign(1.0, sign * iz);
   }
 }
 
 SENSOR_RT_MULTIVERSION
-void intersect_rectangle(double hx, double hy, const Lanes3& o, const Lanes3& d, double* t, Lanes3& n) {
+void intersect_rectangle(double hx, double hy, const Lanes3& __restrict o, const Lanes3& __restrict d,
+                         double* __restrict t, Lanes3& __restrict n) {
   for (int l = 0; l < kLanes; ++l) {
     const double hit = -o.z[l] * safe_reciprocal(d.z[l]);
     const double x = o.x[l] + hit * d.x[l];
     const double y = o.y[l] + hit * d.y[l];
-    t[l] = hit > 0.0 && std::abs(x) <= hx && std::abs(y) <= hy ? hit : kNone;
+    t[l] = (hit > 0.0) & (std::abs(x) <= hx) & (std::abs(y) <= hy) ? hit : kNone;
     n.x[l] = 0.0;
     n.y[l] = 0.0;
     n.z[l] = 1.0;

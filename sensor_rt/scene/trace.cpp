@@ -13,6 +13,8 @@ namespace {
 /// incidence. Beyond that the ray runs along the plane and Embree's hit is the better one.
 constexpr double kLargestCorrection = 1e-4;
 
+constexpr double kNone = std::numeric_limits<double>::infinity();
+
 SENSOR_RT_MULTIVERSION
 void to_shape_frame(const double (*r)[kLanes], const Lanes3& d, Lanes3& out) {
   for (int l = 0; l < kLanes; ++l) {
@@ -48,44 +50,56 @@ struct alignas(64) LanePlanes {
 
 /// Meets the planes of the faces that were hit again, in double precision.
 SENSOR_RT_MULTIVERSION
-void meet_planes(const LanePlanes& p, const Lanes3& o, const Lanes3& d, const float* coarse, double* t) {
+void meet_planes(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
+                 const float* __restrict coarse, double* __restrict t) {
   for (int l = 0; l < kLanes; ++l) {
     const double towards = p.normal_x[l] * d.x[l] + p.normal_y[l] * d.y[l] + p.normal_z[l] * d.z[l];
     const double away = p.normal_x[l] * o.x[l] + p.normal_y[l] * o.y[l] + p.normal_z[l] * o.z[l];
     const double fine = (p.offset[l] - away) / (towards == 0.0 ? 1e-300 : towards);
     const double length2 = d.x[l] * d.x[l] + d.y[l] * d.y[l] + d.z[l] * d.z[l];
     const double change = fine - static_cast<double>(coarse[l]);
-    const bool credible = change * change * length2 <= kLargestCorrection * kLargestCorrection && fine > 0.0;
-    t[l] = credible ? fine : static_cast<double>(coarse[l]);
+    const double rough = static_cast<double>(coarse[l]);
+    const bool credible =
+        (change * change * length2 <= kLargestCorrection * kLargestCorrection) & (fine > 0.0);
+    t[l] = credible ? fine : rough;
   }
 }
 
-SENSOR_RT_MULTIVERSION
-void keep_nearer(const double (*r)[kLanes], const double* t, const Lanes3& n, const std::int32_t* shape,
-                 const std::uint32_t* face, PacketHits& hits) {
-  for (int l = 0; l < kLanes; ++l) {
-    const bool nearer = shape[l] >= 0 && t[l] < hits.t[l];
-    const double x = r[0][l] * n.x[l] + r[3][l] * n.y[l] + r[6][l] * n.z[l];
-    const double y = r[1][l] * n.x[l] + r[4][l] * n.y[l] + r[7][l] * n.z[l];
-    const double z = r[2][l] * n.x[l] + r[5][l] * n.y[l] + r[8][l] * n.z[l];
-    hits.t[l] = nearer ? t[l] : hits.t[l];
-    hits.normal.x[l] = nearer ? x : hits.normal.x[l];
-    hits.normal.y[l] = nearer ? y : hits.normal.y[l];
-    hits.normal.z[l] = nearer ? z : hits.normal.z[l];
-    hits.shape[l] = nearer ? shape[l] : hits.shape[l];
-    hits.face[l] = nearer ? face[l] : hits.face[l];
-  }
-}
-
+/// Candidate hits of one shape; t is infinite where there is none.
 struct Candidates {
   alignas(64) double t[kLanes];
   Lanes3 normal;
-  alignas(64) std::int32_t shape[kLanes];
   alignas(64) std::uint32_t face[kLanes];
 };
 
-bool find_faces(const Shape& shape, std::int32_t index, const Lanes3& origin, const Lanes3& direction,
-                const int* valid, const PacketHits& hits, Candidates& found) {
+/// Turns the normals into the reference frame where the candidate is nearer; says where in `nearer` (1 or 0).
+SENSOR_RT_MULTIVERSION
+void keep_nearer(const double (*r)[kLanes], const Candidates& __restrict found, PacketHits& __restrict hits,
+                 double* __restrict nearer) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double old_t = hits.t[l];
+    const double old_x = hits.normal.x[l];
+    const double old_y = hits.normal.y[l];
+    const double old_z = hits.normal.z[l];
+    const double nx = found.normal.x[l];
+    const double ny = found.normal.y[l];
+    const double nz = found.normal.z[l];
+    const double x = r[0][l] * nx + r[3][l] * ny + r[6][l] * nz;
+    const double y = r[1][l] * nx + r[4][l] * ny + r[7][l] * nz;
+    const double z = r[2][l] * nx + r[5][l] * ny + r[8][l] * nz;
+    const double t = found.t[l];
+    const bool take = t < old_t;
+    hits.t[l] = take ? t : old_t;
+    hits.normal.x[l] = take ? x : old_x;
+    hits.normal.y[l] = take ? y : old_y;
+    hits.normal.z[l] = take ? z : old_z;
+    nearer[l] = take ? 1.0 : 0.0;
+  }
+}
+
+/// False when no ray meets the mesh.
+bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const int* valid,
+                const PacketHits& hits, Candidates& found) {
   RTCRayHit16 rays;
   fill_rays(origin, direction, rays.ray);
   for (int l = 0; l < kLanes; ++l) {
@@ -100,7 +114,6 @@ bool find_faces(const Shape& shape, std::int32_t index, const Lanes3& origin, co
     const bool hit = valid[l] != 0 && rays.hit.geomID[l] != RTC_INVALID_GEOMETRY_ID;
     any = any || hit;
     found.face[l] = hit ? rays.hit.primID[l] : 0;
-    found.shape[l] = hit ? index : -1;
     const FacePlane& plane = shape.planes[found.face[l]];
     planes.normal_x[l] = plane.normal[0];
     planes.normal_y[l] = plane.normal[1];
@@ -110,8 +123,12 @@ bool find_faces(const Shape& shape, std::int32_t index, const Lanes3& origin, co
     found.normal.y[l] = plane.normal[1];
     found.normal.z[l] = plane.normal[2];
   }
-  if (any) meet_planes(planes, origin, direction, rays.ray.tfar, found.t);
-  return any;
+  if (!any) return false;
+  meet_planes(planes, origin, direction, rays.ray.tfar, found.t);
+  for (int l = 0; l < kLanes; ++l) {
+    if (valid[l] == 0 || rays.hit.geomID[l] == RTC_INVALID_GEOMETRY_ID) found.t[l] = kNone;
+  }
+  return true;
 }
 
 }  // namespace
@@ -131,15 +148,20 @@ void intersect_shape(const Shape& shape, std::int32_t index, const LaneTransform
   to_shape_frame(transform.rotation, direction, local);
   Candidates found;
   if (shape.kind == ShapeKind::kMesh) {
-    if (!find_faces(shape, index, transform.origin, local, valid, hits, found)) return;
+    if (!find_faces(shape, transform.origin, local, valid, hits, found)) return;
   } else {
     intersect_primitive(shape, transform.origin, local, found.t, found.normal);
     for (int l = 0; l < kLanes; ++l) {
-      found.shape[l] = valid[l] != 0 && found.t[l] < std::numeric_limits<double>::infinity() ? index : -1;
+      if (valid[l] == 0) found.t[l] = kNone;
       found.face[l] = 0;
     }
   }
-  keep_nearer(transform.rotation, found.t, found.normal, found.shape, found.face, hits);
+  alignas(64) double nearer[kLanes];
+  keep_nearer(transform.rotation, found, hits, nearer);
+  for (int l = 0; l < kLanes; ++l) {
+    hits.shape[l] = nearer[l] > 0.0 ? index : hits.shape[l];
+    hits.face[l] = nearer[l] > 0.0 ? found.face[l] : hits.face[l];
+  }
 }
 
 void occlude_by_shape(const Shape& shape, const LaneTransform& transform, const Lanes3& direction,

@@ -1,0 +1,26 @@
+// Many points into one camera.
+#pragma once
+
+#include "sensor_rt/geometry/lanes.h"
+#include "sensor_rt/optics/camera.h"
+
+namespace sensor_rt {
+
+/// Coordinate of what no camera sees: behind it, or so far outside its field that a lens model means nothing
+/// there.
+constexpr double kOutOfSight = -1e6;
+
+/// Camera::project for points of the sensor frame, 16 at a time.
+class Projector {
+ public:
+  explicit Projector(const Camera& camera);
+
+  void project(const Lanes3& points_in_sensor, double* column, double* row) const;
+
+ private:
+  Camera camera_;
+  double rotation_[9];  ///< camera_from_sensor, row-major
+  double translation_[3];
+};
+
+}  // namespace sensor_rt

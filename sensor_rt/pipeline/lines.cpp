@@ -1,0 +1,76 @@
+#include "sensor_rt/pipeline/lines.h"
+
+#include <cmath>
+
+namespace sensor_rt {
+
+RenderSettings render_settings(const Sensor& sensor, bool whole_image) {
+  RenderSettings settings;
+  settings.model = sensor;
+  settings.quantum_efficiency = sensor.detector.quantum_efficiency;
+  settings.samples_per_pixel = sensor.samples_per_pixel;
+  settings.rays_across_fan = sensor.rays_across_fan;
+  settings.whole_image = whole_image;
+  return settings;
+}
+
+void ImageLine::render(const Scene& scene, const Exposures& exposures, std::size_t exposure) {
+  const Stopwatch watch(seconds_[kRender]);
+  renderer_.render(scene, exposures, exposure, light_);
+}
+
+void ImageLine::expose(const Exposures& exposures, std::size_t exposure, std::size_t camera,
+                       ImageView<std::uint16_t> out) {
+  const Stopwatch watch(seconds_[kDetect]);
+  const FrameId id{exposures.index[exposure], static_cast<int>(camera), exposures.duration[exposure]};
+  const SparseImage& image = light_[camera];
+  detector_.expose(id, image.pixels.data(), image.electrons.data(), image.pixels.size(), out);
+}
+
+RayTracedLine::RayTracedLine(const Sensor& sensor, const RenderPlan& plan, const Detector& detector)
+    : sensor_(sensor), images_(plan, detector), extractor_(sensor.extraction, sensor.image_noise) {}
+
+void RayTracedLine::run(const Scene& scene, const Exposures& exposures, std::size_t exposure,
+                        std::uint16_t* kept, Profiles& out) {
+  images_.render(scene, exposures, exposure);
+  peaks_.clear();
+  for (std::size_t c = 0; c < sensor_.cameras.size(); ++c) {
+    const ImageSize size{sensor_.cameras[c].width_px, sensor_.cameras[c].height_px};
+    if (kept == nullptr) scratch_.resize(size.pixels());
+    std::uint16_t* pixels = kept == nullptr ? scratch_.data() : kept + c * size.pixels();
+    images_.expose(exposures, exposure, c, {pixels, size.width, size.height, size.width});
+    const Stopwatch watch(images_.seconds()[kExtract]);
+    extractor_.extract({pixels, size.width, size.height, size.width}, exposures.index[exposure],
+                       static_cast<int>(c), peaks_);
+  }
+  const Stopwatch watch(images_.seconds()[kTriangulate]);
+  triangulate(peaks_, sensor_.cameras, sensor_.triangulation, out);
+}
+
+GeometricLine::GeometricLine(const Sensor& sensor)
+    : caster_({sensor.cameras, sensor.laser, sensor.near, sensor.far, sensor.geometric_rays}) {}
+
+void GeometricLine::run(const Scene& scene, const Exposures& exposures, std::size_t exposure, Profiles& out) {
+  const Stopwatch watch(seconds_[kCast]);
+  const std::vector<FanPoint>& points = caster_.cast(scene, exposures, exposure);
+  const std::size_t count = points.size();
+  // These points are exact: no uncertainty, no flags.
+  out.frame.assign(count, exposures.index[exposure]);
+  out.covariance.assign(count, Eigen::Matrix3d::Zero());
+  out.sigma.assign(count, 0.0f);
+  out.flags.assign(count, 0);
+  out.camera.resize(count);
+  out.column.resize(count);
+  out.row.resize(count);
+  out.points_in_sensor.resize(count);
+  out.intensity.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    out.camera[i] = points[i].camera;
+    out.column[i] = static_cast<std::int32_t>(std::floor(points[i].column + 0.5));
+    out.row[i] = points[i].row;
+    out.points_in_sensor[i] = points[i].point;
+    out.intensity[i] = static_cast<float>(points[i].brightness);
+  }
+}
+
+}  // namespace sensor_rt

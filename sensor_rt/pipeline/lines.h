@@ -1,0 +1,77 @@
+// The chain of stations that one thread runs exposures through.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "sensor_rt/fan/fan_caster.h"
+#include "sensor_rt/pipeline/sensor.h"
+#include "sensor_rt/pipeline/stations.h"
+#include "sensor_rt/render/image_renderer.h"
+
+namespace sensor_rt {
+
+struct ImageSize {
+  int width = 0;
+  int height = 0;
+  std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
+};
+
+RenderSettings render_settings(const Sensor& sensor, bool whole_image);
+
+/// Light and detector.
+class ImageLine {
+ public:
+  ImageLine(const RenderPlan& plan, const Detector& detector) : renderer_(plan), detector_(detector) {}
+
+  /// Light of one exposure on all cameras.
+  void render(const Scene& scene, const Exposures& exposures, std::size_t exposure);
+
+  /// The image that one camera makes of the light rendered last.
+  void expose(const Exposures& exposures, std::size_t exposure, std::size_t camera,
+              ImageView<std::uint16_t> out);
+
+  StationSeconds& seconds() { return seconds_; }
+
+ private:
+  ImageRenderer renderer_;
+  const Detector& detector_;
+  std::vector<SparseImage> light_;
+  StationSeconds seconds_{};
+};
+
+/// From poses to points through images.
+class RayTracedLine {
+ public:
+  RayTracedLine(const Sensor& sensor, const RenderPlan& plan, const Detector& detector);
+
+  /// Appends to `out`. `kept` receives the images of all cameras, one after the other, when it is not null.
+  void run(const Scene& scene, const Exposures& exposures, std::size_t exposure, std::uint16_t* kept,
+           Profiles& out);
+
+  StationSeconds& seconds() { return images_.seconds(); }
+
+ private:
+  const Sensor& sensor_;
+  ImageLine images_;
+  Extractor extractor_;
+  std::vector<std::uint16_t> scratch_;
+  Peaks peaks_;
+};
+
+/// From poses to points without images.
+class GeometricLine {
+ public:
+  explicit GeometricLine(const Sensor& sensor);
+
+  /// Fills `out`, which is empty.
+  void run(const Scene& scene, const Exposures& exposures, std::size_t exposure, Profiles& out);
+
+  StationSeconds& seconds() { return seconds_; }
+
+ private:
+  FanCaster caster_;
+  StationSeconds seconds_{};
+};
+
+}  // namespace sensor_rt
