@@ -1,6 +1,8 @@
 # `make scan` and `make test` do all the set-up they need, on a bare Debian 12 or newer.
 # Variables: PYTHON (interpreter for the environment), PART (mesh that `make scan` scans), OUT (where results go).
 
+.DEFAULT_GOAL := help
+
 PYTHON ?= /usr/bin/python3
 PART ?= assets/parts/free_form.stl
 OUT ?= out/scan
@@ -18,7 +20,10 @@ SYSTEM_PACKAGES := g++ cmake ninja-build ccache patchelf python3-venv python3-de
 NATIVE_SOURCES := CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))
 
-.PHONY: setup scan test check format bench peers clean
+.PHONY: help setup scan test check format bench peers clean
+
+help:
+	@echo "make setup | scan [PART=mesh OUT=folder] | test | check | format | bench | peers | clean"
 
 setup: $(STAMPS)/installed
 

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
+from orchestrator.config.scan import Engine, Mode
 from orchestrator.errors import ScancellError
 from orchestrator.progress import Progress, Silent
 
@@ -44,7 +45,7 @@ SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="k
 UnitOption = Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")]
 ThreadsOption = Annotated[int, typer.Option("--threads", min=0, help="0: as many as there are cores")]
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
-EngineOption = Annotated[str, typer.Option("--engine", help="ray-traced or geometric")]
+EngineOption = Annotated[Engine, typer.Option("--engine", help="light and images, or the fast mode by rays alone")]
 
 
 @dataclass
@@ -99,7 +100,9 @@ def scan(
     sensor: SensorOption = None,
     scan: ScanOption = None,
     engine: EngineOption = "ray-traced",
-    mode: Annotated[str | None, typer.Option("--mode", help="dynamic or stop-and-look")] = None,
+    mode: Annotated[
+        Mode | None, typer.Option("--mode", help="how the sensor is moved; overrides the scan description")
+    ] = None,
     set_: SetOption = None,
     as_built: AsBuiltOption = None,
     ideal: IdealOption = False,

@@ -19,7 +19,8 @@ TIERS = [
     {"scanning"},
     {"evaluation"},
     {"studies"},
-    {"workspace", "terminal", "cli"},
+    {"workspace", "terminal"},
+    {"cli"},
 ]
 TIER_OF = {name: level for level, names in enumerate(TIERS) for name in names}
 

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 class Body:
     """A rigid thing that can occlude, be lit, or be hit.
 
-    `moves_with` names the frame that carries it: ``world``, ``link[1]`` … ``link[6]``, ``sensor``, ``table`` or ``part``;
+    `moves_with` names the frame that carries it: ``world``, ``link[1]`` … ``link[6]``, ``sensor``, ``table``, ``part``;
     the mesh is given in that frame, metres.
     """
 
@@ -66,7 +66,7 @@ class NominalCell:
         links = self.arm.link_poses(q)
         frames = {f"link[{i}]": links[..., i, :, :] for i in range(1, links.shape[-3])}
         turn = pose.from_rotation(pose.rotation_about(2, table))
-        frames["world"] = np.broadcast_to(np.eye(4), links.shape[:-3] + (4, 4))
+        frames["world"] = np.broadcast_to(np.eye(4), (*links.shape[:-3], 4, 4))
         frames["sensor"] = links[..., -1, :, :] @ self.flange_from_sensor
         frames["table"] = self.world_from_table @ turn
         frames["part"] = frames["table"] @ self.table_from_part

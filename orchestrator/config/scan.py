@@ -8,6 +8,9 @@ from pydantic import Field, model_validator
 
 from orchestrator.config.description import Description, Finite, NonNegative, PoseDescription, Positive
 
+Engine = Literal["ray-traced", "geometric"]
+Mode = Literal["dynamic", "stop-and-look"]
+
 _Elevation = Annotated[float, Field(ge=0.0, le=85.0)]
 
 
@@ -45,7 +48,7 @@ class ScanDescription(Description):
     around the part's bounding cylinder.
     """
 
-    mode: Literal["dynamic", "stop-and-look"] = "dynamic"
+    mode: Mode = "dynamic"
     max_profiles: Annotated[int, Field(ge=1, le=1_000_000)] = 1300
     settle_ms: NonNegative = Field(default=100.0, description="rest before each exposure of stop-and-look")
     clearance_mm: NonNegative = Field(default=5.0, description="smallest distance allowed between bodies")

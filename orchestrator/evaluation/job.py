@@ -11,6 +11,7 @@ import sensor_rt
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.cell.recording import Recording, read_recording
 from orchestrator.config.loading import Setup
+from orchestrator.config.scan import Engine
 from orchestrator.config.units import to_si
 from orchestrator.evaluation.report import ReportInputs, write_report
 from orchestrator.evaluation.run_folder import RunFolder
@@ -35,7 +36,7 @@ class ScanRequest:
     part: Path
     unit: str
     setup: Setup
-    engine: str
+    engine: Engine
     as_built: Sequence[str]
     seed: int
     images: bool

@@ -60,7 +60,7 @@ def write_report(
     figures = _figures(given, deviation, covered)
     with watch.measure("write"):
         run = _run(given)
-        write_ply(folder.path("cloud.ply"), given.cloud, comments=[f"scancell scan of {given.request.part.name}"])
+        write_ply(folder.path("cloud.ply"), given.cloud, comments=(f"scancell scan of {given.request.part.name}",))
         write_recording(given.recording, folder.path("recording.parquet"))
         _write_json(folder.path("deviation.json"), {**deviation.as_json(), "coverage": covered.as_json()})
         folder.path("resolved.toml").write_text(resolved_toml(given.request.setup, run))
@@ -167,7 +167,7 @@ def draw_stripes(images: NDArray[np.uint16], sensor: sensor_rt.Sensor, path: Pat
         (np.asarray(peaks.column)[peaks.camera == k], np.asarray(peaks.row)[peaks.camera == k])
         for k in range(len(sensor.cameras))
     ]
-    stripe_picture(path, images, found, [camera.name for camera in sensor.cameras], title)
+    stripe_picture(path, list(images), found, names=[camera.name for camera in sensor.cameras], title=title)
 
 
 def _write_json(path: Path, content: Any) -> None:

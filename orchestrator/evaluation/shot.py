@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 import sensor_rt
 from orchestrator.cell.nominal import nominal_cell
 from orchestrator.config.loading import Setup
+from orchestrator.config.scan import Engine
 from orchestrator.config.units import to_si
 from orchestrator.errors import OutputError, SensorError
 from orchestrator.evaluation.job import ScanReport
@@ -38,7 +39,7 @@ class ShotRequest:
     unit: str
     setup: Setup
     pose: Sequence[float]
-    engine: str
+    engine: Engine
     seed: int
     threads: int
     command_line: Sequence[str]

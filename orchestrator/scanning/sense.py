@@ -12,6 +12,7 @@ import sensor_rt
 from orchestrator.cell.nominal import Body
 from orchestrator.cell.recording import Recording
 from orchestrator.config.resolved import sensor_json
+from orchestrator.config.scan import Engine
 from orchestrator.config.sensor import SensorDescription
 from orchestrator.errors import SensorError
 from orchestrator.progress import Progress
@@ -48,7 +49,7 @@ def sense(
     recording: Recording,
     bodies: tuple[Body, ...],
     sensor: sensor_rt.Sensor,
-    engine: str,
+    engine: Engine,
     threads: int,
     progress: Progress,
 ) -> Sensed:
@@ -57,7 +58,7 @@ def sense(
     Raises
     ------
     SensorError
-        If the engine is unknown or the library reports an error.
+        If the library reports an error.
     """
     truth, index = recording.truth, recording.measured.index
     timings: Counter[str] = Counter()
