@@ -12,7 +12,7 @@ from orchestrator.errors import OutputError
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`, which takes its place when the block ends without an error; folders are made.
+    """Yield a temporary path beside `path`, which takes its place when the block ends well; folders are made.
 
     The temporary name keeps the suffix, because many writers choose the format by it. Whatever ends the block early,
     a keyboard interrupt included, leaves an older file at `path` untouched and nothing else behind.
