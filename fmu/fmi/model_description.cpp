@@ -1,6 +1,7 @@
 #include "fmu/fmi/model_description.h"
 
 #include <charconv>
+#include <locale>
 #include <sstream>
 
 #include "fmu/fmi/variable_table.h"

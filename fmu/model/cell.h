@@ -47,9 +47,6 @@ class Cell : private MotionView {
   /// What the cell says at the present instant.
   CellOutputs outputs() const;
 
-  std::int64_t time_us() const { return time_us_; }
-  const World& world() const { return world_; }
-
   CellState state() const;
   void restore(const CellState& state);
 
