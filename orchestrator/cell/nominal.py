@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from orchestrator.config.cell import CellDescription, FixtureDescription, PartDescription, ToolDescription
 from orchestrator.config.description import PoseDescription
 from orchestrator.config.units import to_si
+from orchestrator.errors import CellError
 from orchestrator.geometry import pose
 from orchestrator.geometry.arm import Arm, Joint
-from orchestrator.geometry.mesh import Mesh, load_mesh
+from orchestrator.geometry.mesh import Mesh, is_stable_pose, load_mesh
 
 Array = NDArray[np.float64]
 
@@ -85,14 +86,19 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
     ------
     MeshError
         If a mesh that the description names cannot be used.
+    CellError
+        If the part is to stand freely and would not stay as it lies.
     """
     robot = cell.robot
+    table_from_part = lay_down(part, cell.part)
+    if cell.part.fixture == "free":
+        _refuse_unstable(part, table_from_part, cell.part)
     joints = [Joint(**_joint_fields(joint.model_dump())) for joint in robot.joint]
     return NominalCell(
         arm=Arm(joints, pose_matrix(robot.base)),
         flange_from_sensor=tool_matrix(cell.tool),
         world_from_table=pose_matrix(cell.table.pose),
-        table_from_part=lay_down(part, cell.part),
+        table_from_part=table_from_part,
         home=np.radians(robot.home_deg),
         table_radius=to_si({"r_mm": cell.table.radius_mm})["r"],
         table_thickness=to_si({"t_mm": cell.table.thickness_mm})["t"],
@@ -133,6 +139,15 @@ def lay_down(part: Mesh, description: PartDescription) -> Array:
     low, high = vertices.min(0), vertices.max(0)
     centre = (low + high) / 2
     return pose.from_rotation(rotation, (si["x"] - centre[0], si["y"] - centre[1], si["z"] - low[2]))
+
+
+def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescription) -> None:
+    """A free part that rolls, tips over or falls would not be where the plan has it."""
+    hint = 'turn it with part.rx_deg, part.ry_deg, part.rz_deg, or clamp it (part.fixture = "clamped")'
+    if description.z_mm != 0.0:
+        raise CellError(f"part.z_mm = {description.z_mm:g}: a free part must touch the table (0); {hint}")
+    if not is_stable_pose(part, table_from_part):
+        raise CellError(f"{part.source}: does not stand by itself in this pose; {hint}")
 
 
 def _joint_fields(joint: dict[str, float]) -> dict[str, float]:

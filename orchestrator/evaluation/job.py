@@ -7,12 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 import sensor_rt
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.cell.recording import Recording, read_recording
 from orchestrator.config.loading import Setup
 from orchestrator.config.scan import Engine
 from orchestrator.config.units import to_si
+from orchestrator.evaluation.images import write_raw_images
 from orchestrator.evaluation.report import ReportInputs, write_report
 from orchestrator.evaluation.run_folder import RunFolder
 from orchestrator.evaluation.stopwatch import Stopwatch
@@ -123,8 +127,13 @@ def _finish(
 ) -> ScanReport:
     """Everything after the recording."""
     bodies = visible_bodies(nominal)
+
+    def keep(trigger: int, images: NDArray[np.uint16]) -> None:
+        write_raw_images(images, sensor, folder, f"images/raw_{trigger:05d}")
+
     with watch.measure("sense"):
-        sensed = sense(recording, bodies, sensor, request.engine, request.threads, progress)
+        on_images = keep if request.images else None
+        sensed = sense(recording, bodies, sensor, request.engine, request.threads, progress, on_images)
     with watch.measure("reconstruct"):
         cloud = cloud_of(nominal, recording, sensed.points, request.setup)
     progress.stage("evaluating", 1, "report")

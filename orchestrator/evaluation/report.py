@@ -17,11 +17,11 @@ from orchestrator.cell.recording import Recording, write_recording
 from orchestrator.config.resolved import sensor_json
 from orchestrator.evaluation.coverage import Coverage, SensorView, coverage
 from orchestrator.evaluation.deviation import Deviation, deviation_from_mesh
+from orchestrator.evaluation.images import draw_stripes
 from orchestrator.evaluation.manifest import manifest, resolved_toml
 from orchestrator.evaluation.pictures import deviation_picture
 from orchestrator.evaluation.run_folder import RunFolder
 from orchestrator.evaluation.stopwatch import Stopwatch
-from orchestrator.evaluation.stripe_picture import stripe_picture
 from orchestrator.geometry import pose
 from orchestrator.reconstruction.cloud import Cloud
 from orchestrator.reconstruction.point_cloud_files import write_ply
@@ -158,16 +158,6 @@ def _draw_samples(given: ReportInputs, folder: RunFolder) -> None:
         draw_stripes(
             images[0], given.sensor, folder.path(f"images/profile_{index[row]:05d}.png"), f"profile {index[row]}"
         )
-
-
-def draw_stripes(images: NDArray[np.uint16], sensor: sensor_rt.Sensor, path: Path, title: str) -> None:
-    """One picture of the images (cameras, H, W) of an exposure with the stripe that was found in them."""
-    peaks = sensor_rt.extract(images[None], sensor)
-    found = [
-        (np.asarray(peaks.column)[peaks.camera == k], np.asarray(peaks.row)[peaks.camera == k])
-        for k in range(len(sensor.cameras))
-    ]
-    stripe_picture(path, list(images), found, names=[camera.name for camera in sensor.cameras], title=title)
 
 
 def _write_json(path: Path, content: Any) -> None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,9 +16,9 @@ from orchestrator.cell.nominal import nominal_cell
 from orchestrator.config.loading import Setup
 from orchestrator.config.scan import Engine
 from orchestrator.config.units import to_si
-from orchestrator.errors import OutputError, SensorError
+from orchestrator.errors import SensorError
+from orchestrator.evaluation.images import draw_stripes, write_raw_images
 from orchestrator.evaluation.job import ScanReport
-from orchestrator.evaluation.report import draw_stripes
 from orchestrator.evaluation.run_folder import RunFolder
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.geometry import pose
@@ -115,21 +114,6 @@ def _write_profile(path: Path, profiles: Any, points_in_part: NDArray[np.float64
 def _write_images(images: NDArray[np.uint16], sensor: sensor_rt.Sensor, folder: RunFolder) -> None:
     write_raw_images(images, sensor, folder, "image")
     draw_stripes(images, sensor, folder.path("stripes.png"), "shot")
-
-
-def write_raw_images(images: NDArray[np.uint16], sensor: sensor_rt.Sensor, folder: RunFolder, name: str) -> None:
-    """One PNG per camera, 8 bits deep where all values fit, else 16.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
-    """
-    for camera, image in zip(sensor.cameras, images, strict=True):
-        path = folder.path(f"{name}_{camera.name}.png")
-        plane = image.astype(np.uint8) if image.max(initial=0) < 256 else image
-        if not cv2.imwrite(str(path), plane):
-            raise OutputError(f"{folder.target / path.name}: cannot be written")
 
 
 def _count(camera: NDArray[np.int32], cameras: int) -> list[int]:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 import sensor_rt
 from orchestrator.cell.nominal import Body
@@ -21,6 +23,10 @@ from orchestrator.scanning.exposures import build_scene, exposures_from_truth
 
 # Large enough to keep all cores busy, small enough that Ctrl-C and the progress bar feel prompt.
 _BATCH = 64
+
+
+# Takes the trigger index and the images (cameras, height, width) of one exposure.
+OnImages = Callable[[int, NDArray[np.uint16]], None]
 
 
 @dataclass(frozen=True)
@@ -52,8 +58,11 @@ def sense(
     engine: Engine,
     threads: int,
     progress: Progress,
+    on_images: OnImages | None = None,
 ) -> Sensed:
     """Profiles of every exposure; frames count the rows of the recording.
+
+    `on_images` gets the camera images of each exposure, where the engine makes any.
 
     Raises
     ------
@@ -69,7 +78,11 @@ def sense(
         for start in range(0, len(recording), _BATCH):
             rows = slice(start, min(start + _BATCH, len(recording)))
             exposures = exposures_from_truth(truth, index, bodies, rows)
-            result = sensor_rt.scan(scene, sensor, exposures, engine=engine, threads=threads)
+            keep = on_images is not None
+            result = sensor_rt.scan(scene, sensor, exposures, engine=engine, threads=threads, keep_images=keep)
+            if on_images is not None and result.images is not None:
+                for trigger, images in zip(index[rows], result.images, strict=True):
+                    on_images(int(trigger), images)
             batches.append(result.profiles)
             timings.update(result.timings)
             progress.advance(rows.stop - rows.start)
