@@ -20,7 +20,7 @@ SYSTEM_PACKAGES := g++ cmake ninja-build ccache patchelf python3-venv python3-de
 NATIVE_SOURCES := CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))
 
-.PHONY: help setup scan test check format bench peers clean
+.PHONY: help setup scan test native-tests check format bench peers clean
 
 help:
 	@echo "make setup | scan [PART=mesh OUT=folder] | test | check | format | bench | peers | clean"
@@ -51,8 +51,14 @@ $(STAMPS)/installed: $(STAMPS)/venv $(NATIVE_SOURCES)
 scan: setup
 	@$(BIN)/scancell scan $(PART) --out $(OUT) --images
 
-test: setup
-	@$(BIN)/python -m pytest -q
+test: setup native-tests
+	@$(BIN)/pytest -q
+
+# The build folder that the installation made is used again, so that only the tests themselves are compiled.
+native-tests: setup
+	@folder=$$(ls -d build/cp3*) && cmake -S . -B $$folder -DSCANCELL_TESTS=ON >build/native-tests.log \
+	  && cmake --build $$folder >>build/native-tests.log || { tail -n 30 build/native-tests.log; exit 1; }
+	@ctest --test-dir $$(ls -d build/cp3*) --output-on-failure --no-tests=error | tail -n 4
 
 check: setup
 	@$(BIN)/ruff format --check orchestrator sensor_rt fmu tests assets
