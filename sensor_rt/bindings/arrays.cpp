@@ -52,7 +52,9 @@ Eigen::Vector3d to_vector3(const Doubles& values, const char* name) {
   return {values.at(0), values.at(1), values.at(2)};
 }
 
-MeshArrays::MeshArrays(const Doubles& vertices, const py::array& faces) : vertices_(vertices) {
+MeshArrays::MeshArrays(const Doubles& vertices, const py::object& face_indices) : vertices_(vertices) {
+  const py::array faces = py::array::ensure(face_indices);
+  if (!faces) throw std::invalid_argument("faces: expected an array of integers");
   require_shape(vertices, "vertices", {-1, 3});
   require_shape(faces, "faces", {-1, 3});
   const char kind = faces.dtype().kind();

@@ -37,7 +37,7 @@ Eigen::Vector3d to_vector3(const Doubles& values, const char* name);
 /// Mesh from vertices (n, 3) and faces (m, 3) of any integer type; keeps what it had to convert.
 class MeshArrays {
  public:
-  MeshArrays(const Doubles& vertices, const pybind11::array& faces);
+  MeshArrays(const Doubles& vertices, const pybind11::object& faces);
   MeshView view() const;
 
  private:

@@ -18,7 +18,7 @@ namespace py = pybind11;
 namespace sensor_rt {
 namespace {
 
-void add_mesh(Scene& scene, const std::string& body, const Doubles& vertices, const py::array& faces,
+void add_mesh(Scene& scene, const std::string& body, const Doubles& vertices, const py::object& faces,
               double reflectance) {
   const MeshArrays mesh(vertices, faces);
   const py::gil_scoped_release release;
@@ -95,7 +95,7 @@ py::tuple py_cast_rays(const Scene& scene, const Doubles& world_from_body, const
                         to_array(std::move(result.body), {count}), to_array(std::move(result.face), {count}));
 }
 
-py::tuple py_closest_points(const Doubles& vertices, const py::array& faces, const Doubles& points,
+py::tuple py_closest_points(const Doubles& vertices, const py::object& faces, const Doubles& points,
                             unsigned threads) {
   const MeshArrays mesh(vertices, faces);
   require_shape(points, "points", {-1, 3});

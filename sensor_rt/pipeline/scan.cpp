@@ -34,7 +34,8 @@ ImageSize common_size(const Sensor& sensor) {
 std::size_t points_per_exposure(const Sensor& sensor, Engine engine) {
   std::size_t points = 0;
   for (const Camera& camera : sensor.cameras) {
-    points += static_cast<std::size_t>(engine == Engine::kGeometric ? sensor.geometric_rays : camera.width_px);
+    points +=
+        static_cast<std::size_t>(engine == Engine::kGeometric ? sensor.geometric_rays : camera.width_px);
   }
   return points;
 }

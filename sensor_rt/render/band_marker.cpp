@@ -11,9 +11,13 @@ constexpr float kCloseGap = 4.0f;   ///< px: neighbours within this bound a piec
 constexpr float kMargin =
     1.0f;  ///< px around a landing: half a pixel's own size, and the bulge between landings
 constexpr float kJustOutside = 1.05f;  ///< of the half width of the sheet: what rounding may bring back in
-constexpr int kDeepest = 10;           ///< halvings of a gap
+// How often a gap may be halved:
+constexpr int kSteepDepth = 20;  ///< on one surface: enough to walk down any wall
+constexpr int kVoidDepth =
+    14;  ///< far apart on two surfaces: what may hide between them gets 1e-4 of the light
+constexpr int kEdgeDepth = 5;  ///< close to each other on two surfaces: all between them is marked in the end
 
-bool in_sheet(const Landing& landing) { return landing.hit && std::abs(landing.across) <= kJustOutside; }
+bool in_sheet(const Landing& landing) { return landing.hit() && std::abs(landing.across) <= kJustOutside; }
 
 /// Both on the same dark side of the sheet.
 bool beside_sheet(const Landing& a, const Landing& b) {
@@ -42,7 +46,7 @@ void BandMarker::mark(const Scene& scene, const PoseTrack& track, std::vector<Pi
   grid_.cast(rays_, landings_);
   gaps_.clear();
   visit_grid(masks);
-  for (int depth = 0; depth < kDeepest && !gaps_.empty(); ++depth) refine(masks);
+  while (!gaps_.empty()) refine(masks);
 }
 
 std::vector<std::size_t> BandMarker::choose_instants(const Scene& scene, const PoseTrack& track) const {
@@ -107,38 +111,55 @@ void BandMarker::visit_grid(std::vector<PixelMask>& masks) {
   }
 }
 
-BandMarker::Relation BandMarker::relate(std::size_t a, std::size_t b) const {
-  const Landing& from = landings_.landing[a];
-  const Landing& to = landings_.landing[b];
-  if (!from.hit && !to.hit) return Relation::kDark;
-  if (from.hit && to.hit && beside_sheet(from, to)) return Relation::kDark;
-  if (!from.hit || !to.hit) return Relation::kApart;
+bool BandMarker::on_one_surface(const Gap& gap) const {
+  const Landing& from = landings_.landing[gap.from_index];
+  const Landing& to = landings_.landing[gap.to_index];
+  constexpr float kParallel = 0.99f;
+  if (gap.from.instant != gap.to.instant) {
+    return from.shape == to.shape && std::abs(from.normal.dot(to.normal)) > kParallel;
+  }
+  constexpr double kFlat = 0.25;  // px off the other's tangent plane
+  const auto tolerance = static_cast<float>(kFlat * plan_.pixel_size);
+  const Eigen::Vector3f step = to.point - from.point;
+  return std::abs(step.dot(from.normal)) < tolerance && std::abs(step.dot(to.normal)) < tolerance;
+}
+
+BandMarker::Relation BandMarker::relate(const Gap& gap) const {
+  const Landing& from = landings_.landing[gap.from_index];
+  const Landing& to = landings_.landing[gap.to_index];
+  if (!from.hit() && !to.hit()) return Relation::kDark;
+  if (!from.hit() || !to.hit()) return Relation::kVoid;
+  const bool one_surface = on_one_surface(gap);
+  if (one_surface && beside_sheet(from, to)) return Relation::kDark;
   bool in_view = false;
   for (std::size_t c = 0; c < cameras_; ++c) {
     const Camera& camera = plan_.settings.model.cameras[c];
-    const std::size_t p = a * cameras_ + c;
-    const std::size_t q = b * cameras_ + c;
+    const std::size_t p = gap.from_index * cameras_ + c;
+    const std::size_t q = gap.to_index * cameras_ + c;
     if (beyond(landings_.column[p], landings_.column[q], camera.width_px)) continue;
     if (beyond(landings_.row[p], landings_.row[q], camera.height_px)) continue;
     in_view = true;
-    if (std::abs(landings_.column[p] - landings_.column[q]) > kCloseGap) return Relation::kApart;
-    if (std::abs(landings_.row[p] - landings_.row[q]) > kCloseGap) return Relation::kApart;
+    const bool apart = std::abs(landings_.column[p] - landings_.column[q]) > kCloseGap ||
+                       std::abs(landings_.row[p] - landings_.row[q]) > kCloseGap;
+    if (apart) return one_surface ? Relation::kSteep : Relation::kVoid;
   }
-  return in_view ? Relation::kClose : Relation::kDark;
+  if (!in_view) return Relation::kDark;
+  return one_surface ? Relation::kOneSurface : Relation::kEdge;
+}
+
+bool BandMarker::worth_halving(const Gap& gap, Relation relation) {
+  if (gap.from.instant != gap.to.instant) return gap.to.instant > gap.from.instant + 1;
+  if (relation == Relation::kSteep) return gap.depth < kSteepDepth;
+  return gap.depth < (relation == Relation::kVoid ? kVoidDepth : kEdgeDepth);
 }
 
 void BandMarker::visit(const Gap& gap, std::vector<PixelMask>& masks) {
-  switch (relate(gap.from_index, gap.to_index)) {
-    case Relation::kDark:
-      return;
-    case Relation::kClose:
-      return mark_between(gap.from_index, gap.to_index, masks);
-    case Relation::kApart:
-      break;
-  }
-  const bool halves = gap.from.instant == gap.to.instant || gap.to.instant > gap.from.instant + 1;
-  if (gap.depth < kDeepest && halves) {
+  const Relation relation = relate(gap);
+  if (relation == Relation::kDark) return;
+  if (relation != Relation::kOneSurface && worth_halving(gap, relation)) {
     gaps_.push_back(gap);
+  } else if (relation == Relation::kOneSurface || relation == Relation::kEdge) {
+    mark_between(gap.from_index, gap.to_index, masks);
   } else {
     mark_alone(gap.from_index, masks);
     mark_alone(gap.to_index, masks);

@@ -13,11 +13,11 @@ namespace sensor_rt {
 ///
 /// A grid of laser rays covers the sheet: across the fan, through its thickness and over the exposure. Each
 /// ray lands where light lands, whatever lies behind it, so that steps, occlusions and several stripes per
-/// column need no case of their own. Neighbours that land close together (a few pixels, in every camera)
-/// bound a piece of surface, whose pixels are marked. Between neighbours that land far apart, or of which one
-/// misses, more rays are cast, halving the gap until the landings are close or the gap is a true edge: less
-/// than a thousandth of a ray's spacing then remains. What may escape is a feature thinner than the spacing
-/// of the rays with gaps all around it.
+/// column need no case of their own. Neighbours bound a piece of surface when they land within a few pixels
+/// of each other in every camera and on each other's tangent plane; the pixels between them are marked.
+/// Elsewhere more rays are cast, halving the gap until that holds, or an edge is closed in to a fraction of a
+/// pixel, or to less than a thousandth of the spacing where the surface falls away steeply. What may escape
+/// is a feature thinner than the spacing of the rays that leaves no trace in its neighbours.
 class BandMarker {
  public:
   explicit BandMarker(const RenderPlan& plan);
@@ -34,13 +34,21 @@ class BandMarker {
     std::size_t to_index = 0;
     int depth = 0;
   };
-  enum class Relation { kDark, kClose, kApart };
+  enum class Relation {
+    kDark,        ///< no light between the two, or no camera looks
+    kOneSurface,  ///< close to each other on one surface
+    kSteep,       ///< far apart on one surface
+    kEdge,        ///< close to each other on two surfaces
+    kVoid         ///< far apart on two surfaces, or one ray lands nowhere
+  };
 
   void lay_grid(const Scene& scene, const PoseTrack& track);
   void visit_grid(std::vector<PixelMask>& masks);
   void visit(const Gap& gap, std::vector<PixelMask>& masks);
   void refine(std::vector<PixelMask>& masks);
-  Relation relate(std::size_t a, std::size_t b) const;
+  Relation relate(const Gap& gap) const;
+  bool on_one_surface(const Gap& gap) const;
+  static bool worth_halving(const Gap& gap, Relation relation);
   void mark_between(std::size_t a, std::size_t b, std::vector<PixelMask>& masks) const;
   void mark_alone(std::size_t a, std::vector<PixelMask>& masks) const;
   std::vector<std::size_t> choose_instants(const Scene& scene, const PoseTrack& track) const;

@@ -47,7 +47,9 @@ void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
     }
     for (int l = 0; l < lanes; ++l) {
       Landing& landing = out.landing[first + static_cast<std::size_t>(l)];
-      landing.hit = hits.shape[l] >= 0;
+      landing.shape = hits.shape[l];
+      landing.point = Eigen::Vector3d(point.x[l], point.y[l], point.z[l]).cast<float>();
+      landing.normal = Eigen::Vector3d(hits.normal.x[l], hits.normal.y[l], hits.normal.z[l]).cast<float>();
       landing.across = static_cast<float>(point.x[l] / (kSheetReach * laser.sigma_at(point.z[l])));
     }
     for (std::size_t c = 0; c < projectors_.size(); ++c) {

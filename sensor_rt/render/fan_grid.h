@@ -1,7 +1,9 @@
 // Laser rays that find out where the sheet lands, and where the cameras see that.
 #pragma once
 
+#include <Eigen/Dense>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "sensor_rt/optics/projector.h"
@@ -19,8 +21,12 @@ struct FanRay {
 
 /// Where a ray landed. Pixel coordinates are kept as floats: they serve to mark pixels, not to measure.
 struct Landing {
-  bool hit = false;
-  float across = 0.0f;  ///< x in units of the half width of the sheet there: light within [-1, 1]
+  std::int32_t shape = -1;  ///< -1: nowhere
+  float across = 0.0f;      ///< x in units of the half width of the sheet there: light within [-1, 1]
+  Eigen::Vector3f point = Eigen::Vector3f::Zero();
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();
+
+  bool hit() const { return shape >= 0; }
 };
 
 /// Rays and their landings; pixel coordinates per camera at [ray * cameras + camera].

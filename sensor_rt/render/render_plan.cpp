@@ -52,9 +52,13 @@ RenderPlan::RenderPlan(const RenderSettings& given)
   slope = largest_slope(model);
   laser_region = sensor_rt::laser_region(model.laser, slope / std::cos(model.laser.fan_half_angle));
   double beyond = 0.0;
+  pixel_size = std::numeric_limits<double>::infinity();
   for (const Camera& camera : model.cameras) {
     const DepthRange depth = visible_depth(camera);
     const double far = std::min(depth.far, 10.0);
+    const Eigen::Vector3d nearest(0.0, 0.0, depth.near);
+    pixel_size =
+        std::min(pixel_size, (nearest - camera.sensor_from_camera.translation).norm() / camera.focal_px);
     beyond = std::max(
         {beyond, kSheetReach * model.laser.sigma_at(depth.near), kSheetReach * model.laser.sigma_at(far)});
   }

@@ -30,7 +30,8 @@ struct RenderPlan {
 
   RenderSettings settings;
   SamplingPattern pattern;
-  double slope = 0.0;  ///< |x| / distance from the source that holds all light where any camera sees it
+  double slope = 0.0;       ///< |x| / distance from the source that holds all light where any camera sees it
+  double pixel_size = 0.0;  ///< smallest distance between neighbouring pixels on surfaces in the field, m
   std::vector<HalfSpace> laser_region;
   std::vector<std::vector<HalfSpace>> camera_regions;
   std::vector<double>

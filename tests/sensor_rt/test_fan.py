@@ -1,0 +1,119 @@
+"""The geometric mode against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from scenes import Array, moving, pose, probe, still
+
+from sensor_rt import Profiles, Scene, closest_points, scan
+
+
+def geometric(scene: Scene, *bodies: Array, **overrides: object) -> Profiles:
+    return scan(scene, probe(**overrides), still(*bodies), engine="geometric").profiles
+
+
+def test_points_on_a_sphere_are_exact_and_all_there() -> None:
+    scene = Scene()
+    scene.add_sphere("ball", [0.001, 0.002, -0.001], 0.02, 0.7)
+    world_from_ball = pose((0.0, 0.004, 0.13), (0.3, 0.2, 0.1))
+    profiles = geometric(scene, world_from_ball)
+    centre = (world_from_ball @ [0.001, 0.002, -0.001, 1.0])[:3]
+    points = profiles.points_in_sensor
+    np.testing.assert_allclose(np.linalg.norm(points - centre, axis=1), 0.02, atol=1e-15)
+    np.testing.assert_array_equal(points[:, 0], 0.0)
+    # The visible lit cap: rays at equal angles that meet the sphere, on the side that the camera sees.
+    angles = 0.28 * (2 * (np.arange(1280) + 0.5) / 1280 - 1)
+    rays = np.stack([0 * angles, np.sin(angles), np.cos(angles)], axis=1)
+    along = rays @ centre
+    rest = 0.02**2 - (centre @ centre - along**2)
+    landing = (along - np.sqrt(np.maximum(rest, 0)))[:, None] * rays
+    for number, camera in enumerate(probe().cameras):
+        eye = camera.sensor_from_camera[:3, 3]
+        faces = ((landing - centre) * (eye - landing)).sum(axis=1) > 0
+        pixels = camera.project(landing)
+        inside = (np.abs(pixels - [639.5, 511.5]) < [640, 512]).all(axis=1)
+        expected = landing[(rest > 0) & faces & inside]
+        found = points[profiles.camera == number]
+        order = np.argsort(found[:, 1])
+        assert len(found) > 300
+        np.testing.assert_allclose(found[order], expected, atol=1e-12)
+
+
+def test_pixels_are_the_projections_in_ascending_columns() -> None:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    profiles = geometric(scene, pose((0, 0, 0.13), (0.3, 0.2, 0.0)), camera={"distortion": [-0.1, 0.05, 1e-3, 1e-3, 0]})
+    sensor = probe(camera={"distortion": [-0.1, 0.05, 1e-3, 1e-3, 0]})
+    for number, camera in enumerate(sensor.cameras):
+        mine = profiles.camera == number
+        pixels = camera.project(profiles.points_in_sensor[mine])
+        np.testing.assert_allclose(profiles.row[mine], pixels[:, 1], atol=1e-9)
+        np.testing.assert_allclose(profiles.column[mine], pixels[:, 0], atol=0.5 + 1e-9)
+        assert (np.diff(profiles.column[mine]) >= 0).all()
+
+
+def test_intensity_is_reflectance_times_cosine() -> None:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1, 1], 0.4)
+    profiles = geometric(scene, pose((0, 0, 0.13), (0.0, 0.3, 0.0)))
+    points = profiles.points_in_sensor
+    normal = pose(angles=(0.0, 0.3, 0.0))[:3, 2]
+    cosine = np.abs(points @ normal) / np.linalg.norm(points, axis=1)
+    np.testing.assert_allclose(profiles.intensity, 0.4 * cosine, rtol=1e-6)
+
+
+def test_shadow_occlusion_and_range() -> None:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene.add_box("bar", np.eye(4), [0.002, 0.004, 0.002], 0.5)
+    profiles = geometric(scene, pose((0, 0, 0.14)), pose((0, 0.003, 0.07)))
+    y, z = profiles.points_in_sensor[:, 1:].T
+    on_plane = np.isclose(z, 0.14)
+    # Light passes the bar's far edge on one side and its near edge on the other.
+    shadow = (y > 0.001 * 0.14 / 0.071) & (y < 0.005 * 0.14 / 0.069)
+    assert not (on_plane & shadow).any()
+    assert (on_plane & ~shadow).sum() > 500
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene.add_box("screen", np.eye(4), [0.01, 0.2, 0.01], 0.5)
+    hidden = geometric(scene, pose((0, 0, 0.13)), pose((0.03, 0.0, 0.065)))
+    assert set(hidden.camera) == {1}
+    near = geometric(scene, pose((0, 0, 0.13)), pose((1, 0, 0)), range={"near": 0.14, "far": 0.2})
+    assert len(near) == 0
+
+
+def test_a_mesh_gives_what_its_triangles_give_in_double_precision() -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=6, radius=0.02)
+    scene = Scene()
+    scene.add_mesh("ball", mesh.vertices, mesh.faces, 0.5)
+    world_from_body = pose((0.0, 0.004, 0.13), (0.3, 0.2, 0.1))
+    points = geometric(scene, world_from_body).points_in_sensor
+    body_from_world = np.linalg.inv(world_from_body)
+    in_body = points @ body_from_world[:3, :3].T + body_from_world[:3, 3]
+    _, face, distance = closest_points(mesh.vertices, mesh.faces, in_body)
+    corners = mesh.triangles[face]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    assert len(face) > 600
+    assert np.abs(((in_body - corners[:, 0]) * normals).sum(axis=1)).max() < 1e-9
+    assert np.abs(distance).max() < 1e-9
+
+
+def test_a_moving_profile_is_taken_at_mid_exposure() -> None:
+    scene = Scene()
+    scene.add_sphere("ball", [0, 0, 0], 0.02, 0.7)
+    sensor = probe()
+    start, end = pose((0, 0.0, 0.13)), pose((0.0, 0.001, 0.132))
+    moved = scan(scene, sensor, moving([[start], [end]], [np.eye(4)] * 2), engine="geometric").profiles
+    middle = scan(scene, sensor, still(pose((0, 0.0005, 0.131))), engine="geometric").profiles
+    np.testing.assert_allclose(moved.points_in_sensor, middle.points_in_sensor, atol=1e-15)
+
+
+@pytest.mark.parametrize("rays", [1, 15, 16, 17, 1000])
+def test_any_number_of_rays(rays: int) -> None:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    profiles = geometric(scene, pose((0, 0, 0.16)), geometric={"rays": rays}, laser={"fan_half_angle": 0.1})
+    assert len(profiles) == 2 * rays

@@ -1,0 +1,145 @@
+"""Cameras, the measuring field and the sensor's description."""
+
+from __future__ import annotations
+
+import copy
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import Array, probe
+from stripe_images import sensor_description
+
+from sensor_rt import Camera, Sensor
+
+LENS = [-0.12, 0.05, 0.002, -0.001, 0.03]
+
+
+def grid(camera: Camera, steps: int = 9) -> Array:
+    columns, rows = np.meshgrid(
+        np.linspace(-0.5, camera.width_px - 0.5, steps), np.linspace(-0.5, camera.height_px - 0.5, steps)
+    )
+    return np.stack([columns.ravel(), rows.ravel()], axis=1)
+
+
+@pytest.mark.parametrize("distortion", [[0.0] * 5, LENS])
+def test_projection_undoes_the_view_ray(distortion: list[float]) -> None:
+    for camera in probe(camera={"distortion": distortion}).cameras:
+        pixels = grid(camera)
+        centre = camera.sensor_from_camera[:3, 3]
+        points = centre + np.linspace(0.05, 0.3, len(pixels))[:, None] * camera.view_rays(pixels)
+        np.testing.assert_allclose(camera.project(points), pixels, atol=1e-9)
+
+
+def test_distortion_agrees_with_opencv() -> None:
+    cv2 = pytest.importorskip("cv2")
+    camera = probe(camera={"distortion": LENS}).cameras[0]
+    rng = np.random.default_rng(5)
+    in_camera = rng.uniform([-0.03, -0.02, 0.1], [0.03, 0.02, 0.2], (200, 3))
+    pose = camera.sensor_from_camera
+    matrix = np.array([[camera.focal_px, 0, 639.5], [0, camera.focal_px, 511.5], [0, 0, 1]])
+    expected, _ = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), matrix, np.array(LENS))
+    found = camera.project(in_camera @ pose[:3, :3].T + pose[:3, 3])
+    np.testing.assert_allclose(found, expected[:, 0], atol=1e-9)
+
+
+def test_camera_frames_are_right_handed_and_mirror_images() -> None:
+    plus, minus = probe().cameras
+    for camera in (plus, minus):
+        rotation = camera.sensor_from_camera[:3, :3]
+        np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-15)
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+        # Rows grow with range, and the optical axis leans towards the sheet.
+        assert rotation[2, 1] > 0
+        assert rotation[0, 2] * camera.side < 0
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    np.testing.assert_allclose(mirror @ plus.sensor_from_camera[:3, 3], minus.sensor_from_camera[:3, 3], atol=1e-15)
+    points = np.random.default_rng(2).uniform([-0.01, -0.02, 0.08], [0.01, 0.02, 0.16], (50, 3))
+    there, here = plus.project(points), minus.project(points @ mirror)
+    np.testing.assert_allclose(there[:, 1], here[:, 1], atol=1e-9)
+    np.testing.assert_allclose(there[:, 0] - 639.5, 639.5 - here[:, 0], atol=1e-9)
+
+
+def test_paper_coordinates_point_along_y_and_range() -> None:
+    for camera in probe().cameras:
+        middle = camera.project([[0.0, 0.0, 0.12]])
+        aside = camera.project([[0.0, 0.01, 0.12]])
+        deeper = camera.project([[0.0, 0.0, 0.13]])
+        p = camera.paper_coordinates(np.concatenate([middle, aside, deeper]))
+        assert p[1, 0] > p[0, 0]
+        assert p[2, 1] > p[0, 1]
+        np.testing.assert_allclose(p[[0, 2], 0], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [(1280, 1024), (640, 900)])
+def test_trapezoid_is_what_the_image_corners_see(size: tuple[int, int]) -> None:
+    """Eq. 5, corrected, against the intersection of corner rays with the sheet."""
+    width, height = size
+    sensor = Sensor(json.dumps(sensor_description(width, height, cameras=2)))
+    for number, camera in enumerate(sensor.cameras):
+        corners = np.array([[x, y] for y in (-0.5, height - 0.5) for x in (-0.5, width - 0.5)])
+        rays = camera.view_rays(corners)
+        centre = camera.sensor_from_camera[:3, 3]
+        seen = centre - (centre[0] / rays[:, 0])[:, None] * rays
+        np.testing.assert_allclose(seen[:, 0], 0.0, atol=1e-15)
+        field = sensor.trapezoid(number)
+        np.testing.assert_allclose(np.sort(np.abs(field[:, 0])), np.sort(np.abs(seen[:, 1])), rtol=1e-12)
+        np.testing.assert_allclose(np.sort(field[:, 1]), np.sort(seen[:, 2]), rtol=1e-12)
+        assert (np.sign(field[:, 0]) == [-1, 1, 1, -1]).all()
+
+
+def test_a_camera_that_sees_to_infinity_has_no_trapezoid() -> None:
+    with pytest.raises(ValueError, match="infinity"):
+        probe(camera={"tilt": 0.1}).trapezoid()
+    with pytest.raises(ValueError, match="no camera 2"):
+        probe().trapezoid(2)
+
+
+def change(path: str, value: Any) -> str:
+    """The standard description with one entry changed, or removed when the value is `...`."""
+    description = copy.deepcopy(sensor_description(cameras=2))
+    target: Any = description
+    *parents, last = path.split(".")
+    for key in parents:
+        target = target[int(key) if key.isdigit() else key]
+    if value is ...:
+        del target[last]
+    else:
+        target[last] = value
+    return json.dumps(description)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("laser.power", "much", r"sensor\.laser\.power: expected a number"),
+        ("laser.power", ..., r"sensor\.laser\.power: missing"),
+        ("laser.colour", "red", r"sensor\.laser\.colour: unknown key"),
+        ("laser.fan_half_angle", 2.0, r"sensor\.laser\.fan_half_angle"),
+        ("laser.sheet_sigma", 0.0, r"sensor\.laser\.sheet_sigma: must be positive"),
+        ("format", 2, r"sensor\.format"),
+        ("cameras", [], r"sensor\.cameras: expected a list"),
+        ("cameras.1.side", 0, r"sensor\.cameras\[1\]\.side"),
+        ("cameras.0.width_px", 12.5, r"sensor\.cameras\[0\]\.width_px: expected an integer"),
+        ("cameras.0.width_px", 10**9, r"sensor\.cameras\[0\]\.width_px: must lie in"),
+        ("cameras.0.distortion", [0, 0], r"sensor\.cameras\[0\]\.distortion: expected 5 numbers"),
+        ("cameras.0.transmission", 1.5, r"sensor\.cameras\[0\]\.transmission: must lie in 0\.\.1"),
+        ("range.near", 20.0, r"sensor\.range\.near: must be below far"),
+        ("render.noise", 1, r"sensor\.render\.noise: expected true or false"),
+        ("render.seed", -1, r"sensor\.render\.seed"),
+        ("extraction.detector", "guess", r"sensor\.extraction\.detector: expected one of gaussian"),
+        ("geometric", 3, r"sensor\.geometric: expected an object"),
+        ("extra", {}, r"sensor\.extra: unknown key"),
+    ],
+)
+def test_a_wrong_description_is_refused_by_key(path: str, value: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Sensor(change(path, value))
+
+
+def test_text_that_is_not_json_is_refused() -> None:
+    with pytest.raises(ValueError, match="not valid JSON"):
+        Sensor("{")
+    with pytest.raises(ValueError, match="expected an object"):
+        Sensor("[]")

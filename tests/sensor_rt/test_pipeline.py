@@ -1,0 +1,188 @@
+"""The whole line: images, stripes, points; order, repeatability, refusals."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+import trimesh
+from scenes import Array, moving, pose, probe, random_pose, still
+from stripe_images import sensor_description
+
+from sensor_rt import Exposures, Scene, Sensor, extract, render, scan, triangulate
+
+
+def wedge() -> tuple[Scene, Array]:
+    """Asymmetric: the surface falls away towards +y, with a ridge on one side."""
+    scene = Scene()
+    scene.add_plane("part", pose(angles=(0.35, 0.0, 0.0)), [1, 1], 0.6)
+    scene.add_cylinder("part", pose((0.0, 0.008, 0.0), (0.35, np.pi / 2, 0.0)), 0.004, 0.1, 0.6)
+    return scene, pose((0, 0, 0.12))
+
+
+@pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
+def test_points_come_back_to_the_surface_they_came_from(engine: str) -> None:
+    """Signs, axes and both cameras: an asymmetric object comes back as itself, not as a mirror image."""
+    scene, world_from_part = wedge()
+    profiles = scan(scene, probe(), still(world_from_part), engine=engine).profiles  # type: ignore[arg-type]
+    points = profiles.points_in_sensor - [0, 0, 0.12]
+    tilted = pose(angles=(0.35, 0.0, 0.0))
+    axis = np.array([0.0, 0.008, 0.0])
+    pin = pose((0.0, 0.008, 0.0), (0.35, np.pi / 2, 0.0))
+    in_pin = (points - axis) @ pin[:3, :3]
+    ridge = np.abs(np.hypot(in_pin[:, 0], in_pin[:, 1]) - 0.004)
+    plane = np.abs(points @ tilted[:3, 2])
+    error = np.minimum(plane, ridge)
+    limit = 5e-6 if engine == "ray-traced" else 1e-12
+    for camera in (0, 1):
+        mine = profiles.camera == camera
+        assert mine.sum() > 600
+        assert np.sqrt((error[mine] ** 2).mean()) < limit
+        assert (ridge[mine] < limit).sum() > 50
+        assert (plane[mine] < limit).sum() > 300
+
+
+def test_both_engines_see_the_same_surface() -> None:
+    scene, world_from_part = wedge()
+    sensor = probe()
+    traced = scan(scene, sensor, still(world_from_part)).profiles
+    exact = scan(scene, sensor, still(world_from_part), engine="geometric").profiles
+    for camera in (0, 1):
+        a = traced.points_in_sensor[traced.camera == camera]
+        b = exact.points_in_sensor[exact.camera == camera]
+        order = np.argsort(b[:, 1])
+        z = np.interp(a[:, 1], b[order, 1], b[order, 2])
+        assert np.median(np.abs(a[:, 2] - z)) < 1e-6
+
+
+def noisy() -> Sensor:
+    return probe(render={"noise": True, "seed": 3})
+
+
+def test_scan_is_render_extract_triangulate() -> None:
+    scene, world_from_part = wedge()
+    sensor = noisy()
+    exposures = still(world_from_part, count=2, first=5)
+    result = scan(scene, sensor, exposures, keep_images=True)
+    images = render(scene, sensor, exposures)
+    assert images.shape == (2, 2, 1024, 1280)
+    np.testing.assert_array_equal(result.images, images)
+    points = triangulate(extract(images, sensor), sensor).points_in_sensor
+    np.testing.assert_array_equal(result.profiles.points_in_sensor, points)
+    assert set(result.profiles.frame) == {5, 6}
+    assert set(result.timings) == {"cast", "render", "detect", "extract", "triangulate"}
+    assert scan(scene, sensor, exposures).images is None
+
+
+@pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
+def test_same_seed_same_bytes_at_any_number_of_threads(engine: str) -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=0.025)
+    scene = Scene()
+    scene.add_mesh("part", mesh.vertices, mesh.faces, 0.6)
+    scene.add_cylinder("table", np.eye(4), 0.1, 0.01, 0.3)
+    rng = np.random.default_rng(4)
+    part = np.array([[pose((0, 0, 0.13)) @ random_pose(rng, 0.002) for _ in range(2)] for _ in range(6)])
+    table = np.broadcast_to(pose((0, 0, 0.17)), part.shape)
+    exposures = Exposures(
+        np.broadcast_to(np.eye(4), part.shape), np.stack([part, table], axis=1), np.full(6, 5e-4), np.arange(6)
+    )
+    one = scan(scene, noisy(), exposures, engine, threads=1, keep_images=True)  # type: ignore[arg-type]
+    two = scan(scene, noisy(), exposures, engine, threads=3, keep_images=True)  # type: ignore[arg-type]
+    for name in ("points_in_sensor", "covariance", "intensity", "camera", "column", "row", "frame", "flags", "sigma"):
+        assert getattr(one.profiles, name).tobytes() == getattr(two.profiles, name).tobytes()
+    assert (np.diff(one.profiles.frame) >= 0).all()
+    if one.images is not None and two.images is not None:
+        assert one.images.tobytes() == two.images.tobytes()
+
+
+def test_noise_follows_the_frame_number_not_the_place_in_the_batch() -> None:
+    scene, world_from_part = wedge()
+    batch = render(scene, noisy(), still(world_from_part, count=3))
+    alone = render(scene, noisy(), still(world_from_part, first=2))
+    np.testing.assert_array_equal(batch[2], alone[0])
+    assert (batch[1] != batch[2]).any()
+
+
+def test_zero_twist_gives_the_same_image_bytes_moving_or_still() -> None:
+    scene, world_from_part = wedge()
+    at_rest = render(scene, noisy(), still(world_from_part))
+    sampled = render(scene, noisy(), moving([[world_from_part]] * 4, [np.eye(4)] * 4))
+    assert at_rest.tobytes() == sampled.tobytes()
+
+
+def test_other_python_threads_run_during_a_scan() -> None:
+    scene, world_from_part = wedge()
+    ticks = []
+    done = threading.Event()
+
+    def tick() -> None:
+        while not done.is_set():
+            ticks.append(time.perf_counter())
+            time.sleep(0.001)
+
+    other = threading.Thread(target=tick)
+    other.start()
+    start = time.perf_counter()
+    scan(scene, probe(), still(world_from_part, count=6), threads=1)
+    end = time.perf_counter()
+    done.set()
+    other.join()
+    assert len([t for t in ticks if start < t < end]) >= 5
+
+
+def test_exposures_that_do_not_fit_are_refused() -> None:
+    scene, world_from_part = wedge()
+    sensor = probe()
+    with pytest.raises(ValueError, match="poses of 2 bodies, the scene holds 1"):
+        scan(scene, sensor, still(world_from_part, world_from_part))
+    with pytest.raises(ValueError, match="expected ray-traced or geometric"):
+        scan(scene, sensor, still(world_from_part), engine="magic")  # type: ignore[arg-type]
+    eye = np.eye(4)
+    good = (eye[None, None], eye[None, None, None], [1e-3], np.array([0]))
+
+    def refuse(position: int, value: object, message: str) -> None:
+        arguments = list(good)
+        arguments[position] = value
+        with pytest.raises(ValueError, match=message):
+            Exposures(*arguments)
+
+    refuse(0, np.full((1, 1, 4, 4), np.nan), "world_from_sensor: not a rigid transform")
+    refuse(0, np.diag([1.0, 1.0, -1.0, 1.0])[None, None], "world_from_sensor: not a rigid transform")
+    refuse(0, eye[None], "world_from_sensor: expected shape")
+    refuse(0, np.zeros((1, 0, 4, 4)), "world_from_body: expected shape")
+    refuse(1, 1.1 * eye[None, None, None], "world_from_body: not a rigid transform")
+    refuse(1, np.zeros((2, 1, 1, 4, 4)), "world_from_body: expected shape")
+    refuse(2, [0.0], "duration: must be finite and positive")
+    refuse(2, [np.inf], "duration: must be finite and positive")
+    refuse(2, [1.0, 1.0], "duration: expected shape")
+    refuse(3, np.array([0, 1]), "index: expected shape")
+
+
+def test_cameras_of_different_size_scan_but_share_no_array() -> None:
+    scene, world_from_part = wedge()
+    description = sensor_description(cameras=2, render={"noise": False}, range={"near": 0.06, "far": 0.2})
+    description["cameras"][1] |= {"width_px": 640, "cx_px": 319.5}
+    sensor = Sensor(json.dumps(description))
+    profiles = scan(scene, sensor, still(world_from_part)).profiles
+    whole = scan(scene, probe(), still(world_from_part)).profiles
+    np.testing.assert_array_equal(
+        profiles.points_in_sensor[profiles.camera == 0], whole.points_in_sensor[whole.camera == 0]
+    )
+    assert 300 < (profiles.camera == 1).sum() < 640
+    with pytest.raises(ValueError, match="camera 1 differs in size"):
+        scan(scene, sensor, still(world_from_part), keep_images=True)
+    with pytest.raises(ValueError, match="camera 1 differs in size"):
+        render(scene, sensor, still(world_from_part))
+
+
+def test_an_empty_batch_is_empty() -> None:
+    scene, _ = wedge()
+    none = Exposures(np.zeros((0, 1, 4, 4)), np.zeros((0, 1, 1, 4, 4)), np.zeros(0), np.zeros(0, dtype=np.int64))
+    for engine in ("ray-traced", "geometric"):
+        result = scan(scene, probe(), none, engine, keep_images=True)  # type: ignore[arg-type]
+        assert len(result.profiles) == 0
+        assert result.profiles.points_in_sensor.shape == (0, 3)
+    assert render(scene, probe(), none).shape == (0, 2, 1024, 1280)

@@ -1,0 +1,264 @@
+"""Rendered light against closed forms: radiometry, position of the stripe, shadows, motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import Array, moving, one_plane, pose, probe, still, stripe_centres
+
+from sensor_rt import Scene, expected_electrons
+
+PLANCK_C = 6.62607015e-34 * 299792458.0
+
+
+def column_electrons(z: float, reflectance: float, column: Array, side: int, angle: float = 0.28) -> Array:
+    """Electrons that a column collects from a facing plane at range z.
+
+    Laser power on the piece of line that the column sees, times the share of its Lambertian reflection (radiance
+    per power = reflectance / pi) that the lens' aperture subtends.
+    """
+    a, tilt, focal, pitch, f_number = 0.06, np.radians(29.3), 1024 / (2 * np.tan(np.radians(9.34))), 5e-6, 11.0
+    depth = a * np.sin(tilt) + z * np.cos(tilt)  # along the optical axis, the same all along the line
+    y = -side * (column - 639.5) * depth / focal
+    fan_angle_per_column = depth / focal * z / (y**2 + z**2)
+    power = 1e-3 / (2 * angle) * fan_angle_per_column
+    distance2 = a**2 + y**2 + z**2
+    aperture = np.pi / 4 * (focal * pitch / f_number) ** 2
+    solid_angle = aperture * (depth / np.sqrt(distance2)) / distance2
+    collected = power * reflectance / np.pi * (z / np.sqrt(distance2)) * solid_angle
+    return collected * 0.8 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
+
+
+@pytest.mark.parametrize("z", [0.078, 0.1, 0.13, 0.16])
+def test_light_of_a_facing_plane_is_the_closed_form(z: float) -> None:
+    images = one_plane(probe(), pose((0, 0, z)), 0.5)
+    for image, side in zip(images, (1, -1), strict=True):
+        _, total = stripe_centres(image)
+        column = np.arange(1280.0)
+        lit = np.abs((column - 639.5) / 1280) < 0.45
+        expected = column_electrons(z, 0.5, column, side)
+        np.testing.assert_allclose(total[lit], expected[lit], rtol=1e-3)
+
+
+@pytest.mark.parametrize("distortion", [[0.0] * 5, [-0.12, 0.05, 0.002, -0.001, 0.03]])
+@pytest.mark.parametrize("z", [0.078, 0.12, 0.16])
+def test_stripe_lies_where_the_sheet_meets_a_tilted_plane(z: float, distortion: list[float]) -> None:
+    sensor = probe(camera={"distortion": distortion})
+    world_from_plane = pose((0, 0, z), (0.25, -0.2, 0.4))
+    images = one_plane(sensor, world_from_plane)
+    normal = world_from_plane[:3, 2]
+    for camera, image in zip(sensor.cameras, images, strict=True):
+        rows, total = stripe_centres(image)
+        lit = (total > 0.5 * total.max()) & (np.abs(rows - 511.5) < 490)  # the image does not cut the stripe
+        columns = np.flatnonzero(lit)
+        rays = camera.view_rays(np.stack([columns, rows[lit]], axis=1))
+        centre = camera.sensor_from_camera[:3, 3]
+        seen = centre + ((world_from_plane[:3, 3] - centre) @ normal / (rays @ normal))[:, None] * rays
+        on_sheet = np.cross(normal, [1.0, 0.0, 0.0])
+        on_sheet /= on_sheet[1]
+        landing = np.stack([0 * seen[:, 1], seen[:, 1], z + seen[:, 1] * on_sheet[2]], axis=1)
+        expected = camera.project(landing)
+        slope = np.gradient(expected[:, 1], expected[:, 0])
+        # Same y on the plane, up to the stripe's slope in the image.
+        error = rows[lit] - expected[:, 1] - slope * (columns - expected[:, 0])
+        assert len(columns) > 600
+        assert np.abs(error[5:-5]).max() < 0.01
+
+
+def test_width_of_the_stripe_is_the_width_of_the_sheet() -> None:
+    laser = {"sheet_sigma": 80e-6, "divergence": 0.0}
+    image = one_plane(probe(laser=laser), pose((0, 0, 0.12)))[0]
+    column = image[:, 640].astype(float)
+    rows = np.arange(1024)
+    mean = (column * rows).sum() / column.sum()
+    variance = (column * (rows - mean) ** 2).sum() / column.sum()
+    tilt, a, z = np.radians(29.3), 0.06, 0.12
+    focal = 1024 / (2 * np.tan(np.radians(9.34)))
+    depth = a * np.sin(tilt) + z * np.cos(tilt)
+    height = z * np.sin(tilt) - a * np.cos(tilt)
+    px_per_metre = focal * (np.cos(tilt) * depth + np.sin(tilt) * height) / depth**2  # d row / d x on the plane
+    # A pixel's own width adds 1/12; the Gaussian is cut at 4.5 sigma.
+    assert variance == pytest.approx((80e-6 * px_per_metre) ** 2 + 1 / 12, rel=2e-3)
+
+
+def test_light_grows_with_cosine_reflectance_and_time() -> None:
+    sensor = probe()
+    base = stripe_centres(one_plane(sensor, pose((0, 0, 0.12)), 0.4)[0])[1]
+    twice = stripe_centres(one_plane(sensor, pose((0, 0, 0.12)), 0.8)[0])[1]
+    np.testing.assert_allclose(twice, 2 * base, rtol=1e-6)
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1, 1], 0.4)
+    longer = expected_electrons(scene, sensor, still(pose((0, 0, 0.12)), duration=15e-4))[0, 0]
+    np.testing.assert_allclose(stripe_centres(longer)[1], 3 * base, rtol=1e-6)
+
+
+def cluttered() -> tuple[Scene, list[Array]]:
+    """Steps, slots, wires, steep walls, silhouettes against the void, one body hiding another."""
+    scene = Scene()
+    scene.add_cylinder("table", np.eye(4), 0.09, 0.01, 0.3)
+    for k in range(6):
+        scene.add_box("comb", pose((0.0, -0.012 + 0.005 * k, 0.004 * k)), [0.02, 0.0023, 0.03], 0.6)
+    scene.add_sphere("ball", [0, 0, 0], 0.011, 0.8)
+    scene.add_cylinder("wire", pose(angles=(0, np.pi / 2, 0)), 0.00015, 0.05, 0.9)
+    scene.add_box("edge", pose((0.01004, 0.0, 0.0)), [0.02, 0.01, 0.01], 0.7)
+    wave = np.stack(np.meshgrid(np.linspace(-0.03, 0.03, 60), np.linspace(-0.01, 0.03, 60), indexing="ij"), axis=-1)
+    height = 0.003 * np.sin(500 * wave[..., 0]) * np.cos(300 * wave[..., 1])
+    vertices = np.concatenate([wave, height[..., None]], axis=-1).reshape(-1, 3)
+    corner = (np.arange(59)[:, None] * 60 + np.arange(59)).ravel()
+    faces = np.concatenate(
+        [np.stack([corner, corner + 1, corner + 60], 1), np.stack([corner + 1, corner + 61, corner + 60], 1)]
+    )
+    scene.add_mesh("wave", vertices, faces, 0.5)
+    poses = [
+        pose((0, 0, 0.155), (0.3, 0.1, 0.0)),
+        pose((0, -0.002, 0.125), (0.1, 0.3, 0.4)),
+        pose((0.004, 0.012, 0.11)),
+        pose((0, 0.0, 0.1), (0.0, 0.0, 0.2)),
+        pose((0, -0.017, 0.115), (0.0, 0.0, 0.001)),
+        pose((0, 0.01, 0.135), (-0.7, 0.2, 0.3)),
+    ]
+    return scene, poses
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("distortion", [[0.0] * 5, [-0.12, 0.05, 0.002, -0.001, 0.03]])
+def test_tracing_the_band_finds_all_light_of_the_whole_image(moves: bool, distortion: list[float]) -> None:
+    scene, poses = cluttered()
+    sensor = probe(camera={"distortion": distortion})
+    later = [pose((1e-4, -3e-4, 2e-4), (0.004, 0.002, -0.006)) @ p for p in poses]
+    exposures = moving([poses, later] if moves else [poses], [np.eye(4)] * (2 if moves else 1))
+    band = expected_electrons(scene, sensor, exposures)
+    whole = expected_electrons(scene, sensor, exposures, whole_image=True)
+    assert (whole > 0).sum() > 20_000
+    np.testing.assert_array_equal(band, whole)
+
+
+def test_a_body_in_the_laser_casts_a_shadow_with_sharp_ends() -> None:
+    """A bar across the fan at half the range darkens twice its own width; the cameras look past it from the side."""
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene.add_box("bar", np.eye(4), [0.002, 0.004, 0.002], 0.0)
+    sensor = probe()
+    z, bar = 0.14, 0.07
+    image = expected_electrons(scene, sensor, still(pose((0, 0, z)), pose((0, 0.003, bar))))[0]
+    for camera, light in zip(sensor.cameras, image, strict=True):
+        _, total = stripe_centres(light)
+        # Light passes the bar's far edge on one side and its near edge on the other.
+        edges = np.array([[0.0, 0.001 * z / (bar + 0.001), z], [0.0, 0.005 * z / (bar - 0.001), z]])
+        first, last = np.sort(camera.project(edges)[:, 0])
+        dark = total == 0.0
+        dark[:100] = dark[-100:] = False
+        columns = np.flatnonzero(dark)
+        assert columns.min() == pytest.approx(first, abs=1.5)  # fully dark columns only
+        assert columns.max() == pytest.approx(last, abs=1.5)
+        assert dark[columns.min() : columns.max() + 1].all()
+
+
+def test_a_body_before_one_camera_hides_the_stripe_from_that_camera_only() -> None:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene.add_box("screen", np.eye(4), [0.01, 0.05, 0.01], 0.5)
+    sensor = probe()
+    seen = one_plane(sensor, pose((0, 0, 0.13)))
+    half_way = 0.5 * sensor.cameras[0].sensor_from_camera[:3, 3] + 0.5 * np.array([0.0, 0.03, 0.13])
+    image = expected_electrons(scene, sensor, still(pose((0, 0, 0.13)), pose(half_way)))[0]
+    np.testing.assert_array_equal(image[1], seen[1])
+    _, total = stripe_centres(image[0])
+    # The screen ends at y = -0.01, half way to the stripe at y = -0.02.
+    end = sensor.cameras[0].project([[0.0, -0.02, 0.13]])[0, 0]
+    lit = np.flatnonzero(total > 0.5 * total.max())
+    y_below = lit[lit > 639]
+    assert len(y_below) > 0
+    assert y_below.min() == pytest.approx(end, abs=40.0)
+    assert total[: int(end) - 60].max(initial=0.0) == 0.0
+
+
+def test_only_the_side_of_a_sheet_that_faces_laser_and_camera_is_lit() -> None:
+    """Seen from behind, an open surface stays dark although the laser meets its other side."""
+    images = one_plane(probe(), pose((0, 0, 0.12), (0.0, np.radians(75.0), 0.0)))
+    bright = images.reshape(2, -1).max(axis=1)
+    assert (bright == 0).sum() == 1
+    assert bright.max() > 0
+
+
+def test_a_moving_exposure_is_the_average_of_still_ones() -> None:
+    scene = Scene()
+    scene.add_sphere("ball", [0, 0, 0], 0.02, 0.6)
+    sensor = probe()
+    start, end = pose((0, 0.002, 0.13)), pose((0.0001, 0.0023, 0.1302), (0.01, 0.02, -0.01))
+    blurred = expected_electrons(scene, sensor, moving([[start], [end]], [np.eye(4)] * 2))[0].astype(float)
+    steps = (np.arange(256) + 0.5) / 256
+    average = np.zeros_like(blurred)
+    for s in steps:
+        position = start[:3, 3] + s * (end[:3, 3] - start[:3, 3])
+        average += expected_electrons(scene, sensor, still(pose(position)))[0] / len(steps)
+    for camera in range(2):
+        rows, total = stripe_centres(blurred[camera])
+        expected_rows, expected_total = stripe_centres(average[camera])
+        bright = expected_total > 0.2 * expected_total.max()
+        np.testing.assert_allclose(total[bright], expected_total[bright], rtol=5e-3)
+        assert np.abs(rows - expected_rows)[bright].max() < 0.01
+
+
+def test_a_camera_pixel_sees_the_same_whether_sensor_or_body_moves() -> None:
+    scene, poses = cluttered()
+    sensor = probe()
+    step = pose((2e-4, 1e-4, -1e-4), (0.003, -0.002, 0.001))
+    by_body = expected_electrons(scene, sensor, moving([poses, [step @ p for p in poses]], [np.eye(4)] * 2))
+    by_sensor = expected_electrons(scene, sensor, moving([poses] * 2, [np.eye(4), np.linalg.inv(step)]))
+    assert by_body.max() > 0
+    # The two paths between the end poses differ in second order: 4e-3 rad squared on 0.15 m.
+    np.testing.assert_allclose(by_body.sum(axis=(2, 3)), by_sensor.sum(axis=(2, 3)), rtol=1e-3)
+
+
+def test_a_still_exposure_does_not_depend_on_how_often_it_was_sampled() -> None:
+    scene, poses = cluttered()
+    sensor = probe()
+    once = expected_electrons(scene, sensor, still(*poses))
+    often = expected_electrons(scene, sensor, moving([poses] * 5, [np.eye(4)] * 5))
+    np.testing.assert_array_equal(once, often)
+
+
+def test_ambient_light_of_a_plane_is_the_closed_form() -> None:
+    """Flat field: reflected irradiance through the lens, falling off with the fourth power of the cosine."""
+    sensor = probe(laser={"power": 0.0}, ambient={"irradiance": 3.0})
+    images = one_plane(sensor, pose((0, 0, 0.13)), 0.5, size=2.0)
+    focal = sensor.cameras[0].focal_px
+    column, row = np.meshgrid(np.arange(1280) - 639.5, np.arange(1024) - 511.5)
+    cosine = 1 / np.sqrt(1 + (column**2 + row**2) / focal**2)
+    image_irradiance = 0.8 * 0.5 * 3.0 * cosine**4 / (4 * 11.0**2)
+    expected = image_irradiance * 25e-12 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
+    np.testing.assert_allclose(images, np.broadcast_to(expected, images.shape), rtol=1e-5)
+
+
+def test_ambient_light_shows_bodies_as_every_pixel_traced_does() -> None:
+    scene = Scene()
+    scene.add_sphere("ball", [0, 0, 0], 0.015, 0.8)
+    scene.add_box("box", np.eye(4), [0.02, 0.01, 0.01], 0.3)
+    sensor = probe(ambient={"irradiance": 2.0})
+    exposures = still(pose((0, 0, 0.13)), pose((0.0, -0.02, 0.12), (0.3, 0.4, 0.5)))
+    quick = expected_electrons(scene, sensor, exposures)
+    whole = expected_electrons(scene, sensor, exposures, whole_image=True)
+    inside = np.isclose(quick, whole, rtol=1e-6, atol=1e-9)
+    # Silhouettes are sampled once per pixel outside the stripe, sixteen times inside.
+    assert (~inside).mean() < 0.01
+    np.testing.assert_allclose(quick.sum(), whole.sum(), rtol=1e-3)
+
+
+@pytest.mark.parametrize("samples", [1, 4, 16, 64])
+def test_more_samples_converge(samples: int) -> None:
+    reference = stripe_centres(one_plane(probe(), pose((0, 0, 0.12), (0.2, 0.1, 0.0)))[0])
+    render = {"noise": False, "samples_per_pixel": samples}
+    rows, total = stripe_centres(one_plane(probe(render=render), pose((0, 0, 0.12), (0.2, 0.1, 0.0)))[0])
+    bright = reference[1] > 0.5 * reference[1].max()
+    assert np.nanmax(np.abs(rows - reference[0])[bright]) < {1: 0.1, 4: 0.02}.get(samples, 0.003)
+    np.testing.assert_allclose(total[bright], reference[1][bright], rtol={1: 0.1, 4: 0.02}.get(samples, 0.003))
+
+
+def test_nothing_in_view_gives_dark_images() -> None:
+    sensor = probe()
+    assert expected_electrons(Scene(), sensor, still()).max() == 0.0
+    scene = Scene()
+    scene.add_sphere("ball", [0, 0, 0], 0.01, 0.5)
+    for place in ((0, 0, -0.1), (0.3, 0, 0.1), (0, 0, 3.0)):
+        assert expected_electrons(scene, sensor, still(pose(place))).max() == 0.0

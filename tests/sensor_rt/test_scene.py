@@ -1,0 +1,280 @@
+"""Rays against meshes and primitives, and closest points, against closed forms and brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from scenes import Array, pose, random_pose
+
+from sensor_rt import Scene, cast_rays, closest_points
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+def rays_towards(rng: np.random.Generator, count: int, distance: float, spread: float) -> tuple[Array, Array]:
+    """Origins on a sphere and directions to points near the centre."""
+    origins = rng.normal(size=(count, 3))
+    origins *= distance / np.linalg.norm(origins, axis=1, keepdims=True)
+    directions = rng.uniform(-spread, spread, (count, 3)) - origins
+    return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def in_body(world_from_body: Array, origins: Array, directions: Array) -> tuple[Array, Array]:
+    body_from_world = np.linalg.inv(world_from_body)
+    return origins @ body_from_world[:3, :3].T + body_from_world[:3, 3], directions @ body_from_world[:3, :3].T
+
+
+def test_sphere_hits_are_exact(rng: np.random.Generator) -> None:
+    scene = Scene()
+    centre = np.array([0.01, -0.02, 0.03])
+    scene.add_sphere("ball", centre, 0.025, 0.5)
+    world_from_ball = random_pose(rng, 0.01)
+    origins, directions = rays_towards(rng, 5000, 0.3, 0.06)
+    distance, body, face = cast_rays(scene, world_from_ball[None], origins, directions)
+    o, d = in_body(world_from_ball, origins, directions)
+    along = -((o - centre) * d).sum(axis=1)
+    gap2 = ((o - centre + along[:, None] * d) ** 2).sum(axis=1)
+    expected = np.where(gap2 < 0.025**2, along - np.sqrt(np.maximum(0.025**2 - gap2, 0.0)), np.inf)
+    clear = np.abs(np.sqrt(gap2) - 0.025) > 1e-9
+    assert (np.isfinite(expected)).sum() > 500
+    np.testing.assert_array_equal(np.isfinite(distance)[clear], np.isfinite(expected)[clear])
+    hit = clear & np.isfinite(expected)
+    # The distance to a grazed sphere depends steeply on the ray; the point's distance from the centre does not.
+    points = o[hit] + distance[hit, None] * d[hit]
+    np.testing.assert_allclose(np.linalg.norm(points - centre, axis=1), 0.025, rtol=1e-12)
+    np.testing.assert_allclose(distance[hit], expected[hit], rtol=1e-9)
+    np.testing.assert_array_equal(body, np.where(np.isfinite(distance), 0, -1))
+    np.testing.assert_array_equal(face, np.where(np.isfinite(distance), 0, -1))
+
+
+@pytest.mark.parametrize("shape", ["box", "cylinder", "plane"])
+def test_primitive_agrees_with_its_implicit_form(shape: str, rng: np.random.Generator) -> None:
+    """A hit lies on the surface, and no point of the ray before it lies inside."""
+    scene = Scene()
+    body_from_shape = random_pose(rng, 0.02)
+    if shape == "box":
+        size = np.array([0.03, 0.05, 0.02])
+        scene.add_box("body", body_from_shape, size, 0.5)
+
+        def level(p: Array) -> Array:
+            return np.max(np.abs(p) - size / 2, axis=-1)
+    elif shape == "cylinder":
+        scene.add_cylinder("body", body_from_shape, 0.02, 0.05, 0.5)
+
+        def level(p: Array) -> Array:
+            return np.maximum(np.hypot(p[..., 0], p[..., 1]) - 0.02, np.abs(p[..., 2]) - 0.025)
+    else:
+        scene.add_plane("body", body_from_shape, [0.04, 0.06], 0.5)
+
+        def level(p: Array) -> Array:
+            return np.maximum(np.abs(p[..., 2]), np.max(np.abs(p[..., :2]) - [0.02, 0.03], axis=-1))
+
+    world_from_body = random_pose(rng, 0.01)
+    origins, directions = rays_towards(rng, 3000, 0.3, 0.04)
+    distance, _, _ = cast_rays(scene, world_from_body[None], origins, directions)
+    o, d = in_body(world_from_body @ body_from_shape, origins, directions)
+    hit = np.isfinite(distance)
+    assert 200 < hit.sum() < 2900
+    np.testing.assert_allclose(level(o[hit] + distance[hit, None] * d[hit]), 0.0, atol=1e-15)
+    if shape == "plane":
+        t = -o[:, 2] / d[:, 2]
+        across = np.abs(o + t[:, None] * d)[:, :2]
+        np.testing.assert_array_equal(hit, (t > 0) & (across < [0.02, 0.03]).all(axis=1))
+        return
+    end = np.where(hit, distance - 1e-9, 1.0)
+    steps = np.linspace(0.0, 1.0, 4001)[:, None, None]
+    assert level(o + steps * end[:, None] * d).min() > -1e-9
+
+
+def test_axis_parallel_rays_meet_primitives() -> None:
+    scene = Scene()
+    scene.add_cylinder("pin", np.eye(4), 0.01, 0.04, 0.5)
+    scene.add_box("box", np.eye(4), [0.02, 0.02, 0.02], 0.5)
+    apart = np.stack([pose((0.0, 0.0, 0.0)), pose((0.1, 0.0, 0.0))])
+    origins = [[0.003, 0.004, 1.0], [0.011, 0.0, 1.0], [0.105, 0.005, 1.0], [0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]
+    directions = [[0, 0, -1], [0, 0, -1], [0, 0, -2], [1, 0, 0], [0, -1, 0]]
+    distance, body, _ = cast_rays(scene, apart, origins, directions)
+    np.testing.assert_allclose(distance, [0.98, np.inf, 0.99, 0.01, 0.01], rtol=1e-14)
+    np.testing.assert_array_equal(body, [0, -1, 1, 0, 1])
+
+
+def test_mesh_hits_lie_on_their_faces_in_double_precision(rng: np.random.Generator) -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=5, radius=0.03)
+    offset = np.array([2.0, -1.0, 0.5])  # far from the body's origin
+    scene = Scene()
+    scene.add_mesh("ball", mesh.vertices + offset, mesh.faces, 0.5)
+    world_from_body = pose((0.0, 0.0, 0.0), (0.3, -0.2, 1.0)) @ pose(-offset)
+    origins, directions = rays_towards(rng, 4000, 0.2, 0.03)
+    distance, _, face = cast_rays(scene, world_from_body[None], origins, directions)
+    hit = face >= 0
+    assert hit.sum() > 1000
+    o, d = in_body(world_from_body, origins[hit], directions[hit])
+    corners = (mesh.vertices + offset)[mesh.faces[face[hit]]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    expected = ((corners[:, 0] - o) * normals).sum(axis=1) / (d * normals).sum(axis=1)
+    facing = np.abs((d * normals).sum(axis=1))
+    # The inputs themselves are rounded: 2 m carry 4e-16 m.
+    np.testing.assert_array_less(np.abs(distance[hit] - expected) * facing, 1e-12 * 0.2 + 2e-15)
+    # The face is the right one: the ray passes through the triangle.
+    points = o + distance[hit, None] * d
+    barycentric = trimesh.triangles.points_to_barycentric(corners, points)
+    assert barycentric.min() > -1e-3
+
+
+def test_nearest_of_several_bodies_wins() -> None:
+    scene = Scene()
+    scene.add_plane("far", np.eye(4), [1, 1], 0.5)
+    scene.add_sphere("near", [0, 0, 0], 0.01, 0.5)
+    scene.add_mesh("middle", [[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]], 0.5)
+    assert scene.bodies == ["far", "near", "middle"]
+    poses = np.stack([pose((0, 0, 0.3)), pose((0, 0, 0.1)), pose((0, 0, 0.2))])
+    distance, body, _ = cast_rays(scene, poses, [[0, 0, 0], [0.02, 0, 0], [0.02, 0, 0.25]], [[0, 0, 1]] * 3)
+    np.testing.assert_allclose(distance, [0.09, 0.2, 0.05], rtol=1e-12)
+    np.testing.assert_array_equal(body, [1, 2, 0])
+
+
+def test_rays_do_not_slip_through_shared_edges(rng: np.random.Generator) -> None:
+    mesh = trimesh.creation.box((0.1, 0.1, 0.1)).subdivide().subdivide().subdivide()
+    scene = Scene()
+    scene.add_mesh("box", mesh.vertices, mesh.faces, 0.5)
+    edges = mesh.vertices[mesh.edges]
+    on_edges = edges[:, 0] + rng.uniform(size=(len(edges), 1)) * (edges[:, 1] - edges[:, 0])
+    origins = np.broadcast_to([0.31, 0.2, 0.27], on_edges.shape)
+    inside = on_edges * (1.0 - 1e-6)
+    distance, _, _ = cast_rays(scene, np.eye(4)[None], origins, inside - origins)
+    assert np.isfinite(distance).all()
+
+
+def test_moving_everything_changes_nothing(rng: np.random.Generator) -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.03)
+    scene = Scene()
+    scene.add_mesh("ball", mesh.vertices, mesh.faces, 0.5)
+    world_from_body = random_pose(rng)
+    origins, directions = rays_towards(rng, 500, 0.3, 0.03)
+    before, _, _ = cast_rays(scene, world_from_body[None], origins, directions)
+    move = random_pose(rng)
+    after, _, _ = cast_rays(
+        scene,
+        (move @ world_from_body)[None],
+        origins @ move[:3, :3].T + move[:3, 3],
+        directions @ move[:3, :3].T,
+    )
+    both = np.isfinite(before) & np.isfinite(after)
+    assert both.sum() >= np.isfinite(before).sum() - 1
+    np.testing.assert_allclose(after[both], before[both], rtol=1e-9)
+
+
+def test_closest_points_against_brute_force(rng: np.random.Generator) -> None:
+    mesh = trimesh.creation.torus(0.03, 0.01, major_sections=24, minor_sections=16)
+    points = rng.uniform(-0.05, 0.05, (400, 3))
+    closest, face, signed = closest_points(mesh.vertices, mesh.faces, points)
+    triangles = np.asarray(mesh.triangles)
+    every = trimesh.triangles.closest_point(
+        np.tile(triangles, (len(points), 1, 1)), np.repeat(points, len(triangles), axis=0)
+    ).reshape(len(points), len(triangles), 3)
+    distance = np.linalg.norm(every - points[:, None], axis=2).min(axis=1)
+    np.testing.assert_allclose(np.abs(signed), distance, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(closest - points, axis=1), distance, rtol=1e-9, atol=1e-15)
+    on_face = trimesh.triangles.closest_point(triangles[face], closest)
+    np.testing.assert_allclose(on_face, closest, atol=1e-15)
+    # Every point of this torus mesh lies within 1 mm inside the true torus.
+    ring = np.hypot(np.hypot(points[:, 0], points[:, 1]) - 0.03, points[:, 2])
+    sure = np.abs(ring - 0.0095) > 0.001
+    np.testing.assert_array_equal(signed[sure] < 0, ring[sure] < 0.0095)
+
+
+def test_sign_holds_where_the_closest_point_is_an_edge_or_corner(rng: np.random.Generator) -> None:
+    """A needle-shaped tetrahedron, where face normals alone give the wrong sign; vertices are not shared, as in STL."""
+    corners = np.array([[0, 0, 0], [0.1, 0, 0], [0.0, 0.02, 0], [0, 0, 0.01]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    points = rng.uniform(-0.05, 0.15, (3000, 3))
+    inside = (points > 0).all(axis=1) & (points @ [1 / 0.1, 1 / 0.02, 1 / 0.01] < 1)
+    points = np.concatenate([points, rng.uniform(0, 1, (200, 3)) * [0.02, 0.004, 0.002]])
+    inside = np.append(inside, np.ones(200, dtype=bool))
+    _, _, signed = closest_points(corners[faces].reshape(-1, 3), np.arange(12).reshape(4, 3), points)
+    np.testing.assert_array_equal(signed < 0, inside)
+
+
+def test_closest_points_far_from_the_origin() -> None:
+    """Double precision throughout: 1 µm is told apart 100 m from the origin of the coordinates."""
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
+    offset = np.array([100.0, -50.0, 20.0])
+    directions = np.random.default_rng(1).normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    points = directions * 0.030001
+    near = closest_points(mesh.vertices, mesh.faces, points)[2]
+    far = closest_points(mesh.vertices + offset, mesh.faces, points + offset)[2]
+    np.testing.assert_allclose(far, near, atol=1e-13)
+
+
+def test_threads_do_not_change_results(rng: np.random.Generator) -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
+    points = rng.uniform(-0.05, 0.05, (5000, 3))
+    for one, two in zip(
+        closest_points(mesh.vertices, mesh.faces, points, threads=1),
+        closest_points(mesh.vertices, mesh.faces, points, threads=2),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (np.zeros((0, 3)), np.zeros((0, 3), int), "empty"),
+        (np.eye(3), np.zeros((0, 3), int), "empty"),
+        (np.eye(3), [[0, 1, 3]], "face 0 names vertex 3 of 3"),
+        (np.eye(3), [[0, 1, -1]], "face 0 names vertex -1"),
+        (np.eye(3), [[0.0, 1.0, 2.0]], "integers"),
+        (np.full((3, 3), np.nan), [[0, 1, 2]], "vertex 0 is not finite"),
+        (np.full((3, 3), np.inf), [[0, 1, 2]], "vertex 0 is not finite"),
+        (np.eye(4), [[0, 1, 2]], "shape"),
+        (np.eye(3), [0, 1, 2], "shape"),
+    ],
+)
+def test_bad_meshes_are_refused(vertices: Array, faces: Array, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Scene().add_mesh("part", vertices, faces, 0.5)
+    with pytest.raises(ValueError, match=message):
+        closest_points(vertices, faces, np.zeros((1, 3)))
+
+
+def test_bad_shapes_and_rays_are_refused() -> None:
+    scene = Scene()
+    with pytest.raises(ValueError, match="reflectance"):
+        scene.add_sphere("ball", [0, 0, 0], 0.01, 1.5)
+    with pytest.raises(ValueError, match="positive"):
+        scene.add_sphere("ball", [0, 0, 0], -0.01, 0.5)
+    with pytest.raises(ValueError, match="positive"):
+        scene.add_box("box", np.eye(4), [0.1, np.nan, 0.1], 0.5)
+    with pytest.raises(ValueError, match="rigid"):
+        scene.add_cylinder("pin", 2 * np.eye(4), 0.1, 0.1, 0.5)
+    with pytest.raises(ValueError, match="name"):
+        scene.add_sphere("", [0, 0, 0], 0.01, 0.5)
+    assert scene.bodies == []
+    scene.add_sphere("ball", [0, 0, 0], 0.01, 0.5)
+    with pytest.raises(ValueError, match="poses"):
+        cast_rays(scene, np.zeros((0, 4, 4)), [[0, 0, 0]], [[0, 0, 1]])
+    with pytest.raises(ValueError, match="ray 0"):
+        cast_rays(scene, np.eye(4)[None], [[0, 0, 0]], [[0, 0, 0]])
+    with pytest.raises(ValueError, match="ray 1"):
+        cast_rays(scene, np.eye(4)[None], [[0, 0, 0]] * 2, [[0, 0, 1], [np.nan, 0, 1]])
+    with pytest.raises(ValueError, match="point 0"):
+        closest_points(np.eye(3), [[0, 1, 2]], [[0, 0, np.inf]])
+
+
+def test_faces_without_area_do_no_harm() -> None:
+    vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]]
+    faces = [[0, 1, 2], [0, 1, 3], [0, 0, 0], [1, 1, 2]]
+    closest, _, signed = closest_points(vertices, faces, [[0.2, 0.2, 0.5], [1.5, -1.0, 0.0]])
+    np.testing.assert_allclose(closest, [[0.2, 0.2, 0.0], [1.5, 0.0, 0.0]], atol=1e-15)
+    np.testing.assert_allclose(np.abs(signed), [0.5, 1.0])
+    scene = Scene()
+    scene.add_mesh("part", vertices, faces, 0.5)
+    distance, _, _ = cast_rays(scene, np.eye(4)[None], [[0.2, 0.2, 1.0]], [[0, 0, -1]])
+    np.testing.assert_allclose(distance, [1.0])
