@@ -1,6 +1,8 @@
 # `make scan` and `make test` do all the set-up they need, on a bare Debian 12 or newer.
 # Variables: PYTHON (interpreter for the environment), PART (mesh that `make scan` scans), OUT (where results go).
 
+SHELL := /bin/bash
+.SHELLFLAGS := -o pipefail -c
 .DEFAULT_GOAL := help
 
 PYTHON ?= /usr/bin/python3
