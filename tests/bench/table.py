@@ -7,22 +7,49 @@ import os
 import platform
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
+
+Wanted = Literal["at least", "at most", ""]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One measured value beside what it is held against, both of the same run."""
+    """One measured value beside what it is held against, both of the same run.
+
+    Attributes
+    ----------
+    spread
+        How far the median of the repeats lies from the best, relative to the best; None for a single run.
+    wanted
+        Which side of `limit` the ratio of value to peer should be on; empty when the row only informs.
+    """
 
     name: str
     value: float
     unit: str
     peer: str
     peer_value: float
+    spread: float | None = None
+    wanted: Wanted = ""
+    limit: float = 1.0
 
     @property
     def ratio(self) -> float:
         """Value over peer."""
         return self.value / self.peer_value
+
+    @property
+    def verdict(self) -> str:
+        """``ok`` or ``missed`` where something is wanted of the ratio."""
+        if not self.wanted:
+            return ""
+        met = self.ratio >= self.limit if self.wanted == "at least" else self.ratio <= self.limit
+        return "ok" if met else "missed"
+
+    @property
+    def wish(self) -> str:
+        """The wanted ratio in words."""
+        return f"{'>=' if self.wanted == 'at least' else '<='} {self.limit:g}" if self.wanted else ""
 
 
 def cpu_model() -> str:
@@ -32,13 +59,26 @@ def cpu_model() -> str:
     return f"{names[0] if names else platform.processor()}, {len(os.sched_getaffinity(0))} cores"
 
 
-def report(rows: list[Row], path: Path) -> None:
-    """Print the table and write it to `path`."""
-    print(f"CPU: {cpu_model()}")
-    print(f"{'name':<34}{'value':>12} {'unit':<12}{'peer':<46}{'peer value':>12}{'ratio':>9}")
-    for row in rows:
-        numbers = f"{row.peer_value:>12.4g}{row.ratio:>9.3g}"
-        print(f"{row.name:<34}{row.value:>12.4g} {row.unit:<12}{row.peer:<46}{numbers}")
+def print_header() -> None:
+    """Print what the columns are, and on what machine."""
+    print(f"CPU: {cpu_model()}; load at start {os.getloadavg()[0]:.1f}")
+    print("value: best of the repeats; spread: how much worse their median was")
+    left = f"{'name':<46}{'value':>10} {'unit':<12}{'spread':>7}"
+    print(f"{left}  {'peer':<42}{'peer value':>10}{'ratio':>9}  {'wanted':<9}")
+
+
+def print_row(row: Row) -> None:
+    """Print one row of the table."""
+    spread = "" if row.spread is None else f"{100 * row.spread:.0f} %"
+    left = f"{row.name:<46}{row.value:>10.4g} {row.unit:<12}{spread:>7}"
+    print(f"{left}  {row.peer:<42}{row.peer_value:>10.4g}{row.ratio:>9.3g}  {row.wish:<9}{row.verdict}", flush=True)
+
+
+def write_json(rows: list[Row], path: Path) -> None:
+    """Write all rows to `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    content = {"cpu": cpu_model(), "rows": [{**asdict(row), "ratio": row.ratio} for row in rows]}
+    content = {
+        "cpu": cpu_model(),
+        "rows": [{**asdict(row), "ratio": row.ratio, "verdict": row.verdict} for row in rows],
+    }
     path.write_text(json.dumps(content, indent=1) + "\n")
