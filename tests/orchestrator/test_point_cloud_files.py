@@ -109,9 +109,10 @@ def test_a_good_write_replaces_the_old_file(tmp_path: Path) -> None:
 
 
 def test_an_unwritable_place_is_an_output_error(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="nowhere"):
-        write_ply(tmp_path / "nowhere" / "cloud.ply", make_cloud())
     (tmp_path / "folder.ply").mkdir()
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(OutputError, match="file"):
+        write_ply(tmp_path / "file" / "cloud.ply", make_cloud())
     with pytest.raises(OutputError, match=r"folder\.ply"):
         write_ply(tmp_path / "folder.ply", make_cloud())
-    assert [entry.name for entry in tmp_path.iterdir()] == ["folder.ply"]
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "folder.ply"]
