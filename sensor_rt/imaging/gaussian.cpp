@@ -12,24 +12,33 @@ namespace {
 constexpr int kIterations = 12;
 constexpr float kReach = 3.5f;        // half window, in standard deviations ...
 constexpr float kReachMargin = 1.5f;  // ... plus rows
-constexpr float kSettled = 2e-4f;     // px, largest last step of a fit that has converged
+constexpr float kModelError = 0.01f;  // of the amplitude
+// A saturated stripe is measured by its flanks alone, which must then be trusted.
+constexpr float kSaturatedModelError = 0.002f;
+constexpr float kShapeless = 0.36f;  // px: up to this width too few pixels are lit to show a skewness
+constexpr float kHeldError = 0.05f;  // px: what holding the width of a narrower stripe may do to its row
+constexpr float kSettled = 2e-4f;    // px, largest last step of a fit that has converged
 
 void load(ImageRows image, const PixelNoise& noise, const Candidate& c, GaussianBatch& b, int l,
           RowWindow& rows) {
   const float scale = 1.0f / c.amplitude;
   rows = window(c, kReach * c.width + kReachMargin, image.height);
   rows.last = std::min(rows.last, rows.first + kMaxRows - 1);
+  bool saturated = false;
   for (int y = rows.first; y <= rows.last; ++y) {
     const auto value = static_cast<float>(image.at(y, c.column));
     b.data[y - rows.first].v[l] = value * scale - noise.background * scale;
     b.mask[y - rows.first].v[l] = value < noise.saturation ? 1.0f : 0.0f;
+    saturated = saturated || !(value < noise.saturation);
   }
+  const float model_error = saturated ? kSaturatedModelError : kModelError;
+  b.model_error.v[l] = model_error * model_error;
   b.floor.v[l] = noise.variance_floor * scale * scale;
   b.gain.v[l] = noise.gain * scale;
   b.prior.v[l] = 0.0f;
   b.end.v[l] = static_cast<float>(rows.last - rows.first + 1);
   b.mu.v[l] = c.row - static_cast<float>(rows.first);
-  b.sigma.v[l] = std::clamp(c.width, 0.4f, 10.0f);
+  b.sigma.v[l] = std::clamp(c.width, kNarrowest + 0.1f, 10.0f);
   b.area.v[l] = b.sigma.v[l] * kRootTwoPi;
   b.background.v[l] = 0.0f;
   b.rows = std::max(b.rows, rows.last - rows.first + 1);
@@ -64,6 +73,8 @@ StripeFit result(const Candidate& c, const GaussianBatch& b, int l, const RowWin
   const float information = std::max(b.he3_norm.v[l] - explained, 1e-6f * b.he3_norm.v[l] + 1e-12f);
   fit.asymmetry = b.he3_misfit.v[l] / information;
   fit.asymmetry_sigma = 1.0f / std::sqrt(information);
+  if (fit.width < kShapeless) fit.asymmetry = 0.0f;
+  if (fit.width <= kNarrowest) fit.row_sigma = std::hypot(fit.row_sigma, kHeldError);
   const float count = std::max(b.count.v[l], 1.0f);
   fit.residual = std::sqrt(std::max(0.0f, b.misfit.v[l] - b.noise.v[l]) / count) / relative_amplitude;
   fit.residual_noise = std::sqrt(b.noise.v[l] / count) / relative_amplitude;

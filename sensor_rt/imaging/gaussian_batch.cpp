@@ -8,13 +8,13 @@ namespace {
 
 using Batch = GaussianBatch;
 
-constexpr float kModelError = 0.01f;      // of the amplitude
 constexpr float kBackgroundError = 0.1f;  // of the amplitude: how well the background is known beforehand
 
 /// Pixel-integrated shape and its derivatives with respect to mu, sigma, area, background.
 struct Shape {
   float model;
   float d[4];
+  float he3;  // third Hermite shape with the stripe's height, integrated likewise
 };
 
 inline void first_edge(Batch& b) {
@@ -41,6 +41,7 @@ inline Shape shape(Batch& b, int row, int l) {
   s.d[1] = -scale * (upper * density - lower * b.density.v[l]);
   s.d[2] = share;
   s.d[3] = 1.0f;
+  s.he3 = b.area.v[l] * ((lower * lower - 1.0f) * b.density.v[l] - (upper * upper - 1.0f) * density);
   b.cumulative.v[l] = cumulative;
   b.density.v[l] = density;
   return s;
@@ -53,7 +54,7 @@ inline float variance(const Batch& b, float model, int l) {
 }
 
 inline float weight(const Batch& b, float noise, int row, int l) {
-  return b.mask[row].v[l] / (noise + kModelError * kModelError);
+  return b.mask[row].v[l] / (noise + b.model_error.v[l]);
 }
 
 inline void clear_sums(Batch& b) {
@@ -145,10 +146,11 @@ SENSOR_RT_MULTIVERSION void iterate(Batch& b, float damping) {
     const float shift = clamp(x[0], -0.7f * sigma, 0.7f * sigma);
     const float widening = clamp(x[1], -0.3f * sigma, 0.4f * sigma);
     b.mu.v[l] = clamp(b.mu.v[l] + shift, -1.0f, b.end.v[l]);
-    b.sigma.v[l] = clamp(sigma + widening, 0.2f, 30.0f);
+    b.sigma.v[l] = clamp(sigma + widening, kNarrowest, 30.0f);
+    const float widened = b.sigma.v[l] - sigma;
     b.area.v[l] = clamp(b.area.v[l] + x[2], 1e-3f, 1e4f);
     b.background.v[l] = clamp(b.background.v[l] + x[3], -10.0f, 10.0f);
-    b.step.v[l] = (shift < 0.0f ? -shift : shift) + (widening < 0.0f ? -widening : widening);
+    b.step.v[l] = (shift < 0.0f ? -shift : shift) + (widened < 0.0f ? -widened : widened);
   }
 }
 
@@ -161,12 +163,9 @@ SENSOR_RT_MULTIVERSION void measure_shape(Batch& b) {
       const float w = weight(b, variance(b, s.model, l), row, l);
       const float misfit = b.data[row].v[l] - s.model;
       add_to_normal_equations(b, s, w, misfit, l);
-      const float z = (static_cast<float>(row) - b.mu.v[l]) / b.sigma.v[l];
-      const float he3 =
-          b.area.v[l] / (b.sigma.v[l] * kRootTwoPi) * (z * z * z - 3.0f * z) * exp_negative(-0.5f * z * z);
-      for (int k = 0; k < 4; ++k) b.he3_gradient[k].v[l] += w * s.d[k] * he3;
-      b.he3_norm.v[l] += w * he3 * he3;
-      b.he3_misfit.v[l] += w * he3 * misfit;
+      for (int k = 0; k < 4; ++k) b.he3_gradient[k].v[l] += w * s.d[k] * s.he3;
+      b.he3_norm.v[l] += w * s.he3 * s.he3;
+      b.he3_misfit.v[l] += w * s.he3 * misfit;
     }
   }
   for (int l = 0; l < kLanes; ++l) {

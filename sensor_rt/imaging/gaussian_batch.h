@@ -2,9 +2,9 @@
 // imaging.
 //
 // Model of pixel i: m_i = B + S [Phi((i + 1/2 - mu) / sigma) - Phi((i - 1/2 - mu) / sigma)].
-// Weights are 1 / (noise variance + (kModelError A)²): pure noise weights would trust the flanks, where real
+// Weights are 1 / (noise variance + model error²): pure noise weights would trust the flanks, where real
 // stripes differ from the model. The uncertainty follows from the true noise variance by the sandwich
-// formula.
+// formula. Below kNarrowest the pixels cannot tell the width, which is then held there.
 #pragma once
 
 namespace sensor_rt {
@@ -12,6 +12,7 @@ namespace sensor_rt {
 constexpr int kLanes = 16;
 constexpr int kMaxRows = 64;
 constexpr float kRootTwoPi = 2.50662827f;
+constexpr float kNarrowest = 0.3f;  // px
 
 /// One value per column.
 struct alignas(64) Lane {
@@ -25,6 +26,7 @@ struct GaussianBatch {
   Lane data[kMaxRows];
   Lane mask[kMaxRows];  // 0: outside the window or saturated
   Lane floor, gain, prior, end;
+  Lane model_error;  // variance
   Lane mu, sigma, area, background;
   Lane step;                                   // size of the last step in mu and sigma together
   Lane hessian[10], gradient[4];               // packed lower triangle; order mu, sigma, area, background

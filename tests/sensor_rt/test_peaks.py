@@ -69,12 +69,21 @@ def test_deeper_images(bits):
     assert share > 0.98
 
 
-@pytest.mark.parametrize("sigma", [0.8, 1.5, 2.0])
+@pytest.mark.parametrize("sigma", [0.8, 1.5, 2.2, 3.0])
 def test_saturated_stripe_is_still_located(sigma):
     sensor = make_sensor(WIDTH, HEIGHT, detector={"full_well_e": PEAK_E})
     error, _, share = errors(sensor, sigma, 2.7 * PEAK_E)
     assert np.sqrt(np.mean(error**2)) < 0.01
     assert share > 0.97
+
+
+@pytest.mark.parametrize("sigma", [0.2, 0.25, 0.3, 0.35])
+def test_stripes_too_narrow_to_show_their_width_are_located_as_well_as_they_claim(sigma):
+    sensor = make_sensor(WIDTH, HEIGHT, extraction={"min_sigma_px": 0.1})
+    error, row_sigma, share = errors(sensor, sigma, 8000.0)
+    assert share > 0.6
+    assert np.sqrt(np.mean(error**2)) < 1.1 * np.sqrt(np.mean(row_sigma**2))
+    assert np.sqrt(np.mean(error**2)) < 0.06
 
 
 def test_saturation_is_flagged():
