@@ -117,7 +117,8 @@ def scan(
 
     def work() -> Outcome:
         from orchestrator.config.loading import load_setup  # noqa: PLC0415
-        from orchestrator.evaluation.job import ScanRequest, scan_to_folder  # noqa: PLC0415
+        from orchestrator.evaluation.job import scan_to_folder  # noqa: PLC0415
+        from orchestrator.evaluation.request import ScanRequest  # noqa: PLC0415
 
         overrides = [*(set_ or []), *([f'scan.mode="{mode}"'] if mode else [])]
         request = ScanRequest(
@@ -191,7 +192,8 @@ def render(
 
     def work() -> Outcome:
         from orchestrator.config.loading import load_setup  # noqa: PLC0415
-        from orchestrator.evaluation.job import ScanRequest, render_to_folder  # noqa: PLC0415
+        from orchestrator.evaluation.job import render_to_folder  # noqa: PLC0415
+        from orchestrator.evaluation.request import ScanRequest  # noqa: PLC0415
 
         request = ScanRequest(
             part=part,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,10 @@ import sensor_rt
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.cell.recording import Recording, read_recording
 from orchestrator.config.loading import Setup
-from orchestrator.config.scan import Engine
 from orchestrator.config.units import to_si
 from orchestrator.evaluation.images import write_raw_images
 from orchestrator.evaluation.report import ReportInputs, write_report
+from orchestrator.evaluation.request import ScanReport, ScanRequest
 from orchestrator.evaluation.run_folder import RunFolder
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.geometry.mesh import load_mesh
@@ -31,36 +30,6 @@ from orchestrator.scanning.sense import make_sensor, sense
 
 # Points this far outside the table's rim, or above the highest reach of the sensor, are none of the part's.
 _ENVELOPE_HEIGHT = 0.5
-
-
-@dataclass(frozen=True)
-class ScanRequest:
-    """What a person asks for."""
-
-    part: Path
-    unit: str
-    setup: Setup
-    engine: Engine
-    as_built: Sequence[str]
-    seed: int
-    images: bool
-    threads: int
-    command_line: Sequence[str]
-
-
-@dataclass
-class ScanReport:
-    """What came of it: figures and files, as they also lie in the folder."""
-
-    figures: dict[str, Any]
-    files: list[str]
-    warnings: list[str]
-    timings: dict[str, float]
-    lines: list[str]
-
-    def summary(self) -> list[str]:
-        """For people."""
-        return self.lines
 
 
 def scan_to_folder(request: ScanRequest, out: Path, progress: Progress) -> ScanReport:

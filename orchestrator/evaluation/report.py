@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from orchestrator.evaluation.deviation import Deviation, deviation_from_mesh
 from orchestrator.evaluation.images import draw_stripes
 from orchestrator.evaluation.manifest import manifest, resolved_toml
 from orchestrator.evaluation.pictures import deviation_picture
+from orchestrator.evaluation.request import ScanRequest
 from orchestrator.evaluation.run_folder import RunFolder
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.geometry import pose
@@ -27,9 +28,6 @@ from orchestrator.reconstruction.cloud import Cloud
 from orchestrator.reconstruction.point_cloud_files import write_ply
 from orchestrator.scanning.exposures import build_scene, exposures_from_truth
 from orchestrator.scanning.sense import sample_rows
-
-if TYPE_CHECKING:
-    from orchestrator.evaluation.job import ScanRequest
 
 _SAMPLE_IMAGES = 4
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from orchestrator.config.scan import Engine
 from orchestrator.config.units import to_si
 from orchestrator.errors import SensorError
 from orchestrator.evaluation.images import draw_stripes, write_raw_images
-from orchestrator.evaluation.job import ScanReport
+from orchestrator.evaluation.request import ScanReport
 from orchestrator.evaluation.run_folder import RunFolder
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.geometry import pose
