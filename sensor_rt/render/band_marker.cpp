@@ -41,22 +41,22 @@ BandMarker::BandMarker(const RenderPlan& plan)
 
 void BandMarker::mark(const Scene& scene, const PoseTrack& track, std::vector<PixelMask>& masks) {
   grid_.set(scene, track);
-  if (grid_.empty()) return;
-  lay_grid(scene, track);
+  if (grid_.shapes().empty()) return;
+  lay_grid(track);
   grid_.cast(rays_, landings_);
   gaps_.clear();
   visit_grid(masks);
   while (!gaps_.empty()) refine(masks);
 }
 
-std::vector<std::size_t> BandMarker::choose_instants(const Scene& scene, const PoseTrack& track) const {
+std::vector<std::size_t> BandMarker::choose_instants(const PoseTrack& track) const {
   const std::size_t last = track.instants() - 1;
   if (last == 0) return {0};
   // How far points of the measuring field move between first and last instant, against the size of a pixel
   // there.
   const SensorModel& model = plan_.settings.model;
   double farthest_px = 0.0;
-  for (std::size_t s = 0; s < scene.shapes().size(); ++s) {
+  for (const std::size_t s : grid_.shapes()) {
     const Rigid3 moved = track.shape_from_reference(s, last).inverse() * track.shape_from_reference(s, 0);
     for (const double z : {model.near, model.far}) {
       const Eigen::Vector3d point(0.0, 0.0, z);
@@ -74,8 +74,8 @@ std::vector<std::size_t> BandMarker::choose_instants(const Scene& scene, const P
   return chosen;
 }
 
-void BandMarker::lay_grid(const Scene& scene, const PoseTrack& track) {
-  const std::vector<std::size_t> chosen = choose_instants(scene, track);
+void BandMarker::lay_grid(const PoseTrack& track) {
+  const std::vector<std::size_t> chosen = choose_instants(track);
   instants_ = chosen.size();
   rays_.clear();
   const double half = plan_.settings.model.laser.fan_half_angle;

@@ -42,7 +42,7 @@ class BandMarker {
     kVoid         ///< far apart on two surfaces, or one ray lands nowhere
   };
 
-  void lay_grid(const Scene& scene, const PoseTrack& track);
+  void lay_grid(const PoseTrack& track);
   void visit_grid(std::vector<PixelMask>& masks);
   void visit(const Gap& gap, std::vector<PixelMask>& masks);
   void refine(std::vector<PixelMask>& masks);
@@ -51,7 +51,7 @@ class BandMarker {
   static bool worth_halving(const Gap& gap, Relation relation);
   void mark_between(std::size_t a, std::size_t b, std::vector<PixelMask>& masks) const;
   void mark_alone(std::size_t a, std::vector<PixelMask>& masks) const;
-  std::vector<std::size_t> choose_instants(const Scene& scene, const PoseTrack& track) const;
+  std::vector<std::size_t> choose_instants(const PoseTrack& track) const;
 
   const RenderPlan& plan_;
   FanGrid grid_;

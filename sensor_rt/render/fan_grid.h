@@ -46,7 +46,8 @@ class FanGrid {
   /// Makes the scene at the instants of an exposure ready.
   void set(const Scene& scene, const PoseTrack& track);
 
-  bool empty() const { return view_.empty(); }
+  /// Numbers of the shapes that the laser can reach.
+  const std::vector<std::size_t>& shapes() const { return view_.shapes(); }
 
   /// Casts `rays`, which share the instant of the first of each sixteen.
   void cast(const std::vector<FanRay>& rays, FanLandings& out);

@@ -25,6 +25,9 @@ class RayView {
   /// Clears open[lane] for rays that are cut before t = farthest.
   void occlude(std::size_t packet, const Lanes3& direction, double farthest, int* open) const;
 
+  /// Numbers of the shapes that were kept.
+  const std::vector<std::size_t>& shapes() const { return shapes_; }
+
   bool empty() const { return shapes_.empty(); }
 
  private:
