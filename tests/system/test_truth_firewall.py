@@ -1,0 +1,54 @@
+"""Images come from the true cell, points from measured joints and nominal geometry; nothing crosses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from line import ply_sha256, rows
+
+import sensor_rt
+from orchestrator.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, TRUTH_COLUMNS, Recording
+from orchestrator.scanning.exposures import build_scene, exposures_from_truth, visible_bodies
+
+FEWER = "scan.max_profiles=60"
+
+
+@pytest.fixture(scope="module")
+def line(planned):
+    return planned("free_form", FEWER, ideal=False)
+
+
+@pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
+def test_cloud_does_not_change_when_truth_is_lost_after_rendering(line, engine, tmp_path) -> None:
+    recording = line.drive()
+    points = line.sense(recording, engine)
+    lost = recording.without_truth()
+    assert all(np.isnan(lost.columns[name]).all() for name in TRUTH_COLUMNS)
+    assert ply_sha256(line.cloud(lost, points), tmp_path) == ply_sha256(line.cloud(recording, points), tmp_path)
+
+
+def test_cloud_changes_with_what_was_measured(line, tmp_path) -> None:
+    recording = line.drive()
+    points = line.sense(recording, "geometric")
+    name = "trigger.measured.table"
+    other = Recording({**recording.columns, name: recording.columns[name] + 1e-6})
+    assert ply_sha256(line.cloud(other, points), tmp_path) != ply_sha256(line.cloud(recording, points), tmp_path)
+
+
+def images(line, recording: Recording) -> np.ndarray:
+    bodies = visible_bodies(line.nominal)
+    exposures = exposures_from_truth(recording.truth, recording.measured.index, bodies)
+    return sensor_rt.render(build_scene(bodies), line.sensor, exposures)
+
+
+@pytest.mark.parametrize(
+    "word", ["tool.x_mm=0.1", "table.x_mm=0.2", "dh[3].theta_deg=0.05", "platter.x_mm=0.1", "trigger.latency_ms=1"]
+)
+def test_as_built_cell_changes_images_and_nothing_that_reconstruction_reads(line, word) -> None:
+    nominal, perturbed = line.drive(), line.drive(word)
+    for name in (*INTEGER_COLUMNS, *MEASURED_COLUMNS):
+        if name != "trigger.index":
+            assert np.array_equal(nominal.columns[name], perturbed.columns[name]), name
+    moved = slice(0, None, 20)
+    assert (images(line, rows(nominal, moved)) != images(line, rows(perturbed, moved))).any()
+
