@@ -58,7 +58,7 @@ class CellInstance:
             raise
         except Exception as error:
             shutil.rmtree(self._folder, ignore_errors=True)
-            raise CellError(self._explain(f"{fmu}: cannot be started", error)) from error
+            raise CellError(self._explain(f"the cell cannot be started from {fmu.name}", error)) from error
 
     def _load(self, fmu: Path) -> None:
         description = fmpy.read_model_description(str(fmu), validate=False)

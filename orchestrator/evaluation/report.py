@@ -140,7 +140,7 @@ def _lines(given: ReportInputs, deviation: Deviation, covered: Coverage, folder:
     return [
         f"{given.request.part.name}: {len(given.recording)} profiles, {len(given.cloud)} points",
         f"  deviation  mean {figures.mean * 1e6:+.2f} um, RMS {figures.rms * 1e6:.2f} um, "
-        f"D95 {figures.d95 * 1e6:.1f} um, D99.9 {figures.d99_9 * 1e6:.1f} um, max {figures.max_abs * 1e6:.0f} um",
+        f"D95 {figures.d95 * 1e6:.1f} um, D99.9 {figures.d99_9 * 1e6:.1f} um, max {figures.max_abs * 1e6:.1f} um",
         f"  coverage   {covered.fraction:.1%} of the visible surface",
         f"  results    {folder.target}",
     ]
