@@ -63,7 +63,7 @@ def test_a_wrong_override_is_refused_with_key_value_and_expectation(word: str, f
 def test_a_wrong_file_is_named(tmp_path: Path) -> None:
     wrong = tmp_path / "sensor.toml"
     wrong.write_text("name = 1 2\n")
-    with pytest.raises(DescriptionError, match="sensor.toml: not valid TOML.*line"):
+    with pytest.raises(DescriptionError, match=r"sensor.toml: not valid TOML.*line"):
         load_setup(sensor=wrong)
     with pytest.raises(DescriptionError, match=r"missing\.toml: no such file"):
         load_setup(cell=tmp_path / "missing.toml")
