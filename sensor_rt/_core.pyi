@@ -155,8 +155,18 @@ def expose(
     index: NDArray[np.int64],
     threads: int = 0,
 ) -> NDArray[np.uint16]: ...
-def extract(images: NDArray[np.uint16], sensor: Sensor, threads: int = 0) -> Peaks: ...
-def triangulate(peaks: Peaks, sensor: Sensor, keep_rejected: bool = False) -> Profiles: ...
+def extract(images: NDArray[np.uint16], sensor: Sensor, threads: int = 0, all_peaks: bool = False) -> Peaks:
+    """Stripe peaks of images (n, cameras, height, width), at most one per column unless `all_peaks` asks for all.
+
+    Those that were not chosen carry the flag ``passed_over``, those that other cameras contradict ``unconfirmed``.
+    """
+
+def triangulate(peaks: Peaks, sensor: Sensor, keep_rejected: bool = False) -> Profiles:
+    """Points of the peaks, fused between cameras if the sensor's description says so.
+
+    Peaks with a flag of `PEAK_REJECTED` are left out unless kept, points outside the range always.
+    """
+
 def triangulate_pixels(
     pixels: NDArray[np.float64], sensor: Sensor, camera: int, form: Literal["exact", "ray", "eq4_as_printed"]
 ) -> NDArray[np.float64]: ...

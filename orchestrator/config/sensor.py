@@ -100,9 +100,26 @@ class RenderDescription(Description):
 class ExtractionDescription(Description):
     """From image to stripe peaks to points."""
 
-    detector: Literal["gaussian", "centre_of_gravity"] = "gaussian"
+    detector: Literal[
+        "gaussian",
+        "centre_of_gravity",
+        "parabola",
+        "log_parabola",
+        "blais_rioux_4",
+        "blais_rioux_8",
+        "derivative_of_gaussian",
+        "steger",
+    ] = Field(default="gaussian", description="how the centre of the stripe is measured in a column")
+    peak: Literal["brightest", "first", "last", "continuity", "agreement"] = Field(
+        default="brightest",
+        description="which of several peaks in a column is taken; agreement: of two cameras or more",
+    )
+    continuity_px: Positive = Field(default=4.0, description="rows per column that count as a jump; for continuity")
+    agreement_px: Positive = Field(default=0.5, description="largest difference between agreeing cameras, noise aside")
     triangulation: Literal["exact", "eq4_as_printed"] = "exact"
-    peak: Literal["brightest", "first", "last"] = "brightest"
+    fusion: Literal["none", "weighted"] = Field(
+        default="none", description="weighted: points that two cameras saw become one, weighted by their variances"
+    )
     threshold_sigma: Positive = Field(default=6.0, description="detection threshold above background noise")
     min_amplitude_dn: NonNegative = 4.0
     min_sigma_px: Positive = 0.4

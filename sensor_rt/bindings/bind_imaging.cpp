@@ -38,18 +38,19 @@ void bind_vector(Class& bound, const char* name, std::vector<T> Owner::*member, 
       doc);
 }
 
-Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads) {
+Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads, bool all_peaks) {
   const ImageStack<std::uint16_t> stack("images", images, sensor);
   const py::gil_scoped_release release;
-  const std::size_t tasks = stack.frames() * stack.cameras();
   std::vector<Extractor> extractors;
-  for (unsigned k = 0; k < thread_count(threads, tasks); ++k) {
-    extractors.emplace_back(sensor.extraction, sensor.image_noise);
+  for (unsigned k = 0; k < thread_count(threads, stack.frames()); ++k) {
+    extractors.push_back(make_extractor(sensor, all_peaks));
   }
-  std::vector<Peaks> found(tasks);
-  parallel_for(tasks, threads, [&](std::size_t task, unsigned worker) {
-    extractors[worker].extract(stack.image(task), static_cast<std::int64_t>(task / stack.cameras()),
-                               static_cast<int>(task % stack.cameras()), found[task]);
+  std::vector<Peaks> found(stack.frames());
+  parallel_for(stack.frames(), threads, [&](std::size_t frame, unsigned worker) {
+    for (std::size_t camera = 0; camera < stack.cameras(); ++camera) {
+      extractors[worker].measure(stack.image(frame * stack.cameras() + camera), static_cast<int>(camera));
+    }
+    extractors[worker].finish(static_cast<std::int64_t>(frame), found[frame]);
   });
   Peaks all;
   for (const Peaks& peaks : found) all.append(peaks);
@@ -118,7 +119,9 @@ void bind_peaks(py::module_& module) {
                                   {"residual", kPeakResidual},
                                   {"end", kPeakEnd},
                                   {"not_converged", kPeakNotConverged},
-                                  {"overlap", kPeakOverlap}}) {
+                                  {"overlap", kPeakOverlap},
+                                  {"passed_over", kPeakPassedOver},
+                                  {"unconfirmed", kPeakUnconfirmed}}) {
     flags[name] = static_cast<std::uint32_t>(bit);
   }
   module.attr("PEAK_FLAGS") = flags;
@@ -162,6 +165,7 @@ void bind_imaging(py::module_& module) {
   bind_profiles(module);
   module.def(
       "extract", &extract, py::arg("images"), py::arg("sensor"), py::arg("threads") = 0u,
+      py::arg("all_peaks") = false,
       "Stripe peaks of images (n, cameras, height, width) uint16. ValueError when the images do not fit.");
   module.def("triangulate", &triangulate_peaks, py::arg("peaks"), py::arg("sensor"),
              py::arg("keep_rejected") = false,

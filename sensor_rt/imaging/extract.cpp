@@ -4,8 +4,11 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "sensor_rt/imaging/agreement.h"
+#include "sensor_rt/imaging/choose.h"
 #include "sensor_rt/imaging/stripe.h"
 
 namespace sensor_rt {
@@ -18,11 +21,17 @@ void require(bool condition, const char* name, double value, const char* expecte
   }
 }
 
-void validate(const ExtractionOptions& o, const ImageNoise& n) {
+void validate(const ExtractionOptions& o, const ImageNoise& n, const SheetGeometry& g) {
   const auto positive = [](const char* name, double value) {
     require(value > 0.0 && std::isfinite(value), name, value, "a finite number > 0");
   };
   positive("threshold_sigma", o.threshold_sigma);
+  positive("continuity_px", o.continuity_px);
+  positive("agreement_px", o.agreement_px);
+  if (o.peak == PeakChoice::kAgreement && g.cameras.size() < 2) {
+    throw std::invalid_argument("extraction.peak = agreement: expected two cameras or more, the sensor has " +
+                                std::to_string(g.cameras.size()));
+  }
   positive("max_asymmetry", o.max_asymmetry);
   positive("max_residual", o.max_residual);
   positive("max_row_jump_px", o.max_row_jump_px);
@@ -69,22 +78,45 @@ float background_level(ImageRows image, double black, std::vector<std::uint16_t>
 }
 
 LocateFunction locator(PeakDetector detector) {
-  return detector == PeakDetector::kGaussian ? locate_gaussian : locate_centre_of_gravity;
+  switch (detector) {
+    case PeakDetector::kGaussian:
+      return locate_gaussian;
+    case PeakDetector::kCentreOfGravity:
+      return locate_centre_of_gravity;
+    case PeakDetector::kParabola:
+      return locate_parabola;
+    case PeakDetector::kLogParabola:
+      return locate_log_parabola;
+    case PeakDetector::kBlaisRioux4:
+      return locate_blais_rioux_4;
+    case PeakDetector::kBlaisRioux8:
+      return locate_blais_rioux_8;
+    case PeakDetector::kDerivativeOfGaussian:
+      return locate_derivative_of_gaussian;
+    case PeakDetector::kSteger:
+      return locate_steger;
+  }
+  throw std::invalid_argument("unknown peak detector");
+}
+
+bool chosen_by_rank(PeakChoice choice) {
+  return choice == PeakChoice::kBrightest || choice == PeakChoice::kFirst || choice == PeakChoice::kLast;
 }
 
 }  // namespace
 
 class Extractor::Impl {
  public:
-  Impl(const ExtractionOptions& options, const ImageNoise& noise) : options_(options), image_noise_(noise) {
-    validate(options, noise);
+  Impl(const ExtractionOptions& options, const ImageNoise& noise, SheetGeometry geometry, bool all_peaks)
+      : options_(options), image_noise_(noise), geometry_(std::move(geometry)), all_peaks_(all_peaks) {
+    validate(options, noise, geometry_);
     const double dark_dn = noise.gain_dn_per_e * std::hypot(noise.read_noise_e, noise.dsnu_e);
     noise_.variance_floor = static_cast<float>(dark_dn * dark_dn + 1.0 / 12.0);
     noise_.gain = static_cast<float>(noise.gain_dn_per_e);
     noise_.saturation = saturation_level(noise);
   }
 
-  void extract(ImageView<const std::uint16_t> image, std::int64_t frame, int camera, Peaks& out) {
+  void measure(ImageView<const std::uint16_t> image, int camera) {
     if (image.width < 1 || image.height < 3) {
       throw std::invalid_argument("image of " + std::to_string(image.width) + " x " +
                                   std::to_string(image.height) + " pixels: expected at least 1 x 3");
@@ -94,34 +126,68 @@ class Extractor::Impl {
     // A stripe of the least amplitude lights three rows by at least about its own amplitude.
     const auto threshold =
         static_cast<float>(std::max(options_.threshold_sigma * noise_of_sum, options_.min_amplitude_dn));
-    choose(finder_.find(image, noise_, threshold, image_noise_.bit_depth));
-    for (Candidate& candidate : chosen_) guess(image, noise_.background, candidate);
-    fits_.resize(chosen_.size());
-    locator(options_.detector)(image, noise_, chosen_.data(), chosen_.size(), fits_.data());
-    judge(options_, chosen_, fits_);
-    store(frame, camera, out);
+    CameraPeaks& peaks = next();
+    peaks.camera = camera;
+    peaks.candidates = finder_.find(image, noise_, threshold, image_noise_.bit_depth);
+    // What is certain to be passed over need not be measured.
+    if (chosen_by_rank(options_.peak) && !all_peaks_) keep_by_rank(options_.peak, peaks.candidates);
+    for (Candidate& candidate : peaks.candidates) guess(image, noise_.background, candidate);
+    peaks.fits.resize(peaks.candidates.size());
+    locator(options_.detector)(image, noise_, peaks.candidates.data(), peaks.candidates.size(),
+                               peaks.fits.data());
+    for (StripeFit& fit : peaks.fits) judge_shape(options_, fit);
+  }
+
+  void finish(std::int64_t frame, Peaks& out) {
+    cameras_.resize(measured_);
+    if (options_.peak == PeakChoice::kAgreement) compare_cameras(cameras_, geometry_, options_.agreement_px);
+    for (CameraPeaks& peaks : cameras_) {
+      judge(peaks, choose(peaks));
+      store(peaks, frame, out);
+    }
+    measured_ = 0;
   }
 
  private:
-  /// One candidate per column.
-  void choose(const std::vector<Candidate>& candidates) {
-    chosen_.clear();
-    for (const Candidate& c : candidates) {
-      if (chosen_.empty() || chosen_.back().column != c.column) {
-        chosen_.push_back(c);
-      } else if (options_.peak == PeakChoice::kLast ||
-                 (options_.peak == PeakChoice::kBrightest && c.strength > chosen_.back().strength)) {
-        chosen_.back() = c;
-      }
-    }
+  CameraPeaks& next() {
+    if (measured_ == cameras_.size()) cameras_.emplace_back();
+    return cameras_[measured_++];
   }
 
-  void store(std::int64_t frame, int camera, Peaks& out) const {
-    for (std::size_t i = 0; i < fits_.size(); ++i) {
-      const StripeFit& fit = fits_[i];
+  std::vector<std::size_t> choose(const CameraPeaks& peaks) const {
+    if (options_.peak == PeakChoice::kAgreement) return choose_by_standing(peaks);
+    if (options_.peak == PeakChoice::kContinuity) return choose_continuous(peaks, options_.continuity_px);
+    return choose_by_rank(options_.peak, peaks.candidates);
+  }
+
+  /// Flags the chosen peaks by their neighbours and all others as passed over; drops the others unless all
+  /// are wanted.
+  void judge(CameraPeaks& peaks, const std::vector<std::size_t>& chosen) {
+    candidates_.clear();
+    fits_.clear();
+    for (const std::size_t i : chosen) {
+      candidates_.push_back(peaks.candidates[i]);
+      fits_.push_back(peaks.fits[i]);
+      if (options_.peak == PeakChoice::kAgreement && peaks.standing[i] == Standing::kContradicted) {
+        fits_.back().flags |= kPeakUnconfirmed;
+      }
+    }
+    judge_neighbours(options_, candidates_, fits_);
+    if (!all_peaks_) {
+      std::swap(peaks.candidates, candidates_);
+      std::swap(peaks.fits, fits_);
+      return;
+    }
+    for (StripeFit& fit : peaks.fits) fit.flags |= kPeakPassedOver;
+    for (std::size_t k = 0; k < chosen.size(); ++k) peaks.fits[chosen[k]] = fits_[k];
+  }
+
+  static void store(const CameraPeaks& peaks, std::int64_t frame, Peaks& out) {
+    for (std::size_t i = 0; i < peaks.fits.size(); ++i) {
+      const StripeFit& fit = peaks.fits[i];
       out.frame.push_back(frame);
-      out.camera.push_back(camera);
-      out.column.push_back(chosen_[i].column);
+      out.camera.push_back(peaks.camera);
+      out.column.push_back(peaks.candidates[i].column);
       out.row.push_back(fit.row);
       out.amplitude.push_back(fit.amplitude);
       out.width.push_back(fit.width);
@@ -134,21 +200,26 @@ class Extractor::Impl {
 
   ExtractionOptions options_;
   ImageNoise image_noise_;
+  SheetGeometry geometry_;
+  bool all_peaks_;
   PixelNoise noise_;
   CandidateFinder finder_;
   std::vector<std::uint16_t> sample_;
-  std::vector<Candidate> chosen_;
+  std::vector<CameraPeaks> cameras_;
+  std::size_t measured_ = 0;  // how many of cameras_ belong to this exposure
+  std::vector<Candidate> candidates_;
   std::vector<StripeFit> fits_;
 };
 
-Extractor::Extractor(const ExtractionOptions& options, const ImageNoise& noise)
-    : impl_(std::make_unique<Impl>(options, noise)) {}
+Extractor::Extractor(const ExtractionOptions& options, const ImageNoise& noise, const SheetGeometry& geometry,
+                     bool all_peaks)
+    : impl_(std::make_unique<Impl>(options, noise, geometry, all_peaks)) {}
 Extractor::~Extractor() = default;
 Extractor::Extractor(Extractor&&) noexcept = default;
 Extractor& Extractor::operator=(Extractor&&) noexcept = default;
 
-void Extractor::extract(ImageView<const std::uint16_t> image, std::int64_t frame, int camera, Peaks& out) {
-  impl_->extract(image, frame, camera, out);
-}
+void Extractor::measure(ImageView<const std::uint16_t> image, int camera) { impl_->measure(image, camera); }
+
+void Extractor::finish(std::int64_t frame, Peaks& out) { impl_->finish(frame, out); }
 
 }  // namespace sensor_rt

@@ -3,22 +3,41 @@
 
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "sensor_rt/geometry/image.h"
 #include "sensor_rt/imaging/peaks.h"
+#include "sensor_rt/optics/camera.h"
 
 namespace sensor_rt {
 
-/// How the centre of a stripe is measured in a column.
-enum class PeakDetector { kGaussian, kCentreOfGravity };
+/// How the centre of a stripe is measured in a column. Each has a file, or shares one with its like.
+enum class PeakDetector {
+  kGaussian,              ///< least squares with a pixel-integrated Gaussian
+  kCentreOfGravity,       ///< first moment
+  kParabola,              ///< through the three highest pixels
+  kLogParabola,           ///< weighted least squares through the logarithms of nine pixels
+  kBlaisRioux4,           ///< zero crossing of two rows less the next two
+  kBlaisRioux8,           ///< the same with four and four
+  kDerivativeOfGaussian,  ///< zero crossing of a filter as wide as the stripe
+  kSteger                 ///< ridge of the smoothed image
+};
 
 /// Which of several peaks in a column is taken.
-enum class PeakChoice { kBrightest, kFirst, kLast };
+enum class PeakChoice {
+  kBrightest,
+  kFirst,
+  kLast,
+  kContinuity,  ///< of the path over the columns that is bright and jumps little
+  kAgreement    ///< what the cameras agree on, then the brightest; needs two cameras
+};
 
 /// Options of the stripe search: the section "extraction" of the sensor description.
 struct ExtractionOptions {
   PeakDetector detector = PeakDetector::kGaussian;
   PeakChoice peak = PeakChoice::kBrightest;
+  double continuity_px = 0.0;  ///< rows per column that count as a jump, for the choice by continuity
+  double agreement_px = 0.0;   ///< two cameras agree when they differ by no more than this and noise
   double threshold_sigma =
       0.0;  ///< a candidate rises this many noise standard deviations above the background
   double min_amplitude_dn = 0.0;
@@ -43,17 +62,32 @@ struct ImageNoise {
   double dsnu_e = 0.0;  ///< spread of the pixels' offsets: noise of an unknown but fixed pattern
 };
 
-/// Finds the stripe in images. Keeps its scratch memory: one Extractor per thread.
+/// Where the cameras and the laser stand, for comparing cameras.
+struct SheetGeometry {
+  std::vector<Camera> cameras;
+  double source_z = 0.0;  ///< sensor Z of the laser's point source, m
+  double near = 0.0;      ///< measuring range along sensor Z, m
+  double far = 0.0;       ///< m
+};
+
+/// Finds the stripe in the images of an exposure: measure() for each camera in ascending order, which needs
+/// its image only while it runs, then finish(). Keeps its scratch memory: one Extractor per thread.
 class Extractor {
  public:
-  /// Throws std::invalid_argument naming the option that is out of bounds.
-  Extractor(const ExtractionOptions& options, const ImageNoise& noise);
+  /// `all_peaks`: give the peaks that were not chosen as well, flagged so. Throws std::invalid_argument
+  /// naming the option that is out of bounds.
+  Extractor(const ExtractionOptions& options, const ImageNoise& noise, const SheetGeometry& geometry,
+            bool all_peaks);
   ~Extractor();
   Extractor(Extractor&&) noexcept;
   Extractor& operator=(Extractor&&) noexcept;
 
-  /// Appends the chosen peak of every column that has one, flags included, in ascending columns.
-  void extract(ImageView<const std::uint16_t> image, std::int64_t frame, int camera, Peaks& out);
+  /// Finds and measures the peaks in the image of a camera.
+  void measure(ImageView<const std::uint16_t> image, int camera);
+
+  /// Appends the chosen peak of every column that has one, flags included, sorted by camera and column, and
+  /// begins a new exposure.
+  void finish(std::int64_t frame, Peaks& out);
 
  private:
   class Impl;

@@ -20,13 +20,15 @@ enum PeakFlag : std::uint32_t {
   kPeakResidual = 1u << 8,    ///< the stripe is not shaped like the model
   kPeakEnd = 1u << 9,         ///< within end_columns of the end of a continuous run, or in a run too short
   kPeakNotConverged = 1u << 10,  ///< the fit did not settle
-  kPeakOverlap = 1u << 11        ///< another peak overlaps the flank of this one
+  kPeakOverlap = 1u << 11,       ///< another peak overlaps the flank of this one
+  kPeakPassedOver = 1u << 12,    ///< another peak of the column was chosen
+  kPeakUnconfirmed = 1u << 13    ///< other cameras contradict it: a reflection, or bent by an edge
 };
 
 /// Peaks with any of these are not turned into points.
 constexpr std::uint32_t kPeakRejected = kPeakBorder | kPeakAsymmetric | kPeakWide | kPeakNarrow | kPeakWeak |
                                         kPeakStep | kPeakResidual | kPeakEnd | kPeakNotConverged |
-                                        kPeakOverlap;
+                                        kPeakOverlap | kPeakPassedOver | kPeakUnconfirmed;
 
 /// Peaks of any number of images, in the order frame, camera, column, row.
 struct Peaks {

@@ -12,20 +12,6 @@ constexpr float kNoiseSigmas = 4.0f;     // allowance for noise in comparisons b
 constexpr float kShapeSigmas = 3.0f;     // allowance for noise in the asymmetry of one column
 constexpr float kMultipleSigmas = 1.0f;  // the same where a second peak is a reason to suspect a split stripe
 
-void judge_shape(const ExtractionOptions& o, StripeFit& fit) {
-  if (fit.amplitude < o.min_amplitude_dn) fit.flags |= kPeakWeak;
-  if (fit.width < o.min_sigma_px) fit.flags |= kPeakNarrow;
-  if (fit.width > o.max_sigma_px) fit.flags |= kPeakWide;
-  const float sigmas = (fit.flags & kPeakMultiple) != 0 ? kMultipleSigmas : kShapeSigmas;
-  if (!(std::fabs(fit.asymmetry) <= static_cast<float>(o.max_asymmetry) + sigmas * fit.asymmetry_sigma)) {
-    fit.flags |= kPeakAsymmetric;
-  }
-  // The residual's square fluctuates by about its expectation when few pixels carry it.
-  const auto allowed = static_cast<float>(o.max_residual);
-  const float noise = 1.5f * fit.residual_noise;
-  if (fit.residual * fit.residual > allowed * allowed + noise * noise) fit.flags |= kPeakResidual;
-}
-
 /// The peaks of an image seen as a chain over the columns.
 class Chain {
  public:
@@ -114,9 +100,22 @@ class Chain {
 
 }  // namespace
 
-void judge(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
-           std::vector<StripeFit>& fits) {
-  for (StripeFit& fit : fits) judge_shape(options, fit);
+void judge_shape(const ExtractionOptions& o, StripeFit& fit) {
+  if (fit.amplitude < o.min_amplitude_dn) fit.flags |= kPeakWeak;
+  if (fit.width < o.min_sigma_px) fit.flags |= kPeakNarrow;
+  if (fit.width > o.max_sigma_px) fit.flags |= kPeakWide;
+  const float sigmas = (fit.flags & kPeakMultiple) != 0 ? kMultipleSigmas : kShapeSigmas;
+  if (!(std::fabs(fit.asymmetry) <= static_cast<float>(o.max_asymmetry) + sigmas * fit.asymmetry_sigma)) {
+    fit.flags |= kPeakAsymmetric;
+  }
+  // The residual's square fluctuates by about its expectation when few pixels carry it.
+  const auto allowed = static_cast<float>(o.max_residual);
+  const float noise = 1.5f * fit.residual_noise;
+  if (fit.residual * fit.residual > allowed * allowed + noise * noise) fit.flags |= kPeakResidual;
+}
+
+void judge_neighbours(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
+                      std::vector<StripeFit>& fits) {
   Chain chain(options, candidates, fits);
   chain.judge_neighbours();
   chain.judge_runs();

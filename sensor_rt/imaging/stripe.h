@@ -61,6 +61,18 @@ void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* 
                      StripeFit* fits);
 void locate_centre_of_gravity(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
                               std::size_t count, StripeFit* fits);
+void locate_parabola(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
+                     StripeFit* fits);
+void locate_log_parabola(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
+                         std::size_t count, StripeFit* fits);
+void locate_blais_rioux_4(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
+                          std::size_t count, StripeFit* fits);
+void locate_blais_rioux_8(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
+                          std::size_t count, StripeFit* fits);
+void locate_derivative_of_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
+                                   std::size_t count, StripeFit* fits);
+void locate_steger(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
+                   StripeFit* fits);
 
 /// Finds the candidates of all columns. Keeps its memory from image to image.
 class CandidateFinder {
@@ -96,8 +108,12 @@ class CandidateFinder {
 /// First guesses of centre, width and amplitude by moments over the run.
 void guess(ImageRows image, float background, Candidate& candidate);
 
-/// Sets the flags of the fits of one image (ascending columns) from their shape and from their neighbours.
-void judge(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
-           std::vector<StripeFit>& fits);
+/// Sets the flags that a peak earns by its own shape.
+void judge_shape(const ExtractionOptions& options, StripeFit& fit);
+
+/// Sets the flags that the chosen peaks of an image (one per column, ascending, shape judged) earn by their
+/// neighbours.
+void judge_neighbours(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
+                      std::vector<StripeFit>& fits);
 
 }  // namespace sensor_rt

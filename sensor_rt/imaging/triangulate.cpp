@@ -4,6 +4,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "sensor_rt/imaging/fuse.h"
+
 namespace sensor_rt {
 namespace {
 
@@ -12,17 +14,11 @@ void extend(std::vector<T, Allocator>& to, const std::vector<T, Allocator>& from
   to.insert(to.end(), from.begin(), from.end());
 }
 
-/// d (p_x, p_y) / d (column, row). Distortion varies slowly: central differences err by less than 1e-9.
+/// d (p_x, p_y) / d (column, row).
 Eigen::Matrix2d paper_jacobian(const Camera& camera, const Eigen::Vector2d& pixel) {
-  if (!camera.is_distorted()) return Eigen::Vector2d(-camera.side, 1.0).asDiagonal();
-  constexpr double kStep = 0.05;  // px
-  Eigen::Matrix2d jacobian;
-  for (int k = 0; k < 2; ++k) {
-    const Eigen::Vector2d step = kStep * Eigen::Vector2d::Unit(k);
-    jacobian.col(k) =
-        (camera.paper_coordinates(pixel + step) - camera.paper_coordinates(pixel - step)) / (2.0 * kStep);
-  }
-  return jacobian;
+  const Eigen::Matrix2d signs = Eigen::Vector2d(-camera.side, 1.0).asDiagonal();
+  if (!camera.is_distorted()) return signs;
+  return camera.focal_px * signs * camera.ray_jacobian(camera.ray(pixel));
 }
 
 }  // namespace
@@ -63,11 +59,14 @@ Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const E
   return by_paper * paper_jacobian(camera, pixel);
 }
 
-void triangulate(const Peaks& peaks, const std::vector<Camera>& cameras, const TriangulationOptions& options,
-                 Profiles& out) {
+namespace {
+
+void triangulate_range(const Peaks& peaks, std::size_t begin, std::size_t end,
+                       const std::vector<Camera>& cameras, const TriangulationOptions& options,
+                       Profiles& out) {
   const auto locate =
       options.form == TriangulationForm::kExact ? triangulate_exact : triangulate_eq4_as_printed;
-  for (std::size_t i = 0; i < peaks.size(); ++i) {
+  for (std::size_t i = begin; i < end; ++i) {
     const auto index = static_cast<std::size_t>(peaks.camera[i]);
     if (peaks.camera[i] < 0 || index >= cameras.size()) {
       throw std::invalid_argument("peak " + std::to_string(i) + " names camera " +
@@ -93,6 +92,20 @@ void triangulate(const Peaks& peaks, const std::vector<Camera>& cameras, const T
   }
 }
 
+}  // namespace
+
+void triangulate(const Peaks& peaks, const std::vector<Camera>& cameras, const TriangulationOptions& options,
+                 Profiles& out) {
+  std::size_t begin = 0;
+  while (begin < peaks.size()) {
+    std::size_t end = begin + 1;
+    while (end < peaks.size() && peaks.frame[end] == peaks.frame[begin]) ++end;
+    const std::size_t first = out.size();
+    triangulate_range(peaks, begin, end, cameras, options, out);
+    if (options.fusion == Fusion::kWeighted) fuse(cameras, options.agreement_px, first, out);
+    begin = end;
+  }
+}
 void Profiles::clear() { *this = Profiles{}; }
 
 void Profiles::reserve(std::size_t count) {
@@ -105,6 +118,30 @@ void Profiles::reserve(std::size_t count) {
   sigma.reserve(count);
   intensity.reserve(count);
   flags.reserve(count);
+}
+
+void Profiles::resize(std::size_t count) {
+  frame.resize(count);
+  camera.resize(count);
+  column.resize(count);
+  row.resize(count);
+  points_in_sensor.resize(count);
+  covariance.resize(count);
+  sigma.resize(count);
+  intensity.resize(count);
+  flags.resize(count);
+}
+
+void Profiles::move(std::size_t from, std::size_t to) {
+  frame[to] = frame[from];
+  camera[to] = camera[from];
+  column[to] = column[from];
+  row[to] = row[from];
+  points_in_sensor[to] = points_in_sensor[from];
+  covariance[to] = covariance[from];
+  sigma[to] = sigma[from];
+  intensity[to] = intensity[from];
+  flags[to] = flags[from];
 }
 
 void Profiles::append(const Profiles& other) {

@@ -15,8 +15,13 @@ namespace sensor_rt {
 /// kEq4AsPrinted is the published form, kept for comparison: its Y is too large by sqrt(f² + p_y²) / f.
 enum class TriangulationForm { kExact, kEq4AsPrinted };
 
+/// kWeighted: points that several cameras saw become one, see fuse.h.
+enum class Fusion { kNone, kWeighted };
+
 struct TriangulationOptions {
   TriangulationForm form = TriangulationForm::kExact;
+  Fusion fusion = Fusion::kNone;
+  double agreement_px = 0.0;   ///< points of two cameras further apart than this and their noise stay apart
   double near = 0.0;           ///< m: points with sensor Z outside [near, far] are left out
   double far = 0.0;            ///< m
   bool keep_rejected = false;  ///< true: also triangulate peaks whose flags are in kPeakRejected
@@ -27,7 +32,7 @@ struct Profiles {
   std::vector<std::int64_t> frame;
   std::vector<std::int32_t> camera;
   std::vector<std::int32_t> column;
-  std::vector<double> row;
+  std::vector<double> row;  ///< px, as the camera saw it
   std::vector<Eigen::Vector3d> points_in_sensor;
   std::vector<Eigen::Matrix3d> covariance;  ///< m²
   std::vector<float> sigma;          ///< m: standard deviation along the direction of largest uncertainty
@@ -38,6 +43,8 @@ struct Profiles {
   void clear();
   void reserve(std::size_t count);
   void append(const Profiles& other);
+  void resize(std::size_t count);
+  void move(std::size_t from, std::size_t to);
 };
 
 /// Point on the laser sheet seen at a pixel: closed form (pinhole in the frame of the paper, distortion
@@ -53,8 +60,8 @@ Eigen::Vector3d triangulate_eq4_as_printed(const Camera& camera, const Eigen::Ve
 /// d point / d (column, row) of triangulate_exact, m/px.
 Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const Eigen::Vector2d& pixel);
 
-/// Appends the points of all usable peaks. Throws std::invalid_argument when a peak names a camera that is
-/// not there.
+/// Appends the points of all usable peaks, which are sorted by frame, camera and column. Throws
+/// std::invalid_argument when a peak names a camera that is not there.
 void triangulate(const Peaks& peaks, const std::vector<Camera>& cameras, const TriangulationOptions& options,
                  Profiles& out);
 

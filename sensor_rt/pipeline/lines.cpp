@@ -28,7 +28,7 @@ void ImageLine::expose(const Exposures& exposures, std::size_t exposure, std::si
 }
 
 RayTracedLine::RayTracedLine(const Sensor& sensor, const RenderPlan& plan, const Detector& detector)
-    : sensor_(sensor), images_(plan, detector), extractor_(sensor.extraction, sensor.image_noise) {}
+    : sensor_(sensor), images_(plan, detector), extractor_(make_extractor(sensor, false)) {}
 
 void RayTracedLine::run(const Scene& scene, const Exposures& exposures, std::size_t exposure,
                         std::uint16_t* kept, Profiles& out) {
@@ -40,8 +40,11 @@ void RayTracedLine::run(const Scene& scene, const Exposures& exposures, std::siz
     std::uint16_t* pixels = kept == nullptr ? scratch_.data() : kept + c * size.pixels();
     images_.expose(exposures, exposure, c, {pixels, size.width, size.height, size.width});
     const Stopwatch watch(images_.seconds()[kExtract]);
-    extractor_.extract({pixels, size.width, size.height, size.width}, exposures.index[exposure],
-                       static_cast<int>(c), peaks_);
+    extractor_.measure({pixels, size.width, size.height, size.width}, static_cast<int>(c));
+  }
+  {
+    const Stopwatch watch(images_.seconds()[kExtract]);
+    extractor_.finish(exposures.index[exposure], peaks_);
   }
   const Stopwatch watch(images_.seconds()[kTriangulate]);
   triangulate(peaks_, sensor_.cameras, sensor_.triangulation, out);

@@ -67,10 +67,25 @@ void read_detector(JsonObject json, Sensor& sensor) {
 
 void read_extraction(JsonObject json, Sensor& sensor) {
   ExtractionOptions& e = sensor.extraction;
-  constexpr PeakDetector kDetectors[] = {PeakDetector::kGaussian, PeakDetector::kCentreOfGravity};
-  e.detector = kDetectors[json.choice("detector", {"gaussian", "centre_of_gravity"})];
-  constexpr PeakChoice kChoices[] = {PeakChoice::kBrightest, PeakChoice::kFirst, PeakChoice::kLast};
-  e.peak = kChoices[json.choice("peak", {"brightest", "first", "last"})];
+  constexpr PeakDetector kDetectors[] = {PeakDetector::kGaussian,
+                                         PeakDetector::kCentreOfGravity,
+                                         PeakDetector::kParabola,
+                                         PeakDetector::kLogParabola,
+                                         PeakDetector::kBlaisRioux4,
+                                         PeakDetector::kBlaisRioux8,
+                                         PeakDetector::kDerivativeOfGaussian,
+                                         PeakDetector::kSteger};
+  e.detector = kDetectors[json.choice(
+      "detector", {"gaussian", "centre_of_gravity", "parabola", "log_parabola", "blais_rioux_4",
+                   "blais_rioux_8", "derivative_of_gaussian", "steger"})];
+  constexpr PeakChoice kChoices[] = {PeakChoice::kBrightest, PeakChoice::kFirst, PeakChoice::kLast,
+                                     PeakChoice::kContinuity, PeakChoice::kAgreement};
+  e.peak = kChoices[json.choice("peak", {"brightest", "first", "last", "continuity", "agreement"})];
+  constexpr Fusion kFusions[] = {Fusion::kNone, Fusion::kWeighted};
+  sensor.triangulation.fusion = kFusions[json.choice("fusion", {"none", "weighted"})];
+  e.continuity_px = json.positive("continuity_px");
+  e.agreement_px = json.positive("agreement_px");
+  sensor.triangulation.agreement_px = e.agreement_px;
   constexpr TriangulationForm kForms[] = {TriangulationForm::kExact, TriangulationForm::kEq4AsPrinted};
   sensor.triangulation.form = kForms[json.choice("triangulation", {"exact", "eq4_as_printed"})];
   e.threshold_sigma = json.positive("threshold_sigma");
@@ -105,6 +120,13 @@ void read_range(JsonObject json, Sensor& sensor) {
 }
 
 }  // namespace
+
+Extractor make_extractor(const Sensor& sensor, bool all_peaks) {
+  return {sensor.extraction,
+          sensor.image_noise,
+          {sensor.cameras, sensor.laser.source_z, sensor.near, sensor.far},
+          all_peaks};
+}
 
 Sensor parse_sensor(const std::string& text) {
   nlohmann::json document;

@@ -24,6 +24,9 @@ struct Sensor : SensorModel {
   int geometric_rays = 0;   ///< laser rays of the geometric mode
 };
 
+/// See Extractor.
+Extractor make_extractor(const Sensor& sensor, bool all_peaks);
+
 /// Parses a resolved description (SI units, all keys present). Throws std::invalid_argument naming the key at
 /// fault.
 Sensor parse_sensor(const std::string& json);

@@ -1,0 +1,277 @@
+#include "sensor_rt/imaging/agreement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "sensor_rt/imaging/triangulate.h"
+
+namespace sensor_rt {
+namespace {
+
+constexpr double kNoiseSigmas = 4.0;
+constexpr double kNearby = 4.0;          // widths of both stripes together: this near, but not there
+constexpr double kTrackJump = 2.0;       // rows from column to column within a track
+constexpr double kConfirmedShare = 0.5;  // of a track that vouches for the rest of it
+constexpr std::uint32_t kNoise = kPeakWeak | kPeakNarrow | kPeakNotConverged;
+
+/// A peak with its place on the sheet.
+struct Sighting {
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();
+  int bin = -1;          ///< of the laser ray; -1: not a place where the laser could be
+  bool refuted = false;  ///< another camera shows the stripe close by, but not there
+};
+
+/// Bins of laser rays by their slope, about one column wide: who has a peak on them, and which are settled.
+class RayBins {
+ public:
+  RayBins(const SheetGeometry& geometry, const std::vector<std::vector<Sighting>>& sightings)
+      : source_z_(geometry.source_z) {
+    double focal = 1.0;
+    for (const Camera& camera : geometry.cameras) focal = std::max(focal, camera.focal_px);
+    per_slope_ = focal;
+    double highest = -std::numeric_limits<double>::infinity();
+    for (const auto& of_camera : sightings) {
+      for (const Sighting& s : of_camera) {
+        if (s.bin < 0) continue;
+        lowest_ = std::min(lowest_, slope(s.point));
+        highest = std::max(highest, slope(s.point));
+      }
+    }
+    const double bins = highest >= lowest_ ? (highest - lowest_) * per_slope_ + 4.0 : 0.0;
+    cameras_.assign(static_cast<std::size_t>(std::min(bins, 1e6)), 0u);
+    settled_.assign(cameras_.size(), 0);
+  }
+
+  int bin(const Eigen::Vector3d& point) const {
+    const double place = (slope(point) - lowest_) * per_slope_ + 1.0;
+    return static_cast<int>(std::clamp(place, 0.0, static_cast<double>(cameras_.size()) - 1.0));
+  }
+
+  void add(int bin, std::size_t camera) { cameras_[static_cast<std::size_t>(bin)] |= 1u << camera; }
+  void settle(int bin) { settled_[static_cast<std::size_t>(bin)] = 1; }
+
+  /// Cameras with a peak on the ray or on its neighbours; bit per camera.
+  unsigned cameras(int bin) const {
+    unsigned found = 0;
+    visit(bin, [&](std::size_t b) { found |= cameras_[b]; });
+    return found;
+  }
+
+  bool is_settled(int bin) const {
+    bool settled = false;
+    visit(bin, [&](std::size_t b) { settled = settled || settled_[b] != 0; });
+    return settled;
+  }
+
+ private:
+  double slope(const Eigen::Vector3d& point) const { return point.y() / (point.z() - source_z_); }
+
+  template <typename Body>
+  void visit(int bin, const Body& body) const {
+    const int last = std::min(bin + 1, static_cast<int>(cameras_.size()) - 1);
+    for (int b = std::max(0, bin - 1); b <= last; ++b) body(static_cast<std::size_t>(b));
+  }
+
+  double source_z_;
+  double per_slope_ = 1.0;
+  double lowest_ = std::numeric_limits<double>::infinity();
+  std::vector<unsigned> cameras_;
+  std::vector<unsigned char> settled_;
+};
+
+class Comparison {
+ public:
+  Comparison(std::vector<CameraPeaks>& peaks, const SheetGeometry& geometry, double tolerance_px)
+      : peaks_(peaks), geometry_(geometry), tolerance_(tolerance_px) {
+    for (CameraPeaks& of_camera : peaks_) {
+      of_camera.standing.assign(of_camera.fits.size(), Standing::kContradicted);
+      camera_from_sensor_.push_back(camera(of_camera).sensor_from_camera.inverse());
+      starts_.push_back(starts(of_camera));
+      sightings_.push_back(locate(of_camera));
+    }
+  }
+
+  void run() {
+    for (std::size_t a = 0; a < peaks_.size(); ++a) {
+      for (std::size_t i = 0; i < sightings_[a].size(); ++i) confirm(a, i);
+    }
+    RayBins rays(geometry_, sightings_);
+    for (std::size_t a = 0; a < peaks_.size(); ++a) enter(a, rays);
+    for (std::size_t a = 0; a < peaks_.size(); ++a) {
+      const std::vector<bool> vouched = vouch(a);
+      for (std::size_t i = 0; i < sightings_[a].size(); ++i) weigh(a, i, vouched[i], rays);
+    }
+  }
+
+ private:
+  const Camera& camera(const CameraPeaks& p) const {
+    return geometry_.cameras[static_cast<std::size_t>(p.camera)];
+  }
+
+  /// Number of candidates in the columns before each column.
+  std::vector<std::size_t> starts(const CameraPeaks& p) const {
+    std::vector<std::size_t> first(static_cast<std::size_t>(camera(p).width_px) + 1, 0);
+    for (const Candidate& c : p.candidates) ++first[static_cast<std::size_t>(c.column) + 1];
+    for (std::size_t x = 1; x < first.size(); ++x) first[x] += first[x - 1];
+    return first;
+  }
+
+  std::vector<Sighting> locate(const CameraPeaks& p) const {
+    std::vector<Sighting> found(p.fits.size());
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      found[i].point = triangulate_exact(camera(p), {p.candidates[i].column, p.fits[i].row});
+      const double z = found[i].point.z();
+      const bool possible = z >= geometry_.near && z <= geometry_.far && z > geometry_.source_z;
+      found[i].bin = possible && (p.fits[i].flags & kNoise) == 0 ? 0 : -1;
+    }
+    return found;
+  }
+
+  Eigen::Vector2d project(std::size_t b, const Eigen::Vector3d& point) const {
+    return camera(peaks_[b]).project(camera_from_sensor_[b] * point);
+  }
+
+  bool in_view(std::size_t b, const Eigen::Vector2d& pixel) const {
+    const Camera& c = camera(peaks_[b]);
+    return pixel.x() >= 0.0 && pixel.y() >= 0.0 && pixel.x() <= c.width_px - 1.0 &&
+           pixel.y() <= c.height_px - 1.0;
+  }
+
+  /// Looks for the point of peak i of camera a in the images of the others.
+  void confirm(std::size_t a, std::size_t i) {
+    Sighting& s = sightings_[a][i];
+    if (s.bin < 0) return;
+    const StripeFit& fit = peaks_[a].fits[i];
+    const Eigen::Vector3d shifted = triangulate_exact(
+        camera(peaks_[a]), {peaks_[a].candidates[i].column, fit.row + static_cast<double>(fit.row_sigma)});
+    for (std::size_t b = 0; b < peaks_.size(); ++b) {
+      if (b == a) continue;
+      const Eigen::Vector2d seen = project(b, s.point);
+      if (!in_view(b, seen)) continue;
+      const double sigma = std::fabs(project(b, shifted).y() - seen.y());
+      const Match match = nearest(b, seen, sigma);
+      if (match.beyond_tolerance <= 0.0) {
+        peaks_[a].standing[i] = Standing::kConfirmed;
+      } else if (match.distance < kNearby * (static_cast<double>(fit.width) + match.width)) {
+        s.refuted = true;
+      }
+    }
+  }
+
+  /// The peak of camera b that comes closest to where one is expected.
+  struct Match {
+    double beyond_tolerance = std::numeric_limits<double>::infinity();  ///< px; <= 0: it is there
+    double distance = std::numeric_limits<double>::infinity();          ///< px
+    double width = 0.0;                                                 ///< px
+  };
+
+  Match nearest(std::size_t b, const Eigen::Vector2d& seen, double sigma) const {
+    const auto left = static_cast<std::size_t>(seen.x());
+    const double share = seen.x() - static_cast<double>(left);
+    const std::vector<std::size_t>& first = starts_[b];
+    const std::size_t right = std::min(left + 1, first.size() - 2);
+    Match best;
+    const auto offer = [&](double row, double spread, const StripeFit& fit, double slack) {
+      const double distance = std::fabs(row - seen.y());
+      const double beyond = distance - tolerance_ - slack - kNoiseSigmas * std::hypot(sigma, spread);
+      if (beyond >= best.beyond_tolerance) return;
+      best = {beyond, distance, static_cast<double>(fit.width)};
+    };
+    for (std::size_t i = first[left]; i < first[left + 1]; ++i) {
+      if (sightings_[b][i].bin < 0) continue;
+      const StripeFit& l = peaks_[b].fits[i];
+      const auto spread = static_cast<double>(l.row_sigma);
+      bool continued = false;
+      for (std::size_t j = first[right]; j < first[right + 1]; ++j) {
+        const StripeFit& r = peaks_[b].fits[j];
+        if (sightings_[b][j].bin < 0 || std::fabs(r.row - l.row) > kTrackJump) continue;
+        offer((1.0 - share) * l.row + share * r.row, spread, l, 0.0);
+        continued = true;
+      }
+      if (!continued) offer(l.row, spread, l, share * tolerance_);
+    }
+    for (std::size_t j = first[right]; j < first[right + 1]; ++j) {
+      if (sightings_[b][j].bin < 0) continue;
+      const StripeFit& r = peaks_[b].fits[j];
+      offer(r.row, static_cast<double>(r.row_sigma), r, 0.0);
+    }
+    return best;
+  }
+
+  void enter(std::size_t a, RayBins& rays) {
+    for (std::size_t i = 0; i < sightings_[a].size(); ++i) {
+      Sighting& s = sightings_[a][i];
+      if (s.bin < 0) continue;
+      s.bin = rays.bin(s.point);
+      rays.add(s.bin, a);
+      if (peaks_[a].standing[i] == Standing::kConfirmed) rays.settle(s.bin);
+    }
+  }
+
+  /// Which peaks of camera a lie on a track over the columns that is confirmed for the most part.
+  std::vector<bool> vouch(std::size_t a) const {
+    const CameraPeaks& p = peaks_[a];
+    const std::size_t count = p.fits.size();
+    std::vector<std::size_t> track(count);
+    std::vector<std::size_t> members;
+    std::vector<std::size_t> confirmed;
+    for (std::size_t i = 0; i < count; ++i) {
+      track[i] = predecessor(a, i, track, members.size());
+      if (track[i] == members.size()) {
+        members.push_back(0);
+        confirmed.push_back(0);
+      }
+      ++members[track[i]];
+      if (p.standing[i] == Standing::kConfirmed) ++confirmed[track[i]];
+    }
+    std::vector<bool> vouched(count);
+    for (std::size_t i = 0; i < count; ++i) {
+      vouched[i] = static_cast<double>(confirmed[track[i]]) >=
+                   kConfirmedShare * static_cast<double>(members[track[i]]);
+    }
+    return vouched;
+  }
+
+  /// Track of the nearest peak in the column before, or a new one.
+  std::size_t predecessor(std::size_t a, std::size_t i, const std::vector<std::size_t>& track,
+                          std::size_t fresh) const {
+    const CameraPeaks& p = peaks_[a];
+    const int column = p.candidates[i].column;
+    if (column == 0) return fresh;
+    const std::vector<std::size_t>& first = starts_[a];
+    double nearest = kTrackJump;
+    std::size_t found = fresh;
+    for (std::size_t j = first[static_cast<std::size_t>(column) - 1];
+         j < first[static_cast<std::size_t>(column)]; ++j) {
+      const double distance = std::fabs(p.fits[j].row - p.fits[i].row);
+      if (distance > nearest) continue;
+      nearest = distance;
+      found = track[j];
+    }
+    return found;
+  }
+
+  void weigh(std::size_t a, std::size_t i, bool vouched, const RayBins& rays) {
+    const Sighting& s = sightings_[a][i];
+    Standing& standing = peaks_[a].standing[i];
+    if (s.bin < 0 || standing == Standing::kConfirmed || s.refuted || rays.is_settled(s.bin)) return;
+    const unsigned others = rays.cameras(s.bin) & ~(1u << a);
+    if (vouched || others == 0) standing = Standing::kUncontested;
+  }
+
+  std::vector<CameraPeaks>& peaks_;
+  const SheetGeometry& geometry_;
+  double tolerance_;
+  std::vector<Rigid3> camera_from_sensor_;
+  std::vector<std::vector<std::size_t>> starts_;
+  std::vector<std::vector<Sighting>> sightings_;
+};
+
+}  // namespace
+
+void compare_cameras(std::vector<CameraPeaks>& peaks, const SheetGeometry& geometry, double tolerance_px) {
+  Comparison(peaks, geometry, tolerance_px).run();
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,110 @@
+// Stripe centre where a derivative filter crosses zero: Blais and Rioux's boxes, or the derivative of a
+// Gaussian as wide as the stripe, which is the matched filter.
+#include <algorithm>
+#include <cmath>
+
+#include "sensor_rt/imaging/column_window.h"
+
+namespace sensor_rt {
+namespace {
+
+constexpr double kShapeReach = 3.0;
+constexpr int kNewtonSteps = 8;
+constexpr double kNarrowestKernel = 0.8;  // px; a narrower one sees single pixels
+constexpr double kWidestKernel = 8.0;
+
+/// Sum of the `half` rows before row i less those after it.
+double box_difference(const ColumnWindow& w, int i, int half) {
+  double difference = 0.0;
+  for (int k = 1; k <= half; ++k) difference += w.at(i - k) - w.at(i + k);
+  return difference;
+}
+
+/// Rows nearest to the summit between which the filter rises through zero; -1: none.
+int crossing(const ColumnWindow& w, double top, int half) {
+  int best = -1;
+  for (int i = 0; i + 1 < w.count; ++i) {
+    if (box_difference(w, i, half) > 0.0 || box_difference(w, i + 1, half) <= 0.0) continue;
+    if (best < 0 || std::fabs(i + 0.5 - top) < std::fabs(best + 0.5 - top)) best = i;
+  }
+  return best;
+}
+
+void locate_by_boxes(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
+                     StripeFit* fits, int half) {
+  for (std::size_t k = 0; k < count; ++k) {
+    const Candidate& c = candidates[k];
+    const ColumnWindow w =
+        gather(image, noise, c, std::max(kShapeReach * static_cast<double>(c.width), half + 1.0) + 1.0);
+    describe(w, c, fits[k]);
+    const int i = crossing(w, summit(w), half);
+    if (i < 0) {
+      place(w, c, NAN, 0.0, fits[k]);
+      continue;
+    }
+    const double before = box_difference(w, i, half);
+    const double rise = box_difference(w, i + 1, half) - before;
+    const double share = -before / rise;
+    double variance = 0.0;
+    for (int r = 0; r < w.count; ++r) {
+      const auto sign = [&](int centre) {
+        const int d = r - centre;
+        return std::abs(d) <= half ? (d < 0) - (d > 0) : 0;
+      };
+      const double influence = ((1.0 - share) * sign(i) + share * sign(i + 1)) / rise;
+      variance += influence * influence * w.variance[r];
+    }
+    place(w, c, i + share, variance, fits[k]);
+  }
+}
+
+/// Solves sum (i - x) exp(-(i - x)² / (2 s²)) signal_i = 0 from `start`; NaN when it runs away.
+double gaussian_crossing(const ColumnWindow& w, double start, double s, double& variance) {
+  double x = start;
+  double step = 0.0;
+  for (int iteration = 0; iteration < kNewtonSteps; ++iteration) {
+    double value = 0.0;
+    double slope = 0.0;
+    variance = 0.0;
+    for (int i = 0; i < w.count; ++i) {
+      const double z = (i - x) / s;
+      const double g = std::exp(-0.5 * z * z);
+      value += z * g * w.signal[i];
+      slope += (z * z - 1.0) * g * w.signal[i] / s;
+      variance += z * z * g * g * w.variance[i];
+    }
+    variance /= slope * slope;
+    if (slope >= 0.0) return NAN;  // no summit here
+    step = std::clamp(-value / slope, -s, s);
+    x += step;
+    if (std::fabs(step) < 1e-5) break;
+  }
+  return std::fabs(step) < 1e-3 ? x : NAN;
+}
+
+}  // namespace
+
+void locate_blais_rioux_4(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
+                          std::size_t count, StripeFit* fits) {
+  locate_by_boxes(image, noise, candidates, count, fits, 2);
+}
+
+void locate_blais_rioux_8(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
+                          std::size_t count, StripeFit* fits) {
+  locate_by_boxes(image, noise, candidates, count, fits, 4);
+}
+
+void locate_derivative_of_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
+                                   std::size_t count, StripeFit* fits) {
+  for (std::size_t k = 0; k < count; ++k) {
+    const Candidate& c = candidates[k];
+    const double s = std::clamp(static_cast<double>(c.width), kNarrowestKernel, kWidestKernel);
+    const ColumnWindow w = gather(image, noise, c, 4.0 * s + 1.0);
+    describe(gather(image, noise, c, kShapeReach * static_cast<double>(c.width) + 1.0), c, fits[k]);
+    double variance = 0.0;
+    const double x = gaussian_crossing(w, static_cast<double>(c.row) - w.first, s, variance);
+    place(w, c, x, variance, fits[k]);
+  }
+}
+
+}  // namespace sensor_rt
