@@ -51,4 +51,3 @@ def test_as_built_cell_changes_images_and_nothing_that_reconstruction_reads(line
             assert np.array_equal(nominal.columns[name], perturbed.columns[name]), name
     moved = slice(0, None, 20)
     assert (images(line, rows(nominal, moved)) != images(line, rows(perturbed, moved))).any()
-

@@ -27,9 +27,7 @@ def images(line, recording: Recording, still: bool = False) -> np.ndarray:
 
 
 def at_rest(recording: Recording) -> Recording:
-    return Recording(
-        {n: 0.0 * v if "velocity" in n and "truth" in n else v for n, v in recording.columns.items()}
-    )
+    return Recording({n: 0.0 * v if "velocity" in n and "truth" in n else v for n, v in recording.columns.items()})
 
 
 @pytest.mark.parametrize("ideal", [True, False], ids=["ideal", "with noise"])
