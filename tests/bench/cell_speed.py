@@ -38,7 +38,7 @@ def cell_rows() -> Iterator[Row]:
             build_fmu(description, fmu, version)
             with CellInstance(fmu) as cell:
                 timing = _step_us(cell)
-            name = f"FMU, FMI {version}, 1 ms steps, set 7 get 84"
+            name = f"FMU, FMI {version}, 1 ms steps, poses in and out"
             yield Row(name, timing.best, "us/step", "bare dartpy world, 1 ms step", engine.best, timing.spread)
             factor = STEP_US / timing.best
             yield Row(f"FMU, FMI {version}, real-time factor", factor, "x", "real time", 1.0, timing.spread, "at least")

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from orchestrator.config import load_setup
 from orchestrator.config.loading import assets_dir
-from orchestrator.evaluation.job import ScanRequest, scan_to_folder
+from orchestrator.evaluation.job import scan_to_folder
+from orchestrator.evaluation.request import ScanRequest
 from orchestrator.progress import Silent
 
 from .table import Row

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 import sensor_rt
 from orchestrator.geometry import pose
 
+from .peers.check import PeerMissingError
 from .scenes import (
     PART_TRIANGLES,
     PART_Z,
@@ -36,14 +37,27 @@ RAYS = 1024
 POINTS = 1_000_000
 
 
-def open3d_scene(vertices: Array, faces: Faces) -> Any | None:
-    """Open3D's ray casting scene of a mesh, or None where Open3D is not installed."""
+def import_open3d() -> Any:
+    """The peer's module.
+
+    Raises
+    ------
+    PeerMissingError
+        If it, or a system library that it needs, is not installed.
+    """
     if importlib.util.find_spec("open3d") is None:
-        return None
-    open3d = importlib.import_module("open3d")
+        raise PeerMissingError("Open3D is not installed: pip install open3d")
+    try:
+        return importlib.import_module("open3d")
+    except ImportError as error:
+        libraries = "apt-get install libusb-1.0-0 libgl1 libgomp1 libx11-6 libegl1"
+        raise PeerMissingError(f"Open3D does not load ({error}): {libraries}") from error
+
+
+def open3d_scene(open3d: Any, vertices: Array, faces: Faces) -> Any:
+    """Open3D's ray casting scene of a mesh."""
     scene = open3d.t.geometry.RaycastingScene()
-    mesh = open3d.t.geometry.TriangleMesh(vertices.astype(np.float32), faces.astype(np.uint32))
-    scene.add_triangles(mesh)
+    scene.add_triangles(open3d.core.Tensor(vertices.astype(np.float32)), open3d.core.Tensor(faces.astype(np.uint32)))
     return scene
 
 
@@ -79,11 +93,13 @@ def laser_ray_rows() -> Iterator[Row]:
     fan = _geometric_fans()
     name = "geometric mode: laser + 2 view rays, 1 thread"
     yield Row(name, fan[0], "Mrays/s", "embreex, 1 thread", raw, fan[1])
-    peer = open3d_scene(vertices, faces)
-    if peer is None:
-        print("  laser rays against Open3D: skipped, not installed (pip install open3d)")
+    try:
+        open3d = import_open3d()
+    except PeerMissingError as missing:
+        print(f"  laser rays against Open3D: skipped: {missing}")
         return
-    rays = np.concatenate([origins, directions], 1).astype(np.float32)
+    peer = open3d_scene(open3d, vertices, faces)
+    rays = open3d.core.Tensor(np.concatenate([origins, directions], 1).astype(np.float32))
     cores = len(os.sched_getaffinity(0))
     theirs = rate(lambda: peer.cast_rays(rays, nthreads=cores))
     ours = rate(lambda: sensor_rt.cast_rays(scene, own_pose, origins, directions, threads=cores))
@@ -116,11 +132,12 @@ def closest_point_rows() -> Iterator[Row]:
     vertices, faces = bumpy_part(PART_TRIANGLES)
     points = vertices[np.arange(POINTS) % len(vertices)] + np.random.default_rng(1).normal(0, 1e-3, (POINTS, 3))
     timing = measure(lambda: sensor_rt.closest_points(vertices, faces, points), 2)
-    peer = open3d_scene(vertices, faces)
-    if peer is None:
-        print("  closest points against Open3D: skipped, not installed (pip install open3d)")
+    try:
+        open3d = import_open3d()
+    except PeerMissingError as missing:
+        print(f"  closest points against Open3D: skipped: {missing}")
         yield Row("closest points, 1 M points", timing.best, "s", "1 s", 1.0, timing.spread)
         return
-    single = points.astype(np.float32)
+    peer, single = open3d_scene(open3d, vertices, faces), open3d.core.Tensor(points.astype(np.float32))
     theirs = measure(lambda: peer.compute_closest_points(single), 2)
     yield Row("closest points, 1 M points", timing.best, "s", "Open3D RaycastingScene", theirs.best, timing.spread)

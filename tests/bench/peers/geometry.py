@@ -1,0 +1,85 @@
+"""Open3D's ray casting and closest points, EAIK's inverse kinematics."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+from collections.abc import Iterator
+
+import numpy as np
+
+import sensor_rt
+from orchestrator.cell.nominal import nominal_cell
+from orchestrator.config import load_setup
+from orchestrator.config.loading import assets_dir
+from orchestrator.geometry.mesh import load_mesh
+
+from ..ray_speed import fans, import_open3d, open3d_scene
+from ..scenes import PART_TRIANGLES, bumpy_part
+from ..timing import measure
+from .check import Check, PeerMissingError
+
+# Open3D works in single precision.
+DISTANCE_LIMIT_UM = 0.2
+RAY_SPEED = 3.0
+ANGLE_LIMIT_RAD = 1e-6
+_FANS = 256
+_POINTS = 200_000
+_POSES = 200
+
+
+def open3d_checks() -> Iterator[Check]:
+    """Distances along rays and to the closest points of the same mesh, and the speed of rays."""
+    vertices, faces = bumpy_part(PART_TRIANGLES)
+    open3d = import_open3d()
+    peer = open3d_scene(open3d, vertices, faces)
+    scene = sensor_rt.Scene()
+    scene.add_mesh("part", vertices, faces, 0.6)
+    origins, directions = fans(_FANS)
+    ours, _, _ = sensor_rt.cast_rays(scene, np.eye(4)[None], origins, directions)
+    rays = open3d.core.Tensor(np.concatenate([origins, directions], 1).astype(np.float32))
+    theirs = peer.cast_rays(rays)["t_hit"].numpy()
+    hit = np.isfinite(ours) & np.isfinite(theirs)
+    # Grazing rays magnify the rounding of single precision.
+    gap = float(1e6 * np.quantile(np.abs(ours - theirs)[hit], 0.999))
+    yield Check(f"distance along {hit.sum()} rays, 99.9 %", gap, "um", DISTANCE_LIMIT_UM)
+    yield Check(
+        "rays that only one of the two lets hit", float(np.mean(np.isfinite(ours) != np.isfinite(theirs))), "", 1e-4
+    )
+    points = vertices[np.arange(_POINTS) % len(vertices)]
+    points = points + np.random.default_rng(1).normal(0, 1e-3, points.shape)
+    closest, _, signed = sensor_rt.closest_points(vertices, faces, points)
+    their_points = peer.compute_closest_points(open3d.core.Tensor(points.astype(np.float32)))["points"].numpy()
+    their_distance = np.linalg.norm(their_points - points, axis=1)
+    gap = float(1e6 * np.abs(np.abs(signed) - their_distance).max())
+    yield Check(f"distance to the closest point of {_POINTS} points, largest", gap, "um", DISTANCE_LIMIT_UM)
+    own = float(1e6 * np.abs(np.linalg.norm(closest - points, axis=1) - np.abs(signed)).max())
+    yield Check("our closest points against our distances", own, "um", 1e-6)
+    cores = len(os.sched_getaffinity(0))
+    slow = measure(lambda: peer.cast_rays(rays, nthreads=cores)).best
+    fast = measure(lambda: sensor_rt.cast_rays(scene, np.eye(4)[None], origins, directions, threads=cores)).best
+    yield Check("speed of laser rays over Open3D's", slow / fast, "x", RAY_SPEED, at_least=True)
+
+
+def eaik_checks() -> Iterator[Check]:
+    """All branches of the default arm at random poses, without regard to joint limits."""
+    if importlib.util.find_spec("eaik") is None:
+        raise PeerMissingError("EAIK is not installed: pip install EAIK")
+    eaik = importlib.import_module("eaik.IK_DH")
+    part = load_mesh(assets_dir() / "parts" / "free_form.stl")
+    arm = nominal_cell(load_setup().cell, part).arm
+    peer = eaik.DhRobot(*(np.array([getattr(joint, name) for joint in arm.joints]) for name in ("alpha", "a", "d")))
+    rng = np.random.default_rng(5)
+    worst, different = 0.0, 0
+    for _ in range(_POSES):
+        target = arm.fk(rng.uniform(-np.pi, np.pi, 6))
+        answer = peer.IK(target)
+        theirs = np.array([q for q, approximate in zip(answer.Q, answer.is_LS, strict=True) if not approximate])
+        ours = arm.ik(target[None], filtered=False)[0]
+        ours = ours[np.isfinite(ours).all(-1)]
+        gap = np.abs(np.remainder(ours[:, None] - theirs[None] + np.pi, 2 * np.pi) - np.pi).max(-1)
+        worst = max(worst, float(gap.min(1).max()))
+        different += len(ours) != len(theirs)
+    yield Check(f"inverse kinematics, every branch of {_POSES} poses", worst, "rad", ANGLE_LIMIT_RAD)
+    yield Check("poses with another number of branches", float(different), "", 0)
