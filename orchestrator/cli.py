@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 
@@ -20,6 +20,8 @@ from orchestrator.progress import Progress, Silent
 
 EXIT_ERROR = 1
 EXIT_INTERRUPTED = 130
+# Typer brings a copy of click along; its error for a wrong command line is the base of one that typer exports.
+_UsageError = cast(type[Any], typer.BadParameter.__base__)
 
 app = typer.Typer(
     help="A robot cell that scans parts in 3D with a laser profile sensor, simulated end to end.",
@@ -311,4 +313,14 @@ def _numbers(text: str, count: int, option: str) -> tuple[float, ...]:
 def main() -> None:
     """Entry point; a second Ctrl-C during clean-up still ends the process."""
     signal.signal(signal.SIGTERM, lambda *_: os.kill(os.getpid(), signal.SIGINT))
-    app()
+    try:
+        code = app(standalone_mode=False)
+    except _UsageError as error:
+        error.show()
+        if "--json" in sys.argv:
+            context = error.ctx
+            command = context.command_path.removeprefix(context.find_root().command_path).strip() if context else ""
+            fault = {"kind": "UsageError", "message": error.format_message()}
+            print(json.dumps({"command": command, "ok": False, "error": fault}))
+        code = error.exit_code
+    sys.exit(code)

@@ -14,6 +14,7 @@ import pytest
 import trimesh
 from line import Line
 
+import sensor_rt
 from orchestrator.cell.recording import TriggerRecords
 from orchestrator.reconstruction.cloud import Cloud
 
@@ -95,7 +96,7 @@ def by_joint_zero(found: Geometry, measured: TriggerRecords, points: np.ndarray,
 def by_latency(found: Geometry, measured: TriggerRecords, points: np.ndarray, row: np.ndarray) -> np.ndarray:
     """The shutter opens 1 ms late: the sensor has moved on by its velocity, from measured joint rates."""
     h = 1e-6
-    before, after = (link_frames(measured.q + sign * h * measured.qd)[-1] @ np.diag([1.0, 1, 1, 1]) for sign in (-1, 1))
+    before, after = (link_frames(measured.q + sign * h * measured.qd)[-1] for sign in (-1, 1))
     tool = np.array([0, 0, FLANGE_FROM_SENSOR_Z, 1.0])
     velocity = ((after - before) @ tool)[:, :3] / (2 * h)
     speed = np.linalg.norm(velocity, axis=1)
@@ -119,8 +120,6 @@ def smooth_points(line: Line, points: np.ndarray) -> np.ndarray:
 
 def surface_normals(line: Line, points: np.ndarray) -> np.ndarray:
     """Face normals (n, 3) of the mesh nearest to points of the cloud, part frame."""
-    import sensor_rt
-
     part = line.nominal.part
     _, face, _ = sensor_rt.closest_points(part.vertices, part.faces, points)
     a, b, c = np.moveaxis(part.vertices[part.faces[np.asarray(face, np.int64)]], 1, 0)

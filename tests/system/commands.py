@@ -1,0 +1,64 @@
+"""The `scancell` command in a process of its own, as a person or a program runs it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import sensor_rt
+from orchestrator.config.loading import assets_dir
+
+PARTS = assets_dir() / "parts"
+COMMAND = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
+# Small, fast, and a scan all the same.
+QUICK = ("--engine", "geometric", "--ideal", "--set", "scan.max_profiles=60")
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a command left behind on its streams."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def last_line(self) -> dict[str, Any]:
+        """The JSON object in the last line of standard output; NaN and Infinity are no JSON."""
+        found: dict[str, Any] = json.loads(self.out.splitlines()[-1], parse_constant=_refuse)
+        return found
+
+    @property
+    def message(self) -> str:
+        return str(self.last_line["error"]["message"])
+
+
+def _refuse(word: str) -> None:
+    raise ValueError(f"{word} is not JSON")
+
+
+def environment(**changes: str) -> dict[str, str]:
+    """The environment in which the command finds the packages that this process has found."""
+    native = Path(sensor_rt.__file__).parents[1]
+    package = assets_dir().parent
+    paths = [str(native), str(package), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **changes}
+
+
+def scancell(*words: str | Path, cwd: Path, **changes: str) -> Finished:
+    """Run a command to its end in `cwd`."""
+    done = subprocess.run(
+        [*COMMAND, *map(str, words)],
+        cwd=cwd,
+        env=environment(**changes),
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    return Finished(done.returncode, done.stdout, done.stderr)

@@ -1,0 +1,158 @@
+"""Every command does its work and tells it in one JSON object; a scan can be made again from its recording."""
+
+from __future__ import annotations
+
+import csv
+import json
+import zipfile
+
+import cv2
+import fmpy
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from commands import PARTS, QUICK, Finished, scancell
+
+PART = PARTS / "free_form.stl"
+FIELDS = {"command", "ok", "figures", "files", "warnings", "timings"}
+
+
+def succeeded(done: Finished, command: str) -> dict:
+    assert done.code == 0, done.err
+    report = done.last_line
+    assert set(report) == FIELDS
+    assert report["command"] == command
+    assert report["ok"] is True
+    assert len(done.out.splitlines()) == 1
+    return report
+
+
+# --- scan and render ------------------------------------------------------------------------------------------------
+
+NOISY = ("--set", "scan.max_profiles=40", "--seed", "7")
+
+
+@pytest.fixture(scope="module")
+def scanned(tmp_path_factory):
+    """A ray-traced scan with noise."""
+    folder = tmp_path_factory.mktemp("scan")
+    return folder, succeeded(scancell("scan", PART, *NOISY, "--out", "run", "--json", cwd=folder), "scan")
+
+
+def test_scan_reports_figures_and_stations(scanned) -> None:
+    folder, report = scanned
+    deviation = json.loads((folder / "run" / "deviation.json").read_text())
+    assert deviation["all"] == report["figures"]["deviation"]
+    assert deviation["all"]["count"] == report["figures"]["points"]
+    assert set(report["figures"]["stations_s"]) == {"cast", "render", "detect", "extract", "triangulate"}
+    assert {"load", "plan", "drive", "sense", "reconstruct", "evaluate", "write"} <= set(report["timings"])
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "csv"])
+def test_rendering_the_recording_gives_the_same_cloud(scanned, suffix, tmp_path) -> None:
+    folder, _ = scanned
+    table = pyarrow.parquet.read_table(folder / "run" / "recording.parquet")
+    recording = tmp_path / f"recording.{suffix}"
+    if suffix == "csv":
+        pyarrow.csv.write_csv(table, recording)
+    else:
+        pyarrow.parquet.write_table(table, recording)
+    done = scancell("render", recording.name, PART, *NOISY, "--out", "again", "--json", cwd=tmp_path)
+    succeeded(done, "render")
+    again = tmp_path / "again" / "cloud.ply"
+    assert again.read_bytes() == (folder / "run" / "cloud.ply").read_bytes()
+
+
+def test_rendering_takes_the_outputs_of_any_fmi_tool(scanned, tmp_path) -> None:
+    """A tool that logs every communication step repeats each record; rows before the first trigger hold zeros."""
+    folder, _ = scanned
+    table = pyarrow.parquet.read_table(folder / "run" / "recording.parquet").to_pydict()
+    names = list(table)
+    with (tmp_path / "log.csv").open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["time", *names, "measured.q[1]"])
+        writer.writerow([0.0, *(0 for _ in names), 0.1])
+        for i in range(len(table[names[0]])):
+            row = [repr(table[name][i]) for name in names]
+            writer.writerows([[0.016 * i, *row, 0.1], [0.016 * i + 0.004, *row, 0.1]])
+    done = scancell("render", "log.csv", PART, *NOISY, "--out", "again", "--json", cwd=tmp_path)
+    succeeded(done, "render")
+    again = tmp_path / "again" / "cloud.ply"
+    assert again.read_bytes() == (folder / "run" / "cloud.ply").read_bytes()
+
+
+def test_stop_and_look_scan_with_images(tmp_path) -> None:
+    words = ("--mode", "stop-and-look", "--ideal", "--set", "scan.max_profiles=40", "--images")
+    report = succeeded(scancell("scan", PART, *words, "--out", "run", "--json", cwd=tmp_path), "scan")
+    assert report["figures"]["deviation"]["rms_um"] <= 10.0
+    pictures = sorted((tmp_path / "run" / "images").rglob("*.png"))
+    assert pictures
+    assert all(cv2.imread(str(path)) is not None for path in pictures)
+
+
+def test_given_poses_are_visited(tmp_path) -> None:
+    poses = [(0.0, 0.0, 130.0), (5.0, 0.0, 135.0), (10.0, 2.0, 140.0)]
+    text = "".join(f"[[pose]]\nx_mm = {x}\ny_mm = {y}\nz_mm = {z}\nrx_deg = 180.0\n" for x, y, z in poses)
+    (tmp_path / "poses.toml").write_text(text)
+    done = scancell("scan", PART, "--scan", "poses.toml", "--ideal", "--out", "run", "--json", cwd=tmp_path)
+    report = succeeded(done, "scan")
+    assert report["figures"]["profiles"] == len(poses)
+    assert report["figures"]["deviation"]["rms_um"] <= 10.0
+
+
+def test_people_get_a_summary(tmp_path) -> None:
+    done = scancell("scan", PART, *QUICK, "--out", "run", cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert "profiles" in done.out
+    assert "coverage" in done.out
+    assert done.err == ""
+
+
+# --- the others -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
+def test_shot_gives_images_and_one_profile(tmp_path, engine) -> None:
+    words = ("--pose", "0,0,130,180,0,0", "--engine", engine, "--ideal", "--out", "one", "--json")
+    report = succeeded(scancell("shot", PART, *words, cwd=tmp_path), "shot")
+    with (tmp_path / "one" / "profile.csv").open() as stream:
+        table = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(stream)]
+    assert len(table) == report["figures"]["points"] > 500
+    assert all(abs(row["x_sensor_mm"]) < 1e-6 for row in table)
+    # Seen from straight above, 130 mm over the part's origin: z of the part and of the sensor add up.
+    assert max(abs(row["z_part_mm"] + row["z_sensor_mm"] - 130.0) for row in table) < 1e-5
+    images = sorted(path.name for path in (tmp_path / "one").glob("image_*.png"))
+    assert images == (["image_minus.png", "image_plus.png"] if engine == "ray-traced" else [])
+    for name in images:
+        image = cv2.imread(str(tmp_path / "one" / name), cv2.IMREAD_UNCHANGED)
+        assert image.shape == (1024, 1280)
+        assert image.dtype == np.uint8
+
+
+def test_fmu_build_and_info(tmp_path) -> None:
+    report = succeeded(scancell("fmu", "build", "--out", ".", "--json", cwd=tmp_path), "fmu build")
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["RobotCell2.fmu", "RobotCell3.fmu"]
+    assert len(report["files"]) == 2
+    for version, folder in ((2, "linux64"), (3, "x86_64-linux")):
+        name = f"RobotCell{version}.fmu"
+        info = succeeded(scancell("fmu", "info", name, "--json", cwd=tmp_path), "fmu info")["figures"]
+        assert info["fmi_version"].startswith(str(version))
+        assert info["token"] == fmpy.read_model_description(str(tmp_path / name), validate=False).guid
+        with zipfile.ZipFile(tmp_path / name) as archive:
+            assert any(entry.startswith(f"binaries/{folder}/") for entry in archive.namelist())
+
+
+def test_schema_fits_the_shipped_descriptions(tmp_path) -> None:
+    report = succeeded(scancell("schema", "--out", "schemas", "--json", cwd=tmp_path), "schema")
+    kinds = {"cell", "robot", "sensor", "scan"}
+    assert {f"schemas/{kind}.schema.json" for kind in kinds} == set(report["files"])
+    for kind in kinds:
+        schema = json.loads((tmp_path / "schemas" / f"{kind}.schema.json").read_text())
+        assert schema["$schema"].startswith("https://json-schema.org/")
+        assert schema["additionalProperties"] is False
+
+
+def test_version(tmp_path) -> None:
+    report = succeeded(scancell("version", "--json", cwd=tmp_path), "version")
+    assert {"scancell", "python", "numpy", "fmpy"} <= set(report["figures"]["versions"])

@@ -1,0 +1,92 @@
+"""Ctrl-C at any stage of a scan: exit code 130, one word about it, and nothing left behind."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from commands import COMMAND, PARTS, environment
+
+# Long enough at every stage to be met in it.
+SCAN = ("scan", str(PARTS / "free_form.stl"), "--out", "run", "--json")
+
+
+def wait_for(what: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    end = time.monotonic() + 60
+    while not what():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def staged(folder: Path) -> bool:
+    return any(folder.glob(".run.partial-*"))
+
+
+def driving(folder: Path) -> bool:
+    return any((folder / "tmp").glob("scancell-fmu-*/binaries"))
+
+
+@pytest.mark.parametrize("stage", ["planning", "driving", "sensing"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "terminate"])
+def test_interrupted_scan_leaves_a_clean_folder(tmp_path, stage, number) -> None:
+    if number == signal.SIGTERM and stage != "sensing":
+        pytest.skip("one stage is enough")
+    (tmp_path / "tmp").mkdir()
+    process = subprocess.Popen(
+        [*COMMAND, *SCAN],
+        cwd=tmp_path,
+        env=environment(TMPDIR=str(tmp_path / "tmp")),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        wait_for(lambda: staged(tmp_path), process)
+        if stage != "planning":
+            wait_for(lambda: driving(tmp_path), process)
+        if stage == "sensing":
+            wait_for(lambda: not driving(tmp_path), process)
+        time.sleep(0.2)
+        begun = time.monotonic()
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+        print(f"{stage}: gone after {time.monotonic() - begun:.1f} s")
+    finally:
+        process.kill()
+        process.communicate()
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert err.strip() == "scancell: interrupted"
+    last = json.loads(out.splitlines()[-1])
+    assert last == {
+        "command": "scan",
+        "ok": False,
+        "error": {"kind": "KeyboardInterrupt", "message": "interrupted"},
+    }
+    assert [path.name for path in tmp_path.iterdir()] == ["tmp"]
+    assert [path.name for path in (tmp_path / "tmp").iterdir() if path.name.startswith("scancell")] == []
+
+
+def test_interrupted_scan_leaves_an_earlier_result_as_it_was(tmp_path) -> None:
+    earlier = tmp_path / "run"
+    earlier.mkdir()
+    (earlier / "cloud.ply").write_text("earlier")
+    process = subprocess.Popen(
+        [*COMMAND, *SCAN], cwd=tmp_path, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        wait_for(lambda: staged(tmp_path), process)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.communicate()
+    assert process.returncode == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert {path.name: path.read_text() for path in earlier.iterdir()} == {"cloud.ply": "earlier"}
