@@ -49,9 +49,7 @@ def test_deviation_picture_of_many_few_and_no_points(tmp_path: Path, count: int)
 def test_a_picture_that_cannot_be_written_is_an_output_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     with pytest.raises(OutputError, match=r"file"):
-        stripe_picture(
-            tmp_path / "file" / "a.png", [np.zeros((40, 80), np.uint16)], [(np.zeros(0),) * 2], names=["a"]
-        )
+        stripe_picture(tmp_path / "file" / "a.png", [np.zeros((40, 80), np.uint16)], [(np.zeros(0),) * 2], names=["a"])
 
 
 @pytest.mark.parametrize("spread", [1e-9, 3e-7, 8e-6, 2e-3])
