@@ -68,8 +68,12 @@ def _step_us(cell: CellInstance) -> Timing:
             cell.step_to(cell.time_us + STEP_US)
             cell.get(outputs)
 
-    timing = measure(run)
-    return Timing(1e6 * timing.best / STEPS, timing.spread)
+    return _per_step(measure(run))
+
+
+def _per_step(timing: Timing) -> Timing:
+    scale = 1e6 / STEPS
+    return Timing(scale * timing.best, timing.spread, scale * timing.processor)
 
 
 def _bare_engine_us(nominal: NominalCell) -> Timing:
@@ -95,8 +99,7 @@ def _bare_engine_us(nominal: NominalCell) -> Timing:
             table.setPositions(np.array([5e-4 * k]))
             world.step()
 
-    timing = measure(run)
-    return Timing(1e6 * timing.best / STEPS, timing.spread)
+    return _per_step(measure(run))
 
 
 def _joint_from_link(a: float, d: float, alpha: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
