@@ -53,12 +53,11 @@ class CellInstance:
         try:
             self._load(fmu)
             self._initialise(cell_file, parameters(self.units()) if parameters else {})
-        except DescriptionError:
+        except BaseException as error:  # an interrupt, too, must leave no unpacked files
             shutil.rmtree(self._folder, ignore_errors=True)
-            raise
-        except Exception as error:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            raise CellError(self._explain(f"the cell cannot be started from {fmu.name}", error)) from error
+            if isinstance(error, DescriptionError) or not isinstance(error, Exception):
+                raise
+            raise CellError(self._explain(f"{fmu}: cannot be started", error)) from error
 
     def _load(self, fmu: Path) -> None:
         description = fmpy.read_model_description(str(fmu), validate=False)
