@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from ctypes import POINTER, c_double, c_size_t, c_uint32
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +14,7 @@ from typing import Any, Self
 import fmpy
 import numpy as np
 from fmpy import fmi2
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave
 from numpy.typing import NDArray
@@ -182,7 +184,9 @@ class CellInstance:
     def close(self) -> None:
         """Free the instance and its unpacked files."""
         try:
-            self._fmu.terminate()
+            # After an error an FMU may refuse to terminate; what is left is to free it, and the first error counts.
+            with suppress(FMICallException):
+                self._fmu.terminate()
             self._fmu.freeInstance()
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)

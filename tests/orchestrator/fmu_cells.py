@@ -1,0 +1,53 @@
+"""FMUs of the default cell, and programs for them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from cells import ball
+
+from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.nominal import NominalCell, nominal_cell
+from orchestrator.cell.program import Program, Segment, TriggerKind, TriggerRule
+from orchestrator.config.loading import load_setup
+from orchestrator.planning import trajectory
+
+CYCLE_US = 16_000
+CYCLE = CYCLE_US * 1e-6
+EXPOSURE = 2e-3
+
+
+def default_cell() -> NominalCell:
+    return nominal_cell(load_setup(ideal=True).cell, ball())
+
+
+def build(folder: Path, version: int, ideal: bool = True) -> Path:
+    path = folder / f"RobotCell{version}.fmu"
+    setup = load_setup(ideal=ideal)
+    build_fmu(cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0), path, 2 if version == 2 else 3)
+    return path
+
+
+def segment(number: int, q: np.ndarray, table: np.ndarray, rule: TriggerRule, start=0.0, end=0.0) -> Segment:
+    return Segment(number, np.arange(len(q)) * CYCLE, q, table, rule, start, end)
+
+
+def turn_of_table(home: np.ndarray, kind: TriggerKind, interval: float, count: int = 20) -> Program:
+    """The arm rests at home while the table runs at 40 deg/s past `count` exposures a degree apart."""
+    run = trajectory.run(count, np.radians(1.0), np.radians(40.0), 2.0, CYCLE)
+    arm = np.tile(home, (len(run.path), 1))
+    start = run.path - run.path[0]
+    rule = TriggerRule(kind, interval)
+    return Program((segment(1, arm, start, rule, run.trigger_from, run.trigger_to),))
+
+
+def moves_with_stops(home: np.ndarray, stops: int = 3) -> Program:
+    """Joint moves of all axes, an exposure on request after each."""
+    segments, q, table = [], home, 0.0
+    for number in range(1, stops + 1):
+        goal, further = q + np.radians([5.0, -4.0, 3.0, 6.0, -5.0, 8.0]), table + np.radians(20.0)
+        points = trajectory.move(np.append(q, table), np.append(goal, further), np.full(7, 1.0), np.full(7, 3.0), CYCLE)
+        segments.append(segment(number, points[:, :6], points[:, 6], TriggerRule("request")))
+        q, table = goal, further
+    return Program(tuple(segments), settle=0.2)

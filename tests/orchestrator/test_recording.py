@@ -1,0 +1,166 @@
+"""Recordings: files that read back as they were written, poses that follow from twists, truth kept apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from orchestrator.cell.recording import (
+    INTEGER_COLUMNS,
+    MEASURED_COLUMNS,
+    MOVING_FRAMES,
+    TRUTH_COLUMNS,
+    Recording,
+    read_recording,
+    write_recording,
+)
+from orchestrator.errors import DescriptionError, OutputError
+from orchestrator.geometry import pose
+
+COUNT = 7
+
+
+def recording(count: int = COUNT) -> Recording:
+    rng = np.random.default_rng(5)
+    columns = {name: rng.normal(size=count) for name in (*MEASURED_COLUMNS, *TRUTH_COLUMNS)}
+    columns["trigger.exposure"] = np.full(count, 2e-3)
+    columns["trigger.index"] = np.arange(1, count + 1)
+    columns["trigger.segment"] = np.repeat([3, 9], [count // 2, count - count // 2])
+    return Recording(columns)
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "csv"])
+def test_reads_back_every_bit(tmp_path, suffix) -> None:
+    written = recording()
+    path = tmp_path / f"recording.{suffix}"
+    write_recording(written, path)
+    read = read_recording(path)
+    assert set(read.columns) == set(written.columns)
+    for name, values in written.columns.items():
+        assert np.array_equal(read.columns[name], values), name
+    assert all(read.columns[name].dtype == np.int64 for name in INTEGER_COLUMNS)
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "csv"])
+def test_lost_truth_survives_a_file(tmp_path, suffix) -> None:
+    path = tmp_path / f"recording.{suffix}"
+    write_recording(recording().without_truth(), path)
+    read = read_recording(path)
+    assert all(np.isnan(read.columns[name]).all() for name in TRUTH_COLUMNS)
+    assert np.array_equal(read.measured.q, recording().measured.q)
+
+
+def test_rows_without_a_new_trigger_are_passed_over(tmp_path) -> None:
+    fired = recording()
+    twice = {name: np.repeat(values, 2) for name, values in fired.columns.items()}
+    before = {name: np.zeros(3, values.dtype) for name, values in fired.columns.items()}
+    path = tmp_path / "log.parquet"
+    write_recording(Recording({name: np.concatenate([before[name], twice[name]]) for name in twice}), path)
+    read = read_recording(path)
+    assert len(read) == COUNT
+    assert np.array_equal(read.measured.time, fired.measured.time)
+
+
+def test_measured_columns_land_in_their_fields() -> None:
+    given = recording()
+    measured = given.measured
+    assert measured.q.shape == measured.qd.shape == (COUNT, 6)
+    assert np.array_equal(measured.q[:, 2], given.columns["trigger.measured.q[3]"])
+    assert np.array_equal(measured.qd[:, 5], given.columns["trigger.measured.qd[6]"])
+    assert np.array_equal(measured.table, given.columns["trigger.measured.table"])
+    assert np.array_equal(measured.segment, given.columns["trigger.segment"])
+
+
+def test_without_truth_takes_all_truth_and_nothing_else() -> None:
+    given = recording()
+    lost = given.without_truth()
+    for name, values in lost.columns.items():
+        if ".truth." in name:
+            assert np.isnan(values).all()
+        else:
+            assert values is given.columns[name]
+
+
+def test_poses_at_start_and_end_follow_from_the_twist_at_the_middle() -> None:
+    """A body that turns at a constant rate about a fixed axis while it glides: exact at any exposure."""
+    given = dict(recording().columns)
+    duration, rate, speed = 0.5, np.array([0.3, -0.4, 1.2]), np.array([0.05, 0.0, -0.02])
+    middle = pose.pose((0.1, 0.2, 0.3), (0.8, 0.0, 0.6, 0.0))
+    given["trigger.exposure"] = np.full(COUNT, duration)
+    for i, name in enumerate("123"):
+        given[f"trigger.truth.sensor.position[{name}]"] = np.full(COUNT, middle[i, 3])
+        given[f"trigger.truth.sensor.velocity[{name}]"] = np.full(COUNT, speed[i])
+        given[f"trigger.truth.sensor.angular_velocity[{name}]"] = np.full(COUNT, rate[i])
+    for i, value in enumerate((0.8, 0.0, 0.6, 0.0), 1):
+        given[f"trigger.truth.sensor.orientation[{i}]"] = np.full(COUNT, value)
+    truth = Recording(given).truth
+    assert set(truth.world_from_frame) == set(MOVING_FRAMES)
+    poses = truth.world_from_frame["sensor"]
+    assert poses.shape == (COUNT, 2, 4, 4)
+    for end, sign in ((0, -1), (1, 1)):
+        lapse = sign * duration / 2
+        assert poses[0, end, :3, 3] == pytest.approx(middle[:3, 3] + lapse * speed, abs=1e-15)
+        # Rodrigues' formula, written out.
+        angle, axis = lapse * np.linalg.norm(rate), rate / np.linalg.norm(rate)
+        k = np.cross(np.eye(3), axis)  # k @ v = axis × v
+        turn = np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+        assert poses[0, end, :3, :3] == pytest.approx(turn @ middle[:3, :3], abs=1e-14)
+
+
+@pytest.mark.parametrize("name", ["trigger.measured.q[4]", "trigger.truth.table.position[2]", "trigger.index"])
+def test_missing_column_is_named(tmp_path, name) -> None:
+    path = tmp_path / "recording.csv"
+    write_recording(Recording({n: v for n, v in recording().columns.items() if n != name}), path)
+    with pytest.raises(DescriptionError, match=r"recording\.csv.*missing") as caught:
+        read_recording(path)
+    assert name in str(caught.value)
+
+
+def test_measured_value_that_is_no_number_is_named(tmp_path) -> None:
+    columns = dict(recording().columns)
+    columns["trigger.measured.q[2]"] = np.where(np.arange(COUNT) == 4, np.nan, 0.0)
+    path = tmp_path / "recording.parquet"
+    write_recording(Recording(columns), path)
+    with pytest.raises(DescriptionError, match="row 5") as caught:
+        read_recording(path)
+    assert "trigger.measured.q[2]" in str(caught.value)
+
+
+def test_words_in_a_column_are_named(tmp_path) -> None:
+    path = tmp_path / "recording.csv"
+    write_recording(recording(), path)
+    lines = path.read_text().splitlines()
+    column = lines[0].split(",").index('"trigger.measured.table"')
+    words = lines[3].split(",")
+    words[column] = "often"
+    path.write_text("\n".join([*lines[:3], ",".join(words), *lines[4:]]))
+    with pytest.raises(DescriptionError, match=r"trigger\.measured\.table"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize("name", ["gone.csv", "gone.parquet"])
+def test_missing_file(tmp_path, name) -> None:
+    with pytest.raises(DescriptionError, match="no such file"):
+        read_recording(tmp_path / name)
+
+
+def test_file_that_is_no_table(tmp_path) -> None:
+    path = tmp_path / "recording.parquet"
+    path.write_bytes(b"PAR1 not really")
+    with pytest.raises(DescriptionError, match="expected a Parquet or CSV table"):
+        read_recording(path)
+
+
+def test_table_without_a_trigger(tmp_path) -> None:
+    path = tmp_path / "recording.csv"
+    columns = {**recording().columns, "trigger.index": np.zeros(COUNT, np.int64)}
+    write_recording(Recording(columns), path)
+    with pytest.raises(DescriptionError, match="holds no trigger"):
+        read_recording(path)
+
+
+def test_place_that_cannot_be_written_is_named(tmp_path) -> None:
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(OutputError, match=r"taken/recording\.csv"):
+        write_recording(recording(), tmp_path / "taken" / "recording.csv")
