@@ -13,6 +13,8 @@ constexpr double kNoiseSigmas = 4.0;
 constexpr double kNearby = 4.0;          // widths of both stripes together: this near, but not there
 constexpr double kTrackJump = 2.0;       // rows from column to column within a track
 constexpr double kConfirmedShare = 0.5;  // of a track that vouches for the rest of it
+// A peak that another one has bent confirms nothing and refutes nothing but by chance.
+constexpr std::uint32_t kBent = kPeakAsymmetric | kPeakResidual | kPeakOverlap | kPeakWide | kPeakBorder;
 constexpr std::uint32_t kNoise = kPeakWeak | kPeakNarrow | kPeakNotConverged;
 
 /// A peak with its place on the sheet.
@@ -153,7 +155,8 @@ class Comparison {
       const Match match = nearest(b, seen, sigma);
       if (match.beyond_tolerance <= 0.0) {
         peaks_[a].standing[i] = Standing::kConfirmed;
-      } else if (match.distance < kNearby * (static_cast<double>(fit.width) + match.width)) {
+      } else if ((match.flags & kBent) == 0 &&
+                 match.distance < kNearby * (static_cast<double>(fit.width) + match.width)) {
         s.refuted = true;
       }
     }
@@ -164,6 +167,7 @@ class Comparison {
     double beyond_tolerance = std::numeric_limits<double>::infinity();  ///< px; <= 0: it is there
     double distance = std::numeric_limits<double>::infinity();          ///< px
     double width = 0.0;                                                 ///< px
+    std::uint32_t flags = 0;
   };
 
   Match nearest(std::size_t b, const Eigen::Vector2d& seen, double sigma) const {
@@ -176,7 +180,7 @@ class Comparison {
       const double distance = std::fabs(row - seen.y());
       const double beyond = distance - tolerance_ - slack - kNoiseSigmas * std::hypot(sigma, spread);
       if (beyond >= best.beyond_tolerance) return;
-      best = {beyond, distance, static_cast<double>(fit.width)};
+      best = {beyond, distance, static_cast<double>(fit.width), fit.flags};
     };
     for (std::size_t i = first[left]; i < first[left + 1]; ++i) {
       if (sightings_[b][i].bin < 0) continue;

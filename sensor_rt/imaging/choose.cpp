@@ -7,6 +7,7 @@ namespace sensor_rt {
 namespace {
 
 constexpr double kColumnsPerJump = 64.0;
+constexpr double kJumpsPerStanding = 4.0;
 
 /// First candidate of the column after that of candidate `begin`.
 std::size_t end_of_column(const std::vector<Candidate>& candidates, std::size_t begin) {
@@ -41,7 +42,7 @@ class PathSearch {
         best = score;
         before_[i] = j;
       }
-      score_[i] = best + static_cast<double>(strength(i) / brightest) / kColumnsPerJump;
+      score_[i] = best + static_cast<double>(strength(i) / brightest) / kColumnsPerJump + standing(i);
     }
   }
 
@@ -58,9 +59,15 @@ class PathSearch {
  private:
   float strength(std::size_t i) const { return peaks_.candidates[i].amplitude; }
 
+  double standing(std::size_t i) const {
+    return peaks_.standing.empty() ? 0.0 : -kJumpsPerStanding * static_cast<double>(peaks_.standing[i]);
+  }
+
+  /// A slope is no jump: up to half of a jump is free. Over dark columns a stripe may wander.
   double jump(std::size_t from, std::size_t to) const {
     const int gap = peaks_.candidates[to].column - peaks_.candidates[from].column;
-    return std::min(1.0, std::fabs(peaks_.fits[to].row - peaks_.fits[from].row) / (jump_px_ * gap));
+    const double rows = std::fabs(peaks_.fits[to].row - peaks_.fits[from].row);
+    return std::clamp(2.0 * rows / (jump_px_ * std::sqrt(gap)) - 1.0, 0.0, 1.0);
   }
 
   const CameraPeaks& peaks_;
@@ -101,23 +108,6 @@ std::vector<std::size_t> choose_continuous(const CameraPeaks& peaks, double jump
     ++columns;
   }
   return columns > 0 ? search.trace(last, columns) : std::vector<std::size_t>{};
-}
-
-std::vector<std::size_t> choose_by_standing(const CameraPeaks& peaks) {
-  std::vector<std::size_t> chosen;
-  for (std::size_t i = 0; i < peaks.candidates.size(); ++i) {
-    if (chosen.empty() || peaks.candidates[chosen.back()].column != peaks.candidates[i].column) {
-      chosen.push_back(i);
-      continue;
-    }
-    const std::size_t rival = chosen.back();
-    const bool as_good = peaks.standing[i] == peaks.standing[rival];
-    if (peaks.standing[i] < peaks.standing[rival] ||
-        (as_good && peaks.candidates[i].strength > peaks.candidates[rival].strength)) {
-      chosen.back() = i;
-    }
-  }
-  return chosen;
 }
 
 }  // namespace sensor_rt

@@ -31,11 +31,8 @@ std::vector<std::size_t> choose_by_rank(PeakChoice choice, const std::vector<Can
 void keep_by_rank(PeakChoice choice, std::vector<Candidate>& candidates);
 
 /// One peak per column along the path over the columns that is bright and jumps little (dynamic programming):
-/// a jump costs the more the closer it comes to `jump_px` rows per column, at most as much as 64 columns of
-/// the brightest peak can earn.
+/// from half of `jump_px` rows per column on a jump costs the more, up to what 64 columns of the brightest
+/// peak can earn. Where the cameras were compared, a better standing is worth several jumps.
 std::vector<std::size_t> choose_continuous(const CameraPeaks& peaks, double jump_px);
-
-/// One peak per column: of the best standing, then the brightest.
-std::vector<std::size_t> choose_by_standing(const CameraPeaks& peaks);
 
 }  // namespace sensor_rt

@@ -155,9 +155,8 @@ class Extractor::Impl {
   }
 
   std::vector<std::size_t> choose(const CameraPeaks& peaks) const {
-    if (options_.peak == PeakChoice::kAgreement) return choose_by_standing(peaks);
-    if (options_.peak == PeakChoice::kContinuity) return choose_continuous(peaks, options_.continuity_px);
-    return choose_by_rank(options_.peak, peaks.candidates);
+    return chosen_by_rank(options_.peak) ? choose_by_rank(options_.peak, peaks.candidates)
+                                         : choose_continuous(peaks, options_.continuity_px);
   }
 
   /// Flags the chosen peaks by their neighbours and all others as passed over; drops the others unless all

@@ -29,7 +29,7 @@ enum class PeakChoice {
   kFirst,
   kLast,
   kContinuity,  ///< of the path over the columns that is bright and jumps little
-  kAgreement    ///< what the cameras agree on, then the brightest; needs two cameras
+  kAgreement    ///< what the cameras agree on, then as by continuity; needs two cameras
 };
 
 /// Options of the stripe search: the section "extraction" of the sensor description.

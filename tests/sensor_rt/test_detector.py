@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import one_plane, pose, still
 from scipy import stats
 from stripe_images import make_sensor
 
-from sensor_rt import expose
+from sensor_rt import Scene, expose, render
 
 QUIET = {"read_noise_e": 0.0, "black_level_dn": 0.0, "gain_dn_per_e": 1.0, "full_well_e": 1e5, "bit_depth": 12}
 
@@ -166,3 +167,15 @@ def test_wrong_times_are_refused():
         expose(light, sensor, np.zeros(2), np.zeros(2))
     with pytest.raises(ValueError, match="exposure"):
         expose(light, sensor, np.array([0.0, -1.0]), np.zeros(2, np.int64))
+
+
+def test_few_lit_pixels_and_whole_planes_give_the_same_bytes():
+    """The renderer hands over lit pixels only; ``expose`` takes whole planes of electrons."""
+    sensor = make_sensor(cameras=2, detector={"prnu": 0.01, "dsnu_e": 2.0, "dark_current_e_per_s": 500.0})
+    place = pose([0.0, 0.0, 0.12], [0.1, 0.2, 0.0])
+    light = one_plane(sensor, place)
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1.0, 1.0], 0.5)
+    assert 0 < (light > 0.0).mean() < 0.1
+    images = render(scene, sensor, still(place, first=3))
+    np.testing.assert_array_equal(images, expose(light[None], sensor, np.array([5e-4]), np.array([3])))

@@ -116,6 +116,72 @@ def test_covariance_matches_monte_carlo(row):
     np.testing.assert_allclose(profiles.sigma, largest, rtol=1e-5)
 
 
+def two_views(sensor, frames, z, jitter=0.0):
+    """Images of a flat at sensor height z (jitter apart between the cameras, px) in both cameras."""
+    light = []
+    for k, camera in enumerate(sensor.cameras):
+        row = np.asarray(camera.project(np.array([[0.0, 0.0, z]])))[0, 1] + (jitter if k else 0.0)
+        light.append(stripe(np.full(1280, row), 1.4, 2000.0 if k else 6000.0, 1024))
+    planes = np.broadcast_to(np.array(light, np.float32), (frames, 2, 1024, 1280))
+    return expose(planes, sensor, np.full(frames, 5e-4), np.arange(frames))
+
+
+@pytest.mark.parametrize("z", [0.09, 0.15])
+def test_fusion_weighs_the_cameras_by_their_variances(z):
+    """A flat, three times dimmer in one camera: fused points scatter as the harmonic mean of the variances says."""
+    plain, fused = make_sensor(cameras=2), make_sensor(cameras=2, extraction={"fusion": "weighted"})
+    peaks = extract(two_views(plain, 6, z), plain)
+    apart, together = triangulate(peaks, plain), triangulate(peaks, fused)
+    assert len(together) < 0.52 * len(apart)
+    variance = [apart.points_in_sensor[apart.camera == k, 2].var() for k in (0, 1)]
+    assert variance[1] > 2.0 * variance[0]
+    expected = 1.0 / (
+        1.0 / variance[0] + 1.0 / (variance[1] * 2.0 / 3.0)
+    )  # two columns, between which one interpolates
+    best = 1.0 / sum(1.0 / v for v in variance)
+    scatter = together.points_in_sensor[:, 2].var()
+    assert 0.85 * expected < scatter < 1.1 * best
+    assert np.mean(together.sigma**2) == pytest.approx(
+        (together.points_in_sensor[:, 1:] - [0, z]).var(axis=0)[1], rel=0.15
+    )
+    assert abs(together.points_in_sensor[:, 2].mean() - z) < 2e-6
+    np.testing.assert_allclose(together.sigma, np.sqrt(np.linalg.eigvalsh(together.covariance).max(axis=1)), rtol=1e-4)
+
+
+def test_points_that_cameras_place_apart_are_not_fused():
+    fused = make_sensor(cameras=2, extraction={"fusion": "weighted"})
+    peaks = extract(two_views(fused, 1, 0.12, jitter=3.0), fused)
+    profiles = triangulate(peaks, fused)
+    assert (profiles.camera == 0).sum() == (profiles.camera == 1).sum() > 1200
+
+
+def test_what_one_camera_alone_sees_survives_fusion():
+    fused = make_sensor(cameras=2, extraction={"fusion": "weighted"})
+    images = two_views(fused, 1, 0.12)
+    images[0, 0, :, :400] = 4
+    images[0, 1, :, :200] = 4
+    profiles = triangulate(extract(images, fused), fused)
+    column, camera = profiles.column, profiles.camera
+    assert set(column[camera == 0]) >= set(range(405, 1270))
+    assert (camera == 1).sum() > 390  # the columns that mirror those that are dark in camera 0
+    assert len(profiles) == (camera == 0).sum() + (camera == 1).sum()
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+def test_distorted_cameras_place_their_uncertainty_as_finite_differences_do(camera):
+    sensor = make_sensor(cameras=2, camera=OFF_CENTRE | {"distortion": DISTORTION})
+    profiles = triangulate(extract(two_views(sensor, 1, 0.15), sensor), sensor)
+    mine = profiles.camera == camera
+    pixel = np.stack([profiles.column[mine], profiles.row[mine]], axis=1)
+    step = np.array([0.0, 1e-3])
+    slope = (
+        triangulate_pixels(pixel + step, sensor, camera, "exact")
+        - triangulate_pixels(pixel - step, sensor, camera, "exact")
+    ) / 2e-3
+    direction = np.einsum("ni,nij,nj->n", slope, profiles.covariance[mine], slope)
+    np.testing.assert_allclose(direction, profiles.sigma[mine] ** 2 * (slope**2).sum(axis=1), rtol=1e-4)
+
+
 def test_points_outside_the_range_are_left_out():
     rows = np.linspace(30.0, 990.0, 1280)
     everything = profile(make_sensor(), 1, rows)

@@ -1,0 +1,126 @@
+"""Every detector on straight stripes: what theory says of its scatter, bias and claims."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stripe_images import PEAK_E, cramer_rao, make_sensor, stripe
+
+from sensor_rt import PEAK_REJECTED, expose, extract
+
+WIDTH, HEIGHT = 1280, 128
+FLOOR_E2 = 5.0**2 + 1 / (12 * 0.0225**2)
+DETECTORS = [
+    "gaussian",
+    "centre_of_gravity",
+    "parabola",
+    "log_parabola",
+    "blais_rioux_4",
+    "blais_rioux_8",
+    "derivative_of_gaussian",
+    "steger",
+]
+# They have no model, so their shape figures are noisy; the limits that judge shapes are not what is tested here.
+OPEN = {
+    "max_asymmetry": 9.0,
+    "max_residual": 9.0,
+    "max_width_jump": 9.0,
+    "max_amplitude_jump": 9.0,
+    "max_row_jump_px": 9.0,
+}
+
+
+def rows(frame=0):
+    return 60.0 + 0.0137 * np.arange(WIDTH) + 0.29 * frame
+
+
+def measure(detector, sigma, peak=PEAK_E, noise=True, frames=3, slope=0.0):
+    sensor = make_sensor(WIDTH, HEIGHT, render={"noise": noise}, extraction={"detector": detector} | OPEN)
+    truth = np.stack([rows(f) + slope * (np.arange(WIDTH) - 640) for f in range(frames)])
+    light = np.stack([stripe(r, sigma, peak, HEIGHT) for r in truth])[:, None].astype(np.float32)
+    peaks = extract(expose(light, sensor, np.full(frames, 5e-4), np.arange(frames)), sensor)
+    keep = (peaks.flags & PEAK_REJECTED) == 0
+    assert keep.mean() > 0.97
+    return (peaks.row - truth[peaks.frame, peaks.column])[keep], peaks.row_sigma[keep]
+
+
+def bound(sigma, peak=PEAK_E):
+    return np.sqrt(np.mean([cramer_rao(sigma, peak, o, FLOOR_E2) ** 2 for o in np.linspace(-0.5, 0.5, 8)]))
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+def test_no_detector_has_a_mean_bias(detector):
+    error, _ = measure(detector, 1.5)
+    assert abs(error.mean()) < 4 * error.std() / np.sqrt(error.size) + 0.001
+
+
+@pytest.mark.parametrize(
+    ("detector", "factor"),
+    [
+        ("gaussian", 1.1),
+        ("centre_of_gravity", 1.2),
+        ("log_parabola", 1.1),
+        ("derivative_of_gaussian", 1.25),
+        ("blais_rioux_8", 1.35),
+        ("blais_rioux_4", 1.8),
+        ("parabola", 4.0),
+    ],
+)
+def test_scatter_against_the_bound(detector, factor):
+    error, _ = measure(detector, 1.5)
+    assert 0.9 * bound(1.5) < error.std() < factor * bound(1.5)
+
+
+def test_steger_averages_over_neighbouring_columns():
+    error, row_sigma = measure("steger", 1.5)
+    assert error.std() < 0.6 * bound(1.5)
+    assert row_sigma.mean() == pytest.approx(error.std(), rel=0.1)
+    neighbours = np.corrcoef(error[:-1], error[1:])[0, 1]
+    assert neighbours > 0.7
+
+
+@pytest.mark.parametrize(
+    "detector", ["gaussian", "log_parabola", "derivative_of_gaussian", "centre_of_gravity", "steger"]
+)
+@pytest.mark.parametrize("sigma", [1.5, 3.0])
+def test_claimed_scatter_is_the_true_one(detector, sigma):
+    error, row_sigma = measure(detector, sigma)
+    assert np.sqrt(np.mean(row_sigma**2)) == pytest.approx(error.std(), rel=0.1)
+
+
+@pytest.mark.parametrize("detector", ["blais_rioux_4", "blais_rioux_8", "parabola"])
+def test_claimed_scatter_of_wide_stripes(detector):
+    """Narrow ones add an error of interpolation that noise cannot tell."""
+    error, row_sigma = measure(detector, 3.0)
+    assert np.sqrt(np.mean(row_sigma**2)) == pytest.approx(error.std(), rel=0.1)
+
+
+@pytest.mark.parametrize("detector", ["gaussian", "log_parabola", "derivative_of_gaussian", "steger"])
+@pytest.mark.parametrize("sigma", [1.0, 2.0])
+@pytest.mark.parametrize("slope", [0.0, 0.03])
+def test_bias_without_noise(detector, sigma, slope):
+    """What is left is the rounding to whole digital numbers."""
+    error, _ = measure(detector, sigma, noise=False, frames=1, slope=slope)
+    assert np.sqrt(np.mean(error**2)) < 0.004
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+def test_garbage_gives_finite_numbers(detector):
+    rng = np.random.default_rng(5)
+    images = rng.integers(0, 256, (3, 1, 48, 64)).astype(np.uint16)
+    images[1] *= rng.integers(0, 2, (1, 48, 64)).astype(np.uint16)
+    images[2] = 255
+    peaks = extract(images, make_sensor(64, 48, extraction={"detector": detector}))
+    for name in ("row", "amplitude", "width", "row_sigma", "asymmetry", "residual"):
+        assert np.isfinite(getattr(peaks, name)).all(), name
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+def test_stripes_at_the_border_and_in_small_images(detector):
+    sensor = make_sensor(40, 12, extraction={"detector": detector})
+    for row in (0.3, 1.4, 6.0, 10.6, 11.0):
+        light = stripe(np.full(40, row), 1.2, 6000.0, 12)[None, None].astype(np.float32)
+        peaks = extract(expose(light, sensor, np.array([5e-4]), np.array([0])), sensor)
+        assert np.isfinite(peaks.row).all()
+        keep = (peaks.flags & PEAK_REJECTED) == 0
+        assert np.abs(peaks.row[keep] - row).max(initial=0.0) < 0.3
