@@ -4,7 +4,7 @@
 what is wrong. The functions release the interpreter lock while they work.
 """
 
-from typing import Literal
+from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,21 +53,61 @@ class Sensor:
         Dumitrache & Borangiu, Eq. 5, with y corrected. ValueError for a camera that sees to infinity.
         """
 
+class Material:
+    """A surface at the laser's wavelength. Everywhere a number stands for the reflectance of a Lambertian surface.
+
+    Parameters
+    ----------
+    reflectance
+        0..1: of the diffuse base (lambert, oren_nayar, rough_dielectric), at normal incidence (rough_conductor), at
+        every angle (mirror)
+    model
+        lambert, oren_nayar, rough_dielectric (GGX coat on a diffuse base), rough_conductor (GGX) or mirror
+    roughness
+        oren_nayar: 0..1, standard deviation of the slope angle over pi/2; GGX alpha: 0.01..1; otherwise unused
+    refractive_index
+        of the coat, 1..3; otherwise unused
+    """
+
+    @overload
+    def __init__(self, reflectance: float) -> None: ...
+    @overload
+    def __init__(self, reflectance: float, model: str, roughness: float, refractive_index: float) -> None: ...
+    @property
+    def model(self) -> str: ...
+    @property
+    def reflectance(self) -> float: ...
+    @property
+    def roughness(self) -> float: ...
+    @property
+    def refractive_index(self) -> float: ...
+    def diffuse_equivalent(self, a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
+        """pi times the brdf, (n,), between directions (n, 3) that point away from a surface whose normal is +z."""
+    def albedo(self, cosine: ArrayLike) -> NDArray[np.float64]:
+        """Share sent back of light that arrives at these cosines, (n,)."""
+    def sample(
+        self, from_direction: ArrayLike, uniforms: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Random reflections of light from (n, 3), by uniform numbers (n, 3).
+
+        Directions (n, 3), weights brdf * cosine / density (0: absorbed), densities (1/sr; 0 for the mirror).
+        """
+
 class Scene:
-    """Bodies made of shapes. Shapes with the same body name move as one. Surfaces are Lambertian and two-sided."""
+    """Bodies made of shapes. Shapes with the same body name move as one. Surfaces are two-sided."""
 
     def __init__(self) -> None: ...
-    def add_mesh(self, name: str, vertices: ArrayLike, faces: ArrayLike, reflectance: float) -> None:
+    def add_mesh(self, name: str, vertices: ArrayLike, faces: ArrayLike, material: Material | float) -> None:
         """Mesh with vertices (n, 3) in the body frame, m, and faces (m, 3) of vertex indices."""
-    def add_sphere(self, name: str, centre: ArrayLike, radius: float, reflectance: float) -> None:
+    def add_sphere(self, name: str, centre: ArrayLike, radius: float, material: Material | float) -> None:
         """Exact sphere around a point (3,) of the body frame."""
-    def add_box(self, name: str, body_from_box: ArrayLike, size: ArrayLike, reflectance: float) -> None:
+    def add_box(self, name: str, body_from_box: ArrayLike, size: ArrayLike, material: Material | float) -> None:
         """Exact box with edges `size` (3,), centred in its own frame."""
     def add_cylinder(
-        self, name: str, body_from_cylinder: ArrayLike, radius: float, height: float, reflectance: float
+        self, name: str, body_from_cylinder: ArrayLike, radius: float, height: float, material: Material | float
     ) -> None:
         """Exact capped cylinder along its own z axis, centred in its own frame."""
-    def add_plane(self, name: str, body_from_plane: ArrayLike, size: ArrayLike, reflectance: float) -> None:
+    def add_plane(self, name: str, body_from_plane: ArrayLike, size: ArrayLike, material: Material | float) -> None:
         """Exact rectangle with edges `size` (2,) in the xy plane of its own frame, centred."""
     @property
     def bodies(self) -> list[str]:

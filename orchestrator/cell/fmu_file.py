@@ -47,7 +47,7 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
     robot = [to_si(joint.model_dump(exclude={"mesh"})) for joint in cell.robot.joint]
     for joint, start in zip(robot, nominal.home, strict=True):
         joint["start"] = float(start)
-    table = to_si(cell.table.model_dump(exclude={"pose", "reflectance", "platter_mesh", "base_mesh"}))
+    table = to_si(cell.table.model_dump(exclude={"pose", "reflectance", "material", "platter_mesh", "base_mesh"}))
     return {
         "format": 1,
         "name": cell.name,

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from orchestrator.config.cell import CellDescription, FixtureDescription, PartDescription, ToolDescription
 from orchestrator.config.description import PoseDescription
+from orchestrator.config.material import Material, MaterialDescription
 from orchestrator.config.units import to_si
 from orchestrator.errors import CellError
 from orchestrator.geometry import pose
@@ -30,7 +31,7 @@ class Body:
     name: str
     moves_with: str
     mesh: Mesh
-    reflectance: float
+    material: Material
 
 
 @dataclass(frozen=True)
@@ -158,22 +159,25 @@ def _joint_fields(joint: dict[str, float]) -> dict[str, float]:
 
 def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
     table = cell.table
+    robot_material = _material(cell.robot_material, cell.robot_reflectance)
+    table_material = _material(table.material, table.reflectance)
     files = [
-        ("base", "world", cell.robot.base_mesh, cell.robot_reflectance),
-        *(
-            (f"link{i}", f"link[{i}]", joint.mesh, cell.robot_reflectance)
-            for i, joint in enumerate(cell.robot.joint, 1)
-        ),
-        ("sensor", "sensor", cell.sensor_mesh, cell.robot_reflectance),
-        ("table", "table", table.platter_mesh, table.reflectance),
-        ("table_base", "world", table.base_mesh, table.reflectance),
+        ("base", "world", cell.robot.base_mesh, robot_material),
+        *((f"link{i}", f"link[{i}]", joint.mesh, robot_material) for i, joint in enumerate(cell.robot.joint, 1)),
+        ("sensor", "sensor", cell.sensor_mesh, robot_material),
+        ("table", "table", table.platter_mesh, table_material),
+        ("table_base", "world", table.base_mesh, table_material),
     ]
     bodies = [
-        Body(name, frame, _placed(load_mesh(Path(path)), name, cell), reflectance)
-        for name, frame, path, reflectance in files
+        Body(name, frame, _placed(load_mesh(Path(path)), name, cell), material)
+        for name, frame, path, material in files
         if path is not None
     ]
-    return (*bodies, Body("part", "part", part, cell.part.reflectance))
+    return (*bodies, Body("part", "part", part, _material(cell.part.material, cell.part.reflectance)))
+
+
+def _material(description: MaterialDescription | None, reflectance: float) -> Material:
+    return Material(reflectance) if description is None else description.resolved()
 
 
 def _placed(mesh: Mesh, name: str, cell: CellDescription) -> Mesh:

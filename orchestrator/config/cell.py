@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from orchestrator.config.description import Description, Finite, Fraction, NonNegative, PoseDescription, Positive
+from orchestrator.config.material import MaterialDescription
 
 
 class JointDescription(Description):
@@ -90,6 +91,7 @@ class TableDescription(Description):
     encoder_resolution_deg: NonNegative = 0.0
     encoder_noise_deg: NonNegative = 0.0
     reflectance: Fraction = 0.05
+    material: MaterialDescription | None = Field(default=None, description="takes the place of reflectance")
     platter_mesh: str | None = Field(default=None, description="what turns, table frame, mm")
     base_mesh: str | None = Field(default=None, description="what stands still, table frame, mm")
 
@@ -113,6 +115,7 @@ class PartDescription(Description):
     density_kg_m3: Positive = 2700.0
     friction: NonNegative = 0.6
     reflectance: Fraction = Field(default=0.5, description="Lambertian reflectance at the laser's wavelength")
+    material: MaterialDescription | None = Field(default=None, description="takes the place of reflectance")
 
 
 class WorldDescription(Description):
@@ -137,6 +140,7 @@ class CellDescription(Description):
     world: WorldDescription = WorldDescription()
     robot: RobotDescription
     robot_reflectance: Fraction = 0.3
+    robot_material: MaterialDescription | None = Field(default=None, description="takes the place of robot_reflectance")
     tool: ToolDescription
     sensor_mesh: str | None = Field(default=None, description="housing of the sensor in its own frame, mm")
     table: TableDescription

@@ -26,7 +26,9 @@ def build_scene(bodies: tuple[Body, ...]) -> sensor_rt.Scene:
     """Scene of `bodies`, one mesh each."""
     scene = sensor_rt.Scene()
     for body in bodies:
-        scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, body.reflectance)
+        m = body.material
+        material = sensor_rt.Material(m.reflectance, m.model, m.roughness, m.refractive_index)
+        scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material)
     return scene
 
 

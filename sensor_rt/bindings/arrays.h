@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "sensor_rt/geometry/rigid3.h"
+#include "sensor_rt/scene/material.h"
 #include "sensor_rt/scene/mesh_shape.h"
 
 namespace sensor_rt {
@@ -33,6 +34,9 @@ Rigid3 to_pose(const double* matrix, const char* name);
 Rigid3 to_pose(const Doubles& matrix, const char* name);
 
 Eigen::Vector3d to_vector3(const Doubles& values, const char* name);
+
+/// A Material, or a number: the reflectance of a Lambertian surface.
+Material to_material(const pybind11::object& value);
 
 /// Mesh from vertices (n, 3) and faces (m, 3) of any integer type; keeps what it had to convert.
 class MeshArrays {

@@ -19,31 +19,35 @@ namespace sensor_rt {
 namespace {
 
 void add_mesh(Scene& scene, const std::string& body, const Doubles& vertices, const py::object& faces,
-              double reflectance) {
+              const py::object& material) {
   const MeshArrays mesh(vertices, faces);
+  const Material surface = to_material(material);
   const py::gil_scoped_release release;
-  scene.add_mesh(body, mesh.view(), reflectance);
+  scene.add_mesh(body, mesh.view(), surface);
 }
 
 void add_sphere(Scene& scene, const std::string& body, const Doubles& centre, double radius,
-                double reflectance) {
-  scene.add_sphere(body, to_vector3(centre, "centre"), radius, reflectance);
+                const py::object& material) {
+  scene.add_sphere(body, to_vector3(centre, "centre"), radius, to_material(material));
 }
 
 void add_box(Scene& scene, const std::string& body, const Doubles& body_from_box, const Doubles& size,
-             double reflectance) {
-  scene.add_box(body, to_pose(body_from_box, "body_from_box"), to_vector3(size, "size"), reflectance);
+             const py::object& material) {
+  scene.add_box(body, to_pose(body_from_box, "body_from_box"), to_vector3(size, "size"),
+                to_material(material));
 }
 
 void add_cylinder(Scene& scene, const std::string& body, const Doubles& body_from_cylinder, double radius,
-                  double height, double reflectance) {
-  scene.add_cylinder(body, to_pose(body_from_cylinder, "body_from_cylinder"), radius, height, reflectance);
+                  double height, const py::object& material) {
+  scene.add_cylinder(body, to_pose(body_from_cylinder, "body_from_cylinder"), radius, height,
+                     to_material(material));
 }
 
 void add_plane(Scene& scene, const std::string& body, const Doubles& body_from_plane, const Doubles& size,
-               double reflectance) {
+               const py::object& material) {
   require_shape(size, "size", {2});
-  scene.add_plane(body, to_pose(body_from_plane, "body_from_plane"), {size.at(0), size.at(1)}, reflectance);
+  scene.add_plane(body, to_pose(body_from_plane, "body_from_plane"), {size.at(0), size.at(1)},
+                  to_material(material));
 }
 
 std::vector<Rigid3> to_poses(const Doubles& matrices, const char* name) {
@@ -118,16 +122,15 @@ py::tuple py_closest_points(const Doubles& vertices, const py::object& faces, co
 void bind_scene(py::module_& module) {
   py::class_<Scene>(module, "Scene", py::module_local())
       .def(py::init<>())
-      .def("add_mesh", &add_mesh, py::arg("name"), py::arg("vertices"), py::arg("faces"),
-           py::arg("reflectance"))
+      .def("add_mesh", &add_mesh, py::arg("name"), py::arg("vertices"), py::arg("faces"), py::arg("material"))
       .def("add_sphere", &add_sphere, py::arg("name"), py::arg("centre"), py::arg("radius"),
-           py::arg("reflectance"))
+           py::arg("material"))
       .def("add_box", &add_box, py::arg("name"), py::arg("body_from_box"), py::arg("size"),
-           py::arg("reflectance"))
+           py::arg("material"))
       .def("add_cylinder", &add_cylinder, py::arg("name"), py::arg("body_from_cylinder"), py::arg("radius"),
-           py::arg("height"), py::arg("reflectance"))
+           py::arg("height"), py::arg("material"))
       .def("add_plane", &add_plane, py::arg("name"), py::arg("body_from_plane"), py::arg("size"),
-           py::arg("reflectance"))
+           py::arg("material"))
       .def_property_readonly("bodies", &Scene::bodies);
 
   py::class_<Exposures>(module, "Exposures", py::module_local())

@@ -6,6 +6,7 @@
 namespace sensor_rt {
 
 void bind_sensor(pybind11::module_& module);
+void bind_material(pybind11::module_& module);
 void bind_scene(pybind11::module_& module);
 void bind_detector(pybind11::module_& module);
 void bind_imaging(pybind11::module_& module);

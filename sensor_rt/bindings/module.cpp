@@ -4,6 +4,7 @@ PYBIND11_MODULE(_core, module) {
   module.doc() =
       "Laser profile sensor: ray tracing, stripe extraction, triangulation. SI units, float64 poses.";
   sensor_rt::bind_sensor(module);
+  sensor_rt::bind_material(module);
   sensor_rt::bind_scene(module);
   sensor_rt::bind_detector(module);
   sensor_rt::bind_imaging(module);

@@ -1,6 +1,7 @@
 #include "sensor_rt/render/pixel_tracer.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "sensor_rt/geometry/multiversion.h"
@@ -37,8 +38,11 @@ PixelTracer::PixelTracer(const RenderPlan& plan)
 
 void PixelTracer::set(const Scene& scene, const PoseTrack& track) {
   scene_ = &scene;
-  reflectances_.clear();
-  for (const Shape& shape : scene.shapes()) reflectances_.push_back(shape.reflectance);
+  surfaces_.clear();
+  for (const Shape& shape : scene.shapes()) {
+    const bool lambert = shape.surface->material().is_lambert();
+    surfaces_.push_back({shape.reflectance, lambert ? nullptr : shape.surface.get()});
+  }
   lane_instants_.resize(sample_row_.size());
   for (std::size_t i = 0; i < lane_instants_.size(); ++i) {
     const std::size_t sample = std::min(i, plan_.pattern.size() - 1);
@@ -69,6 +73,20 @@ PixelTracer::PixelRay PixelTracer::pixel_ray(int column, int row) const {
   return {middle.x(), middle.y(), slope(0, 0), slope(0, 1), slope(1, 0), slope(1, 1)};
 }
 
+double PixelTracer::brightness(const PacketHits& hits, int l, const Lanes3& direction,
+                               const Lanes3& from_source, double irradiance) const {
+  const Reflection& reflection = *surfaces_[static_cast<std::size_t>(hits.shape[l])].reflection;
+  const Eigen::Vector3d to_eye = -lane(direction, l).normalized();
+  Eigen::Vector3d normal = lane(hits.normal, l);
+  if (normal.dot(to_eye) < 0.0) normal = -normal;
+  double sum = plan_.settings.model.ambient_irradiance * reflection.albedo(normal.dot(to_eye));
+  if (irradiance > 0.0) {
+    const Eigen::Vector3d to_source = -lane(from_source, l).normalized();
+    sum += irradiance * reflection.diffuse_equivalent(normal, to_source, to_eye);
+  }
+  return sum;
+}
+
 double PixelTracer::sum_packet(std::size_t packet, const Lanes3& direction, const int* valid) {
   PacketHits hits;
   camera_views_[number_].intersect(packet, direction, valid, kInfinity, hits);
@@ -83,8 +101,10 @@ double PixelTracer::sum_packet(std::size_t packet, const Lanes3& direction, cons
   double sum = 0.0;
   for (int l = 0; l < kLanes; ++l) {
     if (valid[l] == 0 || hits.shape[l] < 0) continue;
-    const double light = (lit[l] != 0 ? irradiance[l] : 0.0) + ambient;
-    sum += reflectances_[static_cast<std::size_t>(hits.shape[l])] * light;
+    const Surface& surface = surfaces_[static_cast<std::size_t>(hits.shape[l])];
+    const double laser = lit[l] != 0 ? irradiance[l] : 0.0;
+    sum += surface.reflection == nullptr ? surface.reflectance * (laser + ambient)
+                                         : brightness(hits, l, direction, from_source, laser);
   }
   return sum;
 }
@@ -119,13 +139,18 @@ double PixelTracer::reflectance(int column, int row) {
     };
     return distance(a) < distance(b);
   };
-  std::size_t lane = 0;
+  std::size_t best = 0;
   for (std::size_t l = 1; l < std::min<std::size_t>(kLanes, plan_.pattern.size()); ++l)
-    lane = middle(l, lane) ? l : lane;
-  valid[lane] = -1;
+    best = middle(l, best) ? l : best;
+  const int chosen = static_cast<int>(best);
+  valid[chosen] = -1;
   PacketHits hits;
   camera_views_[number_].intersect(0, direction, valid, kInfinity, hits);
-  return hits.shape[lane] < 0 ? 0.0 : reflectances_[static_cast<std::size_t>(hits.shape[lane])];
+  if (hits.shape[chosen] < 0) return 0.0;
+  const Surface& surface = surfaces_[static_cast<std::size_t>(hits.shape[chosen])];
+  if (surface.reflection == nullptr) return surface.reflectance;
+  return surface.reflection->albedo(
+      std::abs(lane(hits.normal, chosen).dot(lane(direction, chosen).normalized())));
 }
 
 double PixelTracer::electrons(int column, int row, double irradiance) const {

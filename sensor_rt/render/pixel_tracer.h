@@ -22,7 +22,8 @@ class PixelTracer {
   /// Expected electrons per second in a pixel, averaged over its area and the exposure.
   double trace(int column, int row);
 
-  /// Reflectance seen along the middle of a pixel at mid-exposure; 0 where nothing is in view.
+  /// Reflectance under even light, seen along the middle of a pixel at mid-exposure; 0 where nothing is in
+  /// view.
   double reflectance(int column, int row);
 
   /// Electrons per second in a pixel from a surface that sends back `irradiance` diffusely.
@@ -35,6 +36,9 @@ class PixelTracer {
   };
 
   PixelRay pixel_ray(int column, int row) const;
+  /// Light sent to the eye from what lane l has met, as irradiance on a white diffuse surface.
+  double brightness(const PacketHits& hits, int l, const Lanes3& direction, const Lanes3& from_source,
+                    double irradiance) const;
   double sum_packet(std::size_t packet, const Lanes3& direction, const int* valid);
 
   const RenderPlan& plan_;
@@ -45,7 +49,11 @@ class PixelTracer {
   std::vector<std::size_t> lane_instants_;
   std::vector<double> sample_column_;  ///< padded to whole packets
   std::vector<double> sample_row_;
-  std::vector<double> reflectances_;  ///< per shape
+  struct Surface {
+    double reflectance;
+    const Reflection* reflection;  ///< null for Lambertian surfaces, whose reflectance says all
+  };
+  std::vector<Surface> surfaces_;  ///< per shape
   // The selected camera:
   std::size_t number_ = 0;
   const Camera* camera_ = nullptr;

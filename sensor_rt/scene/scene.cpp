@@ -1,55 +1,45 @@
 #include "sensor_rt/scene/scene.h"
 
 #include <algorithm>
-#include <cmath>
+#include <memory>
 #include <stdexcept>
 #include <utility>
 
 namespace sensor_rt {
-namespace {
 
-void require_reflectance(const std::string& body, double reflectance) {
-  if (!(reflectance >= 0.0 && reflectance <= 1.0)) {
-    throw std::invalid_argument("body " + body + ": reflectance must lie in 0..1, got " +
-                                std::to_string(reflectance));
-  }
-}
-
-}  // namespace
-
-void Scene::add_mesh(const std::string& body, const MeshView& mesh, double reflectance) {
-  require_reflectance(body, reflectance);
+void Scene::add_mesh(const std::string& body, const MeshView& mesh, const Material& material) {
+  validate_material(material, "body " + body);
   validate_mesh(mesh, "body " + body);
-  add_shape(body, make_mesh_shape(mesh), reflectance);
+  add_shape(body, make_mesh_shape(mesh), material);
 }
 
 void Scene::add_sphere(const std::string& body, const Eigen::Vector3d& centre, double radius,
-                       double reflectance) {
+                       const Material& material) {
   Rigid3 body_from_shape;
   body_from_shape.translation = centre;
-  add_primitive(body, ShapeKind::kSphere, body_from_shape, Eigen::Vector3d::Constant(radius), reflectance);
+  add_primitive(body, ShapeKind::kSphere, body_from_shape, Eigen::Vector3d::Constant(radius), material);
 }
 
 void Scene::add_box(const std::string& body, const Rigid3& body_from_box, const Eigen::Vector3d& size,
-                    double reflectance) {
-  add_primitive(body, ShapeKind::kBox, body_from_box, 0.5 * size, reflectance);
+                    const Material& material) {
+  add_primitive(body, ShapeKind::kBox, body_from_box, 0.5 * size, material);
 }
 
 void Scene::add_cylinder(const std::string& body, const Rigid3& body_from_cylinder, double radius,
-                         double height, double reflectance) {
-  add_primitive(body, ShapeKind::kCylinder, body_from_cylinder, {radius, radius, 0.5 * height}, reflectance);
+                         double height, const Material& material) {
+  add_primitive(body, ShapeKind::kCylinder, body_from_cylinder, {radius, radius, 0.5 * height}, material);
 }
 
 void Scene::add_plane(const std::string& body, const Rigid3& body_from_plane, const Eigen::Vector2d& size,
-                      double reflectance) {
+                      const Material& material) {
   // The size along z only has to be positive here; a rectangle has none.
   add_primitive(body, ShapeKind::kRectangle, body_from_plane, {0.5 * size.x(), 0.5 * size.y(), 1e-6},
-                reflectance);
+                material);
 }
 
 void Scene::add_primitive(const std::string& body, ShapeKind kind, const Rigid3& body_from_shape,
-                          const Eigen::Vector3d& half_size, double reflectance) {
-  require_reflectance(body, reflectance);
+                          const Eigen::Vector3d& half_size, const Material& material) {
+  validate_material(material, "body " + body);
   if (!half_size.allFinite() || !(half_size.minCoeff() > 0.0)) {
     throw std::invalid_argument("body " + body + ": sizes must be finite and positive");
   }
@@ -60,14 +50,15 @@ void Scene::add_primitive(const std::string& body, ShapeKind kind, const Rigid3&
   shape.kind = kind;
   shape.half_size = half_size;
   shape.shape_from_body = body_from_shape.inverse();
-  add_shape(body, std::move(shape), reflectance);
+  add_shape(body, std::move(shape), material);
 }
 
-void Scene::add_shape(const std::string& body, Shape shape, double reflectance) {
+void Scene::add_shape(const std::string& body, Shape shape, const Material& material) {
   if (body.empty()) throw std::invalid_argument("a body needs a name");
   const auto found = std::find(bodies_.begin(), bodies_.end(), body);
   shape.body = static_cast<int>(found - bodies_.begin());
-  shape.reflectance = reflectance;
+  shape.surface = std::make_shared<const Reflection>(material);
+  shape.reflectance = shape.surface->albedo(1.0);
   shapes_.push_back(std::move(shape));
   if (found == bodies_.end()) bodies_.push_back(body);
 }

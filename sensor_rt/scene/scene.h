@@ -9,24 +9,25 @@
 
 namespace sensor_rt {
 
-/// Everything that light can meet. Several shapes may share a body. Shapes are two-sided; reflectance is
-/// Lambertian, 0..1. Sizes in metres. All add_* throw std::invalid_argument for what is not finite, not
+/// Everything that light can meet. Several shapes may share a body. Shapes are two-sided. Sizes
+/// in metres. All add_* throw std::invalid_argument for what is not finite, not
 /// positive or out of range. Tracing a finished scene is safe from any number of threads.
 class Scene {
  public:
   /// Mesh given in the body frame.
-  void add_mesh(const std::string& body, const MeshView& mesh, double reflectance);
+  void add_mesh(const std::string& body, const MeshView& mesh, const Material& material);
   /// Sphere around `centre` (body frame).
-  void add_sphere(const std::string& body, const Eigen::Vector3d& centre, double radius, double reflectance);
+  void add_sphere(const std::string& body, const Eigen::Vector3d& centre, double radius,
+                  const Material& material);
   /// Box with edges `size`, centred in its own frame.
   void add_box(const std::string& body, const Rigid3& body_from_box, const Eigen::Vector3d& size,
-               double reflectance);
+               const Material& material);
   /// Cylinder along its own z, capped, centred in its own frame.
   void add_cylinder(const std::string& body, const Rigid3& body_from_cylinder, double radius, double height,
-                    double reflectance);
+                    const Material& material);
   /// Rectangle with edges `size` in the xy plane of its own frame, centred, visible from both sides.
   void add_plane(const std::string& body, const Rigid3& body_from_plane, const Eigen::Vector2d& size,
-                 double reflectance);
+                 const Material& material);
 
   /// Names in the order in which poses are given.
   const std::vector<std::string>& bodies() const { return bodies_; }
@@ -34,8 +35,8 @@ class Scene {
 
  private:
   void add_primitive(const std::string& body, ShapeKind kind, const Rigid3& body_from_shape,
-                     const Eigen::Vector3d& half_size, double reflectance);
-  void add_shape(const std::string& body, Shape shape, double reflectance);
+                     const Eigen::Vector3d& half_size, const Material& material);
+  void add_shape(const std::string& body, Shape shape, const Material& material);
 
   std::vector<std::string> bodies_;
   std::vector<Shape> shapes_;

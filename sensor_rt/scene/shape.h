@@ -2,10 +2,12 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <memory>
 #include <vector>
 
 #include "sensor_rt/geometry/rigid3.h"
 #include "sensor_rt/scene/embree.h"
+#include "sensor_rt/scene/material.h"
 
 namespace sensor_rt {
 
@@ -21,7 +23,8 @@ struct FacePlane {
 struct Shape {
   ShapeKind kind = ShapeKind::kMesh;
   int body = 0;
-  double reflectance = 0.0;
+  double reflectance = 0.0;  ///< at normal incidence, all directions of exit together
+  std::shared_ptr<const Reflection> surface;
   Rigid3 shape_from_body;
   /// Half of the bounding box. For primitives this is their size: radius of a sphere; radius, radius and half
   /// the height of a cylinder along z; a rectangle lies in z = 0.

@@ -1,0 +1,117 @@
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "sensor_rt/bindings/arrays.h"
+#include "sensor_rt/bindings/bindings.h"
+#include "sensor_rt/scene/material.h"
+
+namespace py = pybind11;
+
+namespace sensor_rt {
+namespace {
+
+constexpr struct {
+  const char* name;
+  MaterialModel model;
+} kModels[] = {{"lambert", MaterialModel::kLambert},
+               {"oren_nayar", MaterialModel::kOrenNayar},
+               {"rough_dielectric", MaterialModel::kRoughDielectric},
+               {"rough_conductor", MaterialModel::kRoughConductor},
+               {"mirror", MaterialModel::kMirror}};
+
+Material make_material(double reflectance, const std::string& model, double roughness,
+                       double refractive_index) {
+  const auto* found = std::find_if(std::begin(kModels), std::end(kModels),
+                                   [&](const auto& entry) { return model == entry.name; });
+  if (found == std::end(kModels)) {
+    std::string expected;
+    for (const auto& entry : kModels) expected += (expected.empty() ? "" : ", ") + std::string(entry.name);
+    throw std::invalid_argument("material: model: expected one of " + expected + ", got " + model);
+  }
+  const Material material{found->model, reflectance, roughness, refractive_index};
+  validate_material(material, "material");
+  return material;
+}
+
+std::string model_name(const Material& material) {
+  return std::find_if(std::begin(kModels), std::end(kModels),
+                      [&](const auto& entry) { return entry.model == material.model; })
+      ->name;
+}
+
+/// Reads row i of an (n, 3) array as a unit vector.
+Eigen::Vector3d unit_row(const Doubles& rows, py::ssize_t i) {
+  return Eigen::Map<const Eigen::Vector3d>(rows.data(i, 0)).normalized();
+}
+
+py::array_t<double> diffuse_equivalent(const Material& material, const Doubles& a, const Doubles& b) {
+  require_shape(a, "a", {-1, 3});
+  require_shape(b, "b", {a.shape(0), 3});
+  const Reflection reflection(material);
+  py::array_t<double> result(a.shape(0));
+  for (py::ssize_t i = 0; i < a.shape(0); ++i) {
+    result.mutable_at(i) =
+        reflection.diffuse_equivalent(Eigen::Vector3d::UnitZ(), unit_row(a, i), unit_row(b, i));
+  }
+  return result;
+}
+
+py::array_t<double> albedo(const Material& material, const Doubles& cosine) {
+  require_shape(cosine, "cosine", {-1});
+  const Reflection reflection(material);
+  py::array_t<double> result(cosine.shape(0));
+  for (py::ssize_t i = 0; i < cosine.shape(0); ++i) result.mutable_at(i) = reflection.albedo(cosine.at(i));
+  return result;
+}
+
+py::tuple sample(const Material& material, const Doubles& from, const Doubles& uniforms) {
+  require_shape(from, "from_direction", {-1, 3});
+  const py::ssize_t count = from.shape(0);
+  require_shape(uniforms, "uniforms", {count, 3});
+  const Reflection reflection(material);
+  py::array_t<double> towards({count, py::ssize_t{3}});
+  py::array_t<double> weight(count);
+  py::array_t<double> density(count);
+  for (py::ssize_t i = 0; i < count; ++i) {
+    const ReflectedSample s = reflection.sample(Eigen::Vector3d::UnitZ(), unit_row(from, i),
+                                                uniforms.at(i, 0), uniforms.at(i, 1), uniforms.at(i, 2));
+    Eigen::Map<Eigen::Vector3d>(towards.mutable_data(i, 0)) = s.towards;
+    weight.mutable_at(i) = s.weight;
+    density.mutable_at(i) = s.density;
+  }
+  return py::make_tuple(towards, weight, density);
+}
+
+}  // namespace
+
+Material to_material(const py::object& value) {
+  if (py::isinstance<Material>(value)) return value.cast<Material>();
+  try {
+    Material material;
+    material.reflectance = value.cast<double>();
+    return material;
+  } catch (const py::cast_error&) {
+    throw py::type_error("material: expected a Material or the reflectance of a Lambertian surface");
+  }
+}
+
+void bind_material(py::module_& module) {
+  py::class_<Material>(module, "Material", py::module_local())
+      .def(py::init([](double reflectance) { return make_material(reflectance, "lambert", 0.0, 1.0); }),
+           py::arg("reflectance"))
+      .def(py::init(&make_material), py::arg("reflectance"), py::arg("model"), py::arg("roughness"),
+           py::arg("refractive_index"))
+      .def_property_readonly("model", &model_name)
+      .def_readonly("reflectance", &Material::reflectance)
+      .def_readonly("roughness", &Material::roughness)
+      .def_readonly("refractive_index", &Material::refractive_index)
+      .def("diffuse_equivalent", &diffuse_equivalent, py::arg("a"), py::arg("b"))
+      .def("albedo", &albedo, py::arg("cosine"))
+      .def("sample", &sample, py::arg("from_direction"), py::arg("uniforms"));
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,167 @@
+"""Reflection of surfaces: reciprocity, energy, the furnace, sampling, limits, and what a camera sees of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import Array, one_plane, pose, probe, still, stripe_centres
+
+from sensor_rt import Material, Scene, expected_electrons
+
+MATERIALS = {
+    "lambert": Material(1.0),
+    "slightly rough diffuse": Material(1.0, "oren_nayar", 0.1, 1.0),
+    "rough diffuse": Material(1.0, "oren_nayar", 0.9, 1.0),
+    "glossy paint": Material(1.0, "rough_dielectric", 0.1, 1.5),
+    "matt paint": Material(1.0, "rough_dielectric", 0.6, 1.4),
+    "polished metal": Material(1.0, "rough_conductor", 0.1, 1.0),
+    "brushed metal": Material(1.0, "rough_conductor", 0.35, 1.0),
+    "blasted metal": Material(1.0, "rough_conductor", 1.0, 1.0),
+}
+COSINES = np.array([0.08, 0.25, 0.5, 0.8, 0.99])
+
+
+def towards(cosine: Array | float, azimuth: Array | float) -> Array:
+    """Unit vectors (..., 3) at an angle to +z."""
+    sine = np.sqrt(1 - np.square(cosine))
+    return np.stack(np.broadcast_arrays(sine * np.cos(azimuth), sine * np.sin(azimuth), cosine), axis=-1)
+
+
+def sent_back(material: Material, cosine: float) -> float:
+    """Reflected share of light from one direction, by quadrature over the hemisphere.
+
+    Polar coordinates around the mirror direction, so that narrow lobes are resolved: the angle t to it is spread
+    by t = pi s^3.
+    """
+    n = 600
+    s = (np.arange(n) + 0.5) / n
+    angle, azimuth = np.meshgrid(np.pi * s**3, 2 * np.pi * (np.arange(n) + 0.5) / n, indexing="ij")
+    weight = np.sin(angle) * (3 * np.pi * s**2 / n)[:, None] * (2 * np.pi / n)
+    mirror = towards(cosine, np.pi)
+    side = np.array([0.0, 1.0, 0.0])
+    third = np.cross(mirror, side)
+    out = (
+        np.cos(angle)[..., None] * mirror
+        + np.sin(angle)[..., None] * (np.cos(azimuth)[..., None] * side + np.sin(azimuth)[..., None] * third)
+    ).reshape(-1, 3)
+    weight = np.where(out[:, 2] > 0, weight.ravel() * out[:, 2], 0.0)
+    source = np.broadcast_to(towards(cosine, 0.0), out.shape)
+    return float(np.sum(weight * material.diffuse_equivalent(source, out)) / np.pi)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_white_furnace(name: str) -> None:
+    """A surface that absorbs nothing sends back all light, whatever the direction."""
+    for cosine in COSINES:
+        assert sent_back(MATERIALS[name], cosine) == pytest.approx(1.0, abs=5e-3)
+
+
+@pytest.mark.parametrize("model", ["oren_nayar", "rough_dielectric", "rough_conductor"])
+@pytest.mark.parametrize("roughness", [0.05, 0.3, 0.8])
+@pytest.mark.parametrize("reflectance", [0.0, 0.3, 0.8])
+def test_energy_is_conserved_and_albedo_is_what_is_sent_back(model: str, roughness: float, reflectance: float) -> None:
+    material = Material(reflectance, model, roughness, 1.5)
+    measured = np.array([sent_back(material, cosine) for cosine in COSINES])
+    assert measured.max() < 1.0
+    np.testing.assert_allclose(material.albedo(COSINES), measured, atol=3e-3)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_reciprocity(name: str) -> None:
+    rng = np.random.default_rng(3)
+    a, b = (towards(rng.uniform(0.01, 1, 500), rng.uniform(0, 2 * np.pi, 500)) for _ in range(2))
+    material = MATERIALS[name]
+    forth, back = material.diffuse_equivalent(a, b), material.diffuse_equivalent(b, a)
+    np.testing.assert_allclose(forth, back, rtol=1e-9)
+    assert forth.min() >= 0.0
+
+
+@pytest.mark.parametrize("cosine", COSINES)
+def test_lambert_limits(cosine: float) -> None:
+    rng = np.random.default_rng(4)
+    out = towards(rng.uniform(0.01, 1, 200), rng.uniform(0, 2 * np.pi, 200))
+    source = np.broadcast_to(towards(cosine, 0.0), out.shape)
+    smooth = Material(0.37, "oren_nayar", 0.0, 1.0)
+    np.testing.assert_allclose(smooth.diffuse_equivalent(source, out), 0.37, rtol=1e-12)
+    np.testing.assert_allclose(Material(0.37).diffuse_equivalent(source, out), 0.37, rtol=1e-12)
+    without_coat = Material(0.37, "rough_dielectric", 0.3, 1.0)
+    np.testing.assert_allclose(without_coat.diffuse_equivalent(source, out), 0.37, rtol=1e-9)
+
+
+@pytest.mark.parametrize("index", [1.3, 1.5, 2.0])
+def test_smooth_coat_reflects_by_fresnel(index: float) -> None:
+    """At normal incidence ((n - 1) / (n + 1))^2; the base is black."""
+    coat = Material(0.0, "rough_dielectric", 0.02, index)
+    assert coat.albedo([1.0])[0] == pytest.approx(((index - 1) / (index + 1)) ** 2, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_sampling_agrees_with_its_density_and_with_the_albedo(name: str) -> None:
+    rng = np.random.default_rng(5)
+    n = 40_000
+    for cosine in (0.3, 0.9):
+        material = MATERIALS[name]
+        source = np.broadcast_to(towards(cosine, 0.4), (n, 3))
+        out, weight, density = material.sample(source, rng.random((n, 3)))
+        used = weight > 0
+        brdf = material.diffuse_equivalent(source[used], out[used]) / np.pi
+        np.testing.assert_allclose(weight[used], brdf * out[used, 2] / density[used], rtol=1e-9)
+        spread = weight.std() / np.sqrt(n)
+        assert weight.mean() == pytest.approx(material.albedo([cosine])[0], abs=5 * spread + 1e-3)
+        # The density integrates to 1 over what is used: the mean of 1 / density over a cap is the cap's solid angle.
+        cap = used & (out[:, 2] > 0.5)
+        inverse = np.where(cap, 1 / np.maximum(density, 1e-12), 0.0)
+        assert inverse.mean() == pytest.approx(np.pi, abs=6 * inverse.std() / np.sqrt(n))
+
+
+def test_mirror_reflects_into_one_direction() -> None:
+    out, weight, _ = Material(0.8, "mirror", 0.0, 1.0).sample([towards(0.6, 0.3)], [[0.1, 0.2, 0.3]])
+    np.testing.assert_allclose(out[0], towards(0.6, 0.3 + np.pi), atol=1e-12)
+    assert weight[0] == 0.8
+
+
+def test_a_camera_sees_the_brdf() -> None:
+    """The light of a lit plane, relative to a Lambertian one, is pi times the brdf between laser and camera."""
+    material = Material(0.6, "rough_conductor", 0.3, 1.0)
+    sensor = probe()
+    world_from_plane = pose((0, 0, 0.12), (0.0, np.radians(-12.0), 0.0))
+    seen = {}
+    for surface in (0.5, material):
+        scene = Scene()
+        scene.add_plane("plane", np.eye(4), [1, 1], surface)
+        seen[surface] = expected_electrons(scene, sensor, still(world_from_plane))[0]
+    for k, camera in enumerate(sensor.cameras):
+        middle = slice(635, 645)
+        ratio = stripe_centres(seen[material][k])[1][middle] / stripe_centres(seen[0.5][k])[1][middle]
+        to_laser, to_camera = (
+            (p - [0, 0, 0.12]) @ world_from_plane[:3, :3] for p in (np.zeros(3), camera.sensor_from_camera[:3, 3])
+        )
+        flip = np.diag([1.0, 1.0, -1.0])  # the plane's normal points away from both
+        expected = material.diffuse_equivalent([to_laser @ flip], [to_camera @ flip])[0] / 0.5
+        np.testing.assert_allclose(ratio, expected, rtol=5e-3)
+
+
+def test_even_light_on_a_perfect_surface_hides_its_shape() -> None:
+    """Furnace in the image: under ambient light all loss-free surfaces look alike."""
+    sensor = probe(laser={"power": 0.0}, ambient={"irradiance": 3.0})
+    lambert = one_plane(sensor, pose((0, 0, 0.13)), 1.0)
+    for material in (MATERIALS["rough diffuse"], MATERIALS["brushed metal"], MATERIALS["matt paint"]):
+        scene = Scene()
+        scene.add_plane("plane", np.eye(4), [1, 1], material)
+        image = expected_electrons(scene, sensor, still(pose((0, 0, 0.13))))[0]
+        np.testing.assert_allclose(image, lambert, rtol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ((1.2, "lambert", 0.0, 1.0), "reflectance"),
+        ((0.5, "rough_conductor", 0.0, 1.0), "roughness"),
+        ((0.5, "oren_nayar", 1.5, 1.0), "roughness"),
+        ((0.5, "rough_dielectric", 0.3, 0.5), "refractive_index"),
+        ((0.5, "velvet", 0.3, 1.5), "velvet"),
+    ],
+)
+def test_impossible_materials_are_refused(arguments: tuple[float, str, float, float], complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        Material(*arguments)
