@@ -215,6 +215,31 @@ def render(
     _run("render", as_json, work)
 
 
+@app.command()
+def extract(
+    images: Annotated[
+        list[Path], typer.Argument(help="images (PNG, TIFF, BMP) with the camera's name in the file name, or folders")
+    ],
+    sensor: Annotated[Path, typer.Option("--sensor", help="sensor description (TOML) with the calibrated cameras")],
+    set_: SetOption = None,
+    peaks: Annotated[bool, typer.Option("--peaks", help="write every peak that was found, chosen or not")] = False,
+    out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/extract"),
+    threads: ThreadsOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure the stripe in images of a sensor, real or simulated: profiles as CSV and PLY."""
+
+    def work() -> Outcome:
+        from orchestrator.config.loading import load_setup  # noqa: PLC0415
+        from orchestrator.evaluation.extract_images import ExtractionRequest, extract_to_folder  # noqa: PLC0415
+
+        setup = load_setup(None, sensor, None, set_ or [])
+        report = extract_to_folder(ExtractionRequest(images, setup.sensor, peaks, threads), out)
+        return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
+
+    _run("extract", as_json, work)
+
+
 @fmu_app.command("build")
 def fmu_build(
     cell: Annotated[Path | None, typer.Argument(help="cell description (TOML)")] = None,

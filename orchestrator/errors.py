@@ -25,5 +25,9 @@ class SensorError(ScancellError):
     """The sensor library refused its input."""
 
 
+class ImageError(ScancellError):
+    """An image file is missing, unreadable, or not what the sensor's description says."""
+
+
 class OutputError(ScancellError):
     """A result cannot be written."""

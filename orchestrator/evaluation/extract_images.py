@@ -1,0 +1,158 @@
+"""Images of a real sensor, or of a rendered one, to profiles: stripe, triangulation, files."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import sensor_rt
+from orchestrator.config.sensor import SensorDescription
+from orchestrator.errors import SensorError
+from orchestrator.evaluation.image_files import ImageSet, read_images
+from orchestrator.evaluation.request import ScanReport
+from orchestrator.evaluation.run_folder import RunFolder
+from orchestrator.evaluation.stopwatch import Stopwatch
+from orchestrator.reconstruction.cloud import Cloud
+from orchestrator.reconstruction.point_cloud_files import write_ply
+from orchestrator.reconstruction.reconstruct import quality_of
+from orchestrator.scanning.sense import make_sensor
+
+_BATCH = 16  # frames in memory at a time
+_MM = 1e3
+
+
+@dataclass(frozen=True)
+class ExtractionRequest:
+    """What a person asks for."""
+
+    images: Sequence[Path]
+    sensor: SensorDescription
+    peaks: bool
+    threads: int
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Results of a few frames; frames count from `first`."""
+
+    first: int
+    peaks: Any
+    profiles: Any
+
+
+def extract_to_folder(request: ExtractionRequest, out: Path) -> ScanReport:
+    """Leave ``profiles.csv`` and ``profiles.ply`` (sensor frame) in `out`, on request ``peaks.csv`` with every peak.
+
+    Raises
+    ------
+    ScancellError
+        With a message for people, whatever is wrong.
+    """
+    watch = Stopwatch()
+    with RunFolder(out) as folder:
+        with watch.measure("load"):
+            sensor = make_sensor(request.sensor, 0)
+            sets = ImageSet.from_files(request.images, [camera.name for camera in sensor.cameras])
+        with watch.measure("extract"):
+            batches = list(_extract(sets, sensor, request))
+        with watch.measure("write"):
+            _write_profiles(folder.path("profiles.csv"), batches, sets)
+            cloud = _cloud(batches)
+            write_ply(folder.path("profiles.ply"), cloud, ("points in the sensor frame, profile counts the exposures",))
+            if request.peaks:
+                _write_peaks(folder.path("peaks.csv"), batches, sets)
+    figures, warnings = _figures(batches, sets, len(sensor.cameras)), []
+    if len(cloud) == 0:
+        warnings.append("no stripe was found in any image")
+    elif figures["frames_without_points"]:
+        warnings.append(f"{figures['frames_without_points']} of {len(sets)} exposures give no point")
+    lines = [f"{len(sets)} exposures: {len(cloud)} points", f"  results    {out}"]
+    return ScanReport(figures, [str(out / name) for name in folder.names], warnings, dict(watch.seconds), lines)
+
+
+def _extract(sets: ImageSet, sensor: sensor_rt.Sensor, request: ExtractionRequest) -> Iterator[_Batch]:
+    depth = request.sensor.detector.bit_depth
+    for first in range(0, len(sets), _BATCH):
+        images = read_images(sets, range(first, min(first + _BATCH, len(sets))), sensor, depth)
+        try:
+            peaks = sensor_rt.extract(images, sensor, request.threads, all_peaks=request.peaks)
+            yield _Batch(first, peaks, sensor_rt.triangulate(peaks, sensor))
+        except (ValueError, RuntimeError) as error:
+            raise SensorError(str(error)) from error
+
+
+def _write_profiles(path: Path, batches: Sequence[_Batch], sets: ImageSet) -> None:
+    """Columns in millimetres, pixels and digital numbers; x is 0 on the laser sheet."""
+    header = "exposure name camera column_px row_px y_mm z_mm sigma_mm intensity_dn flags"
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(header.split())
+        for batch in batches:
+            p = batch.profiles
+            points = np.asarray(p.points_in_sensor)[:, 1:] * _MM
+            rows = zip(p.frame, p.camera, p.column, p.row, points, p.sigma * _MM, p.intensity, p.flags, strict=True)
+            for frame, camera, column, row, (y, z), sigma, intensity, flags in rows:
+                exposure = batch.first + int(frame)
+                numbers = [f"{value:.6f}" for value in (row, y, z, sigma, intensity)]
+                writer.writerow([exposure, sets.names[exposure], camera, column, *numbers, _flag_names(flags)])
+
+
+def _write_peaks(path: Path, batches: Sequence[_Batch], sets: ImageSet) -> None:
+    """Every peak that was found, with what was made of it."""
+    shape = ("row", "amplitude", "width", "row_sigma", "asymmetry", "residual")
+    header = "exposure name camera column_px row_px amplitude_dn width_px row_sigma_px asymmetry residual flags"
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(header.split())
+        for batch in batches:
+            p = batch.peaks
+            figures = np.stack([np.asarray(getattr(p, name), float) for name in shape], axis=1)
+            for frame, camera, column, values, flags in zip(p.frame, p.camera, p.column, figures, p.flags, strict=True):
+                exposure = batch.first + int(frame)
+                numbers = [f"{value:.6f}" for value in values]
+                writer.writerow([exposure, sets.names[exposure], camera, column, *numbers, _flag_names(flags)])
+
+
+def _flag_names(flags: int) -> str:
+    return " ".join(name for name, bit in sensor_rt.PEAK_FLAGS.items() if flags & bit)
+
+
+def _cloud(batches: Sequence[_Batch]) -> Cloud:
+    """All points in the sensor frame; without poses there are no normals and no times."""
+
+    def join(name: str) -> NDArray[Any]:
+        return np.concatenate([np.asarray(getattr(batch.profiles, name)) for batch in batches])
+
+    sigma = join("sigma").astype(float)
+    profile = np.concatenate([np.asarray(batch.profiles.frame) + batch.first for batch in batches])
+    return Cloud(
+        points_in_part=join("points_in_sensor"),
+        normals=np.full((len(sigma), 3), np.nan),
+        sigma=sigma,
+        intensity=join("intensity").astype(float),
+        quality=quality_of(sigma, join("flags")),
+        camera=join("camera"),
+        profile=profile,
+        segment=np.zeros(len(sigma), np.int32),
+        time=np.zeros(len(sigma)),
+    )
+
+
+def _figures(batches: Sequence[_Batch], sets: ImageSet, cameras: int) -> dict[str, Any]:
+    camera = np.concatenate([np.asarray(batch.profiles.camera) for batch in batches])
+    profile = np.concatenate([np.asarray(batch.profiles.frame) + batch.first for batch in batches])
+    flags = np.concatenate([np.asarray(batch.peaks.flags) for batch in batches])
+    return {
+        "exposures": len(sets),
+        "points": len(camera),
+        "by_camera": [int((camera == k).sum()) for k in range(cameras)],
+        "peaks": len(flags),
+        "peaks_by_flag": {name: int(((flags & bit) != 0).sum()) for name, bit in sensor_rt.PEAK_FLAGS.items()},
+        "frames_without_points": len(sets) - len(np.unique(profile)),
+    }

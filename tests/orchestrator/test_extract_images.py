@@ -1,0 +1,170 @@
+"""From image files of a sensor to profiles."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+import sensor_rt
+from orchestrator.cli import app
+from orchestrator.config.loading import assets_dir, load_setup
+from orchestrator.errors import ImageError
+from orchestrator.evaluation.extract_images import ExtractionRequest, extract_to_folder
+from orchestrator.evaluation.image_files import ImageSet
+from orchestrator.reconstruction.point_cloud_files import read_ply
+
+HEIGHT, WIDTH = 1024, 1280
+
+
+def stripe_image(row, peak=150.0, black=4.0):
+    """8-bit image of a level Gaussian stripe, sigma 1.4 px."""
+    profile = black + peak * np.exp(-0.5 * ((np.arange(HEIGHT) - row) / 1.4) ** 2)
+    return np.repeat(profile.round().astype(np.uint8)[:, None], WIDTH, axis=1)
+
+
+def write_pair(folder, name, row, suffix=".png", **shape):
+    for camera in ("plus", "minus"):
+        assert cv2.imwrite(str(folder / f"{name}_{camera}{suffix}"), stripe_image(row, **shape))
+
+
+def run(images, out, *overrides, peaks=False):
+    setup = load_setup(overrides=overrides)
+    return extract_to_folder(ExtractionRequest(images, setup.sensor, peaks, 1), out)
+
+
+def table(path):
+    with path.open() as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".bmp"])
+def test_points_lie_where_the_rays_of_the_stripe_meet_the_sheet(tmp_path, suffix):
+    """Closed form for a level stripe: z = a (f cos φ + p sin φ) / (f sin φ - p cos φ)."""
+    write_pair(tmp_path, "flat", 400.3, suffix)
+    report = run([tmp_path], tmp_path / "out")
+    rows = table(tmp_path / "out" / "profiles.csv")
+    assert report.figures["exposures"] == 1
+    assert report.figures["by_camera"] == [len(rows) // 2] * 2
+    assert len(rows) > 2500
+    tilt, focal, p = np.radians(29.3), HEIGHT / (2 * np.tan(np.radians(9.34))), 400.3 - (HEIGHT - 1) / 2
+    z = 60.0 * (focal * np.cos(tilt) + p * np.sin(tilt)) / (focal * np.sin(tilt) - p * np.cos(tilt))
+    assert np.abs(np.array([float(row["z_mm"]) for row in rows]) - z).max() < 0.002
+    cloud = read_ply(tmp_path / "out" / "profiles.ply")
+    assert len(cloud) == len(rows)
+    np.testing.assert_allclose(cloud.points_in_part[:, 1] * 1e3, [float(row["y_mm"]) for row in rows], atol=1e-6)
+    assert np.abs(cloud.points_in_part[:, 0]).max() == 0.0
+
+
+def test_exposures_come_in_natural_order_and_know_their_names(tmp_path):
+    for number in (2, 10, 1):
+        write_pair(tmp_path, f"scan_{number}", 300.0 + 10 * number)
+    run([tmp_path], tmp_path / "out")
+    rows = table(tmp_path / "out" / "profiles.csv")
+    names = dict.fromkeys((int(row["exposure"]), row["name"]) for row in rows)
+    assert list(names) == [(0, "scan_1"), (1, "scan_2"), (2, "scan_10")]
+    heights = [float(next(row["row_px"] for row in rows if int(row["exposure"]) == k)) for k in range(3)]
+    np.testing.assert_allclose(heights, [310.0, 320.0, 400.0], atol=0.01)
+
+
+def test_every_peak_on_request(tmp_path):
+    for camera in ("plus", "minus"):
+        both = np.maximum(stripe_image(300.0), stripe_image(500.0, peak=60.0))
+        cv2.imwrite(str(tmp_path / f"{camera}.png"), both)
+    report = run([tmp_path / "plus.png", tmp_path / "minus.png"], tmp_path / "out", peaks=True)
+    rows = table(tmp_path / "out" / "peaks.csv")
+    assert len(rows) == 4 * WIDTH == report.figures["peaks"]
+    passed_over = [row for row in rows if "passed_over" in row["flags"]]
+    assert {round(float(row["row_px"])) for row in passed_over} == {500}
+    assert len(table(tmp_path / "out" / "profiles.csv")) <= 2 * WIDTH
+
+
+def test_description_chooses_how(tmp_path):
+    write_pair(tmp_path, "flat", 400.3)
+    both = run([tmp_path], tmp_path / "apart")
+    fused = run([tmp_path], tmp_path / "fused", 'sensor.extraction.fusion="weighted"')
+    assert fused.figures["points"] < 0.52 * both.figures["points"]
+
+
+def test_images_without_a_stripe_are_told(tmp_path):
+    write_pair(tmp_path, "a", 400.0)
+    write_pair(tmp_path, "b", 400.0, peak=0.0)
+    assert run([tmp_path], tmp_path / "out").warnings == ["1 of 2 exposures give no point"]
+    dark = [tmp_path / f"b_{camera}.png" for camera in ("plus", "minus")]
+    assert run(dark, tmp_path / "dark").warnings == ["no stripe was found in any image"]
+
+
+def test_twelve_bit_images_and_greys_stored_as_colours(tmp_path):
+    deep = stripe_image(400.3).astype(np.uint16) * 16
+    cv2.imwrite(str(tmp_path / "plus.tif"), deep)
+    cv2.imwrite(str(tmp_path / "minus.tif"), deep)
+    overrides = [
+        "sensor.detector.bit_depth=12",
+        "sensor.detector.gain_dn_per_e=0.36",
+        "sensor.detector.black_level_dn=64",
+    ]
+    assert run([tmp_path], tmp_path / "deep", *overrides).figures["points"] > 2500
+    grey = cv2.cvtColor(stripe_image(400.3), cv2.COLOR_GRAY2BGR)
+    files = [tmp_path / "plus.bmp", tmp_path / "minus.bmp"]
+    for file in files:
+        cv2.imwrite(str(file), grey)
+    assert run(files, tmp_path / "colour").figures["points"] > 2500
+
+
+def wrong_cases():
+    image = stripe_image(400.0)
+    colour = np.stack([image, image, image // 2], axis=-1)
+    return [
+        ({"a_plus.png": image}, "no image of camera 'minus'"),
+        ({"a_plus.png": image, "a_minus.png": image[:100]}, "a_minus.png: is 1280 x 100 pixels, camera 'minus' has"),
+        ({"a_plus.png": image, "a_minus.png": colour}, "expected a grey image"),
+        ({"a_plus.png": image, "a_minus.png": image.astype(np.uint16) * 16}, r"holds the value 2\d+, but detector"),
+        ({"a_plus.png": image, "b.png": image}, "b.png: names no camera; expected one of the words plus, minus"),
+        ({"a_plus_minus.png": image}, "names several cameras"),
+        ({"a_plus.png": image, "a_plus.tif": image}, "is .*a_plus.* already"),
+        ({}, "holds no image"),
+    ]
+
+
+@pytest.mark.parametrize(("files", "message"), wrong_cases(), ids=lambda value: value if isinstance(value, str) else "")
+def test_wrong_files_are_refused_by_name(tmp_path, files, message):
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for name, image in files.items():
+        cv2.imwrite(str(folder / name), image)
+    with pytest.raises(ImageError, match=message):
+        run([folder], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_that_are_no_images_are_refused(tmp_path):
+    write_pair(tmp_path, "a", 400.0)
+    (tmp_path / "a_minus.png").write_text("not an image")
+    with pytest.raises(ImageError, match=r"a_minus.png: cannot be read as an image"):
+        run([tmp_path], tmp_path / "out")
+    with pytest.raises(ImageError, match="nowhere.png: no such file"):
+        run([tmp_path / "nowhere.png"], tmp_path / "out")
+
+
+def test_one_camera_needs_no_word_and_camera_names_are_whole_words(tmp_path):
+    paths = [tmp_path / name for name in ("plus_1.png", "surplus.png")]
+    for path in paths:
+        path.touch()
+    assert ImageSet.from_files(paths, ["only"]).names == ("plus_1", "surplus")
+    with pytest.raises(ImageError, match="surplus.png: names no camera"):
+        ImageSet.from_files(paths, ["plus", "minus"])
+
+
+def test_the_command_speaks_json(tmp_path, capsys):
+    write_pair(tmp_path, "flat", 400.3)
+    sensor = assets_dir() / "sensors" / "two_camera_probe.toml"
+    words = ["extract", str(tmp_path), "--sensor", str(sensor), "--out", str(tmp_path / "out"), "--json"]
+    app(words, standalone_mode=False)
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert answer["ok"]
+    assert sorted(answer["files"]) == [str(tmp_path / "out" / name) for name in ("profiles.csv", "profiles.ply")]
+    assert answer["figures"]["points"] > 2500
+    assert set(answer["figures"]["peaks_by_flag"]) == set(sensor_rt.PEAK_FLAGS)
