@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <dart/collision/CollisionResult.hpp>
 #include <limits>
+#include <mutex>
 #include <utility>
 #include <vector>
 
@@ -13,6 +14,15 @@ using dart::collision::CollisionResult;
 using dart::collision::Contact;
 
 constexpr std::size_t kMostPerPair = 4;
+
+/// ODE as distributed keeps one mesh collider for the whole process, whatever its per-thread data promises:
+/// two instances that collide meshes at once would disturb each other's contacts.
+bool collide_alone(dart::collision::OdeCollisionDetector& detector, dart::collision::CollisionGroup* group,
+                   const dart::collision::CollisionOption& option, CollisionResult* result) {
+  static std::mutex mutex;
+  const std::lock_guard<std::mutex> lock(mutex);
+  return detector.OdeCollisionDetector::collide(group, option, result);
+}
 
 bool same_pair(const Contact& a, const Contact& b) {
   return a.collisionObject1 == b.collisionObject1 && a.collisionObject2 == b.collisionObject2;
@@ -54,9 +64,9 @@ std::shared_ptr<dart::collision::CollisionDetector> CappedCollisionDetector::clo
 bool CappedCollisionDetector::collide(dart::collision::CollisionGroup* group,
                                       const dart::collision::CollisionOption& option,
                                       CollisionResult* result) {
-  if (result == nullptr) return OdeCollisionDetector::collide(group, option, nullptr);
+  if (result == nullptr) return collide_alone(*this, group, option, nullptr);
   CollisionResult all;
-  const bool hit = OdeCollisionDetector::collide(group, option, &all);
+  const bool hit = collide_alone(*this, group, option, &all);
   result->clear();
   std::vector<Contact> rest = all.getContacts();
   while (!rest.empty()) {
