@@ -186,7 +186,8 @@ void Instance::refresh_outputs() {
 std::string Instance::description_path() const {
   const std::string& file = values_.parameters.cell_file;
   if (!file.empty() && file.front() == '/') return file;
-  return resource_folder(resource_location_) + "/" + (file.empty() ? "cell.json" : file);
+  if (file.empty()) throw std::invalid_argument("cell.file must name a file");
+  return resource_folder(resource_location_) + "/" + file;
 }
 
 Cell& Instance::cell() {

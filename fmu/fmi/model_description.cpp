@@ -4,7 +4,7 @@
 #include <locale>
 #include <sstream>
 
-#include "fmu/fmi/variable_table.h"
+#include "fmu/fmi/table_builder.h"
 
 namespace robotcell::fmi {
 namespace {
@@ -100,11 +100,15 @@ bool has_start(const Variable& variable) {
   return variable.causality == Causality::kParameter || variable.causality == Causality::kInput;
 }
 
-/// Attributes that the type carries: unit, bounds, start (an FMI 3 string's start is an element).
+/// Attributes that the type carries: declared type, bounds, start (an FMI 3 string's start is an element).
+/// The unit comes with the declared type; FMI 2 importers look for it at the variable as well, while strict
+/// readers of FMI 3 stumble over it there.
 std::string type_attributes(const Variable& variable, int version) {
   std::string text;
-  if (*variable.unit.name != '\0') text += std::string(" unit=\"") + variable.unit.name + "\"";
-  if (*variable.unit.display != '\0') text += std::string(" displayUnit=\"") + variable.unit.display + "\"";
+  const Unit& unit = variable.unit;
+  if (*unit.quantity != '\0') text += std::string(" declaredType=\"") + unit.quantity + "\"";
+  if (version == 2 && *unit.name != '\0') text += std::string(" unit=\"") + unit.name + "\"";
+  if (version == 2 && *unit.display != '\0') text += std::string(" displayUnit=\"") + unit.display + "\"";
   if (variable.max > variable.min) {
     text += " min=\"" + std::to_string(variable.min) + "\" max=\"" + std::to_string(variable.max) + "\"";
   }
@@ -172,19 +176,40 @@ void write_structure(std::ostream& xml, int version) {
   xml << (version == 2 ? "    </InitialUnknowns>\n" : "") << "  </ModelStructure>\n";
 }
 
-void write_units(std::ostream& xml) {
-  constexpr const char* kDegrees = "57.29577951308232";
-  const auto unit = [&xml](const char* name, const char* base, const char* display, const char* factor) {
-    xml << "    <Unit name=\"" << name << "\"><BaseUnit " << base << "/><DisplayUnit name=\"" << display
-        << "\" factor=\"" << factor << "\"/></Unit>\n";
-  };
+struct UnitDefinition {
+  Unit unit;
+  const char* base;            // exponents of SI base units
+  const char* display_factor;  // of the display unit
+};
+
+constexpr const char* kDegrees = "57.29577951308232";
+constexpr UnitDefinition kUnits[] = {
+    {kSecond, "s=\"1\"", "1000"},
+    {kMetre, "m=\"1\"", "1000"},
+    {kRadian, "rad=\"1\"", kDegrees},
+    {kMetrePerSecond, "m=\"1\" s=\"-1\"", "1000"},
+    {kRadianPerSecond, "rad=\"1\" s=\"-1\"", kDegrees},
+};
+
+void write_units_and_types(std::ostream& xml, int version) {
   xml << "  <UnitDefinitions>\n";
-  unit("s", "s=\"1\"", "ms", "1000");
-  unit("m", "m=\"1\"", "mm", "1000");
-  unit("rad", "rad=\"1\"", "deg", kDegrees);
-  unit("m/s", "m=\"1\" s=\"-1\"", "mm/s", "1000");
-  unit("rad/s", "rad=\"1\" s=\"-1\"", "deg/s", kDegrees);
-  xml << "  </UnitDefinitions>\n";
+  for (const auto& [unit, base, factor] : kUnits) {
+    xml << "    <Unit name=\"" << unit.name << "\"><BaseUnit " << base << "/><DisplayUnit name=\""
+        << unit.display << "\" factor=\"" << factor << "\"/></Unit>\n";
+  }
+  xml << "  </UnitDefinitions>\n  <TypeDefinitions>\n";
+  for (const UnitDefinition& definition : kUnits) {
+    const Unit& unit = definition.unit;
+    const std::string name = std::string(" name=\"") + unit.quantity + "\"";
+    const std::string attributes = std::string(" quantity=\"") + unit.quantity + "\" unit=\"" + unit.name +
+                                   "\" displayUnit=\"" + unit.display + "\"/>";
+    if (version == 2) {
+      xml << "    <SimpleType" << name << "><Real" << attributes << "</SimpleType>\n";
+    } else {
+      xml << "    <Float64Type" << name << attributes << "\n";
+    }
+  }
+  xml << "  </TypeDefinitions>\n";
 }
 
 void write_head(std::ostream& xml, const CellDescription& cell, int version) {
@@ -210,7 +235,7 @@ std::string model_description(const CellDescription& cell, int version) {
   std::ostringstream xml;
   xml.imbue(std::locale::classic());
   write_head(xml, cell, version);
-  write_units(xml);
+  write_units_and_types(xml, version);
   xml << "  <LogCategories>\n    <Category name=\"logStatusError\" description=\"Errors: what was wrong, and "
          "where\"/>\n"
          "    <Category name=\"logAll\" description=\"Every message\"/>\n  </LogCategories>\n";

@@ -12,12 +12,12 @@ namespace robotcell::fmi {
 
 using Refs = std::vector<std::uint32_t>;
 
-constexpr Unit kNone{"", ""};
-constexpr Unit kSecond{"s", "ms"};
-constexpr Unit kMetre{"m", "mm"};
-constexpr Unit kRadian{"rad", "deg"};
-constexpr Unit kMetrePerSecond{"m/s", "mm/s"};
-constexpr Unit kRadianPerSecond{"rad/s", "deg/s"};
+constexpr Unit kNone{"", "", ""};
+constexpr Unit kSecond{"s", "ms", "Time"};
+constexpr Unit kMetre{"m", "mm", "Length"};
+constexpr Unit kRadian{"rad", "deg", "Angle"};
+constexpr Unit kMetrePerSecond{"m/s", "mm/s", "Velocity"};
+constexpr Unit kRadianPerSecond{"rad/s", "deg/s", "AngularVelocity"};
 constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
 
 /// "name[1]" for index 0.

@@ -92,8 +92,7 @@ Dependencies add_parameters(TableBuilder& table) {
   CellParameters& parameters = table.values.parameters;
   const auto file = table.add(
       "cell.file", Causality::kParameter, Variability::kFixed, kNone,
-      "Description of the cell (JSON in SI units): an absolute path, or one relative to the FMU's resources; "
-      "empty: cell.json in the resources",
+      "Description of the cell (JSON in SI units): an absolute path, or one relative to the FMU's resources",
       parameters.cell_file);
   const auto seed = table.add(
       "seed", Causality::kParameter, Variability::kFixed, kNone,

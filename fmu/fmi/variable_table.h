@@ -33,8 +33,9 @@ enum class Causality { kIndependent, kParameter, kInput, kOutput };
 enum class Variability { kFixed, kDiscrete, kContinuous };
 
 struct Unit {
-  const char* name;     // "" for a number without unit
-  const char* display;  // "" for none
+  const char* name;      // "" for a number without unit
+  const char* display;   // "" for none
+  const char* quantity;  // name of the declared type; "" for none
 };
 
 /// A variable; its position in the table is its value reference.

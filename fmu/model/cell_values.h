@@ -31,7 +31,7 @@ struct AsBuilt {
 };
 
 struct CellParameters {
-  std::string cell_file;  // empty: the description in the FMU's resources
+  std::string cell_file = "cell.json";  // relative to the FMU's resources, or absolute
   std::int32_t seed = 0;
   AsBuilt as_built;
 };

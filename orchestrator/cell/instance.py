@@ -119,7 +119,11 @@ class CellInstance:
 
     def units(self) -> dict[str, str | None]:
         """Unit of every ``as_built.*`` parameter."""
-        return {name: v.unit for name, v in self._variables.items() if name.startswith("as_built.")}
+        return {
+            name: v.declaredType.unit if v.declaredType is not None else v.unit
+            for name, v in self._variables.items()
+            if name.startswith("as_built.")
+        }
 
     def real_group(self, names: Iterable[str]) -> RealGroup:
         """A group of real variables for `get` and `set`, in the order of `names`."""

@@ -14,14 +14,42 @@ from conftest import Build, FmuFolders
 from fmpy.validation import validate_fmu
 
 SYSTEM = ("linux-vdso", "ld-linux", "libc.so", "libm.so", "libpthread.so", "libdl.so", "libstdc++.so", "libgcc_s.so")
-# Attributes of the co-simulation element by version of the standard: their spellings differ.
-CO_SIMULATION = {
-    2: {"modelIdentifier", "canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate"},
+# Attributes by element and version of the standard: their spellings differ, and no validator looks at all of them.
+COMMON = {"name", "valueReference", "description", "causality", "variability", "initial"}
+ATTRIBUTES: dict[int, dict[str, set[str]]] = {
+    2: {
+        "fmiModelDescription": {
+            "fmiVersion", "modelName", "guid", "description", "version", "license", "generationTool",
+            "variableNamingConvention", "copyright", "author",
+        },
+        "CoSimulation": {
+            "modelIdentifier", "canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate",
+        },
+        "ScalarVariable": COMMON,
+        "Real": {"declaredType", "quantity", "unit", "displayUnit", "start"},
+        "Integer": {"min", "max", "start"}, "Boolean": {"start"}, "String": {"start"},
+        "SimpleType": {"name"}, "Unknown": {"index", "dependencies"},
+    },
     3: {
-        "modelIdentifier", "canHandleVariableCommunicationStepSize", "canGetAndSetFMUState", "canSerializeFMUState",
-        "hasEventMode", "canReturnEarlyAfterIntermediateUpdate", "providesIntermediateUpdate",
+        "fmiModelDescription": {
+            "fmiVersion", "modelName", "instantiationToken", "description", "version", "license", "generationTool",
+            "variableNamingConvention", "copyright", "author",
+        },
+        "CoSimulation": {
+            "modelIdentifier", "canHandleVariableCommunicationStepSize", "canGetAndSetFMUState", "canSerializeFMUState",
+            "hasEventMode", "canReturnEarlyAfterIntermediateUpdate", "providesIntermediateUpdate",
+        },
+        "Float64": {*COMMON, "declaredType", "start"}, "Int32": {*COMMON, "min", "max", "start"},
+        "Boolean": {*COMMON, "start"}, "String": COMMON, "Start": {"value"},
+        "Float64Type": {"name", "quantity", "unit", "displayUnit"},
+        "Output": {"valueReference", "dependencies"}, "InitialUnknown": {"valueReference", "dependencies"},
     },
 }  # fmt: skip
+for known in ATTRIBUTES.values():
+    known |= {
+        "Unit": {"name"}, "BaseUnit": {"m", "s", "rad"}, "DisplayUnit": {"name", "factor"},
+        "Category": {"name", "description"}, "DefaultExperiment": {"startTime", "stopTime", "stepSize"},
+    }  # fmt: skip
 
 
 def run(*command: str | Path) -> str:
@@ -41,22 +69,29 @@ def test_fmpy_finds_nothing_to_complain_about(folders: FmuFolders, version: int)
 @pytest.mark.parametrize("version", [2, 3])
 def test_attributes_are_spelled_as_the_version_wants(folders: FmuFolders, version: int) -> None:
     root = description_of(folders.packed(version, cell_description())[1])
+    for element in root.iter():
+        assert set(element.attrib) <= ATTRIBUTES[version].get(element.tag, set()), element.tag
     co_simulation = root.find("CoSimulation")
     assert co_simulation is not None
-    assert set(co_simulation.attrib) == CO_SIMULATION[version]
+    assert set(co_simulation.attrib) == ATTRIBUTES[version]["CoSimulation"]
     assert ("guid" in root.attrib) == (version == 2)
     assert ("instantiationToken" in root.attrib) == (version == 3)
 
 
 def test_both_versions_describe_the_same_variables(build: Build) -> None:
     tables = [
-        [(v.name, v.valueReference, v.causality, v.variability, v.unit, v.displayUnit, v.description, v.start)
+        [(v.name, v.valueReference, v.causality, v.variability, v.description, v.start, v.declaredType and (
+            v.declaredType.name, v.declaredType.quantity, v.declaredType.unit, v.declaredType.displayUnit))
          for v in build(version).description.modelVariables]
         for version in (2, 3)
     ]  # fmt: skip
     assert tables[0] == tables[1]
     assert len({name for name, *_ in tables[0]}) == len(tables[0])
-    assert all(len(description) > 10 for *_, description, _ in tables[0])
+    assert all(len(row[4]) > 10 for row in tables[0])
+    units = {row[0]: row[-1][2] for row in tables[0] if row[-1]}
+    assert units["truth.sensor.position[1]"] == "m"
+    assert units["command.q[3]"] == units["as_built.tool.rx"] == "rad"
+    assert units["trigger.time"] == "s"
 
 
 @pytest.mark.parametrize("version", [2, 3])

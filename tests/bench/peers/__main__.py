@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 
 from .check import Check, PeerMissingError
 from .geometry import eaik_checks, open3d_checks
+from .importers import importer_checks
 from .radiance import mitsuba_checks
 from .stripes import povray_checks
 
@@ -16,6 +17,7 @@ PEERS: dict[str, Callable[[], Iterator[Check]]] = {
     "mitsuba": mitsuba_checks,
     "open3d": open3d_checks,
     "eaik": eaik_checks,
+    "importers": importer_checks,
 }
 
 
