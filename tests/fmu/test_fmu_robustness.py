@@ -333,3 +333,8 @@ def test_packing_twice_gives_the_same_description(tmp_path: Path) -> None:
         file = pack(cell_description(), 3, tmp_path / f"{k}.fmu")
         texts.add((Path(fmpy.extract(str(file), str(tmp_path / str(k)))) / "modelDescription.xml").read_text())
     assert len(texts) == 1
+
+
+def test_the_cells_of_the_call_fuzzer_are_those_of_these_tests() -> None:
+    for name, cell in (("clamped", cell_description()), ("free", FREE)):
+        assert json.loads((Path(__file__).parent / "cells" / name / "cell.json").read_text()) == cell

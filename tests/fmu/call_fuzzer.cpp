@@ -1,0 +1,388 @@
+// robotcell-fuzz: random calls of both FMI versions, legal and not, or many instances one after the other.
+// What may not happen is a crash, a hang, a call that answers anything but a status, or memory that grows.
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <random>
+#include <string>
+#include <vector>
+
+#include <unistd.h>
+
+#include "fmu/fmi/variable_table.h"
+
+extern "C" {
+#include "fmu/third_party/fmi/fmi2Functions.h"
+#include "fmu/third_party/fmi/fmi3Functions.h"
+}
+
+namespace {
+
+using Bytes = std::vector<unsigned char>;
+
+double resident_mb() {
+  std::ifstream file("/proc/self/statm");
+  long pages = 0;
+  long resident = 0;
+  file >> pages >> resident;
+  return static_cast<double>(resident) * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
+}
+
+void no_log3(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String) {}
+
+/// One FMU instance of either version and the states taken from it.
+struct Subject {
+  int version;
+  void* instance;
+  double time = 0;
+  std::vector<void*> states;
+};
+
+class Fuzzer {
+ public:
+  Fuzzer(unsigned seed, std::vector<std::string> resources)
+      : random_(seed), resources_(std::move(resources)) {}
+
+  ~Fuzzer() {
+    while (!subjects_.empty()) drop(0);
+  }
+
+  /// One random call; true when it was accepted.
+  bool call() {
+    if (subjects_.size() < 2 || (subjects_.size() < 8 && chance(0.002))) return instantiate();
+    const std::size_t index = below(subjects_.size());
+    if (chance(0.002)) return drop(index);
+    Subject& subject = subjects_[index];
+    return subject.version == 2 ? call2(subject) : call3(subject);
+  }
+
+ private:
+  std::size_t below(std::size_t count) {
+    return std::uniform_int_distribution<std::size_t>(0, count - 1)(random_);
+  }
+  bool chance(double probability) { return std::uniform_real_distribution<>(0, 1)(random_) < probability; }
+
+  std::uint32_t reference() {
+    const auto count = robotcell::fmi::variables().size();
+    return static_cast<std::uint32_t>(chance(0.95) ? below(count) : random_());
+  }
+  double real() {
+    constexpr double kSpecial[] = {0,
+                                   1e-3,
+                                   -1,
+                                   1e300,
+                                   4,
+                                   std::numeric_limits<double>::quiet_NaN(),
+                                   std::numeric_limits<double>::infinity(),
+                                   5e-324};
+    return chance(0.5) ? std::uniform_real_distribution<>(-3, 3)(random_)
+                       : kSpecial[below(std::size(kSpecial))];
+  }
+  int integer() { return chance(0.9) ? static_cast<int>(below(6)) : static_cast<int>(random_()); }
+  double step() {
+    constexpr double kSizes[] = {1e-3,
+                                 1e-3,
+                                 40e-6,
+                                 0.016,
+                                 0.016,
+                                 0.1,
+                                 0.37e-6,
+                                 0,
+                                 -1e-3,
+                                 1e300,
+                                 std::numeric_limits<double>::quiet_NaN()};
+    return kSizes[below(std::size(kSizes))];
+  }
+  double now(const Subject& subject) { return chance(0.97) ? subject.time : real(); }
+
+  bool instantiate() {
+    const std::string& resources = resources_[chance(0.9) ? 0 : below(resources_.size())];
+    const std::string token = chance(0.95) ? robotcell::fmi::instantiation_token() : "{else}";
+    const char* name = chance(0.98) ? "cell" : nullptr;
+    const int version = chance(0.5) ? 2 : 3;
+    void* instance =
+        version == 2
+            ? fmi2Instantiate(name, chance(0.98) ? fmi2CoSimulation : fmi2ModelExchange, token.c_str(),
+                              resources.c_str(), nullptr, fmi2False, fmi2True)
+            : fmi3InstantiateCoSimulation(name, token.c_str(), resources.c_str(), false, true, chance(0.5),
+                                          chance(0.5), nullptr, 0, nullptr, no_log3, nullptr);
+    if (instance != nullptr) subjects_.push_back({version, instance, 0, {}});
+    return instance != nullptr;
+  }
+
+  bool drop(std::size_t index) {
+    Subject& subject = subjects_[index];
+    for (void*& state : subject.states) {
+      if (subject.version == 2) fmi2FreeFMUstate(subject.instance, &state);
+      if (subject.version == 3) fmi3FreeFMUState(subject.instance, &state);
+    }
+    if (subject.version == 2) fmi2FreeInstance(subject.instance);
+    if (subject.version == 3) fmi3FreeInstance(subject.instance);
+    subjects_.erase(subjects_.begin() + static_cast<std::ptrdiff_t>(index));
+    return true;
+  }
+
+  Bytes damaged(Bytes bytes) {
+    if (bytes.empty() || chance(0.3)) return bytes;
+    if (chance(0.3)) bytes.resize(below(bytes.size()));
+    for (int i = 0; i < 3 && !bytes.empty(); ++i)
+      bytes[below(bytes.size())] = static_cast<unsigned char>(random_());
+    return bytes;
+  }
+
+  /// Any state of the version, also of another instance.
+  void* some_state(int version) {
+    const Subject& owner = subjects_[below(subjects_.size())];
+    if (owner.version != version || owner.states.empty()) return nullptr;
+    return owner.states[below(owner.states.size())];
+  }
+
+  bool call2(Subject& subject) {
+    void* c = subject.instance;
+    const fmi2ValueReference vr[2] = {reference(), reference()};
+    const std::size_t n = below(3);
+    fmi2Real reals[2] = {real(), real()};
+    fmi2Integer integers[2] = {integer(), integer()};
+    fmi2Boolean booleans[2] = {integer(), integer()};
+    fmi2String strings[2] = {chance(0.9) ? "cell.json" : "none.json", chance(0.8) ? "cell.json" : nullptr};
+    switch (below(chance(0.5) ? 4 : 19)) {
+      case 0:
+      case 1:
+        return stepped(subject, fmi2DoStep(c, now(subject), last_step_ = step(), fmi2True) == fmi2OK);
+      case 2:
+        return fmi2SetReal(c, vr, n, reals) == fmi2OK;
+      case 3:
+        return fmi2GetReal(c, vr, n, reals) == fmi2OK;
+      case 4:
+        return fmi2SetInteger(c, vr, n, integers) == fmi2OK;
+      case 5:
+        return fmi2GetInteger(c, vr, n, integers) == fmi2OK;
+      case 6:
+        return fmi2SetBoolean(c, vr, n, booleans) == fmi2OK;
+      case 7:
+        return fmi2GetBoolean(c, vr, n, booleans) == fmi2OK;
+      case 8:
+        return fmi2SetString(c, vr, n, strings) == fmi2OK;
+      case 9:
+        return fmi2GetString(c, chance(0.95) ? vr : nullptr, n, strings) == fmi2OK;
+      case 10:
+        return fmi2SetupExperiment(c, 0, 0, chance(0.9) ? 0 : real(), chance(0.1), real()) == fmi2OK;
+      case 11:
+        return fmi2EnterInitializationMode(c) == fmi2OK;
+      case 12:
+        return fmi2ExitInitializationMode(c) == fmi2OK;
+      case 13:
+        return chance(0.2) && fmi2Terminate(c) == fmi2OK;
+      case 14:
+        return reset(subject, fmi2Reset(c) == fmi2OK);
+      case 15:
+        return set_state(subject, [&](void* state) { return fmi2SetFMUstate(c, state) == fmi2OK; });
+      case 16:
+        return get_state(
+            subject, [&](void** state) { return fmi2GetFMUstate(c, state) == fmi2OK; },
+            [&](void** state) { return fmi2FreeFMUstate(c, state) == fmi2OK; });
+      case 17:
+        return bytes2(subject);
+      default:
+        return chance(0.1) && fmi2CancelStep(c) == fmi2OK;
+    }
+  }
+
+  bool call3(Subject& subject) {
+    void* c = subject.instance;
+    const fmi3ValueReference vr[2] = {reference(), reference()};
+    const std::size_t n = below(3);
+    fmi3Float64 reals[2] = {real(), real()};
+    fmi3Int32 integers[2] = {integer(), integer()};
+    fmi3Boolean booleans[2] = {chance(0.5), chance(0.5)};
+    fmi3Boolean flags[5] = {};
+    fmi3String strings[2] = {chance(0.9) ? "cell.json" : "none.json", chance(0.8) ? "cell.json" : nullptr};
+    const std::size_t m = chance(0.97) ? n : below(3);
+    switch (below(chance(0.5) ? 4 : 24)) {
+      case 0:
+      case 1:
+        return stepped(subject, fmi3DoStep(c, now(subject), last_step_ = step(), true, &flags[0], &flags[1],
+                                           &flags[2], &subject.time) == fmi3OK);
+      case 2:
+        return fmi3SetFloat64(c, vr, n, reals, m) == fmi3OK;
+      case 3:
+        return fmi3GetFloat64(c, vr, n, reals, m) == fmi3OK;
+      case 4:
+        return fmi3SetInt32(c, vr, n, integers, m) == fmi3OK;
+      case 5:
+        return fmi3GetInt32(c, vr, n, integers, m) == fmi3OK;
+      case 6:
+        return fmi3SetBoolean(c, vr, n, booleans, m) == fmi3OK;
+      case 7:
+        return fmi3GetBoolean(c, vr, n, booleans, m) == fmi3OK;
+      case 8:
+        return fmi3SetString(c, vr, n, strings, m) == fmi3OK;
+      case 9:
+        return fmi3GetString(c, chance(0.95) ? vr : nullptr, n, strings, m) == fmi3OK;
+      case 10:
+      case 11:
+        return fmi3EnterInitializationMode(c, false, 0, chance(0.9) ? 0 : real(), chance(0.1), real()) ==
+               fmi3OK;
+      case 12:
+      case 13:
+        return fmi3ExitInitializationMode(c) == fmi3OK;
+      case 14:
+        return chance(0.2) && fmi3Terminate(c) == fmi3OK;
+      case 15:
+        return reset(subject, fmi3Reset(c) == fmi3OK);
+      case 16:
+        return set_state(subject, [&](void* state) { return fmi3SetFMUState(c, state) == fmi3OK; });
+      case 17:
+        return get_state(
+            subject, [&](void** state) { return fmi3GetFMUState(c, state) == fmi3OK; },
+            [&](void** state) { return fmi3FreeFMUState(c, state) == fmi3OK; });
+      case 18:
+        return bytes3(subject);
+      case 19:
+        return fmi3EnterEventMode(c) == fmi3OK;
+      case 20:
+        return fmi3EnterStepMode(c) == fmi3OK;
+      case 21:
+        return fmi3UpdateDiscreteStates(c, &flags[0], &flags[1], &flags[2], &flags[3], &flags[4], reals) ==
+               fmi3OK;
+      case 22:
+        return fmi3GetClock(c, vr, n, booleans) == fmi3OK;
+      default:
+        return chance(0.1) && fmi3EnterConfigurationMode(c) == fmi3OK;
+    }
+  }
+
+  bool stepped(Subject& subject, bool accepted) {
+    if (accepted && subject.version == 2) subject.time += last_step_;
+    return accepted;
+  }
+
+  static bool reset(Subject& subject, bool accepted) {
+    if (accepted) subject.time = 0;
+    return accepted;
+  }
+
+  bool set_state(Subject& subject, const std::function<bool(void*)>& set) {
+    void* state = some_state(subject.version);
+    if (!set(state)) return false;
+    if (subject.version == 2) fmi2GetRealStatus(subject.instance, fmi2LastSuccessfulTime, &subject.time);
+    return true;
+  }
+
+  bool get_state(Subject& subject, const std::function<bool(void**)>& get,
+                 const std::function<bool(void**)>& free) {
+    if (subject.states.size() < 4) {
+      void* state = nullptr;
+      if (!get(&state)) return false;
+      subject.states.push_back(state);
+      return true;
+    }
+    const std::size_t index = below(subject.states.size());
+    if (chance(0.5)) return get(&subject.states[index]);
+    const bool freed = free(&subject.states[index]);
+    subject.states.erase(subject.states.begin() + static_cast<std::ptrdiff_t>(index));
+    return freed;
+  }
+
+  bool bytes2(Subject& subject) {
+    void* c = subject.instance;
+    void* state = some_state(2);
+    std::size_t size = 0;
+    if (fmi2SerializedFMUstateSize(c, state, &size) != fmi2OK) return false;
+    Bytes bytes(size);
+    auto* data = reinterpret_cast<fmi2Byte*>(bytes.data());
+    if (fmi2SerializeFMUstate(c, state, data, chance(0.9) ? size : size / 2) != fmi2OK) return false;
+    bytes = damaged(std::move(bytes));
+    void* read = nullptr;
+    if (fmi2DeSerializeFMUstate(c, reinterpret_cast<fmi2Byte*>(bytes.data()), bytes.size(), &read) !=
+        fmi2OK) {
+      return false;
+    }
+    return fmi2FreeFMUstate(c, &read) == fmi2OK;
+  }
+
+  bool bytes3(Subject& subject) {
+    void* c = subject.instance;
+    void* state = some_state(3);
+    std::size_t size = 0;
+    if (fmi3SerializedFMUStateSize(c, state, &size) != fmi3OK) return false;
+    Bytes bytes(size);
+    if (fmi3SerializeFMUState(c, state, bytes.data(), chance(0.9) ? size : size / 2) != fmi3OK) return false;
+    bytes = damaged(std::move(bytes));
+    void* read = nullptr;
+    if (fmi3DeserializeFMUState(c, bytes.data(), bytes.size(), &read) != fmi3OK) return false;
+    return fmi3FreeFMUState(c, &read) == fmi3OK;
+  }
+
+  std::mt19937 random_;
+  std::vector<std::string> resources_;
+  std::vector<Subject> subjects_;
+  double last_step_ = 0;
+};
+
+/// Random calls; returns the growth of memory (MB) over the last four fifths.
+double fuzz(long calls, unsigned seed, const std::vector<std::string>& resources) {
+  Fuzzer fuzzer(seed, resources);
+  long accepted = 0;
+  double early = 0;
+  for (long i = 0; i < calls; ++i) {
+    if (fuzzer.call()) ++accepted;
+    if (i == calls / 5) early = resident_mb();
+  }
+  const double growth = resident_mb() - early;
+  std::printf("calls %ld accepted %ld growth_mb %.3f\n", calls, accepted, growth);
+  return growth;
+}
+
+/// Instances one after the other, each initialised and stepped; returns the growth of memory (MB) after a
+/// tenth as many to warm up.
+double cycle(long cycles, const std::string& resources) {
+  const std::string& token = robotcell::fmi::instantiation_token();
+  double early = 0;
+  for (long i = -cycles / 10; i < cycles; ++i) {
+    void* instance = nullptr;
+    bool fine = false;
+    if (i % 2 == 0) {
+      instance = fmi2Instantiate("cell", fmi2CoSimulation, token.c_str(), resources.c_str(), nullptr, 0, 0);
+      fine = fmi2EnterInitializationMode(instance) == fmi2OK &&
+             fmi2ExitInitializationMode(instance) == fmi2OK && fmi2DoStep(instance, 0, 0.004, 1) == fmi2OK;
+      fmi2FreeInstance(instance);
+    } else {
+      instance = fmi3InstantiateCoSimulation("cell", token.c_str(), resources.c_str(), false, false, false,
+                                             false, nullptr, 0, nullptr, nullptr, nullptr);
+      fmi3Boolean flags[3];
+      double reached = 0;
+      fine = fmi3EnterInitializationMode(instance, false, 0, 0, false, 0) == fmi3OK &&
+             fmi3ExitInitializationMode(instance) == fmi3OK &&
+             fmi3DoStep(instance, 0, 0.004, true, &flags[0], &flags[1], &flags[2], &reached) == fmi3OK;
+      fmi3FreeInstance(instance);
+    }
+    if (!fine) {
+      std::fprintf(stderr, "instance %ld failed\n", i);
+      return std::numeric_limits<double>::infinity();
+    }
+    if (i == 0) early = resident_mb();
+  }
+  const double growth = resident_mb() - early;
+  std::printf("cycles %ld growth_mb %.3f\n", cycles, growth);
+  return growth;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 5) {
+    std::fprintf(stderr, "usage: robotcell-fuzz calls|cycles COUNT SEED RESOURCES...\n");
+    return 2;
+  }
+  const long count = std::atol(argv[2]);
+  const std::vector<std::string> resources(argv + 4, argv + argc);
+  const bool cycles = std::strcmp(argv[1], "cycles") == 0;
+  const double growth =
+      cycles ? cycle(count, resources[0]) : fuzz(count, static_cast<unsigned>(std::atol(argv[3])), resources);
+  return std::isfinite(growth) ? 0 : 1;
+}
