@@ -75,10 +75,10 @@ format: setup
 	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format -i
 
 bench: setup
-	@$(BIN)/python -m tests.bench
+	@PYTHONPATH=tests $(BIN)/python -m bench
 
 peers: setup
-	@$(BIN)/python -m tests.bench.peers
+	@PYTHONPATH=tests $(BIN)/python -m bench.peers
 
 clean:
 	@rm -rf build out $(VENV) .pytest_cache .mypy_cache .ruff_cache

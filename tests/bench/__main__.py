@@ -1,4 +1,4 @@
-"""`python -m tests.bench`: every figure of speed in one run, as a table and as JSON."""
+"""`PYTHONPATH=tests python -m bench`: every figure of speed in one run, as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def sections(largest: int) -> dict[str, Callable[[], Iterator[Row]]]:
 def main() -> None:
     """Measure, print, write."""
     names = list(sections(0))
-    parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("--only", action="append", choices=names, help="measure this section only; may be repeated")
     parser.add_argument("--out", type=Path, default=Path("out/bench.json"))
     parser.add_argument("--largest", type=int, default=2_000_000, help="triangles of the densest part")

@@ -1,4 +1,4 @@
-"""`python -m tests.bench.extraction`: how well stripes are measured, written as a table to docs/extraction.md."""
+"""`PYTHONPATH=tests python -m bench.extraction`: how well stripes are measured, written as a table to docs/extraction.md."""
 
 from __future__ import annotations
 
@@ -195,12 +195,12 @@ def document() -> Iterator[str]:
     """The lines of docs/extraction.md."""
     yield "# Stripe extraction: measured figures"
     yield ""
-    yield f"Written by `python -m tests.bench.extraction`. CPU: {cpu_model()}."
+    yield f"Written by `PYTHONPATH=tests python -m bench.extraction`. CPU: {cpu_model()}."
     yield ""
     yield "## Detectors"
     yield ""
     yield f"Standard deviation of the row in px over {FRAMES * WIDTH} straight stripes; root mean square where"
-    yield "saturated, mean error with a ghost. 8 bit, 10 ke⁻ high, 5 e⁻ read noise; weak: 1 ke⁻; the last three: σ = 1.5."
+    yield "saturated, mean error with a ghost. 8 bit, 10 ke⁻ high, 5 e⁻ read noise; weak: 1 ke⁻; from there on σ = 1.5."
     yield "Shape limits are open, so that nothing is rejected for its looks. Time: 1280 × 1024 image with a stripe in"
     yield "every column, one core."
     yield ""
@@ -222,7 +222,7 @@ def document() -> Iterator[str]:
 
 def main() -> None:
     """Measure and write."""
-    parser = argparse.ArgumentParser(prog="python -m tests.bench.extraction", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m bench.extraction", description=__doc__)
     parser.add_argument("--out", type=Path, default=TESTS.parent / "docs" / "extraction.md")
     options = parser.parse_args()
     lines = []

@@ -1,4 +1,4 @@
-"""`python -m tests.bench.scene_memory N`: bytes that a scene with N triangles keeps after its first use."""
+"""`PYTHONPATH=tests python -m bench.scene_memory N`: bytes that a scene with N triangles keeps after its first use."""
 
 from __future__ import annotations
 

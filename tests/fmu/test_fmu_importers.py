@@ -11,8 +11,8 @@ import pytest
 from cell_fixture import START_DEG, cell_description
 from conftest import FmuFolders
 
-from tests.bench.peers.check import PeerMissingError
-from tests.bench.peers.importers import TOLERANCE, ImporterTools, run_fmpy, run_in_python, run_tool, servo_scenario
+from bench.peers.check import PeerMissingError
+from bench.peers.importers import TOLERANCE, ImporterTools, run_fmpy, run_in_python, run_tool, servo_scenario
 
 
 @pytest.fixture(scope="module")

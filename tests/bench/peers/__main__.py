@@ -1,4 +1,4 @@
-"""`python -m tests.bench.peers`: every figure that another program can check, PASS or FAIL, and the exit code."""
+"""`PYTHONPATH=tests python -m bench.peers`: every figure that another program can check, PASS or FAIL, and the exit code."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PEERS: dict[str, Callable[[], Iterator[Check]]] = {
 
 def main() -> int:
     """Run the peers that are installed; 1 when a check fails."""
-    parser = argparse.ArgumentParser(prog="python -m tests.bench.peers", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m bench.peers", description=__doc__)
     parser.add_argument("--only", action="append", choices=list(PEERS), help="this peer only; may be repeated")
     options = parser.parse_args()
     done: list[Check] = []

@@ -1,1 +1,0 @@
-"""Tests, benchmarks and comparisons with other programs."""
