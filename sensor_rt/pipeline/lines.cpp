@@ -11,6 +11,10 @@ RenderSettings render_settings(const Sensor& sensor, bool whole_image) {
   settings.samples_per_pixel = sensor.samples_per_pixel;
   settings.rays_across_fan = sensor.rays_across_fan;
   settings.whole_image = whole_image;
+  settings.ground_truth = sensor.ground_truth;
+  settings.bounces = sensor.bounces;
+  settings.photons = sensor.photons;
+  settings.seed = sensor.seed;
   return settings;
 }
 

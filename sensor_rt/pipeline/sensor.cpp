@@ -107,6 +107,9 @@ void read_render(JsonObject json, Sensor& sensor) {
   sensor.noise = json.boolean("noise");
   sensor.seed = static_cast<std::uint64_t>(json.integer("seed", 0, std::numeric_limits<long long>::max()));
   sensor.rays_across_fan = static_cast<int>(json.integer("rays_across_fan", 2, 1 << 16));
+  sensor.ground_truth = json.choice("mode", {"fast", "path"}) == 1;
+  sensor.bounces = static_cast<int>(json.integer("bounces", 0, 64));
+  sensor.photons = static_cast<int>(json.integer("photons", 16, 1 << 26));
   json.finish();
 }
 

@@ -26,49 +26,125 @@ ImageRenderer::ImageRenderer(const RenderPlan& plan)
       middle_{0.5},
       marker_(plan),
       tracer_(plan),
+      path_tracer_(plan, PathTracer::Mode::kAllBounces),
+      mirror_tracer_(plan, PathTracer::Mode::kMirrorsOnly),
+      light_tracer_(plan),
+      reflected_(plan.settings.bounces > 0 ? plan.settings.model.cameras.size() : 0),
       masks_(plan.settings.model.cameras.size()) {
   for (std::size_t c = 0; c < masks_.size(); ++c) {
     const Camera& camera = plan.settings.model.cameras[c];
     masks_[c].resize(camera.width_px, camera.height_px);
+    if (!reflected_.empty()) reflected_[c].resize(camera.width_px, camera.height_px);
   }
 }
 
 void ImageRenderer::render(const Scene& scene, const Exposures& exposures, std::size_t exposure,
                            std::vector<SparseImage>& images) {
   track_.set(scene, exposures, exposure, is_still(exposures, exposure) ? middle_ : fractions_);
+  has_mirrors_ = std::any_of(scene.shapes().begin(), scene.shapes().end(),
+                             [](const Shape& shape) { return shape.surface->material().is_mirror(); });
   find_pixels(scene);
-  tracer_.set(scene, track_);
+  views_.set(plan_, scene, track_);
+  tracer_.set(views_);
+  const std::int64_t frame = exposures.index[exposure];
+  path_tracer_.set(views_, frame);
+  mirror_tracer_.set(views_, frame);
+  if (!reflected_.empty() && (has_mirrors_ || !plan_.settings.ground_truth)) {
+    for (SplatImage& image : reflected_) image.clear();
+    light_tracer_.trace(views_, frame, plan_.settings.ground_truth, reflected_);
+  }
   images.resize(masks_.size());
   for (std::size_t c = 0; c < masks_.size(); ++c) trace_camera(c, exposures.duration[exposure], images[c]);
 }
 
 void ImageRenderer::find_pixels(const Scene& scene) {
+  const bool all = plan_.settings.whole_image || plan_.settings.ground_truth;
   for (PixelMask& mask : masks_) {
-    if (plan_.settings.whole_image) {
+    if (all) {
       mask.mark_all();
     } else {
       mask.clear();
     }
   }
-  if (!plan_.settings.whole_image) marker_.mark(scene, track_, masks_);
+  if (!all) marker_.mark(scene, track_, masks_);
 }
 
 void ImageRenderer::trace_camera(std::size_t number, double duration, SparseImage& image) {
-  const Camera& camera = plan_.settings.model.cameras[number];
   image.pixels.clear();
   image.electrons.clear();
+  trace_marked(number, duration, image);
+  if (!reflected_.empty() && (has_mirrors_ || !plan_.settings.ground_truth)) {
+    add_reflected(number, duration, image);
+  }
+}
+
+void ImageRenderer::trace_marked(std::size_t number, double duration, SparseImage& image) {
+  const Camera& camera = plan_.settings.model.cameras[number];
   const auto add = [&](int column, int row, double electrons_per_second) {
     image.pixels.push_back(static_cast<std::uint32_t>(row * camera.width_px + column));
     image.electrons.push_back(static_cast<float>(electrons_per_second * duration));
   };
+  if (plan_.settings.ground_truth) {
+    path_tracer_.select_camera(number);
+    masks_[number].for_each([&](int column, int row) {
+      const double electrons_per_second = path_tracer_.trace(column, row);
+      if (electrons_per_second > 0.0) add(column, row, electrons_per_second);
+    });
+    return;
+  }
   tracer_.select_camera(number);
+  const bool mirrors = has_mirrors_ && plan_.settings.bounces > 0;
+  if (mirrors) {
+    mirror_tracer_.select_camera(number);
+    mark_mirrors(number);
+  }
   masks_[number].for_each([&](int column, int row) {
-    const double electrons_per_second = tracer_.trace(column, row);
+    const bool mirror = mirrors && mirror_mask_.test(column, row);
+    const double electrons_per_second =
+        mirror ? mirror_tracer_.trace(column, row) : tracer_.trace(column, row);
     if (electrons_per_second > 0.0) add(column, row, electrons_per_second);
   });
   const double ambient = plan_.settings.model.ambient_irradiance;
   if (ambient > 0.0) {
     ambient_.fill(tracer_, camera.width_px, camera.height_px, masks_[number], ambient, add);
+  }
+}
+
+void ImageRenderer::mark_mirrors(std::size_t number) {
+  // One look at each corner of a grid; a mirror seen at a corner marks the blocks around it.
+  constexpr int kBlock = 8;
+  const Camera& camera = plan_.settings.model.cameras[number];
+  mirror_mask_.resize(camera.width_px, camera.height_px);
+  mirror_mask_.clear();
+  for (int row = 0; row < camera.height_px + kBlock; row += kBlock) {
+    for (int column = 0; column < camera.width_px + kBlock; column += kBlock) {
+      const std::int32_t shape =
+          tracer_.shape_at(std::min(column, camera.width_px - 1), std::min(row, camera.height_px - 1));
+      if (shape < 0 || !views_.reflection(shape).material().is_mirror()) continue;
+      mirror_mask_.mark(column - kBlock, column + kBlock, row - kBlock, row + kBlock);
+    }
+  }
+  mirror_mask_.for_each([&](int column, int row) { masks_[number].mark(column, column, row, row); });
+}
+
+void ImageRenderer::add_reflected(std::size_t number, double duration, SparseImage& image) {
+  // Less than a thousandth of an electron is not worth a pixel.
+  constexpr float kFaint = 1e-3f;
+  const ImageView<const float> reflected = reflected_[number].resolve();
+  dense_.resize(static_cast<std::size_t>(reflected.width) * static_cast<std::size_t>(reflected.height));
+  const auto seconds = static_cast<float>(duration);
+  for (int y = 0; y < reflected.height; ++y) {
+    float* out = &dense_[static_cast<std::size_t>(y) * static_cast<std::size_t>(reflected.width)];
+    for (int x = 0; x < reflected.width; ++x) out[x] = seconds * reflected.at(y, x);
+  }
+  for (std::size_t i = 0; i < image.pixels.size(); ++i) {
+    image.electrons[i] += dense_[image.pixels[i]];
+    dense_[image.pixels[i]] = 0.0f;
+  }
+  for (std::size_t pixel = 0; pixel < dense_.size(); ++pixel) {
+    if (dense_[pixel] < kFaint) continue;
+    image.pixels.push_back(static_cast<std::uint32_t>(pixel));
+    image.electrons.push_back(dense_[pixel]);
   }
 }
 

@@ -6,6 +6,9 @@
 
 #include "sensor_rt/render/ambient.h"
 #include "sensor_rt/render/band_marker.h"
+#include "sensor_rt/render/exposure_views.h"
+#include "sensor_rt/render/light_tracer.h"
+#include "sensor_rt/render/path_tracer.h"
 #include "sensor_rt/render/pixel_mask.h"
 #include "sensor_rt/render/pixel_tracer.h"
 
@@ -22,22 +25,34 @@ class ImageRenderer {
  public:
   explicit ImageRenderer(const RenderPlan& plan);
 
-  /// One image per camera. Depends on the exposure's poses alone; a still exposure gives the same bytes
-  /// however often its poses were sampled.
+  /// One image per camera. Direct light depends on the exposure's poses alone, and a still exposure gives the
+  /// same bytes however often its poses were sampled. Reflected light is found by random paths, keyed by seed
+  /// and number of the exposure.
   void render(const Scene& scene, const Exposures& exposures, std::size_t exposure,
               std::vector<SparseImage>& images);
 
  private:
   void find_pixels(const Scene& scene);
   void trace_camera(std::size_t camera, double duration, SparseImage& image);
+  void trace_marked(std::size_t camera, double duration, SparseImage& image);
+  void mark_mirrors(std::size_t camera);
+  void add_reflected(std::size_t camera, double duration, SparseImage& image);
 
   const RenderPlan& plan_;
   std::vector<double> fractions_;
   std::vector<double> middle_;
   PoseTrack track_;
+  ExposureViews views_;
   BandMarker marker_;
   PixelTracer tracer_;
   AmbientFiller ambient_;
+  PathTracer path_tracer_;
+  PathTracer mirror_tracer_;
+  LightTracer light_tracer_;
+  bool has_mirrors_ = false;
+  PixelMask mirror_mask_;
+  std::vector<SplatImage> reflected_;  ///< per camera, when there are bounces
+  std::vector<float> dense_;
   std::vector<PixelMask> masks_;
 };
 

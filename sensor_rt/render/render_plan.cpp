@@ -63,9 +63,9 @@ RenderPlan::RenderPlan(const RenderSettings& given)
         {beyond, kSheetReach * model.laser.sigma_at(depth.near), kSheetReach * model.laser.sigma_at(far)});
   }
   for (const Camera& camera : model.cameras) {
-    // Ambient light makes everything in view visible, not only what the laser can reach.
-    camera_regions.push_back(model.ambient_irradiance > 0.0 ? camera_field(camera)
-                                                            : camera_region(camera, 1.1 * beyond));
+    // Ambient and reflected light make everything in view visible, not only what the laser can reach.
+    const bool everything = model.ambient_irradiance > 0.0 || settings.ground_truth || settings.bounces > 0;
+    camera_regions.push_back(everything ? camera_field(camera) : camera_region(camera, 1.1 * beyond));
     electrons_per_irradiance.push_back(
         sensor_rt::electrons_per_irradiance(camera, model.laser.wavelength, settings.quantum_efficiency));
   }

@@ -1,0 +1,192 @@
+#include "sensor_rt/render/light_tracer.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "sensor_rt/render/path_random.h"
+
+namespace sensor_rt {
+namespace {
+
+/// Sixteen neighbours of a photon share their patch.
+constexpr double kPatchPerSpacing = 4.0;
+
+/// Additive recurrence of Roberts' R sequence in five dimensions: fills the cube evenly at any length.
+double recurrence(std::uint32_t index, int dimension) {
+  constexpr double kRoot = 1.1347241384015194;  // x^6 = x + 1
+  double step = 1.0;
+  for (int k = 0; k <= dimension; ++k) step /= kRoot;
+  const double value = 0.5 + step * index;
+  return value - std::floor(value);
+}
+
+double wrap(double value) { return value - std::floor(value); }
+
+}  // namespace
+
+/// Sixteen photons on their way.
+struct LightTracer::Packet {
+  std::size_t number = 0;  ///< among the packets of a pixel, whose instants the lanes have
+  std::uint32_t first = 0;
+  Lanes3 origin;
+  Lanes3 direction;
+  PacketHits hits;
+  alignas(64) int alive[kLanes];
+  double power[kLanes];
+  double spacing[kLanes];  ///< of neighbouring photons at the point reached, m
+  double opening[kLanes];  ///< of neighbouring photons' directions, rad
+  double slope[kLanes];
+  bool counts[kLanes];  ///< whether cameras are to see what follows
+};
+
+LightTracer::LightTracer(const RenderPlan& plan)
+    : plan_(plan), photons_(static_cast<std::uint32_t>(plan.settings.photons)) {
+  for (const Camera& camera : plan.settings.model.cameras) projectors_.emplace_back(camera);
+}
+
+void LightTracer::trace(const ExposureViews& views, std::int64_t frame, bool mirrors_first,
+                        std::vector<SplatImage>& images) {
+  views_ = &views;
+  frame_ = frame;
+  mirrors_first_ = mirrors_first;
+  if (views.laser.empty()) return;
+  Packet packet;
+  for (std::uint32_t first = 0; first < photons_; first += kLanes) {
+    emit(packet, first);
+    views.laser.intersect(packet.number, packet.direction, packet.alive,
+                          std::numeric_limits<double>::infinity(), packet.hits);
+    land_first(packet);
+    for (int depth = 0; depth < plan_.settings.bounces && reflect(packet, depth); ++depth) {
+      views.free.intersect(&views.lane_instants[packet.number * kLanes], packet.origin, packet.direction,
+                           packet.alive, packet.hits);
+      for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
+      connect(packet, images);
+    }
+  }
+}
+
+void LightTracer::emit(Packet& packet, std::uint32_t first) {
+  const LaserSheet& laser = plan_.settings.model.laser;
+  const PathRandom random(plan_.settings.seed, frame_, PathRandom::kPhotons);
+  const auto shift = random.at(0, 0, ~0u);
+  const double scale = 0.6 * plan_.slope / kSheetReach;  // the logistic density closest to the Gaussian
+  packet.number = first / kLanes % views_->packets();
+  packet.first = first;
+  for (int l = 0; l < kLanes; ++l) {
+    const std::uint32_t photon = first + static_cast<std::uint32_t>(l);
+    const double angle = laser.fan_half_angle * (2.0 * wrap(recurrence(photon, 0) + shift[0]) - 1.0);
+    const double u = std::clamp(wrap(recurrence(photon, 1) + shift[1]), 1e-9, 1.0 - 1e-9);
+    packet.slope[l] = scale * std::log(u / (1.0 - u));
+    const double density = u * (1.0 - u) / scale / (2.0 * laser.fan_half_angle);
+    packet.power[l] = 1.0 / (photons_ * density);
+    packet.alive[l] = photon < photons_ ? -1 : 0;
+    packet.spacing[l] = packet.opening[l] = 0.0;
+    set_lane(packet.origin, l, {0.0, 0.0, laser.source_z});
+    set_lane(packet.direction, l, {packet.slope[l], std::sin(angle), std::cos(angle)});
+  }
+}
+
+/// Turns densities into watts: a step of angle and slope covers t² / sqrt(1 + slope²) across the ray.
+void LightTracer::land_first(Packet& packet) const {
+  const LaserSheet& laser = plan_.settings.model.laser;
+  for (int l = 0; l < kLanes; ++l) {
+    if (packet.alive[l] == 0) continue;
+    packet.alive[l] = 0;
+    if (packet.hits.shape[l] < 0) continue;
+    const double t = packet.hits.t[l];
+    const Eigen::Vector3d at = lane(packet.origin, l) + t * lane(packet.direction, l);
+    const double across = t * t / std::sqrt(1.0 + packet.slope[l] * packet.slope[l]);
+    packet.power[l] *= across * laser.irradiance_at(at.x(), at.y(), at.z());
+    packet.counts[l] = !mirrors_first_ || views_->reflection(packet.hits.shape[l]).material().is_mirror();
+    packet.alive[l] = packet.power[l] > 0.0 && packet.counts[l] ? -1 : 0;
+  }
+}
+
+/// False when no photon is left.
+bool LightTracer::reflect(Packet& packet, int depth) const {
+  const PathRandom random(plan_.settings.seed, frame_, PathRandom::kPhotons);
+  const auto shift = random.at(1, 0, ~0u);
+  bool any = false;
+  for (int l = 0; l < kLanes; ++l) {
+    if (packet.alive[l] == 0) continue;
+    packet.alive[l] = 0;
+    const std::uint32_t photon = packet.first + static_cast<std::uint32_t>(l);
+    auto u = random.at(photon, 0, static_cast<std::uint32_t>(depth));
+    for (int k = 0; depth == 0 && k < 3; ++k) {
+      u[static_cast<std::size_t>(k)] = wrap(recurrence(photon, 2 + k) + shift[static_cast<std::size_t>(k)]);
+    }
+    const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+    const Reflection& reflection = views_->reflection(packet.hits.shape[l]);
+    const ReflectedSample out = reflection.sample(at.normal, at.back, u[0], u[1], u[2]);
+    if (!(out.weight > 0.0)) continue;
+    packet.power[l] *= out.weight;
+    packet.spacing[l] += packet.opening[l] * (at.position - lane(packet.origin, l)).norm();
+    if (out.density > 0.0)
+      packet.opening[l] = std::hypot(packet.opening[l], 1.0 / std::sqrt(photons_ * out.density));
+    set_lane(packet.origin, l, at.above());
+    set_lane(packet.direction, l, out.towards);
+    packet.alive[l] = -1;
+    any = true;
+  }
+  return any;
+}
+
+void LightTracer::connect(const Packet& packet, std::vector<SplatImage>& images) const {
+  for (std::size_t c = 0; c < projectors_.size(); ++c) {
+    const Camera& camera = plan_.settings.model.cameras[c];
+    const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
+    const Eigen::Vector3d forward = camera.sensor_from_camera.rotation.col(2);
+    Lanes3 points;
+    for (int l = 0; l < kLanes; ++l) {
+      const bool there = packet.alive[l] != 0;
+      set_lane(points, l,
+               there ? lane(packet.origin, l) + packet.hits.t[l] * lane(packet.direction, l) : eye);
+    }
+    alignas(64) double column[kLanes];
+    alignas(64) double row[kLanes];
+    projectors_[c].project(points, column, row);
+    Lanes3 from_eye;
+    alignas(64) int open[kLanes];
+    double amount[kLanes];
+    double size[kLanes];
+    bool any = false;
+    for (int l = 0; l < kLanes; ++l) {
+      open[l] = 0;
+      set_lane(from_eye, l, forward);
+      if (packet.alive[l] == 0 || !(column[l] > -0.5) || !(column[l] < camera.width_px - 0.5) ||
+          !(row[l] > -0.5) || !(row[l] < camera.height_px - 0.5)) {
+        continue;
+      }
+      const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+      const Eigen::Vector3d way = at.position - eye;
+      const double distance = way.norm();
+      const double facing = -at.normal.dot(way) / distance;
+      if (!(facing > 0.0)) continue;
+      const double depth = way.dot(forward);
+      const Eigen::Vector3d ray = camera.ray({column[l], row[l]});
+      const double px_per_slope2 = 1.0 / std::abs(camera.ray_jacobian(ray).determinant());
+      // A point that sends out the intensity I = power * brdf * facing lights I / distance² per steradian of
+      // the pixels, whose share of the aperture's cos⁴ is left by the cos³ of their solid angle.
+      amount[l] =
+          packet.power[l] * facing / (distance * distance) * (depth / distance) * px_per_slope2 *
+          views_->reflection(packet.hits.shape[l]).diffuse_equivalent(at.normal, at.back, -way / distance) *
+          plan_.electrons_per_irradiance[c];
+      const double spacing = packet.spacing[l] + packet.opening[l] *
+                                                     (at.position - lane(packet.origin, l)).norm() /
+                                                     std::sqrt(std::max(0.05, at.normal.dot(at.back)));
+      // Seen at an angle the patch is narrow; its narrow side counts, or it would reach over edges.
+      size[l] = mirrors_first_ ? 0.0 : kPatchPerSpacing * spacing * facing * std::sqrt(px_per_slope2) / depth;
+      if (!(amount[l] > 0.0)) continue;
+      set_lane(from_eye, l, way);
+      open[l] = -1;
+      any = true;
+    }
+    if (!any) continue;
+    views_->cameras[c].occlude(packet.number, from_eye, kBeforeSurface, open);
+    for (int l = 0; l < kLanes; ++l) {
+      if (open[l] != 0) images[c].add(column[l], row[l], amount[l], size[l]);
+    }
+  }
+}
+
+}  // namespace sensor_rt

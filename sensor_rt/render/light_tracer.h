@@ -1,0 +1,42 @@
+// Light followed from the laser over the surfaces that it meets into the cameras.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "sensor_rt/optics/projector.h"
+#include "sensor_rt/render/exposure_views.h"
+#include "sensor_rt/render/splat_image.h"
+
+namespace sensor_rt {
+
+/// Photons leave the source within the sheet, are reflected, and from the second surface on every point they
+/// meet is connected to all cameras (light tracing, Arvo 1986; the first surface is what direct rendering
+/// shows). A photon's light is spread over the patch of the image that it stands for, which follows from the
+/// density of its directions: broad for haze, a single pixel after mirrors.
+class LightTracer {
+ public:
+  explicit LightTracer(const RenderPlan& plan);
+
+  /// Adds electrons per second to one image per camera. `frame` keys the random numbers. `mirrors_first`:
+  /// only light that meets a mirror first, unspread, as a complement to path tracing.
+  void trace(const ExposureViews& views, std::int64_t frame, bool mirrors_first,
+             std::vector<SplatImage>& images);
+
+ private:
+  struct Packet;
+
+  void emit(Packet& packet, std::uint32_t first);
+  void land_first(Packet& packet) const;
+  bool reflect(Packet& packet, int depth) const;
+  void connect(const Packet& packet, std::vector<SplatImage>& images) const;
+
+  const RenderPlan& plan_;
+  std::vector<Projector> projectors_;
+  const ExposureViews* views_ = nullptr;
+  std::int64_t frame_ = 0;
+  bool mirrors_first_ = false;
+  std::uint32_t photons_ = 0;
+};
+
+}  // namespace sensor_rt

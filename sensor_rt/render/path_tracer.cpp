@@ -1,0 +1,135 @@
+#include "sensor_rt/render/path_tracer.h"
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include "sensor_rt/render/path_random.h"
+
+namespace sensor_rt {
+
+/// Sixteen paths on their way.
+struct PathTracer::Packet {
+  std::size_t number = 0;  ///< among the packets of a pixel
+  std::uint32_t pixel = 0;
+  double sum = 0.0;
+  Lanes3 origin;
+  Lanes3 direction;
+  PacketHits hits;
+  alignas(64) int alive[kLanes];
+  double carried[kLanes];  ///< share of the light at the last surface that reaches the camera
+};
+
+PathTracer::PathTracer(const RenderPlan& plan, Mode mode) : plan_(plan), mode_(mode), rays_(plan) {}
+
+void PathTracer::set(const ExposureViews& views, std::int64_t frame) {
+  views_ = &views;
+  frame_ = frame;
+}
+
+double PathTracer::laser_light(Packet& packet) {
+  const LaserSheet& laser = plan_.settings.model.laser;
+  const Eigen::Vector3d source(0.0, 0.0, laser.source_z);
+  Lanes3 from_source;
+  double light[kLanes];
+  alignas(64) int open[kLanes];
+  bool any = false;
+  for (int l = 0; l < kLanes; ++l) {
+    open[l] = 0;
+    set_lane(from_source, l, Eigen::Vector3d::UnitZ());
+    if (packet.alive[l] == 0) continue;
+    const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+    const Eigen::Vector3d way = at.position - source;
+    const double facing = -at.normal.dot(way);
+    if (!(facing > 0.0)) continue;
+    const double irradiance = laser.irradiance_at(at.position.x(), at.position.y(), at.position.z());
+    if (irradiance == 0.0) continue;
+    const double distance = way.norm();
+    light[l] =
+        packet.carried[l] * irradiance * (facing / distance) *
+        views_->reflection(packet.hits.shape[l]).diffuse_equivalent(at.normal, -way / distance, at.back);
+    open[l] = -1;
+    any = true;
+    set_lane(from_source, l, way);
+  }
+  if (!any) return 0.0;
+  views_->laser.occlude(packet.number, from_source, kBeforeSurface, open);
+  double sum = 0.0;
+  for (int l = 0; l < kLanes; ++l) sum += open[l] != 0 ? light[l] : 0.0;
+  return sum;
+}
+
+double PathTracer::ambient_light(const Packet& packet, int depth) const {
+  const double ambient = plan_.settings.model.ambient_irradiance;
+  if (ambient == 0.0) return 0.0;
+  double sum = 0.0;
+  for (int l = 0; l < kLanes; ++l) {
+    if (packet.alive[l] == 0) continue;
+    if (packet.hits.shape[l] < 0) {
+      sum += depth > 0 ? packet.carried[l] * ambient : 0.0;  // behind the scene there is nothing to see
+    } else if (mode_ == Mode::kMirrorsOnly) {
+      const Reflection& reflection = views_->reflection(packet.hits.shape[l]);
+      const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+      if (!reflection.material().is_mirror())
+        sum += packet.carried[l] * ambient * reflection.albedo(at.normal.dot(at.back));
+    }
+  }
+  return sum;
+}
+
+void PathTracer::reflect(Packet& packet, int depth) {
+  const PathRandom random(plan_.settings.seed, frame_, PathRandom::kSight + static_cast<int>(rays_.camera()));
+  for (int l = 0; l < kLanes; ++l) {
+    if (packet.alive[l] == 0) continue;
+    packet.alive[l] = 0;
+    const Reflection& reflection = views_->reflection(packet.hits.shape[l]);
+    if (mode_ == Mode::kMirrorsOnly && !reflection.material().is_mirror()) continue;
+    const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+    const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
+    const auto u = random.at(packet.pixel, sample, static_cast<std::uint32_t>(depth));
+    const ReflectedSample out = reflection.sample(at.normal, at.back, u[0], u[1], u[2]);
+    if (!(out.weight > 0.0)) continue;
+    packet.carried[l] *= out.weight;
+    packet.alive[l] = -1;
+    set_lane(packet.origin, l, at.above());
+    set_lane(packet.direction, l, out.towards);
+  }
+}
+
+void PathTracer::trace_packet(Packet& packet) {
+  const int last = plan_.settings.bounces;
+  const bool ambient = plan_.settings.model.ambient_irradiance > 0.0;
+  views_->cameras[rays_.camera()].intersect(packet.number, packet.direction, packet.alive,
+                                            std::numeric_limits<double>::infinity(), packet.hits);
+  for (int depth = 0;; ++depth) {
+    packet.sum += ambient_light(packet, depth);
+    for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
+    if (depth > last) return;  // beyond the last reflection there is only light from around the scene
+    packet.sum += laser_light(packet);
+    if (depth == last && !ambient) return;
+    reflect(packet, depth);
+    if (std::none_of(packet.alive, packet.alive + kLanes, [](int alive) { return alive != 0; })) return;
+    views_->free.intersect(&views_->lane_instants[packet.number * kLanes], packet.origin, packet.direction,
+                           packet.alive, packet.hits);
+  }
+}
+
+double PathTracer::trace(int column, int row) {
+  const std::size_t samples = plan_.pattern.size();
+  const Camera& camera = plan_.settings.model.cameras[rays_.camera()];
+  Packet packet;
+  packet.pixel = static_cast<std::uint32_t>(row * camera.width_px + column);
+  for (std::size_t first = 0; first < samples; first += kLanes) {
+    packet.number = first / kLanes;
+    rays_.through_samples(column, row, packet.number, packet.direction);
+    for (int l = 0; l < kLanes; ++l) {
+      packet.alive[l] = first + static_cast<std::size_t>(l) < samples ? -1 : 0;
+      packet.carried[l] = 1.0;
+      set_lane(packet.origin, l, Eigen::Map<const Eigen::Vector3d>(rays_.eye()));
+    }
+    trace_packet(packet);
+  }
+  return packet.sum > 0.0 ? rays_.electrons(column, row, packet.sum / static_cast<double>(samples)) : 0.0;
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,48 @@
+// The rays of sight of single pixels.
+#pragma once
+
+#include <vector>
+
+#include "sensor_rt/geometry/lanes.h"
+#include "sensor_rt/render/render_plan.h"
+
+namespace sensor_rt {
+
+/// Rays through the samples of a pixel, and what their light is worth.
+class PixelRays {
+ public:
+  explicit PixelRays(const RenderPlan& plan);
+
+  void select_camera(std::size_t camera);
+  std::size_t camera() const { return number_; }
+
+  /// Directions (sensor frame, any length) of the `packet`-th sixteen samples of a pixel.
+  void through_samples(int column, int row, std::size_t packet, Lanes3& direction) const;
+
+  /// All lanes along the middle of the pixel.
+  void through_middle(int column, int row, Lanes3& direction) const;
+
+  /// Electrons per second in a pixel from a surface that sends back `irradiance` diffusely.
+  double electrons(int column, int row, double irradiance) const;
+
+  const double* eye() const { return eye_; }
+
+ private:
+  struct PixelRay {
+    double x, y;                        ///< direction (x, y, 1) in the camera frame at the pixel's centre
+    double dx_du, dx_dv, dy_du, dy_dv;  ///< its change per pixel
+  };
+
+  PixelRay pixel_ray(int column, int row) const;
+
+  const RenderPlan& plan_;
+  std::vector<double> sample_column_;  ///< padded to whole packets
+  std::vector<double> sample_row_;
+  // The selected camera:
+  std::size_t number_ = 0;
+  const Camera* camera_ = nullptr;
+  double axes_[9] = {};  ///< camera x, y, z in the sensor frame
+  double eye_[3] = {};
+};
+
+}  // namespace sensor_rt

@@ -1,0 +1,252 @@
+"""Light between surfaces: energy against form factors, mirrors, agreement of the fast mode with path tracing."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import Array, moving, pose, probe, still
+from stripe_images import make_sensor
+
+from sensor_rt import Camera, Exposures, Material, Scene, Sensor, expected_electrons, scan
+
+PLANCK_C = 6.62607015e-34 * 299792458.0
+POWER, HALF_FAN = 1e-3, 0.28
+Z = 0.12  # of the lit line
+EDGE = 0.008  # x of the groove's bottom; the laser meets one wall only, at x = 0
+WALL = 0.06  # edge lengths of the walls
+TO_WALL_A, TO_WALL_B = np.array([1.0, 0.0, -1.0]) / np.sqrt(2), np.array([-1.0, 0.0, -1.0]) / np.sqrt(2)
+MIRROR = Material(0.9, "mirror", 0.0, 1.0)
+FRAMES = 6
+
+
+def small_probe(**overrides: Any) -> Sensor:
+    render = {"noise": False, "bounces": 1} | overrides.pop("render", {})
+    return make_sensor(320, 256, cameras=2, render=render, range={"near": 0.06, "far": 0.2}, **overrides)
+
+
+def groove(wall_a: Material | float, wall_b: Material | float) -> tuple[Scene, list[Array]]:
+    """Right-angled V-groove along y, its walls at 45 degrees to the laser sheet, which meets wall a."""
+    scene = Scene()
+    scene.add_plane("a", np.eye(4), [WALL, 0.2], wall_a)
+    scene.add_plane("b", np.eye(4), [WALL, 0.2], wall_b)
+    bottom, half = np.array([EDGE, 0.0, Z + EDGE]), WALL / 2 / np.sqrt(2)
+    a = pose(bottom + half * np.array([-1.0, 0.0, -1.0]), (0.0, np.radians(-45.0), 0.0))
+    b = pose(bottom + half * np.array([1.0, 0.0, -1.0]), (0.0, np.radians(45.0), 0.0))
+    return scene, [a, b]
+
+
+def line_power(y: Array) -> Array:
+    """Watts per metre that the laser puts on the line at range Z."""
+    return POWER / (2 * HALF_FAN) * Z / (y**2 + Z**2)
+
+
+def line() -> tuple[Array, Array]:
+    """Pieces of the lit line: positions (n,) along y and watts (n,)."""
+    ends = Z * np.tan(np.linspace(-HALF_FAN, HALF_FAN, 801))
+    y = (ends[1:] + ends[:-1]) / 2
+    return y, line_power(y) * np.diff(ends)
+
+
+def irradiance_on_b(points: Array, reflectance: float) -> Array:
+    """W/m2 that the lit line on the Lambertian wall a sends to points (n, 3) of wall b."""
+    y, watts = line()
+    way = points[:, None, :] - np.stack([0 * y, y, 0 * y + Z], axis=1)
+    distance2 = (way**2).sum(axis=2)
+    cosines = (way @ TO_WALL_A) * -(way @ TO_WALL_B) / distance2
+    return (reflectance / np.pi * watts * cosines / distance2).sum(axis=1)
+
+
+def seen_on_b(camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
+    """Points of wall b (h, w, 3) that the pixels show, and which pixels show nothing but wall b."""
+    rows, columns = np.mgrid[: camera.height_px, : camera.width_px]
+    rays = camera.view_rays(np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float))
+    eye = camera.sensor_from_camera[:3, 3]
+    bottom = np.array([EDGE, 0.0, Z + EDGE])
+    t = ((bottom - eye) @ TO_WALL_B) / (rays @ TO_WALL_B)
+    points = eye + t[:, None] * rays
+    before_a = ((eye - bottom) @ TO_WALL_A > 0) & ((points - bottom) @ TO_WALL_A > 5e-4)
+    on_b = before_a & ((points - bottom) @ TO_WALL_A < WALL - 5e-4) & (np.abs(points[:, 1]) < 0.0995)
+    shape = (camera.height_px, camera.width_px)
+    return points.reshape(*shape, 3), on_b.reshape(shape)
+
+
+def electrons_per_irradiance(camera: Camera) -> Array:
+    """Electrons (h, w) in a pixel per W/m2 sent back diffusely."""
+    rows, columns = np.mgrid[: camera.height_px, : camera.width_px]
+    x = (columns - (camera.width_px - 1) / 2) / camera.focal_px
+    y = (rows - (camera.height_px - 1) / 2) / camera.focal_px
+    cosine4 = 1 / (1 + x**2 + y**2) ** 2
+    return 0.8 * cosine4 / (4 * 11.0**2) * 25e-12 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
+
+
+def bounced(wall_a: Material | float, wall_b: Material | float, exposures: Exposures, **overrides: Any) -> Array:
+    """Electrons (n, cameras, h, w) of light that was reflected between surfaces, in the fast mode."""
+    scene, _ = groove(wall_a, wall_b)
+    with_bounces = expected_electrons(scene, small_probe(**overrides), exposures)
+    overrides["render"] = overrides.get("render", {}) | {"bounces": 0}
+    direct = expected_electrons(scene, small_probe(**overrides), exposures)
+    return np.asarray(with_bounces, float) - direct
+
+
+def test_the_closed_form_itself() -> None:
+    """The wall takes (1 + cos 90°) / 2 of the light of a line in an endless groove."""
+    s = np.linspace(0, 1, 120)[1:] ** 3 * 3.0  # along the wall from the bottom
+    y = np.linspace(-1, 1, 161) ** 3 * 3.0
+    grid_s, grid_y = np.meshgrid(s, y, indexing="ij")
+    points = np.stack([EDGE + grid_s / np.sqrt(2), grid_y, Z + EDGE - grid_s / np.sqrt(2)], axis=-1)
+    irradiance = irradiance_on_b(points.reshape(-1, 3), 1.0).reshape(grid_s.shape)
+    energy = np.trapezoid(np.trapezoid(irradiance, y, axis=1), s)
+    assert energy == pytest.approx(POWER / 2, rel=0.02)
+
+
+def test_first_bounce_in_a_groove_has_the_energy_of_the_form_factor() -> None:
+    _, poses = groove(0.8, 0.6)
+    images = bounced(0.8, 0.6, still(*poses, count=2)).mean(axis=0)
+    for camera, image in zip(small_probe().cameras, images, strict=True):
+        points, on_b = seen_on_b(camera)
+        assert on_b.sum() > 5000
+        expected = np.zeros(on_b.shape)
+        expected[on_b] = 0.6 * irradiance_on_b(points[on_b], 0.8) * electrons_per_irradiance(camera)[on_b]
+        away = on_b & (np.linalg.norm(points[..., [0, 2]] - [EDGE, Z + EDGE], axis=-1) > 2e-3)
+        assert image[away].sum() == pytest.approx(expected[away].sum(), rel=0.01)
+        height, width = image.shape
+        blocks = (height // 32, 32, width // 32, 32)
+        whole = away.reshape(blocks).all(axis=(1, 3))
+        ratio = image.reshape(blocks).sum(axis=(1, 3))[whole] / expected.reshape(blocks).sum(axis=(1, 3))[whole]
+        assert whole.sum() >= 5
+        assert np.abs(ratio - 1).max() < 0.08
+
+
+@cache
+def path_traced(wall_a: Material | float, wall_b: Material | float, bounces: int, sigma: float) -> Array:
+    scene, poses = groove(wall_a, wall_b)
+    render = {"noise": False, "bounces": bounces, "mode": "path", "samples_per_pixel": 64}
+    sensor = make_sensor(160, 128, cameras=2, render=render, laser={"sheet_sigma": sigma, "divergence": 0.0})
+    return np.asarray(expected_electrons(scene, sensor, still(*poses, count=FRAMES)), float)
+
+
+@pytest.mark.parametrize("bounces", [1, 2])
+@pytest.mark.parametrize(
+    ("wall_a", "wall_b"),
+    [
+        (0.8, 0.6),
+        (Material(0.7, "rough_conductor", 0.4, 1.0), Material(0.5, "rough_dielectric", 0.5, 1.5)),
+        (Material(0.8, "oren_nayar", 0.5, 1.0), Material(0.9, "rough_conductor", 0.3, 1.0)),
+    ],
+)
+def test_fast_mode_agrees_with_ground_truth(wall_a: Material | float, wall_b: Material | float, bounces: int) -> None:
+    """Blocks of 32 x 32 pixels, within five standard errors of the frames' own spread, and in sum within 1 %."""
+    sigma = 8e-4  # a thick sheet is met by more paths
+    truth = path_traced(wall_a, wall_b, bounces, sigma)
+    scene, poses = groove(wall_a, wall_b)
+    sensor = make_sensor(
+        160,
+        128,
+        cameras=2,
+        render={"noise": False, "bounces": bounces, "photons": 32_768},
+        laser={"sheet_sigma": sigma, "divergence": 0.0},
+    )
+    fast = np.asarray(expected_electrons(scene, sensor, still(*poses, count=FRAMES)), float)
+    assert fast.sum() == pytest.approx(truth.sum(), rel=0.01)
+    shape = (FRAMES, 2, 4, 32, 5, 32)
+    true_blocks, fast_blocks = (images.reshape(shape).sum(axis=(3, 5)) for images in (truth, fast))
+    error = np.hypot(true_blocks.std(axis=0, ddof=1), fast_blocks.std(axis=0, ddof=1)) / np.sqrt(FRAMES)
+    difference = fast_blocks.mean(axis=0) - true_blocks.mean(axis=0)
+    # Patches of light cross the borders between blocks: a hundredth of the brightest neighbour.
+    np.testing.assert_array_less(np.abs(difference), 5 * error + 0.01 * true_blocks.mean(axis=0).max())
+
+
+def mirrored(points: Array, through: Array, normal: Array) -> Array:
+    return points - 2 * ((points - through) @ normal)[:, None] * normal
+
+
+def test_a_mirror_throws_a_second_stripe_of_known_place_and_energy() -> None:
+    """Laser, mirror, wall, camera: the sheet turns by 90 degrees and meets wall b at x = 2 EDGE."""
+    _, poses = groove(MIRROR, 0.6)
+    images = bounced(MIRROR, 0.6, still(*poses, count=2), render={"photons": 262_144}).mean(axis=0)
+    # The walls are endless for the cameras; what they show is where the fan, Z + 2 EDGE long by now, ends.
+    length = Z + 2 * EDGE
+    ends = length * np.tan(np.linspace(-HALF_FAN, HALF_FAN, 4001))
+    y = (ends[1:] + ends[:-1]) / 2
+    watts = POWER / (2 * HALF_FAN) * length / (y**2 + length**2) * np.diff(ends)
+    stripe = np.stack([0 * y + 2 * EDGE, y, 0 * y + Z], axis=1)
+    for camera, image in zip(small_probe().cameras, images, strict=True):
+        pixel = camera.project(stripe)
+        eye, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
+        way = stripe - eye
+        distance = np.linalg.norm(way, axis=1)
+        solid = watts * 0.9 * 0.6 / np.pi * -(way @ TO_WALL_B) / distance / distance**2  # W/sr per m2 of aperture
+        aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (way @ forward) / distance
+        expected = solid * aperture * 0.8 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
+        for first in range(40, 280, 40):
+            inside = (pixel[:, 0] > first - 0.5) & (pixel[:, 0] < first + 39.5)
+            strip = image[:, first : first + 40]
+            assert strip.sum() == pytest.approx(expected[inside].sum(), rel=0.02)
+            row = (strip.sum(axis=1) * np.arange(256)).sum() / strip.sum()
+            assert row == pytest.approx(np.average(pixel[inside, 1], weights=expected[inside]), abs=0.1)
+
+
+@pytest.mark.parametrize("mode", ["fast", "path"])
+def test_a_camera_sees_the_stripe_again_in_a_mirror(mode: str) -> None:
+    _, poses = groove(0.6, MIRROR)
+    scene, _ = groove(0.6, MIRROR)
+    sensor = small_probe(render={"mode": mode})
+    images = expected_electrons(scene, sensor, still(*poses))[0].astype(float)
+    y = np.linspace(-0.01, 0.01, 21)
+    lit = np.stack([0 * y, y, 0 * y + Z], axis=1)
+    ghost = mirrored(lit, np.array([EDGE, 0.0, Z + EDGE]), TO_WALL_B)
+    for camera, image in zip(sensor.cameras[1:], images[1:], strict=True):  # the other looks past the mirror
+        for point in camera.project(ghost):
+            column, row = np.round(point).astype(int)
+            window = image[row - 6 : row + 7, column]
+            assert (window * np.arange(row - 6, row + 7)).sum() / window.sum() == pytest.approx(point[1], abs=0.3)
+
+
+def test_furnace_of_path_tracing() -> None:
+    """Loss-free bodies in even light are invisible, however they shadow and light each other."""
+    scene = Scene()
+    scene.add_sphere("ball", [0, 0, 0], 0.012, 1.0)
+    scene.add_box("box", np.eye(4), [0.02, 0.03, 0.01], Material(1.0, "rough_conductor", 0.4, 1.0))
+    scene.add_plane("floor", np.eye(4), [0.5, 0.5], Material(1.0, "oren_nayar", 0.6, 1.0))
+    render = {"mode": "path", "bounces": 64, "samples_per_pixel": 64}
+    sensor = make_sensor(
+        160, 128, cameras=2, render=render | {"noise": False}, laser={"power": 0.0}, ambient={"irradiance": 3.0}
+    )
+    poses = [pose((0, -0.01, 0.13)), pose((0, 0.016, 0.135), (0.3, 0.2, 0.1)), pose((0, 0, 0.145))]
+    images = expected_electrons(scene, sensor, still(*poses, count=4)).mean(axis=0)
+    for camera, image in zip(sensor.cameras, images, strict=True):
+        ratio = image / (3.0 * electrons_per_irradiance(camera))
+        assert ratio.mean() == pytest.approx(1.0, abs=2e-3)
+        blocks = ratio.reshape(4, 32, 5, 32).mean(axis=(1, 3))
+        assert np.abs(blocks - 1).max() < 5e-3
+
+
+def test_reflected_light_is_the_same_at_any_number_of_threads_and_differs_between_frames() -> None:
+    scene, poses = groove(0.8, Material(0.6, "rough_conductor", 0.2, 1.0))
+    later = [pose((1e-4, 0, 2e-4)) @ p for p in poses]
+    exposures = moving([poses, later], [np.eye(4)] * 2, count=4)
+    sensor = small_probe(render={"bounces": 2})
+    one, many = (expected_electrons(scene, sensor, exposures, threads=t) for t in (1, 3))
+    np.testing.assert_array_equal(one, many)
+    assert np.any(one[0] != one[1])
+    assert one.sum(axis=(1, 2, 3)).std() < 2e-3 * one.sum(axis=(1, 2, 3)).mean()
+
+
+def test_direct_light_is_untouched_where_nothing_is_reflected_back() -> None:
+    """A convex body alone: bounces change nothing, to the last bit."""
+    scene = Scene()
+    scene.add_sphere("ball", [0, 0, 0], 0.015, 0.8)
+    images = [expected_electrons(scene, small_probe(render={"bounces": n}), still(pose((0, 0, 0.13)))) for n in (0, 2)]
+    np.testing.assert_array_equal(*images)
+
+
+def test_ghosts_reach_the_profiles() -> None:
+    """With bounces a polished groove shows stripes where there is no surface of the sheet's."""
+    scene, poses = groove(MIRROR, 0.6)
+    found = [len(scan(scene, probe(render={"noise": False, "bounces": n}), still(*poses)).profiles) for n in (0, 1)]
+    assert found[0] == 0
+    assert found[1] > 200
