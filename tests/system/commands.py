@@ -1,9 +1,12 @@
-"""The `scancell` command in a process of its own, as a person or a program runs it."""
+"""The `scancell` command in a process of its own, as a person or a program runs it, or, much faster, in this one."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -11,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import sensor_rt
+from orchestrator import cli
 from orchestrator.config.loading import assets_dir
 
 PARTS = assets_dir() / "parts"
@@ -62,3 +66,20 @@ def scancell(*words: str | Path, cwd: Path, **changes: str) -> Finished:
         check=False,
     )
     return Finished(done.returncode, done.stdout, done.stderr)
+
+
+def scancell_here(*words: str | Path, cwd: Path) -> Finished:
+    """The same in this process. An exception other than the end of a command reaches the test."""
+    out, err = io.StringIO(), io.StringIO()
+    arguments, on_terminate = sys.argv, signal.getsignal(signal.SIGTERM)
+    sys.argv = ["scancell", *map(str, words)]
+    code: Any = 0
+    try:
+        with contextlib.chdir(cwd), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            cli.main()
+    except SystemExit as ended:
+        code = ended.code or 0
+    finally:
+        sys.argv = arguments
+        signal.signal(signal.SIGTERM, on_terminate)
+    return Finished(int(code), out.getvalue(), err.getvalue())

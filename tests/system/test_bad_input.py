@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from commands import PARTS, QUICK, Finished, scancell
+from commands import PARTS, QUICK, Finished, scancell, scancell_here
 
 SPHERE = PARTS / "sphere_on_foot.stl"
 
@@ -26,8 +26,8 @@ def refused(done: Finished, folder: Path, *before: str) -> str:
     return done.message
 
 
-def scan(folder: Path, part: str | Path, *words: str | Path, **changes: str) -> Finished:
-    return scancell("scan", part, *QUICK, "--out", "run", "--json", *words, cwd=folder, **changes)
+def scan(folder: Path, part: str | Path, *words: str | Path) -> Finished:
+    return scancell_here("scan", part, *QUICK, "--out", "run", "--json", *words, cwd=folder)
 
 
 # --- meshes ---------------------------------------------------------------------------------------------------------
@@ -59,8 +59,11 @@ def test_broken_mesh(tmp_path, name) -> None:
         assert word in message
 
 
-def test_missing_mesh(tmp_path) -> None:
-    assert refused(scan(tmp_path, "gone.stl"), tmp_path) == "gone.stl: no such file"
+@pytest.mark.parametrize("run", [scancell, scancell_here])
+def test_missing_mesh(tmp_path, run) -> None:
+    done = run("scan", "gone.stl", "--json", "--out", "run", cwd=tmp_path)
+    assert refused(done, tmp_path) == "gone.stl: no such file"
+    assert done.code == 1
 
 
 def test_unknown_unit(tmp_path) -> None:
@@ -197,21 +200,21 @@ def test_colliding_pose_says_what_hits_what(tmp_path) -> None:
 
 @pytest.mark.parametrize("pose", ["1,2,3", "a,b,c,d,e,f", "0,0,nan,0,0,0"])
 def test_shot_wants_six_numbers(tmp_path, pose) -> None:
-    message = refused(scancell("shot", SPHERE, "--pose", pose, "--out", "run", "--json", cwd=tmp_path), tmp_path)
+    message = refused(scancell_here("shot", SPHERE, "--pose", pose, "--out", "run", "--json", cwd=tmp_path), tmp_path)
     assert "--pose" in message
 
 
 def test_render_wants_a_recording(tmp_path) -> None:
     (tmp_path / "table.csv").write_text("time,q\n1,2\n")
     for name, word in {"gone.csv": "no such file", "table.csv": "columns are missing"}.items():
-        done = scancell("render", name, SPHERE, "--out", "run", "--json", cwd=tmp_path)
+        done = scancell_here("render", name, SPHERE, "--out", "run", "--json", cwd=tmp_path)
         assert word in refused(done, tmp_path, "table.csv")
 
 
 def test_fmu_info_wants_an_fmu(tmp_path) -> None:
     (tmp_path / "thing.fmu").write_text("no zip")
     for name, word in {"gone.fmu": "no such file", "thing.fmu": "not a readable FMU"}.items():
-        assert word in refused(scancell("fmu", "info", name, "--json", cwd=tmp_path), tmp_path, "thing.fmu")
+        assert word in refused(scancell_here("fmu", "info", name, "--json", cwd=tmp_path), tmp_path, "thing.fmu")
 
 
 @pytest.mark.parametrize(
@@ -227,7 +230,7 @@ def test_fmu_info_wants_an_fmu(tmp_path) -> None:
     ],
 )
 def test_command_line_that_is_not_understood(tmp_path, words, expected) -> None:
-    done = scancell(*words, "--json", cwd=tmp_path)
+    done = scancell_here(*words, "--json", cwd=tmp_path)
     assert done.code == 2
     assert "Traceback" not in done.err
     assert expected in done.err

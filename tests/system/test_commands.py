@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
-from commands import PARTS, QUICK, Finished, scancell
+from commands import PARTS, QUICK, Finished, scancell, scancell_here
 
 PART = PARTS / "free_form.stl"
 FIELDS = {"command", "ok", "figures", "files", "warnings", "timings"}
@@ -115,7 +115,7 @@ def test_people_get_a_summary(tmp_path) -> None:
 @pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
 def test_shot_gives_images_and_one_profile(tmp_path, engine) -> None:
     words = ("--pose", "0,0,130,180,0,0", "--engine", engine, "--ideal", "--out", "one", "--json")
-    report = succeeded(scancell("shot", PART, *words, cwd=tmp_path), "shot")
+    report = succeeded(scancell_here("shot", PART, *words, cwd=tmp_path), "shot")
     with (tmp_path / "one" / "profile.csv").open() as stream:
         table = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(stream)]
     assert len(table) == report["figures"]["points"] > 500
@@ -131,12 +131,12 @@ def test_shot_gives_images_and_one_profile(tmp_path, engine) -> None:
 
 
 def test_fmu_build_and_info(tmp_path) -> None:
-    report = succeeded(scancell("fmu", "build", "--out", ".", "--json", cwd=tmp_path), "fmu build")
+    report = succeeded(scancell_here("fmu", "build", "--out", ".", "--json", cwd=tmp_path), "fmu build")
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["RobotCell2.fmu", "RobotCell3.fmu"]
     assert len(report["files"]) == 2
     for version, folder in ((2, "linux64"), (3, "x86_64-linux")):
         name = f"RobotCell{version}.fmu"
-        info = succeeded(scancell("fmu", "info", name, "--json", cwd=tmp_path), "fmu info")["figures"]
+        info = succeeded(scancell_here("fmu", "info", name, "--json", cwd=tmp_path), "fmu info")["figures"]
         assert info["fmi_version"].startswith(str(version))
         assert info["token"] == fmpy.read_model_description(str(tmp_path / name), validate=False).guid
         with zipfile.ZipFile(tmp_path / name) as archive:
@@ -144,7 +144,7 @@ def test_fmu_build_and_info(tmp_path) -> None:
 
 
 def test_schema_fits_the_shipped_descriptions(tmp_path) -> None:
-    report = succeeded(scancell("schema", "--out", "schemas", "--json", cwd=tmp_path), "schema")
+    report = succeeded(scancell_here("schema", "--out", "schemas", "--json", cwd=tmp_path), "schema")
     kinds = {"cell", "robot", "sensor", "scan"}
     assert {f"schemas/{kind}.schema.json" for kind in kinds} == set(report["files"])
     for kind in kinds:
@@ -154,5 +154,5 @@ def test_schema_fits_the_shipped_descriptions(tmp_path) -> None:
 
 
 def test_version(tmp_path) -> None:
-    report = succeeded(scancell("version", "--json", cwd=tmp_path), "version")
+    report = succeeded(scancell_here("version", "--json", cwd=tmp_path), "version")
     assert {"scancell", "python", "numpy", "fmpy"} <= set(report["figures"]["versions"])
