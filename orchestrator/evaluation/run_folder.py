@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -26,6 +27,7 @@ class RunFolder:
         self.target = target
         self._staging = target.parent / f".{target.name}.partial-{os.getpid()}"
         self.names: list[str] = []
+        self._made: list[Path] = []
 
     def path(self, name: str) -> Path:
         """Where to write the file `name`, for now."""
@@ -37,12 +39,12 @@ class RunFolder:
         try:
             if self.target.exists() and not self.target.is_dir():
                 raise OutputError(f"{self.target}: expected a folder, found a file")
-            self.target.parent.mkdir(parents=True, exist_ok=True)
+            self._make_parents()
             self._staging.mkdir()
             if self.target.exists() and not os.access(self.target, os.W_OK):
                 raise PermissionError(13, "Permission denied")
         except OSError as error:
-            shutil.rmtree(self._staging, ignore_errors=True)
+            self._clear()
             raise OutputError(f"{self.target}: cannot be written: {error.strerror}") from None
         return self
 
@@ -53,7 +55,21 @@ class RunFolder:
             if kind is None:
                 self._publish()
         finally:
-            shutil.rmtree(self._staging, ignore_errors=True)
+            self._clear()
+
+    def _make_parents(self) -> None:
+        parent = self.target.parent
+        missing = [folder for folder in (parent, *parent.parents) if not folder.exists()]
+        for folder in reversed(missing):
+            folder.mkdir(exist_ok=True)
+            self._made.append(folder)
+
+    def _clear(self) -> None:
+        """Remove what was staged, and the folders made for it that are still empty."""
+        shutil.rmtree(self._staging, ignore_errors=True)
+        for folder in reversed(self._made):
+            with suppress(OSError):  # it holds something by now
+                folder.rmdir()
 
     def _publish(self) -> None:
         try:

@@ -1,4 +1,4 @@
-"""`PYTHONPATH=tests python -m bench.extraction`: how well stripes are measured, as a table in docs/extraction.md."""
+"""`python -m bench.extraction` (in tests/): how well stripes are measured, as a table in docs/extraction.md."""
 
 from __future__ import annotations
 

@@ -136,7 +136,6 @@ def test_wrong_word_on_the_command_line(tmp_path, words, expected) -> None:
         assert word in message
 
 
-@pytest.mark.xfail(strict=True, reason="the run folder makes the folders above it and leaves them, empty, on failure")
 def test_refusal_leaves_no_empty_folder_above_the_results(tmp_path) -> None:
     refused(scan(tmp_path, "gone.stl", "--out", "a/b/run"), tmp_path)
 

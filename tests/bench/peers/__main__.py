@@ -1,4 +1,4 @@
-"""`PYTHONPATH=tests python -m bench.peers`: every figure that another program can check, PASS or FAIL, and the exit code."""
+"""`python -m bench.peers` (in tests/): every figure that another program can check, PASS or FAIL, and the exit code."""
 
 from __future__ import annotations
 
