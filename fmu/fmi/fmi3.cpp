@@ -56,6 +56,18 @@ fmi3Status set_values(fmi3Instance instance, const char* function, const fmi3Val
   });
 }
 
+std::function<std::optional<double>(double)> make_intermediate(fmi3IntermediateUpdateCallback callback,
+                                                               fmi3InstanceEnvironment environment,
+                                                               bool early_return) {
+  if (callback == nullptr) return {};
+  return [=](double time) -> std::optional<double> {
+    fmi3Boolean requested = fmi3False;
+    fmi3Float64 until = time;
+    callback(environment, time, fmi3False, fmi3True, fmi3True, early_return, &requested, &until);
+    return requested ? std::optional<double>(until) : std::nullopt;
+  };
+}
+
 Snapshot& snapshot_of(fmi3FMUState state) {
   require(state != nullptr, "null state");
   return *static_cast<Snapshot*>(state);
@@ -73,10 +85,11 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean, size_t, const
 }
 
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean,
-                                         fmi3Boolean, fmi3Boolean event_mode_used, fmi3Boolean,
-                                         const fmi3ValueReference[], size_t n_intermediate,
+                                         fmi3Boolean, fmi3Boolean event_mode, fmi3Boolean early_return,
+                                         const fmi3ValueReference[], size_t,
                                          fmi3InstanceEnvironment environment,
-                                         fmi3LogMessageCallback log_message, fmi3IntermediateUpdateCallback) {
+                                         fmi3LogMessageCallback log_message,
+                                         fmi3IntermediateUpdateCallback intermediate) {
   try {
     const Logger logger = make_logger(log_message, environment);
     const auto refuse = [&logger](const char* message) {
@@ -87,9 +100,9 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     if (token == nullptr || instantiation_token() != token) {
       return refuse("the instantiation token is not this FMU's");
     }
-    if (event_mode_used) return refuse("this FMU has no event mode");
-    if (n_intermediate > 0) return refuse("this FMU has no intermediate update");
-    return new Instance(name, resources == nullptr ? "" : resources, logger);
+    return new Instance(
+        name, resources == nullptr ? "" : resources, logger,
+        {event_mode, early_return, make_intermediate(intermediate, environment, early_return)});
   } catch (...) {
     return nullptr;
   }
@@ -228,11 +241,12 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[]
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 current, fmi3Float64 step, fmi3Boolean,
                       fmi3Boolean* event_handling_needed, fmi3Boolean* terminate_simulation,
                       fmi3Boolean* early_return, fmi3Float64* last_successful_time) {
-  if (event_handling_needed != nullptr) *event_handling_needed = fmi3False;
-  if (terminate_simulation != nullptr) *terminate_simulation = fmi3False;
-  if (early_return != nullptr) *early_return = fmi3False;
+  StepResult result;
   const fmi3Status status =
-      status_of(instance, "fmi3DoStep", [&] { instance_of(instance)->do_step(current, step); });
+      status_of(instance, "fmi3DoStep", [&] { result = instance_of(instance)->do_step(current, step); });
+  if (event_handling_needed != nullptr) *event_handling_needed = result.event;
+  if (terminate_simulation != nullptr) *terminate_simulation = fmi3False;
+  if (early_return != nullptr) *early_return = result.early;
   if (instance != nullptr && last_successful_time != nullptr) {
     *last_successful_time = instance_of(instance)->last_successful_time();
   }

@@ -49,10 +49,6 @@ ROBOTCELL_ABSENT_TYPE(Int64)
 ROBOTCELL_ABSENT_TYPE(UInt64)
 #undef ROBOTCELL_ABSENT_TYPE
 
-fmi3Status fmi3EnterEventMode(fmi3Instance instance) { return unsupported(instance, "fmi3EnterEventMode"); }
-
-fmi3Status fmi3EnterStepMode(fmi3Instance instance) { return unsupported(instance, "fmi3EnterStepMode"); }
-
 fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference[], size_t n, size_t[], fmi3Binary[],
                          size_t) {
   return no_such_type(instance, "fmi3GetBinary", n);
@@ -61,10 +57,6 @@ fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference[], size
 fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference[], size_t n, const size_t[],
                          const fmi3Binary[], size_t) {
   return no_such_type(instance, "fmi3SetBinary", n);
-}
-
-fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference[], size_t n, fmi3Clock[]) {
-  return no_such_type(instance, "fmi3GetClock", n);
 }
 
 fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference[], size_t n, const fmi3Clock[]) {
@@ -137,15 +129,6 @@ fmi3Status fmi3SetShiftDecimal(fmi3Instance instance, const fmi3ValueReference[]
 fmi3Status fmi3SetShiftFraction(fmi3Instance instance, const fmi3ValueReference[], size_t, const fmi3UInt64[],
                                 const fmi3UInt64[]) {
   return unsupported(instance, "fmi3SetShiftFraction");
-}
-
-fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance instance) {
-  return unsupported(instance, "fmi3EvaluateDiscreteStates");
-}
-
-fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean*, fmi3Boolean*, fmi3Boolean*,
-                                    fmi3Boolean*, fmi3Boolean*, fmi3Float64*) {
-  return unsupported(instance, "fmi3UpdateDiscreteStates");
 }
 
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance, const fmi3ValueReference[], size_t,

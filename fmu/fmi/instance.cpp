@@ -1,5 +1,6 @@
 #include "fmu/fmi/instance.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -10,6 +11,7 @@ namespace robotcell::fmi {
 namespace {
 
 constexpr double kTicksPerSecond = 1e6;
+constexpr double kHalfTick = 0.5 / kTicksPerSecond;
 constexpr double kLongestTime = 1e9;  // s: below it a double still tells microseconds apart
 constexpr double kNever = std::numeric_limits<double>::infinity();
 
@@ -23,6 +25,10 @@ const char* phase_name(Phase phase) {
       return "while stepping";
     case Phase::kTerminated:
       return "after terminate";
+    case Phase::kEvent:
+      return "in event mode";
+    case Phase::kIntermediate:
+      return "during an intermediate update";
     default:
       return "after an error";
   }
@@ -45,10 +51,11 @@ bool same_parameters(const CellParameters& a, const CellParameters& b) {
 
 }  // namespace
 
-Instance::Instance(std::string name, std::string resource_location, Logger logger)
+Instance::Instance(std::string name, std::string resource_location, Logger logger, StepOptions options)
     : name_(std::move(name)),
       resource_location_(std::move(resource_location)),
       logger_(std::move(logger)),
+      options_(std::move(options)),
       stop_time_(kNever) {}
 
 void Instance::log(const std::string& message) const {
@@ -73,48 +80,117 @@ void Instance::enter_initialization() {
 void Instance::exit_initialization() {
   if (phase_ != Phase::kInitialization) refuse("leaving initialization mode", phase_);
   cell();
-  phase_ = Phase::kStepping;
+  phase_ = options_.event_mode ? Phase::kEvent : Phase::kStepping;
 }
 
 void Instance::terminate() {
-  if (phase_ != Phase::kStepping) refuse("terminating", phase_);
+  if (phase_ != Phase::kStepping && phase_ != Phase::kEvent) refuse("terminating", phase_);
   phase_ = Phase::kTerminated;
 }
 
 void Instance::reset() {
+  if (phase_ == Phase::kIntermediate) refuse("resetting", phase_);
   phase_ = Phase::kInstantiated;
   start_time_ = communication_time_ = 0;
   stop_time_ = kNever;
   values_ = Values();
-  outputs_fresh_ = false;
+  outputs_fresh_ = record_shown_ = false;
   cell_.reset();
 }
 
-void Instance::require_stepping(const char* what) const {
-  if (phase_ != Phase::kStepping) refuse(what, phase_);
+void Instance::enter_event_mode() {
+  if (!options_.event_mode) throw std::logic_error("the instance was made without event mode");
+  if (phase_ != Phase::kStepping) refuse("entering event mode", phase_);
+  phase_ = Phase::kEvent;
+}
+
+void Instance::enter_step_mode() {
+  if (phase_ != Phase::kEvent) refuse("entering step mode", phase_);
+  record_shown_ = false;
+  phase_ = Phase::kStepping;
+}
+
+void Instance::require_event() const {
+  if (phase_ != Phase::kEvent) refuse("evaluating discrete states", phase_);
+}
+
+/// Nothing to iterate over: what is set in an event acts in the step that follows. Clocks are done.
+void Instance::update_discrete_states() {
+  if (phase_ != Phase::kEvent) refuse("updating discrete states", phase_);
+  record_shown_ = false;
+}
+
+bool Instance::record_clock() const {
+  if (phase_ != Phase::kEvent && phase_ != Phase::kInitialization) refuse("reading a clock", phase_);
+  return record_shown_;
 }
 
 std::int64_t Instance::ticks_to(double time) const {
   return std::llround((time - start_time_) * kTicksPerSecond);
 }
 
-/// Goes to the communication point current + step. The cell's clock follows the absolute time, rounded to
-/// microseconds: parts of a microsecond are carried from step to step and never add up.
-void Instance::do_step(double current, double step) {
-  require_stepping("a step");
+void Instance::check_step(double current, double step) const {
+  if (phase_ != Phase::kStepping) refuse("a step", phase_);
   const double next = current + step;
   if (!(step > 0) || !(std::abs(next - start_time_) < kLongestTime)) {
     throw std::invalid_argument("the communication step size must be positive and finite");
   }
-  const double tolerance = 0.5 / kTicksPerSecond;
-  if (!(std::abs(current - communication_time_) <= tolerance)) {
+  if (!(std::abs(current - communication_time_) <= kHalfTick)) {
     throw std::invalid_argument("the communication point " + std::to_string(current) +
                                 " s is not where the last step ended, " +
                                 std::to_string(communication_time_) + " s");
   }
-  if (next > stop_time_ + tolerance) throw std::invalid_argument("the step goes beyond the stop time");
-  cell().advance(values_.inputs, ticks_to(next));
-  communication_time_ = next;
+  if (next > stop_time_ + kHalfTick) throw std::invalid_argument("the step goes beyond the stop time");
+}
+
+/// Goes to the communication point current + step. The cell's clock follows the absolute time, rounded to
+/// microseconds: parts of a microsecond are carried from step to step and never add up.
+StepResult Instance::do_step(double current, double step) {
+  check_step(current, step);
+  const std::int64_t planned = ticks_to(current + step);
+  std::int64_t end = planned;
+  const bool until_record = options_.event_mode && options_.early_return;
+  Cell& running = cell();
+  running.begin_step(values_.inputs);
+  std::int64_t reached = running.time_us();
+  while (reached < end) {
+    const std::int64_t stop = next_stop(end);
+    reached = running.run(values_.inputs, stop, until_record);
+    if (reached < stop) break;  // at a record
+    if (reached < end) end = ask_importer(reached, end);
+  }
+  const bool shown = running.end_step();
+  record_shown_ = options_.event_mode && shown;
+  if (reached < planned) {
+    now_at(reached);
+  } else {
+    communication_time_ = current + step;
+  }
+  outputs_fresh_ = false;
+  return {record_shown_, reached < planned};
+}
+
+/// The next instant of the controller's cycle where the importer wants to be called, else the end.
+std::int64_t Instance::next_stop(std::int64_t end) const {
+  if (!options_.intermediate) return end;
+  const std::int64_t cycle = cell_->controller_cycle_us();
+  return std::min(end, (cell_->time_us() / cycle + 1) * cycle);
+}
+
+/// Lets the importer look at the outputs inside a step; returns where the step ends from now on.
+std::int64_t Instance::ask_importer(std::int64_t now, std::int64_t end) {
+  now_at(now);
+  phase_ = Phase::kIntermediate;
+  const std::optional<double> wanted = options_.intermediate(communication_time_);
+  if (phase_ != Phase::kIntermediate) throw std::logic_error("a call inside the intermediate update failed");
+  phase_ = Phase::kStepping;
+  if (!wanted || !options_.early_return) return end;
+  if (!std::isfinite(*wanted)) throw std::invalid_argument("the time of the early return must be finite");
+  return std::clamp(ticks_to(std::min(*wanted, communication_time_ + kLongestTime)), now, end);
+}
+
+void Instance::now_at(std::int64_t ticks) {
+  communication_time_ = start_time_ + static_cast<double>(ticks) / kTicksPerSecond;
   outputs_fresh_ = false;
 }
 
@@ -143,7 +219,9 @@ void Instance::check_settable(const Variable& variable) const {
   if (!input && variable.causality != Causality::kParameter) {
     throw std::invalid_argument(variable.name + " is neither an input nor a parameter");
   }
-  if (!early && !(input && phase_ == Phase::kStepping)) refuse("setting " + variable.name, phase_);
+  // All inputs are discrete: an importer that uses event mode sets them there.
+  const Phase open = options_.event_mode ? Phase::kEvent : Phase::kStepping;
+  if (!early && !(input && phase_ == open)) refuse("setting " + variable.name, phase_);
 }
 
 template <class T>
@@ -204,10 +282,12 @@ Cell& Instance::cell() {
 }
 
 Snapshot Instance::snapshot() const {
+  if (phase_ == Phase::kIntermediate) refuse("getting the state", phase_);
   Snapshot snapshot{phase_,
                     start_time_,
                     stop_time_,
                     communication_time_,
+                    record_shown_,
                     values_.parameters,
                     values_.inputs,
                     cell_ ? description_hash_ : 0,
@@ -217,6 +297,10 @@ Snapshot Instance::snapshot() const {
 }
 
 void Instance::restore(const Snapshot& snapshot) {
+  if (phase_ == Phase::kIntermediate) refuse("setting the state", phase_);
+  if (snapshot.phase == Phase::kEvent && !options_.event_mode) {
+    throw std::invalid_argument("the state is from event mode, which this instance does not use");
+  }
   const CellParameters before = values_.parameters;
   values_.parameters = snapshot.parameters;
   values_.inputs = snapshot.inputs;
@@ -233,6 +317,7 @@ void Instance::restore(const Snapshot& snapshot) {
   start_time_ = snapshot.start_time;
   stop_time_ = snapshot.stop_time;
   communication_time_ = snapshot.communication_time;
+  record_shown_ = snapshot.record_shown;
 }
 
 }  // namespace robotcell::fmi

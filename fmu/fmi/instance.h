@@ -15,11 +15,25 @@ namespace robotcell::fmi {
 /// Receives the text of an error.
 using Logger = std::function<void(const std::string& message)>;
 
+/// How the importer of FMI 3 wants to be told what happens inside a step. With FMI 2, nothing of it.
+struct StepOptions {
+  bool event_mode = false;
+  bool early_return = false;
+  /// Called at every cycle of the controller inside a step, with the time. Returns the time at which the
+  /// importer wants the step to end, where it wants that.
+  std::function<std::optional<double>(double time)> intermediate;
+};
+
+struct StepResult {
+  bool event = false;  // a record came on display, and the importer uses event mode
+  bool early = false;  // the step ended before its end
+};
+
 /// Everything throws std::exception on an illegal argument or call; the C functions turn that into Error,
 /// after which only state restoring, reset, terminate, getters and free are allowed.
 class Instance {
  public:
-  Instance(std::string name, std::string resource_location, Logger logger);
+  Instance(std::string name, std::string resource_location, Logger logger, StepOptions options = {});
 
   const std::string& name() const { return name_; }
   void log(const std::string& message) const;
@@ -30,9 +44,14 @@ class Instance {
   void exit_initialization();
   void terminate();
   void reset();
-  void do_step(double current, double step);
+  StepResult do_step(double current, double step);
+  void enter_event_mode();
+  void enter_step_mode();
+  void require_event() const;
+  void update_discrete_states();
+  /// Whether the clock of the records ticks in the present event.
+  bool record_clock() const;
   double last_successful_time() const { return communication_time_; }
-  void require_stepping(const char* what) const;
 
   /// T is double, std::int32_t, bool or std::string.
   template <class T>
@@ -50,16 +69,22 @@ class Instance {
   Cell& cell();
   std::string description_path() const;
   std::int64_t ticks_to(double time) const;
+  void check_step(double current, double step) const;
+  std::int64_t next_stop(std::int64_t end) const;
+  std::int64_t ask_importer(std::int64_t now, std::int64_t end);
+  void now_at(std::int64_t ticks);
 
   std::string name_;
   std::string resource_location_;
   Logger logger_;
+  StepOptions options_;
   Phase phase_ = Phase::kInstantiated;
   double start_time_ = 0;
   double stop_time_;
   double communication_time_ = 0;
   Values values_;
   bool outputs_fresh_ = false;
+  bool record_shown_ = false;
   std::unique_ptr<Cell> cell_;
   std::uint64_t description_hash_ = 0;
 };

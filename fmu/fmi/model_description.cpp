@@ -127,7 +127,7 @@ std::string common_attributes(const Variable& variable, std::size_t reference) {
   return text + " description=\"" + escaped(variable.description) + "\"";
 }
 
-void write_variables(std::ostream& xml, int version) {
+void write_variables(std::ostream& xml, int version, bool clock) {
   xml << "  <ModelVariables>\n";
   for (std::size_t i = 0; i < variables().size(); ++i) {
     const Variable& variable = variables()[i];
@@ -142,6 +142,11 @@ void write_variables(std::ostream& xml, int version) {
     } else {
       xml << "    <" << type << common_attributes(variable, i) << attributes << "/>\n";
     }
+  }
+  if (clock) {
+    xml << "    <Clock name=\"trigger.clock\" valueReference=\"" << record_clock_reference()
+        << "\" causality=\"output\" variability=\"discrete\" intervalVariability=\"triggered\" "
+           "description=\"Ticks when the record of an exposure comes on display\"/>\n";
   }
   xml << "  </ModelVariables>\n";
 }
@@ -158,13 +163,17 @@ void write_unknown(std::ostream& xml, const char* element, std::size_t reference
   xml << "\"/>\n";
 }
 
-void write_structure(std::ostream& xml, int version) {
+void write_structure(std::ostream& xml, int version, bool clock) {
   xml << "  <ModelStructure>\n" << (version == 2 ? "    <Outputs>\n" : "");
   const char* indent = version == 2 ? "      " : "    ";
   for (std::size_t i = 0; i < variables().size(); ++i) {
     if (variables()[i].causality != Causality::kOutput) continue;
     xml << indent;
     write_unknown(xml, version == 2 ? "Unknown" : "Output", i, {}, version);
+  }
+  if (clock) {
+    xml << indent;
+    write_unknown(xml, "Output", record_clock_reference(), {}, version);
   }
   if (version == 2) xml << "    </Outputs>\n    <InitialUnknowns>\n";
   for (std::size_t i = 0; i < variables().size(); ++i) {
@@ -224,14 +233,14 @@ void write_head(std::ostream& xml, const CellDescription& cell, int version) {
   if (version == 2) {
     xml << "canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\"/>\n";
   } else {
-    xml << "canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\" hasEventMode=\"false\" "
-           "canReturnEarlyAfterIntermediateUpdate=\"false\" providesIntermediateUpdate=\"false\"/>\n";
+    xml << "canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\" hasEventMode=\"true\" "
+           "canReturnEarlyAfterIntermediateUpdate=\"true\" providesIntermediateUpdate=\"true\"/>\n";
   }
 }
 
 }  // namespace
 
-std::string model_description(const CellDescription& cell, int version) {
+std::string model_description(const CellDescription& cell, int version, bool clock) {
   std::ostringstream xml;
   xml.imbue(std::locale::classic());
   write_head(xml, cell, version);
@@ -241,8 +250,8 @@ std::string model_description(const CellDescription& cell, int version) {
          "    <Category name=\"logAll\" description=\"Every message\"/>\n  </LogCategories>\n";
   xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\""
       << number(static_cast<double>(cell.controller_cycle_us) / 1e6) << "\"/>\n";
-  write_variables(xml, version);
-  write_structure(xml, version);
+  write_variables(xml, version, clock && version == 3);
+  write_structure(xml, version, clock && version == 3);
   xml << "</fmiModelDescription>\n";
   return xml.str();
 }

@@ -93,11 +93,11 @@ template <class Archive>
 void exchange_snapshot(Archive& archive, Snapshot& snapshot) {
   auto phase = static_cast<std::int32_t>(snapshot.phase);
   exchange_all(archive, phase, snapshot.start_time, snapshot.stop_time, snapshot.communication_time,
-               snapshot.parameters, snapshot.inputs, snapshot.description_hash);
+               snapshot.record_shown, snapshot.parameters, snapshot.inputs, snapshot.description_hash);
   bool has_cell = snapshot.cell.has_value();
   exchange(archive, has_cell);
   if constexpr (Archive::kReads) {
-    if (phase < 0 || phase > static_cast<std::int32_t>(Phase::kFailed)) {
+    if (phase < 0 || phase > static_cast<std::int32_t>(Phase::kEvent)) {
       throw std::invalid_argument("the serialized state holds an impossible value");
     }
     snapshot.phase = static_cast<Phase>(phase);

@@ -9,13 +9,22 @@
 
 namespace robotcell::fmi {
 
-enum class Phase : std::int32_t { kInstantiated, kInitialization, kStepping, kTerminated, kFailed };
+enum class Phase : std::int32_t {
+  kInstantiated,
+  kInitialization,
+  kStepping,
+  kTerminated,
+  kFailed,
+  kEvent,         // FMI 3, where the importer uses event mode
+  kIntermediate,  // FMI 3, while the importer is called from inside a step: never in a state
+};
 
 struct Snapshot {
   Phase phase = Phase::kInstantiated;
   double start_time = 0;
   double stop_time = 0;  // infinite when not defined
   double communication_time = 0;
+  bool record_shown = false;  // by the last step, and not dealt with in an event yet
   CellParameters parameters;
   CellInputs inputs;
   std::uint64_t description_hash = 0;  // of the cell's JSON, 0 while there is no cell

@@ -53,6 +53,10 @@ struct Variable {
 
 const std::vector<Variable>& variables();
 
+/// Value reference of the clock that ticks with every trigger record; FMI 3 alone has it, behind all
+/// variables.
+inline std::uint32_t record_clock_reference() { return static_cast<std::uint32_t>(variables().size()); }
+
 /// Identifies the table: equal for the library and every model description that was made with it.
 const std::string& instantiation_token();
 

@@ -64,7 +64,7 @@ void Cell::place_part(GridPoint& point) const {
   point.part_orientation = Eigen::Quaterniond(pose.linear());
 }
 
-void Cell::advance(const CellInputs& inputs, std::int64_t to_us) {
+void Cell::begin_step(const CellInputs& inputs) {
   if (inputs.mode != 0 && inputs.mode != 1) {
     throw std::invalid_argument("command.mode must be 0 (hold) or 1 (servo)");
   }
@@ -72,14 +72,27 @@ void Cell::advance(const CellInputs& inputs, std::int64_t to_us) {
     throw std::invalid_argument("command.trigger.mode must be from 0 to 4");
   }
   trigger_.command(inputs, time_us_, *this);
+}
+
+std::int64_t Cell::run(const CellInputs& inputs, std::int64_t to_us, bool until_record) {
   while (time_us_ < to_us) {
     if (time_us_ == to_.time_us) step_dynamics(inputs);
-    const std::int64_t until = std::min(to_us, to_.time_us);
+    std::int64_t until = std::min(to_us, to_.time_us);
+    bool ready = false;
+    if (until_record) {
+      // Look ahead on a copy: what would fire behind the stop must not have fired yet.
+      Trigger ahead = trigger_;
+      ahead.watch(time_us_, until, false, *this);
+      const std::int64_t next = std::max(ahead.next_ready(), time_us_ + 1);
+      ready = next <= until;
+      until = std::min(until, next);
+    }
     trigger_.watch(time_us_, until, until == to_.time_us, *this);
     trigger_.latch(until, *this);
     time_us_ = until;
+    if (ready) break;
   }
-  trigger_.show_next();
+  return time_us_;
 }
 
 void Cell::step_dynamics(const CellInputs& inputs) {

@@ -31,7 +31,7 @@ struct CellState {
   TriggerState trigger;
 };
 
-/// Runs the dynamics on its own grid, whatever the steps of `advance` are; between two grid points the axes
+/// Runs the dynamics on its own grid, whatever the communication steps are; between two grid points the axes
 /// follow the cubic with the rates at both ends, and a free part moves evenly relative to the platter. So
 /// neither outputs nor records depend on the communication step.
 ///
@@ -41,8 +41,18 @@ class Cell : private MotionView {
  public:
   Cell(const CellDescription& description, const CellParameters& parameters);
 
-  /// Goes on to an instant (microseconds from the start) with the inputs held; throws std::exception.
-  void advance(const CellInputs& inputs, std::int64_t to_us);
+  /// Opens a communication step: the trigger device takes its commands. Throws std::exception.
+  void begin_step(const CellInputs& inputs);
+
+  /// Goes on to an instant (microseconds from the start) with the inputs held, or to the first at which a
+  /// record is ready for the display. Returns where it stopped; throws std::exception.
+  std::int64_t run(const CellInputs& inputs, std::int64_t to_us, bool until_record);
+
+  /// Closes a communication step: the next finished record goes on display. True if there was one.
+  bool end_step() { return trigger_.show_next(); }
+
+  std::int64_t time_us() const { return time_us_; }
+  std::int64_t controller_cycle_us() const { return description_.controller_cycle_us; }
 
   /// What the cell says at the present instant.
   CellOutputs outputs() const;

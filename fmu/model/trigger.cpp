@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 namespace robotcell {
@@ -147,10 +148,16 @@ void Trigger::latch(std::int64_t to_us, const MotionView& view) {
   }
 }
 
-void Trigger::show_next() {
-  if (state_.pending.empty() || !finished(state_.pending.front())) return;
+bool Trigger::show_next() {
+  if (state_.pending.empty() || !finished(state_.pending.front())) return false;
   state_.shown = state_.pending.front().record;
   state_.pending.pop_front();
+  return true;
+}
+
+std::int64_t Trigger::next_ready() const {
+  if (state_.pending.empty()) return std::numeric_limits<std::int64_t>::max();
+  return std::max(state_.pending.front().middle_us, state_.pending.front().light_us);
 }
 
 std::int32_t Trigger::queued() const {

@@ -60,8 +60,11 @@ class Trigger {
   /// Latches the records whose instants have come, up to and including `to`.
   void latch(std::int64_t to_us, const MotionView& view);
 
-  /// Moves the oldest finished record to the display, if there is one.
-  void show_next();
+  /// Moves the oldest finished record to the display; false if there is none.
+  bool show_next();
+
+  /// When the oldest record will be finished; the end of all time if there is none.
+  std::int64_t next_ready() const;
 
   const TriggerRecord& shown() const { return state_.shown; }
   std::int32_t count() const { return state_.count; }

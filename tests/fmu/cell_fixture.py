@@ -97,7 +97,14 @@ def pack(cell: dict[str, Any], version: int, target: Path) -> Path:
 class CellFmu:
     """One instance of a cell, driven by names; `messages` holds what it logged."""
 
-    def __init__(self, folder: Path, parameters: Parameters | None = None, stop_time: float | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        parameters: Parameters | None = None,
+        stop_time: float | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        """`options` go to `instantiate`: eventModeUsed and the like."""
         self.description = fmpy.read_model_description(str(folder))
         self.version = int(self.description.fmiVersion[0])
         self.variables = {v.name: v for v in self.description.modelVariables}
@@ -106,7 +113,7 @@ class CellFmu:
         self.slave = slave(
             guid=self.description.guid, unzipDirectory=str(folder), modelIdentifier="RobotCell", instanceName="cell"
         )
-        self.slave.instantiate(**self._callbacks())
+        self.slave.instantiate(**self._callbacks(), **(options or {}))
         try:
             self.initialize(parameters, stop_time)
         except Exception as error:

@@ -40,9 +40,14 @@ def build(folders: FmuFolders) -> Iterator[Build]:
     """Starts instances, and frees them after the test."""
     running: list[CellFmu] = []
 
-    def start(version: int = 3, cell: dict[str, Any] | None = None, parameters: Parameters | None = None) -> CellFmu:
+    def start(
+        version: int = 3,
+        cell: dict[str, Any] | None = None,
+        parameters: Parameters | None = None,
+        **options: Any,
+    ) -> CellFmu:
         _, folder = folders.packed(version, cell or cell_description())
-        running.append(CellFmu(folder, parameters))
+        running.append(CellFmu(folder, parameters, options=options))
         return running[-1]
 
     yield start

@@ -8,11 +8,10 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from cell_fixture import START_DEG, cell_description
-from conftest import FmuFolders
-
 from bench.peers.check import PeerMissingError
 from bench.peers.importers import TOLERANCE, ImporterTools, run_fmpy, run_in_python, run_tool, servo_scenario
+from cell_fixture import START_DEG, cell_description
+from conftest import FmuFolders
 
 
 @pytest.fixture(scope="module")

@@ -41,6 +41,7 @@ ATTRIBUTES: dict[int, dict[str, set[str]]] = {
         },
         "Float64": {*COMMON, "declaredType", "start"}, "Int32": {*COMMON, "min", "max", "start"},
         "Boolean": {*COMMON, "start"}, "String": COMMON, "Start": {"value"},
+        "Clock": {*COMMON, "intervalVariability"},
         "Float64Type": {"name", "quantity", "unit", "displayUnit"},
         "Output": {"valueReference", "dependencies"}, "InitialUnknown": {"valueReference", "dependencies"},
     },
@@ -82,7 +83,7 @@ def test_both_versions_describe_the_same_variables(build: Build) -> None:
     tables = [
         [(v.name, v.valueReference, v.causality, v.variability, v.description, v.start, v.declaredType and (
             v.declaredType.name, v.declaredType.quantity, v.declaredType.unit, v.declaredType.displayUnit))
-         for v in build(version).description.modelVariables]
+         for v in build(version).description.modelVariables if v.type != "Clock"]
         for version in (2, 3)
     ]  # fmt: skip
     assert tables[0] == tables[1]

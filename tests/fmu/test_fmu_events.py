@@ -1,0 +1,224 @@
+"""FMI 3: event mode with the clock of the trigger records, early return, intermediate update."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import subprocess
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cell_fixture import CYCLE_US, START_DEG, CellFmu, all_reals, cell_description, pose, runtime_folder
+from conftest import Build
+
+FREE = cell_description(fixture="free", table_from_part=pose([0.06, 0.02, 0]))
+LATENCY = 0.0004
+
+
+def clock(cell: CellFmu) -> bool:
+    """The clock comes behind all variables, whether the model description names it or not."""
+    return bool(cell.slave.getClock([len(cell.description.modelVariables)])[0])
+
+
+def test_the_clock_is_described_on_demand(tmp_path: Path) -> None:
+    """On demand alone: importers that know no clocks crash on its description."""
+    file = tmp_path / "cell.json"
+    file.write_text(json.dumps(cell_description()))
+    command = [str(runtime_folder() / "robotcell-describe"), str(file), "--fmi", "3"]
+    plain, clocked = (
+        ET.fromstring(subprocess.run([*command, *more], check=True, capture_output=True, text=True).stdout)
+        for more in ([], ["--clock"])
+    )
+    assert plain.find(".//Clock") is None
+    found = clocked.find(".//Clock")
+    assert found is not None
+    assert found.attrib["intervalVariability"] == "triggered"
+    assert int(found.attrib["valueReference"]) == len(plain.findall("ModelVariables/*"))
+    outputs = [o.attrib["valueReference"] for o in clocked.findall("ModelStructure/Output")]
+    assert outputs[-1] == found.attrib["valueReference"]
+
+
+def command_scan(cell: CellFmu) -> None:
+    cell.command(np.radians(START_DEG) + 0.1, 2.0)
+    cell.trigger(2, 0.01, exposure=0.0011)
+
+
+def run_events(cell: CellFmu, until_us: int, step_us: int) -> list[tuple[int, bool, int, float]]:
+    """Steps in event mode; (time of the event, early, record index, record time) of every event."""
+    cell.slave.updateDiscreteStates()
+    command_scan(cell)
+    cell.slave.enterStepMode()
+    events: list[tuple[int, bool, int, float]] = []
+    while cell.time_us < until_us:
+        size_us = min(step_us, until_us - cell.time_us)
+        event, terminate, early, reached = cell.slave.doStep(cell.time_us * 1e-6, size_us * 1e-6)
+        assert not terminate
+        assert event or not early
+        cell.time_us = round(reached * 1e6)
+        if not event:
+            continue
+        cell.slave.enterEventMode()
+        assert clock(cell)
+        events.append((cell.time_us, early, cell.get_int("trigger.index"), float(cell.get("trigger.time")[0])))
+        assert not any(cell.slave.updateDiscreteStates()[:5])
+        assert not clock(cell)
+        cell.slave.enterStepMode()
+    return events
+
+
+@pytest.mark.parametrize("step_us", [CYCLE_US, 100_000])
+def test_steps_return_at_the_instant_of_each_record(build: Build, step_us: int) -> None:
+    """At the middle of the exposure plus the latency, and the trajectory is that of plain stepping to the last bit."""
+    until_us = 40 * CYCLE_US
+    parameters = {"as_built.trigger.latency": LATENCY}
+    plain = build(3, FREE, parameters)
+    command_scan(plain)
+    while plain.time_us < until_us:
+        plain.step(1000)
+    cell = build(3, FREE, parameters, eventModeUsed=True, earlyReturnAllowed=True)
+    events = run_events(cell, until_us, step_us)
+    assert [index for _, _, index, _ in events] == list(range(1, len(events) + 1))
+    assert len(events) > 50
+    for time_us, early, _, record_time in events:
+        assert time_us == round((record_time + LATENCY) * 1e6)
+        assert early or time_us % 1000 == 0
+    # What is on display differs, the cell itself does not.
+    present = [n for n, v in cell.variables.items() if v.type == "Float64" and n.split(".")[0] in ("measured", "truth")]
+    np.testing.assert_array_equal(cell.get(*present), plain.get(*present))
+
+
+def test_without_early_return_the_event_comes_with_the_end_of_the_step(build: Build) -> None:
+    cell = build(3, eventModeUsed=True)
+    events = run_events(cell, 40 * CYCLE_US, CYCLE_US)
+    assert len(events) > 20
+    assert not any(early for _, early, _, _ in events)
+    assert all(time_us % CYCLE_US == 0 for time_us, _, _, _ in events)
+
+
+def test_an_instance_without_event_mode_reports_no_events(build: Build) -> None:
+    cell = build(3, earlyReturnAllowed=True)
+    command_scan(cell)
+    flags = [cell.slave.doStep(k * 0.016, 0.016) for k in range(20)]
+    assert cell.get_int("trigger.index") > 1
+    assert not any(event or early for event, _, early, _ in flags)
+
+
+@pytest.mark.parametrize(
+    ("provoke", "said"),
+    [
+        (lambda c: c.slave.doStep(0.0, 0.001), "in event mode"),
+        (lambda c: c.slave.enterEventMode(), "in event mode"),
+        (lambda c: (c.slave.enterStepMode(), c.set("command.table", 1.0)), "command.table is not allowed"),
+        (lambda c: (c.slave.enterStepMode(), c.slave.enterStepMode()), "entering step mode"),
+        (lambda c: (c.slave.enterStepMode(), c.slave.updateDiscreteStates()), "updating discrete states"),
+        (lambda c: (c.slave.enterStepMode(), clock(c)), "reading a clock"),
+        (lambda c: c.slave.getClock([1]), "no clock"),
+    ],
+)
+def test_event_mode_has_its_order(build: Build, provoke: Callable[[CellFmu], Any], said: str) -> None:
+    cell = build(3, eventModeUsed=True)
+    with pytest.raises(Exception, match="fmi3"):
+        provoke(cell)
+    assert said in cell.messages[-1]
+    cell.slave.reset()
+    cell.initialize()
+    cell.slave.enterStepMode()
+    cell.step(1000)
+
+
+def test_event_mode_is_an_error_where_it_was_not_asked_for(build: Build) -> None:
+    with pytest.raises(Exception, match="fmi3EnterEventMode"):
+        build(3).slave.enterEventMode()
+
+
+def test_a_state_keeps_the_event(build: Build) -> None:
+    cell = build(3, FREE, eventModeUsed=True, earlyReturnAllowed=True)
+    run_events(cell, 8 * CYCLE_US, CYCLE_US)  # the table still turns
+    event, _, _, reached = cell.slave.doStep(cell.time_us * 1e-6, 0.016)
+    cell.time_us = round(reached * 1e6)
+    assert event
+    state, time_us = cell.save(), cell.time_us
+    other = build(3, FREE, eventModeUsed=True, earlyReturnAllowed=True)
+    other.restore(other.deserialize(cell.serialize(state)), time_us)
+    for instance in (cell, other):
+        instance.slave.enterEventMode()
+        assert clock(instance)
+    np.testing.assert_array_equal(all_reals(cell), all_reals(other))
+    in_event = cell.serialize(cell.save())
+    plain = build(3, FREE)
+    with pytest.raises(Exception, match="fmi3SetFMUState"):
+        plain.restore(plain.deserialize(in_event), time_us)
+
+
+class Intermediate:
+    """Reads an output at every intermediate update, and asks for an early return at one of them."""
+
+    def __init__(self, stop_at: float = np.inf, stop_until: float = 0.0) -> None:
+        self.cell: CellFmu | None = None
+        self.seen: list[tuple[float, float, float]] = []
+        self.stop_at, self.stop_until = stop_at, stop_until
+        self.set_in_between = False
+
+    def __call__(
+        self, _env: Any, time: float, _set: bool, get: bool, finished: bool, _can: bool, requested: Any, until: Any
+    ) -> None:
+        assert self.cell is not None
+        assert get
+        assert finished
+        if self.set_in_between:
+            with contextlib.suppress(Exception):
+                self.cell.set("command.table", 1.0)
+        self.seen.append((time, *self.cell.get("time", "truth.table")))
+        if time >= self.stop_at - 1e-9:
+            ctypes.cast(requested, ctypes.POINTER(ctypes.c_bool))[0] = True
+            ctypes.cast(until, ctypes.POINTER(ctypes.c_double))[0] = self.stop_until
+
+
+def test_outputs_can_be_read_inside_a_step(build: Build) -> None:
+    watch = Intermediate()
+    watch.cell = build(3, intermediateUpdate=watch)
+    watch.cell.command(table=2.0)
+    _, _, early, reached = watch.cell.slave.doStep(0.0, 0.1)
+    assert not early
+    assert reached == 0.1
+    plain = build(3)
+    plain.command(table=2.0)
+    expected = []
+    for _ in range(6):
+        plain.step(CYCLE_US)
+        expected.append((plain.time_us * 1e-6, plain.time_us * 1e-6, plain.get("truth.table")[0]))
+    np.testing.assert_allclose(watch.seen, expected, rtol=0, atol=1e-12)
+    assert [row[2] for row in watch.seen] == [row[2] for row in expected]
+
+
+@pytest.mark.parametrize(("until", "end"), [(0.0, 0.032), (0.032, 0.032), (0.05, 0.05), (9.0, 0.1)])
+def test_the_importer_may_end_a_step_early(build: Build, until: float, end: float) -> None:
+    watch = Intermediate(stop_at=0.032, stop_until=until)
+    watch.cell = build(3, intermediateUpdate=watch, earlyReturnAllowed=True)
+    watch.cell.command(table=2.0)
+    _, _, early, reached = watch.cell.slave.doStep(0.0, 0.1)
+    assert early == (end < 0.1)
+    assert reached == pytest.approx(end, abs=1e-12)
+    watch.cell.slave.doStep(reached, 0.004)
+
+
+def test_early_return_that_is_not_allowed_is_not_taken(build: Build) -> None:
+    watch = Intermediate(stop_at=0.032)
+    watch.cell = build(3, intermediateUpdate=watch)
+    assert watch.cell.slave.doStep(0.0, 0.1)[2:] == (False, 0.1)
+
+
+def test_nothing_may_be_set_inside_a_step(build: Build) -> None:
+    watch = Intermediate()
+    watch.set_in_between = True
+    watch.cell = build(3, intermediateUpdate=watch)
+    with pytest.raises(Exception, match="fmi3DoStep"):
+        watch.cell.slave.doStep(0.0, 0.1)
+    assert any("during an intermediate update" in message for message in watch.cell.messages)
+    watch.cell.slave.reset()
+    watch.cell.initialize()
