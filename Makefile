@@ -14,10 +14,11 @@ BIN := $(VENV)/bin
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 STAMPS := build/stamps
 
-# What the compilers need; the FMU and the Python module are linked against these. An importer in the tests calls unzip.
+# What the compilers need; the FMU and the Python module are linked against these. An importer in the tests calls unzip,
+# and importing dartpy loads libGL.
 SYSTEM_PACKAGES := g++ cmake ninja-build ccache patchelf python3-venv python3-dev \
   libdart-dev libdart-collision-ode-dev libdart-collision-bullet-dev libdart-external-ikfast-dev \
-  libdart-external-odelcpsolver-dev libeigen3-dev libfcl-dev libembree-dev nlohmann-json3-dev libgtest-dev unzip
+  libdart-external-odelcpsolver-dev libeigen3-dev libfcl-dev libembree-dev nlohmann-json3-dev libgtest-dev unzip libgl1
 
 NATIVE_SOURCES := CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -51,15 +52,21 @@ class CellInstance:
     def __init__(self, fmu: Path, cell_file: Path | None = None, parameters: Parameters | None = None) -> None:
         self._messages: list[str] = []
         self._folder = Path(tempfile.mkdtemp(prefix="scancell-fmu-"))
+        # An interrupt may hit the removal itself; the end of the process tries once more.
+        atexit.register(self._remove_folder)
         self._time_us = 0
         try:
             self._load(fmu)
             self._initialise(cell_file, parameters(self.units()) if parameters else {})
         except BaseException as error:  # an interrupt, too, must leave no unpacked files
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._remove_folder()
             if isinstance(error, DescriptionError) or not isinstance(error, Exception):
                 raise
-            raise CellError(self._explain(f"{fmu}: cannot be started", error)) from error
+            raise CellError(self._explain(f"the cell cannot be started from {fmu.name}", error)) from error
+
+    def _remove_folder(self) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+        atexit.unregister(self._remove_folder)
 
     def _load(self, fmu: Path) -> None:
         description = fmpy.read_model_description(str(fmu), validate=False)
@@ -193,7 +200,7 @@ class CellInstance:
                 self._fmu.terminate()
             self._fmu.freeInstance()
         finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._remove_folder()
 
     def __enter__(self) -> Self:
         return self
