@@ -52,7 +52,7 @@ $(STAMPS)/installed: $(STAMPS)/venv $(NATIVE_SOURCES)
 	@touch $@
 
 scan: setup
-	@$(BIN)/scancell scan $(PART) --out $(OUT) --images
+	@$(BIN)/scancell scan $(PART) --out $(OUT)
 
 test: setup native-tests
 	@$(BIN)/pytest -q

@@ -111,7 +111,7 @@ def scan(
     seed: SeedOption = 0,
     unit: UnitOption = "mm",
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/scan"),
-    images: Annotated[bool, typer.Option("--images", help="keep sample camera images")] = False,
+    images: Annotated[bool, typer.Option("--images", help="keep the camera images of every exposure")] = False,
     threads: ThreadsOption = 0,
     as_json: JsonOption = False,
 ) -> None:
@@ -186,7 +186,7 @@ def render(
     seed: SeedOption = 0,
     unit: UnitOption = "mm",
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/render"),
-    images: Annotated[bool, typer.Option("--images", help="keep sample camera images")] = False,
+    images: Annotated[bool, typer.Option("--images", help="keep the camera images of every exposure")] = False,
     threads: ThreadsOption = 0,
     as_json: JsonOption = False,
 ) -> None:
