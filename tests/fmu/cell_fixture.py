@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -234,6 +234,26 @@ class CellFmu:
 
     def close(self) -> None:
         self.slave.freeInstance()
+
+
+class FmuFolders:
+    """Unpacked FMUs by version and cell; the same cell is packed once."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._known: list[tuple[int, dict[str, Any], Path, Path]] = []
+
+    def packed(self, version: int, cell: dict[str, Any]) -> tuple[Path, Path]:
+        for known_version, known_cell, file, folder in self._known:
+            if known_version == version and known_cell == cell:
+                return file, folder
+        file = pack(cell, version, self._root / f"RobotCell{version}-{len(self._known)}.fmu")
+        folder = Path(fmpy.extract(str(file), str(file.with_suffix(""))))
+        self._known.append((version, cell, file, folder))
+        return file, folder
+
+
+Build = Callable[..., CellFmu]
 
 
 def all_reals(cell: CellFmu) -> Array:

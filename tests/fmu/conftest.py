@@ -2,32 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
-import fmpy
 import pytest
-from cell_fixture import CellFmu, Parameters, cell_description, pack
-
-Build = Callable[..., CellFmu]
-
-
-class FmuFolders:
-    """Unpacked FMUs by version and cell; the same cell is packed once."""
-
-    def __init__(self, root: Path) -> None:
-        self._root = root
-        self._known: list[tuple[int, dict[str, Any], Path, Path]] = []
-
-    def packed(self, version: int, cell: dict[str, Any]) -> tuple[Path, Path]:
-        for known_version, known_cell, file, folder in self._known:
-            if known_version == version and known_cell == cell:
-                return file, folder
-        file = pack(cell, version, self._root / f"RobotCell{version}-{len(self._known)}.fmu")
-        folder = Path(fmpy.extract(str(file), str(file.with_suffix(""))))
-        self._known.append((version, cell, file, folder))
-        return file, folder
+from cell_fixture import Build, CellFmu, FmuFolders, Parameters, cell_description
 
 
 @pytest.fixture(scope="session")

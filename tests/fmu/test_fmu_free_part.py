@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, Array, CellFmu, cell_description, pose
-from conftest import Build
+from cell_fixture import CYCLE_US, Array, Build, CellFmu, cell_description, pose
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 

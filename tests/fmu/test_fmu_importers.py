@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from bench.peers.check import PeerMissingError
 from bench.peers.importers import TOLERANCE, ImporterTools, run_fmpy, run_in_python, run_tool, servo_scenario
-from cell_fixture import START_DEG, cell_description
-from conftest import FmuFolders
+from cell_fixture import START_DEG, FmuFolders, cell_description
 
 
 @pytest.fixture(scope="module")

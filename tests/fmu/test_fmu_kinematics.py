@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_fixture import BODIES, CYCLE_US, START_DEG, Array, CellFmu, cell_description, pose
-from conftest import Build
+from cell_fixture import BODIES, CYCLE_US, START_DEG, Array, Build, CellFmu, cell_description, pose
 from scipy.spatial.transform import Rotation
 
 

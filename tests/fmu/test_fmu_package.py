@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_fixture import Array, cell_description, runtime_folder
-from conftest import Build, FmuFolders
+from cell_fixture import Array, Build, FmuFolders, cell_description, runtime_folder
 from fmpy.validation import validate_fmu
 
 SYSTEM = ("linux-vdso", "ld-linux", "libc.so", "libm.so", "libpthread.so", "libdl.so", "libstdc++.so", "libgcc_s.so")

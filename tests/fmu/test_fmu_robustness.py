@@ -18,8 +18,18 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, Array, CellFmu, all_reals, cell_description, continue_motion, pack, pose
-from conftest import Build, FmuFolders
+from cell_fixture import (
+    CYCLE_US,
+    Array,
+    Build,
+    CellFmu,
+    FmuFolders,
+    all_reals,
+    cell_description,
+    continue_motion,
+    pack,
+    pose,
+)
 
 FREE = cell_description(fixture="free", table_from_part=pose([0.06, 0.02, 0]))
 Cell = dict[str, Any]

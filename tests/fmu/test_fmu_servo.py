@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, cell_description
-from conftest import Build
+from cell_fixture import CYCLE_US, START_DEG, Array, Build, cell_description
 
 START = np.radians(START_DEG)
 CYCLE = CYCLE_US * 1e-6

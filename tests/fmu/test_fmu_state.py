@@ -9,8 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, CellFmu, all_reals, cell_description, continue_motion, pose
-from conftest import Build, FmuFolders
+from cell_fixture import (
+    CYCLE_US,
+    START_DEG,
+    Array,
+    Build,
+    CellFmu,
+    FmuFolders,
+    all_reals,
+    cell_description,
+    continue_motion,
+    pose,
+)
 
 FREE = cell_description(fixture="free", table_from_part=pose([0.06, 0.02, 0]))
 PROGRAM = Path(__file__).parent / "continue_from_state.py"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, CellFmu, cell_description
-from conftest import Build
+from cell_fixture import CYCLE_US, START_DEG, Array, Build, CellFmu, cell_description
 
 SPEED = 10.0  # rad/s, the table's limit
 FAR = 1e4
