@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <mutex>
 #include <stdexcept>
 #include <string>
@@ -60,7 +61,7 @@ class Detector::Impl {
   }
 
   /// Every pixel of the image as if no light fell on it.
-  void expose_dark(const PixelModel& model, ImageView<std::uint16_t> out) const {
+  void expose_dark(const PixelModel& model, int camera, ImageView<std::uint16_t> out) const {
     const double dark = model.dark_e();
     if (!noise_) {
       const std::uint16_t value = model.lit(0, 0.0f);
@@ -77,7 +78,15 @@ class Detector::Impl {
       return;
     }
     const std::shared_ptr<const QuantileTable> table = dark_table(dark);
-    for (int y = 0; y < out.height; ++y) model.dark_row(*table, y, out.width, out.row(y));
+    const auto width = static_cast<std::size_t>(out.width);
+    const auto size = width * static_cast<std::size_t>(out.height);
+    const std::shared_ptr<const std::vector<float>> pattern =
+        model.is_patterned() ? dark_pattern(model, camera, size) : nullptr;
+    for (int y = 0; y < out.height; ++y) {
+      const std::size_t first = static_cast<std::size_t>(y) * width;
+      model.dark_pixels(*table, pattern ? pattern->data() + first : nullptr,
+                        static_cast<std::uint32_t>(first), out.width, out.row(y));
+    }
   }
 
  private:
@@ -93,11 +102,23 @@ class Detector::Impl {
     return tables_.back().second;
   }
 
+  /// The fixed offsets of this camera's pixels, made once; they are the same in every image.
+  std::shared_ptr<const std::vector<float>> dark_pattern(const PixelModel& model, int camera,
+                                                         std::size_t pixels) const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    std::shared_ptr<const std::vector<float>>& kept = patterns_[camera];
+    if (!kept || kept->size() < pixels) {
+      kept = std::make_shared<const std::vector<float>>(model.dark_pattern(pixels));
+    }
+    return kept;
+  }
+
   DetectorParameters parameters_;
   bool noise_;
   std::uint64_t seed_;
   mutable std::mutex mutex_;
   mutable std::vector<std::pair<double, std::shared_ptr<const QuantileTable>>> tables_;
+  mutable std::map<int, std::shared_ptr<const std::vector<float>>> patterns_;  ///< per camera
 };
 
 Detector::Detector(const DetectorParameters& parameters, bool noise, std::uint64_t seed)
@@ -111,7 +132,7 @@ const DetectorParameters& Detector::parameters() const { return impl_->parameter
 void Detector::expose(const FrameId& id, const std::uint32_t* pixels, const float* electrons,
                       std::size_t count, ImageView<std::uint16_t> out) const {
   const PixelModel model = impl_->model(id);
-  impl_->expose_dark(model, out);
+  impl_->expose_dark(model, id.camera, out);
   const auto width = static_cast<std::uint32_t>(out.width);
   const auto size = width * static_cast<std::uint32_t>(out.height);
   for (std::size_t i = 0; i < count; ++i) {
@@ -130,7 +151,7 @@ void Detector::expose(const FrameId& id, ImageView<const float> electrons,
     throw std::invalid_argument("the plane of electrons and the image differ in size");
   }
   const PixelModel model = impl_->model(id);
-  impl_->expose_dark(model, out);
+  impl_->expose_dark(model, id.camera, out);
   for (int y = 0; y < out.height; ++y) {
     const float* light = electrons.row(y);
     const auto first = static_cast<std::uint32_t>(y) * static_cast<std::uint32_t>(out.width);

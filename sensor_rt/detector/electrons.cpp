@@ -36,37 +36,64 @@ inline std::uint32_t pixel_bits(std::uint32_t pixel, std::uint32_t key0, std::ui
   return mix(mix(pixel + key0) ^ key1);
 }
 
-struct DarkRow {
-  const QuantileTable* table;
-  const QuantileTable* normal;
-  std::uint32_t first;
-  std::array<std::uint32_t, 2> key;
-  std::array<std::uint32_t, 2> dsnu_key;
+/// What turns the electrons of a dark pixel into its digital number.
+struct DarkScale {
   float gain;
   float black;
   float max_dn;
-  float dsnu_e;
 };
 
-inline std::uint16_t quantise_dark(const DarkRow& r, float electrons) {
-  const float value = r.black + r.gain * electrons;
+inline std::uint16_t quantise_dark(const DarkScale& s, float electrons) {
+  const float value = s.black + s.gain * electrons;
   const float positive = value < 0.0f ? 0.0f : value;
-  const float clipped = positive > r.max_dn ? r.max_dn : positive;
+  const float clipped = positive > s.max_dn ? s.max_dn : positive;
   return static_cast<std::uint16_t>(static_cast<std::int32_t>(clipped + 0.5f));
 }
 
-SENSOR_RT_MULTIVERSION void uniform_dark_row(const DarkRow& r, int width, std::uint16_t* out) {
-  for (int x = 0; x < width; ++x) {
-    const std::uint32_t pixel = r.first + static_cast<std::uint32_t>(x);
-    out[x] = quantise_dark(r, r.table->sample(pixel_bits(pixel, r.key[0], r.key[1])));
+/// Pixels are drawn by blocks of this many, in three loops: places in the table, its lines, what they say.
+/// Only the look-up in the middle is left to scalar instructions.
+constexpr int kBlock = 128;
+
+struct alignas(64) Draw {
+  std::uint32_t line[kBlock];
+  float along[kBlock];
+  QuantileTable::Line lines[kBlock];
+};
+
+SENSOR_RT_MULTIVERSION void find_places(std::uint32_t first, std::uint32_t key0, std::uint32_t key1,
+                                        Draw& draw) {
+  for (int i = 0; i < kBlock; ++i) {
+    const QuantileTable::Place at =
+        QuantileTable::place(pixel_bits(first + static_cast<std::uint32_t>(i), key0, key1));
+    draw.line[i] = at.line;
+    draw.along[i] = at.along;
   }
 }
 
-SENSOR_RT_MULTIVERSION void patterned_dark_row(const DarkRow& r, int width, std::uint16_t* out) {
-  for (int x = 0; x < width; ++x) {
-    const std::uint32_t pixel = r.first + static_cast<std::uint32_t>(x);
-    const float offset = r.dsnu_e * r.normal->sample(pixel_bits(pixel, r.dsnu_key[0], r.dsnu_key[1]));
-    out[x] = quantise_dark(r, r.table->sample(pixel_bits(pixel, r.key[0], r.key[1])) + offset);
+void look_up(const QuantileTable& table, Draw& draw) {
+  for (int i = 0; i < kBlock; ++i) draw.lines[i] = table.line(draw.line[i]);
+}
+
+SENSOR_RT_MULTIVERSION void write_uniform(const DarkScale& s, const Draw& __restrict draw, int count,
+                                          std::uint16_t* __restrict out) {
+  for (int i = 0; i < count; ++i) {
+    out[i] = quantise_dark(s, draw.lines[i].value + draw.lines[i].slope * draw.along[i]);
+  }
+}
+
+SENSOR_RT_MULTIVERSION void write_patterned(const DarkScale& s, const Draw& __restrict draw,
+                                            const float* __restrict pattern, int count,
+                                            std::uint16_t* __restrict out) {
+  for (int i = 0; i < count; ++i) {
+    const float electrons = draw.lines[i].value + draw.lines[i].slope * draw.along[i];
+    out[i] = quantise_dark(s, electrons + pattern[i]);
+  }
+}
+
+SENSOR_RT_MULTIVERSION void write_pattern(float deviation, const Draw& __restrict draw, int count,
+                                          float* __restrict out) {
+  for (int i = 0; i < count; ++i) {
+    out[i] = deviation * (draw.lines[i].value + draw.lines[i].slope * draw.along[i]);
   }
 }
 
@@ -127,21 +154,31 @@ std::uint16_t PixelModel::lit(std::uint32_t pixel, float electrons) const {
   return quantise(std::min(charge, full_well_e_) + read_noise_e_ * normal.sample(random[1]));
 }
 
-void PixelModel::dark_row(const QuantileTable& table, int row, int width, std::uint16_t* out) const {
-  const DarkRow r{&table,
-                  &standard_normal(),
-                  static_cast<std::uint32_t>(row) * static_cast<std::uint32_t>(width),
-                  dark_key_,
-                  dsnu_key_,
-                  static_cast<float>(gain_),
-                  static_cast<float>(black_),
-                  static_cast<float>(max_dn_),
-                  dsnu_e_};
-  if (dsnu_e_ > 0.0f) {
-    patterned_dark_row(r, width, out);
-  } else {
-    uniform_dark_row(r, width, out);
+void PixelModel::dark_pixels(const QuantileTable& table, const float* pattern, std::uint32_t first, int count,
+                             std::uint16_t* out) const {
+  const DarkScale scale{static_cast<float>(gain_), static_cast<float>(black_), static_cast<float>(max_dn_)};
+  Draw draw;
+  for (int i = 0; i < count; i += kBlock) {
+    const int block = std::min(kBlock, count - i);
+    find_places(first + static_cast<std::uint32_t>(i), dark_key_[0], dark_key_[1], draw);
+    look_up(table, draw);
+    if (pattern != nullptr) {
+      write_patterned(scale, draw, pattern + i, block, out + i);
+    } else {
+      write_uniform(scale, draw, block, out + i);
+    }
   }
+}
+
+std::vector<float> PixelModel::dark_pattern(std::size_t pixels) const {
+  std::vector<float> pattern(pixels);
+  Draw draw;
+  for (std::size_t i = 0; i < pixels; i += kBlock) {
+    find_places(static_cast<std::uint32_t>(i), dsnu_key_[0], dsnu_key_[1], draw);
+    look_up(standard_normal(), draw);
+    write_pattern(dsnu_e_, draw, static_cast<int>(std::min<std::size_t>(kBlock, pixels - i)), &pattern[i]);
+  }
+  return pattern;
 }
 
 }  // namespace sensor_rt

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "sensor_rt/detector/detector.h"
 #include "sensor_rt/detector/quantile_table.h"
@@ -24,8 +26,14 @@ class PixelModel {
   /// Digital number of a pixel (row * width + column) that collects `electrons` on average.
   std::uint16_t lit(std::uint32_t pixel, float electrons) const;
 
-  /// Digital numbers of a row of pixels without light, drawn from the table of the dark signal.
-  void dark_row(const QuantileTable& table, int row, int width, std::uint16_t* out) const;
+  /// Digital numbers of `count` pixels without light, the first of them `first`, drawn from the table of the
+  /// dark signal. `pattern`: their fixed offsets (electrons), null for none.
+  void dark_pixels(const QuantileTable& table, const float* pattern, std::uint32_t first, int count,
+                   std::uint16_t* out) const;
+
+  /// Whether the pixels' dark offsets differ, and what they are (electrons) for an image of `pixels`.
+  bool is_patterned() const { return dsnu_e_ > 0.0f; }
+  std::vector<float> dark_pattern(std::size_t pixels) const;
 
  private:
   using Key = std::array<std::uint32_t, 2>;

@@ -12,7 +12,7 @@ namespace sensor_rt {
 /// Piecewise linear quantile function of a distribution. Nodes are spaced by 1/32 octave in the tail
 /// probability on both sides of the median, so the tails stay right down to 2^-33. Linear interpolation costs
 /// at most 5e-5 standard deviations for a normal distribution. Plain arithmetic without libm: samples
-/// vectorise and are the same everywhere.
+/// vectorise, but for the look-up of lines, and are the same everywhere.
 class QuantileTable {
  public:
   /// Quantile of a tail probability in (0, 0.5].
@@ -21,8 +21,17 @@ class QuantileTable {
   /// `lower(p)` is the x with P(X <= x) = p, `upper(p)` the x with P(X > x) = p.
   QuantileTable(const Tail& lower, const Tail& upper);
 
-  /// Sample for 32 uniformly distributed bits.
-  float sample(std::uint32_t bits) const {
+  /// Where 32 uniformly distributed bits fall: on which line, and how far along it.
+  struct Place {
+    std::uint32_t line;
+    float along;
+  };
+  struct Line {
+    float value;
+    float slope;
+  };
+
+  static Place place(std::uint32_t bits) {
     // The lower 31 bits are the tail probability in units of 2^-32; the sign bit chooses the tail.
     const float tail = static_cast<float>(static_cast<std::int32_t>(bits & 0x7FFFFFFFu)) + 0.5f;
     std::uint32_t pattern = 0;
@@ -30,8 +39,15 @@ class QuantileTable {
     const std::uint32_t node_pattern = pattern & ~((1u << kShift) - 1u);
     float node = 0.0f;
     std::memcpy(&node, &node_pattern, sizeof node);
-    const std::uint32_t index = (pattern >> kShift) - kFirst + (bits >> 31) * kNodes;
-    return value_[index] + slope_[index] * (tail - node);
+    return {(pattern >> kShift) - kFirst + (bits >> 31) * kNodes, tail - node};
+  }
+
+  const Line& line(std::uint32_t index) const { return lines_[index]; }
+
+  /// Sample for 32 uniformly distributed bits.
+  float sample(std::uint32_t bits) const {
+    const Place at = place(bits);
+    return lines_[at.line].value + lines_[at.line].slope * at.along;
   }
 
  private:
@@ -39,8 +55,7 @@ class QuantileTable {
   static constexpr std::uint32_t kFirst = 126u << 5u;  // pattern of 0.5f, the smallest tail value
   static constexpr std::uint32_t kNodes = 32u * 32u + 1u;  // up to and including 2^31, the median
 
-  std::array<float, 2 * kNodes> value_{};
-  std::array<float, 2 * kNodes> slope_{};
+  std::array<Line, 2 * kNodes> lines_{};
 };
 
 /// x with P(N > x) = p for the standard normal distribution, p in (0, 0.5].
