@@ -1,4 +1,5 @@
 // Entry points of FMI 2.0 for co-simulation.
+#include <array>
 #include <cstring>
 
 #include "fmu/fmi/guard.h"
@@ -26,11 +27,14 @@ std::string printf_safe(const std::string& message) {
   return safe;
 }
 
-Logger make_logger(const fmi2CallbackFunctions* functions, const std::string& name) {
+Log::Sink make_sink(const fmi2CallbackFunctions* functions, const std::string& name) {
   if (functions == nullptr || functions->logger == nullptr) return {};
-  return [logger = functions->logger, environment = functions->componentEnvironment,
-          name](const std::string& message) {
-    logger(environment, name.c_str(), fmi2Error, "logStatusError", printf_safe(message).c_str());
+  return [logger = functions->logger, environment = functions->componentEnvironment, name](
+             LogCategory category, const std::string& message) {
+    constexpr std::array<fmi2Status, 3> kStatus{fmi2Error, fmi2Warning, fmi2OK};
+    const auto index = static_cast<std::size_t>(category);
+    logger(environment, name.c_str(), kStatus[index], kLogCategories[index].name,
+           printf_safe(message).c_str());
   };
 }
 
@@ -79,23 +83,28 @@ const char* fmi2GetTypesPlatform() { return fmi2TypesPlatform; }
 
 const char* fmi2GetVersion() { return fmi2Version; }
 
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean, size_t, const fmi2String[]) {
-  return status_of(c, "fmi2SetDebugLogging", [] {});  // errors are the only messages, and always logged
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[]) {
+  bool known = true;
+  const fmi2Status status = status_of(c, "fmi2SetDebugLogging", [&] {
+    known =
+        switch_logging(*instance_of(c), "fmi2SetDebugLogging", &Log::choose, on != fmi2False, n, categories);
+  });
+  return known ? status : fmi2Warning;
 }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
-                              const fmi2CallbackFunctions* functions, fmi2Boolean, fmi2Boolean) {
+                              const fmi2CallbackFunctions* functions, fmi2Boolean, fmi2Boolean logging) {
   try {
     const std::string instance_name = name == nullptr ? "" : name;
-    const Logger logger = make_logger(functions, instance_name);
-    const auto refuse = [&logger](const char* message) {
-      if (logger) logger(std::string("fmi2Instantiate: ") + message);
+    const Log log(make_sink(functions, instance_name), logging != fmi2False);
+    const auto refuse = [&log](const char* message) {
+      log.write(LogCategory::kError, std::string("fmi2Instantiate: ") + message);
       return nullptr;
     };
     if (instance_name.empty()) return refuse("the instance needs a name");
     if (type != fmi2CoSimulation) return refuse("this FMU is for co-simulation alone");
     if (guid == nullptr || instantiation_token() != guid) return refuse("the GUID is not this FMU's");
-    return new Instance(instance_name, resources == nullptr ? "" : resources, logger);
+    return new Instance(instance_name, resources == nullptr ? "" : resources, log);
   } catch (...) {
     return nullptr;
   }

@@ -1,4 +1,5 @@
 // Entry points of FMI 3.0 for co-simulation.
+#include <array>
 #include <cstring>
 
 #include "fmu/fmi/guard.h"
@@ -19,10 +20,12 @@ fmi3Status status_of(fmi3Instance instance, const char* function, const Call& ca
   return guarded(instance_of(instance), function, call) ? fmi3OK : fmi3Error;
 }
 
-Logger make_logger(fmi3LogMessageCallback callback, fmi3InstanceEnvironment environment) {
+Log::Sink make_sink(fmi3LogMessageCallback callback, fmi3InstanceEnvironment environment) {
   if (callback == nullptr) return {};
-  return [callback, environment](const std::string& message) {
-    callback(environment, fmi3Error, "logStatusError", message.c_str());
+  return [callback, environment](LogCategory category, const std::string& message) {
+    constexpr std::array<fmi3Status, 3> kStatus{fmi3Error, fmi3Warning, fmi3OK};
+    const auto index = static_cast<std::size_t>(category);
+    callback(environment, kStatus[index], kLogCategories[index].name, message.c_str());
   };
 }
 
@@ -79,21 +82,25 @@ extern "C" {
 
 const char* fmi3GetVersion() { return fmi3Version; }
 
-fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean, size_t, const fmi3String[]) {
-  return status_of(instance, "fmi3SetDebugLogging",
-                   [] {});  // errors are the only messages, and always logged
+fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n,
+                               const fmi3String categories[]) {
+  bool known = true;
+  const fmi3Status status = status_of(instance, "fmi3SetDebugLogging", [&] {
+    known = switch_logging(*instance_of(instance), "fmi3SetDebugLogging", &Log::change, on, n, categories);
+  });
+  return known ? status : fmi3Warning;
 }
 
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean,
-                                         fmi3Boolean, fmi3Boolean event_mode, fmi3Boolean early_return,
-                                         const fmi3ValueReference[], size_t,
+                                         fmi3Boolean logging, fmi3Boolean event_mode,
+                                         fmi3Boolean early_return, const fmi3ValueReference[], size_t,
                                          fmi3InstanceEnvironment environment,
                                          fmi3LogMessageCallback log_message,
                                          fmi3IntermediateUpdateCallback intermediate) {
   try {
-    const Logger logger = make_logger(log_message, environment);
-    const auto refuse = [&logger](const char* message) {
-      if (logger) logger(std::string("fmi3InstantiateCoSimulation: ") + message);
+    const Log log(make_sink(log_message, environment), logging);
+    const auto refuse = [&log](const char* message) {
+      log.write(LogCategory::kError, std::string("fmi3InstantiateCoSimulation: ") + message);
       return nullptr;
     };
     if (name == nullptr || *name == '\0') return refuse("the instance needs a name");
@@ -101,7 +108,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
       return refuse("the instantiation token is not this FMU's");
     }
     return new Instance(
-        name, resources == nullptr ? "" : resources, logger,
+        name, resources == nullptr ? "" : resources, log,
         {event_mode, early_return, make_intermediate(intermediate, environment, early_return)});
   } catch (...) {
     return nullptr;

@@ -51,16 +51,12 @@ bool same_parameters(const CellParameters& a, const CellParameters& b) {
 
 }  // namespace
 
-Instance::Instance(std::string name, std::string resource_location, Logger logger, StepOptions options)
+Instance::Instance(std::string name, std::string resource_location, Log log, StepOptions options)
     : name_(std::move(name)),
       resource_location_(std::move(resource_location)),
-      logger_(std::move(logger)),
+      log_(std::move(log)),
       options_(std::move(options)),
       stop_time_(kNever) {}
-
-void Instance::log(const std::string& message) const {
-  if (logger_) logger_(message);
-}
 
 void Instance::setup(double start_time, std::optional<double> stop_time) {
   if (phase_ != Phase::kInstantiated) refuse("setting up the experiment", phase_);
@@ -86,6 +82,7 @@ void Instance::exit_initialization() {
 void Instance::terminate() {
   if (phase_ != Phase::kStepping && phase_ != Phase::kEvent) refuse("terminating", phase_);
   phase_ = Phase::kTerminated;
+  log_.write(LogCategory::kEvent, "terminated at " + std::to_string(communication_time_) + " s");
 }
 
 void Instance::reset() {
@@ -95,6 +92,7 @@ void Instance::reset() {
   stop_time_ = kNever;
   values_ = Values();
   outputs_fresh_ = record_shown_ = false;
+  logged_limit_ = 0;
   cell_.reset();
 }
 
@@ -167,7 +165,27 @@ StepResult Instance::do_step(double current, double step) {
     communication_time_ = current + step;
   }
   outputs_fresh_ = false;
+  if (log_.wants(LogCategory::kEvent)) log_step(shown, reached < planned);
   return {record_shown_, reached < planned};
+}
+
+void Instance::log_step(bool shown, bool early) {
+  refresh_outputs();
+  const CellOutputs& out = values_.outputs;
+  if (shown) {
+    log_.write(LogCategory::kEvent, "exposure " + std::to_string(out.trigger.index) +
+                                        ", whose middle was at " + std::to_string(out.trigger.time) +
+                                        " s, is on display");
+  }
+  if (out.limit != logged_limit_) {
+    logged_limit_ = out.limit;
+    log_.write(LogCategory::kEvent,
+               out.limit == 0 ? "no limit is in the way of a set-point any more"
+                              : "a limit keeps axis " + std::to_string(out.limit) + " from its set-point");
+  }
+  if (early) {
+    log_.write(LogCategory::kEvent, "the step ends early, at " + std::to_string(communication_time_) + " s");
+  }
 }
 
 /// The next instant of the controller's cycle where the importer wants to be called, else the end.
@@ -278,6 +296,7 @@ Cell& Instance::cell() {
     throw DescriptionError(path + ": " + error.what());
   }
   description_hash_ = hash_of(reinterpret_cast<const std::uint8_t*>(json.data()), json.size());
+  log_.write(LogCategory::kEvent, "the cell is made from " + path);
   return *cell_;
 }
 

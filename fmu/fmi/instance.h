@@ -6,14 +6,12 @@
 #include <optional>
 #include <string>
 
+#include "fmu/fmi/log.h"
 #include "fmu/fmi/snapshot.h"
 #include "fmu/fmi/variable_table.h"
 #include "fmu/model/cell.h"
 
 namespace robotcell::fmi {
-
-/// Receives the text of an error.
-using Logger = std::function<void(const std::string& message)>;
 
 /// How the importer of FMI 3 wants to be told what happens inside a step. With FMI 2, nothing of it.
 struct StepOptions {
@@ -33,10 +31,10 @@ struct StepResult {
 /// after which only state restoring, reset, terminate, getters and free are allowed.
 class Instance {
  public:
-  Instance(std::string name, std::string resource_location, Logger logger, StepOptions options = {});
+  Instance(std::string name, std::string resource_location, Log log, StepOptions options = {});
 
   const std::string& name() const { return name_; }
-  void log(const std::string& message) const;
+  Log& log() { return log_; }
   void fail() { phase_ = Phase::kFailed; }
 
   void setup(double start_time, std::optional<double> stop_time);
@@ -73,10 +71,11 @@ class Instance {
   std::int64_t next_stop(std::int64_t end) const;
   std::int64_t ask_importer(std::int64_t now, std::int64_t end);
   void now_at(std::int64_t ticks);
+  void log_step(bool shown, bool early);
 
   std::string name_;
   std::string resource_location_;
-  Logger logger_;
+  Log log_;
   StepOptions options_;
   Phase phase_ = Phase::kInstantiated;
   double start_time_ = 0;
@@ -85,6 +84,7 @@ class Instance {
   Values values_;
   bool outputs_fresh_ = false;
   bool record_shown_ = false;
+  std::int32_t logged_limit_ = 0;
   std::unique_ptr<Cell> cell_;
   std::uint64_t description_hash_ = 0;
 };

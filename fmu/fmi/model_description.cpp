@@ -4,6 +4,7 @@
 #include <locale>
 #include <sstream>
 
+#include "fmu/fmi/log.h"
 #include "fmu/fmi/table_builder.h"
 
 namespace robotcell::fmi {
@@ -245,9 +246,11 @@ std::string model_description(const CellDescription& cell, int version, bool clo
   xml.imbue(std::locale::classic());
   write_head(xml, cell, version);
   write_units_and_types(xml, version);
-  xml << "  <LogCategories>\n    <Category name=\"logStatusError\" description=\"Errors: what was wrong, and "
-         "where\"/>\n"
-         "    <Category name=\"logAll\" description=\"Every message\"/>\n  </LogCategories>\n";
+  xml << "  <LogCategories>\n";
+  for (const auto& [name, description] : kLogCategories) {
+    xml << "    <Category name=\"" << name << "\" description=\"" << description << "\"/>\n";
+  }
+  xml << "  </LogCategories>\n";
   xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\""
       << number(static_cast<double>(cell.controller_cycle_us) / 1e6) << "\"/>\n";
   write_variables(xml, version, clock && version == 3);

@@ -149,7 +149,8 @@ class Fuzzer {
     fmi2Integer integers[2] = {integer(), integer()};
     fmi2Boolean booleans[2] = {integer(), integer()};
     fmi2String strings[2] = {chance(0.9) ? "cell.json" : "none.json", chance(0.8) ? "cell.json" : nullptr};
-    switch (below(chance(0.5) ? 4 : 19)) {
+    const fmi2String categories[2] = {chance(0.9) ? "logEvents" : "none", chance(0.9) ? "logAll" : nullptr};
+    switch (below(chance(0.5) ? 4 : 20)) {
       case 0:
       case 1:
         return stepped(subject, fmi2DoStep(c, now(subject), last_step_ = step(), fmi2True) == fmi2OK);
@@ -187,6 +188,8 @@ class Fuzzer {
             [&](void** state) { return fmi2FreeFMUstate(c, state) == fmi2OK; });
       case 17:
         return bytes2(subject);
+      case 18:
+        return fmi2SetDebugLogging(c, chance(0.5), n, categories) == fmi2OK;
       default:
         return chance(0.1) && fmi2CancelStep(c) == fmi2OK;
     }
@@ -201,8 +204,9 @@ class Fuzzer {
     fmi3Boolean booleans[2] = {chance(0.5), chance(0.5)};
     fmi3Boolean flags[5] = {};
     fmi3String strings[2] = {chance(0.9) ? "cell.json" : "none.json", chance(0.8) ? "cell.json" : nullptr};
+    const fmi3String categories[2] = {chance(0.9) ? "logEvents" : "none", chance(0.9) ? "logAll" : nullptr};
     const std::size_t m = chance(0.97) ? n : below(3);
-    switch (below(chance(0.5) ? 4 : 24)) {
+    switch (below(chance(0.5) ? 4 : 25)) {
       case 0:
       case 1:
         return stepped(subject, fmi3DoStep(c, now(subject), last_step_ = step(), true, &flags[0], &flags[1],
@@ -251,6 +255,8 @@ class Fuzzer {
                fmi3OK;
       case 22:
         return fmi3GetClock(c, vr, n, booleans) == fmi3OK;
+      case 23:
+        return fmi3SetDebugLogging(c, chance(0.5), n, categories) == fmi3OK;
       default:
         return chance(0.1) && fmi3EnterConfigurationMode(c) == fmi3OK;
     }

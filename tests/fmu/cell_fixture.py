@@ -95,7 +95,7 @@ def pack(cell: dict[str, Any], version: int, target: Path) -> Path:
 
 
 class CellFmu:
-    """One instance of a cell, driven by names; `messages` holds what it logged."""
+    """One instance of a cell, driven by names; `messages` and `log` hold what it logged."""
 
     def __init__(
         self,
@@ -109,6 +109,7 @@ class CellFmu:
         self.version = int(self.description.fmiVersion[0])
         self.variables = {v.name: v for v in self.description.modelVariables}
         self.messages: list[str] = []
+        self.log: list[tuple[int, str]] = []  # status and category of the messages
         slave = FMU2Slave if self.version == 2 else FMU3Slave
         self.slave = slave(
             guid=self.description.guid, unzipDirectory=str(folder), modelIdentifier="RobotCell", instanceName="cell"
@@ -122,15 +123,17 @@ class CellFmu:
 
     def _callbacks(self) -> dict[str, Any]:
         if self.version == 3:
-            return {"logMessage": lambda _env, _status, _category, text: self.messages.append(text.decode())}
+            return {"logMessage": lambda _env, *message: self._heard(*message)}
         callbacks = fmi2CallbackFunctions()
-        self.logger = fmi2CallbackLoggerTYPE(
-            lambda _env, _name, _status, _category, text: self.messages.append(text.decode())
-        )
+        self.logger = fmi2CallbackLoggerTYPE(lambda _env, _name, *message: self._heard(*message))
         callbacks.logger = self.logger
         callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
         callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
         return {"callbacks": callbacks}
+
+    def _heard(self, status: int, category: bytes, text: bytes) -> None:
+        self.messages.append(text.decode())
+        self.log.append((status, category.decode()))
 
     def initialize(self, parameters: Parameters | None = None, stop_time: float | None = None) -> None:
         self.time_us = 0
