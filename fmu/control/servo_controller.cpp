@@ -6,8 +6,6 @@
 namespace robotcell::control {
 namespace {
 
-constexpr double kSecondsPerTick = 1e-6;
-
 /// Greatest speed along the cubic between two knots.
 double peak_speed(const Knot& start, const Knot& end, double duration) {
   double peak = std::max(std::abs(start.velocity), std::abs(end.velocity));
@@ -21,18 +19,27 @@ double peak_speed(const Knot& start, const Knot& end, double duration) {
 
 }  // namespace
 
-ServoController::ServoController(const std::array<AxisLimits, kAxes>& limits, std::int64_t cycle_us,
-                                 const std::array<double, kAxes>& start)
+ServoController::ServoController(const Limits& limits, std::int64_t cycle_us, const Axes& start)
     : limits_(limits), cycle_us_(cycle_us) {
   state_.before = start;
   for (std::size_t i = 0; i < kAxes; ++i) state_.start[i] = state_.end[i] = {start[i], 0};
 }
 
-void ServoController::cycle(std::int64_t now_us, const Command& command) {
+void ServoController::begin_cycle(std::int64_t now_us) {
   for (std::size_t i = 0; i < kAxes; ++i) state_.before[i] = state_.start[i].position;
   state_.start = state_.end;
   state_.start_us = now_us;
   state_.limit = 0;
+}
+
+void ServoController::advance(std::int64_t now_us, const Knots& end, std::int32_t limit) {
+  begin_cycle(now_us);
+  state_.end = end;
+  state_.limit = limit;
+}
+
+void ServoController::cycle(std::int64_t now_us, const ServoCommand& command) {
+  begin_cycle(now_us);
   for (std::size_t i = 0; i < kAxes; ++i) {
     bool limited = false;
     state_.end[i] = command.servo ? servo_knot(i, command.position[i], limited) : braking_knot(i);

@@ -1,34 +1,21 @@
-// The robot controller: turns streamed set-points into smooth axis motion. Knows neither the dynamics nor
-// FMI.
+// Axis motion from knot to knot, one controller cycle apart: streamed set-points, braking, or given knots.
 #pragma once
 
-#include <array>
 #include <cstdint>
 
-#include "fmu/control/cubic.h"
+#include "fmu/control/axis.h"
 
 namespace robotcell::control {
 
-constexpr int kAxes = 7;
-
-/// Limits of one axis; an endless axis has infinite `min` and `max`.
-struct AxisLimits {
-  double min = 0, max = 0;      // rad
-  double max_speed = 0;         // rad/s
-  double max_acceleration = 0;  // rad/s^2, with which the axis brakes on hold
+struct ServoCommand {
+  bool servo = false;  // false: brake and hold
+  Axes position{};     // rad
 };
-
-struct Command {
-  bool servo = false;                    // false: brake and hold
-  std::array<double, kAxes> position{};  // rad
-};
-
-using Knots = std::array<Knot, kAxes>;
 
 /// All that the controller remembers.
 struct ServoState {
-  std::int64_t start_us = 0;           // of the cycle that runs
-  std::array<double, kAxes> before{};  // positions one cycle before `start`
+  std::int64_t start_us = 0;  // of the cycle that runs
+  Axes before{};              // positions one cycle before `start`
   Knots start{};
   Knots end{};
   std::int32_t limit = 0;  // 1..7: first axis that was kept from its set-point; 0: none
@@ -42,11 +29,13 @@ struct ServoState {
 /// parabola that does not, and the axis falls behind its set-point.
 class ServoController {
  public:
-  ServoController(const std::array<AxisLimits, kAxes>& limits, std::int64_t cycle_us,
-                  const std::array<double, kAxes>& start);
+  ServoController(const Limits& limits, std::int64_t cycle_us, const Axes& start);
 
   /// To be called at every multiple of the cycle, before anything is sampled behind it.
-  void cycle(std::int64_t now_us, const Command& command);
+  void cycle(std::int64_t now_us, const ServoCommand& command);
+
+  /// The same with knots that somebody else has worked out; `limit` as in the state.
+  void advance(std::int64_t now_us, const Knots& end, std::int32_t limit);
 
   /// Where the axes are to be, and how fast, at an instant of the running cycle.
   Knots sample(std::int64_t time_us) const;
@@ -59,8 +48,9 @@ class ServoController {
  private:
   Knot servo_knot(std::size_t axis, double set_point, bool& limited) const;
   Knot braking_knot(std::size_t axis) const;
+  void begin_cycle(std::int64_t now_us);
 
-  std::array<AxisLimits, kAxes> limits_;
+  Limits limits_;
   std::int64_t cycle_us_;
   ServoState state_;
 };

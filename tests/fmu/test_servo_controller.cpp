@@ -10,9 +10,9 @@
 namespace {
 
 using robotcell::control::AxisLimits;
-using robotcell::control::Command;
 using robotcell::control::kAxes;
 using robotcell::control::Knots;
+using robotcell::control::ServoCommand;
 using robotcell::control::ServoController;
 
 constexpr std::int64_t kCycle = 16000;
@@ -33,7 +33,7 @@ void drive_at_random(ServoController& servo, double spread, const Check& check) 
   std::uniform_real_distribution<double> target(-spread, spread);
   std::bernoulli_distribution follows(0.9);
   for (std::int64_t cycle = 0; cycle < 500; ++cycle) {
-    Command command{follows(random), {}};
+    ServoCommand command{follows(random), {}};
     for (double& position : command.position) position = target(random);
     servo.cycle(cycle * kCycle, command);
     for (std::int64_t t = 250; t <= kCycle; t += 250) check(servo.sample(cycle * kCycle + t));
@@ -73,7 +73,7 @@ TEST(ServoController, VelocityIsContinuousAndTheDerivativeOfPosition) {
 
 TEST(ServoController, ReachesASetPointThatIsNearEnoughInOneCycle) {
   ServoController servo(limits(), kCycle, {});
-  Command command{true, {}};
+  ServoCommand command{true, {}};
   command.position.fill(0.01);
   servo.cycle(0, command);
   for (const auto& knot : servo.sample(kCycle)) EXPECT_EQ(knot.position, 0.01);
@@ -82,7 +82,7 @@ TEST(ServoController, ReachesASetPointThatIsNearEnoughInOneCycle) {
 
 TEST(ServoController, NamesTheFirstAxisThatIsKeptBack) {
   ServoController servo(limits(), kCycle, {});
-  Command command{true, {}};
+  ServoCommand command{true, {}};
   command.position[3] = 1.0;  // 62 rad/s away
   command.position[5] = 5.0;
   servo.cycle(0, command);
@@ -92,7 +92,7 @@ TEST(ServoController, NamesTheFirstAxisThatIsKeptBack) {
 
 TEST(ServoController, RestoredStateRepeatsTheMotion) {
   ServoController servo(limits(), kCycle, {});
-  Command command{true, {}};
+  ServoCommand command{true, {}};
   command.position.fill(0.02);
   servo.cycle(0, command);
   ServoController other(limits(), kCycle, {});

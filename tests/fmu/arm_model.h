@@ -1,0 +1,132 @@
+// A six-axis arm with the proportions of the default one, by its nominal geometry alone.
+#pragma once
+
+#include <limits>
+
+#include "fmu/control/robot_controller.h"
+
+namespace robotcell::testing {
+
+using control::Axes;
+using control::kArmAxes;
+
+constexpr std::int64_t kCycle = 16000;
+constexpr double kCycleSeconds = 0.016;
+
+/// Its tool sits 0.15 m in front of the flange, off its axis.
+class ArmModel : public control::ArmGeometry {
+ public:
+  control::ToolState tool(const Axes& position) const override {
+    const double rows[kArmAxes][3] = {{0.075, 0.335, -90}, {0.27, 0, 0}, {-0.09, 0, 90},
+                                      {0, 0.295, -90},     {0, 0, 90},   {0, 0.08, 0}};
+    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+    std::array<Eigen::Vector3d, kArmAxes> axes, origins;
+    for (std::size_t i = 0; i < kArmAxes; ++i) {
+      axes[i] = pose.linear().col(2);
+      origins[i] = pose.translation();
+      pose = pose * Eigen::AngleAxisd(position[i], Eigen::Vector3d::UnitZ()) *
+             Eigen::Translation3d(rows[i][0], 0, rows[i][1]) *
+             Eigen::AngleAxisd(rows[i][2] * 3.14159265358979 / 180, Eigen::Vector3d::UnitX());
+    }
+    control::ToolState tool;
+    tool.pose = pose * Eigen::Translation3d(0.02, 0.01, 0.15);
+    for (std::size_t i = 0; i < kArmAxes; ++i) {
+      tool.jacobian.col(static_cast<int>(i)) << axes[i].cross(tool.pose.translation() - origins[i]), axes[i];
+    }
+    return tool;
+  }
+};
+
+inline Axes home() { return {0.6, -0.45, 3.4, -1.2, 1.38, -0.17, 0}; }
+
+inline control::ControllerSettings settings() {
+  constexpr double kEndless = std::numeric_limits<double>::infinity();
+  control::ControllerSettings all;
+  all.cycle_us = kCycle;
+  const double low[kArmAxes] = {-2.97, -3.3, -0.5, -3.3, -2.1, -6.3};
+  const double high[kArmAxes] = {2.97, 0.78, 4.46, 3.3, 2.1, 6.3};
+  for (std::size_t i = 0; i < kArmAxes; ++i) all.motion.axes[i] = {low[i], high[i], 5, 20, 400};
+  all.motion.axes[kArmAxes] = {-kEndless, kEndless, 3, 6, 120};
+  all.motion.line_speed = 1.0;
+  all.motion.line_acceleration = 4.0;
+  all.motion.turn_speed = 3.0;
+  all.motion.turn_acceleration = 12.0;
+  all.jog = {0.1, 0.25, 0.8, 1.0, 3.0};
+  return all;
+}
+
+/// A controller, driven cycle by cycle; `check` sees every sample, 1 ms apart.
+struct Drive {
+  ArmModel arm;
+  control::RobotController controller{settings(), arm, home()};
+  control::Command command;
+  std::int64_t now = 0;
+
+  Drive() { command.position = home(); }
+
+  template <class Check>
+  void run(int cycles, Check&& check) {
+    for (int k = 0; k < cycles; ++k) {
+      controller.cycle(now, command);
+      for (std::int64_t t = 1000; t <= kCycle; t += 1000) check(controller.sample(now + t));
+      now += kCycle;
+    }
+  }
+  void run(int cycles) {
+    run(cycles, [](const control::Knots&) {});
+  }
+  /// Runs until nothing moves; returns the seconds that it took.
+  template <class Check>
+  double run_to_rest(Check&& check) {
+    const std::int64_t start = now;
+    do {
+      run(1, check);
+    } while (controller.report(now).moving && now < start + 60'000'000);
+    return static_cast<double>(now - start) * 1e-6;
+  }
+  double run_to_rest() {
+    return run_to_rest([](const control::Knots&) {});
+  }
+
+  void start_joints(const Axes& target) {
+    command.mode = control::Mode::kJointMove;
+    command.position = target;
+    ++command.start;
+  }
+  void start_line(const Eigen::Isometry3d& target) {
+    command.mode = control::Mode::kLineMove;
+    command.pose = target;
+    ++command.start;
+  }
+  Axes position() const { return axes(controller.sample(now)); }
+  static Axes axes(const control::Knots& knots) {
+    Axes all;
+    for (std::size_t i = 0; i < all.size(); ++i) all[i] = knots[i].position;
+    return all;
+  }
+};
+
+/// Watches speed, acceleration and position limits between samples 1 ms apart.
+class LimitWatch {
+ public:
+  explicit LimitWatch(const Drive& drive) : limits_(settings().motion.axes) {
+    last_ = drive.controller.sample(drive.now);
+  }
+  void operator()(const control::Knots& knots) {
+    for (std::size_t i = 0; i < knots.size(); ++i) {
+      const double acceleration = std::abs(knots[i].velocity - last_[i].velocity) / 1e-3;
+      speed = std::max(speed, std::abs(knots[i].velocity) / limits_[i].max_speed);
+      this->acceleration = std::max(this->acceleration, acceleration / limits_[i].max_acceleration);
+      inside = inside && knots[i].position >= limits_[i].min && knots[i].position <= limits_[i].max;
+    }
+    last_ = knots;
+  }
+  double speed = 0, acceleration = 0;  // shares of the limits
+  bool inside = true;
+
+ private:
+  control::Limits limits_;
+  control::Knots last_;
+};
+
+}  // namespace robotcell::testing

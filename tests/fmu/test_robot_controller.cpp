@@ -1,0 +1,304 @@
+// Operation, jogs, emergency stop, old messages.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "tests/fmu/arm_model.h"
+
+namespace {
+
+using namespace robotcell::control;
+using namespace robotcell::testing;
+
+double tool_speed(const Drive& drive, const Knots& knots) {
+  Vector6 rates;
+  for (std::size_t i = 0; i < kArmAxes; ++i) rates[static_cast<int>(i)] = knots[i].velocity;
+  return (drive.arm.tool(Drive::axes(knots)).jacobian.topRows<3>() * rates).norm();
+}
+
+double greatest_speed(const Knots& knots) {
+  double speed = 0;
+  for (const Knot& knot : knots) speed = std::max(speed, std::abs(knot.velocity));
+  return speed;
+}
+
+TEST(Operation, ManualRefusesProgramsAndAutomaticRefusesJogs) {
+  Drive drive;
+  Axes target = home();
+  target[0] += 0.5;
+  drive.command.operation = Operation::kManual;
+  for (const Mode mode : {Mode::kServo, Mode::kJointMove, Mode::kLineMove}) {
+    drive.command.mode = mode;
+    drive.command.position = target;
+    ++drive.command.start;
+    drive.run(20);
+    EXPECT_EQ(drive.position(), home());
+    EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kManualOperation);
+    EXPECT_EQ(drive.controller.report(drive.now).mode, Mode::kHold);
+  }
+  drive.command.operation = Operation::kAutomatic;
+  for (const Mode mode : {Mode::kJointJog, Mode::kCartesianJog}) {
+    drive.command.mode = mode;
+    drive.command.jog.fill(1);
+    drive.run(20);
+    EXPECT_EQ(drive.position(), home());
+    EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kAutomaticOperation);
+  }
+}
+
+TEST(Operation, ToManualStopsTheProgramOnItsPath) {
+  Drive drive;
+  Axes target = home();
+  for (std::size_t i = 0; i < kAxes; ++i) target[i] += 0.1 * static_cast<double>(i + 1);
+  drive.start_joints(target);
+  drive.run(12);
+  drive.command.operation = Operation::kManual;
+  LimitWatch watch(drive);
+  drive.run_to_rest([&](const Knots& knots) {
+    watch(knots);
+    const double share = (knots[6].position - home()[6]) / (target[6] - home()[6]);
+    EXPECT_NEAR(knots[0].position, home()[0] + share * 0.1, 1e-13);
+  });
+  const Axes stopped = drive.position();
+  EXPECT_NE(stopped, target);
+  drive.command.operation = Operation::kAutomatic;
+  drive.run(20);
+  EXPECT_EQ(drive.position(), stopped) << "a stopped move does not go on by itself";
+  EXPECT_LE(watch.acceleration, 1);
+}
+
+class JogTest : public ::testing::Test {
+ protected:
+  JogTest() { drive_.command.operation = Operation::kManual; }
+  Drive drive_;
+};
+
+TEST_F(JogTest, AJointTurnsAloneAndStopsWhenLetGo) {
+  drive_.command.mode = Mode::kJointJog;
+  drive_.command.jog[5] = -0.5;
+  LimitWatch watch(drive_);
+  drive_.run(50, watch);
+  EXPECT_NEAR(drive_.controller.sample(drive_.now)[5].velocity, -0.5 * 0.1 * 5, 1e-12);
+  drive_.command.jog[5] = 0;
+  drive_.run_to_rest(watch);
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    EXPECT_EQ(drive_.position()[i] == home()[i], i != 5);
+  }
+  EXPECT_LE(watch.acceleration, 1);
+  EXPECT_TRUE(drive_.controller.report(drive_.now).at_destination);
+}
+
+TEST_F(JogTest, TheToolNeverExceedsItsSpeedInManualOperation) {
+  for (const Mode mode : {Mode::kJointJog, Mode::kCartesianJog}) {
+    Drive drive;
+    drive.command.operation = Operation::kManual;
+    drive.command.mode = mode;
+    drive.command.jog = {1, 1, -1, 0, 0, 0, 0};
+    double fastest = 0;
+    drive.run(40, [&](const Knots& knots) { fastest = std::max(fastest, tool_speed(drive, knots)); });
+    EXPECT_LE(fastest, 0.25 * 1.002);
+    EXPECT_GT(fastest, 0.24);
+  }
+}
+
+TEST_F(JogTest, AJointStopsInFrontOfItsLimitAndNamesIt) {
+  drive_.command.mode = Mode::kJointJog;
+  drive_.command.jog[1] = -1;
+  drive_.command.jog[2] = 1;
+  LimitWatch watch(drive_);
+  drive_.run(1500, watch);
+  EXPECT_TRUE(watch.inside);
+  EXPECT_LE(watch.acceleration, 1);
+  EXPECT_NEAR(drive_.position()[1], -3.3, 1e-9);
+  EXPECT_NEAR(drive_.position()[2], 4.46, 1e-9);
+  EXPECT_EQ(drive_.controller.report(drive_.now).refusal, Refusal::kPathOutOfLimits);
+  EXPECT_EQ(drive_.controller.report(drive_.now).limit, 2);
+  drive_.command.jog[1] = 1;
+  drive_.command.jog[2] = 0;
+  drive_.run(50, watch);
+  EXPECT_GT(drive_.position()[1], -3.2);
+  EXPECT_EQ(drive_.controller.report(drive_.now).refusal, Refusal::kNone);
+}
+
+TEST_F(JogTest, CartesianGoesStraightAlongTheAxisOfItsFrame) {
+  for (const JogFrame frame : {JogFrame::kWorld, JogFrame::kTool}) {
+    Drive drive;
+    drive.command.operation = Operation::kManual;
+    drive.command.mode = Mode::kCartesianJog;
+    drive.command.jog_frame = frame;
+    drive.command.jog[1] = 0.8;
+    const Eigen::Isometry3d start = drive.arm.tool(home()).pose;
+    Eigen::Vector3d along_axis = Eigen::Vector3d::UnitY();
+    if (frame == JogFrame::kTool) along_axis = start.linear() * along_axis;
+    LimitWatch watch(drive);
+    const auto check = [&](const Knots& knots) {
+      watch(knots);
+      const Vector6 way = way_between(start, drive.arm.tool(Drive::axes(knots)).pose);
+      const Eigen::Vector3d shift = way.head<3>();
+      EXPECT_LT((shift - along_axis.dot(shift) * along_axis).norm(), 1e-7);
+      EXPECT_LT(way.tail<3>().norm(), 1e-7);
+    };
+    drive.run(40, check);
+    EXPECT_NEAR(tool_speed(drive, drive.controller.sample(drive.now)), 0.2, 1e-6);
+    drive.command.jog[1] = 0;
+    drive.run_to_rest(check);
+    EXPECT_LE(watch.acceleration, 1);
+  }
+}
+
+TEST_F(JogTest, CartesianTurnsAboutTheToolsOrigin) {
+  drive_.command.mode = Mode::kCartesianJog;
+  drive_.command.jog_frame = JogFrame::kTool;
+  drive_.command.jog[3] = 1;
+  const Eigen::Isometry3d start = drive_.arm.tool(home()).pose;
+  drive_.run(20);
+  const Vector6 way = way_between(start, drive_.arm.tool(drive_.position()).pose);
+  EXPECT_LT(way.head<3>().norm(), 1e-9);
+  EXPECT_LT(way.tail<3>().normalized().cross(start.linear().col(0)).norm(), 1e-9);
+  EXPECT_GT(way.tail<3>().norm(), 0.1);
+}
+
+TEST_F(JogTest, CartesianStopsInFrontOfTheEndOfReachWithinAllLimitsAndComesBack) {
+  drive_.command.mode = Mode::kCartesianJog;
+  for (const std::size_t direction : {0u, 1u, 2u}) {
+    for (const double sign : {-1.0, 1.0}) {
+      Drive drive;
+      drive.command = drive_.command;
+      drive.command.jog[direction] = sign;
+      LimitWatch watch(drive);
+      drive.run(600, watch);
+      const Report report = drive.controller.report(drive.now);
+      EXPECT_FALSE(report.moving);
+      EXPECT_NE(report.refusal, Refusal::kNone);
+      EXPECT_TRUE(watch.inside);
+      EXPECT_LE(watch.speed, 1);
+      EXPECT_LE(watch.acceleration, 1) << direction << " " << sign;
+      const Axes stuck = drive.position();
+      drive.command.jog[direction] = 0;
+      drive.run(5);
+      drive.command.jog[direction] = -sign;
+      drive.run(60, watch);
+      EXPECT_NE(drive.position(), stuck);
+      EXPECT_TRUE(drive.controller.report(drive.now).moving);
+      EXPECT_LE(watch.acceleration, 1);
+    }
+  }
+}
+
+TEST(EmergencyStop, StopsServoMotionOfAllAxesTogetherAsFastAsTheLimitsAllow) {
+  Drive drive;
+  drive.command.mode = Mode::kServo;
+  const Axes rates{0.8, -0.4, 0.4, 1.0, -0.6, 2.0, 1.5};
+  for (int k = 0; k < 12; ++k) {
+    for (std::size_t i = 0; i < kAxes; ++i) drive.command.position[i] = home()[i] + rates[i] * k * 0.016;
+    drive.run(1);
+  }
+  drive.command.emergency_stop = true;
+  LimitWatch watch(drive);
+  const double seconds = drive.run_to_rest([&](const Knots& knots) {
+    watch(knots);
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      EXPECT_NEAR(knots[i].velocity / rates[i], knots[0].velocity / rates[0], 1e-9);
+    }
+  });
+  EXPECT_LE(watch.acceleration, 1);
+  // The table is the slowest to stop: 1.5 rad/s at 6 rad/s^2.
+  EXPECT_NEAR(seconds, 1.5 / 6, kCycleSeconds);
+  EXPECT_EQ(drive.controller.report(drive.now).phase, Phase::kEmergencyStop);
+}
+
+TEST(EmergencyStop, StaysUntilItIsResetInHoldAndWhatItStoppedDoesNotGoOn) {
+  Drive drive;
+  Axes target = home();
+  target[0] += 1;
+  drive.start_joints(target);
+  drive.run(10);
+  drive.command.emergency_stop = true;
+  drive.run_to_rest();
+  const Axes stopped = drive.position();
+  drive.command.emergency_stop = false;
+  drive.run(10);
+  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kEmergencyStop);
+  ++drive.command.reset;  // refused: a move is still commanded
+  drive.run(10);
+  ++drive.command.start;
+  drive.run(10);
+  EXPECT_EQ(drive.position(), stopped);
+  drive.command.mode = Mode::kHold;
+  ++drive.command.reset;
+  drive.run(1);
+  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kNone);
+  drive.command.mode = Mode::kJointMove;
+  drive.run(10);
+  EXPECT_EQ(drive.position(), stopped);
+  ++drive.command.start;
+  drive.run_to_rest();
+  EXPECT_EQ(drive.position(), target);
+}
+
+TEST(EmergencyStop, StopsAJogInItsDirection) {
+  Drive drive;
+  drive.command.operation = Operation::kManual;
+  drive.command.mode = Mode::kCartesianJog;
+  drive.command.jog[2] = 1;
+  drive.run(40);
+  const Eigen::Vector3d from = drive.arm.tool(drive.position()).pose.translation();
+  drive.command.emergency_stop = true;
+  LimitWatch watch(drive);
+  drive.run_to_rest(watch);
+  const Eigen::Vector3d way = drive.arm.tool(drive.position()).pose.translation() - from;
+  EXPECT_LT(way.head<2>().norm(), 0.02 * way.z());
+  EXPECT_LE(watch.acceleration, 1);
+}
+
+TEST(MessageAge, AServoStreamWithoutHeartbeatIsHeldAndTakenUpAgain) {
+  Drive drive;
+  drive.command.mode = Mode::kServo;
+  drive.command.max_age = 0.1;
+  const auto stream = [&](int cycles, bool alive) {
+    for (int k = 0; k < cycles; ++k) {
+      drive.command.position[0] += 0.002;
+      if (alive) ++drive.command.heartbeat;
+      drive.run(1);
+    }
+  };
+  stream(20, true);
+  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kNone);
+  stream(6, false);
+  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kNone) << "96 ms are not too old";
+  stream(2, false);
+  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kTooOld);
+  stream(30, false);
+  EXPECT_EQ(greatest_speed(drive.controller.sample(drive.now)), 0);
+  stream(40, true);
+  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kNone);
+  EXPECT_EQ(drive.position()[0], drive.command.position[0]);
+}
+
+TEST(MessageAge, AProgrammedMoveNeedsNoHeartbeat) {
+  Drive drive;
+  drive.command.max_age = 0.1;
+  Axes target = home();
+  target[0] += 1;
+  drive.start_joints(target);
+  EXPECT_GT(drive.run_to_rest(), 0.2);
+  EXPECT_EQ(drive.position(), target);
+}
+
+TEST(RobotController, RestoredStateGoesOnWithAJog) {
+  Drive drive;
+  drive.command.operation = Operation::kManual;
+  drive.command.mode = Mode::kCartesianJog;
+  drive.command.jog = {0.3, -0.5, 0.2, 0.4, 0, 0.1, 1};
+  drive.run(15);
+  Drive other;
+  other.command = drive.command;
+  other.now = drive.now;
+  other.controller.restore(drive.controller.state());
+  drive.run(20);
+  other.run(20);
+  EXPECT_EQ(drive.position(), other.position());
+}
+
+}  // namespace
