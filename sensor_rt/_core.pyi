@@ -37,6 +37,8 @@ class Sensor:
     """A sensor from its resolved JSON description: SI units, every key present."""
 
     def __init__(self, json: str) -> None: ...
+    def laser_irradiance(self, points_in_sensor: ArrayLike) -> NDArray[np.float64]:
+        """Irradiance (n, 1), W/m², at points (n, 3) on elements that face the middle of the laser's source."""
     @property
     def name(self) -> str: ...
     @property

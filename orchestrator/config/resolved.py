@@ -6,18 +6,33 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.config.sensor import CameraDescription, SensorDescription
+from orchestrator.config.sensor import CameraDescription, LaserDescription, SensorDescription
 from orchestrator.config.units import to_si
 
 _FORMAT = 1
+_STRAIGHTNESS = 6  # coefficients that the library expects
+_GAUSSIAN_NODES = 513  # linear between them: off by less than 1e-4 of the peak
 
 
 def sensor_json(sensor: SensorDescription, seed: int) -> dict[str, Any]:
     """SI description of the sensor as `sensor_rt` reads it; `seed` keys every random number of the images."""
-    data: dict[str, Any] = to_si(sensor.model_dump(exclude={"camera"}))
+    data: dict[str, Any] = to_si(sensor.model_dump(exclude={"camera", "laser"}))
+    data["laser"] = _laser_json(sensor.laser)
     data["cameras"] = [_camera_json(camera) for camera in sensor.camera]
     data["render"]["seed"] = seed
     return {"format": _FORMAT, **data}
+
+
+def _laser_json(laser: LaserDescription) -> dict[str, Any]:
+    data: dict[str, Any] = to_si(laser.model_dump(exclude={"profile", "profile_half_width_deg"}))
+    if laser.profile_half_width_deg is not None:
+        half, width = (to_si({"a_deg": a})["a"] for a in (laser.fan_half_angle_deg, laser.profile_half_width_deg))
+        angles = np.linspace(-half, half, _GAUSSIAN_NODES)
+        data["profile_angle"] = angles.tolist()
+        data["profile_power"] = np.exp(-2.0 * (angles / width) ** 2).tolist()
+    shape = data["straightness"]
+    data["straightness"] = [*shape, *[0.0] * (_STRAIGHTNESS - len(shape))]
+    return data
 
 
 def _camera_json(camera: CameraDescription) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -11,8 +12,16 @@ from orchestrator.config.description import Description, Finite, Fraction, NonNe
 _Pixels = Annotated[int, Field(ge=16, le=16_384)]
 
 
+_Small = Annotated[float, Field(ge=-10.0, le=10.0)]
+
+
 class LaserDescription(Description):
-    """Laser sheet in the sensor's YZ plane, from a point source through a narrow opening."""
+    """Laser sheet, nominally in the sensor's YZ plane, from a point source through a narrow opening.
+
+    A sheet that is bent, turned or shifted is drawn so in the images; points are found as if it were where it should
+    be. The shape of the sheet is its out-of-plane angle as a polynomial c0 + c1 s + c2 s² + ... of the place s along
+    the line, -1 and 1 at its ends: ``straightness_mrad = [0, 0, 0.5]`` bows both ends by 60 um at 120 mm.
+    """
 
     wavelength_nm: Annotated[float, Field(ge=200.0, le=2000.0)]
     power_mw: NonNegative
@@ -21,6 +30,40 @@ class LaserDescription(Description):
     sheet_sigma_mm: Positive = Field(description="standard deviation of the irradiance across the sheet at its waist")
     waist_z_mm: Finite
     divergence_mrad: NonNegative = Field(default=0.0, description="growth of the sheet's sigma, far from the waist")
+    opening_mm: Annotated[float, Field(ge=0.0, le=20.0)] = Field(
+        default=0.0, description="length of the source along the line: shadows of what stands in the light blur"
+    )
+    profile: Literal["uniform", "gaussian", "table"] = Field(
+        default="uniform", description="power per angle along the line; power_mw is the whole of it"
+    )
+    profile_half_width_deg: Annotated[float, Field(gt=0.0, lt=180.0)] | None = Field(
+        default=None, description="gaussian: angle from the middle at which power per angle has fallen to 1/e²"
+    )
+    profile_angle_deg: Annotated[tuple[Finite, ...], Field(max_length=1000)] = Field(
+        default=(), description="table: ascending angles"
+    )
+    profile_power: Annotated[tuple[NonNegative, ...], Field(max_length=1000)] = Field(
+        default=(), description="table: power per angle at these angles, of any scale; linear between, 0 beyond"
+    )
+    straightness_mrad: Annotated[tuple[Annotated[float, Field(ge=-100.0, le=100.0)], ...], Field(max_length=6)] = Field(
+        default=(), description="shape of the sheet: out-of-plane angle as a polynomial of the place along the line"
+    )
+    offset_x_mm: _Small = Field(default=0.0, description="shift of the sheet along sensor X")
+    turn_y_deg: _Small = Field(default=0.0, description="turn of the sheet about sensor Y, at the source")
+    turn_z_deg: _Small = Field(default=0.0, description="turn of the sheet about sensor Z, at the source, after turn_y")
+
+    @model_validator(mode="after")
+    def _profile_is_complete(self) -> Self:
+        if (self.profile == "gaussian") != (self.profile_half_width_deg is not None):
+            raise ValueError('profile = "gaussian" and profile_half_width_deg belong together')
+        if (self.profile == "table") != bool(self.profile_angle_deg or self.profile_power):
+            raise ValueError('profile = "table", profile_angle_deg and profile_power belong together')
+        angles = self.profile_angle_deg
+        if len(angles) != len(self.profile_power) or len(angles) == 1:
+            raise ValueError("profile_angle_deg and profile_power need as many numbers each, two at least")
+        if any(a >= b for a, b in pairwise(angles)):
+            raise ValueError(f"profile_angle_deg must ascend: {list(angles)}")
+        return self
 
 
 class RangeDescription(Description):

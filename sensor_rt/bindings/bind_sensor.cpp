@@ -1,6 +1,7 @@
 #include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 
+#include <array>
 #include <stdexcept>
 #include <string>
 
@@ -29,7 +30,7 @@ py::array_t<double> map_rows(const Doubles& rows, const char* name, py::ssize_t 
   py::array_t<double> result({rows.shape(0), to});
   for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
     const auto value = map(rows.data(i, 0));
-    for (py::ssize_t k = 0; k < to; ++k) result.mutable_at(i, k) = value[k];
+    for (py::ssize_t k = 0; k < to; ++k) result.mutable_at(i, k) = value[static_cast<std::size_t>(k)];
   }
   return result;
 }
@@ -50,6 +51,15 @@ py::array_t<double> view_rays(const Camera& camera, const Doubles& pixels) {
 py::array_t<double> paper_coordinates(const Camera& camera, const Doubles& pixels) {
   return map_rows(pixels, "pixels", 2, 2, [&](const double* p) {
     return camera.paper_coordinates({p[0], p[1]});
+  });
+}
+
+/// W/m² on elements that face the middle of the laser's source.
+py::array_t<double> laser_irradiance(const Sensor& sensor, const Doubles& points_in_sensor) {
+  const Rigid3 sheet_from_sensor = sensor.laser.sensor_from_sheet.inverse();
+  return map_rows(points_in_sensor, "points_in_sensor", 3, 1, [&](const double* p) {
+    const Eigen::Vector3d at = sheet_from_sensor * Eigen::Vector3d(p[0], p[1], p[2]);
+    return std::array<double, 1>{sensor.laser.irradiance_at(at.x(), at.y(), at.z())};
   });
 }
 
@@ -80,6 +90,7 @@ void bind_sensor(py::module_& module) {
       .def_property_readonly("cameras", [](const Sensor& s) { return s.cameras; })
       .def_property_readonly("exposure", [](const Sensor& s) { return s.detector.exposure; })
       .def_property_readonly("range", [](const Sensor& s) { return py::make_tuple(s.near, s.far); })
+      .def("laser_irradiance", &laser_irradiance, py::arg("points_in_sensor"))
       .def("trapezoid", &trapezoid, py::arg("camera") = 0);
 }
 

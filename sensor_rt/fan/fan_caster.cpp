@@ -1,5 +1,6 @@
 #include "sensor_rt/fan/fan_caster.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -15,8 +16,7 @@ constexpr double kBeforeSurface = 1.0 - 1e-4;
 
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
-/// Landing points in the plane x = 0 with their normals turned towards the light; used[lane] is 1 within
-/// near..far.
+/// Landing points with their normals turned towards the light; used[lane] is 1 within near..far.
 SENSOR_RT_MULTIVERSION
 void locate(double source_z, double near, double far, const Lanes3& __restrict d,
             const PacketHits& __restrict hits, Lanes3& __restrict point, Lanes3& __restrict normal,
@@ -24,13 +24,13 @@ void locate(double source_z, double near, double far, const Lanes3& __restrict d
   for (int l = 0; l < kLanes; ++l) {
     const double t = hits.t[l] < kNone ? hits.t[l] : 1.0;
     const double z = source_z + t * d.z[l];
-    const double facing = hits.normal.y[l] * d.y[l] + hits.normal.z[l] * d.z[l];
+    const double facing = hits.normal.x[l] * d.x[l] + hits.normal.y[l] * d.y[l] + hits.normal.z[l] * d.z[l];
     const double sign = facing > 0.0 ? -1.0 : 1.0;
     const double beyond_near = z >= near ? 1.0 : 0.0;
     const double before_far = z <= far ? 1.0 : 0.0;
     used[l] = beyond_near * before_far;
     cosine[l] = std::abs(facing);
-    point.x[l] = 0.0;
+    point.x[l] = t * d.x[l];
     point.y[l] = t * d.y[l];
     point.z[l] = z;
     normal.x[l] = sign * hits.normal.x[l];
@@ -63,19 +63,27 @@ void face(const double* __restrict eye, const Lanes3& __restrict point, const La
 }  // namespace
 
 FanCaster::FanCaster(const FanGeometry& geometry) : geometry_(geometry) {
+  const LaserSheet& laser = geometry_.laser;
+  const Rigid3 sheet_from_sensor = laser.sensor_from_sheet.inverse();
+  for (Camera& camera : geometry_.cameras) {
+    camera.sensor_from_camera = sheet_from_sensor * camera.sensor_from_camera;
+  }
   const int packets = (geometry_.rays + kLanes - 1) / kLanes;
   directions_.resize(static_cast<std::size_t>(packets));
   landings_.resize(directions_.size());
   for (int i = 0; i < packets * kLanes; ++i) {
-    const double angle = geometry_.laser.fan_half_angle * (2.0 * (i + 0.5) / geometry_.rays - 1.0);
-    Lanes3& packet = directions_[static_cast<std::size_t>(i / kLanes)];
-    packet.x[i % kLanes] = 0.0;
-    packet.y[i % kLanes] = std::sin(angle);
-    packet.z[i % kLanes] = std::cos(angle);
+    const double angle = laser.fan_half_angle * (2.0 * (i + 0.5) / geometry_.rays - 1.0);
+    const double bend = laser.bend_at(std::tan(angle) / std::tan(laser.fan_half_angle));
+    const Eigen::Vector3d way(bend * std::cos(angle), std::sin(angle), std::cos(angle));
+    set_lane(directions_[static_cast<std::size_t>(i / kLanes)], i % kLanes,
+             laser.is_straight() ? way : way.normalized());
+    relative_power_.push_back(i < geometry_.rays ? laser.relative_power(angle) : 0.0);
   }
-  laser_region_ = laser_region(geometry_.laser, 0.0);
+  laser_region_ = laser_region(laser, 0.0);
+  constexpr double kFarthest = 10.0;  // m
+  const double beyond = 1e-9 + laser.largest_bend() * std::min(geometry_.far, kFarthest);
   for (const Camera& camera : geometry_.cameras) {
-    camera_regions_.push_back(camera_region(camera, 1e-9));
+    camera_regions_.push_back(camera_region(camera, beyond));
     projectors_.emplace_back(camera);
   }
   points_.reserve(geometry_.cameras.size() * static_cast<std::size_t>(geometry_.rays));
@@ -86,14 +94,14 @@ const std::vector<FanPoint>& FanCaster::cast(const Scene& scene, const Exposures
   static const std::vector<double> kMiddle{0.5};
   static const std::vector<std::size_t> kOneInstant(kLanes, 0);
   points_.clear();
-  track_.set(scene, exposures, exposure, kMiddle);
+  track_.set(scene, exposures, exposure, kMiddle, geometry_.laser.sensor_from_sheet);
   const Eigen::Vector3d source(0.0, 0.0, geometry_.laser.source_z);
-  laser_view_.set(scene, track_, source, kOneInstant, laser_region_);
+  laser_view_.set(scene, track_, {source}, kOneInstant, laser_region_);
   if (laser_view_.empty()) return points_;
   land(scene);
   for (std::size_t k = 0; k < geometry_.cameras.size(); ++k) {
     const Eigen::Vector3d eye = geometry_.cameras[k].sensor_from_camera.translation;
-    camera_view_.set(scene, track_, eye, kOneInstant, camera_regions_[k]);
+    camera_view_.set(scene, track_, {eye}, kOneInstant, camera_regions_[k]);
     see(k);
   }
   return points_;
@@ -112,8 +120,9 @@ void FanCaster::land(const Scene& scene) {
     for (int l = 0; l < kLanes; ++l) {
       const bool hit = hits.shape[l] >= 0;
       landing.used[l] = hit ? landing.used[l] : 0.0;
-      landing.brightness[l] =
-          hit ? cosine[l] * scene.shapes()[static_cast<std::size_t>(hits.shape[l])].reflectance : 0.0;
+      landing.brightness[l] = hit ? cosine[l] * relative_power_[p * kLanes + static_cast<std::size_t>(l)] *
+                                        scene.shapes()[static_cast<std::size_t>(hits.shape[l])].reflectance
+                                  : 0.0;
     }
   }
 }
@@ -138,11 +147,8 @@ void FanCaster::see(std::size_t number) {
     for (int i = 0; i < kLanes; ++i) {
       const int l = camera.side > 0 ? kLanes - 1 - i : i;
       if (open[l] == 0) continue;
-      points_.push_back({{landing.point.x[l], landing.point.y[l], landing.point.z[l]},
-                         column[l],
-                         row[l],
-                         landing.brightness[l],
-                         static_cast<std::int32_t>(number)});
+      points_.push_back({geometry_.laser.sensor_from_sheet * lane(landing.point, l), column[l], row[l],
+                         landing.brightness[l], static_cast<std::int32_t>(number)});
     }
   }
 }

@@ -17,7 +17,7 @@ struct FanPoint {
   Eigen::Vector3d point;  ///< sensor frame, m
   double column;          ///< px, where the camera sees the point
   double row;
-  double brightness;  ///< reflectance times cosine of incidence
+  double brightness;  ///< reflectance times cosine of incidence, and the laser's power there over the mean
   std::int32_t camera;
 };
 
@@ -25,7 +25,7 @@ struct FanPoint {
 struct FanGeometry {
   std::vector<Camera> cameras;
   LaserSheet laser;
-  double near = 0.0;  ///< points with sensor z outside [near, far] are left out
+  double near = 0.0;  ///< points with z outside [near, far] of the sheet are left out
   double far = 0.0;
   int rays = 0;
 };
@@ -55,6 +55,7 @@ class FanCaster {
   FanGeometry geometry_;
   std::vector<Projector> projectors_;
   std::vector<Lanes3> directions_;
+  std::vector<double> relative_power_;  ///< per ray
   std::vector<HalfSpace> laser_region_;
   std::vector<std::vector<HalfSpace>> camera_regions_;
   PoseTrack track_;

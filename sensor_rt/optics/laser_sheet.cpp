@@ -1,20 +1,63 @@
 #include "sensor_rt/optics/laser_sheet.h"
 
+#include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 namespace sensor_rt {
+namespace {
+
+/// Linear between nodes, 0 beyond them.
+double interpolate(const std::vector<double>& at, const std::vector<double>& value, double x) {
+  if (!(x >= at.front() && x <= at.back())) return 0.0;
+  const auto above = std::upper_bound(at.begin() + 1, at.end() - 1, x);
+  const auto i = static_cast<std::size_t>(above - at.begin());
+  const double share = (x - at[i - 1]) / (at[i] - at[i - 1]);
+  return (1.0 - share) * value[i - 1] + share * value[i];
+}
+
+}  // namespace
 
 double LaserSheet::sigma_at(double z) const { return std::hypot(sheet_sigma, divergence * (z - waist_z)); }
 
+double LaserSheet::largest_bend() const {
+  double sum = 0.0;
+  for (const double coefficient : straightness) sum += std::abs(coefficient);
+  return sum;
+}
+
+double LaserSheet::relative_power(double angle) const {
+  return is_even() ? 1.0 : interpolate(profile_angle, profile_power, angle);
+}
+
+void LaserSheet::normalise_profile() {
+  if (is_even()) return;
+  std::vector<double> nodes{-fan_half_angle, fan_half_angle};
+  for (const double angle : profile_angle) {
+    if (std::abs(angle) < fan_half_angle) nodes.push_back(angle);
+  }
+  std::sort(nodes.begin(), nodes.end());
+  double integral = 0.0;  // the profile jumps to 0 beyond its nodes, so each piece is judged from its middle
+  for (std::size_t i = 1; i < nodes.size(); ++i) {
+    integral += (nodes[i] - nodes[i - 1]) *
+                interpolate(profile_angle, profile_power, 0.5 * (nodes[i] + nodes[i - 1]));
+  }
+  if (!(integral > 0.0)) throw std::invalid_argument("the profile of the laser has no light within the fan");
+  for (double& value : profile_power) value *= 2.0 * fan_half_angle / integral;
+}
+
 double LaserSheet::irradiance_at(double x, double y, double z) const {
   const double depth = z - source_z;
-  if (!(depth > 0.0) || !(std::abs(std::atan2(y, depth)) <= fan_half_angle)) return 0.0;
+  if (!(depth > 0.0)) return 0.0;
+  const double angle = std::atan2(y, depth);
+  if (!(std::abs(angle) <= fan_half_angle)) return 0.0;
   const double sigma = sigma_at(z);
+  const double across = x - depth * bend_at(y / (depth * std::tan(fan_half_angle)));
   // Power per radian of fan, spread over the arc at this distance, times a Gaussian of unit area across the
   // sheet.
-  const double per_metre = power / (2.0 * fan_half_angle * std::hypot(y, depth));
+  const double per_metre = power * relative_power(angle) / (2.0 * fan_half_angle * std::hypot(y, depth));
   constexpr double kInverseSqrtTwoPi = 0.3989422804014327;
-  return per_metre * kInverseSqrtTwoPi / sigma * std::exp(-0.5 * (x / sigma) * (x / sigma));
+  return per_metre * kInverseSqrtTwoPi / sigma * std::exp(-0.5 * (across / sigma) * (across / sigma));
 }
 
 }  // namespace sensor_rt

@@ -29,12 +29,14 @@ std::vector<HalfSpace> laser_region(const LaserSheet& laser, double slope) {
   const Eigen::Vector3d source(0.0, 0.0, laser.source_z);
   const double c = std::cos(laser.fan_half_angle);
   const double s = std::sin(laser.fan_half_angle);
+  const double bent = slope + laser.largest_bend();
   constexpr double kSlack = 1e-9;
   std::vector<HalfSpace> region;
   for (const Eigen::Vector3d& normal :
        {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0, -c, s), Eigen::Vector3d(0, c, s),
-        Eigen::Vector3d(-1, 0, slope), Eigen::Vector3d(1, 0, slope)}) {
-    region.push_back({normal, normal.dot(source) - kSlack});
+        Eigen::Vector3d(-1, 0, bent), Eigen::Vector3d(1, 0, bent)}) {
+    const double from_its_ends = 0.5 * laser.opening * std::abs(normal.y());
+    region.push_back({normal, normal.dot(source) - from_its_ends - kSlack});
   }
   return region;
 }
@@ -71,7 +73,8 @@ DepthRange visible_depth(const Camera& camera) {
   visit_border(camera, [&](const Eigen::Vector3d& in_camera) {
     const Eigen::Vector3d d = camera.sensor_from_camera.rotation * in_camera;
     const double towards = -camera.side * d.x();  // rays that run away from the sheet never meet it
-    const double t = towards > 0.0 ? camera.baseline / towards : std::numeric_limits<double>::infinity();
+    const double away = camera.side * camera.sensor_from_camera.translation.x();
+    const double t = towards > 0.0 ? away / towards : std::numeric_limits<double>::infinity();
     const double z = camera.sensor_from_camera.translation.z() + t * d.z();
     depth.near = std::min(depth.near, z);
     depth.far = std::max(depth.far, z);

@@ -9,7 +9,7 @@
 
 namespace sensor_rt {
 
-/// Rays from the source within the fan whose |x| grows by at most `slope` per metre along z.
+/// Rays from the source within the fan that lie within `slope` (x per metre along z) of the sheet's middle.
 std::vector<HalfSpace> laser_region(const LaserSheet& laser, double slope);
 
 /// The camera's field of view, cut off `beyond` metres behind the laser sheet: what lies further away can

@@ -86,6 +86,12 @@ std::size_t JsonObject::choice(const std::string& key, const std::vector<std::st
 std::vector<double> JsonObject::numbers(const std::string& key, std::size_t count) {
   const nlohmann::json& value = take(key);
   if (!value.is_array() || value.size() != count) fail(key, "expected " + std::to_string(count) + " numbers");
+  return numbers(key);
+}
+
+std::vector<double> JsonObject::numbers(const std::string& key) {
+  const nlohmann::json& value = take(key);
+  if (!value.is_array()) fail(key, "expected a list of numbers");
   std::vector<double> result;
   for (const nlohmann::json& item : value) {
     if (!item.is_number() || !std::isfinite(item.get<double>())) fail(key, "expected finite numbers");

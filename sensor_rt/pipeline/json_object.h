@@ -24,6 +24,8 @@ class JsonObject {
   /// Position of the text in `choices`.
   std::size_t choice(const std::string& key, const std::vector<std::string>& choices);
   std::vector<double> numbers(const std::string& key, std::size_t count);
+  /// Any number of them.
+  std::vector<double> numbers(const std::string& key);
   JsonObject object(const std::string& key);
   std::vector<JsonObject> objects(const std::string& key);
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <stdexcept>
 
@@ -9,6 +10,39 @@
 
 namespace sensor_rt {
 namespace {
+
+void read_profile(JsonObject& json, LaserSheet& laser) {
+  laser.profile_angle = json.numbers("profile_angle");
+  laser.profile_power = json.numbers("profile_power");
+  if (laser.profile_angle.size() == 1) json.fail("profile_angle", "expected no angle, or two and more");
+  if (laser.profile_angle.size() != laser.profile_power.size()) {
+    json.fail("profile_power", "expected as many numbers as profile_angle has");
+  }
+  if (std::adjacent_find(laser.profile_angle.begin(), laser.profile_angle.end(),
+                         std::greater_equal<double>()) != laser.profile_angle.end()) {
+    json.fail("profile_angle", "expected ascending angles");
+  }
+  if (std::any_of(laser.profile_power.begin(), laser.profile_power.end(), [](double p) { return p < 0.0; })) {
+    json.fail("profile_power", "must not be negative");
+  }
+  try {
+    laser.normalise_profile();
+  } catch (const std::invalid_argument& error) {
+    json.fail("profile_power", error.what());
+  }
+}
+
+/// Turned about the middle of the source, about sensor Y first, then shifted along X.
+Rigid3 sheet_pose(double offset_x, double turn_y, double turn_z, double source_z) {
+  Rigid3 about_source;
+  about_source.rotation = (Eigen::AngleAxisd(turn_z, Eigen::Vector3d::UnitZ()) *
+                           Eigen::AngleAxisd(turn_y, Eigen::Vector3d::UnitY()))
+                              .toRotationMatrix();
+  about_source.translation = {offset_x, 0.0, source_z};
+  Rigid3 to_source;
+  to_source.translation = {0.0, 0.0, -source_z};
+  return about_source * to_source;
+}
 
 LaserSheet read_laser(JsonObject json) {
   LaserSheet laser;
@@ -20,6 +54,12 @@ LaserSheet read_laser(JsonObject json) {
   laser.sheet_sigma = json.positive("sheet_sigma");
   laser.waist_z = json.number("waist_z");
   laser.divergence = json.non_negative("divergence");
+  laser.opening = json.non_negative("opening");
+  const std::vector<double> straightness = json.numbers("straightness", laser.straightness.size());
+  std::copy(straightness.begin(), straightness.end(), laser.straightness.begin());
+  read_profile(json, laser);
+  laser.sensor_from_sheet =
+      sheet_pose(json.number("offset_x"), json.number("turn_y"), json.number("turn_z"), laser.source_z);
   json.finish();
   return laser;
 }

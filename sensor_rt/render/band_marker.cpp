@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace sensor_rt {
 namespace {
@@ -80,14 +81,15 @@ void BandMarker::lay_grid(const PoseTrack& track) {
   rays_.clear();
   const double half = plan_.settings.model.laser.fan_half_angle;
   for (const std::size_t instant : chosen) {
-    for (std::size_t j = 0; j < slopes_; ++j) {
+    for (std::size_t line = 0; line < grid_.sources() * slopes_; ++line) {
+      const std::size_t j = line % slopes_;
       const double slope =
           plan_.slope * (2.0 * static_cast<double>(j) / static_cast<double>(slopes_ - 1) - 1.0);
       for (std::size_t i = 0; i < angles_; ++i) {
         const double angle = half * (2.0 * static_cast<double>(i) / static_cast<double>(angles_ - 1) - 1.0);
-        rays_.push_back({angle, slope, instant});
+        rays_.push_back({angle, slope, instant, line / slopes_});
       }
-      // Packets do not mix instants.
+      // Packets mix neither instants nor sources.
       while (rays_.size() % kLanes != 0) rays_.push_back(rays_.back());
     }
   }
@@ -95,17 +97,19 @@ void BandMarker::lay_grid(const PoseTrack& track) {
 
 void BandMarker::visit_grid(std::vector<PixelMask>& masks) {
   const std::size_t row = (angles_ + kLanes - 1) / kLanes * kLanes;
-  const auto at = [&](std::size_t instant, std::size_t j, std::size_t i) {
-    return (instant * slopes_ + j) * row + i;
-  };
+  const std::size_t to_source = slopes_ * row;
+  const std::size_t to_instant = grid_.sources() * to_source;
   const auto pair = [&](std::size_t a, std::size_t b) { visit({rays_[a], rays_[b], a, b, 0}, masks); };
   for (std::size_t instant = 0; instant < instants_; ++instant) {
-    for (std::size_t j = 0; j < slopes_; ++j) {
-      for (std::size_t i = 0; i < angles_; ++i) {
-        const std::size_t here = at(instant, j, i);
-        if (i + 1 < angles_) pair(here, at(instant, j, i + 1));
-        if (j + 1 < slopes_) pair(here, at(instant, j + 1, i));
-        if (instant + 1 < instants_) pair(here, at(instant + 1, j, i));
+    for (std::size_t source = 0; source < grid_.sources(); ++source) {
+      for (std::size_t j = 0; j < slopes_; ++j) {
+        for (std::size_t i = 0; i < angles_; ++i) {
+          const std::size_t here = instant * to_instant + source * to_source + j * row + i;
+          if (i + 1 < angles_) pair(here, here + 1);
+          if (j + 1 < slopes_) pair(here, here + row);
+          if (source + 1 < grid_.sources()) pair(here, here + to_source);
+          if (instant + 1 < instants_) pair(here, here + to_instant);
+        }
       }
     }
   }
@@ -148,6 +152,7 @@ BandMarker::Relation BandMarker::relate(const Gap& gap) const {
 }
 
 bool BandMarker::worth_halving(const Gap& gap, Relation relation) {
+  if (gap.from.source != gap.to.source) return false;
   if (gap.from.instant != gap.to.instant) return gap.to.instant > gap.from.instant + 1;
   if (relation == Relation::kSteep) return gap.depth < kSteepDepth;
   return gap.depth < (relation == Relation::kVoid ? kVoidDepth : kEdgeDepth);
@@ -167,16 +172,17 @@ void BandMarker::visit(const Gap& gap, std::vector<PixelMask>& masks) {
 }
 
 void BandMarker::refine(std::vector<PixelMask>& masks) {
-  // Packets share an instant: order the gaps by it, keeping neighbours together.
+  // Packets share an instant and a source: order the gaps by them, keeping neighbours together.
   std::stable_sort(gaps_.begin(), gaps_.end(), [](const Gap& a, const Gap& b) {
-    return a.from.instant + a.to.instant < b.from.instant + b.to.instant;
+    return std::make_pair(a.from.instant + a.to.instant, a.from.source) <
+           std::make_pair(b.from.instant + b.to.instant, b.from.source);
   });
   middle_.clear();
   next_gaps_.clear();
   for (const Gap& gap : gaps_) {
     const FanRay ray{0.5 * (gap.from.angle + gap.to.angle), 0.5 * (gap.from.slope + gap.to.slope),
-                     (gap.from.instant + gap.to.instant) / 2};
-    while (middle_.size() % kLanes != 0 && middle_.back().instant != ray.instant) {
+                     (gap.from.instant + gap.to.instant) / 2, gap.from.source};
+    while (middle_.size() % kLanes != 0 && !middle_.back().shares_packet_with(ray)) {
       middle_.push_back(middle_.back());
       next_gaps_.push_back(next_gaps_.back());
     }

@@ -11,13 +11,14 @@ namespace sensor_rt {
 
 /// Marks every pixel that may see light of the laser at some instant of an exposure.
 ///
-/// A grid of laser rays covers the sheet: across the fan, through its thickness and over the exposure. Each
-/// ray lands where light lands, whatever lies behind it, so that steps, occlusions and several stripes per
-/// column need no case of their own. Neighbours bound a piece of surface when they land within a few pixels
-/// of each other in every camera and on each other's tangent plane; the pixels between them are marked.
-/// Elsewhere more rays are cast, halving the gap until that holds, or an edge is closed in to a fraction of a
-/// pixel, or to less than a thousandth of the spacing where the surface falls away steeply. What may escape
-/// is a feature thinner than the spacing of the rays that leaves no trace in its neighbours.
+/// A grid of laser rays covers the sheet: across the fan, through its thickness, along its source and over
+/// the exposure. Each ray lands where light lands, whatever lies behind it, so that steps, occlusions and
+/// several stripes per column need no case of their own. Neighbours bound a piece of surface when they land
+/// within a few pixels of each other in every camera and on each other's tangent plane; the pixels between
+/// them are marked. Elsewhere more rays are cast, halving the gap until that holds, or an edge is closed in
+/// to a fraction of a pixel, or to less than a thousandth of the spacing where the surface falls away
+/// steeply. What may escape is a feature thinner than the spacing of the rays that leaves no trace in its
+/// neighbours.
 class BandMarker {
  public:
   explicit BandMarker(const RenderPlan& plan);
@@ -59,7 +60,7 @@ class BandMarker {
   std::size_t angles_;
   std::size_t slopes_;
   std::size_t instants_ = 0;  ///< of the grid
-  std::vector<FanRay> rays_;  ///< [instant][slope][angle], then what refinement adds
+  std::vector<FanRay> rays_;  ///< [instant][source][slope][angle], then what refinement adds
   FanLandings landings_;
   std::vector<Gap> gaps_;
   std::vector<Gap> next_gaps_;

@@ -12,11 +12,11 @@ void ExposureViews::set(const RenderPlan& plan, const Scene& new_scene, const Po
     lane_instants[i] = track.instants() > 1 ? plan.pattern.instant[std::min(i, samples - 1)] : 0;
   }
   const SensorModel& model = plan.settings.model;
-  laser.set(new_scene, track, {0.0, 0.0, model.laser.source_z}, lane_instants, plan.laser_region);
+  laser.set(new_scene, track, plan.lane_sources, lane_instants, plan.laser_region);
   cameras.resize(model.cameras.size());
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const Eigen::Vector3d centre = model.cameras[c].sensor_from_camera.translation;
-    cameras[c].set(new_scene, track, centre, lane_instants, plan.camera_regions[c]);
+    cameras[c].set(new_scene, track, {centre}, lane_instants, plan.camera_regions[c]);
   }
   free.set(new_scene, track);
 }

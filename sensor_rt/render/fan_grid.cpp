@@ -13,17 +13,26 @@ void FanLandings::resize(std::size_t rays, std::size_t cameras) {
 
 FanGrid::FanGrid(const RenderPlan& plan) : plan_(plan) {
   for (const Camera& camera : plan.settings.model.cameras) projectors_.emplace_back(camera);
+  constexpr double kStep = 3.0;  // px between neighbouring points of the source
+  const double opening = plan.settings.model.laser.opening;
+  const auto steps = static_cast<int>(std::ceil(opening / (kStep * plan.pixel_size)));
+  for (int k = 0; k <= steps; ++k) source_y_.push_back(steps > 0 ? opening * (1.0 * k / steps - 0.5) : 0.0);
 }
 
 void FanGrid::set(const Scene& scene, const PoseTrack& track) {
-  lane_instants_.resize(track.instants() * kLanes);
-  for (std::size_t i = 0; i < lane_instants_.size(); ++i) lane_instants_[i] = i / kLanes;
-  const Eigen::Vector3d source(0.0, 0.0, plan_.settings.model.laser.source_z);
-  view_.set(scene, track, source, lane_instants_, plan_.laser_region);
+  const std::size_t lanes = track.instants() * sources() * kLanes;
+  lane_instants_.resize(lanes);
+  lane_sources_.resize(lanes);
+  for (std::size_t i = 0; i < lanes; ++i) {
+    lane_instants_[i] = i / kLanes / sources();
+    lane_sources_[i] = {0.0, source_y_[i / kLanes % sources()], plan_.settings.model.laser.source_z};
+  }
+  view_.set(scene, track, lane_sources_, lane_instants_, plan_.laser_region);
 }
 
 void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
   const LaserSheet& laser = plan_.settings.model.laser;
+  const double tangent = std::tan(laser.fan_half_angle);
   out.resize(rays.size(), projectors_.size());
   for (std::size_t first = 0; first < rays.size(); first += kLanes) {
     const int lanes = static_cast<int>(std::min<std::size_t>(kLanes, rays.size() - first));
@@ -31,18 +40,21 @@ void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
     alignas(64) int valid[kLanes];
     for (int l = 0; l < kLanes; ++l) {
       const FanRay& ray = rays[first + static_cast<std::size_t>(std::min(l, lanes - 1))];
-      direction.x[l] = ray.slope;
       direction.y[l] = std::sin(ray.angle);
       direction.z[l] = std::cos(ray.angle);
+      const double place = direction.y[l] / (direction.z[l] * tangent);
+      direction.x[l] = ray.slope + direction.z[l] * laser.bend_at(place);
       valid[l] = l < lanes ? -1 : 0;
     }
+    const double source_y = source_y_[rays[first].source];
     PacketHits hits;
-    view_.intersect(rays[first].instant, direction, valid, std::numeric_limits<double>::infinity(), hits);
+    view_.intersect(rays[first].instant * sources() + rays[first].source, direction, valid,
+                    std::numeric_limits<double>::infinity(), hits);
     Lanes3 point;
     for (int l = 0; l < kLanes; ++l) {
       const double t = hits.shape[l] >= 0 ? hits.t[l] : 1.0;
       point.x[l] = t * direction.x[l];
-      point.y[l] = t * direction.y[l];
+      point.y[l] = t * direction.y[l] + source_y;
       point.z[l] = t * direction.z[l] + laser.source_z;
     }
     for (int l = 0; l < lanes; ++l) {
@@ -50,7 +62,9 @@ void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
       landing.shape = hits.shape[l];
       landing.point = Eigen::Vector3d(point.x[l], point.y[l], point.z[l]).cast<float>();
       landing.normal = Eigen::Vector3d(hits.normal.x[l], hits.normal.y[l], hits.normal.z[l]).cast<float>();
-      landing.across = static_cast<float>(point.x[l] / (kSheetReach * laser.sigma_at(point.z[l])));
+      const FanRay& ray = rays[first + static_cast<std::size_t>(l)];
+      const double off_middle = hits.shape[l] >= 0 ? hits.t[l] * ray.slope : ray.slope;
+      landing.across = static_cast<float>(off_middle / (kSheetReach * laser.sigma_at(point.z[l])));
     }
     for (std::size_t c = 0; c < projectors_.size(); ++c) {
       alignas(64) double column[kLanes];

@@ -12,17 +12,23 @@
 
 namespace sensor_rt {
 
-/// A laser ray: angle across the fan, slope out of its plane (x per distance), instant of the exposure.
+/// A laser ray: angle across the fan, slope off the middle of the sheet (x per distance), instant of the
+/// exposure, and which point of the source it leaves.
 struct FanRay {
   double angle = 0.0;
   double slope = 0.0;
   std::size_t instant = 0;
+  std::size_t source = 0;
+
+  bool shares_packet_with(const FanRay& other) const {
+    return instant == other.instant && source == other.source;
+  }
 };
 
 /// Where a ray landed. Pixel coordinates are kept as floats: they serve to mark pixels, not to measure.
 struct Landing {
   std::int32_t shape = -1;  ///< -1: nowhere
-  float across = 0.0f;      ///< x in units of the half width of the sheet there: light within [-1, 1]
+  float across = 0.0f;      ///< place across the sheet in units of its half width: light within [-1, 1]
   Eigen::Vector3f point = Eigen::Vector3f::Zero();
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
 
@@ -49,14 +55,20 @@ class FanGrid {
   /// Numbers of the shapes that the laser can reach.
   const std::vector<std::size_t>& shapes() const { return view_.shapes(); }
 
-  /// Casts `rays`, which share the instant of the first of each sixteen.
+  /// Number of points that stand for the source.
+  std::size_t sources() const { return source_y_.size(); }
+
+  /// Casts `rays`, which share instant and source with the first of each sixteen.
   void cast(const std::vector<FanRay>& rays, FanLandings& out);
 
  private:
   const RenderPlan& plan_;
   RayView view_;
   std::vector<Projector> projectors_;
+  std::vector<double> source_y_;
+  // Of packets [instant][source]:
   std::vector<std::size_t> lane_instants_;
+  std::vector<Eigen::Vector3d> lane_sources_;
 };
 
 }  // namespace sensor_rt

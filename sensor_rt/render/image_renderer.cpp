@@ -40,7 +40,8 @@ ImageRenderer::ImageRenderer(const RenderPlan& plan)
 
 void ImageRenderer::render(const Scene& scene, const Exposures& exposures, std::size_t exposure,
                            std::vector<SparseImage>& images) {
-  track_.set(scene, exposures, exposure, is_still(exposures, exposure) ? middle_ : fractions_);
+  track_.set(scene, exposures, exposure, is_still(exposures, exposure) ? middle_ : fractions_,
+             plan_.sensor_from_reference);
   has_mirrors_ = std::any_of(scene.shapes().begin(), scene.shapes().end(),
                              [](const Shape& shape) { return shape.surface->material().is_mirror(); });
   find_pixels(scene);

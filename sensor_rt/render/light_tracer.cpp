@@ -76,12 +76,13 @@ void LightTracer::emit(Packet& packet, std::uint32_t first) {
     const std::uint32_t photon = first + static_cast<std::uint32_t>(l);
     const double angle = laser.fan_half_angle * (2.0 * wrap(recurrence(photon, 0) + shift[0]) - 1.0);
     const double u = std::clamp(wrap(recurrence(photon, 1) + shift[1]), 1e-9, 1.0 - 1e-9);
-    packet.slope[l] = scale * std::log(u / (1.0 - u));
+    const double bend = laser.bend_at(std::tan(angle) / std::tan(laser.fan_half_angle));
+    packet.slope[l] = scale * std::log(u / (1.0 - u)) + bend * std::cos(angle);
     const double density = u * (1.0 - u) / scale / (2.0 * laser.fan_half_angle);
     packet.power[l] = 1.0 / (photons_ * density);
     packet.alive[l] = photon < photons_ ? -1 : 0;
     packet.spacing[l] = packet.opening[l] = 0.0;
-    set_lane(packet.origin, l, {0.0, 0.0, laser.source_z});
+    set_lane(packet.origin, l, plan_.source(packet.number, l));
     set_lane(packet.direction, l, {packet.slope[l], std::sin(angle), std::cos(angle)});
   }
 }
@@ -96,7 +97,8 @@ void LightTracer::land_first(Packet& packet) const {
     const double t = packet.hits.t[l];
     const Eigen::Vector3d at = lane(packet.origin, l) + t * lane(packet.direction, l);
     const double across = t * t / std::sqrt(1.0 + packet.slope[l] * packet.slope[l]);
-    packet.power[l] *= across * laser.irradiance_at(at.x(), at.y(), at.z());
+    const double y_from_source = at.y() - packet.origin.y[l];
+    packet.power[l] *= across * laser.irradiance_at(at.x(), y_from_source, at.z());
     packet.counts[l] = !mirrors_first_ || views_->reflection(packet.hits.shape[l]).material().is_mirror();
     packet.alive[l] = packet.power[l] > 0.0 && packet.counts[l] ? -1 : 0;
   }

@@ -29,7 +29,6 @@ void PathTracer::set(const ExposureViews& views, std::int64_t frame) {
 
 double PathTracer::laser_light(Packet& packet) {
   const LaserSheet& laser = plan_.settings.model.laser;
-  const Eigen::Vector3d source(0.0, 0.0, laser.source_z);
   Lanes3 from_source;
   double light[kLanes];
   alignas(64) int open[kLanes];
@@ -39,10 +38,11 @@ double PathTracer::laser_light(Packet& packet) {
     set_lane(from_source, l, Eigen::Vector3d::UnitZ());
     if (packet.alive[l] == 0) continue;
     const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+    const Eigen::Vector3d source = plan_.source(packet.number, l);
     const Eigen::Vector3d way = at.position - source;
     const double facing = -at.normal.dot(way);
     if (!(facing > 0.0)) continue;
-    const double irradiance = laser.irradiance_at(at.position.x(), at.position.y(), at.position.z());
+    const double irradiance = laser.irradiance_at(way.x(), way.y(), at.position.z());
     if (irradiance == 0.0) continue;
     const double distance = way.norm();
     light[l] =

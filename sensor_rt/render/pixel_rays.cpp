@@ -23,7 +23,8 @@ void spread_directions(const double* __restrict axes, const double* __restrict r
 }  // namespace
 
 PixelRays::PixelRays(const RenderPlan& plan) : plan_(plan) {
-  const std::size_t padded = (plan.pattern.size() + kLanes - 1) / kLanes * kLanes;
+  const std::size_t padded = plan.pattern.padded_size();
+  eyes_.resize(padded / kLanes);
   for (std::size_t i = 0; i < padded; ++i) {
     const std::size_t sample = std::min(i, plan.pattern.size() - 1);
     sample_column_.push_back(plan.pattern.column[sample]);
@@ -36,6 +37,9 @@ void PixelRays::select_camera(std::size_t camera) {
   camera_ = &plan_.settings.model.cameras[camera];
   for (int k = 0; k < 9; ++k) axes_[k] = camera_->sensor_from_camera.rotation(k % 3, k / 3);
   for (int k = 0; k < 3; ++k) eye_[k] = camera_->sensor_from_camera.translation[k];
+  for (Lanes3& eyes : eyes_) {
+    for (int l = 0; l < kLanes; ++l) set_lane(eyes, l, camera_->sensor_from_camera.translation);
+  }
 }
 
 PixelRays::PixelRay PixelRays::pixel_ray(int column, int row) const {

@@ -25,7 +25,10 @@ class PixelRays {
   /// Electrons per second in a pixel from a surface that sends back `irradiance` diffusely.
   double electrons(int column, int row, double irradiance) const;
 
+  /// Where rays start; all in one point, the middle of the lens.
   const double* eye() const { return eye_; }
+  /// Where the rays of the `packet`-th sixteen samples start.
+  const Lanes3& eyes(std::size_t packet) const { return eyes_[packet]; }
 
  private:
   struct PixelRay {
@@ -43,6 +46,7 @@ class PixelRays {
   const Camera* camera_ = nullptr;
   double axes_[9] = {};  ///< camera x, y, z in the sensor frame
   double eye_[3] = {};
+  std::vector<Lanes3> eyes_;
 };
 
 }  // namespace sensor_rt

@@ -12,7 +12,12 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 }  // namespace
 
 PixelTracer::PixelTracer(const RenderPlan& plan)
-    : plan_(plan), rays_(plan), sheet_(plan.settings.model.laser) {}
+    : plan_(plan), rays_(plan), sheet_(plan.settings.model.laser) {
+  sources_.resize(plan.pattern.padded_size() / kLanes);
+  for (std::size_t packet = 0; packet < sources_.size(); ++packet) {
+    for (int l = 0; l < kLanes; ++l) set_lane(sources_[packet], l, plan.source(packet, l));
+  }
+}
 
 void PixelTracer::set(const ExposureViews& views) {
   views_ = &views;
@@ -43,7 +48,11 @@ double PixelTracer::sum_packet(std::size_t packet, const Lanes3& direction, cons
   Lanes3 from_source;
   alignas(64) double irradiance[kLanes];
   alignas(64) int lit[kLanes];
-  sheet_.light(rays_.eye(), direction, hits, from_source, irradiance, lit);
+  if (sheet_.is_simple()) {
+    sheet_.light(rays_.eye(), direction, hits, from_source, irradiance, lit);
+  } else {
+    sheet_.light(rays_.eyes(packet), sources_[packet], direction, hits, from_source, irradiance, lit);
+  }
   const bool any = std::any_of(lit, lit + kLanes, [](int lane) { return lane != 0; });
   if (any) views_->laser.occlude(packet, from_source, kBeforeSurface, lit);
   const double ambient = plan_.settings.model.ambient_irradiance;

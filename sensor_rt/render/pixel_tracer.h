@@ -50,6 +50,7 @@ class PixelTracer {
   const RenderPlan& plan_;
   PixelRays rays_;
   SheetLight sheet_;
+  std::vector<Lanes3> sources_;  ///< per packet
   const ExposureViews* views_ = nullptr;
   std::vector<Surface> surfaces_;  ///< per shape
 };

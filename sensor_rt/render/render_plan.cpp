@@ -44,10 +44,33 @@ double largest_slope(const SensorModel& model) {
   return slope * 1.02;  // the depths are sampled
 }
 
+/// The same sensor with its cameras placed in the frame of the sheet.
+RenderSettings in_frame_of_sheet(RenderSettings settings) {
+  const Rigid3 sheet_from_sensor = settings.model.laser.sensor_from_sheet.inverse();
+  for (Camera& camera : settings.model.cameras) {
+    camera.sensor_from_camera = sheet_from_sensor * camera.sensor_from_camera;
+  }
+  return settings;
+}
+
+std::vector<Eigen::Vector3d> spread_sources(const LaserSheet& laser, const SamplingPattern& pattern) {
+  const Eigen::Vector3d middle(0.0, 0.0, laser.source_z);
+  if (laser.opening == 0.0) return {middle};
+  std::vector<Eigen::Vector3d> sources;
+  for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
+    const double place = pattern.source[std::min(i, pattern.size() - 1)];
+    sources.push_back(middle + Eigen::Vector3d(0.0, laser.opening * place, 0.0));
+  }
+  return sources;
+}
+
 }  // namespace
 
 RenderPlan::RenderPlan(const RenderSettings& given)
-    : settings(given), pattern(make_sampling_pattern(static_cast<std::size_t>(given.samples_per_pixel))) {
+    : settings(in_frame_of_sheet(given)),
+      pattern(make_sampling_pattern(static_cast<std::size_t>(given.samples_per_pixel))),
+      sensor_from_reference(given.model.laser.sensor_from_sheet),
+      lane_sources(spread_sources(given.model.laser, pattern)) {
   const SensorModel& model = settings.model;
   slope = largest_slope(model);
   laser_region = sensor_rt::laser_region(model.laser, slope / std::cos(model.laser.fan_half_angle));
@@ -59,8 +82,9 @@ RenderPlan::RenderPlan(const RenderSettings& given)
     const Eigen::Vector3d nearest(0.0, 0.0, depth.near);
     pixel_size =
         std::min(pixel_size, (nearest - camera.sensor_from_camera.translation).norm() / camera.focal_px);
-    beyond = std::max(
-        {beyond, kSheetReach * model.laser.sigma_at(depth.near), kSheetReach * model.laser.sigma_at(far)});
+    const double bend = model.laser.largest_bend() * (far - model.laser.source_z);
+    beyond = std::max({beyond, kSheetReach * model.laser.sigma_at(depth.near) + bend,
+                       kSheetReach * model.laser.sigma_at(far) + bend});
   }
   for (const Camera& camera : model.cameras) {
     // Ambient and reflected light make everything in view visible, not only what the laser can reach.

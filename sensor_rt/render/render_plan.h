@@ -33,8 +33,12 @@ constexpr double kBeforeSurface = 1.0 - 1e-4;
 struct RenderPlan {
   explicit RenderPlan(const RenderSettings& settings);
 
-  RenderSettings settings;
+  RenderSettings settings;  ///< with the cameras placed in the reference frame
   SamplingPattern pattern;
+  /// Light is followed in the frame of the sheet, so that a sheet out of place is as easy as one in place.
+  Rigid3 sensor_from_reference;
+  /// Where the light of each sample of a pixel starts: one for all, or padded to whole packets.
+  std::vector<Eigen::Vector3d> lane_sources;
   double slope = 0.0;       ///< |x| / distance from the source that holds all light where any camera sees it
   double pixel_size = 0.0;  ///< smallest distance between neighbouring pixels on surfaces in the field, m
   std::vector<HalfSpace> laser_region;
@@ -42,6 +46,12 @@ struct RenderPlan {
   std::vector<double>
       electrons_per_irradiance;  ///< per camera: electrons per second and per W/m² of diffusely
                                  ///< reflected irradiance, for a pixel on the optical axis
+
+  /// Where the light of lane l of the `packet`-th sixteen samples of a pixel starts.
+  const Eigen::Vector3d& source(std::size_t packet, int l) const {
+    return lane_sources.size() == 1 ? lane_sources.front()
+                                    : lane_sources[packet * kLanes + static_cast<std::size_t>(l)];
+  }
 };
 
 }  // namespace sensor_rt

@@ -27,24 +27,37 @@ long long best_generator(long long n, const Quality& quality) {
   return best;
 }
 
+/// Generator of one more dimension that fills the plane with each of the dimensions so far: dimensions with
+/// generators a and g are a lattice of their own, whose generator r satisfies r * a = g.
+long long next_generator(long long n, const std::vector<long long>& so_far) {
+  return best_generator(n, [&](long long g) {
+    long long worst = n * n;
+    for (const long long a : so_far) {
+      long long r = 0;
+      while (r < n && (r * a - g) % n != 0) ++r;
+      worst = std::min(worst, g == a ? 0 : shortest_hidden_wave(n, r));
+    }
+    return worst;
+  });
+}
+
 }  // namespace
 
 SamplingPattern make_sampling_pattern(std::size_t samples) {
   const auto n = static_cast<long long>(samples);
   const long long to_column = best_generator(n, [&](long long g) { return shortest_hidden_wave(n, g); });
-  // Time against row matters as much as time against column; with time = g * i and column = to_column * i,
-  // the second pair is a lattice of its own, whose generator r satisfies r * to_column = g.
-  const long long to_time = best_generator(n, [&](long long g) {
-    long long r = 0;
-    while (r < n && (r * to_column - g) % n != 0) ++r;
-    return g == to_column ? 0 : std::min(shortest_hidden_wave(n, g), shortest_hidden_wave(n, r));
-  });
+  // Time against row matters as much as time against column.
+  const long long to_time = next_generator(n, {1, to_column});
+  const long long to_source = next_generator(n, {1, to_column, to_time});
   SamplingPattern pattern;
   for (long long i = 0; i < n; ++i) {
-    const double count = static_cast<double>(n);
-    pattern.row.push_back((static_cast<double>(i) + 0.5) / count - 0.5);
-    pattern.column.push_back((static_cast<double>(i * to_column % n) + 0.5) / count - 0.5);
+    const auto middle = [&](long long generator) {
+      return (static_cast<double>(i * generator % n) + 0.5) / static_cast<double>(n) - 0.5;
+    };
+    pattern.row.push_back(middle(1));
+    pattern.column.push_back(middle(to_column));
     pattern.instant.push_back(static_cast<std::size_t>(i * to_time % n));
+    pattern.source.push_back(middle(to_source));
   }
   return pattern;
 }

@@ -4,18 +4,23 @@
 #include <cstddef>
 #include <vector>
 
+#include "sensor_rt/geometry/lanes.h"
+
 namespace sensor_rt {
 
-/// A rank-1 lattice over row, column and time: n samples take n different rows, n different columns and n
-/// different instants. Stripes run along columns, so that every sample of a pixel sees another height of the
-/// stripe and the integral over a smooth stripe is exact to far below the noise. The pattern is the same in
-/// every pixel.
+/// A rank-1 lattice over row, column, time and the laser's opening: n samples take n different rows, n
+/// different columns and so on. Stripes run along columns, so that every sample of a pixel sees another
+/// height of the stripe and the integral over a smooth stripe is exact to far below the noise. The pattern is
+/// the same in every pixel.
 struct SamplingPattern {
   std::vector<double> column;  ///< offset from the pixel centre, in (-0.5, 0.5)
   std::vector<double> row;
   std::vector<std::size_t> instant;  ///< stratum of the exposure, 0 .. n - 1
+  std::vector<double> source;        ///< place along the laser's opening, in (-0.5, 0.5)
 
   std::size_t size() const { return row.size(); }
+  /// Rounded up to whole packets.
+  std::size_t padded_size() const { return (size() + kLanes - 1) / kLanes * kLanes; }
 };
 
 SamplingPattern make_sampling_pattern(std::size_t samples);

@@ -41,16 +41,47 @@ inline double exp_negative(double x) {
   return sum * power;
 }
 
+/// One eye and one source for all lanes, the sheet is a plane.
+struct Simple {
+  const double* eye;
+  double eye_x(int) const { return eye[0]; }
+  double eye_y(int) const { return eye[1]; }
+  double eye_z(int) const { return eye[2]; }
+  double source_y(int) const { return 0.0; }
+  double middle(const SheetLight::Constants&, double, double) const { return 0.0; }
+};
+
+/// An eye and a source for each lane, the sheet is bent.
+struct General {
+  const Lanes3* eye;
+  const Lanes3* source;
+  double eye_x(int l) const { return eye->x[l]; }
+  double eye_y(int l) const { return eye->y[l]; }
+  double eye_z(int l) const { return eye->z[l]; }
+  double source_y(int l) const { return source->y[l]; }
+  double middle(const SheetLight::Constants& s, double y, double depth) const {
+    const double ahead = depth > 1e-9 ? depth : 1e-9;
+    const double place = y / (ahead * s.tangent);
+    double bend = 0.0;
+    for (int k = LaserSheet::kStraightness; k-- > 0;) {
+      bend = bend * place + s.straightness[static_cast<std::size_t>(k)];
+    }
+    return ahead * bend;
+  }
+};
+
 /// Conditions are joined by & and applied as factors: without branches the loop vectorises.
-SENSOR_RT_MULTIVERSION
-void light_lanes(const SheetLight::Constants& s, const double* __restrict eye, const Lanes3& __restrict d,
-                 const PacketHits& __restrict hits, Lanes3& __restrict from_source,
-                 double* __restrict irradiance, double* __restrict open) {
+template <typename Geometry>
+[[gnu::always_inline]] inline void light_lanes(const SheetLight::Constants& s, const Geometry& g,
+                                               const Lanes3& __restrict d, const PacketHits& __restrict hits,
+                                               Lanes3& __restrict from_source, double* __restrict irradiance,
+                                               double* __restrict open) {
   for (int l = 0; l < kLanes; ++l) {
     const double t = hits.t[l] < kNone ? hits.t[l] : 1.0;
-    const double x = eye[0] + t * d.x[l];
-    const double y = eye[1] + t * d.y[l];
-    const double depth = eye[2] + t * d.z[l] - s.source_z;
+    const double x = g.eye_x(l) + t * d.x[l];
+    const double y = g.eye_y(l) + t * d.y[l] - g.source_y(l);
+    const double depth = g.eye_z(l) + t * d.z[l] - s.source_z;
+    const double across = x - g.middle(s, y, depth);
     const double from_waist = depth - s.waist_depth;
     const double sigma2 = s.sigma2 + s.divergence2 * from_waist * from_waist;
     const double in_fan2 = y * y + depth * depth;
@@ -61,11 +92,11 @@ void light_lanes(const SheetLight::Constants& s, const double* __restrict eye, c
     const double to_eye = -(nx * d.x[l] + ny * d.y[l] + nz * d.z[l]);
     const double to_source = -(nx * x + ny * y + nz * depth);
     const double facing = to_eye < 0.0 ? -to_source : to_source;
-    const double in_sheet = x * x <= s.reach2 * sigma2 ? 1.0 : 0.0;
+    const double in_sheet = across * across <= s.reach2 * sigma2 ? 1.0 : 0.0;
     const double in_fan = std::abs(y) <= s.tangent * depth ? 1.0 : 0.0;
     const double in_front = facing > 0.0 ? 1.0 : 0.0;
     const double shine = in_sheet * in_fan * in_front;
-    const double exponent = -0.5 * x * x / sigma2;
+    const double exponent = -0.5 * across * across / sigma2;
     // The Gaussian's 1/sigma, the fan's 1/radius and the cosine's 1/distance under one root, which is kept
     // from 0.
     const double scale = 1.0 / std::sqrt(sigma2 * in_fan2 * (in_fan2 + x * x) + 1e-200);
@@ -78,9 +109,21 @@ void light_lanes(const SheetLight::Constants& s, const double* __restrict eye, c
   }
 }
 
+SENSOR_RT_MULTIVERSION
+void light_simply(const SheetLight::Constants& s, const double* eye, const Lanes3& d, const PacketHits& hits,
+                  Lanes3& from_source, double* irradiance, double* open) {
+  light_lanes(s, Simple{eye}, d, hits, from_source, irradiance, open);
+}
+
+SENSOR_RT_MULTIVERSION
+void light_generally(const SheetLight::Constants& s, const Lanes3& eye, const Lanes3& source, const Lanes3& d,
+                     const PacketHits& hits, Lanes3& from_source, double* irradiance, double* open) {
+  light_lanes(s, General{&eye, &source}, d, hits, from_source, irradiance, open);
+}
+
 }  // namespace
 
-SheetLight::SheetLight(const LaserSheet& laser) {
+SheetLight::SheetLight(const LaserSheet& laser) : laser_(laser) {
   constexpr double kInverseSqrtTwoPi = 0.3989422804014327;
   constants_ = {laser.source_z,
                 laser.waist_z - laser.source_z,
@@ -88,14 +131,28 @@ SheetLight::SheetLight(const LaserSheet& laser) {
                 laser.divergence * laser.divergence,
                 kSheetReach * kSheetReach,
                 std::tan(laser.fan_half_angle),
-                kInverseSqrtTwoPi * laser.power / (2.0 * laser.fan_half_angle)};
+                kInverseSqrtTwoPi * laser.power / (2.0 * laser.fan_half_angle),
+                laser.straightness};
 }
 
 void SheetLight::light(const double* eye, const Lanes3& direction, const PacketHits& hits,
                        Lanes3& from_source, double* irradiance, int* lit) const {
   alignas(64) double open[kLanes];
-  light_lanes(constants_, eye, direction, hits, from_source, irradiance, open);
+  light_simply(constants_, eye, direction, hits, from_source, irradiance, open);
   for (int l = 0; l < kLanes; ++l) lit[l] = open[l] > 0.0 ? -1 : 0;
+}
+
+void SheetLight::light(const Lanes3& eye, const Lanes3& source, const Lanes3& direction,
+                       const PacketHits& hits, Lanes3& from_source, double* irradiance, int* lit) const {
+  alignas(64) double open[kLanes];
+  light_generally(constants_, eye, source, direction, hits, from_source, irradiance, open);
+  for (int l = 0; l < kLanes; ++l) {
+    if (open[l] > 0.0 && !laser_.is_even()) {
+      irradiance[l] *= laser_.relative_power(std::atan2(from_source.y[l], from_source.z[l]));
+      open[l] = irradiance[l];
+    }
+    lit[l] = open[l] > 0.0 ? -1 : 0;
+  }
 }
 
 }  // namespace sensor_rt

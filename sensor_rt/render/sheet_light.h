@@ -1,6 +1,8 @@
 // How brightly the laser sheet lights the points that camera rays have met.
 #pragma once
 
+#include <array>
+
 #include "sensor_rt/optics/laser_sheet.h"
 #include "sensor_rt/scene/packet.h"
 
@@ -18,11 +20,20 @@ class SheetLight {
   void light(const double* eye, const Lanes3& direction, const PacketHits& hits, Lanes3& from_source,
              double* irradiance, int* lit) const;
 
+  /// The same for rays with an eye each and a point of the source each, and for sheets of any shape.
+  void light(const Lanes3& eye, const Lanes3& source, const Lanes3& direction, const PacketHits& hits,
+             Lanes3& from_source, double* irradiance, int* lit) const;
+
+  /// Whether the first form will do, for rays that share their eye.
+  bool is_simple() const { return laser_.is_straight() && laser_.is_even() && laser_.opening == 0.0; }
+
   struct Constants {
     double source_z, waist_depth, sigma2, divergence2, reach2, tangent, power_per_radian;
+    std::array<double, LaserSheet::kStraightness> straightness;
   };
 
  private:
+  LaserSheet laser_;
   Constants constants_;
 };
 

@@ -13,20 +13,22 @@ Rigid3 pose_at(const Rigid3* poses, std::size_t samples, double fraction) {
 }
 
 void PoseTrack::set(const Scene& scene, const Exposures& exposures, std::size_t exposure,
-                    const std::vector<double>& fractions) {
+                    const std::vector<double>& fractions, const Rigid3& sensor_from_reference) {
   instants_ = fractions.size();
-  sensor_from_world_.resize(instants_);
+  reference_from_world_.resize(instants_);
   for (std::size_t i = 0; i < instants_; ++i) {
-    sensor_from_world_[i] =
-        pose_at(exposures.sensor_poses(exposure), exposures.samples, fractions[i]).inverse();
+    const Rigid3 world_from_sensor =
+        pose_at(exposures.sensor_poses(exposure), exposures.samples, fractions[i]);
+    reference_from_world_[i] = (world_from_sensor * sensor_from_reference).inverse();
   }
   const std::vector<Shape>& shapes = scene.shapes();
   shape_from_reference_.resize(shapes.size() * instants_);
   for (std::size_t s = 0; s < shapes.size(); ++s) {
     const Rigid3* poses = exposures.body_poses(exposure, static_cast<std::size_t>(shapes[s].body));
     for (std::size_t i = 0; i < instants_; ++i) {
-      const Rigid3 sensor_from_body = sensor_from_world_[i] * pose_at(poses, exposures.samples, fractions[i]);
-      shape_from_reference_[s * instants_ + i] = shapes[s].shape_from_body * sensor_from_body.inverse();
+      const Rigid3 reference_from_body =
+          reference_from_world_[i] * pose_at(poses, exposures.samples, fractions[i]);
+      shape_from_reference_[s * instants_ + i] = shapes[s].shape_from_body * reference_from_body.inverse();
     }
   }
 }

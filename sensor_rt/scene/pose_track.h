@@ -27,13 +27,14 @@ struct Exposures {
   }
 };
 
-/// Poses of all shapes in the sensor frame at a few instants of one exposure. Near the sensor numbers are
-/// small, so that single precision goes far; the sensor's own rays are the same in every exposure.
+/// Poses of all shapes at a few instants of one exposure, in a reference frame that moves with the sensor.
+/// Near the sensor numbers are small, so that single precision goes far; the sensor's own rays are the same
+/// in every exposure.
 class PoseTrack {
  public:
   /// `fractions` of the exposure, in [0, 1].
   void set(const Scene& scene, const Exposures& exposures, std::size_t exposure,
-           const std::vector<double>& fractions);
+           const std::vector<double>& fractions, const Rigid3& sensor_from_reference);
 
   /// One instant, poses of bodies given directly in the frame in which rays will be given.
   void set_still(const Scene& scene, const Rigid3* reference_from_body);
@@ -46,7 +47,7 @@ class PoseTrack {
  private:
   std::size_t instants_ = 0;
   std::vector<Rigid3> shape_from_reference_;
-  std::vector<Rigid3> sensor_from_world_;
+  std::vector<Rigid3> reference_from_world_;
 };
 
 /// Pose at a fraction of the exposure, from evenly spaced samples.

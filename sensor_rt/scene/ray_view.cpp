@@ -35,7 +35,8 @@ void set_lane(LaneTransform& transform, int lane, const Rigid3& shape_from_refer
   transform.origin.z[lane] = local.z();
 }
 
-void RayView::set(const Scene& scene, const PoseTrack& track, const Eigen::Vector3d& origin,
+void RayView::set(const Scene& scene, const PoseTrack& track,
+                  const std::vector<Eigen::Vector3d>& lane_origins,
                   const std::vector<std::size_t>& lane_instants, const std::vector<HalfSpace>& region) {
   scene_ = &scene;
   packets_ = lane_instants.size() / kLanes;
@@ -47,8 +48,9 @@ void RayView::set(const Scene& scene, const PoseTrack& track, const Eigen::Vecto
     for (std::size_t packet = 0; packet < packets_; ++packet) {
       LaneTransform& transform = transforms_.emplace_back();
       for (int l = 0; l < kLanes; ++l) {
-        const std::size_t instant = lane_instants[packet * kLanes + static_cast<std::size_t>(l)];
-        set_lane(transform, l, track.shape_from_reference(s, instant), origin);
+        const std::size_t lane = packet * kLanes + static_cast<std::size_t>(l);
+        set_lane(transform, l, track.shape_from_reference(s, lane_instants[lane]),
+                 lane_origins.size() == 1 ? lane_origins.front() : lane_origins[lane]);
       }
     }
   }

@@ -9,13 +9,15 @@
 
 namespace sensor_rt {
 
-/// Rays that share an origin and stay inside a convex region. Shapes outside the region are dropped once per
-/// exposure, which takes the place of a tree over the handful of bodies: nothing is rebuilt when bodies move.
+/// Rays that stay inside a convex region and start from an origin each lane has for itself. Shapes outside
+/// the region are dropped once per exposure, which takes the place of a tree over the handful of bodies:
+/// nothing is rebuilt when bodies move.
 class RayView {
  public:
   /// `lane_instants` gives the instant of each lane, a multiple of kLanes long: packet k uses the k-th
-  /// sixteen. `origin` in the reference frame. An empty region keeps every shape.
-  void set(const Scene& scene, const PoseTrack& track, const Eigen::Vector3d& origin,
+  /// sixteen. `lane_origins` in the reference frame, one for each lane or one for all. An empty region keeps
+  /// every shape.
+  void set(const Scene& scene, const PoseTrack& track, const std::vector<Eigen::Vector3d>& lane_origins,
            const std::vector<std::size_t>& lane_instants, const std::vector<HalfSpace>& region);
 
   /// Closest hits of packet kind `packet` up to t = farthest.

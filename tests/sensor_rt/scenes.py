@@ -67,3 +67,38 @@ def one_plane(
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [size, size], reflectance)
     return expected_electrons(scene, sensor, still(world_from_plane))[0]
+
+
+def cluttered() -> tuple[Scene, list[Array]]:
+    """Steps, slots, wires, steep walls, silhouettes against the void, one body hiding another."""
+    scene = Scene()
+    scene.add_cylinder("table", np.eye(4), 0.09, 0.01, 0.3)
+    for k in range(6):
+        scene.add_box("comb", pose((0.0, -0.012 + 0.005 * k, 0.004 * k)), [0.02, 0.0023, 0.03], 0.6)
+    scene.add_sphere("ball", [0, 0, 0], 0.011, 0.8)
+    scene.add_cylinder("wire", pose(angles=(0, np.pi / 2, 0)), 0.00015, 0.05, 0.9)
+    scene.add_box("edge", pose((0.01004, 0.0, 0.0)), [0.02, 0.01, 0.01], 0.7)
+    wave = np.stack(np.meshgrid(np.linspace(-0.03, 0.03, 60), np.linspace(-0.01, 0.03, 60), indexing="ij"), axis=-1)
+    height = 0.003 * np.sin(500 * wave[..., 0]) * np.cos(300 * wave[..., 1])
+    vertices = np.concatenate([wave, height[..., None]], axis=-1).reshape(-1, 3)
+    corner = (np.arange(59)[:, None] * 60 + np.arange(59)).ravel()
+    faces = np.concatenate(
+        [np.stack([corner, corner + 1, corner + 60], 1), np.stack([corner + 1, corner + 61, corner + 60], 1)]
+    )
+    scene.add_mesh("wave", vertices, faces, 0.5)
+    poses = [
+        pose((0, 0, 0.155), (0.3, 0.1, 0.0)),
+        pose((0, -0.002, 0.125), (0.1, 0.3, 0.4)),
+        pose((0.004, 0.012, 0.11)),
+        pose((0, 0.0, 0.1), (0.0, 0.0, 0.2)),
+        pose((0, -0.017, 0.115), (0.0, 0.0, 0.001)),
+        pose((0, 0.01, 0.135), (-0.7, 0.2, 0.3)),
+    ]
+    return scene, poses
+
+
+def cluttered_exposures(moves: bool) -> tuple[Scene, Exposures]:
+    """The cluttered scene, still or turning and shifting during the exposure."""
+    scene, poses = cluttered()
+    later = [pose((1e-4, -3e-4, 2e-4), (0.004, 0.002, -0.006)) @ p for p in poses]
+    return scene, moving([poses, later] if moves else [poses], [np.eye(4)] * (2 if moves else 1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import Array, moving, one_plane, pose, probe, still, stripe_centres
+from scenes import Array, cluttered, cluttered_exposures, moving, one_plane, pose, probe, still, stripe_centres
 
 from sensor_rt import Scene, expected_electrons
 
@@ -92,41 +92,11 @@ def test_light_grows_with_cosine_reflectance_and_time() -> None:
     np.testing.assert_allclose(stripe_centres(longer)[1], 3 * base, rtol=1e-6)
 
 
-def cluttered() -> tuple[Scene, list[Array]]:
-    """Steps, slots, wires, steep walls, silhouettes against the void, one body hiding another."""
-    scene = Scene()
-    scene.add_cylinder("table", np.eye(4), 0.09, 0.01, 0.3)
-    for k in range(6):
-        scene.add_box("comb", pose((0.0, -0.012 + 0.005 * k, 0.004 * k)), [0.02, 0.0023, 0.03], 0.6)
-    scene.add_sphere("ball", [0, 0, 0], 0.011, 0.8)
-    scene.add_cylinder("wire", pose(angles=(0, np.pi / 2, 0)), 0.00015, 0.05, 0.9)
-    scene.add_box("edge", pose((0.01004, 0.0, 0.0)), [0.02, 0.01, 0.01], 0.7)
-    wave = np.stack(np.meshgrid(np.linspace(-0.03, 0.03, 60), np.linspace(-0.01, 0.03, 60), indexing="ij"), axis=-1)
-    height = 0.003 * np.sin(500 * wave[..., 0]) * np.cos(300 * wave[..., 1])
-    vertices = np.concatenate([wave, height[..., None]], axis=-1).reshape(-1, 3)
-    corner = (np.arange(59)[:, None] * 60 + np.arange(59)).ravel()
-    faces = np.concatenate(
-        [np.stack([corner, corner + 1, corner + 60], 1), np.stack([corner + 1, corner + 61, corner + 60], 1)]
-    )
-    scene.add_mesh("wave", vertices, faces, 0.5)
-    poses = [
-        pose((0, 0, 0.155), (0.3, 0.1, 0.0)),
-        pose((0, -0.002, 0.125), (0.1, 0.3, 0.4)),
-        pose((0.004, 0.012, 0.11)),
-        pose((0, 0.0, 0.1), (0.0, 0.0, 0.2)),
-        pose((0, -0.017, 0.115), (0.0, 0.0, 0.001)),
-        pose((0, 0.01, 0.135), (-0.7, 0.2, 0.3)),
-    ]
-    return scene, poses
-
-
 @pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("distortion", [[0.0] * 5, [-0.12, 0.05, 0.002, -0.001, 0.03]])
 def test_tracing_the_band_finds_all_light_of_the_whole_image(moves: bool, distortion: list[float]) -> None:
-    scene, poses = cluttered()
+    scene, exposures = cluttered_exposures(moves)
     sensor = probe(camera={"distortion": distortion})
-    later = [pose((1e-4, -3e-4, 2e-4), (0.004, 0.002, -0.006)) @ p for p in poses]
-    exposures = moving([poses, later] if moves else [poses], [np.eye(4)] * (2 if moves else 1))
     band = expected_electrons(scene, sensor, exposures)
     whole = expected_electrons(scene, sensor, exposures, whole_image=True)
     assert (whole > 0).sum() > 20_000

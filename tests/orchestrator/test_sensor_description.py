@@ -1,0 +1,62 @@
+"""From the sensor's file to the numbers that the library works with."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from orchestrator.config import load_setup
+from orchestrator.config.resolved import sensor_json
+from orchestrator.errors import DescriptionError
+from sensor_rt import Sensor
+
+
+def sensor(*words: str) -> Sensor:
+    return Sensor(json.dumps(sensor_json(load_setup(overrides=words).sensor, seed=1)))
+
+
+def irradiance(made: Sensor, angles: Sequence[float], radius: float = 0.12, x: float = 0.0) -> np.ndarray:
+    """In the middle of the nominal sheet at `radius` (m) from the source."""
+    at = np.asarray(angles)
+    return made.laser_irradiance(np.stack([0 * at + x, radius * np.sin(at), radius * np.cos(at)], axis=1))[:, 0]
+
+
+def test_a_gaussian_line_falls_to_its_width_and_keeps_the_power() -> None:
+    words = ['sensor.laser.profile="gaussian"', "sensor.laser.profile_half_width_deg=10"]
+    even, uneven = (sensor("sensor.laser.divergence_mrad=0", *extra) for extra in ([], words))
+    angles = np.radians(np.linspace(-15.999, 15.999, 641))
+    ratio = irradiance(uneven, angles) / irradiance(even, angles)
+    expected = np.exp(-2 * (angles / np.radians(10)) ** 2)
+    np.testing.assert_allclose(ratio / ratio.max(), expected, rtol=3e-4)
+    assert np.trapezoid(ratio, angles) / (angles[-1] - angles[0]) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_straightness_is_an_angle_at_the_ends_of_the_line() -> None:
+    """0.5 mrad at the end of the line: 60 um at 120 mm, where the sheet now is brightest."""
+    bent = sensor("sensor.laser.straightness_mrad=[0, 0, 0.5]", "sensor.laser.divergence_mrad=0")
+    x = np.linspace(-1e-4, 1e-4, 401)
+    end = np.radians(15.9999)
+    across = [irradiance(bent, [end], radius=0.12 / np.cos(end), x=float(v))[0] for v in x]
+    assert x[int(np.argmax(across))] == pytest.approx(0.5e-3 * 0.12, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "fragment"),
+    [
+        (['laser.profile="gaussian"'], "profile_half_width_deg"),
+        (["laser.profile_half_width_deg=3"], "belong together"),
+        (['laser.profile="table"'], "belong together"),
+        (['laser.profile="table"', "laser.profile_angle_deg=[1]", "laser.profile_power=[1]"], "two at least"),
+        (['laser.profile="table"', "laser.profile_angle_deg=[1, 0]", "laser.profile_power=[1, 1]"], "ascend"),
+        (["laser.straightness_mrad=[0, 0, 500]"], "straightness_mrad"),
+        (["laser.straightness_mrad=[0, 0, 0, 0, 0, 0, 1]"], "straightness_mrad"),
+        (["laser.opening_mm=-1"], "opening_mm"),
+        (["laser.turn_y_deg=90"], "turn_y_deg"),
+    ],
+)
+def test_a_laser_that_makes_no_sense_is_refused(words: list[str], fragment: str) -> None:
+    with pytest.raises(DescriptionError, match=fragment):
+        load_setup(overrides=[f"sensor.{word}" for word in words])
