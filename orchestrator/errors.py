@@ -31,3 +31,7 @@ class ImageError(ScancellError):
 
 class OutputError(ScancellError):
     """A result cannot be written."""
+
+
+class EngineError(ScancellError):
+    """Work cannot be distributed, or whoever distributed it is gone."""

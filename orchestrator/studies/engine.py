@@ -1,0 +1,223 @@
+"""Runs named tasks, each at most once, on all cores, on a Dask cluster, or as one shard of a job array.
+
+A `Job` says where results go, how a worker prepares itself, and what all tasks share; a `Task` has a name and plain
+data of its own. A worker process calls ``job.open_worker(job.spec)`` once and then the returned function for each of
+its tasks, which leaves files in the folder that it is handed. What is finished is kept on disk (`TaskStore`), so that
+the same call after any kill goes on where it stopped, and a task that two workers ran by accident exists once.
+
+    def open_worker(spec):                      # importable by name on every node
+        scene = expensive(spec["cell"])
+        return lambda payload, folder: (folder / "x.json").write_text(measure(scene, payload))
+
+    job = Job(Path("out/tasks"), open_worker, {"cell": ...})
+    outcome = run_tasks(job, [Task("a-0001", {"seed": 1}), ...], Where(), progress)
+    job.store.path("a-0001") / "x.json"
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from orchestrator.errors import OutputError
+from orchestrator.progress import Progress
+from orchestrator.studies.task_store import TaskStore, digest_of, disk_error
+
+# Does one task: takes its payload and an empty folder for its files.
+Perform = Callable[[Any, Path], None]
+# Prepares a worker process from what all tasks share.
+OpenWorker = Callable[[Mapping[str, Any]], Perform]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One piece of work; `name` is unique in its job and fit for a file name, `payload` plain data."""
+
+    name: str
+    payload: Any
+
+
+@dataclass(frozen=True)
+class Job:
+    """What all tasks share: the folder of the results (seen by every node), the worker's preparation, plain data."""
+
+    folder: Path
+    open_worker: OpenWorker
+    spec: Mapping[str, Any]
+
+    @cached_property
+    def digest(self) -> str:
+        """Stands for the worker's preparation and the shared data."""
+        return digest_of(f"{self.open_worker.__module__}.{self.open_worker.__qualname__}", self.spec)
+
+    @property
+    def store(self) -> TaskStore:
+        """The results."""
+        return TaskStore(self.folder)
+
+    def digest_of_task(self, task: Task) -> str:
+        """What a result must carry to count as the answer to `task`."""
+        return digest_of(self.digest, task.name, task.payload)
+
+
+@dataclass(frozen=True)
+class Where:
+    """Who does the work: a cluster on this machine (`workers` processes, 0: one per core), the Dask cluster of
+    `scheduler`, or, with ``shard = (i, n)``, this process alone and only every n-th task, beginning with the i-th."""
+
+    workers: int = 0
+    scheduler: str | None = None
+    shard: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class TaskReport:
+    """What became of a task; `seconds` is the worker's own time for it, `message` says why it failed."""
+
+    name: str
+    state: Literal["done", "present", "failed", "no output"]
+    message: str = ""
+    seconds: float = 0.0
+
+
+@dataclass
+class RunOutcome:
+    """Names of the tasks that were finished in this run and before it, messages of those that failed, and seconds.
+
+    `busy_seconds` adds up what the workers spent in tasks, `seconds` is the time of the whole run, of which
+    `start_seconds` went by before the first task could begin.
+    """
+
+    done: list[str] = field(default_factory=list)
+    present: list[str] = field(default_factory=list)
+    failed: dict[str, str] = field(default_factory=dict)
+    busy_seconds: float = 0.0
+    start_seconds: float = 0.0
+    seconds: float = 0.0
+
+    def add(self, report: TaskReport) -> None:
+        """Count a task.
+
+        Raises
+        ------
+        OutputError
+            If the task's result could not be written: no other one could be either.
+        """
+        if report.state == "no output":
+            raise OutputError(report.message)
+        if report.state == "failed":
+            self.failed[report.name] = report.message
+        else:
+            # Present by now: a worker died after it had finished the task and before it could say so.
+            self.done.append(report.name)
+        self.busy_seconds += report.seconds
+
+
+def run_tasks(
+    job: Job, tasks: Sequence[Task], where: Where, progress: Progress, unit: str = "task", announce: Any = None
+) -> RunOutcome:
+    """Bring all tasks to an end that are not finished yet; those that fail do not keep others from it.
+
+    Parameters
+    ----------
+    announce
+        Called with the address of Dask's dashboard, where there is one.
+
+    Raises
+    ------
+    EngineError
+        If there is no such scheduler, or it goes away.
+    OutputError
+        If results cannot be written; the earlier ones stay.
+    """
+    began = time.perf_counter()
+    outcome = RunOutcome()
+    chosen = _shard(tasks, where.shard)
+    _make_folder(job.folder)
+    job.store.sweep()
+    progress.stage("running", len(chosen), unit)
+    todo = []
+    for task in chosen:
+        if job.store.holds(task.name, job.digest_of_task(task)):
+            outcome.present.append(task.name)
+            progress.advance(1)
+        else:
+            todo.append(task)
+    if todo:
+        for report in _reports(job, todo, where, outcome, announce, began):
+            outcome.add(report)
+            progress.advance(1)
+    outcome.seconds = time.perf_counter() - began
+    return outcome
+
+
+def _reports(
+    job: Job, todo: Sequence[Task], where: Where, outcome: RunOutcome, announce: Any, began: float
+) -> Iterator[TaskReport]:
+    if where.shard is not None:
+        outcome.start_seconds = time.perf_counter() - began
+        return (run_here(job, task) for task in todo)
+    from orchestrator.studies.dask_cluster import run_on_dask  # noqa: PLC0415  (takes half a second to import)
+
+    def started(dashboard: str) -> None:
+        outcome.start_seconds = time.perf_counter() - began
+        if announce is not None:
+            announce(dashboard)
+
+    return run_on_dask(job, todo, where, started)
+
+
+def _shard(tasks: Sequence[Task], shard: tuple[int, int] | None) -> Sequence[Task]:
+    return tasks if shard is None else tasks[shard[0] - 1 :: shard[1]]
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+_open_workers: dict[str, Perform] = {}
+
+
+def run_here(job: Job, task: Task) -> TaskReport:
+    """Do one task in this process, unless its result is there. Never raises but for an interrupt."""
+    start, digest = time.perf_counter(), job.digest_of_task(task)
+    try:
+        if job.store.holds(task.name, digest):
+            return TaskReport(task.name, "present")
+        with job.store.publish(task.name, digest) as folder:
+            _opened(job)(task.payload, folder)
+    except OutputError as error:
+        return TaskReport(task.name, "no output", str(error))
+    except Exception as error:  # whatever goes wrong in one task must not end the others
+        state: Literal["failed", "no output"] = "no output" if disk_error(error) else "failed"
+        return TaskReport(task.name, state, f"{type(error).__name__}: {error}", time.perf_counter() - start)
+    return TaskReport(task.name, "done", seconds=time.perf_counter() - start)
+
+
+def _opened(job: Job) -> Perform:
+    """The worker of `job` in this process, prepared at its first task; one job at a time keeps memory bounded."""
+    if job.digest not in _open_workers:
+        close_workers()
+        _open_workers[job.digest] = job.open_worker(job.spec)
+    return _open_workers[job.digest]
+
+
+def close_workers() -> None:
+    """Let go of what this process prepared for earlier jobs; workers with a method `close` are told."""
+    for worker in _open_workers.values():
+        close = getattr(worker, "close", None)
+        if close is not None:
+            close()
+    _open_workers.clear()
+
+
+def chunks(count: int, size: int) -> Iterable[range]:
+    """Ranges of at most `size` numbers that cover 0 … count - 1."""
+    return (range(start, min(start + size, count)) for start in range(0, count, size))

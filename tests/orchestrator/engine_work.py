@@ -1,0 +1,25 @@
+"""Work for tests of the engine, importable by name in worker processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+
+
+def open_counter(spec):
+    """Notes each run of a task in a log that all workers share, and obeys the orders in the payload."""
+    log = Path(spec["log"])
+
+    def perform(payload, folder: Path) -> None:
+        with log.open("a") as stream:
+            stream.write(f"{payload['n']} {os.getpid()}\n")
+        time.sleep(payload.get("sleep", 0.0))
+        if payload.get("fail"):
+            raise ValueError(f"number {payload['n']} is broken")
+        if payload.get("die"):
+            os.kill(os.getpid(), 9)
+        (folder / "square.json").write_text(json.dumps(payload["n"] ** 2))
+
+    return perform
