@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from orchestrator import cli
+from orchestrator.cli import common
 from orchestrator.errors import MeshError, ScancellError
 
 
@@ -23,20 +24,20 @@ def call(monkeypatch, capsys, *words: str) -> tuple[int, str, str]:
 
 def run(work, as_json: bool) -> int:
     try:
-        cli._run("test", as_json, work)
-    except cli.typer.Exit as ended:
+        common.run("test", as_json, work)
+    except common.typer.Exit as ended:
         return int(ended.exit_code)
     return 0
 
 
 def fail(error: BaseException):
-    def work() -> cli.Outcome:
+    def work() -> common.Outcome:
         raise error
 
     return work
 
 
-DONE = cli.Outcome(["a line"], {"points": 3}, ["a file"], ["take care"], {"load": 0.5})
+DONE = common.Outcome(["a line"], {"points": 3}, ["a file"], ["take care"], {"load": 0.5})
 
 
 def test_people_read_the_text_on_standard_output(capsys) -> None:

@@ -6,20 +6,29 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, cast
 
 import typer
 
-from orchestrator.config.scan import Engine, Mode
-from orchestrator.errors import ScancellError
-from orchestrator.progress import Progress, Silent
+from orchestrator.cli.common import (
+    AsBuiltOption,
+    CellOption,
+    EngineOption,
+    IdealOption,
+    JsonOption,
+    Outcome,
+    ScanOption,
+    SeedOption,
+    SensorOption,
+    SetOption,
+    ThreadsOption,
+    UnitOption,
+    run,
+    show_progress,
+)
+from orchestrator.config.scan import Mode
 
-EXIT_ERROR = 1
-EXIT_INTERRUPTED = 130
 # Typer brings a copy of click along; its error for a wrong command line is the base of one that typer exports.
 _UsageError = cast(type[Any], typer.BadParameter.__base__)
 
@@ -32,67 +41,6 @@ app = typer.Typer(
 )
 fmu_app = typer.Typer(help="Make and look into FMUs of the robot cell.", no_args_is_help=True)
 app.add_typer(fmu_app, name="fmu")
-
-CellOption = Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")]
-SensorOption = Annotated[Path | None, typer.Option("--sensor", help="sensor description (TOML)")]
-ScanOption = Annotated[Path | None, typer.Option("--scan", help="scan description (TOML)")]
-SetOption = Annotated[
-    list[str] | None, typer.Option("--set", help="change the nominal description: cell.part.x_mm=20; repeatable")
-]
-AsBuiltOption = Annotated[
-    list[str] | None, typer.Option("--as-built", help="perturb the true cell: tool.x_mm=0.1; repeatable")
-]
-IdealOption = Annotated[bool, typer.Option("--ideal", help="switch off all noise")]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="keys every random number")]
-UnitOption = Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")]
-ThreadsOption = Annotated[int, typer.Option("--threads", min=0, help="0: as many as there are cores")]
-JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
-EngineOption = Annotated[Engine, typer.Option("--engine", help="light and images, or the fast mode by rays alone")]
-
-
-@dataclass
-class Outcome:
-    """What a command has to say; `text` is for people, the rest goes into the JSON object."""
-
-    text: list[str] = field(default_factory=list)
-    figures: Mapping[str, Any] = field(default_factory=dict)
-    files: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    timings: Mapping[str, float] = field(default_factory=dict)
-
-
-def _run(command: str, as_json: bool, work: Callable[[], Outcome]) -> None:
-    """Do the work, print what came of it, and turn errors into messages and exit codes."""
-    try:
-        outcome = work()
-    except ScancellError as error:
-        _fail(command, as_json, str(error), type(error).__name__, EXIT_ERROR)
-    except KeyboardInterrupt:
-        _fail(command, as_json, "interrupted", "KeyboardInterrupt", EXIT_INTERRUPTED)
-    else:
-        for line in outcome.text:
-            print(line, file=sys.stderr if as_json else sys.stdout)
-        for warning in outcome.warnings:
-            print(f"warning: {warning}", file=sys.stderr)
-        if as_json:
-            fields = {name: getattr(outcome, name) for name in ("figures", "files", "warnings", "timings")}
-            print(json.dumps({"command": command, "ok": True, **fields}))
-
-
-def _fail(command: str, as_json: bool, message: str, kind: str, code: int) -> None:
-    print(f"scancell: {message}", file=sys.stderr)
-    if as_json:
-        print(json.dumps({"command": command, "ok": False, "error": {"kind": kind, "message": message}}))
-    sys.stdout.flush()
-    raise typer.Exit(code)
-
-
-def _progress(as_json: bool) -> AbstractContextManager[Progress]:
-    if as_json or not sys.stderr.isatty():
-        return Silent()
-    from orchestrator.terminal import TerminalProgress  # noqa: PLC0415  (rich takes 0.1 s to import)
-
-    return TerminalProgress()
 
 
 @app.command()
@@ -134,11 +82,11 @@ def scan(
             threads=threads,
             command_line=tuple(sys.argv[1:]),
         )
-        with _progress(as_json) as progress:
+        with show_progress(as_json) as progress:
             report = scan_to_folder(request, out, progress)
         return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
 
-    _run("scan", as_json, work)
+    run("scan", as_json, work)
 
 
 @app.command()
@@ -171,7 +119,7 @@ def shot(
         report = shoot_to_folder(request, out)
         return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
 
-    _run("shot", as_json, work)
+    run("shot", as_json, work)
 
 
 @app.command()
@@ -208,11 +156,11 @@ def render(
             threads=threads,
             command_line=tuple(sys.argv[1:]),
         )
-        with _progress(as_json) as progress:
+        with show_progress(as_json) as progress:
             report = render_to_folder(request, recording, out, progress)
         return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
 
-    _run("render", as_json, work)
+    run("render", as_json, work)
 
 
 @app.command()
@@ -237,7 +185,7 @@ def extract(
         report = extract_to_folder(ExtractionRequest(images, setup.sensor, peaks, threads), out)
         return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
 
-    _run("extract", as_json, work)
+    run("extract", as_json, work)
 
 
 @fmu_app.command("build")
@@ -269,7 +217,7 @@ def fmu_build(
         sizes = {Path(file).name: Path(file).stat().st_size for file in files}
         return Outcome([f"{file}: {Path(file).stat().st_size / 1e6:.1f} MB" for file in files], {"bytes": sizes}, files)
 
-    _run("fmu build", as_json, work)
+    run("fmu build", as_json, work)
 
 
 @fmu_app.command("info")
@@ -285,7 +233,7 @@ def fmu_info(
         info = describe_fmu(fmu)
         return Outcome(info.lines(), info.figures())
 
-    _run("fmu info", as_json, work)
+    run("fmu info", as_json, work)
 
 
 @app.command()
@@ -307,7 +255,7 @@ def schema(
             files.append(str(path))
         return Outcome(files, files=files)
 
-    _run("schema", as_json, work)
+    run("schema", as_json, work)
 
 
 @app.command()
@@ -320,7 +268,7 @@ def version(as_json: JsonOption = False) -> None:
         found = versions()
         return Outcome([f"{name} {number}" for name, number in found.items()], {"versions": found})
 
-    _run("version", as_json, work)
+    run("version", as_json, work)
 
 
 def _numbers(text: str, count: int, option: str) -> tuple[float, ...]:

@@ -1,0 +1,82 @@
+"""What all commands share: options, how work is run, and how its outcome or its error is told."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from orchestrator.config.scan import Engine
+from orchestrator.errors import ScancellError
+from orchestrator.progress import Progress, Silent
+
+EXIT_ERROR = 1
+EXIT_INTERRUPTED = 130
+
+CellOption = Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")]
+SensorOption = Annotated[Path | None, typer.Option("--sensor", help="sensor description (TOML)")]
+ScanOption = Annotated[Path | None, typer.Option("--scan", help="scan description (TOML)")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", help="change the nominal description: cell.part.x_mm=20; repeatable")
+]
+AsBuiltOption = Annotated[
+    list[str] | None, typer.Option("--as-built", help="perturb the true cell: tool.x_mm=0.1; repeatable")
+]
+IdealOption = Annotated[bool, typer.Option("--ideal", help="switch off all noise")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="keys every random number")]
+UnitOption = Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")]
+ThreadsOption = Annotated[int, typer.Option("--threads", min=0, help="0: as many as there are cores")]
+JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
+EngineOption = Annotated[Engine, typer.Option("--engine", help="light and images, or the fast mode by rays alone")]
+
+
+@dataclass
+class Outcome:
+    """What a command has to say; `text` is for people, the rest goes into the JSON object."""
+
+    text: list[str] = field(default_factory=list)
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    files: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    timings: Mapping[str, float] = field(default_factory=dict)
+
+
+def run(command: str, as_json: bool, work: Callable[[], Outcome]) -> None:
+    """Do the work, print what came of it, and turn errors into messages and exit codes."""
+    try:
+        outcome = work()
+    except ScancellError as error:
+        _fail(command, as_json, str(error), type(error).__name__, EXIT_ERROR)
+    except KeyboardInterrupt:
+        _fail(command, as_json, "interrupted", "KeyboardInterrupt", EXIT_INTERRUPTED)
+    else:
+        for line in outcome.text:
+            print(line, file=sys.stderr if as_json else sys.stdout)
+        for warning in outcome.warnings:
+            print(f"warning: {warning}", file=sys.stderr)
+        if as_json:
+            fields = {name: getattr(outcome, name) for name in ("figures", "files", "warnings", "timings")}
+            print(json.dumps({"command": command, "ok": True, **fields}))
+
+
+def _fail(command: str, as_json: bool, message: str, kind: str, code: int) -> None:
+    print(f"scancell: {message}", file=sys.stderr)
+    if as_json:
+        print(json.dumps({"command": command, "ok": False, "error": {"kind": kind, "message": message}}))
+    sys.stdout.flush()
+    raise typer.Exit(code)
+
+
+def show_progress(as_json: bool) -> AbstractContextManager[Progress]:
+    """Bars on a terminal; silence where nobody looks."""
+    if as_json or not sys.stderr.isatty():
+        return Silent()
+    from orchestrator.terminal import TerminalProgress  # noqa: PLC0415  (rich takes 0.1 s to import)
+
+    return TerminalProgress()
