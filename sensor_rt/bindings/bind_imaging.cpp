@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "sensor_rt/bindings/arrays.h"
 #include "sensor_rt/bindings/bindings.h"
 #include "sensor_rt/bindings/image_stack.h"
 #include "sensor_rt/geometry/parallel.h"
@@ -27,8 +28,8 @@ py::array view(const py::object& owner, const T* data, std::vector<py::ssize_t> 
 }
 
 /// Property that shows a member vector as an array of shape (n).
-template <typename Owner, typename T, typename Class>
-void bind_vector(Class& bound, const char* name, std::vector<T> Owner::*member, const char* doc) {
+template <typename Owner, typename Vector, typename Class>
+void bind_vector(Class& bound, const char* name, Vector Owner::*member, const char* doc) {
   bound.def_property_readonly(
       name,
       [member](const py::object& self) {
@@ -55,6 +56,17 @@ Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads, b
   Peaks all;
   for (const Peaks& peaks : found) all.append(peaks);
   return all;
+}
+
+/// Made when it is asked for: hardly anyone does, and it is larger than all the rest.
+py::array_t<double> covariance(const Profiles& profiles) {
+  std::vector<double> values(9 * profiles.size(), 0.0);
+  for (std::size_t i = 0; i < profiles.deviation.size(); ++i) {
+    const Eigen::Vector3d& d = profiles.deviation[i];
+    Eigen::Map<Eigen::Matrix3d> to(&values[9 * i]);
+    to = d * d.transpose();
+  }
+  return to_array(std::move(values), {static_cast<py::ssize_t>(profiles.size()), 3, 3});
 }
 
 Profiles triangulate_peaks(const Peaks& peaks, const Sensor& sensor, bool keep_rejected) {
@@ -141,13 +153,7 @@ void bind_profiles(py::module_& module) {
       },
       "(n, 3) float64, m");
   profiles.def_property_readonly(
-      "covariance",
-      [](const py::object& self) {
-        const auto& covariance = self.cast<const Profiles&>().covariance;
-        return view(self, reinterpret_cast<const double*>(covariance.data()),
-                    {static_cast<py::ssize_t>(covariance.size()), 3, 3});
-      },
-      "(n, 3, 3) float64, m²");
+      "covariance", [](const Profiles& self) { return covariance(self); }, "(n, 3, 3) float64, m²");
   bind_vector(profiles, "sigma", &Profiles::sigma,
               "(n,) float32: largest standard deviation over directions, m");
   bind_vector(profiles, "intensity", &Profiles::intensity, "(n,) float32, DN");

@@ -10,6 +10,8 @@ namespace {
 constexpr double kNoiseSigmas = 4.0;
 constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
+double square(double x) { return x * x; }
+
 /// Where the line of sight of a column meets the stripe that another camera saw.
 struct Meeting {
   double distance = 0.0;  ///< along the line, m
@@ -50,7 +52,7 @@ class PointFusion {
     const Eigen::Vector3d per_row =
         triangulation_jacobian(cameras_[camera_of(i)], {profiles_.column[i], profiles_.row[i]}).col(1);
     const Eigen::Vector3d along = per_row.normalized();
-    const double own = along.dot(profiles_.covariance[i] * along);
+    const double own = square(along.dot(profiles_.deviation[i]));
     Meeting met;
     if (!meet(point, along, left, right, met)) return;
     const double allowed = tolerance_px_ * per_row.norm() + kNoiseSigmas * std::sqrt(own + met.variance);
@@ -59,7 +61,7 @@ class PointFusion {
     const double share = sum > 0.0 ? own / sum : 0.5;
     const double variance = own * (1.0 - share);
     profiles_.points_in_sensor[i] = point + share * met.distance * along;
-    profiles_.covariance[i] = variance * along * along.transpose();
+    profiles_.deviation[i] = std::sqrt(variance) * along;
     profiles_.sigma[i] = static_cast<float>(std::sqrt(variance));
     absorbed_[left] = absorbed_[right] = true;
   }
@@ -76,9 +78,7 @@ class PointFusion {
     met.distance = normal.dot(l - point) / slope;
     const double share = (point + met.distance * along - l).dot(stretch) / stretch.squaredNorm();
     if (!(share > -0.5 && share < 1.5)) return false;
-    const auto variance = [&](std::size_t k) {
-      return normal.dot(profiles_.covariance[k] * normal) / (slope * slope);
-    };
+    const auto variance = [&](std::size_t k) { return square(normal.dot(profiles_.deviation[k]) / slope); };
     met.variance = (1.0 - share) * (1.0 - share) * variance(left) + share * share * variance(right);
     return true;
   }

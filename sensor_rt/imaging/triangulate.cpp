@@ -9,9 +9,18 @@
 namespace sensor_rt {
 namespace {
 
-template <typename T, typename Allocator>
-void extend(std::vector<T, Allocator>& to, const std::vector<T, Allocator>& from) {
-  to.insert(to.end(), from.begin(), from.end());
+/// Calls visit(array of each of the profiles) for every array.
+template <typename Visit, typename... P>
+void for_each_array(const Visit& visit, P&&... profiles) {
+  visit(profiles.frame...);
+  visit(profiles.camera...);
+  visit(profiles.column...);
+  visit(profiles.row...);
+  visit(profiles.points_in_sensor...);
+  visit(profiles.deviation...);
+  visit(profiles.sigma...);
+  visit(profiles.intensity...);
+  visit(profiles.flags...);
 }
 
 /// d (p_x, p_y) / d (column, row).
@@ -85,7 +94,7 @@ void triangulate_range(const Peaks& peaks, std::size_t begin, std::size_t end,
     out.column.push_back(peaks.column[i]);
     out.row.push_back(peaks.row[i]);
     out.points_in_sensor.push_back(point);
-    out.covariance.push_back(deviation * deviation.transpose());
+    out.deviation.push_back(deviation);
     out.sigma.push_back(static_cast<float>(deviation.norm()));
     out.intensity.push_back(peaks.amplitude[i]);
     out.flags.push_back(peaks.flags[i]);
@@ -106,54 +115,32 @@ void triangulate(const Peaks& peaks, const std::vector<Camera>& cameras, const T
     begin = end;
   }
 }
-void Profiles::clear() { *this = Profiles{}; }
+
+void Profiles::clear() {
+  for_each_array([](auto& array) { array.clear(); }, *this);
+}
 
 void Profiles::reserve(std::size_t count) {
-  frame.reserve(count);
-  camera.reserve(count);
-  column.reserve(count);
-  row.reserve(count);
-  points_in_sensor.reserve(count);
-  covariance.reserve(count);
-  sigma.reserve(count);
-  intensity.reserve(count);
-  flags.reserve(count);
+  for_each_array([&](auto& array) { array.reserve(count); }, *this);
 }
 
 void Profiles::resize(std::size_t count) {
-  frame.resize(count);
-  camera.resize(count);
-  column.resize(count);
-  row.resize(count);
-  points_in_sensor.resize(count);
-  covariance.resize(count);
-  sigma.resize(count);
-  intensity.resize(count);
-  flags.resize(count);
+  const bool exact = is_exact();
+  for_each_array([&](auto& array) { array.resize(count); }, *this);
+  if (exact) deviation.clear();
 }
 
 void Profiles::move(std::size_t from, std::size_t to) {
-  frame[to] = frame[from];
-  camera[to] = camera[from];
-  column[to] = column[from];
-  row[to] = row[from];
-  points_in_sensor[to] = points_in_sensor[from];
-  covariance[to] = covariance[from];
-  sigma[to] = sigma[from];
-  intensity[to] = intensity[from];
-  flags[to] = flags[from];
+  for_each_array(
+      [&](auto& array) {
+        if (!array.empty()) array[to] = array[from];
+      },
+      *this);
 }
 
 void Profiles::append(const Profiles& other) {
-  extend(frame, other.frame);
-  extend(camera, other.camera);
-  extend(column, other.column);
-  extend(row, other.row);
-  extend(points_in_sensor, other.points_in_sensor);
-  extend(covariance, other.covariance);
-  extend(sigma, other.sigma);
-  extend(intensity, other.intensity);
-  extend(flags, other.flags);
+  for_each_array([](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); }, *this,
+                 other);
 }
 
 }  // namespace sensor_rt

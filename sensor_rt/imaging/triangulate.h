@@ -7,6 +7,7 @@
 
 #include <Eigen/Dense>
 
+#include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/imaging/peaks.h"
 #include "sensor_rt/optics/camera.h"
 
@@ -29,19 +30,24 @@ struct TriangulationOptions {
 
 /// Points of any number of frames, as a structure of arrays. Metres, sensor frame (x = 0 on the laser sheet).
 struct Profiles {
-  std::vector<std::int64_t> frame;
-  std::vector<std::int32_t> camera;
-  std::vector<std::int32_t> column;
-  std::vector<double> row;  ///< px, as the camera saw it
-  std::vector<Eigen::Vector3d> points_in_sensor;
-  std::vector<Eigen::Matrix3d> covariance;  ///< m²
-  std::vector<float> sigma;          ///< m: standard deviation along the direction of largest uncertainty
-  std::vector<float> intensity;      ///< amplitude of the peak, DN
-  std::vector<std::uint32_t> flags;  ///< PeakFlag bits
+  LargeVector<std::int64_t> frame;
+  LargeVector<std::int32_t> camera;
+  LargeVector<std::int32_t> column;
+  LargeVector<double> row;  ///< px, as the camera saw it
+  LargeVector<Eigen::Vector3d> points_in_sensor;
+  /// One standard deviation along the line on which the point is uncertain, m: its covariance is d dᵀ. Empty
+  /// when all points are exact.
+  LargeVector<Eigen::Vector3d> deviation;
+  LargeVector<float> sigma;          ///< m: length of the deviation
+  LargeVector<float> intensity;      ///< amplitude of the peak, DN
+  LargeVector<std::uint32_t> flags;  ///< PeakFlag bits
 
   std::size_t size() const { return points_in_sensor.size(); }
+  bool is_exact() const { return deviation.empty(); }
+  /// Drops the points and keeps the memory.
   void clear();
   void reserve(std::size_t count);
+  /// Both exact, or neither, unless one is empty.
   void append(const Profiles& other);
   void resize(std::size_t count);
   void move(std::size_t from, std::size_t to);

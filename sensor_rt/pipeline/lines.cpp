@@ -63,7 +63,6 @@ void GeometricLine::run(const Scene& scene, const Exposures& exposures, std::siz
   const std::size_t count = points.size();
   // These points are exact: no uncertainty, no flags.
   out.frame.assign(count, exposures.index[exposure]);
-  out.covariance.assign(count, Eigen::Matrix3d::Zero());
   out.sigma.assign(count, 0.0f);
   out.flags.assign(count, 0);
   out.camera.resize(count);
