@@ -39,6 +39,16 @@ void locate(double source_z, double near, double far, const Lanes3& __restrict d
   }
 }
 
+SENSOR_RT_MULTIVERSION
+void transform(const double* __restrict r, const double* __restrict t, const Lanes3& __restrict p,
+               Lanes3& __restrict out) {
+  for (int l = 0; l < kLanes; ++l) {
+    out.x[l] = r[0] * p.x[l] + r[3] * p.y[l] + r[6] * p.z[l] + t[0];
+    out.y[l] = r[1] * p.x[l] + r[4] * p.y[l] + r[7] * p.z[l] + t[1];
+    out.z[l] = r[2] * p.x[l] + r[5] * p.y[l] + r[8] * p.z[l] + t[2];
+  }
+}
+
 /// Directions from the eye; seen[lane] is 1 for points in use, on surfaces that face the eye, within the
 /// image.
 SENSOR_RT_MULTIVERSION
@@ -61,6 +71,14 @@ void face(const double* __restrict eye, const Lanes3& __restrict point, const La
 }
 
 }  // namespace
+
+void FanPoints::resize(std::size_t count) {
+  point.resize(count);
+  column.resize(count);
+  row.resize(count);
+  brightness.resize(count);
+  camera.resize(count);
+}
 
 FanCaster::FanCaster(const FanGeometry& geometry) : geometry_(geometry) {
   const LaserSheet& laser = geometry_.laser;
@@ -86,25 +104,25 @@ FanCaster::FanCaster(const FanGeometry& geometry) : geometry_(geometry) {
     camera_regions_.push_back(camera_region(camera, beyond));
     projectors_.emplace_back(camera);
   }
-  points_.reserve(geometry_.cameras.size() * static_cast<std::size_t>(geometry_.rays));
 }
 
-const std::vector<FanPoint>& FanCaster::cast(const Scene& scene, const Exposures& exposures,
-                                             std::size_t exposure) {
+void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t exposure,
+                     FanPoints& points) {
   static const std::vector<double> kMiddle{0.5};
   static const std::vector<std::size_t> kOneInstant(kLanes, 0);
-  points_.clear();
   track_.set(scene, exposures, exposure, kMiddle, geometry_.laser.sensor_from_sheet);
   const Eigen::Vector3d source(0.0, 0.0, geometry_.laser.source_z);
   laser_view_.set(scene, track_, {source}, kOneInstant, laser_region_);
-  if (laser_view_.empty()) return points_;
+  if (laser_view_.empty()) return points.resize(0);
   land(scene);
+  points.resize(geometry_.cameras.size() * landings_.size() * kLanes);
+  std::size_t count = 0;
   for (std::size_t k = 0; k < geometry_.cameras.size(); ++k) {
     const Eigen::Vector3d eye = geometry_.cameras[k].sensor_from_camera.translation;
     camera_view_.set(scene, track_, {eye}, kOneInstant, camera_regions_[k]);
-    see(k);
+    count += see(k, count, points);
   }
-  return points_;
+  points.resize(count);
 }
 
 void FanCaster::land(const Scene& scene) {
@@ -117,6 +135,9 @@ void FanCaster::land(const Scene& scene) {
     alignas(64) double cosine[kLanes];
     locate(geometry_.laser.source_z, geometry_.near, geometry_.far, directions_[p], hits, landing.point,
            landing.normal, cosine, landing.used);
+    const Rigid3& sensor_from_sheet = geometry_.laser.sensor_from_sheet;
+    transform(sensor_from_sheet.rotation.data(), sensor_from_sheet.translation.data(), landing.point,
+              landing.in_sensor);
     for (int l = 0; l < kLanes; ++l) {
       const bool hit = hits.shape[l] >= 0;
       landing.used[l] = hit ? landing.used[l] : 0.0;
@@ -127,10 +148,11 @@ void FanCaster::land(const Scene& scene) {
   }
 }
 
-void FanCaster::see(std::size_t number) {
+std::size_t FanCaster::see(std::size_t number, std::size_t first, FanPoints& points) {
   const Camera& camera = geometry_.cameras[number];
   const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
   const std::size_t packets = landings_.size();
+  std::size_t at = first;
   for (std::size_t step = 0; step < packets; ++step) {
     // Columns run along -y for side +1 and along +y for side -1.
     const Landing& landing = landings_[camera.side > 0 ? packets - 1 - step : step];
@@ -147,10 +169,15 @@ void FanCaster::see(std::size_t number) {
     for (int i = 0; i < kLanes; ++i) {
       const int l = camera.side > 0 ? kLanes - 1 - i : i;
       if (open[l] == 0) continue;
-      points_.push_back({geometry_.laser.sensor_from_sheet * lane(landing.point, l), column[l], row[l],
-                         landing.brightness[l], static_cast<std::int32_t>(number)});
+      points.point[at] = lane(landing.in_sensor, l);
+      points.column[at] = static_cast<std::int32_t>(std::floor(column[l] + 0.5));
+      points.row[at] = row[l];
+      points.brightness[at] = static_cast<float>(landing.brightness[l]);
+      points.camera[at] = static_cast<std::int32_t>(number);
+      ++at;
     }
   }
+  return at - first;
 }
 
 }  // namespace sensor_rt

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/optics/camera.h"
 #include "sensor_rt/optics/laser_sheet.h"
 #include "sensor_rt/optics/projector.h"
@@ -12,13 +13,17 @@
 
 namespace sensor_rt {
 
-/// One point of a profile as one camera sees it.
-struct FanPoint {
-  Eigen::Vector3d point;  ///< sensor frame, m
-  double column;          ///< px, where the camera sees the point
-  double row;
-  double brightness;  ///< reflectance times cosine of incidence, and the laser's power there over the mean
-  std::int32_t camera;
+/// Points of a profile as its cameras see them, as a structure of arrays.
+struct FanPoints {
+  LargeVector<Eigen::Vector3d> point;  ///< sensor frame, m
+  LargeVector<std::int32_t> column;    ///< px, the nearest one
+  LargeVector<double> row;             ///< px
+  /// Reflectance times cosine of incidence, and the laser's power there over the mean.
+  LargeVector<float> brightness;
+  LargeVector<std::int32_t> camera;
+
+  std::size_t size() const { return point.size(); }
+  void resize(std::size_t count);
 };
 
 /// What of the sensor the geometric mode needs.
@@ -37,20 +42,22 @@ class FanCaster {
  public:
   explicit FanCaster(const FanGeometry& geometry);
 
-  /// Points of one profile, camera by camera in ascending columns; valid until the next call.
-  const std::vector<FanPoint>& cast(const Scene& scene, const Exposures& exposures, std::size_t exposure);
+  /// Points of one profile, camera by camera in ascending columns.
+  void cast(const Scene& scene, const Exposures& exposures, std::size_t exposure, FanPoints& points);
 
  private:
   /// Landing points of sixteen rays; used is 0 for those that are lost.
   struct Landing {
     Lanes3 point;
-    Lanes3 normal;  ///< towards the light
+    Lanes3 in_sensor;  ///< the same point in the sensor frame
+    Lanes3 normal;     ///< towards the light
     alignas(64) double brightness[kLanes];
     alignas(64) double used[kLanes];
   };
 
   void land(const Scene& scene);
-  void see(std::size_t camera);
+  /// Writes what a camera sees at `points`[first] and after; returns how many.
+  std::size_t see(std::size_t camera, std::size_t first, FanPoints& points);
 
   FanGeometry geometry_;
   std::vector<Projector> projectors_;
@@ -62,7 +69,6 @@ class FanCaster {
   RayView laser_view_;
   RayView camera_view_;
   std::vector<Landing> landings_;
-  std::vector<FanPoint> points_;
 };
 
 }  // namespace sensor_rt

@@ -59,24 +59,17 @@ GeometricLine::GeometricLine(const Sensor& sensor)
 
 void GeometricLine::run(const Scene& scene, const Exposures& exposures, std::size_t exposure, Profiles& out) {
   const Stopwatch watch(seconds_[kCast]);
-  const std::vector<FanPoint>& points = caster_.cast(scene, exposures, exposure);
-  const std::size_t count = points.size();
+  caster_.cast(scene, exposures, exposure, points_);
+  const std::size_t count = points_.size();
   // These points are exact: no uncertainty, no flags.
   out.frame.assign(count, exposures.index[exposure]);
   out.sigma.assign(count, 0.0f);
   out.flags.assign(count, 0);
-  out.camera.resize(count);
-  out.column.resize(count);
-  out.row.resize(count);
-  out.points_in_sensor.resize(count);
-  out.intensity.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    out.camera[i] = points[i].camera;
-    out.column[i] = static_cast<std::int32_t>(std::floor(points[i].column + 0.5));
-    out.row[i] = points[i].row;
-    out.points_in_sensor[i] = points[i].point;
-    out.intensity[i] = static_cast<float>(points[i].brightness);
-  }
+  out.camera.swap(points_.camera);
+  out.column.swap(points_.column);
+  out.row.swap(points_.row);
+  out.points_in_sensor.swap(points_.point);
+  out.intensity.swap(points_.brightness);
 }
 
 }  // namespace sensor_rt

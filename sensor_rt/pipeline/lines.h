@@ -71,6 +71,7 @@ class GeometricLine {
 
  private:
   FanCaster caster_;
+  FanPoints points_;
   StationSeconds seconds_{};
 };
 
