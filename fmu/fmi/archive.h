@@ -5,11 +5,12 @@
 #include <array>
 #include <cstdint>
 #include <cstring>
-#include <deque>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
 #include <vector>
+
+#include "fmu/model/cell_layout.h"
 
 namespace robotcell::fmi {
 
@@ -81,26 +82,44 @@ void exchange(Archive& archive, Eigen::Isometry3d& pose) {
   for (double& value : pose.matrix().reshaped()) archive.raw(value);
 }
 
-/// Sizes are checked against what is left before memory is taken.
-template <class Archive, class Container>
-void exchange_sequence(Archive& archive, Container& values) {
-  std::uint64_t size = values.size();
-  archive.raw(size);
+/// The length of a sequence; refused when the bytes that are left cannot hold it.
+template <class Archive>
+std::uint64_t exchange_length(Archive& archive, std::uint64_t length) {
+  archive.raw(length);
   if constexpr (Archive::kReads) {
-    if (size > archive.left()) throw std::invalid_argument("the serialized state is cut off");
-    values.resize(size);
+    if (length > archive.left()) throw std::invalid_argument("the serialized state is cut off");
   }
-  for (auto& value : values) exchange(archive, value);
+  return length;
+}
+
+/// Reads one element after the other, so that no length takes more memory than the bytes have.
+template <class Archive, class Container, class Element>
+void exchange_sequence(Archive& archive, Container& values, const Element& empty) {
+  const std::uint64_t length = exchange_length(archive, values.size());
+  if constexpr (Archive::kReads) values.clear();
+  for (std::uint64_t i = 0; i < length; ++i) {
+    if constexpr (Archive::kReads) values.push_back(empty);
+    exchange(archive, values[i]);
+  }
 }
 
 template <class Archive, class T>
-void exchange(Archive& archive, std::deque<T>& values) {
-  exchange_sequence(archive, values);
+void exchange(Archive& archive, std::vector<T>& values) {
+  exchange_sequence(archive, values, T());
+}
+
+/// The layout gives the length, the bytes must agree.
+template <class Archive, class T>
+void exchange(Archive& archive, PerDevice<T>& values) {
+  if (exchange_length(archive, values.size()) != values.size()) {
+    throw std::invalid_argument("the serialized state is of another layout of the cell");
+  }
+  for (T& value : values) exchange(archive, value);
 }
 
 template <class Archive>
 void exchange(Archive& archive, std::string& text) {
-  exchange_sequence(archive, text);
+  exchange_sequence(archive, text, char());
 }
 
 template <class Archive, class... T>

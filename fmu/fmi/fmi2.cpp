@@ -1,6 +1,7 @@
 // Entry points of FMI 2.0 for co-simulation.
 #include <array>
 #include <cstring>
+#include <memory>
 
 #include "fmu/fmi/guard.h"
 #include "fmu/fmi/variable_table.h"
@@ -97,14 +98,19 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
   try {
     const std::string instance_name = name == nullptr ? "" : name;
     const Log log(make_sink(functions, instance_name), logging != fmi2False);
-    const auto refuse = [&log](const char* message) {
-      log.write(LogCategory::kError, std::string("fmi2Instantiate: ") + message);
+    const auto refuse = [&log](const std::string& message) {
+      log.write(LogCategory::kError, "fmi2Instantiate: " + message);
       return nullptr;
     };
     if (instance_name.empty()) return refuse("the instance needs a name");
     if (type != fmi2CoSimulation) return refuse("this FMU is for co-simulation alone");
-    if (guid == nullptr || instantiation_token() != guid) return refuse("the GUID is not this FMU's");
-    return new Instance(instance_name, resources == nullptr ? "" : resources, log);
+    try {
+      auto instance = std::make_unique<Instance>(instance_name, resources == nullptr ? "" : resources, log);
+      if (guid == nullptr || instance->token() != guid) return refuse("the GUID is not this FMU's");
+      return instance.release();
+    } catch (const std::exception& error) {
+      return refuse(error.what());
+    }
   } catch (...) {
     return nullptr;
   }
@@ -195,13 +201,13 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate* state) {
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t* size) {
   return status_of(c, "fmi2SerializedFMUstateSize", [&] {
     require(size != nullptr, "null pointer");
-    *size = serialize(snapshot_of(state)).size();
+    *size = serialize(snapshot_of(state), instance_of(c)->token()).size();
   });
 }
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
   return status_of(c, "fmi2SerializeFMUstate", [&] {
-    const auto serialized = serialize(snapshot_of(state));
+    const auto serialized = serialize(snapshot_of(state), instance_of(c)->token());
     require(bytes != nullptr && size >= serialized.size(), "too few bytes for the state");
     std::memcpy(bytes, serialized.data(), serialized.size());
   });
@@ -211,7 +217,8 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
                                    fmi2FMUstate* state) {
   return status_of(c, "fmi2DeSerializeFMUstate", [&] {
     require(state != nullptr, "null pointer");
-    *state = new Snapshot(deserialize(reinterpret_cast<const std::uint8_t*>(bytes), size));
+    *state = new Snapshot(deserialize(reinterpret_cast<const std::uint8_t*>(bytes), size,
+                                      instance_of(c)->layout(), instance_of(c)->token()));
   });
 }
 

@@ -1,6 +1,7 @@
 // Entry points of FMI 3.0 for co-simulation.
 #include <array>
 #include <cstring>
+#include <memory>
 
 #include "fmu/fmi/guard.h"
 #include "fmu/fmi/variable_table.h"
@@ -99,17 +100,22 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          fmi3IntermediateUpdateCallback intermediate) {
   try {
     const Log log(make_sink(log_message, environment), logging);
-    const auto refuse = [&log](const char* message) {
-      log.write(LogCategory::kError, std::string("fmi3InstantiateCoSimulation: ") + message);
+    const auto refuse = [&log](const std::string& message) {
+      log.write(LogCategory::kError, "fmi3InstantiateCoSimulation: " + message);
       return nullptr;
     };
     if (name == nullptr || *name == '\0') return refuse("the instance needs a name");
-    if (token == nullptr || instantiation_token() != token) {
-      return refuse("the instantiation token is not this FMU's");
+    try {
+      auto instance = std::make_unique<Instance>(
+          name, resources == nullptr ? "" : resources, log,
+          StepOptions{event_mode, early_return, make_intermediate(intermediate, environment, early_return)});
+      if (token == nullptr || instance->token() != token) {
+        return refuse("the instantiation token is not this FMU's");
+      }
+      return instance.release();
+    } catch (const std::exception& error) {
+      return refuse(error.what());
     }
-    return new Instance(
-        name, resources == nullptr ? "" : resources, log,
-        {event_mode, early_return, make_intermediate(intermediate, environment, early_return)});
   } catch (...) {
     return nullptr;
   }
@@ -225,13 +231,13 @@ fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState* state) {
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t* size) {
   return status_of(instance, "fmi3SerializedFMUStateSize", [&] {
     require(size != nullptr, "null pointer");
-    *size = serialize(snapshot_of(state)).size();
+    *size = serialize(snapshot_of(state), instance_of(instance)->token()).size();
   });
 }
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
   return status_of(instance, "fmi3SerializeFMUState", [&] {
-    const auto serialized = serialize(snapshot_of(state));
+    const auto serialized = serialize(snapshot_of(state), instance_of(instance)->token());
     require(bytes != nullptr && size >= serialized.size(), "too few bytes for the state");
     std::memcpy(bytes, serialized.data(), serialized.size());
   });
@@ -241,7 +247,8 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[]
                                    fmi3FMUState* state) {
   return status_of(instance, "fmi3DeserializeFMUState", [&] {
     require(state != nullptr, "null pointer");
-    *state = new Snapshot(deserialize(bytes, size));
+    *state = new Snapshot(
+        deserialize(bytes, size, instance_of(instance)->layout(), instance_of(instance)->token()));
   });
 }
 

@@ -33,7 +33,7 @@ fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference vr[], si
   return status_of(instance, "fmi3GetClock", [&] {
     require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
     for (size_t i = 0; i < n; ++i) {
-      require(vr[i] == record_clock_reference(), "the variable is no clock");
+      require(vr[i] == instance_of(instance)->record_clock_reference(), "the variable is no clock");
       values[i] = instance_of(instance)->record_clock();
     }
   });

@@ -42,8 +42,12 @@ bool same_parameters(const CellParameters& a, const CellParameters& b) {
   const auto same_row = [](const DhDeviation& x, const DhDeviation& y) {
     return x.a == y.a && x.d == y.d && x.alpha == y.alpha && x.theta == y.theta && x.beta == y.beta;
   };
+  const auto same_wobble = [](const TableWobble& x, const TableWobble& y) {
+    return x.amplitude == y.amplitude && x.phase == y.phase && x.direction == y.direction;
+  };
   bool same = a.cell_file == b.cell_file && a.seed == b.seed && a.as_built.tool == b.as_built.tool &&
               a.as_built.table == b.as_built.table && a.as_built.platter == b.as_built.platter &&
+              same_wobble(a.as_built.wobble, b.as_built.wobble) &&
               a.as_built.trigger_latency == b.as_built.trigger_latency;
   for (std::size_t i = 0; i < kJoints; ++i) same = same && same_row(a.as_built.dh[i], b.as_built.dh[i]);
   return same;
@@ -56,7 +60,12 @@ Instance::Instance(std::string name, std::string resource_location, Log log, Ste
       resource_location_(std::move(resource_location)),
       log_(std::move(log)),
       options_(std::move(options)),
-      stop_time_(kNever) {}
+      stop_time_(kNever),
+      own_(load_cell(description_path(CellParameters().cell_file))),
+      layout_(layout_of(own_.description)),
+      values_(layout_),
+      table_(layout_, values_),
+      token_(table_.token()) {}
 
 void Instance::setup(double start_time, std::optional<double> stop_time) {
   if (phase_ != Phase::kInstantiated) refuse("setting up the experiment", phase_);
@@ -90,7 +99,7 @@ void Instance::reset() {
   phase_ = Phase::kInstantiated;
   start_time_ = communication_time_ = 0;
   stop_time_ = kNever;
-  values_ = Values();
+  values_ = Values(layout_);
   outputs_fresh_ = record_shown_ = false;
   logged_limit_ = 0;
   cell_.reset();
@@ -213,10 +222,10 @@ void Instance::now_at(std::int64_t ticks) {
 }
 
 const Variable& Instance::variable(std::uint32_t reference, Type type) const {
-  if (reference >= variables().size()) {
+  if (reference >= table_.variables().size()) {
     throw std::invalid_argument("there is no variable with value reference " + std::to_string(reference));
   }
-  const Variable& found = variables()[reference];
+  const Variable& found = table_.variables()[reference];
   if (found.type != type) throw std::invalid_argument(found.name + " is of another type");
   return found;
 }
@@ -228,7 +237,7 @@ T& Instance::get(std::uint32_t reference) {
       (found.causality == Causality::kOutput || found.causality == Causality::kIndependent)) {
     refresh_outputs();
   }
-  return member<T>(values_, found);
+  return member<T>(found);
 }
 
 void Instance::check_settable(const Variable& variable) const {
@@ -255,7 +264,7 @@ void Instance::set(std::uint32_t reference, const T& value) {
                                   std::to_string(found.max) + ", not " + std::to_string(value));
     }
   }
-  member<T>(values_, found) = value;
+  member<T>(found) = value;
   if (found.causality == Causality::kParameter) {
     cell_.reset();
     outputs_fresh_ = false;
@@ -273,14 +282,22 @@ template void Instance::set(std::uint32_t, const std::string&);
 
 void Instance::refresh_outputs() {
   if (phase_ == Phase::kInstantiated) refuse("getting an output", phase_);
-  values_.outputs = cell().outputs();
+  cell().write_outputs(values_.outputs);
   if (values_.outputs.trigger.index > 0) values_.outputs.trigger.time += start_time_;
   values_.time = communication_time_;
   outputs_fresh_ = true;
 }
 
-std::string Instance::description_path() const {
-  const std::string& file = values_.parameters.cell_file;
+LoadedCell load_cell(const std::string& path) {
+  const std::string json = read_text_file(path);
+  try {
+    return {path, hash_of(reinterpret_cast<const std::uint8_t*>(json.data()), json.size()), parse_cell(json)};
+  } catch (const DescriptionError& error) {
+    throw DescriptionError(path + ": " + error.what());
+  }
+}
+
+std::string Instance::description_path(const std::string& file) const {
   if (!file.empty() && file.front() == '/') return file;
   if (file.empty()) throw std::invalid_argument("cell.file must name a file");
   return resource_folder(resource_location_) + "/" + file;
@@ -288,29 +305,33 @@ std::string Instance::description_path() const {
 
 Cell& Instance::cell() {
   if (cell_) return *cell_;
-  const std::string path = description_path();
-  const std::string json = read_text_file(path);
+  const std::string path = description_path(values_.parameters.cell_file);
+  const LoadedCell loaded = path == own_.path ? own_ : load_cell(path);
+  const std::string other = difference(layout_of(loaded.description), layout_);
+  if (!other.empty()) {
+    throw DescriptionError(path + ": its layout is not that of this FMU's variables: " + other);
+  }
   try {
-    cell_ = std::make_unique<Cell>(parse_cell(json), values_.parameters);
+    cell_ = std::make_unique<Cell>(loaded.description, values_.parameters);
   } catch (const DescriptionError& error) {
     throw DescriptionError(path + ": " + error.what());
   }
-  description_hash_ = hash_of(reinterpret_cast<const std::uint8_t*>(json.data()), json.size());
+  description_hash_ = loaded.hash;
   log_.write(LogCategory::kEvent, "the cell is made from " + path);
   return *cell_;
 }
 
 Snapshot Instance::snapshot() const {
   if (phase_ == Phase::kIntermediate) refuse("getting the state", phase_);
-  Snapshot snapshot{phase_,
-                    start_time_,
-                    stop_time_,
-                    communication_time_,
-                    record_shown_,
-                    values_.parameters,
-                    values_.inputs,
-                    cell_ ? description_hash_ : 0,
-                    {}};
+  Snapshot snapshot(layout_);
+  snapshot.phase = phase_;
+  snapshot.start_time = start_time_;
+  snapshot.stop_time = stop_time_;
+  snapshot.communication_time = communication_time_;
+  snapshot.record_shown = record_shown_;
+  snapshot.parameters = values_.parameters;
+  snapshot.inputs = values_.inputs;
+  snapshot.description_hash = cell_ ? description_hash_ : 0;
   if (cell_) snapshot.cell = cell_->state();
   return snapshot;
 }

@@ -22,6 +22,16 @@ struct StepOptions {
   std::function<std::optional<double>(double time)> intermediate;
 };
 
+/// A description, and where it is from.
+struct LoadedCell {
+  std::string path;
+  std::uint64_t hash = 0;  // of the file's bytes
+  CellDescription description;
+};
+
+/// Throws DescriptionError that names the file.
+LoadedCell load_cell(const std::string& path);
+
 struct StepResult {
   bool event = false;  // a record came on display, and the importer uses event mode
   bool early = false;  // the step ended before its end
@@ -31,9 +41,13 @@ struct StepResult {
 /// after which only state restoring, reset, terminate, getters and free are allowed.
 class Instance {
  public:
+  /// Reads the cell in the FMU's resources, whose layout decides which variables there are.
   Instance(std::string name, std::string resource_location, Log log, StepOptions options = {});
 
   const std::string& name() const { return name_; }
+  const CellLayout& layout() const { return layout_; }
+  const std::string& token() const { return token_; }
+  std::uint32_t record_clock_reference() const { return table_.record_clock_reference(); }
   Log& log() { return log_; }
   void fail() { phase_ = Phase::kFailed; }
 
@@ -65,7 +79,7 @@ class Instance {
   void check_settable(const Variable& variable) const;
   void refresh_outputs();
   Cell& cell();
-  std::string description_path() const;
+  std::string description_path(const std::string& file) const;
   std::int64_t ticks_to(double time) const;
   void check_step(double current, double step) const;
   std::int64_t next_stop(std::int64_t end) const;
@@ -81,7 +95,11 @@ class Instance {
   double start_time_ = 0;
   double stop_time_;
   double communication_time_ = 0;
+  LoadedCell own_;
+  CellLayout layout_;
   Values values_;
+  VariableTable table_;
+  std::string token_;
   bool outputs_fresh_ = false;
   bool record_shown_ = false;
   std::int32_t logged_limit_ = 0;

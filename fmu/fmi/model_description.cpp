@@ -84,16 +84,15 @@ std::size_t structure_index(std::size_t reference, int version) {
 }
 
 std::string start_of(const Variable& variable) {
-  static Values defaults;
   switch (variable.type) {
     case Type::kReal:
-      return number(member<double>(defaults, variable));
+      return number(member<double>(variable));
     case Type::kInteger:
-      return std::to_string(member<std::int32_t>(defaults, variable));
+      return std::to_string(member<std::int32_t>(variable));
     case Type::kBoolean:
-      return member<bool>(defaults, variable) ? "true" : "false";
+      return member<bool>(variable) ? "true" : "false";
     default:
-      return escaped(member<std::string>(defaults, variable));
+      return escaped(member<std::string>(variable));
   }
 }
 
@@ -128,10 +127,10 @@ std::string common_attributes(const Variable& variable, std::size_t reference) {
   return text + " description=\"" + escaped(variable.description) + "\"";
 }
 
-void write_variables(std::ostream& xml, int version, bool clock) {
+void write_variables(std::ostream& xml, const VariableTable& table, int version, bool clock) {
   xml << "  <ModelVariables>\n";
-  for (std::size_t i = 0; i < variables().size(); ++i) {
-    const Variable& variable = variables()[i];
+  for (std::size_t i = 0; i < table.variables().size(); ++i) {
+    const Variable& variable = table.variables()[i];
     const char* type = type_name(variable.type, version);
     const std::string attributes = type_attributes(variable, version);
     if (version == 2) {
@@ -145,7 +144,7 @@ void write_variables(std::ostream& xml, int version, bool clock) {
     }
   }
   if (clock) {
-    xml << "    <Clock name=\"trigger.clock\" valueReference=\"" << record_clock_reference()
+    xml << "    <Clock name=\"trigger.clock\" valueReference=\"" << table.record_clock_reference()
         << "\" causality=\"output\" variability=\"discrete\" intervalVariability=\"triggered\" "
            "description=\"Ticks when the record of an exposure comes on display\"/>\n";
   }
@@ -164,24 +163,24 @@ void write_unknown(std::ostream& xml, const char* element, std::size_t reference
   xml << "\"/>\n";
 }
 
-void write_structure(std::ostream& xml, int version, bool clock) {
+void write_structure(std::ostream& xml, const VariableTable& table, int version, bool clock) {
   xml << "  <ModelStructure>\n" << (version == 2 ? "    <Outputs>\n" : "");
   const char* indent = version == 2 ? "      " : "    ";
-  for (std::size_t i = 0; i < variables().size(); ++i) {
-    if (variables()[i].causality != Causality::kOutput) continue;
+  for (std::size_t i = 0; i < table.variables().size(); ++i) {
+    if (table.variables()[i].causality != Causality::kOutput) continue;
     xml << indent;
     write_unknown(xml, version == 2 ? "Unknown" : "Output", i, {}, version);
   }
   if (clock) {
     xml << indent;
-    write_unknown(xml, "Output", record_clock_reference(), {}, version);
+    write_unknown(xml, "Output", table.record_clock_reference(), {}, version);
   }
   if (version == 2) xml << "    </Outputs>\n    <InitialUnknowns>\n";
-  for (std::size_t i = 0; i < variables().size(); ++i) {
-    if (variables()[i].causality != Causality::kOutput) continue;
+  for (std::size_t i = 0; i < table.variables().size(); ++i) {
+    if (table.variables()[i].causality != Causality::kOutput) continue;
     xml << indent;
-    write_unknown(xml, version == 2 ? "Unknown" : "InitialUnknown", i, variables()[i].initial_dependencies,
-                  version);
+    write_unknown(xml, version == 2 ? "Unknown" : "InitialUnknown", i,
+                  table.variables()[i].initial_dependencies, version);
   }
   xml << (version == 2 ? "    </InitialUnknowns>\n" : "") << "  </ModelStructure>\n";
 }
@@ -222,10 +221,10 @@ void write_units_and_types(std::ostream& xml, int version) {
   xml << "  </TypeDefinitions>\n";
 }
 
-void write_head(std::ostream& xml, const CellDescription& cell, int version) {
+void write_head(std::ostream& xml, const CellDescription& cell, const std::string& token, int version) {
   xml << "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiModelDescription fmiVersion=\""
       << (version == 2 ? "2.0" : "3.0") << "\" modelName=\"RobotCell\" "
-      << (version == 2 ? "guid" : "instantiationToken") << "=\"" << instantiation_token()
+      << (version == 2 ? "guid" : "instantiationToken") << "=\"" << token
       << "\" description=\"Robot cell that scans a part with a laser profile sensor: " << escaped(cell.name)
       << "\" version=\"" << SCANCELL_VERSION << "\" license=\"BSD-3-Clause\" generationTool=\""
       << kGenerationTool
@@ -244,7 +243,10 @@ void write_head(std::ostream& xml, const CellDescription& cell, int version) {
 std::string model_description(const CellDescription& cell, int version, bool clock) {
   std::ostringstream xml;
   xml.imbue(std::locale::classic());
-  write_head(xml, cell, version);
+  const CellLayout layout = layout_of(cell);
+  Values values(layout);
+  const VariableTable table(layout, values);
+  write_head(xml, cell, table.token(), version);
   write_units_and_types(xml, version);
   xml << "  <LogCategories>\n";
   for (const auto& [name, description] : kLogCategories) {
@@ -253,8 +255,8 @@ std::string model_description(const CellDescription& cell, int version, bool clo
   xml << "  </LogCategories>\n";
   xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\""
       << number(static_cast<double>(cell.controller_cycle_us) / 1e6) << "\"/>\n";
-  write_variables(xml, version, clock && version == 3);
-  write_structure(xml, version, clock && version == 3);
+  write_variables(xml, table, version, clock && version == 3);
+  write_structure(xml, table, version, clock && version == 3);
   xml << "</fmiModelDescription>\n";
   return xml.str();
 }

@@ -1,7 +1,6 @@
 #include "fmu/fmi/snapshot.h"
 
 #include "fmu/fmi/archive.h"
-#include "fmu/fmi/variable_table.h"
 
 // Found by argument-dependent lookup, so each lives in the namespace of its structure.
 namespace robotcell {
@@ -13,8 +12,12 @@ void exchange(A& a, DhDeviation& v) {
   exchange_all(a, v.a, v.d, v.alpha, v.theta, v.beta);
 }
 template <class A>
+void exchange(A& a, TableWobble& v) {
+  exchange_all(a, v.amplitude, v.phase, v.direction);
+}
+template <class A>
 void exchange(A& a, AsBuilt& v) {
-  exchange_all(a, v.dh, v.tool, v.table, v.platter, v.trigger_latency);
+  exchange_all(a, v.dh, v.tool, v.table, v.platter, v.wobble, v.trigger_latency);
 }
 template <class A>
 void exchange(A& a, CellParameters& v) {
@@ -25,12 +28,20 @@ void exchange(A& a, TriggerCommand& v) {
   exchange_all(a, v.mode, v.period, v.angle, v.distance, v.request);
 }
 template <class A>
+void exchange(A& a, ConveyorCommand& v) {
+  exchange_all(a, v.speed);
+}
+template <class A>
 void exchange(A& a, CellInputs& v) {
-  exchange_all(a, v.mode, v.position, v.segment, v.trigger, v.exposure);
+  exchange_all(a, v.mode, v.position, v.segment, v.trigger, v.exposure, v.conveyors);
 }
 template <class A>
 void exchange(A& a, BodyState& v) {
   exchange_all(a, v.position, v.orientation, v.velocity, v.angular_velocity);
+}
+template <class A>
+void exchange(A& a, Bodies& v) {
+  exchange_all(a, v.links, v.sensor, v.table, v.parts);
 }
 template <class A>
 void exchange(A& a, Measurement& v) {
@@ -47,23 +58,26 @@ void exchange(A& a, PendingRecord& v) {
 template <class A>
 void exchange(A& a, TriggerState& v) {
   exchange_all(a, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry, v.entry_angle,
-               v.path, v.path_reference, v.pending, v.open, v.shown);
+               v.path, v.path_reference, v.open, v.shown);
+  // The record on display has the right size for all others.
+  PendingRecord empty(v.shown);
+  fmi::exchange_sequence(a, v.pending, empty);
 }
 template <class A>
 void exchange(A& a, AxesState& v) {
   exchange_all(a, v.position, v.rate);
 }
 template <class A>
-void exchange(A& a, GridPoint& v) {
-  exchange_all(a, v.time_us, v.axes, v.part_position, v.part_orientation);
+void exchange(A& a, PartPose& v) {
+  exchange_all(a, v.on_platter, v.position, v.orientation);
 }
 template <class A>
-void exchange(A& a, StickAnchorState& v) {
-  exchange_all(a, v.engaged, v.support_from_body);
+void exchange(A& a, StickAnchor& v) {
+  exchange_all(a, v.support, v.normal, v.support_from_body);
 }
 template <class A>
 void exchange(A& a, FreePartState& v) {
-  exchange_all(a, v.position, v.velocity, v.friction_direction, v.anchor);
+  exchange_all(a, v.position, v.velocity, v.friction_direction, v.carrier, v.anchors);
 }
 
 namespace control {
@@ -75,11 +89,23 @@ template <class A>
 void exchange(A& a, ServoState& v) {
   fmi::exchange_all(a, v.start_us, v.before, v.start, v.end, v.limit);
 }
+template <class A>
+void exchange(A& a, BeltState& v) {
+  fmi::exchange_all(a, v.travel, v.speed, v.target);
+}
 }  // namespace control
 
 template <class A>
+void exchange(A& a, Imposed& v) {
+  exchange_all(a, v.axes, v.belts);
+}
+template <class A>
+void exchange(A& a, GridPoint& v) {
+  exchange_all(a, v.time_us, v.imposed, v.parts);
+}
+template <class A>
 void exchange(A& a, CellState& v) {
-  exchange_all(a, v.time_us, v.from, v.to, v.servo, v.part, v.trigger);
+  exchange_all(a, v.time_us, v.from, v.to, v.servo, v.parts, v.trigger);
 }
 
 }  // namespace robotcell
@@ -90,7 +116,7 @@ namespace {
 constexpr std::size_t kChecksumSize = sizeof(std::uint64_t);
 
 template <class Archive>
-void exchange_snapshot(Archive& archive, Snapshot& snapshot) {
+void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& layout) {
   auto phase = static_cast<std::int32_t>(snapshot.phase);
   exchange_all(archive, phase, snapshot.start_time, snapshot.stop_time, snapshot.communication_time,
                snapshot.record_shown, snapshot.parameters, snapshot.inputs, snapshot.description_hash);
@@ -101,7 +127,7 @@ void exchange_snapshot(Archive& archive, Snapshot& snapshot) {
       throw std::invalid_argument("the serialized state holds an impossible value");
     }
     snapshot.phase = static_cast<Phase>(phase);
-    if (has_cell) snapshot.cell.emplace();
+    if (has_cell) snapshot.cell.emplace(layout);
   }
   if (has_cell) exchange(archive, *snapshot.cell);
 }
@@ -114,11 +140,10 @@ std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size) {
   return hash;
 }
 
-std::vector<std::uint8_t> serialize(Snapshot& snapshot) {
+std::vector<std::uint8_t> serialize(Snapshot& snapshot, std::string token) {
   Writer writer;
-  std::string token = instantiation_token();
   exchange(writer, token);
-  exchange_snapshot(writer, snapshot);
+  exchange_snapshot(writer, snapshot, {});
   std::vector<std::uint8_t> bytes = writer.take();
   const std::uint64_t checksum = hash_of(bytes.data(), bytes.size());
   const auto* first = reinterpret_cast<const std::uint8_t*>(&checksum);
@@ -126,7 +151,8 @@ std::vector<std::uint8_t> serialize(Snapshot& snapshot) {
   return bytes;
 }
 
-Snapshot deserialize(const std::uint8_t* bytes, std::size_t size) {
+Snapshot deserialize(const std::uint8_t* bytes, std::size_t size, const CellLayout& layout,
+                     const std::string& own_token) {
   if (bytes == nullptr || size < kChecksumSize)
     throw std::invalid_argument("the serialized state is cut off");
   const std::size_t body = size - kChecksumSize;
@@ -138,9 +164,9 @@ Snapshot deserialize(const std::uint8_t* bytes, std::size_t size) {
   Reader reader(bytes, body);
   std::string token;
   exchange(reader, token);
-  if (token != instantiation_token()) throw std::invalid_argument("the serialized state is of another FMU");
-  Snapshot snapshot;
-  exchange_snapshot(reader, snapshot);
+  if (token != own_token) throw std::invalid_argument("the serialized state is of another FMU");
+  Snapshot snapshot(layout);
+  exchange_snapshot(reader, snapshot, layout);
   if (reader.left() != 0) throw std::invalid_argument("the serialized state is longer than it should be");
   return snapshot;
 }

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "fmu/model/cell.h"
@@ -20,6 +21,8 @@ enum class Phase : std::int32_t {
 };
 
 struct Snapshot {
+  explicit Snapshot(const CellLayout& layout) : inputs(layout) {}
+
   Phase phase = Phase::kInstantiated;
   double start_time = 0;
   double stop_time = 0;  // infinite when not defined
@@ -31,10 +34,11 @@ struct Snapshot {
   std::optional<CellState> cell;
 };
 
-std::vector<std::uint8_t> serialize(Snapshot& snapshot);
+std::vector<std::uint8_t> serialize(Snapshot& snapshot, std::string token);
 
-/// Throws std::invalid_argument when the bytes are not a whole, unaltered state of this FMU.
-Snapshot deserialize(const std::uint8_t* bytes, std::size_t size);
+/// Throws std::invalid_argument when the bytes are not a whole, unaltered state of an FMU with this token.
+Snapshot deserialize(const std::uint8_t* bytes, std::size_t size, const CellLayout& layout,
+                     const std::string& token);
 
 /// FNV-1a of a byte sequence.
 std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size);

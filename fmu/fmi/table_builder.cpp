@@ -70,14 +70,17 @@ void TableBuilder::add_body(const std::string& prefix, const std::string& what, 
 }
 
 void TableBuilder::add_bodies(const std::string& prefix, const std::string& when, Variability variability,
-                              Bodies& where, const BodyDependencies& dependencies) {
+                              Bodies& where, const BodiesDependencies& dependencies) {
   for (std::size_t i = 0; i < kJoints; ++i) {
-    add_body(indexed(prefix + "link", i), "link " + std::to_string(i + 1), when, variability, where[i],
-             dependencies[i]);
+    add_body(indexed(prefix + "link", i), "link " + std::to_string(i + 1), when, variability, where.links[i],
+             dependencies.links[i]);
   }
-  add_body(prefix + "sensor", "the sensor", when, variability, where[kSensor], dependencies[kSensor]);
-  add_body(prefix + "table", "the table's platter", when, variability, where[kTable], dependencies[kTable]);
-  add_body(indexed(prefix + "part", 0), "the part", when, variability, where[kPart], dependencies[kPart]);
+  add_body(prefix + "sensor", "the sensor", when, variability, where.sensor, dependencies.sensor);
+  add_body(prefix + "table", "the table's platter", when, variability, where.table, dependencies.table);
+  for (std::size_t i = 0; i < where.parts.size(); ++i) {
+    add_body(indexed(prefix + "part", i), "part " + std::to_string(i + 1), when, variability, where.parts[i],
+             dependencies.parts[i]);
+  }
 }
 
 }  // namespace robotcell::fmi

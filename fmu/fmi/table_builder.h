@@ -34,18 +34,26 @@ struct PoseDependencies {
   }
 };
 
-using BodyDependencies = std::array<PoseDependencies, kBodies>;
+struct BodiesDependencies {
+  std::array<PoseDependencies, kJoints> links;
+  PoseDependencies sensor, table;
+  std::vector<PoseDependencies> parts;
+};
+
+/// What initial values depend on.
+struct Dependencies {
+  Refs file, measured;
+  BodiesDependencies bodies;
+};
 
 class TableBuilder {
  public:
-  /// Appends a variable; `where` is its member of `values`.
+  /// Appends a variable; `where` is its member of an instance's values.
   template <class T>
   std::uint32_t add(const std::string& name, Causality causality, Variability variability, Unit unit,
                     const std::string& description, T& where, const Refs& dependencies = {}) {
-    const auto offset =
-        static_cast<std::size_t>(reinterpret_cast<char*>(&where) - reinterpret_cast<char*>(&values));
     table_.push_back(
-        {name, type_of<T>(), causality, variability, unit, description, offset, 0, 0, dependencies});
+        {name, type_of<T>(), causality, variability, unit, description, &where, 0, 0, dependencies});
     return static_cast<std::uint32_t>(table_.size() - 1);
   }
 
@@ -61,11 +69,9 @@ class TableBuilder {
 
   /// Poses and twists of all bodies, of the present or of a record.
   void add_bodies(const std::string& prefix, const std::string& when, Variability variability, Bodies& where,
-                  const BodyDependencies& dependencies);
+                  const BodiesDependencies& dependencies);
 
   std::vector<Variable> take() { return std::move(table_); }
-
-  Values values;  // never read: gives the members their places
 
  private:
   void add_body(const std::string& prefix, const std::string& what, const std::string& when,

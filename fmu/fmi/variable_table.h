@@ -13,6 +13,8 @@ namespace robotcell::fmi {
 
 /// The memory behind the variables of one instance.
 struct Values {
+  explicit Values(const CellLayout& layout) : inputs(layout), outputs(layout) {}
+
   double time = 0;
   CellParameters parameters;
   CellInputs inputs;
@@ -46,24 +48,35 @@ struct Variable {
   Variability variability;
   Unit unit;
   std::string description;
-  std::size_t offset;                               // of its member in Values
+  void* where;                                      // its member of Values
   std::int32_t min = 0, max = 0;                    // of an integer, where max > min
   std::vector<std::uint32_t> initial_dependencies;  // parameters on which an output's initial value depends
 };
 
-const std::vector<Variable>& variables();
+/// The variables of a cell of one layout, bound to the values of one instance.
+class VariableTable {
+ public:
+  /// The values must outlive the table, and stay where they are.
+  VariableTable(const CellLayout& layout, Values& values);
 
-/// Value reference of the clock that ticks with every trigger record; FMI 3 alone has it, behind all
-/// variables.
-inline std::uint32_t record_clock_reference() { return static_cast<std::uint32_t>(variables().size()); }
+  const std::vector<Variable>& variables() const { return variables_; }
 
-/// Identifies the table: equal for the library and every model description that was made with it.
-const std::string& instantiation_token();
+  /// Value reference of the clock that ticks with every trigger record; FMI 3 alone has it, behind all
+  /// variables.
+  std::uint32_t record_clock_reference() const { return static_cast<std::uint32_t>(variables_.size()); }
+
+  /// Identifies the table: equal for the library and every model description that was made with it for cells
+  /// of the same layout.
+  std::string token() const;
+
+ private:
+  std::vector<Variable> variables_;
+};
 
 /// The member behind a variable.
 template <class T>
-T& member(Values& values, const Variable& variable) {
-  return *reinterpret_cast<T*>(reinterpret_cast<char*>(&values) + variable.offset);
+T& member(const Variable& variable) {
+  return *static_cast<T*>(variable.where);
 }
 
 }  // namespace robotcell::fmi

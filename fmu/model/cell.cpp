@@ -1,6 +1,7 @@
 #include "fmu/model/cell.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
 
@@ -21,11 +22,24 @@ std::array<control::AxisLimits, kAxes> axis_limits(const CellDescription& cell) 
   return limits;
 }
 
-AxesState start_of(const CellDescription& cell) {
-  AxesState start;
-  for (std::size_t i = 0; i < kJoints; ++i) start.position[i] = cell.joints[i].start;
-  start.position[kTableAxis] = cell.table.start;
+Imposed start_of(const CellDescription& cell) {
+  Imposed start;
+  for (std::size_t i = 0; i < kJoints; ++i) start.axes.position[i] = cell.joints[i].start;
+  start.axes.position[kTableAxis] = cell.table.start;
+  start.belts.resize(cell.conveyors.size());
   return start;
+}
+
+PartPose pose_of(const PartPlace& place) {
+  return {place.on_platter, place.carrier_from_part.translation(),
+          Eigen::Quaterniond(place.carrier_from_part.linear())};
+}
+
+/// The same pose, seen from the platter instead of the world, or the other way round.
+PartPose handed_over(const PartPose& pose, const Eigen::Isometry3d& world_from_platter) {
+  const Eigen::Isometry3d old_from_part = Eigen::Translation3d(pose.position) * pose.orientation;
+  const Eigen::Isometry3d new_from_old = pose.on_platter ? world_from_platter : world_from_platter.inverse();
+  return pose_of({!pose.on_platter, new_from_old * old_from_part});
 }
 
 /// Cubic through the positions and rates of two states, at share s of the time between them.
@@ -47,21 +61,20 @@ Cell::Cell(const CellDescription& description, const CellParameters& parameters)
       nominal_(description, AsBuilt{}),
       true_(description, parameters.as_built),
       encoders_(description, parameters.seed),
-      servo_(axis_limits(description), description.controller_cycle_us, start_of(description).position),
+      servo_(axis_limits(description), description.controller_cycle_us, start_of(description).axes.position),
       world_(description, true_, start_of(description)),
-      trigger_(parameters.as_built.trigger_latency) {
+      trigger_(layout_of(description), parameters.as_built.trigger_latency) {
   if (parameters.as_built.trigger_latency < 0) {
     throw std::invalid_argument("as_built.trigger.latency must not be negative");
   }
-  to_.axes = start_of(description);
-  place_part(to_);
+  to_.imposed = start_of(description);
+  to_.parts.resize(description.parts.size());
+  place_parts();
   from_ = to_;
 }
 
-void Cell::place_part(GridPoint& point) const {
-  const Eigen::Isometry3d pose = world_.platter_from_part();
-  point.part_position = pose.translation();
-  point.part_orientation = Eigen::Quaterniond(pose.linear());
+void Cell::place_parts() {
+  for (std::size_t i = 0; i < to_.parts.size(); ++i) to_.parts[i] = pose_of(world_.place(i));
 }
 
 void Cell::begin_step(const CellInputs& inputs) {
@@ -95,27 +108,45 @@ std::int64_t Cell::run(const CellInputs& inputs, std::int64_t to_us, bool until_
   return time_us_;
 }
 
-void Cell::step_dynamics(const CellInputs& inputs) {
-  if (to_.time_us % description_.controller_cycle_us == 0) {
-    servo_.cycle(to_.time_us, {inputs.mode == 1, inputs.position});
+/// At an instant of the controller's cycle.
+void Cell::take_commands(const CellInputs& inputs) {
+  servo_.cycle(to_.time_us, {inputs.mode == 1, inputs.position});
+  for (std::size_t i = 0; i < description_.conveyors.size(); ++i) {
+    const double limit = description_.conveyors[i].max_speed;
+    to_.imposed.belts[i].target = std::clamp(inputs.conveyors[i].speed, -limit, limit);
   }
+}
+
+void Cell::step_dynamics(const CellInputs& inputs) {
+  if (to_.time_us % description_.controller_cycle_us == 0) take_commands(inputs);
   from_ = to_;
   to_.time_us += description_.time_step_us;
   const control::Knots knots = servo_.sample(to_.time_us);
   for (std::size_t i = 0; i < kAxes; ++i) {
-    to_.axes.position[i] = knots[i].position;
-    to_.axes.rate[i] = knots[i].velocity;
+    to_.imposed.axes.position[i] = knots[i].position;
+    to_.imposed.axes.rate[i] = knots[i].velocity;
   }
-  world_.step(from_.axes, to_.axes);
-  if (description_.part.free) place_part(to_);
+  for (std::size_t i = 0; i < to_.imposed.belts.size(); ++i) to_.imposed.belts[i] = belt_at(i, to_.time_us);
+  world_.step(from_.imposed, to_.imposed);
+  place_parts();
+  const Motion platter = true_.platter(from_.imposed.axes.position[kTableAxis], 0);
+  for (std::size_t i = 0; i < to_.parts.size(); ++i) {
+    if (from_.parts[i].on_platter == to_.parts[i].on_platter) continue;
+    from_.parts[i] = handed_over(from_.parts[i], platter.pose);
+  }
 }
 
 AxesState Cell::axes_at(std::int64_t time_us) const {
-  if (time_us == to_.time_us) return to_.axes;
-  if (time_us == from_.time_us) return from_.axes;
+  if (time_us == to_.time_us) return to_.imposed.axes;
+  if (time_us == from_.time_us) return from_.imposed.axes;
   const auto span = static_cast<double>(to_.time_us - from_.time_us);
-  return interpolated(from_.axes, to_.axes, span * kSecondsPerTick,
+  return interpolated(from_.imposed.axes, to_.imposed.axes, span * kSecondsPerTick,
                       static_cast<double>(time_us - from_.time_us) / span);
+}
+
+control::BeltState Cell::belt_at(std::size_t belt, std::int64_t time_us) const {
+  return control::run_belt(from_.imposed.belts[belt], description_.conveyors[belt].max_acceleration,
+                           static_cast<double>(time_us - from_.time_us) * kSecondsPerTick);
 }
 
 double Cell::table_angle(std::int64_t time_us) const { return axes_at(time_us).position[kTableAxis]; }
@@ -132,59 +163,77 @@ Measurement Cell::measurement(std::int64_t time_us) const {
   return {encoders_.read(axes.position, time_us), axes.rate};
 }
 
-/// The part moves with the platter, and between two grid points evenly relative to it.
-Motion Cell::part_at(std::int64_t time_us, const Motion& platter) const {
-  Eigen::Isometry3d platter_from_part;
+/// A part moves with its carrier, and between two grid points evenly relative to it.
+Motion Cell::part_at(std::size_t part, std::int64_t time_us, const Motion& platter) const {
+  const PartPose& from = from_.parts[part];
+  const PartPose& to = to_.parts[part];
   const auto span = static_cast<double>(to_.time_us - from_.time_us);
   const double s = span > 0 ? static_cast<double>(time_us - from_.time_us) / span : 1;
-  const Eigen::Quaterniond turn = from_.part_orientation.conjugate() * to_.part_orientation;
-  const Eigen::Vector3d travel = to_.part_position - from_.part_position;
-  platter_from_part = Eigen::Translation3d(from_.part_position + s * travel) *
-                      from_.part_orientation.slerp(s, to_.part_orientation);
-  Motion part = attached(platter, platter_from_part);
-  if (span > 0 && description_.part.free) {
+  const Eigen::Quaterniond turn = from.orientation.conjugate() * to.orientation;
+  const Eigen::Vector3d travel = to.position - from.position;
+  const Motion carrier = to.on_platter ? platter : Motion();
+  Motion motion = attached(
+      carrier, Eigen::Translation3d(from.position + s * travel) * from.orientation.slerp(s, to.orientation));
+  if (span > 0 && description_.parts[part].free) {
     const Eigen::AngleAxisd rotation(turn);
     const double rate = 1 / (span * kSecondsPerTick);
-    part.velocity += platter.pose.linear() * travel * rate;
-    part.angular_velocity += part.pose.linear() * rotation.axis() * (rotation.angle() * rate);
+    motion.velocity += carrier.pose.linear() * travel * rate;
+    motion.angular_velocity += motion.pose.linear() * rotation.axis() * (rotation.angle() * rate);
   }
-  return part;
+  return motion;
 }
 
-Bodies Cell::truth(std::int64_t time_us) const {
+void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   const AxesState axes = axes_at(time_us);
-  Bodies bodies;
   const auto links = true_.arm(axes.position, axes.rate);
-  for (std::size_t i = 0; i < kJoints; ++i) bodies[i] = body_state(links[i]);
-  bodies[kSensor] = body_state(true_.sensor(links.back()));
+  for (std::size_t i = 0; i < kJoints; ++i) bodies.links[i] = body_state(links[i]);
+  bodies.sensor = body_state(true_.sensor(links.back()));
   const Motion platter = true_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]);
-  bodies[kTable] = body_state(platter);
-  bodies[kPart] = body_state(part_at(time_us, platter));
-  return bodies;
+  bodies.table = body_state(platter);
+  for (std::size_t i = 0; i < bodies.parts.size(); ++i) {
+    bodies.parts[i] = body_state(part_at(i, time_us, platter));
+  }
 }
 
-CellOutputs Cell::outputs() const {
-  CellOutputs outputs;
+void Cell::write_outputs(CellOutputs& outputs) const {
   outputs.measured = measurement(time_us_);
-  outputs.truth = {axes_at(time_us_).position, truth(time_us_)};
+  outputs.truth.position = axes_at(time_us_).position;
+  write_truth(time_us_, outputs.truth.bodies);
   outputs.trigger_count = trigger_.count();
   outputs.trigger_queued = trigger_.queued();
   outputs.trigger = trigger_.shown();
   outputs.moving = servo_.moving(time_us_);
   outputs.limit = servo_.state().limit;
-  return outputs;
+  for (std::size_t i = 0; i < outputs.conveyors.size(); ++i) {
+    const control::BeltState belt = belt_at(i, time_us_);
+    const double length = description_.conveyors[i].length;
+    const double turns = std::floor(belt.travel / length);
+    outputs.conveyors[i] = {belt.speed, belt.travel, belt.travel - turns * length};
+  }
 }
 
 CellState Cell::state() const {
-  return {time_us_, from_, to_, servo_.state(), world_.free_part(), trigger_.state()};
+  CellState state(layout_of(description_));
+  state.time_us = time_us_;
+  state.from = from_;
+  state.to = to_;
+  state.servo = servo_.state();
+  state.parts = world_.free_parts();
+  state.trigger = trigger_.state();
+  return state;
 }
 
 void Cell::restore(const CellState& state) {
+  for (const GridPoint* point : {&state.from, &state.to}) {
+    if (point->parts.size() != to_.parts.size() || point->imposed.belts.size() != to_.imposed.belts.size()) {
+      throw std::invalid_argument("the state holds devices that this cell does not have");
+    }
+  }
+  world_.restore(state.to.imposed, state.parts);
   time_us_ = state.time_us;
   from_ = state.from;
   to_ = state.to;
   servo_.restore(state.servo);
-  world_.restore(state.to.axes, state.part);
   trigger_.restore(state.trigger);
 }
 

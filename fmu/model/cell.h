@@ -13,27 +13,36 @@
 
 namespace robotcell {
 
+/// Where a part is at a point of the dynamics grid, in the frame of the platter or of the world.
+struct PartPose {
+  bool on_platter = false;
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
+  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+};
+
 /// A point of the dynamics grid.
 struct GridPoint {
   std::int64_t time_us = 0;
-  AxesState axes;
-  Eigen::Vector3d part_position = Eigen::Vector3d::Zero();  // of the part in the platter's frame
-  Eigen::Quaterniond part_orientation = Eigen::Quaterniond::Identity();
+  Imposed imposed;
+  std::vector<PartPose> parts;
 };
 
 /// Everything that changes while a cell runs.
 struct CellState {
+  explicit CellState(const CellLayout& layout) : trigger(layout) {}
+
   std::int64_t time_us = 0;
   GridPoint from;  // the dynamics step that holds the present: from <= time <= to
   GridPoint to;
   control::ServoState servo;
-  FreePartState part;
+  std::vector<FreePartState> parts;
   TriggerState trigger;
 };
 
 /// Runs the dynamics on its own grid, whatever the communication steps are; between two grid points the axes
-/// follow the cubic with the rates at both ends, and a free part moves evenly relative to the platter. So
-/// neither outputs nor records depend on the communication step.
+/// follow the cubic with the rates at both ends, belts their constant acceleration, and a free part moves
+/// evenly relative to the platter that carries it, or to the world. So neither outputs nor records depend on
+/// the communication step.
 ///
 /// At an instant of the controller's cycle, the controller takes the inputs of the step that starts there.
 /// The trigger device takes its commands at the start of every step.
@@ -55,21 +64,24 @@ class Cell : private MotionView {
   std::int64_t controller_cycle_us() const { return description_.controller_cycle_us; }
 
   /// What the cell says at the present instant.
-  CellOutputs outputs() const;
+  void write_outputs(CellOutputs& outputs) const;
 
   CellState state() const;
+  /// Throws std::invalid_argument when the state is not of this cell.
   void restore(const CellState& state);
 
  private:
   double table_angle(std::int64_t time_us) const override;
   Eigen::Vector3d sensor_in_table(std::int64_t time_us) const override;
   Measurement measurement(std::int64_t time_us) const override;
-  Bodies truth(std::int64_t time_us) const override;
+  void write_truth(std::int64_t time_us, Bodies& bodies) const override;
 
   AxesState axes_at(std::int64_t time_us) const;
-  Motion part_at(std::int64_t time_us, const Motion& platter) const;
+  control::BeltState belt_at(std::size_t belt, std::int64_t time_us) const;
+  Motion part_at(std::size_t part, std::int64_t time_us, const Motion& platter) const;
+  void take_commands(const CellInputs& inputs);
   void step_dynamics(const CellInputs& inputs);
-  void place_part(GridPoint& point) const;
+  void place_parts();
 
   CellDescription description_;
   Kinematics nominal_;

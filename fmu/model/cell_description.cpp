@@ -47,41 +47,9 @@ TableDescription parse_table(const JsonReader& json) {
   return table;
 }
 
-void parse_hull(const JsonReader& json, PartDescription& part) {
-  json.expect_keys({"vertices", "faces"});
-  for (const JsonReader& vertex : json.at("vertices").items()) part.hull_vertices.push_back(vertex.vector3());
-  const auto last = static_cast<std::int64_t>(part.hull_vertices.size()) - 1;
-  for (const JsonReader& face : json.at("faces").items()) {
-    const auto corners = face.items(3);
-    part.hull_faces.push_back({static_cast<int>(corners[0].integer(0, last)),
-                               static_cast<int>(corners[1].integer(0, last)),
-                               static_cast<int>(corners[2].integer(0, last))});
-  }
-  if (part.free && part.hull_faces.size() < 4) json.at("faces").fail("at least 4 faces for a free part");
-}
-
-PartDescription parse_part(const JsonReader& json) {
-  json.expect_keys({"fixture", "table_from_part", "mass", "friction", "hull", "centre_of_mass", "inertia"});
-  PartDescription part;
-  const std::string fixture = json.at("fixture").text();
-  if (fixture != "clamped" && fixture != "free") json.at("fixture").fail("\"clamped\" or \"free\"");
-  part.free = fixture == "free";
-  part.table_from_part = json.at("table_from_part").pose();
-  part.mass = json.at("mass").positive();
-  part.friction = json.at("friction").number(0, kHuge);
-  part.centre_of_mass = json.at("centre_of_mass").vector3();
-  const auto rows = json.at("inertia").items(3);
-  for (int i = 0; i < 3; ++i) part.inertia.row(i) = rows[static_cast<std::size_t>(i)].vector3();
-  if (part.free && part.inertia.llt().info() != Eigen::Success) {
-    json.at("inertia").fail("a positive definite matrix");
-  }
-  parse_hull(json.at("hull"), part);
-  return part;
-}
-
 CellDescription parse_root(const JsonReader& json) {
   json.expect_keys({"format", "name", "time_step_us", "controller_cycle_us", "gravity", "seed", "robot",
-                    "tool", "table", "part"});
+                    "tool", "table", "conveyors", "parts"});
   json.at("format").integer(1, 1);
   CellDescription cell;
   cell.name = json.at("name").text();
@@ -102,11 +70,25 @@ CellDescription parse_root(const JsonReader& json) {
   tool.expect_keys({"flange_from_sensor"});
   cell.flange_from_sensor = tool.at("flange_from_sensor").pose();
   cell.table = parse_table(json.at("table"));
-  cell.part = parse_part(json.at("part"));
+  for (const JsonReader& conveyor : json.at("conveyors").items()) {
+    cell.conveyors.push_back(parse_conveyor(conveyor));
+  }
+  const auto parts = json.at("parts").items();
+  if (parts.empty()) json.at("parts").fail("at least one part");
+  for (const JsonReader& part : parts) cell.parts.push_back(parse_part(part, cell.conveyors.size()));
   return cell;
 }
 
 }  // namespace
+
+CellLayout layout_of(const CellDescription& cell) {
+  CellLayout layout;
+  for (const PartDescription& part : cell.parts) {
+    layout.parts.push_back({part.stands_on.kind == StandsOn::Kind::kTable});
+  }
+  layout.conveyors = cell.conveyors.size();
+  return layout;
+}
 
 CellDescription parse_cell(const std::string& json) {
   nlohmann::json document;

@@ -8,7 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "fmu/model/cell_layout.h"
 #include "fmu/model/cell_values.h"
+#include "fmu/model/conveyor_description.h"
+#include "fmu/model/part_description.h"
 
 namespace robotcell {
 
@@ -36,16 +39,6 @@ struct TableDescription {
   EncoderDescription encoder;
 };
 
-struct PartDescription {
-  bool free = false;  // stands by gravity and friction instead of being clamped
-  Eigen::Isometry3d table_from_part;
-  double mass = 0, friction = 0;
-  std::vector<Eigen::Vector3d> hull_vertices;  // part frame
-  std::vector<std::array<int, 3>> hull_faces;
-  Eigen::Vector3d centre_of_mass;
-  Eigen::Matrix3d inertia;  // about the centre of mass, part axes
-};
-
 struct CellDescription {
   std::string name;
   std::int64_t time_step_us = 0;
@@ -56,8 +49,11 @@ struct CellDescription {
   std::array<JointDescription, kJoints> joints;
   Eigen::Isometry3d flange_from_sensor;
   TableDescription table;
-  PartDescription part;
+  std::vector<PartDescription> parts;
+  std::vector<ConveyorDescription> conveyors;
 };
+
+CellLayout layout_of(const CellDescription& cell);
 
 /// Parses a description; throws DescriptionError.
 CellDescription parse_cell(const std::string& json);

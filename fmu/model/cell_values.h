@@ -6,19 +6,24 @@
 #include <cstdint>
 #include <string>
 
+#include "fmu/model/cell_layout.h"
+
 namespace robotcell {
 
 constexpr int kJoints = 6;
 constexpr int kAxes = kJoints + 1;  // the arm's joints, then the table
 constexpr int kTableAxis = kJoints;
 
-/// Bodies whose pose and twist the cell reports; links 1..6 come first.
-enum Body { kSensor = kJoints, kTable, kPart, kBodies };
-
 /// Deviation of one Denavit-Hartenberg row from nominal; `beta` is Hayati's turn about y after the row's
 /// alpha.
 struct DhDeviation {
   double a = 0, d = 0, alpha = 0, theta = 0, beta = 0;
+};
+
+/// The table's axis swings in a plane, once per turn: at table angle t it is tilted by
+/// amplitude * cos(t + phase) about the axis that lies at the angle `direction` in the table's x-y plane.
+struct TableWobble {
+  double amplitude = 0, phase = 0, direction = 0;  // rad
 };
 
 /// How the cell as built differs from its drawing. All zero: the nominal cell.
@@ -27,7 +32,8 @@ struct AsBuilt {
   std::array<double, 6> tool{};   // x, y, z (m), rx, ry, rz (rad, intrinsic XYZ): flange_from_sensor * delta
   std::array<double, 5> table{};  // x, y, z (m), rx, ry (rad): world_from_table * delta
   std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the turning frame
-  double trigger_latency = 0;       // s from the instant that the device believes to the instant of the light
+  TableWobble wobble;
+  double trigger_latency = 0;  // s from the instant that the device believes to the instant of the light
 };
 
 struct CellParameters {
@@ -46,12 +52,19 @@ struct TriggerCommand {
   std::int32_t request = 0;  // every increase fires once
 };
 
+struct ConveyorCommand {
+  double speed = 0;  // m/s
+};
+
 struct CellInputs {
+  explicit CellInputs(const CellLayout& layout) : conveyors(layout.conveyors) {}
+
   std::int32_t mode = 0;                 // 0 hold, 1 servo
   std::array<double, kAxes> position{};  // set-points: joints, then table (rad)
   std::int32_t segment = 0;
   TriggerCommand trigger;
   double exposure = 0;  // s
+  PerDevice<ConveyorCommand> conveyors;
 };
 
 /// Pose of a body's frame in the world; velocity is that of the frame's origin.
@@ -62,7 +75,14 @@ struct BodyState {
   std::array<double, 3> angular_velocity{};
 };
 
-using Bodies = std::array<BodyState, kBodies>;
+/// The bodies whose pose and twist the cell reports.
+struct Bodies {
+  explicit Bodies(const CellLayout& layout) : parts(layout.parts.size()) {}
+
+  std::array<BodyState, kJoints> links{};
+  BodyState sensor, table;
+  PerDevice<BodyState> parts;
+};
 
 /// What the encoders say (joints, then table).
 struct Measurement {
@@ -71,21 +91,34 @@ struct Measurement {
 };
 
 struct Truth {
+  explicit Truth(const CellLayout& layout) : bodies(layout) {}
+
   std::array<double, kAxes> position{};
-  Bodies bodies{};
+  Bodies bodies;
 };
 
 /// One exposure: what was measured in its middle, and what was true when the light came.
 struct TriggerRecord {
+  explicit TriggerRecord(const CellLayout& layout) : truth(layout) {}
+
   std::int32_t index = 0;  // counts from 1; 0: no record yet
   std::int32_t segment = 0;
   double time = 0;      // middle of the exposure, s
   double exposure = 0;  // s
   Measurement measured;
-  Bodies truth{};
+  Bodies truth;
+};
+
+struct ConveyorOutputs {
+  double speed = 0;           // m/s
+  double travel = 0;          // m since the start
+  double texture_offset = 0;  // travel within one length of the belt, m
 };
 
 struct CellOutputs {
+  explicit CellOutputs(const CellLayout& layout)
+      : truth(layout), trigger(layout), conveyors(layout.conveyors) {}
+
   Measurement measured;
   Truth truth;
   std::int32_t trigger_count = 0;
@@ -93,6 +126,7 @@ struct CellOutputs {
   TriggerRecord trigger;
   bool moving = false;
   std::int32_t limit = 0;
+  PerDevice<ConveyorOutputs> conveyors;
 };
 
 }  // namespace robotcell

@@ -1,5 +1,7 @@
 #include "fmu/model/kinematics.h"
 
+#include <cmath>
+
 namespace robotcell {
 namespace {
 
@@ -43,7 +45,9 @@ Motion attached(const Motion& body, const Isometry3d& body_from_frame) {
 }
 
 Kinematics::Kinematics(const CellDescription& cell, const AsBuilt& as_built)
-    : world_from_base_(cell.world_from_base), axis_from_platter_(Isometry3d::Identity()) {
+    : world_from_base_(cell.world_from_base),
+      wobble_(as_built.wobble),
+      axis_from_platter_(Isometry3d::Identity()) {
   for (std::size_t i = 0; i < kJoints; ++i) {
     joint_from_link_[i] = fixed_part(cell.joints[i], as_built.dh[i]);
   }
@@ -70,8 +74,12 @@ std::array<Motion, kJoints> Kinematics::arm(const std::array<double, kAxes>& pos
 }
 
 Motion Kinematics::platter(double angle, double rate) const {
+  const Vector3d direction(std::cos(wobble_.direction), std::sin(wobble_.direction), 0);
+  const double tilt = wobble_.amplitude * std::cos(angle + wobble_.phase);
+  const double tilt_rate = -wobble_.amplitude * std::sin(angle + wobble_.phase) * rate;
   Motion axis;
-  axis.pose = world_from_axis_;
+  axis.pose = world_from_axis_ * AngleAxisd(tilt, direction);
+  axis.angular_velocity = tilt_rate * (world_from_axis_.linear() * direction);
   return after_joint(axis, angle, rate, axis_from_platter_);
 }
 

@@ -30,21 +30,20 @@ class Kinematics {
 
   Motion sensor(const Motion& flange) const { return attached(flange, flange_from_sensor_); }
 
-  /// Motion of the platter: the turning frame, at the platter's own centre.
+  /// Motion of the platter: the turning frame, at the platter's own centre, its axis tilted by the wobble.
   Motion platter(double angle, double rate) const;
 
   const Eigen::Isometry3d& world_from_base() const { return world_from_base_; }
   const Eigen::Isometry3d& joint_from_link(int i) const {
     return joint_from_link_[static_cast<std::size_t>(i)];
   }
-  const Eigen::Isometry3d& world_from_axis() const { return world_from_axis_; }
-  const Eigen::Isometry3d& axis_from_platter() const { return axis_from_platter_; }
 
  private:
   Eigen::Isometry3d world_from_base_;
   std::array<Eigen::Isometry3d, kJoints> joint_from_link_;
   Eigen::Isometry3d flange_from_sensor_;
   Eigen::Isometry3d world_from_axis_;
+  TableWobble wobble_;
   Eigen::Isometry3d axis_from_platter_;
 };
 

@@ -9,29 +9,31 @@ namespace {
 /// below.
 constexpr double kHeldShare = 0.98;
 
-/// Angle by which `to` is turned about z against `from`.
-double turn_about_z(const Eigen::Matrix3d& from, const Eigen::Matrix3d& to) {
-  const Eigen::Matrix3d change = to * from.transpose();
-  return std::atan2(change(1, 0) - change(0, 1), change(0, 0) + change(1, 1));
+/// Angle by which `to` is turned about an axis against `from` (the twist of the change between them).
+double turn_about(const Eigen::Vector3d& axis, const Eigen::Matrix3d& from, const Eigen::Matrix3d& to) {
+  const Eigen::Quaterniond change(to * from.transpose());
+  return 2 * std::atan2(change.vec().dot(axis), change.w());
 }
 
 }  // namespace
 
-Eigen::Isometry3d StickAnchor::settle(const Eigen::Isometry3d& support_from_body, const ContactForce& force) {
-  const bool held = force.normal > 0 && force.tangential.norm() < kHeldShare * friction_ * force.normal;
-  if (!held) {
-    state_.engaged = false;
-    return support_from_body;
-  }
-  if (!state_.engaged) {
-    state_ = {true, support_from_body};
-    return support_from_body;
-  }
-  const double turn = turn_about_z(state_.support_from_body.linear(), support_from_body.linear());
-  Eigen::Isometry3d restored = support_from_body;
-  restored.linear() = Eigen::AngleAxisd(-turn, Eigen::Vector3d::UnitZ()) * support_from_body.linear();
-  restored.translation().head<2>() = state_.support_from_body.translation().head<2>();
-  return restored;
+ContactForce split(const Eigen::Vector3d& force, const Eigen::Vector3d& normal) {
+  const double along = force.dot(normal);
+  return {along, force - along * normal};
+}
+
+bool friction_holds(const ContactForce& force, double friction) {
+  return force.normal > 0 && force.tangential.norm() < kHeldShare * friction * force.normal;
+}
+
+Eigen::Isometry3d held_pose(const StickAnchor& anchor, const Eigen::Isometry3d& support_from_body) {
+  const Eigen::Vector3d& n = anchor.normal;
+  const double turn = turn_about(n, anchor.support_from_body.linear(), support_from_body.linear());
+  const Eigen::Vector3d lift = support_from_body.translation() - anchor.support_from_body.translation();
+  Eigen::Isometry3d held = support_from_body;
+  held.linear() = Eigen::AngleAxisd(-turn, n) * support_from_body.linear();
+  held.translation() = anchor.support_from_body.translation() + lift.dot(n) * n;
+  return held;
 }
 
 }  // namespace robotcell

@@ -49,7 +49,8 @@ void check(const CellInputs& inputs) {
 
 }  // namespace
 
-Trigger::Trigger(double latency) : latency_us_(ticks(latency)) {}
+Trigger::Trigger(const CellLayout& layout, double latency)
+    : layout_(layout), latency_us_(ticks(latency)), state_(layout) {}
 
 void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view) {
   check(inputs);
@@ -121,7 +122,7 @@ void Trigger::fire(std::int64_t time_us) {
   }
   ++state_.count;
   ++state_.fired_since_entry;
-  PendingRecord pending;
+  PendingRecord pending{TriggerRecord(layout_)};
   pending.middle_us = time_us + ticks(state_.exposure) / 2;
   pending.light_us = pending.middle_us + latency_us_;
   pending.record.index = state_.count;
@@ -141,7 +142,7 @@ void Trigger::latch(std::int64_t to_us, const MotionView& view) {
       pending.measured = true;
     }
     if (!pending.lit && pending.light_us <= to_us) {
-      pending.record.truth = view.truth(pending.light_us);
+      view.write_truth(pending.light_us, pending.record.truth);
       pending.lit = true;
     }
     if (!finished(pending)) ++state_.open;

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <deque>
+#include <utility>
 
 #include "fmu/model/cell_values.h"
 
@@ -17,11 +18,13 @@ class MotionView {
   /// Origin of the sensor in the turning frame of the table, by the nominal geometry (m).
   virtual Eigen::Vector3d sensor_in_table(std::int64_t time_us) const = 0;
   virtual Measurement measurement(std::int64_t time_us) const = 0;
-  virtual Bodies truth(std::int64_t time_us) const = 0;
+  virtual void write_truth(std::int64_t time_us, Bodies& bodies) const = 0;
 };
 
 /// An exposure under way. Times in microseconds from the start.
 struct PendingRecord {
+  explicit PendingRecord(TriggerRecord empty) : record(std::move(empty)) {}
+
   std::int64_t middle_us = 0;
   std::int64_t light_us = 0;  // middle plus the as-built latency
   bool measured = false;
@@ -31,6 +34,8 @@ struct PendingRecord {
 
 /// All that the device remembers.
 struct TriggerState {
+  explicit TriggerState(const CellLayout& layout) : shown(layout) {}
+
   TriggerCommand command;
   std::int32_t segment = 0;
   double exposure = 0;
@@ -49,7 +54,7 @@ struct TriggerState {
 /// once. An instant is the first whole microsecond at which the interval is full.
 class Trigger {
  public:
-  explicit Trigger(double latency);
+  Trigger(const CellLayout& layout, double latency);
 
   /// Takes commands at a communication point; may fire there. Throws std::invalid_argument.
   void command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view);
@@ -81,6 +86,7 @@ class Trigger {
   void enter(std::int64_t now_us, const MotionView& view);
   void fire(std::int64_t time_us);
 
+  CellLayout layout_;
   std::int64_t latency_us_;
   TriggerState state_;
 };

@@ -1,10 +1,12 @@
-// The dynamics world of the cell: arm, table and part as bodies of DART.
+// The dynamics world of the cell: arm, table, belts and parts as bodies of DART.
 #pragma once
 
 #include <Eigen/Geometry>
 #include <array>
 #include <memory>
+#include <vector>
 
+#include "fmu/control/belt_drive.h"
 #include "fmu/model/cell_description.h"
 #include "fmu/model/kinematics.h"
 #include "fmu/model/stick_anchor.h"
@@ -17,49 +19,63 @@ struct AxesState {
   std::array<double, kAxes> rate{};
 };
 
+/// The motions that drives impose on the world, at one instant.
+struct Imposed {
+  AxesState axes;
+  std::vector<control::BeltState> belts;
+};
+
+/// Where a part is, in the frame of what carries it: the platter's or the world's.
+struct PartPlace {
+  bool on_platter = false;
+  Eigen::Isometry3d carrier_from_part = Eigen::Isometry3d::Identity();
+};
+
 /// All that the world remembers of a free part between two steps.
 struct FreePartState {
   std::array<double, 6> position{};  // of the floating joint
   std::array<double, 6> velocity{};
-  std::array<double, 3> friction_direction{};  // world; along the friction force of the last step
-  StickAnchorState anchor;
+  std::array<double, 3> friction_direction{};  // world; along slip or friction force of the last step
+  std::int32_t carrier = -1;                   // support with the greatest contact force; -1: none
+  std::vector<StickAnchor> anchors;
 };
 
-/// Arm and table are driven kinematically: ideal drives impose positions at the grid of the time step, and
-/// contacts see the velocities that belong to them. A clamped part is rigid to the platter; a free one moves
-/// by gravity, contact and friction.
+/// Arm, table and belts are driven kinematically: ideal drives impose positions at the grid of the time step,
+/// and contacts see the velocities that belong to them. A belt's body stands still, its surface moves. A
+/// clamped part is rigid to what it stands on; a free one moves by gravity, contact and friction.
 class World {
  public:
-  World(const CellDescription& cell, const Kinematics& kinematics, const AxesState& start);
+  World(const CellDescription& cell, const Kinematics& kinematics, const Imposed& start);
   ~World();
   World(const World&) = delete;
   World& operator=(const World&) = delete;
 
-  /// Advances by one time step while the axes move from one state to another.
-  void step(const AxesState& from, const AxesState& to);
+  /// Advances by one time step while the drives move from one state to another.
+  void step(const Imposed& from, const Imposed& to);
 
-  /// Pose of the part in the platter's frame; exactly constant for a clamped part.
-  Eigen::Isometry3d platter_from_part() const;
+  /// Place of a part; exactly constant for a clamped one.
+  PartPlace place(std::size_t part) const;
 
   /// Pose of a body of the arm as the dynamics engine has it, link 0..5.
   Eigen::Isometry3d link_pose(int link) const;
 
-  FreePartState free_part() const;
-  void restore(const AxesState& axes, const FreePartState& part);
+  /// One state for each part; that of a clamped part holds nothing.
+  std::vector<FreePartState> free_parts() const;
+  /// Throws std::invalid_argument when the states are not of this cell.
+  void restore(const Imposed& imposed, const std::vector<FreePartState>& parts);
 
  private:
-  struct Bodies;
-  void set_axes(const AxesState& axes);
-  void settle(const AxesState& axes);
-  void orient_friction();
-  void read_contact();
+  struct Engine;
+
+  void add_supports(const CellDescription& cell);
+  void add_parts(const CellDescription& cell);
+  void settle(const CellDescription& cell, const Imposed& start);
+  void impose(const Imposed& imposed);
+  void impose_speeds(const Imposed& from, const Imposed& to);
 
   double time_step_;
-  bool free_;
-  Eigen::Isometry3d clamped_pose_;
-  Eigen::Vector3d friction_direction_ = Eigen::Vector3d::Zero();
-  StickAnchor anchor_;
-  std::unique_ptr<Bodies> bodies_;
+  Kinematics kinematics_;
+  std::unique_ptr<Engine> engine_;
 };
 
 }  // namespace robotcell

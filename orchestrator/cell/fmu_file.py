@@ -58,7 +58,8 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
         "robot": {"world_from_base": _pose_json(nominal.arm.world_from_base), "joints": robot},
         "tool": {"flange_from_sensor": _pose_json(nominal.flange_from_sensor)},
         "table": {"world_from_table": _pose_json(nominal.world_from_table), "start": 0.0, **table},
-        "part": _part_json(cell, nominal),
+        "conveyors": [],
+        "parts": [_part_json(cell, nominal)],
     }
 
 
@@ -67,8 +68,10 @@ def _part_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]:
     hull = nominal.part.hull
     properties = mass_properties(nominal.part, part.density_kg_m3)
     return {
+        "name": "part",
         "fixture": part.fixture,
-        "table_from_part": _pose_json(nominal.table_from_part),
+        "stands_on": "table",
+        "support_from_part": _pose_json(nominal.table_from_part),
         "mass": properties.mass,
         "friction": part.friction,
         "hull": {"vertices": hull.vertices.tolist(), "faces": hull.faces.tolist()},

@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "fmu/fmi/variable_table.h"
+#include "fmu/model/cell_description.h"
 
 extern "C" {
 #include "fmu/third_party/fmi/fmi2Functions.h"
@@ -42,10 +43,29 @@ struct Subject {
   std::vector<void*> states;
 };
 
+robotcell::CellLayout layout_of_cell(const std::string& resources) {
+  return robotcell::layout_of(robotcell::parse_cell(robotcell::read_text_file(resources + "/cell.json")));
+}
+
+std::string token_of(const std::string& resources) {
+  const auto layout = layout_of_cell(resources);
+  robotcell::fmi::Values values(layout);
+  return robotcell::fmi::VariableTable(layout, values).token();
+}
+
+std::size_t table_size(const std::string& resources) {
+  const auto layout = layout_of_cell(resources);
+  robotcell::fmi::Values values(layout);
+  return robotcell::fmi::VariableTable(layout, values).variables().size();
+}
+
 class Fuzzer {
  public:
   Fuzzer(unsigned seed, std::vector<std::string> resources)
-      : random_(seed), resources_(std::move(resources)) {}
+      : random_(seed),
+        resources_(std::move(resources)),
+        token_(token_of(resources_[0])),
+        references_(table_size(resources_[0])) {}
 
   ~Fuzzer() {
     while (!subjects_.empty()) drop(0);
@@ -67,8 +87,7 @@ class Fuzzer {
   bool chance(double probability) { return std::uniform_real_distribution<>(0, 1)(random_) < probability; }
 
   std::uint32_t reference() {
-    const auto count = robotcell::fmi::variables().size();
-    return static_cast<std::uint32_t>(chance(0.95) ? below(count) : random_());
+    return static_cast<std::uint32_t>(chance(0.95) ? below(references_) : random_());
   }
   double real() {
     constexpr double kSpecial[] = {0,
@@ -101,7 +120,7 @@ class Fuzzer {
 
   bool instantiate() {
     const std::string& resources = resources_[chance(0.9) ? 0 : below(resources_.size())];
-    const std::string token = chance(0.95) ? robotcell::fmi::instantiation_token() : "{else}";
+    const std::string token = chance(0.95) ? token_ : "{else}";
     const char* name = chance(0.98) ? "cell" : nullptr;
     const int version = chance(0.5) ? 2 : 3;
     void* instance =
@@ -326,6 +345,8 @@ class Fuzzer {
 
   std::mt19937 random_;
   std::vector<std::string> resources_;
+  std::string token_;
+  std::size_t references_;  // of the first cell
   std::vector<Subject> subjects_;
   double last_step_ = 0;
 };
@@ -347,7 +368,7 @@ double fuzz(long calls, unsigned seed, const std::vector<std::string>& resources
 /// Instances one after the other, each initialised and stepped; returns the growth of memory (MB) after a
 /// tenth as many to warm up.
 double cycle(long cycles, const std::string& resources) {
-  const std::string& token = robotcell::fmi::instantiation_token();
+  const std::string token = token_of(resources);
   double early = 0;
   for (long i = -cycles / 10; i < cycles; ++i) {
     void* instance = nullptr;

@@ -39,8 +39,18 @@ def box_hull(x: float, y: float, z: float) -> dict[str, Any]:
     return {"vertices": vertices, "faces": [f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])]}
 
 
+def box_part(x: float, y: float, z: float, mass: float = 0.5, **part: Any) -> dict[str, Any]:
+    """A box clamped on the table, 20 mm off its axis; keyword arguments change it."""
+    inertia = np.diag([y**2 + z**2, x**2 + z**2, x**2 + y**2]) * mass / 12
+    return {
+        "name": "box", "fixture": "clamped", "stands_on": "table", "support_from_part": pose([0.02, 0, 0]),
+        "mass": mass, "friction": 0.5, "hull": box_hull(x, y, z), "centre_of_mass": [0, 0, z / 2],
+        "inertia": inertia.tolist(), **part,
+    }  # fmt: skip
+
+
 def cell_description(**part: Any) -> dict[str, Any]:
-    """The default arm at a table, with encoders free of error; keyword arguments go into the part."""
+    """The default arm at a table with a box, encoders free of error; keyword arguments go into the box."""
     joints = [
         {
             "a": a / 1000, "d": d / 1000, "alpha": np.radians(alpha), "theta": 0.0,
@@ -49,9 +59,6 @@ def cell_description(**part: Any) -> dict[str, Any]:
         }
         for (a, d, alpha), (low, high), start in zip(DH_MM_DEG, LIMITS_DEG, START_DEG, strict=True)
     ]  # fmt: skip
-    box = (0.06, 0.04, 0.05)
-    mass = 0.5
-    inertia = np.diag([box[1] ** 2 + box[2] ** 2, box[0] ** 2 + box[2] ** 2, box[0] ** 2 + box[1] ** 2]) * mass / 12
     return {
         "format": 1, "name": "test cell", "time_step_us": 1000, "controller_cycle_us": 16000,
         "gravity": [0.0, 0.0, -9.80665], "seed": 0,
@@ -61,10 +68,8 @@ def cell_description(**part: Any) -> dict[str, Any]:
             "world_from_table": pose([0.45, 0, 0.1]), "radius": 0.12, "thickness": 0.02, "max_speed": 10.0,
             "max_acceleration": 20.0, "start": 0.0, "friction": 0.5, "encoder_resolution": 0.0, "encoder_noise": 0.0,
         },
-        "part": {
-            "fixture": "clamped", "table_from_part": pose([0.02, 0, 0]), "mass": mass, "friction": 0.5,
-            "hull": box_hull(*box), "centre_of_mass": [0, 0, box[2] / 2], "inertia": inertia.tolist(), **part,
-        },
+        "conveyors": [],
+        "parts": [{**box_part(0.06, 0.04, 0.05), **part}],
     }  # fmt: skip
 
 
@@ -114,7 +119,10 @@ class CellFmu:
         self.slave = slave(
             guid=self.description.guid, unzipDirectory=str(folder), modelIdentifier="RobotCell", instanceName="cell"
         )
-        self.slave.instantiate(**self._callbacks(), **(options or {}))
+        try:
+            self.slave.instantiate(**self._callbacks(), **(options or {}))
+        except Exception as error:
+            raise RuntimeError("; ".join(self.messages)) from error
         try:
             self.initialize(parameters, stop_time)
         except Exception as error:

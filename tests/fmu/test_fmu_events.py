@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from cell_fixture import CYCLE_US, START_DEG, Build, CellFmu, all_reals, cell_description, pose, runtime_folder
 
-FREE = cell_description(fixture="free", table_from_part=pose([0.06, 0.02, 0]))
+FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 LATENCY = 0.0004
 
 

@@ -17,7 +17,7 @@ CYCLE = CYCLE_US * 1e-6
 def free_cell(radius: float, azimuth: float = 0.0, yaw: float = 0.0, friction: float = 0.5) -> dict[str, Any]:
     x, y, z, w = Rotation.from_euler("z", yaw).as_quat()
     place = pose([radius * np.cos(azimuth), radius * np.sin(azimuth), 0], [w, x, y, z])
-    return cell_description(fixture="free", table_from_part=place, friction=friction)
+    return cell_description(fixture="free", support_from_part=place, friction=friction)
 
 
 def part_on_platter(cell: CellFmu) -> Array:
@@ -36,7 +36,7 @@ def turn(cell: CellFmu, speeds: Array, angle: float = 0.0) -> float:
 def test_it_rests_where_it_was_put(build: Build) -> None:
     description = free_cell(0.05, 0.4, 1.0)
     cell = build(3, description)
-    placed = build(3, {**description, "part": {**description["part"], "fixture": "clamped"}})
+    placed = build(3, {**description, "parts": [{**description["parts"][0], "fixture": "clamped"}]})
     change = np.linalg.inv(placed.body("part[1]")) @ cell.body("part[1]")
     assert np.abs(change[:2, 3]).max() < 1e-12
     assert abs(change[2, 3]) < 0.4e-6
@@ -53,7 +53,7 @@ def test_a_round_base_of_many_vertices_carries_all_around(build: Build) -> None:
     inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0
     faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
     description = free_cell(0.05)
-    description["part"]["hull"] = {"vertices": hull.points.tolist(), "faces": faces.tolist()}
+    description["parts"][0]["hull"] = {"vertices": hull.points.tolist(), "faces": faces.tolist()}
     cell = build(3, description)
     before = part_on_platter(cell)
     np.testing.assert_allclose(before[:3, 3], [0.05, 0, 0], atol=0.4e-6)
@@ -93,11 +93,11 @@ def test_it_slips_where_coulomb_says(build: Build, azimuth_deg: float, friction:
 
 def test_a_part_that_does_not_stand_is_refused(build: Build) -> None:
     x, y, z, w = Rotation.from_euler("x", 0.5).as_quat()
-    description = cell_description(fixture="free", table_from_part=pose([0, 0, 0.02], [w, x, y, z]))
-    with pytest.raises(RuntimeError, match=r"does not stand where part\.table_from_part"):
+    description = cell_description(fixture="free", support_from_part=pose([0, 0, 0.02], [w, x, y, z]))
+    with pytest.raises(RuntimeError, match=r"does not stand where parts\[0\]\.support_from_part"):
         build(3, description)
 
 
 def test_a_part_beyond_the_rim_is_refused(build: Build) -> None:
-    with pytest.raises(RuntimeError, match=r"does not stand where part\.table_from_part"):
+    with pytest.raises(RuntimeError, match=r"does not stand where parts\[0\]\.support_from_part"):
         build(2, free_cell(0.13))

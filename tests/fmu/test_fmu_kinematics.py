@@ -50,7 +50,7 @@ def expected_poses(cell: dict[str, Any], q: Array, table: float, delta: dict[str
     axis = axis @ turn("x", deviation("table.rx")) @ turn("y", deviation("table.ry"))
     platter = axis @ turn("z", table) @ shift(deviation("platter.x"), deviation("platter.y"))
     poses["table"] = platter
-    poses["part[1]"] = platter @ from_json(cell["part"]["table_from_part"])
+    poses["part[1]"] = platter @ from_json(cell["parts"][0]["support_from_part"])
     return poses
 
 
@@ -67,7 +67,7 @@ def platter_names() -> list[str]:
 def tilted_cell() -> dict[str, Any]:
     """A cell in which no transform is trivial."""
     x, y, z, w = Rotation.from_euler("XYZ", [0.3, -0.2, 0.5]).as_quat()
-    cell = cell_description(table_from_part=pose([0.02, -0.03, 0.01], [w, x, y, z]))
+    cell = cell_description(support_from_part=pose([0.02, -0.03, 0.01], [w, x, y, z]))
     cell["robot"]["world_from_base"] = pose([0.1, -0.2, 0.3], [w, -x, y, -z])
     cell["table"]["world_from_table"] = pose([0.5, 0.1, 0.05], [w, y, -x, z])
     for i, joint in enumerate(cell["robot"]["joints"]):

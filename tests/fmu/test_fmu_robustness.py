@@ -31,7 +31,7 @@ from cell_fixture import (
     pose,
 )
 
-FREE = cell_description(fixture="free", table_from_part=pose([0.06, 0.02, 0]))
+FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 Cell = dict[str, Any]
 
 
@@ -44,7 +44,7 @@ def add_key(cell: Cell) -> None:
 
 
 def negative_mass(cell: Cell) -> None:
-    cell["part"]["mass"] = -1
+    cell["parts"][0]["mass"] = -1
 
 
 def bad_quaternion(cell: Cell) -> None:
@@ -72,7 +72,7 @@ def text_for_number(cell: Cell) -> None:
     [
         (remove_speed, "robot.joints[2].max_speed"),
         (add_key, "table.colour"),
-        (negative_mass, "part.mass"),
+        (negative_mass, "parts[0].mass"),
         (bad_quaternion, "tool.flange_from_sensor.quaternion"),
         (start_outside, "robot.joints[0].start"),
         (odd_cycle, "controller_cycle_us"),
@@ -102,12 +102,28 @@ def test_a_file_that_is_no_description_is_refused(build: Build, tmp_path: Path, 
 
 
 def test_another_description_can_be_named(build: Build, tmp_path: Path) -> None:
-    cell = cell_description(table_from_part=pose([0.07, 0, 0]))
+    cell = cell_description(support_from_part=pose([0.07, 0, 0]))
     file = tmp_path / "other cell ä.json"
     file.write_text(json.dumps(cell))
     named = build(3, parameters={"cell.file": str(file)})
     assert named.vector("truth.part[1].position", 3)[0] == pytest.approx(0.45 + 0.07, abs=1e-15)
     assert named.get_string("cell.file") == str(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"parts": 2 * cell_description()["parts"]}, "2 parts instead of 1"),
+        ({"parts": [{**cell_description()["parts"][0], "stands_on": "world"}]}, r"part\[1\] beside the table instead"),
+    ],
+)
+def test_a_description_of_another_layout_is_refused(
+    build: Build, tmp_path: Path, change: dict[str, Any], said: str
+) -> None:
+    file = tmp_path / "other.json"
+    file.write_text(json.dumps({**cell_description(), **change}))
+    with pytest.raises(RuntimeError, match=rf"{file}.*{said}"):
+        build(3, parameters={"cell.file": str(file)})
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -223,12 +239,10 @@ def test_a_location_that_cannot_be_is_refused(folders: FmuFolders) -> None:
         b"/nowhere",
         None,
     ):
-        instance = ctypes.c_void_p(library.fmi2Instantiate(b"cell", 1, token, location, None, 0, 0))
-        library.fmi2EnterInitializationMode(instance)
-        assert library.fmi2ExitInitializationMode(instance) == 3
-        library.fmi2FreeInstance(instance)
+        assert library.fmi2Instantiate(b"cell", 1, token, location, None, 0, 0) is None
+    resources = str(folder / "resources").encode()
     for name, kind, guid in ((None, 1, token), (b"", 1, token), (b"cell", 0, token), (b"cell", 1, b"{other}")):
-        assert library.fmi2Instantiate(name, kind, guid, b"/x", None, 0, 0) is None
+        assert library.fmi2Instantiate(name, kind, guid, resources, None, 0, 0) is None
 
 
 def resident_mb() -> float:

@@ -22,7 +22,7 @@ from cell_fixture import (
     pose,
 )
 
-FREE = cell_description(fixture="free", table_from_part=pose([0.06, 0.02, 0]))
+FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 PROGRAM = Path(__file__).parent / "continue_from_state.py"
 
 

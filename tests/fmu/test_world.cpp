@@ -23,14 +23,16 @@ CellDescription a_cell() {
   }
   cell.flange_from_sensor = Eigen::Isometry3d::Identity();
   cell.table.world_from_table = Eigen::Translation3d(0.45, 0, 0.1) * Eigen::Quaterniond::Identity();
-  cell.part.table_from_part = Eigen::Translation3d(0.02, 0, 0) * Eigen::Quaterniond::Identity();
+  cell.parts.emplace_back();
+  cell.parts[0].support_from_part = Eigen::Translation3d(0.02, 0, 0) * Eigen::Quaterniond::Identity();
   return cell;
 }
 
-AxesState somewhere(double t) {
-  AxesState axes;
+Imposed somewhere(double t) {
+  Imposed imposed;
+  AxesState& axes = imposed.axes;
   for (std::size_t i = 0; i < kAxes; ++i) axes.position[i] = 0.3 * std::sin(t * static_cast<double>(i + 1));
-  return axes;
+  return imposed;
 }
 
 TEST(World, LinksAreWhereTheKinematicsPutsThem) {
@@ -41,9 +43,9 @@ TEST(World, LinksAreWhereTheKinematicsPutsThem) {
   const Kinematics kinematics(cell, as_built);
   World world(cell, kinematics, somewhere(0));
   for (int k = 0; k < 50; ++k) {
-    const AxesState to = somewhere(0.01 * (k + 1));
+    const Imposed to = somewhere(0.01 * (k + 1));
     world.step(somewhere(0.01 * k), to);
-    const auto links = kinematics.arm(to.position, to.rate);
+    const auto links = kinematics.arm(to.axes.position, to.axes.rate);
     for (int i = 0; i < kJoints; ++i) {
       const auto& expected = links[static_cast<std::size_t>(i)].pose;
       EXPECT_TRUE(world.link_pose(i).isApprox(expected, 1e-12)) << "link " << i + 1;

@@ -1,0 +1,15 @@
+// The groups of variables that make up the table, one source file for each.
+#pragma once
+
+#include "fmu/fmi/table_builder.h"
+
+namespace robotcell::fmi {
+
+/// Returns what initial values depend on.
+Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellParameters& parameters);
+void add_commands(TableBuilder& table, CellInputs& in);
+void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& known);
+/// Inputs and outputs of the conveyors.
+void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out);
+
+}  // namespace robotcell::fmi

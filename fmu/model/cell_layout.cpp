@@ -1,0 +1,27 @@
+#include "fmu/model/cell_layout.h"
+
+namespace robotcell {
+namespace {
+
+void compare(std::string& text, const char* what, std::size_t count, std::size_t expected) {
+  if (count == expected) return;
+  text += (text.empty() ? "" : ", ") + std::to_string(count) + " " + what + " instead of " +
+          std::to_string(expected);
+}
+
+}  // namespace
+
+std::string difference(const CellLayout& layout, const CellLayout& expected) {
+  std::string text;
+  compare(text, "parts", layout.parts.size(), expected.parts.size());
+  compare(text, "conveyors", layout.conveyors, expected.conveyors);
+  for (std::size_t i = 0; i < std::min(layout.parts.size(), expected.parts.size()); ++i) {
+    if (layout.parts[i].on_table == expected.parts[i].on_table) continue;
+    text += (text.empty() ? "" : ", ") + std::string("part[") + std::to_string(i + 1) +
+            (layout.parts[i].on_table ? "] on the table instead of beside it"
+                                      : "] beside the table instead of on it");
+  }
+  return text;
+}
+
+}  // namespace robotcell

@@ -1,0 +1,55 @@
+// What decides which variables a cell has: how many devices of each kind, and what the first values depend
+// on.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace robotcell {
+
+struct PartLayout {
+  bool on_table = true;  // starts on the turning table, and so where that is as built
+};
+
+/// Derived from a description; equal layouts have the same table of variables.
+struct CellLayout {
+  std::vector<PartLayout> parts;
+  std::size_t conveyors = 0;
+};
+
+/// How a layout differs from another, for people: "2 parts instead of 1"; empty when they are equal.
+std::string difference(const CellLayout& layout, const CellLayout& expected);
+
+/// One T for each device of a kind. It never changes its length once it is made, so that its elements keep
+/// their places in memory: variables point to them.
+template <class T>
+class PerDevice {
+ public:
+  PerDevice() = default;
+  explicit PerDevice(std::size_t count, const T& value = T()) : elements_(count, value) {}
+  PerDevice(const PerDevice&) = default;
+  ~PerDevice() = default;
+
+  /// Copies element by element; a move, too, leaves the memory where it is.
+  PerDevice& operator=(const PerDevice& other) {
+    if (other.size() != size()) throw std::logic_error("values of another layout of the cell");
+    std::copy(other.begin(), other.end(), begin());
+    return *this;
+  }
+
+  std::size_t size() const { return elements_.size(); }
+  T& operator[](std::size_t i) { return elements_[i]; }
+  const T& operator[](std::size_t i) const { return elements_[i]; }
+  auto begin() { return elements_.begin(); }
+  auto end() { return elements_.end(); }
+  auto begin() const { return elements_.begin(); }
+  auto end() const { return elements_.end(); }
+
+ private:
+  std::vector<T> elements_;
+};
+
+}  // namespace robotcell

@@ -1,0 +1,100 @@
+#include "fmu/model/world_bodies.h"
+
+#include <dart/dynamics/BodyNode.hpp>
+#include <dart/dynamics/BoxShape.hpp>
+#include <dart/dynamics/CylinderShape.hpp>
+#include <dart/dynamics/FreeJoint.hpp>
+#include <dart/dynamics/PrismaticJoint.hpp>
+#include <dart/dynamics/RevoluteJoint.hpp>
+#include <dart/dynamics/WeldJoint.hpp>
+
+#include "fmu/model/hull_shape.h"
+
+namespace robotcell {
+namespace {
+
+using namespace dart::dynamics;
+using Eigen::Vector3d;
+
+constexpr std::size_t kMostFaces = 60;
+
+/// The part's own hull while the collision detector can cope with it, or a reduced one.
+Hull contact_hull(const PartDescription& part) {
+  if (part.hull_faces.size() <= kMostFaces) return {part.hull_vertices, part.hull_faces};
+  return support_hull(part.hull_vertices, part.support_from_part.linear().row(2).transpose());
+}
+
+ShapeNode* add_shape(BodyNode* body, const ShapePtr& shape, double friction) {
+  ShapeNode* node = body->createShapeNodeWith<CollisionAspect, DynamicsAspect>(shape);
+  node->getDynamicsAspect()->setFrictionCoeff(friction);
+  return node;
+}
+
+BodyNode::Properties named(const std::string& name) {
+  return BodyNode::Properties(BodyNode::AspectProperties(name));
+}
+
+}  // namespace
+
+SkeletonPtr make_arm(const Kinematics& kinematics) {
+  SkeletonPtr arm = Skeleton::create("arm");
+  BodyNode* parent = nullptr;
+  for (int i = 0; i < kJoints; ++i) {
+    RevoluteJoint::Properties joint;
+    joint.mName = "joint" + std::to_string(i + 1);
+    joint.mAxis = Vector3d::UnitZ();
+    if (i == 0) joint.mT_ParentBodyToJoint = kinematics.world_from_base();
+    joint.mT_ChildBodyToJoint = kinematics.joint_from_link(i).inverse();
+    const auto body = named("link" + std::to_string(i + 1));
+    parent = arm->createJointAndBodyNodePair<RevoluteJoint>(parent, joint, body).second;
+  }
+  arm->setMobile(false);
+  return arm;
+}
+
+SkeletonPtr make_table(const TableDescription& table, bool collides) {
+  SkeletonPtr skeleton = Skeleton::create("table");
+  BodyNode* platter =
+      skeleton->createJointAndBodyNodePair<FreeJoint>(nullptr, FreeJoint::Properties(), named("platter"))
+          .second;
+  if (collides) {
+    const auto shape = std::make_shared<CylinderShape>(table.radius, table.thickness);
+    add_shape(platter, shape, table.friction)->setRelativeTranslation({0, 0, -table.thickness / 2});
+  }
+  skeleton->setMobile(false);
+  return skeleton;
+}
+
+SkeletonPtr make_belt(const ConveyorDescription& conveyor) {
+  SkeletonPtr skeleton = Skeleton::create(conveyor.name);
+  PrismaticJoint::Properties joint;
+  joint.mAxis = Vector3d::UnitX();
+  joint.mT_ParentBodyToJoint = conveyor.world_from_belt;
+  BodyNode* belt = skeleton->createJointAndBodyNodePair<PrismaticJoint>(nullptr, joint, named("belt")).second;
+  const auto shape =
+      std::make_shared<BoxShape>(Vector3d(conveyor.length, conveyor.width, conveyor.thickness));
+  add_shape(belt, shape, conveyor.friction)->setRelativeTranslation({0, 0, -conveyor.thickness / 2});
+  skeleton->setMobile(false);
+  return skeleton;
+}
+
+SkeletonPtr make_ground() {
+  SkeletonPtr skeleton = Skeleton::create("ground");
+  skeleton->createJointAndBodyNodePair<WeldJoint>(nullptr, WeldJoint::Properties(), named("ground"));
+  skeleton->setMobile(false);
+  return skeleton;
+}
+
+SkeletonPtr make_free_part(const PartDescription& part) {
+  SkeletonPtr skeleton = Skeleton::create(part.name);
+  BodyNode* body = skeleton->createJointAndBodyNodePair<FreeJoint>().second;
+  body->setInertia(Inertia(part.mass, part.centre_of_mass, part.inertia));
+  add_hull(body, part)->getDynamicsAspect()->setFirstFrictionDirectionFrame(Frame::World());
+  return skeleton;
+}
+
+ShapeNode* add_hull(BodyNode* body, const PartDescription& part) {
+  return add_shape(body, make_hull_shape(contact_hull(part)), part.friction);
+}
+
+}  // namespace robotcell

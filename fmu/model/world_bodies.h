@@ -1,0 +1,27 @@
+// The bodies of the cell as skeletons of the dynamics engine.
+#pragma once
+
+#include <dart/dynamics/Skeleton.hpp>
+
+#include "fmu/model/cell_description.h"
+#include "fmu/model/kinematics.h"
+
+namespace robotcell {
+
+dart::dynamics::SkeletonPtr make_arm(const Kinematics& kinematics);
+
+/// The platter; its floating joint is imposed, so that any error motion of the axis can be.
+dart::dynamics::SkeletonPtr make_table(const TableDescription& table, bool collides);
+
+/// A belt stands still, and a prismatic joint along x gives its surface a speed.
+dart::dynamics::SkeletonPtr make_belt(const ConveyorDescription& conveyor);
+
+/// What stands in the world and never moves.
+dart::dynamics::SkeletonPtr make_ground();
+
+dart::dynamics::SkeletonPtr make_free_part(const PartDescription& part);
+
+/// Adds a part's hull to a body.
+dart::dynamics::ShapeNode* add_hull(dart::dynamics::BodyNode* body, const PartDescription& part);
+
+}  // namespace robotcell

@@ -1,0 +1,94 @@
+// What a world holds of the dynamics engine: bodies, what can carry a part, and how friction holds parts.
+#pragma once
+
+#include <dart/dynamics/BodyNode.hpp>
+#include <dart/dynamics/FreeJoint.hpp>
+#include <dart/dynamics/ShapeNode.hpp>
+#include <dart/dynamics/Skeleton.hpp>
+#include <dart/simulation/World.hpp>
+#include <unordered_map>
+#include <vector>
+
+#include "fmu/model/world.h"
+
+namespace robotcell {
+
+constexpr std::int32_t kNothing = -1;  // the number of no support: the world itself
+constexpr std::int32_t kTableSupport = 0;
+
+/// Whatever a free part can touch. The table is number 0, the belts follow, and then all parts.
+struct Support {
+  dart::dynamics::ShapeNode* shape = nullptr;  // null where nothing can touch it
+  dart::dynamics::BodyNode* body = nullptr;
+  double friction = 0;
+  bool flat = false;  // a plane with the body's z axis as its normal
+};
+
+/// Contacts of a free part with one support, in the last step.
+struct PairContact {
+  std::int32_t support = 0;
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();   // on the part, world (N)
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // mean, towards the part, world
+  ContactForce split;
+  bool holds = false;  // friction does, and the part rests on the support
+};
+
+struct Part {
+  bool free = false;
+  PartPlace clamped;
+  dart::dynamics::SkeletonPtr skeleton;  // of a free part
+  double friction = 0;
+  double gyration = 0;  // radius of gyration, m
+  Eigen::Vector3d friction_direction = Eigen::Vector3d::Zero();
+  std::int32_t carrier = kNothing;
+  std::vector<StickAnchor> anchors;
+  std::vector<PairContact> contacts;
+  bool settled = false;  // in the step that ends
+
+  dart::dynamics::BodyNode* body() const { return skeleton->getBodyNode(0); }
+  const Eigen::Isometry3d& pose() const { return body()->getWorldTransform(); }
+};
+
+struct World::Engine {
+  dart::simulation::WorldPtr world;
+  dart::dynamics::SkeletonPtr arm, table, ground;
+  std::vector<dart::dynamics::SkeletonPtr> belts;
+  std::vector<double> travel;  // of each belt, m
+  std::vector<Part> parts;
+  std::vector<Support> supports;
+
+  void add_support(const Support& support);
+  static std::int32_t support_number(const StandsOn& stands_on);
+  dart::dynamics::BodyNode* platter() const { return table->getBodyNode(0); }
+  dart::dynamics::FreeJoint* table_joint() const {
+    return static_cast<dart::dynamics::FreeJoint*>(table->getJoint(0));
+  }
+
+  /// Body and pose of what carries; the ground for kNothing. A belt's frame travels with its surface.
+  dart::dynamics::BodyNode* body_of(std::int32_t support) const;
+  Eigen::Isometry3d pose_of(std::int32_t support) const;
+  bool carried_by_platter(std::int32_t support) const;
+
+  /// The solver's friction limit is a pyramid, exact along its axes alone: turns one of them into slip or
+  /// friction of the last step.
+  void orient_friction();
+
+  /// After a step: reads what touches what, and puts back what friction holds.
+  void hold_parts(double time_step);
+
+  /// Throws std::invalid_argument when states are not of these parts.
+  void check(const std::vector<FreePartState>& states) const;
+
+ private:
+  void read_contacts();
+  void add_contact(std::int32_t on, std::int32_t by, const Eigen::Vector3d& force,
+                   const Eigen::Vector3d& normal);
+  void hold(Part& part, double time_step);
+  void weigh_contacts(Part& part, double time_step);
+  Eigen::Vector3d slip_of(const Part& part, const PairContact& contact) const;
+  double spin_of(const Part& part, const PairContact& contact) const;
+
+  std::unordered_map<const dart::dynamics::ShapeFrame*, std::int32_t> support_of_shape_;
+};
+
+}  // namespace robotcell
