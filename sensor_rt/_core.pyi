@@ -232,12 +232,16 @@ def scan(
     engine: Literal["ray-traced", "geometric"] = "ray-traced",
     threads: int = 0,
     keep_images: bool = False,
+    as_built: Sensor | None = None,
 ) -> ScanResult:
     """Profiles of all exposures.
 
+    `as_built` is the sensor as it truly is: it makes the images, which are read by what is believed of `sensor`.
+
     ``ray-traced`` renders the images of all cameras, adds the detector's noise, finds the stripe and triangulates.
     ``geometric`` casts the laser's rays at mid-exposure and keeps what a camera sees of their landing points: exact
-    points without covariance, intensity = reflectance times cosine of incidence.
+    points without covariance, intensity = reflectance times cosine of incidence. Where the true sheet is not the
+    plane X = 0, or the sensor as built is another, points are triangulated from the pixels that see them.
     """
 
 def render(scene: Scene, sensor: Sensor, exposures: Exposures, threads: int = 0) -> NDArray[np.uint16]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from orchestrator.config.loading import parse_assignment
+from orchestrator.config.loading import parse_assignment, sensor_words
 from orchestrator.config.units import split_unit
 from orchestrator.errors import DescriptionError
 
@@ -14,7 +14,7 @@ _PREFIX = "as_built."
 
 
 def parse_as_built(words: Sequence[str], units: Mapping[str, str | None]) -> dict[str, float]:
-    """FMU parameters (SI) from ``key=value`` words.
+    """FMU parameters (SI) from ``key=value`` words. Words that begin with ``sensor.`` are none of the FMU's.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def parse_as_built(words: Sequence[str], units: Mapping[str, str | None]) -> dic
     DescriptionError
         If a key is unknown, wears the wrong unit, or its value is not a finite number.
     """
-    return dict(_parse(word, units) for word in words)
+    return dict(_parse(word, units) for word in words if word not in sensor_words(words))
 
 
 def _parse(word: str, units: Mapping[str, str | None]) -> tuple[str, float]:
@@ -35,7 +35,9 @@ def _parse(word: str, units: Mapping[str, str | None]) -> tuple[str, float]:
     variable = _PREFIX + name
     if variable not in units:
         known = ", ".join(sorted(expected_keys(units)))
-        raise DescriptionError(f"--as-built {word}: unknown perturbation '{key}'; known: {known}")
+        raise DescriptionError(
+            f"--as-built {word}: unknown perturbation '{key}'; known: {known}, and keys of the sensor: sensor.*"
+        )
     suffixes = _SUFFIXES_OF_UNIT.get(units[variable] or "", ("",))
     if not any(suffix and key.endswith(suffix) for suffix in suffixes) and suffixes != ("",):
         raise DescriptionError(

@@ -26,7 +26,8 @@ SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="change the nominal description: cell.part.x_mm=20; repeatable")
 ]
 AsBuiltOption = Annotated[
-    list[str] | None, typer.Option("--as-built", help="perturb the true cell: tool.x_mm=0.1; repeatable")
+    list[str] | None,
+    typer.Option("--as-built", help="perturb the true cell: tool.x_mm=0.1, sensor.laser.turn_y_deg=0.1; repeatable"),
 ]
 IdealOption = Annotated[bool, typer.Option("--ideal", help="switch off all noise")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="keys every random number")]

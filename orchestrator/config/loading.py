@@ -21,6 +21,8 @@ _SECTIONS: dict[str, type[Description]] = {
     "scan": ScanDescription,
 }
 
+_BUILT = ("laser", "camera", "detector", "ambient")  # of the sensor: what may come out of the workshop other than drawn
+
 
 @dataclass(frozen=True)
 class Setup:
@@ -75,6 +77,31 @@ def load_setup(
         sensor=validate(SensorDescription, raw["sensor"], f"{paths['sensor']}: sensor"),
         scan=validate(ScanDescription, raw["scan"], f"{paths['scan']}: scan"),
     )
+
+
+def as_built_sensor(nominal: SensorDescription, words: Sequence[str]) -> SensorDescription:
+    """The sensor as it truly is: the nominal one changed by those of `words` that begin with ``sensor.``.
+
+    Raises
+    ------
+    DescriptionError
+        If a key is unknown, is no property of the hardware, or its value is out of bounds.
+    """
+    words = sensor_words(words)
+    if not words:
+        return nominal
+    raw = {"sensor": nominal.model_dump(mode="json")}
+    for word in words:
+        section = str(split_path(parse_assignment(word)[0])[1])
+        if section not in _BUILT:
+            raise DescriptionError(f"--as-built {word}: expected a key of sensor.{', sensor.'.join(_BUILT)}")
+        _apply_override(raw, word, "--as-built")
+    return validate(SensorDescription, raw["sensor"], "--as-built: sensor")
+
+
+def sensor_words(as_built: Sequence[str]) -> list[str]:
+    """Those of the ``--as-built`` words that change the sensor; the others change the cell."""
+    return [word for word in as_built if word.startswith("sensor.")]
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -158,36 +185,36 @@ def _resolve_mesh_paths(node: Any, folder: Path, target: dict[str, Any] | None =
             _resolve_mesh_paths(item, folder)
 
 
-def _apply_override(raw: dict[str, Any], word: str) -> None:
+def _apply_override(raw: dict[str, Any], word: str, option: str = "--set") -> None:
     key, value = parse_assignment(word)
     parts = split_path(key)
     if parts[0] not in _SECTIONS or len(parts) < 2:
-        raise DescriptionError(f"--set {word}: the key must begin with one of {', '.join(_SECTIONS)}")
+        raise DescriptionError(f"{option} {word}: the key must begin with one of {', '.join(_SECTIONS)}")
     node: Any = raw
     for position, part in enumerate(parts[:-1]):
         following = parts[position + 1]
         if isinstance(part, int):
-            _require_item(node, part, word)
+            _require_item(node, part, f"{option} {word}")
             node = node[part]
         elif isinstance(node, dict):
             node = node.setdefault(part, [] if isinstance(following, int) else {})
         else:
-            raise DescriptionError(f"--set {word}: '{part}' is not inside a table")
-    _assign(node, parts[-1], value, word)
+            raise DescriptionError(f"{option} {word}: '{part}' is not inside a table")
+    _assign(node, parts[-1], value, f"{option} {word}")
 
 
-def _assign(node: Any, part: str | int, value: Any, word: str) -> None:
+def _assign(node: Any, part: str | int, value: Any, option: str) -> None:
     if isinstance(part, int):
-        _require_item(node, part, word)
+        _require_item(node, part, option)
     elif not isinstance(node, dict):
-        raise DescriptionError(f"--set {word}: '{part}' is not inside a table")
+        raise DescriptionError(f"{option}: '{part}' is not inside a table")
     node[part] = value
 
 
-def _require_item(node: Any, index: int, word: str) -> None:
+def _require_item(node: Any, index: int, option: str) -> None:
     if not isinstance(node, list) or index >= len(node):
         count = len(node) if isinstance(node, list) else 0
-        raise DescriptionError(f"--set {word}: index [{index + 1}] does not exist, there are {count}")
+        raise DescriptionError(f"{option}: index [{index + 1}] does not exist, there are {count}")
 
 
 def _switch_off_noise(raw: dict[str, Any]) -> None:

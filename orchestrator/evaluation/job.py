@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import sensor_rt
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.cell.recording import Recording, read_recording
-from orchestrator.config.loading import Setup
+from orchestrator.config.loading import Setup, as_built_sensor, sensor_words
 from orchestrator.config.units import to_si
 from orchestrator.evaluation.images import write_raw_images
 from orchestrator.evaluation.report import ReportInputs, write_report
@@ -26,7 +25,7 @@ from orchestrator.reconstruction.reconstruct import Envelope, reconstruct
 from orchestrator.scanning.drive import drive
 from orchestrator.scanning.exposures import visible_bodies
 from orchestrator.scanning.prepare import make_plan
-from orchestrator.scanning.sense import make_sensor, sense
+from orchestrator.scanning.sense import Sensors, make_sensor, sense
 
 # Points this far outside the table's rim, or above the highest reach of the sensor, are none of the part's.
 _ENVELOPE_HEIGHT = 0.5
@@ -44,15 +43,15 @@ def scan_to_folder(request: ScanRequest, out: Path, progress: Progress) -> ScanR
     with RunFolder(out) as folder:
         with watch.measure("load"):
             nominal = _load(request)
-            sensor = make_sensor(request.setup.sensor, request.seed)
+            sensors = _load_sensors(request)
         with watch.measure("plan"):
             progress.stage("planning", 1, "plan")
-            plan = make_plan(nominal, sensor, request.setup)
+            plan = make_plan(nominal, sensors.believed, request.setup)
             progress.advance(1)
         with watch.measure("drive"):
             driven = drive(request.setup, nominal, plan.program, request.as_built, request.seed, progress)
         report = _finish(
-            request, nominal, sensor, driven.recording, folder, watch, progress, {"fmu_token": driven.fmu_token}
+            request, nominal, sensors, driven.recording, folder, watch, progress, {"fmu_token": driven.fmu_token}
         )
         report.warnings[:0] = plan.warnings
     report.files = [str(out / name) for name in folder.names]
@@ -72,11 +71,19 @@ def render_to_folder(request: ScanRequest, recording_path: Path, out: Path, prog
         with watch.measure("load"):
             recording = read_recording(recording_path)
             nominal = _load(request)
-            sensor = make_sensor(request.setup.sensor, request.seed)
+            sensors = _load_sensors(request)
         run = {"recording": str(recording_path)}
-        report = _finish(request, nominal, sensor, recording, folder, watch, progress, run, [recording_path])
+        report = _finish(request, nominal, sensors, recording, folder, watch, progress, run, [recording_path])
     report.files = [str(out / name) for name in folder.names]
     return report
+
+
+def _load_sensors(request: ScanRequest) -> Sensors:
+    nominal = request.setup.sensor
+    believed = make_sensor(nominal, request.seed)
+    if not sensor_words(request.as_built):
+        return Sensors(believed, believed)
+    return Sensors(believed, make_sensor(as_built_sensor(nominal, request.as_built), request.seed))
 
 
 def _load(request: ScanRequest) -> NominalCell:
@@ -86,7 +93,7 @@ def _load(request: ScanRequest) -> NominalCell:
 def _finish(
     request: ScanRequest,
     nominal: NominalCell,
-    sensor: sensor_rt.Sensor,
+    sensors: Sensors,
     recording: Recording,
     folder: RunFolder,
     watch: Stopwatch,
@@ -98,16 +105,18 @@ def _finish(
     bodies = visible_bodies(nominal)
 
     def keep(trigger: int, images: NDArray[np.uint16]) -> None:
-        write_raw_images(images, sensor, folder, f"images/raw_{trigger:05d}")
+        write_raw_images(images, sensors.believed, folder, f"images/raw_{trigger:05d}")
 
     with watch.measure("sense"):
         on_images = keep if request.images else None
-        sensed = sense(recording, bodies, sensor, request.engine, request.threads, progress, on_images)
+        sensed = sense(
+            recording, bodies, sensors.believed, request.engine, request.threads, progress, on_images, sensors.as_built
+        )
     with watch.measure("reconstruct"):
         cloud = cloud_of(nominal, recording, sensed.points, request.setup)
     progress.stage("evaluating", 1, "report")
     figures, warnings, lines = write_report(
-        ReportInputs(request, nominal, bodies, sensor, recording, cloud, sensed.timings, run, inputs), folder, watch
+        ReportInputs(request, nominal, bodies, sensors, recording, cloud, sensed.timings, run, inputs), folder, watch
     )
     progress.advance(1)
     return ScanReport(figures, [], warnings, dict(watch.seconds), lines)

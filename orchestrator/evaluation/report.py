@@ -27,7 +27,7 @@ from orchestrator.geometry import pose
 from orchestrator.reconstruction.cloud import Cloud
 from orchestrator.reconstruction.point_cloud_files import write_ply
 from orchestrator.scanning.exposures import build_scene, exposures_from_truth
-from orchestrator.scanning.sense import sample_rows
+from orchestrator.scanning.sense import Sensors, sample_rows
 
 _SAMPLE_IMAGES = 4
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class ReportInputs:
     request: ScanRequest
     nominal: NominalCell
     bodies: tuple[Body, ...]
-    sensor: sensor_rt.Sensor
+    sensors: Sensors
     recording: Recording
     cloud: Cloud
     stations: dict[str, float]
@@ -152,9 +152,12 @@ def _draw_samples(given: ReportInputs, folder: RunFolder) -> None:
     scene = build_scene(given.bodies)
     for row in rows:
         exposure = exposures_from_truth(truth, index, given.bodies, slice(row, row + 1))
-        images = sensor_rt.render(scene, given.sensor, exposure, threads=given.request.threads)
+        images = sensor_rt.render(scene, given.sensors.as_built, exposure, threads=given.request.threads)
         draw_stripes(
-            images[0], given.sensor, folder.path(f"images/profile_{index[row]:05d}.png"), f"profile {index[row]}"
+            images[0],
+            given.sensors.believed,
+            folder.path(f"images/profile_{index[row]:05d}.png"),
+            f"profile {index[row]}",
         )
 
 

@@ -36,7 +36,7 @@ def drive(
     Parameters
     ----------
     as_built
-        Perturbations as ``key=value`` words, see `orchestrator.cell.as_built`.
+        Perturbations as ``key=value`` words, see `orchestrator.cell.as_built`; those of the sensor do not matter here.
 
     Raises
     ------

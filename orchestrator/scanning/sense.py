@@ -37,6 +37,14 @@ class Sensed:
     timings: dict[str, float]
 
 
+@dataclass(frozen=True)
+class Sensors:
+    """The sensor that images are read by, and the one that makes them; the same unless perturbed."""
+
+    believed: sensor_rt.Sensor
+    as_built: sensor_rt.Sensor
+
+
 def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:
     """The native sensor.
 
@@ -59,8 +67,11 @@ def sense(
     threads: int,
     progress: Progress,
     on_images: OnImages | None = None,
+    as_built: sensor_rt.Sensor | None = None,
 ) -> Sensed:
     """Profiles of every exposure; frames count the rows of the recording.
+
+    `as_built` is the sensor as it truly is, which makes the images; `sensor` is what their extraction believes.
 
     `on_images` gets the camera images of each exposure, where the engine makes any.
 
@@ -79,7 +90,7 @@ def sense(
             rows = slice(start, min(start + _BATCH, len(recording)))
             exposures = exposures_from_truth(truth, index, bodies, rows)
             keep = on_images is not None
-            result = sensor_rt.scan(scene, sensor, exposures, engine=engine, threads=threads, keep_images=keep)
+            result = sensor_rt.scan(scene, sensor, exposures, engine, threads, keep_images=keep, as_built=as_built)
             if on_images is not None and result.images is not None:
                 for trigger, images in zip(index[rows], result.images, strict=True):
                     on_images(int(trigger), images)

@@ -33,7 +33,7 @@ py::dict timings(const ScanResult& result) {
 }
 
 PyScanResult py_scan(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
-                     const std::string& engine, unsigned threads, bool keep_images) {
+                     const std::string& engine, unsigned threads, bool keep_images, const Sensor* as_built) {
   ScanOptions options;
   if (engine != "ray-traced" && engine != "geometric") {
     throw std::invalid_argument("engine: expected ray-traced or geometric, got " + engine);
@@ -44,7 +44,7 @@ PyScanResult py_scan(const Scene& scene, const Sensor& sensor, const Exposures& 
   ScanResult result;
   {
     const py::gil_scoped_release release;
-    result = scan(scene, sensor, exposures, options);
+    result = scan(scene, as_built == nullptr ? sensor : *as_built, sensor, exposures, options);
   }
   py::object images = py::none();
   if (keep_images && options.engine == Engine::kRayTraced) {
@@ -81,7 +81,8 @@ void bind_pipeline(py::module_& module) {
       .def_readonly("timings", &PyScanResult::timings)
       .def_readonly("images", &PyScanResult::images);
   module.def("scan", &py_scan, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
-             py::arg("engine") = "ray-traced", py::arg("threads") = 0, py::arg("keep_images") = false);
+             py::arg("engine") = "ray-traced", py::arg("threads") = 0, py::arg("keep_images") = false,
+             py::arg("as_built") = nullptr);
   module.def("render", &py_render, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
              py::arg("threads") = 0);
   module.def("expected_electrons", &py_expected_electrons, py::arg("scene"), py::arg("sensor"),

@@ -33,6 +33,8 @@ struct LaserSheet {
   Rigid3 sensor_from_sheet;
 
   bool is_straight() const { return straightness == std::array<double, kStraightness>{}; }
+  /// The middle of the sheet is the plane X = 0 of the sensor.
+  bool is_nominal() const { return is_straight() && sensor_from_sheet == Rigid3{}; }
   bool is_even() const { return profile_angle.empty(); }
 
   /// Standard deviation across the sheet at z.

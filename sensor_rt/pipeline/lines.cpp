@@ -54,8 +54,11 @@ void RayTracedLine::run(const Scene& scene, const Exposures& exposures, std::siz
   triangulate(peaks_, sensor_.cameras, sensor_.triangulation, out);
 }
 
-GeometricLine::GeometricLine(const Sensor& sensor)
-    : caster_({sensor.cameras, sensor.laser, sensor.near, sensor.far, sensor.geometric_rays}) {}
+GeometricLine::GeometricLine(const Sensor& as_built, const Sensor& sensor)
+    : as_built_(as_built),
+      sensor_(sensor),
+      exact_(&as_built == &sensor && as_built.laser.is_nominal()),
+      caster_({as_built.cameras, as_built.laser, sensor.near, sensor.far, sensor.geometric_rays}) {}
 
 void GeometricLine::run(const Scene& scene, const Exposures& exposures, std::size_t exposure, Profiles& out) {
   const Stopwatch watch(seconds_[kCast]);
@@ -70,6 +73,20 @@ void GeometricLine::run(const Scene& scene, const Exposures& exposures, std::siz
   out.row.swap(points_.row);
   out.points_in_sensor.swap(points_.point);
   out.intensity.swap(points_.brightness);
+  if (!exact_) read_by_belief(out);
+}
+
+void GeometricLine::read_by_belief(Profiles& profiles) const {
+  std::vector<Rigid3> camera_from_sensor;
+  for (const Camera& camera : as_built_.cameras) {
+    camera_from_sensor.push_back(camera.sensor_from_camera.inverse());
+  }
+  for (std::size_t i = 0; i < profiles.size(); ++i) {
+    const auto c = static_cast<std::size_t>(profiles.camera[i]);
+    const Eigen::Vector2d pixel =
+        as_built_.cameras[c].project(camera_from_sensor[c] * profiles.points_in_sensor[i]);
+    profiles.points_in_sensor[i] = triangulate_exact(sensor_.cameras[c], pixel);
+  }
 }
 
 }  // namespace sensor_rt

@@ -62,7 +62,9 @@ class RayTracedLine {
 /// From poses to points without images.
 class GeometricLine {
  public:
-  explicit GeometricLine(const Sensor& sensor);
+  /// Where the sheet as built is the plane X = 0 and the cameras are those of `sensor`, landing points are
+  /// taken as they are; else they are triangulated from the pixels that see them, as in images.
+  GeometricLine(const Sensor& as_built, const Sensor& sensor);
 
   /// Fills `out`, which is empty.
   void run(const Scene& scene, const Exposures& exposures, std::size_t exposure, Profiles& out);
@@ -70,6 +72,11 @@ class GeometricLine {
   StationSeconds& seconds() { return seconds_; }
 
  private:
+  void read_by_belief(Profiles& profiles) const;
+
+  const Sensor& as_built_;
+  const Sensor& sensor_;
+  bool exact_;
   FanCaster caster_;
   FanPoints points_;
   StationSeconds seconds_{};

@@ -1,5 +1,6 @@
 #include "sensor_rt/pipeline/scan.h"
 
+#include <algorithm>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -16,6 +17,16 @@ void validate(const Scene& scene, const Exposures& exposures) {
   if (exposures.bodies != scene.bodies().size()) {
     throw std::invalid_argument("the exposures give poses of " + std::to_string(exposures.bodies) +
                                 " bodies, the scene holds " + std::to_string(scene.bodies().size()));
+  }
+}
+
+void require_same_images(const Sensor& as_built, const Sensor& sensor) {
+  const auto same = [](const Camera& a, const Camera& b) {
+    return a.width_px == b.width_px && a.height_px == b.height_px;
+  };
+  if (!std::equal(as_built.cameras.begin(), as_built.cameras.end(), sensor.cameras.begin(),
+                  sensor.cameras.end(), same)) {
+    throw std::invalid_argument("the sensor as built differs in the number or size of its cameras");
   }
 }
 
@@ -65,14 +76,15 @@ StationSeconds sum_seconds(const std::vector<std::unique_ptr<Line>>& lines) {
 
 }  // namespace
 
-ScanResult scan(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
+ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor, const Exposures& exposures,
                 const ScanOptions& options) {
   validate(scene, exposures);
+  require_same_images(as_built, sensor);
   ScanResult result;
   OrderedProfiles ordered(exposures.count * points_per_exposure(sensor, options.engine));
   if (options.engine == Engine::kGeometric) {
     const auto lines = run_lines<GeometricLine>(
-        exposures.count, options.threads, [&] { return std::make_unique<GeometricLine>(sensor); },
+        exposures.count, options.threads, [&] { return std::make_unique<GeometricLine>(as_built, sensor); },
         [&](GeometricLine& line, std::size_t e) {
           Profiles profiles = ordered.borrow();
           line.run(scene, exposures, e, profiles);
@@ -80,8 +92,8 @@ ScanResult scan(const Scene& scene, const Sensor& sensor, const Exposures& expos
         });
     result.seconds = sum_seconds(lines);
   } else {
-    const RenderPlan plan(render_settings(sensor, false));
-    const Detector detector(sensor.detector, sensor.noise, sensor.seed);
+    const RenderPlan plan(render_settings(as_built, false));
+    const Detector detector(as_built.detector, as_built.noise, as_built.seed);
     const std::size_t stride = options.keep_images ? sensor.cameras.size() * common_size(sensor).pixels() : 0;
     result.images.resize(exposures.count * stride);
     const auto lines = run_lines<RayTracedLine>(

@@ -27,8 +27,10 @@ struct ScanResult {
   StationSeconds seconds{};           ///< per station, summed over the threads
 };
 
-/// Throws std::invalid_argument when the exposures do not fit the scene.
-ScanResult scan(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
+/// `as_built` is the sensor as it truly is, which makes the images; `sensor` is what is believed of it, by
+/// which they are read. Throws std::invalid_argument when the exposures do not fit the scene, or the two
+/// sensors differ in the number or size of their cameras.
+ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor, const Exposures& exposures,
                 const ScanOptions& options);
 
 /// Images of all exposures and cameras: (exposure, camera, row, column). Needs cameras of one size.

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from orchestrator.config import load_setup
+from orchestrator.config.loading import as_built_sensor
 from orchestrator.config.resolved import sensor_json
 from orchestrator.errors import DescriptionError
 from sensor_rt import Sensor
@@ -60,3 +61,29 @@ def test_straightness_is_an_angle_at_the_ends_of_the_line() -> None:
 def test_a_laser_that_makes_no_sense_is_refused(words: list[str], fragment: str) -> None:
     with pytest.raises(DescriptionError, match=fragment):
         load_setup(overrides=[f"sensor.{word}" for word in words])
+
+
+def test_as_built_words_change_a_copy_of_the_sensor() -> None:
+    nominal = load_setup().sensor
+    words = ["sensor.camera[2].baseline_mm=60.05", "tool.x_mm=1", "sensor.laser.straightness_mrad=[0, 0, 0.2]"]
+    built = as_built_sensor(nominal, words)
+    assert [camera.baseline_mm for camera in built.camera] == [60.0, 60.05]
+    assert built.laser.straightness_mrad == (0.0, 0.0, 0.2)
+    assert built.camera[0] == nominal.camera[0]
+    assert nominal == load_setup().sensor
+    assert as_built_sensor(nominal, ["tool.x_mm=1"]) == nominal
+
+
+@pytest.mark.parametrize(
+    ("word", "fragment"),
+    [
+        ("sensor.camera[3].baseline_mm=60", "--as-built .*there are 2"),
+        ("sensor.camera[1].base_mm=60", "base_mm: unknown key"),
+        ("sensor.laser.power_mw=-1", "--as-built: sensor: laser.power_mw = -1"),
+        ('sensor.extraction.peak="first"', "sensor.laser, sensor.camera"),
+        ("sensor.name=3", "sensor.laser, sensor.camera"),
+    ],
+)
+def test_wrong_as_built_words_are_refused(word: str, fragment: str) -> None:
+    with pytest.raises(DescriptionError, match=fragment):
+        as_built_sensor(load_setup().sensor, [word])

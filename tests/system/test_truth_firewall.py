@@ -8,7 +8,10 @@ from line import ply_sha256, rows
 
 import sensor_rt
 from orchestrator.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, TRUTH_COLUMNS, Recording
+from orchestrator.config.loading import as_built_sensor
+from orchestrator.progress import Silent
 from orchestrator.scanning.exposures import build_scene, exposures_from_truth, visible_bodies
+from orchestrator.scanning.sense import make_sensor, sense
 
 FEWER = "scan.max_profiles=60"
 
@@ -33,6 +36,18 @@ def test_cloud_changes_with_what_was_measured(line, tmp_path) -> None:
     name = "trigger.measured.table"
     other = Recording({**recording.columns, name: recording.columns[name] + 1e-6})
     assert ply_sha256(line.cloud(other, points), tmp_path) != ply_sha256(line.cloud(recording, points), tmp_path)
+
+
+@pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
+def test_sensor_as_built_changes_points_by_way_of_its_light_alone(line, engine, tmp_path) -> None:
+    """Images by the true sensor, everything after them by what is believed: no truth is left to lose."""
+    recording = rows(line.drive(), slice(0, None, 10))
+    built = as_built_sensor(line.setup.sensor, ["sensor.laser.turn_y_deg=0.2"])
+    bodies, true_sensor = visible_bodies(line.nominal), make_sensor(built, line.seed)
+    points = sense(recording, bodies, line.sensor, engine, 0, Silent(), as_built=true_sensor).points
+    cloud = ply_sha256(line.cloud(recording, points), tmp_path)
+    assert ply_sha256(line.cloud(recording.without_truth(), points), tmp_path) == cloud
+    assert ply_sha256(line.cloud(recording, line.sense(recording, engine)), tmp_path) != cloud
 
 
 def images(line, recording: Recording) -> np.ndarray:

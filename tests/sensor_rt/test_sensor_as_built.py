@@ -1,0 +1,94 @@
+"""Images of a sensor that is not as believed, read as if it were."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from scenes import Array, pose, probe, still
+
+from sensor_rt import Exposures, Scene, Sensor, extract, render, scan, triangulate
+
+Z = 0.12
+
+
+def plane_at(z: float) -> tuple[Scene, Exposures]:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    return scene, still(pose((0, 0, z)))
+
+
+def read_wrongly(sensor: Sensor, true_points: Array, camera: int) -> Array:
+    """Where points (n, 3) seem to lie: the line of sight continued to the plane X = 0."""
+    eye = sensor.cameras[camera].sensor_from_camera[:3, 3]
+    return np.asarray(eye + (true_points - eye) * (eye[0] / (eye[0] - true_points[:, :1])))
+
+
+@pytest.mark.parametrize(("engine", "tolerance"), [("geometric", 1e-9), ("ray-traced", 3e-6)])
+@pytest.mark.parametrize(
+    ("laser", "middle"),
+    [
+        ({"turn_y": 0.003}, lambda y, z: np.tan(0.003) * z + 0 * y),
+        ({"offset_x": 3e-4, "turn_z": 0.01}, lambda y, z: 3e-4 - np.tan(0.01) * y),
+        ({"straightness": [0, 0, 5e-4, 0, 0, 0]}, lambda y, z: 5e-4 * z * (y / (z * np.tan(0.28))) ** 2),
+    ],
+    ids=["turned about y", "shifted and turned about z", "bowed"],
+)
+def test_a_sheet_out_of_place_displaces_points_as_geometry_says(
+    laser: dict[str, Any], middle: Any, engine: Literal["geometric", "ray-traced"], tolerance: float
+) -> None:
+    sensor, as_built = probe(), probe(laser=laser)
+    scene, exposures = plane_at(Z)
+    points = scan(scene, sensor, exposures, engine, as_built=as_built).profiles
+    y = np.linspace(-0.04, 0.04, 8001)
+    truth = np.stack([middle(y, Z), y, np.full(len(y), Z)], axis=1)
+    for camera in (0, 1):
+        found = points.points_in_sensor[points.camera == camera]
+        seen = read_wrongly(sensor, truth, camera)
+        expected = np.interp(found[:, 1], seen[:, 1], seen[:, 2])
+        assert len(found) > 600
+        assert np.sqrt(np.mean((found[:, 2] - expected) ** 2)) < tolerance
+        assert np.abs(expected - Z).max() > 50e-6  # not a small error
+    # Told of it, or not: the images alone decide.
+    assert np.abs(points.points_in_sensor[:, 0]).max() == 0.0
+
+
+@pytest.mark.parametrize("engine", ["geometric", "ray-traced"])
+def test_a_longer_baseline_than_believed_shrinks_ranges(engine: Literal["geometric", "ray-traced"]) -> None:
+    """Everything triangulated is proportional to the baseline."""
+    scene, exposures = plane_at(Z)
+    profiles = scan(scene, probe(), exposures, engine, as_built=probe(camera={"baseline": 0.0602})).profiles
+    z = profiles.points_in_sensor[:, 2]
+    assert z.mean() == pytest.approx(Z * 0.06 / 0.0602, abs=2e-6)
+    assert z.std() < 3e-6
+
+
+def test_extraction_knows_nothing_of_the_sensor_as_built() -> None:
+    """In one go, or from images that have lost where they came from: the same to the last bit."""
+    sensor = probe(render={"noise": True})
+    as_built = probe(render={"noise": True}, laser={"turn_y": 0.002}, camera={"tilt": 0.512})
+    scene, exposures = plane_at(Z)
+    in_one = scan(scene, sensor, exposures, keep_images=True, as_built=as_built)
+    images = render(scene, as_built, exposures)
+    np.testing.assert_array_equal(images, in_one.images)
+    apart = triangulate(extract(images, sensor), sensor)
+    np.testing.assert_array_equal(apart.points_in_sensor, in_one.profiles.points_in_sensor)
+    assert np.abs(in_one.profiles.points_in_sensor[:, 2] - Z).max() > 100e-6
+
+
+def test_a_sensor_is_as_built_itself_unless_told_otherwise() -> None:
+    scene, exposures = plane_at(Z)
+    sensor = probe(render={"noise": True})
+    alone, twice = (
+        scan(scene, sensor, exposures),
+        scan(scene, sensor, exposures, as_built=probe(render={"noise": True})),
+    )
+    np.testing.assert_array_equal(alone.profiles.points_in_sensor, twice.profiles.points_in_sensor)
+
+
+@pytest.mark.parametrize("other", [probe(cameras=1), probe(camera={"width_px": 1000})])
+def test_a_sensor_as_built_with_other_images_is_refused(other: Sensor) -> None:
+    scene, exposures = plane_at(Z)
+    with pytest.raises(ValueError, match="as built differs"):
+        scan(scene, probe(), exposures, as_built=other)
