@@ -132,6 +132,14 @@ class AmbientDescription(Description):
     irradiance_w_m2: NonNegative = 0.0
 
 
+class SpeckleDescription(Description):
+    """Grain of the laser's light on rough surfaces; its size on the image is wavelength times f-number."""
+
+    contrast: Fraction = Field(
+        default=0.0, description="of fully resolved grains; 1: bare metal, 0.5: light from within; 0: no speckle"
+    )
+
+
 class RenderDescription(Description):
     """How finely images are computed."""
 
@@ -202,6 +210,7 @@ class SensorDescription(Description):
     camera: Annotated[tuple[CameraDescription, ...], Field(min_length=1, max_length=8)]
     detector: DetectorDescription
     ambient: AmbientDescription = AmbientDescription()
+    speckle: SpeckleDescription = SpeckleDescription()
     render: RenderDescription = RenderDescription()
     extraction: ExtractionDescription = ExtractionDescription()
     geometric: GeometricDescription = GeometricDescription()

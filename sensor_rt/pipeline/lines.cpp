@@ -15,6 +15,7 @@ RenderSettings render_settings(const Sensor& sensor, bool whole_image) {
   settings.bounces = sensor.bounces;
   settings.photons = sensor.photons;
   settings.seed = sensor.seed;
+  settings.speckle_contrast = sensor.speckle_contrast;
   return settings;
 }
 

@@ -189,6 +189,9 @@ Sensor parse_sensor(const std::string& text) {
   JsonObject ambient = json.object("ambient");
   sensor.ambient_irradiance = ambient.non_negative("irradiance");
   ambient.finish();
+  JsonObject speckle = json.object("speckle");
+  sensor.speckle_contrast = speckle.fraction("contrast");
+  speckle.finish();
   read_render(json.object("render"), sensor);
   read_extraction(json.object("extraction"), sensor);
   JsonObject geometric = json.object("geometric");

@@ -20,11 +20,12 @@ struct Sensor : SensorModel {
   bool noise = false;
   std::uint64_t seed = 0;
   int samples_per_pixel = 0;
-  int rays_across_fan = 0;    ///< laser rays that mark the pixels to trace
-  bool ground_truth = false;  ///< path tracing of the whole image
-  int bounces = 0;            ///< reflections between surfaces
-  int photons = 0;            ///< that follow them from the laser
-  int geometric_rays = 0;     ///< laser rays of the geometric mode
+  int rays_across_fan = 0;        ///< laser rays that mark the pixels to trace
+  bool ground_truth = false;      ///< path tracing of the whole image
+  int bounces = 0;                ///< reflections between surfaces
+  int photons = 0;                ///< that follow them from the laser
+  double speckle_contrast = 0.0;  ///< of fully resolved grains
+  int geometric_rays = 0;         ///< laser rays of the geometric mode
 };
 
 /// See Extractor.

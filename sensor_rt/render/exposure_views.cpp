@@ -4,21 +4,22 @@
 
 namespace sensor_rt {
 
-void ExposureViews::set(const RenderPlan& plan, const Scene& new_scene, const PoseTrack& track) {
+void ExposureViews::set(const RenderPlan& plan, const Scene& new_scene, const PoseTrack& new_track) {
   scene = &new_scene;
+  track = &new_track;
   const std::size_t samples = plan.pattern.size();
   lane_instants.resize((samples + kLanes - 1) / kLanes * kLanes);
   for (std::size_t i = 0; i < lane_instants.size(); ++i) {
-    lane_instants[i] = track.instants() > 1 ? plan.pattern.instant[std::min(i, samples - 1)] : 0;
+    lane_instants[i] = track->instants() > 1 ? plan.pattern.instant[std::min(i, samples - 1)] : 0;
   }
   const SensorModel& model = plan.settings.model;
-  laser.set(new_scene, track, plan.lane_sources, lane_instants, plan.laser_region);
+  laser.set(new_scene, new_track, plan.lane_sources, lane_instants, plan.laser_region);
   cameras.resize(model.cameras.size());
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const Eigen::Vector3d centre = model.cameras[c].sensor_from_camera.translation;
-    cameras[c].set(new_scene, track, {centre}, lane_instants, plan.camera_regions[c]);
+    cameras[c].set(new_scene, new_track, {centre}, lane_instants, plan.camera_regions[c]);
   }
-  free.set(new_scene, track);
+  free.set(new_scene, new_track);
 }
 
 }  // namespace sensor_rt

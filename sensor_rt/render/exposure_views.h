@@ -12,12 +12,13 @@ namespace sensor_rt {
 /// Packet k of every view uses the k-th sixteen of lane_instants.
 struct ExposureViews {
   const Scene* scene = nullptr;
+  const PoseTrack* track = nullptr;
   std::vector<std::size_t> lane_instants;  ///< of the samples of a pixel, padded to whole packets
   RayView laser;
   std::vector<RayView> cameras;
   FreeRays free;
 
-  void set(const RenderPlan& plan, const Scene& scene, const PoseTrack& track);
+  void set(const RenderPlan& plan, const Scene& new_scene, const PoseTrack& new_track);
   std::size_t packets() const { return lane_instants.size() / kLanes; }
   const Reflection& reflection(std::int32_t shape) const {
     return *scene->shapes()[static_cast<std::size_t>(shape)].surface;

@@ -20,14 +20,16 @@ struct PathTracer::Packet {
   double carried[kLanes];  ///< share of the light at the last surface that reaches the camera
 };
 
-PathTracer::PathTracer(const RenderPlan& plan, Mode mode) : plan_(plan), mode_(mode), rays_(plan) {}
+PathTracer::PathTracer(const RenderPlan& plan, Mode mode)
+    : plan_(plan), mode_(mode), rays_(plan), speckle_(plan) {}
 
 void PathTracer::set(const ExposureViews& views, std::int64_t frame) {
   views_ = &views;
+  speckle_.set(views);
   frame_ = frame;
 }
 
-double PathTracer::laser_light(Packet& packet) {
+double PathTracer::laser_light(Packet& packet, int depth) {
   const LaserSheet& laser = plan_.settings.model.laser;
   Lanes3 from_source;
   double light[kLanes];
@@ -54,6 +56,12 @@ double PathTracer::laser_light(Packet& packet) {
   }
   if (!any) return 0.0;
   views_->laser.occlude(packet.number, from_source, kBeforeSurface, open);
+  if (depth == 0 && speckle_.enabled()) {
+    const int width = plan_.settings.model.cameras[rays_.camera()].width_px;
+    const auto pixel = static_cast<int>(packet.pixel);
+    speckle_.modulate(pixel % width, pixel / width, packet.number, packet.direction, packet.hits, open,
+                      light);
+  }
   double sum = 0.0;
   for (int l = 0; l < kLanes; ++l) sum += open[l] != 0 ? light[l] : 0.0;
   return sum;
@@ -105,7 +113,7 @@ void PathTracer::trace_packet(Packet& packet) {
     packet.sum += ambient_light(packet, depth);
     for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
     if (depth > last) return;  // beyond the last reflection there is only light from around the scene
-    packet.sum += laser_light(packet);
+    packet.sum += laser_light(packet, depth);
     if (depth == last && !ambient) return;
     reflect(packet, depth);
     if (std::none_of(packet.alive, packet.alive + kLanes, [](int alive) { return alive != 0; })) return;

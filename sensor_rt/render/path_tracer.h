@@ -5,6 +5,7 @@
 
 #include "sensor_rt/render/exposure_views.h"
 #include "sensor_rt/render/pixel_rays.h"
+#include "sensor_rt/render/speckle.h"
 
 namespace sensor_rt {
 
@@ -23,7 +24,10 @@ class PathTracer {
 
   /// `views` must stay. `frame` keys the random numbers.
   void set(const ExposureViews& views, std::int64_t frame);
-  void select_camera(std::size_t camera) { rays_.select_camera(camera); }
+  void select_camera(std::size_t camera) {
+    rays_.select_camera(camera);
+    speckle_.select_camera(camera);
+  }
 
   /// Expected electrons per second in a pixel.
   double trace(int column, int row);
@@ -32,13 +36,14 @@ class PathTracer {
   struct Packet;
 
   void trace_packet(Packet& packet);
-  double laser_light(Packet& packet);
+  double laser_light(Packet& packet, int depth);
   void reflect(Packet& packet, int depth);
   double ambient_light(const Packet& packet, int depth) const;
 
   const RenderPlan& plan_;
   Mode mode_;
   PixelRays rays_;
+  Speckle speckle_;
   const ExposureViews* views_ = nullptr;
   std::int64_t frame_ = 0;
 };

@@ -12,7 +12,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 }  // namespace
 
 PixelTracer::PixelTracer(const RenderPlan& plan)
-    : plan_(plan), rays_(plan), sheet_(plan.settings.model.laser) {
+    : plan_(plan), rays_(plan), sheet_(plan.settings.model.laser), speckle_(plan) {
   sources_.resize(plan.pattern.padded_size() / kLanes);
   for (std::size_t packet = 0; packet < sources_.size(); ++packet) {
     for (int l = 0; l < kLanes; ++l) set_lane(sources_[packet], l, plan.source(packet, l));
@@ -21,6 +21,7 @@ PixelTracer::PixelTracer(const RenderPlan& plan)
 
 void PixelTracer::set(const ExposureViews& views) {
   views_ = &views;
+  speckle_.set(views);
   surfaces_.clear();
   for (const Shape& shape : views.scene->shapes()) {
     const bool lambert = shape.surface->material().is_lambert();
@@ -42,7 +43,8 @@ double PixelTracer::brightness(const PacketHits& hits, int l, const Lanes3& dire
   return sum;
 }
 
-double PixelTracer::sum_packet(std::size_t packet, const Lanes3& direction, const int* valid) {
+double PixelTracer::sum_packet(int column, int row, std::size_t packet, const Lanes3& direction,
+                               const int* valid) {
   PacketHits hits;
   views_->cameras[rays_.camera()].intersect(packet, direction, valid, kInfinity, hits);
   Lanes3 from_source;
@@ -57,6 +59,7 @@ double PixelTracer::sum_packet(std::size_t packet, const Lanes3& direction, cons
   if (any) views_->laser.occlude(packet, from_source, kBeforeSurface, lit);
   const double ambient = plan_.settings.model.ambient_irradiance;
   if (!any && ambient == 0.0) return 0.0;
+  if (any && speckle_.enabled()) speckle_.modulate(column, row, packet, direction, hits, lit, irradiance);
   double sum = 0.0;
   for (int l = 0; l < kLanes; ++l) {
     if (valid[l] == 0 || hits.shape[l] < 0) continue;
@@ -76,7 +79,7 @@ double PixelTracer::trace(int column, int row) {
     rays_.through_samples(column, row, first / kLanes, direction);
     alignas(64) int valid[kLanes];
     for (std::size_t l = 0; l < kLanes; ++l) valid[l] = first + l < samples ? -1 : 0;
-    sum += sum_packet(first / kLanes, direction, valid);
+    sum += sum_packet(column, row, first / kLanes, direction, valid);
   }
   if (sum == 0.0) return 0.0;
   return electrons(column, row, sum / static_cast<double>(samples));

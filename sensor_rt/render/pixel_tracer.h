@@ -6,6 +6,7 @@
 #include "sensor_rt/render/exposure_views.h"
 #include "sensor_rt/render/pixel_rays.h"
 #include "sensor_rt/render/sheet_light.h"
+#include "sensor_rt/render/speckle.h"
 
 namespace sensor_rt {
 
@@ -17,7 +18,10 @@ class PixelTracer {
 
   /// Makes the scene at the instants of an exposure ready; `views` must stay.
   void set(const ExposureViews& views);
-  void select_camera(std::size_t camera) { rays_.select_camera(camera); }
+  void select_camera(std::size_t camera) {
+    rays_.select_camera(camera);
+    speckle_.select_camera(camera);
+  }
 
   /// Expected electrons per second in a pixel, averaged over its area and the exposure.
   double trace(int column, int row);
@@ -38,7 +42,7 @@ class PixelTracer {
   /// Light sent to the eye from what lane l has met, as irradiance on a white diffuse surface.
   double brightness(const PacketHits& hits, int l, const Lanes3& direction, const Lanes3& from_source,
                     double irradiance) const;
-  double sum_packet(std::size_t packet, const Lanes3& direction, const int* valid);
+  double sum_packet(int column, int row, std::size_t packet, const Lanes3& direction, const int* valid);
   /// Meets what the middle of a pixel shows; returns the lane that did.
   int look(int column, int row, Lanes3& direction, PacketHits& hits);
 
@@ -51,6 +55,7 @@ class PixelTracer {
   PixelRays rays_;
   SheetLight sheet_;
   std::vector<Lanes3> sources_;  ///< per packet
+  Speckle speckle_;
   const ExposureViews* views_ = nullptr;
   std::vector<Surface> surfaces_;  ///< per shape
 };

@@ -14,12 +14,13 @@ struct RenderSettings {
   SensorModel model;
   double quantum_efficiency = 0.0;
   int samples_per_pixel = 0;
-  int rays_across_fan = 0;    ///< laser rays that find the pixels to trace
-  bool whole_image = false;   ///< trace every pixel instead
-  bool ground_truth = false;  ///< path tracing of every pixel
-  int bounces = 0;            ///< reflections between surfaces that light may take on its way
-  int photons = 0;            ///< that follow such light from the laser
-  std::uint64_t seed = 0;     ///< keys the random numbers of all paths
+  int rays_across_fan = 0;        ///< laser rays that find the pixels to trace
+  bool whole_image = false;       ///< trace every pixel instead
+  bool ground_truth = false;      ///< path tracing of every pixel
+  int bounces = 0;                ///< reflections between surfaces that light may take on its way
+  int photons = 0;                ///< that follow such light from the laser
+  std::uint64_t seed = 0;         ///< keys the random numbers of all paths, and speckle
+  double speckle_contrast = 0.0;  ///< of fully resolved grains; 0: none
 };
 
 /// The light counts out to this many standard deviations from the middle of the sheet; it has fallen to 4e-5

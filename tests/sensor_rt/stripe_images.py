@@ -66,6 +66,7 @@ def sensor_description(width: int = 1280, height: int = 1024, cameras: int = 1, 
             "dsnu_e": 0.0,
         },
         "ambient": {"irradiance": 0.0},
+        "speckle": {"contrast": 0.0},
         "render": {
             "samples_per_pixel": 16,
             "noise": True,

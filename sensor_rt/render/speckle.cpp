@@ -1,0 +1,101 @@
+#include "sensor_rt/render/speckle.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "sensor_rt/geometry/random.h"
+
+namespace sensor_rt {
+namespace {
+
+/// Of a cell where grains are smallest; less than the tile has, so that no cell shows a grain twice.
+constexpr double kGrainsPerCell = 96.0;
+
+/// Shifts the cells off the planes through the middle of a shape, where surfaces like to lie.
+constexpr double kCellShift[3] = {0.3819, 0.2361, 0.1459};
+
+}  // namespace
+
+Speckle::Speckle(const RenderPlan& plan) : plan_(plan), contrast_(plan.settings.speckle_contrast) {
+  if (enabled()) tile_ = &GrainTile::shared();
+}
+
+void Speckle::set(const ExposureViews& views) {
+  if (!enabled()) return;
+  views_ = &views;
+  cell_.shape = -1;
+  reference_from_shape_.clear();
+  for (std::size_t s = 0; s < views.scene->shapes().size(); ++s) {
+    reference_from_shape_.push_back(
+        views.track->shape_from_reference(s, views.track->instants() / 2).inverse());
+  }
+}
+
+void Speckle::select_camera(std::size_t number) {
+  camera_ = number;
+  const Camera& camera = plan_.settings.model.cameras[number];
+  camera_from_sensor_ = camera.sensor_from_camera.inverse();
+  const double grain_px = plan_.settings.model.laser.wavelength * camera.f_number / camera.pixel_pitch;
+  steps_per_pixel_ = GrainTile::kPerGrain / grain_px;
+  cell_size_ = kGrainsPerCell * grain_px * plan_.pixel_size;
+  cell_.shape = -1;
+}
+
+void Speckle::enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape) {
+  std::array<std::int32_t, 3> place{};
+  Eigen::Vector3d middle;
+  for (int k = 0; k < 3; ++k) {
+    const double cell = std::floor(point_in_shape[k] / cell_size_ + kCellShift[k]);
+    place[static_cast<std::size_t>(k)] = static_cast<std::int32_t>(cell);
+    middle[k] = (cell + 0.5 - kCellShift[k]) * cell_size_;
+  }
+  if (cell_.shape == shape && cell_.place == place) return;
+  cell_.shape = shape;
+  cell_.place = place;
+  const std::uint64_t seed = plan_.settings.seed;
+  const auto bits = philox4x32(
+      {static_cast<std::uint32_t>(place[0]), static_cast<std::uint32_t>(place[1]),
+       static_cast<std::uint32_t>(place[2]), static_cast<std::uint32_t>(shape)},
+      {static_cast<std::uint32_t>(seed) ^ (0x6A41Eu + 0x9E3779B9u * static_cast<std::uint32_t>(camera_)),
+       static_cast<std::uint32_t>(seed >> 32)});
+  const Camera& camera = plan_.settings.model.cameras[camera_];
+  const Eigen::Vector2d seen =
+      camera.project(camera_from_sensor_ * (reference_from_shape_[static_cast<std::size_t>(shape)] * middle));
+  const Eigen::Vector2d piece(bits[0] % GrainTile::kSteps, bits[1] % GrainTile::kSteps);
+  cell_.from_pixel = piece - steps_per_pixel_ * seen;
+}
+
+/// Pixels by which the image of a surface point lies from where it is at mid-exposure; the lens is taken as
+/// free of distortion over that little way.
+Eigen::Vector2d Speckle::motion(std::int32_t shape, const Eigen::Vector3d& point,
+                                const Eigen::Vector3d& point_in_shape) const {
+  const double focal = plan_.settings.model.cameras[camera_].focal_px;
+  const Eigen::Vector3d now = camera_from_sensor_ * point;
+  const Eigen::Vector3d then =
+      camera_from_sensor_ * (reference_from_shape_[static_cast<std::size_t>(shape)] * point_in_shape);
+  return focal * (now.head<2>() / now.z() - then.head<2>() / then.z());
+}
+
+void Speckle::modulate(int column, int row, std::size_t packet, const Lanes3& direction,
+                       const PacketHits& hits, const int* lit, double* light) {
+  const Eigen::Vector3d eye = plan_.settings.model.cameras[camera_].sensor_from_camera.translation;
+  const bool still = views_->track->instants() == 1;
+  for (int l = 0; l < kLanes; ++l) {
+    if (lit[l] == 0) continue;
+    const std::size_t number = packet * kLanes + static_cast<std::size_t>(l);
+    const std::size_t sample = std::min(number, plan_.pattern.size() - 1);
+    const std::int32_t shape = hits.shape[l];
+    const Eigen::Vector3d point = eye + hits.t[l] * lane(direction, l);
+    const Eigen::Vector3d point_in_shape =
+        views_->track->shape_from_reference(static_cast<std::size_t>(shape), views_->lane_instants[number]) *
+        point;
+    enter(shape, point_in_shape);
+    Eigen::Vector2d pixel(column + plan_.pattern.column[sample], row + plan_.pattern.row[sample]);
+    if (!still) pixel -= motion(shape, point, point_in_shape);
+    const Eigen::Vector2d step = steps_per_pixel_ * pixel + cell_.from_pixel;
+    const float grain = tile_->at(std::lround(step.x()), std::lround(step.y()));
+    light[l] *= 1.0 + contrast_ * (static_cast<double>(grain) - 1.0);
+  }
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,189 @@
+"""Speckle: contrast and grain against the theory of a circular aperture, motion, repeatability, centroid noise."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+from scenes import Array, moving, one_plane, pose, still, stripe_centres
+from scipy.special import j1
+from stripe_images import make_sensor
+
+from sensor_rt import Exposures, Scene, Sensor, expected_electrons
+
+WAVELENGTH, PITCH = 660e-9, 5e-6
+Z = 0.12
+EVEN = {"sheet_sigma": 8e-3, "divergence": 0.0}  # a sheet so thick that a pixel and its neighbours get the same
+
+
+def covariance(grains: ArrayLike) -> Array:
+    """Autocovariance of fully developed speckle behind a circular aperture, at distances in lambda times f-number."""
+    v = np.pi * np.abs(np.asarray(grains, float)) + 1e-9
+    return np.asarray((2 * j1(v) / v) ** 2)
+
+
+def pixel_covariance(grain_px: float, shift: float = 0.0, travel: float = 0.0) -> float:
+    """Covariance of two pixels `shift` apart along the rows, while the pattern travels along them."""
+    step = np.linspace(-1, 1, 161)
+    box = np.maximum(0, 1 - np.abs(step))  # of distances within a pixel
+    box /= box.sum()
+    way, share = travel * step, box if travel > 0.0 else np.full(step.size, 1 / step.size)
+    along = step[:, None] + shift
+    total = 0.0
+    for offset, weight in zip(way, share, strict=True):
+        distance = np.hypot(along + offset, step[None, :])
+        total += weight * float((np.outer(box, box) * covariance(distance / grain_px)).sum())
+    return total
+
+
+def sensor(contrast: float, f_number: float = 22.0, seed: int = 1, samples: int = 16, **overrides: Any) -> Sensor:
+    render = {"noise": False, "seed": seed, "samples_per_pixel": samples} | overrides.pop("render", {})
+    camera = {"f_number": f_number} | overrides.pop("camera", {})
+    size = overrides.pop("size", (320, 256))
+    laser = EVEN | overrides.pop("laser", {})
+    speckle = {"contrast": contrast}
+    return make_sensor(*size, cameras=2, camera=camera, render=render, laser=laser, speckle=speckle, **overrides)
+
+
+def plane() -> Scene:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [0.5, 0.5], 0.5)
+    return scene
+
+
+def speckle(exposures: Exposures, contrast: float = 1.0, **options: Any) -> Array:
+    """Factor of speckle (frames, cameras, h, w), NaN where it is dark."""
+    with_speckle = expected_electrons(plane(), sensor(contrast, **options), exposures).astype(float)
+    without = expected_electrons(plane(), sensor(0.0, **options), exposures).astype(float)
+    return np.where(without > 0.02 * without.max(), with_speckle / np.maximum(without, 1e-9), np.nan)
+
+
+def grain_px(f_number: float) -> float:
+    return WAVELENGTH * f_number / PITCH
+
+
+def places(count: int, seed: int = 0) -> list[Array]:
+    """Poses of a flat surface that show other parts of it each time."""
+    rng = np.random.default_rng(seed)
+    return [pose((*rng.uniform(-0.1, 0.1, 2), Z), (0, 0, rng.uniform(-3, 3))) for _ in range(count)]
+
+
+@pytest.mark.parametrize("contrast", [1.0, 0.5])
+def test_contrast_of_a_flat_field(contrast: float) -> None:
+    fields = np.concatenate([speckle(still(place), contrast) for place in places(6)])
+    expected = contrast * np.sqrt(pixel_covariance(grain_px(22.0)))
+    assert np.nanstd(fields) == pytest.approx(expected, rel=0.03)
+    assert np.nanmean(fields) == pytest.approx(1.0, abs=0.01)
+
+
+def test_grain_is_wavelength_times_f_number() -> None:
+    """Autocorrelation along and across, and the distance at which it has halved."""
+    grain = grain_px(44.0)
+    fields = np.concatenate([speckle(still(place), f_number=44.0) for place in places(6, 1)]).reshape(-1, 256, 320) - 1
+    shifts = np.arange(9)
+    expected = np.array([pixel_covariance(grain, shift) for shift in shifts])
+    along = np.array([np.nanmean(fields[:, :, : 320 - s] * fields[:, :, s:]) for s in shifts])
+    across = np.array([np.nanmean(fields[:, : 256 - s] * fields[:, s:]) for s in shifts])
+    for measured in (along, across):
+        np.testing.assert_allclose(measured / measured[0], expected / expected[0], atol=0.05)
+        half = np.interp(-0.5, -measured / measured[0], shifts)
+        assert half == pytest.approx(np.interp(-0.5, -expected / expected[0], shifts), rel=0.03)
+
+
+def test_surface_in_motion_averages_its_grains() -> None:
+    """Contrast as of the mean over the way, in the end as 1 over the root of the number of grains passed."""
+    grain = grain_px(22.0)
+    metres_per_px = np.hypot(0.06, Z) / (256 / (2 * np.tan(np.radians(9.34))))
+    length = 2 * np.trapezoid(covariance(np.linspace(0, 50, 5001)), np.linspace(0, 50, 5001))  # grains per grain
+    strip = {"size": (320, 48), "camera": {"focal_px": 256 / (2 * np.tan(np.radians(9.34)))}}
+    for travel_px, samples in ((3.0, 64), (12.0, 64), (40.0, 256)):
+        way = np.array([0, travel_px * metres_per_px, 0])
+        fields = []
+        for place in places(6, 2):
+            ends = [pose(s * way) @ place for s in (-0.5, 0.5)]
+            exposures = moving([[end] for end in ends], [np.eye(4)] * 2)
+            fields.append(speckle(exposures, samples=samples, **deepcopy(strip)))
+        measured = np.nanstd(fields)
+        assert measured == pytest.approx(np.sqrt(pixel_covariance(grain, travel=travel_px)), rel=0.05)
+        if travel_px > 10 * grain:
+            assert measured == pytest.approx((travel_px / (length * grain)) ** -0.5, rel=0.08)
+
+
+def test_pattern_belongs_to_the_surface() -> None:
+    base = places(1, 3)[0]
+    metres_per_px = Z / np.cos(np.radians(29.3)) / (256 / (2 * np.tan(np.radians(9.34))))
+    other = speckle(still(pose((0, -7 * metres_per_px, 0)) @ base))[0, 0] - 1
+    first = speckle(still(base, count=3))[:, 0] - 1
+    np.testing.assert_array_equal(first[0], first[2])
+    rows = slice(118, 138)
+    reach = [
+        np.nanmean(first[0][rows, 20:300] * other[rows, 20 + s : 300 + s]) / np.nanvar(first[0][rows])
+        for s in range(-10, 11)
+    ]
+    assert np.argmax(reach) == 17
+    assert reach[17] > 0.6
+    assert abs(np.delete(reach, np.arange(14, 21))).max() < 0.15
+    elsewhere = speckle(still(places(1, 4)[0]))[0, 0] - 1
+    assert abs(np.nanmean(first[0] * elsewhere)) < 0.05
+    assert abs(np.nanmean(np.multiply(*(speckle(still(base))[0] - 1)))) < 0.05  # the two cameras
+
+
+def test_speckle_is_the_same_at_any_number_of_threads_and_absent_by_default() -> None:
+    ends = [[place] for place in (pose((0, 0, Z)), pose((0, 3e-5, Z)))]
+    exposures = moving(ends, [np.eye(4)] * 2, count=4)
+    one, many = (expected_electrons(plane(), sensor(0.7), exposures, threads=t) for t in (1, 3))
+    np.testing.assert_array_equal(one, many)
+    assert np.any(one != expected_electrons(plane(), sensor(0.7, seed=2), exposures))
+
+
+def test_path_tracing_shows_the_same_grains() -> None:
+    images = []
+    for mode in ("fast", "path"):
+        render = {"noise": False, "mode": mode}
+        tracing = make_sensor(160, 128, cameras=2, render=render, speckle={"contrast": 1.0}, camera={"f_number": 44.0})
+        images.append(one_plane(tracing, pose((0, 0, Z))))
+    np.testing.assert_allclose(images[0], images[1], rtol=1e-4, atol=1e-3 * images[0].max())
+
+
+def test_noise_of_the_stripes_centre() -> None:
+    """C lambda / (2 pi sin u), of a stripe whose sigma is one grain.
+
+    Dorsch, Häusler & Herrmann ("Laser triangulation: fundamental uncertainty in distance measurement", Appl. Opt. 33,
+    1994). lambda = 660 nm, sin u = 0.02: 5.3 um for C = 1. It grows with the root of the stripe's width:
+    the first moment has the double integral of the stripe's profile and the covariance for its variance. The centre
+    of gravity divides it by light that fluctuates as well.
+    """
+    z = 0.06 / np.tan(np.radians(29.3))  # where the axes of the cameras meet the sheet
+    distance, sine, grain = np.hypot(0.06, z), 0.02, 4.0
+    f_number = grain * PITCH / WAVELENGTH
+    focal_px = 2 * distance * np.tan(np.arcsin(sine)) * f_number / PITCH
+    metres_per_px = distance / focal_px
+    dorsch = WAVELENGTH / (2 * np.pi * sine)
+    for width, contrast in ((1.0, 1.0), (1.0, 0.5), (2.0, 1.0)):
+        sigma = width * grain * metres_per_px / np.cos(np.radians(29.3))
+        centres, moments = [], []
+        for seed in range(6):
+            noisy = sensor(
+                contrast,
+                f_number,
+                seed,
+                size=(1280, 96),
+                camera={"focal_px": focal_px, "cy_px": 47.5},
+                laser={"sheet_sigma": sigma, "waist_z": z},
+                render={"rays_across_fan": 10_240},
+            )
+            images = one_plane(noisy, pose((0, 0, z)))
+            for image in images:
+                centre, light = stripe_centres(image)
+                centres.append(centre)
+                moments.append((centre - np.average(centre, weights=light)) * light / light.mean())
+        x = np.linspace(-6, 6, 601) * width
+        profile = np.exp(-0.5 * (x / width) ** 2)
+        profile /= profile.sum()
+        integral = (np.outer(x * profile, x * profile) * covariance(x[:, None] - x)).sum()
+        assert np.std(moments) == pytest.approx(contrast * np.sqrt(integral) * grain, rel=0.06)
+        if width == 1.0:
+            assert np.std(centres) * metres_per_px == pytest.approx(contrast * dorsch, rel=0.15)
