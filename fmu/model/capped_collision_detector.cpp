@@ -1,6 +1,7 @@
 #include "fmu/model/capped_collision_detector.h"
 
 #include <algorithm>
+#include <dart/collision/CollisionObject.hpp>
 #include <dart/collision/CollisionResult.hpp>
 #include <limits>
 #include <mutex>
@@ -12,8 +13,6 @@ namespace {
 
 using dart::collision::CollisionResult;
 using dart::collision::Contact;
-
-constexpr std::size_t kMostPerPair = 4;
 
 /// ODE as distributed keeps one mesh collider for the whole process, whatever its per-thread data promises:
 /// two instances that collide meshes at once would disturb each other's contacts.
@@ -34,13 +33,13 @@ double distance_to_kept(const Contact& contact, const std::vector<Contact>& kept
   return nearest;
 }
 
-std::vector<Contact> four_of(std::vector<Contact> contacts) {
-  if (contacts.size() <= kMostPerPair) return contacts;
+std::vector<Contact> widest_of(std::vector<Contact> contacts, std::size_t most) {
+  if (contacts.size() <= most) return contacts;
   const auto deepest = std::max_element(
       contacts.begin(), contacts.end(),
       [](const Contact& a, const Contact& b) { return a.penetrationDepth < b.penetrationDepth; });
   std::vector<Contact> kept{*deepest};
-  while (kept.size() < kMostPerPair) {
+  while (kept.size() < most) {
     const auto farthest =
         std::max_element(contacts.begin(), contacts.end(), [&kept](const Contact& a, const Contact& b) {
           return distance_to_kept(a, kept) < distance_to_kept(b, kept);
@@ -58,7 +57,20 @@ std::shared_ptr<CappedCollisionDetector> CappedCollisionDetector::create() {
 
 std::shared_ptr<dart::collision::CollisionDetector> CappedCollisionDetector::cloneWithoutCollisionObjects()
     const {
-  return create();
+  auto clone = create();
+  clone->most_contacts_ = most_contacts_;
+  return clone;
+}
+
+void CappedCollisionDetector::set_most_contacts(const dart::dynamics::ShapeFrame* a,
+                                                const dart::dynamics::ShapeFrame* b, std::size_t most) {
+  most_contacts_[std::minmax(a, b)] = most;
+}
+
+std::size_t CappedCollisionDetector::most_contacts(const Contact& contact) const {
+  const auto found = most_contacts_.find(
+      std::minmax(contact.collisionObject1->getShapeFrame(), contact.collisionObject2->getShapeFrame()));
+  return found == most_contacts_.end() ? kEnough : found->second;
 }
 
 bool CappedCollisionDetector::collide(dart::collision::CollisionGroup* group,
@@ -72,7 +84,9 @@ bool CappedCollisionDetector::collide(dart::collision::CollisionGroup* group,
   while (!rest.empty()) {
     const auto other = std::stable_partition(
         rest.begin(), rest.end(), [first = rest.front()](const Contact& c) { return same_pair(first, c); });
-    for (const Contact& contact : four_of({rest.begin(), other})) result->addContact(contact);
+    for (const Contact& contact : widest_of({rest.begin(), other}, most_contacts(rest.front()))) {
+      result->addContact(contact);
+    }
     rest.erase(rest.begin(), other);
   }
   return hit;

@@ -1,16 +1,25 @@
-// ODE's collision detector with at most four contacts per pair of bodies.
+// ODE's collision detector with a bounded number of contacts per pair of bodies.
 #pragma once
 
 #include <dart/collision/ode/OdeCollisionDetector.hpp>
+#include <map>
 #include <memory>
+#include <utility>
 
 namespace robotcell {
 
 /// Keeps, of every pair, the deepest contact and those farthest apart from the ones already kept: four carry
-/// a body as well as two hundred, at a fraction of the solver's time.
+/// a body as well as two hundred, at a fraction of the solver's time. Two let a gripped body turn about the
+/// line through them, one shows no more than that there is contact.
 class CappedCollisionDetector : public dart::collision::OdeCollisionDetector {
  public:
+  static constexpr std::size_t kEnough = 4;
+
   static std::shared_ptr<CappedCollisionDetector> create();
+
+  /// Most contacts of one pair of shapes, in either order; kEnough without a word.
+  void set_most_contacts(const dart::dynamics::ShapeFrame* a, const dart::dynamics::ShapeFrame* b,
+                         std::size_t most);
 
   std::shared_ptr<dart::collision::CollisionDetector> cloneWithoutCollisionObjects() const override;
 
@@ -19,7 +28,12 @@ class CappedCollisionDetector : public dart::collision::OdeCollisionDetector {
                dart::collision::CollisionResult* result) override;
 
  private:
+  using Pair = std::pair<const dart::dynamics::ShapeFrame*, const dart::dynamics::ShapeFrame*>;
+
   CappedCollisionDetector() = default;
+  std::size_t most_contacts(const dart::collision::Contact& contact) const;
+
+  std::map<Pair, std::size_t> most_contacts_;
 };
 
 }  // namespace robotcell

@@ -1,0 +1,74 @@
+// A gripper in the dynamics world: two fingers that slide on the flange.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <dart/dynamics/BodyNode.hpp>
+#include <dart/dynamics/ShapeNode.hpp>
+#include <dart/simulation/World.hpp>
+#include <memory>
+
+#include "fmu/model/finger_drives.h"
+#include "fmu/model/gripper_description.h"
+
+namespace robotcell {
+
+enum class GripperMode : std::int32_t { kKeep, kWidth, kForce };
+
+/// What the gripper is told to do. Force and width beyond what it can do are brought into its range.
+struct GripperCommand {
+  GripperMode mode = GripperMode::kKeep;  // kKeep: go on with the last command
+  double width = 0;                       // m between the pads, for kWidth
+  double force = 0;                       // N of each finger, for kForce
+};
+
+/// All that a gripper remembers between two steps.
+struct GripperState {
+  GripperCommand command;           // that it is at work on; never kKeep
+  std::array<double, 2> opening{};  // of each finger from the middle, m
+  std::array<double, 2> speed{};    // m/s
+  double drive_force = 0;           // mean closing force of the drives, N
+};
+
+class Gripper {
+ public:
+  Gripper(const GripperDescription& description, dart::dynamics::BodyNode* flange, double time_step);
+
+  /// Lets the fingers' drives act in a world's steps.
+  void connect(const dart::simulation::WorldPtr& world);
+
+  void command(const GripperCommand& command);
+
+  /// To be called before and after every step of the world.
+  void begin_step();
+  void end_step();
+
+  double width() const { return opening(0) + opening(1); }
+
+  /// Closing force of the drives (mean of both).
+  double force() const { return drive_force_; }
+
+  /// Whether the fingers press with all their force and stand still before they meet.
+  bool grips() const;
+
+  dart::dynamics::BodyNode* finger(std::size_t i) const { return fingers_[i]; }
+  dart::dynamics::ShapeNode* pad(std::size_t i) const { return fingers_[i]->getShapeNode(0); }
+
+  GripperState state() const;
+  void restore(const GripperState& state);
+
+ private:
+  double opening(std::size_t finger) const { return fingers_[finger]->getParentJoint()->getPosition(0); }
+  double speed(std::size_t finger) const { return fingers_[finger]->getParentJoint()->getVelocity(0); }
+  FingerDrive drive(std::size_t finger) const;
+  double most_force() const;
+
+  GripperDescription description_;
+  double time_step_;
+  std::array<dart::dynamics::BodyNode*, 2> fingers_{};
+  std::shared_ptr<FingerDrives> drives_;
+  GripperCommand command_;
+  double drive_force_ = 0;
+};
+
+}  // namespace robotcell
