@@ -1,21 +1,46 @@
 // robotcell-describe: prints the model description that belongs to a cell ("-": on standard input) and to
 // this build of the FMU.
 #include <cstdio>
-#include <cstring>
 #include <exception>
+#include <optional>
+#include <string>
 
 #include "fmu/fmi/model_description.h"
 
+namespace {
+
+using robotcell::fmi::DescriptionOptions;
+
+/// The options behind the file's name; none where they are not understood.
+std::optional<DescriptionOptions> parse_options(int count, char** words) {
+  DescriptionOptions options;
+  for (int i = 0; i < count; ++i) {
+    const std::string word = words[i];
+    const std::string value = i + 1 < count ? words[i + 1] : "";
+    if (word == "--clock") {
+      options.clock = true;
+    } else if (word == "--fmi" && (value == "2" || value == "3")) {
+      options.version = words[++i][0] - '0';
+    } else if (word == "--needs" && i + 1 < count) {
+      options.needs = words[++i];
+    } else {
+      return {};
+    }
+  }
+  return options;
+}
+
+}  // namespace
+
 int main(int argc, char** argv) {
-  const bool clock = argc == 5 && std::strcmp(argv[4], "--clock") == 0;
-  if ((argc != 4 && !clock) || std::strcmp(argv[2], "--fmi") != 0 ||
-      (std::strcmp(argv[3], "2") != 0 && std::strcmp(argv[3], "3") != 0)) {
-    std::fprintf(stderr, "usage: robotcell-describe CELL.json|- --fmi 2|3 [--clock]\n");
+  const auto options = parse_options(argc - 2, argv + 2);
+  if (argc < 2 || !options) {
+    std::fprintf(stderr, "usage: robotcell-describe CELL.json|- --fmi 2|3 [--clock] [--needs TEXT]\n");
     return 2;
   }
   try {
     const auto cell = robotcell::parse_cell(robotcell::read_text_file(argv[1]));
-    const std::string xml = robotcell::fmi::model_description(cell, argv[3][0] - '0', clock);
+    const std::string xml = robotcell::fmi::model_description(cell, *options);
     return std::fwrite(xml.data(), 1, xml.size(), stdout) == xml.size() ? 0 : 1;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s: %s\n", argv[1], error.what());

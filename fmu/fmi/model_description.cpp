@@ -221,32 +221,38 @@ void write_units_and_types(std::ostream& xml, int version) {
   xml << "  </TypeDefinitions>\n";
 }
 
-void write_head(std::ostream& xml, const CellDescription& cell, const std::string& token, int version) {
+void write_head(std::ostream& xml, const CellDescription& cell, const std::string& token,
+                const DescriptionOptions& options) {
+  const int version = options.version;
+  const std::string needs = options.needs.empty() ? "" : " (needs " + options.needs + ")";
   xml << "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiModelDescription fmiVersion=\""
       << (version == 2 ? "2.0" : "3.0") << "\" modelName=\"RobotCell\" "
       << (version == 2 ? "guid" : "instantiationToken") << "=\"" << token
-      << "\" description=\"Robot cell that scans a part with a laser profile sensor: " << escaped(cell.name)
-      << "\" version=\"" << SCANCELL_VERSION << "\" license=\"BSD-3-Clause\" generationTool=\""
-      << kGenerationTool
+      << "\" description=\"Robot cell that scans a part with a laser profile sensor: "
+      << escaped(cell.name + needs) << "\" version=\"" << SCANCELL_VERSION
+      << "\" license=\"BSD-3-Clause\" generationTool=\"" << kGenerationTool
       << "\" variableNamingConvention=\"structured\">\n  <CoSimulation modelIdentifier=\"RobotCell\" "
          "canHandleVariableCommunicationStepSize=\"true\" ";
   if (version == 2) {
     xml << "canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\"/>\n";
   } else {
     xml << "canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\" hasEventMode=\"true\" "
-           "canReturnEarlyAfterIntermediateUpdate=\"true\" providesIntermediateUpdate=\"true\"/>\n";
+           "mightReturnEarlyFromDoStep=\"true\" canReturnEarlyAfterIntermediateUpdate=\"true\" "
+           "providesIntermediateUpdate=\"true\"/>\n";
   }
 }
 
 }  // namespace
 
-std::string model_description(const CellDescription& cell, int version, bool clock) {
+std::string model_description(const CellDescription& cell, const DescriptionOptions& options) {
+  const int version = options.version;
+  const bool clock = options.clock && version == 3;
   std::ostringstream xml;
   xml.imbue(std::locale::classic());
   const CellLayout layout = layout_of(cell);
   Values values(layout);
   const VariableTable table(layout, values);
-  write_head(xml, cell, table.token(), version);
+  write_head(xml, cell, table.token(), options);
   write_units_and_types(xml, version);
   xml << "  <LogCategories>\n";
   for (const auto& [name, description] : kLogCategories) {
@@ -255,8 +261,8 @@ std::string model_description(const CellDescription& cell, int version, bool clo
   xml << "  </LogCategories>\n";
   xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\""
       << number(static_cast<double>(cell.controller_cycle_us) / 1e6) << "\"/>\n";
-  write_variables(xml, table, version, clock && version == 3);
-  write_structure(xml, table, version, clock && version == 3);
+  write_variables(xml, table, version, clock);
+  write_structure(xml, table, version, clock);
   xml << "</fmiModelDescription>\n";
   return xml.str();
 }

@@ -7,9 +7,16 @@
 
 namespace robotcell::fmi {
 
-/// `version` is 2 or 3. The cell gives name and step size; everything else comes from the variable table.
-/// `clock` describes the clock of the trigger records as well (FMI 3): importers that know no clocks crash on
-/// it, and event mode works without.
-std::string model_description(const CellDescription& cell, int version, bool clock);
+struct DescriptionOptions {
+  int version = 3;  // 2 or 3
+  /// Describes the clock of the trigger records as well (FMI 3): importers that know no clocks crash on it,
+  /// and event mode works without.
+  bool clock = false;
+  /// What the binaries need from the machine, for the description; may be empty.
+  std::string needs;
+};
+
+/// The cell gives name and step size; everything else comes from the variable table.
+std::string model_description(const CellDescription& cell, const DescriptionOptions& options);
 
 }  // namespace robotcell::fmi

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import re
 import shutil
 import struct
@@ -74,22 +75,46 @@ def make_unique_symbols_ordinary(library: Path) -> None:
     library.write_bytes(data)
 
 
-def copy_licenses(libraries: Iterable[Path], folder: Path) -> None:
-    """Copies the licence texts of the Debian packages that the libraries come from."""
+def version_needs(libraries: Iterable[Path]) -> dict[str, str]:
+    """Newest symbol version that the libraries need of each run-time library: ``{"GLIBC": "2.34", ...}``.
+
+    A system that offers these versions, or later ones, loads the libraries.
+    """
+    needs: dict[str, tuple[int, ...]] = {}
     for library in libraries:
-        # By name: with a merged /usr, the package manager knows a library under /lib or under /usr/lib.
-        package = run("dpkg-query", "--search", f"*/{library.name}").partition(":")[0]
-        target = folder / f"{package}.txt"
-        if not target.exists():
-            folder.mkdir(exist_ok=True)
-            shutil.copyfile(Path("/usr/share/doc") / package / "copyright", target)
+        section = run("readelf", "--version-info", "--wide", library).partition("Version needs section")[2]
+        for name, number in re.findall(r"Name: (GLIBC|GLIBCXX|CXXABI|GCC)_([0-9.]+)", section):
+            version = tuple(int(part) for part in number.split("."))
+            needs[name] = max(needs.get(name, ()), version)
+    return {name: ".".join(map(str, version)) for name, version in sorted(needs.items())}
 
 
-def bundle(library: Path, folder: Path, patchelf: str, licenses: Iterable[Path]) -> None:
-    """Writes the library and its closure into the folder, and the licences of all that went into them."""
+def package_of(library: Path) -> str:
+    """Debian package that a library comes from."""
+    # By name: with a merged /usr, the package manager knows a library under /lib or under /usr/lib.
+    return run("dpkg-query", "--search", f"*/{library.name}").partition(":")[0]
+
+
+def copy_license(package: str, folder: Path) -> dict[str, str]:
+    """Copies the licence text of a Debian package; what it is called, and under which name it lies in the folder."""
+    text = (Path("/usr/share/doc") / package / "copyright").read_text(errors="replace")
+    folder.mkdir(exist_ok=True)
+    (folder / f"{package}.txt").write_text(text)
+    main = re.search(r"^Files:\s*\*.*?^License:\s*([^\n]+)", text, re.MULTILINE | re.DOTALL)
+    version = run("dpkg-query", "--show", "--showformat=${Version}", package)
+    return {"source": f"{package} {version}", "license": main[1] if main else "see text", "text": f"{package}.txt"}
+
+
+def bundle(library: Path, folder: Path, patchelf: str, own: Iterable[str], headers: Iterable[str]) -> None:
+    """Writes the library and its closure into the folder, the licences of all that went into them, and a list.
+
+    The list, ``bundle.json``, names every component (file, source, licence, name of the licence text) and the
+    symbol versions that the binaries need. ``own`` and ``headers`` come from the command line: see ``main``.
+    """
     needed = closure(library)
     names = {soname: own_name(soname, path) for soname, path in needed.items()}
     replacements = [part for old, new in names.items() for part in ("--replace-needed", old, new)]
+    targets = []
     for soname, path in [(None, library), *needed.items()]:
         target = folder / (names[soname] if soname else library.name)
         shutil.copyfile(path, target)
@@ -101,9 +126,21 @@ def bundle(library: Path, folder: Path, patchelf: str, licenses: Iterable[Path])
         run(patchelf, *replacements, target)
         run(patchelf, "--set-rpath", "$ORIGIN", target)
         make_unique_symbols_ordinary(target)
-    copy_licenses(needed.values(), folder / "licenses")
-    for text in licenses:
-        shutil.copyfile(text, folder / "licenses" / f"{text.parent.name}.txt")
+        targets.append(target)
+    licenses = folder / "licenses"
+    parts = [{"file": library.name, **copy_own(description, licenses)} for description in own]
+    parts += [{"file": library.name, **copy_license(package, licenses)} for package in headers]
+    parts += [{"file": names[soname], **copy_license(package_of(path), licenses)} for soname, path in needed.items()]
+    listing = {"needs": version_needs(targets), "components": parts}
+    (folder / "bundle.json").write_text(json.dumps(listing, indent=1) + "\n")
+
+
+def copy_own(description: str, folder: Path) -> dict[str, str]:
+    """Copies a licence text of the source tree."""
+    name, license_name, text = description.split("=")
+    folder.mkdir(exist_ok=True)
+    shutil.copyfile(text, folder / f"{name}.txt")
+    return {"source": name, "license": license_name, "text": f"{name}.txt"}
 
 
 def main() -> None:
@@ -112,14 +149,19 @@ def main() -> None:
     parser.add_argument("program", type=Path)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--patchelf", default="patchelf")
-    parser.add_argument("--license", type=Path, action="append", default=[], help="further licence text to copy")
+    parser.add_argument(
+        "--own", action="append", default=[], metavar="NAME=LICENSE=TEXT", help="code of the source tree"
+    )
+    parser.add_argument(
+        "--headers", action="append", default=[], metavar="PACKAGE", help="Debian package with headers compiled in"
+    )
     arguments = parser.parse_args()
 
     arguments.folder.parent.mkdir(parents=True, exist_ok=True)
     fresh = Path(tempfile.mkdtemp(dir=arguments.folder.parent))
     fresh.chmod(0o755)
     try:
-        bundle(arguments.library, fresh, arguments.patchelf, arguments.license)
+        bundle(arguments.library, fresh, arguments.patchelf, arguments.own, arguments.headers)
         program = fresh / arguments.program.name
         shutil.copyfile(arguments.program, program)
         program.chmod(0o755)

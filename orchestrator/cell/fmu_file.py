@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 import orchestrator.cell
+from orchestrator.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_contents, write_archive
 from orchestrator.cell.nominal import NominalCell
 from orchestrator.config.cell import CellDescription
 from orchestrator.config.units import to_si
@@ -20,11 +18,6 @@ from orchestrator.errors import CellError
 from orchestrator.files import atomic_write
 from orchestrator.geometry import pose
 from orchestrator.geometry.mesh import mass_properties
-
-FmiVersion = Literal[2, 3]
-_PLATFORM = {2: "linux64", 3: "x86_64-linux"}
-# Zip entries carry a fixed date, so that the same cell gives the same bytes.
-_EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def runtime_dir() -> Path:
@@ -85,48 +78,18 @@ def _pose_json(target_from_source: np.ndarray[Any, np.dtype[np.float64]]) -> dic
     return {"position": target_from_source[:3, 3].tolist(), "quaternion": quaternion.tolist()}
 
 
-def build_fmu(description: Mapping[str, Any], path: Path, version: FmiVersion) -> None:
+def build_fmu(
+    description: Mapping[str, Any], path: Path, version: FmiVersion, options: FmuOptions | None = None
+) -> None:
     """Write the FMU of a cell (`cell_json`) to `path`; it appears whole or not at all.
 
     Raises
     ------
     CellError
-        If the native part is missing or refuses the description.
+        If the native part is missing or refuses the description, or the cell cannot make its reference trajectory.
     OutputError
         If the file cannot be written.
     """
-    runtime = runtime_dir()
-    text = json.dumps(description, indent=1)
-    with atomic_write(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-        _add(archive, "modelDescription.xml", _describe(runtime, text, version).encode())
-        _add(archive, "resources/cell.json", text.encode())
-        for file in sorted(runtime.rglob("*")):
-            if file.is_file():
-                _add_runtime_file(archive, file, runtime, version)
-
-
-def _add_runtime_file(archive: zipfile.ZipFile, file: Path, runtime: Path, version: FmiVersion) -> None:
-    relative = file.relative_to(runtime)
-    if relative.parts[0] == "licenses":
-        folder = "documentation/licenses"
-        _add(archive, f"{folder}/{'/'.join(relative.parts[1:])}", file.read_bytes())
-    elif ".so" in file.name:
-        _add(archive, f"binaries/{_PLATFORM[version]}/{file.name}", file.read_bytes(), executable=True)
-
-
-def _add(archive: zipfile.ZipFile, name: str, content: bytes, executable: bool = False) -> None:
-    entry = zipfile.ZipInfo(name, _EPOCH)
-    entry.compress_type = zipfile.ZIP_DEFLATED
-    entry.external_attr = (0o755 if executable else 0o644) << 16
-    archive.writestr(entry, content)
-
-
-def _describe(runtime: Path, description: str, version: FmiVersion) -> str:
-    """The model description, printed by the same variable table that the library answers from."""
-    command = [str(runtime / "robotcell-describe"), "-", "--fmi", str(version)]
-    # The printer is linked against the closure beside it.
-    environment = {**os.environ, "LC_ALL": "C"}
-    result = subprocess.run(command, input=description, capture_output=True, text=True, env=environment, check=False)
-    if result.returncode:
-        raise CellError(f"the native robot cell refuses the description: {result.stderr.strip()}")
-    return result.stdout
+    contents = fmu_contents(runtime_dir(), json.dumps(description, indent=1), version, options or FmuOptions())
+    with atomic_write(path) as temporary:
+        write_archive(temporary, contents)

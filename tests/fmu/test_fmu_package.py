@@ -36,7 +36,8 @@ ATTRIBUTES: dict[int, dict[str, set[str]]] = {
         },
         "CoSimulation": {
             "modelIdentifier", "canHandleVariableCommunicationStepSize", "canGetAndSetFMUState", "canSerializeFMUState",
-            "hasEventMode", "canReturnEarlyAfterIntermediateUpdate", "providesIntermediateUpdate",
+            "hasEventMode", "mightReturnEarlyFromDoStep", "canReturnEarlyAfterIntermediateUpdate",
+            "providesIntermediateUpdate",
         },
         "Float64": {*COMMON, "declaredType", "start"}, "Int32": {*COMMON, "min", "max", "start"},
         "Boolean": {*COMMON, "start"}, "String": COMMON, "Start": {"value"},

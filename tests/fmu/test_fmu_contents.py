@@ -1,0 +1,213 @@
+"""What lies in an FMU beside binary and description: terminals, documentation, licences, reference trajectory."""
+
+from __future__ import annotations
+
+import csv
+import re
+import struct
+import subprocess
+import xml.etree.ElementTree as ET
+import zipfile
+from collections import Counter
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from cell_fixture import Array, CellFmu, cell_description
+from lxml import etree
+
+from orchestrator.cell.fmu_file import build_fmu
+
+VERSIONS = (2, 3)
+TOLERANCE = 1e-9
+REFERENCE = "extra/org.fmi-standard.fmi-ls-ref"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """Unpacked FMUs as they are given to people."""
+    root = tmp_path_factory.mktemp("whole")
+    folders = {}
+    for version in VERSIONS:
+        file = root / f"RobotCell{version}.fmu"
+        build_fmu(cell_description(), file, 2 if version == 2 else 3)
+        folders[version] = Path(fmpy.extract(str(file), str(file.with_suffix(""))))
+    return folders
+
+
+def variables(folder: Path) -> list[Any]:
+    return list(fmpy.read_model_description(str(folder)).modelVariables)
+
+
+def members(terminal: ET.Element, path: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
+    """(variable, path of the terminals with the member's name) of every member."""
+    for member in terminal.findall("TerminalMemberVariable"):
+        yield member.attrib["variableName"], ".".join([*path, member.attrib["memberName"]])
+    for inner in terminal.findall("Terminal"):
+        yield from members(inner, (*path, inner.attrib["name"]))
+
+
+def test_terminals_hold_every_input_and_output_once(whole: dict[int, Path]) -> None:
+    file = whole[3] / "terminalsAndIcons/terminalsAndIcons.xml"
+    schema = etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "schema/fmi3/fmi3TerminalsAndIcons.xsd"))
+    schema.assertValid(etree.parse(str(file)))
+    top = ET.parse(file).getroot().find("Terminals")
+    assert top is not None
+    found = list(members(top))
+    assert all(variable == path for variable, path in found)
+    expected = [v.name for v in variables(whole[3]) if v.causality in ("input", "output")]
+    assert Counter(variable for variable, _ in found) == Counter(expected)
+    assert {t.attrib["name"] for t in top} >= {"command", "measured", "truth", "trigger"}
+
+
+def test_icons_lie_where_each_version_wants_them(whole: dict[int, Path]) -> None:
+    for icon in (whole[2] / "model.png", whole[3] / "terminalsAndIcons/icon.png"):
+        head = icon.read_bytes()[:24]
+        assert head.startswith(b"\x89PNG\r\n\x1a\n")
+        assert struct.unpack(">II", head[16:]) == (256, 256)
+    assert ET.parse(whole[3] / "terminalsAndIcons/icon.svg").getroot().tag.endswith("svg")
+    assert not (whole[2] / "terminalsAndIcons").exists()
+    assert not (whole[3] / "model.png").exists()
+
+
+class Page(HTMLParser):
+    """Text, links and ids of a page; complains about tags that are not closed in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.links: list[str] = []
+        self.ids: set[str] = set()
+        self.text = ""
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        for name, value in attributes:
+            if name in ("href", "src"):
+                self.links.append(value or "")
+            if name == "id":
+                self.ids.add(value or "")
+        if tag not in ("meta", "input", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data + "\n"
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_documentation_tells_of_every_variable_without_a_network(whole: dict[int, Path], version: int) -> None:
+    file = whole[version] / "documentation/index.html"
+    source = file.read_text(encoding="utf-8")
+    page = Page(source)
+    assert "http" not in source.replace("http-equiv", "")
+    for link in page.links:
+        assert link.removeprefix("#") in page.ids if link.startswith("#") else (file.parent / link).is_file(), link
+    lines = set(page.text.split("\n"))
+    for variable in variables(whole[version]):
+        assert variable.name in lines
+        assert variable.description in lines
+        if variable.declaredType is not None:
+            assert f"{variable.declaredType.unit} ({variable.declaredType.displayUnit})" in lines
+        if variable.start is not None:
+            assert variable.start in lines
+
+
+def needed_versions(folder: Path, name: str) -> set[tuple[int, ...]]:
+    """Symbol versions that the binaries bind to, from their undefined dynamic symbols."""
+    found = set()
+    for library in next((folder / "binaries").iterdir()).iterdir():
+        symbols = subprocess.run(["objdump", "-T", library], check=True, capture_output=True, text=True).stdout
+        for version in re.findall(rf"\*UND\*.*\({name}_([0-9.]+)\)", symbols):
+            found.add(tuple(int(part) for part in version.split(".")))
+    return found
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_glibc_floor_is_stated_and_true(whole: dict[int, Path], version: int) -> None:
+    folder = whole[version]
+    floor = ".".join(map(str, max(needed_versions(folder, "GLIBC"))))
+    description = fmpy.read_model_description(str(folder)).description
+    page = Page((folder / "documentation/index.html").read_text()).text
+    for text in (description, page):
+        assert re.findall(r"glibc ([0-9.]+[0-9]) or later", text)[0] == floor
+    outside = (folder / "documentation/externalDependencies.txt").read_text()
+    for name in ("GLIBC", "GLIBCXX", "CXXABI"):
+        newest = ".".join(map(str, max(needed_versions(folder, name))))
+        assert f"{name}_{newest} or later" in outside
+        assert f"{name}_{newest} or later" in page
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_licence_of_everything_bundled_is_there(whole: dict[int, Path], version: int) -> None:
+    folder = whole[version] / "documentation/licenses"
+    lines = (folder / "license.txt").read_text().split("\n\n")[1].strip().split("\n")
+    rows = [re.split(r": |; ", line) for line in lines]
+    assert {file for file, *_ in rows} == {f.name for f in next((whole[version] / "binaries").iterdir()).iterdir()}
+    assert {text for *_, text in rows} | {"license.txt"} == {f.name for f in folder.iterdir()}
+    compiled_in = {source.split()[0] for file, source, *_ in rows if file == "RobotCell.so"}
+    assert compiled_in == {"scancell", "fmi", "libeigen3-dev", "nlohmann-json3-dev"}
+    for _, source, license_name, text in rows:
+        assert license_name != "see text", source
+        assert not license_name.startswith(("GPL", "LGPL", "AGPL")), source
+        assert "copyright" in (folder / text).read_text(errors="replace").lower()
+
+
+def read_table(file: Path) -> tuple[list[str], Array]:
+    with file.open() as lines:
+        names, *rows = list(csv.reader(lines))
+    return names, np.array(rows, dtype=float)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_reference_trajectory_repeats(whole: dict[int, Path], version: int) -> None:
+    folder = whole[version]
+    input_names, inputs = read_table(folder / REFERENCE / "reference_inputs.csv")
+    names, outputs = read_table(folder / REFERENCE / "reference_outputs.csv")
+    cell = CellFmu(folder)
+    reals = [n for n in names if cell.variables[n].type in ("Real", "Float64")]
+    others = [n for n in names if n not in reals]
+    assert names[1:] == [*reals[1:], *others]
+    counted = {v.name for v in cell.variables.values() if v.causality == "output" and "oo" not in v.type}
+    assert set(names[1:]) == counted - {"trigger.clock"}
+    for k, expected in enumerate(outputs):
+        seen = [*cell.get(*reals), *(cell.get_int(n) for n in others)]
+        np.testing.assert_allclose(seen, expected, rtol=0, atol=TOLERANCE, err_msg=f"row {k}")
+        if k < len(inputs):
+            for name, value in zip(input_names[1:], inputs[k, 1:], strict=True):
+                whole_number = cell.variables[name].type.startswith("Int")
+                cell.set(name, int(value) if whole_number else float(value))
+            cell.step(round((outputs[k + 1, 0] - expected[0]) * 1e6))
+    cell.close()
+    moved = dict(zip(names, np.ptp(outputs, axis=0), strict=True))
+    assert all(moved[f"truth.q[{i}]"] > np.radians(0.6) for i in range(1, 7))
+    assert moved["truth.table"] > 0.5
+    assert moved["trigger.index"] > 30
+
+
+def test_the_manifest_names_the_reference(whole: dict[int, Path]) -> None:
+    for folder in whole.values():
+        manifest = ET.parse(folder / REFERENCE / "fmi-ls-manifest.xml").getroot()
+        space = "{http://fmi-standard.org/fmi-ls-manifest}"
+        assert manifest.attrib[f"{space}fmi-ls-name"] == "org.fmi-standard.fmi-ls-ref"
+        related = {e.attrib["role"]: folder / REFERENCE / e.attrib["source"] for e in manifest.findall("Related")}
+        assert set(related) == {"testcase", "result"}
+        assert all(file.is_file() for file in related.values())
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_packing_twice_gives_the_same_bytes(tmp_path: Path, version: int) -> None:
+    files = [tmp_path / f"{k}.fmu" for k in range(2)]
+    for file in files:
+        build_fmu(cell_description(), file, 2 if version == 2 else 3)
+    assert files[0].read_bytes() == files[1].read_bytes()
+    with zipfile.ZipFile(files[0]) as archive:
+        assert len(archive.namelist()) == len(set(archive.namelist()))
+        assert all(entry.compress_type in (zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED) for entry in archive.infolist())
