@@ -77,7 +77,7 @@ void exchange(A& a, StickAnchor& v) {
 }
 template <class A>
 void exchange(A& a, FreePartState& v) {
-  exchange_all(a, v.position, v.velocity, v.friction_direction, v.carrier, v.anchors);
+  exchange_all(a, v.position, v.velocity, v.carrier, v.anchors);
 }
 
 namespace control {

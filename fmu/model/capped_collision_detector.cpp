@@ -51,13 +51,13 @@ std::vector<Contact> widest_of(std::vector<Contact> contacts, std::size_t most) 
 
 }  // namespace
 
-std::shared_ptr<CappedCollisionDetector> CappedCollisionDetector::create() {
-  return std::shared_ptr<CappedCollisionDetector>(new CappedCollisionDetector());
+std::shared_ptr<CappedCollisionDetector> CappedCollisionDetector::create(std::size_t most) {
+  return std::shared_ptr<CappedCollisionDetector>(new CappedCollisionDetector(most));
 }
 
 std::shared_ptr<dart::collision::CollisionDetector> CappedCollisionDetector::cloneWithoutCollisionObjects()
     const {
-  auto clone = create();
+  auto clone = create(most_);
   clone->most_contacts_ = most_contacts_;
   return clone;
 }
@@ -70,7 +70,7 @@ void CappedCollisionDetector::set_most_contacts(const dart::dynamics::ShapeFrame
 std::size_t CappedCollisionDetector::most_contacts(const Contact& contact) const {
   const auto found = most_contacts_.find(
       std::minmax(contact.collisionObject1->getShapeFrame(), contact.collisionObject2->getShapeFrame()));
-  return found == most_contacts_.end() ? kEnough : found->second;
+  return found == most_contacts_.end() ? most_ : found->second;
 }
 
 bool CappedCollisionDetector::collide(dart::collision::CollisionGroup* group,

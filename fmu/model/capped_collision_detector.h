@@ -13,11 +13,10 @@ namespace robotcell {
 /// line through them, one shows no more than that there is contact.
 class CappedCollisionDetector : public dart::collision::OdeCollisionDetector {
  public:
-  static constexpr std::size_t kEnough = 4;
+  /// With the most contacts of pairs for which nothing else is set.
+  static std::shared_ptr<CappedCollisionDetector> create(std::size_t most);
 
-  static std::shared_ptr<CappedCollisionDetector> create();
-
-  /// Most contacts of one pair of shapes, in either order; kEnough without a word.
+  /// Most contacts of one pair of shapes, in either order.
   void set_most_contacts(const dart::dynamics::ShapeFrame* a, const dart::dynamics::ShapeFrame* b,
                          std::size_t most);
 
@@ -30,9 +29,10 @@ class CappedCollisionDetector : public dart::collision::OdeCollisionDetector {
  private:
   using Pair = std::pair<const dart::dynamics::ShapeFrame*, const dart::dynamics::ShapeFrame*>;
 
-  CappedCollisionDetector() = default;
+  explicit CappedCollisionDetector(std::size_t most) : most_(most) {}
   std::size_t most_contacts(const dart::collision::Contact& contact) const;
 
+  std::size_t most_;
   std::map<Pair, std::size_t> most_contacts_;
 };
 

@@ -47,9 +47,17 @@ TableDescription parse_table(const JsonReader& json) {
   return table;
 }
 
+/// Names of what can touch and be touched.
+std::vector<std::string> touching_bodies(const CellDescription& cell) {
+  std::vector<std::string> names{"table"};
+  for (const ConveyorDescription& conveyor : cell.conveyors) names.push_back(conveyor.name);
+  for (const PartDescription& part : cell.parts) names.push_back(part.name);
+  return names;
+}
+
 CellDescription parse_root(const JsonReader& json) {
   json.expect_keys({"format", "name", "time_step_us", "controller_cycle_us", "gravity", "seed", "robot",
-                    "tool", "table", "conveyors", "parts"});
+                    "tool", "table", "conveyors", "parts", "contact"});
   json.at("format").integer(1, 1);
   CellDescription cell;
   cell.name = json.at("name").text();
@@ -76,6 +84,7 @@ CellDescription parse_root(const JsonReader& json) {
   const auto parts = json.at("parts").items();
   if (parts.empty()) json.at("parts").fail("at least one part");
   for (const JsonReader& part : parts) cell.parts.push_back(parse_part(part, cell.conveyors.size()));
+  cell.contact = parse_contact(json.at("contact"), touching_bodies(cell));
   return cell;
 }
 

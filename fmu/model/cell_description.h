@@ -10,6 +10,7 @@
 
 #include "fmu/model/cell_layout.h"
 #include "fmu/model/cell_values.h"
+#include "fmu/model/contact_description.h"
 #include "fmu/model/conveyor_description.h"
 #include "fmu/model/part_description.h"
 
@@ -51,6 +52,7 @@ struct CellDescription {
   TableDescription table;
   std::vector<PartDescription> parts;
   std::vector<ConveyorDescription> conveyors;
+  ContactDescription contact;
 };
 
 CellLayout layout_of(const CellDescription& cell);

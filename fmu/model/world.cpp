@@ -4,13 +4,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <dart/constraint/ConstraintSolver.hpp>
+#include <dart/constraint/BoxedLcpConstraintSolver.hpp>
+#include <dart/constraint/PgsBoxedLcpSolver.hpp>
 #include <dart/dynamics/BodyNode.hpp>
 #include <dart/dynamics/FreeJoint.hpp>
 #include <dart/simulation/World.hpp>
 #include <mutex>
 
-#include "fmu/model/capped_collision_detector.h"
+#include "fmu/model/coulomb_solver.h"
 #include "fmu/model/world_bodies.h"
 #include "fmu/model/world_engine.h"
 
@@ -49,6 +50,14 @@ bool any_free(const CellDescription& cell) {
   return std::any_of(cell.parts.begin(), cell.parts.end(), [](const PartDescription& p) { return p.free; });
 }
 
+/// Where Dantzig's method gives up, Gauss-Seidel's takes its place.
+std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDescription& contact) {
+  using namespace dart::constraint;
+  const auto gauss_seidel = std::make_shared<PgsBoxedLcpSolver>();
+  if (contact.gauss_seidel) return std::make_unique<BoxedLcpConstraintSolver>(gauss_seidel, nullptr);
+  return std::make_unique<BoxedLcpConstraintSolver>(std::make_shared<CoulombSolver>(), gauss_seidel);
+}
+
 }  // namespace
 
 World::World(const CellDescription& cell, const Kinematics& kinematics, const Imposed& start)
@@ -60,10 +69,13 @@ World::World(const CellDescription& cell, const Kinematics& kinematics, const Im
   engine_->world = dart::simulation::World::create();
   engine_->world->setGravity(cell.gravity);
   engine_->world->setTimeStep(time_step_);
-  engine_->world->getConstraintSolver()->setCollisionDetector(CappedCollisionDetector::create());
+  engine_->detector = CappedCollisionDetector::create(cell.contact.points);
+  engine_->world->setConstraintSolver(make_solver(cell.contact));
+  engine_->world->getConstraintSolver()->setCollisionDetector(engine_->detector);
   add_supports(cell);
   impose(start);
   add_parts(cell);
+  for (const ContactPair& pair : cell.contact.pairs) engine_->set_most_contacts(pair);
   if (any_free(cell)) settle(cell, start);
 }
 
@@ -83,13 +95,14 @@ void World::add_supports(const CellDescription& cell) {
     engine.world->addSkeleton(skeleton);
   }
   BodyNode* platter = engine.platter();
-  engine.add_support({collides ? platter->getShapeNode(0) : nullptr, platter, cell.table.friction, true});
+  engine.add_support(
+      {"table", collides ? platter->getShapeNode(0) : nullptr, platter, cell.table.friction, true});
   for (const ConveyorDescription& conveyor : cell.conveyors) {
     engine.belts.push_back(make_belt(conveyor));
     engine.travel.push_back(0);
     engine.world->addSkeleton(engine.belts.back());
     BodyNode* belt = engine.belts.back()->getBodyNode(0);
-    engine.add_support({belt->getShapeNode(0), belt, conveyor.friction, true});
+    engine.add_support({conveyor.name, belt->getShapeNode(0), belt, conveyor.friction, true});
   }
 }
 
@@ -115,7 +128,7 @@ void World::add_parts(const CellDescription& cell) {
       shape->setRelativeTransform(part.support_from_part);
     }
     engine.parts.push_back(added);
-    engine.add_support({shape, body, part.friction, false});
+    engine.add_support({part.name, shape, body, part.friction, false});
   }
 }
 
@@ -169,7 +182,6 @@ void World::step(const Imposed& from, const Imposed& to) {
   prepare_thread();
   impose(from);
   impose_speeds(from, to);
-  engine_->orient_friction();
   engine_->world->step();
   impose(to);
   engine_->hold_parts(time_step_);
@@ -193,7 +205,6 @@ std::vector<FreePartState> World::free_parts() const {
     if (!part.free) continue;
     Eigen::Map<Eigen::Matrix<double, 6, 1>>(state.position.data()) = part.skeleton->getPositions();
     Eigen::Map<Eigen::Matrix<double, 6, 1>>(state.velocity.data()) = part.skeleton->getVelocities();
-    Eigen::Map<Vector3d>(state.friction_direction.data()) = part.friction_direction;
     state.carrier = part.carrier;
     state.anchors = part.anchors;
   }
@@ -209,7 +220,6 @@ void World::restore(const Imposed& imposed, const std::vector<FreePartState>& st
     const FreePartState& state = states[i];
     part.skeleton->setPositions(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.position.data()));
     part.skeleton->setVelocities(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.velocity.data()));
-    part.friction_direction = Eigen::Map<const Vector3d>(state.friction_direction.data());
     part.carrier = state.carrier;
     part.anchors = state.anchors;
   }

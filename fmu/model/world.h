@@ -35,8 +35,7 @@ struct PartPlace {
 struct FreePartState {
   std::array<double, 6> position{};  // of the floating joint
   std::array<double, 6> velocity{};
-  std::array<double, 3> friction_direction{};  // world; along slip or friction force of the last step
-  std::int32_t carrier = -1;                   // support with the greatest contact force; -1: none
+  std::int32_t carrier = -1;  // support with the greatest contact force; -1: none
   std::vector<StickAnchor> anchors;
 };
 

@@ -89,7 +89,7 @@ SkeletonPtr make_free_part(const PartDescription& part) {
   SkeletonPtr skeleton = Skeleton::create(part.name);
   BodyNode* body = skeleton->createJointAndBodyNodePair<FreeJoint>().second;
   body->setInertia(Inertia(part.mass, part.centre_of_mass, part.inertia));
-  add_hull(body, part)->getDynamicsAspect()->setFirstFrictionDirectionFrame(Frame::World());
+  add_hull(body, part);
   return skeleton;
 }
 

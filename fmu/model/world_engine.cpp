@@ -61,10 +61,12 @@ bool World::Engine::carried_by_platter(std::int32_t support) const {
   return false;
 }
 
-void World::Engine::orient_friction() {
-  for (const Part& part : parts) {
-    if (!part.free) continue;
-    part.body()->getShapeNode(0)->getDynamicsAspect()->setFirstFrictionDirection(part.friction_direction);
+void World::Engine::set_most_contacts(const ContactPair& pair) {
+  for (const Support& a : supports) {
+    for (const Support& b : supports) {
+      if (a.name != pair.bodies[0] || b.name != pair.bodies[1]) continue;
+      detector->set_most_contacts(a.shape, b.shape, pair.points);
+    }
   }
 }
 
@@ -105,7 +107,6 @@ void World::Engine::add_contact(std::int32_t on, std::int32_t by, const Vector3d
 /// Splits the forces of a part's contacts and finds what carries it.
 void World::Engine::weigh_contacts(Part& part, double time_step) {
   part.carrier = kNothing;
-  part.friction_direction.setZero();
   double greatest = 0;
   for (PairContact& contact : part.contacts) {
     const Support& support = supports[static_cast<std::size_t>(contact.support)];
@@ -115,14 +116,12 @@ void World::Engine::weigh_contacts(Part& part, double time_step) {
     const double friction = std::min(part.friction, support.friction);
     const double stopping_speed =
         kStepsToStop * friction * contact.split.normal / part.body()->getMass() * time_step;
-    const Vector3d slip = slip_of(part, contact);
-    contact.holds = friction_holds(contact.split, friction) && slip.norm() < stopping_speed &&
+    contact.holds = friction_holds(contact.split, friction) &&
+                    slip_of(part, contact).norm() < stopping_speed &&
                     spin_of(part, contact) * part.gyration < stopping_speed;
     if (contact.split.normal <= greatest) continue;
     greatest = contact.split.normal;
     part.carrier = contact.support;
-    const Vector3d along = slip.norm() < stopping_speed ? contact.split.tangential : slip;
-    part.friction_direction = along.normalized();
   }
 }
 

@@ -9,6 +9,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "fmu/model/capped_collision_detector.h"
 #include "fmu/model/world.h"
 
 namespace robotcell {
@@ -18,6 +19,7 @@ constexpr std::int32_t kTableSupport = 0;
 
 /// Whatever a free part can touch. The table is number 0, the belts follow, and then all parts.
 struct Support {
+  std::string name;
   dart::dynamics::ShapeNode* shape = nullptr;  // null where nothing can touch it
   dart::dynamics::BodyNode* body = nullptr;
   double friction = 0;
@@ -39,7 +41,6 @@ struct Part {
   dart::dynamics::SkeletonPtr skeleton;  // of a free part
   double friction = 0;
   double gyration = 0;  // radius of gyration, m
-  Eigen::Vector3d friction_direction = Eigen::Vector3d::Zero();
   std::int32_t carrier = kNothing;
   std::vector<StickAnchor> anchors;
   std::vector<PairContact> contacts;
@@ -51,6 +52,7 @@ struct Part {
 
 struct World::Engine {
   dart::simulation::WorldPtr world;
+  std::shared_ptr<CappedCollisionDetector> detector;
   dart::dynamics::SkeletonPtr arm, table, ground;
   std::vector<dart::dynamics::SkeletonPtr> belts;
   std::vector<double> travel;  // of each belt, m
@@ -58,6 +60,8 @@ struct World::Engine {
   std::vector<Support> supports;
 
   void add_support(const Support& support);
+  /// Bounds the contacts of all shapes of one name with those of another.
+  void set_most_contacts(const ContactPair& pair);
   static std::int32_t support_number(const StandsOn& stands_on);
   dart::dynamics::BodyNode* platter() const { return table->getBodyNode(0); }
   dart::dynamics::FreeJoint* table_joint() const {
@@ -68,10 +72,6 @@ struct World::Engine {
   dart::dynamics::BodyNode* body_of(std::int32_t support) const;
   Eigen::Isometry3d pose_of(std::int32_t support) const;
   bool carried_by_platter(std::int32_t support) const;
-
-  /// The solver's friction limit is a pyramid, exact along its axes alone: turns one of them into slip or
-  /// friction of the last step.
-  void orient_friction();
 
   /// After a step: reads what touches what, and puts back what friction holds.
   void hold_parts(double time_step);

@@ -13,6 +13,7 @@ import orchestrator.cell
 from orchestrator.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_contents, write_archive
 from orchestrator.cell.nominal import NominalCell
 from orchestrator.config.cell import CellDescription
+from orchestrator.config.contact import ContactDescription
 from orchestrator.config.units import to_si
 from orchestrator.errors import CellError
 from orchestrator.files import atomic_write
@@ -53,6 +54,7 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
         "table": {"world_from_table": _pose_json(nominal.world_from_table), "start": 0.0, **table},
         "conveyors": [],
         "parts": [_part_json(cell, nominal)],
+        "contact": _contact_json(cell.contact),
     }
 
 
@@ -71,6 +73,11 @@ def _part_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]:
         "centre_of_mass": properties.centre_of_mass.tolist(),
         "inertia": properties.inertia.tolist(),
     }
+
+
+def _contact_json(contact: ContactDescription) -> dict[str, Any]:
+    pairs = [{"bodies": list(pair.bodies), "points": pair.points} for pair in contact.pair]
+    return {"solver": contact.solver, "points": contact.points, "pairs": pairs}
 
 
 def _pose_json(target_from_source: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from orchestrator.config.contact import ContactDescription
 from orchestrator.config.description import Description, Finite, Fraction, NonNegative, PoseDescription, Positive
 from orchestrator.config.material import MaterialDescription
 
@@ -145,3 +146,4 @@ class CellDescription(Description):
     sensor_mesh: str | None = Field(default=None, description="housing of the sensor in its own frame, mm")
     table: TableDescription
     part: PartDescription = PartDescription()
+    contact: ContactDescription = ContactDescription()

@@ -33,7 +33,7 @@ constexpr double kStep = 1e-3;
 inline dart::simulation::WorldPtr make_world(const dart::constraint::BoxedLcpSolverPtr& solver) {
   auto world = dart::simulation::World::create();
   world->setConstraintSolver(std::make_unique<dart::constraint::BoxedLcpConstraintSolver>(solver));
-  world->getConstraintSolver()->setCollisionDetector(CappedCollisionDetector::create());
+  world->getConstraintSolver()->setCollisionDetector(CappedCollisionDetector::create(4));
   world->setTimeStep(kStep);
   world->setGravity({0, 0, -kGravity});
   return world;
