@@ -1,0 +1,95 @@
+#include "fmu/model/dynamic_arm.h"
+
+#include <algorithm>
+#include <dart/dynamics/BodyNode.hpp>
+#include <dart/dynamics/DegreeOfFreedom.hpp>
+#include <dart/dynamics/Inertia.hpp>
+#include <dart/dynamics/Skeleton.hpp>
+#include <utility>
+
+namespace robotcell {
+namespace {
+
+constexpr int kSettlings = 200;
+
+double sign(double x) { return x > 0 ? 1 : x < 0 ? -1 : 0; }
+
+}  // namespace
+
+DynamicArm::DynamicArm(dart::dynamics::SkeletonPtr arm, const ArmDynamicsDescription& description,
+                       const std::array<std::array<double, 2>, kJoints>& limits)
+    : arm_(std::move(arm)), description_(description), limits_(limits) {
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    const LinkInertia& link = description.links[i];
+    arm_->getBodyNode(i)->setInertia(dart::dynamics::Inertia(link.mass, link.centre_of_mass, link.inertia));
+    arm_->getDof(i)->setCoulombFriction(description.drives[i].coulomb_friction);
+  }
+  arm_->setMobile(true);
+}
+
+void DynamicArm::place() {
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    arm_->setPosition(i, state_.position[i]);
+    arm_->setVelocity(i, state_.rate[i]);
+  }
+}
+
+void DynamicArm::settle(const std::array<double, kJoints>& motors) {
+  state_ = {};
+  for (std::size_t i = 0; i < kJoints; ++i) state_.motors[i].position = state_.position[i] = motors[i];
+  // The deflections are small: repeated substitution converges at once.
+  for (int k = 0; k < kSettlings; ++k) {
+    place();
+    const Eigen::VectorXd gravity = arm_->getGravityForces();
+    for (std::size_t i = 0; i < kJoints; ++i) {
+      const DriveDescription& drive = description_.drives[i];
+      const double load = gravity[static_cast<int>(i)];
+      const double free = motors[i] - load / drive.gear_stiffness - sign(load) * drive.backlash / 2;
+      state_.position[i] = std::clamp(free, limits_[i][0], limits_[i][1]);
+      state_.gear_torque[i] = load;
+      state_.motors[i].torque = load;
+    }
+  }
+  place();
+}
+
+void DynamicArm::before_step(const std::array<MotorCommand, kJoints>& command, double step) {
+  step_ = step;
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    const DriveDescription& drive = description_.drives[i];
+    state_.motors[i] = next_motor(drive, state_.motors[i], command[i], state_.gear_torque[i], step);
+    const MotorState& motor = state_.motors[i];
+    gears_[i] = gear_contact(drive, motor.position, state_.position[i] + step * state_.rate[i]);
+    auto* dof = arm_->getDof(i);
+    dof->setRestPosition(gears_[i].rest);
+    dof->setSpringStiffness(gears_[i].stiffness);
+    // The engine damps against the world; the part of the gear turns with the motor.
+    dof->setDampingCoefficient(gears_[i].damping + drive.viscous_friction);
+    dof->setForce(gears_[i].damping * motor.rate);
+  }
+}
+
+void DynamicArm::after_step() {
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    const GearContact& gear = gears_[i];
+    state_.position[i] = arm_->getPosition(i);
+    state_.rate[i] = arm_->getVelocity(i);
+    // The engine works the gear out first, and the impulses of friction and contacts behind it.
+    const double late = arm_->getDof(i)->getVelocityChange();
+    state_.gear_torque[i] = gear.stiffness * (gear.rest - state_.position[i] + step_ * late) +
+                            gear.damping * (state_.motors[i].rate - state_.rate[i] + late);
+    const double inside = std::clamp(state_.position[i], limits_[i][0], limits_[i][1]);
+    if (inside != state_.position[i]) {  // the hard stop
+      state_.position[i] = inside;
+      state_.rate[i] = 0;
+    }
+  }
+  place();
+}
+
+void DynamicArm::restore(const ArmDynamicsState& state) {
+  state_ = state;
+  place();
+}
+
+}  // namespace robotcell

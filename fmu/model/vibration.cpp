@@ -1,0 +1,60 @@
+#include "fmu/model/vibration.h"
+
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "fmu/model/random.h"
+
+namespace robotcell {
+namespace {
+
+constexpr double kTwoPi = 6.283185307179586;
+constexpr double kSecondsPerTick = 1e-6;
+constexpr int kRandomWaves = 32;  // per axis
+
+void check(const VibrationParameters& parameters, const std::string& name) {
+  const std::string group = "as_built.vibration." + name;
+  if (parameters.frequency < 0) throw std::invalid_argument(group + ".frequency must not be negative");
+  if (parameters.random_rms < 0) throw std::invalid_argument(group + ".random.rms must not be negative");
+  const bool band = parameters.random_low >= 0 && parameters.random_high > parameters.random_low;
+  if (parameters.random_rms > 0 && !band) {
+    throw std::invalid_argument(group + ".random.high must be above .random.low, and that not negative");
+  }
+}
+
+}  // namespace
+
+Vibration::Vibration(const VibrationParameters& parameters, const char* name, std::uint64_t key) {
+  check(parameters, name);
+  const Eigen::Vector3d amplitude(parameters.amplitude[0], parameters.amplitude[1], parameters.amplitude[2]);
+  if (!amplitude.isZero(0)) waves_.push_back({amplitude, kTwoPi * parameters.frequency, parameters.phase});
+  if (parameters.random_rms > 0) add_random_waves(parameters, key);
+}
+
+void Vibration::add_random_waves(const VibrationParameters& parameters, std::uint64_t key) {
+  // n sines of amplitude a have the mean square n a^2 / 2.
+  const double amplitude = parameters.random_rms * std::sqrt(2.0 / kRandomWaves);
+  const double slot = (parameters.random_high - parameters.random_low) / kRandomWaves;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (int i = 0; i < kRandomWaves; ++i) {
+      const std::uint64_t own = mixed(key + static_cast<std::uint64_t>(axis * kRandomWaves + i));
+      const double frequency = parameters.random_low + slot * (i + uniform(mixed(own)));
+      waves_.push_back(
+          {amplitude * Eigen::Vector3d::Unit(axis), kTwoPi * frequency, kTwoPi * uniform(mixed(~own))});
+    }
+  }
+}
+
+Displacement Vibration::at(std::int64_t time_us) const {
+  const double time = static_cast<double>(time_us) * kSecondsPerTick;
+  Displacement sum;
+  for (const Wave& wave : waves_) {
+    const double angle = wave.angular_frequency * time + wave.phase;
+    sum.position += wave.amplitude * std::sin(angle);
+    sum.velocity += wave.amplitude * (wave.angular_frequency * std::cos(angle));
+  }
+  return sum;
+}
+
+}  // namespace robotcell

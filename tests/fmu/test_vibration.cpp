@@ -1,0 +1,83 @@
+// Vibration: the sine is a sine, the random part has its power and its band.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <complex>
+#include <stdexcept>
+#include <vector>
+
+#include "fmu/model/vibration.h"
+
+namespace {
+
+using robotcell::Displacement;
+using robotcell::Vibration;
+using robotcell::VibrationParameters;
+
+VibrationParameters random_only() {
+  VibrationParameters parameters;
+  parameters.random_rms = 2e-5;
+  parameters.random_low = 20;
+  parameters.random_high = 120;
+  return parameters;
+}
+
+TEST(Vibration, TheSineIsTheClosedForm) {
+  const Vibration vibration({{1e-5, -2e-5, 3e-5}, 37, 0.4}, "base", 1);
+  for (std::int64_t t = 0; t < 200'000; t += 777) {
+    const double angle = 2 * M_PI * 37 * 1e-6 * static_cast<double>(t) + 0.4;
+    const Displacement at = vibration.at(t);
+    EXPECT_NEAR(at.position.z(), 3e-5 * std::sin(angle), 1e-17);
+    EXPECT_NEAR(at.velocity.y(), -2e-5 * 2 * M_PI * 37 * std::cos(angle), 1e-15);
+  }
+}
+
+TEST(Vibration, TheRandomPartHasItsRootMeanSquareAlongEveryAxis) {
+  const Vibration vibration(random_only(), "base", 7);
+  Eigen::Vector3d square = Eigen::Vector3d::Zero();
+  constexpr int kSamples = 200'000;
+  for (int i = 0; i < kSamples; ++i) square += vibration.at(i * 997).position.cwiseAbs2();
+  const Eigen::Vector3d rms = (square / kSamples).cwiseSqrt();
+  // Neighbouring waves beat, which a mean over 200 s averages out but for a rest.
+  for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(rms[axis], 2e-5, 0.01 * 2e-5);
+}
+
+TEST(Vibration, TheRandomPartStaysInItsBand) {
+  const Vibration vibration(random_only(), "table", 7);
+  const auto power = [&vibration](double frequency) {
+    std::complex<double> sum = 0;
+    constexpr int kSamples = 20'000;  // 1 ms apart, with a window that lets little leak
+    for (int i = 0; i < kSamples; ++i) {
+      const double window = 1 - std::cos(2 * M_PI * i / kSamples);
+      sum += window * vibration.at(i * 1000).position.x() * std::polar(1.0, -2 * M_PI * frequency * i * 1e-3);
+    }
+    return std::norm(sum / static_cast<double>(kSamples));
+  };
+  double inside = 0, outside = 0;
+  for (double f = 20; f < 120; f += 0.05) inside = std::max(inside, power(f));
+  for (const double f : {5.0, 15.0, 130.0, 200.0, 400.0}) outside = std::max(outside, power(f));
+  EXPECT_LT(outside, 1e-8 * inside);
+}
+
+TEST(Vibration, VelocityIsTheDerivative) {
+  const Vibration vibration(random_only(), "flange", 3);
+  for (std::int64_t t = 1000; t < 100'000; t += 1700) {
+    const Eigen::Vector3d slope = (vibration.at(t + 1).position - vibration.at(t - 1).position) / 2e-6;
+    EXPECT_LT((vibration.at(t).velocity - slope).norm(), 1e-6 * 2e-5 * 2 * M_PI * 120 + 1e-12);
+  }
+}
+
+TEST(Vibration, AnotherKeyIsAnotherVibrationAndTheSameKeyTheSame) {
+  const Vibration a(random_only(), "base", 1), b(random_only(), "base", 2), c(random_only(), "base", 1);
+  EXPECT_NE(a.at(1000).position, b.at(1000).position);
+  EXPECT_EQ(a.at(1000).position, c.at(1000).position);
+}
+
+TEST(Vibration, RefusesABandWithoutWidthAndDoesNothingByDefault) {
+  VibrationParameters parameters = random_only();
+  parameters.random_high = 20;
+  EXPECT_THROW(Vibration(parameters, "base", 1), std::invalid_argument);
+  EXPECT_FALSE(Vibration({}, "base", 1).active());
+}
+
+}  // namespace
