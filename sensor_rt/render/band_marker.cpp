@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "sensor_rt/render/pixel_cover.h"
+
 namespace sensor_rt {
 namespace {
 
@@ -53,20 +55,7 @@ void BandMarker::mark(const Scene& scene, const PoseTrack& track, std::vector<Pi
 std::vector<std::size_t> BandMarker::choose_instants(const PoseTrack& track) const {
   const std::size_t last = track.instants() - 1;
   if (last == 0) return {0};
-  // How far points of the measuring field move between first and last instant, against the size of a pixel
-  // there.
-  const SensorModel& model = plan_.settings.model;
-  double farthest_px = 0.0;
-  for (const std::size_t s : grid_.shapes()) {
-    const Rigid3 moved = track.shape_from_reference(s, last).inverse() * track.shape_from_reference(s, 0);
-    for (const double z : {model.near, model.far}) {
-      const Eigen::Vector3d point(0.0, 0.0, z);
-      for (const Camera& camera : model.cameras) {
-        const double distance = (point - camera.sensor_from_camera.translation).norm();
-        farthest_px = std::max(farthest_px, (moved * point - point).norm() * camera.focal_px / distance);
-      }
-    }
-  }
+  const double farthest_px = largest_motion_px(plan_.settings.model, track, grid_.shapes());
   constexpr double kStep = 3.0;  // px between neighbouring instants of the grid
   const auto steps =
       static_cast<std::size_t>(std::clamp(std::ceil(farthest_px / kStep), 1.0, static_cast<double>(last)));

@@ -25,6 +25,7 @@ ImageRenderer::ImageRenderer(const RenderPlan& plan)
       fractions_(instants_of_exposure(plan.pattern.size())),
       middle_{0.5},
       marker_(plan),
+      cover_(plan),
       tracer_(plan),
       path_tracer_(plan, PathTracer::Mode::kAllBounces),
       mirror_tracer_(plan, PathTracer::Mode::kMirrorsOnly),
@@ -47,6 +48,7 @@ void ImageRenderer::render(const Scene& scene, const Exposures& exposures, std::
   find_pixels(scene);
   views_.set(plan_, scene, track_);
   tracer_.set(views_);
+  cover_.set(scene, track_);
   const std::int64_t frame = exposures.index[exposure];
   path_tracer_.set(views_, frame);
   mirror_tracer_.set(views_, frame);
@@ -99,10 +101,12 @@ void ImageRenderer::trace_marked(std::size_t number, double duration, SparseImag
     mirror_tracer_.select_camera(number);
     mark_mirrors(number);
   }
+  const bool covers = !plan_.settings.whole_image && cover_.select_camera(number);
   masks_[number].for_each([&](int column, int row) {
+    const Patch patch = covers ? cover_.patch(column, row, masks_[number]) : Patch{};
     const bool mirror = mirrors && mirror_mask_.test(column, row);
     const double electrons_per_second =
-        mirror ? mirror_tracer_.trace(column, row) : tracer_.trace(column, row);
+        mirror ? mirror_tracer_.trace(column, row) : tracer_.trace(column, row, patch);
     if (electrons_per_second > 0.0) add(column, row, electrons_per_second);
   });
   const double ambient = plan_.settings.model.ambient_irradiance;

@@ -9,6 +9,7 @@
 #include "sensor_rt/render/exposure_views.h"
 #include "sensor_rt/render/light_tracer.h"
 #include "sensor_rt/render/path_tracer.h"
+#include "sensor_rt/render/pixel_cover.h"
 #include "sensor_rt/render/pixel_mask.h"
 #include "sensor_rt/render/pixel_tracer.h"
 
@@ -44,6 +45,7 @@ class ImageRenderer {
   PoseTrack track_;
   ExposureViews views_;
   BandMarker marker_;
+  PixelCover cover_;
   PixelTracer tracer_;
   AmbientFiller ambient_;
   PathTracer path_tracer_;

@@ -21,6 +21,17 @@ class PixelMask {
   bool test(int column, int row) const;
   std::size_t count() const;
 
+  /// Calls visit(row) for each row that is marked in either of two neighbouring columns, ascending; a column
+  /// outside the image has none.
+  template <typename Visit>
+  void for_each_row(int first_column, int last_column, const Visit& visit) const {
+    for (int word = 0; word < words_; ++word) {
+      std::uint64_t bits = first_column >= 0 ? bits_[index(first_column, word)] : 0;
+      if (last_column < width_) bits |= bits_[index(last_column, word)];
+      for (; bits != 0; bits &= bits - 1) visit(64 * word + __builtin_ctzll(bits));
+    }
+  }
+
   /// Calls visit(column, row) in ascending columns, then rows.
   template <typename Visit>
   void for_each(const Visit& visit) const {

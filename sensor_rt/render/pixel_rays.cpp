@@ -65,6 +65,13 @@ void PixelRays::through_middle(int column, int row, Lanes3& direction) const {
   spread_directions(axes_, values, sample_column_.data(), sample_row_.data(), direction);
 }
 
+void PixelRays::through_corners(int column, const int* rows, int count, Lanes3& direction) const {
+  for (int l = 0; l < kLanes; ++l) {
+    const Eigen::Vector3d in_camera = camera_->ray({column - 0.5, rows[std::min(l, count - 1)] - 0.5});
+    set_lane(direction, l, camera_->sensor_from_camera.rotation * in_camera);
+  }
+}
+
 double PixelRays::electrons(int column, int row, double irradiance) const {
   const PixelRay ray = pixel_ray(column, row);
   const double cosine2 = 1.0 / (1.0 + ray.x * ray.x + ray.y * ray.y);

@@ -22,6 +22,10 @@ class PixelRays {
   /// All lanes along the middle of the pixel.
   void through_middle(int column, int row, Lanes3& direction) const;
 
+  /// Lanes along corners of pixels: those to the left of `column` and above the given rows; the last is
+  /// repeated.
+  void through_corners(int column, const int* rows, int count, Lanes3& direction) const;
+
   /// Electrons per second in a pixel from a surface that sends back `irradiance` diffusely.
   double electrons(int column, int row, double irradiance) const;
 

@@ -44,9 +44,11 @@ double PixelTracer::brightness(const PacketHits& hits, int l, const Lanes3& dire
 }
 
 double PixelTracer::sum_packet(int column, int row, std::size_t packet, const Lanes3& direction,
-                               const int* valid) {
+                               const int* valid, const Patch& patch) {
   PacketHits hits;
-  views_->cameras[rays_.camera()].intersect(packet, direction, valid, kInfinity, hits);
+  const RayView& view = views_->cameras[rays_.camera()];
+  const bool met = patch.shape >= 0 && view.meet(packet, patch, direction, valid, hits);
+  if (!met) view.intersect(packet, direction, valid, kInfinity, hits);
   Lanes3 from_source;
   alignas(64) double irradiance[kLanes];
   alignas(64) int lit[kLanes];
@@ -56,7 +58,7 @@ double PixelTracer::sum_packet(int column, int row, std::size_t packet, const La
     sheet_.light(rays_.eyes(packet), sources_[packet], direction, hits, from_source, irradiance, lit);
   }
   const bool any = std::any_of(lit, lit + kLanes, [](int lane) { return lane != 0; });
-  if (any) views_->laser.occlude(packet, from_source, kBeforeSurface, lit);
+  if (any && !(met && patch.in_light)) views_->laser.occlude(packet, from_source, kBeforeSurface, lit);
   const double ambient = plan_.settings.model.ambient_irradiance;
   if (!any && ambient == 0.0) return 0.0;
   if (any && speckle_.enabled()) speckle_.modulate(column, row, packet, direction, hits, lit, irradiance);
@@ -71,7 +73,7 @@ double PixelTracer::sum_packet(int column, int row, std::size_t packet, const La
   return sum;
 }
 
-double PixelTracer::trace(int column, int row) {
+double PixelTracer::trace(int column, int row, const Patch& patch) {
   const std::size_t samples = plan_.pattern.size();
   double sum = 0.0;
   for (std::size_t first = 0; first < samples; first += kLanes) {
@@ -79,7 +81,7 @@ double PixelTracer::trace(int column, int row) {
     rays_.through_samples(column, row, first / kLanes, direction);
     alignas(64) int valid[kLanes];
     for (std::size_t l = 0; l < kLanes; ++l) valid[l] = first + l < samples ? -1 : 0;
-    sum += sum_packet(column, row, first / kLanes, direction, valid);
+    sum += sum_packet(column, row, first / kLanes, direction, valid, patch);
   }
   if (sum == 0.0) return 0.0;
   return electrons(column, row, sum / static_cast<double>(samples));

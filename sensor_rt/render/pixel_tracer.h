@@ -23,8 +23,9 @@ class PixelTracer {
     speckle_.select_camera(camera);
   }
 
-  /// Expected electrons per second in a pixel, averaged over its area and the exposure.
-  double trace(int column, int row);
+  /// Expected electrons per second in a pixel, averaged over its area and the exposure. `patch`: what
+  /// fills the pixel, if that is known.
+  double trace(int column, int row, const Patch& patch = {});
 
   /// Reflectance under even light, seen along the middle of a pixel at mid-exposure; 0 where nothing is in
   /// view.
@@ -42,7 +43,8 @@ class PixelTracer {
   /// Light sent to the eye from what lane l has met, as irradiance on a white diffuse surface.
   double brightness(const PacketHits& hits, int l, const Lanes3& direction, const Lanes3& from_source,
                     double irradiance) const;
-  double sum_packet(int column, int row, std::size_t packet, const Lanes3& direction, const int* valid);
+  double sum_packet(int column, int row, std::size_t packet, const Lanes3& direction, const int* valid,
+                    const Patch& patch);
   /// Meets what the middle of a pixel shows; returns the lane that did.
   int look(int column, int row, Lanes3& direction, PacketHits& hits);
 

@@ -89,6 +89,10 @@ Shape make_mesh_shape(const MeshView& mesh) {
     shape.half_size = shape.half_size.cwiseMax((mesh.vertex(i) - centre).cwiseAbs());
   }
   shape.embree = build_triangle_scene(mesh, centre);
+  const RTCGeometry geometry = rtcGetGeometry(shape.embree.get(), 0);
+  shape.faces =
+      static_cast<const std::uint32_t*>(rtcGetGeometryBufferData(geometry, RTC_BUFFER_TYPE_INDEX, 0));
+  shape.vertices = static_cast<const float*>(rtcGetGeometryBufferData(geometry, RTC_BUFFER_TYPE_VERTEX, 0));
   return shape;
 }
 

@@ -22,4 +22,22 @@ struct alignas(64) PacketHits {
   std::uint32_t face[kLanes];
 };
 
+/// One face of one shape; primitives are a face each.
+struct FaceId {
+  std::int32_t shape = -1;  ///< -1: none
+  std::uint32_t face = 0;
+
+  bool operator==(const FaceId& other) const { return shape == other.shape && face == other.face; }
+};
+
+/// A piece of surface made of a few faces of one shape.
+struct Patch {
+  static constexpr int kMost = 4;
+
+  std::int32_t shape = -1;  ///< -1: none
+  int count = 0;
+  std::uint32_t face[kMost] = {};
+  bool in_light = false;  ///< all of it known to be free of shadow
+};
+
 }  // namespace sensor_rt

@@ -66,6 +66,14 @@ void RayView::intersect(std::size_t packet, const Lanes3& direction, const int* 
   }
 }
 
+bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
+                   PacketHits& hits) const {
+  const auto number = static_cast<std::size_t>(patch.shape);
+  const auto in_view = std::lower_bound(shapes_.begin(), shapes_.end(), number) - shapes_.begin();
+  const LaneTransform& transform = transforms_[static_cast<std::size_t>(in_view) * packets_ + packet];
+  return meet_patch(scene_->shapes()[number], patch, transform, direction, valid, hits);
+}
+
 void RayView::occlude(std::size_t packet, const Lanes3& direction, double farthest, int* open) const {
   for (std::size_t k = 0; k < shapes_.size(); ++k) {
     if (std::none_of(open, open + kLanes, [](int lane) { return lane != 0; })) return;

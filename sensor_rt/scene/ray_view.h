@@ -24,6 +24,11 @@ class RayView {
   void intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
                  PacketHits& hits) const;
 
+  /// The same for rays that are known to meet nothing before `patch`, of a shape in view. False when one
+  /// misses it.
+  bool meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
+            PacketHits& hits) const;
+
   /// Clears open[lane] for rays that are cut before t = farthest.
   void occlude(std::size_t packet, const Lanes3& direction, double farthest, int* open) const;
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <cstdint>
 #include <memory>
 #include <vector>
 
@@ -31,6 +32,9 @@ struct Shape {
   Eigen::Vector3d half_size = Eigen::Vector3d::Zero();
   std::vector<FacePlane> planes;  ///< meshes only, one per face
   SceneHandle embree;             ///< meshes only
+  /// Embree's own arrays, in the frame of the shape: three indices per face, three coordinates per vertex.
+  const std::uint32_t* faces = nullptr;
+  const float* vertices = nullptr;
 };
 
 }  // namespace sensor_rt

@@ -1,5 +1,6 @@
 #include "sensor_rt/scene/trace.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -72,6 +73,44 @@ struct Candidates {
   alignas(64) std::uint32_t face[kLanes];
 };
 
+/// Where rays meet their planes, infinite behind their origin.
+SENSOR_RT_MULTIVERSION
+void meet_planes_ahead(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
+                       double* __restrict t) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double towards = p.normal_x[l] * d.x[l] + p.normal_y[l] * d.y[l] + p.normal_z[l] * d.z[l];
+    const double away = p.normal_x[l] * o.x[l] + p.normal_y[l] * o.y[l] + p.normal_z[l] * o.z[l];
+    const double met = (p.offset[l] - away) / (towards == 0.0 ? 1e-300 : towards);
+    t[l] = met > 0.0 ? met : kNone;
+  }
+}
+
+/// Sets which[lane] to `number` where the ray's line passes through the triangle (corners as rows).
+SENSOR_RT_MULTIVERSION
+void pass_through(const double* __restrict c, double number, const Lanes3& __restrict o,
+                  const Lanes3& __restrict d, double* __restrict which) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double ax = c[0] - o.x[l];
+    const double ay = c[1] - o.y[l];
+    const double az = c[2] - o.z[l];
+    const double bx = c[3] - o.x[l];
+    const double by = c[4] - o.y[l];
+    const double bz = c[5] - o.z[l];
+    const double cx = c[6] - o.x[l];
+    const double cy = c[7] - o.y[l];
+    const double cz = c[8] - o.z[l];
+    // Six times the volumes spanned by the ray and each edge: of one sign inside.
+    const double ab =
+        d.x[l] * (ay * bz - az * by) + d.y[l] * (az * bx - ax * bz) + d.z[l] * (ax * by - ay * bx);
+    const double bc =
+        d.x[l] * (by * cz - bz * cy) + d.y[l] * (bz * cx - bx * cz) + d.z[l] * (bx * cy - by * cx);
+    const double ca =
+        d.x[l] * (cy * az - cz * ay) + d.y[l] * (cz * ax - cx * az) + d.z[l] * (cx * ay - cy * ax);
+    const bool inside = ((ab >= 0.0) & (bc >= 0.0) & (ca >= 0.0)) | ((ab <= 0.0) & (bc <= 0.0) & (ca <= 0.0));
+    which[l] = inside ? number : which[l];
+  }
+}
+
 /// Turns the normals into the reference frame where the candidate is nearer; says where in `nearer` (1 or 0).
 SENSOR_RT_MULTIVERSION
 void keep_nearer(const double (*r)[kLanes], const Candidates& __restrict found, PacketHits& __restrict hits,
@@ -131,6 +170,34 @@ bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& directio
   return true;
 }
 
+/// Which face of the patch each ray meets, and where. False when one meets none.
+bool choose_faces(const Shape& shape, const Patch& patch, const Lanes3& origin, const Lanes3& direction,
+                  const int* valid, Candidates& found) {
+  alignas(64) double which[kLanes];
+  std::fill(which, which + kLanes, patch.count == 1 ? 0.0 : -1.0);
+  for (int k = 0; k < patch.count && patch.count > 1; ++k) {
+    double corners[9];
+    for (std::size_t i = 0; i < 9; ++i) {
+      const std::uint32_t vertex = shape.faces[3 * std::size_t{patch.face[k]} + i / 3];
+      corners[i] = static_cast<double>(shape.vertices[3 * std::size_t{vertex} + i % 3]);
+    }
+    pass_through(corners, k, origin, direction, which);
+  }
+  LanePlanes planes;
+  bool all = true;
+  for (int l = 0; l < kLanes; ++l) {
+    all = all && (valid[l] == 0 || which[l] >= 0.0);
+    found.face[l] = patch.face[which[l] >= 0.0 ? static_cast<int>(which[l]) : 0];
+    const FacePlane& plane = shape.planes[found.face[l]];
+    planes.normal_x[l] = found.normal.x[l] = plane.normal[0];
+    planes.normal_y[l] = found.normal.y[l] = plane.normal[1];
+    planes.normal_z[l] = found.normal.z[l] = plane.normal[2];
+    planes.offset[l] = plane.offset;
+  }
+  if (all) meet_planes_ahead(planes, origin, direction, found.t);
+  return all;
+}
+
 }  // namespace
 
 void clear_hits(PacketHits& hits, double farthest) {
@@ -162,6 +229,32 @@ void intersect_shape(const Shape& shape, std::int32_t index, const LaneTransform
     hits.shape[l] = nearer[l] > 0.0 ? index : hits.shape[l];
     hits.face[l] = nearer[l] > 0.0 ? found.face[l] : hits.face[l];
   }
+}
+
+bool meet_patch(const Shape& shape, const Patch& patch, const LaneTransform& transform,
+                const Lanes3& direction, const int* valid, PacketHits& hits) {
+  Lanes3 local;
+  to_shape_frame(transform.rotation, direction, local);
+  Candidates found;
+  if (shape.kind == ShapeKind::kMesh) {
+    if (!choose_faces(shape, patch, transform.origin, local, valid, found)) return false;
+  } else {
+    intersect_primitive(shape, transform.origin, local, found.t, found.normal);
+    std::fill(found.face, found.face + kLanes, 0);
+  }
+  bool all = true;
+  for (int l = 0; l < kLanes; ++l) {
+    if (valid[l] == 0) found.t[l] = kNone;
+    all = all && (valid[l] == 0 || found.t[l] < kNone);
+  }
+  clear_hits(hits, kNone);
+  alignas(64) double nearer[kLanes];
+  keep_nearer(transform.rotation, found, hits, nearer);
+  for (int l = 0; l < kLanes; ++l) {
+    hits.shape[l] = valid[l] != 0 ? patch.shape : -1;
+    hits.face[l] = found.face[l];
+  }
+  return all;
 }
 
 void occlude_by_shape(const Shape& shape, const LaneTransform& transform, const Lanes3& direction,

@@ -1,0 +1,66 @@
+// Which piece of surface fills a pixel.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "sensor_rt/render/pixel_mask.h"
+#include "sensor_rt/render/pixel_rays.h"
+#include "sensor_rt/scene/ray_view.h"
+
+namespace sensor_rt {
+
+/// Looks along the corners of pixels, at the first and the last instant of an exposure, and from the laser at
+/// what it meets there. Where all four corners of a pixel meet one face, or faces around one vertex, the
+/// samples of the pixel need not search for what they meet; where the laser reaches all four, they need not
+/// look for shadows. Neighbours share their corners, so that a pixel takes little more than one ray of each
+/// kind instead of one per sample.
+///
+/// What lies wholly between the corners of a pixel escapes, as does what crosses it and leaves again during
+/// an exposure that moves far; there the cover is not used.
+class PixelCover {
+ public:
+  explicit PixelCover(const RenderPlan& plan);
+
+  /// Makes an exposure ready.
+  void set(const Scene& scene, const PoseTrack& track);
+
+  /// Begins the pixels of one camera. False when the exposure moves too far for the cover to tell.
+  bool select_camera(std::size_t camera);
+
+  /// What fills a marked pixel; patch.shape < 0 where that is not known. To be asked in the order of the
+  /// mask.
+  Patch patch(int column, int row, const PixelMask& mask);
+
+ private:
+  /// What lies behind the corner of a pixel at one instant.
+  struct Corner {
+    FaceId id;
+    bool from_front = false;  ///< the side of the face that is seen, after its winding
+    bool in_light = false;
+  };
+  /// Between two columns of pixels, at [row * instants + instant]; corner r lies above pixel r.
+  using Corners = std::vector<Corner>;
+
+  void look_along(int edge, const PixelMask& mask, Corners& corners);
+  void look_along_packet(int edge, const int* rows, int count, Corners& corners);
+  std::size_t instants() const { return lane_instants_.size() / kLanes; }
+
+  const RenderPlan& plan_;
+  PixelRays rays_;
+  const Scene* scene_ = nullptr;
+  const PoseTrack* track_ = nullptr;
+  std::vector<std::size_t> lane_instants_;  ///< packet 0: the first of the exposure, packet 1: the last
+  RayView view_;
+  RayView laser_;
+  int column_ = -2;  ///< whose corners are known: left_ and right_ of it
+  Corners left_;
+  Corners right_;
+};
+
+/// How far anything among `shapes` moves in any camera's image between first and last instant, in pixels.
+double largest_motion_px(const SensorModel& model, const PoseTrack& track,
+                         const std::vector<std::size_t>& shapes);
+
+}  // namespace sensor_rt
