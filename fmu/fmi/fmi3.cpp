@@ -30,20 +30,34 @@ Log::Sink make_sink(fmi3LogMessageCallback callback, fmi3InstanceEnvironment env
   };
 }
 
+/// Calls `use(reference, position)` for every value behind the references, after it has made sure that there
+/// are as many values as the importer has room for.
+template <class Use>
+void for_each_value(const Instance& instance, const fmi3ValueReference vr[], size_t n, size_t n_values,
+                    const Use& use) {
+  size_t count = 0;
+  for (size_t i = 0; i < n; ++i) count += instance.size_of(vr[i]);
+  require(count == n_values, "the number of values is not that of the variables");
+  size_t at = 0;
+  for (size_t i = 0; i < n; ++i) {
+    const auto size = static_cast<std::uint32_t>(instance.size_of(vr[i]));
+    for (std::uint32_t element = 0; element < size; ++element) use(vr[i] + element, at++);
+  }
+}
+
 template <class T, class Value>
 fmi3Status get_values(fmi3Instance instance, const char* function, const fmi3ValueReference vr[], size_t n,
                       Value values[], size_t n_values) {
   return status_of(instance, function, [&] {
-    require(n == n_values, "the numbers of value references and of values differ");
     require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
-    for (size_t i = 0; i < n; ++i) {
-      const T& value = instance_of(instance)->get<T>(vr[i]);
+    for_each_value(*instance_of(instance), vr, n, n_values, [&](std::uint32_t reference, size_t at) {
+      const T& value = instance_of(instance)->get<T>(reference);
       if constexpr (std::is_same_v<T, std::string>) {
-        values[i] = value.c_str();
+        values[at] = value.c_str();
       } else {
-        values[i] = value;
+        values[at] = value;
       }
-    }
+    });
   });
 }
 
@@ -51,12 +65,11 @@ template <class T, class Value>
 fmi3Status set_values(fmi3Instance instance, const char* function, const fmi3ValueReference vr[], size_t n,
                       const Value values[], size_t n_values) {
   return status_of(instance, function, [&] {
-    require(n == n_values, "the numbers of value references and of values differ");
     require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
-    for (size_t i = 0; i < n; ++i) {
-      if constexpr (std::is_same_v<T, std::string>) require(values[i] != nullptr, "null string");
-      instance_of(instance)->set<T>(vr[i], static_cast<T>(values[i]));
-    }
+    for_each_value(*instance_of(instance), vr, n, n_values, [&](std::uint32_t reference, size_t at) {
+      if constexpr (std::is_same_v<T, std::string>) require(values[at] != nullptr, "null string");
+      instance_of(instance)->set<T>(reference, static_cast<T>(values[at]));
+    });
   });
 }
 
@@ -109,7 +122,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
       auto instance = std::make_unique<Instance>(
           name, resources == nullptr ? "" : resources, log,
           StepOptions{event_mode, early_return, make_intermediate(intermediate, environment, early_return)});
-      if (token == nullptr || instance->token() != token) {
+      if (token == nullptr || (instance->token() != token && !instance->use_arrays(token))) {
         return refuse("the instantiation token is not this FMU's");
       }
       return instance.release();

@@ -65,7 +65,22 @@ Instance::Instance(std::string name, std::string resource_location, Log log, Ste
       layout_(layout_of(own_.description)),
       values_(layout_),
       table_(layout_, values_),
-      token_(table_.token()) {}
+      token_(table_.token(false)) {}
+
+bool Instance::use_arrays(const std::string& token) {
+  if (token != table_.token(true)) return false;
+  array_sizes_.assign(table_.variables().size(), 0);
+  for (const Entry& entry : list_entries(table_.variables(), true))
+    array_sizes_[entry.reference] = entry.size;
+  return true;
+}
+
+std::size_t Instance::array_size(std::uint32_t reference) const {
+  if (reference >= array_sizes_.size() || array_sizes_[reference] == 0) {
+    throw std::invalid_argument("there is no variable with value reference " + std::to_string(reference));
+  }
+  return array_sizes_[reference];
+}
 
 void Instance::setup(double start_time, std::optional<double> stop_time) {
   if (phase_ != Phase::kInstantiated) refuse("setting up the experiment", phase_);

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "fmu/fmi/entries.h"
 #include "fmu/fmi/log.h"
 #include "fmu/fmi/snapshot.h"
 #include "fmu/fmi/variable_table.h"
@@ -47,6 +48,15 @@ class Instance {
   const std::string& name() const { return name_; }
   const CellLayout& layout() const { return layout_; }
   const std::string& token() const { return token_; }
+
+  /// Answers from now on as the variant whose variables are merged into arrays. Returns whether the token is
+  /// that variant's.
+  bool use_arrays(const std::string& token);
+  /// Values behind a reference: more than one for an array.
+  std::size_t size_of(std::uint32_t reference) const {
+    return array_sizes_.empty() ? 1 : array_size(reference);
+  }
+
   std::uint32_t record_clock_reference() const { return table_.record_clock_reference(); }
   Log& log() { return log_; }
   void fail() { phase_ = Phase::kFailed; }
@@ -77,6 +87,7 @@ class Instance {
  private:
   const Variable& variable(std::uint32_t reference, Type type) const;
   void check_settable(const Variable& variable) const;
+  std::size_t array_size(std::uint32_t reference) const;
   void refresh_outputs();
   Cell& cell();
   std::string description_path(const std::string& file) const;
@@ -100,6 +111,7 @@ class Instance {
   Values values_;
   VariableTable table_;
   std::string token_;
+  std::vector<std::uint32_t> array_sizes_;  // by reference, 0 inside an array; empty without arrays
   bool outputs_fresh_ = false;
   bool record_shown_ = false;
   std::int32_t logged_limit_ = 0;

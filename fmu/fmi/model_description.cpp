@@ -4,6 +4,7 @@
 #include <locale>
 #include <sstream>
 
+#include "fmu/fmi/entries.h"
 #include "fmu/fmi/log.h"
 #include "fmu/fmi/table_builder.h"
 
@@ -100,7 +101,7 @@ bool has_start(const Variable& variable) {
   return variable.causality == Causality::kParameter || variable.causality == Causality::kInput;
 }
 
-/// Attributes that the type carries: declared type, bounds, start (an FMI 3 string's start is an element).
+/// Attributes that the type carries: declared type, bounds.
 /// The unit comes with the declared type; FMI 2 importers look for it at the variable as well, while strict
 /// readers of FMI 3 stumble over it there.
 std::string type_attributes(const Variable& variable, int version) {
@@ -112,78 +113,104 @@ std::string type_attributes(const Variable& variable, int version) {
   if (variable.max > variable.min) {
     text += " min=\"" + std::to_string(variable.min) + "\" max=\"" + std::to_string(variable.max) + "\"";
   }
-  if (has_start(variable) && (version == 2 || variable.type != Type::kString)) {
-    text += " start=\"" + start_of(variable) + "\"";
-  }
   return text;
 }
 
-std::string common_attributes(const Variable& variable, std::size_t reference) {
-  std::string text = " name=\"" + escaped(variable.name) + "\" valueReference=\"" +
-                     std::to_string(reference) + "\" causality=\"" + causality_name(variable.causality) +
-                     "\" variability=\"" + variability_name(variable.variability) + "\"";
+std::string common_attributes(const Variable& variable, const Entry& entry) {
+  std::string text = " name=\"" + escaped(entry.name) + "\" valueReference=\"" +
+                     std::to_string(entry.reference) + "\" causality=\"" +
+                     causality_name(variable.causality) + "\" variability=\"" +
+                     variability_name(variable.variability) + "\"";
   if (variable.causality == Causality::kParameter) text += " initial=\"exact\"";
   if (variable.causality == Causality::kOutput) text += " initial=\"calculated\"";
-  return text + " description=\"" + escaped(variable.description) + "\"";
+  return text + " description=\"" + escaped(entry.description) + "\"";
 }
 
-void write_variables(std::ostream& xml, const VariableTable& table, int version, bool clock) {
-  xml << "  <ModelVariables>\n";
-  for (std::size_t i = 0; i < table.variables().size(); ++i) {
-    const Variable& variable = table.variables()[i];
-    const char* type = type_name(variable.type, version);
-    const std::string attributes = type_attributes(variable, version);
-    if (version == 2) {
-      xml << "    <ScalarVariable" << common_attributes(variable, i) << "><" << type << attributes
-          << "/></ScalarVariable>\n";
-    } else if (variable.type == Type::kString && has_start(variable)) {
-      xml << "    <" << type << common_attributes(variable, i) << "><Start value=\"" << start_of(variable)
-          << "\"/></" << type << ">\n";
-    } else {
-      xml << "    <" << type << common_attributes(variable, i) << attributes << "/>\n";
-    }
+/// The attribute `start`, with a value for each element; empty where the standard wants none.
+std::string start_attribute(const std::vector<Variable>& variables, const Entry& entry) {
+  if (!has_start(variables[entry.reference])) return "";
+  std::string text = " start=\"";
+  for (std::uint32_t i = 0; i < entry.size; ++i) {
+    text += (i > 0 ? " " : "") + start_of(variables[entry.reference + i]);
   }
-  if (clock) {
-    xml << "    <Clock name=\"trigger.clock\" valueReference=\"" << table.record_clock_reference()
-        << "\" causality=\"output\" variability=\"discrete\" intervalVariability=\"triggered\" "
-           "description=\"Ticks when the record of an exposure comes on display\"/>\n";
+  return text + "\"";
+}
+
+std::string variable_element(const std::vector<Variable>& variables, const Entry& entry, int version) {
+  const Variable& variable = variables[entry.reference];
+  const std::string type = type_name(variable.type, version);
+  const std::string common = common_attributes(variable, entry);
+  const std::string start = start_attribute(variables, entry);
+  const std::string attributes = type_attributes(variable, version);
+  if (version == 2)
+    return "<ScalarVariable" + common + "><" + type + attributes + start + "/></ScalarVariable>";
+  if (variable.type == Type::kString) {  // whose start is an element
+    const std::string value = has_start(variable) ? "<Start value=\"" + start_of(variable) + "\"/>" : "";
+    return "<" + type + common + ">" + value + "</" + type + ">";
   }
-  xml << "  </ModelVariables>\n";
+  if (entry.size == 1) return "<" + type + common + attributes + start + "/>";
+  return "<" + type + common + attributes + start + "><Dimension start=\"" + std::to_string(entry.size) +
+         "\"/></" + type + ">";
 }
 
 /// One entry of the model structure. Outputs depend on no input at the same instant: what is commanded at a
 /// communication point acts behind it.
 void write_unknown(std::ostream& xml, const char* element, std::size_t reference,
                    const std::vector<std::uint32_t>& dependencies, int version) {
-  xml << "<" << element << (version == 2 ? " index=\"" : " valueReference=\"")
-      << structure_index(reference, version) << "\" dependencies=\"";
+  xml << (version == 2 ? "      <" : "    <") << element
+      << (version == 2 ? " index=\"" : " valueReference=\"") << structure_index(reference, version)
+      << "\" dependencies=\"";
   for (std::size_t i = 0; i < dependencies.size(); ++i) {
     xml << (i > 0 ? " " : "") << structure_index(dependencies[i], version);
   }
   xml << "\"/>\n";
 }
 
-void write_structure(std::ostream& xml, const VariableTable& table, int version, bool clock) {
-  xml << "  <ModelStructure>\n" << (version == 2 ? "    <Outputs>\n" : "");
-  const char* indent = version == 2 ? "      " : "    ";
-  for (std::size_t i = 0; i < table.variables().size(); ++i) {
-    if (table.variables()[i].causality != Causality::kOutput) continue;
-    xml << indent;
-    write_unknown(xml, version == 2 ? "Unknown" : "Output", i, {}, version);
+/// The variables and the model structure.
+class Listing {
+ public:
+  Listing(const VariableTable& table, const DescriptionOptions& options)
+      : table_(table),
+        entries_(list_entries(table.variables(), options.arrays && options.version == 3)),
+        version_(options.version),
+        clock_(options.clock && options.version == 3) {}
+
+  void write_variables(std::ostream& xml) const {
+    xml << "  <ModelVariables>\n";
+    for (const Entry& entry : entries_) {
+      xml << "    " << variable_element(table_.variables(), entry, version_) << "\n";
+    }
+    if (clock_) {
+      xml << "    <Clock name=\"trigger.clock\" valueReference=\"" << table_.record_clock_reference()
+          << "\" causality=\"output\" variability=\"discrete\" intervalVariability=\"triggered\" "
+             "description=\"Ticks when the record of an exposure comes on display\"/>\n";
+    }
+    xml << "  </ModelVariables>\n";
   }
-  if (clock) {
-    xml << indent;
-    write_unknown(xml, "Output", table.record_clock_reference(), {}, version);
+
+  void write_structure(std::ostream& xml) const {
+    xml << "  <ModelStructure>\n" << (version_ == 2 ? "    <Outputs>\n" : "");
+    write_outputs(xml, version_ == 2 ? "Unknown" : "Output", false);
+    if (version_ == 2) xml << "    </Outputs>\n    <InitialUnknowns>\n";
+    write_outputs(xml, version_ == 2 ? "Unknown" : "InitialUnknown", true);
+    xml << (version_ == 2 ? "    </InitialUnknowns>\n" : "") << "  </ModelStructure>\n";
   }
-  if (version == 2) xml << "    </Outputs>\n    <InitialUnknowns>\n";
-  for (std::size_t i = 0; i < table.variables().size(); ++i) {
-    if (table.variables()[i].causality != Causality::kOutput) continue;
-    xml << indent;
-    write_unknown(xml, version == 2 ? "Unknown" : "InitialUnknown", i,
-                  table.variables()[i].initial_dependencies, version);
+
+ private:
+  void write_outputs(std::ostream& xml, const char* element, bool initial) const {
+    for (const Entry& entry : entries_) {
+      if (table_.variables()[entry.reference].causality != Causality::kOutput) continue;
+      const auto dependencies = initial ? entry.initial_dependencies : std::vector<std::uint32_t>();
+      write_unknown(xml, element, entry.reference, dependencies, version_);
+    }
+    if (clock_) write_unknown(xml, element, table_.record_clock_reference(), {}, version_);
   }
-  xml << (version == 2 ? "    </InitialUnknowns>\n" : "") << "  </ModelStructure>\n";
-}
+
+  const VariableTable& table_;
+  std::vector<Entry> entries_;
+  int version_;
+  bool clock_;
+};
 
 struct UnitDefinition {
   Unit unit;
@@ -246,13 +273,12 @@ void write_head(std::ostream& xml, const CellDescription& cell, const std::strin
 
 std::string model_description(const CellDescription& cell, const DescriptionOptions& options) {
   const int version = options.version;
-  const bool clock = options.clock && version == 3;
   std::ostringstream xml;
   xml.imbue(std::locale::classic());
   const CellLayout layout = layout_of(cell);
   Values values(layout);
   const VariableTable table(layout, values);
-  write_head(xml, cell, table.token(), options);
+  write_head(xml, cell, table.token(options.arrays && version == 3), options);
   write_units_and_types(xml, version);
   xml << "  <LogCategories>\n";
   for (const auto& [name, description] : kLogCategories) {
@@ -261,8 +287,9 @@ std::string model_description(const CellDescription& cell, const DescriptionOpti
   xml << "  </LogCategories>\n";
   xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\""
       << number(static_cast<double>(cell.controller_cycle_us) / 1e6) << "\"/>\n";
-  write_variables(xml, table, version, clock);
-  write_structure(xml, table, version, clock);
+  const Listing listing(table, options);
+  listing.write_variables(xml);
+  listing.write_structure(xml);
   xml << "</fmiModelDescription>\n";
   return xml.str();
 }

@@ -12,6 +12,8 @@ struct DescriptionOptions {
   /// Describes the clock of the trigger records as well (FMI 3): importers that know no clocks crash on it,
   /// and event mode works without.
   bool clock = false;
+  /// Merges indexed scalars into arrays (FMI 3): few importers read arrays, some read zeros instead.
+  bool arrays = false;
   /// What the binaries need from the machine, for the description; may be empty.
   std::string needs;
 };

@@ -18,7 +18,7 @@ VariableTable::VariableTable(const CellLayout& layout, Values& values) {
 }
 
 /// FNV-1a over what an importer relies on: order, names, types and causalities.
-std::string VariableTable::token() const {
+std::string VariableTable::token(bool arrays) const {
   std::uint64_t low = 0xcbf29ce484222325u;
   std::uint64_t high = 0x84222325cbf29ce4u;
   const auto feed = [&low, &high](unsigned char byte) {
@@ -30,6 +30,7 @@ std::string VariableTable::token() const {
     feed(static_cast<unsigned char>(variable.type));
     feed(static_cast<unsigned char>(variable.causality));
   }
+  if (arrays) feed(1);
   char text[40];
   std::snprintf(text, sizeof text, "{%08x-%04x-%04x-%04x-%012llx}", static_cast<unsigned>(high >> 32),
                 static_cast<unsigned>(high >> 16 & 0xffff), static_cast<unsigned>(high & 0xffff),

@@ -66,8 +66,8 @@ class VariableTable {
   std::uint32_t record_clock_reference() const { return static_cast<std::uint32_t>(variables_.size()); }
 
   /// Identifies the table: equal for the library and every model description that was made with it for cells
-  /// of the same layout.
-  std::string token() const;
+  /// of the same layout. The variant with arrays has another.
+  std::string token(bool arrays) const;
 
  private:
   std::vector<Variable> variables_;

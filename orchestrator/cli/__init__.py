@@ -27,6 +27,7 @@ from orchestrator.cli.common import (
     run,
     show_progress,
 )
+from orchestrator.cli.fmu import fmu_app
 from orchestrator.config.scan import Mode
 
 # Typer brings a copy of click along; its error for a wrong command line is the base of one that typer exports.
@@ -39,7 +40,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-fmu_app = typer.Typer(help="Make and look into FMUs of the robot cell.", no_args_is_help=True)
 app.add_typer(fmu_app, name="fmu")
 
 
@@ -186,54 +186,6 @@ def extract(
         return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
 
     run("extract", as_json, work)
-
-
-@fmu_app.command("build")
-def fmu_build(
-    cell: Annotated[Path | None, typer.Argument(help="cell description (TOML)")] = None,
-    part: Annotated[Path | None, typer.Option("--part", help="mesh of the part on the table")] = None,
-    set_: SetOption = None,
-    seed: SeedOption = 0,
-    unit: UnitOption = "mm",
-    out: Annotated[Path, typer.Option("--out", help="folder for the FMUs")] = Path("out"),
-    as_json: JsonOption = False,
-) -> None:
-    """Write RobotCell2.fmu (FMI 2.0) and RobotCell3.fmu (FMI 3.0) of a cell."""
-
-    def work() -> Outcome:
-        from orchestrator.cell.fmu_file import build_fmu, cell_json  # noqa: PLC0415
-        from orchestrator.cell.nominal import nominal_cell  # noqa: PLC0415
-        from orchestrator.config.loading import assets_dir, load_setup  # noqa: PLC0415
-        from orchestrator.geometry.mesh import load_mesh  # noqa: PLC0415
-
-        setup = load_setup(cell, overrides=set_ or [])
-        mesh = load_mesh(part, unit) if part else load_mesh(assets_dir() / "parts" / "step_block.stl")
-        description = cell_json(setup.cell, nominal_cell(setup.cell, mesh), seed)
-        files = []
-        for version in (2, 3):
-            path = out / f"RobotCell{version}.fmu"
-            build_fmu(description, path, 2 if version == 2 else 3)
-            files.append(str(path))
-        sizes = {Path(file).name: Path(file).stat().st_size for file in files}
-        return Outcome([f"{file}: {Path(file).stat().st_size / 1e6:.1f} MB" for file in files], {"bytes": sizes}, files)
-
-    run("fmu build", as_json, work)
-
-
-@fmu_app.command("info")
-def fmu_info(
-    fmu: Annotated[Path, typer.Argument(help="an FMU")],
-    as_json: JsonOption = False,
-) -> None:
-    """Tell version, token and variables of an FMU."""
-
-    def work() -> Outcome:
-        from orchestrator.cell.fmu_info import describe_fmu  # noqa: PLC0415
-
-        info = describe_fmu(fmu)
-        return Outcome(info.lines(), info.figures())
-
-    run("fmu info", as_json, work)
 
 
 @app.command()

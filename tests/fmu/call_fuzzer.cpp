@@ -47,10 +47,10 @@ robotcell::CellLayout layout_of_cell(const std::string& resources) {
   return robotcell::layout_of(robotcell::parse_cell(robotcell::read_text_file(resources + "/cell.json")));
 }
 
-std::string token_of(const std::string& resources) {
+std::string token_of(const std::string& resources, bool arrays) {
   const auto layout = layout_of_cell(resources);
   robotcell::fmi::Values values(layout);
-  return robotcell::fmi::VariableTable(layout, values).token();
+  return robotcell::fmi::VariableTable(layout, values).token(arrays);
 }
 
 std::size_t table_size(const std::string& resources) {
@@ -64,7 +64,8 @@ class Fuzzer {
   Fuzzer(unsigned seed, std::vector<std::string> resources)
       : random_(seed),
         resources_(std::move(resources)),
-        token_(token_of(resources_[0])),
+        token_(token_of(resources_[0], false)),
+        array_token_(token_of(resources_[0], true)),
         references_(table_size(resources_[0])) {}
 
   ~Fuzzer() {
@@ -120,9 +121,10 @@ class Fuzzer {
 
   bool instantiate() {
     const std::string& resources = resources_[chance(0.9) ? 0 : below(resources_.size())];
-    const std::string token = chance(0.95) ? token_ : "{else}";
     const char* name = chance(0.98) ? "cell" : nullptr;
     const int version = chance(0.5) ? 2 : 3;
+    const std::string& known = version == 3 && chance(0.3) ? array_token_ : token_;
+    const std::string token = chance(0.95) ? known : "{else}";
     void* instance =
         version == 2
             ? fmi2Instantiate(name, chance(0.98) ? fmi2CoSimulation : fmi2ModelExchange, token.c_str(),
@@ -346,6 +348,7 @@ class Fuzzer {
   std::mt19937 random_;
   std::vector<std::string> resources_;
   std::string token_;
+  std::string array_token_;
   std::size_t references_;  // of the first cell
   std::vector<Subject> subjects_;
   double last_step_ = 0;
@@ -368,7 +371,7 @@ double fuzz(long calls, unsigned seed, const std::vector<std::string>& resources
 /// Instances one after the other, each initialised and stepped; returns the growth of memory (MB) after a
 /// tenth as many to warm up.
 double cycle(long cycles, const std::string& resources) {
-  const std::string token = token_of(resources);
+  const std::string token = token_of(resources, false);
   double early = 0;
   for (long i = -cycles / 10; i < cycles; ++i) {
     void* instance = nullptr;

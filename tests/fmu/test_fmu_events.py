@@ -40,6 +40,8 @@ def test_the_clock_is_described_on_demand(tmp_path: Path) -> None:
     assert int(found.attrib["valueReference"]) == len(plain.findall("ModelVariables/*"))
     outputs = [o.attrib["valueReference"] for o in clocked.findall("ModelStructure/Output")]
     assert outputs[-1] == found.attrib["valueReference"]
+    initial = [o.attrib["valueReference"] for o in clocked.findall("ModelStructure/InitialUnknown")]
+    assert initial == outputs
 
 
 def command_scan(cell: CellFmu) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import xml.etree.ElementTree as ET
@@ -40,7 +41,7 @@ ATTRIBUTES: dict[int, dict[str, set[str]]] = {
             "providesIntermediateUpdate",
         },
         "Float64": {*COMMON, "declaredType", "start"}, "Int32": {*COMMON, "min", "max", "start"},
-        "Boolean": {*COMMON, "start"}, "String": COMMON, "Start": {"value"},
+        "Boolean": {*COMMON, "start"}, "String": COMMON, "Start": {"value"}, "Dimension": {"start"},
         "Clock": {*COMMON, "intervalVariability"},
         "Float64Type": {"name", "quantity", "unit", "displayUnit"},
         "Output": {"valueReference", "dependencies"}, "InitialUnknown": {"valueReference", "dependencies"},
@@ -67,9 +68,15 @@ def test_fmpy_finds_nothing_to_complain_about(folders: FmuFolders, version: int)
     assert validate_fmu(str(file)) == []
 
 
-@pytest.mark.parametrize("version", [2, 3])
-def test_attributes_are_spelled_as_the_version_wants(folders: FmuFolders, version: int) -> None:
-    root = description_of(folders.packed(version, cell_description())[1])
+@pytest.mark.parametrize(
+    ("version", "variant"), [(2, []), (3, []), (3, ["--clock"]), (3, ["--arrays"]), (3, ["--arrays", "--clock"])]
+)
+def test_attributes_are_spelled_as_the_version_wants(tmp_path: Path, version: int, variant: list[str]) -> None:
+    file = tmp_path / "cell.json"
+    file.write_text(json.dumps(cell_description()))
+    words = ["--fmi", str(version), "--needs", 'a "machine" & more', *variant]
+    root = ET.fromstring(run(runtime_folder() / "robotcell-describe", file, *words))
+    assert root.attrib["description"].endswith('(needs a "machine" & more)')
     for element in root.iter():
         assert set(element.attrib) <= ATTRIBUTES[version].get(element.tag, set()), element.tag
     co_simulation = root.find("CoSimulation")

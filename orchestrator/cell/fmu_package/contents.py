@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import tempfile
 import zipfile
@@ -32,12 +33,17 @@ class FmuOptions:
     Attributes
     ----------
     clock
-        Describe the clock of the exposures (FMI 3). Some importers crash on any clock; event mode works without.
+        Describe the clock of the exposures (FMI 3). Several importers fail on any clock (ecos frees memory twice,
+        fmi-sim reads it as a Boolean), so it is off by default; event mode works without.
+    arrays
+        Merge indexed scalars into arrays (FMI 3): `measured.q` instead of `measured.q[1]` to `measured.q[6]`. Few
+        importers read arrays.
     documents
         Documentation, terminals, icon and reference trajectory; an FMU that is used once and thrown away needs none.
     """
 
-    clock: bool = True
+    clock: bool = False
+    arrays: bool = False
     documents: bool = True
 
 
@@ -58,7 +64,7 @@ def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOpti
     """
     bundle = read_bundle(runtime)
     contents = {
-        "modelDescription.xml": _describe(runtime, cell, version, options.clock, bundle),
+        "modelDescription.xml": _describe(runtime, cell, version, options, bundle),
         "resources/cell.json": cell.encode(),
         "documentation/licenses/license.txt": license_text(bundle).encode(),
         "documentation/externalDependencies.txt": dependencies_text(bundle).encode(),
@@ -67,16 +73,20 @@ def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOpti
         contents[f"binaries/{_PLATFORM[version]}/{library.name}"] = library.read_bytes()
     for text in sorted((runtime / "licenses").iterdir()):
         contents[f"documentation/licenses/{text.name}"] = text.read_bytes()
-    return {**contents, **_documents(contents, version, bundle)} if options.documents else contents
+    if not options.documents:
+        return contents
+    # The same binary, described without arrays: what it does is the same.
+    plain = _describe(runtime, cell, version, FmuOptions(), bundle)
+    return {**contents, **_documents(contents, plain, version, bundle)}
 
 
-def _documents(contents: Mapping[str, bytes], version: FmiVersion, bundle: Bundle) -> dict[str, bytes]:
+def _documents(contents: Mapping[str, bytes], plain: bytes, version: FmiVersion, bundle: Bundle) -> dict[str, bytes]:
     """What people and tools read; the contents so far make an FMU that runs."""
     with tempfile.TemporaryDirectory(prefix="scancell-") as folder:
         fmu = Path(folder) / "RobotCell.fmu"
-        write_archive(fmu, contents, zipfile.ZIP_STORED)
+        write_archive(fmu, {**contents, "modelDescription.xml": plain}, zipfile.ZIP_STORED)
         reference = record_reference(fmu)
-        description: Any = fmpy.read_model_description(str(fmu), validate=False)
+    description = _read(contents["modelDescription.xml"])
     icon = assets_dir() / "fmu" / "icon.png"
     documents = {name: text.encode() for name, text in reference.files().items()}
     documents["documentation/index.html"] = index_page(description, bundle, reference).encode()
@@ -88,6 +98,14 @@ def _documents(contents: Mapping[str, bytes], version: FmiVersion, bundle: Bundl
         "terminalsAndIcons/icon.png": icon.read_bytes(),
         "terminalsAndIcons/icon.svg": icon.with_suffix(".svg").read_bytes(),
     }
+
+
+def _read(model_description: bytes) -> Any:
+    """As FMPy reads it; it wants an archive."""
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("modelDescription.xml", model_description)
+    return fmpy.read_model_description(archive, validate=False)
 
 
 def write_archive(path: Path, contents: Mapping[str, bytes], compression: int = zipfile.ZIP_DEFLATED) -> None:
@@ -106,12 +124,11 @@ def write_archive(path: Path, contents: Mapping[str, bytes], compression: int = 
             archive.writestr(entry, content)
 
 
-def _describe(runtime: Path, cell: str, version: FmiVersion, clock: bool, bundle: Bundle) -> bytes:
+def _describe(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions, bundle: Bundle) -> bytes:
     """The model description, printed by the same variable table that the library answers from."""
     needs = f"64-bit x86 Linux with glibc {bundle.glibc} or later"
     command = [str(runtime / "robotcell-describe"), "-", "--fmi", str(version), "--needs", needs]
-    if clock:
-        command.append("--clock")
+    command += [word for word, wanted in (("--clock", options.clock), ("--arrays", options.arrays)) if wanted]
     result = subprocess.run(command, input=cell.encode(), capture_output=True, check=False)
     if result.returncode:
         raise CellError(f"the native robot cell refuses the description: {result.stderr.decode().strip()}")

@@ -82,9 +82,10 @@ def _by_group(variables: Iterable[Any]) -> dict[str, list[Any]]:
 
 def _table(heads: Iterable[str], rows: Iterable[Iterable[str]], kind: str = "") -> str:
     """`rows` hold HTML."""
-    head = "".join(f"<th>{escape(text)}</th>" for text in heads)
+    cells = "".join(f"<th>{escape(text)}</th>" for text in heads)
+    head = f"<thead><tr>{cells}</tr></thead>" if cells else ""
     lines = "\n".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
-    return f'<table class="{kind}"><thead><tr>{head}</tr></thead><tbody>\n{lines}\n</tbody></table>'
+    return f'<table class="{kind}">{head}<tbody>\n{lines}\n</tbody></table>'
 
 
 def _list(items: Iterable[str]) -> str:
@@ -103,7 +104,7 @@ def _facts(description: Any, bundle: Bundle) -> str:
         ("variables", str(len(description.modelVariables))),
         ("communication step", f"any; {step * 1e3:g} ms by default, the cycle of the controller"),
     ]
-    return _table(["", ""], ((escape(a), escape(b)) for a, b in rows))
+    return _table([], ((escape(a), escape(b)) for a, b in rows))
 
 
 def _usage(description: Any) -> str:
