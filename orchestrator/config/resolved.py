@@ -18,7 +18,7 @@ def sensor_json(sensor: SensorDescription, seed: int) -> dict[str, Any]:
     """SI description of the sensor as `sensor_rt` reads it; `seed` keys every random number of the images."""
     data: dict[str, Any] = to_si(sensor.model_dump(exclude={"camera", "laser"}))
     data["laser"] = _laser_json(sensor.laser)
-    data["cameras"] = [_camera_json(camera) for camera in sensor.camera]
+    data["cameras"] = [_camera_json(camera, sensor.laser.wavelength_nm) for camera in sensor.camera]
     data["render"]["seed"] = seed
     return {"format": _FORMAT, **data}
 
@@ -35,11 +35,18 @@ def _laser_json(laser: LaserDescription) -> dict[str, Any]:
     return data
 
 
-def _camera_json(camera: CameraDescription) -> dict[str, Any]:
+def _camera_json(camera: CameraDescription, wavelength_nm: float) -> dict[str, Any]:
     data: dict[str, Any] = to_si(camera.model_dump(exclude={"half_angle_deg", "cx_px", "cy_px"}))
     data["focal_px"] = focal_length_px(camera)
     data["cx_px"] = (camera.width_px - 1) / 2 if camera.cx_px is None else camera.cx_px
     data["cy_px"] = (camera.height_px - 1) / 2 if camera.cy_px is None else camera.cy_px
+    data["focus"] = data["focus"] or 0.0  # everything is sharp
+    if camera.psf_sigma_px == "diffraction":
+        # The Gaussian nearest to an Airy disc (Zhang, Zerubia, Olivo-Marin, Applied Optics 46 (2007) 1819).
+        spot, pitch = to_si(
+            {"spot_nm": 0.42 * wavelength_nm * camera.f_number, "pitch_um": camera.pixel_pitch_um}
+        ).values()
+        data["psf_sigma_px"] = spot / pitch
     return data
 
 

@@ -12,6 +12,7 @@ from orchestrator.config.description import Description, Finite, Fraction, NonNe
 _Pixels = Annotated[int, Field(ge=16, le=16_384)]
 
 
+_Lean = Annotated[float, Field(ge=-40.0, le=40.0)]
 _Small = Annotated[float, Field(ge=-10.0, le=10.0)]
 
 
@@ -100,6 +101,22 @@ class CameraDescription(Description):
     f_number: Positive
     pixel_pitch_um: Positive
     transmission: Fraction = Field(description="lens times band-pass filter")
+    scheimpflug_x_deg: _Lean = Field(
+        default=0.0,
+        description="turn of the image sensor about camera x; the laser sheet is sharp all over where its tangent is"
+        " -image distance * cos(tilt) / baseline and focus_mm is baseline / sin(tilt)",
+    )
+    scheimpflug_y_deg: _Lean = Field(default=0.0, description="turn of the image sensor about camera y, after that")
+    focus_mm: Annotated[float, Field(ge=10.0, allow_inf_nan=False)] | None = Field(
+        default=None, description="distance from the lens, along its axis, of what is sharp; default: everything is"
+    )
+    psf_sigma_px: Annotated[float, Field(ge=0.0, le=20.0)] | Literal["diffraction"] = Field(
+        default=0.0,
+        description="standard deviation of the image of a sharp point; diffraction: 0.42 wavelength * f_number",
+    )
+    offset_y_mm: _Small = Field(default=0.0, description="optical centre off the plane Y = 0")
+    pan_deg: _Small = Field(default=0.0, description="turn of the camera about its y")
+    roll_deg: _Small = Field(default=0.0, description="turn of the camera about its z, before pan")
 
     @model_validator(mode="after")
     def _sees_a_bounded_range(self) -> Self:

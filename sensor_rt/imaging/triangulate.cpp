@@ -26,13 +26,24 @@ void for_each_array(const Visit& visit, P&&... profiles) {
 /// d (p_x, p_y) / d (column, row).
 Eigen::Matrix2d paper_jacobian(const Camera& camera, const Eigen::Vector2d& pixel) {
   const Eigen::Matrix2d signs = Eigen::Vector2d(-camera.side, 1.0).asDiagonal();
-  if (!camera.is_distorted()) return signs;
+  if (camera.is_plain()) return signs;
   return camera.focal_px * signs * camera.ray_jacobian(camera.ray(pixel));
+}
+
+/// d point / d (column, row) of triangulate_ray: the ray's end slides within the sheet.
+Eigen::Matrix<double, 3, 2> ray_form_jacobian(const Camera& camera, const Eigen::Vector2d& pixel) {
+  const Eigen::Vector3d in_camera = camera.ray(pixel);
+  const Eigen::Vector3d way = camera.sensor_from_camera.rotation * in_camera;
+  const double reach = -camera.sensor_from_camera.translation.x() / way.x();
+  const Eigen::Matrix<double, 3, 2> turn =
+      camera.sensor_from_camera.rotation.leftCols<2>() * camera.ray_jacobian(in_camera);
+  return reach * (turn - way * turn.row(0) / way.x());
 }
 
 }  // namespace
 
 Eigen::Vector3d triangulate_exact(const Camera& camera, const Eigen::Vector2d& pixel) {
+  if (!camera.is_aligned()) return triangulate_ray(camera, pixel);
   const Eigen::Vector2d p = camera.paper_coordinates(pixel);
   const double s = std::sin(camera.tilt);
   const double c = std::cos(camera.tilt);
@@ -57,6 +68,7 @@ Eigen::Vector3d triangulate_eq4_as_printed(const Camera& camera, const Eigen::Ve
 }
 
 Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const Eigen::Vector2d& pixel) {
+  if (!camera.is_aligned()) return ray_form_jacobian(camera, pixel);
   const Eigen::Vector2d p = camera.paper_coordinates(pixel);
   const double s = std::sin(camera.tilt);
   const double c = std::cos(camera.tilt);

@@ -53,8 +53,8 @@ struct Profiles {
   void move(std::size_t from, std::size_t to);
 };
 
-/// Point on the laser sheet seen at a pixel: closed form (pinhole in the frame of the paper, distortion
-/// removed first).
+/// Point on the laser sheet seen at a pixel: closed form (pinhole in the frame of the paper, distortion and
+/// sensor tilt removed first); the ray form for cameras that do not stand as in the paper.
 Eigen::Vector3d triangulate_exact(const Camera& camera, const Eigen::Vector2d& pixel);
 
 /// The same as the intersection of the pixel's ray with the sheet X = 0, from the camera's pose alone.

@@ -28,15 +28,70 @@ Distorted distort(const std::array<double, 5>& k, double x, double y) {
 
 }  // namespace
 
+void Camera::tilt_sensor(double about_x, double about_y) {
+  if (about_x == 0.0 && about_y == 0.0) return;
+  // Rows: axes and normal of the sensor in the camera frame.
+  const Eigen::Matrix3d axes = (Eigen::AngleAxisd(-about_y, Eigen::Vector3d::UnitY()) *
+                                Eigen::AngleAxisd(-about_x, Eigen::Vector3d::UnitX()))
+                                   .toRotationMatrix();
+  // A ray d meets the sensor at d n_z / (n d); coordinates count from where the axis does.
+  Eigen::Matrix3d from_axis = Eigen::Matrix3d::Identity();
+  from_axis(0, 0) = from_axis(1, 1) = axes(2, 2);
+  from_axis(0, 2) = -axes(0, 2);
+  from_axis(1, 2) = -axes(1, 2);
+  tilted_from_plane_ = from_axis * axes;
+  plane_from_tilted_ = tilted_from_plane_.inverse();
+  lean_[0] = axes(2, 0) / axes(2, 2);
+  lean_[1] = axes(2, 1) / axes(2, 2);
+}
+
+Eigen::Vector2d Camera::tilted(const Eigen::Vector2d& on_plane) const {
+  return (tilted_from_plane_ * on_plane.homogeneous()).hnormalized();
+}
+
+Eigen::Vector2d Camera::untilted(const Eigen::Vector2d& on_sensor) const {
+  return (plane_from_tilted_ * on_sensor.homogeneous()).hnormalized();
+}
+
+double Camera::tilt_area(const Eigen::Vector2d& pixel) const {
+  const Eigen::Vector3d on_sensor((pixel.x() - cx_px) / focal_px, (pixel.y() - cy_px) / focal_px, 1.0);
+  const double scale = plane_from_tilted_.row(2).dot(on_sensor);
+  return plane_from_tilted_.determinant() / (scale * scale * scale);
+}
+
+Eigen::Vector2d Camera::project_through(const Eigen::Vector2d& lens,
+                                        const Eigen::Vector3d& point_in_camera) const {
+  // Light of the direction (x, y) through the lens at l runs along l + depth ((x, y) - l vergence(x, y)), and
+  // vergence is linear.
+  const Eigen::Vector2d lean(lean_[0] / image_distance(), lean_[1] / image_distance());
+  const Eigen::Matrix2d slope = Eigen::Matrix2d::Identity() + lens * lean.transpose();
+  const Eigen::Vector2d seen = (point_in_camera.head<2>() - lens) / point_in_camera.z() + lens / focus;
+  const Eigen::Vector2d direction = slope.inverse() * seen;
+  return project({direction.x(), direction.y(), 1.0});
+}
+
+double Camera::blur_radius_px(const Eigen::Vector3d& point_in_camera) const {
+  const double x = point_in_camera.x() / point_in_camera.z();
+  const double y = point_in_camera.y() / point_in_camera.z();
+  const double spread = aperture_radius() * std::abs(vergence(x, y) - 1.0 / point_in_camera.z());
+  // Where the sensor leans, the vergence at the rim's image is a little another.
+  const double slack = 1.0 - aperture_radius() * std::hypot(lean_[0], lean_[1]) / image_distance();
+  const Eigen::Matrix2d per_slope = ray_jacobian({x, y, 1.0}).inverse();
+  constexpr double kCurved = 1.05;  // the scale changes within the blur
+  return kCurved * spread / slack * per_slope.norm();
+}
+
 Eigen::Vector2d Camera::project(const Eigen::Vector3d& point_in_camera) const {
   const double x = point_in_camera.x() / point_in_camera.z();
   const double y = point_in_camera.y() / point_in_camera.z();
   const Eigen::Vector2d p = is_distorted() ? distort(distortion, x, y).point : Eigen::Vector2d(x, y);
-  return {focal_px * p.x() + cx_px, focal_px * p.y() + cy_px};
+  const Eigen::Vector2d s = is_tilted() ? tilted(p) : p;
+  return {focal_px * s.x() + cx_px, focal_px * s.y() + cy_px};
 }
 
 Eigen::Vector3d Camera::ray(const Eigen::Vector2d& pixel) const {
-  const Eigen::Vector2d target((pixel.x() - cx_px) / focal_px, (pixel.y() - cy_px) / focal_px);
+  const Eigen::Vector2d on_sensor((pixel.x() - cx_px) / focal_px, (pixel.y() - cy_px) / focal_px);
+  const Eigen::Vector2d target = is_tilted() ? untilted(on_sensor) : on_sensor;
   Eigen::Vector2d p = target;
   if (is_distorted()) {
     for (int iteration = 0; iteration < 20; ++iteration) {
@@ -50,7 +105,15 @@ Eigen::Vector3d Camera::ray(const Eigen::Vector2d& pixel) const {
 }
 
 Eigen::Matrix2d Camera::ray_jacobian(const Eigen::Vector3d& direction) const {
-  const Eigen::Matrix2d per_direction = focal_px * distort(distortion, direction.x(), direction.y()).jacobian;
+  const Distorted d = distort(distortion, direction.x(), direction.y());
+  Eigen::Matrix2d per_direction = focal_px * d.jacobian;
+  if (is_tilted()) {
+    const Eigen::Vector3d h = tilted_from_plane_ * d.point.homogeneous();
+    const Eigen::Matrix2d tilt = (tilted_from_plane_.topLeftCorner<2, 2>() -
+                                  h.hnormalized() * tilted_from_plane_.bottomLeftCorner<1, 2>()) /
+                                 h.z();
+    per_direction = focal_px * tilt * d.jacobian;
+  }
   return per_direction.inverse();
 }
 
@@ -66,6 +129,16 @@ Rigid3 sensor_from_camera(int side, double baseline, double height, double tilt)
   pose.rotation.col(1) = Eigen::Vector3d(s * std::cos(tilt), 0.0, std::sin(tilt));
   pose.rotation.col(2) = Eigen::Vector3d(-s * std::sin(tilt), 0.0, std::cos(tilt));
   pose.translation = Eigen::Vector3d(s * baseline, 0.0, height);
+  return pose;
+}
+
+Rigid3 sensor_from_camera(const Camera& camera) {
+  Rigid3 pose = sensor_from_camera(camera.side, camera.baseline, camera.height, camera.tilt);
+  if (camera.is_aligned()) return pose;
+  pose.translation.y() += camera.offset_y;
+  pose.rotation = pose.rotation * (Eigen::AngleAxisd(camera.pan, Eigen::Vector3d::UnitY()) *
+                                   Eigen::AngleAxisd(camera.roll, Eigen::Vector3d::UnitZ()))
+                                      .toRotationMatrix();
   return pose;
 }
 

@@ -33,7 +33,7 @@ Projector::Projector(const Camera& camera) : camera_(camera) {
 void Projector::project(const Lanes3& points_in_sensor, double* column, double* row) const {
   project_pinhole(rotation_, translation_, camera_.focal_px, camera_.cx_px, camera_.cy_px, points_in_sensor,
                   column, row);
-  if (!camera_.is_distorted()) return;
+  if (camera_.is_plain()) return;
   // A lens distorts within its field; far outside, the polynomial may fold back into the image.
   const double reach = camera_.width_px + camera_.height_px;
   for (int l = 0; l < kLanes; ++l) {

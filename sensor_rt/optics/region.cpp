@@ -7,20 +7,42 @@
 namespace sensor_rt {
 namespace {
 
-/// Calls visit(direction in the camera frame) along the outer border of the image.
+/// Calls visit(direction in the camera frame) along the border of the image, `margin` px outside it.
 template <typename Visit>
-void visit_border(const Camera& camera, const Visit& visit) {
-  const double right = camera.width_px - 0.5;
-  const double bottom = camera.height_px - 0.5;
+void visit_border(const Camera& camera, double margin, const Visit& visit) {
+  const double first = -0.5 - margin;
+  const double right = camera.width_px - 0.5 + margin;
+  const double bottom = camera.height_px - 0.5 + margin;
   constexpr int kSteps = 64;  // with distortion the border is curved
   for (int i = 0; i <= kSteps; ++i) {
-    const double u = -0.5 + (right + 0.5) * i / kSteps;
-    const double v = -0.5 + (bottom + 0.5) * i / kSteps;
-    visit(camera.ray({u, -0.5}));
+    const double u = first + (right - first) * i / kSteps;
+    const double v = first + (bottom - first) * i / kSteps;
+    visit(camera.ray({u, first}));
     visit(camera.ray({u, bottom}));
-    visit(camera.ray({-0.5, v}));
+    visit(camera.ray({first, v}));
     visit(camera.ray({right, v}));
   }
+}
+
+/// How far along a direction in the camera frame the sheet X = 0 is; infinite when it runs away from it.
+double way_to_sheet(const Camera& camera, const Eigen::Vector3d& in_camera) {
+  const double towards = -camera.side * (camera.sensor_from_camera.rotation * in_camera).x();
+  const double away = camera.side * camera.sensor_from_camera.translation.x();
+  return towards > 0.0 ? away / towards : std::numeric_limits<double>::infinity();
+}
+
+/// Pixels outside the image from which light may spill into it, as far as it comes from the sheet.
+double spill_px(const Camera& camera) {
+  constexpr double kReach = 5.0;  // standard deviations: more than any pattern of samples has
+  double spill = kReach * camera.psf_sigma_px;
+  if (!camera.has_depth_of_field()) return spill;
+  double largest = 0.0;
+  visit_border(camera, 0.0, [&](const Eigen::Vector3d& d) {
+    const double way = way_to_sheet(camera, d);
+    constexpr double kFarthest = 10.0;  // m
+    largest = std::max(largest, camera.blur_radius_px(std::min(way, kFarthest) * d));
+  });
+  return spill + 1.1 * largest;
 }
 
 }  // namespace
@@ -44,20 +66,23 @@ std::vector<HalfSpace> laser_region(const LaserSheet& laser, double slope) {
 std::vector<HalfSpace> camera_field(const Camera& camera) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   double left = kInfinity, right = -kInfinity, top = kInfinity, bottom = -kInfinity;
-  visit_border(camera, [&](const Eigen::Vector3d& d) {
+  const double spill = spill_px(camera);
+  visit_border(camera, spill, [&](const Eigen::Vector3d& d) {
     left = std::min(left, d.x());
     right = std::max(right, d.x());
     top = std::min(top, d.y());
     bottom = std::max(bottom, d.y());
   });
-  constexpr double kSlack = 1e-3;  // the border is sampled, not followed
+  constexpr double kBorder = 1e-3;  // the border is sampled, not followed
+  // Rays through the rim of the lens cross those through its middle where both are in focus.
+  const double rim = camera.has_depth_of_field() ? camera.aperture_radius() : 0.0;
+  const double slack = kBorder + (rim > 0.0 ? 1.5 * rim / camera.focus : 0.0);
   std::vector<HalfSpace> region;
   for (const Eigen::Vector3d& in_camera :
-       {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(1, 0, kSlack - left),
-        Eigen::Vector3d(-1, 0, kSlack + right), Eigen::Vector3d(0, 1, kSlack - top),
-        Eigen::Vector3d(0, -1, kSlack + bottom)}) {
+       {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(1, 0, slack - left), Eigen::Vector3d(-1, 0, slack + right),
+        Eigen::Vector3d(0, 1, slack - top), Eigen::Vector3d(0, -1, slack + bottom)}) {
     const Eigen::Vector3d normal = camera.sensor_from_camera.rotation * in_camera;
-    region.push_back({normal, normal.dot(camera.sensor_from_camera.translation)});
+    region.push_back({normal, normal.dot(camera.sensor_from_camera.translation) - 1.5 * rim});
   }
   return region;
 }
@@ -70,12 +95,9 @@ std::vector<HalfSpace> camera_region(const Camera& camera, double beyond) {
 
 DepthRange visible_depth(const Camera& camera) {
   DepthRange depth{std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
-  visit_border(camera, [&](const Eigen::Vector3d& in_camera) {
+  visit_border(camera, spill_px(camera), [&](const Eigen::Vector3d& in_camera) {
     const Eigen::Vector3d d = camera.sensor_from_camera.rotation * in_camera;
-    const double towards = -camera.side * d.x();  // rays that run away from the sheet never meet it
-    const double away = camera.side * camera.sensor_from_camera.translation.x();
-    const double t = towards > 0.0 ? away / towards : std::numeric_limits<double>::infinity();
-    const double z = camera.sensor_from_camera.translation.z() + t * d.z();
+    const double z = camera.sensor_from_camera.translation.z() + way_to_sheet(camera, in_camera) * d.z();
     depth.near = std::min(depth.near, z);
     depth.far = std::max(depth.far, z);
   });

@@ -1,16 +1,50 @@
 #include "sensor_rt/optics/trapezoid.h"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
 namespace sensor_rt {
 
+namespace {
+
+[[noreturn]] void sees_to_infinity(const Camera& camera) {
+  throw std::invalid_argument("camera " + camera.name +
+                              ": tilt must exceed the vertical half angle, or it sees to infinity");
+}
+
+/// (|y|, z) of what a pixel sees in the plane X = 0.
+Eigen::Vector2d in_sheet(const Camera& camera, double column, double row) {
+  const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
+  const Eigen::Vector3d way = camera.sensor_from_camera.rotation * camera.ray({column, row});
+  if (!(-way.x() * camera.side > 0.0)) sees_to_infinity(camera);
+  const Eigen::Vector3d point = eye - eye.x() / way.x() * way;
+  return {std::abs(point.y()), point.z()};
+}
+
+/// The largest trapezoid within what the four corners see.
+Trapezoid trapezoid_of_corners(const Camera& camera) {
+  const double right = camera.width_px - 0.5;
+  const double bottom = camera.height_px - 0.5;
+  const Eigen::Vector2d near_left = in_sheet(camera, -0.5, -0.5);
+  const Eigen::Vector2d near_right = in_sheet(camera, right, -0.5);
+  const Eigen::Vector2d far_left = in_sheet(camera, -0.5, bottom);
+  const Eigen::Vector2d far_right = in_sheet(camera, right, bottom);
+  const double z_near = std::max(near_left.y(), near_right.y());
+  const double z_far = std::min(far_left.y(), far_right.y());
+  const double y_near = std::min(near_left.x(), near_right.x());
+  const double y_far = std::min(far_left.x(), far_right.x());
+  Trapezoid corners;
+  corners << -y_near, z_near, y_near, z_near, y_far, z_far, -y_far, z_far;
+  return corners;
+}
+
+}  // namespace
+
 Trapezoid range_trapezoid(const Camera& camera) {
+  if (camera.is_tilted()) return trapezoid_of_corners(camera);
   const double gamma = std::atan(0.5 * camera.height_px / camera.focal_px);
-  if (camera.tilt <= gamma) {
-    throw std::invalid_argument("camera " + camera.name +
-                                ": tilt must exceed the vertical half angle, or it sees to infinity");
-  }
+  if (camera.tilt <= gamma) sees_to_infinity(camera);
   const double aspect = static_cast<double>(camera.width_px) / camera.height_px;
   const double z_near = camera.height + camera.baseline / std::tan(camera.tilt + gamma);
   const double z_far = camera.height + camera.baseline / std::tan(camera.tilt - gamma);

@@ -64,6 +64,12 @@ LaserSheet read_laser(JsonObject json) {
   return laser;
 }
 
+double tilt_angle(JsonObject& json, const char* key) {
+  const double angle = json.number(key);
+  if (!(std::abs(angle) < 0.25 * M_PI)) json.fail(key, "must lie within ±pi/4");
+  return angle;
+}
+
 Camera read_camera(JsonObject& json) {
   Camera camera;
   camera.name = json.text("name");
@@ -83,7 +89,13 @@ Camera read_camera(JsonObject& json) {
   camera.f_number = json.positive("f_number");
   camera.pixel_pitch = json.positive("pixel_pitch");
   camera.transmission = json.fraction("transmission");
-  camera.sensor_from_camera = sensor_from_camera(camera.side, camera.baseline, camera.height, camera.tilt);
+  camera.tilt_sensor(tilt_angle(json, "scheimpflug_x"), tilt_angle(json, "scheimpflug_y"));
+  camera.focus = json.non_negative("focus");
+  camera.psf_sigma_px = json.non_negative("psf_sigma_px");
+  camera.offset_y = json.number("offset_y");
+  camera.pan = json.number("pan");
+  camera.roll = json.number("roll");
+  camera.sensor_from_camera = sensor_from_camera(camera);
   json.finish();
   return camera;
 }

@@ -28,9 +28,9 @@ bool beside_sheet(const Landing& a, const Landing& b) {
          (a.across < -kJustOutside && b.across < -kJustOutside);
 }
 
-bool beyond(float a, float b, int size) {
-  const float last = static_cast<float>(size) + kMargin;
-  return (a < -kMargin - 1.0f && b < -kMargin - 1.0f) || (a > last && b > last);
+bool beyond(float a, float b, int size, float margin) {
+  const float last = static_cast<float>(size) + margin;
+  return (a < -margin - 1.0f && b < -margin - 1.0f) || (a > last && b > last);
 }
 
 }  // namespace
@@ -129,8 +129,9 @@ BandMarker::Relation BandMarker::relate(const Gap& gap) const {
     const Camera& camera = plan_.settings.model.cameras[c];
     const std::size_t p = gap.from_index * cameras_ + c;
     const std::size_t q = gap.to_index * cameras_ + c;
-    if (beyond(landings_.column[p], landings_.column[q], camera.width_px)) continue;
-    if (beyond(landings_.row[p], landings_.row[q], camera.height_px)) continue;
+    const float around = margin(c, p, q);
+    if (beyond(landings_.column[p], landings_.column[q], camera.width_px, around)) continue;
+    if (beyond(landings_.row[p], landings_.row[q], camera.height_px, around)) continue;
     in_view = true;
     const bool apart = std::abs(landings_.column[p] - landings_.column[q]) > kCloseGap ||
                        std::abs(landings_.row[p] - landings_.row[q]) > kCloseGap;
@@ -185,12 +186,18 @@ void BandMarker::refine(std::vector<PixelMask>& masks) {
   landings_.column.insert(landings_.column.end(), middle_landings_.column.begin(),
                           middle_landings_.column.end());
   landings_.row.insert(landings_.row.end(), middle_landings_.row.begin(), middle_landings_.row.end());
+  landings_.blur.insert(landings_.blur.end(), middle_landings_.blur.begin(), middle_landings_.blur.end());
   gaps_.clear();
   for (std::size_t k = 0; k < middle_.size(); ++k) {
     const Gap& gap = next_gaps_[k];
     visit({gap.from, middle_[k], gap.from_index, base + k, gap.depth + 1}, masks);
     visit({middle_[k], gap.to, base + k, gap.to_index, gap.depth + 1}, masks);
   }
+}
+
+float BandMarker::margin(std::size_t camera, std::size_t p, std::size_t q) const {
+  return kMargin + static_cast<float>(plan_.pixel_reach[camera]) +
+         std::max(landings_.blur[p], landings_.blur[q]);
 }
 
 void BandMarker::mark_between(std::size_t a, std::size_t b, std::vector<PixelMask>& masks) const {
@@ -214,10 +221,12 @@ void BandMarker::mark_between(std::size_t a, std::size_t b, std::vector<PixelMas
         std::minmax({landings_.column[p] + start * columns, landings_.column[p] + end * columns});
     const auto [top, bottom] = std::minmax({landings_.row[p] + start * rows, landings_.row[p] + end * rows});
     const Camera& camera = plan_.settings.model.cameras[c];
-    if (beyond(left, right, camera.width_px) || beyond(top, bottom, camera.height_px)) continue;
-    masks[c].mark(
-        static_cast<int>(std::lround(left - kMargin)), static_cast<int>(std::lround(right + kMargin)),
-        static_cast<int>(std::lround(top - kMargin)), static_cast<int>(std::lround(bottom + kMargin)));
+    const float around = margin(c, p, q);
+    if (beyond(left, right, camera.width_px, around) || beyond(top, bottom, camera.height_px, around))
+      continue;
+    masks[c].mark(static_cast<int>(std::lround(left - around)), static_cast<int>(std::lround(right + around)),
+                  static_cast<int>(std::lround(top - around)),
+                  static_cast<int>(std::lround(bottom + around)));
   }
 }
 

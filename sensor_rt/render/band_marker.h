@@ -52,6 +52,8 @@ class BandMarker {
   static bool worth_halving(const Gap& gap, Relation relation);
   void mark_between(std::size_t a, std::size_t b, std::vector<PixelMask>& masks) const;
   void mark_alone(std::size_t a, std::vector<PixelMask>& masks) const;
+  /// Pixels around two landings in a camera that may see the light there.
+  float margin(std::size_t camera, std::size_t p, std::size_t q) const;
   std::vector<std::size_t> choose_instants(const PoseTrack& track) const;
 
   const RenderPlan& plan_;

@@ -16,8 +16,7 @@ void ExposureViews::set(const RenderPlan& plan, const Scene& new_scene, const Po
   laser.set(new_scene, new_track, plan.lane_sources, lane_instants, plan.laser_region);
   cameras.resize(model.cameras.size());
   for (std::size_t c = 0; c < cameras.size(); ++c) {
-    const Eigen::Vector3d centre = model.cameras[c].sensor_from_camera.translation;
-    cameras[c].set(new_scene, new_track, {centre}, lane_instants, plan.camera_regions[c]);
+    cameras[c].set(new_scene, new_track, plan.lane_eyes[c], lane_instants, plan.camera_regions[c]);
   }
   free.set(new_scene, new_track);
 }

@@ -9,10 +9,14 @@ void FanLandings::resize(std::size_t rays, std::size_t cameras) {
   landing.resize(rays);
   column.resize(rays * cameras);
   row.resize(rays * cameras);
+  blur.resize(rays * cameras);
 }
 
 FanGrid::FanGrid(const RenderPlan& plan) : plan_(plan) {
-  for (const Camera& camera : plan.settings.model.cameras) projectors_.emplace_back(camera);
+  for (const Camera& camera : plan.settings.model.cameras) {
+    projectors_.emplace_back(camera);
+    camera_from_reference_.push_back(camera.sensor_from_camera.inverse());
+  }
   constexpr double kStep = 3.0;  // px between neighbouring points of the source
   const double opening = plan.settings.model.laser.opening;
   const auto steps = static_cast<int>(std::ceil(opening / (kStep * plan.pixel_size)));
@@ -70,10 +74,15 @@ void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
       alignas(64) double column[kLanes];
       alignas(64) double row[kLanes];
       projectors_[c].project(point, column, row);
+      const Camera& camera = plan_.settings.model.cameras[c];
       for (int l = 0; l < lanes; ++l) {
         const std::size_t at = (first + static_cast<std::size_t>(l)) * projectors_.size() + c;
         out.column[at] = static_cast<float>(column[l]);
         out.row[at] = static_cast<float>(row[l]);
+        const bool blurred = camera.has_depth_of_field() && column[l] != kOutOfSight;
+        out.blur[at] =
+            blurred ? static_cast<float>(camera.blur_radius_px(camera_from_reference_[c] * lane(point, l)))
+                    : 0.0f;
       }
     }
   }

@@ -40,6 +40,7 @@ struct FanLandings {
   std::vector<Landing> landing;
   std::vector<float> column;
   std::vector<float> row;
+  std::vector<float> blur;  ///< radius of what is out of focus, px
 
   void resize(std::size_t rays, std::size_t cameras);
 };
@@ -65,6 +66,7 @@ class FanGrid {
   const RenderPlan& plan_;
   RayView view_;
   std::vector<Projector> projectors_;
+  std::vector<Rigid3> camera_from_reference_;
   std::vector<double> source_y_;
   // Of packets [instant][source]:
   std::vector<std::size_t> lane_instants_;

@@ -28,6 +28,7 @@ double wrap(double value) { return value - std::floor(value); }
 struct LightTracer::Packet {
   std::size_t number = 0;  ///< among the packets of a pixel, whose instants the lanes have
   std::uint32_t first = 0;
+  int depth = 0;  ///< reflections so far, less one
   Lanes3 origin;
   Lanes3 direction;
   PacketHits hits;
@@ -60,6 +61,7 @@ void LightTracer::trace(const ExposureViews& views, std::int64_t frame, bool mir
       views.free.intersect(&views.lane_instants[packet.number * kLanes], packet.origin, packet.direction,
                            packet.alive, packet.hits);
       for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
+      packet.depth = depth;
       connect(packet, images);
     }
   }
@@ -133,20 +135,46 @@ bool LightTracer::reflect(Packet& packet, int depth) const {
   return any;
 }
 
+/// Where the light arrives that goes through the lane's point of the lens and is spread by diffraction.
+void LightTracer::blur(std::size_t number, const Packet& packet, const Lanes3& points, double* column,
+                       double* row) const {
+  const Camera& camera = plan_.settings.model.cameras[number];
+  if (!camera.has_depth_of_field() && camera.psf_sigma_px == 0.0) return;
+  const Rigid3 camera_from_reference = camera.sensor_from_camera.inverse();
+  const PathRandom random(plan_.settings.seed, frame_, PathRandom::kPhotons);
+  for (int l = 0; l < kLanes; ++l) {
+    if (packet.alive[l] == 0 || column[l] == kOutOfSight) continue;
+    if (camera.has_depth_of_field()) {
+      const Eigen::Vector3d lens = camera_from_reference * plan_.eye(number, packet.number, l);
+      const Eigen::Vector2d pixel =
+          camera.project_through(lens.head<2>(), camera_from_reference * lane(points, l));
+      column[l] = pixel.x();
+      row[l] = pixel.y();
+    }
+    const std::uint32_t photon = packet.first + static_cast<std::uint32_t>(l);
+    const auto u =
+        random.at(photon, 1 + static_cast<std::uint32_t>(number), static_cast<std::uint32_t>(packet.depth));
+    const double radius = camera.psf_sigma_px * std::sqrt(-2.0 * std::log(u[0]));
+    column[l] += radius * std::cos(2.0 * M_PI * u[1]);
+    row[l] += radius * std::sin(2.0 * M_PI * u[1]);
+  }
+}
+
 void LightTracer::connect(const Packet& packet, std::vector<SplatImage>& images) const {
   for (std::size_t c = 0; c < projectors_.size(); ++c) {
     const Camera& camera = plan_.settings.model.cameras[c];
-    const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
+    const Eigen::Vector3d middle = camera.sensor_from_camera.translation;
     const Eigen::Vector3d forward = camera.sensor_from_camera.rotation.col(2);
     Lanes3 points;
     for (int l = 0; l < kLanes; ++l) {
       const bool there = packet.alive[l] != 0;
       set_lane(points, l,
-               there ? lane(packet.origin, l) + packet.hits.t[l] * lane(packet.direction, l) : eye);
+               there ? lane(packet.origin, l) + packet.hits.t[l] * lane(packet.direction, l) : middle);
     }
     alignas(64) double column[kLanes];
     alignas(64) double row[kLanes];
     projectors_[c].project(points, column, row);
+    blur(c, packet, points, column, row);
     Lanes3 from_eye;
     alignas(64) int open[kLanes];
     double amount[kLanes];
@@ -160,13 +188,14 @@ void LightTracer::connect(const Packet& packet, std::vector<SplatImage>& images)
         continue;
       }
       const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
-      const Eigen::Vector3d way = at.position - eye;
+      const Eigen::Vector3d way = at.position - plan_.eye(c, packet.number, l);
       const double distance = way.norm();
       const double facing = -at.normal.dot(way) / distance;
       if (!(facing > 0.0)) continue;
       const double depth = way.dot(forward);
       const Eigen::Vector3d ray = camera.ray({column[l], row[l]});
-      const double px_per_slope2 = 1.0 / std::abs(camera.ray_jacobian(ray).determinant());
+      const double px_per_slope2 =
+          camera.tilt_area({column[l], row[l]}) / std::abs(camera.ray_jacobian(ray).determinant());
       // A point that sends out the intensity I = power * brdf * facing lights I / distance² per steradian of
       // the pixels, whose share of the aperture's cos⁴ is left by the cos³ of their solid angle.
       amount[l] =

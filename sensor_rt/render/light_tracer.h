@@ -29,6 +29,8 @@ class LightTracer {
   void emit(Packet& packet, std::uint32_t first);
   void land_first(Packet& packet) const;
   bool reflect(Packet& packet, int depth) const;
+  void blur(std::size_t camera, const Packet& packet, const Lanes3& points, double* column,
+            double* row) const;
   void connect(const Packet& packet, std::vector<SplatImage>& images) const;
 
   const RenderPlan& plan_;

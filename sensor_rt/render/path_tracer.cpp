@@ -133,7 +133,7 @@ double PathTracer::trace(int column, int row) {
     for (int l = 0; l < kLanes; ++l) {
       packet.alive[l] = first + static_cast<std::size_t>(l) < samples ? -1 : 0;
       packet.carried[l] = 1.0;
-      set_lane(packet.origin, l, Eigen::Map<const Eigen::Vector3d>(rays_.eye()));
+      set_lane(packet.origin, l, lane(rays_.eyes(packet.number), l));
     }
     trace_packet(packet);
   }

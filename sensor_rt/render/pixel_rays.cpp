@@ -20,15 +20,38 @@ void spread_directions(const double* __restrict axes, const double* __restrict r
   }
 }
 
+/// The same through points (a, b) of a lens. `focus` gives the inverse depth that is sharp, linear in x and
+/// y.
+SENSOR_RT_MULTIVERSION
+void spread_through_lens(const double* __restrict axes, const double* __restrict ray,
+                         const double* __restrict du, const double* __restrict dv, const double* __restrict a,
+                         const double* __restrict b, const double* __restrict focus, Lanes3& __restrict d) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double u = ray[0] + ray[2] * du[l] + ray[3] * dv[l];
+    const double v = ray[1] + ray[4] * du[l] + ray[5] * dv[l];
+    const double vergence = focus[0] + focus[1] * u + focus[2] * v;
+    const double x = u - a[l] * vergence;
+    const double y = v - b[l] * vergence;
+    d.x[l] = axes[0] * x + axes[3] * y + axes[6];
+    d.y[l] = axes[1] * x + axes[4] * y + axes[7];
+    d.z[l] = axes[2] * x + axes[5] * y + axes[8];
+  }
+}
+
 }  // namespace
 
-PixelRays::PixelRays(const RenderPlan& plan) : plan_(plan) {
-  const std::size_t padded = plan.pattern.padded_size();
-  eyes_.resize(padded / kLanes);
-  for (std::size_t i = 0; i < padded; ++i) {
-    const std::size_t sample = std::min(i, plan.pattern.size() - 1);
-    sample_column_.push_back(plan.pattern.column[sample]);
-    sample_row_.push_back(plan.pattern.row[sample]);
+PixelRays::PixelRays(const RenderPlan& plan)
+    : plan_(plan), nowhere_(kLanes, 0.0), eyes_(plan.pattern.padded_size() / kLanes) {
+  const SamplingPattern& pattern = plan.pattern;
+  for (const Camera& camera : plan.settings.model.cameras) {
+    Samples& samples = samples_.emplace_back();
+    for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
+      const std::size_t sample = std::min(i, pattern.size() - 1);
+      samples.column.push_back(blurred_pixel_quantile(pattern.column[sample] + 0.5, camera.psf_sigma_px));
+      samples.row.push_back(blurred_pixel_quantile(pattern.row[sample] + 0.5, camera.psf_sigma_px));
+      samples.lens_x.push_back(pattern.lens_x[sample] * camera.aperture_radius());
+      samples.lens_y.push_back(pattern.lens_y[sample] * camera.aperture_radius());
+    }
   }
 }
 
@@ -37,14 +60,17 @@ void PixelRays::select_camera(std::size_t camera) {
   camera_ = &plan_.settings.model.cameras[camera];
   for (int k = 0; k < 9; ++k) axes_[k] = camera_->sensor_from_camera.rotation(k % 3, k / 3);
   for (int k = 0; k < 3; ++k) eye_[k] = camera_->sensor_from_camera.translation[k];
-  for (Lanes3& eyes : eyes_) {
-    for (int l = 0; l < kLanes; ++l) set_lane(eyes, l, camera_->sensor_from_camera.translation);
+  for (std::size_t packet = 0; packet < eyes_.size(); ++packet) {
+    for (int l = 0; l < kLanes; ++l) set_lane(eyes_[packet], l, plan_.eye(camera, packet, l));
   }
+  focus_[0] = share_eye() ? 0.0 : camera_->vergence(0.0, 0.0);
+  focus_[1] = share_eye() ? 0.0 : camera_->vergence(1.0, 0.0) - focus_[0];
+  focus_[2] = share_eye() ? 0.0 : camera_->vergence(0.0, 1.0) - focus_[0];
 }
 
 PixelRays::PixelRay PixelRays::pixel_ray(int column, int row) const {
   const double scale = 1.0 / camera_->focal_px;
-  if (!camera_->is_distorted()) {
+  if (camera_->is_plain()) {
     return {(column - camera_->cx_px) * scale, (row - camera_->cy_px) * scale, scale, 0.0, 0.0, scale};
   }
   const Eigen::Vector3d middle = camera_->ray({column, row});
@@ -53,16 +79,25 @@ PixelRays::PixelRay PixelRays::pixel_ray(int column, int row) const {
 }
 
 void PixelRays::through_samples(int column, int row, std::size_t packet, Lanes3& direction) const {
-  const PixelRay ray = pixel_ray(column, row);
+  const Samples& samples = samples_[number_];
+  direct(pixel_ray(column, row), &samples.column[packet * kLanes], &samples.row[packet * kLanes], packet,
+         direction);
+}
+
+void PixelRays::direct(const PixelRay& ray, const double* du, const double* dv, std::size_t packet,
+                       Lanes3& direction) const {
   const double values[6] = {ray.x, ray.y, ray.dx_du, ray.dx_dv, ray.dy_du, ray.dy_dv};
-  spread_directions(axes_, values, &sample_column_[packet * kLanes], &sample_row_[packet * kLanes],
-                    direction);
+  if (share_eye()) {
+    spread_directions(axes_, values, du, dv, direction);
+  } else {
+    const Samples& samples = samples_[number_];
+    spread_through_lens(axes_, values, du, dv, &samples.lens_x[packet * kLanes],
+                        &samples.lens_y[packet * kLanes], focus_, direction);
+  }
 }
 
 void PixelRays::through_middle(int column, int row, Lanes3& direction) const {
-  const PixelRay ray = pixel_ray(column, row);
-  const double values[6] = {ray.x, ray.y, 0.0, 0.0, 0.0, 0.0};
-  spread_directions(axes_, values, sample_column_.data(), sample_row_.data(), direction);
+  direct(pixel_ray(column, row), nowhere_.data(), nowhere_.data(), 0, direction);
 }
 
 void PixelRays::through_corners(int column, const int* rows, int count, Lanes3& direction) const {
@@ -75,7 +110,8 @@ void PixelRays::through_corners(int column, const int* rows, int count, Lanes3& 
 double PixelRays::electrons(int column, int row, double irradiance) const {
   const PixelRay ray = pixel_ray(column, row);
   const double cosine2 = 1.0 / (1.0 + ray.x * ray.x + ray.y * ray.y);
-  return irradiance * cosine2 * cosine2 * plan_.electrons_per_irradiance[number_];
+  const double area = camera_->is_tilted() ? camera_->tilt_area(Eigen::Vector2d(column, row)) : 1.0;
+  return irradiance * cosine2 * cosine2 * area * plan_.electrons_per_irradiance[number_];
 }
 
 }  // namespace sensor_rt

@@ -52,7 +52,7 @@ double PixelTracer::sum_packet(int column, int row, std::size_t packet, const La
   Lanes3 from_source;
   alignas(64) double irradiance[kLanes];
   alignas(64) int lit[kLanes];
-  if (sheet_.is_simple()) {
+  if (sheet_.is_simple() && rays_.share_eye()) {
     sheet_.light(rays_.eye(), direction, hits, from_source, irradiance, lit);
   } else {
     sheet_.light(rays_.eyes(packet), sources_[packet], direction, hits, from_source, irradiance, lit);

@@ -64,6 +64,24 @@ std::vector<Eigen::Vector3d> spread_sources(const LaserSheet& laser, const Sampl
   return sources;
 }
 
+std::vector<Eigen::Vector3d> spread_eyes(const Camera& camera, const SamplingPattern& pattern) {
+  if (!camera.has_depth_of_field()) return {camera.sensor_from_camera.translation};
+  std::vector<Eigen::Vector3d> eyes;
+  for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
+    const std::size_t sample = std::min(i, pattern.size() - 1);
+    eyes.push_back(camera.sensor_from_camera *
+                   Eigen::Vector3d(pattern.lens_x[sample] * camera.aperture_radius(),
+                                   pattern.lens_y[sample] * camera.aperture_radius(), 0.0));
+  }
+  return eyes;
+}
+
+/// The outermost sample's distance from the edge of its pixel, px.
+double reach_beyond_pixel(const Camera& camera, const SamplingPattern& pattern) {
+  const double last = 1.0 - 0.5 / static_cast<double>(pattern.size());
+  return std::max(0.0, blurred_pixel_quantile(last, camera.psf_sigma_px) - 0.5);
+}
+
 }  // namespace
 
 RenderPlan::RenderPlan(const RenderSettings& given)
@@ -89,6 +107,8 @@ RenderPlan::RenderPlan(const RenderSettings& given)
   for (const Camera& camera : model.cameras) {
     // Ambient and reflected light make everything in view visible, not only what the laser can reach.
     const bool everything = model.ambient_irradiance > 0.0 || settings.ground_truth || settings.bounces > 0;
+    lane_eyes.push_back(spread_eyes(camera, pattern));
+    pixel_reach.push_back(reach_beyond_pixel(camera, pattern));
     camera_regions.push_back(everything ? camera_field(camera) : camera_region(camera, 1.1 * beyond));
     electrons_per_irradiance.push_back(
         sensor_rt::electrons_per_irradiance(camera, model.laser.wavelength, settings.quantum_efficiency));

@@ -40,6 +40,10 @@ struct RenderPlan {
   Rigid3 sensor_from_reference;
   /// Where the light of each sample of a pixel starts: one for all, or padded to whole packets.
   std::vector<Eigen::Vector3d> lane_sources;
+  /// Per camera, where the rays of each sample end: one for all, or padded to whole packets.
+  std::vector<std::vector<Eigen::Vector3d>> lane_eyes;
+  /// Per camera: how far outside a pixel its samples look for light, px.
+  std::vector<double> pixel_reach;
   double slope = 0.0;       ///< |x| / distance from the source that holds all light where any camera sees it
   double pixel_size = 0.0;  ///< smallest distance between neighbouring pixels on surfaces in the field, m
   std::vector<HalfSpace> laser_region;
@@ -49,9 +53,16 @@ struct RenderPlan {
                                  ///< reflected irradiance, for a pixel on the optical axis
 
   /// Where the light of lane l of the `packet`-th sixteen samples of a pixel starts.
-  const Eigen::Vector3d& source(std::size_t packet, int l) const {
-    return lane_sources.size() == 1 ? lane_sources.front()
-                                    : lane_sources[packet * kLanes + static_cast<std::size_t>(l)];
+  const Eigen::Vector3d& source(std::size_t packet, int l) const { return of_lane(lane_sources, packet, l); }
+  /// Where its ray ends at a camera.
+  const Eigen::Vector3d& eye(std::size_t camera, std::size_t packet, int l) const {
+    return of_lane(lane_eyes[camera], packet, l);
+  }
+
+ private:
+  static const Eigen::Vector3d& of_lane(const std::vector<Eigen::Vector3d>& points, std::size_t packet,
+                                        int l) {
+    return points.size() == 1 ? points.front() : points[packet * kLanes + static_cast<std::size_t>(l)];
   }
 };
 

@@ -1,6 +1,7 @@
 #include "sensor_rt/render/sampling_pattern.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 namespace sensor_rt {
@@ -41,7 +42,35 @@ long long next_generator(long long n, const std::vector<long long>& so_far) {
   });
 }
 
+/// x where a rising function takes the value `wanted`.
+template <typename Function>
+double solve(double low, double high, double wanted, const Function& function) {
+  for (int i = 0; i < 60; ++i) {
+    const double middle = 0.5 * (low + high);
+    (function(middle) < wanted ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
+/// Height below which lies the share `share` of a disc of radius 1.
+double disc_quantile(double share) {
+  return solve(-1.0, 1.0, share,
+               [](double y) { return 0.5 + (y * std::sqrt(1.0 - y * y) + std::asin(y)) / M_PI; });
+}
+
 }  // namespace
+
+double blurred_pixel_quantile(double share, double sigma_px) {
+  if (sigma_px == 0.0) return share - 0.5;
+  // Integral of the normal distribution.
+  const auto ramp = [](double z) {
+    return 0.5 * z * std::erfc(-z * M_SQRT1_2) + std::exp(-0.5 * z * z) / std::sqrt(2.0 * M_PI);
+  };
+  const double farthest = 0.5 + 8.0 * sigma_px;
+  return solve(-farthest, farthest, share, [&](double x) {
+    return sigma_px * (ramp((x + 0.5) / sigma_px) - ramp((x - 0.5) / sigma_px));
+  });
+}
 
 SamplingPattern make_sampling_pattern(std::size_t samples) {
   const auto n = static_cast<long long>(samples);
@@ -49,6 +78,8 @@ SamplingPattern make_sampling_pattern(std::size_t samples) {
   // Time against row matters as much as time against column.
   const long long to_time = next_generator(n, {1, to_column});
   const long long to_source = next_generator(n, {1, to_column, to_time});
+  const long long to_lens_y = next_generator(n, {1, to_column, to_time, to_source});
+  const long long to_lens_x = next_generator(n, {1, to_column, to_lens_y});
   SamplingPattern pattern;
   for (long long i = 0; i < n; ++i) {
     const auto middle = [&](long long generator) {
@@ -58,6 +89,10 @@ SamplingPattern make_sampling_pattern(std::size_t samples) {
     pattern.column.push_back(middle(to_column));
     pattern.instant.push_back(static_cast<std::size_t>(i * to_time % n));
     pattern.source.push_back(middle(to_source));
+    // Strips of the disc of equal area, then a place along the strip.
+    const double y = disc_quantile(middle(to_lens_y) + 0.5);
+    pattern.lens_y.push_back(y);
+    pattern.lens_x.push_back(2.0 * middle(to_lens_x) * std::sqrt(1.0 - y * y));
   }
   return pattern;
 }

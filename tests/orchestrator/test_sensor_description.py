@@ -56,11 +56,34 @@ def test_straightness_is_an_angle_at_the_ends_of_the_line() -> None:
         (["laser.straightness_mrad=[0, 0, 0, 0, 0, 0, 1]"], "straightness_mrad"),
         (["laser.opening_mm=-1"], "opening_mm"),
         (["laser.turn_y_deg=90"], "turn_y_deg"),
+        (["camera[1].focus_mm=0.1"], "focus_mm"),
+        (["camera[1].psf_sigma_px=-1"], "psf_sigma_px"),
+        (['camera[1].psf_sigma_px="airy"'], "psf_sigma_px"),
+        (["camera[1].scheimpflug_x_deg=60"], "scheimpflug_x_deg"),
     ],
 )
 def test_a_laser_that_makes_no_sense_is_refused(words: list[str], fragment: str) -> None:
     with pytest.raises(DescriptionError, match=fragment):
         load_setup(overrides=[f"sensor.{word}" for word in words])
+
+
+def test_diffraction_is_a_width_by_wavelength_and_f_number() -> None:
+    resolved = sensor_json(load_setup(overrides=['sensor.camera[2].psf_sigma_px="diffraction"']).sensor, seed=1)
+    assert [camera["psf_sigma_px"] for camera in resolved["cameras"]] == [0.0, pytest.approx(0.42 * 0.66 * 11 / 5)]
+    assert [camera["focus"] for camera in resolved["cameras"]] == [0.0, 0.0]
+
+
+def test_a_lens_in_focus_on_the_sheet_can_be_described() -> None:
+    """The angle and distance that the schema's text gives for a Scheimpflug camera."""
+    image_distance = 512 / np.tan(np.radians(9.34)) * 5e-3
+    angle = -np.degrees(np.arctan(image_distance * np.cos(np.radians(29.3)) / 60))
+    words = [
+        f"sensor.camera[1].scheimpflug_x_deg={angle}",
+        f"sensor.camera[1].focus_mm={60 / np.sin(np.radians(29.3))}",
+    ]
+    made = sensor(*words)
+    assert len(made.cameras) == 2
+    assert angle == pytest.approx(-12.75, abs=0.01)
 
 
 def test_as_built_words_change_a_copy_of_the_sensor() -> None:

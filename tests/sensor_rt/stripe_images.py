@@ -31,6 +31,13 @@ def sensor_description(width: int = 1280, height: int = 1024, cameras: int = 1, 
         "f_number": 11.0,
         "pixel_pitch": 5e-6,
         "transmission": 0.8,
+        "scheimpflug_x": 0.0,
+        "scheimpflug_y": 0.0,
+        "focus": 0.0,
+        "psf_sigma_px": 0.0,
+        "offset_y": 0.0,
+        "pan": 0.0,
+        "roll": 0.0,
     } | overrides.pop("camera", {})
     description: dict[str, Any] = {
         "format": 1,
