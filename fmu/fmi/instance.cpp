@@ -115,7 +115,8 @@ void Instance::reset() {
   start_time_ = communication_time_ = 0;
   stop_time_ = kNever;
   values_ = Values(layout_);
-  outputs_fresh_ = record_shown_ = false;
+  outputs_fresh_ = false;
+  events_ = 0;
   logged_limit_ = 0;
   cell_.reset();
 }
@@ -128,7 +129,7 @@ void Instance::enter_event_mode() {
 
 void Instance::enter_step_mode() {
   if (phase_ != Phase::kEvent) refuse("entering step mode", phase_);
-  record_shown_ = false;
+  events_ = 0;
   phase_ = Phase::kStepping;
 }
 
@@ -139,12 +140,12 @@ void Instance::require_event() const {
 /// Nothing to iterate over: what is set in an event acts in the step that follows. Clocks are done.
 void Instance::update_discrete_states() {
   if (phase_ != Phase::kEvent) refuse("updating discrete states", phase_);
-  record_shown_ = false;
+  events_ = 0;
 }
 
 bool Instance::record_clock() const {
   if (phase_ != Phase::kEvent && phase_ != Phase::kInitialization) refuse("reading a clock", phase_);
-  return record_shown_;
+  return (events_ & kRecordShown) != 0;
 }
 
 std::int64_t Instance::ticks_to(double time) const {
@@ -171,32 +172,32 @@ StepResult Instance::do_step(double current, double step) {
   check_step(current, step);
   const std::int64_t planned = ticks_to(current + step);
   std::int64_t end = planned;
-  const bool until_record = options_.event_mode && options_.early_return;
+  const Events wanted = options_.event_mode && options_.early_return ? kAllEvents : 0;
   Cell& running = cell();
   running.begin_step(values_.inputs);
   std::int64_t reached = running.time_us();
   while (reached < end) {
     const std::int64_t stop = next_stop(end);
-    reached = running.run(values_.inputs, stop, until_record);
-    if (reached < stop) break;  // at a record
+    reached = running.run(values_.inputs, stop, wanted);
+    if (reached < stop) break;  // at an event
     if (reached < end) end = ask_importer(reached, end);
   }
-  const bool shown = running.end_step();
-  record_shown_ = options_.event_mode && shown;
+  const Events happened = running.end_step();
+  events_ = options_.event_mode ? happened : 0;
   if (reached < planned) {
     now_at(reached);
   } else {
     communication_time_ = current + step;
   }
   outputs_fresh_ = false;
-  if (log_.wants(LogCategory::kEvent)) log_step(shown, reached < planned);
-  return {record_shown_, reached < planned};
+  if (log_.wants(LogCategory::kEvent)) log_step(happened, reached < planned);
+  return {events_ != 0, reached < planned};
 }
 
-void Instance::log_step(bool shown, bool early) {
+void Instance::log_step(Events happened, bool early) {
   refresh_outputs();
   const CellOutputs& out = values_.outputs;
-  if (shown) {
+  if ((happened & kRecordShown) != 0) {
     log_.write(LogCategory::kEvent, "exposure " + std::to_string(out.trigger.index) +
                                         ", whose middle was at " + std::to_string(out.trigger.time) +
                                         " s, is on display");
@@ -343,7 +344,7 @@ Snapshot Instance::snapshot() const {
   snapshot.start_time = start_time_;
   snapshot.stop_time = stop_time_;
   snapshot.communication_time = communication_time_;
-  snapshot.record_shown = record_shown_;
+  snapshot.events = events_;
   snapshot.parameters = values_.parameters;
   snapshot.inputs = values_.inputs;
   snapshot.description_hash = cell_ ? description_hash_ : 0;
@@ -372,7 +373,7 @@ void Instance::restore(const Snapshot& snapshot) {
   start_time_ = snapshot.start_time;
   stop_time_ = snapshot.stop_time;
   communication_time_ = snapshot.communication_time;
-  record_shown_ = snapshot.record_shown;
+  events_ = snapshot.events;
 }
 
 }  // namespace robotcell::fmi

@@ -34,7 +34,7 @@ struct LoadedCell {
 LoadedCell load_cell(const std::string& path);
 
 struct StepResult {
-  bool event = false;  // a record came on display, and the importer uses event mode
+  bool event = false;  // there was an event, and the importer uses event mode
   bool early = false;  // the step ended before its end
 };
 
@@ -96,7 +96,7 @@ class Instance {
   std::int64_t next_stop(std::int64_t end) const;
   std::int64_t ask_importer(std::int64_t now, std::int64_t end);
   void now_at(std::int64_t ticks);
-  void log_step(bool shown, bool early);
+  void log_step(Events happened, bool early);
 
   std::string name_;
   std::string resource_location_;
@@ -113,7 +113,7 @@ class Instance {
   std::string token_;
   std::vector<std::uint32_t> array_sizes_;  // by reference, 0 inside an array; empty without arrays
   bool outputs_fresh_ = false;
-  bool record_shown_ = false;
+  Events events_ = 0;  // of the last step, and not dealt with yet
   std::int32_t logged_limit_ = 0;
   std::unique_ptr<Cell> cell_;
   std::uint64_t description_hash_ = 0;

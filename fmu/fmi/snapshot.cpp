@@ -119,7 +119,7 @@ template <class Archive>
 void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& layout) {
   auto phase = static_cast<std::int32_t>(snapshot.phase);
   exchange_all(archive, phase, snapshot.start_time, snapshot.stop_time, snapshot.communication_time,
-               snapshot.record_shown, snapshot.parameters, snapshot.inputs, snapshot.description_hash);
+               snapshot.events, snapshot.parameters, snapshot.inputs, snapshot.description_hash);
   bool has_cell = snapshot.cell.has_value();
   exchange(archive, has_cell);
   if constexpr (Archive::kReads) {

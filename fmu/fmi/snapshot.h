@@ -27,7 +27,7 @@ struct Snapshot {
   double start_time = 0;
   double stop_time = 0;  // infinite when not defined
   double communication_time = 0;
-  bool record_shown = false;  // by the last step, and not dealt with in an event yet
+  Events events = 0;  // of the last step, and not dealt with yet
   CellParameters parameters;
   CellInputs inputs;
   std::uint64_t description_hash = 0;  // of the cell's JSON, 0 while there is no cell

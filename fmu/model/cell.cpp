@@ -87,25 +87,34 @@ void Cell::begin_step(const CellInputs& inputs) {
   trigger_.command(inputs, time_us_, *this);
 }
 
-std::int64_t Cell::run(const CellInputs& inputs, std::int64_t to_us, bool until_record) {
-  while (time_us_ < to_us) {
+std::int64_t Cell::run(const CellInputs& inputs, std::int64_t to_us, Events wanted) {
+  bool at_event = false;
+  while (time_us_ < to_us && !at_event) {
     if (time_us_ == to_.time_us) step_dynamics(inputs);
     std::int64_t until = std::min(to_us, to_.time_us);
-    bool ready = false;
-    if (until_record) {
-      // Look ahead on a copy: what would fire behind the stop must not have fired yet.
-      Trigger ahead = trigger_;
-      ahead.watch(time_us_, until, false, *this);
-      const std::int64_t next = std::max(ahead.next_ready(), time_us_ + 1);
-      ready = next <= until;
-      until = std::min(until, next);
+    if (wanted != 0) {
+      const std::int64_t event = next_event(wanted, until);
+      at_event = event <= until;
+      until = std::min(until, event);
     }
     trigger_.watch(time_us_, until, until == to_.time_us, *this);
     trigger_.latch(until, *this);
     time_us_ = until;
-    if (ready) break;
   }
   return time_us_;
+}
+
+/// First instant after the present and up to `to`, in the running dynamics step, at which an event comes; a
+/// later instant where none does. Sources look ahead and change nothing: what would happen behind the stop
+/// must not have happened yet.
+std::int64_t Cell::next_event(Events wanted, std::int64_t to_us) const {
+  std::int64_t next = std::numeric_limits<std::int64_t>::max();
+  if ((wanted & kRecordShown) != 0) {
+    Trigger ahead = trigger_;
+    ahead.watch(time_us_, to_us, false, *this);
+    next = std::min(next, ahead.next_ready());
+  }
+  return std::max(next, time_us_ + 1);
 }
 
 /// At an instant of the controller's cycle.

@@ -27,6 +27,11 @@ struct GridPoint {
   std::vector<PartPose> parts;
 };
 
+/// What importers that handle events are told of: a bit for each source.
+using Events = std::uint32_t;
+constexpr Events kRecordShown = 1u << 0;
+constexpr Events kAllEvents = ~Events{0};
+
 /// Everything that changes while a cell runs.
 struct CellState {
   explicit CellState(const CellLayout& layout) : trigger(layout) {}
@@ -53,12 +58,12 @@ class Cell : private MotionView {
   /// Opens a communication step: the trigger device takes its commands. Throws std::exception.
   void begin_step(const CellInputs& inputs);
 
-  /// Goes on to an instant (microseconds from the start) with the inputs held, or to the first at which a
-  /// record is ready for the display. Returns where it stopped; throws std::exception.
-  std::int64_t run(const CellInputs& inputs, std::int64_t to_us, bool until_record);
+  /// Goes on to an instant (microseconds from the start) with the inputs held, or to the first at which one
+  /// of the events comes that are `wanted`. Returns where it stopped; throws std::exception.
+  std::int64_t run(const CellInputs& inputs, std::int64_t to_us, Events wanted);
 
-  /// Closes a communication step: the next finished record goes on display. True if there was one.
-  bool end_step() { return trigger_.show_next(); }
+  /// Closes a communication step: the next finished record goes on display. Returns the step's events.
+  Events end_step() { return trigger_.show_next() ? kRecordShown : 0; }
 
   std::int64_t time_us() const { return time_us_; }
   std::int64_t controller_cycle_us() const { return description_.controller_cycle_us; }
@@ -71,6 +76,8 @@ class Cell : private MotionView {
   void restore(const CellState& state);
 
  private:
+  std::int64_t next_event(Events wanted, std::int64_t to_us) const;
+
   double table_angle(std::int64_t time_us) const override;
   Eigen::Vector3d sensor_in_table(std::int64_t time_us) const override;
   Measurement measurement(std::int64_t time_us) const override;
