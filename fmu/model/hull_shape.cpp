@@ -2,8 +2,12 @@
 
 #include <assimp/scene.h>
 
+#include <algorithm>
+#include <cmath>
+#include <dart/dynamics/BoxShape.hpp>
 #include <dart/dynamics/MeshShape.hpp>
 #include <memory>
+#include <optional>
 
 namespace robotcell {
 namespace {
@@ -37,9 +41,34 @@ aiMesh* make_mesh(const Hull& hull) {
   return mesh.release();
 }
 
+/// The edges of a box that meet in the first vertex, as columns; none where the vertices are not a box's.
+std::optional<Eigen::Matrix3d> box_edges(const std::vector<Eigen::Vector3d>& vertices) {
+  if (vertices.size() != 8) return std::nullopt;
+  std::vector<Eigen::Vector3d> across;
+  for (std::size_t i = 1; i < 8; ++i) across.push_back(vertices[i] - vertices[0]);
+  std::sort(across.begin(), across.end(), [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+    return a.squaredNorm() < b.squaredNorm();
+  });
+  const double close = 1e-9 * across.back().norm();
+  Eigen::Matrix3d edges;
+  // The two nearest vertices are neighbours; the third neighbour completes the farthest one.
+  edges << across[0], across[1], across[6] - across[0] - across[1];
+  const Eigen::Matrix3d products = edges.transpose() * edges;
+  const bool square = std::abs(products(0, 1)) + std::abs(products(0, 2)) + std::abs(products(1, 2)) <
+                      close * across.back().norm();
+  if (!square || products.diagonal().minCoeff() <= 0) return std::nullopt;
+  const Eigen::Vector3d lengths = products.diagonal().cwiseSqrt();
+  for (const Eigen::Vector3d& vertex : across) {
+    const Eigen::Vector3d along = (edges.transpose() * vertex).cwiseQuotient(lengths);
+    const bool corner = (along.cwiseMin((along - lengths).cwiseAbs()).cwiseAbs().array() < close).all();
+    if (!corner) return std::nullopt;
+  }
+  return edges;
+}
+
 }  // namespace
 
-dart::dynamics::ShapePtr make_hull_shape(const Hull& hull) {
+PlacedShape make_mesh_shape(const Hull& hull) {
   auto scene = std::make_unique<aiScene>();
   scene->mNumMeshes = 1;
   scene->mMeshes = new aiMesh* [1] { make_mesh(hull) };
@@ -48,7 +77,20 @@ dart::dynamics::ShapePtr make_hull_shape(const Hull& hull) {
   scene->mRootNode = new aiNode;
   scene->mRootNode->mNumMeshes = 1;
   scene->mRootNode->mMeshes = new unsigned[1]{0};
-  return std::make_shared<dart::dynamics::MeshShape>(Eigen::Vector3d::Ones(), scene.release());
+  return {std::make_shared<dart::dynamics::MeshShape>(Eigen::Vector3d::Ones(), scene.release()),
+          Eigen::Isometry3d::Identity()};
+}
+
+PlacedShape make_obstacle_shape(const Hull& hull) {
+  const std::optional<Eigen::Matrix3d> edges = box_edges(hull.vertices);
+  if (!edges) return make_mesh_shape(hull);
+  const Eigen::Vector3d size = edges->colwise().norm();
+  Eigen::Matrix3d axes = edges->array().rowwise() / size.transpose().array();
+  if (axes.determinant() < 0) axes.col(2) *= -1;
+  PlacedShape box{std::make_shared<dart::dynamics::BoxShape>(size), Eigen::Isometry3d::Identity()};
+  box.hull_from_shape.linear() = axes;
+  box.hull_from_shape.translation() = hull.vertices[0] + edges->rowwise().sum() / 2;
+  return box;
 }
 
 }  // namespace robotcell

@@ -98,7 +98,7 @@ void World::add_supports(const CellDescription& cell) {
   engine.add_support(
       {"table", collides ? platter->getShapeNode(0) : nullptr, platter, cell.table.friction, true});
   for (const ConveyorDescription& conveyor : cell.conveyors) {
-    engine.belts.push_back(make_belt(conveyor));
+    engine.belts.push_back(make_belt("belt " + std::to_string(engine.belts.size() + 1), conveyor));
     engine.travel.push_back(0);
     engine.world->addSkeleton(engine.belts.back());
     BodyNode* belt = engine.belts.back()->getBodyNode(0);
@@ -114,7 +114,7 @@ void World::add_parts(const CellDescription& cell) {
     added.free = part.free;
     added.clamped = {part.stands_on.kind == StandsOn::Kind::kTable, part.support_from_part};
     if (part.free) {
-      added.skeleton = make_free_part(part);
+      added.skeleton = make_free_part("part " + std::to_string(engine.parts.size() + 1), part);
       added.friction = part.friction;
       added.gyration = std::sqrt(part.inertia.trace() / 2 / part.mass);
       engine.world->addSkeleton(added.skeleton);
@@ -124,8 +124,7 @@ void World::add_parts(const CellDescription& cell) {
     BodyNode* body = part.free ? added.body() : engine.body_of(stands_on);
     ShapeNode* shape = part.free ? body->getShapeNode(0) : nullptr;
     if (!part.free && any_free(cell) && !part.hull_faces.empty()) {
-      shape = add_hull(body, part);
-      shape->setRelativeTransform(part.support_from_part);
+      shape = add_hull(body, part.support_from_part, part);
     }
     engine.parts.push_back(added);
     engine.add_support({part.name, shape, body, part.friction, false});

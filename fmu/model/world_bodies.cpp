@@ -65,8 +65,8 @@ SkeletonPtr make_table(const TableDescription& table, bool collides) {
   return skeleton;
 }
 
-SkeletonPtr make_belt(const ConveyorDescription& conveyor) {
-  SkeletonPtr skeleton = Skeleton::create(conveyor.name);
+SkeletonPtr make_belt(const std::string& name, const ConveyorDescription& conveyor) {
+  SkeletonPtr skeleton = Skeleton::create(name);
   PrismaticJoint::Properties joint;
   joint.mAxis = Vector3d::UnitX();
   joint.mT_ParentBodyToJoint = conveyor.world_from_belt;
@@ -85,16 +85,20 @@ SkeletonPtr make_ground() {
   return skeleton;
 }
 
-SkeletonPtr make_free_part(const PartDescription& part) {
-  SkeletonPtr skeleton = Skeleton::create(part.name);
+SkeletonPtr make_free_part(const std::string& name, const PartDescription& part) {
+  SkeletonPtr skeleton = Skeleton::create(name);
   BodyNode* body = skeleton->createJointAndBodyNodePair<FreeJoint>().second;
   body->setInertia(Inertia(part.mass, part.centre_of_mass, part.inertia));
-  add_hull(body, part);
+  add_hull(body, Eigen::Isometry3d::Identity(), part);
   return skeleton;
 }
 
-ShapeNode* add_hull(BodyNode* body, const PartDescription& part) {
-  return add_shape(body, make_hull_shape(contact_hull(part)), part.friction);
+ShapeNode* add_hull(BodyNode* body, const Eigen::Isometry3d& body_from_part, const PartDescription& part) {
+  const Hull reduced = contact_hull(part);
+  const PlacedShape hull = part.free ? make_mesh_shape(reduced) : make_obstacle_shape(reduced);
+  ShapeNode* node = add_shape(body, hull.shape, part.friction);
+  node->setRelativeTransform(body_from_part * hull.hull_from_shape);
+  return node;
 }
 
 }  // namespace robotcell

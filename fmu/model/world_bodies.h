@@ -1,4 +1,4 @@
-// The bodies of the cell as skeletons of the dynamics engine.
+// The bodies of the cell as skeletons of the dynamics engine. Names must differ within a world.
 #pragma once
 
 #include <dart/dynamics/Skeleton.hpp>
@@ -14,14 +14,15 @@ dart::dynamics::SkeletonPtr make_arm(const Kinematics& kinematics);
 dart::dynamics::SkeletonPtr make_table(const TableDescription& table, bool collides);
 
 /// A belt stands still, and a prismatic joint along x gives its surface a speed.
-dart::dynamics::SkeletonPtr make_belt(const ConveyorDescription& conveyor);
+dart::dynamics::SkeletonPtr make_belt(const std::string& name, const ConveyorDescription& conveyor);
 
 /// What stands in the world and never moves.
 dart::dynamics::SkeletonPtr make_ground();
 
-dart::dynamics::SkeletonPtr make_free_part(const PartDescription& part);
+dart::dynamics::SkeletonPtr make_free_part(const std::string& name, const PartDescription& part);
 
 /// Adds a part's hull to a body.
-dart::dynamics::ShapeNode* add_hull(dart::dynamics::BodyNode* body, const PartDescription& part);
+dart::dynamics::ShapeNode* add_hull(dart::dynamics::BodyNode* body, const Eigen::Isometry3d& body_from_part,
+                                    const PartDescription& part);
 
 }  // namespace robotcell

@@ -49,6 +49,14 @@ def box_part(x: float, y: float, z: float, mass: float = 0.5, **part: Any) -> di
     }  # fmt: skip
 
 
+def conveyor(**changes: Any) -> dict[str, Any]:
+    """A belt of 1.2 m along the world's x axis; keyword arguments change it."""
+    return {
+        "name": "belt", "world_from_belt": pose([0, -1, 0.2]), "length": 1.2, "width": 0.3, "thickness": 0.05,
+        "max_speed": 1.0, "max_acceleration": 2.0, "friction": 0.5, **changes,
+    }  # fmt: skip
+
+
 def cell_description(**part: Any) -> dict[str, Any]:
     """The default arm at a table with a box, encoders free of error; keyword arguments go into the box."""
     joints = [

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, Array, Build, CellFmu, cell_description, pose
+from cell_fixture import CYCLE_US, Array, Build, CellFmu, box_part, cell_description, pose
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -89,6 +89,68 @@ def test_it_slips_where_coulomb_says(build: Build, azimuth_deg: float, friction:
     turn(cell, np.concatenate([np.arange(held, slipping, 2.0 * CYCLE), np.full(60, slipping)]), angle)
     shift = np.linalg.norm((part_on_platter(cell) - before)[:2, 3])
     assert shift > 1e-3
+
+
+def several_parts() -> dict[str, Any]:
+    """Five boxes of different sizes, all around the table and anyhow turned."""
+    description = cell_description()
+    places = [(0.05, 0.3, 0.0), (0.08, 1.9, 0.5), (0.0, 0.0, 1.1), (0.09, 3.4, 2.0), (0.07, 5.0, 0.8)]
+    description["parts"] = []
+    for k, (radius, azimuth, yaw) in enumerate(places):
+        place = free_cell(radius, azimuth, yaw)["parts"][0]["support_from_part"]
+        size = 0.02 + 0.003 * k
+        description["parts"].append(
+            box_part(size, 0.03, size, mass=0.1 * (k + 1), fixture="free", support_from_part=place)
+        )
+    return description
+
+
+def places_on_platter(cell: CellFmu, parts: int) -> Array:
+    world_from_table = cell.body("table")
+    return np.stack([np.linalg.inv(world_from_table) @ cell.body(f"part[{i}]") for i in range(1, parts + 1)])
+
+
+def test_many_parts_creep_less_than_a_micrometre_per_turn(build: Build) -> None:
+    """Also with an axis that is displaced, tilted and wobbles."""
+    wrong = {"as_built.table.x": 2e-4, "as_built.table.rx": 2e-3, "as_built.platter.y": 3e-4}
+    wobble = {"as_built.table.wobble_amplitude": 5e-4, "as_built.table.wobble_direction": 0.7}
+    cell = build(3, several_parts(), {**wrong, **wobble})
+    before = places_on_platter(cell, 5)
+    ramp = np.linspace(0, 1.5, 48)
+    per_turn = round(2 * np.pi / CYCLE / 1.5)
+    turn(cell, np.concatenate([ramp, np.full(2 * per_turn, 1.5), ramp[::-1], np.zeros(4)]))
+    change = places_on_platter(cell, 5) - before
+    assert np.abs(change[:, :3, 3]).max() < 1e-6
+    assert np.abs(change[:, :3, :3]).max() < 1e-4  # a turn by 1e-4 rad moves a corner by 2 micrometres
+
+
+def test_the_parts_that_are_farther_out_slip_and_the_others_stay(build: Build) -> None:
+    """Coulomb's limit is at r = mu g / w^2: parts 2.1 % inside stay, parts 2 % outside slide."""
+    description = several_parts()
+    limit = 0.07
+    for part, radius in zip(description["parts"], (0.979, 1.02, 0.0, 0.979, 1.02), strict=True):
+        place = np.array(part["support_from_part"]["position"])
+        length = np.linalg.norm(place)
+        if length:
+            part["support_from_part"]["position"] = list(place * radius * limit / length)
+    cell = build(3, description)
+    before = places_on_platter(cell, 5)
+    speed = np.sqrt(0.5 * GRAVITY / limit)
+    turn(cell, np.concatenate([np.arange(0, speed, 0.5 * CYCLE), np.full(60, speed)]))
+    shift = np.linalg.norm((places_on_platter(cell, 5) - before)[:, :2, 3], axis=1)
+    assert (shift[[0, 2, 3]] < 1e-6).all()
+    assert (shift[[1, 4]] > 1e-3).all()
+
+
+def test_a_part_slides_from_the_table_and_the_others_stay(build: Build) -> None:
+    description = several_parts()
+    description["parts"][3]["friction"] = 0.05
+    cell = build(3, description)
+    before = places_on_platter(cell, 5)
+    turn(cell, np.concatenate([np.arange(0, 4, 2.0 * CYCLE), np.full(80, 4.0)]))
+    shift = np.linalg.norm((places_on_platter(cell, 5) - before)[:, :2, 3], axis=1)
+    assert (shift[[0, 1, 2, 4]] < 1e-6).all()
+    assert cell.vector("truth.part[4].position", 3)[2] < 0  # it falls
 
 
 def test_a_part_that_does_not_stand_is_refused(build: Build) -> None:

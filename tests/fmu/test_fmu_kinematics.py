@@ -48,6 +48,9 @@ def expected_poses(cell: dict[str, Any], q: Array, table: float, delta: dict[str
     poses["sensor"] = here @ from_json(cell["tool"]["flange_from_sensor"]) @ tool
     axis = from_json(cell["table"]["world_from_table"]) @ shift(*(deviation(f"table.{k}") for k in "xyz"))
     axis = axis @ turn("x", deviation("table.rx")) @ turn("y", deviation("table.ry"))
+    wobble = deviation("table.wobble_amplitude") * np.cos(table + deviation("table.wobble_phase"))
+    direction = turn("z", deviation("table.wobble_direction"))
+    axis = axis @ direction @ turn("x", wobble) @ np.linalg.inv(direction)
     platter = axis @ turn("z", table) @ shift(deviation("platter.x"), deviation("platter.y"))
     poses["table"] = platter
     poses["part[1]"] = platter @ from_json(cell["parts"][0]["support_from_part"])
@@ -61,7 +64,8 @@ def as_built_names() -> list[str]:
 
 
 def platter_names() -> list[str]:
-    return ["as_built.platter.x", "as_built.platter.y"]
+    wobble = [f"as_built.table.wobble_{key}" for key in ("amplitude", "phase", "direction")]
+    return ["as_built.platter.x", "as_built.platter.y", *wobble]
 
 
 def tilted_cell() -> dict[str, Any]:
@@ -114,7 +118,8 @@ def test_joint_zero_error_is_not_seen_by_the_encoder(build: Build) -> None:
 
 @pytest.mark.parametrize("fixture", ["clamped", "free"])
 def test_twists_are_the_derivatives_of_the_poses(build: Build, fixture: str) -> None:
-    cell = build(3, cell_description(fixture=fixture))
+    wobble = {"as_built.table.wobble_amplitude": 0.002, "as_built.table.wobble_direction": 0.4}
+    cell = build(3, cell_description(fixture=fixture), wobble)
     move(cell, 800_000)
     command_motion(cell)
     cell.step(7_300)

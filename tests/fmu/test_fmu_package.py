@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_fixture import Array, Build, FmuFolders, cell_description, runtime_folder
+from cell_fixture import Array, Build, FmuFolders, box_part, cell_description, conveyor, pose, runtime_folder
 from fmpy.validation import validate_fmu
 
 SYSTEM = ("linux-vdso", "ld-linux", "libc.so", "libm.so", "libpthread.so", "libdl.so", "libstdc++.so", "libgcc_s.so")
@@ -118,9 +118,14 @@ def test_model_structure_is_sorted(folders: FmuFolders, version: int) -> None:
             assert dependencies == sorted(set(dependencies))
 
 
-def test_initial_values_depend_on_what_the_structure_says_and_on_nothing_else(build: Build) -> None:
+@pytest.mark.parametrize("devices", ["one part", "several"])
+def test_initial_values_depend_on_what_the_structure_says_and_on_nothing_else(build: Build, devices: str) -> None:
     """Every parameter moved on its own, from a cell with no symmetry, moves exactly what names it."""
     description = cell_description()
+    if devices == "several":
+        description["conveyors"] = [conveyor()]
+        beside = box_part(0.1, 0.1, 0.1, stands_on="world", support_from_part=pose([0.5, 0.5, 0.1]))
+        description["parts"] += [beside, box_part(0.02, 0.02, 0.02, support_from_part=pose([-0.05, 0.01, 0]))]
     for axis in [*description["robot"]["joints"], description["table"]]:
         axis["encoder_noise"] = 1e-4
     cell = build(3, description)
