@@ -40,7 +40,13 @@ BandMarker::BandMarker(const RenderPlan& plan)
       grid_(plan),
       cameras_(plan.settings.model.cameras.size()),
       angles_(static_cast<std::size_t>(plan.settings.rays_across_fan)),
-      slopes_(kSlopes) {}
+      slopes_(kSlopes) {
+  const double half = plan.settings.model.laser.fan_half_angle;
+  for (std::size_t i = 0; i < angles_; ++i) {
+    const double angle = half * (2.0 * static_cast<double>(i) / static_cast<double>(angles_ - 1) - 1.0);
+    across_fan_.emplace_back(std::sin(angle), std::cos(angle));
+  }
+}
 
 void BandMarker::mark(const Scene& scene, const PoseTrack& track, std::vector<PixelMask>& masks) {
   grid_.set(scene, track);
@@ -68,15 +74,13 @@ void BandMarker::lay_grid(const PoseTrack& track) {
   const std::vector<std::size_t> chosen = choose_instants(track);
   instants_ = chosen.size();
   rays_.clear();
-  const double half = plan_.settings.model.laser.fan_half_angle;
   for (const std::size_t instant : chosen) {
     for (std::size_t line = 0; line < grid_.sources() * slopes_; ++line) {
       const std::size_t j = line % slopes_;
       const double slope =
           plan_.slope * (2.0 * static_cast<double>(j) / static_cast<double>(slopes_ - 1) - 1.0);
       for (std::size_t i = 0; i < angles_; ++i) {
-        const double angle = half * (2.0 * static_cast<double>(i) / static_cast<double>(angles_ - 1) - 1.0);
-        rays_.push_back({angle, slope, instant, line / slopes_});
+        rays_.push_back({across_fan_[i].x(), across_fan_[i].y(), slope, instant, line / slopes_});
       }
       // Packets mix neither instants nor sources.
       while (rays_.size() % kLanes != 0) rays_.push_back(rays_.back());
@@ -88,20 +92,32 @@ void BandMarker::visit_grid(std::vector<PixelMask>& masks) {
   const std::size_t row = (angles_ + kLanes - 1) / kLanes * kLanes;
   const std::size_t to_source = slopes_ * row;
   const std::size_t to_instant = grid_.sources() * to_source;
-  const auto pair = [&](std::size_t a, std::size_t b) { visit({rays_[a], rays_[b], a, b, 0}, masks); };
+  const auto pair = [&](std::size_t a, std::size_t b, bool along_sheet = true) {
+    visit({rays_[a], rays_[b], a, b, 0, along_sheet}, masks);
+  };
   for (std::size_t instant = 0; instant < instants_; ++instant) {
     for (std::size_t source = 0; source < grid_.sources(); ++source) {
       for (std::size_t j = 0; j < slopes_; ++j) {
         for (std::size_t i = 0; i < angles_; ++i) {
           const std::size_t here = instant * to_instant + source * to_source + j * row + i;
           if (i + 1 < angles_) pair(here, here + 1);
-          if (j + 1 < slopes_) pair(here, here + row);
+          if (j + 1 < slopes_) pair(here, here + row, false);
           if (source + 1 < grid_.sources()) pair(here, here + to_source);
           if (instant + 1 < instants_) pair(here, here + to_instant);
         }
       }
     }
   }
+}
+
+bool BandMarker::side_by_side(const Gap& gap) const {
+  for (std::size_t c = 0; c < cameras_; ++c) {
+    const std::size_t p = gap.from_index * cameras_ + c;
+    const std::size_t q = gap.to_index * cameras_ + c;
+    if (std::abs(landings_.column[p] - landings_.column[q]) > kMargin) return false;
+    if (std::abs(landings_.row[p] - landings_.row[q]) > kMargin) return false;
+  }
+  return true;
 }
 
 bool BandMarker::on_one_surface(const Gap& gap) const {
@@ -154,6 +170,7 @@ void BandMarker::visit(const Gap& gap, std::vector<PixelMask>& masks) {
   if (relation != Relation::kOneSurface && worth_halving(gap, relation)) {
     gaps_.push_back(gap);
   } else if (relation == Relation::kOneSurface || relation == Relation::kEdge) {
+    if (gap.along_sheet && side_by_side(gap)) return;
     mark_between(gap.from_index, gap.to_index, masks);
   } else {
     mark_alone(gap.from_index, masks);
@@ -170,8 +187,7 @@ void BandMarker::refine(std::vector<PixelMask>& masks) {
   middle_.clear();
   next_gaps_.clear();
   for (const Gap& gap : gaps_) {
-    const FanRay ray{0.5 * (gap.from.angle + gap.to.angle), 0.5 * (gap.from.slope + gap.to.slope),
-                     (gap.from.instant + gap.to.instant) / 2, gap.from.source};
+    const FanRay ray = FanRay::middle(gap.from, gap.to);
     while (middle_.size() % kLanes != 0 && !middle_.back().shares_packet_with(ray)) {
       middle_.push_back(middle_.back());
       next_gaps_.push_back(next_gaps_.back());

@@ -34,6 +34,7 @@ class BandMarker {
     std::size_t from_index = 0;  ///< into landings_
     std::size_t to_index = 0;
     int depth = 0;
+    bool along_sheet = false;  ///< not through its thickness, along which both ends have neighbours too
   };
   enum class Relation {
     kDark,        ///< no light between the two, or no camera looks
@@ -48,6 +49,9 @@ class BandMarker {
   void visit(const Gap& gap, std::vector<PixelMask>& masks);
   void refine(std::vector<PixelMask>& masks);
   Relation relate(const Gap& gap) const;
+  /// Within the margin of each other in every camera: what the ends mark with their neighbours through the
+  /// sheet covers what lies between them.
+  bool side_by_side(const Gap& gap) const;
   bool on_one_surface(const Gap& gap) const;
   static bool worth_halving(const Gap& gap, Relation relation);
   void mark_between(std::size_t a, std::size_t b, std::vector<PixelMask>& masks) const;
@@ -61,8 +65,9 @@ class BandMarker {
   std::size_t cameras_;
   std::size_t angles_;
   std::size_t slopes_;
-  std::size_t instants_ = 0;  ///< of the grid
-  std::vector<FanRay> rays_;  ///< [instant][source][slope][angle], then what refinement adds
+  std::vector<Eigen::Vector2d> across_fan_;  ///< sine and cosine of each angle
+  std::size_t instants_ = 0;                 ///< of the grid
+  std::vector<FanRay> rays_;                 ///< [instant][source][slope][angle], then what refinement adds
   FanLandings landings_;
   std::vector<Gap> gaps_;
   std::vector<Gap> next_gaps_;

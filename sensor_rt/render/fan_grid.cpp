@@ -44,8 +44,8 @@ void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
     alignas(64) int valid[kLanes];
     for (int l = 0; l < kLanes; ++l) {
       const FanRay& ray = rays[first + static_cast<std::size_t>(std::min(l, lanes - 1))];
-      direction.y[l] = std::sin(ray.angle);
-      direction.z[l] = std::cos(ray.angle);
+      direction.y[l] = ray.y;
+      direction.z[l] = ray.z;
       const double place = direction.y[l] / (direction.z[l] * tangent);
       direction.x[l] = ray.slope + direction.z[l] * laser.bend_at(place);
       valid[l] = l < lanes ? -1 : 0;

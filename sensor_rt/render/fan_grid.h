@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -12,14 +13,22 @@
 
 namespace sensor_rt {
 
-/// A laser ray: angle across the fan, slope off the middle of the sheet (x per distance), instant of the
-/// exposure, and which point of the source it leaves.
+/// A laser ray: unit vector (y, z) across the fan, slope off the middle of the sheet (x per distance),
+/// instant of the exposure, and which point of the source it leaves.
 struct FanRay {
-  double angle = 0.0;
+  double y = 0.0;
+  double z = 1.0;
   double slope = 0.0;
   std::size_t instant = 0;
   std::size_t source = 0;
 
+  /// The ray half way between two of one source.
+  static FanRay middle(const FanRay& a, const FanRay& b) {
+    const double y = a.y + b.y;
+    const double z = a.z + b.z;
+    const double scale = 1.0 / std::sqrt(y * y + z * z);
+    return {scale * y, scale * z, 0.5 * (a.slope + b.slope), (a.instant + b.instant) / 2, a.source};
+  }
   bool shares_packet_with(const FanRay& other) const {
     return instant == other.instant && source == other.source;
   }

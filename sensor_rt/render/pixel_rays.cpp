@@ -101,9 +101,19 @@ void PixelRays::through_middle(int column, int row, Lanes3& direction) const {
 }
 
 void PixelRays::through_corners(int column, const int* rows, int count, Lanes3& direction) const {
+  const double scale = 1.0 / camera_->focal_px;
   for (int l = 0; l < kLanes; ++l) {
-    const Eigen::Vector3d in_camera = camera_->ray({column - 0.5, rows[std::min(l, count - 1)] - 0.5});
-    set_lane(direction, l, camera_->sensor_from_camera.rotation * in_camera);
+    const double row = rows[std::min(l, count - 1)] - 0.5;
+    double x = (column - 0.5 - camera_->cx_px) * scale;
+    double y = (row - camera_->cy_px) * scale;
+    if (camera_->is_distorted()) {
+      const Eigen::Vector3d in_camera = camera_->ray({column - 0.5, row});
+      x = in_camera.x();
+      y = in_camera.y();
+    }
+    direction.x[l] = axes_[0] * x + axes_[3] * y + axes_[6];
+    direction.y[l] = axes_[1] * x + axes_[4] * y + axes_[7];
+    direction.z[l] = axes_[2] * x + axes_[5] * y + axes_[8];
   }
 }
 

@@ -85,6 +85,38 @@ void meet_planes_ahead(const LanePlanes& __restrict p, const Lanes3& __restrict 
   }
 }
 
+/// Where rays meet the plane of one face, with its normal in the reference frame.
+SENSOR_RT_MULTIVERSION
+void meet_plane(const FacePlane& plane, const LaneTransform& __restrict transform, const Lanes3& __restrict d,
+                PacketHits& __restrict hits) {
+  const double(*r)[kLanes] = transform.rotation;
+  const Lanes3& o = transform.origin;
+  const double nx = plane.normal[0];
+  const double ny = plane.normal[1];
+  const double nz = plane.normal[2];
+  for (int l = 0; l < kLanes; ++l) {
+    const double towards = nx * d.x[l] + ny * d.y[l] + nz * d.z[l];
+    const double away = nx * o.x[l] + ny * o.y[l] + nz * o.z[l];
+    hits.t[l] = (plane.offset - away) / (towards == 0.0 ? 1e-300 : towards);
+    hits.normal.x[l] = r[0][l] * nx + r[3][l] * ny + r[6][l] * nz;
+    hits.normal.y[l] = r[1][l] * nx + r[4][l] * ny + r[7][l] * nz;
+    hits.normal.z[l] = r[2][l] * nx + r[5][l] * ny + r[8][l] * nz;
+  }
+}
+
+/// The same for a patch of one face. False when a ray runs away from it.
+bool meet_single_face(const FacePlane& plane, const Patch& patch, const LaneTransform& transform,
+                      const Lanes3& direction, PacketHits& hits) {
+  meet_plane(plane, transform, direction, hits);
+  double nearest = kNone;
+  for (int l = 0; l < kLanes; ++l) {
+    nearest = hits.t[l] < nearest ? hits.t[l] : nearest;
+    hits.shape[l] = patch.shape;
+    hits.face[l] = patch.face[0];
+  }
+  return nearest > 0.0;
+}
+
 /// Sets which[lane] to `number` where the ray's line passes through the triangle (corners as rows).
 SENSOR_RT_MULTIVERSION
 void pass_through(const double* __restrict c, double number, const Lanes3& __restrict o,
@@ -235,6 +267,10 @@ bool meet_patch(const Shape& shape, const Patch& patch, const LaneTransform& tra
                 const Lanes3& direction, const int* valid, PacketHits& hits) {
   Lanes3 local;
   to_shape_frame(transform.rotation, direction, local);
+  const bool full = std::all_of(valid, valid + kLanes, [](int lane) { return lane != 0; });
+  if (shape.kind == ShapeKind::kMesh && patch.count == 1 && full) {
+    return meet_single_face(shape.planes[patch.face[0]], patch, transform, local, hits);
+  }
   Candidates found;
   if (shape.kind == ShapeKind::kMesh) {
     if (!choose_faces(shape, patch, transform.origin, local, valid, found)) return false;
