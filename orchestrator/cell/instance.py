@@ -43,15 +43,23 @@ class RealGroup:
 class CellInstance:
     """An initialised robot cell. Use it as a context manager; times are whole microseconds.
 
+    The FMU is unpacked in `folder`, or where the system keeps temporary files.
+
     Raises
     ------
     CellError
         If the FMU cannot be loaded or refuses a call, with the message that it logged.
     """
 
-    def __init__(self, fmu: Path, cell_file: Path | None = None, parameters: Parameters | None = None) -> None:
+    def __init__(
+        self,
+        fmu: Path,
+        cell_file: Path | None = None,
+        parameters: Parameters | None = None,
+        folder: Path | None = None,
+    ) -> None:
         self._messages: list[str] = []
-        self._folder = Path(tempfile.mkdtemp(prefix="scancell-fmu-"))
+        self._folder = Path(tempfile.mkdtemp(prefix="scancell-fmu-", dir=folder))
         # An interrupt may hit the removal itself; the end of the process tries once more.
         atexit.register(self._remove_folder)
         self._time_us = 0
@@ -83,6 +91,21 @@ class CellInstance:
 
     def _initialise(self, cell_file: Path | None, parameters: Mapping[str, float]) -> None:
         self._fmu.instantiate(**self._callbacks())
+        self._enter(cell_file, parameters)
+
+    def reset(self, cell_file: Path | None = None, parameters: Mapping[str, float] | None = None) -> None:
+        """Begin anew at time 0, with another cell (its JSON) or other fixed parameters, without loading again.
+
+        Raises
+        ------
+        CellError
+            If the FMU refuses; the instance is of no further use then.
+        """
+        self._call(self._fmu.reset)
+        self._time_us = 0
+        self._call(self._enter, cell_file, parameters or {})
+
+    def _enter(self, cell_file: Path | None, parameters: Mapping[str, float]) -> None:
         if cell_file is not None:
             reference = [self._variables["cell.file"].valueReference]
             self._fmu.setString(reference, [str(cell_file)])

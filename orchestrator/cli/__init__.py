@@ -28,6 +28,7 @@ from orchestrator.cli.common import (
     show_progress,
 )
 from orchestrator.cli.fmu import fmu_app
+from orchestrator.cli.study import study_app
 from orchestrator.config.scan import Mode
 
 # Typer brings a copy of click along; its error for a wrong command line is the base of one that typer exports.
@@ -41,6 +42,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(fmu_app, name="fmu")
+app.add_typer(study_app, name="study")
 
 
 @app.command()

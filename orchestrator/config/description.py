@@ -79,26 +79,22 @@ def _message(model: type[Description], data: Any, item: Any) -> str:
 
 
 def _known_keys(model: type[Description], location: list[Any]) -> list[str]:
-    current: Any = model
+    """Keys of the table at `location`, where a part of it may be the kind that chooses between several tables."""
+    tables: list[type[Description]] = [model]
     for part in location:
         if isinstance(part, int):
             continue
-        field = current.model_fields.get(part) if _is_description(current) else None
-        if field is None:
-            return []
-        current = _description_in(field.annotation)
-    return list(current.model_fields) if _is_description(current) else []
+        fields = [table.model_fields[part] for table in tables if part in table.model_fields]
+        tables = _descriptions_in(fields[0].annotation) if fields else [t for t in tables if part in _kinds(t)]
+    return list(tables[0].model_fields) if tables else []
 
 
-def _is_description(candidate: Any) -> bool:
-    return isinstance(candidate, type) and issubclass(candidate, Description)
+def _kinds(table: type[Description]) -> tuple[Any, ...]:
+    field = table.model_fields.get("kind")
+    return getattr(field.annotation, "__args__", ()) if field else ()
 
 
-def _description_in(annotation: Any) -> Any:
-    if _is_description(annotation):
-        return annotation
-    for argument in getattr(annotation, "__args__", ()):
-        found = _description_in(argument)
-        if found is not None:
-            return found
-    return None
+def _descriptions_in(annotation: Any) -> list[type[Description]]:
+    if isinstance(annotation, type) and issubclass(annotation, Description):
+        return [annotation]
+    return [found for argument in getattr(annotation, "__args__", ()) for found in _descriptions_in(argument)]

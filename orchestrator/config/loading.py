@@ -186,10 +186,22 @@ def _resolve_mesh_paths(node: Any, folder: Path, target: dict[str, Any] | None =
 
 
 def _apply_override(raw: dict[str, Any], word: str, option: str = "--set") -> None:
-    key, value = parse_assignment(word)
-    parts = split_path(key)
+    parts = split_path(parse_assignment(word)[0])
     if parts[0] not in _SECTIONS or len(parts) < 2:
         raise DescriptionError(f"{option} {word}: the key must begin with one of {', '.join(_SECTIONS)}")
+    override(raw, word, option)
+
+
+def override(raw: dict[str, Any], word: str, option: str) -> None:
+    """Change plain data by a ``key=value`` word, which came by `option`; whether the key is known is not asked here.
+
+    Raises
+    ------
+    DescriptionError
+        If the key leads through something that is no table or no item of a list.
+    """
+    key, value = parse_assignment(word)
+    parts = split_path(key)
     node: Any = raw
     for position, part in enumerate(parts[:-1]):
         following = parts[position + 1]

@@ -7,17 +7,19 @@ from typing import Any
 from orchestrator.config.cell import CellDescription, RobotDescription
 from orchestrator.config.scan import ScanDescription
 from orchestrator.config.sensor import SensorDescription
+from orchestrator.config.study import StudyDescription
 
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
-    """Schema by kind of file: ``cell``, ``robot``, ``sensor``, ``scan``."""
+    """Schema by kind of file: ``cell``, ``robot``, ``sensor``, ``scan``, ``study``."""
     schemas = {
         "cell": CellDescription.model_json_schema(),
         "robot": RobotDescription.model_json_schema(),
         "sensor": SensorDescription.model_json_schema(),
         "scan": ScanDescription.model_json_schema(),
+        "study": StudyDescription.model_json_schema(),
     }
     # On disk a cell may name a robot file instead of holding the robot.
     robot = schemas["cell"]["properties"]["robot"]

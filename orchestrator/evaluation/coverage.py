@@ -21,6 +21,7 @@ from orchestrator.geometry.mesh import Mesh
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+COVERAGE_SAMPLES = 20_000
 _LIFT = 10e-6  # m off the surface where sight lines start: clear of single precision, far below any feature
 _CHUNK = 2000  # samples whose distances to all sheets are held at a time
 
@@ -115,8 +116,9 @@ def coverage(
     obstacles: Sequence[Mesh] = (),
     radius: float | None = None,
     incidence_limit: float = np.radians(75.0),
-    samples: int = 20_000,
+    samples: int = COVERAGE_SAMPLES,
     seed: int = 0,
+    threads: int = 0,
 ) -> Coverage:
     """Share of the visible surface that the cloud covers.
 
@@ -137,6 +139,8 @@ def coverage(
         Largest angle (rad) between the surface normal and the laser's light, or a camera's view.
     samples, seed
         How many samples of equal area stand for the surface, and the seed that places them.
+    threads
+        For the search of neighbours; 0: as many as there are cores.
     """
     reach = 1.5 * spacing if radius is None else radius
     places, normals = sample_surface(mesh, samples, seed)
@@ -151,7 +155,9 @@ def coverage(
     )
     covered = np.zeros(samples, bool)
     if len(points_in_part):
-        covered = np.isfinite(cKDTree(points_in_part).query(places, distance_upper_bound=reach, workers=-1)[0])
+        covered = np.isfinite(
+            cKDTree(points_in_part).query(places, distance_upper_bound=reach, workers=threads or -1)[0]
+        )
     area = float(mesh.areas.sum()) / samples
     return Coverage(places, visible, covered, area, reach, spacing, incidence_limit)
 

@@ -122,8 +122,8 @@ def _finish(
     return ScanReport(figures, [], warnings, dict(watch.seconds), lines)
 
 
-def cloud_of(nominal: NominalCell, recording: Recording, points: Any, setup: Setup) -> Cloud:
-    """Reconstruct from measured joints and nominal geometry alone."""
+def cloud_of(nominal: NominalCell, recording: Recording, points: Any, setup: Setup, normals: bool = True) -> Cloud:
+    """Reconstruct from measured joints and nominal geometry alone; normals take most of the time."""
     margin = to_si({"m_mm": setup.scan.table_margin_mm})["m"]
     return reconstruct(
         points,
@@ -131,4 +131,5 @@ def cloud_of(nominal: NominalCell, recording: Recording, points: Any, setup: Set
         nominal.part_from_sensor,
         nominal.table_from_part,
         Envelope(lowest=margin, highest=_ENVELOPE_HEIGHT, radius=nominal.table_radius),
+        normals,
     )

@@ -15,7 +15,7 @@ import sensor_rt
 from orchestrator.cell.nominal import Body, NominalCell
 from orchestrator.cell.recording import Recording, write_recording
 from orchestrator.config.resolved import sensor_json
-from orchestrator.evaluation.coverage import Coverage, SensorView, coverage
+from orchestrator.evaluation.coverage import COVERAGE_SAMPLES, Coverage, SensorView, coverage
 from orchestrator.evaluation.deviation import Deviation, deviation_from_mesh
 from orchestrator.evaluation.images import draw_stripes
 from orchestrator.evaluation.manifest import manifest, resolved_toml
@@ -80,14 +80,30 @@ def write_report(
     return figures, warnings, _lines(given, deviation, covered, folder)
 
 
-def surface_coverage(nominal: NominalCell, recording: Recording, cloud: Cloud, view: SensorView) -> Coverage:
+def surface_coverage(
+    nominal: NominalCell,
+    recording: Recording,
+    cloud: Cloud,
+    view: SensorView,
+    samples: int = COVERAGE_SAMPLES,
+    threads: int = 0,
+) -> Coverage:
     """Share of the visible surface that the cloud covers, seen from nominal poses at measured joints."""
     measured = recording.measured
     poses = nominal.part_from_sensor(measured.q, measured.table)
     spacing = profile_spacing(nominal, poses, measured.segment)
     table = next((body.mesh for body in nominal.bodies if body.name == "table"), None)
     obstacles = [table.transformed(pose.inverse(nominal.table_from_part))] if table is not None else []
-    return coverage(nominal.part, cloud.points_in_part, poses, view, spacing=spacing, obstacles=obstacles)
+    return coverage(
+        nominal.part,
+        cloud.points_in_part,
+        poses,
+        view,
+        spacing=spacing,
+        obstacles=obstacles,
+        samples=samples,
+        threads=threads,
+    )
 
 
 def profile_spacing(nominal: NominalCell, part_from_sensor: Array, segment: NDArray[np.int64]) -> float:

@@ -101,6 +101,7 @@ def reconstruct(
     part_from_sensor: Callable[[Array, Array], Array],
     table_from_part: Array,
     envelope: Envelope,
+    normals: bool = True,
 ) -> Cloud:
     """Cloud of all points inside the envelope, in the order in which they came.
 
@@ -114,6 +115,8 @@ def reconstruct(
         Nominal or calibrated kinematics: joints (n, 6) and table angles (n,) to poses (n, 4, 4).
     table_from_part
         Nominal pose (4, 4) of the part on the table.
+    normals
+        Whether to estimate normals; without, they are NaN.
 
     Raises
     ------
@@ -131,9 +134,12 @@ def reconstruct(
     camera = np.asarray(profiles.camera, np.int32)[kept]
     segment = np.asarray(triggers.segment, np.int32)
     column = np.asarray(profiles.column, np.int64)[kept]
+    directions = np.full_like(points, np.nan)
+    if normals:
+        directions = estimate_normals(points, frame, camera, column, poses[:, :3, 3])
     return Cloud(
         points_in_part=points,
-        normals=estimate_normals(points, frame, camera, column, poses[:, :3, 3]),
+        normals=directions,
         sigma=sigma,
         intensity=np.asarray(profiles.intensity, float)[kept],
         quality=quality_of(sigma, np.asarray(profiles.flags)[kept]),

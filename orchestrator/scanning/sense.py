@@ -68,12 +68,14 @@ def sense(
     progress: Progress,
     on_images: OnImages | None = None,
     as_built: sensor_rt.Sensor | None = None,
+    scene: sensor_rt.Scene | None = None,
 ) -> Sensed:
     """Profiles of every exposure; frames count the rows of the recording.
 
     `as_built` is the sensor as it truly is, which makes the images; `sensor` is what their extraction believes.
 
-    `on_images` gets the camera images of each exposure, where the engine makes any.
+    `on_images` gets the camera images of each exposure, where the engine makes any. `scene` is that of `bodies`, where
+    the caller has built it already.
 
     Raises
     ------
@@ -85,7 +87,7 @@ def sense(
     batches = []
     progress.stage("sensing", len(recording), "profiles")
     try:
-        scene = build_scene(bodies)
+        scene = scene or build_scene(bodies)
         for start in range(0, len(recording), _BATCH):
             rows = slice(start, min(start + _BATCH, len(recording)))
             exposures = exposures_from_truth(truth, index, bodies, rows)

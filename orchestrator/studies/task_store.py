@@ -115,11 +115,12 @@ class TaskStore:
         """Remove what processes of this machine left half done when they were killed."""
         for partial in self._folder.glob(f".*{_PARTIAL}"):
             host, pid = partial.name.removesuffix(_PARTIAL).rsplit(".", 3)[-3:-1]
-            if host == _HOST and not _runs(int(pid)):
+            if host == _HOST and not is_running(int(pid)):
                 shutil.rmtree(partial, ignore_errors=True)
 
 
-def _runs(pid: int) -> bool:
+def is_running(pid: int) -> bool:
+    """Whether this machine has such a process."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -230,7 +230,7 @@ def test_quality_falls_with_uncertainty_and_with_warnings() -> None:
 def test_nothing_true_enters() -> None:
     """The signature takes what a controller knows and nominal geometry, nothing else."""
     names = list(inspect.signature(reconstruct).parameters)
-    assert names == ["profiles", "triggers", "part_from_sensor", "table_from_part", "envelope"]
+    assert names == ["profiles", "triggers", "part_from_sensor", "table_from_part", "envelope", "normals"]
 
     class Watched(Records):
         def __getattribute__(self, name: str) -> object:

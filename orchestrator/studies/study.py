@@ -1,0 +1,223 @@
+"""A study from its file to its folder: `study.toml` as given, tasks, rows, and what they say.
+
+OUT/description.json   everything that decides the results, after defaults; resuming demands that it is the same
+OUT/tasks/             rows of finished trials, one folder per task
+OUT/results.parquet    all rows by trial number (no clock in it: equal for equal seeds)
+OUT/timings.parquet    seconds by station, worker and memory of every trial
+OUT/study.json, report.html
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from orchestrator.config.loading import Setup, load_setup
+from orchestrator.config.study import StudyDescription, load_study
+from orchestrator.errors import DescriptionError, OutputError
+from orchestrator.evaluation.manifest import sha256, versions
+from orchestrator.evaluation.stopwatch import Stopwatch
+from orchestrator.files import atomic_write
+from orchestrator.progress import Progress
+from orchestrator.studies.designs import trial_seed
+from orchestrator.studies.engine import Job, RunOutcome, Task, Where, chunks, run_tasks
+from orchestrator.studies.factors import Factors
+from orchestrator.studies.trial import ROWS, TIMINGS, Trial, TrialWorker, open_trials, trial_of
+
+DESCRIPTION = "description.json"
+# Numbered shares of the random numbers; the trials of a study count from 1.
+_COMMON_SEED_TRIAL = 0
+
+
+@dataclass(frozen=True)
+class Study:
+    """A checked study file with the descriptions that it names."""
+
+    source: Path
+    description: StudyDescription
+    setup: Setup
+    part: Path
+
+    @cached_property
+    def factors(self) -> Factors:
+        """What varies."""
+        return Factors(self.description, self.setup, str(self.source))
+
+    @cached_property
+    def trials(self) -> list[Trial]:
+        """All trials of the design, and after them those that are made a second time with images."""
+        described = self.description
+        values = self.factors.draw()
+        count = len(values)
+        if described.ray_traced_trials > count:
+            raise DescriptionError(
+                f"{self.source}: ray_traced_trials = {described.ray_traced_trials}: the design has {count} trials"
+            )
+        trials = [Trial(n, self._seed(n), described.engine, row) for n, row in enumerate(values, 1)]
+        again = trials[: described.ray_traced_trials]
+        return trials + [Trial(count + trial.number, trial.seed, "ray-traced", trial.values) for trial in again]
+
+    def _seed(self, trial: int) -> int:
+        common = self.description.noise == "common"
+        return trial_seed(self.description.seed, _COMMON_SEED_TRIAL if common else trial)
+
+    @cached_property
+    def spec(self) -> dict[str, Any]:
+        """Plain data from which a worker on any node prepares itself (the files are on a disk that all nodes see)."""
+        setup = {name: getattr(self.setup, name).model_dump(mode="json") for name in ("cell", "sensor", "scan")}
+        return {
+            "study": self.description.model_dump(mode="json"),
+            "setup": setup,
+            "part": str(self.part),
+            "part_sha256": sha256(self.part),
+        }
+
+    def job(self, out: Path) -> Job:
+        """The study as work for the engine."""
+        return Job(out.absolute() / "tasks", open_trials, self.spec)
+
+    @cached_property
+    def tasks(self) -> list[Task]:
+        """The trials in tasks of so many as the study says."""
+        plain = [{**asdict(trial), "values": list(trial.values)} for trial in self.trials]
+        size = self.description.trials_per_task
+        return [Task(f"trial-{group[0] + 1:07d}", [plain[n] for n in group]) for group in chunks(len(plain), size)]
+
+
+def open_study(path: Path, overrides: Sequence[str] = ()) -> Study:
+    """Read a study and all that it names, and refuse what is wrong before anything runs.
+
+    Raises
+    ------
+    ScancellError
+        Naming file, key, value and what was expected.
+    """
+    description = load_study(path, overrides)
+    files = {kind: getattr(description, kind) for kind in ("cell", "sensor", "scan")}
+    found = {kind: path.parent / name if name is not None else None for kind, name in files.items()}
+    try:
+        setup = load_setup(**found, overrides=description.set, ideal=description.ideal)
+    except DescriptionError as error:
+        raise DescriptionError(f"{path}: {error}") from None
+    study = Study(path, description, setup, (path.parent / description.part).resolve())
+    if not study.part.is_file():
+        raise DescriptionError(f"{path}: part = {description.part!r}: no such file ({study.part})")
+    return study
+
+
+def check_study(study: Study) -> None:
+    """Refuse factors that the cell does not have; needs the cell's FMU, and so a second.
+
+    Raises
+    ------
+    ScancellError
+        Naming file, factor, value and what was expected.
+    """
+    worker = TrialWorker(study.description, study.setup, study.part)
+    try:
+        study.factors.check(worker.units())
+    finally:
+        worker.close()
+
+
+def begin(study: Study, out: Path) -> None:
+    """Claim an empty folder for a study.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds a study already, or cannot be written.
+    """
+    record = out / DESCRIPTION
+    if record.exists():
+        raise OutputError(f"{out}: holds a study already; `study resume` goes on with it, --out names another folder")
+    with atomic_write(record) as temporary:
+        temporary.write_text(json.dumps({"versions": versions(), **study.spec}, indent=1) + "\n")
+
+
+def check_same(study: Study, out: Path) -> None:
+    """Refuse to go on in a folder whose results answer another question.
+
+    Raises
+    ------
+    DescriptionError
+        Naming the first key that differs.
+    """
+    record = out / DESCRIPTION
+    try:
+        before = json.loads(record.read_text())
+    except FileNotFoundError:
+        raise DescriptionError(f"{out}: holds no study; `study run` begins one") from None
+    except (OSError, ValueError) as error:
+        raise DescriptionError(f"{record}: cannot be read: {error}") from None
+    difference = _difference(before, json.loads(json.dumps(study.spec)))
+    if difference:
+        raise DescriptionError(f"{study.source}: differs from the study in {out}: {difference}")
+
+
+def run_study(study: Study, out: Path, where: Where, progress: Progress, announce: Any = None) -> RunOutcome:
+    """Make all trials that are not there yet, see `run_tasks`."""
+    return run_tasks(study.job(out), study.tasks, where, progress, "task", announce)
+
+
+def replay(study: Study, number: int) -> tuple[dict[str, Any], Stopwatch]:
+    """Make a single trial again, here and now; its row has the same bytes as in the study.
+
+    Raises
+    ------
+    DescriptionError
+        If there is no such trial.
+    """
+    if not 1 <= number <= len(study.trials):
+        raise DescriptionError(f"--trial {number}: {study.source} has trials 1 to {len(study.trials)}")
+    worker, watch = TrialWorker(study.description, study.setup, study.part), Stopwatch()
+    try:
+        return worker.row(study.trials[number - 1], watch), watch
+    finally:
+        worker.close()
+
+
+@dataclass(frozen=True)
+class Collected:
+    """Rows and timings of the finished trials, by number, and messages of the tasks that have none."""
+
+    rows: list[dict[str, Any]]
+    timings: list[dict[str, Any]]
+    missing: list[Trial]
+
+
+def collect(study: Study, out: Path, failed: Mapping[str, str] | None = None) -> Collected:
+    """Read what the workers left. Trials of `failed` tasks (by name, with their message) become rows that say so."""
+    job = study.job(out)
+    rows: list[dict[str, Any]] = []
+    timings: list[dict[str, Any]] = []
+    missing: list[Trial] = []
+    for task in study.tasks:
+        if job.store.holds(task.name, job.digest_of_task(task)):
+            folder = job.store.path(task.name)
+            rows.extend(json.loads((folder / ROWS).read_text()))
+            timings.extend(json.loads((folder / TIMINGS).read_text()))
+        elif failed and task.name in failed:
+            said = {"status": "failed", "message": failed[task.name], "figures": {}}
+            rows.extend({**plain, **said} for plain in task.payload)
+        else:
+            missing.extend(trial_of(plain) for plain in task.payload)
+    return Collected(rows, timings, missing)
+
+
+def _difference(before: Any, now: Any, path: str = "") -> str:
+    """The first place where two descriptions differ, for people."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in now:
+            found = _difference(before.get(key), now[key], f"{path}.{key}".lstrip("."))
+            if found:
+                return found
+        return ""
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        pairs = enumerate(zip(before, now, strict=True), 1)
+        return next(filter(None, (_difference(a, b, f"{path}[{i}]") for i, (a, b) in pairs)), "")
+    return "" if before == now else f"{path} was {before!r}, is {now!r}"

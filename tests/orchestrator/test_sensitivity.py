@@ -1,0 +1,81 @@
+"""Sensitivities of functions whose answers are known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from orchestrator.config.study import DesignDescription
+from orchestrator.studies.designs import design
+from orchestrator.studies.sensitivity import morris_effects, regression_budget, regressors, sobol_indices
+
+
+def sobol_of(function, factors: int, base: int, seed: int = 3):
+    cube = design(DesignDescription(kind="sobol", trials=base), [None] * factors, seed)
+    return sobol_indices(function(cube), factors, 0.95, seed)[0]
+
+
+def holds(row, name: str, value: float, slack: float = 1e-3) -> bool:
+    low, high = row[f"{name}_interval"]
+    return low - slack <= value <= high + slack
+
+
+def test_sobol_of_a_linear_function_is_each_variance_over_their_sum() -> None:
+    weights = np.array([4.0, 2.0, 1.0, 0.0])
+    exact = weights**2 / (weights**2).sum()
+    rows = sobol_of(lambda u: u @ weights, 4, 1024)
+    for row, value in zip(rows, exact, strict=True):
+        assert holds(row, "first", value)
+        assert holds(row, "total", value)
+        assert row["total"] == pytest.approx(value, abs=0.02)
+
+
+def test_sobol_of_the_ishigami_function() -> None:
+    a, b = 7.0, 0.1
+    total = a**2 / 8 + b * np.pi**4 / 5 + b**2 * np.pi**8 / 18 + 0.5
+    parts = 0.5 * (1 + b * np.pi**4 / 5) ** 2, a**2 / 8, 8 * b**2 * np.pi**8 / 225
+    first = np.array([parts[0], parts[1], 0.0]) / total
+    all_of = np.array([parts[0] + parts[2], parts[1], parts[2]]) / total
+
+    def ishigami(u):
+        x = np.pi * (2 * u - 1)
+        return np.sin(x[:, 0]) + a * np.sin(x[:, 1]) ** 2 + b * x[:, 2] ** 4 * np.sin(x[:, 0])
+
+    for row, s, t in zip(sobol_of(ishigami, 3, 2048), first, all_of, strict=True):
+        assert holds(row, "first", s), (row, s)
+        assert holds(row, "total", t), (row, t)
+        assert row["first"] == pytest.approx(s, abs=0.03)
+        assert row["total"] == pytest.approx(t, abs=0.03)
+
+
+def test_a_failed_trial_takes_its_base_sample_along() -> None:
+    cube = design(DesignDescription(kind="sobol", trials=256), [None] * 2, 0)
+    whole = cube @ [3.0, 1.0]
+    broken = whole.copy()
+    broken[5] = np.nan  # in the second base sample of four trials each
+    without = np.delete(whole, [4, 5, 6, 7])
+    assert sobol_indices(broken, 2, 0.95, 0)[0] == sobol_indices(without, 2, 0.95, 0)[0]
+
+
+def test_morris_of_a_linear_function_is_its_slopes() -> None:
+    description = DesignDescription(kind="morris", trials=8, levels=4)
+    low, high = description.quantiles
+    cube = (design(description, [None] * 3, 1) - low) / (high - low)
+    rows = morris_effects(cube, cube @ [5.0, -2.0, 0.0], 4, 0.95, 1)
+    assert [row["mean"] for row in rows] == pytest.approx([5, -2, 0])
+    assert [row["mean_magnitude"] for row in rows] == pytest.approx([5, 2, 0])
+    assert [row["spread"] for row in rows] == pytest.approx([0, 0, 0], abs=1e-9)
+
+
+def test_budget_of_a_sum_of_a_line_a_square_a_word_and_noise() -> None:
+    rng = np.random.default_rng(0)
+    x, noise = rng.standard_normal((2, 20_000))
+    z = rng.uniform(-np.sqrt(3), np.sqrt(3), len(x))
+    word = rng.choice(["matt", "shiny"], len(x))
+    y = 3 * x + np.sqrt(5) * z**2 + 4 * (word == "shiny") + noise
+    columns = [regressors(values.tolist(), True) for values in (x, z, word)]
+    rows, explained = regression_budget(columns, y, 0.95, 0)
+    variances = np.array([9.0, 4.0, 4.0])  # of 3 x; of sqrt(5) z²: 5 * 9 (1/5 - 1/9); of 4 times a fair coin
+    assert explained == pytest.approx(17 / 18, abs=0.01)
+    assert [row["share"] for row in rows] == pytest.approx(variances / 18, rel=0.05)
+    assert [row["uncertainty"] for row in rows] == pytest.approx(np.sqrt(variances), rel=0.03)

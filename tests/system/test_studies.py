@@ -1,0 +1,145 @@
+"""Studies end to end: the same rows however they are made, failures told, errors as theory predicts."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from commands import scancell_here
+from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
+from test_perturbations import geometry, smooth_points, surface_normals, thinned
+
+import sensor_rt
+from orchestrator.evaluation.deviation import deviation_from_mesh
+from orchestrator.evaluation.stopwatch import Stopwatch
+from orchestrator.progress import Silent
+from orchestrator.studies import engine
+from orchestrator.studies.engine import Where
+from orchestrator.studies.report import write_report
+from orchestrator.studies.study import begin, open_study, replay, run_study
+from orchestrator.studies.trial import TrialWorker
+
+LATENCY = '[[factor]]\npath = "as_built.trigger.latency_ms"\ndistribution = { kind = "uniform", low = 0, high = 1 }\n'
+# A reflectance above 1 is refused: with a wide distribution some trials fail, others do not.
+WIDE = GLOSS.replace('kind = "uniform", low = -0.2, high = 0.2', 'kind = "normal", std = 2')
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _no_worker_left():
+    yield
+    engine.close_workers()
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("small")
+    return write_study(folder, HEAD, "ray_traced_trials = 1", DESIGN, OFFSET, LATENCY, GLOSS)
+
+
+@pytest.fixture(scope="module")
+def made(small, tmp_path_factory):
+    """The small study with one worker and with two."""
+    study, folders = open_study(small), []
+    for workers in (1, 2):
+        out = tmp_path_factory.mktemp(f"workers{workers}") / "out"
+        begin(study, out)
+        run_study(study, out, Where(workers=workers), Silent())
+        write_report(study, out)
+        folders.append(out)
+    return study, *folders
+
+
+def test_the_number_of_workers_does_not_change_the_results(made) -> None:
+    _, one, two = made
+    assert (one / "results.parquet").read_bytes() == (two / "results.parquet").read_bytes()
+    table = pyarrow.parquet.read_table(one / "results.parquet").to_pydict()
+    assert table["status"] == ["ok"] * 5
+    assert table["engine"] == ["geometric"] * 4 + ["ray-traced"]
+    assert len(set(table["rms_um"])) == 5, "the trials differ"
+
+
+@pytest.mark.parametrize("number", [3, 5])
+def test_a_single_trial_made_alone_is_the_same(made, number) -> None:
+    study, one, _ = made
+    row, _ = replay(study, number)
+    rows = json.loads((one / "tasks" / f"trial-{number:07d}" / "rows.json").read_text())
+    assert json.dumps(rows, indent=1) == json.dumps([row], indent=1)
+
+
+def test_shards_of_a_job_array_give_the_same_results(made, small, tmp_path) -> None:
+    _, one, _ = made
+    for shard in ("1/2", "2/2"):
+        done = scancell_here("study", "run", small, "--shard", shard, "--out", tmp_path / "out", cwd=tmp_path)
+        assert done.code == 0, done.err
+    assert scancell_here("study", "report", small, "--out", tmp_path / "out", cwd=tmp_path).code == 0
+    assert (tmp_path / "out" / "results.parquet").read_bytes() == (one / "results.parquet").read_bytes()
+
+
+def test_resuming_makes_what_is_missing(made, small, tmp_path) -> None:
+    _, one, _ = made
+    out = tmp_path / "out"
+    shutil.copytree(one, out)
+    shutil.rmtree(out / "tasks" / "trial-0000002")
+    (out / "results.parquet").unlink()
+    done = scancell_here("study", "resume", small, "--shard", "1/1", "--out", out, "--json", cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert (out / "results.parquet").read_bytes() == (one / "results.parquet").read_bytes()
+
+
+def test_the_report_needs_nothing_from_the_network(made) -> None:
+    _, one, _ = made
+    page = (one / "report.html").read_text()
+    outside = [word for word in ("src=", 'href="http', "@import", "url(http", "<script", "<link") if word in page]
+    assert not outside
+    assert page.count("<svg") >= 4
+    said = json.loads((one / "study.json").read_text())
+    assert said["engines"]["geometric"]["figures"]["rms_um"]["trials"] == 4
+
+
+def test_a_trial_that_fails_is_a_row_with_seed_and_message(tmp_path) -> None:
+    study = open_study(write_study(tmp_path, HEAD, DESIGN, WIDE))
+    out = tmp_path / "out"
+    begin(study, out)
+    run_study(study, out, Where(shard=(1, 1)), Silent())
+    write_report(study, out)
+    table = pyarrow.parquet.read_table(out / "results.parquet").to_pydict()
+    values = np.array(table["cell.part.reflectance"])
+    wrong = np.abs(0.5 * (1 + values) - 0.5) > 0.5
+    assert 0 < wrong.sum() < 4, "the seed has trials of both kinds"
+    assert [status == "failed" for status in table["status"]] == wrong.tolist()
+    assert all("reflectance" in message for message, bad in zip(table["message"], wrong, strict=True) if bad)
+    failed = json.loads((out / "study.json").read_text())["failed"]
+    assert [row["seed"] for row in failed] == np.array(table["seed"])[wrong].tolist()
+
+
+def test_each_trial_of_a_tool_offset_shows_as_first_order_theory_predicts(tmp_path) -> None:
+    """The slope of measured on predicted distances is 1 within 1 % in every trial."""
+    offsets = "\n".join(OFFSET.replace("tool.x", f"tool.{axis}") for axis in "xyz")
+    head = HEAD.replace('"scan.max_profiles=20", "scan.raster.enabled=false"', '"scan.max_profiles=150"')
+    study = open_study(write_study(tmp_path, head, "ideal = true", 'unit = "mm"', DESIGN, offsets))
+    worker = TrialWorker(study.description, study.setup, study.part)
+    try:
+        slopes = [_slope(worker.scan(trial, Stopwatch()), np.array(trial.values) * 1e-3) for trial in study.trials]
+    finally:
+        worker.close()
+    print("slopes", slopes)
+    assert slopes == pytest.approx([1.0] * 4, abs=0.01)
+
+
+def _slope(scan, offset: np.ndarray) -> float:
+    """The sensor is farther along its own axes by `offset` (3,) m than believed: points shift the other way."""
+    cloud, measured = scan.cloud, scan.recording.measured
+    signed = deviation_from_mesh(cloud, scan.nominal.part, sensor_rt.closest_points).signed
+    chosen = thinned(cloud)
+    chosen = chosen[smooth_points(scan, cloud.points_in_part[chosen])]
+    points, row = cloud.points_in_part[chosen], np.searchsorted(measured.index, cloud.profile[chosen])
+    found = geometry(scan, measured)
+    normal = found.normals(surface_normals(scan, points), row)
+    shift = -np.einsum("nij,j->ni", found.world_from_sensor[row][:, :3, :3], offset)
+    predicted = np.einsum("ni,ni->n", normal, shift)
+    assert predicted.std() > 5e-6
+    return float(np.polyfit(predicted, signed[chosen], 1)[0])
