@@ -67,8 +67,15 @@ void exchange(Archive& archive, std::array<T, N>& values) {
   for (T& value : values) exchange(archive, value);
 }
 
-template <class Archive>
-void exchange(Archive& archive, Eigen::Vector3d& vector) {
+template <class Archive, class T>
+std::enable_if_t<std::is_enum_v<T>> exchange(Archive& archive, T& value) {
+  auto number = static_cast<std::underlying_type_t<T>>(value);
+  archive.raw(number);
+  value = static_cast<T>(number);
+}
+
+template <class Archive, int N>
+void exchange(Archive& archive, Eigen::Matrix<double, N, 1>& vector) {
   for (double& value : vector.reshaped()) archive.raw(value);
 }
 

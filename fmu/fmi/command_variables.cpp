@@ -1,25 +1,8 @@
-// Inputs of controller and trigger.
+// Inputs of the trigger, behind those of the controller.
 #include "fmu/fmi/table_groups.h"
 
 namespace robotcell::fmi {
 namespace {
-
-void add_set_points(TableBuilder& table, CellInputs& in) {
-  const auto input = Causality::kInput;
-  const auto discrete = Variability::kDiscrete;
-  const char* taken = "; the controller takes it at its next cycle and reaches it one cycle later";
-  table.add("command.mode", input, discrete, kNone,
-            "What the controller does: 0 brake and hold, 1 follow the set-points", in.mode);
-  table.limit_integer(0, 1);
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    table.add(indexed("command.q", i), input, discrete, kRadian,
-              "Set-point of joint " + std::to_string(i + 1) + taken, in.position[i]);
-  }
-  table.add("command.table", input, discrete, kRadian, std::string("Set-point of the rotary table") + taken,
-            in.position[kTableAxis]);
-  table.add("command.segment", input, discrete, kNone,
-            "Number of the path segment, handed through to the trigger records", in.segment);
-}
 
 void add_trigger_commands(TableBuilder& table, TriggerCommand& trigger) {
   const auto input = Causality::kInput;
@@ -44,7 +27,9 @@ void add_trigger_commands(TableBuilder& table, TriggerCommand& trigger) {
 }  // namespace
 
 void add_commands(TableBuilder& table, CellInputs& in) {
-  add_set_points(table, in);
+  add_motion_commands(table, in.motion);
+  table.add("command.segment", Causality::kInput, Variability::kDiscrete, kNone,
+            "Number of the path segment, handed through to the trigger records", in.segment);
   add_trigger_commands(table, in.trigger);
   table.add("command.exposure", Causality::kInput, Variability::kDiscrete, kSecond,
             "Duration of the exposures that fire from now on", in.exposure);

@@ -45,10 +45,18 @@ bool same_parameters(const CellParameters& a, const CellParameters& b) {
   const auto same_wobble = [](const TableWobble& x, const TableWobble& y) {
     return x.amplitude == y.amplitude && x.phase == y.phase && x.direction == y.direction;
   };
+  const auto same_vibration = [](const VibrationParameters& x, const VibrationParameters& y) {
+    return x.amplitude == y.amplitude && x.frequency == y.frequency && x.phase == y.phase &&
+           x.random_rms == y.random_rms && x.random_low == y.random_low && x.random_width == y.random_width;
+  };
   bool same = a.cell_file == b.cell_file && a.seed == b.seed && a.as_built.tool == b.as_built.tool &&
               a.as_built.table == b.as_built.table && a.as_built.platter == b.as_built.platter &&
               same_wobble(a.as_built.wobble, b.as_built.wobble) &&
-              a.as_built.trigger_latency == b.as_built.trigger_latency;
+              a.as_built.trigger.latency == b.as_built.trigger.latency &&
+              a.as_built.trigger.jitter == b.as_built.trigger.jitter &&
+              same_vibration(a.as_built.base_vibration, b.as_built.base_vibration) &&
+              same_vibration(a.as_built.flange_vibration, b.as_built.flange_vibration) &&
+              same_vibration(a.as_built.table_vibration, b.as_built.table_vibration);
   for (std::size_t i = 0; i < kJoints; ++i) same = same && same_row(a.as_built.dh[i], b.as_built.dh[i]);
   return same;
 }
@@ -202,11 +210,12 @@ void Instance::log_step(Events happened, bool early) {
                                         ", whose middle was at " + std::to_string(out.trigger.time) +
                                         " s, is on display");
   }
-  if (out.limit != logged_limit_) {
-    logged_limit_ = out.limit;
+  if (out.controller.limit != logged_limit_) {
+    logged_limit_ = out.controller.limit;
     log_.write(LogCategory::kEvent,
-               out.limit == 0 ? "no limit is in the way of a set-point any more"
-                              : "a limit keeps axis " + std::to_string(out.limit) + " from its set-point");
+               out.controller.limit == 0
+                   ? "no limit is in the way of a set-point any more"
+                   : "a limit keeps axis " + std::to_string(out.controller.limit) + " from its set-point");
   }
   if (early) {
     log_.write(LogCategory::kEvent, "the step ends early, at " + std::to_string(communication_time_) + " s");

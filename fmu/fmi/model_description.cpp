@@ -224,6 +224,7 @@ constexpr UnitDefinition kUnits[] = {
     {kMetre, "m=\"1\"", "1000"},
     {kRadian, "rad=\"1\"", kDegrees},
     {kMetrePerSecond, "m=\"1\" s=\"-1\"", "1000"},
+    {kHertz, "s=\"-1\"", "60"},
     {kRadianPerSecond, "rad=\"1\" s=\"-1\"", kDegrees},
 };
 

@@ -48,12 +48,7 @@ void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& know
   table.add_measurement("measured.", "", out.measured, known.measured);
   add_truth(table, out.truth, known);
   add_record(table, out);
-  table.add("controller.moving", Causality::kOutput, Variability::kDiscrete, kNone,
-            "Whether any axis is in motion", out.moving);
-  table.add(
-      "controller.limit", Causality::kOutput, Variability::kDiscrete, kNone,
-      "First axis that a position or speed limit keeps from its set-point: 1 to 6 joint, 7 table, 0 none",
-      out.limit);
+  add_controller(table, out.controller, known);
 }
 
 }  // namespace robotcell::fmi

@@ -29,7 +29,7 @@ void add_as_built_arm(TableBuilder& table, AsBuilt& as_built, Dependencies& know
           dh.beta));
     }
     // The row's own twists turn the link about its origin.
-    known.bodies.links[i] = {before.position, after.orientation};
+    known.bodies.links[i] = {before.position, after.orientation, {}};
     Refs& position = known.bodies.links[i].position;
     position.insert(position.end(), {a, d, theta});
     before = after;
@@ -92,6 +92,69 @@ void add_as_built_table(TableBuilder& table, AsBuilt& as_built, Dependencies& kn
   known.bodies.table = platter;
 }
 
+/// The parameters on which a displacement and its rate depend at the start.
+struct VibrationDependencies {
+  Refs position, velocity;
+};
+
+VibrationDependencies add_vibration(TableBuilder& table, const std::string& place, const std::string& axes,
+                                    VibrationParameters& vibration, std::uint32_t seed) {
+  const std::string name = "vibration." + place;
+  const std::string what = "vibration of the " + place + ": ";
+  Refs both;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::string axis = kAxisNames[i];
+    both.push_back(table.add_deviation(name + "." + axis, kMetre,
+                                       what + "amplitude of a sine along " + axis + " of " + axes,
+                                       vibration.amplitude[i]));
+  }
+  const auto frequency =
+      table.add_deviation(name + ".frequency", kHertz, what + "frequency of the sine", vibration.frequency);
+  both.push_back(table.add_deviation(name + ".phase", kRadian, what + "phase of the sine at the start",
+                                     vibration.phase));
+  both.push_back(table.add_deviation(name + ".random_rms", kMetre,
+                                     what + "root mean square, along each axis, of a random part: a sum of "
+                                            "sines, evenly spread over a band of frequencies, by the seed",
+                                     vibration.random_rms));
+  const auto low =
+      table.add_deviation(name + ".random_low", kHertz, what + "where the band starts", vibration.random_low);
+  const auto width =
+      table.add_deviation(name + ".random_width", kHertz, what + "width of the band", vibration.random_width);
+  both.push_back(seed);
+  VibrationDependencies known{both, both};
+  known.velocity.insert(known.velocity.end(), {frequency, low, width});
+  return known;
+}
+
+void append(Refs& refs, const Refs& more) { refs.insert(refs.end(), more.begin(), more.end()); }
+
+void shake(PoseDependencies& body, const VibrationDependencies& by) {
+  append(body.position, by.position);
+  append(body.velocity, by.velocity);
+}
+
+void add_vibrations(TableBuilder& table, AsBuilt& as_built, std::uint32_t seed, Dependencies& known) {
+  const auto base = add_vibration(table, "base", "the robot's base", as_built.base_vibration, seed);
+  const auto flange = add_vibration(table, "flange", "the flange", as_built.flange_vibration, seed);
+  const auto rotary = add_vibration(table, "table", "the table at angle 0", as_built.table_vibration, seed);
+  BodiesDependencies& bodies = known.bodies;
+  for (PoseDependencies& link : bodies.links) {
+    link.velocity = known.file;
+    shake(link, base);
+  }
+  bodies.sensor.velocity = known.file;
+  shake(bodies.sensor, base);
+  // The flange shakes along its own axes, and the sensor with it.
+  const Refs axes = bodies.links.back().orientation;
+  for (PoseDependencies* body : {&bodies.links.back(), &bodies.sensor}) {
+    shake(*body, flange);
+    append(body->position, axes);
+    append(body->velocity, axes);
+  }
+  bodies.table.velocity = known.file;
+  shake(bodies.table, rotary);
+}
+
 }  // namespace
 
 Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellParameters& parameters) {
@@ -110,14 +173,20 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
   add_as_built_arm(table, parameters.as_built, known);
   add_as_built_tool(table, parameters.as_built, known);
   add_as_built_table(table, parameters.as_built, known);
-  const PoseDependencies standing{known.file, known.file};
+  add_vibrations(table, parameters.as_built, seed, known);
+  const PoseDependencies standing{known.file, known.file, {}};
   for (const PartLayout& part : layout.parts) {
     known.bodies.parts.push_back(part.on_table ? known.bodies.table : standing);
   }
   table.add_deviation("trigger.latency", kSecond,
                       "time by which the light of an exposure comes after the instant at which its "
                       "measurements are latched",
-                      parameters.as_built.trigger_latency);
+                      parameters.as_built.trigger.latency);
+  table.add_deviation(
+      "trigger.jitter", kSecond,
+      "standard deviation by which that time varies from exposure to exposure, by the seed; the "
+      "light never comes before the instant of firing",
+      parameters.as_built.trigger.jitter);
   return known;
 }
 

@@ -16,8 +16,17 @@ void exchange(A& a, TableWobble& v) {
   exchange_all(a, v.amplitude, v.phase, v.direction);
 }
 template <class A>
+void exchange(A& a, TriggerErrors& v) {
+  exchange_all(a, v.latency, v.jitter);
+}
+template <class A>
+void exchange(A& a, VibrationParameters& v) {
+  exchange_all(a, v.amplitude, v.frequency, v.phase, v.random_rms, v.random_low, v.random_width);
+}
+template <class A>
 void exchange(A& a, AsBuilt& v) {
-  exchange_all(a, v.dh, v.tool, v.table, v.platter, v.wobble, v.trigger_latency);
+  exchange_all(a, v.dh, v.tool, v.table, v.platter, v.wobble, v.trigger, v.base_vibration, v.flange_vibration,
+               v.table_vibration);
 }
 template <class A>
 void exchange(A& a, CellParameters& v) {
@@ -32,8 +41,14 @@ void exchange(A& a, ConveyorCommand& v) {
   exchange_all(a, v.speed);
 }
 template <class A>
+void exchange(A& a, MotionCommand& v) {
+  exchange_all(a, v.mode, v.position, v.target_position, v.target_orientation, v.start, v.speed,
+               v.monitor_speed, v.jog, v.jog_frame, v.operation, v.emergency_stop, v.reset, v.heartbeat,
+               v.max_age);
+}
+template <class A>
 void exchange(A& a, CellInputs& v) {
-  exchange_all(a, v.mode, v.position, v.segment, v.trigger, v.exposure, v.conveyors);
+  exchange_all(a, v.motion, v.segment, v.trigger, v.exposure, v.conveyors);
 }
 template <class A>
 void exchange(A& a, BodyState& v) {
@@ -90,6 +105,31 @@ void exchange(A& a, ServoState& v) {
   fmi::exchange_all(a, v.start_us, v.before, v.start, v.end, v.limit);
 }
 template <class A>
+void exchange(A& a, MotionPath& v) {
+  fmi::exchange_all(a, v.line, v.from, v.to, v.start_position, v.start_turn, v.shift, v.turn);
+}
+template <class A>
+void exchange(A& a, SmoothProfile& v) {
+  fmi::exchange_all(a, v.distance, v.speed, v.ramp);
+}
+template <class A>
+void exchange(A& a, MoveState& v) {
+  fmi::exchange_all(a, v.active, v.path, v.profile, v.clock, v.rate);
+}
+template <class A>
+void exchange(A& a, JogState& v) {
+  fmi::exchange_all(a, v.blocked, v.refusal, v.limit, v.twist, v.position, v.turn);
+}
+template <class A>
+void exchange(A& a, AwaitedMove& v) {
+  fmi::exchange_all(a, v.waits, v.line, v.position, v.tool_position, v.tool_turn, v.speed);
+}
+template <class A>
+void exchange(A& a, ControllerState& v) {
+  fmi::exchange_all(a, v.servo, v.move, v.jog, v.awaited, v.mode, v.phase, v.stopped, v.refusal, v.path_fault,
+                    v.path_limit, v.start, v.reset, v.heartbeat, v.heartbeat_us, v.destination);
+}
+template <class A>
 void exchange(A& a, BeltState& v) {
   fmi::exchange_all(a, v.travel, v.speed, v.target);
 }
@@ -104,8 +144,12 @@ void exchange(A& a, GridPoint& v) {
   exchange_all(a, v.time_us, v.imposed, v.parts);
 }
 template <class A>
+void exchange(A& a, TimedAxes& v) {
+  exchange_all(a, v.time_us, v.axes);
+}
+template <class A>
 void exchange(A& a, CellState& v) {
-  exchange_all(a, v.time_us, v.from, v.to, v.servo, v.parts, v.trigger);
+  exchange_all(a, v.time_us, v.from, v.to, v.history, v.controller, v.parts, v.trigger);
 }
 
 }  // namespace robotcell

@@ -56,11 +56,10 @@ void TableBuilder::add_body(const std::string& prefix, const std::string& what, 
             " of the unit quaternion with w >= 0" + when,
         where.orientation[i], dependencies.orientation);
   }
-  // Everything starts from rest: initial velocities depend on no parameter.
   for (std::size_t i = 0; i < 3; ++i) {
     add(indexed(prefix + ".velocity", i), output, variability, kMetrePerSecond,
         "True velocity of the origin of " + what + " along the world's " + kAxisNames[i] + when,
-        where.velocity[i]);
+        where.velocity[i], dependencies.velocity);
   }
   for (std::size_t i = 0; i < 3; ++i) {
     add(indexed(prefix + ".angular_velocity", i), output, variability, kRadianPerSecond,

@@ -1,6 +1,7 @@
 // Building blocks of the variable table: a variable, and groups of variables that occur several times.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <string>
 #include <utility>
@@ -17,6 +18,7 @@ constexpr Unit kSecond{"s", "ms", "Time"};
 constexpr Unit kMetre{"m", "mm", "Length"};
 constexpr Unit kRadian{"rad", "deg", "Angle"};
 constexpr Unit kMetrePerSecond{"m/s", "mm/s", "Velocity"};
+constexpr Unit kHertz{"Hz", "1/min", "Frequency"};
 constexpr Unit kRadianPerSecond{"rad/s", "deg/s", "AngularVelocity"};
 constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
 
@@ -26,6 +28,7 @@ std::string indexed(const std::string& name, std::size_t index_from_0);
 /// Parameters on which a body's initial pose depends.
 struct PoseDependencies {
   Refs position, orientation;
+  Refs velocity;  // without vibration everything starts from rest
 
   void add_length(std::uint32_t parameter) { position.push_back(parameter); }
   void add_angle(std::uint32_t parameter) {
@@ -51,7 +54,9 @@ class TableBuilder {
   /// Appends a variable; `where` is its member of an instance's values.
   template <class T>
   std::uint32_t add(const std::string& name, Causality causality, Variability variability, Unit unit,
-                    const std::string& description, T& where, const Refs& dependencies = {}) {
+                    const std::string& description, T& where, Refs dependencies = {}) {
+    std::sort(dependencies.begin(), dependencies.end());
+    dependencies.erase(std::unique(dependencies.begin(), dependencies.end()), dependencies.end());
     table_.push_back(
         {name, type_of<T>(), causality, variability, unit, description, &where, 0, 0, dependencies});
     return static_cast<std::uint32_t>(table_.size() - 1);

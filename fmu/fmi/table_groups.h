@@ -8,6 +8,8 @@ namespace robotcell::fmi {
 /// Returns what initial values depend on.
 Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellParameters& parameters);
 void add_commands(TableBuilder& table, CellInputs& in);
+void add_motion_commands(TableBuilder& table, MotionCommand& motion);
+void add_controller(TableBuilder& table, ControllerOutputs& controller, const Dependencies& known);
 void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& known);
 /// Inputs and outputs of the conveyors.
 void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out);

@@ -2,26 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
+
+#include "fmu/model/random.h"
 
 namespace robotcell {
 namespace {
 
 constexpr double kSecondsPerTick = 1e-6;
-static_assert(kAxes == control::kAxes, "the controller moves the arm's joints and the table");
-
-std::array<control::AxisLimits, kAxes> axis_limits(const CellDescription& cell) {
-  std::array<control::AxisLimits, kAxes> limits;
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    const JointDescription& joint = cell.joints[i];
-    limits[i] = {joint.min, joint.max, joint.max_speed, joint.max_acceleration};
-  }
-  constexpr double kEndless = std::numeric_limits<double>::infinity();
-  limits[kTableAxis] = {-kEndless, kEndless, cell.table.max_speed, cell.table.max_acceleration};
-  return limits;
-}
-
+constexpr std::uint64_t kTriggerKey = 0x7472696767657200;
 Imposed start_of(const CellDescription& cell) {
   Imposed start;
   for (std::size_t i = 0; i < kJoints; ++i) start.axes.position[i] = cell.joints[i].start;
@@ -42,18 +31,6 @@ PartPose handed_over(const PartPose& pose, const Eigen::Isometry3d& world_from_p
   return pose_of({!pose.on_platter, new_from_old * old_from_part});
 }
 
-/// Cubic through the positions and rates of two states, at share s of the time between them.
-AxesState interpolated(const AxesState& from, const AxesState& to, double duration, double s) {
-  AxesState state;
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    const auto knot =
-        control::cubic_between({from.position[i], from.rate[i]}, {to.position[i], to.rate[i]}, duration, s);
-    state.position[i] = knot.position;
-    state.rate[i] = knot.velocity;
-  }
-  return state;
-}
-
 }  // namespace
 
 Cell::Cell(const CellDescription& description, const CellParameters& parameters)
@@ -61,12 +38,13 @@ Cell::Cell(const CellDescription& description, const CellParameters& parameters)
       nominal_(description, AsBuilt{}),
       true_(description, parameters.as_built),
       encoders_(description, parameters.seed),
-      servo_(axis_limits(description), description.controller_cycle_us, start_of(description).axes.position),
+      shaking_(description, parameters.as_built, key_of_seeds(description.seed, parameters.seed)),
+      nominal_arm_(description),
+      controller_(settings_of(description), nominal_arm_, start_of(description).axes.position),
       world_(description, true_, start_of(description)),
-      trigger_(layout_of(description), parameters.as_built.trigger_latency) {
-  if (parameters.as_built.trigger_latency < 0) {
-    throw std::invalid_argument("as_built.trigger.latency must not be negative");
-  }
+      trigger_(layout_of(description), parameters.as_built.trigger,
+               key_of_seeds(description.seed, parameters.seed) + kTriggerKey),
+      history_(encoders_.longest_latency_us()) {
   to_.imposed = start_of(description);
   to_.parts.resize(description.parts.size());
   place_parts();
@@ -78,9 +56,7 @@ void Cell::place_parts() {
 }
 
 void Cell::begin_step(const CellInputs& inputs) {
-  if (inputs.mode != 0 && inputs.mode != 1) {
-    throw std::invalid_argument("command.mode must be 0 (hold) or 1 (servo)");
-  }
+  command_of(inputs.motion);  // refuses what makes no sense before anything happens
   if (inputs.trigger.mode < 0 || inputs.trigger.mode > static_cast<std::int32_t>(TriggerMode::kRequest)) {
     throw std::invalid_argument("command.trigger.mode must be from 0 to 4");
   }
@@ -119,7 +95,7 @@ std::int64_t Cell::next_event(Events wanted, std::int64_t to_us) const {
 
 /// At an instant of the controller's cycle.
 void Cell::take_commands(const CellInputs& inputs) {
-  servo_.cycle(to_.time_us, {inputs.mode == 1, inputs.position});
+  controller_.cycle(to_.time_us, command_of(inputs.motion));
   for (std::size_t i = 0; i < description_.conveyors.size(); ++i) {
     const double limit = description_.conveyors[i].max_speed;
     to_.imposed.belts[i].target = std::clamp(inputs.conveyors[i].speed, -limit, limit);
@@ -128,9 +104,10 @@ void Cell::take_commands(const CellInputs& inputs) {
 
 void Cell::step_dynamics(const CellInputs& inputs) {
   if (to_.time_us % description_.controller_cycle_us == 0) take_commands(inputs);
+  if (encoders_.longest_latency_us() > 0) history_.add({to_.time_us, to_.imposed.axes});
   from_ = to_;
   to_.time_us += description_.time_step_us;
-  const control::Knots knots = servo_.sample(to_.time_us);
+  const control::Knots knots = controller_.sample(to_.time_us);
   for (std::size_t i = 0; i < kAxes; ++i) {
     to_.imposed.axes.position[i] = knots[i].position;
     to_.imposed.axes.rate[i] = knots[i].velocity;
@@ -146,11 +123,7 @@ void Cell::step_dynamics(const CellInputs& inputs) {
 }
 
 AxesState Cell::axes_at(std::int64_t time_us) const {
-  if (time_us == to_.time_us) return to_.imposed.axes;
-  if (time_us == from_.time_us) return from_.imposed.axes;
-  const auto span = static_cast<double>(to_.time_us - from_.time_us);
-  return interpolated(from_.imposed.axes, to_.imposed.axes, span * kSecondsPerTick,
-                      static_cast<double>(time_us - from_.time_us) / span);
+  return between({from_.time_us, from_.imposed.axes}, {to_.time_us, to_.imposed.axes}, time_us);
 }
 
 control::BeltState Cell::belt_at(std::size_t belt, std::int64_t time_us) const {
@@ -168,8 +141,16 @@ Eigen::Vector3d Cell::sensor_in_table(std::int64_t time_us) const {
 }
 
 Measurement Cell::measurement(std::int64_t time_us) const {
-  const AxesState axes = axes_at(time_us);
-  return {encoders_.read(axes.position, time_us), axes.rate};
+  Measurement seen{axes_at(time_us).position, axes_at(time_us).rate};
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    if (encoders_.latency_us(i) == 0) continue;
+    const std::int64_t then = std::max<std::int64_t>(0, time_us - encoders_.latency_us(i));
+    const AxesState axes = then >= from_.time_us ? axes_at(then) : history_.at(then);
+    seen.position[i] = axes.position[i];
+    seen.rate[i] = axes.rate[i];
+  }
+  seen.position = encoders_.read(seen.position, time_us);
+  return seen;
 }
 
 /// A part moves with its carrier, and between two grid points evenly relative to it.
@@ -194,10 +175,12 @@ Motion Cell::part_at(std::size_t part, std::int64_t time_us, const Motion& platt
 
 void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   const AxesState axes = axes_at(time_us);
-  const auto links = true_.arm(axes.position, axes.rate);
+  auto links = true_.arm(axes.position, axes.rate, shaking_.base(true_.base(), time_us));
+  links.back() = shaking_.flange(links.back(), time_us);
   for (std::size_t i = 0; i < kJoints; ++i) bodies.links[i] = body_state(links[i]);
   bodies.sensor = body_state(true_.sensor(links.back()));
-  const Motion platter = true_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]);
+  const Motion platter =
+      shaking_.platter(true_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]), time_us);
   bodies.table = body_state(platter);
   for (std::size_t i = 0; i < bodies.parts.size(); ++i) {
     bodies.parts[i] = body_state(part_at(i, time_us, platter));
@@ -211,8 +194,7 @@ void Cell::write_outputs(CellOutputs& outputs) const {
   outputs.trigger_count = trigger_.count();
   outputs.trigger_queued = trigger_.queued();
   outputs.trigger = trigger_.shown();
-  outputs.moving = servo_.moving(time_us_);
-  outputs.limit = servo_.state().limit;
+  outputs.controller = outputs_of(controller_.report(time_us_));
   for (std::size_t i = 0; i < outputs.conveyors.size(); ++i) {
     const control::BeltState belt = belt_at(i, time_us_);
     const double length = description_.conveyors[i].length;
@@ -226,7 +208,8 @@ CellState Cell::state() const {
   state.time_us = time_us_;
   state.from = from_;
   state.to = to_;
-  state.servo = servo_.state();
+  state.history = history_.states();
+  state.controller = controller_.state();
   state.parts = world_.free_parts();
   state.trigger = trigger_.state();
   return state;
@@ -242,7 +225,8 @@ void Cell::restore(const CellState& state) {
   time_us_ = state.time_us;
   from_ = state.from;
   to_ = state.to;
-  servo_.restore(state.servo);
+  history_.restore(state.history);
+  controller_.restore(state.controller);
   trigger_.restore(state.trigger);
 }
 

@@ -3,11 +3,14 @@
 
 #include <cstdint>
 
-#include "fmu/control/servo_controller.h"
+#include "fmu/control/robot_controller.h"
+#include "fmu/model/axes_state.h"
 #include "fmu/model/cell_description.h"
 #include "fmu/model/cell_values.h"
+#include "fmu/model/controller_link.h"
 #include "fmu/model/encoder.h"
 #include "fmu/model/kinematics.h"
+#include "fmu/model/shaking.h"
 #include "fmu/model/trigger.h"
 #include "fmu/model/world.h"
 
@@ -39,7 +42,8 @@ struct CellState {
   std::int64_t time_us = 0;
   GridPoint from;  // the dynamics step that holds the present: from <= time <= to
   GridPoint to;
-  control::ServoState servo;
+  std::vector<TimedAxes> history;  // for encoders with latency
+  control::ControllerState controller;
   std::vector<FreePartState> parts;
   TriggerState trigger;
 };
@@ -94,12 +98,15 @@ class Cell : private MotionView {
   Kinematics nominal_;
   Kinematics true_;
   Encoders encoders_;
-  control::ServoController servo_;
+  Shaking shaking_;
+  NominalArm nominal_arm_;
+  control::RobotController controller_;
   World world_;
   Trigger trigger_;
   std::int64_t time_us_ = 0;
   GridPoint from_;
   GridPoint to_;
+  AxesHistory history_;
 };
 
 }  // namespace robotcell

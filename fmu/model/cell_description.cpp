@@ -1,5 +1,6 @@
 #include "fmu/model/cell_description.h"
 
+#include <cmath>
 #include <cstdio>
 #include <limits>
 #include <memory>
@@ -10,14 +11,33 @@ namespace robotcell {
 namespace {
 
 constexpr double kHuge = 1e6;
+constexpr double kTicksPerSecond = 1e6;
+constexpr double kLongestLatency = 0.1;  // s, of an encoder
 
 EncoderDescription parse_encoder(const JsonReader& json) {
-  return {json.at("encoder_resolution").number(0, 1), json.at("encoder_noise").number(0, 1)};
+  return {json.at("encoder_resolution").number(0, 1), json.at("encoder_noise").number(0, 1),
+          std::llround(json.at("encoder_latency").number(0, kLongestLatency) * kTicksPerSecond)};
+}
+
+MotionDescription parse_motion(const JsonReader& json) {
+  json.expect_keys({"line_speed", "line_acceleration", "turn_speed", "turn_acceleration", "jog_speed",
+                    "jog_acceleration", "jog_turn_speed", "jog_turn_acceleration", "jog_joint_share"});
+  MotionDescription motion;
+  motion.line_speed = json.at("line_speed").positive();
+  motion.line_acceleration = json.at("line_acceleration").positive();
+  motion.turn_speed = json.at("turn_speed").positive();
+  motion.turn_acceleration = json.at("turn_acceleration").positive();
+  motion.jog_speed = json.at("jog_speed").positive();
+  motion.jog_acceleration = json.at("jog_acceleration").positive();
+  motion.jog_turn_speed = json.at("jog_turn_speed").positive();
+  motion.jog_turn_acceleration = json.at("jog_turn_acceleration").positive();
+  motion.jog_joint_share = json.at("jog_joint_share").number(0, 1);
+  return motion;
 }
 
 JointDescription parse_joint(const JsonReader& json) {
-  json.expect_keys({"a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration", "start",
-                    "encoder_resolution", "encoder_noise"});
+  json.expect_keys({"a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration", "max_jerk",
+                    "start", "encoder_resolution", "encoder_noise", "encoder_latency"});
   JointDescription joint;
   joint.a = json.at("a").number();
   joint.d = json.at("d").number();
@@ -27,20 +47,22 @@ JointDescription parse_joint(const JsonReader& json) {
   joint.max = json.at("max").number(joint.min, kHuge);
   joint.max_speed = json.at("max_speed").positive();
   joint.max_acceleration = json.at("max_acceleration").positive();
+  joint.max_jerk = json.at("max_jerk").positive();
   joint.start = json.at("start").number(joint.min, joint.max);
   joint.encoder = parse_encoder(json);
   return joint;
 }
 
 TableDescription parse_table(const JsonReader& json) {
-  json.expect_keys({"world_from_table", "radius", "thickness", "max_speed", "max_acceleration", "start",
-                    "friction", "encoder_resolution", "encoder_noise"});
+  json.expect_keys({"world_from_table", "radius", "thickness", "max_speed", "max_acceleration", "max_jerk",
+                    "start", "friction", "encoder_resolution", "encoder_noise", "encoder_latency"});
   TableDescription table;
   table.world_from_table = json.at("world_from_table").pose();
   table.radius = json.at("radius").positive();
   table.thickness = json.at("thickness").positive();
   table.max_speed = json.at("max_speed").positive();
   table.max_acceleration = json.at("max_acceleration").positive();
+  table.max_jerk = json.at("max_jerk").positive();
   table.start = json.at("start").number();
   table.friction = json.at("friction").number(0, kHuge);
   table.encoder = parse_encoder(json);
@@ -70,7 +92,8 @@ CellDescription parse_root(const JsonReader& json) {
   cell.seed = static_cast<std::int32_t>(json.at("seed").integer(std::numeric_limits<std::int32_t>::min(),
                                                                 std::numeric_limits<std::int32_t>::max()));
   const JsonReader robot = json.at("robot");
-  robot.expect_keys({"world_from_base", "joints"});
+  robot.expect_keys({"world_from_base", "joints", "motion"});
+  cell.motion = parse_motion(robot.at("motion"));
   cell.world_from_base = robot.at("world_from_base").pose();
   const auto joints = robot.at("joints").items(kJoints);
   for (std::size_t i = 0; i < kJoints; ++i) cell.joints[i] = parse_joint(joints[i]);

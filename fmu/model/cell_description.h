@@ -25,18 +25,28 @@ class DescriptionError : public std::runtime_error {
 struct EncoderDescription {
   double resolution = 0;  // rad; 0: continuous
   double noise = 0;       // standard deviation, rad
+  std::int64_t latency_us = 0;
 };
 
 struct JointDescription {
   double a = 0, d = 0, alpha = 0, theta = 0;  // Rz(q + theta) T(a, 0, d) Rx(alpha)
-  double min = 0, max = 0, max_speed = 0, max_acceleration = 0, start = 0;
+  double min = 0, max = 0, max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0;
   EncoderDescription encoder;
+};
+
+/// How fast the tool goes: in straight lines at full speed, and by hand.
+struct MotionDescription {
+  double line_speed = 0, line_acceleration = 0;          // m/s, m/s^2
+  double turn_speed = 0, turn_acceleration = 0;          // rad/s, rad/s^2
+  double jog_speed = 0, jog_acceleration = 0;            // m/s, m/s^2
+  double jog_turn_speed = 0, jog_turn_acceleration = 0;  // rad/s, rad/s^2
+  double jog_joint_share = 0;                            // of each axis' greatest speed
 };
 
 struct TableDescription {
   Eigen::Isometry3d world_from_table;  // origin where the axis meets the top face, z along the axis
   double radius = 0, thickness = 0;
-  double max_speed = 0, max_acceleration = 0, start = 0, friction = 0;
+  double max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0, friction = 0;
   EncoderDescription encoder;
 };
 
@@ -48,6 +58,7 @@ struct CellDescription {
   std::int32_t seed = 0;
   Eigen::Isometry3d world_from_base;
   std::array<JointDescription, kJoints> joints;
+  MotionDescription motion;
   Eigen::Isometry3d flange_from_sensor;
   TableDescription table;
   std::vector<PartDescription> parts;

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "fmu/model/cell_layout.h"
+#include "fmu/model/vibration_parameters.h"
 
 namespace robotcell {
 
@@ -26,6 +27,11 @@ struct TableWobble {
   double amplitude = 0, phase = 0, direction = 0;  // rad
 };
 
+struct TriggerErrors {
+  double latency = 0;  // s from the instant that the device believes to the instant of the light
+  double jitter = 0;   // standard deviation of that delay, s
+};
+
 /// How the cell as built differs from its drawing. All zero: the nominal cell.
 struct AsBuilt {
   std::array<DhDeviation, kJoints> dh{};
@@ -33,7 +39,9 @@ struct AsBuilt {
   std::array<double, 5> table{};  // x, y, z (m), rx, ry (rad): world_from_table * delta
   std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the turning frame
   TableWobble wobble;
-  double trigger_latency = 0;  // s from the instant that the device believes to the instant of the light
+  TriggerErrors trigger;
+  /// Shakes the robot's base, its flange, or the table, along their own axes.
+  VibrationParameters base_vibration, flange_vibration, table_vibration;
 };
 
 struct CellParameters {
@@ -56,11 +64,27 @@ struct ConveyorCommand {
   double speed = 0;  // m/s
 };
 
+/// Modes 0 to 5 are those of the controller.
+struct MotionCommand {
+  std::int32_t mode = 0;
+  std::array<double, kAxes> position{};     // set-points and targets: joints, then table (rad)
+  std::array<double, 3> target_position{};  // of the tool in the world, m
+  std::array<double, 4> target_orientation{1, 0, 0, 0};
+  std::int32_t start = 0;
+  double speed = 1, monitor_speed = 1;
+  std::array<double, kAxes> jog{};
+  std::int32_t jog_frame = 0;
+  std::int32_t operation = 1;
+  bool emergency_stop = false;
+  std::int32_t reset = 0;
+  std::int32_t heartbeat = 0;
+  double max_age = 0;  // s
+};
+
 struct CellInputs {
   explicit CellInputs(const CellLayout& layout) : conveyors(layout.conveyors) {}
 
-  std::int32_t mode = 0;                 // 0 hold, 1 servo
-  std::array<double, kAxes> position{};  // set-points: joints, then table (rad)
+  MotionCommand motion;
   std::int32_t segment = 0;
   TriggerCommand trigger;
   double exposure = 0;  // s
@@ -115,6 +139,16 @@ struct ConveyorOutputs {
   double texture_offset = 0;  // travel within one length of the belt, m
 };
 
+/// What the controller says of itself; the numbers are those of its enumerations.
+struct ControllerOutputs {
+  std::int32_t mode = 0, state = 0, error = 0;
+  bool moving = false;
+  std::int32_t limit = 0;
+  double progress = 0;
+  bool at_destination = true;
+  std::array<double, kAxes> destination{};
+};
+
 struct CellOutputs {
   explicit CellOutputs(const CellLayout& layout)
       : truth(layout), trigger(layout), conveyors(layout.conveyors) {}
@@ -124,8 +158,7 @@ struct CellOutputs {
   std::int32_t trigger_count = 0;
   std::int32_t trigger_queued = 0;
   TriggerRecord trigger;
-  bool moving = false;
-  std::int32_t limit = 0;
+  ControllerOutputs controller;
   PerDevice<ConveyorOutputs> conveyors;
 };
 

@@ -1,5 +1,6 @@
 #include "fmu/model/encoder.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "fmu/model/random.h"
@@ -25,6 +26,12 @@ std::array<double, kAxes> Encoders::read(const std::array<double, kAxes>& positi
     }
   }
   return measured;
+}
+
+std::int64_t Encoders::longest_latency_us() const {
+  std::int64_t longest = 0;
+  for (const EncoderDescription& encoder : encoders_) longest = std::max(longest, encoder.latency_us);
+  return longest;
 }
 
 }  // namespace robotcell

@@ -61,11 +61,16 @@ Kinematics::Kinematics(const CellDescription& cell, const AsBuilt& as_built)
   axis_from_platter_.translation() << as_built.platter[0], as_built.platter[1], 0;
 }
 
+Motion Kinematics::base() const {
+  Motion base;
+  base.pose = world_from_base_;
+  return base;
+}
+
 std::array<Motion, kJoints> Kinematics::arm(const std::array<double, kAxes>& position,
-                                            const std::array<double, kAxes>& rate) const {
+                                            const std::array<double, kAxes>& rate, const Motion& base) const {
   std::array<Motion, kJoints> links;
-  Motion previous;
-  previous.pose = world_from_base_;
+  Motion previous = base;
   for (std::size_t i = 0; i < kJoints; ++i) {
     links[i] = after_joint(previous, position[i], rate[i], joint_from_link_[i]);
     previous = links[i];

@@ -26,7 +26,15 @@ class Kinematics {
 
   /// Motions of links 1..6; link i's frame is the Denavit-Hartenberg frame behind joint i.
   std::array<Motion, kJoints> arm(const std::array<double, kAxes>& position,
-                                  const std::array<double, kAxes>& rate) const;
+                                  const std::array<double, kAxes>& rate) const {
+    return arm(position, rate, base());
+  }
+  /// The same on a base that moves.
+  std::array<Motion, kJoints> arm(const std::array<double, kAxes>& position,
+                                  const std::array<double, kAxes>& rate, const Motion& base) const;
+
+  /// The base as it stands.
+  Motion base() const;
 
   Motion sensor(const Motion& flange) const { return attached(flange, flange_from_sensor_); }
 

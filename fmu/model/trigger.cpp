@@ -5,6 +5,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include "fmu/model/random.h"
+
 namespace robotcell {
 namespace {
 
@@ -49,8 +51,11 @@ void check(const CellInputs& inputs) {
 
 }  // namespace
 
-Trigger::Trigger(const CellLayout& layout, double latency)
-    : layout_(layout), latency_us_(ticks(latency)), state_(layout) {}
+Trigger::Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uint64_t key)
+    : layout_(layout), errors_(errors), key_(key), state_(layout) {
+  if (errors.latency < 0) throw std::invalid_argument("as_built.trigger.latency must not be negative");
+  if (errors.jitter < 0) throw std::invalid_argument("as_built.trigger.jitter must not be negative");
+}
 
 void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view) {
   check(inputs);
@@ -115,6 +120,13 @@ void Trigger::watch(std::int64_t from_us, std::int64_t to_us, bool step_ends, co
   }
 }
 
+/// The light comes late by the latency, give or take the jitter, but never before the sensor fired.
+std::int64_t Trigger::light_instant(std::int64_t fired_us, std::int64_t middle_us) const {
+  double delay = errors_.latency;
+  if (errors_.jitter > 0) delay += errors_.jitter * normal(key_ + static_cast<std::uint64_t>(state_.count));
+  return std::max(fired_us, middle_us + ticks(delay));
+}
+
 void Trigger::fire(std::int64_t time_us) {
   if (state_.pending.size() >= kMostPending) {
     throw std::runtime_error(
@@ -124,7 +136,7 @@ void Trigger::fire(std::int64_t time_us) {
   ++state_.fired_since_entry;
   PendingRecord pending{TriggerRecord(layout_)};
   pending.middle_us = time_us + ticks(state_.exposure) / 2;
-  pending.light_us = pending.middle_us + latency_us_;
+  pending.light_us = light_instant(time_us, pending.middle_us);
   pending.record.index = state_.count;
   pending.record.segment = state_.segment;
   pending.record.time = static_cast<double>(pending.middle_us) / kTicksPerSecond;

@@ -54,7 +54,8 @@ struct TriggerState {
 /// once. An instant is the first whole microsecond at which the interval is full.
 class Trigger {
  public:
-  Trigger(const CellLayout& layout, double latency);
+  /// Throws std::invalid_argument when an error makes no sense.
+  Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uint64_t key);
 
   /// Takes commands at a communication point; may fire there. Throws std::invalid_argument.
   void command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view);
@@ -87,7 +88,10 @@ class Trigger {
   void fire(std::int64_t time_us);
 
   CellLayout layout_;
-  std::int64_t latency_us_;
+  std::int64_t light_instant(std::int64_t fired_us, std::int64_t middle_us) const;
+
+  TriggerErrors errors_;
+  std::uint64_t key_;
   TriggerState state_;
 };
 

@@ -16,10 +16,10 @@ constexpr int kRandomWaves = 32;  // per axis
 void check(const VibrationParameters& parameters, const std::string& name) {
   const std::string group = "as_built.vibration." + name;
   if (parameters.frequency < 0) throw std::invalid_argument(group + ".frequency must not be negative");
-  if (parameters.random_rms < 0) throw std::invalid_argument(group + ".random.rms must not be negative");
-  const bool band = parameters.random_low >= 0 && parameters.random_high > parameters.random_low;
-  if (parameters.random_rms > 0 && !band) {
-    throw std::invalid_argument(group + ".random.high must be above .random.low, and that not negative");
+  if (parameters.random_rms < 0) throw std::invalid_argument(group + ".random_rms must not be negative");
+  if (parameters.random_low < 0) throw std::invalid_argument(group + ".random_low must not be negative");
+  if (parameters.random_rms > 0 && parameters.random_width <= 0) {
+    throw std::invalid_argument(group + ".random_width must be positive where .random_rms is");
   }
 }
 
@@ -35,7 +35,7 @@ Vibration::Vibration(const VibrationParameters& parameters, const char* name, st
 void Vibration::add_random_waves(const VibrationParameters& parameters, std::uint64_t key) {
   // n sines of amplitude a have the mean square n a^2 / 2.
   const double amplitude = parameters.random_rms * std::sqrt(2.0 / kRandomWaves);
-  const double slot = (parameters.random_high - parameters.random_low) / kRandomWaves;
+  const double slot = parameters.random_width / kRandomWaves;
   for (int axis = 0; axis < 3; ++axis) {
     for (int i = 0; i < kRandomWaves; ++i) {
       const std::uint64_t own = mixed(key + static_cast<std::uint64_t>(axis * kRandomWaves + i));

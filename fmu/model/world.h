@@ -7,17 +7,12 @@
 #include <vector>
 
 #include "fmu/control/belt_drive.h"
+#include "fmu/model/axes_state.h"
 #include "fmu/model/cell_description.h"
 #include "fmu/model/kinematics.h"
 #include "fmu/model/stick_anchor.h"
 
 namespace robotcell {
-
-/// Positions and rates of all axes at one instant (rad, rad/s).
-struct AxesState {
-  std::array<double, kAxes> position{};
-  std::array<double, kAxes> rate{};
-};
 
 /// The motions that drives impose on the world, at one instant.
 struct Imposed {

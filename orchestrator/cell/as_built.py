@@ -9,7 +9,7 @@ from orchestrator.config.loading import parse_assignment, sensor_words
 from orchestrator.config.units import split_unit
 from orchestrator.errors import DescriptionError
 
-_SUFFIXES_OF_UNIT = {"m": ("_mm", "_um"), "rad": ("_deg", "_mrad"), "s": ("_ms",)}
+_SUFFIXES_OF_UNIT = {"m": ("_mm", "_um"), "rad": ("_deg", "_mrad"), "s": ("_ms",), "Hz": ("_hz",)}
 _PREFIX = "as_built."
 
 

@@ -49,7 +49,11 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
         "controller_cycle_us": cell.world.controller_cycle_us,
         "gravity": [0.0, 0.0, -cell.world.gravity_m_s2],
         "seed": seed,
-        "robot": {"world_from_base": _pose_json(nominal.arm.world_from_base), "joints": robot},
+        "robot": {
+            "world_from_base": _pose_json(nominal.arm.world_from_base),
+            "joints": robot,
+            "motion": to_si(cell.robot.motion.model_dump()),
+        },
         "tool": {"flange_from_sensor": _pose_json(nominal.flange_from_sensor)},
         "table": {"world_from_table": _pose_json(nominal.world_from_table), "start": 0.0, **table},
         "conveyors": [],

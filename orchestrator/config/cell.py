@@ -8,7 +8,10 @@ from pydantic import Field, model_validator
 
 from orchestrator.config.contact import ContactDescription
 from orchestrator.config.description import Description, Finite, Fraction, NonNegative, PoseDescription, Positive
+from orchestrator.config.drives import MotionDescription
 from orchestrator.config.material import MaterialDescription
+
+Latency = Annotated[float, Field(ge=0.0, le=100.0)]
 
 
 class JointDescription(Description):
@@ -22,8 +25,10 @@ class JointDescription(Description):
     max_deg: Finite
     max_speed_deg_s: Positive
     max_acceleration_deg_s2: Positive
+    max_jerk_deg_s3: Positive = Field(default=20_000.0, description="of programmed motion at full monitor speed")
     encoder_resolution_deg: NonNegative = Field(default=0.0, description="step of the encoder; 0 is continuous")
     encoder_noise_deg: NonNegative = Field(default=0.0, description="standard deviation of the encoder's noise")
+    encoder_latency_ms: Latency = Field(default=0.0, description="by which the encoder's reading is old")
     mesh: str | None = Field(default=None, description="mesh of the link in its own frame, mm")
 
     @model_validator(mode="after")
@@ -40,6 +45,7 @@ class RobotDescription(Description):
     base: PoseDescription = Field(default=PoseDescription(), description="world_from_base")
     base_mesh: str | None = Field(default=None, description="mesh of the standing part, base frame, mm")
     joint: Annotated[tuple[JointDescription, ...], Field(min_length=6, max_length=6)]
+    motion: MotionDescription = MotionDescription()
     home_deg: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)] = Field(
         description="joint angles at start and end of every program"
     )
@@ -88,9 +94,11 @@ class TableDescription(Description):
     thickness_mm: Positive
     max_speed_deg_s: Positive
     max_acceleration_deg_s2: Positive
+    max_jerk_deg_s3: Positive = Field(default=7200.0, description="of programmed motion at full monitor speed")
     friction: NonNegative = 0.6
     encoder_resolution_deg: NonNegative = 0.0
     encoder_noise_deg: NonNegative = 0.0
+    encoder_latency_ms: Latency = Field(default=0.0, description="by which the encoder's reading is old")
     reflectance: Fraction = 0.05
     material: MaterialDescription | None = Field(default=None, description="takes the place of reflectance")
     platter_mesh: str | None = Field(default=None, description="what turns, table frame, mm")

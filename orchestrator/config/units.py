@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 _SCALE_OF_SUFFIX: dict[str, float] = {
+    "_deg_s3": math.pi / 180.0,
     "_deg_s2": math.pi / 180.0,
     "_deg_s": math.pi / 180.0,
     "_deg": math.pi / 180.0,

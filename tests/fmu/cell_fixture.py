@@ -24,6 +24,11 @@ LIMITS_DEG = [(-170, 170), (-190, 45), (-29, 256), (-190, 190), (-120, 120), (-3
 DH_MM_DEG = [(75, 335, -90), (270, 0, 0), (-90, 0, 90), (0, 295, -90), (0, 0, 90), (0, 80, 0)]
 START_DEG = [35, -25, 195, -68, 79, -10]
 CYCLE_US = 16000
+MOTION = {
+    "line_speed": 1.0, "line_acceleration": 5.0, "turn_speed": 3.0, "turn_acceleration": 12.0,
+    "jog_speed": 0.25, "jog_acceleration": 0.8, "jog_turn_speed": 0.8, "jog_turn_acceleration": 3.0,
+    "jog_joint_share": 0.1,
+}  # fmt: skip
 Parameters = Mapping[str, float | int | str]
 BODIES = [*(f"link[{i}]" for i in range(1, 7)), "sensor", "table", "part[1]"]
 
@@ -63,18 +68,20 @@ def cell_description(**part: Any) -> dict[str, Any]:
         {
             "a": a / 1000, "d": d / 1000, "alpha": np.radians(alpha), "theta": 0.0,
             "min": np.radians(low), "max": np.radians(high), "max_speed": 5.0, "max_acceleration": 20.0,
-            "start": np.radians(start), "encoder_resolution": 0.0, "encoder_noise": 0.0,
+            "max_jerk": 400.0, "start": np.radians(start),
+            "encoder_resolution": 0.0, "encoder_noise": 0.0, "encoder_latency": 0.0,
         }
         for (a, d, alpha), (low, high), start in zip(DH_MM_DEG, LIMITS_DEG, START_DEG, strict=True)
     ]  # fmt: skip
     return {
         "format": 1, "name": "test cell", "time_step_us": 1000, "controller_cycle_us": 16000,
         "gravity": [0.0, 0.0, -9.80665], "seed": 0,
-        "robot": {"world_from_base": pose([0, 0, 0]), "joints": joints},
+        "robot": {"world_from_base": pose([0, 0, 0]), "joints": joints, "motion": MOTION},
         "tool": {"flange_from_sensor": pose([0.01, -0.02, 0.08], [0.5, 0.5, 0.5, 0.5])},
         "table": {
             "world_from_table": pose([0.45, 0, 0.1]), "radius": 0.12, "thickness": 0.02, "max_speed": 10.0,
-            "max_acceleration": 20.0, "start": 0.0, "friction": 0.5, "encoder_resolution": 0.0, "encoder_noise": 0.0,
+            "max_acceleration": 20.0, "max_jerk": 400.0, "start": 0.0, "friction": 0.5,
+            "encoder_resolution": 0.0, "encoder_noise": 0.0, "encoder_latency": 0.0,
         },
         "conveyors": [],
         "parts": [{**box_part(0.06, 0.04, 0.05), **part}],
@@ -168,7 +175,10 @@ class CellFmu:
 
     def set(self, name: str, value: float | int | str) -> None:
         kind = self.variables[name].type
-        setter = {"Real": "setReal", "Float64": "setFloat64", "Integer": "setInteger", "Int32": "setInt32"}
+        setter = {
+            "Real": "setReal", "Float64": "setFloat64", "Integer": "setInteger", "Int32": "setInt32",
+            "Boolean": "setBoolean",
+        }  # fmt: skip
         getattr(self.slave, setter.get(kind, "setString"))(self._references([name]), [value])
 
     def get(self, *names: str) -> Array:

@@ -18,7 +18,7 @@ VibrationParameters random_only() {
   VibrationParameters parameters;
   parameters.random_rms = 2e-5;
   parameters.random_low = 20;
-  parameters.random_high = 120;
+  parameters.random_width = 100;
   return parameters;
 }
 
@@ -75,7 +75,7 @@ TEST(Vibration, AnotherKeyIsAnotherVibrationAndTheSameKeyTheSame) {
 
 TEST(Vibration, RefusesABandWithoutWidthAndDoesNothingByDefault) {
   VibrationParameters parameters = random_only();
-  parameters.random_high = 20;
+  parameters.random_width = 0;
   EXPECT_THROW(Vibration(parameters, "base", 1), std::invalid_argument);
   EXPECT_FALSE(Vibration({}, "base", 1).active());
 }

@@ -1,0 +1,252 @@
+"""Motion of the arm by variables alone: moves, lines, jogs, emergency stop; latency, jitter and vibration."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cell_fixture import CYCLE_US, START_DEG, Array, CellFmu, Parameters, all_reals, cell_description
+from conftest import Build
+
+START = np.radians(START_DEG)
+TARGET = START + np.array([0.3, 0.2, -0.3, 0.5, -0.2, 0.8])
+JOINT_MOVE, LINE_MOVE, JOINT_JOG, CARTESIAN_JOG = 2, 3, 4, 5
+
+
+def start_joints(cell: CellFmu, target: Array, table: float = 0.0, speed: float = 1.0) -> None:
+    cell.command(target, table, mode=JOINT_MOVE)
+    cell.set("command.speed", speed)
+    cell.set("command.start", 1)
+
+
+def start_line(cell: CellFmu, shift: Array, speed: float = 0.2) -> None:
+    """Moves the sensor by `shift` (m, world), its orientation as it is."""
+    for i, value in enumerate(cell.vector("truth.sensor.position", 3) + shift, 1):
+        cell.set(f"command.target.position[{i}]", float(value))
+    for i, value in enumerate(cell.vector("truth.sensor.orientation", 4), 1):
+        cell.set(f"command.target.orientation[{i}]", float(value))
+    cell.set("command.mode", LINE_MOVE)
+    cell.set("command.speed", speed)
+    cell.set("command.start", 1)
+
+
+def run_to_rest(cell: CellFmu, step_us: int = CYCLE_US) -> None:
+    cell.step(CYCLE_US)
+    while cell.get_int("controller.moving"):
+        cell.step(step_us)
+        assert cell.time_us < 60_000_000
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_joint_move_ends_exactly_where_it_should(build: Build, version: int) -> None:
+    cell = build(version)
+    start_joints(cell, TARGET, 0.5)
+    cell.step(CYCLE_US)
+    np.testing.assert_array_equal(cell.vector("controller.destination.q", 6), TARGET)
+    assert [cell.get_int(f"controller.{n}") for n in ("mode", "state", "error", "at_destination")] == [2, 1, 0, 0]
+    run_to_rest(cell)
+    np.testing.assert_array_equal(cell.vector("truth.q", 6), TARGET)
+    assert cell.get("truth.table")[0] == 0.5
+    assert [cell.get_int(f"controller.{n}") for n in ("state", "at_destination")] == [0, 1]
+    assert cell.get("controller.progress")[0] == 1.0
+
+
+def test_a_straight_line_is_straight(build: Build) -> None:
+    cell = build()
+    shift = np.array([0.04, -0.1, 0.06])
+    start, turn = cell.vector("truth.sensor.position", 3), cell.vector("truth.sensor.orientation", 4)
+    start_line(cell, shift)
+    worst = 0.0
+    cell.step(CYCLE_US)
+    while cell.get_int("controller.moving"):
+        cell.step(700)
+        way = cell.vector("truth.sensor.position", 3) - start
+        worst = max(worst, float(np.linalg.norm(way - way @ shift / (shift @ shift) * shift)))
+        np.testing.assert_allclose(cell.vector("truth.sensor.orientation", 4), turn, atol=1e-6)
+    np.testing.assert_allclose(way, shift, atol=1e-10)
+    assert worst < 1e-7
+
+
+def test_moves_do_not_depend_on_the_communication_step(build: Build) -> None:
+    ends = []
+    for step_us in (40, 1000, CYCLE_US, 160_000):
+        cell = build()
+        start_line(cell, np.array([0.0, -0.05, 0.05]))
+        while cell.time_us < 160_000:
+            cell.step(step_us)
+        ends.append(all_reals(cell)[1:])
+    for end in ends[1:]:
+        np.testing.assert_array_equal(end, ends[0])
+
+
+def test_the_reason_of_a_refusal_is_told(build: Build) -> None:
+    cell = build()
+    cell.set("command.operation", 0)
+    start_joints(cell, TARGET)
+    cell.step(CYCLE_US)
+    assert cell.get_int("controller.error") == 1
+    cell.set("command.operation", 1)
+    beyond = TARGET.copy()
+    beyond[2] = 5.0
+    cell.command(beyond, mode=JOINT_MOVE)
+    cell.set("command.start", 2)
+    cell.step(CYCLE_US)
+    assert [cell.get_int("controller.error"), cell.get_int("controller.limit")] == [5, 3]
+    cell.set("command.mode", JOINT_JOG)
+    cell.step(CYCLE_US)
+    assert cell.get_int("controller.error") == 2
+    np.testing.assert_array_equal(cell.vector("truth.q", 6), START)
+
+
+def test_an_emergency_stop_is_bounded_and_latched(build: Build) -> None:
+    cell = build()
+    start_joints(cell, TARGET)
+    cell.step(CYCLE_US, 8)
+    cell.set("command.emergency_stop", True)
+    rates = [cell.vector("measured.qd", 6)]
+    for _ in range(400):
+        cell.step(1000)
+        rates.append(cell.vector("measured.qd", 6))
+    assert np.abs(np.diff(rates, axis=0)).max() / 1e-3 <= 20.0
+    assert not rates[-1].any()
+    cell.set("command.emergency_stop", False)
+    cell.step(CYCLE_US, 10)
+    assert [cell.get_int("controller.state"), cell.get_int("controller.error")] == [3, 3]
+    cell.set("command.mode", 0)
+    cell.set("command.reset", 1)
+    cell.step(CYCLE_US)
+    assert [cell.get_int("controller.state"), cell.get_int("controller.error")] == [0, 0]
+
+
+@pytest.mark.parametrize("mode", [JOINT_MOVE, LINE_MOVE, CARTESIAN_JOG])
+def test_states_are_exact_in_the_middle_of_a_motion(build: Build, mode: int) -> None:
+    description = cell_description()
+    for joint in description["robot"]["joints"]:
+        joint["encoder_latency"] = 0.0037
+    cell, other = build(3, description), build(3, description)
+    if mode == JOINT_MOVE:
+        start_joints(cell, TARGET)
+    elif mode == LINE_MOVE:
+        start_line(cell, np.array([0.0, -0.1, 0.05]))
+    else:
+        cell.set("command.operation", 0)
+        cell.set("command.mode", mode)
+        cell.set("command.jog[2]", -0.7)
+    cell.step(8 * CYCLE_US + 330)
+    state = cell.serialize(cell.save())
+    other.restore(other.deserialize(state), cell.time_us)
+    for instance in (cell, other):
+        instance.step(700, 100)
+    np.testing.assert_array_equal(all_reals(cell), all_reals(other))
+
+
+def test_commands_that_make_no_sense_are_refused(build: Build) -> None:
+    for name, value in (("speed", 0.0), ("monitor_speed", 1.5), ("jog[3]", -2.0), ("max_age", -1.0)):
+        cell = build()
+        cell.set(f"command.{name}", value)
+        with pytest.raises(Exception, match="fmi3DoStep"):
+            cell.step(1000)
+        assert name.split("[")[0] in cell.messages[-1]
+
+
+def test_an_encoder_with_latency_tells_the_past(build: Build) -> None:
+    latency = 0.0043
+    description = cell_description()
+    for axis in [*description["robot"]["joints"], description["table"]]:
+        axis["encoder_latency"] = latency
+    late, prompt = build(3, description), build()
+    for cell in (late, prompt):
+        start_joints(cell, TARGET, 1.0)
+    late.step(4300)
+    for _ in range(100):
+        late.step(700)
+        prompt.step(700)
+        np.testing.assert_allclose(late.vector("measured.q", 6), prompt.vector("truth.q", 6), atol=1e-12)
+        np.testing.assert_allclose(late.vector("measured.qd", 6), prompt.vector("measured.qd", 6), atol=1e-9)
+    # To first order the lag is speed times latency.
+    lag = late.vector("truth.q", 6) - late.vector("measured.q", 6)
+    speed = (late.vector("measured.qd", 6) + prompt.vector("measured.qd", 6)) / 2
+    np.testing.assert_allclose(lag, speed * latency, rtol=0.15)
+
+
+def light_delays(build: Build, step_us: int, parameters: Parameters) -> Array:
+    """By how much the light came after the middle of each exposure: the table turns evenly and tells."""
+    cell = build(3, parameters=parameters)
+    cell.command(table=1e4)
+    cell.step(10 * CYCLE_US)
+    cell.trigger(1, 0.004, exposure=0.002)
+    names = [n for n, v in cell.variables.items() if n.startswith("trigger.") and v.type == "Float64"]
+    record_of = cell.records(step_us, 10 * CYCLE_US + 1_000_000)
+    columns = {name: np.array([row[i] for row in record_of.values()]) for i, name in enumerate(names)}
+    w, z = (columns[f"trigger.truth.table.orientation[{i}]"] for i in (1, 4))
+    turn = 2 * np.arctan2(z, w) - columns["trigger.measured.table"]
+    return np.asarray((turn + np.pi) % (2 * np.pi) - np.pi) / 10.0
+
+
+def test_trigger_jitter_has_its_standard_deviation_and_repeats(build: Build) -> None:
+    parameters: Parameters = {"as_built.trigger.latency": 0.0005, "as_built.trigger.jitter": 0.00005, "seed": 4}
+    delays = light_delays(build, 1000, parameters)
+    assert len(delays) >= 250
+    assert delays.mean() == pytest.approx(0.0005, abs=4 * 0.00005 / np.sqrt(len(delays)))
+    assert delays.std() == pytest.approx(0.00005, rel=0.15)
+    np.testing.assert_allclose(light_delays(build, 700, parameters), delays, atol=1e-12)
+    assert not np.allclose(light_delays(build, 1000, {**parameters, "seed": 5}), delays, atol=1e-6)
+
+
+def test_the_light_never_comes_before_the_sensor_fires(build: Build) -> None:
+    delays = light_delays(build, 1000, {"as_built.trigger.jitter": 0.003})
+    assert delays.min() == pytest.approx(-0.001, abs=1e-6)  # half the exposure
+
+
+SINE: Parameters = {"x": 1e-4, "y": -2e-4, "z": 3e-4, "frequency": 23.0, "phase": 0.7}
+SHAKEN = {
+    "base": ["link[1]", "link[6]", "sensor"],
+    "flange": ["link[6]", "sensor"],
+    "table": ["table", "part[1]"],
+}
+
+
+@pytest.mark.parametrize("place", list(SHAKEN))
+def test_vibration_displaces_what_is_true_by_its_closed_form(build: Build, place: str) -> None:
+    still = build()
+    shaking = build(parameters={f"as_built.vibration.{place}.{k}": v for k, v in SINE.items()})
+    axes = still.body("link[6]")[:3, :3] if place == "flange" else np.eye(3)
+    names = ["link[1]", "link[5]", "link[6]", "sensor", "table", "part[1]"]
+    for _ in range(50):
+        still.step(1300)
+        shaking.step(1300)
+        angle = 2 * np.pi * 23.0 * still.time_us * 1e-6 + 0.7
+        amplitude = axes @ [1e-4, -2e-4, 3e-4]
+        for name in names:
+            moved = 1.0 if name in SHAKEN[place] or (place == "base" and "link" in name) else 0.0
+            shift = shaking.vector(f"truth.{name}.position", 3) - still.vector(f"truth.{name}.position", 3)
+            speed = shaking.vector(f"truth.{name}.velocity", 3)
+            np.testing.assert_allclose(shift, moved * amplitude * np.sin(angle), atol=1e-14)
+            np.testing.assert_allclose(speed, moved * amplitude * 2 * np.pi * 23.0 * np.cos(angle), atol=1e-12)
+        np.testing.assert_array_equal(shaking.vector("measured.q", 6), still.vector("measured.q", 6))
+
+
+def test_the_twist_of_a_shaken_sensor_is_the_rate_of_its_pose_while_the_arm_moves(build: Build) -> None:
+    parameters = {f"as_built.vibration.{place}.{k}": v for place in ("base", "flange") for k, v in SINE.items()}
+    cell = build(parameters=parameters)
+    start_joints(cell, TARGET)
+    cell.step(8 * CYCLE_US)
+    before = cell.vector("truth.sensor.position", 3)
+    cell.step(20)
+    speed = cell.vector("truth.sensor.velocity", 3)
+    cell.step(20)
+    after = cell.vector("truth.sensor.position", 3)
+    np.testing.assert_allclose((after - before) / 40e-6, speed, atol=1e-5)
+
+
+def test_random_vibration_has_its_root_mean_square_at_any_step(build: Build) -> None:
+    group = "as_built.vibration.table."
+    parameters: Parameters = {group + "random_rms": 5e-6, group + "random_low": 30.0, group + "random_width": 100.0}
+    samples: dict[int, list[Array]] = {1000: [], 700: []}
+    for step_us, found in samples.items():
+        cell = build(parameters=parameters)
+        while cell.time_us < 2_100_000:
+            cell.step(step_us)
+            if cell.time_us % 7000 == 0:
+                found.append(cell.vector("truth.table.position", 3) - [0.45, 0.0, 0.1])
+    np.testing.assert_array_equal(samples[1000], samples[700])
+    np.testing.assert_allclose(np.std(samples[1000], axis=0), 5e-6, rtol=0.12)
