@@ -146,7 +146,7 @@ def test_values_that_are_no_numbers_are_refused_and_reset_helps(build: Build, ve
     [
         (lambda c: c.set("as_built.tool.x", 1.0), "as_built.tool.x is not allowed while stepping"),
         (lambda c: c.set("truth.table", 1.0), "truth.table is neither an input nor a parameter"),
-        (lambda c: c.set("command.mode", 5), "command.mode must be from 0 to 1"),
+        (lambda c: c.set("command.mode", 6), "command.mode must be from 0 to 5"),
         (lambda c: c.slave.doStep(0.5, 0.001), "is not where the last step ended"),
         (lambda c: c.slave.doStep(0.0, 0.0), "must be positive"),
         (lambda c: c.slave.doStep(0.0, -0.001), "must be positive"),

@@ -125,5 +125,5 @@ def test_info_tells_what_the_fmu_is(fmu) -> None:
     assert info.name == "RobotCell"
     assert info.fmi_version[0] == fmu.stem[-1]
     assert info.platforms == ["linux64"]
-    assert info.causalities["input"] == 15
+    assert info.causalities["input"] >= 38
     assert any(info.token in line for line in info.lines())
