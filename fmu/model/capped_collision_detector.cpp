@@ -8,18 +8,17 @@
 #include <utility>
 #include <vector>
 
+#include "fmu/model/engine_locks.h"
+
 namespace robotcell {
 namespace {
 
 using dart::collision::CollisionResult;
 using dart::collision::Contact;
 
-/// ODE as distributed keeps one mesh collider for the whole process, whatever its per-thread data promises:
-/// two instances that collide meshes at once would disturb each other's contacts.
 bool collide_alone(dart::collision::OdeCollisionDetector& detector, dart::collision::CollisionGroup* group,
                    const dart::collision::CollisionOption& option, CollisionResult* result) {
-  static std::mutex mutex;
-  const std::lock_guard<std::mutex> lock(mutex);
+  const std::lock_guard<std::mutex> lock(mesh_collision_mutex());
   return detector.OdeCollisionDetector::collide(group, option, result);
 }
 

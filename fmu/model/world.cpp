@@ -12,6 +12,7 @@
 #include <mutex>
 
 #include "fmu/model/coulomb_solver.h"
+#include "fmu/model/engine_locks.h"
 #include "fmu/model/world_bodies.h"
 #include "fmu/model/world_engine.h"
 
@@ -26,13 +27,6 @@ constexpr double kSecondsPerTick = 1e-6;
 constexpr int kSettlingSteps = 1000;
 constexpr double kMostTilt = 0.02;     // rad, and
 constexpr double kMostSinking = 1e-3;  // m, by which a part that stands may settle
-
-/// The engine keeps process-wide registers of frames, and ODE a counter of its users: one instance at a time
-/// may be built or torn down.
-std::mutex& building() {
-  static std::mutex mutex;
-  return mutex;
-}
 
 /// ODE stays initialised as long as the library is loaded, however many worlds come and go.
 struct OdeLibrary {
@@ -62,7 +56,7 @@ std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDes
 
 World::World(const CellDescription& cell, const Kinematics& kinematics, const Imposed& start)
     : time_step_(static_cast<double>(cell.time_step_us) * kSecondsPerTick), kinematics_(kinematics) {
-  const std::lock_guard<std::mutex> lock(building());
+  const std::lock_guard<std::mutex> lock(building_mutex());
   static const OdeLibrary ode_library;
   prepare_thread();
   engine_ = std::make_unique<Engine>();
@@ -80,7 +74,7 @@ World::World(const CellDescription& cell, const Kinematics& kinematics, const Im
 }
 
 World::~World() {
-  const std::lock_guard<std::mutex> lock(building());
+  const std::lock_guard<std::mutex> lock(building_mutex());
   engine_.reset();
 }
 

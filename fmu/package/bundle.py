@@ -1,8 +1,9 @@
 """Collects what a shared library needs at run time into one folder, so that it loads on a machine without any of it.
 
 Every library of the closure but those of the C and C++ run-time system goes beside the binary, under a name
-of its own (a hash of its content in its soname), and is looked for nowhere else (RPATH ``$ORIGIN``).
-So two FMUs in one process never share a library by accident, and none is shared with the host program.
+of its own (a hash of the build in its soname), and is looked for nowhere else (RPATH ``$ORIGIN``).
+So FMUs of different builds never share a library in one process, those of the same build share all of them, and
+none is shared with the host program.
 
 Run by CMake with the standard library alone: ``bundle.py LIBRARY PROGRAM FOLDER --patchelf PATCHELF``.
 """
@@ -17,7 +18,7 @@ import shutil
 import struct
 import subprocess
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 # Present, in a compatible version, on every Linux system that loads the FMU: glibc and the compiler's run-time.
@@ -43,10 +44,13 @@ def closure(library: Path) -> dict[str, Path]:
     return found
 
 
-def own_name(soname: str, path: Path) -> str:
-    """Name with a content hash: ``libode.so.8`` becomes ``libode-1a2b3c4d.so.8``."""
-    stem, dot, rest = soname.partition(".so")
-    return f"{stem}-{hashlib.sha256(path.read_bytes()).hexdigest()[:8]}{dot}{rest}"
+def own_names(library: Path, needed: dict[str, Path]) -> dict[str, str]:
+    """Names with a hash of the whole build: ``libode.so.8`` becomes ``libode-1a2b3c4d.so.8``.
+
+    Of the whole, because FMUs that share one of the libraries must share all of them, the locks above all.
+    """
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in [library, *needed.values()])).hexdigest()[:8]
+    return {soname: f"-{digest}.so".join(soname.split(".so", 1)) for soname in needed}
 
 
 def make_unique_symbols_ordinary(library: Path) -> None:
@@ -105,14 +109,14 @@ def copy_license(package: str, folder: Path) -> dict[str, str]:
     return {"source": f"{package} {version}", "license": main[1] if main else "see text", "text": f"{package}.txt"}
 
 
-def bundle(library: Path, folder: Path, patchelf: str, own: Iterable[str], headers: Iterable[str]) -> None:
+def bundle(library: Path, folder: Path, patchelf: str, own: Sequence[str], headers: Iterable[str]) -> None:
     """Writes the library and its closure into the folder, the licences of all that went into them, and a list.
 
     The list, ``bundle.json``, names every component (file, source, licence, name of the licence text) and the
     symbol versions that the binaries need. ``own`` and ``headers`` come from the command line: see ``main``.
     """
     needed = closure(library)
-    names = {soname: own_name(soname, path) for soname, path in needed.items()}
+    names = own_names(library, needed)
     replacements = [part for old, new in names.items() for part in ("--replace-needed", old, new)]
     targets = []
     for soname, path in [(None, library), *needed.items()]:
@@ -130,7 +134,10 @@ def bundle(library: Path, folder: Path, patchelf: str, own: Iterable[str], heade
     licenses = folder / "licenses"
     parts = [{"file": library.name, **copy_own(description, licenses)} for description in own]
     parts += [{"file": library.name, **copy_license(package, licenses)} for package in headers]
-    parts += [{"file": names[soname], **copy_license(package_of(path), licenses)} for soname, path in needed.items()]
+    for soname, path in needed.items():
+        built_here = path.parent == library.resolve().parent
+        source = copy_own(own[0], licenses) if built_here else copy_license(package_of(path), licenses)
+        parts.append({"file": names[soname], **source})
     listing = {"needs": version_needs(targets), "components": parts}
     (folder / "bundle.json").write_text(json.dumps(listing, indent=1) + "\n")
 
