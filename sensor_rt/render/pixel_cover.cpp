@@ -69,7 +69,9 @@ bool PixelCover::select_camera(std::size_t number) {
   left_.assign(corners, {});
   right_.assign(corners, {});
   column_ = -2;
-  return largest_motion_px(plan_.settings.model, *track_, view_.shapes()) <= kFarthestMotion;
+  // A blurred pixel collects light from beyond its corners.
+  const bool sharp = rays_.share_eye() && camera.psf_sigma_px == 0.0;
+  return sharp && largest_motion_px(plan_.settings.model, *track_, view_.shapes()) <= kFarthestMotion;
 }
 
 Patch PixelCover::patch(int column, int row, const PixelMask& mask) {

@@ -26,7 +26,8 @@ class PixelCover {
   /// Makes an exposure ready.
   void set(const Scene& scene, const PoseTrack& track);
 
-  /// Begins the pixels of one camera. False when the exposure moves too far for the cover to tell.
+  /// Begins the pixels of one camera. False when the cover cannot tell: its image is blurred, or the exposure
+  /// moves too far.
   bool select_camera(std::size_t camera);
 
   /// What fills a marked pixel; patch.shape < 0 where that is not known. To be asked in the order of the

@@ -106,7 +106,7 @@ void PixelRays::through_corners(int column, const int* rows, int count, Lanes3& 
     const double row = rows[std::min(l, count - 1)] - 0.5;
     double x = (column - 0.5 - camera_->cx_px) * scale;
     double y = (row - camera_->cy_px) * scale;
-    if (camera_->is_distorted()) {
+    if (!camera_->is_plain()) {
       const Eigen::Vector3d in_camera = camera_->ray({column - 0.5, row});
       x = in_camera.x();
       y = in_camera.y();
