@@ -111,9 +111,24 @@ class Scene:
         """Exact capped cylinder along its own z axis, centred in its own frame."""
     def add_plane(self, name: str, body_from_plane: ArrayLike, size: ArrayLike, material: Material | float) -> None:
         """Exact rectangle with edges `size` (2,) in the xy plane of its own frame, centred."""
+    def add_light(
+        self,
+        name: str,
+        kind: Literal["point", "rectangle", "disc"],
+        body_from_light: ArrayLike,
+        size: ArrayLike,
+        power: float,
+        in_band: float | None = None,
+        spectrum: tuple[float, float] | None = None,
+    ) -> None:
+        """Lamp that moves with the body `name`, in W; areas lie in z = 0 of their frame and shine towards +z.
+
+        `size` (2,): edges of a rectangle, twice the diameter of a disc, m. Either `in_band`, the share of the power
+        that passes the band-pass filter, or `spectrum`, wavelength and full width at half maximum, m.
+        """
     @property
     def bodies(self) -> list[str]:
-        """Names in the order in which `Exposures` and `cast_rays` expect their poses: that of their first shape."""
+        """Names in the order in which `Exposures` and `cast_rays` expect their poses: that of their first mention."""
 
 class Exposures:
     """Poses over a batch of n exposures: k samples each, evenly spaced from start to end (k = 1: still).

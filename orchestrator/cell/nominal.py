@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from orchestrator.config.cell import CellDescription, FixtureDescription, PartDescription, ToolDescription
 from orchestrator.config.description import PoseDescription
+from orchestrator.config.light import LightDescription
 from orchestrator.config.material import Material, MaterialDescription
 from orchestrator.config.units import to_si
 from orchestrator.errors import CellError
@@ -35,6 +37,23 @@ class Body:
 
 
 @dataclass(frozen=True)
+class Lamp:
+    """An external light, W and metres, at a pose (4, 4) in the frame that `moves_with` names.
+
+    Either `in_band` or `spectrum` (wavelength, full width at half maximum) says what filters pass.
+    """
+
+    name: str
+    moves_with: str
+    kind: Literal["point", "rectangle", "disc"]
+    frame_from_lamp: Array
+    size: tuple[float, float]
+    power: float
+    in_band: float | None
+    spectrum: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
 class NominalCell:
     """Nominal geometry of arm, tool, table and part; poses are (4, 4) ``target_from_source``, metres."""
 
@@ -49,6 +68,7 @@ class NominalCell:
     table_max_acceleration: float
     part: Mesh
     bodies: tuple[Body, ...]
+    lamps: tuple[Lamp, ...] = ()
 
     def world_from_sensor(self, q: ArrayLike) -> Array:
         """(..., 4, 4) for joint angles q (..., 6)."""
@@ -107,6 +127,7 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         table_max_acceleration=to_si({"a_deg_s2": cell.table.max_acceleration_deg_s2})["a"],
         part=part,
         bodies=_bodies(cell, part),
+        lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
     )
 
 
@@ -174,6 +195,14 @@ def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
         if path is not None
     ]
     return (*bodies, Body("part", "part", part, _material(cell.part.material, cell.part.reflectance)))
+
+
+def _lamp(name: str, light: LightDescription) -> Lamp:
+    si = to_si(light.model_dump(exclude={"pose"}))
+    size = {"point": (0.0, 0.0), "rectangle": (si["width"], si["height"]), "disc": (si["diameter"], si["diameter"])}
+    spectrum = None if si["wavelength"] is None else (si["wavelength"], si["bandwidth"])
+    place = pose_matrix(light.pose)
+    return Lamp(name, light.frame, light.kind, place, size[light.kind], si["power"], si["in_band"], spectrum)
 
 
 def _material(description: MaterialDescription | None, reflectance: float) -> Material:

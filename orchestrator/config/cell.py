@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from orchestrator.config.contact import ContactDescription
 from orchestrator.config.description import Description, Finite, Fraction, NonNegative, PoseDescription, Positive
 from orchestrator.config.drives import MotionDescription
+from orchestrator.config.light import LightDescription
 from orchestrator.config.material import MaterialDescription
 
 Latency = Annotated[float, Field(ge=0.0, le=100.0)]
@@ -155,3 +156,4 @@ class CellDescription(Description):
     table: TableDescription
     part: PartDescription = PartDescription()
     contact: ContactDescription = ContactDescription()
+    light: Annotated[tuple[LightDescription, ...], Field(max_length=64)] = ()

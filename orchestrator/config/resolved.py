@@ -20,6 +20,8 @@ def sensor_json(sensor: SensorDescription, seed: int) -> dict[str, Any]:
     data["laser"] = _laser_json(sensor.laser)
     data["cameras"] = [_camera_json(camera, sensor.laser.wavelength_nm) for camera in sensor.camera]
     data["render"]["seed"] = seed
+    if sensor.band_pass.centre_nm is None:
+        data["band_pass"]["centre"] = data["laser"]["wavelength"]
     return {"format": _FORMAT, **data}
 
 

@@ -149,6 +149,15 @@ class AmbientDescription(Description):
     irradiance_w_m2: NonNegative = 0.0
 
 
+class BandPassDescription(Description):
+    """Filter in front of every camera: what it passes of external lights, against the laser."""
+
+    centre_nm: Annotated[float, Field(ge=200.0, le=2000.0)] | None = Field(
+        default=None, description="default: the laser's wavelength"
+    )
+    width_nm: Positive = Field(default=20.0, description="full width at half maximum")
+
+
 class SpeckleDescription(Description):
     """Grain of the laser's light on rough surfaces; its size on the image is wavelength times f-number."""
 
@@ -227,6 +236,7 @@ class SensorDescription(Description):
     camera: Annotated[tuple[CameraDescription, ...], Field(min_length=1, max_length=8)]
     detector: DetectorDescription
     ambient: AmbientDescription = AmbientDescription()
+    band_pass: BandPassDescription = BandPassDescription()
     speckle: SpeckleDescription = SpeckleDescription()
     render: RenderDescription = RenderDescription()
     extraction: ExtractionDescription = ExtractionDescription()

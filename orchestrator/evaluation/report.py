@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sensor_rt
-from orchestrator.cell.nominal import Body, NominalCell
+from orchestrator.cell.nominal import Body, Lamp, NominalCell
 from orchestrator.cell.recording import Recording, write_recording
 from orchestrator.config.resolved import sensor_json
 from orchestrator.evaluation.coverage import COVERAGE_SAMPLES, Coverage, SensorView, coverage
@@ -39,7 +39,7 @@ class ReportInputs:
 
     request: ScanRequest
     nominal: NominalCell
-    bodies: tuple[Body, ...]
+    bodies: tuple[Body | Lamp, ...]
     sensors: Sensors
     recording: Recording
     cloud: Cloud

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sensor_rt
-from orchestrator.cell.nominal import nominal_cell
+from orchestrator.cell.nominal import Lamp, nominal_cell
 from orchestrator.config.loading import Setup
 from orchestrator.config.scan import Engine
 from orchestrator.config.units import to_si
@@ -57,7 +57,7 @@ def shoot_to_folder(request: ShotRequest, out: Path) -> ScanReport:
         with watch.measure("load"):
             nominal = nominal_cell(request.setup.cell, load_mesh(request.part, request.unit))
             sensor = make_sensor(request.setup.sensor, request.seed)
-            bodies = tuple(body for body in visible_bodies(nominal) if body.name in _BODIES)
+            bodies = tuple(body for body in visible_bodies(nominal) if isinstance(body, Lamp) or body.name in _BODIES)
         position, angles = np.asarray(request.pose[:3]) * 1e-3, np.radians(request.pose[3:])
         part_from_sensor = pose.from_euler_xyz(position, angles)
         frames = nominal.frame_poses(nominal.home, np.array(0.0))

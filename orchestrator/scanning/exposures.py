@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 import sensor_rt
-from orchestrator.cell.nominal import Body, NominalCell
+from orchestrator.cell.nominal import Body, Lamp, NominalCell
 from orchestrator.cell.recording import ExposureTruth
 
 Array = NDArray[np.float64]
@@ -17,15 +19,19 @@ _UNSEEN = frozenset({"sensor"})
 _RECORDED_NAME = {"part": "part[1]"}
 
 
-def visible_bodies(cell: NominalCell) -> tuple[Body, ...]:
-    """Bodies that light can meet, in the order of the scene."""
-    return tuple(body for body in cell.bodies if body.name not in _UNSEEN)
+def visible_bodies(cell: NominalCell) -> tuple[Body | Lamp, ...]:
+    """Bodies that light can meet, and lamps, in the order of the scene."""
+    return (*(body for body in cell.bodies if body.name not in _UNSEEN), *cell.lamps)
 
 
-def build_scene(bodies: tuple[Body, ...]) -> sensor_rt.Scene:
-    """Scene of `bodies`, one mesh each."""
+def build_scene(bodies: Sequence[Body | Lamp]) -> sensor_rt.Scene:
+    """Scene of `bodies`, one mesh each, and lamps."""
     scene = sensor_rt.Scene()
     for body in bodies:
+        if isinstance(body, Lamp):
+            power = (body.power, body.in_band, body.spectrum)
+            scene.add_light(body.name, body.kind, body.frame_from_lamp, body.size, *power)
+            continue
         m = body.material
         material = sensor_rt.Material(m.reflectance, m.model, m.roughness, m.refractive_index)
         scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material)
@@ -33,7 +39,7 @@ def build_scene(bodies: tuple[Body, ...]) -> sensor_rt.Scene:
 
 
 def exposures_from_truth(
-    truth: ExposureTruth, index: NDArray[np.int64], bodies: tuple[Body, ...], rows: slice = slice(None)
+    truth: ExposureTruth, index: NDArray[np.int64], bodies: Sequence[Body | Lamp], rows: slice = slice(None)
 ) -> sensor_rt.Exposures:
     """Exposures with the true poses of sensor and bodies at start and end; `index` (n,) keys the noise."""
     world_from_sensor = truth.world_from_frame["sensor"][rows]

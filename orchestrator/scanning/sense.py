@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sensor_rt
-from orchestrator.cell.nominal import Body
+from orchestrator.cell.nominal import Body, Lamp
 from orchestrator.cell.recording import Recording
 from orchestrator.config.resolved import sensor_json
 from orchestrator.config.scan import Engine
@@ -61,7 +61,7 @@ def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:
 
 def sense(
     recording: Recording,
-    bodies: tuple[Body, ...],
+    bodies: tuple[Body | Lamp, ...],
     sensor: sensor_rt.Sensor,
     engine: Engine,
     threads: int,

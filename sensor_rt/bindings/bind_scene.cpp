@@ -1,10 +1,14 @@
 #include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "sensor_rt/bindings/arrays.h"
 #include "sensor_rt/bindings/bindings.h"
@@ -48,6 +52,26 @@ void add_plane(Scene& scene, const std::string& body, const Doubles& body_from_p
   require_shape(size, "size", {2});
   scene.add_plane(body, to_pose(body_from_plane, "body_from_plane"), {size.at(0), size.at(1)},
                   to_material(material));
+}
+
+void add_light(Scene& scene, const std::string& body, const std::string& kind, const Doubles& body_from_light,
+               const Doubles& size, double power, std::optional<double> in_band,
+               std::optional<std::pair<double, double>> spectrum) {
+  constexpr const char* kKinds[] = {"point", "rectangle", "disc"};
+  const auto* found = std::find(std::begin(kKinds), std::end(kKinds), kind);
+  if (found == std::end(kKinds))
+    throw std::invalid_argument("kind: expected point, rectangle or disc, got " + kind);
+  if (in_band.has_value() == spectrum.has_value())
+    throw std::invalid_argument("light " + body + ": give either in_band or spectrum");
+  require_shape(size, "size", {2});
+  Light light;
+  light.kind = static_cast<LightKind>(found - std::begin(kKinds));
+  light.body_from_light = to_pose(body_from_light, "body_from_light");
+  light.size = {size.at(0), size.at(1)};
+  light.power = power;
+  light.in_band = in_band;
+  if (spectrum.has_value()) light.spectrum = {spectrum->first, spectrum->second};
+  scene.add_light(body, light);
 }
 
 std::vector<Rigid3> to_poses(const Doubles& matrices, const char* name) {
@@ -131,6 +155,9 @@ void bind_scene(py::module_& module) {
            py::arg("height"), py::arg("material"))
       .def("add_plane", &add_plane, py::arg("name"), py::arg("body_from_plane"), py::arg("size"),
            py::arg("material"))
+      .def("add_light", &add_light, py::arg("name"), py::arg("kind"), py::arg("body_from_light"),
+           py::arg("size"), py::arg("power"), py::arg("in_band") = py::none(),
+           py::arg("spectrum") = py::none())
       .def_property_readonly("bodies", &Scene::bodies);
 
   py::class_<Exposures>(module, "Exposures", py::module_local())

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "sensor_rt/geometry/band.h"
 #include "sensor_rt/optics/camera.h"
 #include "sensor_rt/optics/laser_sheet.h"
 
@@ -16,6 +17,7 @@ struct SensorModel {
   std::vector<Camera> cameras;
   double near = 0.0;                ///< measuring range along sensor z, m
   double far = 0.0;                 ///< m
+  Band band_pass;                   ///< of the cameras' filters
   double ambient_irradiance = 0.0;  ///< on every surface, inside the band-pass, W/m²
 };
 

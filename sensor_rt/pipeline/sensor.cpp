@@ -201,6 +201,9 @@ Sensor parse_sensor(const std::string& text) {
   JsonObject ambient = json.object("ambient");
   sensor.ambient_irradiance = ambient.non_negative("irradiance");
   ambient.finish();
+  JsonObject band_pass = json.object("band_pass");
+  sensor.band_pass = {band_pass.positive("centre"), band_pass.positive("width")};
+  band_pass.finish();
   JsonObject speckle = json.object("speckle");
   sensor.speckle_contrast = speckle.fraction("contrast");
   speckle.finish();

@@ -16,7 +16,8 @@ void ExposureViews::set(const RenderPlan& plan, const Scene& new_scene, const Po
   laser.set(new_scene, new_track, plan.lane_sources, lane_instants, plan.laser_region);
   cameras.resize(model.cameras.size());
   for (std::size_t c = 0; c < cameras.size(); ++c) {
-    cameras[c].set(new_scene, new_track, plan.lane_eyes[c], lane_instants, plan.camera_regions[c]);
+    cameras[c].set(new_scene, new_track, plan.lane_eyes[c], lane_instants,
+                   new_scene.lights().empty() ? plan.camera_regions[c] : plan.camera_fields[c]);
   }
   free.set(new_scene, new_track);
 }

@@ -76,6 +76,7 @@ void ImageRenderer::trace_camera(std::size_t number, double duration, SparseImag
   image.pixels.clear();
   image.electrons.clear();
   trace_marked(number, duration, image);
+  if (!views_.scene->lights().empty() && !plan_.settings.ground_truth) add_lamps(number, duration, image);
   if (!reflected_.empty() && (has_mirrors_ || !plan_.settings.ground_truth)) {
     add_reflected(number, duration, image);
   }
@@ -133,8 +134,6 @@ void ImageRenderer::mark_mirrors(std::size_t number) {
 }
 
 void ImageRenderer::add_reflected(std::size_t number, double duration, SparseImage& image) {
-  // Less than a thousandth of an electron is not worth a pixel.
-  constexpr float kFaint = 1e-3f;
   const ImageView<const float> reflected = reflected_[number].resolve();
   dense_.resize(static_cast<std::size_t>(reflected.width) * static_cast<std::size_t>(reflected.height));
   const auto seconds = static_cast<float>(duration);
@@ -142,6 +141,29 @@ void ImageRenderer::add_reflected(std::size_t number, double duration, SparseIma
     float* out = &dense_[static_cast<std::size_t>(y) * static_cast<std::size_t>(reflected.width)];
     for (int x = 0; x < reflected.width; ++x) out[x] = seconds * reflected.at(y, x);
   }
+  add_dense(image);
+}
+
+void ImageRenderer::add_lamps(std::size_t number, double duration, SparseImage& image) {
+  const Camera& camera = plan_.settings.model.cameras[number];
+  const bool mirrors = has_mirrors_ && plan_.settings.bounces > 0;
+  dense_.resize(static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px));
+  lamps_.fill(tracer_, camera.width_px, camera.height_px, dense_.data());
+  for (float& electrons : dense_) electrons *= static_cast<float>(duration);
+  // Paths that follow mirrors bring the light of lamps along.
+  if (mirrors) {
+    mirror_mask_.for_each([&](int column, int row) {
+      dense_[static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width_px) +
+             static_cast<std::size_t>(column)] = 0.0f;
+    });
+  }
+  add_dense(image);
+}
+
+/// Adds dense_ to the image and clears what it has added.
+void ImageRenderer::add_dense(SparseImage& image) {
+  // Less than a thousandth of an electron is not worth a pixel.
+  constexpr float kFaint = 1e-3f;
   for (std::size_t i = 0; i < image.pixels.size(); ++i) {
     image.electrons[i] += dense_[image.pixels[i]];
     dense_[image.pixels[i]] = 0.0f;

@@ -7,6 +7,7 @@
 #include "sensor_rt/render/ambient.h"
 #include "sensor_rt/render/band_marker.h"
 #include "sensor_rt/render/exposure_views.h"
+#include "sensor_rt/render/lamp_filler.h"
 #include "sensor_rt/render/light_tracer.h"
 #include "sensor_rt/render/path_tracer.h"
 #include "sensor_rt/render/pixel_cover.h"
@@ -38,6 +39,8 @@ class ImageRenderer {
   void trace_marked(std::size_t camera, double duration, SparseImage& image);
   void mark_mirrors(std::size_t camera);
   void add_reflected(std::size_t camera, double duration, SparseImage& image);
+  void add_lamps(std::size_t camera, double duration, SparseImage& image);
+  void add_dense(SparseImage& image);
 
   const RenderPlan& plan_;
   std::vector<double> fractions_;
@@ -48,6 +51,7 @@ class ImageRenderer {
   PixelCover cover_;
   PixelTracer tracer_;
   AmbientFiller ambient_;
+  LampFiller lamps_;
   PathTracer path_tracer_;
   PathTracer mirror_tracer_;
   LightTracer light_tracer_;

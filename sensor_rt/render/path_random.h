@@ -12,7 +12,8 @@ namespace sensor_rt {
 class PathRandom {
  public:
   static constexpr int kPhotons = 0;
-  static constexpr int kSight = 1;  ///< plus the number of the camera
+  static constexpr int kLamps = -2;  ///< minus the number of the camera
+  static constexpr int kSight = 1;   ///< plus the number of the camera
 
   PathRandom(std::uint64_t seed, std::int64_t frame, int kind)
       : key_{static_cast<std::uint32_t>(seed) ^ 0x9E3779B9u * static_cast<std::uint32_t>(kind + 1),

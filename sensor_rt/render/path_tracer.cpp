@@ -21,11 +21,12 @@ struct PathTracer::Packet {
 };
 
 PathTracer::PathTracer(const RenderPlan& plan, Mode mode)
-    : plan_(plan), mode_(mode), rays_(plan), speckle_(plan) {}
+    : plan_(plan), mode_(mode), rays_(plan), speckle_(plan), lamps_(plan) {}
 
 void PathTracer::set(const ExposureViews& views, std::int64_t frame) {
   views_ = &views;
   speckle_.set(views);
+  lamps_.set(views);
   frame_ = frame;
 }
 
@@ -85,6 +86,37 @@ double PathTracer::ambient_light(const Packet& packet, int depth) const {
   return sum;
 }
 
+double PathTracer::lamp_light(const Packet& packet, int depth) const {
+  const PathRandom random(plan_.settings.seed, frame_, PathRandom::kLamps - static_cast<int>(rays_.camera()));
+  const std::size_t* instants = &views_->lane_instants[packet.number * kLanes];
+  double sum = 0.0;
+  for (std::size_t number = 0; number < views_->scene->lights().size(); ++number) {
+    Lanes3 origin;
+    Lanes3 way;
+    double light[kLanes];
+    alignas(64) int open[kLanes] = {};
+    for (int l = 0; l < kLanes; ++l) {
+      set_lane(origin, l, Eigen::Vector3d::Zero());
+      set_lane(way, l, Eigen::Vector3d::UnitZ());
+      if (packet.alive[l] == 0) continue;
+      const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+      const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
+      const auto u = random.at(packet.pixel, sample,
+                               256 * static_cast<std::uint32_t>(number) + static_cast<std::uint32_t>(depth));
+      Eigen::Vector3d towards;
+      light[l] = packet.carried[l] * lamps_.sample(number, at, views_->reflection(packet.hits.shape[l]),
+                                                   instants[l], u[0], u[1], towards);
+      if (!(light[l] > 0.0)) continue;
+      set_lane(origin, l, at.above());
+      set_lane(way, l, towards);
+      open[l] = -1;
+    }
+    views_->free.occlude(instants, origin, way, 1.0, open);
+    for (int l = 0; l < kLanes; ++l) sum += open[l] != 0 ? light[l] : 0.0;
+  }
+  return sum;
+}
+
 void PathTracer::reflect(Packet& packet, int depth) {
   const PathRandom random(plan_.settings.seed, frame_, PathRandom::kSight + static_cast<int>(rays_.camera()));
   for (int l = 0; l < kLanes; ++l) {
@@ -114,6 +146,7 @@ void PathTracer::trace_packet(Packet& packet) {
     for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
     if (depth > last) return;  // beyond the last reflection there is only light from around the scene
     packet.sum += laser_light(packet, depth);
+    if (lamps_.any()) packet.sum += lamp_light(packet, depth);
     if (depth == last && !ambient) return;
     reflect(packet, depth);
     if (std::none_of(packet.alive, packet.alive + kLanes, [](int alive) { return alive != 0; })) return;

@@ -4,15 +4,17 @@
 #include <cstdint>
 
 #include "sensor_rt/render/exposure_views.h"
+#include "sensor_rt/render/lamps.h"
 #include "sensor_rt/render/pixel_rays.h"
 #include "sensor_rt/render/speckle.h"
 
 namespace sensor_rt {
 
 /// Unbiased path tracing of single pixels, one path per sample of the pixel (Kajiya 1986). Every surface that
-/// a path meets is connected to the laser's source, a point that no path meets by chance. Ambient light is
-/// even light from all around the scene: paths that leave the scene bring it. Sources seen by way of a mirror
-/// that the laser itself meets first are beyond such paths; LightTracer follows those.
+/// a path meets is connected to the laser's source and to a piece of every lamp, which no path meets by
+/// chance. Ambient light is even light from all around the scene: paths that leave the scene bring it.
+/// Sources seen by way of a mirror that the laser itself meets first are beyond such paths; LightTracer
+/// follows those.
 class PathTracer {
  public:
   enum class Mode {
@@ -37,6 +39,7 @@ class PathTracer {
 
   void trace_packet(Packet& packet);
   double laser_light(Packet& packet, int depth);
+  double lamp_light(const Packet& packet, int depth) const;
   void reflect(Packet& packet, int depth);
   double ambient_light(const Packet& packet, int depth) const;
 
@@ -44,6 +47,7 @@ class PathTracer {
   Mode mode_;
   PixelRays rays_;
   Speckle speckle_;
+  Lamps lamps_;
   const ExposureViews* views_ = nullptr;
   std::int64_t frame_ = 0;
 };

@@ -12,7 +12,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 }  // namespace
 
 PixelTracer::PixelTracer(const RenderPlan& plan)
-    : plan_(plan), rays_(plan), sheet_(plan.settings.model.laser), speckle_(plan) {
+    : plan_(plan), rays_(plan), sheet_(plan.settings.model.laser), speckle_(plan), lamps_(plan) {
   sources_.resize(plan.pattern.padded_size() / kLanes);
   for (std::size_t packet = 0; packet < sources_.size(); ++packet) {
     for (int l = 0; l < kLanes; ++l) set_lane(sources_[packet], l, plan.source(packet, l));
@@ -22,6 +22,7 @@ PixelTracer::PixelTracer(const RenderPlan& plan)
 void PixelTracer::set(const ExposureViews& views) {
   views_ = &views;
   speckle_.set(views);
+  lamps_.set(views);
   surfaces_.clear();
   for (const Shape& shape : views.scene->shapes()) {
     const bool lambert = shape.surface->material().is_lambert();
@@ -112,6 +113,19 @@ double PixelTracer::reflectance(int column, int row) {
   const Surface& surface = surfaces_[static_cast<std::size_t>(hits.shape[l])];
   if (surface.reflection == nullptr) return surface.reflectance;
   return surface.reflection->albedo(std::abs(lane(hits.normal, l).dot(lane(direction, l).normalized())));
+}
+
+LampView PixelTracer::lamp_light(int column, int row) {
+  Lanes3 direction;
+  PacketHits hits;
+  const int l = look(column, row, direction, hits);
+  if (hits.shape[l] < 0) return {};
+  Lanes3 origin;
+  set_lane(origin, l, lane(rays_.eyes(0), l));
+  const SurfacePoint at(origin, direction, hits, l);
+  const std::size_t instant = views_->lane_instants[static_cast<std::size_t>(l)];
+  const double light = lamps_.brightness(at, views_->reflection(hits.shape[l]), instant);
+  return {light > 0.0 ? electrons(column, row, light) : 0.0, hits.shape[l], at.normal};
 }
 
 std::int32_t PixelTracer::shape_at(int column, int row) {

@@ -4,11 +4,19 @@
 #include <vector>
 
 #include "sensor_rt/render/exposure_views.h"
+#include "sensor_rt/render/lamps.h"
 #include "sensor_rt/render/pixel_rays.h"
 #include "sensor_rt/render/sheet_light.h"
 #include "sensor_rt/render/speckle.h"
 
 namespace sensor_rt {
+
+/// What the middle of a pixel shows by the light of lamps.
+struct LampView {
+  double light = 0.0;       ///< electrons per second
+  std::int32_t shape = -1;  ///< -1: nothing is there
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+};
 
 /// Traces pixels of one camera at a time: all samples of a pixel from the lens to the scene, and from the
 /// laser to what they meet. Samples differ in place and in time, each with the poses of its instant.
@@ -30,6 +38,9 @@ class PixelTracer {
   /// Reflectance under even light, seen along the middle of a pixel at mid-exposure; 0 where nothing is in
   /// view.
   double reflectance(int column, int row);
+
+  /// The light of lamps, seen along the middle of a pixel at mid-exposure.
+  LampView lamp_light(int column, int row);
 
   /// Number of the shape seen along the middle of a pixel at mid-exposure; -1: none.
   std::int32_t shape_at(int column, int row);
@@ -58,6 +69,7 @@ class PixelTracer {
   SheetLight sheet_;
   std::vector<Lanes3> sources_;  ///< per packet
   Speckle speckle_;
+  Lamps lamps_;
   const ExposureViews* views_ = nullptr;
   std::vector<Surface> surfaces_;  ///< per shape
 };

@@ -109,7 +109,8 @@ RenderPlan::RenderPlan(const RenderSettings& given)
     const bool everything = model.ambient_irradiance > 0.0 || settings.ground_truth || settings.bounces > 0;
     lane_eyes.push_back(spread_eyes(camera, pattern));
     pixel_reach.push_back(reach_beyond_pixel(camera, pattern));
-    camera_regions.push_back(everything ? camera_field(camera) : camera_region(camera, 1.1 * beyond));
+    camera_fields.push_back(camera_field(camera));
+    camera_regions.push_back(everything ? camera_fields.back() : camera_region(camera, 1.1 * beyond));
     electrons_per_irradiance.push_back(
         sensor_rt::electrons_per_irradiance(camera, model.laser.wavelength, settings.quantum_efficiency));
   }

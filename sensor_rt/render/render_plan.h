@@ -47,7 +47,8 @@ struct RenderPlan {
   double slope = 0.0;       ///< |x| / distance from the source that holds all light where any camera sees it
   double pixel_size = 0.0;  ///< smallest distance between neighbouring pixels on surfaces in the field, m
   std::vector<HalfSpace> laser_region;
-  std::vector<std::vector<HalfSpace>> camera_regions;
+  std::vector<std::vector<HalfSpace>> camera_regions;  ///< of what light of the sensor makes visible
+  std::vector<std::vector<HalfSpace>> camera_fields;   ///< of everything in view
   std::vector<double>
       electrons_per_irradiance;  ///< per camera: electrons per second and per W/m² of diffusely
                                  ///< reflected irradiance, for a pixel on the optical axis

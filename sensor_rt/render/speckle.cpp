@@ -78,14 +78,13 @@ Eigen::Vector2d Speckle::motion(std::int32_t shape, const Eigen::Vector3d& point
 
 void Speckle::modulate(int column, int row, std::size_t packet, const Lanes3& direction,
                        const PacketHits& hits, const int* lit, double* light) {
-  const Eigen::Vector3d eye = plan_.settings.model.cameras[camera_].sensor_from_camera.translation;
   const bool still = views_->track->instants() == 1;
   for (int l = 0; l < kLanes; ++l) {
     if (lit[l] == 0) continue;
     const std::size_t number = packet * kLanes + static_cast<std::size_t>(l);
     const std::size_t sample = std::min(number, plan_.pattern.size() - 1);
     const std::int32_t shape = hits.shape[l];
-    const Eigen::Vector3d point = eye + hits.t[l] * lane(direction, l);
+    const Eigen::Vector3d point = plan_.eye(camera_, packet, l) + hits.t[l] * lane(direction, l);
     const Eigen::Vector3d point_in_shape =
         views_->track->shape_from_reference(static_cast<std::size_t>(shape), views_->lane_instants[number]) *
         point;

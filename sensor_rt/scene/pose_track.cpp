@@ -31,6 +31,21 @@ void PoseTrack::set(const Scene& scene, const Exposures& exposures, std::size_t 
       shape_from_reference_[s * instants_ + i] = shapes[s].shape_from_body * reference_from_body.inverse();
     }
   }
+  place_lights(scene, exposures, exposure, fractions);
+}
+
+void PoseTrack::place_lights(const Scene& scene, const Exposures& exposures, std::size_t exposure,
+                             const std::vector<double>& fractions) {
+  const std::vector<Light>& lights = scene.lights();
+  reference_from_light_.resize(lights.size() * instants_);
+  for (std::size_t n = 0; n < lights.size(); ++n) {
+    const Rigid3* poses = exposures.body_poses(exposure, static_cast<std::size_t>(lights[n].body));
+    for (std::size_t i = 0; i < instants_; ++i) {
+      reference_from_light_[n * instants_ + i] = reference_from_world_[i] *
+                                                 pose_at(poses, exposures.samples, fractions[i]) *
+                                                 lights[n].body_from_light;
+    }
+  }
 }
 
 void PoseTrack::set_still(const Scene& scene, const Rigid3* reference_from_body) {

@@ -40,13 +40,20 @@ class PoseTrack {
   void set_still(const Scene& scene, const Rigid3* reference_from_body);
 
   std::size_t instants() const { return instants_; }
+  const Rigid3& reference_from_light(std::size_t light, std::size_t instant) const {
+    return reference_from_light_[light * instants_ + instant];
+  }
   const Rigid3& shape_from_reference(std::size_t shape, std::size_t instant) const {
     return shape_from_reference_[shape * instants_ + instant];
   }
 
  private:
+  void place_lights(const Scene& scene, const Exposures& exposures, std::size_t exposure,
+                    const std::vector<double>& fractions);
+
   std::size_t instants_ = 0;
   std::vector<Rigid3> shape_from_reference_;
+  std::vector<Rigid3> reference_from_light_;
   std::vector<Rigid3> reference_from_world_;
 };
 

@@ -1,6 +1,7 @@
 #include "sensor_rt/scene/scene.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <stdexcept>
 #include <utility>
@@ -54,13 +55,38 @@ void Scene::add_primitive(const std::string& body, ShapeKind kind, const Rigid3&
 }
 
 void Scene::add_shape(const std::string& body, Shape shape, const Material& material) {
-  if (body.empty()) throw std::invalid_argument("a body needs a name");
-  const auto found = std::find(bodies_.begin(), bodies_.end(), body);
-  shape.body = static_cast<int>(found - bodies_.begin());
+  shape.body = body_number(body);
   shape.surface = std::make_shared<const Reflection>(material);
   shape.reflectance = shape.surface->albedo(1.0);
   shapes_.push_back(std::move(shape));
+}
+
+int Scene::body_number(const std::string& body) {
+  if (body.empty()) throw std::invalid_argument("a body needs a name");
+  const auto found = std::find(bodies_.begin(), bodies_.end(), body);
+  const auto number = static_cast<int>(found - bodies_.begin());
   if (found == bodies_.end()) bodies_.push_back(body);
+  return number;
+}
+
+void Scene::add_light(const std::string& body, Light light) {
+  const auto require = [&](bool holds, const char* what) {
+    if (!holds) throw std::invalid_argument("light " + body + ": " + what);
+  };
+  require(std::isfinite(light.power) && light.power >= 0.0, "power must be finite and not negative");
+  require(light.body_from_light.translation.allFinite(), "its position is not finite");
+  if (light.kind != LightKind::kPoint)
+    require(light.size.allFinite() && light.size.minCoeff() > 0.0, "sizes must be finite and positive");
+  if (light.in_band.has_value()) {
+    require(*light.in_band >= 0.0 && *light.in_band <= 1.0, "in_band must lie in 0..1");
+  } else {
+    require(std::isfinite(light.spectrum.centre) && light.spectrum.centre > 0.0,
+            "wavelength must be finite and positive");
+    require(std::isfinite(light.spectrum.width) && light.spectrum.width > 0.0,
+            "bandwidth must be finite and positive");
+  }
+  light.body = body_number(body);
+  lights_.push_back(light);
 }
 
 }  // namespace sensor_rt

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "sensor_rt/scene/light.h"
 #include "sensor_rt/scene/mesh_shape.h"
 #include "sensor_rt/scene/shape.h"
 
@@ -29,17 +30,23 @@ class Scene {
   void add_plane(const std::string& body, const Rigid3& body_from_plane, const Eigen::Vector2d& size,
                  const Material& material);
 
+  /// A lamp that moves with `body`, which need not have shapes; `light.body` is filled in.
+  void add_light(const std::string& body, Light light);
+
   /// Names in the order in which poses are given.
   const std::vector<std::string>& bodies() const { return bodies_; }
   const std::vector<Shape>& shapes() const { return shapes_; }
+  const std::vector<Light>& lights() const { return lights_; }
 
  private:
   void add_primitive(const std::string& body, ShapeKind kind, const Rigid3& body_from_shape,
                      const Eigen::Vector3d& half_size, const Material& material);
   void add_shape(const std::string& body, Shape shape, const Material& material);
+  int body_number(const std::string& body);
 
   std::vector<std::string> bodies_;
   std::vector<Shape> shapes_;
+  std::vector<Light> lights_;
 };
 
 }  // namespace sensor_rt

@@ -73,6 +73,7 @@ def sensor_description(width: int = 1280, height: int = 1024, cameras: int = 1, 
             "dsnu_e": 0.0,
         },
         "ambient": {"irradiance": 0.0},
+        "band_pass": {"centre": 660e-9, "width": 20e-9},
         "speckle": {"contrast": 0.0},
         "render": {
             "samples_per_pixel": 16,

@@ -1,0 +1,78 @@
+#include "sensor_rt/render/lamp_filler.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+namespace sensor_rt {
+namespace {
+
+constexpr int kBlock = 8;
+constexpr double kFlat = 1.0 - 1e-9;   // cosine between normals of one face
+constexpr double kSmooth = 0.005;      // relative error of the middle
+constexpr double kLargestRange = 0.2;  // between corners, relative
+
+bool on_one_face(const LampView& a, const LampView& b) {
+  return a.shape == b.shape && (a.shape < 0 || a.normal.dot(b.normal) > kFlat);
+}
+
+}  // namespace
+
+bool LampFiller::interpolate(PixelTracer& tracer, const Block& block, const LampView* const* corners,
+                             int width, float* out) const {
+  double least = corners[0]->light;
+  double most = least;
+  for (int k = 1; k < 4; ++k) {
+    if (!on_one_face(*corners[0], *corners[k])) return false;
+    least = std::min(least, corners[k]->light);
+    most = std::max(most, corners[k]->light);
+  }
+  if (most - least > kLargestRange * most) return false;
+  const double across = std::max(1, block.right - block.left);
+  const double down = std::max(1, block.bottom - block.top);
+  const auto between = [&](int column, int row) {
+    const double u = (column - block.left) / across;
+    const double v = (row - block.top) / down;
+    return (1.0 - v) * ((1.0 - u) * corners[0]->light + u * corners[1]->light) +
+           v * ((1.0 - u) * corners[2]->light + u * corners[3]->light);
+  };
+  const int column = (block.left + block.right) / 2;
+  const int row = (block.top + block.bottom) / 2;
+  const LampView middle = tracer.lamp_light(column, row);
+  if (!on_one_face(*corners[0], middle) ||
+      std::abs(middle.light - between(column, row)) > kSmooth * middle.light)
+    return false;
+  for (int y = block.top; y < block.top + kBlock && y <= block.bottom; ++y) {
+    for (int x = block.left; x < block.left + kBlock && x <= block.right; ++x)
+      out[static_cast<std::ptrdiff_t>(y) * width + x] = static_cast<float>(between(x, y));
+  }
+  return true;
+}
+
+void LampFiller::fill(PixelTracer& tracer, int width, int height, float* out) {
+  const int columns = (width + kBlock - 1) / kBlock;
+  const int rows = (height + kBlock - 1) / kBlock;
+  corners_.clear();
+  for (int row = 0; row <= rows; ++row) {
+    for (int column = 0; column <= columns; ++column) {
+      corners_.push_back(
+          tracer.lamp_light(std::min(column * kBlock, width - 1), std::min(row * kBlock, height - 1)));
+    }
+  }
+  for (int row = 0; row < rows; ++row) {
+    for (int column = 0; column < columns; ++column) {
+      const Block block{column * kBlock, row * kBlock, std::min((column + 1) * kBlock, width - 1),
+                        std::min((row + 1) * kBlock, height - 1)};
+      const LampView* top = &corners_[static_cast<std::size_t>(row * (columns + 1) + column)];
+      const LampView* bottom = top + columns + 1;
+      const LampView* const corners[] = {top, top + 1, bottom, bottom + 1};
+      if (interpolate(tracer, block, corners, width, out)) continue;
+      for (int y = block.top; y < std::min(block.top + kBlock, height); ++y) {
+        for (int x = block.left; x < std::min(block.left + kBlock, width); ++x)
+          out[static_cast<std::ptrdiff_t>(y) * width + x] = static_cast<float>(tracer.lamp_light(x, y).light);
+      }
+    }
+  }
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,176 @@
+"""External lights: inverse square, cosines, form factors, filters, shadows, agreement with path tracing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import Array, pose, still
+from stripe_images import make_sensor
+
+from sensor_rt import Camera, Material, Scene, Sensor, expected_electrons
+
+PLANCK_C = 6.62607015e-34 * 299792458.0
+Z = 0.12
+REFLECTANCE = 0.5
+DOWN = (np.pi, 0.0, 0.0)  # areas shine towards sensor +Z as they are; turned over they shine back
+
+
+def sensor(mode: str = "fast", samples: int = 16, **overrides: Any) -> Sensor:
+    render = {"noise": False, "mode": mode, "samples_per_pixel": samples} | overrides.pop("render", {})
+    return make_sensor(160, 128, cameras=2, render=render, laser={"power": 0.0}, **overrides)
+
+
+def lit_plane(tracing: Sensor, kind: str, place: Array, power: float = 2.0, **lamp: Any) -> Array:
+    """Electrons (cameras, h, w) of a plane at range Z under one lamp."""
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1.0, 1.0], REFLECTANCE)
+    size = lamp.pop("size", [0.0, 0.0])
+    scene.add_light("lamp", kind, np.eye(4), size, power, **(lamp or {"in_band": 1.0}))
+    return np.asarray(expected_electrons(scene, tracing, still(pose((0, 0, Z)), place))[0], float)
+
+
+def seen(camera: Camera) -> tuple[Array, Array]:
+    """Points (h, w, 3) of the plane that the middles of the pixels show, and electrons per W/m2 sent back."""
+    rows, columns = np.mgrid[: camera.height_px, : camera.width_px]
+    rays = camera.view_rays(np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float))
+    eye = camera.sensor_from_camera[:3, 3]
+    points = eye + ((Z - eye[2]) / rays[:, 2])[:, None] * rays
+    x = (columns - (camera.width_px - 1) / 2) / camera.focal_px
+    y = (rows - (camera.height_px - 1) / 2) / camera.focal_px
+    cosine4 = 1 / (1 + x**2 + y**2) ** 2
+    electrons = 0.8 * cosine4 / (4 * 11.0**2) * 25e-12 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
+    return points.reshape(*rows.shape, 3), electrons
+
+
+def irradiance(tracing: Sensor, images: Array) -> list[tuple[Array, Array]]:
+    """Per camera: points (h, w, 3) and measured irradiance (h, w)."""
+    pairs = zip(tracing.cameras, images, strict=True)
+    return [(seen(camera)[0], image / seen(camera)[1] / REFLECTANCE) for camera, image in pairs]
+
+
+@pytest.mark.parametrize("mode", ["fast", "path"])
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.1, -0.05, 0.02), (0.0, 0.3, -0.4)])
+def test_point_light_falls_with_the_square_and_the_cosine(mode: str, place: tuple[float, ...]) -> None:
+    tracing = sensor(mode)
+    for points, measured in irradiance(tracing, lit_plane(tracing, "point", pose(place))):
+        way = points - place
+        expected = 2.0 / (4 * np.pi) * way[..., 2] / np.linalg.norm(way, axis=-1) ** 3
+        np.testing.assert_allclose(measured, expected, rtol=2e-3)
+
+
+def below_rectangle(width: float, height: float, distance: float) -> float:
+    """Form factor from a small element to a parallel rectangle whose middle it faces (Howell, configuration B-3)."""
+    a, b = width / 2 / distance, height / 2 / distance
+    p, q = np.sqrt(1 + a * a), np.sqrt(1 + b * b)
+    return float(4 / (2 * np.pi) * (a / p * np.arctan(b / p) + b / q * np.arctan(a / q)))
+
+
+@pytest.mark.parametrize("distance", [0.06, 0.2])
+@pytest.mark.parametrize("kind", ["rectangle", "disc"])
+def test_area_light_has_the_form_factor(kind: str, distance: float) -> None:
+    size = [0.08, 0.05] if kind == "rectangle" else [0.06, 0.06]
+    area = size[0] * size[1] * (1.0 if kind == "rectangle" else np.pi / 4)
+    radius = size[0] / 2
+    factor = below_rectangle(*size, distance) if kind == "rectangle" else radius**2 / (radius**2 + distance**2)
+    above = pose((0, 0, Z - distance))
+    for mode, samples, tolerance in (("fast", 16, 3e-3), ("path", 1024, 0.01)):
+        tracing = sensor(mode, samples)
+        images = lit_plane(tracing, kind, above, size=size, in_band=1.0)
+        for points, measured in irradiance(tracing, images):
+            near = np.linalg.norm(points[..., :2], axis=-1) < 1e-3
+            assert near.sum() > 5
+            assert measured[near].mean() == pytest.approx(2.0 / area * factor, rel=tolerance)
+    images = lit_plane(sensor(), kind, above @ pose(angles=DOWN), size=size, in_band=1.0)
+    assert np.all(images == 0.0)  # it shines to one side
+
+
+def test_filter_lets_the_share_in_band_pass() -> None:
+    tracing = sensor(band_pass={"centre": 655e-9, "width": 12e-9})
+    place = pose((0.02, 0.0, 0.0))
+    whole = lit_plane(tracing, "point", place, in_band=1.0)
+    np.testing.assert_allclose(lit_plane(tracing, "point", place, in_band=0.25), 0.25 * whole, rtol=1e-5)
+    wavelength = np.linspace(400e-9, 900e-9, 200_001)
+
+    def bell(centre: float, width: float) -> Array:
+        return np.asarray(np.exp(-4 * np.log(2) * ((wavelength - centre) / width) ** 2))
+
+    for centre, width in ((660e-9, 1e-9), (640e-9, 30e-9), (600e-9, 80e-9)):
+        spectrum = bell(centre, width) / bell(centre, width).sum()
+        passed = (spectrum * bell(655e-9, 12e-9)).sum() / np.interp(660e-9, wavelength, bell(655e-9, 12e-9))
+        measured = lit_plane(tracing, "point", place, spectrum=(centre, width))
+        np.testing.assert_allclose(measured, passed * whole, rtol=1e-4)
+
+
+@pytest.mark.parametrize("mode", ["fast", "path"])
+def test_bodies_cast_shadows(mode: str) -> None:
+    lamp, ball, radius = np.array([0.05, 0.0, -0.05]), np.array([0.01, 0.002, 0.07]), 0.004
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1.0, 1.0], REFLECTANCE)
+    scene.add_sphere("ball", [0, 0, 0], radius, 0.0)
+    scene.add_light("lamp", "point", np.eye(4), [0, 0], 2.0, in_band=1.0)
+    tracing = sensor(mode)
+    images = expected_electrons(scene, tracing, still(pose((0, 0, Z)), pose(ball), pose(lamp)))[0]
+    for camera, image in zip(tracing.cameras, images, strict=True):
+        points, _ = seen(camera)
+        eye = camera.sensor_from_camera[:3, 3]
+        from_lamp, from_eye = (distance_to_ball(points, start, ball) / radius for start in (lamp, eye))
+        shadow, free = from_lamp < 0.95, (from_lamp > 1.05) & (from_eye > 1.1)
+        assert (shadow & (from_eye > 1.1)).sum() > 50
+        assert np.all(image[shadow] == 0.0)
+        assert np.all(image[free] > 0.0)
+
+
+def distance_to_ball(points: Array, start: Array, ball: Array) -> Array:
+    """Distance (h, w) of the ball's centre from the lines between `start` and the points."""
+    way = points - start
+    along = way @ (ball - start)
+    foot = start + (along / (way**2).sum(axis=-1))[..., None] * way
+    return np.asarray(np.linalg.norm(foot - ball, axis=-1))
+
+
+def test_lamp_moves_with_its_body() -> None:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1.0, 1.0], REFLECTANCE)
+    on_arm = pose((0.01, 0.02, -0.03), (0.1, 0.2, 0.3))
+    scene.add_light("arm", "rectangle", on_arm, [0.02, 0.03], 2.0, in_band=1.0)
+    arm = pose((0.02, 0.01, -0.01), (-0.2, 0.1, 0.0))
+    carried = expected_electrons(scene, sensor(), still(pose((0, 0, Z)), arm))[0]
+    fixed = lit_plane(sensor(), "rectangle", arm @ on_arm, size=[0.02, 0.03], in_band=1.0)
+    np.testing.assert_allclose(carried, fixed, rtol=1e-5)
+    assert scene.bodies == ["plane", "arm"]
+
+
+def blocks(images: NDArray[np.float32]) -> Array:
+    return np.asarray(images, float).reshape(*images.shape[:2], 8, 16, 10, 16).mean(axis=(3, 5))
+
+
+def test_fast_mode_agrees_with_path_tracing() -> None:
+    """Blocks of 16 x 16 pixels with glossy surfaces and half shadows: five standard errors of the paths and 1 %."""
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1.0, 1.0], Material(0.6, "rough_dielectric", 0.4, 1.5))
+    scene.add_sphere("ball", [0, 0, 0], 0.008, Material(0.8, "rough_conductor", 0.4, 1.5))
+    scene.add_light("lamp", "rectangle", np.eye(4), [0.05, 0.04], 1.0, in_band=0.5)
+    scene.add_light("bulb", "point", np.eye(4), [0, 0], 0.5, spectrum=(650e-9, 20e-9))
+    poses = [pose((0, 0, Z)), pose((0, 0, Z - 0.012)), pose((0.06, 0.01, 0.0), (0, -0.3, 0)), pose((-0.05, 0, 0.02))]
+    truth = blocks(expected_electrons(scene, sensor("path", 64), still(*poses, count=4)))
+    fast = blocks(expected_electrons(scene, sensor(), still(*poses)))[0]
+    error = truth.std(axis=0, ddof=1) / 2
+    np.testing.assert_array_less(np.abs(fast - truth.mean(axis=0)), 5 * error + 0.01 * truth.mean(axis=0) + 0.05)
+    assert fast.sum() == pytest.approx(truth.mean(axis=0).sum(), rel=3e-3)
+
+
+def test_wrong_lamps_are_refused() -> None:
+    scene = Scene()
+    for arguments, message in (
+        (("bulb", np.eye(4), [0, 0], 1.0, 1.0), "kind"),
+        (("disc", np.eye(4), [0, 0], 1.0, 1.0), "sizes"),
+        (("point", np.eye(4), [0, 0], -1.0, 1.0), "power"),
+        (("point", np.eye(4), [0, 0], 1.0, 1.5), "in_band"),
+        (("point", np.eye(4), [0, 0], 1.0, None, (0.0, 1e-9)), "wavelength"),
+        (("point", np.eye(4), [0, 0], 1.0), "either in_band or spectrum"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            scene.add_light("lamp", *arguments)
