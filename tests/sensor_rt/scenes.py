@@ -102,3 +102,14 @@ def cluttered_exposures(moves: bool) -> tuple[Scene, Exposures]:
     scene, poses = cluttered()
     later = [pose((1e-4, -3e-4, 2e-4), (0.004, 0.002, -0.006)) @ p for p in poses]
     return scene, moving([poses, later] if moves else [poses], [np.eye(4)] * (2 if moves else 1))
+
+
+def assert_same_light(band: NDArray[np.float32], whole: NDArray[np.float32]) -> None:
+    """The traced band against every pixel traced."""
+    lit = whole > 0
+    assert lit.sum() > 10_000
+    np.testing.assert_array_equal(band > 0, lit)
+    # A sample that falls within single precision (some 10 nm) of the edge between two faces may take either one's
+    # normal, and only that one of the sixteen.
+    assert (band != whole).sum() <= 1e-4 * lit.sum()
+    np.testing.assert_allclose(band, whole, rtol=1 / 16)
