@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from orchestrator.cell.patches import Patch, part_patches
 from orchestrator.config.cell import CellDescription, FixtureDescription, PartDescription, ToolDescription
 from orchestrator.config.description import PoseDescription
 from orchestrator.config.light import LightDescription
@@ -27,13 +28,14 @@ class Body:
     """A rigid thing that can occlude, be lit, or be hit.
 
     `moves_with` names the frame that carries it: ``world``, ``link[1]`` … ``link[6]``, ``sensor``, ``table``, ``part``;
-    the mesh is given in that frame, metres.
+    the mesh is given in that frame, metres. Faces of `patches` have materials of their own.
     """
 
     name: str
     moves_with: str
     mesh: Mesh
     material: Material
+    patches: tuple[Patch, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,8 @@ def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
         for name, frame, path, material in files
         if path is not None
     ]
-    return (*bodies, Body("part", "part", part, _material(cell.part.material, cell.part.reflectance)))
+    material = _material(cell.part.material, cell.part.reflectance)
+    return (*bodies, Body("part", "part", part, material, part_patches(part, cell.part)))
 
 
 def _lamp(name: str, light: LightDescription) -> Lamp:

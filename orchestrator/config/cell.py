@@ -106,6 +106,17 @@ class TableDescription(Description):
     base_mesh: str | None = Field(default=None, description="what stands still, table frame, mm")
 
 
+_Corner = Annotated[tuple[Finite, ...], Field(min_length=3, max_length=3)]
+
+
+class MaterialRegionDescription(Description):
+    """A piece of the part with a material of its own: faces whose middle lies in a box, or that a file numbers."""
+
+    material: MaterialDescription
+    min_mm: _Corner | None = Field(default=None, description="lower corner of the box, in the mesh's coordinates")
+    max_mm: _Corner | None = Field(default=None, description="upper corner; without one the box is open upwards")
+
+
 class PartDescription(Description):
     """How the part sits on the table.
 
@@ -126,6 +137,12 @@ class PartDescription(Description):
     friction: NonNegative = 0.6
     reflectance: Fraction = Field(default=0.5, description="Lambertian reflectance at the laser's wavelength")
     material: MaterialDescription | None = Field(default=None, description="takes the place of reflectance")
+    material_region: tuple[MaterialRegionDescription, ...] = Field(
+        default=(), description="pieces with other materials; where boxes overlap the last one counts"
+    )
+    face_materials: str | None = Field(
+        default=None, description="text file or .npy: per face 0, or the number of its material_region from 1"
+    )
 
 
 class WorldDescription(Description):

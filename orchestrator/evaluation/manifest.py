@@ -55,7 +55,11 @@ def manifest(setup: Setup, inputs: Sequence[Path], run: Mapping[str, Any]) -> di
 
 def _mesh_paths(node: Any) -> list[str]:
     if isinstance(node, Mapping):
-        own = [str(value) for key, value in node.items() if key.endswith("mesh") and isinstance(value, str)]
+        own = [
+            str(value)
+            for key, value in node.items()
+            if key.endswith(("mesh", "face_materials")) and isinstance(value, str)
+        ]
         return own + [path for value in node.values() for path in _mesh_paths(value)]
     if isinstance(node, list | tuple):
         return [path for value in node for path in _mesh_paths(value)]

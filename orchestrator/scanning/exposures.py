@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 import sensor_rt
 from orchestrator.cell.nominal import Body, Lamp, NominalCell
+from orchestrator.cell.patches import Patch
 from orchestrator.cell.recording import ExposureTruth
 
 Array = NDArray[np.float64]
@@ -25,17 +26,32 @@ def visible_bodies(cell: NominalCell) -> tuple[Body | Lamp, ...]:
 
 
 def build_scene(bodies: Sequence[Body | Lamp]) -> sensor_rt.Scene:
-    """Scene of `bodies`, one mesh each, and lamps."""
+    """Scene of `bodies`, one mesh for each of their materials, and lamps."""
     scene = sensor_rt.Scene()
     for body in bodies:
         if isinstance(body, Lamp):
             power = (body.power, body.in_band, body.spectrum)
             scene.add_light(body.name, body.kind, body.frame_from_lamp, body.size, *power)
             continue
-        m = body.material
-        material = sensor_rt.Material(m.reflectance, m.model, m.roughness, m.refractive_index)
-        scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material)
+        _add_body(scene, body)
     return scene
+
+
+def _add_body(scene: sensor_rt.Scene, body: Body) -> None:
+    """Shapes with one name move as one; a body has one for each of its materials, with the vertices that it uses."""
+    patched = np.zeros(len(body.mesh.faces), bool)
+    for patch in body.patches:
+        patched[patch.faces] = True
+    for patch in (Patch(np.flatnonzero(~patched), body.material), *body.patches):
+        if len(patch.faces) == 0:
+            continue
+        m = patch.material
+        material = sensor_rt.Material(m.reflectance, m.model, m.roughness, m.refractive_index)
+        if len(patch.faces) == len(patched):
+            scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material)
+        else:
+            used, faces = np.unique(body.mesh.faces[patch.faces], return_inverse=True)
+            scene.add_mesh(body.name, body.mesh.vertices[used], faces.reshape(-1, 3), material)
 
 
 def exposures_from_truth(

@@ -25,7 +25,7 @@ from orchestrator.cell.as_built import parse_as_built
 from orchestrator.cell.driver import DriveOptions, Driver
 from orchestrator.cell.fmu_file import build_fmu, cell_json
 from orchestrator.cell.instance import CellInstance
-from orchestrator.cell.nominal import Body, NominalCell, nominal_cell
+from orchestrator.cell.nominal import Body, Lamp, NominalCell, nominal_cell
 from orchestrator.cell.program import Program
 from orchestrator.cell.recording import Recording
 from orchestrator.config.cell import CellDescription
@@ -84,7 +84,7 @@ class _Stage:
     """A nominal cell with what light can meet in it."""
 
     nominal: NominalCell
-    bodies: tuple[Body, ...]
+    bodies: tuple[Body | Lamp, ...]
     scene: sensor_rt.Scene
 
 
