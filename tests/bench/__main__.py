@@ -33,7 +33,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("--only", action="append", choices=names, help="measure this section only; may be repeated")
     parser.add_argument("--out", type=Path, default=Path("out/bench.json"))
-    parser.add_argument("--largest", type=int, default=2_000_000, help="triangles of the densest part")
+    parser.add_argument("--largest", type=int, default=5_000_000, help="triangles of the densest part")
     options = parser.parse_args()
     start = time.perf_counter()
     rows: list[Row] = []

@@ -18,6 +18,8 @@ class Row:
 
     Attributes
     ----------
+    clock
+        ``wall`` or ``processor``: by which time value and verdict are taken.
     spread
         How far the median of the repeats lies from the best, relative to the best; None for a single run.
     wanted
@@ -32,6 +34,7 @@ class Row:
     spread: float | None = None
     wanted: Wanted = ""
     limit: float = 1.0
+    clock: Literal["wall", "processor"] = "wall"
 
     @property
     def ratio(self) -> float:
@@ -63,14 +66,15 @@ def print_header() -> None:
     """Print what the columns are, and on what machine."""
     print(f"CPU: {cpu_model()}; load at start {os.getloadavg()[0]:.1f}")
     print("value: best of the repeats; spread: how much worse their median was")
-    left = f"{'name':<46}{'value':>10} {'unit':<12}{'spread':>7}"
+    print("clock: wall time, or processor time of all threads together, which other processes hardly touch")
+    left = f"{'name':<46}{'clock':<10}{'value':>10} {'unit':<12}{'spread':>7}"
     print(f"{left}  {'peer':<42}{'peer value':>10}{'ratio':>9}  {'wanted':<9}")
 
 
 def print_row(row: Row) -> None:
     """Print one row of the table."""
     spread = "" if row.spread is None else f"{100 * row.spread:.0f} %"
-    left = f"{row.name:<46}{row.value:>10.4g} {row.unit:<12}{spread:>7}"
+    left = f"{row.name:<46}{row.clock:<10}{row.value:>10.4g} {row.unit:<12}{spread:>7}"
     print(f"{left}  {row.peer:<42}{row.peer_value:>10.4g}{row.ratio:>9.3g}  {row.wish:<9}{row.verdict}", flush=True)
 
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 class Timing:
     """Seconds of the fastest repeat, how much more the median took, relative to it, and processor seconds.
 
-    Processor seconds, of all threads together, hardly know of other processes: they tell what an idle machine would do.
+    Processor seconds, of all threads together, hardly know of other processes: they tell what an idle machine would do,
+    up to the caches that others empty.
     """
 
     best: float
