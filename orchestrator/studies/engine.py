@@ -151,6 +151,7 @@ def run_tasks(
         for report in _reports(job, todo, where, outcome, announce, began):
             outcome.add(report)
             progress.advance(1)
+        job.store.sweep()  # of workers that died on the way
     outcome.seconds = time.perf_counter() - began
     return outcome
 
