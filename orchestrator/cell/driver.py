@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.program import Program, Segment, TriggerKind
-from orchestrator.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, TRUTH_COLUMNS, Recording
+from orchestrator.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, Recording, count_parts, truth_columns
 from orchestrator.errors import CellError
 
 _SERVO = 1
@@ -20,7 +20,6 @@ _TRIGGER_INPUTS: dict[TriggerKind, str] = {
     "table_angle": "command.trigger.angle",
     "path_distance": "command.trigger.distance",
 }
-_RECORD_COLUMNS = (*MEASURED_COLUMNS, *TRUTH_COLUMNS)
 # A record must arrive within this time of its request, or the cell is not working.
 _PATIENCE_US = 5_000_000
 
@@ -44,7 +43,8 @@ class Driver:
         self._cycle_us = options.cycle_us
         self._step_us = options.cycle_us // options.steps_per_cycle
         self._setpoints = cell.real_group([*(f"command.q[{i}]" for i in range(1, 7)), "command.table"])
-        self._record_group = cell.real_group(_RECORD_COLUMNS)
+        self._record_columns = (*MEASURED_COLUMNS, *truth_columns(count_parts(cell.names)))
+        self._record_group = cell.real_group(self._record_columns)
         self._records: list[NDArray[np.float64]] = []
         self._numbers: list[tuple[int, int]] = []
         self._shown = 0
@@ -129,10 +129,10 @@ class Driver:
             self._step(self._cell.time_us + self._step_us)
 
     def _recording(self) -> Recording:
-        values = np.array(self._records, float).reshape(-1, len(_RECORD_COLUMNS))
+        values = np.array(self._records, float).reshape(-1, len(self._record_columns))
         numbers = np.array(self._numbers, np.int64).reshape(-1, len(INTEGER_COLUMNS))
         columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
             name: numbers[:, i] for i, name in enumerate(INTEGER_COLUMNS)
         }
-        columns.update({name: values[:, i] for i, name in enumerate(_RECORD_COLUMNS)})
+        columns.update({name: values[:, i] for i, name in enumerate(self._record_columns)})
         return Recording(columns)

@@ -8,17 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import orchestrator.cell
 from orchestrator.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_contents, write_archive
-from orchestrator.cell.nominal import NominalCell
-from orchestrator.config.cell import CellDescription
+from orchestrator.cell.nominal import FurtherPart, NominalCell, pose_matrix
+from orchestrator.config.cell import CellDescription, PartDescription
 from orchestrator.config.contact import ContactDescription
+from orchestrator.config.devices import ConveyorDescription, FurtherPartDescription
 from orchestrator.config.units import to_si
 from orchestrator.errors import CellError
 from orchestrator.files import atomic_write
 from orchestrator.geometry import pose
-from orchestrator.geometry.mesh import mass_properties
+from orchestrator.geometry.mesh import Mesh, mass_properties
+
+Array = NDArray[np.float64]
 
 
 def runtime_dir() -> Path:
@@ -56,21 +60,21 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
         },
         "tool": {"flange_from_sensor": _pose_json(nominal.flange_from_sensor)},
         "table": {"world_from_table": _pose_json(nominal.world_from_table), "start": 0.0, **table},
-        "conveyors": [],
-        "parts": [_part_json(cell, nominal)],
+        "conveyors": [_conveyor_json(conveyor) for conveyor in cell.conveyor],
+        "parts": [
+            {"name": "part", "stands_on": "table", **_part_json(cell.part, nominal.part, nominal.table_from_part)},
+            *(_further_part_json(part) for part in nominal.further_parts),
+        ],
         "contact": _contact_json(cell.contact),
     }
 
 
-def _part_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]:
-    part = cell.part
-    hull = nominal.part.hull
-    properties = mass_properties(nominal.part, part.density_kg_m3)
+def _part_json(part: PartDescription | FurtherPartDescription, mesh: Mesh, support_from_part: Array) -> dict[str, Any]:
+    hull = mesh.hull
+    properties = mass_properties(mesh, part.density_kg_m3)
     return {
-        "name": "part",
         "fixture": part.fixture,
-        "stands_on": "table",
-        "support_from_part": _pose_json(nominal.table_from_part),
+        "support_from_part": _pose_json(support_from_part),
         "mass": properties.mass,
         "friction": part.friction,
         "hull": {"vertices": hull.vertices.tolist(), "faces": hull.faces.tolist()},
@@ -79,12 +83,23 @@ def _part_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]:
     }
 
 
+def _further_part_json(part: FurtherPart) -> dict[str, Any]:
+    described = part.description
+    placed = _part_json(described, part.mesh, pose_matrix(described.pose))
+    return {"name": described.name, "stands_on": described.stands_on, **placed}
+
+
+def _conveyor_json(conveyor: ConveyorDescription) -> dict[str, Any]:
+    si = to_si(conveyor.model_dump(exclude={"pose", "reflectance", "material"}))
+    return {"world_from_belt": _pose_json(pose_matrix(conveyor.pose)), **si}
+
+
 def _contact_json(contact: ContactDescription) -> dict[str, Any]:
     pairs = [{"bodies": list(pair.bodies), "points": pair.points} for pair in contact.pair]
     return {"solver": contact.solver, "points": contact.points, "pairs": pairs}
 
 
-def _pose_json(target_from_source: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any]:
+def _pose_json(target_from_source: Array) -> dict[str, Any]:
     quaternion = pose.quaternion_from_rotation(target_from_source[:3, :3])
     return {"position": target_from_source[:3, 3].tolist(), "quaternion": quaternion.tolist()}
 

@@ -155,6 +155,11 @@ class CellInstance:
             if name.startswith("as_built.")
         }
 
+    @property
+    def names(self) -> list[str]:
+        """Names of all variables."""
+        return list(self._variables)
+
     def real_group(self, names: Iterable[str]) -> RealGroup:
         """A group of real variables for `get` and `set`, in the order of `names`."""
         return RealGroup([self._reference(name) for name in names])

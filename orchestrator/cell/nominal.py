@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from orchestrator.cell.patches import Patch, part_patches
 from orchestrator.config.cell import CellDescription, FixtureDescription, PartDescription, ToolDescription
 from orchestrator.config.description import PoseDescription
+from orchestrator.config.devices import FurtherPartDescription
 from orchestrator.config.light import LightDescription
 from orchestrator.config.material import Material, MaterialDescription
 from orchestrator.config.units import to_si
 from orchestrator.errors import CellError
 from orchestrator.geometry import pose
 from orchestrator.geometry.arm import Arm, Joint
-from orchestrator.geometry.mesh import Mesh, is_stable_pose, load_mesh
+from orchestrator.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
 
 Array = NDArray[np.float64]
 
@@ -27,8 +28,9 @@ Array = NDArray[np.float64]
 class Body:
     """A rigid thing that can occlude, be lit, or be hit.
 
-    `moves_with` names the frame that carries it: ``world``, ``link[1]`` … ``link[6]``, ``sensor``, ``table``, ``part``;
-    the mesh is given in that frame, metres. Faces of `patches` have materials of their own.
+    `moves_with` names the frame that carries it: ``world``, ``link[1]`` … ``link[6]``, ``sensor``, ``table``, ``part``
+    and, for further parts, ``part[2]`` …; the mesh is given in that frame, metres. Faces of `patches` have materials of their
+    own.
     """
 
     name: str
@@ -56,6 +58,20 @@ class Lamp:
 
 
 @dataclass(frozen=True)
+class FurtherPart:
+    """A part beside the one that is scanned.
+
+    `carrier` is ``table`` or ``world``, and `carrier_from_part` (4, 4) where the part starts (a belt stands in the
+    world).
+    """
+
+    description: FurtherPartDescription
+    mesh: Mesh
+    carrier: str
+    carrier_from_part: Array
+
+
+@dataclass(frozen=True)
 class NominalCell:
     """Nominal geometry of arm, tool, table and part; poses are (4, 4) ``target_from_source``, metres."""
 
@@ -71,6 +87,7 @@ class NominalCell:
     part: Mesh
     bodies: tuple[Body, ...]
     lamps: tuple[Lamp, ...] = ()
+    further_parts: tuple[FurtherPart, ...] = ()
 
     def world_from_sensor(self, q: ArrayLike) -> Array:
         """(..., 4, 4) for joint angles q (..., 6)."""
@@ -94,6 +111,8 @@ class NominalCell:
         frames["sensor"] = links[..., -1, :, :] @ self.flange_from_sensor
         frames["table"] = self.world_from_table @ turn
         frames["part"] = frames["table"] @ self.table_from_part
+        for number, further in enumerate(self.further_parts, start=2):
+            frames[f"part[{number}]"] = frames[further.carrier] @ further.carrier_from_part
         return frames
 
     def body_poses(self, q: ArrayLike, table: ArrayLike) -> Array:
@@ -116,6 +135,7 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
     table_from_part = lay_down(part, cell.part)
     if cell.part.fixture == "free":
         _refuse_unstable(part, table_from_part, cell.part)
+    further = tuple(_further_part(part_, cell) for part_ in cell.further_part)
     joints = [Joint(**_joint_fields(joint.model_dump())) for joint in robot.joint]
     return NominalCell(
         arm=Arm(joints, pose_matrix(robot.base)),
@@ -128,9 +148,44 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         table_max_speed=to_si({"v_deg_s": cell.table.max_speed_deg_s})["v"],
         table_max_acceleration=to_si({"a_deg_s2": cell.table.max_acceleration_deg_s2})["a"],
         part=part,
-        bodies=_bodies(cell, part),
         lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
+        bodies=(*_bodies(cell, part), *_device_bodies(cell, further)),
+        further_parts=further,
     )
+
+
+def _further_part(description: FurtherPartDescription, cell: CellDescription) -> FurtherPart:
+    support_from_part = pose_matrix(description.pose)
+    mesh = load_mesh(Path(description.mesh), description.unit)
+    if description.conveyor is None:
+        return FurtherPart(description, mesh, description.stands_on, support_from_part)
+    world_from_belt = pose_matrix(cell.conveyor[description.conveyor - 1].pose)
+    return FurtherPart(description, mesh, "world", world_from_belt @ support_from_part)
+
+
+def _device_bodies(cell: CellDescription, further: tuple[FurtherPart, ...]) -> tuple[Body, ...]:
+    belts = [
+        Body(
+            belt.name,
+            "world",
+            box_mesh((si["length"], si["width"], si["thickness"]), belt.name).transformed(
+                pose_matrix(belt.pose) @ pose.translation((0.0, 0.0, -si["thickness"] / 2))
+            ),
+            _material(belt.material, belt.reflectance),
+        )
+        for belt in cell.conveyor
+        for si in [to_si(belt.model_dump(include={"length_mm", "width_mm", "thickness_mm"}))]
+    ]
+    parts = [
+        Body(
+            part.description.name,
+            f"part[{number}]",
+            part.mesh,
+            _material(part.description.material, part.description.reflectance),
+        )
+        for number, part in enumerate(further, start=2)
+    ]
+    return (*belts, *parts)
 
 
 def pose_matrix(description: PoseDescription) -> Array:

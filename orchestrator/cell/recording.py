@@ -5,7 +5,8 @@ A recording is a table whose columns are named like the FMU's variables, so that
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +22,6 @@ from orchestrator.geometry import pose
 
 Array = NDArray[np.float64]
 
-MOVING_FRAMES = (*(f"link[{i}]" for i in range(1, 7)), "sensor", "table", "part[1]")
 _PARTS_OF_POSE = (("position", 3), ("orientation", 4), ("velocity", 3), ("angular_velocity", 3))
 _TRUTH = "trigger.truth."
 
@@ -38,13 +38,28 @@ MEASURED_COLUMNS = (
     "trigger.measured.table",
     "trigger.measured.table_rate",
 )
-TRUTH_COLUMNS = tuple(
-    column
-    for frame in MOVING_FRAMES
-    for part, count in _PARTS_OF_POSE
-    for column in _indexed(f"{_TRUTH}{frame}.{part}", count)
-)
 INTEGER_COLUMNS = ("trigger.index", "trigger.segment")
+
+
+def moving_frames(parts: int) -> tuple[str, ...]:
+    """Frames whose true pose a record holds, in a cell with so many parts."""
+    return (*_indexed("link", 6), "sensor", "table", *_indexed("part", parts))
+
+
+def truth_columns(parts: int) -> tuple[str, ...]:
+    """Columns of a record that hold truth."""
+    return tuple(
+        column
+        for frame in moving_frames(parts)
+        for part, count in _PARTS_OF_POSE
+        for column in _indexed(f"{_TRUTH}{frame}.{part}", count)
+    )
+
+
+def count_parts(columns: Iterable[str]) -> int:
+    """Number of parts that columns (or variables of an FMU) tell of, at least 1."""
+    names = set(columns)
+    return next(n for n in itertools.count(1) if f"{_TRUTH}part[{n + 1}].position[1]" not in names)
 
 
 @dataclass(frozen=True)
@@ -103,7 +118,9 @@ class Recording:
     def truth(self) -> ExposureTruth:
         """The part of the recording that the renderer uses."""
         duration = self._stack(["trigger.exposure"])[:, 0]
-        return ExposureTruth(duration, {frame: self._poses(frame, duration) for frame in MOVING_FRAMES})
+        return ExposureTruth(
+            duration, {frame: self._poses(frame, duration) for frame in moving_frames(count_parts(self.columns))}
+        )
 
     def _poses(self, frame: str, duration: Array) -> Array:
         position, orientation, velocity, rate = (
@@ -122,7 +139,7 @@ class Recording:
     def without_truth(self) -> Recording:
         """A copy in which every truth column is NaN."""
         return Recording(
-            {name: np.full(len(self), np.nan) if name in TRUTH_COLUMNS else v for name, v in self.columns.items()}
+            {name: np.full(len(self), np.nan) if name.startswith(_TRUTH) else v for name, v in self.columns.items()}
         )
 
 
@@ -151,7 +168,7 @@ def read_recording(path: Path) -> Recording:
         If the file is missing, not a table, lacks a column or holds values that are not finite numbers.
     """
     table = _read_table(path)
-    wanted = (*INTEGER_COLUMNS, *MEASURED_COLUMNS, *TRUTH_COLUMNS)
+    wanted = (*INTEGER_COLUMNS, *MEASURED_COLUMNS, *truth_columns(count_parts(table.column_names)))
     missing = [name for name in wanted if name not in table.column_names]
     if missing:
         raise DescriptionError(f"{path}: {len(missing)} columns are missing, the first is '{missing[0]}'")
@@ -181,7 +198,7 @@ def _numbers(table: pa.Table, name: str, path: Path) -> NDArray[np.float64]:
         values = np.asarray(table.column(name).to_numpy(), float)
     except (ValueError, TypeError):
         raise DescriptionError(f"{path}: column '{name}' holds values that are not numbers") from None
-    if name not in TRUTH_COLUMNS and not np.isfinite(values).all():
+    if not name.startswith(_TRUTH) and not np.isfinite(values).all():
         row = int(np.flatnonzero(~np.isfinite(values))[0])
         raise DescriptionError(f"{path}: column '{name}', row {row + 1}: {values[row]} is not a finite number")
     return values

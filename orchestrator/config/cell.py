@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from orchestrator.config.contact import ContactDescription
 from orchestrator.config.description import Description, Finite, Fraction, NonNegative, PoseDescription, Positive
+from orchestrator.config.devices import ConveyorDescription, FurtherPartDescription, check_devices
 from orchestrator.config.drives import MotionDescription
 from orchestrator.config.light import LightDescription
 from orchestrator.config.material import MaterialDescription
@@ -172,5 +173,12 @@ class CellDescription(Description):
     sensor_mesh: str | None = Field(default=None, description="housing of the sensor in its own frame, mm")
     table: TableDescription
     part: PartDescription = PartDescription()
+    further_part: tuple[FurtherPartDescription, ...] = ()
+    conveyor: tuple[ConveyorDescription, ...] = ()
     contact: ContactDescription = ContactDescription()
     light: Annotated[tuple[LightDescription, ...], Field(max_length=64)] = ()
+
+    @model_validator(mode="after")
+    def _devices_fit(self) -> Self:
+        check_devices(self.further_part, self.conveyor)
+        return self

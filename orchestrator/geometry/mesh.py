@@ -65,6 +65,12 @@ class Mesh:
         return Mesh(np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int64), self.source)
 
 
+def box_mesh(size: ArrayLike, source: str = "box") -> Mesh:
+    """A box with edges `size` (3,) along its axes, centred on the origin, metres."""
+    box = trimesh.creation.box(np.asarray(size, float))
+    return Mesh(np.asarray(box.vertices, float), np.asarray(box.faces, np.int64), source)
+
+
 def clustered(mesh: Mesh, grid: float) -> Mesh:
     """The mesh with all vertices in a cube of the grid (m) drawn together into one of them; coarser by < 2 `grid`.
 

@@ -8,10 +8,10 @@ import pytest
 from orchestrator.cell.recording import (
     INTEGER_COLUMNS,
     MEASURED_COLUMNS,
-    MOVING_FRAMES,
-    TRUTH_COLUMNS,
     Recording,
+    moving_frames,
     read_recording,
+    truth_columns,
     write_recording,
 )
 from orchestrator.errors import DescriptionError, OutputError
@@ -22,7 +22,7 @@ COUNT = 7
 
 def recording(count: int = COUNT) -> Recording:
     rng = np.random.default_rng(5)
-    columns = {name: rng.normal(size=count) for name in (*MEASURED_COLUMNS, *TRUTH_COLUMNS)}
+    columns = {name: rng.normal(size=count) for name in (*MEASURED_COLUMNS, *truth_columns(1))}
     columns["trigger.exposure"] = np.full(count, 2e-3)
     columns["trigger.index"] = np.arange(1, count + 1)
     columns["trigger.segment"] = np.repeat([3, 9], [count // 2, count - count // 2])
@@ -47,7 +47,7 @@ def test_lost_truth_survives_a_file(tmp_path, suffix) -> None:
     path = tmp_path / f"recording.{suffix}"
     write_recording(recording().without_truth(), path)
     read = read_recording(path)
-    assert all(np.isnan(read.columns[name]).all() for name in TRUTH_COLUMNS)
+    assert all(np.isnan(read.columns[name]).all() for name in truth_columns(1))
     assert np.array_equal(read.measured.q, recording().measured.q)
 
 
@@ -95,7 +95,7 @@ def test_poses_at_start_and_end_follow_from_the_twist_at_the_middle() -> None:
     for i, value in enumerate((0.8, 0.0, 0.6, 0.0), 1):
         given[f"trigger.truth.sensor.orientation[{i}]"] = np.full(COUNT, value)
     truth = Recording(given).truth
-    assert set(truth.world_from_frame) == set(MOVING_FRAMES)
+    assert set(truth.world_from_frame) == set(moving_frames(1))
     poses = truth.world_from_frame["sensor"]
     assert poses.shape == (COUNT, 2, 4, 4)
     for end, sign in ((0, -1), (1, 1)):

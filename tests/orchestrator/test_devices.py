@@ -1,0 +1,119 @@
+"""Further parts and conveyors: from the description through the FMU to records and bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from orchestrator.cell.driver import DriveOptions, Driver
+from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.instance import CellInstance
+from orchestrator.cell.nominal import nominal_cell
+from orchestrator.cell.program import Program, Segment, TriggerRule
+from orchestrator.cell.recording import read_recording, write_recording
+from orchestrator.config.loading import load_setup
+from orchestrator.errors import DescriptionError
+from orchestrator.geometry.mesh import box_mesh
+from orchestrator.scanning.exposures import exposures_from_truth, visible_bodies
+
+BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
+DEVICES = """
+[[conveyor]]
+name = "belt"
+pose = { x_mm = 0.0, y_mm = -500.0, z_mm = 200.0, rz_deg = 90.0 }
+length_mm = 600.0
+width_mm = 150.0
+
+[[further_part]]
+name = "rider"
+mesh = "block.stl"
+stands_on = "conveyor[1]"
+pose = { x_mm = 100.0, z_mm = 10.0 }
+
+[[further_part]]
+name = "bracket"
+mesh = "block.stl"
+fixture = "clamped"
+pose = { y_mm = 60.0, z_mm = 10.0, rz_deg = 30.0 }
+"""
+
+
+@pytest.fixture
+def cell_file(tmp_path):
+    """The default cell with a belt and two parts more, beside the meshes that it names."""
+    import trimesh  # noqa: PLC0415
+
+    from orchestrator.config.loading import assets_dir  # noqa: PLC0415
+
+    trimesh.Trimesh(BLOCK.vertices * 1e3, BLOCK.faces).export(tmp_path / "block.stl")
+    default = (assets_dir() / "cells" / "default.toml").read_text()
+    file = tmp_path / "cell.toml"
+    file.write_text(default.replace("../", f"{assets_dir()}/") + DEVICES)
+    return file
+
+
+def test_devices_reach_the_fmu_in_si_units(cell_file) -> None:
+    setup = load_setup(cell_file)
+    data = cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)
+    assert [part["name"] for part in data["parts"]] == ["part", "rider", "bracket"]
+    assert [part["stands_on"] for part in data["parts"]] == ["table", "conveyor[1]", "table"]
+    assert data["parts"][1]["support_from_part"]["position"] == [0.1, 0.0, 0.01]
+    assert data["parts"][1]["mass"] == pytest.approx(2700 * 0.04 * 0.03 * 0.02)
+    belt = data["conveyors"][0]
+    assert (belt["length"], belt["max_speed"], belt["max_acceleration"]) == (0.6, 0.5, 1.0)
+
+
+def test_every_part_is_recorded_and_drawn_where_it_is(cell_file, tmp_path) -> None:
+    """The clamped part turns with the table, and the one on the belt moves with the belt."""
+    setup = load_setup(cell_file, ideal=True)
+    nominal = nominal_cell(setup.cell, BLOCK)
+    fmu = tmp_path / "cell.fmu"
+    build_fmu(cell_json(setup.cell, nominal, 0), fmu, 3)
+    n = 60
+    segment = Segment(
+        1,
+        np.arange(n) * 0.016,
+        np.tile(nominal.home, (n, 1)),
+        0.3 * (1 - np.cos(np.pi * np.arange(n) / (n - 1))),
+        TriggerRule("time", 0.1),
+        0.1,
+        0.8,
+    )
+    with CellInstance(fmu) as cell:
+        cell.set(cell.real_group(["command.conveyor[1].speed"]), np.array([0.1]))
+        recording = Driver(cell, DriveOptions(16_000, 1e-3)).run(Program((segment,)))
+    write_recording(recording, tmp_path / "records.parquet")
+    read = read_recording(tmp_path / "records.parquet")
+    truth = read.truth.world_from_frame
+    assert set(truth) >= {"part[1]", "part[2]", "part[3]"}
+    table, bracket, rider = (truth[name].mean(1)[:, :3, 3] for name in ("table", "part[3]", "part[2]"))
+    assert np.ptp(bracket[:, :2], axis=0).max() > 0.01
+    assert np.ptp(np.linalg.norm(bracket - table, axis=1)) < 1e-9
+    travelled = np.ptp(rider, axis=0)
+    assert travelled[1] > 0.04
+    assert travelled[[0, 2]].max() < 1e-6
+    # At the start everything is where the nominal cell has it.
+    first = nominal.frame_poses(nominal.home, 0.0)
+    assert np.abs(rider[0, [0, 2]] - first["part[2]"][[0, 2], 3]).max() < 1e-6
+    bodies = visible_bodies(nominal)
+    names = [body.name for body in bodies]
+    assert {"belt", "rider", "bracket"} <= set(names)
+    exposures = exposures_from_truth(read.truth, read.measured.index, bodies)
+    assert exposures is not None
+    np.testing.assert_array_equal(read.without_truth().columns["trigger.index"], read.columns["trigger.index"])
+    assert np.isnan(read.without_truth().columns["trigger.truth.part[3].position[1]"]).all()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["cell.further_part[1].stands_on='conveyor[2]'"], "there are 1 conveyors"),
+        (["cell.further_part[1].fixture='clamped'"], "nothing can be clamped to conveyor"),
+        (["cell.further_part[2].name='rider'"], "the name 'rider' is taken"),
+        (["cell.conveyor[1].name='table'"], "the name 'table' is taken"),
+        (["cell.conveyor[1].length_mm=0"], "length_mm"),
+    ],
+)
+def test_wrong_devices_are_refused(cell_file, words, said) -> None:
+    with pytest.raises(DescriptionError, match=said):
+        load_setup(cell_file, overrides=words)
