@@ -1,5 +1,6 @@
 # `make scan` and `make test` do all the set-up they need, on a bare Debian 12 or newer.
-# Variables: PYTHON (interpreter for the environment), PART (mesh that `make scan` scans), OUT (where results go).
+# Variables: PYTHON (interpreter for the environment), PART (mesh that `make scan` scans), OUT (where results go),
+# CALLS (random calls of `make sanitize`).
 
 SHELL := /bin/bash
 .SHELLFLAGS := -o pipefail -c
@@ -8,6 +9,7 @@ SHELL := /bin/bash
 PYTHON ?= /usr/bin/python3
 PART ?= assets/parts/free_form.stl
 OUT ?= out/scan
+CALLS ?= 100000
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -23,10 +25,10 @@ SYSTEM_PACKAGES := g++ cmake ninja-build ccache patchelf python3-venv python3-de
 NATIVE_SOURCES := CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))
 
-.PHONY: help setup scan test native-tests check format bench peers clean
+.PHONY: help setup scan test native-tests check format bench peers sanitize clean
 
 help:
-	@echo "make setup | scan [PART=mesh OUT=folder] | test | check | format | bench | peers | clean"
+	@echo "make setup | scan [PART=mesh OUT=folder] | test | check | format | bench | peers | sanitize [CALLS=n] | clean"
 
 setup: $(STAMPS)/installed
 
@@ -80,6 +82,10 @@ bench: setup
 
 peers: setup
 	@PYTHONPATH=tests $(BIN)/python -m bench.peers
+
+# The native cell under AddressSanitizer, UndefinedBehaviorSanitizer and ThreadSanitizer, with CALLS random calls.
+sanitize: setup
+	@PYTHONPATH=.:tests $(BIN)/python -m bench.peers.sanitizers --calls $(CALLS)
 
 clean:
 	@rm -rf build out $(VENV) .pytest_cache .mypy_cache .ruff_cache

@@ -15,6 +15,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import xml.etree.ElementTree as ET
+import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,8 +26,10 @@ import fmpy
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
+from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 
+from .attributes import misspelt_attributes
 from .check import Check, PeerMissingError
 from .importers_maestro import run_maestro
 
@@ -35,6 +39,7 @@ PIP_PACKAGES = ("libcosimpy==0.0.6", "ecospy==0.7.2", "fmu-manipulation-toolbox=
 FMI_SIM = ("fmi-sim", "0.7.0")
 TOLERANCE = 1e-9
 _HERE = Path(__file__).parent
+_CLEAN_ROOT = _HERE.parents[1] / "fmu/clean_root.py"
 
 
 @dataclass(frozen=True)
@@ -188,11 +193,25 @@ class ImporterTools:
 def validator_checks(tools: ImporterTools, fmus: dict[int, Path]) -> Iterator[Check]:
     """Findings of the validators; each must be none."""
     for version, fmu in fmus.items():
+        yield Check(f"fmpy validate, FMI {version}: findings", len(validate_fmu(str(fmu))), "", 0)
+        with zipfile.ZipFile(fmu) as archive:
+            root = ET.fromstring(archive.read("modelDescription.xml"))
+        yield Check(f"attributes unknown to FMI {version}", len(misspelt_attributes(root, version)), "", 0)
         said = run_tool([tools.fmutool(), "-input", fmu, "-check"])
         findings = sum(word in said for word in ("ERROR", "WARNING")) + ("seems to be compliant" not in said)
         yield Check(f"fmutool -check, FMI {version}: findings", findings, "", 0)
     said = run_tool([tools.vdmcheck(), fmus[2]], tools.vdmcheck().parent)
     yield Check("VDMCheck2, FMI 2: findings", float("No errors found" not in said), "", 0)
+
+
+def clean_root_checks(fmus: dict[int, Path]) -> Iterator[Check]:
+    """Greatest difference from the reference trajectory inside, with FMPy alone and no environment variables."""
+    said = run_tool([sys.executable, _CLEAN_ROOT, *fmus.values()])
+    for (version, fmu), line in zip(fmus.items(), said.strip().splitlines(), strict=True):
+        if not line.startswith(f"{fmu.name}: "):
+            raise RuntimeError(said)
+        difference = float(line.rsplit(" ", 1)[1])
+        yield Check(f"FMPy alone in an empty environment, FMI {version}, reference", difference, "", TOLERANCE)
 
 
 def trajectory_checks(tools: ImporterTools, scenarios: dict[int, Scenario]) -> Iterator[Check]:
@@ -238,5 +257,6 @@ def importer_checks() -> Iterator[Check]:
             fmus[version] = Path(folder) / f"RobotCell{version}.fmu"
             build_fmu(description, fmus[version], version)
         scenarios = {version: servo_scenario(fmu, setup.cell.robot.home_deg) for version, fmu in fmus.items()}
+        yield from clean_root_checks(fmus)
         yield from trajectory_checks(tools, scenarios)
         yield from validator_checks(tools, fmus)

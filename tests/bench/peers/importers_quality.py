@@ -12,6 +12,7 @@ from pathlib import Path
 
 from .check import Check
 from .importers import importer_checks, run_tool
+from .sanitizers import sanitizer_checks
 
 _CELLS = Path(__file__).parents[2] / "fmu/cells"
 
@@ -37,7 +38,11 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=1_000_000)
     parser.add_argument("--cycles", type=int, default=10_000)
     options = parser.parse_args()
-    checks = [*importer_checks(), *fuzzer_checks(options.fuzzer, options.calls, options.cycles)]
+    checks = [
+        *importer_checks(),
+        *fuzzer_checks(options.fuzzer, options.calls, options.cycles),
+        *sanitizer_checks(options.calls // 10),
+    ]
     rows = [
         f"| {check.name} | {check.value:.3g} {check.unit} | {check.limit:g} | {'yes' if check.passed else 'no'} |"
         for check in checks
