@@ -223,6 +223,7 @@ constexpr UnitDefinition kUnits[] = {
     {kSecond, "s=\"1\"", "1000"},
     {kMetre, "m=\"1\"", "1000"},
     {kRadian, "rad=\"1\"", kDegrees},
+    {kNewton, "kg=\"1\" m=\"1\" s=\"-2\"", "1"},
     {kMetrePerSecond, "m=\"1\" s=\"-1\"", "1000"},
     {kHertz, "s=\"-1\"", "60"},
     {kRadianPerSecond, "rad=\"1\" s=\"-1\"", kDegrees},

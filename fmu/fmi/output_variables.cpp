@@ -38,6 +38,7 @@ void add_record(TableBuilder& table, CellOutputs& out) {
                         record.measured, {});
   BodiesDependencies none;
   none.parts.resize(record.truth.parts.size());
+  none.fingers.resize(record.truth.fingers.size());
   table.add_bodies("trigger.truth.", ", when the light of the exposure on display came", discrete,
                    record.truth, none);
 }

@@ -35,6 +35,7 @@ void add_as_built_arm(TableBuilder& table, AsBuilt& as_built, Dependencies& know
     before = after;
   }
   known.bodies.sensor = before;
+  known.bodies.fingers.assign(2, before);
 }
 
 void add_as_built_tool(TableBuilder& table, AsBuilt& as_built, Dependencies& known) {
@@ -142,11 +143,16 @@ void add_vibrations(TableBuilder& table, AsBuilt& as_built, std::uint32_t seed, 
     link.velocity = known.file;
     shake(link, base);
   }
-  bodies.sensor.velocity = known.file;
-  shake(bodies.sensor, base);
-  // The flange shakes along its own axes, and the sensor with it.
+  std::vector<PoseDependencies*> tools{&bodies.sensor};
+  for (PoseDependencies& finger : bodies.fingers) tools.push_back(&finger);
+  for (PoseDependencies* tool : tools) {
+    tool->velocity = known.file;
+    shake(*tool, base);
+  }
+  // The flange shakes along its own axes, and the tools with it.
   const Refs axes = bodies.links.back().orientation;
-  for (PoseDependencies* body : {&bodies.links.back(), &bodies.sensor}) {
+  tools.push_back(&bodies.links.back());
+  for (PoseDependencies* body : tools) {
     shake(*body, flange);
     append(body->position, axes);
     append(body->velocity, axes);

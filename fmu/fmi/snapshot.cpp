@@ -47,8 +47,12 @@ void exchange(A& a, MotionCommand& v) {
                v.max_age);
 }
 template <class A>
+void exchange(A& a, GripperCommandInputs& v) {
+  exchange_all(a, v.mode, v.width, v.force);
+}
+template <class A>
 void exchange(A& a, CellInputs& v) {
-  exchange_all(a, v.motion, v.segment, v.trigger, v.exposure, v.conveyors);
+  exchange_all(a, v.motion, v.segment, v.trigger, v.exposure, v.conveyors, v.gripper);
 }
 template <class A>
 void exchange(A& a, BodyState& v) {
@@ -56,7 +60,7 @@ void exchange(A& a, BodyState& v) {
 }
 template <class A>
 void exchange(A& a, Bodies& v) {
-  exchange_all(a, v.links, v.sensor, v.table, v.parts);
+  exchange_all(a, v.links, v.sensor, v.table, v.parts, v.fingers);
 }
 template <class A>
 void exchange(A& a, Measurement& v) {
@@ -89,6 +93,29 @@ void exchange(A& a, PartPose& v) {
 template <class A>
 void exchange(A& a, StickAnchor& v) {
   exchange_all(a, v.support, v.normal, v.support_from_body);
+}
+template <class A>
+void exchange(A& a, GripperCommand& v) {
+  auto mode = static_cast<std::int32_t>(v.mode);
+  exchange_all(a, mode, v.width, v.force);
+  if constexpr (A::kReads) {
+    if (mode < 0 || mode > static_cast<std::int32_t>(GripperMode::kForce)) {
+      throw std::invalid_argument("the serialized state holds an impossible value");
+    }
+    v.mode = static_cast<GripperMode>(mode);
+  }
+}
+template <class A>
+void exchange(A& a, GripperState& v) {
+  exchange_all(a, v.command, v.opening, v.speed, v.drive_force);
+}
+template <class A>
+void exchange(A& a, GripperPoint& v) {
+  exchange_all(a, v.opening, v.normal_force, v.contact_force, v.force, v.gripped);
+}
+template <class A>
+void exchange(A& a, GraspState& v) {
+  exchange_all(a, v.gripper, v.arm_speed);
 }
 template <class A>
 void exchange(A& a, FreePartState& v) {
@@ -141,7 +168,7 @@ void exchange(A& a, Imposed& v) {
 }
 template <class A>
 void exchange(A& a, GridPoint& v) {
-  exchange_all(a, v.time_us, v.imposed, v.parts);
+  exchange_all(a, v.time_us, v.imposed, v.parts, v.gripper);
 }
 template <class A>
 void exchange(A& a, TimedAxes& v) {
@@ -149,7 +176,7 @@ void exchange(A& a, TimedAxes& v) {
 }
 template <class A>
 void exchange(A& a, CellState& v) {
-  exchange_all(a, v.time_us, v.from, v.to, v.history, v.controller, v.parts, v.trigger);
+  exchange_all(a, v.time_us, v.from, v.to, v.history, v.controller, v.parts, v.grasp, v.trigger);
 }
 
 }  // namespace robotcell

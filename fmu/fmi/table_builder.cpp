@@ -80,6 +80,10 @@ void TableBuilder::add_bodies(const std::string& prefix, const std::string& when
     add_body(indexed(prefix + "part", i), "part " + std::to_string(i + 1), when, variability, where.parts[i],
              dependencies.parts[i]);
   }
+  for (std::size_t i = 0; i < where.fingers.size(); ++i) {
+    add_body(indexed(prefix + "finger", i), "finger " + std::to_string(i + 1) + " of the gripper", when,
+             variability, where.fingers[i], dependencies.fingers[i]);
+  }
 }
 
 }  // namespace robotcell::fmi

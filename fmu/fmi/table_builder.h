@@ -17,6 +17,7 @@ constexpr Unit kNone{"", "", ""};
 constexpr Unit kSecond{"s", "ms", "Time"};
 constexpr Unit kMetre{"m", "mm", "Length"};
 constexpr Unit kRadian{"rad", "deg", "Angle"};
+constexpr Unit kNewton{"N", "N", "Force"};
 constexpr Unit kMetrePerSecond{"m/s", "mm/s", "Velocity"};
 constexpr Unit kHertz{"Hz", "1/min", "Frequency"};
 constexpr Unit kRadianPerSecond{"rad/s", "deg/s", "AngularVelocity"};
@@ -40,7 +41,7 @@ struct PoseDependencies {
 struct BodiesDependencies {
   std::array<PoseDependencies, kJoints> links;
   PoseDependencies sensor, table;
-  std::vector<PoseDependencies> parts;
+  std::vector<PoseDependencies> parts, fingers;
 };
 
 /// What initial values depend on.

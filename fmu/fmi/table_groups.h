@@ -13,5 +13,8 @@ void add_controller(TableBuilder& table, ControllerOutputs& controller, const De
 void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& known);
 /// Inputs and outputs of the conveyors.
 void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out);
+/// Inputs and outputs of the gripper.
+void add_gripper(TableBuilder& table, GripperCommandInputs& in, GripperOutputs& out,
+                 const Dependencies& known);
 
 }  // namespace robotcell::fmi

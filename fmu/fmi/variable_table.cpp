@@ -14,6 +14,7 @@ VariableTable::VariableTable(const CellLayout& layout, Values& values) {
   add_commands(table, values.inputs);
   add_outputs(table, values.outputs, known);
   add_conveyors(table, values.inputs, values.outputs);
+  if (layout.gripper) add_gripper(table, values.inputs.gripper, values.outputs.gripper, known);
   variables_ = table.take();
 }
 

@@ -47,18 +47,22 @@ Cell::Cell(const CellDescription& description, const CellParameters& parameters)
       history_(encoders_.longest_latency_us()) {
   to_.imposed = start_of(description);
   to_.parts.resize(description.parts.size());
-  place_parts();
+  see_world();
   from_ = to_;
 }
 
-void Cell::place_parts() {
+void Cell::see_world() {
   for (std::size_t i = 0; i < to_.parts.size(); ++i) to_.parts[i] = pose_of(world_.place(i));
+  to_.gripper = world_.gripper();
 }
 
 void Cell::begin_step(const CellInputs& inputs) {
   command_of(inputs.motion);  // refuses what makes no sense before anything happens
   if (inputs.trigger.mode < 0 || inputs.trigger.mode > static_cast<std::int32_t>(TriggerMode::kRequest)) {
     throw std::invalid_argument("command.trigger.mode must be from 0 to 4");
+  }
+  if (inputs.gripper.mode < 0 || inputs.gripper.mode > static_cast<std::int32_t>(GripperMode::kForce)) {
+    throw std::invalid_argument("command.gripper.mode must be from 0 to 2");
   }
   trigger_.command(inputs, time_us_, *this);
 }
@@ -100,6 +104,8 @@ void Cell::take_commands(const CellInputs& inputs) {
     const double limit = description_.conveyors[i].max_speed;
     to_.imposed.belts[i].target = std::clamp(inputs.conveyors[i].speed, -limit, limit);
   }
+  const GripperCommandInputs& gripper = inputs.gripper;
+  world_.command_gripper({static_cast<GripperMode>(gripper.mode), gripper.width, gripper.force});
 }
 
 void Cell::step_dynamics(const CellInputs& inputs) {
@@ -114,7 +120,7 @@ void Cell::step_dynamics(const CellInputs& inputs) {
   }
   for (std::size_t i = 0; i < to_.imposed.belts.size(); ++i) to_.imposed.belts[i] = belt_at(i, to_.time_us);
   world_.step(from_.imposed, to_.imposed);
-  place_parts();
+  see_world();
   const Motion platter = true_.platter(from_.imposed.axes.position[kTableAxis], 0);
   for (std::size_t i = 0; i < to_.parts.size(); ++i) {
     if (from_.parts[i].on_platter == to_.parts[i].on_platter) continue;
@@ -153,6 +159,17 @@ Measurement Cell::measurement(std::int64_t time_us) const {
   return seen;
 }
 
+/// A finger slides on the flange, evenly between two grid points.
+Motion Cell::finger_at(std::size_t finger, std::int64_t time_us, const Motion& flange) const {
+  const double from = from_.gripper.opening[finger];
+  const auto span = static_cast<double>(to_.time_us - from_.time_us);
+  const double s = span > 0 ? static_cast<double>(time_us - from_.time_us) / span : 1;
+  const double travel = to_.gripper.opening[finger] - from;
+  Motion motion = attached(flange, description_.gripper->flange_from_finger(finger, from + s * travel));
+  if (span > 0) motion.velocity += motion.pose.linear().col(0) * (travel / (span * kSecondsPerTick));
+  return motion;
+}
+
 /// A part moves with its carrier, and between two grid points evenly relative to it.
 Motion Cell::part_at(std::size_t part, std::int64_t time_us, const Motion& platter) const {
   const PartPose& from = from_.parts[part];
@@ -185,6 +202,9 @@ void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   for (std::size_t i = 0; i < bodies.parts.size(); ++i) {
     bodies.parts[i] = body_state(part_at(i, time_us, platter));
   }
+  for (std::size_t i = 0; i < bodies.fingers.size(); ++i) {
+    bodies.fingers[i] = body_state(finger_at(i, time_us, links.back()));
+  }
 }
 
 void Cell::write_outputs(CellOutputs& outputs) const {
@@ -195,12 +215,30 @@ void Cell::write_outputs(CellOutputs& outputs) const {
   outputs.trigger_queued = trigger_.queued();
   outputs.trigger = trigger_.shown();
   outputs.controller = outputs_of(controller_.report(time_us_));
+  outputs.gripper = gripper_outputs();
   for (std::size_t i = 0; i < outputs.conveyors.size(); ++i) {
     const control::BeltState belt = belt_at(i, time_us_);
     const double length = description_.conveyors[i].length;
     const double turns = std::floor(belt.travel / length);
     outputs.conveyors[i] = {belt.speed, belt.travel, belt.travel - turns * length};
   }
+}
+
+/// Forces are those of the dynamics step that holds the present.
+GripperOutputs Cell::gripper_outputs() const {
+  const auto span = static_cast<double>(to_.time_us - from_.time_us);
+  const double s = span > 0 ? static_cast<double>(time_us_ - from_.time_us) / span : 1;
+  const GripperPoint& from = from_.gripper;
+  const GripperPoint& to = to_.gripper;
+  GripperOutputs outputs;
+  for (std::size_t i = 0; i < 2; ++i) {
+    outputs.width += from.opening[i] + s * (to.opening[i] - from.opening[i]);
+  }
+  outputs.force = to.force;
+  outputs.gripped = to.gripped;
+  outputs.normal_force = to.normal_force;
+  outputs.contact_force = to.contact_force;
+  return outputs;
 }
 
 CellState Cell::state() const {
@@ -211,6 +249,7 @@ CellState Cell::state() const {
   state.history = history_.states();
   state.controller = controller_.state();
   state.parts = world_.free_parts();
+  state.grasp = world_.grasp();
   state.trigger = trigger_.state();
   return state;
 }
@@ -221,7 +260,7 @@ void Cell::restore(const CellState& state) {
       throw std::invalid_argument("the state holds devices that this cell does not have");
     }
   }
-  world_.restore(state.to.imposed, state.parts);
+  world_.restore(state.to.imposed, state.parts, state.grasp);
   time_us_ = state.time_us;
   from_ = state.from;
   to_ = state.to;

@@ -28,6 +28,7 @@ struct GridPoint {
   std::int64_t time_us = 0;
   Imposed imposed;
   std::vector<PartPose> parts;
+  GripperPoint gripper;
 };
 
 /// What importers that handle events are told of: a bit for each source.
@@ -45,6 +46,7 @@ struct CellState {
   std::vector<TimedAxes> history;  // for encoders with latency
   control::ControllerState controller;
   std::vector<FreePartState> parts;
+  GraspState grasp;
   TriggerState trigger;
 };
 
@@ -89,10 +91,12 @@ class Cell : private MotionView {
 
   AxesState axes_at(std::int64_t time_us) const;
   control::BeltState belt_at(std::size_t belt, std::int64_t time_us) const;
+  Motion finger_at(std::size_t finger, std::int64_t time_us, const Motion& flange) const;
   Motion part_at(std::size_t part, std::int64_t time_us, const Motion& platter) const;
+  GripperOutputs gripper_outputs() const;
   void take_commands(const CellInputs& inputs);
   void step_dynamics(const CellInputs& inputs);
-  void place_parts();
+  void see_world();
 
   CellDescription description_;
   Kinematics nominal_;

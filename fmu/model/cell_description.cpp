@@ -74,12 +74,13 @@ std::vector<std::string> touching_bodies(const CellDescription& cell) {
   std::vector<std::string> names{"table"};
   for (const ConveyorDescription& conveyor : cell.conveyors) names.push_back(conveyor.name);
   for (const PartDescription& part : cell.parts) names.push_back(part.name);
+  if (cell.gripper) names.push_back("gripper");
   return names;
 }
 
 CellDescription parse_root(const JsonReader& json) {
   json.expect_keys({"format", "name", "time_step_us", "controller_cycle_us", "gravity", "seed", "robot",
-                    "tool", "table", "conveyors", "parts", "contact"});
+                    "tool", "table", "conveyors", "parts", "gripper", "contact"});
   json.at("format").integer(1, 1);
   CellDescription cell;
   cell.name = json.at("name").text();
@@ -107,6 +108,7 @@ CellDescription parse_root(const JsonReader& json) {
   const auto parts = json.at("parts").items();
   if (parts.empty()) json.at("parts").fail("at least one part");
   for (const JsonReader& part : parts) cell.parts.push_back(parse_part(part, cell.conveyors.size()));
+  if (!json.at("gripper").is_null()) cell.gripper = parse_gripper(json.at("gripper"));
   cell.contact = parse_contact(json.at("contact"), touching_bodies(cell));
   return cell;
 }
@@ -119,6 +121,7 @@ CellLayout layout_of(const CellDescription& cell) {
     layout.parts.push_back({part.stands_on.kind == StandsOn::Kind::kTable});
   }
   layout.conveyors = cell.conveyors.size();
+  layout.gripper = cell.gripper.has_value();
   return layout;
 }
 

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "fmu/model/cell_values.h"
 #include "fmu/model/contact_description.h"
 #include "fmu/model/conveyor_description.h"
+#include "fmu/model/gripper_description.h"
 #include "fmu/model/part_description.h"
 
 namespace robotcell {
@@ -63,6 +65,7 @@ struct CellDescription {
   TableDescription table;
   std::vector<PartDescription> parts;
   std::vector<ConveyorDescription> conveyors;
+  std::optional<GripperDescription> gripper;
   ContactDescription contact;
 };
 

@@ -15,6 +15,7 @@ std::string difference(const CellLayout& layout, const CellLayout& expected) {
   std::string text;
   compare(text, "parts", layout.parts.size(), expected.parts.size());
   compare(text, "conveyors", layout.conveyors, expected.conveyors);
+  compare(text, "grippers", layout.gripper ? 1 : 0, expected.gripper ? 1 : 0);
   for (std::size_t i = 0; i < std::min(layout.parts.size(), expected.parts.size()); ++i) {
     if (layout.parts[i].on_table == expected.parts[i].on_table) continue;
     text += (text.empty() ? "" : ", ") + std::string("part[") + std::to_string(i + 1) +

@@ -18,6 +18,7 @@ struct PartLayout {
 struct CellLayout {
   std::vector<PartLayout> parts;
   std::size_t conveyors = 0;
+  bool gripper = false;
 };
 
 /// How a layout differs from another, for people: "2 parts instead of 1"; empty when they are equal.

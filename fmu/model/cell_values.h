@@ -81,6 +81,12 @@ struct MotionCommand {
   double max_age = 0;  // s
 };
 
+struct GripperCommandInputs {
+  std::int32_t mode = 0;  // 0 keep, 1 width, 2 force
+  double width = 0;       // m
+  double force = 0;       // N
+};
+
 struct CellInputs {
   explicit CellInputs(const CellLayout& layout) : conveyors(layout.conveyors) {}
 
@@ -89,6 +95,7 @@ struct CellInputs {
   TriggerCommand trigger;
   double exposure = 0;  // s
   PerDevice<ConveyorCommand> conveyors;
+  GripperCommandInputs gripper;  // of no effect in a cell without one
 };
 
 /// Pose of a body's frame in the world; velocity is that of the frame's origin.
@@ -101,11 +108,11 @@ struct BodyState {
 
 /// The bodies whose pose and twist the cell reports.
 struct Bodies {
-  explicit Bodies(const CellLayout& layout) : parts(layout.parts.size()) {}
+  explicit Bodies(const CellLayout& layout) : parts(layout.parts.size()), fingers(layout.gripper ? 2 : 0) {}
 
   std::array<BodyState, kJoints> links{};
   BodyState sensor, table;
-  PerDevice<BodyState> parts;
+  PerDevice<BodyState> parts, fingers;
 };
 
 /// What the encoders say (joints, then table).
@@ -149,6 +156,14 @@ struct ControllerOutputs {
   std::array<double, kAxes> destination{};
 };
 
+struct GripperOutputs {
+  double width = 0;  // m
+  double force = 0;  // N
+  bool gripped = false;
+  std::array<double, 2> normal_force{};                  // of each pad on parts, N
+  std::array<std::array<double, 3>, 2> contact_force{};  // the same with friction, world, N
+};
+
 struct CellOutputs {
   explicit CellOutputs(const CellLayout& layout)
       : truth(layout), trigger(layout), conveyors(layout.conveyors) {}
@@ -160,6 +175,7 @@ struct CellOutputs {
   TriggerRecord trigger;
   ControllerOutputs controller;
   PerDevice<ConveyorOutputs> conveyors;
+  GripperOutputs gripper;
 };
 
 }  // namespace robotcell

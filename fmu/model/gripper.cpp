@@ -21,12 +21,12 @@ constexpr double kStandstill = 1e-3;   // m/s
 constexpr double kFullForce = 0.9;     // share of the commanded force that counts as pressing with it
 constexpr double kClosedWidth = 1e-4;  // m, at which there is nothing between the pads
 
-BodyNode* add_finger(const GripperDescription& gripper, BodyNode* flange, const std::string& name,
-                     double turn) {
+BodyNode* add_finger(const GripperDescription& gripper, BodyNode* flange, std::size_t number) {
+  const std::string name = "finger" + std::to_string(number + 1);
   PrismaticJoint::Properties joint;
   joint.mName = name;
   joint.mAxis = Vector3d::UnitX();
-  joint.mT_ParentBodyToJoint = gripper.flange_from_gripper * Eigen::AngleAxisd(turn, Vector3d::UnitZ());
+  joint.mT_ParentBodyToJoint = gripper.flange_from_finger(number, 0);
   BodyNode::Properties properties(BodyNode::AspectProperties{name});
   BodyNode* finger = flange->createChildJointAndBodyNodePair<PrismaticJoint>(joint, properties).second;
   const Vector3d centre(gripper.finger.x() / 2, 0, gripper.finger.z() / 2);
@@ -43,8 +43,7 @@ BodyNode* add_finger(const GripperDescription& gripper, BodyNode* flange, const 
 
 Gripper::Gripper(const GripperDescription& description, BodyNode* flange, double time_step)
     : description_(description), time_step_(time_step) {
-  fingers_ = {add_finger(description, flange, "finger1", 0),
-              add_finger(description, flange, "finger2", M_PI)};
+  fingers_ = {add_finger(description, flange, 0), add_finger(description, flange, 1)};
   drives_ = std::make_shared<FingerDrives>(fingers_, description.centring_stiffness, time_step);
   for (BodyNode* finger : fingers_) finger->getParentJoint()->setPosition(0, description.start / 2);
   command_ = {GripperMode::kWidth, description.start, description.max_force};

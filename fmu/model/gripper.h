@@ -2,7 +2,6 @@
 #pragma once
 
 #include <array>
-#include <cstdint>
 #include <dart/dynamics/BodyNode.hpp>
 #include <dart/dynamics/ShapeNode.hpp>
 #include <dart/simulation/World.hpp>
@@ -10,25 +9,9 @@
 
 #include "fmu/model/finger_drives.h"
 #include "fmu/model/gripper_description.h"
+#include "fmu/model/gripper_state.h"
 
 namespace robotcell {
-
-enum class GripperMode : std::int32_t { kKeep, kWidth, kForce };
-
-/// What the gripper is told to do. Force and width beyond what it can do are brought into its range.
-struct GripperCommand {
-  GripperMode mode = GripperMode::kKeep;  // kKeep: go on with the last command
-  double width = 0;                       // m between the pads, for kWidth
-  double force = 0;                       // N of each finger, for kForce
-};
-
-/// All that a gripper remembers between two steps.
-struct GripperState {
-  GripperCommand command;           // that it is at work on; never kKeep
-  std::array<double, 2> opening{};  // of each finger from the middle, m
-  std::array<double, 2> speed{};    // m/s
-  double drive_force = 0;           // mean closing force of the drives, N
-};
 
 class Gripper {
  public:
@@ -43,6 +26,7 @@ class Gripper {
   void begin_step();
   void end_step();
 
+  double opening(std::size_t finger) const { return fingers_[finger]->getParentJoint()->getPosition(0); }
   double width() const { return opening(0) + opening(1); }
 
   /// Closing force of the drives (mean of both).
@@ -58,7 +42,6 @@ class Gripper {
   void restore(const GripperState& state);
 
  private:
-  double opening(std::size_t finger) const { return fingers_[finger]->getParentJoint()->getPosition(0); }
   double speed(std::size_t finger) const { return fingers_[finger]->getParentJoint()->getVelocity(0); }
   FingerDrive drive(std::size_t finger) const;
   double most_force() const;

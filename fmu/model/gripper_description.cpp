@@ -4,6 +4,12 @@
 
 namespace robotcell {
 
+Eigen::Isometry3d GripperDescription::flange_from_finger(std::size_t finger, double opening) const {
+  Eigen::Isometry3d half_turn = Eigen::Isometry3d::Identity();
+  if (finger == 1) half_turn.linear().diagonal() << -1, -1, 1;
+  return flange_from_gripper * half_turn * Eigen::Translation3d(opening, 0, 0);
+}
+
 GripperDescription parse_gripper(const JsonReader& json) {
   json.expect_keys({"flange_from_gripper", "stroke", "finger_length", "finger_width", "finger_thickness",
                     "finger_mass", "max_force", "max_speed", "friction", "centring_stiffness", "start"});

@@ -20,6 +20,9 @@ struct GripperDescription {
   double friction = 0;            // of the pads
   double centring_stiffness = 0;  // N/m, between the shifts of the two fingers
   double start = 0;               // width between the pads
+
+  /// Frame of a finger (0 or 1) at a distance from the middle.
+  Eigen::Isometry3d flange_from_finger(std::size_t finger, double opening) const;
 };
 
 /// Throws DescriptionError.

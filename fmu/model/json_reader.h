@@ -17,6 +17,7 @@ class JsonReader {
   /// Refuses anything but an object with exactly these keys.
   void expect_keys(std::initializer_list<const char*> keys) const;
 
+  bool is_null() const { return node_.is_null(); }
   JsonReader at(const char* key) const;
   std::vector<JsonReader> items() const;
   std::vector<JsonReader> items(std::size_t count) const;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <dart/collision/CollisionFilter.hpp>
 #include <dart/constraint/BoxedLcpConstraintSolver.hpp>
 #include <dart/constraint/PgsBoxedLcpSolver.hpp>
 #include <dart/dynamics/BodyNode.hpp>
@@ -67,10 +68,13 @@ World::World(const CellDescription& cell, const Kinematics& kinematics, const Im
   engine_->world->setConstraintSolver(make_solver(cell.contact));
   engine_->world->getConstraintSolver()->setCollisionDetector(engine_->detector);
   add_supports(cell);
+  if (cell.gripper) add_gripper(*cell.gripper);
   impose(start);
   add_parts(cell);
   for (const ContactPair& pair : cell.contact.pairs) engine_->set_most_contacts(pair);
+  const GraspState untouched = grasp();
   if (any_free(cell)) settle(cell, start);
+  restore(start, free_parts(), untouched);
 }
 
 World::~World() {
@@ -82,7 +86,7 @@ World::~World() {
 void World::add_supports(const CellDescription& cell) {
   const bool collides = any_free(cell);
   Engine& engine = *engine_;
-  engine.arm = make_arm(kinematics_);
+  engine.arm = make_arm(kinematics_, cell.gripper.has_value());
   engine.table = make_table(cell.table, collides);
   engine.ground = make_ground();
   for (const SkeletonPtr& skeleton : {engine.arm, engine.table, engine.ground}) {
@@ -97,6 +101,24 @@ void World::add_supports(const CellDescription& cell) {
     engine.world->addSkeleton(engine.belts.back());
     BodyNode* belt = engine.belts.back()->getBodyNode(0);
     engine.add_support({conveyor.name, belt->getShapeNode(0), belt, conveyor.friction, true});
+  }
+}
+
+/// Fingers touch free parts alone: what drives move would not give way to them.
+void World::add_gripper(const GripperDescription& description) {
+  Engine& engine = *engine_;
+  engine.gripper = std::make_unique<Gripper>(description, engine.arm->getBodyNode(kJoints - 1), time_step_);
+  engine.gripper->connect(engine.world);
+  const auto filter = std::make_shared<dart::collision::BodyNodeCollisionFilter>();
+  for (std::size_t i = 0; i < 2; ++i) {
+    BodyNode* finger = engine.gripper->finger(i);
+    for (const Support& support : engine.supports) filter->addBodyNodePairToBlackList(finger, support.body);
+    filter->addBodyNodePairToBlackList(finger, engine.ground->getBodyNode(0));
+  }
+  engine.world->getConstraintSolver()->getCollisionOption().collisionFilter = filter;
+  for (std::size_t i = 0; i < 2; ++i) {
+    engine.add_support(
+        {"gripper", engine.gripper->pad(i), engine.gripper->finger(i), description.friction, false});
   }
 }
 
@@ -148,7 +170,7 @@ void World::settle(const CellDescription& cell, const Imposed& start) {
 
 void World::impose(const Imposed& imposed) {
   const AxesState& axes = imposed.axes;
-  engine_->arm->setPositions(Eigen::Map<const Eigen::Matrix<double, kJoints, 1>>(axes.position.data()));
+  for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setPosition(i, axes.position[i]);
   engine_->table_joint()->setRelativeTransform(kinematics_.platter(axes.position[kTableAxis], 0).pose);
   for (std::size_t i = 0; i < imposed.belts.size(); ++i) engine_->travel[i] = imposed.belts[i].travel;
 }
@@ -160,7 +182,7 @@ void World::impose_speeds(const Imposed& from, const Imposed& to) {
     const auto axis = static_cast<std::size_t>(i);
     speed[i] = (to.axes.position[axis] - from.axes.position[axis]) / time_step_;
   }
-  engine_->arm->setVelocities(speed.head<kJoints>());
+  for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setCommand(i, speed[static_cast<int>(i)]);
   const Motion platter = kinematics_.platter(from.axes.position[kTableAxis], speed[kTableAxis]);
   Eigen::Vector6d twist;
   twist << platter.pose.linear().transpose() * platter.angular_velocity,
@@ -175,8 +197,10 @@ void World::step(const Imposed& from, const Imposed& to) {
   prepare_thread();
   impose(from);
   impose_speeds(from, to);
+  if (engine_->gripper) engine_->gripper->begin_step();
   engine_->world->step();
   impose(to);
+  if (engine_->gripper) engine_->gripper->end_step();
   engine_->hold_parts(time_step_);
 }
 
@@ -189,6 +213,33 @@ PartPlace World::place(std::size_t index) const {
 
 Isometry3d World::link_pose(int link) const {
   return engine_->arm->getBodyNode(static_cast<std::size_t>(link))->getWorldTransform();
+}
+
+void World::command_gripper(const GripperCommand& command) {
+  if (engine_->gripper) engine_->gripper->command(command);
+}
+
+GripperPoint World::gripper() const {
+  GripperPoint point;
+  const Gripper* gripper = engine_->gripper.get();
+  if (gripper == nullptr) return point;
+  for (std::size_t i = 0; i < 2; ++i) {
+    point.opening[i] = gripper->opening(i);
+    const auto [normal, whole] = engine_->pad_force(i);
+    point.normal_force[i] = normal;
+    Eigen::Map<Vector3d>(point.contact_force[i].data()) = whole;
+  }
+  point.force = gripper->force();
+  point.gripped = gripper->grips();
+  return point;
+}
+
+GraspState World::grasp() const {
+  GraspState state;
+  if (!engine_->gripper) return state;
+  state.gripper = engine_->gripper->state();
+  for (std::size_t i = 0; i < kJoints; ++i) state.arm_speed[i] = engine_->arm->getVelocity(i);
+  return state;
 }
 
 std::vector<FreePartState> World::free_parts() const {
@@ -204,9 +255,14 @@ std::vector<FreePartState> World::free_parts() const {
   return states;
 }
 
-void World::restore(const Imposed& imposed, const std::vector<FreePartState>& states) {
+void World::restore(const Imposed& imposed, const std::vector<FreePartState>& states,
+                    const GraspState& grasp) {
   engine_->check(states);
   impose(imposed);
+  if (engine_->gripper) {
+    engine_->gripper->restore(grasp.gripper);
+    for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setVelocity(i, grasp.arm_speed[i]);
+  }
   for (std::size_t i = 0; i < states.size(); ++i) {
     Part& part = engine_->parts[i];
     if (!part.free) continue;

@@ -9,6 +9,7 @@
 #include "fmu/control/belt_drive.h"
 #include "fmu/model/axes_state.h"
 #include "fmu/model/cell_description.h"
+#include "fmu/model/gripper_state.h"
 #include "fmu/model/kinematics.h"
 #include "fmu/model/stick_anchor.h"
 
@@ -34,6 +35,12 @@ struct FreePartState {
   std::vector<StickAnchor> anchors;
 };
 
+/// A gripper's state, and what the parts in it feel: without a gripper nothing asks how fast the arm was.
+struct GraspState {
+  GripperState gripper;
+  std::array<double, kJoints> arm_speed{};  // in the last step
+};
+
 /// Arm, table and belts are driven kinematically: ideal drives impose positions at the grid of the time step,
 /// and contacts see the velocities that belong to them. A belt's body stands still, its surface moves. A
 /// clamped part is rigid to what it stands on; a free one moves by gravity, contact and friction.
@@ -44,6 +51,9 @@ class World {
   World(const World&) = delete;
   World& operator=(const World&) = delete;
 
+  /// Tells the gripper what to do from now on; of no effect in a cell without one.
+  void command_gripper(const GripperCommand& command);
+
   /// Advances by one time step while the drives move from one state to another.
   void step(const Imposed& from, const Imposed& to);
 
@@ -53,15 +63,20 @@ class World {
   /// Pose of a body of the arm as the dynamics engine has it, link 0..5.
   Eigen::Isometry3d link_pose(int link) const;
 
+  /// Nothing in a cell without a gripper.
+  GripperPoint gripper() const;
+  GraspState grasp() const;
+
   /// One state for each part; that of a clamped part holds nothing.
   std::vector<FreePartState> free_parts() const;
   /// Throws std::invalid_argument when the states are not of this cell.
-  void restore(const Imposed& imposed, const std::vector<FreePartState>& parts);
+  void restore(const Imposed& imposed, const std::vector<FreePartState>& parts, const GraspState& grasp);
 
  private:
   struct Engine;
 
   void add_supports(const CellDescription& cell);
+  void add_gripper(const GripperDescription& description);
   void add_parts(const CellDescription& cell);
   void settle(const CellDescription& cell, const Imposed& start);
   void impose(const Imposed& imposed);

@@ -36,19 +36,20 @@ BodyNode::Properties named(const std::string& name) {
 
 }  // namespace
 
-SkeletonPtr make_arm(const Kinematics& kinematics) {
+SkeletonPtr make_arm(const Kinematics& kinematics, bool carries) {
   SkeletonPtr arm = Skeleton::create("arm");
   BodyNode* parent = nullptr;
   for (int i = 0; i < kJoints; ++i) {
     RevoluteJoint::Properties joint;
     joint.mName = "joint" + std::to_string(i + 1);
     joint.mAxis = Vector3d::UnitZ();
+    joint.mActuatorType = Joint::VELOCITY;
     if (i == 0) joint.mT_ParentBodyToJoint = kinematics.world_from_base();
     joint.mT_ChildBodyToJoint = kinematics.joint_from_link(i).inverse();
     const auto body = named("link" + std::to_string(i + 1));
     parent = arm->createJointAndBodyNodePair<RevoluteJoint>(parent, joint, body).second;
   }
-  arm->setMobile(false);
+  arm->setMobile(carries);
   return arm;
 }
 

@@ -8,7 +8,8 @@
 
 namespace robotcell {
 
-dart::dynamics::SkeletonPtr make_arm(const Kinematics& kinematics);
+/// The joints take imposed positions, or imposed velocities where the arm carries what moves by itself.
+dart::dynamics::SkeletonPtr make_arm(const Kinematics& kinematics, bool carries);
 
 /// The platter; its floating joint is imposed, so that any error motion of the axis can be.
 dart::dynamics::SkeletonPtr make_table(const TableDescription& table, bool collides);

@@ -70,6 +70,19 @@ void World::Engine::set_most_contacts(const ContactPair& pair) {
   }
 }
 
+std::pair<double, Vector3d> World::Engine::pad_force(std::size_t finger) const {
+  std::pair<double, Vector3d> force(0, Vector3d::Zero());
+  const auto support = static_cast<std::int32_t>(1 + belts.size() + finger);
+  for (const Part& part : parts) {
+    for (const PairContact& contact : part.contacts) {
+      if (contact.support != support) continue;
+      force.first += contact.split.normal;
+      force.second += contact.force;
+    }
+  }
+  return force;
+}
+
 void World::Engine::hold_parts(double time_step) {
   for (Part& part : parts) {
     part.contacts.clear();

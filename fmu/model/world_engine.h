@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "fmu/model/capped_collision_detector.h"
+#include "fmu/model/gripper.h"
 #include "fmu/model/world.h"
 
 namespace robotcell {
@@ -17,7 +18,8 @@ namespace robotcell {
 constexpr std::int32_t kNothing = -1;  // the number of no support: the world itself
 constexpr std::int32_t kTableSupport = 0;
 
-/// Whatever a free part can touch. The table is number 0, the belts follow, and then all parts.
+/// Whatever a free part can touch. The table is number 0, the belts follow, then the gripper's fingers, and
+/// then all parts.
 struct Support {
   std::string name;
   dart::dynamics::ShapeNode* shape = nullptr;  // null where nothing can touch it
@@ -55,7 +57,8 @@ struct World::Engine {
   std::shared_ptr<CappedCollisionDetector> detector;
   dart::dynamics::SkeletonPtr arm, table, ground;
   std::vector<dart::dynamics::SkeletonPtr> belts;
-  std::vector<double> travel;  // of each belt, m
+  std::vector<double> travel;        // of each belt, m
+  std::unique_ptr<Gripper> gripper;  // null where the cell has none
   std::vector<Part> parts;
   std::vector<Support> supports;
 
@@ -72,6 +75,9 @@ struct World::Engine {
   dart::dynamics::BodyNode* body_of(std::int32_t support) const;
   Eigen::Isometry3d pose_of(std::int32_t support) const;
   bool carried_by_platter(std::int32_t support) const;
+
+  /// Forces of a finger's pad on all parts in the last step (N): along the contacts' normals, and whole.
+  std::pair<double, Eigen::Vector3d> pad_force(std::size_t finger) const;
 
   /// After a step: reads what touches what, and puts back what friction holds.
   void hold_parts(double time_step);

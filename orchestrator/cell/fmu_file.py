@@ -65,6 +65,7 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
             {"name": "part", "stands_on": "table", **_part_json(cell.part, nominal.part, nominal.table_from_part)},
             *(_further_part_json(part) for part in nominal.further_parts),
         ],
+        "gripper": None,
         "contact": _contact_json(cell.contact),
     }
 

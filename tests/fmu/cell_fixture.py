@@ -85,6 +85,7 @@ def cell_description(**part: Any) -> dict[str, Any]:
         },
         "conveyors": [],
         "parts": [{**box_part(0.06, 0.04, 0.05), **part}],
+        "gripper": None,
         "contact": {"solver": "dantzig", "points": 4, "pairs": []},
     }  # fmt: skip
 

@@ -13,6 +13,7 @@ import pytest
 from bench.peers.attributes import ATTRIBUTES, misspelt_attributes
 from cell_fixture import Array, Build, FmuFolders, box_part, cell_description, conveyor, pose, runtime_folder
 from fmpy.validation import validate_fmu
+from grasp_fixture import gripper
 
 SYSTEM = ("linux-vdso", "ld-linux", "libc.so", "libm.so", "libpthread.so", "libdl.so", "libstdc++.so", "libgcc_s.so")
 
@@ -27,7 +28,7 @@ def description_of(folder: Path) -> ET.Element:
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_finds_nothing_to_complain_about(folders: FmuFolders, version: int) -> None:
-    file, _ = folders.packed(version, cell_description())
+    file, _ = folders.packed(version, {**cell_description(), "gripper": gripper()})
     assert validate_fmu(str(file)) == []
 
 
@@ -86,6 +87,7 @@ def test_initial_values_depend_on_what_the_structure_says_and_on_nothing_else(bu
     description = cell_description()
     if devices == "several":
         description["conveyors"] = [conveyor()]
+        description["gripper"] = gripper()
         beside = box_part(0.1, 0.1, 0.1, stands_on="world", support_from_part=pose([0.5, 0.5, 0.1]))
         description["parts"] += [beside, box_part(0.02, 0.02, 0.02, support_from_part=pose([-0.05, 0.01, 0]))]
     for axis in [*description["robot"]["joints"], description["table"]]:

@@ -39,7 +39,7 @@ ATTRIBUTES: dict[int, dict[str, set[str]]] = {
 }  # fmt: skip
 for known in ATTRIBUTES.values():
     known |= {
-        "Unit": {"name"}, "BaseUnit": {"m", "s", "rad"}, "DisplayUnit": {"name", "factor"},
+        "Unit": {"name"}, "BaseUnit": {"kg", "m", "s", "rad"}, "DisplayUnit": {"name", "factor"},
         "Category": {"name", "description"}, "DefaultExperiment": {"startTime", "stopTime", "stepSize"},
     }  # fmt: skip
 

@@ -1,0 +1,183 @@
+"""The gripper of the FMU: it picks a part from the table, keeps it on smooth moves and loses it on a jump."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cell_fixture import CYCLE_US, Build, CellFmu, all_reals, cell_description, runtime_folder
+from grasp_fixture import (
+    BOX,
+    CYCLE,
+    GRAVITY,
+    MASS,
+    OVER_BOX,
+    PAD_FRICTION,
+    PLACE,
+    TABLE,
+    grasp_cell,
+    grip,
+    gripper,
+    joints_at,
+    move,
+    part_in_gripper,
+)
+
+LIFTED = joints_at(np.array([*PLACE, TABLE[2] + 0.12]))
+
+
+def turned(joint: int, angle: float) -> np.ndarray:
+    q = LIFTED.copy()
+    q[joint] += angle
+    return q
+
+
+def test_it_opens_and_closes_to_a_width(build: Build) -> None:
+    cell = build(3, grasp_cell())
+    assert cell.get("measured.gripper.width")[0] == pytest.approx(0.06, abs=1e-12)
+    cell.command(OVER_BOX)
+    cell.set("command.gripper.mode", 1)
+    cell.set("command.gripper.width", 1.0)  # more than the stroke
+    cell.step(CYCLE_US, 20)
+    assert cell.get("measured.gripper.width")[0] == pytest.approx(0.08, abs=1e-6)
+    fingers = [cell.body(f"finger[{i}]")[:3, 3] for i in (1, 2)]
+    assert np.linalg.norm(fingers[0] - fingers[1]) == pytest.approx(0.08, abs=1e-6)
+
+
+def test_it_grips_with_the_force_that_it_is_told(build: Build) -> None:
+    cell = build(3, grasp_cell())
+    assert not cell.get_int("measured.gripper.gripped")
+    grip(cell, 30.0)
+    assert cell.get_int("measured.gripper.gripped")
+    width, force = cell.get("measured.gripper.width", "measured.gripper.force")
+    assert width == pytest.approx(BOX[0], abs=2e-5)
+    assert force == pytest.approx(30.0, rel=1e-6)
+    assert [cell.get(f"truth.finger[{i}].normal_force")[0] for i in (1, 2)] == pytest.approx([30.0, 30.0], rel=1e-3)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_it_lifts_a_part_and_holds_its_weight(build: Build, version: int) -> None:
+    cell = build(version, grasp_cell())
+    grip(cell, 30.0)
+    before = part_in_gripper(cell)
+    move(cell, OVER_BOX, LIFTED, 0.8)
+    cell.step(CYCLE_US, 10)
+    assert cell.body("part[1]")[2, 3] == pytest.approx(TABLE[2] + 0.1, abs=1e-4)
+    assert np.abs(part_in_gripper(cell) - before)[:3, 3].max() < 1e-5
+    force = sum(cell.vector(f"truth.finger[{i}].contact_force", 3) for i in (1, 2))
+    np.testing.assert_allclose(force, [0, 0, MASS * GRAVITY], atol=1e-3 * MASS * GRAVITY)
+
+
+def test_a_part_in_the_gripper_creeps_less_than_a_micrometre_in_a_swing(build: Build) -> None:
+    cell = build(3, grasp_cell())
+    grip(cell, 50.0)
+    move(cell, OVER_BOX, LIFTED, 0.8)
+    before = part_in_gripper(cell)
+    move(cell, LIFTED, turned(0, np.pi / 2), 1.2)
+    cell.step(CYCLE_US, 5)
+    across = part_in_gripper(cell) - before
+    assert np.abs(across[1:3, 3]).max() < 1e-6  # in the plane of the pads
+    assert np.abs(across[:3, :3]).max() < 1e-4
+
+
+def test_a_smooth_move_keeps_the_part_that_a_jump_tears_away(build: Build) -> None:
+    """The jump takes the drives' full acceleration, more than friction can give the part."""
+    slips = []
+    for duration in (0.9, CYCLE):
+        cell = build(3, grasp_cell())
+        grip(cell, 8.0)
+        move(cell, OVER_BOX, LIFTED, 0.8)
+        before = part_in_gripper(cell)
+        move(cell, LIFTED, turned(0, np.pi / 2), duration)
+        cell.step(CYCLE_US, round((1.2 - duration) / CYCLE))
+        slips.append(np.linalg.norm((part_in_gripper(cell) - before)[:3, 3]))
+    assert slips[0] < 1e-5
+    assert slips[1] > 0.05
+
+
+@pytest.mark.parametrize(("share", "slips"), [(0.98, False), (1.02, True)])
+@pytest.mark.parametrize("tilt_deg", [0, 20, 45, 70])
+def test_the_weight_slips_where_coulomb_says(build: Build, share: float, slips: bool, tilt_deg: float) -> None:
+    """The weight along several directions of the pads' plane, the grip loosened to a share of what it needs.
+
+    The pads hold the box evenly about its centre of mass, so that its weight makes no moment.
+    """
+    start, lifted = (joints_at(np.array([*PLACE, TABLE[2] + z]), np.pi / 2) for z in (0.005, 0.12))
+    cell = build(3, grasp_cell(start))
+    grip(cell, 50.0, start)
+    move(cell, start, lifted, 0.8)
+    tilted = lifted.copy()
+    tilted[4] += np.radians(tilt_deg)  # this joint's axis lies along the closing
+    move(cell, lifted, tilted, 0.8)
+    assert cell.body("link[6]")[2, 0] == pytest.approx(0.0, abs=1e-6)
+    before = part_in_gripper(cell)
+    grip(cell, MASS * GRAVITY / (2 * PAD_FRICTION) / share, tilted)
+    assert (np.linalg.norm((part_in_gripper(cell) - before)[:3, 3]) > 1e-3) == slips
+
+
+def _swing(cell: CellFmu, cycles: int) -> None:
+    for k in range(cycles):
+        cell.command(turned(0, 0.3 * np.sin(0.2 * k)))
+        cell.step(CYCLE_US)
+    cell.step(330)
+
+
+def test_a_state_in_the_middle_of_a_grasp_goes_on_bit_by_bit_also_in_a_new_process(
+    build: Build, tmp_path: Path
+) -> None:
+    cell = build(3, grasp_cell())
+    grip(cell, 30.0)
+    move(cell, OVER_BOX, LIFTED, 0.8)
+    move(cell, LIFTED, turned(0, 0.2), 0.16)
+    state = cell.save()
+    (tmp_path / "state.bin").write_bytes(cell.serialize(state))
+    time_us = cell.time_us
+    _swing(cell, 20)
+    expected = all_reals(cell)
+    cell.restore(state, time_us)
+    _swing(cell, 20)
+    np.testing.assert_array_equal(all_reals(cell), expected)
+    program = (
+        "import sys, numpy as np\n"
+        "from cell_fixture import CellFmu, all_reals\n"
+        "import test_fmu_gripper\n"
+        "folder, state, time_us, out = sys.argv[1:]\n"
+        "cell = CellFmu(folder)\n"
+        "cell.restore(cell.deserialize(open(state, 'rb').read()), int(time_us))\n"
+        "test_fmu_gripper._swing(cell, 20)\n"
+        "np.save(out, all_reals(cell))\n"
+    )
+    folder = str(Path(cell.slave.unzipDirectory))
+    arguments = [folder, str(tmp_path / "state.bin"), str(time_us), str(tmp_path / "out.npy")]
+    subprocess.run([sys.executable, "-c", program, *arguments], check=True, cwd=Path(__file__).parent)
+    np.testing.assert_array_equal(np.load(tmp_path / "out.npy"), expected)
+
+
+def test_the_communication_step_does_not_matter(build: Build) -> None:
+    final = []
+    for size in (1000, 16000):
+        cell = build(3, grasp_cell())
+        cell.command(OVER_BOX)
+        cell.set("command.gripper.mode", 2)
+        cell.set("command.gripper.force", 30.0)
+        cell.step(size, 320_000 // size)
+        final.append(all_reals(cell)[1:])
+    np.testing.assert_array_equal(final[0], final[1])
+
+
+def test_a_cell_without_gripper_has_none_of_its_variables(build: Build) -> None:
+    assert not [name for name in build(3).variables if "gripper" in name or "finger" in name]
+
+
+@pytest.mark.parametrize(("key", "value"), [("stroke", 0.0), ("start", 0.2), ("friction", -1.0), ("max_force", None)])
+def test_a_wrong_gripper_is_refused(tmp_path: Path, key: str, value: float | None) -> None:
+    file = tmp_path / "cell.json"
+    file.write_text(json.dumps({**cell_description(), "gripper": {**gripper(), key: value}}))
+    command = [str(runtime_folder() / "robotcell-describe"), str(file), "--fmi", "3"]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode != 0
+    assert f"gripper.{key}" in result.stderr
