@@ -72,7 +72,7 @@ def closer_figures(names: Sequence[str]) -> list[str]:
 
 
 def _engine(study: StudyDescription, labels: Sequence[str], rows: Rows) -> dict[str, Any]:
-    drawn = _distribution_rows(study, len(labels), len(rows.plain))
+    drawn = independent_rows(study.design.kind, len(labels), len(rows.plain))
     found: dict[str, Any] = {
         "figures": {name: summary(_known(values[drawn]), study.probability) for name, values in rows.figures.items()},
         "closer": {},
@@ -89,9 +89,9 @@ def _known(values: Array) -> Array:
     return values[np.isfinite(values)]
 
 
-def _distribution_rows(study: StudyDescription, factors: int, count: int) -> NDArray[np.bool_]:
-    """(count,) which rows are independent draws: all but the mixed ones of Saltelli's scheme."""
-    if study.design.kind != "sobol":
+def independent_rows(kind: str, factors: int, count: int) -> NDArray[np.bool_]:
+    """(count,) which rows of a kind of design are independent draws: all but the mixed ones of Saltelli's scheme."""
+    if kind != "sobol":
         return np.ones(count, bool)
     place = np.arange(count) % (factors + 2)
     return np.asarray((place == 0) | (place == factors + 1))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from orchestrator.studies import plots
-from orchestrator.studies.analysis import Rows
+from orchestrator.studies.analysis import Rows, independent_rows
 
 _MOST_FAILURES = 50
 _SCATTERED = 4
@@ -82,7 +82,8 @@ def _closer(name: str, closer: dict[str, Any], said: dict[str, Any], own: Rows, 
         return ""
     drawings = []
     if analysis["design"]["kind"] in {"monte_carlo", "latin_hypercube", "sobol"}:
-        drawings.append(plots.distribution(values[good], said, name))
+        drawn = good & independent_rows(analysis["design"]["kind"], len(analysis["factors"]), len(values))
+        drawings.append(plots.distribution(values[drawn], said, name))
         drawings.append(plots.settling(closer["convergence"], name))
     drawings.extend(_contributors(name, closer, analysis["probability"]))
     ranking = [row["factor"] for row in closer.get("budget", closer.get("morris", []))] or analysis["factors"]
@@ -155,4 +156,6 @@ def _number(value: Any) -> str:
         return "–"
     if isinstance(value, list | tuple):
         return " … ".join(map(_number, value))
-    return str(value) if isinstance(value, int) else f"{value:.4g}"
+    if isinstance(value, int) or abs(value) >= 1e4:
+        return f"{value:.0f}"
+    return f"{value:.4g}"
