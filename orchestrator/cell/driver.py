@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.program import Program, Segment, TriggerKind
-from orchestrator.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, Recording, count_parts, truth_columns
+from orchestrator.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, Recording, count_moving, truth_columns
 from orchestrator.errors import CellError
 
 _SERVO = 1
@@ -43,7 +43,7 @@ class Driver:
         self._cycle_us = options.cycle_us
         self._step_us = options.cycle_us // options.steps_per_cycle
         self._setpoints = cell.real_group([*(f"command.q[{i}]" for i in range(1, 7)), "command.table"])
-        self._record_columns = (*MEASURED_COLUMNS, *truth_columns(count_parts(cell.names)))
+        self._record_columns = (*MEASURED_COLUMNS, *truth_columns(*count_moving(cell.names)))
         self._record_group = cell.real_group(self._record_columns)
         self._records: list[NDArray[np.float64]] = []
         self._numbers: list[tuple[int, int]] = []

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 import orchestrator.cell
 from orchestrator.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_contents, write_archive
+from orchestrator.cell.gripper import start_width
 from orchestrator.cell.nominal import FurtherPart, NominalCell, pose_matrix
 from orchestrator.config.cell import CellDescription, PartDescription
 from orchestrator.config.contact import ContactDescription
 from orchestrator.config.devices import ConveyorDescription, FurtherPartDescription
+from orchestrator.config.gripper import GripperDescription
 from orchestrator.config.units import to_si
 from orchestrator.errors import CellError
 from orchestrator.files import atomic_write
@@ -65,7 +67,7 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
             {"name": "part", "stands_on": "table", **_part_json(cell.part, nominal.part, nominal.table_from_part)},
             *(_further_part_json(part) for part in nominal.further_parts),
         ],
-        "gripper": None,
+        "gripper": None if cell.gripper is None else _gripper_json(cell.gripper),
         "contact": _contact_json(cell.contact),
     }
 
@@ -93,6 +95,15 @@ def _further_part_json(part: FurtherPart) -> dict[str, Any]:
 def _conveyor_json(conveyor: ConveyorDescription) -> dict[str, Any]:
     si = to_si(conveyor.model_dump(exclude={"pose", "reflectance", "material"}))
     return {"world_from_belt": _pose_json(pose_matrix(conveyor.pose)), **si}
+
+
+def _gripper_json(gripper: GripperDescription) -> dict[str, Any]:
+    drawn = {"pose", "start_mm", "housing_mm", "housing_mesh", "finger_mesh", "reflectance", "material"}
+    return {
+        "flange_from_gripper": _pose_json(pose_matrix(gripper.pose)),
+        "start": start_width(gripper),
+        **to_si(gripper.model_dump(exclude=drawn)),
+    }
 
 
 def _contact_json(contact: ContactDescription) -> dict[str, Any]:

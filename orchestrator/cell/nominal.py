@@ -9,10 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from orchestrator.cell.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
 from orchestrator.cell.patches import Patch, part_patches
 from orchestrator.config.cell import CellDescription, FixtureDescription, PartDescription, ToolDescription
 from orchestrator.config.description import PoseDescription
 from orchestrator.config.devices import FurtherPartDescription
+from orchestrator.config.gripper import GripperDescription
 from orchestrator.config.light import LightDescription
 from orchestrator.config.material import Material, MaterialDescription
 from orchestrator.config.units import to_si
@@ -29,8 +31,8 @@ class Body:
     """A rigid thing that can occlude, be lit, or be hit.
 
     `moves_with` names the frame that carries it: ``world``, ``link[1]`` … ``link[6]``, ``sensor``, ``table``, ``part``
-    and, for further parts, ``part[2]`` …; the mesh is given in that frame, metres. Faces of `patches` have materials of their
-    own.
+    and, for further parts, ``part[2]`` …, for a gripper ``finger[1]`` and ``finger[2]``; the mesh is given in that
+    frame, metres. Faces of `patches` have materials of their own.
     """
 
     name: str
@@ -73,7 +75,10 @@ class FurtherPart:
 
 @dataclass(frozen=True)
 class NominalCell:
-    """Nominal geometry of arm, tool, table and part; poses are (4, 4) ``target_from_source``, metres."""
+    """Nominal geometry of arm, tool, table and part; poses are (4, 4) ``target_from_source``, metres.
+
+    `flange_from_finger` (2, 4, 4) holds the gripper's fingers as they start, where the cell has one.
+    """
 
     arm: Arm
     flange_from_sensor: Array
@@ -88,6 +93,7 @@ class NominalCell:
     bodies: tuple[Body, ...]
     lamps: tuple[Lamp, ...] = ()
     further_parts: tuple[FurtherPart, ...] = ()
+    flange_from_finger: Array | None = None
 
     def world_from_sensor(self, q: ArrayLike) -> Array:
         """(..., 4, 4) for joint angles q (..., 6)."""
@@ -113,6 +119,9 @@ class NominalCell:
         frames["part"] = frames["table"] @ self.table_from_part
         for number, further in enumerate(self.further_parts, start=2):
             frames[f"part[{number}]"] = frames[further.carrier] @ further.carrier_from_part
+        if self.flange_from_finger is not None:
+            for number, flange_from_finger in enumerate(self.flange_from_finger, start=1):
+                frames[f"finger[{number}]"] = frames["link[6]"] @ flange_from_finger
         return frames
 
     def body_poses(self, q: ArrayLike, table: ArrayLike) -> Array:
@@ -149,7 +158,8 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         table_max_acceleration=to_si({"a_deg_s2": cell.table.max_acceleration_deg_s2})["a"],
         part=part,
         lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
-        bodies=(*_bodies(cell, part), *_device_bodies(cell, further)),
+        bodies=(*_bodies(cell, part), *_device_bodies(cell, further), *_gripper_bodies(cell.gripper)),
+        flange_from_finger=None if cell.gripper is None else _flange_from_finger(cell.gripper),
         further_parts=further,
     )
 
@@ -186,6 +196,21 @@ def _device_bodies(cell: CellDescription, further: tuple[FurtherPart, ...]) -> t
         for number, part in enumerate(further, start=2)
     ]
     return (*belts, *parts)
+
+
+def _flange_from_finger(gripper: GripperDescription) -> Array:
+    return np.asarray(pose_matrix(gripper.pose) @ gripper_from_finger(start_width(gripper)))
+
+
+def _gripper_bodies(gripper: GripperDescription | None) -> tuple[Body, ...]:
+    if gripper is None:
+        return ()
+    material = _material(gripper.material, gripper.reflectance)
+    housing, finger = housing_mesh(gripper), finger_mesh(gripper)
+    bodies = [Body(f"finger{i}", f"finger[{i}]", finger, material) for i in (1, 2)]
+    if housing is None:
+        return tuple(bodies)
+    return (Body("gripper", "link[6]", housing.transformed(pose_matrix(gripper.pose)), material), *bodies)
 
 
 def pose_matrix(description: PoseDescription) -> Array:

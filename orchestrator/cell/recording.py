@@ -41,25 +41,29 @@ MEASURED_COLUMNS = (
 INTEGER_COLUMNS = ("trigger.index", "trigger.segment")
 
 
-def moving_frames(parts: int) -> tuple[str, ...]:
-    """Frames whose true pose a record holds, in a cell with so many parts."""
-    return (*_indexed("link", 6), "sensor", "table", *_indexed("part", parts))
+def moving_frames(parts: int, fingers: int = 0) -> tuple[str, ...]:
+    """Frames whose true pose a record holds, in a cell with so many parts and fingers of a gripper."""
+    return (*_indexed("link", 6), "sensor", "table", *_indexed("part", parts), *_indexed("finger", fingers))
 
 
-def truth_columns(parts: int) -> tuple[str, ...]:
+def truth_columns(parts: int, fingers: int = 0) -> tuple[str, ...]:
     """Columns of a record that hold truth."""
     return tuple(
         column
-        for frame in moving_frames(parts)
+        for frame in moving_frames(parts, fingers)
         for part, count in _PARTS_OF_POSE
         for column in _indexed(f"{_TRUTH}{frame}.{part}", count)
     )
 
 
-def count_parts(columns: Iterable[str]) -> int:
-    """Number of parts that columns (or variables of an FMU) tell of, at least 1."""
+def count_moving(columns: Iterable[str]) -> tuple[int, int]:
+    """Numbers of parts (at least 1) and of fingers that columns, or variables of an FMU, tell of."""
     names = set(columns)
-    return next(n for n in itertools.count(1) if f"{_TRUTH}part[{n + 1}].position[1]" not in names)
+
+    def count(kind: str, least: int) -> int:
+        return next(n for n in itertools.count(least) if f"{_TRUTH}{kind}[{n + 1}].position[1]" not in names)
+
+    return count("part", 1), count("finger", 0)
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,7 @@ class Recording:
         """The part of the recording that the renderer uses."""
         duration = self._stack(["trigger.exposure"])[:, 0]
         return ExposureTruth(
-            duration, {frame: self._poses(frame, duration) for frame in moving_frames(count_parts(self.columns))}
+            duration, {frame: self._poses(frame, duration) for frame in moving_frames(*count_moving(self.columns))}
         )
 
     def _poses(self, frame: str, duration: Array) -> Array:
@@ -168,7 +172,7 @@ def read_recording(path: Path) -> Recording:
         If the file is missing, not a table, lacks a column or holds values that are not finite numbers.
     """
     table = _read_table(path)
-    wanted = (*INTEGER_COLUMNS, *MEASURED_COLUMNS, *truth_columns(count_parts(table.column_names)))
+    wanted = (*INTEGER_COLUMNS, *MEASURED_COLUMNS, *truth_columns(*count_moving(table.column_names)))
     missing = [name for name in wanted if name not in table.column_names]
     if missing:
         raise DescriptionError(f"{path}: {len(missing)} columns are missing, the first is '{missing[0]}'")

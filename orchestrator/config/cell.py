@@ -10,6 +10,7 @@ from orchestrator.config.contact import ContactDescription
 from orchestrator.config.description import Description, Finite, Fraction, NonNegative, PoseDescription, Positive
 from orchestrator.config.devices import ConveyorDescription, FurtherPartDescription, check_devices
 from orchestrator.config.drives import MotionDescription
+from orchestrator.config.gripper import GripperDescription
 from orchestrator.config.light import LightDescription
 from orchestrator.config.material import MaterialDescription
 
@@ -175,6 +176,7 @@ class CellDescription(Description):
     part: PartDescription = PartDescription()
     further_part: tuple[FurtherPartDescription, ...] = ()
     conveyor: tuple[ConveyorDescription, ...] = ()
+    gripper: GripperDescription | None = Field(default=None, description="none if not given")
     contact: ContactDescription = ContactDescription()
     light: Annotated[tuple[LightDescription, ...], Field(max_length=64)] = ()
 

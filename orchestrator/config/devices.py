@@ -61,7 +61,19 @@ class ConveyorDescription(Description):
 
 
 # Names that bodies of the cell have already.
-RESERVED_NAMES = frozenset({"base", *(f"link{i}" for i in range(1, 7)), "sensor", "table", "table_base", "part"})
+RESERVED_NAMES = frozenset(
+    {
+        "base",
+        *(f"link{i}" for i in range(1, 7)),
+        "sensor",
+        "table",
+        "table_base",
+        "part",
+        "gripper",
+        "finger1",
+        "finger2",
+    }
+)
 
 
 def check_devices(parts: tuple[FurtherPartDescription, ...], conveyors: tuple[ConveyorDescription, ...]) -> None:

@@ -14,7 +14,7 @@ from orchestrator.config.scan import ScanDescription
 from orchestrator.config.sensor import SensorDescription
 from orchestrator.errors import DescriptionError
 
-_MESH_KEYS = ("mesh", "base_mesh", "platter_mesh", "sensor_mesh", "face_materials")
+_MESH_KEYS = ("mesh", "base_mesh", "platter_mesh", "sensor_mesh", "finger_mesh", "housing_mesh", "face_materials")
 _SECTIONS: dict[str, type[Description]] = {
     "cell": CellDescription,
     "sensor": SensorDescription,

@@ -18,6 +18,7 @@ _SCALE_OF_SUFFIX: dict[str, float] = {
     "_mrad": 1e-3,
     "_mm_s2": 1e-3,
     "_mm_s": 1e-3,
+    "_n_mm": 1e3,
     "_mm": 1e-3,
     "_um": 1e-6,
     "_nm": 1e-9,
@@ -27,6 +28,8 @@ _SCALE_OF_SUFFIX: dict[str, float] = {
     "_w_m2": 1.0,
     "_kg_m3": 1.0,
     "_hz": 1.0,
+    "_kg": 1.0,
+    "_n": 1.0,
 }
 
 

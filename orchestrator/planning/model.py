@@ -17,6 +17,7 @@ from orchestrator.proximity.scene import Clash, ProximityScene
 Array = NDArray[np.float64]
 
 _SELF_CLEARANCE = 2e-3  # m between links of the arm
+_ON_ARM = ("link", "sensor", "finger")
 _MANY_FACES = 100_000
 _CLUSTER = 3e-4  # m: makes meshes of many faces light, at an error well below any clearance
 
@@ -73,8 +74,8 @@ class PlanningCell:
 
     @cached_property
     def _chain(self) -> list[str]:
-        """Names of the arm's bodies, base first, sensor last."""
-        return [b.name for b in self.nominal.bodies if b.name == "base" or b.moves_with.startswith(("link", "sensor"))]
+        """Names of the arm's bodies, base first, tools last."""
+        return [b.name for b in self.nominal.bodies if b.name == "base" or b.moves_with.startswith(_ON_ARM)]
 
     @cached_property
     def proximity(self) -> ProximityScene:
