@@ -6,6 +6,7 @@ import csv
 import re
 import struct
 import subprocess
+import sys
 import xml.etree.ElementTree as ET
 import zipfile
 from collections import Counter
@@ -223,3 +224,14 @@ def test_packing_twice_gives_the_same_bytes(tmp_path: Path, version: int) -> Non
     with zipfile.ZipFile(files[0]) as archive:
         assert len(archive.namelist()) == len(set(archive.namelist()))
         assert all(entry.compress_type in (zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED) for entry in archive.infolist())
+
+
+def test_the_reference_repeats_without_any_environment(tmp_path: Path) -> None:
+    """No variable, no LD_LIBRARY_PATH, another working directory; FMPy and the standard library alone."""
+    files = [tmp_path / f"RobotCell{version}.fmu" for version in VERSIONS]
+    for version, file in zip(VERSIONS, files, strict=True):
+        build_fmu(cell_description(), file, 2 if version == 2 else 3)
+    program = Path(__file__).with_name("clean_root.py")
+    command = [sys.executable, "-I", str(program), "--here", *map(str, files)]
+    done = subprocess.run(command, env={}, cwd=tmp_path, check=True, capture_output=True, text=True)
+    assert done.stdout.splitlines() == [f"{f.name}: greatest difference from the reference 0" for f in files]
