@@ -10,9 +10,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from .check import Check
+from .check import Check, write_table
 from .importers import importer_checks, run_tool
-from .sanitizers import sanitizer_checks
 
 _CELLS = Path(__file__).parents[2] / "fmu/cells"
 
@@ -38,19 +37,8 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=1_000_000)
     parser.add_argument("--cycles", type=int, default=10_000)
     options = parser.parse_args()
-    checks = [
-        *importer_checks(),
-        *fuzzer_checks(options.fuzzer, options.calls, options.cycles),
-        *sanitizer_checks(options.calls // 10),
-    ]
-    rows = [
-        f"| {check.name} | {check.value:.3g} {check.unit} | {check.limit:g} | {'yes' if check.passed else 'no'} |"
-        for check in checks
-    ]
-    head = ["# Quality of the FMU", "", "Written by `python -m bench.peers.importers_quality`.", ""]
-    table = ["| what | measured | at most | kept |", "| --- | --- | --- | --- |", *rows, ""]
-    options.file.parent.mkdir(parents=True, exist_ok=True)
-    options.file.write_text("\n".join([*head, *table]))
+    checks = [*importer_checks(), *fuzzer_checks(options.fuzzer, options.calls, options.cycles)]
+    write_table(checks, options.file, "# Quality of the FMU", "python -m bench.peers.importers_quality")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from .check import Check
+from .check import Check, write_table
 
 _ROOT = Path(__file__).parents[3]
 _CELLS = sorted((_ROOT / "tests/fmu/cells").iterdir())
@@ -90,12 +90,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--calls", type=int, default=100_000, help="random calls of the FMI functions")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="compilers at once")
+    parser.add_argument("--write", type=Path, help="file for the table of the results")
     options = parser.parse_args()
-    failed = 0
+    checks = []
     for check in sanitizer_checks(options.calls, options.jobs):
         print(check, flush=True)
-        failed += not check.passed
-    return 1 if failed else 0
+        checks.append(check)
+    if options.write:
+        write_table(checks, options.write, "# The FMU under sanitizers", "python -m bench.peers.sanitizers")
+    return 0 if all(check.passed for check in checks) else 1
 
 
 if __name__ == "__main__":
