@@ -15,6 +15,7 @@ from orchestrator.cli.common import (
     AsBuiltOption,
     CellOption,
     EngineOption,
+    FormatOption,
     IdealOption,
     JsonOption,
     Outcome,
@@ -62,6 +63,7 @@ def scan(
     unit: UnitOption = "mm",
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/scan"),
     images: Annotated[bool, typer.Option("--images", help="keep the camera images of every exposure")] = False,
+    format_: FormatOption = "ply",
     threads: ThreadsOption = 0,
     as_json: JsonOption = False,
 ) -> None:
@@ -71,6 +73,7 @@ def scan(
         from orchestrator.config.loading import load_setup  # noqa: PLC0415
         from orchestrator.evaluation.job import scan_to_folder  # noqa: PLC0415
         from orchestrator.evaluation.request import ScanRequest  # noqa: PLC0415
+        from orchestrator.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
         overrides = [*(set_ or []), *([f'scan.mode="{mode}"'] if mode else [])]
         request = ScanRequest(
@@ -83,6 +86,7 @@ def scan(
             images=images,
             threads=threads,
             command_line=tuple(sys.argv[1:]),
+            formats=parse_formats(format_, "--format"),
         )
         with show_progress(as_json) as progress:
             report = scan_to_folder(request, out, progress)
@@ -137,6 +141,7 @@ def render(
     unit: UnitOption = "mm",
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/render"),
     images: Annotated[bool, typer.Option("--images", help="keep the camera images of every exposure")] = False,
+    format_: FormatOption = "ply",
     threads: ThreadsOption = 0,
     as_json: JsonOption = False,
 ) -> None:
@@ -146,6 +151,7 @@ def render(
         from orchestrator.config.loading import load_setup  # noqa: PLC0415
         from orchestrator.evaluation.job import render_to_folder  # noqa: PLC0415
         from orchestrator.evaluation.request import ScanRequest  # noqa: PLC0415
+        from orchestrator.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
         request = ScanRequest(
             part=part,
@@ -157,6 +163,7 @@ def render(
             images=images,
             threads=threads,
             command_line=tuple(sys.argv[1:]),
+            formats=parse_formats(format_, "--format"),
         )
         with show_progress(as_json) as progress:
             report = render_to_folder(request, recording, out, progress)

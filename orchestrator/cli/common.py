@@ -33,6 +33,9 @@ IdealOption = Annotated[bool, typer.Option("--ideal", help="switch off all noise
 SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="keys every random number")]
 UnitOption = Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")]
 ThreadsOption = Annotated[int, typer.Option("--threads", min=0, help="0: as many as there are cores")]
+FormatOption = Annotated[
+    str, typer.Option("--format", help="of the cloud, several with commas: ply, npz, laz, e57, pcd, xyz")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
 EngineOption = Annotated[Engine, typer.Option("--engine", help="light and images, or the fast mode by rays alone")]
 

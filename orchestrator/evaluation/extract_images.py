@@ -19,7 +19,7 @@ from orchestrator.evaluation.request import ScanReport
 from orchestrator.evaluation.run_folder import RunFolder
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.reconstruction.cloud import Cloud
-from orchestrator.reconstruction.point_cloud_files import write_ply
+from orchestrator.reconstruction.cloud_files import write_ply
 from orchestrator.reconstruction.reconstruct import quality_of
 from orchestrator.scanning.sense import make_sensor
 
@@ -138,6 +138,7 @@ def _cloud(batches: Sequence[_Batch]) -> Cloud:
         intensity=join("intensity").astype(float),
         quality=quality_of(sigma, join("flags")),
         camera=join("camera"),
+        column=join("column"),
         profile=profile,
         segment=np.zeros(len(sigma), np.int32),
         time=np.zeros(len(sigma)),

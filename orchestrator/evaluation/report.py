@@ -25,7 +25,7 @@ from orchestrator.evaluation.run_folder import RunFolder
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.geometry import pose
 from orchestrator.reconstruction.cloud import Cloud
-from orchestrator.reconstruction.point_cloud_files import write_ply
+from orchestrator.reconstruction.cloud_files import write_cloud
 from orchestrator.scanning.exposures import build_scene, exposures_from_truth
 from orchestrator.scanning.sense import Sensors, sample_rows
 
@@ -58,7 +58,8 @@ def write_report(
     figures = _figures(given, deviation, covered)
     with watch.measure("write"):
         run = _run(given)
-        write_ply(folder.path("cloud.ply"), given.cloud, comments=(f"scancell scan of {given.request.part.name}",))
+        for suffix in given.request.formats:
+            write_cloud(folder.path(f"cloud.{suffix}"), given.cloud, (f"scancell scan of {given.request.part.name}",))
         write_recording(given.recording, folder.path("recording.parquet"))
         _write_json(folder.path("deviation.json"), {**deviation.as_json(), "coverage": covered.as_json()})
         folder.path("resolved.toml").write_text(resolved_toml(given.request.setup, run))

@@ -24,6 +24,7 @@ class ScanRequest:
     images: bool
     threads: int
     command_line: Sequence[str]
+    formats: Sequence[str] = ("ply",)
 
 
 @dataclass

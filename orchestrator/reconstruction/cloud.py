@@ -28,6 +28,8 @@ class Cloud:
         (n,) 0 … 1, see `reconstruct.quality_of`.
     camera
         (n,) number of the camera that saw the point.
+    column
+        (n,) column of that camera's image, px; the nearest one where the point was not found in a column.
     profile, segment, time
         (n,) index, segment and mid-exposure time (s) of the trigger that made it.
     """
@@ -38,6 +40,7 @@ class Cloud:
     intensity: Array
     quality: Array
     camera: NDArray[np.int32]
+    column: NDArray[np.int32]
     profile: NDArray[np.int64]
     segment: NDArray[np.int32]
     time: Array

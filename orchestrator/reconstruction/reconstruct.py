@@ -144,6 +144,7 @@ def reconstruct(
         intensity=np.asarray(profiles.intensity, float)[kept],
         quality=quality_of(sigma, np.asarray(profiles.flags)[kept]),
         camera=camera,
+        column=column.astype(np.int32),
         profile=np.asarray(triggers.index, np.int64)[frame],
         segment=segment[frame],
         time=np.asarray(triggers.time, float)[frame],

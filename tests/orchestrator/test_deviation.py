@@ -32,6 +32,7 @@ def cloud_of(points: np.ndarray, camera: np.ndarray | None = None, segment: np.n
         intensity=ones,
         quality=ones,
         camera=np.zeros(n, np.int32) if camera is None else camera,
+        column=np.zeros(n, np.int32),
         profile=np.zeros(n, np.int64),
         segment=np.ones(n, np.int32) if segment is None else segment,
         time=ones,

@@ -15,7 +15,7 @@ from orchestrator.config.loading import assets_dir, load_setup
 from orchestrator.errors import ImageError
 from orchestrator.evaluation.extract_images import ExtractionRequest, extract_to_folder
 from orchestrator.evaluation.image_files import ImageSet
-from orchestrator.reconstruction.point_cloud_files import read_ply
+from orchestrator.reconstruction.cloud_files import read_ply
 
 HEIGHT, WIDTH = 1024, 1280
 

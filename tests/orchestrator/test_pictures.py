@@ -31,7 +31,7 @@ BOX = box((0.08, 0.06, 0.04))
 def cloud_of(points: np.ndarray) -> Cloud:
     n, ones = len(points), np.ones(len(points))
     camera, segment = np.zeros(n, np.int32), np.ones(n, np.int32)
-    return Cloud(points, np.zeros((n, 3)), ones, ones, ones, camera, np.zeros(n, np.int64), segment, ones)
+    return Cloud(points, np.zeros((n, 3)), ones, ones, ones, camera, camera, np.zeros(n, np.int64), segment, ones)
 
 
 @pytest.mark.parametrize("count", [0, 1, 3000])

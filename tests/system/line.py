@@ -22,7 +22,7 @@ from orchestrator.geometry.mesh import load_mesh
 from orchestrator.planning.planner import Plan
 from orchestrator.progress import Silent
 from orchestrator.reconstruction.cloud import Cloud
-from orchestrator.reconstruction.point_cloud_files import write_ply
+from orchestrator.reconstruction.cloud_files import write_ply
 from orchestrator.reconstruction.reconstruct import ProfilePoints
 from orchestrator.scanning.drive import drive
 from orchestrator.scanning.exposures import visible_bodies

@@ -9,27 +9,8 @@ import numpy as np
 from orchestrator.errors import MeshError
 from orchestrator.files import atomic_write
 from orchestrator.reconstruction.cloud import Cloud
+from orchestrator.reconstruction.cloud_files.record import RECORD, UNITS, cloud_of_record, record_of
 
-_MM = 1e3
-
-# Positions as doubles: a mesh far from its origin would lose micrometres to single precision.
-_RECORD = np.dtype(
-    [
-        ("x", "<f8"),
-        ("y", "<f8"),
-        ("z", "<f8"),
-        ("nx", "<f4"),
-        ("ny", "<f4"),
-        ("nz", "<f4"),
-        ("sigma", "<f4"),
-        ("intensity", "<f4"),
-        ("quality", "<f4"),
-        ("camera", "u1"),
-        ("segment", "<i4"),
-        ("profile", "<i4"),
-        ("time", "<f8"),
-    ]
-)
 _PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar", "<i4": "int"}
 
 
@@ -41,16 +22,9 @@ def write_ply(path: str | Path, cloud: Cloud, comments: tuple[str, ...] = ()) ->
     OutputError
         If the file cannot be written.
     """
-    record = np.zeros(len(cloud), _RECORD)
-    for axis, name in enumerate("xyz"):
-        record[name] = cloud.points_in_part[:, axis] * _MM
-        record[f"n{name}"] = cloud.normals[:, axis]
-    record["sigma"] = cloud.sigma * _MM
-    for name in ("intensity", "quality", "camera", "segment", "profile", "time"):
-        record[name] = getattr(cloud, name)
     with atomic_write(path) as temporary, temporary.open("wb") as stream:
         stream.write(_header(len(cloud), comments))
-        record.tofile(stream)
+        record_of(cloud).tofile(stream)
 
 
 def read_ply(path: str | Path) -> Cloud:
@@ -69,28 +43,18 @@ def read_ply(path: str | Path) -> Cloud:
         if count is None:
             raise MeshError(f"{path}: expected a binary point cloud as scancell writes it")
         stream.seek(known)
-        record = np.fromfile(stream, _RECORD, count)
+        record = np.fromfile(stream, RECORD, count)
     if len(record) < count:
         raise MeshError(f"{path}: is cut short: {len(record)} of {count} points")
-    return Cloud(
-        points_in_part=np.stack([record[name] for name in "xyz"], -1) / _MM,
-        normals=np.stack([record[f"n{name}"] for name in "xyz"], -1).astype(float),
-        sigma=record["sigma"] / _MM,
-        intensity=record["intensity"].astype(float),
-        quality=record["quality"].astype(float),
-        camera=record["camera"].astype(np.int32),
-        profile=record["profile"].astype(np.int64),
-        segment=record["segment"].astype(np.int32),
-        time=record["time"].astype(float),
-    )
+    return cloud_of_record(record)
 
 
 def _properties() -> list[str]:
-    return [f"property {_PLY_NAMES[_RECORD[name].str]} {name}" for name in _RECORD.names or ()]
+    return [f"property {_PLY_NAMES[RECORD[name].str]} {name}" for name in RECORD.names or ()]
 
 
 def _header(count: int, comments: tuple[str, ...]) -> bytes:
-    notes = ("units: x y z sigma in mm, time in s; normals towards the sensor", *comments)
+    notes = (f"units: {UNITS}", *comments)
     lines = ["ply", "format binary_little_endian 1.0"]
     lines += [f"comment {' '.join(note.split())}" for note in notes]
     lines += [f"element vertex {count}", *_properties(), "end_header"]

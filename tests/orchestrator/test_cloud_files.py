@@ -24,6 +24,7 @@ def make_cloud(n: int = 500) -> Cloud:
         intensity=rng.uniform(0, 255, n),
         quality=rng.uniform(0, 1, n),
         camera=rng.integers(0, 3, n).astype(np.int32),
+        column=rng.integers(0, 1280, n).astype(np.int32),
         profile=np.sort(rng.integers(1, 1300, n)),
         segment=rng.integers(1, 9, n).astype(np.int32),
         time=np.sort(rng.uniform(0, 100, n)),

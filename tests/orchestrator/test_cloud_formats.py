@@ -1,0 +1,157 @@
+"""Clouds in all formats, read back by programs of other people."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pye57
+import pytest
+from test_cloud_files import make_cloud
+
+from orchestrator.errors import DescriptionError, OutputError
+from orchestrator.reconstruction.cloud_files import FORMATS, parse_formats, write_cloud
+
+SAME = ("intensity", "quality", "camera", "column", "segment", "profile")
+
+
+def near(cloud):
+    """Everyone's cloud within the reach of single precision: 10 cm about the origin."""
+    values = {name: getattr(cloud, name) for name in cloud.__dataclass_fields__}
+    return type(cloud)(**{**values, "points_in_part": cloud.points_in_part - 10.0})
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_equal_clouds_make_equal_bytes(tmp_path: Path, suffix: str) -> None:
+    for name in ("a", "b"):
+        write_cloud(tmp_path / f"{name}.{suffix}", make_cloud(), ("a block",))
+    assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_cloud_without_points_is_a_file_all_the_same(tmp_path: Path, suffix: str) -> None:
+    write_cloud(tmp_path / f"a.{suffix}", make_cloud(0))
+    assert (tmp_path / f"a.{suffix}").stat().st_size > 0
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_failed_write_is_named_and_leaves_nothing(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(OutputError, match="file"):
+        write_cloud(tmp_path / "file" / f"a.{suffix}", make_cloud(5))
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_laz_by_laspy(tmp_path: Path) -> None:
+    cloud = make_cloud()
+    write_cloud(tmp_path / "a.laz", cloud)
+    back = laspy.read(tmp_path / "a.laz")
+    assert back.header.are_points_compressed
+    assert np.abs(back.xyz - cloud.points_in_part * 1e3).max() <= 0.5e-5 + 1e-9  # half a step, 10 m from the origin
+    assert np.array_equal(back.gps_time, cloud.time)
+    assert np.array_equal(back.intensity, np.rint(cloud.intensity))
+    assert back.amplitude == pytest.approx(cloud.intensity, rel=1e-6)
+    assert back.sigma == pytest.approx(cloud.sigma * 1e3, rel=1e-6)
+    assert np.stack([back.nx, back.ny, back.nz], -1) == pytest.approx(cloud.normals, rel=1e-6)
+    assert back.quality == pytest.approx(cloud.quality, rel=1e-6)
+    for name in ("camera", "column", "segment", "profile"):
+        assert np.array_equal(back[name], getattr(cloud, name))
+
+
+def read_e57(path: Path) -> dict[str, np.ndarray]:
+    """Every field, those of extensions too, which the short way of pye57 passes over."""
+    with pye57.E57(str(path)) as file:
+        header = file.get_header(0)
+        buffers, data = pye57.libe57.VectorSourceDestBuffer(), {}
+        for name in header.point_fields:
+            data[name] = np.empty(header.point_count, float)
+            buffers.append(
+                pye57.libe57.SourceDestBuffer(file.image_file, name, data[name], len(data[name]), True, True)
+            )
+        header.points.reader(buffers).read()
+    return data
+
+
+def test_e57_by_pye57(tmp_path: Path) -> None:
+    cloud = make_cloud()
+    write_cloud(tmp_path / "a.e57", cloud)
+    with pye57.E57(str(tmp_path / "a.e57")) as file:
+        easy = file.read_scan_raw(0, ignore_unsupported_fields=True)
+        assert file.get_header(0).xMinimum == pytest.approx(cloud.points_in_part[:, 0].min(), abs=1e-12)
+    assert np.abs(easy["cartesianX"] - cloud.points_in_part[:, 0]).max() == 0, "metres, in double precision"
+    assert np.array_equal(easy["columnIndex"], cloud.column)
+    assert np.array_equal(np.unique(cloud.profile)[easy["rowIndex"]], cloud.profile), "rows are exposures"
+    data = read_e57(tmp_path / "a.e57")
+    assert np.array_equal(data["timeStamp"], cloud.time)
+    for i, axis in enumerate("XYZ"):
+        assert data[f"nor:normal{axis}"] == pytest.approx(cloud.normals[:, i], rel=1e-6)
+    for name in ("sigma", "quality", "camera", "segment", "profile"):
+        assert data[f"scancell:{name}"] == pytest.approx(getattr(cloud, name), rel=1e-6)
+    assert data["intensity"] == pytest.approx(cloud.intensity, rel=1e-6)
+
+
+def test_npz_keeps_every_bit(tmp_path: Path) -> None:
+    cloud = make_cloud()
+    write_cloud(tmp_path / "a.npz", cloud)
+    back = np.load(tmp_path / "a.npz")
+    assert np.array_equal(back["points_in_part_mm"], cloud.points_in_part * 1e3)
+    assert np.array_equal(back["sigma_mm"], cloud.sigma * 1e3)
+    assert np.array_equal(back["time_s"], cloud.time)
+    for name in ("normals", *SAME):
+        assert np.array_equal(back[name], getattr(cloud, name))
+
+
+def test_xyz_as_a_table(tmp_path: Path) -> None:
+    cloud = make_cloud()
+    write_cloud(tmp_path / "a.xyz", cloud, ("of a block",))
+    first, units, remark = (tmp_path / "a.xyz").read_text().splitlines()[:3]
+    assert "mm" in units
+    assert remark == "# of a block"
+    table = dict(zip(first.split()[1:], np.loadtxt(tmp_path / "a.xyz").T, strict=True))
+    for i, axis in enumerate("xyz"):
+        assert table[axis] == pytest.approx(cloud.points_in_part[:, i] * 1e3, abs=0.51e-6)
+        assert table[f"n{axis}"] == pytest.approx(cloud.normals[:, i], rel=1e-6)
+    assert table["sigma"] == pytest.approx(cloud.sigma * 1e3, rel=1e-6)
+    assert table["time"] == pytest.approx(cloud.time, abs=0.51e-9)
+    for name in SAME:
+        assert table[name] == pytest.approx(getattr(cloud, name), rel=1e-6)
+
+
+def test_pcd_field_by_field(tmp_path: Path) -> None:
+    cloud = near(make_cloud())
+    write_cloud(tmp_path / "a.pcd", cloud)
+    head, _, body = (tmp_path / "a.pcd").read_bytes().partition(b"DATA binary\n")
+    said = {line.split()[0]: line.split()[1:] for line in head.decode().splitlines() if line[0] != "#"}
+    letters = {"F": "f", "I": "i", "U": "u"}
+    kinds = [f"<{letters[kind]}{size}" for kind, size in zip(said["TYPE"], said["SIZE"], strict=True)]
+    table = np.frombuffer(body, np.dtype(list(zip(said["FIELDS"], kinds, strict=True))))
+    assert len(table) == int(said["POINTS"][0]) == len(cloud)
+    for i, axis in enumerate("xyz"):
+        assert np.abs(table[axis] - cloud.points_in_part[:, i] * 1e3).max() < 8e-6
+        assert table[f"normal_{axis}"] == pytest.approx(cloud.normals[:, i], rel=1e-6)
+    for name in SAME:
+        assert table[name] == pytest.approx(getattr(cloud, name), rel=1e-6)
+    assert np.array_equal(table["time"], cloud.time)
+
+
+@pytest.mark.parametrize("suffix", ["ply", "pcd", "xyz"])
+def test_open3d_reads_points_and_normals(tmp_path: Path, suffix: str) -> None:
+    open3d = pytest.importorskip("open3d", reason="Open3D is not installed: pip install open3d-cpu")
+    cloud = near(make_cloud())
+    write_cloud(tmp_path / f"a.{suffix}", cloud)
+    seen = open3d.io.read_point_cloud(str(tmp_path / f"a.{suffix}"))
+    assert np.asarray(seen.points) == pytest.approx(cloud.points_in_part * 1e3, abs=1e-5)
+    if suffix != "xyz":  # its reader looks at three numbers of each line
+        assert np.asarray(seen.normals) == pytest.approx(cloud.normals, abs=1e-6)
+        fields = open3d.t.io.read_point_cloud(str(tmp_path / f"a.{suffix}")).point
+        for name in ("intensity", "quality", "sigma", "time") if suffix == "ply" else ("intensity", "quality"):
+            assert fields[name].numpy().ravel() == pytest.approx(
+                getattr(cloud, name) * (1e3 if name == "sigma" else 1), rel=1e-6
+            )
+
+
+def test_an_unknown_format_is_named() -> None:
+    with pytest.raises(DescriptionError, match="--format: 'las': expected ply, npz, laz, e57, pcd or xyz"):
+        parse_formats("ply, las", "--format")
+    assert parse_formats("laz,PLY,laz", "--format") == ("laz", "ply")
