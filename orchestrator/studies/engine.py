@@ -17,7 +17,7 @@ the same call after any kill goes on where it stopped, and a task that two worke
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -147,21 +147,25 @@ def run_tasks(
             progress.advance(1)
         else:
             todo.append(task)
-    if todo:
-        for report in _reports(job, todo, where, outcome, announce, began):
+    reports = _reports(job, todo, where, outcome, announce, began)
+    try:
+        for report in reports:
             outcome.add(report)
             progress.advance(1)
-        job.store.sweep()  # of workers that died on the way
+    finally:
+        reports.close()  # ends the workers now, not when memory is collected
+        job.store.sweep()  # what those left who died on the way
     outcome.seconds = time.perf_counter() - began
     return outcome
 
 
 def _reports(
     job: Job, todo: Sequence[Task], where: Where, outcome: RunOutcome, announce: Any, began: float
-) -> Iterator[TaskReport]:
-    if where.shard is not None:
+) -> Generator[TaskReport, None, None]:
+    if where.shard is not None or not todo:
         outcome.start_seconds = time.perf_counter() - began
-        return (run_here(job, task) for task in todo)
+        yield from (run_here(job, task) for task in todo)
+        return
     from orchestrator.studies.dask_cluster import run_on_dask  # noqa: PLC0415  (takes half a second to import)
 
     def started(dashboard: str) -> None:
@@ -169,7 +173,7 @@ def _reports(
         if announce is not None:
             announce(dashboard)
 
-    return run_on_dask(job, todo, where, started)
+    yield from run_on_dask(job, todo, where, started)
 
 
 def _shard(tasks: Sequence[Task], shard: tuple[int, int] | None) -> Sequence[Task]:

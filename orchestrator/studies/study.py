@@ -26,7 +26,7 @@ from orchestrator.progress import Progress
 from orchestrator.studies.designs import trial_seed
 from orchestrator.studies.engine import Job, RunOutcome, Task, Where, chunks, run_tasks
 from orchestrator.studies.factors import Factors
-from orchestrator.studies.trial import ROWS, TIMINGS, Trial, TrialWorker, open_trials, trial_of
+from orchestrator.studies.trial import ROWS, TIMINGS, Trial, TrialWorker, open_trials, sweep_temporary, trial_of
 
 DESCRIPTION = "description.json"
 # Numbered shares of the random numbers; the trials of a study count from 1.
@@ -161,7 +161,10 @@ def check_same(study: Study, out: Path) -> None:
 
 def run_study(study: Study, out: Path, where: Where, progress: Progress, announce: Any = None) -> RunOutcome:
     """Make all trials that are not there yet, see `run_tasks`."""
-    return run_tasks(study.job(out), study.tasks, where, progress, "task", announce)
+    try:
+        return run_tasks(study.job(out), study.tasks, where, progress, "task", announce)
+    finally:
+        sweep_temporary()
 
 
 def replay(study: Study, number: int) -> tuple[dict[str, Any], Stopwatch]:

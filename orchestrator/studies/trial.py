@@ -227,7 +227,7 @@ class TrialWorker:
 
 def open_trials(spec: Mapping[str, Any]) -> TrialWorker:
     """A worker from plain data, see `spec_of`."""
-    _sweep()
+    sweep_temporary()
     raw = spec["setup"]
     setup = Setup(
         cell=validate(CellDescription, raw["cell"], "cell"),
@@ -237,7 +237,7 @@ def open_trials(spec: Mapping[str, Any]) -> TrialWorker:
     return TrialWorker(validate(StudyDescription, spec["study"], "study"), setup, Path(spec["part"]))
 
 
-def _sweep() -> None:
+def sweep_temporary() -> None:
     """Remove the temporary files of workers of this machine that were killed."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_FOLDER}*"):
         pid = folder.name.removeprefix(_FOLDER).split("-")[0]

@@ -143,3 +143,36 @@ def _slope(scan, offset: np.ndarray) -> float:
     predicted = np.einsum("ni,ni->n", normal, shift)
     assert predicted.std() > 5e-6
     return float(np.polyfit(predicted, signed[chosen], 1)[0])
+
+
+HEIGHTS = """
+[[factor]]
+path = "as_built.table.z_mm"
+distribution = { kind = "normal", std = 0.03 }
+[[factor]]
+path = "as_built.tool.z_mm"
+distribution = { kind = "normal", std = 0.04 }
+[[sphere]]
+name = "ball"
+centre_mm = [0, 0, 45]
+radius_mm = 25
+above_mm = 25
+"""
+
+
+def test_indices_of_scans_are_those_of_the_linear_case(tmp_path) -> None:
+    """Seen from above, the height of a ball is raised by the table and lowered by the sensor: 9 and 16 parts of 25."""
+    head = HEAD.replace("scan.max_profiles=20", "scan.max_profiles=12").replace("raster", "sweep")
+    design = '[design]\nkind = "sobol"\ntrials = 32\n'
+    study = open_study(write_study(tmp_path, head, "ideal = true", "trials_per_task = 16", design, HEIGHTS))
+    begin(study, tmp_path / "out")
+    run_study(study, tmp_path / "out", Where(shard=(1, 1)), Silent())
+    report = write_report(study, tmp_path / "out")
+    said = report.analysis["engines"]["geometric"]
+    for row, exact in zip(said["closer"]["ball.z_um"]["sobol"], (0.36, 0.64), strict=True):
+        print(row)
+        for name in ("first", "total"):
+            low, high = row[f"{name}_interval"]
+            assert low <= exact <= high
+        assert row["total"] == pytest.approx(exact, abs=0.05)
+    assert said["figures"]["ball.z_um"]["standard_deviation"] == pytest.approx(50, rel=0.1)
