@@ -78,6 +78,8 @@ format: setup
 	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format -i
 
 bench: setup
+	@folder=$$(ls -d build/cp3*) && cmake -S . -B $$folder -DSCANCELL_TESTS=ON >build/bench.log \
+	  && cmake --build $$folder --target robotcell-step-cost >>build/bench.log || { tail -n 30 build/bench.log; exit 1; }
 	@PYTHONPATH=tests $(BIN)/python -m bench
 
 peers: setup

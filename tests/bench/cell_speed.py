@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import dartpy
 import numpy as np
@@ -14,7 +17,8 @@ from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.config import load_setup
 from orchestrator.config.loading import assets_dir
-from orchestrator.geometry.mesh import load_mesh
+from orchestrator.geometry.mesh import box_mesh, load_mesh, mass_properties
+from orchestrator.geometry.pose import translation
 
 from .table import Row
 from .timing import Timing, measure
@@ -42,6 +46,73 @@ def cell_rows() -> Iterator[Row]:
             yield Row(name, timing.best, "us/step", "bare dartpy world, 1 ms step", engine.best, timing.spread)
             factor = STEP_US / timing.best
             yield Row(f"FMU, FMI {version}, real-time factor", factor, "x", "real time", 1.0, timing.spread, "at least")
+        yield from _three_part_rows(description, Path(folder))
+
+
+def _three_parts(description: Mapping[str, Any]) -> dict[str, Any]:
+    """The cell with a belt and three free boxes, two on the table and one on the belt."""
+    boxes = [
+        ("left", "table", (0.06, 0.04, 0.05), (0.05, 0.0)),
+        ("right", "table", (0.04, 0.04, 0.03), (-0.05, 0.02)),
+        ("rider", "conveyor[1]", (0.05, 0.04, 0.03), (-0.4, 0.0)),
+    ]
+    belt = {"position": [0.0, -1.0, 0.2], "quaternion": [1, 0, 0, 0]}
+    conveyor = {"name": "belt", "world_from_belt": belt, "length": 1.2, "width": 0.3, "thickness": 0.05}
+    limits = {"max_speed": 1.0, "max_acceleration": 2.0, "friction": 0.5}
+    parts = [_box(name, support, size, place) for name, support, size, place in boxes]
+    return {**description, "conveyors": [{**conveyor, **limits}], "parts": parts}
+
+
+def _box(name: str, support: str, size: tuple[float, float, float], place: tuple[float, float]) -> dict[str, Any]:
+    mesh = box_mesh(size).transformed(translation((0.0, 0.0, size[2] / 2)))
+    properties = mass_properties(mesh, 2700.0)
+    return {
+        "name": name, "fixture": "free", "stands_on": support, "mass": properties.mass, "friction": 0.5,
+        "support_from_part": {"position": [*place, 0.0], "quaternion": [1, 0, 0, 0]},
+        "hull": {"vertices": mesh.vertices.tolist(), "faces": mesh.faces.tolist()},
+        "centre_of_mass": properties.centre_of_mass.tolist(), "inertia": properties.inertia.tolist(),
+    }  # fmt: skip
+
+
+def _three_part_rows(description: Mapping[str, Any], folder: Path) -> Iterator[Row]:
+    """Three free parts and a belt, by processor time, against the bare engine in C++ with the same bodies."""
+    data = _three_parts(description)
+    costs = _dynamics_us(data, folder)
+    if costs is None:
+        return
+    bare, held = costs
+    yield Row("three parts: our dynamics step in C++, drives and anchors with it", held, "us/step", "bare DART", bare)
+    fmu = folder / "three.fmu"
+    build_fmu(data, fmu, 2)
+    with CellInstance(fmu) as cell:
+        whole = _step_us(cell).processor
+    with CellInstance(fmu) as cell:
+        alone = _do_step_us(cell)
+    yield Row("three parts: FMU, doStep of 1 ms alone", alone, "us/step", "bare DART", bare, None, "at most", 1.1)
+    yield Row("three parts: FMPy's set 7, doStep, get 50", whole - alone, "us/step", "allowed", 7.0, None, "at most")
+    yield Row("three parts: real-time factor", STEP_US / whole, "x", "real time", 1.0, None, "at least", 12.0)
+
+
+def _do_step_us(cell: CellInstance) -> float:
+    cell.set(cell.real_group(["command.conveyor[1].speed"]), np.array([0.01]))
+
+    def run() -> None:
+        for _ in range(STEPS):
+            cell.step_to(cell.time_us + STEP_US)
+
+    return _per_step(measure(run)).processor
+
+
+def _dynamics_us(data: Mapping[str, Any], folder: Path) -> tuple[float, float] | None:
+    """Microseconds per step of the bare engine and of the cell's world; None where the program is not built."""
+    built = sorted(Path(__file__).parents[2].glob("build/*/tests/fmu/robotcell-step-cost"))
+    if not built:
+        return None
+    file = folder / "three.json"
+    file.write_text(json.dumps(data))
+    command = [str(built[-1]), str(file), str(STEPS)]
+    figures = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return figures["bare_us"], figures["held_us"]
 
 
 def _step_us(cell: CellInstance) -> Timing:

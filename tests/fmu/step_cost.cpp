@@ -1,0 +1,138 @@
+// Processor time of one dynamics step: of the cell's world, and of the bare engine with the same bodies.
+//
+// usage: robotcell-step-cost CELL.json STEPS: prints {"bare_us": .., "held_us": ..}; the bare world has the
+// engine's own Dantzig solver, the cell's adds its drives, friction the same in all directions, and the stick
+// anchors.
+#include <ctime>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <dart/constraint/BoxedLcpConstraintSolver.hpp>
+#include <dart/constraint/DantzigBoxedLcpSolver.hpp>
+#include <dart/dynamics/FreeJoint.hpp>
+#include <dart/simulation/World.hpp>
+
+#include "fmu/model/capped_collision_detector.h"
+#include "fmu/model/world.h"
+#include "fmu/model/world_bodies.h"
+
+namespace {
+
+using namespace robotcell;
+using dart::dynamics::FreeJoint;
+using dart::dynamics::SkeletonPtr;
+
+constexpr double kTableRate = 0.5;  // rad/s
+constexpr double kBeltSpeed = 0.1;  // m/s
+constexpr double kJointRate = 0.1;  // rad/s
+constexpr int kRepeats = 5;
+
+double processor_us() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return 1e6 * static_cast<double>(now.tv_sec) + 1e-3 * static_cast<double>(now.tv_nsec);
+}
+
+Imposed motion(const CellDescription& cell, int step) {
+  const double t = step * static_cast<double>(cell.time_step_us) * 1e-6;
+  Imposed imposed;
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    imposed.axes.position[i] = cell.joints[i].start + kJointRate * t;
+    imposed.axes.rate[i] = kJointRate;
+  }
+  imposed.axes.position[kTableAxis] = kTableRate * t;
+  imposed.axes.rate[kTableAxis] = kTableRate;
+  imposed.belts.assign(cell.conveyors.size(), {kBeltSpeed * t, kBeltSpeed, kBeltSpeed});
+  return imposed;
+}
+
+Imposed at_rest(const CellDescription& cell) {
+  Imposed imposed = motion(cell, 0);
+  imposed.axes.rate = {};
+  return imposed;
+}
+
+/// Fewest microseconds per step of several runs.
+template <class Step>
+double cost(int steps, const Step& step) {
+  double best = 1e300;
+  int done = 0;
+  for (int r = 0; r < kRepeats; ++r) {
+    const double start = processor_us();
+    for (int i = 0; i < steps / kRepeats; ++i) step(done++);
+    best = std::min(best, (processor_us() - start) / (steps / kRepeats));
+  }
+  return best;
+}
+
+/// The engine's world with the bodies of the cell and nothing of ours but the cap on contacts, which ODE's
+/// meshes need.
+class BareWorld {
+ public:
+  explicit BareWorld(const CellDescription& cell) : cell_(cell), kinematics_(cell, AsBuilt{}) {
+    world_->setTimeStep(static_cast<double>(cell.time_step_us) * 1e-6);
+    world_->setGravity(cell.gravity);
+    world_->setConstraintSolver(std::make_unique<dart::constraint::BoxedLcpConstraintSolver>(
+        std::make_shared<dart::constraint::DantzigBoxedLcpSolver>()));
+    world_->getConstraintSolver()->setCollisionDetector(CappedCollisionDetector::create(4));
+    world_->addSkeleton(arm_);
+    world_->addSkeleton(table_);
+    impose(motion(cell, 0));
+    for (const ConveyorDescription& conveyor : cell.conveyors) {
+      world_->addSkeleton(make_belt(conveyor.name, conveyor));
+      world_->getSkeleton(world_->getNumSkeletons() - 1)->setVelocity(0, kBeltSpeed);
+    }
+    for (const PartDescription& part : cell.parts) add(part);
+  }
+
+  void step(int number) {
+    impose(motion(cell_, number));
+    world_->step();
+  }
+
+ private:
+  void impose(const Imposed& imposed) {
+    arm_->setPositions(Eigen::Map<const Eigen::Matrix<double, kJoints, 1>>(imposed.axes.position.data()));
+    auto* joint = static_cast<FreeJoint*>(table_->getJoint(0));
+    const double angle = imposed.axes.position[kTableAxis];
+    joint->setRelativeTransform(kinematics_.platter(angle, 0).pose);
+    joint->setAngularVelocity({0, 0, kTableRate});
+  }
+
+  void add(const PartDescription& part) {
+    if (!part.free) return;
+    SkeletonPtr skeleton = make_free_part(part.name, part);
+    Eigen::Isometry3d support = Eigen::Isometry3d::Identity();
+    if (part.stands_on.kind == StandsOn::Kind::kTable) support = kinematics_.platter(0, 0).pose;
+    if (part.stands_on.kind == StandsOn::Kind::kConveyor) {
+      support = cell_.conveyors[part.stands_on.conveyor].world_from_belt;
+    }
+    skeleton->setPositions(FreeJoint::convertToPositions(support * part.support_from_part));
+    world_->addSkeleton(skeleton);
+  }
+
+  const CellDescription& cell_;
+  Kinematics kinematics_;
+  dart::simulation::WorldPtr world_ = dart::simulation::World::create();
+  SkeletonPtr arm_ = make_arm(kinematics_, false);
+  SkeletonPtr table_ = make_table(cell_.table, true);
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 3) {
+    std::fprintf(stderr, "usage: robotcell-step-cost CELL.json STEPS\n");
+    return 2;
+  }
+  const CellDescription cell = parse_cell(read_text_file(argv[1]));
+  const int steps = std::atoi(argv[2]);
+  World world(cell, Kinematics(cell, AsBuilt{}), at_rest(cell));
+  const double held =
+      cost(steps, [&](int number) { world.step(motion(cell, number), motion(cell, number + 1)); });
+  BareWorld bare(cell);
+  const double engine = cost(steps, [&](int number) { bare.step(number); });
+  std::printf("{\"bare_us\": %.3f, \"held_us\": %.3f}\n", engine, held);
+  return 0;
+}
