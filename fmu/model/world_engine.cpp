@@ -150,6 +150,27 @@ double World::Engine::spin_of(const Part& part, const PairContact& contact) cons
   return std::abs(turn.dot(contact.normal));
 }
 
+/// A part between two fingers creeps from one to the other as it creeps in their plane, although they press
+/// it evenly: the way back to where it was between them when it came to rest.
+Vector3d World::Engine::back_to_middle(const Part& part, const StickAnchor& anchor) const {
+  const auto lifted = [&](const StickAnchor& from) {
+    const Vector3d place = (pose_of(from.support).inverse() * part.pose()).translation();
+    return from.normal.dot(place - from.support_from_body.translation());
+  };
+  if (!is_finger(anchor.support)) return Vector3d::Zero();
+  for (const StickAnchor& other : part.anchors) {
+    if (other.support == anchor.support || !is_finger(other.support)) continue;
+    const double drift = (lifted(anchor) - lifted(other)) / 2;
+    return pose_of(anchor.support).linear() * anchor.normal * -drift;
+  }
+  return Vector3d::Zero();
+}
+
+bool World::Engine::is_finger(std::int32_t support) const {
+  const auto first = static_cast<std::int32_t>(1 + belts.size());
+  return gripper != nullptr && support >= first && support < first + 2;
+}
+
 /// Lets go where friction does not hold, puts the part back by the strongest contact that holds (after the
 /// parts that carry it), and takes hold where it has come to rest.
 void World::Engine::hold(Part& part, double time_step) {
@@ -179,8 +200,9 @@ void World::Engine::hold(Part& part, double time_step) {
   }
   if (strongest != nullptr) {
     const Isometry3d support = pose_of(strongest->support);
-    part.skeleton->setPositions(
-        FreeJoint::convertToPositions(support * held_pose(*strongest, support.inverse() * part.pose())));
+    Isometry3d held = support * held_pose(*strongest, support.inverse() * part.pose());
+    held.pretranslate(back_to_middle(part, *strongest));
+    part.skeleton->setPositions(FreeJoint::convertToPositions(held));
   }
   for (const PairContact& contact : part.contacts) {
     const bool known = std::any_of(anchors.begin(), anchors.end(), [&contact](const StickAnchor& anchor) {

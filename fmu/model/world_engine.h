@@ -90,6 +90,8 @@ struct World::Engine {
   void add_contact(std::int32_t on, std::int32_t by, const Eigen::Vector3d& force,
                    const Eigen::Vector3d& normal);
   void hold(Part& part, double time_step);
+  Eigen::Vector3d back_to_middle(const Part& part, const StickAnchor& anchor) const;
+  bool is_finger(std::int32_t support) const;
   void weigh_contacts(Part& part, double time_step);
   Eigen::Vector3d slip_of(const Part& part, const PairContact& contact) const;
   double spin_of(const Part& part, const PairContact& contact) const;
