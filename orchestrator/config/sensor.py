@@ -159,7 +159,11 @@ class BandPassDescription(Description):
 
 
 class SpeckleDescription(Description):
-    """Grain of the laser's light on rough surfaces; its size on the image is wavelength times f-number."""
+    """Grain of the laser's light on rough surfaces; its size on the image is wavelength times f-number.
+
+    It is drawn into images, and it is the noise of light that the extraction expects: it enters what counts as the
+    normal shape of a stripe and the standard deviation of every point.
+    """
 
     contrast: Fraction = Field(
         default=0.0, description="of fully resolved grains; 1: bare metal, 0.5: light from within; 0: no speckle"

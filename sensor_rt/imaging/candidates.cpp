@@ -100,7 +100,8 @@ void CandidateFinder::visit(ImageRows image, const PixelNoise& noise, float leve
       run.valley_row = row;
     } else {
       const float signal = run.highest - 3.0f * noise.background;
-      const float noise_sum = std::sqrt(3.0f * noise.variance_floor + noise.gain * signal);
+      const float speckle = noise.speckle.covariance[0] * signal * signal;
+      const float noise_sum = std::sqrt(3.0f * noise.variance_floor + noise.gain * signal + speckle);
       const float dip = std::max(kValleySigmas * noise_sum, kValleyShare * signal);
       if (sum - run.valley > dip && run.highest - run.valley > dip) {
         const int valley_row = run.valley_row;

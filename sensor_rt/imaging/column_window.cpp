@@ -14,14 +14,17 @@ constexpr float kShapeReach = 3.0f;  // standard deviations to either side in a 
 ColumnWindow gather(ImageRows image, const PixelNoise& noise, const Candidate& candidate, double reach) {
   RowWindow rows = window(candidate, static_cast<float>(reach), image.height);
   rows.last = std::min(rows.last, rows.first + kWindowRows - 1);
+  // Summed over, grains count as if they were pixels.
+  const auto speckle = static_cast<double>(noise.speckle.of_sums());
   ColumnWindow w;
   w.first = rows.first;
   w.count = std::max(0, rows.last - rows.first + 1);
   for (int i = 0; i < w.count; ++i) {
     const auto value = static_cast<float>(image.at(rows.first + i, candidate.column));
     w.signal[i] = static_cast<double>(value - noise.background);
-    w.variance[i] = static_cast<double>(noise.variance_floor) +
-                    static_cast<double>(noise.gain) * std::max(0.0, w.signal[i]);
+    const double light = std::max(0.0, w.signal[i]);
+    w.variance[i] = static_cast<double>(noise.variance_floor) + static_cast<double>(noise.gain) * light +
+                    speckle * light * light;
     w.clipped[i] = !(value < noise.saturation);
   }
   return w;

@@ -48,6 +48,8 @@ void validate(const ExtractionOptions& o, const ImageNoise& n, const SheetGeomet
   positive("full_well_e", n.full_well_e);
   require(n.read_noise_e >= 0.0, "read_noise_e", n.read_noise_e, "a number >= 0");
   require(n.dsnu_e >= 0.0, "dsnu_e", n.dsnu_e, "a number >= 0");
+  require(n.speckle_contrast >= 0.0 && n.speckle_contrast <= 1.0, "speckle_contrast", n.speckle_contrast,
+          "a number from 0 to 1");
   require(n.black_level_dn >= 0.0, "black_level_dn", n.black_level_dn, "a number >= 0");
 }
 
@@ -114,6 +116,9 @@ class Extractor::Impl {
     noise_.variance_floor = static_cast<float>(dark_dn * dark_dn + 1.0 / 12.0);
     noise_.gain = static_cast<float>(noise.gain_dn_per_e);
     noise_.saturation = saturation_level(noise);
+    for (const Camera& camera : geometry_.cameras) {
+      speckle_.push_back(speckle_noise(camera, noise.wavelength, noise.speckle_contrast));
+    }
   }
 
   void measure(ImageView<const std::uint16_t> image, int camera) {
@@ -122,6 +127,7 @@ class Extractor::Impl {
                                   std::to_string(image.height) + " pixels: expected at least 1 x 3");
     }
     noise_.background = background_level(image, image_noise_.black_level_dn, sample_);
+    noise_.speckle = speckle_[static_cast<std::size_t>(camera)];
     const double noise_of_sum = std::sqrt(3.0 * static_cast<double>(noise_.variance_floor));
     // A stripe of the least amplitude lights three rows by at least about its own amplitude.
     const auto threshold =
@@ -202,6 +208,7 @@ class Extractor::Impl {
   SheetGeometry geometry_;
   bool all_peaks_;
   PixelNoise noise_;
+  std::vector<SpeckleNoise> speckle_;  // per camera
   CandidateFinder finder_;
   std::vector<std::uint16_t> sample_;
   std::vector<CameraPeaks> cameras_;

@@ -59,7 +59,9 @@ struct ImageNoise {
   double read_noise_e = 0.0;
   double full_well_e = 0.0;
   int bit_depth = 0;
-  double dsnu_e = 0.0;  ///< spread of the pixels' offsets: noise of an unknown but fixed pattern
+  double dsnu_e = 0.0;            ///< spread of the pixels' offsets: noise of an unknown but fixed pattern
+  double speckle_contrast = 0.0;  ///< of fully resolved grains
+  double wavelength = 0.0;        ///< m, of the light that has the speckle
 };
 
 /// Where the cameras and the laser stand, for comparing cameras.

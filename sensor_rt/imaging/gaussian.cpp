@@ -10,14 +10,16 @@ namespace sensor_rt {
 namespace {
 
 constexpr int kIterations = 12;
-constexpr float kReach = 3.5f;        // half window, in standard deviations ...
-constexpr float kReachMargin = 1.5f;  // ... plus rows
-constexpr float kModelError = 0.01f;  // of the amplitude
+constexpr int kIterationsOfGrains = 24;  // what speckle tears apart settles slowly
+constexpr float kReach = 3.5f;           // half window, in standard deviations ...
+constexpr float kReachMargin = 1.5f;     // ... plus rows
+constexpr float kModelError = 0.01f;     // of the amplitude
 // A saturated stripe is measured by its flanks alone, which must then be trusted.
 constexpr float kSaturatedModelError = 0.002f;
-constexpr float kShapeless = 0.36f;  // px: up to this width too few pixels are lit to show a skewness
-constexpr float kHeldError = 0.05f;  // px: what holding the width of a narrower stripe may do to its row
-constexpr float kSettled = 2e-4f;    // px, largest last step of a fit that has converged
+constexpr float kShapeless = 0.36f;     // px: up to this width too few pixels are lit to show a skewness
+constexpr float kHeldError = 0.05f;     // px: what holding the width of a narrower stripe may do to its row
+constexpr float kSettled = 2e-4f;       // px, largest last step of a fit that has converged ...
+constexpr float kSettledShare = 0.01f;  // ... or this share of the standard deviation
 
 void load(ImageRows image, const PixelNoise& noise, const Candidate& c, GaussianBatch& b, int l,
           RowWindow& rows) {
@@ -35,6 +37,7 @@ void load(ImageRows image, const PixelNoise& noise, const Candidate& c, Gaussian
   b.model_error.v[l] = model_error * model_error;
   b.floor.v[l] = noise.variance_floor * scale * scale;
   b.gain.v[l] = noise.gain * scale;
+  b.speckle_weight.v[l] = noise.speckle.covariance[0];
   b.prior.v[l] = 0.0f;
   b.end.v[l] = static_cast<float>(rows.last - rows.first + 1);
   b.mu.v[l] = c.row - static_cast<float>(rows.first);
@@ -72,14 +75,15 @@ StripeFit result(const Candidate& c, const GaussianBatch& b, int l, const RowWin
   for (int k = 0; k < 4; ++k) explained += b.he3_gradient[k].v[l] * b.to_he3[k].v[l];
   const float information = std::max(b.he3_norm.v[l] - explained, 1e-6f * b.he3_norm.v[l] + 1e-12f);
   fit.asymmetry = b.he3_misfit.v[l] / information;
-  fit.asymmetry_sigma = 1.0f / std::sqrt(information);
+  fit.asymmetry_sigma = std::sqrt(1.0f + b.he3_speckle.v[l] / information) / std::sqrt(information);
   if (fit.width < kShapeless) fit.asymmetry = 0.0f;
   if (fit.width <= kNarrowest) fit.row_sigma = std::hypot(fit.row_sigma, kHeldError);
   const float count = std::max(b.count.v[l], 1.0f);
   fit.residual = std::sqrt(std::max(0.0f, b.misfit.v[l] - b.noise.v[l]) / count) / relative_amplitude;
   fit.residual_noise = std::sqrt(b.noise.v[l] / count) / relative_amplitude;
   fit.flags = c.flags;
-  if (b.step.v[l] > kSettled * std::max(1.0f, b.sigma.v[l])) fit.flags |= kPeakNotConverged;
+  const float settled = std::max(kSettled * std::max(1.0f, b.sigma.v[l]), kSettledShare * fit.row_sigma);
+  if (b.step.v[l] > settled) fit.flags |= kPeakNotConverged;
   if (!is_finite(fit)) fit = unfitted(c);
   for (int y = 0; y <= rows.last - rows.first; ++y) {
     if (b.mask[y].v[l] == 0.0f) fit.flags |= kPeakSaturated;
@@ -96,8 +100,10 @@ StripeFit result(const Candidate& c, const GaussianBatch& b, int l, const RowWin
 
 void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
                      StripeFit* fits) {
+  const int iterations = noise.speckle.enabled() ? kIterationsOfGrains : kIterations;
   for (std::size_t begin = 0; begin < count; begin += kLanes) {
     GaussianBatch b{};
+    b.speckle = noise.speckle;
     RowWindow rows[kLanes];
     const std::size_t lanes = std::min<std::size_t>(kLanes, count - begin);
     for (int l = 0; l < kLanes; ++l) {  // spare lanes repeat the last stripe
@@ -106,12 +112,13 @@ void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* 
     }
     float largest = 1.0f;
     float damping = 1e-2f;
-    for (int i = 0; i < kIterations && largest > 0.2f * kSettled; ++i, damping *= 0.1f) {
+    for (int i = 0; i < iterations && largest > 0.2f * kSettled; ++i, damping *= 0.1f) {
       iterate(b, damping);
       largest = *std::max_element(b.step.v, b.step.v + kLanes);
     }
     measure_shape(b);
     measure_noise(b);
+    if (b.speckle.enabled()) add_speckle(b);
     for (std::size_t l = 0; l < lanes; ++l) {
       fits[begin + l] = result(candidates[begin + l], b, static_cast<int>(l), rows[l]);
     }

@@ -53,8 +53,9 @@ inline float variance(const Batch& b, float model, int l) {
   return b.floor.v[l] + b.gain.v[l] * signal;
 }
 
-inline float weight(const Batch& b, float noise, int row, int l) {
-  return b.mask[row].v[l] / (noise + b.model_error.v[l]);
+inline float weight(const Batch& b, float noise, float model, int row, int l) {
+  const float signal = model > 0.0f ? model : 0.0f;
+  return b.mask[row].v[l] / (noise + b.model_error.v[l] + b.speckle_weight.v[l] * signal);
 }
 
 inline void clear_sums(Batch& b) {
@@ -128,7 +129,7 @@ SENSOR_RT_MULTIVERSION void iterate(Batch& b, float damping) {
   for (int row = 0; row < b.rows; ++row) {
     for (int l = 0; l < kLanes; ++l) {
       const Shape s = shape(b, row, l);
-      const float w = weight(b, variance(b, s.model, l), row, l);
+      const float w = weight(b, variance(b, s.model, l), s.model, row, l);
       add_to_normal_equations(b, s, w, b.data[row].v[l] - s.model, l);
     }
   }
@@ -160,7 +161,7 @@ SENSOR_RT_MULTIVERSION void measure_shape(Batch& b) {
   for (int row = 0; row < b.rows; ++row) {
     for (int l = 0; l < kLanes; ++l) {
       const Shape s = shape(b, row, l);
-      const float w = weight(b, variance(b, s.model, l), row, l);
+      const float w = weight(b, variance(b, s.model, l), s.model, row, l);
       const float misfit = b.data[row].v[l] - s.model;
       add_to_normal_equations(b, s, w, misfit, l);
       for (int k = 0; k < 4; ++k) b.he3_gradient[k].v[l] += w * s.d[k] * s.he3;
@@ -183,21 +184,42 @@ SENSOR_RT_MULTIVERSION void measure_shape(Batch& b) {
 }
 
 SENSOR_RT_MULTIVERSION void measure_noise(Batch& b) {
+  const float speckle = b.speckle.covariance[0];
   first_edge(b);
   for (int row = 0; row < b.rows; ++row) {
     for (int l = 0; l < kLanes; ++l) {
       const Shape s = shape(b, row, l);
       const float noise = variance(b, s.model, l);
-      const float w = weight(b, noise, row, l);
+      const float w = weight(b, noise, s.model, row, l);
       float influence = 0.0f;
-      for (int k = 0; k < 4; ++k) influence += b.to_row[k].v[l] * s.d[k];
+      float explained = 0.0f;
+      for (int k = 0; k < 4; ++k) {
+        influence += b.to_row[k].v[l] * s.d[k];
+        explained += b.to_he3[k].v[l] * s.d[k];
+      }
+      const float light = b.area.v[l] * s.d[2];
+      b.light_to_row[row].v[l] = w * influence * light;
+      b.light_to_he3[row].v[l] = w * (s.he3 - explained) * light;
       b.row_variance.v[l] += w * w * influence * influence * noise;
       const float z = (static_cast<float>(row) - b.mu.v[l]) / b.sigma.v[l];
       const float inside = z * z < 6.25f ? b.mask[row].v[l] : 0.0f;
       const float misfit = b.data[row].v[l] - s.model;
       b.misfit.v[l] += inside * misfit * misfit;
-      b.noise.v[l] += inside * noise;
+      b.noise.v[l] += inside * (noise + speckle * light * light);
       b.count.v[l] += inside;
+    }
+  }
+}
+
+SENSOR_RT_MULTIVERSION void add_speckle(Batch& b) {
+  for (int l = 0; l < kLanes; ++l) b.he3_speckle.v[l] = 0.0f;
+  for (int apart = 0; apart < kSpeckleRows; ++apart) {
+    const float covariance = (apart == 0 ? 1.0f : 2.0f) * b.speckle.covariance[apart];
+    for (int row = 0; row + apart < b.rows; ++row) {
+      for (int l = 0; l < kLanes; ++l) {
+        b.row_variance.v[l] += covariance * b.light_to_row[row].v[l] * b.light_to_row[row + apart].v[l];
+        b.he3_speckle.v[l] += covariance * b.light_to_he3[row].v[l] * b.light_to_he3[row + apart].v[l];
+      }
     }
   }
 }

@@ -4,8 +4,12 @@
 // Model of pixel i: m_i = B + S [Phi((i + 1/2 - mu) / sigma) - Phi((i - 1/2 - mu) / sigma)].
 // Weights are 1 / (noise variance + model error²): pure noise weights would trust the flanks, where real
 // stripes differ from the model. The uncertainty follows from the true noise variance by the sandwich
-// formula. Below kNarrowest the pixels cannot tell the width, which is then held there.
+// formula. For the weights, the variance by speckle grows in proportion to the light, as if it were shot
+// noise: with its square the dark flanks would weigh most. Below kNarrowest the pixels cannot tell the width,
+// which is then held there.
 #pragma once
+
+#include "sensor_rt/imaging/speckle_noise.h"
 
 namespace sensor_rt {
 
@@ -26,7 +30,8 @@ struct GaussianBatch {
   Lane data[kMaxRows];
   Lane mask[kMaxRows];  // 0: outside the window or saturated
   Lane floor, gain, prior, end;
-  Lane model_error;  // variance
+  Lane speckle_weight;  // variance of the brightest pixel by speckle, for the weights
+  Lane model_error;     // variance
   Lane mu, sigma, area, background;
   Lane step;                                   // size of the last step in mu and sigma together
   Lane hessian[10], gradient[4];               // packed lower triangle; order mu, sigma, area, background
@@ -34,6 +39,10 @@ struct GaussianBatch {
   Lane to_row[4], to_he3[4];                   // solutions of H x = e_mu and H x = he3_gradient
   Lane row_variance, misfit, noise, count;
   Lane cumulative, density;  // at the lower edge of the pixel
+  SpeckleNoise speckle;
+  // What a change of a pixel in proportion to its light does to row and he3_misfit:
+  Lane light_to_row[kMaxRows], light_to_he3[kMaxRows];
+  Lane he3_speckle;  // variance of he3_misfit by speckle
 };
 
 /// One damped Gauss-Newton step of all lanes. Steps are bounded so that a poor first guess cannot run away.
@@ -41,6 +50,9 @@ void iterate(GaussianBatch& batch, float damping);
 
 /// Sums that need the final parameters: normal equations and their product with the third Hermite shape.
 void measure_shape(GaussianBatch& batch);
+
+/// Adds speckle to the variances; after measure_noise, which needs its variance in single pixels.
+void add_speckle(GaussianBatch& batch);
 
 /// Variance of the centre (sandwich formula) and misfit within two and a half standard deviations; after
 /// measure_shape.

@@ -113,16 +113,18 @@ class Ridge {
   }
 
   double propagate(const Kernel& down, double nx, double ny, double bend) const {
+    const auto speckle = static_cast<double>(noise_.speckle.of_sums());
     double variance = 0.0;
     for (int i = 0; i < across_.count; ++i) {
       for (int j = 0; j < down.count; ++j) {
         if (!mine(down, j)) continue;
-        const double signal = image_.at(row(down, j), column(i)) - static_cast<double>(noise_.background);
+        const double value = image_.at(row(down, j), column(i)) - static_cast<double>(noise_.background);
+        const double light = std::max(0.0, value);
         const double influence =
             (across_.d1[i] * down.g[j] * nx + across_.g[i] * down.d1[j] * ny) / (bend * ny);
         variance += influence * influence *
-                    (static_cast<double>(noise_.variance_floor) +
-                     static_cast<double>(noise_.gain) * std::max(0.0, signal));
+                    (static_cast<double>(noise_.variance_floor) + static_cast<double>(noise_.gain) * light +
+                     speckle * light * light);
       }
     }
     return variance;

@@ -7,15 +7,17 @@
 
 #include "sensor_rt/geometry/image.h"
 #include "sensor_rt/imaging/extract.h"
+#include "sensor_rt/imaging/speckle_noise.h"
 
 namespace sensor_rt {
 
-/// Noise of a pixel: variance = floor + gain * (signal above the black level), all in DN.
+/// Noise of a pixel: variance = floor + gain * (signal above the black level) + speckle * signal², all in DN.
 struct PixelNoise {
   float background = 0.0f;      ///< level of the unlit image
   float variance_floor = 0.0f;  ///< read noise and quantisation, DN²
   float gain = 0.0f;            ///< DN per electron: shot noise has variance gain * signal
   float saturation = 0.0f;      ///< values from here on are not trusted
+  SpeckleNoise speckle;
 };
 
 /// A run of rows in one column that may hold the stripe.

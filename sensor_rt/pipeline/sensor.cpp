@@ -113,8 +113,8 @@ void read_detector(JsonObject json, Sensor& sensor) {
   d.prnu = json.fraction("prnu");
   d.dsnu_e = json.non_negative("dsnu_e");
   json.finish();
-  sensor.image_noise = {d.black_level_dn, d.gain_dn_per_e, d.read_noise_e,
-                        d.full_well_e,    d.bit_depth,     d.dsnu_e};
+  sensor.image_noise = {
+      d.black_level_dn, d.gain_dn_per_e, d.read_noise_e, d.full_well_e, d.bit_depth, d.dsnu_e, 0.0, 0.0};
 }
 
 void read_extraction(JsonObject json, Sensor& sensor) {
@@ -206,6 +206,8 @@ Sensor parse_sensor(const std::string& text) {
   band_pass.finish();
   JsonObject speckle = json.object("speckle");
   sensor.speckle_contrast = speckle.fraction("contrast");
+  sensor.image_noise.speckle_contrast = sensor.speckle_contrast;
+  sensor.image_noise.wavelength = sensor.laser.wavelength;
   speckle.finish();
   read_render(json.object("render"), sensor);
   read_extraction(json.object("extraction"), sensor);

@@ -12,7 +12,7 @@ from scenes import Array, moving, one_plane, pose, still, stripe_centres
 from scipy.special import j1
 from stripe_images import make_sensor
 
-from sensor_rt import Exposures, Scene, Sensor, expected_electrons
+from sensor_rt import PEAK_REJECTED, Exposures, Scene, Sensor, expected_electrons, extract, render, scan
 
 WAVELENGTH, PITCH = 660e-9, 5e-6
 Z = 0.12
@@ -187,3 +187,41 @@ def test_noise_of_the_stripes_centre() -> None:
         assert np.std(moments) == pytest.approx(contrast * np.sqrt(integral) * grain, rel=0.06)
         if width == 1.0:
             assert np.std(centres) * metres_per_px == pytest.approx(contrast * dorsch, rel=0.15)
+
+
+@pytest.mark.parametrize("z", [0.08, 0.12, 0.16])
+def test_a_stripe_with_speckle_is_a_normal_stripe(z: float) -> None:
+    """Nearly all points are kept, the noise of their rows is that of a centre of gravity, and is known point by point.
+
+    The first moment of a stripe s has the variance sum s_i s_j x_i x_j cov(i - j) over the square of the sum of s.
+    """
+    cameras: dict[str, Any] = {
+        "detector": {"dsnu_e": 1.0, "prnu": 0.005},
+        "cameras": 2,
+        "laser": {"power": 2e-3, "fan_half_angle": np.radians(16.0)},
+    }
+    places = still(pose((0.013, -0.021, z)))
+    grainy = make_sensor(speckle={"contrast": 1.0}, **deepcopy(cameras))
+    clean = make_sensor(**deepcopy(cameras))
+    expected_points = len(scan(plane(), clean, places).profiles)
+    result = scan(plane(), grainy, places, keep_images=True)
+    points = result.profiles
+    assert len(points) >= 0.95 * expected_points
+    error = points.points_in_sensor[:, 2] - z
+    assert error.std() == pytest.approx(np.sqrt(np.mean(points.sigma.astype(float) ** 2)), rel=0.1)
+    assert abs(error.mean()) < 4 * error.std() / np.sqrt(len(error) / 3)  # a grain covers three columns
+
+    width = float(np.median(extract(render(plane(), clean, places), clean).width))
+    rows = np.arange(-8, 9)
+    light = np.exp(-0.5 * (rows / width) ** 2)
+    grain = grain_px(11.0)
+    by_lag = np.array([pixel_covariance(grain, lag) for lag in range(17)])
+    moment = rows * light / light.sum()
+    theory = np.sqrt((np.outer(moment, moment) * by_lag[abs(rows[:, None] - rows)]).sum())
+    assert result.images is not None
+    peaks = extract(result.images, grainy)
+    sound = (np.asarray(peaks.flags) & PEAK_REJECTED) == 0
+    row = np.asarray(peaks.row)[sound]
+    for camera in range(2):
+        of_camera = row[np.asarray(peaks.camera)[sound] == camera]
+        assert (of_camera - of_camera.mean()).std() == pytest.approx(theory, rel=0.15)
