@@ -12,6 +12,7 @@ namespace {
 constexpr double kNoiseSigmas = 4.0;
 constexpr double kNearby = 4.0;          // widths of both stripes together: this near, but not there
 constexpr double kTrackJump = 2.0;       // rows from column to column within a track
+constexpr double kNeighbours = 4.0;      // rows to a neighbour within a track, two columns on
 constexpr double kConfirmedShare = 0.5;  // of a track that vouches for the rest of it
 // A peak that another one has bent confirms nothing and refutes nothing but by chance.
 constexpr std::uint32_t kBent = kPeakAsymmetric | kPeakResidual | kPeakOverlap | kPeakWide | kPeakBorder;
@@ -42,7 +43,7 @@ class RayBins {
     }
     const double bins = highest >= lowest_ ? (highest - lowest_) * per_slope_ + 4.0 : 0.0;
     cameras_.assign(static_cast<std::size_t>(std::min(bins, 1e6)), 0u);
-    settled_.assign(cameras_.size(), 0);
+    settled_.assign(cameras_.size(), {});
   }
 
   int bin(const Eigen::Vector3d& point) const {
@@ -51,7 +52,7 @@ class RayBins {
   }
 
   void add(int bin, std::size_t camera) { cameras_[static_cast<std::size_t>(bin)] |= 1u << camera; }
-  void settle(int bin) { settled_[static_cast<std::size_t>(bin)] = 1; }
+  void settle(int bin, double z) { settled_[static_cast<std::size_t>(bin)].add(z); }
 
   /// Cameras with a peak on the ray or on its neighbours; bit per camera.
   unsigned cameras(int bin) const {
@@ -60,13 +61,28 @@ class RayBins {
     return found;
   }
 
-  bool is_settled(int bin) const {
+  /// Whether the ray or its neighbours hold a confirmed point further than `near` from depth z.
+  bool is_settled_elsewhere(int bin, double z, double near) const {
     bool settled = false;
-    visit(bin, [&](std::size_t b) { settled = settled || settled_[b] != 0; });
+    visit(bin, [&](std::size_t b) { settled = settled || settled_[b].reaches_beyond(z, near); });
     return settled;
   }
 
  private:
+  /// Of the confirmed points of a bin.
+  struct Depths {
+    double least = std::numeric_limits<double>::infinity();
+    double most = -std::numeric_limits<double>::infinity();
+
+    void add(double z) {
+      least = std::min(least, z);
+      most = std::max(most, z);
+    }
+    bool reaches_beyond(double z, double near) const {
+      return least <= most && (least < z - near || most > z + near);
+    }
+  };
+
   double slope(const Eigen::Vector3d& point) const { return point.y() / (point.z() - source_z_); }
 
   template <typename Body>
@@ -79,7 +95,7 @@ class RayBins {
   double per_slope_ = 1.0;
   double lowest_ = std::numeric_limits<double>::infinity();
   std::vector<unsigned> cameras_;
-  std::vector<unsigned char> settled_;
+  std::vector<Depths> settled_;
 };
 
 class Comparison {
@@ -215,7 +231,7 @@ class Comparison {
       if (s.bin < 0) continue;
       s.bin = rays.bin(s.point);
       rays.add(s.bin, a);
-      if (peaks_[a].standing[i] == Standing::kConfirmed) rays.settle(s.bin);
+      if (peaks_[a].standing[i] == Standing::kConfirmed) rays.settle(s.bin, s.point.z());
     }
   }
 
@@ -262,10 +278,19 @@ class Comparison {
     return found;
   }
 
+  /// Depth by which peak i of camera a moves with its row, m/px.
+  double row_step(std::size_t a, std::size_t i) const {
+    const CameraPeaks& p = peaks_[a];
+    return std::fabs(triangulation_jacobian(camera(p), {p.candidates[i].column, p.fits[i].row})(2, 1));
+  }
+
   void weigh(std::size_t a, std::size_t i, bool vouched, const RayBins& rays) {
     const Sighting& s = sightings_[a][i];
     Standing& standing = peaks_[a].standing[i];
-    if (s.bin < 0 || standing == Standing::kConfirmed || s.refuted || rays.is_settled(s.bin)) return;
+    if (s.bin < 0 || standing == Standing::kConfirmed || s.refuted) return;
+    // What continues a confirmed stripe has its confirmed neighbours on the same surface, next to it.
+    const double near = vouched ? kNeighbours * row_step(a, i) : 0.0;
+    if (rays.is_settled_elsewhere(s.bin, s.point.z(), near)) return;
     const unsigned others = rays.cameras(s.bin) & ~(1u << a);
     if (vouched || others == 0) standing = Standing::kUncontested;
   }

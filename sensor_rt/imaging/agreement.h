@@ -14,9 +14,9 @@ namespace sensor_rt {
 ///
 /// - Confirmed: its point on the sheet, seen by another camera, lies within `tolerance_px` plus four standard
 ///   deviations of a peak there.
-/// - Contradicted: not confirmed, and its laser ray holds a confirmed point already; or another camera shows
-///   a peak close by but not there; or another camera that should see it shows peaks elsewhere on the ray;
-///   or its point lies outside the range.
+/// - Contradicted: not confirmed, and its laser ray holds a confirmed point already, elsewhere; or another
+///   camera shows a peak close by but not there; or another camera that should see it shows peaks elsewhere
+///   on the ray; or its point lies outside the range.
 /// - Uncontested: the rest, and peaks that continue a stripe that is confirmed for the most part (another
 ///   camera's view of them is blocked).
 void compare_cameras(std::vector<CameraPeaks>& peaks, const SheetGeometry& geometry, double tolerance_px);
