@@ -126,6 +126,13 @@ class Recording:
             duration, {frame: self._poses(frame, duration) for frame in moving_frames(*count_moving(self.columns))}
         )
 
+    def truth_at_middle(self, frame: str) -> Array:
+        """``world_from_frame`` (n, 4, 4) of one of the moving frames in the middle of every exposure."""
+        position, orientation = (
+            self._stack(_indexed(f"{_TRUTH}{frame}.{part}", count)) for part, count in _PARTS_OF_POSE[:2]
+        )
+        return np.asarray(pose.from_rotation(pose.rotation_from_quaternion(orientation), position))
+
     def _poses(self, frame: str, duration: Array) -> Array:
         position, orientation, velocity, rate = (
             self._stack(_indexed(f"{_TRUTH}{frame}.{part}", count)) for part, count in _PARTS_OF_POSE

@@ -11,6 +11,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
+from orchestrator.cli.batch import batch
 from orchestrator.cli.common import (
     AsBuiltOption,
     CellOption,
@@ -42,6 +43,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command()(batch)
 app.add_typer(fmu_app, name="fmu")
 app.add_typer(study_app, name="study")
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from orchestrator.cli.common import JsonOption, Outcome, run, show_progress
+from orchestrator.cli.where import SchedulerOption, ShardOption, WorkersOption, tell_dashboard, where_of
 
 if TYPE_CHECKING:
     from orchestrator.studies.engine import Where
@@ -23,11 +23,6 @@ SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="change the study: design.trials=20; repeatable, as when it was run")
 ]
 OutOption = Annotated[Path | None, typer.Option("--out", help="folder for the results; default: out/NAME")]
-WorkersOption = Annotated[int, typer.Option("--workers", min=0, help="processes on this machine; 0: one per core")]
-SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler")]
-ShardOption = Annotated[
-    str | None, typer.Option("--shard", help="i/n: only every n-th task from the i-th, in this process, without Dask")
-]
 
 
 @study_app.command("run")
@@ -46,7 +41,7 @@ def study_run(
     def work() -> Outcome:
         from orchestrator.studies.study import begin, check_same, check_study, replay  # noqa: PLC0415
 
-        opened, folder, where = _opened(study, set_), _folder(study, out), _where(workers, scheduler, shard)
+        opened, folder, where = _opened(study, set_), _folder(study, out), where_of(workers, scheduler, shard)
         check_study(opened)
         if trial is not None:
             row, watch = replay(opened, trial)
@@ -76,7 +71,7 @@ def study_resume(
 
         opened, folder = _opened(study, set_), _folder(study, out)
         check_same(opened, folder)
-        return _made(opened, folder, _where(workers, scheduler, shard), as_json)
+        return _made(opened, folder, where_of(workers, scheduler, shard), as_json)
 
     run("study resume", as_json, work)
 
@@ -140,10 +135,9 @@ def _made(study: Study, folder: Path, where: Where, as_json: bool) -> Outcome:
     from orchestrator.studies.report import write_report  # noqa: PLC0415
     from orchestrator.studies.study import run_study  # noqa: PLC0415
 
-    announce: Callable[[str], None] = lambda link: print(f"dashboard: {link}", file=sys.stderr)  # noqa: E731
     try:
         with show_progress(as_json) as progress:
-            made = run_study(study, folder, where, progress, announce)
+            made = run_study(study, folder, where, progress, tell_dashboard)
     except KeyboardInterrupt:
         print(f"finished trials are kept in {folder}; `scancell study resume` goes on", file=sys.stderr)
         raise
@@ -159,15 +153,3 @@ def _reported(report: Any, timings: dict[str, float] | None = None) -> Outcome:
     figures = {key: report.analysis[key] for key in ("name", "trials", "failed", "engines")}
     figures["missing"] = len(report.collected.missing)
     return Outcome(report.lines(), figures, report.files, warnings, timings or {})
-
-
-def _where(workers: int, scheduler: str | None, shard: str | None) -> Where:
-    from orchestrator.errors import DescriptionError  # noqa: PLC0415
-    from orchestrator.studies.engine import Where  # noqa: PLC0415
-
-    if shard is None:
-        return Where(workers, scheduler)
-    first, slash, count = shard.partition("/")
-    if not (slash and first.isdigit() and count.isdigit() and 1 <= int(first) <= int(count)):
-        raise DescriptionError(f"--shard {shard}: expected i/n with 1 <= i <= n, for example 3/8")
-    return Where(shard=(int(first), int(count)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from orchestrator.config.batch import BatchDescription
 from orchestrator.config.cell import CellDescription, RobotDescription
 from orchestrator.config.scan import ScanDescription
 from orchestrator.config.sensor import SensorDescription
@@ -13,12 +14,13 @@ _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
-    """Schema by kind of file: ``cell``, ``robot``, ``sensor``, ``scan``, ``study``."""
+    """Schema by kind of file: ``cell``, ``robot``, ``sensor``, ``scan``, ``study``, ``batch``."""
     schemas = {
         "cell": CellDescription.model_json_schema(),
         "robot": RobotDescription.model_json_schema(),
         "sensor": SensorDescription.model_json_schema(),
         "scan": ScanDescription.model_json_schema(),
+        "batch": BatchDescription.model_json_schema(),
         "study": StudyDescription.model_json_schema(),
     }
     # On disk a cell may name a robot file instead of holding the robot.

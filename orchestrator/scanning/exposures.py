@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import sensor_rt
 from orchestrator.cell.nominal import Body, Lamp, NominalCell
 from orchestrator.cell.patches import Patch
-from orchestrator.cell.recording import ExposureTruth
+from orchestrator.cell.recording import ExposureTruth, Recording
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,12 @@ def exposures_from_truth(
         for body in bodies
     ]
     return sensor_rt.Exposures(world_from_sensor, np.stack(poses, 1), truth.duration[rows], index[rows])
+
+
+def true_poses(recording: Recording, frames: Sequence[str]) -> list[Array]:
+    """``world_from_frame`` (n, 4, 4) in the middle of every exposure, for each of `frames` as bodies name them."""
+    still = np.broadcast_to(np.eye(4), (len(recording), 4, 4))
+    return [still if frame == "world" else recording.truth_at_middle(_recorded(frame)) for frame in frames]
 
 
 def still_exposure(world_from_sensor: Array, world_from_body: Array, duration: float) -> sensor_rt.Exposures:

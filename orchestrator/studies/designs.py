@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.config.study import DesignDescription
+from orchestrator.config.variation import DesignDescription
 
 Array = NDArray[np.float64]
 _DRAWS = 1

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
-from orchestrator.config.study import (
+from orchestrator.config.variation import (
     DiscreteDescription,
     DistributionDescription,
     NormalDescription,

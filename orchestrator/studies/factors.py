@@ -20,7 +20,7 @@ from orchestrator.config.description import validate
 from orchestrator.config.loading import Setup, as_built_sensor, parse_assignment, split_path
 from orchestrator.config.scan import ScanDescription
 from orchestrator.config.sensor import SensorDescription
-from orchestrator.config.study import DiscreteDescription, FactorDescription, Mode, StudyDescription
+from orchestrator.config.variation import DiscreteDescription, FactorDescription, Mode, VaryingScansDescription
 from orchestrator.errors import DescriptionError
 from orchestrator.studies.designs import design
 from orchestrator.studies.distributions import correlated_normal, extremes, middles, quantiles
@@ -43,17 +43,17 @@ class Inputs:
 
 
 class Factors:
-    """The factors of a study around its nominal descriptions; `source` is what messages call the study."""
+    """What varies around the nominal descriptions; `source` is what messages call the file that says so."""
 
-    def __init__(self, study: StudyDescription, setup: Setup, source: str) -> None:
+    def __init__(self, study: VaryingScansDescription, setup: Setup, source: str) -> None:
         self._study = study
         self._setup = setup
         self._source = source
         self._raw = {name: getattr(setup, name).model_dump(mode="json") for name in _SECTIONS}
-        singles = [(factor.label, factor.path, factor.mode) for factor in study.factor]
-        blocks = [(path, path, block.mode) for block in study.block for path in block.paths]
-        self.labels = [label for label, _, _ in singles + blocks]
-        self._paths: list[tuple[str, Mode]] = [(path, mode) for _, path, mode in singles + blocks]
+        singles = [(factor.path, factor.mode) for factor in study.factor]
+        blocks = [(path, block.mode) for block in study.block for path in block.paths]
+        self.labels = study.labels
+        self._paths: list[tuple[str, Mode]] = singles + blocks
         self._nominals = [self._nominal(path) for path, _ in self._paths]
 
     def draw(self) -> list[tuple[Value, ...]]:
@@ -69,7 +69,7 @@ class Factors:
             drawn = correlated_normal(cube[:, start : start + len(mean)], mean, covariance)
             columns.extend(drawn.T.tolist())
             start += len(mean)
-        return list(zip(*columns, strict=True))
+        return list(zip(*columns, strict=True)) if columns else [()] * len(cube)
 
     def inputs(self, values: Sequence[Value]) -> Inputs:
         """Descriptions and deviations of a trial.

@@ -1,4 +1,4 @@
-"""The table of a study: one row per trial, and how long each took in a table of its own."""
+"""Tables: a study's rows by trial, how long each took, and the index of a batch."""
 
 from __future__ import annotations
 
@@ -12,18 +12,37 @@ import pyarrow.parquet
 from orchestrator.files import atomic_write
 
 KEYS = ("trial", "seed", "engine", "status", "message")
+INDEX_KEYS = ("scan", "part", "variant", "mesh", "mesh_sha256", "seed", "engine", "status", "message", "as_built")
 
 
 def results_table(rows: Sequence[dict[str, Any]], labels: Sequence[str]) -> pa.Table:
     """All rows by trial number: number, seed, engine, status, message, drawn values by factor, figures by name."""
     ordered = sorted(rows, key=lambda row: int(row["number"]))
-    named = {"trial": "number"}
-    columns: dict[str, list[Any]] = {key: [row[named.get(key, key)] for row in ordered] for key in KEYS}
+    return _table(_columns(ordered, KEYS, labels))
+
+
+def index_table(rows: Sequence[dict[str, Any]], labels: Sequence[str], folder: str) -> pa.Table:
+    """All scans of a batch: their rows, and under ``file.NAME`` each file's path, which begins with `folder`."""
+    columns = _columns(rows, INDEX_KEYS, labels)
+    for name in sorted({file for row in rows for file in row["files"]}):
+        columns[f"file.{name}"] = [f"{folder}/{row['scan']}/{name}" if name in row["files"] else None for row in rows]
+    table = _table(columns)
+    as_built = pa.array(columns["as_built"], pa.list_(pa.string()))  # lists that are all empty tell no type
+    return table.set_column(table.column_names.index("as_built"), "as_built", as_built)
+
+
+def _columns(rows: Sequence[dict[str, Any]], keys: Sequence[str], labels: Sequence[str]) -> dict[str, list[Any]]:
+    """The keys of the rows, drawn values by factor, figures by name; a trial or variant is what rows call number."""
+    named = {"trial": "number", "variant": "number"}
+    columns: dict[str, list[Any]] = {key: [row[named.get(key, key)] for row in rows] for key in keys}
     for j, label in enumerate(labels):
-        columns[label] = _alike([row["values"][j] for row in ordered])
-    figures = list(dict.fromkeys(name for row in ordered for name in row["figures"]))
-    for name in figures:
-        columns[name] = _alike([row["figures"].get(name) for row in ordered])
+        columns[label] = _alike([row["values"][j] for row in rows])
+    for name in dict.fromkeys(name for row in rows for name in row["figures"]):
+        columns[name] = _alike([row["figures"].get(name) for row in rows])
+    return columns
+
+
+def _table(columns: dict[str, list[Any]]) -> pa.Table:
     return pa.table({name: pa.array(values) for name, values in columns.items()})
 
 

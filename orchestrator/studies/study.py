@@ -19,16 +19,16 @@ from typing import Any
 from orchestrator.config.loading import Setup, load_setup
 from orchestrator.config.study import StudyDescription, load_study
 from orchestrator.errors import DescriptionError, OutputError
-from orchestrator.evaluation.manifest import sha256, versions
+from orchestrator.evaluation.manifest import sha256
 from orchestrator.evaluation.stopwatch import Stopwatch
-from orchestrator.files import atomic_write
 from orchestrator.progress import Progress
 from orchestrator.studies.designs import trial_seed
 from orchestrator.studies.engine import Job, RunOutcome, Task, Where, chunks, run_tasks
 from orchestrator.studies.factors import Factors
-from orchestrator.studies.trial import ROWS, TIMINGS, Trial, TrialWorker, open_trials, sweep_temporary, trial_of
+from orchestrator.studies.run_record import DESCRIPTION, difference_from_record, write_record
+from orchestrator.studies.scan_worker import Trial, sweep_temporary, trial_of
+from orchestrator.studies.trial import ROWS, TIMINGS, TrialWorker, open_trials
 
-DESCRIPTION = "description.json"
 # Numbered shares of the random numbers; the trials of a study count from 1.
 _COMMON_SEED_TRIAL = 0
 
@@ -132,11 +132,9 @@ def begin(study: Study, out: Path) -> None:
     OutputError
         If the folder holds a study already, or cannot be written.
     """
-    record = out / DESCRIPTION
-    if record.exists():
+    if (out / DESCRIPTION).exists():
         raise OutputError(f"{out}: holds a study already; `study resume` goes on with it, --out names another folder")
-    with atomic_write(record) as temporary:
-        temporary.write_text(json.dumps({"versions": versions(), **study.spec}, indent=1) + "\n")
+    write_record(study.spec, out)
 
 
 def check_same(study: Study, out: Path) -> None:
@@ -147,14 +145,10 @@ def check_same(study: Study, out: Path) -> None:
     DescriptionError
         Naming the first key that differs.
     """
-    record = out / DESCRIPTION
     try:
-        before = json.loads(record.read_text())
+        difference = difference_from_record(study.spec, out)
     except FileNotFoundError:
         raise DescriptionError(f"{out}: holds no study; `study run` begins one") from None
-    except (OSError, ValueError) as error:
-        raise DescriptionError(f"{record}: cannot be read: {error}") from None
-    difference = _difference(before, json.loads(json.dumps(study.spec)))
     if difference:
         raise DescriptionError(f"{study.source}: differs from the study in {out}: {difference}")
 
@@ -210,17 +204,3 @@ def collect(study: Study, out: Path, failed: Mapping[str, str] | None = None) ->
         else:
             missing.extend(trial_of(plain) for plain in task.payload)
     return Collected(rows, timings, missing)
-
-
-def _difference(before: Any, now: Any, path: str = "") -> str:
-    """The first place where two descriptions differ, for people."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        for key in now:
-            found = _difference(before.get(key), now[key], f"{path}.{key}".lstrip("."))
-            if found:
-                return found
-        return ""
-    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
-        pairs = enumerate(zip(before, now, strict=True), 1)
-        return next(filter(None, (_difference(a, b, f"{path}[{i}]") for i, (a, b) in pairs)), "")
-    return "" if before == now else f"{path} was {before!r}, is {now!r}"

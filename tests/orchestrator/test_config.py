@@ -109,7 +109,7 @@ def test_words_and_paths() -> None:
 
 def test_schemas_name_every_key_and_forbid_others() -> None:
     schemas = json_schemas()
-    assert set(schemas) == {"cell", "robot", "sensor", "scan", "study"}
+    assert set(schemas) == {"cell", "robot", "sensor", "scan", "study", "batch"}
     assert set(schemas["scan"]["properties"]) == set(ScanDescription.model_fields)
     assert all(schema["additionalProperties"] is False for schema in schemas.values())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from orchestrator.config.study import (
+from orchestrator.config.variation import (
     DesignDescription,
     DiscreteDescription,
     NormalDescription,

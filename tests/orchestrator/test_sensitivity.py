@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from orchestrator.config.study import DesignDescription
+from orchestrator.config.variation import DesignDescription
 from orchestrator.studies.designs import design
 from orchestrator.studies.sensitivity import morris_effects, regression_budget, regressors, sobol_indices
 

@@ -49,7 +49,7 @@ def write_pcd(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
     ]
     with path.open("wb") as stream:
         stream.write(("\n".join(lines) + "\n").encode())
-        record.astype(single).tofile(stream)
+        stream.write(record.astype(single).tobytes())  # `tofile` hides why a disk refuses
 
 
 def write_xyz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:

@@ -24,7 +24,7 @@ def write_ply(path: str | Path, cloud: Cloud, comments: tuple[str, ...] = ()) ->
     """
     with atomic_write(path) as temporary, temporary.open("wb") as stream:
         stream.write(_header(len(cloud), comments))
-        record_of(cloud).tofile(stream)
+        stream.write(record_of(cloud).tobytes())  # `tofile` hides why a disk refuses
 
 
 def read_ply(path: str | Path) -> Cloud:
