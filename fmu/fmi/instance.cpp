@@ -343,6 +343,8 @@ Cell& Instance::cell() {
   }
   description_hash_ = loaded.hash;
   log_.write(LogCategory::kEvent, "the cell is made from " + path);
+  const std::string cost = cost_of_soft_parts(loaded.description.parts);
+  if (!cost.empty()) log_.write(LogCategory::kWarning, cost);
   return *cell_;
 }
 

@@ -118,8 +118,12 @@ void exchange(A& a, GraspState& v) {
   exchange_all(a, v.gripper, v.arm_speed);
 }
 template <class A>
+void exchange(A& a, SoftPoint& v) {
+  exchange_all(a, v.displacement, v.velocity);
+}
+template <class A>
 void exchange(A& a, FreePartState& v) {
-  exchange_all(a, v.position, v.velocity, v.carrier, v.anchors);
+  exchange_all(a, v.position, v.velocity, v.carrier, v.anchors, v.points);
 }
 
 namespace control {

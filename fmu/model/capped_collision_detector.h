@@ -26,10 +26,12 @@ class CappedCollisionDetector : public dart::collision::OdeCollisionDetector {
   bool collide(dart::collision::CollisionGroup* group, const dart::collision::CollisionOption& option,
                dart::collision::CollisionResult* result) override;
 
+ protected:
+  explicit CappedCollisionDetector(std::size_t most) : most_(most) {}
+
  private:
   using Pair = std::pair<const dart::dynamics::ShapeFrame*, const dart::dynamics::ShapeFrame*>;
 
-  explicit CappedCollisionDetector(std::size_t most) : most_(most) {}
   std::size_t most_contacts(const dart::collision::Contact& contact) const;
 
   std::size_t most_;

@@ -30,10 +30,27 @@ StandsOn parse_support(const JsonReader& json, std::size_t conveyors) {
   json.fail("\"table\", \"world\" or \"conveyor[i]\", i being from 1 to " + std::to_string(conveyors));
 }
 
+SoftDescription parse_soft(const JsonReader& json) {
+  json.expect_keys({"stiffness", "damping_ratio", "longest_edge"});
+  return {json.at("stiffness").positive(), json.at("damping_ratio").number(0, kHuge),
+          json.at("longest_edge").positive()};
+}
+
 }  // namespace
 
+std::string cost_of_soft_parts(const std::vector<PartDescription>& parts) {
+  std::string names;
+  for (const PartDescription& part : parts) {
+    if (part.soft) names += (names.empty() ? "'" : ", '") + part.name + "'";
+  }
+  if (names.empty()) return names;
+  return "soft parts (" + names +
+         "): the collision detector for soft bodies is at work; these parts creep where a rigid one is held, "
+         "do not touch each other, and are not bound by contact.points; a step takes longer";
+}
+
 PartDescription parse_part(const JsonReader& json, std::size_t conveyors) {
-  json.expect_keys({"name", "fixture", "stands_on", "support_from_part", "mass", "friction", "hull",
+  json.expect_keys({"name", "fixture", "stands_on", "support_from_part", "mass", "friction", "soft", "hull",
                     "centre_of_mass", "inertia"});
   PartDescription part;
   part.name = json.at("name").text();
@@ -47,6 +64,10 @@ PartDescription parse_part(const JsonReader& json, std::size_t conveyors) {
   part.support_from_part = json.at("support_from_part").pose();
   part.mass = json.at("mass").positive();
   part.friction = json.at("friction").number(0, kHuge);
+  if (!json.at("soft").is_null()) {
+    part.soft = parse_soft(json.at("soft"));
+    if (!part.free) json.at("soft").fail("null for a clamped part");
+  }
   part.centre_of_mass = json.at("centre_of_mass").vector3();
   const auto rows = json.at("inertia").items(3);
   for (int i = 0; i < 3; ++i) part.inertia.row(i) = rows[static_cast<std::size_t>(i)].vector3();

@@ -14,6 +14,8 @@
 
 #include "fmu/model/coulomb_solver.h"
 #include "fmu/model/engine_locks.h"
+#include "fmu/model/soft_body.h"
+#include "fmu/model/soft_collision_detector.h"
 #include "fmu/model/world_bodies.h"
 #include "fmu/model/world_engine.h"
 
@@ -45,6 +47,11 @@ bool any_free(const CellDescription& cell) {
   return std::any_of(cell.parts.begin(), cell.parts.end(), [](const PartDescription& p) { return p.free; });
 }
 
+/// How far a part sinks that stands on as few of its points as it can.
+double yielding(const PartDescription& part, double gravity) {
+  return part.soft ? part.mass * gravity / (3 * part.soft->stiffness) : 0;
+}
+
 /// Where Dantzig's method gives up, Gauss-Seidel's takes its place.
 std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDescription& contact) {
   using namespace dart::constraint;
@@ -64,13 +71,17 @@ World::World(const CellDescription& cell, const Kinematics& kinematics, const Im
   engine_->world = dart::simulation::World::create();
   engine_->world->setGravity(cell.gravity);
   engine_->world->setTimeStep(time_step_);
-  engine_->detector = CappedCollisionDetector::create(cell.contact.points);
+  const bool soft =
+      std::any_of(cell.parts.begin(), cell.parts.end(), [](const auto& part) { return part.soft; });
+  const auto soft_detector = soft ? SoftCollisionDetector::create(cell.contact.points) : nullptr;
+  engine_->detector = soft ? soft_detector : CappedCollisionDetector::create(cell.contact.points);
   engine_->world->setConstraintSolver(make_solver(cell.contact));
   engine_->world->getConstraintSolver()->setCollisionDetector(engine_->detector);
   add_supports(cell);
   if (cell.gripper) add_gripper(*cell.gripper);
   impose(start);
   add_parts(cell);
+  if (soft) engine_->connect_soft_parts(*soft_detector);
   for (const ContactPair& pair : cell.contact.pairs) engine_->set_most_contacts(pair);
   const GraspState untouched = grasp();
   if (any_free(cell)) settle(cell, start);
@@ -128,9 +139,10 @@ void World::add_parts(const CellDescription& cell) {
     const std::int32_t stands_on = engine.support_number(part.stands_on);
     Part added;
     added.free = part.free;
+    added.soft = part.soft.has_value();
     added.clamped = {part.stands_on.kind == StandsOn::Kind::kTable, part.support_from_part};
     if (part.free) {
-      added.skeleton = make_free_part("part " + std::to_string(engine.parts.size() + 1), part);
+      added.skeleton = make_free_part("part " + std::to_string(engine.parts.size() + 1), part, time_step_);
       added.friction = part.friction;
       added.gyration = std::sqrt(part.inertia.trace() / 2 / part.mass);
       engine.world->addSkeleton(added.skeleton);
@@ -160,7 +172,7 @@ void World::settle(const CellDescription& cell, const Imposed& start) {
     const Isometry3d change = before[i].inverse() * engine_->parts[i].pose();
     const double tilt = Eigen::AngleAxisd(change.linear()).angle();
     const double shift = change.translation().norm();
-    if (tilt < kMostTilt && shift < kMostSinking) continue;
+    if (tilt < kMostTilt && shift < kMostSinking + yielding(cell.parts[i], cell.gravity.norm())) continue;
     const std::string name = "parts[" + std::to_string(i) + "]";
     throw DescriptionError(name + ": the free part '" + cell.parts[i].name + "' does not stand where " +
                            name + ".support_from_part puts it: within 1 s it turns by " +
@@ -251,6 +263,7 @@ std::vector<FreePartState> World::free_parts() const {
     Eigen::Map<Eigen::Matrix<double, 6, 1>>(state.velocity.data()) = part.skeleton->getVelocities();
     state.carrier = part.carrier;
     state.anchors = part.anchors;
+    state.points = soft_points(part.body());
   }
   return states;
 }
@@ -271,6 +284,7 @@ void World::restore(const Imposed& imposed, const std::vector<FreePartState>& st
     part.skeleton->setVelocities(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.velocity.data()));
     part.carrier = state.carrier;
     part.anchors = state.anchors;
+    restore_soft_points(part.body(), state.points);
   }
 }
 

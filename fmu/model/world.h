@@ -11,6 +11,7 @@
 #include "fmu/model/cell_description.h"
 #include "fmu/model/gripper_state.h"
 #include "fmu/model/kinematics.h"
+#include "fmu/model/soft_point.h"
 #include "fmu/model/stick_anchor.h"
 
 namespace robotcell {
@@ -33,6 +34,7 @@ struct FreePartState {
   std::array<double, 6> velocity{};
   std::int32_t carrier = -1;  // support with the greatest contact force; -1: none
   std::vector<StickAnchor> anchors;
+  std::vector<SoftPoint> points;  // of a soft part
 };
 
 /// A gripper's state, and what the parts in it feel: without a gripper nothing asks how fast the arm was.

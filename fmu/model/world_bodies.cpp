@@ -9,6 +9,7 @@
 #include <dart/dynamics/WeldJoint.hpp>
 
 #include "fmu/model/hull_shape.h"
+#include "fmu/model/soft_body.h"
 
 namespace robotcell {
 namespace {
@@ -86,7 +87,8 @@ SkeletonPtr make_ground() {
   return skeleton;
 }
 
-SkeletonPtr make_free_part(const std::string& name, const PartDescription& part) {
+SkeletonPtr make_free_part(const std::string& name, const PartDescription& part, double time_step) {
+  if (part.soft) return make_soft_part(name, part, contact_hull(part), time_step);
   SkeletonPtr skeleton = Skeleton::create(name);
   BodyNode* body = skeleton->createJointAndBodyNodePair<FreeJoint>().second;
   body->setInertia(Inertia(part.mass, part.centre_of_mass, part.inertia));

@@ -20,7 +20,8 @@ dart::dynamics::SkeletonPtr make_belt(const std::string& name, const ConveyorDes
 /// What stands in the world and never moves.
 dart::dynamics::SkeletonPtr make_ground();
 
-dart::dynamics::SkeletonPtr make_free_part(const std::string& name, const PartDescription& part);
+dart::dynamics::SkeletonPtr make_free_part(const std::string& name, const PartDescription& part,
+                                           double time_step);
 
 /// Adds a part's hull to a body.
 dart::dynamics::ShapeNode* add_hull(dart::dynamics::BodyNode* body, const Eigen::Isometry3d& body_from_part,

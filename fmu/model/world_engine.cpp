@@ -5,6 +5,8 @@
 #include <dart/constraint/ConstraintSolver.hpp>
 #include <stdexcept>
 
+#include "fmu/model/soft_body.h"
+
 namespace robotcell {
 namespace {
 
@@ -70,6 +72,17 @@ void World::Engine::set_most_contacts(const ContactPair& pair) {
   }
 }
 
+void World::Engine::connect_soft_parts(SoftCollisionDetector& soft) const {
+  for (std::size_t i = 0; i < supports.size(); ++i) {
+    if (supports[i].shape == nullptr) continue;
+    if (is_soft(static_cast<std::int32_t>(i))) {
+      soft.add_soft(supports[i].shape);
+    } else {
+      soft.add_obstacle(supports[i].shape);
+    }
+  }
+}
+
 std::pair<double, Vector3d> World::Engine::pad_force(std::size_t finger) const {
   std::pair<double, Vector3d> force(0, Vector3d::Zero());
   const auto support = static_cast<std::int32_t>(1 + belts.size() + finger);
@@ -129,7 +142,8 @@ void World::Engine::weigh_contacts(Part& part, double time_step) {
     const double friction = std::min(part.friction, support.friction);
     const double stopping_speed =
         kStepsToStop * friction * contact.split.normal / part.body()->getMass() * time_step;
-    contact.holds = friction_holds(contact.split, friction) &&
+    // The points of a soft part stick by themselves; where its core is to be kept, nothing says.
+    contact.holds = !part.soft && !is_soft(contact.support) && friction_holds(contact.split, friction) &&
                     slip_of(part, contact).norm() < stopping_speed &&
                     spin_of(part, contact) * part.gyration < stopping_speed;
     if (contact.split.normal <= greatest) continue;
@@ -164,6 +178,11 @@ Vector3d World::Engine::back_to_middle(const Part& part, const StickAnchor& anch
     return pose_of(anchor.support).linear() * anchor.normal * -drift;
   }
   return Vector3d::Zero();
+}
+
+bool World::Engine::is_soft(std::int32_t support) const {
+  const auto part = static_cast<std::size_t>(support) + parts.size() - supports.size();
+  return part < parts.size() && parts[part].soft;
 }
 
 bool World::Engine::is_finger(std::int32_t support) const {
@@ -220,8 +239,10 @@ void World::Engine::check(const std::vector<FreePartState>& states) const {
     return support >= kNothing && support < static_cast<std::int32_t>(supports.size());
   };
   bool fits = states.size() == parts.size();
-  for (const FreePartState& state : states) {
-    fits = fits && known(state.carrier);
+  for (std::size_t i = 0; fits && i < states.size(); ++i) {
+    const FreePartState& state = states[i];
+    const std::size_t points = parts[i].soft ? soft_points(parts[i].body()).size() : 0;
+    fits = known(state.carrier) && state.points.size() == points;
     for (const StickAnchor& anchor : state.anchors) fits = fits && known(anchor.support);
   }
   if (!fits) throw std::invalid_argument("the state holds parts that this cell does not have");

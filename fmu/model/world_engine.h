@@ -11,6 +11,7 @@
 
 #include "fmu/model/capped_collision_detector.h"
 #include "fmu/model/gripper.h"
+#include "fmu/model/soft_collision_detector.h"
 #include "fmu/model/world.h"
 
 namespace robotcell {
@@ -39,6 +40,7 @@ struct PairContact {
 
 struct Part {
   bool free = false;
+  bool soft = false;
   PartPlace clamped;
   dart::dynamics::SkeletonPtr skeleton;  // of a free part
   double friction = 0;
@@ -65,6 +67,8 @@ struct World::Engine {
   void add_support(const Support& support);
   /// Bounds the contacts of all shapes of one name with those of another.
   void set_most_contacts(const ContactPair& pair);
+  /// Soft parts touch all that is not soft.
+  void connect_soft_parts(SoftCollisionDetector& soft) const;
   static std::int32_t support_number(const StandsOn& stands_on);
   dart::dynamics::BodyNode* platter() const { return table->getBodyNode(0); }
   dart::dynamics::FreeJoint* table_joint() const {
@@ -91,6 +95,7 @@ struct World::Engine {
                    const Eigen::Vector3d& normal);
   void hold(Part& part, double time_step);
   Eigen::Vector3d back_to_middle(const Part& part, const StickAnchor& anchor) const;
+  bool is_soft(std::int32_t support) const;
   bool is_finger(std::int32_t support) const;
   void weigh_contacts(Part& part, double time_step);
   Eigen::Vector3d slip_of(const Part& part, const PairContact& contact) const;

@@ -80,6 +80,7 @@ def _part_json(part: PartDescription | FurtherPartDescription, mesh: Mesh, suppo
         "support_from_part": _pose_json(support_from_part),
         "mass": properties.mass,
         "friction": part.friction,
+        "soft": None if part.soft is None else to_si(part.soft.model_dump()),
         "hull": {"vertices": hull.vertices.tolist(), "faces": hull.faces.tolist()},
         "centre_of_mass": properties.centre_of_mass.tolist(),
         "inertia": properties.inertia.tolist(),

@@ -13,6 +13,7 @@ from orchestrator.config.drives import MotionDescription
 from orchestrator.config.gripper import GripperDescription
 from orchestrator.config.light import LightDescription
 from orchestrator.config.material import MaterialDescription
+from orchestrator.config.soft import SoftDescription, check_soft
 
 Latency = Annotated[float, Field(ge=0.0, le=100.0)]
 
@@ -137,6 +138,7 @@ class PartDescription(Description):
     rz_deg: Finite = 0.0
     density_kg_m3: Positive = 2700.0
     friction: NonNegative = 0.6
+    soft: SoftDescription | None = Field(default=None, description="springs of a soft part; rigid if not given")
     reflectance: Fraction = Field(default=0.5, description="Lambertian reflectance at the laser's wavelength")
     material: MaterialDescription | None = Field(default=None, description="takes the place of reflectance")
     material_region: tuple[MaterialRegionDescription, ...] = Field(
@@ -145,6 +147,11 @@ class PartDescription(Description):
     face_materials: str | None = Field(
         default=None, description="text file or .npy: per face 0, or the number of its material_region from 1"
     )
+
+    @model_validator(mode="after")
+    def _nothing_soft_is_clamped(self) -> Self:
+        check_soft(self.soft, self.fixture)
+        return self
 
 
 class WorldDescription(Description):

@@ -8,6 +8,7 @@ from pydantic import Field, StringConstraints, model_validator
 
 from orchestrator.config.description import Description, Fraction, NonNegative, PoseDescription, Positive
 from orchestrator.config.material import MaterialDescription
+from orchestrator.config.soft import SoftDescription, check_soft
 
 Name = Annotated[str, StringConstraints(min_length=1, pattern=r"^[A-Za-z][A-Za-z0-9_ -]*$")]
 
@@ -30,6 +31,7 @@ class FurtherPartDescription(Description):
     )
     density_kg_m3: Positive = 2700.0
     friction: NonNegative = 0.6
+    soft: SoftDescription | None = Field(default=None, description="springs of a soft part; rigid if not given")
     reflectance: Fraction = Field(default=0.5, description="Lambertian reflectance at the laser's wavelength")
     material: MaterialDescription | None = Field(default=None, description="takes the place of reflectance")
 
@@ -37,6 +39,11 @@ class FurtherPartDescription(Description):
     def _nothing_is_clamped_to_a_belt(self) -> Self:
         if self.fixture == "clamped" and self.stands_on.startswith("conveyor"):
             raise ValueError(f'fixture "clamped": nothing can be clamped to {self.stands_on}, make it "free"')
+        return self
+
+    @model_validator(mode="after")
+    def _nothing_soft_is_clamped(self) -> Self:
+        check_soft(self.soft, self.fixture)
         return self
 
     @property

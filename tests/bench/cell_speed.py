@@ -68,7 +68,7 @@ def _box(name: str, support: str, size: tuple[float, float, float], place: tuple
     properties = mass_properties(mesh, 2700.0)
     return {
         "name": name, "fixture": "free", "stands_on": support, "mass": properties.mass, "friction": 0.5,
-        "support_from_part": {"position": [*place, 0.0], "quaternion": [1, 0, 0, 0]},
+        "soft": None, "support_from_part": {"position": [*place, 0.0], "quaternion": [1, 0, 0, 0]},
         "hull": {"vertices": mesh.vertices.tolist(), "faces": mesh.faces.tolist()},
         "centre_of_mass": properties.centre_of_mass.tolist(), "inertia": properties.inertia.tolist(),
     }  # fmt: skip

@@ -49,7 +49,7 @@ def box_part(x: float, y: float, z: float, mass: float = 0.5, **part: Any) -> di
     inertia = np.diag([y**2 + z**2, x**2 + z**2, x**2 + y**2]) * mass / 12
     return {
         "name": "box", "fixture": "clamped", "stands_on": "table", "support_from_part": pose([0.02, 0, 0]),
-        "mass": mass, "friction": 0.5, "hull": box_hull(x, y, z), "centre_of_mass": [0, 0, z / 2],
+        "mass": mass, "friction": 0.5, "soft": None, "hull": box_hull(x, y, z), "centre_of_mass": [0, 0, z / 2],
         "inertia": inertia.tolist(), **part,
     }  # fmt: skip
 

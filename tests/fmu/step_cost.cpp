@@ -119,7 +119,7 @@ class BareWorld {
 
   void add(const PartDescription& part) {
     if (!part.free) return;
-    SkeletonPtr skeleton = make_free_part(part.name, part);
+    SkeletonPtr skeleton = make_free_part(part.name, part, world_->getTimeStep());
     Eigen::Isometry3d support = Eigen::Isometry3d::Identity();
     if (part.stands_on.kind == StandsOn::Kind::kTable) support = kinematics_.platter(0, 0).pose;
     if (part.stands_on.kind == StandsOn::Kind::kConveyor) {

@@ -1,0 +1,169 @@
+"""A soft part in the FMU: the gripper squeezes, lifts and loses it, and its state is saved to the last bit."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cell_fixture import CYCLE_US, Build, CellFmu, all_reals, cell_description, runtime_folder
+from grasp_fixture import (
+    BOX,
+    GRAVITY,
+    MASS,
+    OVER_BOX,
+    PAD_FRICTION,
+    PLACE,
+    TABLE,
+    grasp_cell,
+    grip,
+    joints_at,
+    move,
+    part_in_gripper,
+)
+
+SOFT = {"stiffness": 800.0, "damping_ratio": 1.0, "longest_edge": 0.02}
+FORCE = 10.0
+LIFTED = joints_at(np.array([*PLACE, TABLE[2] + 0.12]))
+
+
+def soft_cell(**part: Any) -> dict[str, Any]:
+    return grasp_cell(soft={**SOFT, **part})
+
+
+def slip(before: np.ndarray, cell: CellFmu) -> float:
+    return float(np.linalg.norm((part_in_gripper(cell) - before)[:3, 3]))
+
+
+def lifted(build: Build, tilt: float = 0.0) -> CellFmu:
+    """The part hangs between the pads, its weight at an angle (rad) to the fingers."""
+    start, high = (joints_at(np.array([*PLACE, TABLE[2] + z]), np.pi / 2) for z in (0.005, 0.12))
+    cell = build(3, grasp_cell(start, soft=SOFT))
+    grip(cell, FORCE, start)
+    move(cell, start, high, 0.8)
+    tilted = high + np.array([0, 0, 0, 0, tilt, 0])
+    move(cell, high, tilted, 0.8)
+    cell.command(tilted)
+    cell.step(CYCLE_US, 20)
+    return cell
+
+
+def test_it_stands_on_its_points(build: Build) -> None:
+    """It sinks by its weight over the springs of the points below, which are at least its corners."""
+    pose = build(3, soft_cell()).body("part[1]")
+    np.testing.assert_allclose(pose[:2, 3], PLACE, atol=1e-9)
+    np.testing.assert_allclose(pose[:3, :3], np.eye(3), atol=1e-6)
+    assert 0 < TABLE[2] - pose[2, 3] < MASS * GRAVITY / (4 * SOFT["stiffness"])
+
+
+def test_it_yields_to_the_pads_in_proportion_to_their_force(build: Build) -> None:
+    cell = build(3, soft_cell())
+    squeeze = []
+    for force in (5.0, 10.0):
+        grip(cell, force)
+        width, felt = cell.get("measured.gripper.width", "measured.gripper.force")
+        squeeze.append(BOX[0] - width)
+        assert cell.get_int("measured.gripper.gripped")
+        assert felt == pytest.approx(force, rel=1e-6)
+    assert squeeze[0] > 1e-3
+    assert squeeze[1] == pytest.approx(2 * squeeze[0], rel=0.02)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_it_is_lifted_and_creeps_by_micrometres_a_second(build: Build, version: int) -> None:
+    cell = build(version, soft_cell())
+    grip(cell, FORCE)
+    move(cell, OVER_BOX, LIFTED, 0.8)
+    cell.step(CYCLE_US, 80)
+    before = part_in_gripper(cell)
+    cell.step(CYCLE_US, 60)
+    assert slip(before, cell) < 5e-6
+    assert cell.body("part[1]")[2, 3] > TABLE[2] + 0.098
+    force = sum(cell.vector(f"truth.finger[{i}].contact_force", 3) for i in (1, 2))
+    np.testing.assert_allclose(force, [0, 0, MASS * GRAVITY], atol=1e-3 * MASS * GRAVITY)
+
+
+@pytest.mark.parametrize(("share", "slips"), [(0.98, False), (1.02, True)])
+@pytest.mark.parametrize("tilt_deg", [0, 30, 45])
+def test_its_weight_slips_where_coulomb_says(build: Build, share: float, slips: bool, tilt_deg: float) -> None:
+    cell = lifted(build, np.radians(tilt_deg))
+    before = part_in_gripper(cell)
+    needed = MASS * GRAVITY / (2 * PAD_FRICTION)
+    for force in np.linspace(FORCE, needed / share, 60):  # gently: the part follows the springs
+        cell.set("command.gripper.force", force)
+        cell.step(CYCLE_US)
+    cell.step(CYCLE_US, 30)
+    moved = slip(before, cell)
+    assert moved > 2e-3 if slips else moved < 1e-5
+
+
+def _swing(cell: CellFmu) -> None:
+    for k in range(20):
+        cell.command(LIFTED + np.array([0.3 * np.sin(0.2 * k), 0, 0, 0, 0, 0]))
+        cell.step(CYCLE_US)
+    cell.step(330)
+
+
+def test_its_state_goes_on_bit_by_bit_also_in_a_new_process(build: Build, tmp_path: Path) -> None:
+    cell = build(3, soft_cell())
+    grip(cell, FORCE)
+    move(cell, OVER_BOX, LIFTED, 0.8)
+    state, time_us = cell.save(), cell.time_us
+    (tmp_path / "state.bin").write_bytes(cell.serialize(state))
+    _swing(cell)
+    expected = all_reals(cell)
+    cell.restore(state, time_us)
+    _swing(cell)
+    np.testing.assert_array_equal(all_reals(cell), expected)
+    program = (
+        "import sys, numpy as np\n"
+        "from cell_fixture import CellFmu, all_reals\n"
+        "import test_fmu_soft_part\n"
+        "folder, state, time_us, out = sys.argv[1:]\n"
+        "cell = CellFmu(folder)\n"
+        "cell.restore(cell.deserialize(open(state, 'rb').read()), int(time_us))\n"
+        "test_fmu_soft_part._swing(cell)\n"
+        "np.save(out, all_reals(cell))\n"
+    )
+    folder = str(Path(cell.slave.unzipDirectory))
+    arguments = [folder, str(tmp_path / "state.bin"), str(time_us), str(tmp_path / "out.npy")]
+    subprocess.run([sys.executable, "-c", program, *arguments], check=True, cwd=Path(__file__).parent)
+    np.testing.assert_array_equal(np.load(tmp_path / "out.npy"), expected)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_log_says_what_a_soft_part_costs(build: Build, version: int) -> None:
+    cell = build(version, soft_cell(), loggingOn=True)
+    warnings = [text for text, (_, kind) in zip(cell.messages, cell.log, strict=True) if kind == "logStatusWarning"]
+    assert len(warnings) == 1
+    for words in ("soft parts ('box')", "collision detector for soft bodies", "creep", "longer"):
+        assert words in warnings[0]
+
+
+def test_points_that_are_too_stiff_or_too_many_are_refused(build: Build) -> None:
+    with pytest.raises(RuntimeError, match=r"part 'box': soft\.stiffness must be at most [0-9.]+ N/m"):
+        build(3, soft_cell(stiffness=1e6))
+    with pytest.raises(RuntimeError, match=r"part 'box': soft\.longest_edge = [0-9.]+ m makes more than 400 points"):
+        build(3, soft_cell(longest_edge=1e-3))
+
+
+@pytest.mark.parametrize(("key", "value"), [("stiffness", 0.0), ("damping_ratio", -1.0), ("longest_edge", None)])
+def test_a_wrong_key_is_named(tmp_path: Path, key: str, value: float | None) -> None:
+    assert f"parts[0].soft.{key}" in refusal(tmp_path, soft_cell(**{key: value}))
+
+
+def test_a_clamped_part_cannot_be_soft(tmp_path: Path) -> None:
+    assert "parts[0].soft" in refusal(tmp_path, cell_description(soft=SOFT))
+
+
+def refusal(tmp_path: Path, description: dict[str, Any]) -> str:
+    file = tmp_path / "cell.json"
+    file.write_text(json.dumps(description))
+    command = [str(runtime_folder() / "robotcell-describe"), str(file), "--fmi", "3"]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode != 0
+    return result.stderr

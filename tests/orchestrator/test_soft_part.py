@@ -1,0 +1,38 @@
+"""Soft parts: from the description to the FMU."""
+
+from __future__ import annotations
+
+import pytest
+
+from orchestrator.cell.fmu_file import cell_json
+from orchestrator.cell.nominal import nominal_cell
+from orchestrator.config.loading import load_setup
+from orchestrator.errors import DescriptionError
+from orchestrator.geometry.mesh import box_mesh
+
+BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
+
+
+def test_springs_reach_the_fmu_in_si_units() -> None:
+    setup = load_setup(overrides=['cell.part.fixture="free"', "cell.part.soft={stiffness_n_mm=0.5, longest_edge_mm=8}"])
+    part = cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)["parts"][0]
+    assert part["soft"] == pytest.approx({"stiffness": 500.0, "damping_ratio": 1.0, "longest_edge": 0.008})
+
+
+def test_a_part_is_rigid_unless_it_says_so() -> None:
+    setup = load_setup()
+    assert cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)["parts"][0]["soft"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["cell.part.soft.stiffness_n_mm=1"], "a soft part cannot be clamped"),
+        (['cell.part.fixture="free"', "cell.part.soft.damping_ratio=1"], "stiffness_n_mm"),
+        (['cell.part.fixture="free"', "cell.part.soft.stiffness_n_mm=0"], "stiffness_n_mm"),
+        (['cell.part.fixture="free"', "cell.part.soft={stiffness_n_mm=1, longest_edge_mm=-1}"], "longest_edge_mm"),
+    ],
+)
+def test_wrong_springs_are_refused(words: list[str], said: str) -> None:
+    with pytest.raises(DescriptionError, match=said):
+        load_setup(overrides=words)
