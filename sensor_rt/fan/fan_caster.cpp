@@ -6,6 +6,7 @@
 
 #include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/optics/region.h"
+#include "sensor_rt/scene/trace.h"
 
 namespace sensor_rt {
 namespace {
@@ -70,6 +71,52 @@ void face(const double* __restrict eye, const Lanes3& __restrict point, const La
   }
 }
 
+/// Window around the directions of the points that are seen.
+SENSOR_RT_MULTIVERSION
+void bound(const Lanes3& __restrict direction, const double* __restrict seen, float side,
+           Window& __restrict window) {
+  constexpr float kInfinity = Window::kInfinity;
+  alignas(64) float least[5][kLanes];  // of y, z, -y, -z, -depth
+  for (int l = 0; l < kLanes; ++l) {
+    const float depth = -side * static_cast<float>(direction.x[l]);
+    const float scale = 1.0f / depth;
+    const float y = static_cast<float>(direction.y[l]) * scale;
+    const float z = static_cast<float>(direction.z[l]) * scale;
+    // Of a point that does not lie before the eye nothing is known, of one that is not seen nothing is asked.
+    const float instead = seen[l] > 0.0 ? -kInfinity : kInfinity;
+    const bool in_picture = (seen[l] > 0.0) & (depth > 0.0f);
+    least[0][l] = in_picture ? y : instead;
+    least[1][l] = in_picture ? z : instead;
+    least[2][l] = in_picture ? -y : instead;
+    least[3][l] = in_picture ? -z : instead;
+    least[4][l] = in_picture ? -depth : instead;
+  }
+  for (int half = kLanes / 2; half > 0; half /= 2) {
+    for (int b = 0; b < 5; ++b) {
+      for (int l = 0; l < half; ++l) {
+        least[b][l] = least[b][l] < least[b][l + half] ? least[b][l] : least[b][l + half];
+      }
+    }
+  }
+  window = {{least[0][0], least[1][0]}, {-least[2][0], -least[3][0]}, -least[4][0]};
+}
+
+/// The least z of a shape's bounding box in the reference frame.
+double nearest_z(const Shape& shape, const Rigid3& shape_from_reference) {
+  const Eigen::Vector3d z = shape_from_reference.rotation.col(2);
+  return -z.dot(shape_from_reference.translation) - z.cwiseAbs().dot(shape.half_size);
+}
+
+/// True when all rays end before z.
+SENSOR_RT_MULTIVERSION
+bool end_before(double z, double source_z, const Lanes3& __restrict direction, const double* __restrict t) {
+  alignas(64) int beyond[kLanes];
+  for (int l = 0; l < kLanes; ++l) beyond[l] = source_z + t[l] * direction.z[l] < z ? 0 : 1;
+  int any = 0;
+  for (int l = 0; l < kLanes; ++l) any |= beyond[l];
+  return any == 0;
+}
+
 }  // namespace
 
 void FanPoints::resize(std::size_t count) {
@@ -89,6 +136,7 @@ FanCaster::FanCaster(const FanGeometry& geometry) : geometry_(geometry) {
   const int packets = (geometry_.rays + kLanes - 1) / kLanes;
   directions_.resize(static_cast<std::size_t>(packets));
   landings_.resize(directions_.size());
+  views_.resize(directions_.size());
   for (int i = 0; i < packets * kLanes; ++i) {
     const double angle = laser.fan_half_angle * (2.0 * (i + 0.5) / geometry_.rays - 1.0);
     const double bend = laser.bend_at(std::tan(angle) / std::tan(laser.fan_half_angle));
@@ -118,20 +166,30 @@ void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t
   points.resize(geometry_.cameras.size() * landings_.size() * kLanes);
   std::size_t count = 0;
   for (std::size_t k = 0; k < geometry_.cameras.size(); ++k) {
-    const Eigen::Vector3d eye = geometry_.cameras[k].sensor_from_camera.translation;
+    const Camera& camera = geometry_.cameras[k];
+    const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
     camera_view_.set(scene, track_, {eye}, kOneInstant, camera_regions_[k]);
+    look(k);
+    sight_lines_.set(scene, track_, camera_view_.shapes(), {source, eye, camera.side}, bundles_);
     count += see(k, count, points);
   }
   points.resize(count);
 }
 
 void FanCaster::land(const Scene& scene) {
+  nearest_.clear();
+  for (const std::size_t number : laser_view_.shapes())
+    nearest_.push_back(nearest_z(scene.shapes()[number], track_.shape_from_reference(number, 0)));
   for (std::size_t p = 0; p < directions_.size(); ++p) {
     Landing& landing = landings_[p];
     alignas(64) int valid[kLanes];
     for (int l = 0; l < kLanes; ++l) valid[l] = static_cast<int>(p) * kLanes + l < geometry_.rays ? -1 : 0;
     PacketHits hits;
-    laser_view_.intersect(0, directions_[p], valid, kNone, hits);
+    clear_hits(hits, kNone);
+    for (std::size_t k = 0; k < laser_view_.shapes().size(); ++k) {
+      if (!end_before(nearest_[k], geometry_.laser.source_z, directions_[p], hits.t))
+        laser_view_.intersect_with(k, 0, directions_[p], valid, hits);
+    }
     alignas(64) double cosine[kLanes];
     locate(geometry_.laser.source_z, geometry_.near, geometry_.far, directions_[p], hits, landing.point,
            landing.normal, cosine, landing.used);
@@ -148,30 +206,49 @@ void FanCaster::land(const Scene& scene) {
   }
 }
 
-std::size_t FanCaster::see(std::size_t number, std::size_t first, FanPoints& points) {
+void FanCaster::look(std::size_t number) {
   const Camera& camera = geometry_.cameras[number];
   const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
+  const std::size_t packets_per_bundle = (landings_.size() + Windows::kMost - 1) / Windows::kMost;
+  bundles_.clear();
+  Window bundle;
+  for (std::size_t p = 0; p < landings_.size(); ++p) {
+    const Landing& landing = landings_[p];
+    View& view = views_[p];
+    alignas(64) double seen[kLanes];
+    projectors_[number].project(landing.point, view.column, view.row);
+    face(eye.data(), landing.point, landing.normal, landing.used, view.column, view.row, camera.width_px,
+         camera.height_px, view.direction, seen);
+    bound(view.direction, seen, static_cast<float>(camera.side), view.window);
+    bundle.include(view.window);
+    if ((p + 1) % packets_per_bundle == 0 || p + 1 == landings_.size()) {
+      bundles_.add(bundle);
+      bundle = Window();
+    }
+    for (int l = 0; l < kLanes; ++l) view.open[l] = seen[l] > 0.0 ? -1 : 0;
+  }
+}
+
+std::size_t FanCaster::see(std::size_t number, std::size_t first, FanPoints& points) {
+  const Camera& camera = geometry_.cameras[number];
   const std::size_t packets = landings_.size();
   std::size_t at = first;
   for (std::size_t step = 0; step < packets; ++step) {
     // Columns run along -y for side +1 and along +y for side -1.
-    const Landing& landing = landings_[camera.side > 0 ? packets - 1 - step : step];
-    alignas(64) double column[kLanes];
-    alignas(64) double row[kLanes];
-    alignas(64) double seen[kLanes];
-    alignas(64) int open[kLanes];
-    Lanes3 direction;
-    projectors_[number].project(landing.point, column, row);
-    face(eye.data(), landing.point, landing.normal, landing.used, column, row, camera.width_px,
-         camera.height_px, direction, seen);
-    for (int l = 0; l < kLanes; ++l) open[l] = seen[l] > 0.0 ? -1 : 0;
-    camera_view_.occlude(0, direction, kBeforeSurface, open);
+    const std::size_t p = camera.side > 0 ? packets - 1 - step : step;
+    const Landing& landing = landings_[p];
+    View& view = views_[p];
+    if (view.window.empty()) continue;
+    for (std::size_t k = 0; k < camera_view_.shapes().size(); ++k) {
+      if (sight_lines_.may_hide(k, view.window))
+        camera_view_.occlude_by(k, 0, view.direction, kBeforeSurface, view.open);
+    }
     for (int i = 0; i < kLanes; ++i) {
       const int l = camera.side > 0 ? kLanes - 1 - i : i;
-      if (open[l] == 0) continue;
+      if (view.open[l] == 0) continue;
       points.point[at] = lane(landing.in_sensor, l);
-      points.column[at] = static_cast<std::int32_t>(std::floor(column[l] + 0.5));
-      points.row[at] = row[l];
+      points.column[at] = static_cast<std::int32_t>(std::floor(view.column[l] + 0.5));
+      points.row[at] = view.row[l];
       points.brightness[at] = static_cast<float>(landing.brightness[l]);
       points.camera[at] = static_cast<std::int32_t>(number);
       ++at;

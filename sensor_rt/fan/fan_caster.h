@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "sensor_rt/fan/sight_lines.h"
 #include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/optics/camera.h"
 #include "sensor_rt/optics/laser_sheet.h"
@@ -55,7 +56,18 @@ class FanCaster {
     alignas(64) double used[kLanes];
   };
 
+  /// Sixteen landing points seen by one camera.
+  struct alignas(64) View {
+    Lanes3 direction;
+    double column[kLanes];
+    double row[kLanes];
+    int open[kLanes];  ///< -1 where the point is seen, as far as is known; else 0
+    Window window;     ///< holds those points
+  };
+
   void land(const Scene& scene);
+  /// What a camera could see if nothing hid anything, and the windows that hold it.
+  void look(std::size_t camera);
   /// Writes what a camera sees at `points`[first] and after; returns how many.
   std::size_t see(std::size_t camera, std::size_t first, FanPoints& points);
 
@@ -67,8 +79,12 @@ class FanCaster {
   std::vector<std::vector<HalfSpace>> camera_regions_;
   PoseTrack track_;
   RayView laser_view_;
+  std::vector<double> nearest_;  ///< z before which a shape of the laser's view does not begin
   RayView camera_view_;
+  Windows bundles_;
+  SightLines sight_lines_;
   std::vector<Landing> landings_;
+  std::vector<View> views_;
 };
 
 }  // namespace sensor_rt

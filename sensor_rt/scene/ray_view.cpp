@@ -59,11 +59,13 @@ void RayView::set(const Scene& scene, const PoseTrack& track,
 void RayView::intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
                         PacketHits& hits) const {
   clear_hits(hits, farthest);
-  for (std::size_t k = 0; k < shapes_.size(); ++k) {
-    const auto number = static_cast<std::int32_t>(shapes_[k]);
-    intersect_shape(scene_->shapes()[shapes_[k]], number, transforms_[k * packets_ + packet], direction,
-                    valid, hits);
-  }
+  for (std::size_t k = 0; k < shapes_.size(); ++k) intersect_with(k, packet, direction, valid, hits);
+}
+
+void RayView::intersect_with(std::size_t k, std::size_t packet, const Lanes3& direction, const int* valid,
+                             PacketHits& hits) const {
+  intersect_shape(scene_->shapes()[shapes_[k]], static_cast<std::int32_t>(shapes_[k]),
+                  transforms_[k * packets_ + packet], direction, valid, hits);
 }
 
 bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
@@ -77,9 +79,14 @@ bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& directi
 void RayView::occlude(std::size_t packet, const Lanes3& direction, double farthest, int* open) const {
   for (std::size_t k = 0; k < shapes_.size(); ++k) {
     if (std::none_of(open, open + kLanes, [](int lane) { return lane != 0; })) return;
-    occlude_by_shape(scene_->shapes()[shapes_[k]], transforms_[k * packets_ + packet], direction, farthest,
-                     open);
+    occlude_by(k, packet, direction, farthest, open);
   }
+}
+
+void RayView::occlude_by(std::size_t k, std::size_t packet, const Lanes3& direction, double farthest,
+                         int* open) const {
+  occlude_by_shape(scene_->shapes()[shapes_[k]], transforms_[k * packets_ + packet], direction, farthest,
+                   open);
 }
 
 }  // namespace sensor_rt

@@ -24,13 +24,21 @@ class RayView {
   void intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
                  PacketHits& hits) const;
 
-  /// The same for rays that are known to meet nothing before `patch`, of a shape in view. False when one
+  /// Replaces hits by nearer ones with the k-th of shapes().
+  void intersect_with(std::size_t k, std::size_t packet, const Lanes3& direction, const int* valid,
+                      PacketHits& hits) const;
+
+  /// Closest hits of rays that are known to meet nothing before `patch`, of a shape in view. False when one
   /// misses it.
   bool meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
             PacketHits& hits) const;
 
   /// Clears open[lane] for rays that are cut before t = farthest.
   void occlude(std::size_t packet, const Lanes3& direction, double farthest, int* open) const;
+
+  /// The same for the k-th of shapes() alone.
+  void occlude_by(std::size_t k, std::size_t packet, const Lanes3& direction, double farthest,
+                  int* open) const;
 
   /// Numbers of the shapes that were kept.
   const std::vector<std::size_t>& shapes() const { return shapes_; }

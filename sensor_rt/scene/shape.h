@@ -8,6 +8,7 @@
 
 #include "sensor_rt/geometry/rigid3.h"
 #include "sensor_rt/scene/embree.h"
+#include "sensor_rt/scene/facing_tree.h"
 #include "sensor_rt/scene/material.h"
 
 namespace sensor_rt {
@@ -31,6 +32,7 @@ struct Shape {
   /// the height of a cylinder along z; a rectangle lies in z = 0.
   Eigen::Vector3d half_size = Eigen::Vector3d::Zero();
   std::vector<FacePlane> planes;  ///< meshes only, one per face
+  FacingTree facing;              ///< meshes only
   SceneHandle embree;             ///< meshes only
   /// Embree's own arrays, in the frame of the shape: three indices per face, three coordinates per vertex.
   const std::uint32_t* faces = nullptr;

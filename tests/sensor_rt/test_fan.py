@@ -101,6 +101,58 @@ def test_a_mesh_gives_what_its_triangles_give_in_double_precision() -> None:
     assert np.abs(distance).max() < 1e-9
 
 
+def with_a_loose_triangle(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The same surface with one face more, small and inside: it is not closed any more, and no laser ray meets it."""
+    deep = mesh.triangles_center[0] - 1e-3 * mesh.face_normals[0]
+    loose = trimesh.Trimesh(deep + 1e-5 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), [[0, 1, 2]], process=False)
+    return trimesh.util.concatenate([mesh, loose])
+
+
+def rough_ball(radius: float, bump: float) -> trimesh.Trimesh:
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=radius)
+    x, y, _ = ball.vertices.T / radius
+    ball.vertices *= (1 + bump * np.sin(18 * x) * np.cos(14 * y))[:, None]
+    return ball
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_closed_meshes_hide_what_their_triangles_hide(inside_out: bool) -> None:
+    """What a closed surface cannot hide is known without a ray; open ones are traced ray by ray."""
+    near, far = trimesh.creation.torus(0.012, 0.004), rough_ball(0.02, 0.3)
+    if inside_out:
+        far.invert()
+    closed, open_ = Scene(), Scene()
+    for name, mesh in (("near", near), ("far", far)):
+        assert mesh.is_watertight
+        closed.add_mesh(name, mesh.vertices, mesh.faces, 0.5)
+        opened = with_a_loose_triangle(mesh)
+        open_.add_mesh(name, opened.vertices, opened.faces, 0.5)
+    rng = np.random.default_rng(3)
+    hidden = 0
+    for _ in range(40):
+        poses = [
+            pose(rng.normal([0, 0, z], [spread, 0.01, 0.005]), rng.uniform(-3, 3, 3))
+            for z, spread in ((0.095, 0.02), (0.14, 0.002))
+        ]
+        found, expected = (geometric(scene, *poses) for scene in (closed, open_))
+        np.testing.assert_array_equal(found.camera, expected.camera)
+        np.testing.assert_allclose(found.points_in_sensor, expected.points_in_sensor, atol=1e-9)
+        hidden += abs(int((found.camera == 0).sum()) - int((found.camera == 1).sum()))
+    assert hidden > 1000
+
+
+def test_a_closed_room_around_the_sensor_hides_nothing_in_it() -> None:
+    ball, room = trimesh.creation.icosphere(subdivisions=4, radius=0.02), trimesh.creation.box([1, 1, 1])
+    alone, inside = Scene(), Scene()
+    alone.add_mesh("ball", ball.vertices, ball.faces, 0.5)
+    inside.add_mesh("ball", ball.vertices, ball.faces, 0.5)
+    inside.add_mesh("room", room.vertices, room.faces, 0.5)
+    expected = geometric(alone, pose((0, 0, 0.13)))
+    found = geometric(inside, pose((0, 0, 0.13)), pose((0.1, 0.1, 0.1)))
+    assert len(expected) > 600
+    np.testing.assert_array_equal(found.points_in_sensor, expected.points_in_sensor)
+
+
 def test_a_moving_profile_is_taken_at_mid_exposure() -> None:
     scene = Scene()
     scene.add_sphere("ball", [0, 0, 0], 0.02, 0.7)

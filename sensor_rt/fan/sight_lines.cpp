@@ -1,0 +1,48 @@
+#include "sensor_rt/fan/sight_lines.h"
+
+namespace sensor_rt {
+namespace {
+
+bool in_box(const Shape& shape, const Eigen::Vector3d& point) {
+  constexpr double kSlack = 1e-6;  // m
+  return (point.cwiseAbs() - shape.half_size).maxCoeff() <= kSlack;
+}
+
+/// The bounding box, as the first of eight.
+EightBoxes bounding_box(const Shape& shape) {
+  EightBoxes boxes{};
+  for (int k = 0; k < 3; ++k) {
+    boxes.low[k][0] = static_cast<float>(-shape.half_size[k]);
+    boxes.high[k][0] = static_cast<float>(shape.half_size[k]);
+  }
+  return boxes;
+}
+
+void find_hiding(const Shape& shape, const Rigid3& shape_from_reference, const SightSetting& setting,
+                 const Windows& bundles, Windows& hiding) {
+  const Sight sight(shape_from_reference, setting.eye, setting.side, bundles);
+  hiding.clear();
+  Window seen[EightBoxes::kCount];
+  if (sight.see(bounding_box(shape), 1u, seen) == 0) return;
+  // Eye and source outside the bounding box are outside the surface, and so is what the source lights.
+  const bool outside = !in_box(shape, shape_from_reference * setting.eye) &&
+                       !in_box(shape, shape_from_reference * setting.source);
+  if (outside && !shape.facing.empty()) {
+    shape.facing.find_turned_away(sight, hiding);
+  } else {
+    hiding.add(seen[0]);
+  }
+}
+
+}  // namespace
+
+void SightLines::set(const Scene& scene, const PoseTrack& track, const std::vector<std::size_t>& shapes,
+                     const SightSetting& setting, const Windows& bundles) {
+  hiding_.resize(shapes.size());
+  for (std::size_t k = 0; k < shapes.size(); ++k) {
+    find_hiding(scene.shapes()[shapes[k]], track.shape_from_reference(shapes[k], 0), setting, bundles,
+                hiding_[k]);
+  }
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,54 @@
+// Which parts of a closed mesh can stand between an eye and what the eye looks at.
+#pragma once
+
+#include <Eigen/Dense>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "sensor_rt/scene/sight.h"
+
+namespace sensor_rt {
+
+struct MeshView;
+struct FacePlane;
+
+/// A tree over the faces of a closed mesh that knows which way they face.
+///
+/// A line of sight between two points outside a closed surface leaves it as often as it enters it; going in
+/// it meets a face turned towards the eye, going out one turned away, or the other way round on a surface
+/// that is inside out. Where no face near the line is turned away, nothing of the mesh cuts it, and no ray
+/// need be traced to know.
+class FacingTree {
+ public:
+  FacingTree() = default;
+  /// `planes` one per face, relative to `centre`. Empty when the mesh is not closed.
+  FacingTree(const MeshView& mesh, const Eigen::Vector3d& centre, const std::vector<FacePlane>& planes);
+
+  bool empty() const { return levels_.empty(); }
+
+  /// Windows that hold, as the eye sees it, everything that is turned away from the eye and may stand in a
+  /// line of sight. As they are few, they may hold more than that.
+  void find_turned_away(const Sight& sight, Windows& found) const;
+
+ private:
+  /// Bounds of eight nodes.
+  struct Block {
+    EightBoxes boxes;
+    EightBoxes normals;
+    float offset[EightBoxes::kCount];  ///< the largest of the faces' planes
+  };
+
+  static std::vector<Block> empty_blocks(std::size_t nodes);
+  void add_leaves(const MeshView& mesh, const Eigen::Vector3d& centre, const std::vector<FacePlane>& planes,
+                  const std::vector<std::uint32_t>& order);
+  void add_level();
+
+  std::vector<std::vector<Block>> levels_;  ///< from the root down; block i stands below node i
+  float reach_ = 0.0f;                      ///< of the mesh from its centre, along the axes together
+};
+
+/// True when each edge is run along as often one way as the other; vertices are one when their index is.
+bool is_closed(const MeshView& mesh);
+
+}  // namespace sensor_rt

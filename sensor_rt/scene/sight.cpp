@@ -1,0 +1,151 @@
+#include "sensor_rt/scene/sight.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "sensor_rt/geometry/multiversion.h"
+
+namespace sensor_rt {
+namespace {
+
+constexpr int kWide = EightBoxes::kCount;
+/// Room for rounding, of single precision's 6e-8, relative to what is computed.
+constexpr float kSlack = 1e-5f;
+
+struct EightWindows {
+  alignas(32) float low[2][kWide];
+  alignas(32) float high[2][kWide];
+};
+
+struct Frame {
+  const float* eye;
+  const float (*axes)[3];
+  float slack;
+  float depth;
+};
+
+/// Bounds of the boxes along depth, Y and Z, divided by depth; `in_front` is 1 where some of the box lies
+/// between the eye and the depth.
+SENSOR_RT_MULTIVERSION
+void project_boxes(const Frame& frame, const EightBoxes& __restrict boxes, EightWindows& __restrict windows,
+                   float* __restrict in_front) {
+  float middle[3][kWide];
+  float reach[3][kWide];
+  for (int i = 0; i < 3; ++i) {
+    const float* axis = frame.axes[i];
+    for (int l = 0; l < kWide; ++l) {
+      float at = 0.0f;
+      float half = 0.0f;
+      for (int k = 0; k < 3; ++k) {
+        at += axis[k] * (0.5f * (boxes.low[k][l] + boxes.high[k][l]) - frame.eye[k]);
+        half += std::abs(axis[k]) * (0.5f * (boxes.high[k][l] - boxes.low[k][l]));
+      }
+      middle[i][l] = at;
+      reach[i][l] = half + frame.slack + kSlack * std::abs(at);
+    }
+  }
+  float near[kWide];
+  float far[kWide];
+  for (int l = 0; l < kWide; ++l) {
+    const float first = middle[0][l] - reach[0][l];
+    const float last = middle[0][l] + reach[0][l];
+    in_front[l] = (first < frame.depth) & (last > 0.0f) ? 1.0f : 0.0f;
+    near[l] = first > frame.slack ? first : frame.slack;
+    far[l] = last < frame.depth ? last : frame.depth;
+  }
+  for (int k = 0; k < 2; ++k) {
+    for (int l = 0; l < kWide; ++l) {
+      const float low = middle[k + 1][l] - reach[k + 1][l];
+      const float high = middle[k + 1][l] + reach[k + 1][l];
+      const float lowest = low / (low < 0.0f ? near[l] : far[l]);
+      const float highest = high / (high > 0.0f ? near[l] : far[l]);
+      windows.low[k][l] = lowest - kSlack * (1.0f + std::abs(lowest));
+      windows.high[k][l] = highest + kSlack * (1.0f + std::abs(highest));
+    }
+  }
+}
+
+SENSOR_RT_MULTIVERSION
+void overlap(const EightWindows& __restrict windows, const Window& window, float* __restrict meets) {
+  for (int l = 0; l < kWide; ++l) {
+    const bool across = (windows.low[0][l] <= window.high[0]) & (windows.high[0][l] >= window.low[0]);
+    const bool along = (windows.low[1][l] <= window.high[1]) & (windows.high[1][l] >= window.low[1]);
+    meets[l] = across & along ? meets[l] : 0.0f;
+  }
+}
+
+/// Counts in steps of kStep: the widest vector.
+constexpr int kStep = 16;
+
+SENSOR_RT_MULTIVERSION
+bool any_overlap(const float (*__restrict low)[Windows::kMost],
+                 const float (*__restrict high)[Windows::kMost], int count, const Window& window) {
+  alignas(64) int hits[kStep] = {};
+  for (int first = 0; first < count; first += kStep) {
+    for (int l = 0; l < kStep; ++l) {
+      const int i = first + l;
+      const bool across = (low[0][i] <= window.high[0]) & (high[0][i] >= window.low[0]);
+      const bool along = (low[1][i] <= window.high[1]) & (high[1][i] >= window.low[1]);
+      hits[l] |= across & along ? 1 : 0;
+    }
+  }
+  int any = 0;
+  for (int l = 0; l < kStep; ++l) any |= hits[l];
+  return any != 0;
+}
+
+}  // namespace
+
+void Windows::clear() {
+  count_ = 0;
+  frame_ = Window();
+}
+
+void Windows::add(const Window& window) {
+  if (count_ % kStep == 0) {
+    // What fills up the last step meets nothing.
+    for (int k = 0; k < 2; ++k) {
+      std::fill_n(&low_[k][count_], kStep, Window::kInfinity);
+      std::fill_n(&high_[k][count_], kStep, -Window::kInfinity);
+    }
+  }
+  for (int k = 0; k < 2; ++k) {
+    low_[k][count_] = window.low[k];
+    high_[k][count_] = window.high[k];
+  }
+  ++count_;
+  frame_.include(window);
+}
+
+bool Windows::meet(const Window& window) const { return any_overlap(low_, high_, count_, window); }
+
+Sight::Sight(const Rigid3& shape_from_reference, const Eigen::Vector3d& eye_in_reference, int side,
+             const Windows& bundles)
+    : bundles_(bundles) {
+  const Eigen::Vector3d eye = shape_from_reference * eye_in_reference;
+  const Eigen::Matrix3d& rotation = shape_from_reference.rotation;
+  for (int k = 0; k < 3; ++k) {
+    eye_[k] = static_cast<float>(eye[k]);
+    axes_[0][k] = static_cast<float>(-side * rotation(k, 0));
+    axes_[1][k] = static_cast<float>(rotation(k, 1));
+    axes_[2][k] = static_cast<float>(rotation(k, 2));
+  }
+  slack_ = kSlack * static_cast<float>(eye.norm());
+}
+
+unsigned Sight::see(const EightBoxes& boxes, unsigned those, Window* windows) const {
+  EightWindows seen;
+  alignas(32) float in_sight[kWide];
+  const Window& frame = bundles_.frame();
+  project_boxes({eye_, axes_, slack_, frame.depth * (1.0f + kSlack)}, boxes, seen, in_sight);
+  overlap(seen, frame, in_sight);
+  unsigned bits = 0;
+  for (int l = 0; l < kWide; ++l) {
+    if ((those >> l & 1u) == 0 || !(in_sight[l] > 0.0f)) continue;
+    windows[l] = {{seen.low[0][l], seen.low[1][l]}, {seen.high[0][l], seen.high[1][l]}, frame.depth};
+    if (bundles_.meet(windows[l])) bits |= 1u << l;
+  }
+  return bits;
+}
+
+}  // namespace sensor_rt
