@@ -7,7 +7,7 @@ namespace {
 
 /// Share of the Coulomb limit up to which the body counts as held: the solver's own limit is approached from
 /// below.
-constexpr double kHeldShare = 0.98;
+constexpr double kHeldShare = 0.995;
 
 /// Angle by which `to` is turned about an axis against `from` (the twist of the change between them).
 double turn_about(const Eigen::Vector3d& axis, const Eigen::Matrix3d& from, const Eigen::Matrix3d& to) {

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import subprocess
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from cell_fixture import CYCLE_US, Build, CellFmu, all_reals, box_part, cell_description, conveyor, pose
+from continue_from_state import continued_in_new_process
 from scipy.spatial.transform import Rotation
 
 GRAVITY = 9.80665
@@ -145,8 +147,10 @@ def run_transfer(cell: CellFmu) -> None:
 
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("time_us", [100_250, 560_250, 610_250])
-def test_a_state_in_the_middle_of_a_transfer_restores_to_the_bit(build: Build, version: int, time_us: int) -> None:
-    """While the belt speeds the part up, at the edge, and on both."""
+def test_a_state_in_the_middle_of_a_transfer_restores_to_the_bit(
+    build: Build, version: int, time_us: int, tmp_path: Path
+) -> None:
+    """While the belt speeds the part up, at the edge, and on both; here and in a new process."""
     cell = build(version, transfer_cell("table"))
     cell.set("command.conveyor[1].speed", 0.4)
     cell.step(10_250)
@@ -159,6 +163,8 @@ def test_a_state_in_the_middle_of_a_transfer_restores_to_the_bit(build: Build, v
         instance.restore(instance.deserialize(cell.serialize(state)), time_us)
         run_transfer(instance)
         np.testing.assert_array_equal(all_reals(instance), future)
+    elsewhere = continued_in_new_process(cell, state, time_us, run_transfer, tmp_path)
+    np.testing.assert_array_equal(elsewhere, future)
     cell.free_state(state)
 
 

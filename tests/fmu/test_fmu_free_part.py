@@ -74,14 +74,14 @@ def test_it_creeps_less_than_a_micrometre_per_turn(build: Build, radius: float) 
     assert np.abs(change[:3, :3] - np.eye(3)).max() < 1e-6
 
 
-@pytest.mark.parametrize("azimuth_deg", [0, 30, 45])
+@pytest.mark.parametrize("azimuth_deg", [0, 30, 45, 110, 225])
 @pytest.mark.parametrize("friction", [0.2, 0.5])
 def test_it_slips_where_coulomb_says(build: Build, azimuth_deg: float, friction: float) -> None:
     radius = 0.05
     cell = build(3, free_cell(radius, np.radians(azimuth_deg), friction=friction))
     before = part_on_platter(cell)
     limit = np.sqrt(friction * GRAVITY / radius)
-    held, slipping = limit * np.sqrt(0.97), limit * np.sqrt(1.03)
+    held, slipping = limit * np.sqrt(0.98), limit * np.sqrt(1.02)
     ramp = np.arange(0, held, 2.0 * CYCLE)
     angle = turn(cell, np.concatenate([ramp, np.full(60, held)]))
     shift = np.linalg.norm((part_on_platter(cell) - before)[:2, 3])

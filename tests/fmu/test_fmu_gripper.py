@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cell_fixture import CYCLE_US, Build, CellFmu, all_reals, cell_description, runtime_folder
+from continue_from_state import continued_in_new_process
 from grasp_fixture import (
     BOX,
     CYCLE,
@@ -120,8 +120,8 @@ def test_the_weight_slips_where_coulomb_says(build: Build, share: float, slips: 
     assert (np.linalg.norm((part_in_gripper(cell) - before)[:3, 3]) > 1e-3) == slips
 
 
-def _swing(cell: CellFmu, cycles: int) -> None:
-    for k in range(cycles):
+def swing(cell: CellFmu) -> None:
+    for k in range(20):
         cell.command(turned(0, 0.3 * np.sin(0.2 * k)))
         cell.step(CYCLE_US)
     cell.step(330)
@@ -134,28 +134,15 @@ def test_a_state_in_the_middle_of_a_grasp_goes_on_bit_by_bit_also_in_a_new_proce
     grip(cell, 30.0)
     move(cell, OVER_BOX, LIFTED, 0.8)
     move(cell, LIFTED, turned(0, 0.2), 0.16)
-    state = cell.save()
-    (tmp_path / "state.bin").write_bytes(cell.serialize(state))
-    time_us = cell.time_us
-    _swing(cell, 20)
+    state, time_us = cell.save(), cell.time_us
+    swing(cell)
     expected = all_reals(cell)
     cell.restore(state, time_us)
-    _swing(cell, 20)
+    swing(cell)
     np.testing.assert_array_equal(all_reals(cell), expected)
-    program = (
-        "import sys, numpy as np\n"
-        "from cell_fixture import CellFmu, all_reals\n"
-        "import test_fmu_gripper\n"
-        "folder, state, time_us, out = sys.argv[1:]\n"
-        "cell = CellFmu(folder)\n"
-        "cell.restore(cell.deserialize(open(state, 'rb').read()), int(time_us))\n"
-        "test_fmu_gripper._swing(cell, 20)\n"
-        "np.save(out, all_reals(cell))\n"
-    )
-    folder = str(Path(cell.slave.unzipDirectory))
-    arguments = [folder, str(tmp_path / "state.bin"), str(time_us), str(tmp_path / "out.npy")]
-    subprocess.run([sys.executable, "-c", program, *arguments], check=True, cwd=Path(__file__).parent)
-    np.testing.assert_array_equal(np.load(tmp_path / "out.npy"), expected)
+    elsewhere = continued_in_new_process(cell, state, time_us, swing, tmp_path)
+    np.testing.assert_array_equal(elsewhere, expected)
+    cell.free_state(state)
 
 
 def test_the_communication_step_does_not_matter(build: Build) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from cell_fixture import CYCLE_US, Build, CellFmu, all_reals, cell_description, runtime_folder
+from continue_from_state import continued_in_new_process
 from grasp_fixture import (
     BOX,
     GRAVITY,
@@ -101,7 +101,7 @@ def test_its_weight_slips_where_coulomb_says(build: Build, share: float, slips: 
     assert moved > 2e-3 if slips else moved < 1e-5
 
 
-def _swing(cell: CellFmu) -> None:
+def swing(cell: CellFmu) -> None:
     for k in range(20):
         cell.command(LIFTED + np.array([0.3 * np.sin(0.2 * k), 0, 0, 0, 0, 0]))
         cell.step(CYCLE_US)
@@ -113,26 +113,14 @@ def test_its_state_goes_on_bit_by_bit_also_in_a_new_process(build: Build, tmp_pa
     grip(cell, FORCE)
     move(cell, OVER_BOX, LIFTED, 0.8)
     state, time_us = cell.save(), cell.time_us
-    (tmp_path / "state.bin").write_bytes(cell.serialize(state))
-    _swing(cell)
+    swing(cell)
     expected = all_reals(cell)
     cell.restore(state, time_us)
-    _swing(cell)
+    swing(cell)
     np.testing.assert_array_equal(all_reals(cell), expected)
-    program = (
-        "import sys, numpy as np\n"
-        "from cell_fixture import CellFmu, all_reals\n"
-        "import test_fmu_soft_part\n"
-        "folder, state, time_us, out = sys.argv[1:]\n"
-        "cell = CellFmu(folder)\n"
-        "cell.restore(cell.deserialize(open(state, 'rb').read()), int(time_us))\n"
-        "test_fmu_soft_part._swing(cell)\n"
-        "np.save(out, all_reals(cell))\n"
-    )
-    folder = str(Path(cell.slave.unzipDirectory))
-    arguments = [folder, str(tmp_path / "state.bin"), str(time_us), str(tmp_path / "out.npy")]
-    subprocess.run([sys.executable, "-c", program, *arguments], check=True, cwd=Path(__file__).parent)
-    np.testing.assert_array_equal(np.load(tmp_path / "out.npy"), expected)
+    elsewhere = continued_in_new_process(cell, state, time_us, swing, tmp_path)
+    np.testing.assert_array_equal(elsewhere, expected)
+    cell.free_state(state)
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +12,14 @@ from cell_fixture import (
     Array,
     Build,
     CellFmu,
-    FmuFolders,
     all_reals,
     cell_description,
     continue_motion,
     pose,
 )
+from continue_from_state import continued_in_new_process
 
 FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
-PROGRAM = Path(__file__).parent / "continue_from_state.py"
 
 
 def bring_into_motion(cell: CellFmu) -> None:
@@ -59,18 +55,13 @@ def test_restoring_repeats_the_future_exactly(build: Build, version: int) -> Non
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_a_new_process_goes_on_from_the_bytes(build: Build, folders: FmuFolders, version: int, tmp_path: Path) -> None:
+def test_a_new_process_goes_on_from_the_bytes(build: Build, version: int, tmp_path: Path) -> None:
     cell = build(version, FREE)
     bring_into_motion(cell)
-    state = cell.save()
-    (tmp_path / "state").write_bytes(cell.serialize(state))
-    time_us = cell.time_us
+    state, time_us = cell.save(), cell.time_us
     continue_motion(cell)
-    _, folder = folders.packed(version, FREE)
-    command = [sys.executable, str(PROGRAM), str(folder), str(tmp_path / "state"), str(time_us)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    subprocess.run([*command, str(tmp_path / "reals.npy")], check=True, env=environment)
-    np.testing.assert_array_equal(np.load(tmp_path / "reals.npy"), all_reals(cell))
+    elsewhere = continued_in_new_process(cell, state, time_us, continue_motion, tmp_path)
+    np.testing.assert_array_equal(elsewhere, all_reals(cell))
     cell.free_state(state)
 
 

@@ -36,8 +36,8 @@ TEST(StickAnchor, HoldsInAnyPlaneAlike) {
 TEST(StickAnchor, LetsGoAtTheCoulombLimitInAnyDirection) {
   for (const double angle : {0.0, 0.4, 0.785, 1.2}) {
     const Vector3d direction(std::cos(angle), std::sin(angle), 0);
-    EXPECT_TRUE(friction_holds({10, direction * 4.85}, kFriction));
-    EXPECT_FALSE(friction_holds({10, direction * 4.95}, kFriction));
+    EXPECT_TRUE(friction_holds({10, direction * 4.97}, kFriction));
+    EXPECT_FALSE(friction_holds({10, direction * 4.98}, kFriction));
   }
 }
 
