@@ -13,8 +13,8 @@ ROOT = Path(__file__).resolve().parents[1]
 # Who may import whom inside the orchestrator: a package may use those of lower tiers, and itself.
 TIERS = [
     {"errors", "geometry", "files", "progress"},
-    {"config"},
-    {"cell", "proximity", "reconstruction"},
+    {"config", "proximity"},
+    {"cell", "reconstruction"},
     {"planning", "guard", "calibration"},
     {"scanning"},
     {"evaluation"},

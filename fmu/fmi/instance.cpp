@@ -210,6 +210,12 @@ void Instance::log_step(Events happened, bool early) {
                                         ", whose middle was at " + std::to_string(out.trigger.time) +
                                         " s, is on display");
   }
+  if ((happened & kCollisionChanged) != 0) {
+    log_.write(LogCategory::kEvent, out.collision.pairs == 0
+                                        ? "nothing collides any more"
+                                        : "body " + std::to_string(out.collision.body_a) +
+                                              " collides with body " + std::to_string(out.collision.body_b));
+  }
   if (out.controller.limit != logged_limit_) {
     logged_limit_ = out.controller.limit;
     log_.write(LogCategory::kEvent,

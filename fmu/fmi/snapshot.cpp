@@ -126,6 +126,23 @@ void exchange(A& a, FreePartState& v) {
   exchange_all(a, v.position, v.velocity, v.carrier, v.anchors, v.points);
 }
 
+template <class A>
+void exchange(A& a, PresenceReading& v) {
+  exchange_all(a, v.detected);
+}
+template <class A>
+void exchange(A& a, DistanceReading& v) {
+  exchange_all(a, v.valid, v.distance, v.time);
+}
+template <class A>
+void exchange(A& a, CollisionReading& v) {
+  exchange_all(a, v.pairs, v.body_a, v.body_b, v.depth, v.point, v.clearance, v.near_a, v.near_b);
+}
+template <class A>
+void exchange(A& a, Readings& v) {
+  exchange_all(a, v.presence, v.distance, v.collision);
+}
+
 namespace control {
 template <class A>
 void exchange(A& a, Knot& v) {
@@ -172,7 +189,7 @@ void exchange(A& a, Imposed& v) {
 }
 template <class A>
 void exchange(A& a, GridPoint& v) {
-  exchange_all(a, v.time_us, v.imposed, v.parts, v.gripper);
+  exchange_all(a, v.time_us, v.imposed, v.parts, v.gripper, v.readings);
 }
 template <class A>
 void exchange(A& a, TimedAxes& v) {

@@ -16,5 +16,7 @@ void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out);
 /// Inputs and outputs of the gripper.
 void add_gripper(TableBuilder& table, GripperCommandInputs& in, GripperOutputs& out,
                  const Dependencies& known);
+/// Outputs of presence sensors, distance sensors and the collision watch.
+void add_sensing(TableBuilder& table, const CellLayout& layout, CellOutputs& out, const Dependencies& known);
 
 }  // namespace robotcell::fmi

@@ -15,6 +15,7 @@ VariableTable::VariableTable(const CellLayout& layout, Values& values) {
   add_outputs(table, values.outputs, known);
   add_conveyors(table, values.inputs, values.outputs);
   if (layout.gripper) add_gripper(table, values.inputs.gripper, values.outputs.gripper, known);
+  add_sensing(table, layout, values.outputs, known);
   variables_ = table.take();
 }
 

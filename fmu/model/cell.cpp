@@ -31,6 +31,8 @@ PartPose handed_over(const PartPose& pose, const Eigen::Isometry3d& world_from_p
   return pose_of({!pose.on_platter, new_from_old * old_from_part});
 }
 
+bool collides(const Readings& readings) { return readings.collision.pairs > 0; }
+
 }  // namespace
 
 Cell::Cell(const CellDescription& description, const CellParameters& parameters)
@@ -42,11 +44,13 @@ Cell::Cell(const CellDescription& description, const CellParameters& parameters)
       nominal_arm_(description),
       controller_(settings_of(description), nominal_arm_, start_of(description).axes.position),
       world_(description, true_, start_of(description)),
+      senses_(description, parameters.seed),
       trigger_(layout_of(description), parameters.as_built.trigger,
                key_of_seeds(description.seed, parameters.seed) + kTriggerKey),
       history_(encoders_.longest_latency_us()) {
   to_.imposed = start_of(description);
   to_.parts.resize(description.parts.size());
+  to_.readings = senses_.nothing();
   see_world();
   from_ = to_;
 }
@@ -65,6 +69,13 @@ void Cell::begin_step(const CellInputs& inputs) {
     throw std::invalid_argument("command.gripper.mode must be from 0 to 2");
   }
   trigger_.command(inputs, time_us_, *this);
+  collided_at_begin_ = collides(readings());
+}
+
+Events Cell::end_step() {
+  Events events = trigger_.show_next() ? kRecordShown : 0;
+  if (collides(readings()) != collided_at_begin_) events |= kCollisionChanged;
+  return events;
 }
 
 std::int64_t Cell::run(const CellInputs& inputs, std::int64_t to_us, Events wanted) {
@@ -93,6 +104,9 @@ std::int64_t Cell::next_event(Events wanted, std::int64_t to_us) const {
     Trigger ahead = trigger_;
     ahead.watch(time_us_, to_us, false, *this);
     next = std::min(next, ahead.next_ready());
+  }
+  if ((wanted & kCollisionChanged) != 0 && collides(from_.readings) != collides(to_.readings)) {
+    next = std::min(next, to_.time_us);
   }
   return std::max(next, time_us_ + 1);
 }
@@ -126,6 +140,16 @@ void Cell::step_dynamics(const CellInputs& inputs) {
     if (from_.parts[i].on_platter == to_.parts[i].on_platter) continue;
     from_.parts[i] = handed_over(from_.parts[i], platter.pose);
   }
+  read_sensors();
+}
+
+const Readings& Cell::readings() const { return time_us_ == to_.time_us ? to_.readings : from_.readings; }
+
+void Cell::read_sensors() {
+  if (!senses_.due(to_.time_us)) return;
+  Bodies truth(layout_of(description_));
+  write_truth(to_.time_us, truth);
+  senses_.read(to_.time_us, truth, to_.readings);
 }
 
 AxesState Cell::axes_at(std::int64_t time_us) const {
@@ -222,6 +246,10 @@ void Cell::write_outputs(CellOutputs& outputs) const {
     const double turns = std::floor(belt.travel / length);
     outputs.conveyors[i] = {belt.speed, belt.travel, belt.travel - turns * length};
   }
+  const Readings& read = readings();
+  std::copy(read.presence.begin(), read.presence.end(), outputs.presence.begin());
+  std::copy(read.distance.begin(), read.distance.end(), outputs.distance.begin());
+  outputs.collision = read.collision;
 }
 
 /// Forces are those of the dynamics step that holds the present.
@@ -256,7 +284,9 @@ CellState Cell::state() const {
 
 void Cell::restore(const CellState& state) {
   for (const GridPoint* point : {&state.from, &state.to}) {
-    if (point->parts.size() != to_.parts.size() || point->imposed.belts.size() != to_.imposed.belts.size()) {
+    if (point->parts.size() != to_.parts.size() || point->imposed.belts.size() != to_.imposed.belts.size() ||
+        point->readings.presence.size() != to_.readings.presence.size() ||
+        point->readings.distance.size() != to_.readings.distance.size()) {
       throw std::invalid_argument("the state holds devices that this cell does not have");
     }
   }

@@ -10,6 +10,7 @@
 #include "fmu/model/controller_link.h"
 #include "fmu/model/encoder.h"
 #include "fmu/model/kinematics.h"
+#include "fmu/model/senses.h"
 #include "fmu/model/shaking.h"
 #include "fmu/model/trigger.h"
 #include "fmu/model/world.h"
@@ -29,11 +30,13 @@ struct GridPoint {
   Imposed imposed;
   std::vector<PartPose> parts;
   GripperPoint gripper;
+  Readings readings;
 };
 
 /// What importers that handle events are told of: a bit for each source.
 using Events = std::uint32_t;
 constexpr Events kRecordShown = 1u << 0;
+constexpr Events kCollisionChanged = 1u << 1;  // bodies began to collide, or none do any more
 constexpr Events kAllEvents = ~Events{0};
 
 /// Everything that changes while a cell runs.
@@ -69,7 +72,7 @@ class Cell : private MotionView {
   std::int64_t run(const CellInputs& inputs, std::int64_t to_us, Events wanted);
 
   /// Closes a communication step: the next finished record goes on display. Returns the step's events.
-  Events end_step() { return trigger_.show_next() ? kRecordShown : 0; }
+  Events end_step();
 
   std::int64_t time_us() const { return time_us_; }
   std::int64_t controller_cycle_us() const { return description_.controller_cycle_us; }
@@ -97,6 +100,9 @@ class Cell : private MotionView {
   void take_commands(const CellInputs& inputs);
   void step_dynamics(const CellInputs& inputs);
   void see_world();
+  /// Those of the present instant.
+  const Readings& readings() const;
+  void read_sensors();
 
   CellDescription description_;
   Kinematics nominal_;
@@ -106,11 +112,13 @@ class Cell : private MotionView {
   NominalArm nominal_arm_;
   control::RobotController controller_;
   World world_;
+  Senses senses_;
   Trigger trigger_;
   std::int64_t time_us_ = 0;
   GridPoint from_;
   GridPoint to_;
   AxesHistory history_;
+  bool collided_at_begin_ = false;  // of the communication step
 };
 
 }  // namespace robotcell

@@ -15,6 +15,7 @@
 #include "fmu/model/conveyor_description.h"
 #include "fmu/model/gripper_description.h"
 #include "fmu/model/part_description.h"
+#include "fmu/model/sensing_description.h"
 
 namespace robotcell {
 
@@ -67,6 +68,7 @@ struct CellDescription {
   std::vector<ConveyorDescription> conveyors;
   std::optional<GripperDescription> gripper;
   ContactDescription contact;
+  SensingDescription sensing;
 };
 
 CellLayout layout_of(const CellDescription& cell);

@@ -16,6 +16,14 @@ std::string difference(const CellLayout& layout, const CellLayout& expected) {
   compare(text, "parts", layout.parts.size(), expected.parts.size());
   compare(text, "conveyors", layout.conveyors, expected.conveyors);
   compare(text, "grippers", layout.gripper ? 1 : 0, expected.gripper ? 1 : 0);
+  compare(text, "presence sensors", layout.presence_sensors, expected.presence_sensors);
+  compare(text, "distance sensors", layout.distance_sensors, expected.distance_sensors);
+  if (layout.collision_outputs != expected.collision_outputs) {
+    text +=
+        (text.empty() ? "" : ", ") + std::string(layout.collision_outputs ? "" : "no ") + "collision outputs";
+  } else if (layout.bodies != expected.bodies) {
+    text += (text.empty() ? "" : ", ") + std::string("other bodies in the collision outputs");
+  }
   for (std::size_t i = 0; i < std::min(layout.parts.size(), expected.parts.size()); ++i) {
     if (layout.parts[i].on_table == expected.parts[i].on_table) continue;
     text += (text.empty() ? "" : ", ") + std::string("part[") + std::to_string(i + 1) +

@@ -19,6 +19,10 @@ struct CellLayout {
   std::vector<PartLayout> parts;
   std::size_t conveyors = 0;
   bool gripper = false;
+  std::size_t presence_sensors = 0;
+  std::size_t distance_sensors = 0;
+  bool collision_outputs = false;
+  std::vector<std::string> bodies;  // names of those that collision outputs tell by their numbers
 };
 
 /// How a layout differs from another, for people: "2 parts instead of 1"; empty when they are equal.

@@ -164,9 +164,33 @@ struct GripperOutputs {
   std::array<std::array<double, 3>, 2> contact_force{};  // the same with friction, world, N
 };
 
+struct PresenceReading {
+  bool detected = false;
+};
+
+struct DistanceReading {
+  bool valid = false;
+  double distance = 0;  // m; 0 where it is not valid
+  double time = 0;      // s, of the measurement
+};
+
+/// Bodies by their number in the description, counted from 1; 0: none.
+struct CollisionReading {
+  std::int32_t pairs = 0;  // that collide
+  std::int32_t body_a = 0, body_b = 0;
+  double depth = 0;               // m, of the deepest
+  std::array<double, 3> point{};  // world, m
+  double clearance = 0;           // m: smallest distance, or the range where all are beyond it
+  std::int32_t near_a = 0, near_b = 0;
+};
+
 struct CellOutputs {
   explicit CellOutputs(const CellLayout& layout)
-      : truth(layout), trigger(layout), conveyors(layout.conveyors) {}
+      : truth(layout),
+        trigger(layout),
+        conveyors(layout.conveyors),
+        presence(layout.presence_sensors),
+        distance(layout.distance_sensors) {}
 
   Measurement measured;
   Truth truth;
@@ -176,6 +200,9 @@ struct CellOutputs {
   ControllerOutputs controller;
   PerDevice<ConveyorOutputs> conveyors;
   GripperOutputs gripper;
+  PerDevice<PresenceReading> presence;
+  PerDevice<DistanceReading> distance;
+  CollisionReading collision;
 };
 
 }  // namespace robotcell

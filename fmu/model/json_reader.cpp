@@ -73,6 +73,11 @@ std::int64_t JsonReader::integer(std::int64_t lowest, std::int64_t highest) cons
   return value;
 }
 
+bool JsonReader::boolean() const {
+  if (!node_.is_boolean()) fail("true or false");
+  return node_.get<bool>();
+}
+
 std::string JsonReader::text() const {
   if (!node_.is_string()) fail("a string");
   return node_.get<std::string>();

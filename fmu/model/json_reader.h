@@ -26,6 +26,7 @@ class JsonReader {
   double number(double lowest, double highest) const;
   double positive() const;
   std::int64_t integer(std::int64_t lowest, std::int64_t highest) const;
+  bool boolean() const;
   std::string text() const;
   Eigen::Vector3d vector3() const;
   Eigen::Isometry3d pose() const;

@@ -14,6 +14,8 @@ import orchestrator.cell
 from orchestrator.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_contents, write_archive
 from orchestrator.cell.gripper import start_width
 from orchestrator.cell.nominal import FurtherPart, NominalCell, pose_matrix
+from orchestrator.cell.pose_json import pose_json
+from orchestrator.cell.sensing import sensing_json
 from orchestrator.config.cell import CellDescription, PartDescription
 from orchestrator.config.contact import ContactDescription
 from orchestrator.config.devices import ConveyorDescription, FurtherPartDescription
@@ -21,7 +23,6 @@ from orchestrator.config.gripper import GripperDescription
 from orchestrator.config.units import to_si
 from orchestrator.errors import CellError
 from orchestrator.files import atomic_write
-from orchestrator.geometry import pose
 from orchestrator.geometry.mesh import Mesh, mass_properties
 
 Array = NDArray[np.float64]
@@ -56,12 +57,12 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
         "gravity": [0.0, 0.0, -cell.world.gravity_m_s2],
         "seed": seed,
         "robot": {
-            "world_from_base": _pose_json(nominal.arm.world_from_base),
+            "world_from_base": pose_json(nominal.arm.world_from_base),
             "joints": robot,
             "motion": to_si(cell.robot.motion.model_dump()),
         },
-        "tool": {"flange_from_sensor": _pose_json(nominal.flange_from_sensor)},
-        "table": {"world_from_table": _pose_json(nominal.world_from_table), "start": 0.0, **table},
+        "tool": {"flange_from_sensor": pose_json(nominal.flange_from_sensor)},
+        "table": {"world_from_table": pose_json(nominal.world_from_table), "start": 0.0, **table},
         "conveyors": [_conveyor_json(conveyor) for conveyor in cell.conveyor],
         "parts": [
             {"name": "part", "stands_on": "table", **_part_json(cell.part, nominal.part, nominal.table_from_part)},
@@ -69,6 +70,7 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
         ],
         "gripper": None if cell.gripper is None else _gripper_json(cell.gripper),
         "contact": _contact_json(cell.contact),
+        **sensing_json(cell, nominal),
     }
 
 
@@ -77,7 +79,7 @@ def _part_json(part: PartDescription | FurtherPartDescription, mesh: Mesh, suppo
     properties = mass_properties(mesh, part.density_kg_m3)
     return {
         "fixture": part.fixture,
-        "support_from_part": _pose_json(support_from_part),
+        "support_from_part": pose_json(support_from_part),
         "mass": properties.mass,
         "friction": part.friction,
         "soft": None if part.soft is None else to_si(part.soft.model_dump()),
@@ -95,7 +97,7 @@ def _further_part_json(part: FurtherPart) -> dict[str, Any]:
 
 def _conveyor_json(conveyor: ConveyorDescription) -> dict[str, Any]:
     si = to_si(conveyor.model_dump(exclude={"pose", "reflectance", "material"}))
-    return {"world_from_belt": _pose_json(pose_matrix(conveyor.pose)), **si}
+    return {"world_from_belt": pose_json(pose_matrix(conveyor.pose)), **si}
 
 
 def _gripper_json(gripper: GripperDescription) -> dict[str, Any]:
@@ -110,11 +112,6 @@ def _gripper_json(gripper: GripperDescription) -> dict[str, Any]:
 def _contact_json(contact: ContactDescription) -> dict[str, Any]:
     pairs = [{"bodies": list(pair.bodies), "points": pair.points} for pair in contact.pair]
     return {"solver": contact.solver, "points": contact.points, "pairs": pairs}
-
-
-def _pose_json(target_from_source: Array) -> dict[str, Any]:
-    quaternion = pose.quaternion_from_rotation(target_from_source[:3, :3])
-    return {"position": target_from_source[:3, 3].tolist(), "quaternion": quaternion.tolist()}
 
 
 def build_fmu(

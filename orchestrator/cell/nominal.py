@@ -41,6 +41,11 @@ class Body:
     material: Material
     patches: tuple[Patch, ...] = ()
 
+    @property
+    def fmu_frame(self) -> str:
+        """Name of the frame that carries it in the FMU, which counts its parts."""
+        return "part[1]" if self.moves_with == "part" else self.moves_with
+
 
 @dataclass(frozen=True)
 class Lamp:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -35,19 +36,24 @@ def fmu_build(
         from orchestrator.cell.fmu_file import build_fmu, cell_json  # noqa: PLC0415
         from orchestrator.cell.fmu_package.contents import FmuOptions  # noqa: PLC0415
         from orchestrator.cell.nominal import nominal_cell  # noqa: PLC0415
+        from orchestrator.cell.sensing import simplified  # noqa: PLC0415
         from orchestrator.config.loading import assets_dir, load_setup  # noqa: PLC0415
         from orchestrator.geometry.mesh import load_mesh  # noqa: PLC0415
 
         setup = load_setup(cell, overrides=set_ or [])
         mesh = load_mesh(part, unit) if part else load_mesh(assets_dir() / "parts" / "step_block.stl")
-        description = cell_json(setup.cell, nominal_cell(setup.cell, mesh), seed)
+        nominal = nominal_cell(setup.cell, mesh)
+        description = cell_json(setup.cell, nominal, seed)
         files = []
         for version in (fmi,) if fmi else (2, 3):
             path = out / f"RobotCell{version}.fmu"
             build_fmu(description, path, 2 if version == 2 else 3, FmuOptions(clock=clock, arrays=arrays))
             files.append(str(path))
         sizes = {Path(file).name: Path(file).stat().st_size for file in files}
-        return Outcome([f"{file}: {Path(file).stat().st_size / 1e6:.1f} MB" for file in files], {"bytes": sizes}, files)
+        lighter = simplified(setup.cell, nominal)
+        lines = [f"{file}: {Path(file).stat().st_size / 1e6:.1f} MB" for file in files]
+        figures = {"bytes": sizes, "simplified": [asdict(body) for body in lighter]}
+        return Outcome([*lines, *(body.line() for body in lighter)], figures, files)
 
     run("fmu build", as_json, work)
 

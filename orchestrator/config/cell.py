@@ -13,6 +13,7 @@ from orchestrator.config.drives import MotionDescription
 from orchestrator.config.gripper import GripperDescription
 from orchestrator.config.light import LightDescription
 from orchestrator.config.material import MaterialDescription
+from orchestrator.config.sensing import CollisionDescription, DistanceSensorDescription, PresenceSensorDescription
 from orchestrator.config.soft import SoftDescription, check_soft
 
 Latency = Annotated[float, Field(ge=0.0, le=100.0)]
@@ -186,6 +187,9 @@ class CellDescription(Description):
     gripper: GripperDescription | None = Field(default=None, description="none if not given")
     contact: ContactDescription = ContactDescription()
     light: Annotated[tuple[LightDescription, ...], Field(max_length=64)] = ()
+    presence_sensor: tuple[PresenceSensorDescription, ...] = ()
+    distance_sensor: tuple[DistanceSensorDescription, ...] = ()
+    collision: CollisionDescription = CollisionDescription()
 
     @model_validator(mode="after")
     def _devices_fit(self) -> Self:

@@ -8,16 +8,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from orchestrator.cell.keep_apart import arm_chain, keep_apart
 from orchestrator.cell.nominal import NominalCell
 from orchestrator.geometry import pose
 from orchestrator.geometry.mesh import Mesh, clustered
-from orchestrator.proximity.pairs import always_touching, cell_pairs
 from orchestrator.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]
 
 _SELF_CLEARANCE = 2e-3  # m between links of the arm
-_ON_ARM = ("link", "sensor", "finger")
 _MANY_FACES = 100_000
 _CLUSTER = 3e-4  # m: makes meshes of many faces light, at an error well below any clearance
 
@@ -74,20 +73,12 @@ class PlanningCell:
 
     @cached_property
     def _chain(self) -> list[str]:
-        """Names of the arm's bodies, base first, tools last."""
-        return [b.name for b in self.nominal.bodies if b.name == "base" or b.moves_with.startswith(_ON_ARM)]
+        return arm_chain(self.nominal)
 
     @cached_property
     def proximity(self) -> ProximityScene:
         """Pairs of bodies that a motion must keep apart, without those that intersect whatever the arm does."""
-        bodies = self.nominal.bodies
-        meshes = {body.name: _light(body.mesh) for body in bodies}
-        around = [body.name for body in bodies if body.name not in self._chain]
-        everything = ProximityScene(meshes, cell_pairs(self._chain, around))
-        lower, upper = self.nominal.arm.limits
-        q = np.random.default_rng(0).uniform(lower, upper, (100, len(lower)))
-        touching = always_touching(everything, self.nominal.body_poses(q, np.zeros(len(q))))
-        return everything.without(touching) if touching else everything
+        return keep_apart(self.nominal, {body.name: _light(body.mesh) for body in self.nominal.bodies})
 
     def too_near(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
         """What comes nearer than `clearance` (m) at joints (n, 6) and table angles (n,).

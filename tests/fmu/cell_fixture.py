@@ -87,6 +87,8 @@ def cell_description(**part: Any) -> dict[str, Any]:
         "parts": [{**box_part(0.06, 0.04, 0.05), **part}],
         "gripper": None,
         "contact": {"solver": "dantzig", "points": 4, "pairs": []},
+        "bodies": [], "presence_sensors": [], "distance_sensors": [],
+        "collision": {"outputs": False, "range": 0.05, "pairs": []},
     }  # fmt: skip
 
 

@@ -1,0 +1,125 @@
+#include "fmu/model/sensing_description.h"
+
+#include <tuple>
+
+#include "fmu/model/json_reader.h"
+
+namespace robotcell {
+namespace {
+
+constexpr double kFarthest = 1e3;  // m
+constexpr std::int64_t kLongestPeriod = 1000000;
+constexpr std::size_t kLinks = 6;
+
+FrameRef parse_frame(const JsonReader& json, const FrameCounts& counts) {
+  using Kind = FrameRef::Kind;
+  const std::string text = json.text();
+  if (text == "world") return {Kind::kWorld, 0};
+  if (text == "sensor") return {Kind::kSensor, 0};
+  if (text == "table") return {Kind::kTable, 0};
+  for (const auto& [name, kind, count] :
+       {std::tuple{"link[", Kind::kLink, kLinks}, std::tuple{"part[", Kind::kPart, counts.parts},
+        std::tuple{"finger[", Kind::kFinger, counts.fingers}}) {
+    for (std::size_t i = 0; i < count; ++i) {
+      if (text == name + std::to_string(i + 1) + "]") return {kind, i};
+    }
+  }
+  json.fail("\"world\", \"sensor\", \"table\", \"link[i]\", \"part[i]\" or \"finger[i]\" of this cell");
+}
+
+proximity::TriangleMesh parse_mesh(const JsonReader& json) {
+  json.expect_keys({"vertices", "faces"});
+  proximity::TriangleMesh mesh;
+  for (const JsonReader& vertex : json.at("vertices").items()) mesh.vertices.push_back(vertex.vector3());
+  const auto last = static_cast<std::int64_t>(mesh.vertices.size()) - 1;
+  for (const JsonReader& face : json.at("faces").items()) {
+    const auto corners = face.items(3);
+    mesh.faces.push_back({static_cast<int>(corners[0].integer(0, last)),
+                          static_cast<int>(corners[1].integer(0, last)),
+                          static_cast<int>(corners[2].integer(0, last))});
+  }
+  if (mesh.faces.empty()) json.at("faces").fail("at least one triangle");
+  return mesh;
+}
+
+std::int64_t parse_period(const JsonReader& json, std::int64_t time_step_us) {
+  const std::int64_t period = json.integer(1, kLongestPeriod);
+  if (period % time_step_us != 0) json.fail("a multiple of time_step_us");
+  return period;
+}
+
+PresenceSensorDescription parse_presence(const JsonReader& json, const FrameCounts& counts,
+                                         std::int64_t step_us) {
+  json.expect_keys({"name", "frame", "frame_from_sensor", "size", "period_us"});
+  PresenceSensorDescription sensor;
+  sensor.name = json.at("name").text();
+  sensor.frame = parse_frame(json.at("frame"), counts);
+  sensor.frame_from_sensor = json.at("frame_from_sensor").pose();
+  sensor.size = json.at("size").vector3();
+  if (!(sensor.size.minCoeff() > 0)) json.at("size").fail("three positive numbers");
+  sensor.period_us = parse_period(json.at("period_us"), step_us);
+  return sensor;
+}
+
+DistanceSensorDescription parse_distance(const JsonReader& json, const FrameCounts& counts,
+                                         std::int64_t step_us) {
+  json.expect_keys({"name", "frame", "frame_from_sensor", "lens", "nearest", "farthest", "noise",
+                    "resolution", "period_us"});
+  DistanceSensorDescription sensor;
+  sensor.name = json.at("name").text();
+  sensor.frame = parse_frame(json.at("frame"), counts);
+  sensor.frame_from_sensor = json.at("frame_from_sensor").pose();
+  sensor.lens = json.at("lens").vector3();
+  sensor.nearest = json.at("nearest").number(0, kFarthest);
+  sensor.farthest = json.at("farthest").number(sensor.nearest, kFarthest);
+  sensor.noise = json.at("noise").number(0, kFarthest);
+  sensor.resolution = json.at("resolution").number(0, kFarthest);
+  sensor.period_us = parse_period(json.at("period_us"), step_us);
+  return sensor;
+}
+
+std::size_t body_number(const JsonReader& json, const std::vector<BodyDescription>& bodies) {
+  const std::string name = json.text();
+  for (std::size_t i = 0; i < bodies.size(); ++i) {
+    if (bodies[i].name == name) return i;
+  }
+  json.fail("the name of one of the cell's bodies");
+}
+
+CollisionDescription parse_collision(const JsonReader& json, const std::vector<BodyDescription>& bodies) {
+  json.expect_keys({"outputs", "range", "pairs"});
+  CollisionDescription collision;
+  collision.outputs = json.at("outputs").boolean();
+  collision.range = json.at("range").positive();
+  for (const JsonReader& pair : json.at("pairs").items()) {
+    const auto names = pair.items(2);
+    const std::size_t a = body_number(names[0], bodies);
+    const std::size_t b = body_number(names[1], bodies);
+    if (a == b) pair.fail("two different bodies");
+    collision.pairs.emplace_back(a, b);
+  }
+  if (collision.outputs && collision.pairs.empty()) json.at("pairs").fail("at least one pair of bodies");
+  return collision;
+}
+
+}  // namespace
+
+SensingDescription parse_sensing(const JsonReader& cell, const FrameCounts& counts,
+                                 std::int64_t time_step_us) {
+  SensingDescription sensing;
+  for (const JsonReader& body : cell.at("bodies").items()) {
+    body.expect_keys({"name", "frame", "mesh"});
+    sensing.bodies.push_back(
+        {body.at("name").text(), parse_frame(body.at("frame"), counts), parse_mesh(body.at("mesh"))});
+  }
+  for (const JsonReader& sensor : cell.at("presence_sensors").items()) {
+    sensing.presence.push_back(parse_presence(sensor, counts, time_step_us));
+  }
+  for (const JsonReader& sensor : cell.at("distance_sensors").items()) {
+    sensing.distance.push_back(parse_distance(sensor, counts, time_step_us));
+  }
+  sensing.collision = parse_collision(cell.at("collision"), sensing.bodies);
+  return sensing;
+}
+
+}  // namespace robotcell

@@ -1,0 +1,135 @@
+// Rays and boxes against bodies; collisions and distances of pairs, against closed forms.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "fmu/proximity/body_set.h"
+#include "fmu/proximity/pair_watch.h"
+
+namespace robotcell::proximity {
+namespace {
+
+using Eigen::Isometry3d;
+using Eigen::Vector3d;
+
+TriangleMesh box(double x, double y, double z) {
+  TriangleMesh mesh;
+  for (int i = 0; i < 8; ++i) {
+    mesh.vertices.emplace_back((i & 1 ? x : -x) / 2, (i & 2 ? y : -y) / 2, (i & 4 ? z : -z) / 2);
+  }
+  mesh.faces = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
+                {2, 6, 7}, {2, 7, 3}, {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
+  return mesh;
+}
+
+Isometry3d at(double x, double y, double z, double turn = 0) {
+  return Eigen::Translation3d(x, y, z) * Eigen::AngleAxisd(turn, Vector3d(1, 2, 3).normalized());
+}
+
+TEST(BodySet, RayMeetsTheNearestSelectedFace) {
+  BodySet bodies({box(0.2, 0.2, 0.2), box(0.4, 0.4, 0.1)});
+  bodies.place(0, at(0, 0, 1));
+  bodies.place(1, at(0, 0, 2));
+  const Vector3d up = Vector3d::UnitZ();
+  const auto both = bodies.cast({0.03, 0.02, 0}, up, 0, 10, {true, true});
+  ASSERT_TRUE(both);
+  EXPECT_EQ(both->body, 0u);
+  EXPECT_NEAR(both->distance, 0.9, 1e-15);
+  EXPECT_NEAR(bodies.cast({0.03, 0.02, 0}, up, 0, 10, {false, true})->distance, 1.95, 1e-15);
+  EXPECT_NEAR(bodies.cast({0.03, 0.02, 0}, up, 0.95, 10, {true, true})->distance, 1.1, 1e-15);  // from inside
+  EXPECT_FALSE(bodies.cast({0.3, 0, 0}, up, 0, 10, {true, true}));
+  EXPECT_FALSE(bodies.cast({0, 0, 0}, up, 0, 0.5, {true, true}));
+}
+
+TEST(BodySet, RayOnATurnedPlaneHasTheClosedForm) {
+  BodySet bodies({box(2, 2, 0.1)});
+  const Isometry3d pose = at(0.1, -0.2, 1.5, 0.6);
+  bodies.place(0, pose);
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(-0.2, 0.2);
+  for (int i = 0; i < 100; ++i) {
+    const Vector3d direction = Vector3d(uniform(random), uniform(random), 1).normalized();
+    // The near face lies at -0.05 along the body's z axis, or at +0.05 where that looks towards the ray.
+    const Vector3d normal = pose.linear().col(2);
+    const double side = normal.dot(direction) > 0 ? -0.05 : 0.05;
+    const double expected = (normal.dot(pose.translation()) + side) / normal.dot(direction);
+    const auto hit = bodies.cast(Vector3d::Zero(), direction, 0, 10, {true});
+    ASSERT_TRUE(hit);
+    EXPECT_NEAR(hit->distance, expected, 1e-13);
+  }
+}
+
+TEST(BodySet, BodyReachesIntoABoxFromEverySideAndSize) {
+  for (const double size : {0.01, 0.1, 3.0}) {
+    BodySet bodies({box(size, size, size)});
+    const Vector3d volume(0.2, 0.1, 0.05);
+    for (int axis = 0; axis < 3; ++axis) {
+      for (const double sign : {-1.0, 1.0}) {
+        const double limit = (size + volume[axis]) / 2;
+        Vector3d shift = Vector3d::Zero();
+        shift[axis] = sign * (limit - 1e-6);
+        bodies.place(0, at(shift.x(), shift.y(), shift.z()));
+        EXPECT_TRUE(bodies.reaches_into(0, Isometry3d::Identity(), volume));
+        shift[axis] = sign * (limit + 1e-6);
+        bodies.place(0, at(shift.x(), shift.y(), shift.z()));
+        EXPECT_FALSE(bodies.reaches_into(0, Isometry3d::Identity(), volume));
+      }
+    }
+    bodies.place(0, Isometry3d::Identity());  // one inside the other, whichever is larger
+    EXPECT_TRUE(bodies.reaches_into(0, Isometry3d::Identity(), volume));
+  }
+}
+
+TEST(BodySet, HollowOfABodyIsOutsideIt) {
+  // Four walls around a shaft: its middle is inside the convex hull, but not inside the body.
+  TriangleMesh walls;
+  for (const auto& [x, y, dx, dy] : {std::array{0.1, 0.0, 0.02, 0.22}, std::array{-0.1, 0.0, 0.02, 0.22},
+                                     std::array{0.0, 0.1, 0.18, 0.02}, std::array{0.0, -0.1, 0.18, 0.02}}) {
+    const TriangleMesh wall = box(dx, dy, 0.2);
+    const int first = static_cast<int>(walls.vertices.size());
+    for (const Vector3d& vertex : wall.vertices) walls.vertices.push_back(vertex + Vector3d(x, y, 0));
+    for (const auto& face : wall.faces) {
+      walls.faces.push_back({face[0] + first, face[1] + first, face[2] + first});
+    }
+  }
+  BodySet bodies({walls});
+  EXPECT_FALSE(bodies.reaches_into(0, Isometry3d::Identity(), {0.05, 0.05, 0.05}));
+  EXPECT_TRUE(bodies.reaches_into(0, Isometry3d::Identity(), {0.19, 0.05, 0.05}));
+}
+
+TEST(PairWatch, DistanceOfBoxesIsExactBelowTheBound) {
+  BodySet bodies({box(0.1, 0.1, 0.1), box(0.1, 0.1, 0.1), box(0.1, 0.1, 0.1)});
+  const PairWatch watch({{0, 1}, {0, 2}, {1, 2}});
+  for (const std::size_t first : {0u, 1u, 2u}) {
+    bodies.place(1, at(0.13, 0, 0));
+    bodies.place(2, at(0, 0.12, 0));
+    const auto nearest = watch.nearest(bodies, 0.05, first);
+    ASSERT_TRUE(nearest);
+    EXPECT_EQ(nearest->pair, 1u);
+    EXPECT_NEAR(nearest->distance, 0.02, 1e-12);
+    EXPECT_FALSE(watch.nearest(bodies, 0.0199, first));
+  }
+}
+
+TEST(PairWatch, DepthOfABoxInAPlate) {
+  BodySet bodies({box(1, 1, 0.1), box(0.06, 0.05, 0.04), box(0.1, 0.1, 0.1)});
+  const PairWatch watch({{0, 1}, {0, 2}});
+  bodies.place(2, at(0, 0, 3));
+  for (const double depth : {1e-5, 0.002, 0.01}) {
+    bodies.place(1, at(0.013, 0.021, 0.05 + 0.02 - depth));
+    const auto found = watch.collisions(bodies);
+    ASSERT_EQ(found.size(), 1u);
+    EXPECT_EQ(found[0].pair, 0u);
+    EXPECT_NEAR(found[0].depth, depth, 1e-9);
+    EXPECT_LT(std::abs(found[0].point.x() - 0.013), 0.0301);
+    EXPECT_LT(std::abs(found[0].point.y() - 0.021), 0.0251);
+    EXPECT_NEAR(found[0].point.z(), 0.05, depth + 1e-9);
+    EXPECT_EQ(watch.nearest(bodies, 0.05, 0)->distance, 0);
+  }
+  bodies.place(1, at(0.013, 0.021, 0.05 + 0.02 + 1e-6));
+  EXPECT_TRUE(watch.collisions(bodies).empty());
+}
+
+}  // namespace
+}  // namespace robotcell::proximity
