@@ -103,7 +103,7 @@ def _conveyor_json(conveyor: ConveyorDescription) -> dict[str, Any]:
 def _gripper_json(gripper: GripperDescription) -> dict[str, Any]:
     drawn = {"pose", "start_mm", "housing_mm", "housing_mesh", "finger_mesh", "reflectance", "material"}
     return {
-        "flange_from_gripper": _pose_json(pose_matrix(gripper.pose)),
+        "flange_from_gripper": pose_json(pose_matrix(gripper.pose)),
         "start": start_width(gripper),
         **to_si(gripper.model_dump(exclude=drawn)),
     }

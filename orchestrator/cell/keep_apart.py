@@ -11,7 +11,6 @@ from orchestrator.geometry.mesh import Mesh
 from orchestrator.proximity.pairs import always_touching, cell_pairs
 from orchestrator.proximity.scene import ProximityScene
 
-
 _ON_ARM = ("link", "sensor", "finger")
 
 
