@@ -136,7 +136,8 @@ void exchange(A& a, DistanceReading& v) {
 }
 template <class A>
 void exchange(A& a, CollisionReading& v) {
-  exchange_all(a, v.pairs, v.body_a, v.body_b, v.depth, v.point, v.clearance, v.near_a, v.near_b);
+  exchange_all(a, v.pairs, v.body_a, v.body_b, v.depth, v.point, v.clearance, v.near_a, v.near_b,
+               v.near_faces);
 }
 template <class A>
 void exchange(A& a, Readings& v) {

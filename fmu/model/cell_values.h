@@ -182,6 +182,7 @@ struct CollisionReading {
   std::array<double, 3> point{};  // world, m
   double clearance = 0;           // m: smallest distance, or the range where all are beyond it
   std::int32_t near_a = 0, near_b = 0;
+  std::array<std::int32_t, 2> near_faces{};  // no output: where the next search begins
 };
 
 struct CellOutputs {

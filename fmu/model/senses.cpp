@@ -132,16 +132,18 @@ DistanceReading Senses::read_distance(std::size_t number, std::int64_t time_us, 
   return reading;
 }
 
-/// The pair that was nearest last time will be near again.
-std::size_t Senses::favourite_after(const CollisionReading& reading) const {
+/// What was nearest last time will be near again.
+std::optional<proximity::Nearest> Senses::nearest_of(const CollisionReading& reading) const {
   const auto& pairs = sensing_.collision.pairs;
   const auto found = std::find_if(pairs.begin(), pairs.end(), [&reading](const auto& pair) {
     return told(pair.first) == reading.near_a && told(pair.second) == reading.near_b;
   });
-  return found == pairs.end() ? 0 : static_cast<std::size_t>(found - pairs.begin());
+  if (found == pairs.end()) return std::nullopt;
+  const auto face = [&reading](std::size_t i) { return static_cast<std::size_t>(reading.near_faces[i]); };
+  return proximity::Nearest{static_cast<std::size_t>(found - pairs.begin()), {face(0), face(1)}, 0};
 }
 
-void Senses::read_collisions(CollisionReading& reading) const {
+void Senses::read_collisions(CollisionReading& reading) {
   const CollisionReading before = reading;
   reading = {};
   reading.clearance = sensing_.collision.range;
@@ -158,12 +160,14 @@ void Senses::read_collisions(CollisionReading& reading) const {
     reading.clearance = 0;
     return;
   }
-  const auto nearest = pairs_.nearest(bodies_, sensing_.collision.range, favourite_after(before));
+  const auto nearest = pairs_.nearest(bodies_, sensing_.collision.range, nearest_of(before));
   if (!nearest) return;
   const auto& pair = pairs_.pair(nearest->pair);
   reading.clearance = nearest->distance;
   reading.near_a = told(pair.first);
   reading.near_b = told(pair.second);
+  reading.near_faces = {static_cast<std::int32_t>(nearest->faces.first),
+                        static_cast<std::int32_t>(nearest->faces.second)};
 }
 
 }  // namespace robotcell

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "fmu/model/cell_description.h"
@@ -38,8 +39,8 @@ class Senses {
   Eigen::Isometry3d frame_pose(const FrameRef& frame, const Bodies& truth) const;
   PresenceReading read_presence(const PresenceSensorDescription& sensor, const Bodies& truth) const;
   DistanceReading read_distance(std::size_t number, std::int64_t time_us, const Bodies& truth) const;
-  std::size_t favourite_after(const CollisionReading& reading) const;
-  void read_collisions(CollisionReading& reading) const;
+  std::optional<proximity::Nearest> nearest_of(const CollisionReading& reading) const;
+  void read_collisions(CollisionReading& reading);
 
   SensingDescription sensing_;
   std::int64_t collision_period_us_;

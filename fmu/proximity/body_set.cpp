@@ -46,7 +46,10 @@ BodySet::BodySet(const std::vector<TriangleMesh>& meshes) {
   for (const TriangleMesh& mesh : meshes) {
     Body body;
     body.mesh = mesh;
-    for (const Vector3d& vertex : mesh.vertices) body.bounds.extend(vertex);
+    for (const Vector3d& vertex : mesh.vertices) {
+      body.bounds.extend(vertex);
+      body.radius = std::max(body.radius, vertex.norm());
+    }
     body.model = make_model(mesh);
     bodies_.push_back(std::move(body));
   }

@@ -15,6 +15,7 @@ using Model = fcl::BVHModel<fcl::OBBRSSd>;
 struct BodySet::Body {
   TriangleMesh mesh;
   Eigen::AlignedBox3d bounds;  // of the mesh, body frame
+  double radius = 0;           // about the body's origin, holds the mesh
   std::shared_ptr<Model> model;
   Eigen::Isometry3d world_from_body = Eigen::Isometry3d::Identity();
 };

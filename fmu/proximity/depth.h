@@ -2,10 +2,9 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <utility>
 #include <vector>
 
-#include "fmu/proximity/body_set.h"
+#include "fmu/proximity/triangle.h"
 
 namespace robotcell::proximity {
 
@@ -13,9 +12,6 @@ struct Depth {
   double depth = 0;                                 // m
   Eigen::Vector3d point = Eigen::Vector3d::Zero();  // the deepest, world
 };
-
-/// Numbers of two faces that intersect, the first body's first.
-using FacePair = std::pair<std::size_t, std::size_t>;
 
 /// The greatest distance from the other body's surface among the corners and edges of either body that are
 /// inside the other one, where their surfaces intersect. For bodies that touch each other at one place, that

@@ -2,10 +2,14 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <utility>
 
 #include "fmu/proximity/body_set.h"
 
 namespace robotcell::proximity {
+
+/// Numbers of a face of one body and a face of another.
+using FacePair = std::pair<std::size_t, std::size_t>;
 
 /// Corners of a triangle of a mesh.
 struct Corners {

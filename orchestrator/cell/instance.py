@@ -184,6 +184,10 @@ class CellInstance:
         getter = self._fmu.getInteger if self._is_fmi2 else self._fmu.getInt32
         return int(self._call(getter, [self._reference(name)])[0])
 
+    def get_boolean(self, name: str) -> bool:
+        """Value of a Boolean variable."""
+        return bool(self._call(self._fmu.getBoolean, [self._reference(name)])[0])
+
     def set_integer(self, name: str, value: int) -> None:
         """Set an integer input."""
         setter = self._fmu.setInteger if self._is_fmi2 else self._fmu.setInt32

@@ -52,7 +52,7 @@ class CollisionDescription(Description):
     """What the FMU tells about collisions and smallest distances between the cell's bodies."""
 
     outputs: bool = Field(default=True, description="whether the FMU has the outputs truth.collision and clearance")
-    range_mm: Positive = Field(default=50.0, description="distances are told up to here")
+    range_mm: Positive = Field(default=20.0, description="distances are told up to here; farther costs time")
     max_faces: Annotated[int, Field(ge=4)] = Field(
-        default=5000, description="a mesh with more triangles is simplified to this number"
+        default=5000, description="a mesh with more triangles is simplified towards this number"
     )

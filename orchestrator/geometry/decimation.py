@@ -12,23 +12,25 @@ from orchestrator.geometry.mesh import Mesh
 
 
 def decimated(mesh: Mesh, most_faces: int) -> Mesh:
-    """The mesh with at most `most_faces` triangles, by quadric edge collapse; itself where it has no more.
+    """The mesh with `most_faces` triangles, by quadric edge collapse; itself where it has no more.
+
+    Edges of an open or branching mesh cannot all collapse: what is left then may have more.
 
     Raises
     ------
     MeshError
-        If it cannot be simplified that far.
+        If nothing is left.
     """
     if len(mesh.faces) <= most_faces:
         return mesh
     # In millimetres and about its centre: the library works in single precision.
     centre = mesh.bounds.mean(0)
+    # Corners that several triangles have in common are one vertex: a triangle by itself would just be dropped.
+    welded, number = np.unique(((mesh.vertices - centre) * 1e3).astype(np.float32), axis=0, return_inverse=True)
     vertices, faces = fast_simplification.simplify(
-        np.ascontiguousarray((mesh.vertices - centre) * 1e3, np.float32),
-        np.ascontiguousarray(mesh.faces, np.int32),
-        target_count=most_faces,
+        welded, number[mesh.faces].astype(np.int32), target_count=most_faces
     )
-    if not 0 < len(faces) <= most_faces:
+    if len(faces) == 0:
         raise MeshError(f"{mesh.source}: cannot be simplified from {len(mesh.faces)} to {most_faces} triangles")
     return Mesh(np.asarray(vertices, np.float64) * 1e-3 + centre, np.asarray(faces, np.int64), mesh.source)
 

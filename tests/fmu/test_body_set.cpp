@@ -100,21 +100,50 @@ TEST(BodySet, HollowOfABodyIsOutsideIt) {
 
 TEST(PairWatch, DistanceOfBoxesIsExactBelowTheBound) {
   BodySet bodies({box(0.1, 0.1, 0.1), box(0.1, 0.1, 0.1), box(0.1, 0.1, 0.1)});
-  const PairWatch watch({{0, 1}, {0, 2}, {1, 2}});
-  for (const std::size_t first : {0u, 1u, 2u}) {
-    bodies.place(1, at(0.13, 0, 0));
-    bodies.place(2, at(0, 0.12, 0));
-    const auto nearest = watch.nearest(bodies, 0.05, first);
+  PairWatch watch({{0, 1}, {0, 2}, {1, 2}});
+  bodies.place(1, at(0.13, 0, 0));
+  bodies.place(2, at(0, 0.12, 0));
+  for (const std::size_t pair : {0u, 1u, 2u}) {
+    const Nearest last{pair, {3, 5}, 0};
+    const auto nearest = watch.nearest(bodies, 0.05, last);
     ASSERT_TRUE(nearest);
     EXPECT_EQ(nearest->pair, 1u);
     EXPECT_NEAR(nearest->distance, 0.02, 1e-12);
-    EXPECT_FALSE(watch.nearest(bodies, 0.0199, first));
+    EXPECT_FALSE(watch.nearest(bodies, 0.0199, last));
   }
+}
+
+/// Whatever is remembered of earlier questions: a watch that was asked all along answers as a new one does.
+TEST(PairWatch, WhatItRemembersDoesNotChangeTheAnswer) {
+  BodySet bodies({box(0.1, 0.1, 0.1), box(0.2, 0.05, 0.1), box(0.05, 0.1, 0.3), box(0.3, 0.3, 0.01)});
+  const std::vector<PairWatch::Pair> pairs{{0, 1}, {0, 2}, {1, 2}, {0, 3}, {1, 3}};
+  PairWatch all_along(pairs);
+  std::optional<Nearest> last;
+  std::size_t changes = 0;
+  for (int k = 0; k < 2000; ++k) {
+    const double t = 0.004 * k;
+    bodies.place(1, at(0.25 + 0.1 * std::sin(t), 0.05 * std::cos(3 * t), 0) *
+                        Eigen::AngleAxisd(t, Vector3d(1, 2, 3).normalized()));
+    bodies.place(2, at(0.1 * std::sin(2 * t), 0.25 + 0.1 * std::cos(t), 0) *
+                        Eigen::AngleAxisd(2 * t, Vector3d::UnitY()));
+    bodies.place(3, at(0, 0, -0.2 - 0.1 * std::cos(0.7 * t)));
+    const auto found = all_along.nearest(bodies, 0.1, last);
+    const auto fresh = PairWatch(pairs).nearest(bodies, 0.1, last);
+    ASSERT_EQ(found.has_value(), fresh.has_value()) << k;
+    if (found) {
+      ASSERT_EQ(found->distance, fresh->distance) << k;
+      ASSERT_EQ(found->pair, fresh->pair) << k;
+      ASSERT_EQ(found->faces, fresh->faces) << k;
+      changes += last && last->pair != found->pair ? 1 : 0;
+    }
+    last = found;
+  }
+  EXPECT_GT(changes, 3u);
 }
 
 TEST(PairWatch, DepthOfABoxInAPlate) {
   BodySet bodies({box(1, 1, 0.1), box(0.06, 0.05, 0.04), box(0.1, 0.1, 0.1)});
-  const PairWatch watch({{0, 1}, {0, 2}});
+  PairWatch watch({{0, 1}, {0, 2}});
   bodies.place(2, at(0, 0, 3));
   for (const double depth : {1e-5, 0.002, 0.01}) {
     bodies.place(1, at(0.013, 0.021, 0.05 + 0.02 - depth));
@@ -125,7 +154,7 @@ TEST(PairWatch, DepthOfABoxInAPlate) {
     EXPECT_LT(std::abs(found[0].point.x() - 0.013), 0.0301);
     EXPECT_LT(std::abs(found[0].point.y() - 0.021), 0.0251);
     EXPECT_NEAR(found[0].point.z(), 0.05, depth + 1e-9);
-    EXPECT_EQ(watch.nearest(bodies, 0.05, 0)->distance, 0);
+    EXPECT_EQ(watch.nearest(bodies, 0.05, std::nullopt)->distance, 0);
   }
   bodies.place(1, at(0.013, 0.021, 0.05 + 0.02 + 1e-6));
   EXPECT_TRUE(watch.collisions(bodies).empty());
