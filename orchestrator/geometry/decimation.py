@@ -27,9 +27,7 @@ def decimated(mesh: Mesh, most_faces: int) -> Mesh:
     centre = mesh.bounds.mean(0)
     # Corners that several triangles have in common are one vertex: a triangle by itself would just be dropped.
     welded, number = np.unique(((mesh.vertices - centre) * 1e3).astype(np.float32), axis=0, return_inverse=True)
-    vertices, faces = fast_simplification.simplify(
-        welded, number[mesh.faces].astype(np.int32), target_count=most_faces
-    )
+    vertices, faces = fast_simplification.simplify(welded, number[mesh.faces].astype(np.int32), target_count=most_faces)
     if len(faces) == 0:
         raise MeshError(f"{mesh.source}: cannot be simplified from {len(mesh.faces)} to {most_faces} triangles")
     return Mesh(np.asarray(vertices, np.float64) * 1e-3 + centre, np.asarray(faces, np.int64), mesh.source)
