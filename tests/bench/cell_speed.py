@@ -11,13 +11,14 @@ from typing import Any
 
 import dartpy
 import numpy as np
+import trimesh
 
 from orchestrator.cell.fmu_file import FmiVersion, build_fmu, cell_json
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.config import load_setup
 from orchestrator.config.loading import assets_dir
-from orchestrator.geometry.mesh import box_mesh, load_mesh, mass_properties
+from orchestrator.geometry.mesh import box_mesh, load_mesh
 from orchestrator.geometry.pose import translation
 
 from .table import Row
@@ -46,37 +47,45 @@ def cell_rows() -> Iterator[Row]:
             yield Row(name, timing.best, "us/step", "bare dartpy world, 1 ms step", engine.best, timing.spread)
             factor = STEP_US / timing.best
             yield Row(f"FMU, FMI {version}, real-time factor", factor, "x", "real time", 1.0, timing.spread, "at least")
-        yield from _three_part_rows(description, Path(folder))
+        yield from _three_part_rows(Path(folder))
 
 
-def _three_parts(description: Mapping[str, Any]) -> dict[str, Any]:
-    """The cell with a belt and three free boxes, two on the table and one on the belt."""
-    boxes = [
-        ("left", "table", (0.06, 0.04, 0.05), (0.05, 0.0)),
-        ("right", "table", (0.04, 0.04, 0.03), (-0.05, 0.02)),
-        ("rider", "conveyor[1]", (0.05, 0.04, 0.03), (-0.4, 0.0)),
-    ]
-    belt = {"position": [0.0, -1.0, 0.2], "quaternion": [1, 0, 0, 0]}
-    conveyor = {"name": "belt", "world_from_belt": belt, "length": 1.2, "width": 0.3, "thickness": 0.05}
-    limits = {"max_speed": 1.0, "max_acceleration": 2.0, "friction": 0.5}
-    parts = [_box(name, support, size, place) for name, support, size, place in boxes]
-    return {**description, "conveyors": [{**conveyor, **limits}], "parts": parts}
+_THREE_PARTS = """
+[[conveyor]]
+name = "belt"
+pose = { y_mm = -1000.0, z_mm = 200.0 }
+length_mm = 1200.0
+width_mm = 300.0
+
+[[further_part]]
+name = "right"
+mesh = "right.stl"
+pose = { x_mm = -50.0, y_mm = 20.0 }
+
+[[further_part]]
+name = "rider"
+mesh = "rider.stl"
+stands_on = "conveyor[1]"
+pose = { x_mm = -400.0 }
+"""
 
 
-def _box(name: str, support: str, size: tuple[float, float, float], place: tuple[float, float]) -> dict[str, Any]:
-    mesh = box_mesh(size).transformed(translation((0.0, 0.0, size[2] / 2)))
-    properties = mass_properties(mesh, 2700.0)
-    return {
-        "name": name, "fixture": "free", "stands_on": support, "mass": properties.mass, "friction": 0.5,
-        "soft": None, "support_from_part": {"position": [*place, 0.0], "quaternion": [1, 0, 0, 0]},
-        "hull": {"vertices": mesh.vertices.tolist(), "faces": mesh.faces.tolist()},
-        "centre_of_mass": properties.centre_of_mass.tolist(), "inertia": properties.inertia.tolist(),
-    }  # fmt: skip
+def _three_parts(folder: Path, *words: str) -> dict[str, Any]:
+    """The shipped cell with a belt and three free boxes, two on the table and one on the belt."""
+    boxes = {"left": (0.06, 0.04, 0.05), "right": (0.04, 0.04, 0.03), "rider": (0.05, 0.04, 0.03)}
+    meshes = {name: box_mesh(size).transformed(translation((0.0, 0.0, size[2] / 2))) for name, size in boxes.items()}
+    for name, mesh in meshes.items():
+        trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces).export(folder / f"{name}.stl")
+    file = folder / "cell.toml"
+    shipped = (assets_dir() / "cells" / "default.toml").read_text()
+    file.write_text(shipped.replace("../", f"{assets_dir()}/") + _THREE_PARTS)
+    setup = load_setup(file, overrides=["cell.part.fixture=free", "cell.part.x_mm=50", *words])
+    return cell_json(setup.cell, nominal_cell(setup.cell, meshes["left"]), seed=0)
 
 
-def _three_part_rows(description: Mapping[str, Any], folder: Path) -> Iterator[Row]:
+def _three_part_rows(folder: Path) -> Iterator[Row]:
     """Three free parts and a belt, by processor time, against the bare engine in C++ with the same bodies."""
-    data = _three_parts(description)
+    data = _three_parts(folder, "cell.collision.outputs=false")
     costs = _dynamics_us(data, folder)
     if costs is None:
         return
@@ -92,6 +101,17 @@ def _three_part_rows(description: Mapping[str, Any], folder: Path) -> Iterator[R
     yield Row(name, alone - (held - bare), "us/step", "bare DART", bare, None, "at most", 1.1)
     yield Row("three parts: FMPy's set 7, doStep, get 50", whole - alone, "us/step", "allowed", 7.0, None, "at most")
     yield Row("three parts: real-time factor", STEP_US / whole, "x", "real time", 1.0, None, "at least", 12.0)
+    name = "three parts with collision outputs, distances up to"
+    watched = {range_mm: _watched_factor(folder, range_mm) for range_mm in (20, 50)}
+    yield Row(f"{name} 20 mm: real-time factor", watched[20], "x", "real time", 1.0, None, "at least", 10.0)
+    yield Row(f"{name} 50 mm: real-time factor", watched[50], "x", "real time", 1.0)
+
+
+def _watched_factor(folder: Path, range_mm: int) -> float:
+    fmu = folder / f"watched_{range_mm}.fmu"
+    build_fmu(_three_parts(folder, f"cell.collision.range_mm={range_mm}"), fmu, 2)
+    with CellInstance(fmu) as cell:
+        return STEP_US / _step_us(cell).processor
 
 
 def _do_step_us(cell: CellInstance) -> float:
@@ -117,7 +137,7 @@ def _dynamics_us(data: Mapping[str, Any], folder: Path) -> tuple[float, float] |
 
 
 def _step_us(cell: CellInstance) -> Timing:
-    """Scanning motion: the table turns, the trigger fires by angle, inputs and poses pass at every step."""
+    """Table and arm move, the trigger fires by angle, inputs and poses pass at every step."""
     names = [*(f"command.q[{i}]" for i in range(1, 7)), "command.table"]
     setpoints = cell.real_group(names)
     start = cell.get(cell.real_group([f"measured.q[{i}]" for i in range(1, 7)])).copy()
@@ -135,8 +155,9 @@ def _step_us(cell: CellInstance) -> Timing:
 
     def run() -> None:
         for _ in range(STEPS):
-            # A turn that the table follows at 0.5 rad/s.
-            cell.set(setpoints, np.append(start, 0.5e-6 * cell.time_us))
+            # A turn that the table follows at 0.5 rad/s, while every joint swings by 0.1 rad.
+            time = 1e-6 * cell.time_us
+            cell.set(setpoints, np.append(start + 0.1 * np.sin(time), 0.5 * time))
             cell.step_to(cell.time_us + STEP_US)
             cell.get(outputs)
 
