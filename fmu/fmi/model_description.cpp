@@ -226,6 +226,7 @@ constexpr UnitDefinition kUnits[] = {
     {kNewton, "kg=\"1\" m=\"1\" s=\"-2\"", "1"},
     {kMetrePerSecond, "m=\"1\" s=\"-1\"", "1000"},
     {kHertz, "s=\"-1\"", "60"},
+    {kNewtonMetre, "kg=\"1\" m=\"2\" s=\"-2\"", "100"},
     {kRadianPerSecond, "rad=\"1\" s=\"-1\"", kDegrees},
 };
 

@@ -10,8 +10,8 @@ void add_truth(TableBuilder& table, Truth& truth, const Dependencies& known) {
   for (std::size_t i = 0; i < kJoints; ++i) {
     table.add(indexed("truth.q", i), output, continuous, kRadian,
               "True angle of joint " + std::to_string(i + 1) +
-                  " at its drive; the zero error of the arm as built comes on top",
-              truth.position[i], known.file);
+                  ", where dynamic drives leave the link; the zero error of the arm as built comes on top",
+              truth.position[i], known.true_axes);
   }
   table.add("truth.table", output, continuous, kRadian, "True angle of the table, not wrapped",
             truth.position[kTableAxis], known.file);
@@ -44,6 +44,15 @@ void add_record(TableBuilder& table, CellOutputs& out) {
 }
 
 }  // namespace
+
+void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies& known) {
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    table.add(indexed("measured.torque", i), Causality::kOutput, Variability::kDiscrete, kNewtonMetre,
+              "Torque of the motor of joint " + std::to_string(i + 1) +
+                  ", as its drive reports it, behind the gear",
+              out.motor_torque[i], known.true_axes);
+  }
+}
 
 void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& known) {
   table.add_measurement("measured.", "", out.measured, known.measured);

@@ -38,6 +38,12 @@ void add_as_built_arm(TableBuilder& table, AsBuilt& as_built, Dependencies& know
   known.bodies.fingers.assign(2, before);
 }
 
+/// Gravity bends a compliant arm, and all rows of its geometry decide how.
+void sag(Dependencies& known) {
+  known.true_axes = known.bodies.sensor.orientation = known.bodies.sensor.position;
+  for (PoseDependencies& link : known.bodies.links) link.position = link.orientation = known.true_axes;
+}
+
 void add_as_built_tool(TableBuilder& table, AsBuilt& as_built, Dependencies& known) {
   auto& tool = as_built.tool;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -177,6 +183,8 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
   known.file = {file};
   known.measured = {file, seed};
   add_as_built_arm(table, parameters.as_built, known);
+  known.true_axes = known.file;
+  if (layout.dynamic_drives) sag(known);
   add_as_built_tool(table, parameters.as_built, known);
   add_as_built_table(table, parameters.as_built, known);
   add_vibrations(table, parameters.as_built, seed, known);

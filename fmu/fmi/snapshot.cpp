@@ -189,8 +189,16 @@ void exchange(A& a, Imposed& v) {
   exchange_all(a, v.axes, v.belts);
 }
 template <class A>
+void exchange(A& a, MotorState& v) {
+  exchange_all(a, v.position, v.rate, v.torque, v.lags);
+}
+template <class A>
+void exchange(A& a, ArmDynamicsState& v) {
+  exchange_all(a, v.position, v.rate, v.gear_torque, v.motors);
+}
+template <class A>
 void exchange(A& a, GridPoint& v) {
-  exchange_all(a, v.time_us, v.imposed, v.parts, v.gripper, v.readings);
+  exchange_all(a, v.time_us, v.imposed, v.true_axes, v.encoders, v.parts, v.gripper, v.readings);
 }
 template <class A>
 void exchange(A& a, TimedAxes& v) {
@@ -198,7 +206,7 @@ void exchange(A& a, TimedAxes& v) {
 }
 template <class A>
 void exchange(A& a, CellState& v) {
-  exchange_all(a, v.time_us, v.from, v.to, v.history, v.controller, v.parts, v.grasp, v.trigger);
+  exchange_all(a, v.time_us, v.from, v.to, v.history, v.controller, v.arm, v.parts, v.grasp, v.trigger);
 }
 
 }  // namespace robotcell

@@ -19,6 +19,7 @@ constexpr Unit kMetre{"m", "mm", "Length"};
 constexpr Unit kRadian{"rad", "deg", "Angle"};
 constexpr Unit kNewton{"N", "N", "Force"};
 constexpr Unit kMetrePerSecond{"m/s", "mm/s", "Velocity"};
+constexpr Unit kNewtonMetre{"N.m", "N.cm", "Torque"};
 constexpr Unit kHertz{"Hz", "1/min", "Frequency"};
 constexpr Unit kRadianPerSecond{"rad/s", "deg/s", "AngularVelocity"};
 constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
@@ -47,6 +48,7 @@ struct BodiesDependencies {
 /// What initial values depend on.
 struct Dependencies {
   Refs file, measured;
+  Refs true_axes;  // a compliant arm sags, by its geometry as built
   BodiesDependencies bodies;
 };
 

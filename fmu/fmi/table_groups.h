@@ -10,6 +10,8 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
 void add_commands(TableBuilder& table, CellInputs& in);
 void add_motion_commands(TableBuilder& table, MotionCommand& motion);
 void add_controller(TableBuilder& table, ControllerOutputs& controller, const Dependencies& known);
+/// Of dynamic drives.
+void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies& known);
 void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& known);
 /// Inputs and outputs of the conveyors.
 void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out);

@@ -13,6 +13,7 @@ VariableTable::VariableTable(const CellLayout& layout, Values& values) {
   const Dependencies known = add_parameters(table, layout, values.parameters);
   add_commands(table, values.inputs);
   add_outputs(table, values.outputs, known);
+  if (layout.dynamic_drives) add_motor_torques(table, values.outputs, known);
   add_conveyors(table, values.inputs, values.outputs);
   if (layout.gripper) add_gripper(table, values.inputs.gripper, values.outputs.gripper, known);
   add_sensing(table, layout, values.outputs, known);

@@ -5,6 +5,7 @@
 #include <array>
 
 #include "fmu/model/cell_values.h"
+#include "fmu/model/json_reader.h"
 #include "fmu/model/motor.h"
 
 namespace robotcell {
@@ -19,6 +20,9 @@ struct ArmDynamicsDescription {
   std::array<LinkInertia, kJoints> links;
   std::array<DriveDescription, kJoints> drives;
 };
+
+/// `time_step` (s) bounds how stiff a gear may be. Throws DescriptionError.
+ArmDynamicsDescription parse_arm_dynamics(const JsonReader& json, double time_step);
 
 struct ArmDynamicsState {
   std::array<double, kJoints> position{}, rate{};  // of the links, rad and rad/s

@@ -51,6 +51,7 @@ Cell::Cell(const CellDescription& description, const CellParameters& parameters)
   to_.imposed = start_of(description);
   to_.parts.resize(description.parts.size());
   to_.readings = senses_.nothing();
+  read_axes(to_);
   see_world();
   from_ = to_;
 }
@@ -124,7 +125,7 @@ void Cell::take_commands(const CellInputs& inputs) {
 
 void Cell::step_dynamics(const CellInputs& inputs) {
   if (to_.time_us % description_.controller_cycle_us == 0) take_commands(inputs);
-  if (encoders_.longest_latency_us() > 0) history_.add({to_.time_us, to_.imposed.axes});
+  if (encoders_.longest_latency_us() > 0) history_.add({to_.time_us, to_.encoders});
   from_ = to_;
   to_.time_us += description_.time_step_us;
   const control::Knots knots = controller_.sample(to_.time_us);
@@ -134,6 +135,7 @@ void Cell::step_dynamics(const CellInputs& inputs) {
   }
   for (std::size_t i = 0; i < to_.imposed.belts.size(); ++i) to_.imposed.belts[i] = belt_at(i, to_.time_us);
   world_.step(from_.imposed, to_.imposed);
+  read_axes(to_);
   see_world();
   const Motion platter = true_.platter(from_.imposed.axes.position[kTableAxis], 0);
   for (std::size_t i = 0; i < to_.parts.size(); ++i) {
@@ -152,8 +154,25 @@ void Cell::read_sensors() {
   senses_.read(to_.time_us, truth, to_.readings);
 }
 
-AxesState Cell::axes_at(std::int64_t time_us) const {
-  return between({from_.time_us, from_.imposed.axes}, {to_.time_us, to_.imposed.axes}, time_us);
+/// Kinematic drives are where they should be; motors of dynamic ones nearly so, and the links sag and swing.
+void Cell::read_axes(GridPoint& point) const {
+  point.true_axes = point.encoders = point.imposed.axes;
+  if (!description_.dynamics) return;
+  const ArmDynamicsState arm = world_.arm();
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    point.true_axes.position[i] = arm.position[i];
+    point.true_axes.rate[i] = arm.rate[i];
+    point.encoders.position[i] = arm.motors[i].position;
+    point.encoders.rate[i] = arm.motors[i].rate;
+  }
+}
+
+AxesState Cell::true_axes_at(std::int64_t time_us) const {
+  return between({from_.time_us, from_.true_axes}, {to_.time_us, to_.true_axes}, time_us);
+}
+
+AxesState Cell::encoders_at(std::int64_t time_us) const {
+  return between({from_.time_us, from_.encoders}, {to_.time_us, to_.encoders}, time_us);
 }
 
 control::BeltState Cell::belt_at(std::size_t belt, std::int64_t time_us) const {
@@ -161,21 +180,21 @@ control::BeltState Cell::belt_at(std::size_t belt, std::int64_t time_us) const {
                            static_cast<double>(time_us - from_.time_us) * kSecondsPerTick);
 }
 
-double Cell::table_angle(std::int64_t time_us) const { return axes_at(time_us).position[kTableAxis]; }
+double Cell::table_angle(std::int64_t time_us) const { return encoders_at(time_us).position[kTableAxis]; }
 
 Eigen::Vector3d Cell::sensor_in_table(std::int64_t time_us) const {
-  const AxesState axes = axes_at(time_us);
+  const AxesState axes = encoders_at(time_us);
   const Motion sensor = nominal_.sensor(nominal_.arm(axes.position, axes.rate).back());
   const Motion platter = nominal_.platter(axes.position[kTableAxis], 0);
   return platter.pose.inverse() * sensor.pose.translation();
 }
 
 Measurement Cell::measurement(std::int64_t time_us) const {
-  Measurement seen{axes_at(time_us).position, axes_at(time_us).rate};
+  Measurement seen{encoders_at(time_us).position, encoders_at(time_us).rate};
   for (std::size_t i = 0; i < kAxes; ++i) {
     if (encoders_.latency_us(i) == 0) continue;
     const std::int64_t then = std::max<std::int64_t>(0, time_us - encoders_.latency_us(i));
-    const AxesState axes = then >= from_.time_us ? axes_at(then) : history_.at(then);
+    const AxesState axes = then >= from_.time_us ? encoders_at(then) : history_.at(then);
     seen.position[i] = axes.position[i];
     seen.rate[i] = axes.rate[i];
   }
@@ -215,7 +234,7 @@ Motion Cell::part_at(std::size_t part, std::int64_t time_us, const Motion& platt
 }
 
 void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
-  const AxesState axes = axes_at(time_us);
+  const AxesState axes = true_axes_at(time_us);
   auto links = true_.arm(axes.position, axes.rate, shaking_.base(true_.base(), time_us));
   links.back() = shaking_.flange(links.back(), time_us);
   for (std::size_t i = 0; i < kJoints; ++i) bodies.links[i] = body_state(links[i]);
@@ -233,13 +252,17 @@ void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
 
 void Cell::write_outputs(CellOutputs& outputs) const {
   outputs.measured = measurement(time_us_);
-  outputs.truth.position = axes_at(time_us_).position;
+  outputs.truth.position = true_axes_at(time_us_).position;
   write_truth(time_us_, outputs.truth.bodies);
   outputs.trigger_count = trigger_.count();
   outputs.trigger_queued = trigger_.queued();
   outputs.trigger = trigger_.shown();
   outputs.controller = outputs_of(controller_.report(time_us_));
   outputs.gripper = gripper_outputs();
+  if (description_.dynamics) {
+    const ArmDynamicsState arm = world_.arm();
+    for (std::size_t i = 0; i < kJoints; ++i) outputs.motor_torque[i] = arm.motors[i].torque;
+  }
   for (std::size_t i = 0; i < outputs.conveyors.size(); ++i) {
     const control::BeltState belt = belt_at(i, time_us_);
     const double length = description_.conveyors[i].length;
@@ -276,6 +299,7 @@ CellState Cell::state() const {
   state.to = to_;
   state.history = history_.states();
   state.controller = controller_.state();
+  state.arm = world_.arm();
   state.parts = world_.free_parts();
   state.grasp = world_.grasp();
   state.trigger = trigger_.state();
@@ -290,7 +314,7 @@ void Cell::restore(const CellState& state) {
       throw std::invalid_argument("the state holds devices that this cell does not have");
     }
   }
-  world_.restore(state.to.imposed, state.parts, state.grasp);
+  world_.restore(state.to.imposed, state.arm, state.parts, state.grasp);
   time_us_ = state.time_us;
   from_ = state.from;
   to_ = state.to;

@@ -28,6 +28,8 @@ struct PartPose {
 struct GridPoint {
   std::int64_t time_us = 0;
   Imposed imposed;
+  AxesState true_axes;  // of links and table
+  AxesState encoders;   // what the motors have, and the encoders on them see
   std::vector<PartPose> parts;
   GripperPoint gripper;
   Readings readings;
@@ -48,6 +50,7 @@ struct CellState {
   GridPoint to;
   std::vector<TimedAxes> history;  // for encoders with latency
   control::ControllerState controller;
+  ArmDynamicsState arm;
   std::vector<FreePartState> parts;
   GraspState grasp;
   TriggerState trigger;
@@ -92,7 +95,9 @@ class Cell : private MotionView {
   Measurement measurement(std::int64_t time_us) const override;
   void write_truth(std::int64_t time_us, Bodies& bodies) const override;
 
-  AxesState axes_at(std::int64_t time_us) const;
+  AxesState true_axes_at(std::int64_t time_us) const;
+  AxesState encoders_at(std::int64_t time_us) const;
+  void read_axes(GridPoint& point) const;
   control::BeltState belt_at(std::size_t belt, std::int64_t time_us) const;
   Motion finger_at(std::size_t finger, std::int64_t time_us, const Motion& flange) const;
   Motion part_at(std::size_t part, std::int64_t time_us, const Motion& platter) const;

@@ -94,8 +94,12 @@ CellDescription parse_root(const JsonReader& json) {
   cell.seed = static_cast<std::int32_t>(json.at("seed").integer(std::numeric_limits<std::int32_t>::min(),
                                                                 std::numeric_limits<std::int32_t>::max()));
   const JsonReader robot = json.at("robot");
-  robot.expect_keys({"world_from_base", "joints", "motion"});
+  robot.expect_keys({"world_from_base", "joints", "motion", "dynamics"});
   cell.motion = parse_motion(robot.at("motion"));
+  if (!robot.at("dynamics").is_null()) {
+    const double time_step = static_cast<double>(cell.time_step_us) / kTicksPerSecond;
+    cell.dynamics = parse_arm_dynamics(robot.at("dynamics"), time_step);
+  }
   cell.world_from_base = robot.at("world_from_base").pose();
   const auto joints = robot.at("joints").items(kJoints);
   for (std::size_t i = 0; i < kJoints; ++i) cell.joints[i] = parse_joint(joints[i]);
@@ -130,6 +134,7 @@ CellLayout layout_of(const CellDescription& cell) {
   if (layout.collision_outputs) {
     for (const BodyDescription& body : cell.sensing.bodies) layout.bodies.push_back(body.name);
   }
+  layout.dynamic_drives = cell.dynamics.has_value();
   return layout;
 }
 

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "fmu/model/arm_dynamics.h"
 #include "fmu/model/cell_layout.h"
 #include "fmu/model/cell_values.h"
 #include "fmu/model/contact_description.h"
@@ -62,6 +63,7 @@ struct CellDescription {
   Eigen::Isometry3d world_from_base;
   std::array<JointDescription, kJoints> joints;
   MotionDescription motion;
+  std::optional<ArmDynamicsDescription> dynamics;  // without them the drives are kinematic
   Eigen::Isometry3d flange_from_sensor;
   TableDescription table;
   std::vector<PartDescription> parts;

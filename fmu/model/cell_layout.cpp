@@ -24,6 +24,11 @@ std::string difference(const CellLayout& layout, const CellLayout& expected) {
   } else if (layout.bodies != expected.bodies) {
     text += (text.empty() ? "" : ", ") + std::string("other bodies in the collision outputs");
   }
+  if (layout.dynamic_drives != expected.dynamic_drives) {
+    text += (text.empty() ? "" : ", ") + std::string(layout.dynamic_drives
+                                                         ? "dynamic drives instead of kinematic ones"
+                                                         : "kinematic drives instead of dynamic ones");
+  }
   for (std::size_t i = 0; i < std::min(layout.parts.size(), expected.parts.size()); ++i) {
     if (layout.parts[i].on_table == expected.parts[i].on_table) continue;
     text += (text.empty() ? "" : ", ") + std::string("part[") + std::to_string(i + 1) +

@@ -23,6 +23,7 @@ struct CellLayout {
   std::size_t distance_sensors = 0;
   bool collision_outputs = false;
   std::vector<std::string> bodies;  // names of those that collision outputs tell by their numbers
+  bool dynamic_drives = false;
 };
 
 /// How a layout differs from another, for people: "2 parts instead of 1"; empty when they are equal.

@@ -199,6 +199,7 @@ struct CellOutputs {
   std::int32_t trigger_queued = 0;
   TriggerRecord trigger;
   ControllerOutputs controller;
+  std::array<double, kJoints> motor_torque{};  // N m, of dynamic drives
   PerDevice<ConveyorOutputs> conveyors;
   GripperOutputs gripper;
   PerDevice<PresenceReading> presence;

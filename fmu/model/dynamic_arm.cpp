@@ -1,6 +1,8 @@
 #include "fmu/model/dynamic_arm.h"
 
+#include <Eigen/LU>
 #include <algorithm>
+#include <cmath>
 #include <dart/dynamics/BodyNode.hpp>
 #include <dart/dynamics/DegreeOfFreedom.hpp>
 #include <dart/dynamics/Inertia.hpp>
@@ -11,6 +13,8 @@ namespace robotcell {
 namespace {
 
 constexpr int kSettlings = 200;
+constexpr int kFrictionSweeps = 200;
+constexpr double kFrictionAccuracy = 1e-12;
 
 double sign(double x) { return x > 0 ? 1 : x < 0 ? -1 : 0; }
 
@@ -21,8 +25,8 @@ DynamicArm::DynamicArm(dart::dynamics::SkeletonPtr arm, const ArmDynamicsDescrip
     : arm_(std::move(arm)), description_(description), limits_(limits) {
   for (std::size_t i = 0; i < kJoints; ++i) {
     const LinkInertia& link = description.links[i];
+    arm_->getJoint(i)->setActuatorType(dart::dynamics::Joint::FORCE);
     arm_->getBodyNode(i)->setInertia(dart::dynamics::Inertia(link.mass, link.centre_of_mass, link.inertia));
-    arm_->getDof(i)->setCoulombFriction(description.drives[i].coulomb_friction);
   }
   arm_->setMobile(true);
 }
@@ -65,8 +69,46 @@ void DynamicArm::before_step(const std::array<MotorCommand, kJoints>& command, d
     dof->setSpringStiffness(gears_[i].stiffness);
     // The engine damps against the world; the part of the gear turns with the motor.
     dof->setDampingCoefficient(gears_[i].damping + drive.viscous_friction);
-    dof->setForce(gears_[i].damping * motor.rate);
+    gear_push_[i] = gears_[i].damping * motor.rate;
   }
+  const Torques friction = friction_torques();
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    arm_->getDof(i)->setForce(gear_push_[i] + friction[static_cast<int>(i)]);
+  }
+}
+
+/// Coulomb friction that the step will meet: it stops what it can, else it slows it down with all it has.
+/// With A = M + step D + step^2 K of the implicit rule the rates behind the step are A^-1 (b + step f); every
+/// f is within its bounds, and at them unless its rate is 0. Found by projected Gauss-Seidel, which for a
+/// positive definite A converges. The engine's own joint friction does not know of the springs in A.
+DynamicArm::Torques DynamicArm::friction_torques() const {
+  Torques bound, push, friction = Torques::Zero();
+  Eigen::Matrix<double, kJoints, kJoints> implicit =
+      arm_->getMassMatrix().topLeftCorner<kJoints, kJoints>();  // without a gripper's fingers
+  const Torques momentum = implicit * arm_->getVelocities().head<kJoints>();
+  const Torques bias = arm_->getCoriolisAndGravityForces().head<kJoints>();
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    const auto row = static_cast<int>(i);
+    const GearContact& gear = gears_[i];
+    const DriveDescription& drive = description_.drives[i];
+    bound[row] = drive.coulomb_friction;
+    push[row] = gear.stiffness * (gear.rest - state_.position[i]) + gear_push_[i] - bias[row];
+    implicit(row, row) += step_ * (gear.damping + drive.viscous_friction + step_ * gear.stiffness);
+  }
+  if (bound.isZero(0)) return friction;
+  const Eigen::Matrix<double, kJoints, kJoints> inverse = implicit.inverse();
+  const Torques free = inverse * (momentum + step_ * push);
+  for (int sweep = 0; sweep < kFrictionSweeps; ++sweep) {
+    double change = 0;
+    for (int i = 0; i < kJoints; ++i) {
+      const double rate = free[i] + step_ * inverse.row(i).dot(friction);
+      const double next = std::clamp(friction[i] - rate / (step_ * inverse(i, i)), -bound[i], bound[i]);
+      change = std::max(change, std::abs(next - friction[i]));
+      friction[i] = next;
+    }
+    if (change < kFrictionAccuracy * bound.maxCoeff()) break;
+  }
+  return friction;
 }
 
 void DynamicArm::after_step() {
@@ -74,7 +116,7 @@ void DynamicArm::after_step() {
     const GearContact& gear = gears_[i];
     state_.position[i] = arm_->getPosition(i);
     state_.rate[i] = arm_->getVelocity(i);
-    // The engine works the gear out first, and the impulses of friction and contacts behind it.
+    // The engine works the gear out first, and the impulses of contacts behind it.
     const double late = arm_->getDof(i)->getVelocityChange();
     state_.gear_torque[i] = gear.stiffness * (gear.rest - state_.position[i] + step_ * late) +
                             gear.damping * (state_.motors[i].rate - state_.rate[i] + late);

@@ -30,13 +30,16 @@ class DynamicArm {
   void restore(const ArmDynamicsState& state);
 
  private:
+  using Torques = Eigen::Matrix<double, kJoints, 1>;
   void place();
+  Torques friction_torques() const;
 
   dart::dynamics::SkeletonPtr arm_;
   ArmDynamicsDescription description_;
   std::array<std::array<double, 2>, kJoints> limits_;
   double step_ = 0;                           // s, of the running step
   std::array<GearContact, kJoints> gears_{};  // in it
+  std::array<double, kJoints> gear_push_{};   // N m, in it: what turning motors add by damping
   ArmDynamicsState state_;
 };
 

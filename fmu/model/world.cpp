@@ -78,14 +78,16 @@ World::World(const CellDescription& cell, const Kinematics& kinematics, const Im
   engine_->world->setConstraintSolver(make_solver(cell.contact));
   engine_->world->getConstraintSolver()->setCollisionDetector(engine_->detector);
   add_supports(cell);
+  add_dynamics(cell, start);
   if (cell.gripper) add_gripper(*cell.gripper);
   impose(start);
   add_parts(cell);
   if (soft) engine_->connect_soft_parts(*soft_detector);
   for (const ContactPair& pair : cell.contact.pairs) engine_->set_most_contacts(pair);
   const GraspState untouched = grasp();
+  const ArmDynamicsState resting = arm();
   if (any_free(cell)) settle(cell, start);
-  restore(start, free_parts(), untouched);
+  restore(start, resting, free_parts(), untouched);
 }
 
 World::~World() {
@@ -131,6 +133,18 @@ void World::add_gripper(const GripperDescription& description) {
     engine.add_support(
         {"gripper", engine.gripper->pad(i), engine.gripper->finger(i), description.friction, false});
   }
+}
+
+void World::add_dynamics(const CellDescription& cell, const Imposed& start) {
+  if (!cell.dynamics) return;
+  std::array<std::array<double, 2>, kJoints> limits;
+  std::array<double, kJoints> motors;
+  for (std::size_t i = 0; i < kJoints; ++i) {
+    limits[i] = {cell.joints[i].min, cell.joints[i].max};
+    motors[i] = start.axes.position[i];
+  }
+  engine_->dynamic_arm = std::make_unique<DynamicArm>(engine_->arm, *cell.dynamics, limits);
+  engine_->dynamic_arm->settle(motors);
 }
 
 void World::add_parts(const CellDescription& cell) {
@@ -182,7 +196,9 @@ void World::settle(const CellDescription& cell, const Imposed& start) {
 
 void World::impose(const Imposed& imposed) {
   const AxesState& axes = imposed.axes;
-  for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setPosition(i, axes.position[i]);
+  for (std::size_t i = 0; i < kJoints && !engine_->dynamic_arm; ++i) {
+    engine_->arm->setPosition(i, axes.position[i]);
+  }
   engine_->table_joint()->setRelativeTransform(kinematics_.platter(axes.position[kTableAxis], 0).pose);
   for (std::size_t i = 0; i < imposed.belts.size(); ++i) engine_->travel[i] = imposed.belts[i].travel;
 }
@@ -194,7 +210,13 @@ void World::impose_speeds(const Imposed& from, const Imposed& to) {
     const auto axis = static_cast<std::size_t>(i);
     speed[i] = (to.axes.position[axis] - from.axes.position[axis]) / time_step_;
   }
-  for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setCommand(i, speed[static_cast<int>(i)]);
+  if (engine_->dynamic_arm) {
+    std::array<MotorCommand, kJoints> motors;
+    for (std::size_t i = 0; i < kJoints; ++i) motors[i] = {to.axes.position[i], to.axes.rate[i]};
+    engine_->dynamic_arm->before_step(motors, time_step_);
+  } else {
+    for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setCommand(i, speed[static_cast<int>(i)]);
+  }
   const Motion platter = kinematics_.platter(from.axes.position[kTableAxis], speed[kTableAxis]);
   Eigen::Vector6d twist;
   twist << platter.pose.linear().transpose() * platter.angular_velocity,
@@ -211,6 +233,7 @@ void World::step(const Imposed& from, const Imposed& to) {
   impose_speeds(from, to);
   if (engine_->gripper) engine_->gripper->begin_step();
   engine_->world->step();
+  if (engine_->dynamic_arm) engine_->dynamic_arm->after_step();
   impose(to);
   if (engine_->gripper) engine_->gripper->end_step();
   engine_->hold_parts(time_step_);
@@ -221,6 +244,10 @@ PartPlace World::place(std::size_t index) const {
   if (!part.free) return part.clamped;
   if (!engine_->carried_by_platter(part.carrier)) return {false, part.pose()};
   return {true, engine_->platter()->getWorldTransform().inverse() * part.pose()};
+}
+
+ArmDynamicsState World::arm() const {
+  return engine_->dynamic_arm ? engine_->dynamic_arm->state() : ArmDynamicsState();
 }
 
 Isometry3d World::link_pose(int link) const {
@@ -268,9 +295,10 @@ std::vector<FreePartState> World::free_parts() const {
   return states;
 }
 
-void World::restore(const Imposed& imposed, const std::vector<FreePartState>& states,
-                    const GraspState& grasp) {
+void World::restore(const Imposed& imposed, const ArmDynamicsState& arm,
+                    const std::vector<FreePartState>& states, const GraspState& grasp) {
   engine_->check(states);
+  if (engine_->dynamic_arm) engine_->dynamic_arm->restore(arm);
   impose(imposed);
   if (engine_->gripper) {
     engine_->gripper->restore(grasp.gripper);

@@ -43,9 +43,11 @@ struct GraspState {
   std::array<double, kJoints> arm_speed{};  // in the last step
 };
 
-/// Arm, table and belts are driven kinematically: ideal drives impose positions at the grid of the time step,
-/// and contacts see the velocities that belong to them. A belt's body stands still, its surface moves. A
-/// clamped part is rigid to what it stands on; a free one moves by gravity, contact and friction.
+/// Table and belts are driven kinematically, and so is the arm by default: positions are imposed at the grid
+/// of the time step, and contacts see the velocities that belong to them. An arm with dynamic drives has
+/// masses instead, and its motors follow what is imposed as well as they can. A belt's body stands still, its
+/// surface moves. A clamped part is rigid to what it stands on; a free one moves by gravity, contact and
+/// friction.
 class World {
  public:
   World(const CellDescription& cell, const Kinematics& kinematics, const Imposed& start);
@@ -62,6 +64,9 @@ class World {
   /// Place of a part; exactly constant for a clamped one.
   PartPlace place(std::size_t part) const;
 
+  /// What an arm with dynamic drives does; nothing of meaning where they are kinematic.
+  ArmDynamicsState arm() const;
+
   /// Pose of a body of the arm as the dynamics engine has it, link 0..5.
   Eigen::Isometry3d link_pose(int link) const;
 
@@ -72,12 +77,14 @@ class World {
   /// One state for each part; that of a clamped part holds nothing.
   std::vector<FreePartState> free_parts() const;
   /// Throws std::invalid_argument when the states are not of this cell.
-  void restore(const Imposed& imposed, const std::vector<FreePartState>& parts, const GraspState& grasp);
+  void restore(const Imposed& imposed, const ArmDynamicsState& arm, const std::vector<FreePartState>& parts,
+               const GraspState& grasp);
 
  private:
   struct Engine;
 
   void add_supports(const CellDescription& cell);
+  void add_dynamics(const CellDescription& cell, const Imposed& start);
   void add_gripper(const GripperDescription& description);
   void add_parts(const CellDescription& cell);
   void settle(const CellDescription& cell, const Imposed& start);

@@ -6,10 +6,12 @@
 #include <dart/dynamics/ShapeNode.hpp>
 #include <dart/dynamics/Skeleton.hpp>
 #include <dart/simulation/World.hpp>
+#include <memory>
 #include <unordered_map>
 #include <vector>
 
 #include "fmu/model/capped_collision_detector.h"
+#include "fmu/model/dynamic_arm.h"
 #include "fmu/model/gripper.h"
 #include "fmu/model/soft_collision_detector.h"
 #include "fmu/model/world.h"
@@ -58,6 +60,7 @@ struct World::Engine {
   dart::simulation::WorldPtr world;
   std::shared_ptr<CappedCollisionDetector> detector;
   dart::dynamics::SkeletonPtr arm, table, ground;
+  std::unique_ptr<DynamicArm> dynamic_arm;  // null where the drives are kinematic
   std::vector<dart::dynamics::SkeletonPtr> belts;
   std::vector<double> travel;        // of each belt, m
   std::unique_ptr<Gripper> gripper;  // null where the cell has none

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import orchestrator.cell
+from orchestrator.cell.arm_dynamics import dynamics_json
 from orchestrator.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_contents, write_archive
 from orchestrator.cell.gripper import start_width
 from orchestrator.cell.nominal import FurtherPart, NominalCell, pose_matrix
@@ -45,7 +46,7 @@ def runtime_dir() -> Path:
 
 def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[str, Any]:
     """Complete SI description of the cell as the FMU reads it."""
-    robot = [to_si(joint.model_dump(exclude={"mesh"})) for joint in cell.robot.joint]
+    robot = [to_si(joint.model_dump(exclude={"mesh", "drive", "inertia"})) for joint in cell.robot.joint]
     for joint, start in zip(robot, nominal.home, strict=True):
         joint["start"] = float(start)
     table = to_si(cell.table.model_dump(exclude={"pose", "reflectance", "material", "platter_mesh", "base_mesh"}))
@@ -60,6 +61,7 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
             "world_from_base": pose_json(nominal.arm.world_from_base),
             "joints": robot,
             "motion": to_si(cell.robot.motion.model_dump()),
+            "dynamics": dynamics_json(cell) if cell.robot.drive == "dynamic" else None,
         },
         "tool": {"flange_from_sensor": pose_json(nominal.flange_from_sensor)},
         "table": {"world_from_table": pose_json(nominal.world_from_table), "start": 0.0, **table},

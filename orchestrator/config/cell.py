@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from orchestrator.config.contact import ContactDescription
 from orchestrator.config.description import Description, Finite, Fraction, NonNegative, PoseDescription, Positive
 from orchestrator.config.devices import ConveyorDescription, FurtherPartDescription, check_devices
-from orchestrator.config.drives import MotionDescription
+from orchestrator.config.drives import DriveDescription, InertiaDescription, MotionDescription
 from orchestrator.config.gripper import GripperDescription
 from orchestrator.config.light import LightDescription
 from orchestrator.config.material import MaterialDescription
@@ -34,6 +34,10 @@ class JointDescription(Description):
     encoder_resolution_deg: NonNegative = Field(default=0.0, description="step of the encoder; 0 is continuous")
     encoder_noise_deg: NonNegative = Field(default=0.0, description="standard deviation of the encoder's noise")
     encoder_latency_ms: Latency = Field(default=0.0, description="by which the encoder's reading is old")
+    drive: DriveDescription | None = Field(default=None, description="needed where robot.drive is dynamic")
+    inertia: InertiaDescription | None = Field(
+        default=None, description="of the link in its own frame; else that of its mesh with robot.link_density_kg_m3"
+    )
     mesh: str | None = Field(default=None, description="mesh of the link in its own frame, mm")
 
     @model_validator(mode="after")
@@ -50,10 +54,23 @@ class RobotDescription(Description):
     base: PoseDescription = Field(default=PoseDescription(), description="world_from_base")
     base_mesh: str | None = Field(default=None, description="mesh of the standing part, base frame, mm")
     joint: Annotated[tuple[JointDescription, ...], Field(min_length=6, max_length=6)]
+    drive: Literal["kinematic", "dynamic"] = Field(
+        default="kinematic", description="kinematic: joints are where the controller wants them; dynamic: masses and drives"
+    )
+    link_density_kg_m3: Positive = Field(default=2000.0, description="mean of a link with its motors, hollows included")
     motion: MotionDescription = MotionDescription()
     home_deg: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)] = Field(
         description="joint angles at start and end of every program"
     )
+
+    @model_validator(mode="after")
+    def _dynamics_known(self) -> Self:
+        for number, joint in enumerate(self.joint, start=1):
+            if self.drive == "dynamic" and joint.drive is None:
+                raise ValueError(f'joint[{number}].drive is missing: drive = "dynamic" needs the drive of every joint')
+            if self.drive == "dynamic" and joint.inertia is None and joint.mesh is None:
+                raise ValueError(f"joint[{number}] needs an inertia, or a mesh from which it follows")
+        return self
 
     @model_validator(mode="after")
     def _home_within_limits(self) -> Self:
@@ -83,6 +100,9 @@ class ToolDescription(Description):
 
     flange_from_sensor: PoseDescription | None = None
     fixture: FixtureDescription | None = None
+    inertia: InertiaDescription | None = Field(
+        default=None, description="of the sensor in its own frame; else that of its mesh with robot.link_density_kg_m3"
+    )
 
     @model_validator(mode="after")
     def _exactly_one(self) -> Self:

@@ -1,4 +1,4 @@
-"""Description of what moves the arm: how fast programs and jogs may go."""
+"""Description of what moves the arm: masses, drives, and how fast programs and jogs may go."""
 
 from __future__ import annotations
 
@@ -6,7 +6,29 @@ from typing import Annotated
 
 from pydantic import Field
 
-from orchestrator.config.description import Description, Fraction, Positive
+from orchestrator.config.description import Description, Finite, Fraction, NonNegative, Positive
+
+Vector = Annotated[tuple[Finite, ...], Field(min_length=3, max_length=3)]
+
+
+class InertiaDescription(Description):
+    """Mass properties of a rigid body, in the body's own frame."""
+
+    mass_kg: Positive
+    centre_of_mass_mm: Vector = Field(description="in the body's frame")
+    inertia_kg_m2: Vector = Field(description="about the centre of mass and the body's x, y and z")
+
+
+class DriveDescription(Description):
+    """One drive, all numbers as seen from the joint, behind the gear."""
+
+    motor_inertia_kg_m2: Positive
+    max_torque_n_m: NonNegative = Field(description="of the motor; 0 is a drive without power")
+    gear_stiffness_n_m_rad: Positive
+    gear_damping_n_m_s_rad: NonNegative
+    backlash_deg: NonNegative = Field(default=0.0, description="whole width of the play between motor and link")
+    coulomb_friction_n_m: NonNegative = Field(default=0.0, description="of the joint, behind the gear")
+    viscous_friction_n_m_s_rad: NonNegative = Field(default=0.0, description="of the joint, behind the gear")
 
 
 class MotionDescription(Description):
