@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.cell.nominal import tool_matrix
+from orchestrator.cell.gripper import housing_mesh
+from orchestrator.cell.nominal import pose_matrix, tool_matrix
 from orchestrator.config.cell import CellDescription
 from orchestrator.config.drives import DriveDescription, InertiaDescription
 from orchestrator.config.units import to_si
-from orchestrator.geometry.mesh import load_mesh, mass_properties
+from orchestrator.geometry.mesh import Mesh, load_mesh, mass_properties
 
 Array = NDArray[np.float64]
 
@@ -52,12 +53,18 @@ class RigidBody:
 
 
 def dynamics_json(cell: CellDescription) -> dict[str, Any]:
-    """Links and drives of a cell whose robot has dynamic drives; the last link carries the sensor."""
+    """Links and drives of a cell whose robot has dynamic drives; the last link carries sensor and gripper.
+
+    Raises
+    ------
+    MeshError
+        If a mesh that tells of masses cannot be used.
+    """
     robot = cell.robot
-    links = [_body(joint.inertia, joint.mesh, robot.link_density_kg_m3) for joint in robot.joint]
-    sensor = _body(cell.tool.inertia, cell.sensor_mesh, robot.link_density_kg_m3)
-    if sensor is not None and links[-1] is not None:
-        links[-1] = links[-1].joined_with(sensor.seen_from(tool_matrix(cell.tool)))
+    links = [_body(joint.inertia, _mesh(joint.mesh), robot.link_density_kg_m3) for joint in robot.joint]
+    for load in _loads(cell):
+        if links[-1] is not None:
+            links[-1] = links[-1].joined_with(load)
     drives = [joint.drive for joint in robot.joint]
     return {
         "links": [link.json() for link in links if link is not None],
@@ -65,12 +72,29 @@ def dynamics_json(cell: CellDescription) -> dict[str, Any]:
     }
 
 
-def _body(inertia: InertiaDescription | None, mesh: str | None, density: float) -> RigidBody | None:
+def _loads(cell: CellDescription) -> list[RigidBody]:
+    """What is fixed to the flange, in its frame; the gripper's fingers are bodies of their own."""
+    density = cell.robot.link_density_kg_m3
+    sensor = _body(cell.tool.inertia, _mesh(cell.sensor_mesh), density)
+    loads = [] if sensor is None else [sensor.seen_from(tool_matrix(cell.tool))]
+    housing = None if cell.gripper is None else housing_mesh(cell.gripper)
+    if cell.gripper is not None and housing is not None:
+        loads.append(_of_mesh(housing, density).seen_from(pose_matrix(cell.gripper.pose)))
+    return loads
+
+
+def _mesh(path: str | None) -> Mesh | None:
+    return None if path is None else load_mesh(Path(path))
+
+
+def _body(inertia: InertiaDescription | None, mesh: Mesh | None, density: float) -> RigidBody | None:
     """By its description, else by its mesh; None where neither is known."""
     if inertia is not None:
         si = to_si(inertia.model_dump())
         return RigidBody(si["mass"], np.array(si["centre_of_mass"]), np.diag(si["inertia"]))
-    if mesh is None:
-        return None
-    properties = mass_properties(load_mesh(Path(mesh)), density)
+    return None if mesh is None else _of_mesh(mesh, density)
+
+
+def _of_mesh(mesh: Mesh, density: float) -> RigidBody:
+    properties = mass_properties(mesh, density)
     return RigidBody(properties.mass, properties.centre_of_mass, properties.inertia)

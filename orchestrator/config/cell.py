@@ -55,7 +55,8 @@ class RobotDescription(Description):
     base_mesh: str | None = Field(default=None, description="mesh of the standing part, base frame, mm")
     joint: Annotated[tuple[JointDescription, ...], Field(min_length=6, max_length=6)]
     drive: Literal["kinematic", "dynamic"] = Field(
-        default="kinematic", description="kinematic: joints are where the controller wants them; dynamic: masses and drives"
+        default="kinematic",
+        description="kinematic: joints are where the controller wants them; dynamic: masses and drives",
     )
     link_density_kg_m3: Positive = Field(default=2000.0, description="mean of a link with its motors, hollows included")
     motion: MotionDescription = MotionDescription()

@@ -33,7 +33,6 @@ _SCALE_OF_SUFFIX: dict[str, float] = {
     "_n_m_rad": 1.0,
     "_n_m": 1.0,
     "_hz": 1.0,
-    "_kg": 1.0,
     "_n": 1.0,
 }
 

@@ -109,24 +109,70 @@ def test_friction_leaves_the_arm_where_it_does_not_pull_enough(build: Build) -> 
     assert ends[1].max() > 2e-5
 
 
-def test_dynamic_drives_do_not_depend_on_the_communication_step_and_restore_exactly(build: Build) -> None:
-    description = dynamic_cell(backlash=3e-4, coulomb_friction=1.0, max_torque=90.0)
-    ends, state = [], b""
-    for step_us in (1000, 700, CYCLE_US):
-        cell = build(3, description)
-        cell.command(START + 0.2, 0.4, mode=2)
+@pytest.mark.parametrize("backlash", [0.0, 2e-3])
+def test_play_is_lost_motion_where_the_load_turns_round(build: Build, backlash: float) -> None:
+    """Joint 2 carries the arm over its highest point: the load changes sides, and the link crosses the play."""
+    cell = build(3, dynamic_cell(backlash=backlash, gear_damping=100.0))
+    sags, loads = [], []
+    for angle in (-0.5, -2.6):
+        target = START.copy()
+        target[[1, 2]] = angle, np.pi / 2
+        cell.command(target, mode=2)
+        cell.set("command.start", cell.get_int("command.start") + 1)
+        cell.step(CYCLE_US, 300)
+        sags.append(float(cell.get("truth.q[2]")[0] - angle))
+        loads.append(float(cell.get("measured.torque[2]")[0]))
+        np.testing.assert_allclose(gravity_torques(cell)[1], loads[-1], rtol=1e-4)
+    assert loads[0] < -10
+    assert loads[1] > 10
+    assert sags[0] - sags[1] == pytest.approx(backlash + (loads[1] - loads[0]) / STIFFNESS[1], abs=2e-7)
+
+
+def test_encoders_sit_on_the_motors_and_read_late_and_coarsely(build: Build) -> None:
+    description, step = dynamic_cell(), np.radians(0.01)
+    for joint in description["robot"]["joints"]:
+        joint |= {"encoder_resolution": step, "encoder_latency": 0.005}
+    cell, exact = build(3, description), build(3, dynamic_cell())
+    for each in (cell, exact):
+        each.command(START + 0.3, mode=2)
+        each.set("command.start", 1)
+    ways = []
+    for _ in range(400):
+        for each in (cell, exact):
+            each.step(1000)
+        ways.append((cell.vector("measured.q", 6), exact.vector("measured.q", 6), exact.vector("truth.q", 6)))
+    late, motor, link = np.moveaxis(np.array(ways), 1, 0)
+    np.testing.assert_allclose(late[5:] / step, np.round(late[5:] / step), atol=1e-6)
+    assert np.abs(late[5:] - motor[:-5]).max() <= step / 2 + 1e-12
+    assert np.abs(motor - link).max() > 3 * step
+
+
+def test_any_communication_step_gives_the_same_motion_of_dynamic_drives(build: Build) -> None:
+    """From 40 us to 1 s, with play, friction and a motor at the end of its torque; to the last bit."""
+    ends = []
+    for step_us in (40, 1000, CYCLE_US, 1_000_000):
+        cell = build(3, dynamic_cell(backlash=3e-4, coulomb_friction=1.0, max_torque=60.0))
+        cell.command(START + 0.4, 0.4, mode=2)
         cell.set("command.start", 1)
-        while cell.time_us < 224_000:
-            cell.step(step_us)
-            if step_us == 700 and cell.time_us == 112_000:
-                state = cell.serialize(cell.save())
+        # The cycle does not divide a second: the last step of such a run is shorter.
+        while cell.time_us < 1_000_000:
+            cell.step(min(step_us, 1_000_000 - cell.time_us))
         ends.append(all_reals(cell)[1:])
-    other = build(3, description)
-    other.restore(other.deserialize(state), 112_000)
-    other.step(1600, 70)
-    ends.append(all_reals(other)[1:])
     for end in ends[1:]:
         np.testing.assert_array_equal(end, ends[0])
+
+
+def test_a_state_in_the_middle_of_a_swing_restores_exactly(build: Build) -> None:
+    description = dynamic_cell(backlash=3e-4, coulomb_friction=1.0, max_torque=90.0)
+    cell, other = build(3, description), build(3, description)
+    cell.command(START + 0.2, 0.4, mode=2)
+    cell.set("command.start", 1)
+    cell.step(700, 160)
+    state = cell.serialize(cell.save())
+    other.restore(other.deserialize(state), cell.time_us)
+    cell.step(1000, 112)
+    other.step(1600, 70)
+    np.testing.assert_array_equal(all_reals(other)[1:], all_reals(cell)[1:])
 
 
 def test_initial_values_of_a_sagging_arm_depend_on_its_geometry(build: Build) -> None:

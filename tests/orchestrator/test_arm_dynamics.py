@@ -1,0 +1,112 @@
+"""Masses and drives of the arm: from the description to the FMU, and what gravity does to it there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import ball
+
+from orchestrator.cell.arm_dynamics import RigidBody
+from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.instance import CellInstance
+from orchestrator.cell.nominal import nominal_cell
+from orchestrator.config.loading import load_setup
+from orchestrator.errors import DescriptionError
+from orchestrator.geometry import pose
+from orchestrator.geometry.mesh import box_mesh, load_mesh, mass_properties
+
+DYNAMIC = ['cell.robot.drive="dynamic"']
+DENSITY = 2000.0
+
+
+def box(x: float, y: float, z: float) -> RigidBody:
+    properties = mass_properties(box_mesh((x, y, z)), DENSITY)
+    return RigidBody(properties.mass, properties.centre_of_mass, properties.inertia)
+
+
+def test_two_halves_of_a_box_make_the_box() -> None:
+    half, whole = box(0.1, 0.06, 0.04), box(0.2, 0.06, 0.04)
+    joined = half.seen_from(pose.translation((-0.05, 0, 0))).joined_with(half.seen_from(pose.translation((0.05, 0, 0))))
+    assert joined.mass == pytest.approx(whole.mass)
+    np.testing.assert_allclose(joined.centre_of_mass, 0, atol=1e-15)
+    np.testing.assert_allclose(joined.inertia, whole.inertia, rtol=1e-12, atol=1e-15)
+
+
+def test_a_turned_box_has_turned_moments() -> None:
+    turned = box(0.1, 0.06, 0.04).seen_from(pose.from_rotation(pose.rotation_about(2, np.pi / 2)))
+    np.testing.assert_allclose(turned.inertia, box(0.06, 0.1, 0.04).inertia, rtol=1e-12, atol=1e-18)
+
+
+def test_drives_are_kinematic_unless_the_description_says_otherwise() -> None:
+    setup = load_setup()
+    assert cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0)["robot"]["dynamics"] is None
+
+
+def test_masses_follow_from_the_meshes_and_the_flange_carries_its_tools() -> None:
+    gripper = [
+        "cell.gripper.pose={ x_mm = 60.0, z_mm = 50.0 }", "cell.gripper.stroke_mm=50",
+        "cell.gripper.finger_length_mm=40", "cell.gripper.finger_width_mm=16", "cell.gripper.housing_mm=[70, 40, 45]",
+    ]  # fmt: skip
+    setup = load_setup(overrides=[*DYNAMIC, *gripper])
+    dynamics = cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0)["robot"]["dynamics"]
+    links, joints = dynamics["links"], setup.cell.robot.joint
+    alone = [mass_properties(load_mesh(Path(str(joint.mesh))), DENSITY).mass for joint in joints]
+    sensor = mass_properties(load_mesh(Path(str(setup.cell.sensor_mesh))), DENSITY).mass
+    assert [link["mass"] for link in links[:5]] == pytest.approx(alone[:5])
+    assert links[5]["mass"] == pytest.approx(alone[5] + sensor + DENSITY * 0.070 * 0.040 * 0.045)
+    assert all((np.linalg.eigvalsh(link["inertia"]) > 0).all() for link in links)
+    assert dynamics["drives"][0]["backlash"] == pytest.approx(np.radians(0.002))
+
+
+def test_a_described_inertia_takes_the_place_of_the_mesh() -> None:
+    inertia = "{ mass_kg = 3.0, centre_of_mass_mm = [10, 0, -20], inertia_kg_m2 = [0.01, 0.02, 0.03] }"
+    setup = load_setup(overrides=[*DYNAMIC, f"cell.robot.joint[2].inertia={inertia}"])
+    link = cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0)["robot"]["dynamics"]["links"][1]
+    assert link["mass"] == 3.0
+    np.testing.assert_allclose(link["centre_of_mass"], [0.01, 0, -0.02])
+    np.testing.assert_allclose(link["inertia"], np.diag([0.01, 0.02, 0.03]))
+
+
+def test_a_robot_without_drives_cannot_be_dynamic(tmp_path) -> None:
+    setup = load_setup()
+    joints = [joint.model_dump(exclude={"drive"}) for joint in setup.cell.robot.joint]
+    robot = setup.cell.robot.model_dump() | {"joint": joints, "drive": "dynamic"}
+    with pytest.raises(ValueError, match=r"joint\[1\]\.drive is missing"):
+        type(setup.cell.robot).model_validate(robot)
+
+
+@pytest.mark.parametrize("word", ['cell.robot.drive="hydraulic"', "cell.robot.joint[1].drive.max_torque_n_m=-1"])
+def test_a_drive_that_makes_no_sense_is_refused(word: str) -> None:
+    with pytest.raises(DescriptionError, match="drive"):
+        load_setup(overrides=[word])
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_default_arm_sags_by_the_load_of_its_meshes(tmp_path, version) -> None:
+    """Joint 2 at rest: the moment of all that hangs on it, over the stiffness, and half the play."""
+    setup = load_setup(overrides=DYNAMIC, ideal=True)
+    nominal = nominal_cell(setup.cell, ball())
+    description = cell_json(setup.cell, nominal, 0)
+    fmu = tmp_path / "cell.fmu"
+    build_fmu(description, fmu, version)
+    with CellInstance(fmu) as cell:
+        cell.step_to(160_000)
+        truth = cell.get(cell.real_group([f"truth.q[{i}]" for i in range(1, 7)])).copy()
+        measured = cell.get(cell.real_group([f"measured.q[{i}]" for i in range(1, 7)])).copy()
+    np.testing.assert_allclose(measured, nominal.home, atol=1e-12)
+    poses = nominal.arm.link_poses(truth)
+    links = description["robot"]["dynamics"]["links"]
+    masses = np.array([link["mass"] for link in links])
+    centres = np.array([(poses[i + 1] @ [*link["centre_of_mass"], 1])[:3] for i, link in enumerate(links)])
+    axis, origin = poses[1][:3, 2], poses[1][:3, 3]
+    weights = masses[1:, None] * [0, 0, -setup.cell.world.gravity_m_s2]
+    moment = axis @ np.cross(centres[1:] - origin, weights).sum(0)
+    drive = description["robot"]["dynamics"]["drives"][1]
+    expected = moment / drive["gear_stiffness"] + np.sign(moment) * drive["backlash"] / 2
+    # Friction may hold the last of it.
+    assert truth[1] - nominal.home[1] == pytest.approx(
+        expected, abs=drive["coulomb_friction"] / drive["gear_stiffness"]
+    )
+    assert abs(expected) > 1e-4
