@@ -21,6 +21,10 @@ class CellError(ScancellError):
     """The FMU refused a call or reported an error."""
 
 
+class CommandError(CellError):
+    """The cell's controller refused a command, stopped it, or did not finish it in time."""
+
+
 class SensorError(ScancellError):
     """The sensor library refused its input."""
 

@@ -59,6 +59,7 @@ class CellInstance:
         folder: Path | None = None,
     ) -> None:
         self._messages: list[str] = []
+        self._listeners: list[Callable[[], None]] = []
         self._folder = Path(tempfile.mkdtemp(prefix="scancell-fmu-", dir=folder))
         # An interrupt may hit the removal itself; the end of the process tries once more.
         atexit.register(self._remove_folder)
@@ -193,6 +194,18 @@ class CellInstance:
         setter = self._fmu.setInteger if self._is_fmi2 else self._fmu.setInt32
         self._call(setter, [self._reference(name)], [value])
 
+    def get_boolean(self, name: str) -> bool:
+        """Value of a Boolean variable."""
+        return bool(self._call(self._fmu.getBoolean, [self._reference(name)])[0])
+
+    def set_boolean(self, name: str, value: bool) -> None:
+        """Set a Boolean input."""
+        self._call(self._fmu.setBoolean, [self._reference(name)], [value])
+
+    def on_step(self, listener: Callable[[], None]) -> None:
+        """Call `listener` after every communication step from now on."""
+        self._listeners.append(listener)
+
     @property
     def time_us(self) -> int:
         """Simulated time."""
@@ -203,6 +216,8 @@ class CellInstance:
         start, size = self._time_us * 1e-6, (time_us - self._time_us) * 1e-6
         self._call(self._fmu.doStep, start, size)
         self._time_us = time_us
+        for listener in self._listeners:
+            listener()
 
     def _get_reals(self, group: RealGroup) -> None:
         if self._is_fmi2:

@@ -1,0 +1,241 @@
+"""Commands to a running cell from Python: done when they return, and refused in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import ball
+from fmu_cells import CYCLE_US, turn_of_table
+
+from orchestrator.cell.controller import Frame, Operation
+from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.instance import CellInstance
+from orchestrator.cell.nominal import NominalCell, nominal_cell
+from orchestrator.cell.session import CellSession
+from orchestrator.config.loading import load_setup
+from orchestrator.errors import CommandError
+from orchestrator.geometry import pose
+from orchestrator.geometry.mesh import box_mesh
+
+BLOCK_MM = (40.0, 30.0, 20.0)
+Start = Callable[..., CellSession]
+
+
+def words(part: Path) -> list[str]:
+    """A gripper, and a block that a belt carries along y through a presence sensor, seen from above by another."""
+    return [
+        "cell.gripper.pose={ x_mm = 60.0, z_mm = 50.0 }", "cell.gripper.stroke_mm=50",
+        "cell.gripper.finger_length_mm=40", "cell.gripper.finger_width_mm=16",
+        'cell.conveyor=[{ name = "belt", pose = { x_mm = 300, y_mm = -300, z_mm = 100, rz_deg = 90 }, '
+        "length_mm = 400, width_mm = 100 }]",
+        f'cell.further_part=[{{ name = "block", mesh = "{part}", stands_on = "conveyor[1]", fixture = "free", '
+        "pose = { x_mm = -100 } }]",
+        'cell.presence_sensor=[{ name = "gate", pose = { x_mm = 300, y_mm = -250, z_mm = 110 }, '
+        "x_size_mm = 80, y_size_mm = 2, z_size_mm = 10 }]",
+        'cell.distance_sensor=[{ name = "eye", farthest_mm = 300, '
+        "pose = { x_mm = 300, y_mm = -300, z_mm = 320, rx_deg = 180 } }]",
+    ]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory) -> tuple[NominalCell, dict[int, Path]]:
+    folder = tmp_path_factory.mktemp("session")
+    part = folder / "block.stl"
+    x, y, z = BLOCK_MM
+    block = box_mesh((x, y, z)).transformed(pose.translation((0.0, 0.0, z / 2)))
+    part.write_text(stl(block.vertices[block.faces]))
+    setup = load_setup(overrides=words(part), ideal=True)
+    nominal = nominal_cell(setup.cell, ball())
+    description = cell_json(setup.cell, nominal, 0)
+    fmus = {version: folder / f"RobotCell{version}.fmu" for version in (2, 3)}
+    build_fmu(description, fmus[2], 2)
+    build_fmu(description, fmus[3], 3)
+    return nominal, fmus
+
+
+def stl(triangles: np.ndarray) -> str:
+    lines = ["solid block"]
+    for corners in triangles:
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += [f"vertex {' '.join(map(str, corner))}" for corner in corners]
+        lines += ["endloop", "endfacet"]
+    return "\n".join([*lines, "endsolid block", ""])
+
+
+@pytest.fixture
+def start(cell) -> Iterator[Start]:
+    running: list[CellInstance] = []
+
+    def begin(version: int = 3) -> CellSession:
+        nominal, fmus = cell
+        running.append(CellInstance(fmus[version]))
+        return CellSession(running[-1], nominal, CYCLE_US)
+
+    yield begin
+    for instance in running:
+        instance.close()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_joint_move_has_arrived_when_it_returns(start: Start, version: int) -> None:
+    session = start(version)
+    goal = session.joints + np.radians([10, 5, -5, 20, -10, 30])
+    session.move_joints(goal, 0.5, speed=0.5)
+    np.testing.assert_allclose(session.joints, goal, atol=1e-12)
+    assert session.table == pytest.approx(0.5, abs=1e-12)
+    np.testing.assert_array_equal(session.destination[0], goal)
+    session.move_table(0.1)
+    np.testing.assert_allclose(session.joints, goal, atol=1e-12)
+    assert session.table == pytest.approx(0.1, abs=1e-12)
+
+
+def test_speed_is_a_share_of_the_slowest_axis_greatest(start: Start, cell) -> None:
+    session = start()
+    session.move_joints(session.joints + 0.8, speed=0.1)
+    cruise = 0.8 / (0.1 * cell[0].arm.max_speed.min())
+    assert cruise < session.time < cruise + 0.2  # and the ramps
+
+
+@pytest.mark.parametrize("tool", ["sensor", "gripper"])
+def test_a_line_leads_a_tool_straight_to_its_pose(start: Start, tool) -> None:
+    session = start()
+    begin = session.world_from_tool(tool)
+    goal = pose.translation((0.02, -0.03, 0.01)) @ begin
+    way: list[np.ndarray] = []
+    session.cell.on_step(lambda: way.append(session.world_from_tool(tool)[:3, 3]))
+    session.move_line(goal, tool, speed=0.2)
+    np.testing.assert_allclose(session.world_from_tool(tool), goal, atol=1e-9)
+    direction = (goal - begin)[:3, 3] / np.linalg.norm((goal - begin)[:3, 3])
+    aside = np.array(way) - begin[:3, 3]
+    aside -= np.outer(aside @ direction, direction)
+    assert len(way) > 5
+    assert np.linalg.norm(aside, axis=1).max() < 1e-6
+
+
+def test_joints_for_a_pose_are_those_of_the_nearest_branch(start: Start) -> None:
+    session = start()
+    q = session.joints + 0.2
+    session.move_joints(q)
+    target = session.world_from_tool("gripper")
+    np.testing.assert_allclose(session.joints_for(target, "gripper"), q, atol=1e-9)
+    with pytest.raises(CommandError, match=r"the gripper cannot be brought to \(5\d\d\d\."):
+        session.joints_for(pose.translation((5, 0, 0)) @ target, "gripper")
+
+
+def test_jogs_need_manual_operation_and_moves_automatic(start: Start) -> None:
+    session = start()
+    begin = session.joints
+    with pytest.raises(CommandError, match=r"jog_joints: .*automatic operation"):
+        session.jog_joints([0.5, 0, 0, 0, 0, 0, 0], 0.5)
+    np.testing.assert_allclose(session.joints, begin, atol=1e-12)
+    session.set_operation(Operation.MANUAL)
+    session.jog_joints([0.5, 0, 0, 0, 0, 0, -0.5], 0.5)
+    moved = session.joints - begin
+    assert moved[0] > 0.01
+    np.testing.assert_allclose(moved[1:], 0, atol=1e-12)
+    assert session.table < -0.01
+    with pytest.raises(CommandError, match=r"move_joints: .*manual operation.*change to automatic"):
+        session.move_joints(begin)
+    with pytest.raises(CommandError, match=r"run_program: .*manual operation"):
+        session.run_program(turn_of_table(session.joints, "time", 0.02), 1e-3)
+    session.set_operation(Operation.AUTOMATIC)
+    session.move_joints(begin)
+    np.testing.assert_allclose(session.joints, begin, atol=1e-12)
+
+
+@pytest.mark.parametrize("frame", list(Frame))
+def test_the_tool_is_jogged_along_an_axis_of_its_frame(start: Start, frame: Frame) -> None:
+    session = start()
+    session.set_operation(Operation.MANUAL)
+    begin = session.world_from_tool()
+    session.jog_tool([0, 0, 0.4, 0, 0, 0], 0.4, frame)
+    end = session.world_from_tool()
+    way = (end - begin)[:3, 3]
+    axis = np.array([0, 0, 1]) if frame == Frame.WORLD else begin[:3, 2]
+    assert way @ axis > 0.01
+    np.testing.assert_allclose(way, (way @ axis) * axis, atol=1e-6)
+    np.testing.assert_allclose(end[:3, :3], begin[:3, :3], atol=1e-6)
+
+
+def test_a_limit_and_a_place_out_of_reach_are_named(start: Start) -> None:
+    session = start()
+    q = session.joints
+    beyond = q.copy()
+    beyond[4] = np.radians(130)
+    with pytest.raises(CommandError, match=r"move_joints: the target of joint 5 is outside its limits"):
+        session.move_joints(beyond)
+    with pytest.raises(CommandError, match=r"move_line: .*out of reach"):
+        session.move_line(pose.translation((0, 0, 3.0)) @ session.world_from_tool())
+    session.move_joints(q + 0.1)
+
+
+def test_an_emergency_stop_ends_a_move_and_refuses_others_until_it_is_reset(start: Start) -> None:
+    session = start()
+    goal = session.joints + 1.0
+    session.cell.on_step(
+        lambda: (
+            session.cell.set_boolean("command.emergency_stop", True) if session.time == pytest.approx(0.16) else None
+        )
+    )
+    with pytest.raises(CommandError, match=r"move_joints: an emergency stop is in force"):
+        session.move_joints(goal)
+    session.emergency_stop()
+    stopped = session.joints
+    assert 0 < np.abs(stopped - goal).min() < 1.0
+    with pytest.raises(CommandError, match=r"emergency stop"):
+        session.move_joints(goal)
+    session.reset()
+    np.testing.assert_array_equal(session.joints, stopped)
+    session.move_joints(goal)
+    np.testing.assert_allclose(session.joints, goal, atol=1e-12)
+
+
+def test_a_paused_move_says_why_it_is_late(start: Start) -> None:
+    session = start()
+    session.set_monitor_speed(0.0)
+    with pytest.raises(CommandError, match=r"not at its destination after 1 s \(0% of the way done, monitor speed 0\)"):
+        session.move_joints(session.joints + 0.5, timeout=1.0)
+    session.set_monitor_speed(1.0)
+    session.move_joints(session.joints)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_belt_brings_the_block_to_the_gate_and_the_eye_sees_it(start: Start, version: int) -> None:
+    session = start(version)
+    assert session.distance(1) is None  # before the first reading
+    session.wait(0.1)
+    assert not session.present(1)
+    assert session.distance(1) == pytest.approx(0.220, abs=1e-9)  # the belt
+    begin = session.time
+    session.run_belt(1, 0.1)
+    session.wait_until(lambda: session.distance(1) == pytest.approx(0.200, abs=1e-5), "the block below the eye", 5.0)
+    session.wait_until(lambda: session.present(1), "the block at the gate", 5.0)
+    # Its front comes from -80 mm to +49 mm along the belt at 0.1 m/s, reached in 0.1 s; looked at once a cycle.
+    assert 0 <= session.time - begin - (1.29 + 0.05) < 3 * CYCLE_US * 1e-6
+    session.run_belt(1, 0.0)
+    session.wait(0.5)
+    assert session.value("conveyor[1].speed") == 0
+    with pytest.raises(CommandError, match=r"waited 0\.2 s in vain for: another block"):
+        session.wait_until(lambda: not session.present(1), "another block", 0.2)
+
+
+def test_the_gripper_opens_and_tells_when_it_holds_nothing(start: Start) -> None:
+    session = start()
+    session.open_gripper(0.03)
+    assert session.gripper_width == pytest.approx(0.03, abs=1e-4)
+    with pytest.raises(CommandError, match=r"pads 80\.0 mm apart"):
+        session.open_gripper(0.08, timeout=1.0)
+    with pytest.raises(CommandError, match=r"something between the pads"):
+        session.grip(10.0, timeout=2.0)
+
+
+def test_a_program_runs_between_other_commands(start: Start) -> None:
+    session = start()
+    session.move_joints(session.joints + 0.1)
+    recording = session.run_program(turn_of_table(session.joints, "table_angle", np.radians(1.0)), 2e-3)
+    assert len(recording) == 20
+    session.move_table(0.0)
+    assert session.table == pytest.approx(0.0, abs=1e-12)
