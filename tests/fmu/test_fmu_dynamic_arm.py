@@ -109,6 +109,40 @@ def test_friction_leaves_the_arm_where_it_does_not_pull_enough(build: Build) -> 
     assert ends[1].max() > 2e-5
 
 
+def inertia_about_joint_1(cell: CellFmu) -> float:
+    """Of all links about the vertical axis, by Huygens and Steiner (kg m^2)."""
+    total = 0.0
+    for i, (mass, centre) in enumerate(zip(MASSES, CENTRES, strict=True), 1):
+        link = cell.body(f"link[{i}]")
+        x, y = (link[:3, :3] @ centre + link[:3, 3])[:2]
+        total += mass * (x * x + y * y) + 0.01 * mass
+    return total
+
+
+@pytest.mark.parametrize("stiffness", [2e3, 8e3])
+def test_a_link_rings_at_the_resonance_of_its_gear(build: Build, stiffness: float) -> None:
+    description = dynamic_cell(gear_stiffness=1e9, motor_inertia=1e4, gear_damping=1e5, max_torque=1e6)
+    description["time_step_us"] = 500
+    description["robot"]["dynamics"]["drives"][0] |= {"gear_stiffness": stiffness, "gear_damping": 0.0}
+    cell = build(3, description)
+    target = START + np.array([0.2, 0, 0, 0, 0, 0])
+    cell.command(target, mode=2)
+    cell.set("command.start", 1)
+    cell.step(CYCLE_US)
+    while not cell.get_int("controller.at_destination"):
+        cell.step(CYCLE_US)
+    swing = []
+    for _ in range(2000):
+        cell.step(500)
+        swing.append(float(cell.get("truth.q[1]")[0] - target[0]))
+    late = np.array(swing)
+    rising = np.flatnonzero((late[:-1] < 0) & (late[1:] >= 0))
+    crossings = (rising - late[rising] / (late[rising + 1] - late[rising])) * 500e-6
+    assert len(crossings) >= 4
+    frequency = (len(crossings) - 1) / (crossings[-1] - crossings[0])
+    assert frequency == pytest.approx(np.sqrt(stiffness / inertia_about_joint_1(cell)) / (2 * np.pi), rel=1e-3)
+
+
 @pytest.mark.parametrize("backlash", [0.0, 2e-3])
 def test_play_is_lost_motion_where_the_load_turns_round(build: Build, backlash: float) -> None:
     """Joint 2 carries the arm over its highest point: the load changes sides, and the link crosses the play."""
