@@ -194,10 +194,6 @@ class CellInstance:
         setter = self._fmu.setInteger if self._is_fmi2 else self._fmu.setInt32
         self._call(setter, [self._reference(name)], [value])
 
-    def get_boolean(self, name: str) -> bool:
-        """Value of a Boolean variable."""
-        return bool(self._call(self._fmu.getBoolean, [self._reference(name)])[0])
-
     def set_boolean(self, name: str, value: bool) -> None:
         """Set a Boolean input."""
         self._call(self._fmu.setBoolean, [self._reference(name)], [value])
