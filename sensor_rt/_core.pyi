@@ -47,6 +47,9 @@ class Sensor:
     def exposure(self) -> float:
         """Default exposure, s."""
     @property
+    def row_readout(self) -> float:
+        """Time from the exposure of one row to that of the next, s; 0: global shutter."""
+    @property
     def range(self) -> tuple[float, float]:
         """Nearest and farthest sensor z of measured points, m."""
     def trapezoid(self, camera: int = 0) -> NDArray[np.float64]:
@@ -132,6 +135,9 @@ class Scene:
 
 class Exposures:
     """Poses over a batch of n exposures: k samples each, evenly spaced from start to end (k = 1: still).
+
+    With a rolling shutter `duration` is that of one row, and the poses reach from the start of the first to the end of
+    the last row of the camera with the most rows: ``duration + (rows - 1) * row_readout``.
 
     Parameters
     ----------

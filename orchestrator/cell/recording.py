@@ -87,8 +87,9 @@ class TriggerRecords:
 class ExposureTruth:
     """Where things truly were while the shutter was open; only the renderer, evaluation and tests may look.
 
-    `world_from_frame` maps a frame's name to (n, 2, 4, 4) poses at start and end of each exposure, which follow from
-    the pose and twist latched at its middle.
+    `duration` (n,) is the exposure of a pixel, s. `world_from_frame` maps a frame's name to (n, 2, 4, 4) poses at start
+    and end of each exposure (of all rows together, when the shutter rolls), which follow from the pose and twist
+    latched at its middle.
     """
 
     duration: Array
@@ -120,11 +121,8 @@ class Recording:
 
     @property
     def truth(self) -> ExposureTruth:
-        """The part of the recording that the renderer uses."""
-        duration = self._stack(["trigger.exposure"])[:, 0]
-        return ExposureTruth(
-            duration, {frame: self._poses(frame, duration) for frame in moving_frames(*count_moving(self.columns))}
-        )
+        """The part of the recording that the renderer uses, with a global shutter."""
+        return self.truth_for_rows(0.0)
 
     def truth_at_middle(self, frame: str) -> Array:
         """``world_from_frame`` (n, 4, 4) of one of the moving frames in the middle of every exposure."""
@@ -133,14 +131,20 @@ class Recording:
         )
         return np.asarray(pose.from_rotation(pose.rotation_from_quaternion(orientation), position))
 
-    def _poses(self, frame: str, duration: Array) -> Array:
+    def truth_for_rows(self, readout: float) -> ExposureTruth:
+        """The same for a rolling shutter, whose last row is exposed `readout` seconds after the first one."""
+        duration = self._stack(["trigger.exposure"])[:, 0]
+        frames = moving_frames(*count_moving(self.columns))
+        return ExposureTruth(duration, {frame: self._poses(frame, duration + readout) for frame in frames})
+
+    def _poses(self, frame: str, span: Array) -> Array:
         position, orientation, velocity, rate = (
             self._stack(_indexed(f"{_TRUTH}{frame}.{part}", count)) for part, count in _PARTS_OF_POSE
         )
         middle = pose.rotation_from_quaternion(orientation)
         ends = []
         for side in (-0.5, 0.5):
-            lapse = (side * duration)[:, None]
+            lapse = (side * span)[:, None]
             ends.append(pose.from_rotation(pose.exp_rotation(rate * lapse) @ middle, position + velocity * lapse))
         return np.stack(ends, 1)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.config.sensor import CameraDescription, LaserDescription, SensorDescription
+from orchestrator.config.sensor import CameraDescription, DetectorDescription, LaserDescription, SensorDescription
 from orchestrator.config.units import to_si
 
 _FORMAT = 1
@@ -16,13 +16,20 @@ _GAUSSIAN_NODES = 513  # linear between them: off by less than 1e-4 of the peak
 
 def sensor_json(sensor: SensorDescription, seed: int) -> dict[str, Any]:
     """SI description of the sensor as `sensor_rt` reads it; `seed` keys every random number of the images."""
-    data: dict[str, Any] = to_si(sensor.model_dump(exclude={"camera", "laser"}))
+    data: dict[str, Any] = to_si(sensor.model_dump(exclude={"camera", "detector", "laser"}))
+    data["detector"] = _detector_json(sensor.detector)
     data["laser"] = _laser_json(sensor.laser)
     data["cameras"] = [_camera_json(camera, sensor.laser.wavelength_nm) for camera in sensor.camera]
     data["render"]["seed"] = seed
     if sensor.band_pass.centre_nm is None:
         data["band_pass"]["centre"] = data["laser"]["wavelength"]
     return {"format": _FORMAT, **data}
+
+
+def _detector_json(detector: DetectorDescription) -> dict[str, Any]:
+    data: dict[str, Any] = to_si(detector.model_dump(exclude={"shutter", "row_readout_us"}))
+    data["row_readout"] = 1e-6 * (detector.row_readout_us or 0.0)  # 0: global
+    return data
 
 
 def _laser_json(laser: LaserDescription) -> dict[str, Any]:

@@ -129,7 +129,11 @@ class CameraDescription(Description):
 
 
 class DetectorDescription(Description):
-    """Image sensor in EMVA 1288 terms."""
+    """Image sensor in EMVA 1288 terms.
+
+    A rolling shutter exposes row after row, each for `exposure_ms`; the middle of the image is exposed around the
+    trigger's latch, as all of it is by a global one.
+    """
 
     exposure_ms: Annotated[float, Field(gt=0.0, le=1000.0)]
     quantum_efficiency: Annotated[float, Field(gt=0.0, le=1.0)]
@@ -141,6 +145,16 @@ class DetectorDescription(Description):
     black_level_dn: NonNegative
     prnu: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(default=0.0, description="gain spread between pixels")
     dsnu_e: NonNegative = Field(default=0.0, description="offset spread between pixels")
+    shutter: Literal["global", "rolling"] = "global"
+    row_readout_us: Annotated[float, Field(gt=0.0, le=1000.0)] | None = Field(
+        default=None, description="rolling: time by which each row is exposed later than the row before"
+    )
+
+    @model_validator(mode="after")
+    def _shutter_is_complete(self) -> Self:
+        if (self.shutter == "rolling") != (self.row_readout_us is not None):
+            raise ValueError('shutter = "rolling" and row_readout_us belong together')
+        return self
 
 
 class AmbientDescription(Description):
@@ -245,3 +259,12 @@ class SensorDescription(Description):
     render: RenderDescription = RenderDescription()
     extraction: ExtractionDescription = ExtractionDescription()
     geometric: GeometricDescription = GeometricDescription()
+
+    @model_validator(mode="after")
+    def _rows_see_direct_light(self) -> Self:
+        if self.detector.shutter == "rolling" and self.render.bounces:
+            raise ValueError(
+                f'detector.shutter = "rolling" goes with direct light only: render.bounces must be 0, not'
+                f" {self.render.bounces}"
+            )
+        return self

@@ -26,7 +26,7 @@ from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.geometry import pose
 from orchestrator.reconstruction.cloud import Cloud
 from orchestrator.reconstruction.cloud_files import write_cloud
-from orchestrator.scanning.exposures import build_scene, exposures_from_truth
+from orchestrator.scanning.exposures import build_scene, exposures_from_truth, readout_time
 from orchestrator.scanning.sense import Sensors, sample_rows
 
 _SAMPLE_IMAGES = 4
@@ -165,7 +165,8 @@ def _lines(given: ReportInputs, deviation: Deviation, covered: Coverage, folder:
 
 def _draw_samples(given: ReportInputs, folder: RunFolder) -> None:
     rows = sample_rows(len(given.recording), _SAMPLE_IMAGES)
-    truth, index = given.recording.truth, given.recording.measured.index
+    truth = given.recording.truth_for_rows(readout_time(given.sensors.as_built))
+    index = given.recording.measured.index
     scene = build_scene(given.bodies)
     for row in rows:
         exposure = exposures_from_truth(truth, index, given.bodies, slice(row, row + 1))

@@ -19,6 +19,7 @@ from orchestrator.reconstruction.normals import estimate_normals
 
 Array = NDArray[np.float64]
 
+_NODES = 17  # times over a frame at which poses are worked out for a rolling shutter
 REFERENCE_SIGMA = 20e-6  # m: a point as uncertain as this has half the quality of a perfect one
 
 
@@ -39,10 +40,12 @@ class PointsInSensor(Protocol):
     def frame(self) -> NDArray[Any]: ...
     @property
     def flags(self) -> NDArray[Any]: ...
+    @property
+    def lapse(self) -> NDArray[Any]: ...
 
 
 class Triggers(Protocol):
-    """What the controller hands over, one row per exposure: latched joints (n, 6) and table angle (n,), rad."""
+    """What the controller hands over, a row per exposure: joints (n, 6) and table angle (n,), rad, and their rates."""
 
     @property
     def index(self) -> NDArray[np.int64]: ...
@@ -54,19 +57,27 @@ class Triggers(Protocol):
     def q(self) -> Array: ...
     @property
     def table(self) -> Array: ...
+    @property
+    def qd(self) -> Array: ...
+    @property
+    def table_rate(self) -> Array: ...
 
 
 @dataclass(frozen=True)
 class ProfilePoints:
-    """Plain arrays that satisfy `PointsInSensor`; `frame` counts the rows of the trigger records, from 0."""
+    """Plain arrays that satisfy `PointsInSensor`; `frame` counts the rows of the trigger records, from 0.
+
+    `lapse` (m,) s says how long after the latch of its trigger a point was seen; 0 but for a rolling shutter.
+    """
 
     points_in_sensor: Array
-    sigma: Array
-    intensity: Array
+    sigma: NDArray[np.floating[Any]]
+    intensity: NDArray[np.floating[Any]]
     camera: NDArray[np.int32]
     column: NDArray[np.int32]
     frame: NDArray[np.int64]
     flags: NDArray[np.uint32]
+    lapse: Array
 
     @classmethod
     def concatenate(cls, batches: Sequence[PointsInSensor], first_rows: Sequence[int]) -> Self:
@@ -110,7 +121,7 @@ def reconstruct(
     profiles
         Points in the sensor frame; `frame` is the row of `triggers` that fired the exposure.
     triggers
-        Measured joints and table angle at mid-exposure.
+        Measured joints and table angle at mid-exposure, and their rates, which serve the rows of a rolling shutter.
     part_from_sensor
         Nominal or calibrated kinematics: joints (n, 6) and table angles (n,) to poses (n, 4, 4).
     table_from_part
@@ -127,7 +138,12 @@ def reconstruct(
     if len(frame) and not 0 <= frame.min() <= frame.max() < len(triggers.index):
         raise ValueError(f"frames {frame.min()} to {frame.max()} but {len(triggers.index)} trigger records")
     poses = part_from_sensor(np.asarray(triggers.q, float), np.asarray(triggers.table, float))
-    points = points_in_part(np.asarray(profiles.points_in_sensor, float), frame, poses)
+    points = np.asarray(profiles.points_in_sensor, float)
+    lapse = np.asarray(profiles.lapse, float)
+    if lapse.any():
+        points = _seen_in_motion(points, frame, lapse, triggers, part_from_sensor)
+    else:
+        points = points_in_part(points, frame, poses)
     kept = np.flatnonzero(envelope.holds(pose.transform_points(table_from_part, points)))
     points, frame = points[kept], frame[kept]
     sigma = np.asarray(profiles.sigma, float)[kept]
@@ -155,6 +171,33 @@ def points_in_part(points_in_sensor: Array, frame: NDArray[np.int64], part_from_
     """Points (m, 3) carried into the part frame by the pose (n, 4, 4) of their frame (m,)."""
     rotation, shift = part_from_sensor[:, :3, :3], part_from_sensor[:, :3, 3]
     return np.asarray(np.einsum("mij,mj->mi", rotation[frame], points_in_sensor) + shift[frame])
+
+
+def _seen_in_motion(
+    points_in_sensor: Array,
+    frame: NDArray[np.int64],
+    lapse: Array,
+    triggers: Triggers,
+    part_from_sensor: Callable[[Array, Array], Array],
+) -> Array:
+    """Points (m, 3) carried into the part frame, each by the measured pose of its own time.
+
+    The pose is that of the latched joints moved on at the latched rates. It is worked out at `_NODES` times over the
+    frame; between two of them points go straight, which at 1 rad/s and 10 ms is off by less than 0.03 µm.
+    """
+    reach = np.abs(lapse).max()
+    place = (lapse / reach + 1.0) * 0.5 * (_NODES - 1)
+    before = np.minimum(place.astype(np.int64), _NODES - 2)
+    share = (place - before)[:, None]
+    carried = np.zeros((2, len(frame), 3))
+    for node, time in enumerate(np.linspace(-reach, reach, _NODES)):
+        q = np.asarray(triggers.q, float) + np.asarray(triggers.qd, float) * time
+        table = np.asarray(triggers.table, float) + np.asarray(triggers.table_rate, float) * time
+        poses = part_from_sensor(q, table)
+        for side in (0, 1):
+            mine = np.flatnonzero(before + side == node)
+            carried[side, mine] = points_in_part(points_in_sensor[mine], frame[mine], poses)
+    return np.asarray((1.0 - share) * carried[0] + share * carried[1])
 
 
 def quality_of(sigma: Array, flags: NDArray[Any]) -> Array:

@@ -57,7 +57,10 @@ def _add_body(scene: sensor_rt.Scene, body: Body) -> None:
 def exposures_from_truth(
     truth: ExposureTruth, index: NDArray[np.int64], bodies: Sequence[Body | Lamp], rows: slice = slice(None)
 ) -> sensor_rt.Exposures:
-    """Exposures with the true poses of sensor and bodies at start and end; `index` (n,) keys the noise."""
+    """Exposures with the true poses of sensor and bodies at start and end; `index` (n,) keys the noise.
+
+    A sensor whose shutter rolls needs the truth of all its rows, `Recording.truth_for_rows` of its `readout_time`.
+    """
     world_from_sensor = truth.world_from_frame["sensor"][rows]
     still = np.broadcast_to(np.eye(4), world_from_sensor.shape)
     poses = [
@@ -71,6 +74,11 @@ def true_poses(recording: Recording, frames: Sequence[str]) -> list[Array]:
     """``world_from_frame`` (n, 4, 4) in the middle of every exposure, for each of `frames` as bodies name them."""
     still = np.broadcast_to(np.eye(4), (len(recording), 4, 4))
     return [still if frame == "world" else recording.truth_at_middle(_recorded(frame)) for frame in frames]
+
+
+def readout_time(sensor: sensor_rt.Sensor) -> float:
+    """Seconds from the exposure of the first to that of the last row; 0 with a global shutter."""
+    return float(sensor.row_readout * (max(camera.height_px for camera in sensor.cameras) - 1))
 
 
 def still_exposure(world_from_sensor: Array, world_from_body: Array, duration: float) -> sensor_rt.Exposures:

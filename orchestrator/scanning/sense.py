@@ -19,7 +19,7 @@ from orchestrator.config.sensor import SensorDescription
 from orchestrator.errors import SensorError
 from orchestrator.progress import Progress
 from orchestrator.reconstruction.reconstruct import ProfilePoints
-from orchestrator.scanning.exposures import build_scene, exposures_from_truth
+from orchestrator.scanning.exposures import build_scene, exposures_from_truth, readout_time
 
 # Large enough to keep all cores busy, small enough that Ctrl-C and the progress bar feel prompt.
 _BATCH = 64
@@ -82,7 +82,7 @@ def sense(
     SensorError
         If the library reports an error.
     """
-    truth, index = recording.truth, recording.measured.index
+    truth, index = recording.truth_for_rows(readout_time(as_built or sensor)), recording.measured.index
     timings: Counter[str] = Counter()
     batches = []
     progress.stage("sensing", len(recording), "profiles")
@@ -96,7 +96,7 @@ def sense(
             if on_images is not None and result.images is not None:
                 for trigger, images in zip(index[rows], result.images, strict=True):
                     on_images(int(trigger), images)
-            batches.append(result.profiles)
+            batches.append(_points(result.profiles, sensor, engine))
             timings.update(result.timings)
             progress.advance(rows.stop - rows.start)
     except (ValueError, RuntimeError) as error:
@@ -104,6 +104,24 @@ def sense(
     points = ProfilePoints.concatenate(batches, [0] * len(batches))
     # The library calls an exposure by its trigger index, which keys the noise; reconstruction counts rows.
     return Sensed(replace(points, frame=np.searchsorted(index, points.frame)), dict(timings))
+
+
+def _points(profiles: sensor_rt.Profiles, sensor: sensor_rt.Sensor, engine: Engine) -> ProfilePoints:
+    """Points with the time at which the row that saw them was exposed, as far as `sensor` is believed."""
+    lapse = np.zeros(len(profiles))
+    if engine == "ray-traced" and sensor.row_readout > 0.0:
+        middle = np.array([(camera.height_px - 1) / 2 for camera in sensor.cameras])
+        lapse = sensor.row_readout * (profiles.row - middle[profiles.camera])
+    return ProfilePoints(
+        points_in_sensor=profiles.points_in_sensor,
+        sigma=profiles.sigma,
+        intensity=profiles.intensity,
+        camera=profiles.camera,
+        column=profiles.column,
+        frame=profiles.frame,
+        flags=profiles.flags,
+        lapse=lapse,
+    )
 
 
 def sample_rows(count: int, wanted: int) -> list[int]:

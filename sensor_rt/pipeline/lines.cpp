@@ -16,6 +16,7 @@ RenderSettings render_settings(const Sensor& sensor, bool whole_image) {
   settings.photons = sensor.photons;
   settings.seed = sensor.seed;
   settings.speckle_contrast = sensor.speckle_contrast;
+  settings.row_readout = sensor.row_readout;
   return settings;
 }
 

@@ -112,6 +112,7 @@ void read_detector(JsonObject json, Sensor& sensor) {
   d.black_level_dn = json.non_negative("black_level_dn");
   d.prnu = json.fraction("prnu");
   d.dsnu_e = json.non_negative("dsnu_e");
+  sensor.row_readout = json.non_negative("row_readout");
   json.finish();
   sensor.image_noise = {
       d.black_level_dn, d.gain_dn_per_e, d.read_noise_e, d.full_well_e, d.bit_depth, d.dsnu_e, 0.0, 0.0};
@@ -215,6 +216,9 @@ Sensor parse_sensor(const std::string& text) {
   sensor.geometric_rays = static_cast<int>(geometric.integer("rays", 1, 1 << 20));
   geometric.finish();
   json.finish();
+  if (sensor.row_readout > 0.0 && sensor.bounces > 0) {
+    json.fail("render.bounces", "light reflected between surfaces needs a global shutter");
+  }
   return sensor;
 }
 

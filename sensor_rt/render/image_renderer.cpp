@@ -1,6 +1,8 @@
 #include "sensor_rt/render/image_renderer.h"
 
 #include <algorithm>
+#include <cmath>
+#include <numeric>
 
 namespace sensor_rt {
 namespace {
@@ -18,12 +20,25 @@ bool is_still(const Exposures& exposures, std::size_t exposure) {
   return true;
 }
 
+/// Instants that cover a long exposure, in which things move less than a pixel from one to the next.
+std::vector<double> closely_spaced(double motion_px, std::size_t least) {
+  constexpr double kMost = 1024.0;
+  std::vector<double> fractions = {0.0};
+  const auto steps =
+      static_cast<std::size_t>(std::clamp(std::ceil(motion_px), static_cast<double>(least), kMost));
+  for (std::size_t i = 1; i <= steps; ++i) {
+    fractions.push_back(static_cast<double>(i) / static_cast<double>(steps));
+  }
+  return fractions;
+}
+
 }  // namespace
 
 ImageRenderer::ImageRenderer(const RenderPlan& plan)
     : plan_(plan),
       fractions_(instants_of_exposure(plan.pattern.size())),
       middle_{0.5},
+      rows_(plan),
       marker_(plan),
       cover_(plan),
       tracer_(plan),
@@ -41,23 +56,42 @@ ImageRenderer::ImageRenderer(const RenderPlan& plan)
 
 void ImageRenderer::render(const Scene& scene, const Exposures& exposures, std::size_t exposure,
                            std::vector<SparseImage>& images) {
-  track_.set(scene, exposures, exposure, is_still(exposures, exposure) ? middle_ : fractions_,
-             plan_.sensor_from_reference);
+  is_rolling_ = place(scene, exposures, exposure);
+  RowViews* rows = is_rolling_ ? &rows_ : nullptr;
   has_mirrors_ = std::any_of(scene.shapes().begin(), scene.shapes().end(),
                              [](const Shape& shape) { return shape.surface->material().is_mirror(); });
   find_pixels(scene);
   views_.set(plan_, scene, track_);
-  tracer_.set(views_);
+  tracer_.set(views_, rows);
   cover_.set(scene, track_);
   const std::int64_t frame = exposures.index[exposure];
-  path_tracer_.set(views_, frame);
-  mirror_tracer_.set(views_, frame);
+  path_tracer_.set(views_, frame, rows);
+  mirror_tracer_.set(views_, frame, nullptr);
   if (!reflected_.empty() && (has_mirrors_ || !plan_.settings.ground_truth)) {
     for (SplatImage& image : reflected_) image.clear();
     light_tracer_.trace(views_, frame, plan_.settings.ground_truth, reflected_);
   }
   images.resize(masks_.size());
   for (std::size_t c = 0; c < masks_.size(); ++c) trace_camera(c, exposures.duration[exposure], images[c]);
+}
+
+/// Poses of the exposure. True when rows see them at different times.
+bool ImageRenderer::place(const Scene& scene, const Exposures& exposures, std::size_t exposure) {
+  const Rigid3& sensor_from_reference = plan_.sensor_from_reference;
+  const bool still = is_still(exposures, exposure);
+  const bool rolling = !still && plan_.settings.row_readout > 0.0;
+  if (!rolling) {
+    track_.set(scene, exposures, exposure, still ? middle_ : fractions_, sensor_from_reference);
+    return false;
+  }
+  track_.set(scene, exposures, exposure, {0.0, 1.0}, sensor_from_reference);
+  std::vector<std::size_t> shapes(scene.shapes().size());
+  std::iota(shapes.begin(), shapes.end(), 0);
+  const double motion_px = largest_motion_px(plan_.settings.model, track_, shapes);
+  track_.set(scene, exposures, exposure, closely_spaced(motion_px, plan_.pattern.size()),
+             sensor_from_reference);
+  rows_.set(scene, exposures, exposure);
+  return true;
 }
 
 void ImageRenderer::find_pixels(const Scene& scene) {
@@ -102,7 +136,7 @@ void ImageRenderer::trace_marked(std::size_t number, double duration, SparseImag
     mirror_tracer_.select_camera(number);
     mark_mirrors(number);
   }
-  const bool covers = !plan_.settings.whole_image && cover_.select_camera(number);
+  const bool covers = !plan_.settings.whole_image && !is_rolling_ && cover_.select_camera(number);
   masks_[number].for_each([&](int column, int row) {
     const Patch patch = covers ? cover_.patch(column, row, masks_[number]) : Patch{};
     const bool mirror = mirrors && mirror_mask_.test(column, row);

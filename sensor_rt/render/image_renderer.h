@@ -13,6 +13,7 @@
 #include "sensor_rt/render/pixel_cover.h"
 #include "sensor_rt/render/pixel_mask.h"
 #include "sensor_rt/render/pixel_tracer.h"
+#include "sensor_rt/render/row_views.h"
 
 namespace sensor_rt {
 
@@ -29,11 +30,13 @@ class ImageRenderer {
 
   /// One image per camera. Direct light depends on the exposure's poses alone, and a still exposure gives the
   /// same bytes however often its poses were sampled. Reflected light is found by random paths, keyed by seed
-  /// and number of the exposure.
+  /// and number of the exposure. With a rolling shutter the poses cover the time of all rows, see RowViews,
+  /// and there is no reflected light.
   void render(const Scene& scene, const Exposures& exposures, std::size_t exposure,
               std::vector<SparseImage>& images);
 
  private:
+  bool place(const Scene& scene, const Exposures& exposures, std::size_t exposure);
   void find_pixels(const Scene& scene);
   void trace_camera(std::size_t camera, double duration, SparseImage& image);
   void trace_marked(std::size_t camera, double duration, SparseImage& image);
@@ -47,6 +50,7 @@ class ImageRenderer {
   std::vector<double> middle_;
   PoseTrack track_;
   ExposureViews views_;
+  RowViews rows_;
   BandMarker marker_;
   PixelCover cover_;
   PixelTracer tracer_;
@@ -55,6 +59,7 @@ class ImageRenderer {
   PathTracer path_tracer_;
   PathTracer mirror_tracer_;
   LightTracer light_tracer_;
+  bool is_rolling_ = false;  ///< rows see different times of the exposure
   bool has_mirrors_ = false;
   PixelMask mirror_mask_;
   std::vector<SplatImage> reflected_;  ///< per camera, when there are bounces

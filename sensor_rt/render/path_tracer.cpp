@@ -23,7 +23,8 @@ struct PathTracer::Packet {
 PathTracer::PathTracer(const RenderPlan& plan, Mode mode)
     : plan_(plan), mode_(mode), rays_(plan), speckle_(plan), lamps_(plan) {}
 
-void PathTracer::set(const ExposureViews& views, std::int64_t frame) {
+void PathTracer::set(const ExposureViews& views, std::int64_t frame, RowViews* rows) {
+  rows_ = rows;
   views_ = &views;
   speckle_.set(views);
   lamps_.set(views);
@@ -155,7 +156,14 @@ void PathTracer::trace_packet(Packet& packet) {
   }
 }
 
+void PathTracer::use(const ExposureViews& views) {
+  views_ = &views;
+  speckle_.use(views);
+  lamps_.set(views);
+}
+
 double PathTracer::trace(int column, int row) {
+  if (rows_ != nullptr) use(rows_->of_row(rays_.camera(), row));
   const std::size_t samples = plan_.pattern.size();
   const Camera& camera = plan_.settings.model.cameras[rays_.camera()];
   Packet packet;

@@ -6,6 +6,7 @@
 #include "sensor_rt/render/exposure_views.h"
 #include "sensor_rt/render/lamps.h"
 #include "sensor_rt/render/pixel_rays.h"
+#include "sensor_rt/render/row_views.h"
 #include "sensor_rt/render/speckle.h"
 
 namespace sensor_rt {
@@ -24,8 +25,9 @@ class PathTracer {
 
   PathTracer(const RenderPlan& plan, Mode mode);
 
-  /// `views` must stay. `frame` keys the random numbers.
-  void set(const ExposureViews& views, std::int64_t frame);
+  /// `views` must stay, and `rows`, which is not null when every row has views of its own. `frame` keys the
+  /// random numbers.
+  void set(const ExposureViews& views, std::int64_t frame, RowViews* rows);
   void select_camera(std::size_t camera) {
     rays_.select_camera(camera);
     speckle_.select_camera(camera);
@@ -37,6 +39,7 @@ class PathTracer {
  private:
   struct Packet;
 
+  void use(const ExposureViews& views);
   void trace_packet(Packet& packet);
   double laser_light(Packet& packet, int depth);
   double lamp_light(const Packet& packet, int depth) const;
@@ -49,6 +52,7 @@ class PathTracer {
   Speckle speckle_;
   Lamps lamps_;
   const ExposureViews* views_ = nullptr;
+  RowViews* rows_ = nullptr;
   std::int64_t frame_ = 0;
 };
 

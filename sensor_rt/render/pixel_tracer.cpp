@@ -19,10 +19,16 @@ PixelTracer::PixelTracer(const RenderPlan& plan)
   }
 }
 
-void PixelTracer::set(const ExposureViews& views) {
+void PixelTracer::use(const ExposureViews& views) {
   views_ = &views;
-  speckle_.set(views);
+  speckle_.use(views);
   lamps_.set(views);
+}
+
+void PixelTracer::set(const ExposureViews& views, RowViews* rows) {
+  rows_ = rows;
+  speckle_.set(views);
+  use(views);
   surfaces_.clear();
   for (const Shape& shape : views.scene->shapes()) {
     const bool lambert = shape.surface->material().is_lambert();
@@ -75,6 +81,7 @@ double PixelTracer::sum_packet(int column, int row, std::size_t packet, const La
 }
 
 double PixelTracer::trace(int column, int row, const Patch& patch) {
+  enter(row);
   const std::size_t samples = plan_.pattern.size();
   double sum = 0.0;
   for (std::size_t first = 0; first < samples; first += kLanes) {
@@ -89,6 +96,7 @@ double PixelTracer::trace(int column, int row, const Patch& patch) {
 }
 
 int PixelTracer::look(int column, int row, Lanes3& direction, PacketHits& hits) {
+  enter(row);
   rays_.through_middle(column, row, direction);
   alignas(64) int valid[kLanes] = {};
   // The first packet holds instants from all over the exposure; one near its middle is as good as any.

@@ -6,6 +6,7 @@
 #include "sensor_rt/render/exposure_views.h"
 #include "sensor_rt/render/lamps.h"
 #include "sensor_rt/render/pixel_rays.h"
+#include "sensor_rt/render/row_views.h"
 #include "sensor_rt/render/sheet_light.h"
 #include "sensor_rt/render/speckle.h"
 
@@ -24,8 +25,9 @@ class PixelTracer {
  public:
   explicit PixelTracer(const RenderPlan& plan);
 
-  /// Makes the scene at the instants of an exposure ready; `views` must stay.
-  void set(const ExposureViews& views);
+  /// Makes the scene at the instants of an exposure ready; `views` must stay, and `rows`, which is not null
+  /// when every row has views of its own.
+  void set(const ExposureViews& views, RowViews* rows);
   void select_camera(std::size_t camera) {
     rays_.select_camera(camera);
     speckle_.select_camera(camera);
@@ -51,6 +53,10 @@ class PixelTracer {
   }
 
  private:
+  void enter(int row) {
+    if (rows_ != nullptr) use(rows_->of_row(rays_.camera(), row));
+  }
+  void use(const ExposureViews& views);
   /// Light sent to the eye from what lane l has met, as irradiance on a white diffuse surface.
   double brightness(const PacketHits& hits, int l, const Lanes3& direction, const Lanes3& from_source,
                     double irradiance) const;
@@ -71,6 +77,7 @@ class PixelTracer {
   Speckle speckle_;
   Lamps lamps_;
   const ExposureViews* views_ = nullptr;
+  RowViews* rows_ = nullptr;
   std::vector<Surface> surfaces_;  ///< per shape
 };
 

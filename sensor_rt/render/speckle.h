@@ -29,6 +29,8 @@ class Speckle {
   /// `views` must stay.
   void set(const ExposureViews& views);
   void select_camera(std::size_t camera);
+  /// Other instants of the same exposure, on which its grains stay as they are.
+  void use(const ExposureViews& views) { views_ = &views; }
 
   /// Multiplies `light` of the lanes with `lit` != 0, the `packet`-th sixteen samples of a pixel, which have
   /// met `hits` along `direction`.

@@ -18,7 +18,7 @@ struct Exposures {
   std::size_t bodies = 0;
   std::vector<Rigid3> world_from_sensor;
   std::vector<Rigid3> world_from_body;
-  std::vector<double> duration;     ///< s
+  std::vector<double> duration;     ///< s; with a rolling shutter that of each row, not of all poses
   std::vector<std::int64_t> index;  ///< frame number: keys the noise
 
   const Rigid3* sensor_poses(std::size_t exposure) const { return &world_from_sensor[exposure * samples]; }

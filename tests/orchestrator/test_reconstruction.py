@@ -43,11 +43,13 @@ class Records:
     time: np.ndarray
     q: np.ndarray
     table: np.ndarray
+    qd: np.ndarray
+    table_rate: np.ndarray
 
 
 def records(q: np.ndarray, table: np.ndarray) -> Records:
     n = len(q)
-    return Records(np.arange(1, n + 1), np.ones(n, int), 0.01 * np.arange(n), q, table)
+    return Records(np.arange(1, n + 1), np.ones(n, int), 0.01 * np.arange(n), q, table, np.zeros((n, 6)), np.zeros(n))
 
 
 def profiles_of(points_in_sensor: np.ndarray, frame: np.ndarray, column: np.ndarray) -> ProfilePoints:
@@ -60,6 +62,7 @@ def profiles_of(points_in_sensor: np.ndarray, frame: np.ndarray, column: np.ndar
         column=column.astype(np.int32),
         frame=frame,
         flags=np.zeros(m, np.uint32),
+        lapse=np.zeros(m),
     )
 
 
@@ -240,3 +243,24 @@ def test_nothing_true_enters() -> None:
     profiles, triggers = sphere_points_under_random_poses(9)
     watched = Watched(*(getattr(triggers, name) for name in Records.__dataclass_fields__))
     reconstruct(profiles, watched, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
+
+
+def test_points_of_a_rolling_shutter_are_placed_by_the_pose_of_their_time() -> None:
+    """Arm and table in motion: every point has a pose of its own, that of the joints when its row was exposed."""
+    rng = np.random.default_rng(4)
+    n, m = 30, 3000
+    _, triggers = sphere_points_under_random_poses(4)
+    q, table = triggers.q[:n], triggers.table[:n]
+    qd, table_rate = rng.uniform(-0.5, 0.5, (n, 6)), rng.uniform(-1.0, 1.0, n)
+    frame, lapse = np.sort(rng.integers(0, n, m)), rng.uniform(-5e-3, 5e-3, m)
+    direction = rng.normal(size=(m, 3))
+    on_sphere = RADIUS * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    poses = part_from_sensor(q[frame] + qd[frame] * lapse[:, None], table[frame] + table_rate[frame] * lapse)
+    in_sensor = points_in_part(on_sphere, np.arange(m), pose.inverse(poses))
+    profiles = replace(profiles_of(in_sensor, frame, np.arange(m)), lapse=lapse)
+    triggers = replace(records(q, table), qd=qd, table_rate=table_rate)
+    cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE, normals=False)
+    assert np.abs(cloud.points_in_part - on_sphere).max() < 0.1e-6
+    late = replace(profiles, lapse=np.zeros(m))
+    wrong = reconstruct(late, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE, normals=False)
+    assert np.abs(wrong.points_in_part - on_sphere).max() > 1e-3

@@ -110,3 +110,27 @@ def test_as_built_words_change_a_copy_of_the_sensor() -> None:
 def test_wrong_as_built_words_are_refused(word: str, fragment: str) -> None:
     with pytest.raises(DescriptionError, match=fragment):
         as_built_sensor(load_setup().sensor, [word])
+
+
+ROLLING = ('sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=12.5")
+
+
+def test_a_rolling_shutter_has_a_readout_time_in_seconds() -> None:
+    assert sensor().row_readout == 0.0
+    assert sensor(*ROLLING).row_readout == pytest.approx(12.5e-6)
+    nominal = load_setup().sensor
+    assert as_built_sensor(nominal, ROLLING).detector.row_readout_us == 12.5
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (ROLLING[:1], "row_readout_us belong together"),
+        (ROLLING[1:], "row_readout_us belong together"),
+        ((ROLLING[0], "sensor.detector.row_readout_us=0"), "greater than 0"),
+        ((*ROLLING, "sensor.render.bounces=1"), "render.bounces must be 0"),
+    ],
+)
+def test_a_shutter_that_cannot_be_is_refused(words: Sequence[str], complaint: str) -> None:
+    with pytest.raises(DescriptionError, match=complaint):
+        load_setup(overrides=words)

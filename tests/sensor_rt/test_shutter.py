@@ -1,0 +1,148 @@
+"""A rolling shutter exposes every row at its own time: what that does to images and points, against closed forms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import Array, assert_same_light, cluttered, moving, pose, probe, still
+from scipy.spatial.transform import Rotation, Slerp
+
+from sensor_rt import Exposures, Scene, Sensor, expected_electrons, render, scan
+
+READOUT, EXPOSURE = 8e-6, 5e-4
+ROWS = 1024
+SPAN = EXPOSURE + (ROWS - 1) * READOUT
+DEEP = {"bit_depth": 16, "gain_dn_per_e": 5.0}
+
+
+def rolling(readout: float = READOUT, **overrides: Any) -> Sensor:
+    detector = {"row_readout": readout} | overrides.pop("detector", {})
+    return probe(detector=detector, **overrides)
+
+
+def lapse(row: Array) -> Array:
+    """Seconds from the middle of the frame to that of each row's exposure."""
+    return (row - (ROWS - 1) / 2) * READOUT
+
+
+def at(first: Array, last: Array, share: float) -> Array:
+    """Pose (4, 4) between two, at a share of the way: even motion and turn."""
+    turn = Slerp([0.0, 1.0], Rotation.from_matrix([first[:3, :3], last[:3, :3]]))(share)
+    between = np.eye(4)
+    between[:3, :3] = turn.as_matrix()
+    between[:3, 3] = (1 - share) * first[:3, 3] + share * last[:3, 3]
+    return between
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.05), (0.0, 0.08, 0.0), (0.06, 0.0, -0.03)], ids=["z", "y", "xz"])
+def test_a_moving_plane_is_sheared_from_row_to_row(velocity: tuple[float, float, float]) -> None:
+    """Points lie where the plane was when their row was exposed: off by its speed along its normal times that time."""
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [0.4, 0.4], 0.5)
+    middle, angles = np.array([0.0, 0.0, 0.118]), (0.75, 0.12, 0.0)  # steep: the stripe runs over most of the rows
+    path = np.array(velocity) * SPAN
+    places = moving([[pose(middle - path / 2, angles)], [pose(middle + path / 2, angles)]], [np.eye(4)] * 2)
+    profiles = scan(scene, rolling(detector=DEEP), places).profiles
+    normal = pose(middle, angles)[:3, 2]
+    off = (profiles.points_in_sensor - middle) @ normal
+    speed = normal @ velocity
+    assert np.ptp(profiles.row) > 500
+    assert np.abs(off).max() > 10 * 1e-6
+    assert np.sqrt(np.mean((off - speed * lapse(profiles.row)) ** 2)) < 1e-6
+    slope = np.polyfit(profiles.row, off, 1)[0]
+    assert slope == pytest.approx(speed * READOUT, rel=2e-3)
+
+
+def test_points_of_a_turning_ball_lie_on_it_at_the_time_of_their_row() -> None:
+    centre, radius = np.array([0.0, 0.012, 0.004]), 0.015
+    scene = Scene()
+    scene.add_sphere("ball", centre, radius, 0.5)
+    first, last = pose((0.0, -0.012, 0.121)), pose((0.0004, -0.0118, 0.1212), (0.03, 0.02, 0.0))
+    profiles = scan(scene, rolling(detector=DEEP), moving([[first], [last]], [np.eye(4)] * 2)).profiles
+    points, shares = profiles.points_in_sensor, 0.5 + lapse(profiles.row) / SPAN
+    places = np.array([at(first, last, s)[:3, :3] @ centre + at(first, last, s)[:3, 3] for s in shares])
+    off = np.linalg.norm(points - places, axis=1) - radius
+    mid_frame = at(first, last, 0.5)
+    wrong = np.linalg.norm(points - mid_frame[:3, :3] @ centre - mid_frame[:3, 3], axis=1) - radius
+    assert len(points) > 800
+    assert np.sqrt(np.mean(off**2)) < 1e-6
+    assert np.sqrt(np.mean(wrong**2)) > 10e-6  # one pose for all rows is not good enough
+
+
+def image_of_row(sensor: Sensor, scene: Scene, first: list[Array], last: list[Array], row: int) -> Array:
+    """The image of a global shutter that is open while that row is."""
+    ends = [(row * READOUT + after) / SPAN for after in (0.0, EXPOSURE)]
+    bodies = [[at(a, b, share) for a, b in zip(first, last, strict=True)] for share in ends]
+    exposures = moving(bodies, [np.eye(4)] * 2)
+    return np.asarray(expected_electrons(scene, sensor, exposures, whole_image=True)[0], float)
+
+
+@pytest.mark.parametrize(
+    "light", [{}, {"speckle": {"contrast": 0.0}, "ambient": {"irradiance": 0.5}}], ids=["laser", "ambient"]
+)
+def test_every_row_is_that_of_a_global_shutter_at_its_time(light: dict[str, Any]) -> None:
+    scene, first = cluttered()
+    last = [pose((1e-4, -8e-4, 9e-4), (0.01, 0.004, -0.015)) @ p for p in first]
+    exposures = moving([first, last], [np.eye(4)] * 2)
+    image = np.asarray(expected_electrons(scene, rolling(**light), exposures, whole_image=True)[0], float)
+    lit = [r for r in range(0, ROWS, 61) if (image[:, r] > 0).any()]
+    assert len(lit) > 6
+    for row in lit:
+        alone = image_of_row(probe(**light), scene, first, last, row)[:, row]
+        # A sample within rounding of an edge may fall to either side of it.
+        differs = np.abs(image[:, row] - alone) > 1e-6 * alone.max()
+        assert differs.mean() < 2e-3
+
+
+def test_all_light_of_the_rows_is_found_however_far_things_move() -> None:
+    """Some 60 px during the readout: the band of pixels that are traced must hold all light of all rows."""
+    scene, first = cluttered()
+    last = [pose((0.0, -2e-3, 3e-3), (0.02, 0.0, -0.03)) @ p for p in first]
+    exposures = moving([first, last], [np.eye(4)] * 2)
+    band, whole = (expected_electrons(scene, rolling(), exposures, whole_image=w) for w in (False, True))
+    assert_same_light(band, whole)
+
+
+@pytest.mark.parametrize(
+    "light", [{}, {"speckle": {"contrast": 1.0}, "ambient": {"irradiance": 0.5}}], ids=["laser", "all"]
+)
+def test_a_world_at_rest_looks_the_same(light: dict[str, Any]) -> None:
+    scene, places = cluttered()
+    options = {"render": {"noise": True}} | light
+    scene.add_light("lamp", "rectangle", pose((0, 0, -0.1)), [0.05, 0.05], 0.01, in_band=1.0)
+    exposures = still(*places, pose())
+    a, b = render(scene, rolling(**options), exposures), render(scene, probe(**options), exposures)
+    assert a.max() > 50
+    assert a.tobytes() == b.tobytes()
+
+
+def test_no_readout_time_is_a_global_shutter() -> None:
+    scene, first = cluttered()
+    last = [pose((1e-4, -3e-4, 2e-4), (0.004, 0.002, -0.006)) @ p for p in first]
+    exposures = moving([first, last], [np.eye(4)] * 2)
+    a, b = render(scene, rolling(0.0), exposures), render(scene, probe(), exposures)
+    tiny = render(scene, rolling(1e-12), exposures)
+    assert a.tobytes() == b.tobytes()
+    assert (np.abs(tiny.astype(int) - b.astype(int)) > 1).mean() < 1e-5  # by the road of the rolling shutter
+
+
+def test_path_tracing_rolls_too() -> None:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [0.4, 0.4], 0.5)
+    ends = [[pose((0.0, 0.0, z), (0.5, 0.1, 0.0))] for z in (0.118, 0.120)]
+    exposures: Exposures = moving(ends, [np.eye(4)] * 2)
+    small = {"width": 160, "height": 128}
+    fast, path = (
+        expected_electrons(scene, rolling(6e-5, **small, render={"noise": False, "mode": mode}), exposures)
+        for mode in ("fast", "path")
+    )
+    close = np.abs(fast - path) <= 5e-5 * fast.max()
+    assert close.mean() > 0.9995
+    assert (fast > 0).sum() > 500
+
+
+def test_reflected_light_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"render\.bounces.*global shutter"):
+        rolling(render={"bounces": 1})

@@ -1,0 +1,71 @@
+"""A rolling shutter on the moving cell: taken into account where it is known, an error where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from line import figures_um
+
+from orchestrator.cell.recording import Recording
+from orchestrator.config.loading import load_setup
+from orchestrator.evaluation.job import cloud_of
+from orchestrator.progress import Silent
+from orchestrator.scanning.exposures import readout_time, visible_bodies
+from orchestrator.scanning.sense import make_sensor, sense
+
+FEWER = "scan.max_profiles=90"
+ROLLING = ('sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=20")
+
+
+@pytest.fixture(scope="module")
+def line(planned):
+    return planned("free_form", FEWER)
+
+
+@pytest.fixture(scope="module")
+def rolling():
+    return make_sensor(load_setup(overrides=ROLLING, ideal=True).sensor, 0)
+
+
+def figures(line, recording: Recording, believed, as_built, engine: str = "ray-traced") -> dict[str, float]:
+    bodies = visible_bodies(line.nominal)
+    points = sense(recording, bodies, believed, engine, 0, Silent(), as_built=as_built).points
+    cloud = cloud_of(line.nominal, recording, points, line.setup, normals=False)
+    assert len(cloud) > 30_000
+    return figures_um(line.signed(cloud))
+
+
+def test_points_are_placed_by_the_time_of_their_row(line, rolling) -> None:
+    recording = line.drive()
+    ideal = figures(line, recording, line.sensor, line.sensor)
+    known = figures(line, recording, rolling, rolling)
+    unknown = figures(line, recording, line.sensor, rolling)
+    print(ideal, known, unknown)
+    assert readout_time(rolling) == pytest.approx(20e-6 * 1023)
+    assert known["rms"] < 1.2 * ideal["rms"]
+    assert unknown["rms"] > 10 * ideal["rms"]
+
+
+def test_the_error_of_an_unknown_shutter_grows_with_the_speed(line, rolling) -> None:
+    recording = line.drive()
+    slow = {n: 0.25 * v if "velocity" in n and "truth" in n else v for n, v in recording.columns.items()}
+    fast, slower = (
+        figures(line, r, line.sensor, rolling)["rms"] for r in (recording, replace(recording, columns=slow))
+    )
+    assert slower == pytest.approx(0.25 * fast, rel=0.15)
+
+
+def test_the_geometric_engine_knows_no_shutter(line, rolling) -> None:
+    assert figures(line, line.drive(), rolling, rolling, "geometric")["rms"] < 0.1
+
+
+def test_truth_of_all_rows_reaches_from_the_first_to_the_last(line) -> None:
+    recording = line.drive()
+    one, all_rows = recording.truth, recording.truth_for_rows(0.02)
+    turned = [np.linalg.norm(np.diff(t.world_from_frame["table"], axis=1)[:, 0], axis=(1, 2)) for t in (one, all_rows)]
+    moves = turned[0] > 1e-9
+    assert moves.any()
+    assert turned[1][moves] / turned[0][moves] == pytest.approx(1 + 0.02 / one.duration[moves], rel=1e-3)
+    np.testing.assert_array_equal(one.duration, all_rows.duration)
