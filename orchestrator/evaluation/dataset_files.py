@@ -24,7 +24,7 @@ from orchestrator.config.resolved import sensor_json
 from orchestrator.config.sensor import SensorDescription
 from orchestrator.errors import OutputError
 from orchestrator.evaluation.ground_truth import CloudTruth, Stripe, Surface, TrueWorld
-from orchestrator.scanning.exposures import build_scene, exposures_from_truth
+from orchestrator.scanning.exposures import build_scene, exposures_from_truth, readout_time
 from orchestrator.scanning.sense import make_sensor
 
 _MM = 1e3
@@ -159,7 +159,7 @@ def stripe_masks(
     alone["render"].update(mode="fast", bounces=0)
     dark = [body for body in bodies if isinstance(body, Body)]
     scene, native = build_scene(dark), make_sensor(SensorDescription.model_validate(alone), seed)
-    truth, index = recording.truth, recording.measured.index
+    truth, index = recording.truth_for_rows(readout_time(native)), recording.measured.index
     for row in range(len(recording)):
         exposure = exposures_from_truth(truth, index, dark, slice(row, row + 1))
         electrons = sensor_rt.expected_electrons(scene, native, exposure, threads=threads)

@@ -18,6 +18,7 @@ import sensor_rt
 from orchestrator.cell.nominal import Body, Lamp
 from orchestrator.cell.recording import Recording
 from orchestrator.config.sensor import SensorDescription
+from orchestrator.errors import SensorError
 from orchestrator.geometry import pose
 from orchestrator.reconstruction.cloud import Cloud
 from orchestrator.scanning.exposures import build_scene, exposures_from_truth, true_poses
@@ -67,11 +68,19 @@ class CloudTruth:
 
 
 class TrueWorld:
-    """The bodies, the sensor and their true poses in the middle of every exposure."""
+    """The bodies, the sensor and their true poses in the middle of every exposure.
+
+    Raises
+    ------
+    SensorError
+        If the shutter rolls: one pose per exposure does not tell where its rows saw things.
+    """
 
     def __init__(
         self, recording: Recording, bodies: Sequence[Body | Lamp], sensor: SensorDescription, seed: int, threads: int
     ) -> None:
+        if sensor.detector.shutter == "rolling":
+            raise SensorError(f'sensor "{sensor.name}": shutter = "rolling": ground truth needs a global shutter')
         rays = min(_MOST_RAYS, _RAYS_PER_COLUMN * max(camera.width_px for camera in sensor.camera))
         dense = sensor.model_copy(update={"geometric": sensor.geometric.model_copy(update={"rays": rays})})
         # One shape per body, so that faces count as in its mesh.

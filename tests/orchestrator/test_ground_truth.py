@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from orchestrator.evaluation.ground_truth import _crossings, onto_triangles
+from orchestrator.cell.recording import Recording
+from orchestrator.config import load_setup
+from orchestrator.errors import SensorError
+from orchestrator.evaluation.ground_truth import TrueWorld, _crossings, onto_triangles
 
 
 def test_points_outside_their_triangle_move_to_its_nearest_place() -> None:
@@ -40,3 +43,9 @@ def test_a_jump_between_surfaces_is_no_stripe() -> None:
     assert found.tolist() == [2, 3]
     assert row.max() < 151
     assert row[0] == pytest.approx(100.0)
+
+
+def test_a_rolling_shutter_is_refused() -> None:
+    words = ['sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=10"]
+    with pytest.raises(SensorError, match="ground truth needs a global shutter"):
+        TrueWorld(Recording({}), [], load_setup(overrides=words).sensor, 0, 1)
