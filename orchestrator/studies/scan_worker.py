@@ -86,9 +86,10 @@ class Scan:
 
 @dataclass(frozen=True)
 class _Stage:
-    """A nominal cell with what light can meet in it."""
+    """A nominal cell, as the FMU reads it (with any seed), and with what light can meet in it."""
 
     nominal: NominalCell
+    for_fmu: Mapping[str, Any]
     bodies: tuple[Body | Lamp, ...]
     scene: sensor_rt.Scene
 
@@ -136,7 +137,7 @@ class ScanWorker:
         with watch.measure("plan"):
             program = self._program(setup, stage.nominal, sensor)
         with watch.measure("drive"):
-            recording = self._drive(inputs, stage.nominal, program, trial.seed)
+            recording = self._drive(inputs, stage, program, trial.seed)
         with watch.measure("sense"):
             on_images = keep and keep(Driven(inputs, stage.nominal, recording))
             points = sense(
@@ -159,7 +160,7 @@ class ScanWorker:
         def make() -> _Stage:
             nominal = nominal_cell(setup.cell, self._part)
             bodies = visible_bodies(nominal)
-            return _Stage(nominal, bodies, build_scene(bodies))
+            return _Stage(nominal, cell_json(setup.cell, nominal, 0), bodies, build_scene(bodies))
 
         return _kept(self._stages, digest_of(setup.cell.model_dump()), _KEPT_CELLS, make)
 
@@ -173,9 +174,9 @@ class ScanWorker:
         key = digest_of(_without_light(looked_at))
         return _kept(self._plans, key, _KEPT_PLANS, lambda: make_plan(nominal, sensor, setup).program)
 
-    def _drive(self, inputs: Inputs, nominal: NominalCell, program: Program, seed: int) -> Recording:
+    def _drive(self, inputs: Inputs, stage: _Stage, program: Program, seed: int) -> Recording:
         file = self._folder / "cell.json"
-        file.write_text(json.dumps(cell_json(inputs.setup.cell, nominal, seed)))
+        file.write_text(json.dumps({**stage.for_fmu, "seed": seed}))
         cell = self._instance()
         cell.reset(file, parse_as_built(inputs.as_built, cell.units()))
         options = DriveOptions(

@@ -1,7 +1,7 @@
 """`python -m bench.studies` (in tests/): throughput of studies, what distributing costs, and what a million scans take.
 
-Writes docs/scale.md. The study has geometric and ray-traced scans of at most 200 profiles each; it is run on one and
-on two workers. No-op tasks show what the engine itself costs. Use --trials and --ray-traced for a quick look.
+Writes docs/scale.md. The study has geometric and ray-traced scans of at most 200 profiles each; a fifth of it is run
+on one worker, all of it on two. Tasks that do nothing and very short scans show what the engine itself costs.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,12 +80,15 @@ class Measured:
         return 1 - self.outcome.busy_seconds / (self.workers * self.seconds)
 
 
-def run_scans(workers: int, trials: int, ray_traced: int, per_task: int = 1) -> Measured:
+SHORT = ("set=['scan.max_profiles=20', 'scan.raster.enabled=false']", "coverage_samples=0")
+
+
+def run_scans(workers: int, trials: int, ray_traced: int, more: Sequence[str] = ()) -> Measured:
     """The study in a temporary folder."""
     with tempfile.TemporaryDirectory(prefix="scancell-bench-") as name:
         folder = Path(name)
         (folder / "speed.toml").write_text(STUDY)
-        words = [f"design.trials={trials}", f"ray_traced_trials={ray_traced}", f"trials_per_task={per_task}"]
+        words = [f"design.trials={trials}", f"ray_traced_trials={ray_traced}", *more]
         study = open_study(folder / "speed.toml", words)
         begin(study, folder / "out")
         outcome = run_study(study, folder / "out", Where(workers=workers), Silent())
@@ -136,7 +139,7 @@ def station_lines(timings: dict[str, list[Any]], split: int) -> list[str]:
     return lines
 
 
-def page(one: Measured, two: Measured, nothing: Measured, load: float, trials: int, ray_traced: int) -> str:
+def page(one: Measured, two: Measured, short: Measured, nothing: Measured, load: float, trials: int) -> str:
     """docs/scale.md."""
     efficiency = two.rate / (2 * one.rate)
     geometric = float(
@@ -144,14 +147,15 @@ def page(one: Measured, two: Measured, nothing: Measured, load: float, trials: i
     )
     cost = 1e3 * nothing.seconds / nothing.tasks
     busiest = geometric / (cost * 1e-3)
+    busy = "\nOthers used the machine meanwhile: times are longer than on an idle one." if load > 0.5 else ""
     return f"""# What many scans take
 
-Written by `PYTHONPATH=tests python -m bench.studies --trials {trials} --ray-traced {ray_traced}`.
-CPU: {cpu_model()}; load of the machine before it began: {load:.1f}.
+Written by `PYTHONPATH=tests python -m bench.studies --trials {trials} --ray-traced {two.tasks - trials}`.
+CPU: {cpu_model()}; load of the machine by others when it began: {load:.1f}.{busy}
 
 ## One study on one machine
 
-{trials} geometric and {ray_traced} ray-traced scans of at most 200 profiles of the sphere on its foot, three factors.
+{trials} geometric and {two.tasks - trials} ray-traced scans of at most 200 profiles of the sphere on its foot, three factors.
 
 | workers | tasks | s | tasks/s | time of workers outside tasks |
 |---|---|---|---|---|
@@ -175,9 +179,13 @@ Memory of each worker process, MB, with the slope over its trials after the firs
 
 ## The engine itself
 
-{nothing.tasks} tasks that only leave one small file, on {nothing.workers} workers: {nothing.seconds:.1f} s,
-{nothing.rate:.0f} tasks/s, **{cost:.2f} ms per task** in all: scheduling, two small files, two renames.
-A trial leaves {two.bytes_per_task / 1024:.1f} kB in {3} files.
+| what | tasks | s | tasks/s | time of workers outside tasks |
+|---|---|---|---|---|
+| nothing but one small file | {nothing.tasks} | {nothing.seconds:.1f} | {nothing.rate:.0f} | {nothing.overhead:.0%} |
+| scans of 20 profiles | {short.tasks} | {short.seconds:.1f} | {short.rate:.1f} | {short.overhead:.1%} |
+
+So a task costs **{cost:.2f} ms** in all: scheduling, two small files, one rename. A trial leaves
+{two.bytes_per_task / 1024:.1f} kB in three files.
 
 ## A million scans
 
@@ -203,6 +211,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.studies", description=__doc__)
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--ray-traced", type=int, default=200)
+    parser.add_argument("--short", type=int, default=2000)
     parser.add_argument("--no-ops", type=int, default=10_000)
     parser.add_argument("--out", type=Path, default=Path("docs/scale.md"))
     options = parser.parse_args()
@@ -210,10 +219,14 @@ def main() -> None:
     nothing = run_nothing(2, options.no_ops)
     print(f"{nothing.tasks} no-ops: {nothing.rate:.0f} tasks/s", flush=True)
     runs = []
-    for workers in (1, 2):
-        runs.append(run_scans(workers, options.trials, options.ray_traced))
+    for workers, trials, ray_traced, more in (
+        (1, max(10, options.trials // 5), max(2, options.ray_traced // 5), ()),
+        (2, options.trials, options.ray_traced, ()),
+        (2, options.short, 0, SHORT),
+    ):
+        runs.append(run_scans(workers, trials, ray_traced, more))
         print(f"{workers} workers: {runs[-1].rate:.3f} tasks/s, overhead {runs[-1].overhead:.1%}", flush=True)
-    options.out.write_text(page(runs[0], runs[1], nothing, load, options.trials, options.ray_traced))
+    options.out.write_text(page(*runs, nothing, load, options.trials))
     print(f"{time.perf_counter() - start:.0f} s, written to {options.out}")
 
 
