@@ -1,10 +1,12 @@
 """Draws and tabulates what contact and grasp do: ``PYTHONPATH=.:tests:tests/fmu python -m bench.contact_figures``.
 
-Writes ``docs/fmu/contact.md`` and ``docs/pictures/grasp.png``.
+Writes ``docs/fmu/contact.md`` and ``docs/pictures/grasp.png``. Needs the native tests built (``make native-tests``).
 """
 
 from __future__ import annotations
 
+import json
+import subprocess
 import tempfile
 import time
 from pathlib import Path
@@ -13,7 +15,7 @@ from typing import Any
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
-from cell_fixture import CYCLE_US, Array, CellFmu, FmuFolders, box_part, cell_description, pose
+from cell_fixture import CYCLE_US, Array, CellFmu, FmuFolders
 from grasp_fixture import (
     CYCLE,
     GRAVITY,
@@ -29,10 +31,23 @@ from grasp_fixture import (
     smooth,
 )
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
 LOST = 50.0  # mm: the part has left the pads
-PGS = {"solver": "pgs", "points": 4, "pairs": []}
+SOFT = {"stiffness": 800.0, "damping_ratio": 1.0, "longest_edge": 0.02}
 NEEDED = MASS * GRAVITY / (2 * PAD_FRICTION)  # N of each finger that hold the weight
+LIFTED = joints_at(np.array([*PLACE, TABLE[2] + 0.12]))
+NAMES = {"cone": "Dantzig with cone (default)", "stock": "stock DART (Dantzig, pyramid)", "pgs": "PGS"}
+LINES = {"cone": "-", "stock": "--", "pgs": ":"}
+
+
+def native_cases() -> dict[str, Any]:
+    """What the native program finds: the same worlds with one solver or another."""
+    built = sorted(ROOT.glob("build/*/tests/fmu/robotcell-contact-cases"))
+    if not built:
+        raise SystemExit("robotcell-contact-cases is not built: make native-tests")
+    found: dict[str, Any] = json.loads(subprocess.run([built[-1]], check=True, capture_output=True).stdout)
+    return found
 
 
 def path(start: Array, end: Array, duration: float) -> Array:
@@ -51,10 +66,10 @@ def follow(cell: CellFmu, setpoints: Array) -> Array:
     return np.array(places)
 
 
-def onset(folders: FmuFolders, contact: dict[str, Any] | None, tilt: float) -> float:
-    """Load at which the part begins to slip over Coulomb's limit, its weight at an angle (rad) to the fingers."""
+def onset(folders: FmuFolders, tilt: float) -> float:
+    """Load at which the part in the FMU begins to slip over Coulomb's limit, its weight at an angle (rad)."""
     start, lifted = (joints_at(np.array([*PLACE, TABLE[2] + z]), np.pi / 2) for z in (0.005, 0.12))
-    cell = CellFmu(folders.packed(3, grasp_cell(start, contact))[1])
+    cell = CellFmu(folders.packed(3, grasp_cell(start))[1])
     grip(cell, 50.0, start)
     tilted = lifted + np.array([0, 0, 0, 0, tilt, 0])
     follow(cell, np.concatenate([path(start, lifted, 0.8), path(lifted, tilted, 0.8)]))
@@ -73,115 +88,131 @@ def onset(folders: FmuFolders, contact: dict[str, Any] | None, tilt: float) -> f
 
 def swing(folders: FmuFolders, duration: float) -> tuple[Array, Array]:
     """Times (n,) and slip (n,) in mm of a part while the arm turns a quarter within a duration."""
-    lifted = joints_at(np.array([*PLACE, TABLE[2] + 0.12]))
-    turned = lifted + np.array([np.pi / 2, 0, 0, 0, 0, 0])
+    turned = LIFTED + np.array([np.pi / 2, 0, 0, 0, 0, 0])
     cell = CellFmu(folders.packed(3, grasp_cell())[1])
     grip(cell, 8.0)
-    follow(cell, path(OVER_BOX, lifted, 0.8))
+    follow(cell, path(OVER_BOX, LIFTED, 0.8))
     before = part_in_gripper(cell)[:3, 3] * 1e3
-    move = path(lifted, turned, duration)
+    move = path(LIFTED, turned, duration)
     places = follow(cell, np.concatenate([move, np.tile(turned, (round(1.2 / CYCLE) - len(move), 1))]))
     cell.close()
     return np.arange(1, len(places) + 1) * CYCLE, np.linalg.norm(places - before, axis=1)
 
 
-def bar(folders: FmuFolders, contact: dict[str, Any]) -> float:
-    """Turn (deg) in the grasp, within 0.6 s, of a bar held 50 mm from its centre of mass."""
-    cell = grasp_cell(joints_at(np.array([*PLACE, TABLE[2] + 0.09])), contact)
-    upright = box_part(0.03, 0.03, 0.15, MASS, fixture="free", friction=1.0)
-    cell["parts"] = [{**upright, "support_from_part": pose([*(PLACE - TABLE[:2]), 0])}]
-    start = np.array([joint["start"] for joint in cell["robot"]["joints"]])
-    fmu = CellFmu(folders.packed(3, cell)[1])
-    grip(fmu, 40.0, start)
-    lifted = joints_at(np.array([*PLACE, TABLE[2] + 0.19]))
-    flat = lifted + np.array([0, 0, 0, 0, 0, 0])
-    follow(fmu, path(start, flat, 0.8))
-    before = part_in_gripper(fmu)[:3, :3]
-    level = flat + np.array([0, 0, 0, 0, np.pi / 3, 0])
-    follow(fmu, np.concatenate([path(flat, level, 0.8), np.tile(level, (round(0.6 / CYCLE), 1))]))
-    turn = before.T @ part_in_gripper(fmu)[:3, :3]
-    fmu.close()
-    return float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))))
-
-
-def step_cost(folders: FmuFolders, description: dict[str, Any], force: float) -> float:
+def step_cost(cell: CellFmu) -> float:
     """Processor time (µs) of a dynamics step, best of five."""
-    cell = CellFmu(folders.packed(3, description)[1])
-    if force:
-        grip(cell, force)
     best = np.inf
     for _ in range(5):
         start = time.process_time()
         cell.step(CYCLE_US * 10, 5)
         best = min(best, (time.process_time() - start) / 800)
-    cell.close()
     return best * 1e6
+
+
+def lifted_soft_part(folders: FmuFolders) -> tuple[float, float]:
+    """Creep (µm/s) of a soft part in the gripper, and processor time (µs) of a step."""
+    cell = CellFmu(folders.packed(3, grasp_cell(soft=SOFT))[1])
+    grip(cell, 10.0)
+    places = follow(cell, np.concatenate([path(OVER_BOX, LIFTED, 0.8), np.tile(LIFTED, (200, 1))]))
+    creep = np.linalg.norm(places[-1] - places[-63]) * 1e3 / (62 * CYCLE)
+    cost = step_cost(cell)
+    cell.close()
+    return float(creep), cost
+
+
+def costs(folders: FmuFolders) -> dict[str, float]:
+    """Processor time (µs) of a step of several cells."""
+    free = grasp_cell()
+    found = {}
+    for name, description, force in (
+        ("one free part", {**free, "gripper": None}, 0.0),
+        ("one free part and an open gripper", free, 0.0),
+        ("a part in the gripper, touching the table", free, 30.0),
+        ("the same part, soft", grasp_cell(soft=SOFT), 10.0),
+    ):
+        cell = CellFmu(folders.packed(3, description)[1])
+        if force:
+            grip(cell, force)
+        found[name] = step_cost(cell)
+        cell.close()
+    return found
 
 
 def main() -> None:
     """Measure, draw and write."""
     mpl.use("Agg")
+    cases = native_cases()
     with tempfile.TemporaryDirectory() as scratch:
         folders = FmuFolders(Path(scratch))
-        angles = np.arange(0, 76, 15)
-        onsets = {
-            name: [onset(folders, c, np.radians(a)) for a in angles] for name, c in (("cone", None), ("PGS", PGS))
-        }
+        in_fmu = [onset(folders, np.radians(angle)) for angle in range(0, 76, 15)]
         swings = {"smooth move, 0.9 s": swing(folders, 0.9), "jump of the set-points": swing(folders, CYCLE)}
-        dantzig = cell_description()["contact"]
-        bars = {
-            name: bar(folders, contact)
-            for name, contact in (("dantzig, 4", dantzig), ("pgs, 4", PGS), ("dantzig, 1", {**dantzig, "points": 1}))
-        }
-        free = grasp_cell()
-        costs = {
-            "one free part": step_cost(folders, {**free, "gripper": None}, 0.0),
-            "one free part and an open gripper": step_cost(folders, free, 0.0),
-            "a part in the gripper, touching the table": step_cost(folders, free, 30.0),
-        }
-    draw(angles, onsets, swings)
-    write(angles, onsets, swings, bars, costs)
-
-
-def draw(angles: Array, onsets: dict[str, list[float]], swings: dict[str, tuple[Array, Array]]) -> None:
-    """The picture of the page."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.6), layout="constrained")
-    left.plot(angles, onsets["cone"], "o-", label="Dantzig with friction cone (default)")
-    left.plot(angles, onsets["PGS"], "s--", label="PGS")
-    left.axhline(1, color="0.6", lw=1)
-    left.set(xlabel="angle between weight and fingers (deg)", ylabel="load at onset of slip / Coulomb limit")
-    for name, (times, slip) in swings.items():
-        right.semilogy(times, np.where(slip < LOST, np.maximum(slip, 1e-6), np.nan), label=name)
-    right.set(xlabel="time (s)", ylabel="displacement in the grasp (mm)", title="a quarter turn, 8 N of each finger")
-    for axes in (left, right):
-        axes.legend()
-        axes.grid(alpha=0.3)
-    figure.savefig(DOCS / "pictures/grasp.png", dpi=110)
-
-
-def write(
-    angles: Array,
-    onsets: dict[str, list[float]],
-    swings: dict[str, tuple[Array, Array]],
-    bars: dict[str, float],
-    costs: dict[str, float],
-) -> None:
-    """The page, from its template and the figures."""
-    rows = [f"| {a} | {c:.3f} | {p:.3f} |" for a, c, p in zip(angles, onsets["cone"], onsets["PGS"], strict=True)]
-    slips = [
-        f"| {name} | {slip.max():.2g} | {slip[-1]:.2g} |" if slip[-1] < LOST else f"| {name} | lost | lost |"
-        for name, (_, slip) in swings.items()
-    ]
-    text = (Path(__file__).parent / "contact_page.md").read_text()
+        creep, lifted_cost = lifted_soft_part(folders)
+        cost = {**costs(folders), "the soft part, lifted": lifted_cost}
+    draw(cases, swings)
     tables = {
-        "ONSETS": rows,
-        "SWINGS": slips,
-        "BARS": [f"| {name} | {turn:.2g} |" for name, turn in bars.items()],
-        "COSTS": [f"| {name} | {cost:.0f} |" for name, cost in costs.items()],
+        "ONSETS": onset_rows(cases, in_fmu),
+        "SWINGS": [swing_row(name, slip) for name, (_, slip) in swings.items()],
+        "SOLVERS": [solver_row(cases, name) for name in NAMES],
+        "CREEP": [f"{creep:.1f}"],
+        "COSTS": [f"| {name} | {value:.0f} |" for name, value in cost.items()],
     }
+    text = (Path(__file__).parent / "contact_page.md").read_text()
     for name, lines in tables.items():
         text = text.replace(f"<{name}>", "\n".join(lines))
     (DOCS / "fmu/contact.md").write_text(text)
+
+
+def onset_rows(cases: dict[str, Any], in_fmu: list[float]) -> list[str]:
+    """One row for each direction."""
+    floor, grasp = cases["floor"], cases["grasp"]
+    rows = []
+    for i, angle in enumerate(range(0, 91, 15)):
+        native = [floor["cone"][i], floor["stock"][i], grasp["cone"][i], grasp["stock"][i], grasp["pgs"][i]]
+        fmu = f"{in_fmu[i]:.3f}" if i < len(in_fmu) else "–"
+        rows.append(f"| {angle} | " + " | ".join(f"{value:.3f}" for value in native) + f" | {fmu} |")
+    return rows
+
+
+def swing_row(name: str, slip: Array) -> str:
+    """Greatest displacement, and what is left of it."""
+    return f"| {name} | {slip.max():.2g} | {slip[-1]:.2g} |" if slip[-1] < LOST else f"| {name} | lost | lost |"
+
+
+def solver_row(cases: dict[str, Any], solver: str) -> str:
+    """Slip, turn of the bar with four points and with one for each pad, fall of the stack."""
+    bar, stack = cases["bar"][solver], cases["stack"][solver]
+    turns = " | ".join(f"{np.degrees(bar[points][-1]):.2g}" for points in ("4", "1"))
+    slip, fall = cases["slip"][solver][-1] * 1e3, abs(stack[0] - stack[-1]) * 1e3
+    return f"| {NAMES[solver]} | {slip:.2g} | {turns} | {fall:.2f} |"
+
+
+def draw(cases: dict[str, Any], swings: dict[str, tuple[Array, Array]]) -> None:
+    """The picture of the page."""
+    figure, ((onsets, moves), (bars, stacks)) = plt.subplots(2, 2, figsize=(11, 7.4), layout="constrained")
+    angles = np.linspace(0, 90, len(cases["grasp"]["cone"]))
+    for solver, label in NAMES.items():
+        onsets.plot(angles, cases["grasp"][solver], "o" + LINES[solver], label=label)
+    onsets.set(xlabel="direction in the plane of the pads (deg)", ylabel="onset of slip / Coulomb's limit")
+    onsets.set(title="a part between the pads", ylim=(0, 1.6), xticks=angles)
+    for name, (times, slip) in swings.items():
+        moves.semilogy(times, np.maximum(slip, 1e-5), label=name)
+    moves.set(xlabel="time (s)", ylabel="displacement in the grasp (mm)", title="a quarter turn, 8 N of each finger")
+    moves.axhline(LOST, color="0.6", lw=1)
+    moves.text(1.2, LOST / 2, "it has left the pads above", ha="right", va="center", size="small", color="0.4")
+    for solver, points in (("cone", "4"), ("pgs", "4"), ("cone", "1")):
+        turns = np.maximum(np.degrees(cases["bar"][solver][points]), 1e-6)
+        times = np.arange(1, len(turns) + 1) * cases["time_step"]
+        bars.semilogy(times, turns, LINES[solver], label=f"{NAMES[solver]}, {points} point{'s' * (points > '1')} a pad")
+    bars.set(xlabel="time (s)", ylabel="turn in the grasp (deg)", title="a bar held 50 mm from its centre of mass")
+    bars.set(ylim=(1e-6, 1e5))
+    for solver, label in NAMES.items():
+        times = np.arange(1, len(cases["stack"][solver]) + 1) * cases["time_step"]
+        stacks.plot(times, np.array(cases["stack"][solver]) * 1e3, LINES[solver], label=label)
+    stacks.set(xlabel="time (s)", ylabel="height of the topmost (mm)", title="six boxes, the upper the heavier", ylim=0)
+    for axes in (onsets, moves, bars, stacks):
+        axes.legend(fontsize="small")
+        axes.grid(alpha=0.3)
+    figure.savefig(DOCS / "pictures/grasp.png", dpi=110)
 
 
 if __name__ == "__main__":
