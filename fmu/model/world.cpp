@@ -1,19 +1,15 @@
 #include "fmu/model/world.h"
 
-#include <ode/odeinit.h>
-
 #include <algorithm>
 #include <cmath>
 #include <dart/collision/CollisionFilter.hpp>
-#include <dart/constraint/BoxedLcpConstraintSolver.hpp>
-#include <dart/constraint/PgsBoxedLcpSolver.hpp>
 #include <dart/dynamics/BodyNode.hpp>
 #include <dart/dynamics/FreeJoint.hpp>
 #include <dart/simulation/World.hpp>
 #include <mutex>
 
-#include "fmu/model/coulomb_solver.h"
 #include "fmu/model/engine_locks.h"
+#include "fmu/model/engine_setup.h"
 #include "fmu/model/soft_body.h"
 #include "fmu/model/soft_collision_detector.h"
 #include "fmu/model/world_bodies.h"
@@ -31,18 +27,6 @@ constexpr int kSettlingSteps = 1000;
 constexpr double kMostTilt = 0.02;     // rad, and
 constexpr double kMostSinking = 1e-3;  // m, by which a part that stands may settle
 
-/// ODE stays initialised as long as the library is loaded, however many worlds come and go.
-struct OdeLibrary {
-  OdeLibrary() { dInitODE2(0); }
-  ~OdeLibrary() { dCloseODE(); }
-};
-
-/// ODE keeps collision caches per thread; an importer may step an instance from any thread.
-void prepare_thread() {
-  thread_local const int prepared = dAllocateODEDataForThread(dAllocateMaskAll);
-  static_cast<void>(prepared);
-}
-
 bool any_free(const CellDescription& cell) {
   return std::any_of(cell.parts.begin(), cell.parts.end(), [](const PartDescription& p) { return p.free; });
 }
@@ -52,21 +36,12 @@ double yielding(const PartDescription& part, double gravity) {
   return part.soft ? part.mass * gravity / (3 * part.soft->stiffness) : 0;
 }
 
-/// Where Dantzig's method gives up, Gauss-Seidel's takes its place.
-std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDescription& contact) {
-  using namespace dart::constraint;
-  const auto gauss_seidel = std::make_shared<PgsBoxedLcpSolver>();
-  if (contact.gauss_seidel) return std::make_unique<BoxedLcpConstraintSolver>(gauss_seidel, nullptr);
-  return std::make_unique<BoxedLcpConstraintSolver>(std::make_shared<CoulombSolver>(), gauss_seidel);
-}
-
 }  // namespace
 
 World::World(const CellDescription& cell, const Kinematics& kinematics, const Imposed& start)
     : time_step_(static_cast<double>(cell.time_step_us) * kSecondsPerTick), kinematics_(kinematics) {
   const std::lock_guard<std::mutex> lock(building_mutex());
-  static const OdeLibrary ode_library;
-  prepare_thread();
+  prepare_engine();
   engine_ = std::make_unique<Engine>();
   engine_->world = dart::simulation::World::create();
   engine_->world->setGravity(cell.gravity);

@@ -26,6 +26,7 @@ from grasp_fixture import (
     move,
     part_in_gripper,
 )
+from test_fmu_dynamic_arm import dynamic_cell
 
 LIFTED = joints_at(np.array([*PLACE, TABLE[2] + 0.12]))
 
@@ -127,10 +128,14 @@ def swing(cell: CellFmu) -> None:
     cell.step(330)
 
 
+@pytest.mark.parametrize("drives", ["ideal", "dynamic"])
 def test_a_state_in_the_middle_of_a_grasp_goes_on_bit_by_bit_also_in_a_new_process(
-    build: Build, tmp_path: Path
+    build: Build, tmp_path: Path, drives: str
 ) -> None:
-    cell = build(3, grasp_cell())
+    description = grasp_cell()
+    if drives == "dynamic":
+        description["robot"]["dynamics"] = dynamic_cell()["robot"]["dynamics"]
+    cell = build(3, description)
     grip(cell, 30.0)
     move(cell, OVER_BOX, LIFTED, 0.8)
     move(cell, LIFTED, turned(0, 0.2), 0.16)

@@ -1,0 +1,38 @@
+#include "fmu/model/engine_setup.h"
+
+#include <ode/odeinit.h>
+
+#include <dart/constraint/BoxedLcpConstraintSolver.hpp>
+#include <dart/constraint/PgsBoxedLcpSolver.hpp>
+
+#include "fmu/model/coulomb_solver.h"
+
+namespace robotcell {
+namespace {
+
+/// ODE stays initialised as long as the library is loaded, however many worlds come and go.
+struct OdeLibrary {
+  OdeLibrary() { dInitODE2(0); }
+  ~OdeLibrary() { dCloseODE(); }
+};
+
+}  // namespace
+
+void prepare_engine() {
+  static const OdeLibrary ode_library;
+  prepare_thread();
+}
+
+void prepare_thread() {
+  thread_local const int prepared = dAllocateODEDataForThread(dAllocateMaskAll);
+  static_cast<void>(prepared);
+}
+
+std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDescription& contact) {
+  using namespace dart::constraint;
+  const auto gauss_seidel = std::make_shared<PgsBoxedLcpSolver>();
+  if (contact.gauss_seidel) return std::make_unique<BoxedLcpConstraintSolver>(gauss_seidel, nullptr);
+  return std::make_unique<BoxedLcpConstraintSolver>(std::make_shared<CoulombSolver>(), gauss_seidel);
+}
+
+}  // namespace robotcell
