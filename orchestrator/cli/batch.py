@@ -14,7 +14,7 @@ from orchestrator.config.scan import Engine
 
 if TYPE_CHECKING:
     from orchestrator.studies.batch import Batch
-    from orchestrator.studies.engine import Where
+    from orchestrator.studies.task import Where
 
 _TOLD = 5  # failures that are told one by one; the index has all
 

@@ -13,8 +13,8 @@ from orchestrator.cli.common import JsonOption, Outcome, run, show_progress
 from orchestrator.cli.where import SchedulerOption, ShardOption, WorkersOption, tell_dashboard, where_of
 
 if TYPE_CHECKING:
-    from orchestrator.studies.engine import Where
     from orchestrator.studies.study import Study
+    from orchestrator.studies.task import Where
 
 study_app = typer.Typer(help="Many scans in which things vary: runs, sensitivities, reports.", no_args_is_help=True)
 

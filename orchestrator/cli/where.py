@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from orchestrator.studies.engine import Where
+    from orchestrator.studies.task import Where
 
 WorkersOption = Annotated[int, typer.Option("--workers", min=0, help="processes on this machine; 0: one per core")]
 SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler")]
@@ -26,7 +26,7 @@ def where_of(workers: int, scheduler: str | None, shard: str | None) -> Where:
         If the shard is none.
     """
     from orchestrator.errors import DescriptionError  # noqa: PLC0415
-    from orchestrator.studies.engine import Where  # noqa: PLC0415
+    from orchestrator.studies.task import Where  # noqa: PLC0415
 
     if shard is None:
         return Where(workers, scheduler)

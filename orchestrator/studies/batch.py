@@ -24,11 +24,12 @@ from orchestrator.geometry.mesh import FORMATS, box_mesh
 from orchestrator.progress import Progress
 from orchestrator.studies.batch_worker import ROW, open_batch_worker
 from orchestrator.studies.designs import trial_seed
-from orchestrator.studies.engine import Job, RunOutcome, Task, Where, run_tasks
+from orchestrator.studies.engine import RunOutcome, run_tasks
 from orchestrator.studies.factors import Factors
 from orchestrator.studies.results import INDEX_KEYS, index_table, write_table
 from orchestrator.studies.run_record import difference_from_record, write_record
 from orchestrator.studies.scan_worker import ScanWorker, sweep_temporary
+from orchestrator.studies.task import Job, Task, Where
 
 SCANS = "scans"
 INDEX = "index.parquet"

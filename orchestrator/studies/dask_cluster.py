@@ -14,7 +14,7 @@ from distributed import Client, KilledWorker, LocalCluster, WorkerPlugin, as_com
 from distributed.client import FutureCancelledError
 
 from orchestrator.errors import EngineError
-from orchestrator.studies.engine import Job, Task, TaskReport, Where, run_here
+from orchestrator.studies.task import Job, Task, TaskReport, Where, run_here
 
 # Tasks known to the scheduler at a time: enough to keep many workers busy, few enough for a million tasks in all.
 _AHEAD_PER_WORKER = 20

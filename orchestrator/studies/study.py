@@ -23,10 +23,11 @@ from orchestrator.evaluation.manifest import sha256
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.progress import Progress
 from orchestrator.studies.designs import trial_seed
-from orchestrator.studies.engine import Job, RunOutcome, Task, Where, chunks, run_tasks
+from orchestrator.studies.engine import RunOutcome, chunks, run_tasks
 from orchestrator.studies.factors import Factors
 from orchestrator.studies.run_record import DESCRIPTION, difference_from_record, write_record
 from orchestrator.studies.scan_worker import Trial, sweep_temporary, trial_of
+from orchestrator.studies.task import Job, Task, Where
 from orchestrator.studies.trial import ROWS, TIMINGS, TrialWorker, open_trials
 
 # Numbered shares of the random numbers; the trials of a study count from 1.

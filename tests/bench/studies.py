@@ -21,9 +21,10 @@ import pyarrow.parquet
 
 from orchestrator.config.loading import assets_dir
 from orchestrator.progress import Silent
-from orchestrator.studies.engine import Job, RunOutcome, Task, Where, run_tasks
+from orchestrator.studies.engine import RunOutcome, run_tasks
 from orchestrator.studies.report import write_report
 from orchestrator.studies.study import begin, open_study, run_study
+from orchestrator.studies.task import Job, Task, Where
 
 from .table import cpu_model
 

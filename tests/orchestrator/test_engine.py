@@ -12,8 +12,8 @@ from engine_work import open_counter
 
 from orchestrator.errors import EngineError, OutputError
 from orchestrator.progress import Silent
-from orchestrator.studies import engine
-from orchestrator.studies.engine import Job, Task, Where, run_tasks
+from orchestrator.studies.engine import run_tasks
+from orchestrator.studies.task import Job, Task, Where, close_workers
 from orchestrator.studies.task_store import DONE, TaskStore
 
 ALONE = Where(shard=(1, 1))
@@ -23,7 +23,7 @@ TWO = Where(workers=2)
 @pytest.fixture(autouse=True)
 def _no_worker_left():
     yield
-    engine.close_workers()
+    close_workers()
 
 
 def make_job(folder: Path) -> Job:

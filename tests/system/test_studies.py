@@ -17,10 +17,9 @@ import sensor_rt
 from orchestrator.evaluation.deviation import deviation_from_mesh
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.progress import Silent
-from orchestrator.studies import engine
-from orchestrator.studies.engine import Where
 from orchestrator.studies.report import write_report
 from orchestrator.studies.study import begin, open_study, replay, run_study
+from orchestrator.studies.task import Where, close_workers
 from orchestrator.studies.trial import TrialWorker
 
 LATENCY = '[[factor]]\npath = "as_built.trigger.latency_ms"\ndistribution = { kind = "uniform", low = 0, high = 1 }\n'
@@ -31,7 +30,7 @@ WIDE = GLOSS.replace('kind = "uniform", low = -0.2, high = 0.2', 'kind = "normal
 @pytest.fixture(autouse=True, scope="module")
 def _no_worker_left():
     yield
-    engine.close_workers()
+    close_workers()
 
 
 @pytest.fixture(scope="module")
