@@ -79,7 +79,7 @@ format: setup
 
 bench: setup
 	@folder=$$(ls -d build/cp3*) && cmake -S . -B $$folder -DSCANCELL_TESTS=ON >build/bench.log \
-	  && cmake --build $$folder --target robotcell-step-cost >>build/bench.log || { tail -n 30 build/bench.log; exit 1; }
+	  && cmake --build $$folder --target robotcell-step-cost sensor-raw-embree >>build/bench.log || { tail -n 30 build/bench.log; exit 1; }
 	@PYTHONPATH=tests $(BIN)/python -m bench
 
 peers: setup

@@ -18,6 +18,7 @@ from sensor_rt._core import (
     extract,
     render,
     scan,
+    tree_builds,
     triangulate,
     triangulate_pixels,
 )
@@ -40,6 +41,7 @@ __all__ = [
     "extract",
     "render",
     "scan",
+    "tree_builds",
     "triangulate",
     "triangulate_pixels",
 ]

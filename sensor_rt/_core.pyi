@@ -129,6 +129,9 @@ class Scene:
         `size` (2,): edges of a rectangle, twice the diameter of a disc, m. Either `in_band`, the share of the power
         that passes the band-pass filter, or `spectrum`, wavelength and full width at half maximum, m.
         """
+    def remove_shapes(self, name: str) -> None:
+        """Take away the shapes of a body, which keeps its place in `bodies`: what is added under its name next
+        replaces them, and nothing else is built again. Lamps stay."""
     @property
     def bodies(self) -> list[str]:
         """Names in the order in which `Exposures` and `cast_rays` expect their poses: that of their first mention."""
@@ -275,6 +278,9 @@ def expected_electrons(
 
     `whole_image` traces every pixel instead of those that the laser can reach: slow, and the same to the last bit.
     """
+
+def tree_builds() -> int:
+    """Search trees over triangles that this process has built so far."""
 
 def cast_rays(
     scene: Scene, world_from_body: ArrayLike, origins: ArrayLike, directions: ArrayLike, threads: int = 0

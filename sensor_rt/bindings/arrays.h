@@ -50,11 +50,11 @@ class MeshArrays {
 };
 
 /// Array that takes over the values without copying them.
-template <typename T>
-pybind11::array_t<T> to_array(std::vector<T>&& values, std::vector<pybind11::ssize_t> shape) {
-  auto owner = std::make_unique<std::vector<T>>(std::move(values));
+template <typename T, typename Allocator>
+pybind11::array_t<T> to_array(std::vector<T, Allocator>&& values, std::vector<pybind11::ssize_t> shape) {
+  auto owner = std::make_unique<std::vector<T, Allocator>>(std::move(values));
   const T* data = owner->data();
-  pybind11::capsule capsule(owner.get(), [](void* p) { delete static_cast<std::vector<T>*>(p); });
+  pybind11::capsule capsule(owner.get(), [](void* p) { delete static_cast<std::vector<T, Allocator>*>(p); });
   owner.release();
   return pybind11::array_t<T>(std::move(shape), data, capsule);
 }

@@ -158,6 +158,7 @@ void bind_scene(py::module_& module) {
       .def("add_light", &add_light, py::arg("name"), py::arg("kind"), py::arg("body_from_light"),
            py::arg("size"), py::arg("power"), py::arg("in_band") = py::none(),
            py::arg("spectrum") = py::none())
+      .def("remove_shapes", &Scene::remove_shapes, py::arg("name"))
       .def_property_readonly("bodies", &Scene::bodies);
 
   py::class_<Exposures>(module, "Exposures", py::module_local())
@@ -167,6 +168,7 @@ void bind_scene(py::module_& module) {
       .def_readonly("samples", &Exposures::samples)
       .def_readonly("bodies", &Exposures::bodies);
 
+  module.def("tree_builds", &tree_builds);
   module.def("cast_rays", &py_cast_rays, py::arg("scene"), py::arg("world_from_body"), py::arg("origins"),
              py::arg("directions"), py::arg("threads") = 0);
   module.def("closest_points", &py_closest_points, py::arg("vertices"), py::arg("faces"), py::arg("points"),

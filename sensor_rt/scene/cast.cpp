@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/geometry/parallel.h"
 #include "sensor_rt/scene/pose_track.h"
 #include "sensor_rt/scene/ray_view.h"
@@ -20,44 +21,86 @@ Eigen::Vector3d row(const double* values, std::size_t index) {
 
 void validate_rays(const double* origins, const double* directions, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) {
-    const double length = row(directions, i).norm();
-    if (!row(origins, i).allFinite() || !std::isfinite(length) || !(length > 0.0)) {
+    const double length2 = row(directions, i).squaredNorm();
+    // A sum is finite when its terms are.
+    if (!(length2 > 0.0) || !std::isfinite(length2 + row(origins, i).cwiseAbs().sum())) {
       throw std::invalid_argument("ray " + std::to_string(i) + " is not finite or has no direction");
     }
   }
 }
 
-/// Up to 16 rays with origins of their own.
-void cast_packet(const Scene& scene, const PoseTrack& track, const double* origins, const double* directions,
-                 std::size_t first, int lanes, CastResult& result) {
-  Lanes3 direction;
-  alignas(64) int valid[kLanes];
+/// Rows of three, the last one again in lanes past the end.
+void load(const double* rows, int lanes, Lanes3& out) {
   for (int l = 0; l < kLanes; ++l) {
-    const Eigen::Vector3d d =
-        row(directions, first + static_cast<std::size_t>(std::min(l, lanes - 1))).normalized();
-    direction.x[l] = d.x();
-    direction.y[l] = d.y();
-    direction.z[l] = d.z();
-    valid[l] = l < lanes ? -1 : 0;
-  }
-  PacketHits hits;
-  clear_hits(hits, std::numeric_limits<double>::infinity());
-  for (std::size_t s = 0; s < scene.shapes().size(); ++s) {
-    LaneTransform transform;
-    for (int l = 0; l < kLanes; ++l) {
-      const std::size_t ray = first + static_cast<std::size_t>(std::min(l, lanes - 1));
-      set_lane(transform, l, track.shape_from_reference(s, 0), row(origins, ray));
-    }
-    intersect_shape(scene.shapes()[s], static_cast<std::int32_t>(s), transform, direction, valid, hits);
-  }
-  for (int l = 0; l < lanes; ++l) {
-    const std::size_t ray = first + static_cast<std::size_t>(l);
-    const bool hit = hits.shape[l] >= 0;
-    result.distance[ray] = hits.t[l];
-    result.body[ray] = hit ? scene.shapes()[static_cast<std::size_t>(hits.shape[l])].body : -1;
-    result.face[ray] = hit ? static_cast<std::int64_t>(hits.face[l]) : -1;
+    const double* values = rows + 3 * std::min(l, lanes - 1);
+    out.x[l] = values[0];
+    out.y[l] = values[1];
+    out.z[l] = values[2];
   }
 }
+
+SENSOR_RT_MULTIVERSION
+void normalize(Lanes3& __restrict v) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double length = std::sqrt(v.x[l] * v.x[l] + v.y[l] * v.y[l] + v.z[l] * v.z[l]);
+    v.x[l] /= length;
+    v.y[l] /= length;
+    v.z[l] /= length;
+  }
+}
+
+/// Rotation as columns.
+SENSOR_RT_MULTIVERSION
+void transform(const double* __restrict r, const double* __restrict t, const Lanes3& __restrict p,
+               Lanes3& __restrict out) {
+  for (int l = 0; l < kLanes; ++l) {
+    out.x[l] = r[0] * p.x[l] + r[3] * p.y[l] + r[6] * p.z[l] + t[0];
+    out.y[l] = r[1] * p.x[l] + r[4] * p.y[l] + r[7] * p.z[l] + t[1];
+    out.z[l] = r[2] * p.x[l] + r[5] * p.y[l] + r[8] * p.z[l] + t[2];
+  }
+}
+
+/// Casts rays with origins of their own in packets of 16.
+class Caster {
+ public:
+  Caster(const Scene& scene, const PoseTrack& track) : scene_(scene) {
+    for (std::size_t s = 0; s < scene.shapes().size(); ++s) {
+      poses_.push_back(track.shape_from_reference(s, 0));
+      LaneTransform& transform = transforms_.emplace_back();
+      for (int l = 0; l < kLanes; ++l) set_lane(transform, l, poses_.back(), Eigen::Vector3d::Zero());
+    }
+  }
+
+  void cast(const double* origins, const double* directions, std::size_t first, int lanes,
+            CastResult& result) {
+    Lanes3 origin;
+    Lanes3 direction;
+    load(origins + 3 * first, lanes, origin);
+    load(directions + 3 * first, lanes, direction);
+    normalize(direction);
+    alignas(64) int valid[kLanes];
+    for (int l = 0; l < kLanes; ++l) valid[l] = l < lanes ? -1 : 0;
+    PacketHits hits;
+    clear_hits(hits, std::numeric_limits<double>::infinity());
+    for (std::size_t s = 0; s < poses_.size(); ++s) {
+      transform(poses_[s].rotation.data(), poses_[s].translation.data(), origin, transforms_[s].origin);
+      intersect_shape(scene_.shapes()[s], static_cast<std::int32_t>(s), transforms_[s], direction, valid,
+                      hits);
+    }
+    for (int l = 0; l < lanes; ++l) {
+      const std::size_t ray = first + static_cast<std::size_t>(l);
+      const bool hit = hits.shape[l] >= 0;
+      result.distance[ray] = hits.t[l];
+      result.body[ray] = hit ? scene_.shapes()[static_cast<std::size_t>(hits.shape[l])].body : -1;
+      result.face[ray] = hit ? static_cast<std::int64_t>(hits.face[l]) : -1;
+    }
+  }
+
+ private:
+  const Scene& scene_;
+  std::vector<Rigid3> poses_;
+  std::vector<LaneTransform> transforms_;  ///< of each shape; origins are those of the last packet
+};
 
 }  // namespace
 
@@ -76,10 +119,11 @@ CastResult cast_rays(const Scene& scene, const std::vector<Rigid3>& world_from_b
   result.face.resize(count);
   constexpr std::size_t kBlock = 64 * kLanes;
   parallel_for((count + kBlock - 1) / kBlock, threads, [&](std::size_t block, unsigned) {
+    Caster caster(scene, track);
     const std::size_t end = std::min(count, (block + 1) * kBlock);
     for (std::size_t first = block * kBlock; first < end; first += kLanes) {
       const int lanes = static_cast<int>(std::min<std::size_t>(kLanes, end - first));
-      cast_packet(scene, track, origins, directions, first, lanes, result);
+      caster.cast(origins, directions, first, lanes, result);
     }
   });
   return result;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/scene/scene.h"
 
 namespace sensor_rt {
@@ -12,9 +13,9 @@ namespace sensor_rt {
 /// Closest hits: distance along the ray (infinite without a hit), body and face (-1 without a hit; 0 on
 /// primitives).
 struct CastResult {
-  std::vector<double> distance;
-  std::vector<std::int32_t> body;
-  std::vector<std::int64_t> face;
+  LargeVector<double> distance;
+  LargeVector<std::int32_t> body;
+  LargeVector<std::int64_t> face;
 };
 
 /// Casts `count` rays, origins and directions (count, 3) in the world frame. Directions need not be unit

@@ -1,11 +1,14 @@
 #include "sensor_rt/scene/mesh_shape.h"
 
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 
 namespace sensor_rt {
 namespace {
+
+std::atomic<std::uint64_t> builds{0};
 
 FacePlane face_plane(const MeshView& mesh, std::size_t face, const Eigen::Vector3d& centre) {
   const Eigen::Vector3d a = mesh.corner(face, 0) - centre;
@@ -74,8 +77,11 @@ SceneHandle build_triangle_scene(const MeshView& mesh, const Eigen::Vector3d& ce
   rtcAttachGeometry(scene.get(), geometry.get());
   rtcCommitScene(scene.get());
   check_device("build a mesh");
+  ++builds;
   return scene;
 }
+
+std::uint64_t tree_builds() { return builds; }
 
 Shape make_mesh_shape(const MeshView& mesh) {
   const Eigen::Vector3d centre = mesh_centre(mesh);

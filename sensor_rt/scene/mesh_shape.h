@@ -35,6 +35,9 @@ Eigen::Vector3d mesh_centre(const MeshView& mesh);
 /// Embree scene that holds the mesh shifted by -centre in single precision.
 SceneHandle build_triangle_scene(const MeshView& mesh, const Eigen::Vector3d& centre);
 
+/// Search trees over triangles that this process has built so far: tells whether anything is built again.
+std::uint64_t tree_builds();
+
 /// Shape of a valid mesh given in the body frame.
 Shape make_mesh_shape(const MeshView& mesh);
 

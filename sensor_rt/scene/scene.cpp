@@ -69,6 +69,14 @@ int Scene::body_number(const std::string& body) {
   return number;
 }
 
+void Scene::remove_shapes(const std::string& body) {
+  const auto found = std::find(bodies_.begin(), bodies_.end(), body);
+  if (found == bodies_.end()) throw std::invalid_argument("there is no body " + body);
+  const auto number = static_cast<int>(found - bodies_.begin());
+  const auto is_its = [number](const Shape& shape) { return shape.body == number; };
+  shapes_.erase(std::remove_if(shapes_.begin(), shapes_.end(), is_its), shapes_.end());
+}
+
 void Scene::add_light(const std::string& body, Light light) {
   const auto require = [&](bool holds, const char* what) {
     if (!holds) throw std::invalid_argument("light " + body + ": " + what);

@@ -30,6 +30,11 @@ class Scene {
   void add_plane(const std::string& body, const Rigid3& body_from_plane, const Eigen::Vector2d& size,
                  const Material& material);
 
+  /// Takes away the shapes of a body, which keeps its place among the bodies: shapes added under its name
+  /// next replace them. Other shapes stay as they are built. Throws std::invalid_argument for an unknown
+  /// body.
+  void remove_shapes(const std::string& body);
+
   /// A lamp that moves with `body`, which need not have shapes; `light.body` is filled in.
   void add_light(const std::string& body, Light light);
 

@@ -11,9 +11,10 @@ import numpy as np
 
 import sensor_rt
 
-from .scenes import PART_TRIANGLES, make_sensor, part_on_table, turning_exposures
-from .table import Row
-from .timing import Timing, measure
+from .raw_embree import raw_times, turning_fans
+from .scenes import PART_TRIANGLES, bumpy_part, make_sensor, part_on_table, turning_exposures
+from .table import Row, Wanted
+from .timing import Timing, measure, scaled
 
 FRAMES = 32
 PROFILES = 512
@@ -33,15 +34,13 @@ def _ray_traced(scene: sensor_rt.Scene, threads: int, moving: bool = True, overr
     return measure(lambda: sensor_rt.scan(scene, sensor, exposures, threads=threads))
 
 
-def _both_clocks(name: str, timing: Timing, count: int, unit: str, limit: float, cores: int) -> Iterator[Row]:
-    """What was done per second of wall time, and what `cores` free cores would do by the processor time it took.
+def _rate_row(name: str, timing: Timing, count: int, unit: str, limit: float, cores: int) -> Row:
+    """What `cores` free cores do per second by the processor time it took, and what was done per second of wall time.
 
     The verdict is taken by processor time: the machine may be shared.
     """
-    peer = f"limit on {cores} cores"
-    yield Row(name, count / timing.best, unit, peer, limit, timing.spread)
-    by_processor = cores * count / timing.processor
-    yield Row(name, by_processor, unit, peer, limit, None, "at least", clock="processor")
+    rate, peer = cores * count / timing.processor, f"limit on {cores} cores"
+    return Row(name, rate, unit, peer, limit, timing.spread, "at least", 1.0, "processor", count / timing.best)
 
 
 def image_rows() -> Iterator[Row]:
@@ -49,13 +48,13 @@ def image_rows() -> Iterator[Row]:
     scene = part_on_table(PART_TRIANGLES)
     for moving, name in ((True, "ray-traced, moving, 2 threads"), (False, "ray-traced, still, 2 threads")):
         timing = _ray_traced(scene, 2, moving=moving)
-        yield from _both_clocks(name, timing, FRAMES, "pairs/s", LIMIT_PAIRS, 2)
+        yield _rate_row(name, timing, FRAMES, "pairs/s", LIMIT_PAIRS, 2)
 
 
 def reflected_rows() -> Iterator[Row]:
     """The same pairs with light that is reflected up to twice between surfaces, and speckle."""
     timing = _ray_traced(part_on_table(PART_TRIANGLES), 2, overrides=REFLECTED)
-    yield from _both_clocks("two bounces and speckle, 2 threads", timing, FRAMES, "pairs/s", LIMIT_REFLECTED, 2)
+    yield _rate_row("two bounces and speckle, 2 threads", timing, FRAMES, "pairs/s", LIMIT_REFLECTED, 2)
 
 
 def station_rows() -> Iterator[Row]:
@@ -78,11 +77,15 @@ def single_station_rows() -> Iterator[Row]:
     noisy = sensor_rt.render(scene, sensor, exposures)
     duration, index = np.full(4, 5e-4), np.arange(4)
     timing = measure(lambda: sensor_rt.extract(noisy, sensor, threads=1))
-    per_image = 1e3 * timing.best / images
-    yield Row("peak extraction", per_image, "ms/image", "limit per core", LIMIT_EXTRACTION_MS, timing.spread, "at most")
+    per_image = 1e3 * timing.processor / images
+    yield Row(
+        "peak extraction", per_image, "ms/image", "limit per core", LIMIT_EXTRACTION_MS, timing.spread, "at most",
+        clock="processor", other=1e3 * timing.best / images,
+    )  # fmt: skip
     timing = measure(lambda: sensor_rt.expose(electrons, sensor, duration, index, threads=1))
-    name = "detector, every pixel"
-    yield Row(name, 1e3 * timing.best / images, "ms/image", "peak extraction", per_image, timing.spread)
+    name, wall = "detector, every pixel", 1e3 * timing.best / images
+    value = 1e3 * timing.processor / images
+    yield Row(name, value, "ms/image", "peak extraction", per_image, timing.spread, clock="processor", other=wall)
 
 
 def geometric_rows() -> Iterator[Row]:
@@ -91,31 +94,45 @@ def geometric_rows() -> Iterator[Row]:
     sensor, exposures = make_sensor([f"sensor.geometric.rays={RAYS}"]), turning_exposures(PROFILES)
     timing = measure(lambda: sensor_rt.scan(scene, sensor, exposures, engine="geometric", threads=2))
     name = f"geometric, {RAYS} rays, 2 threads"
-    yield from _both_clocks(name, timing, PROFILES, "profiles/s", LIMIT_GEOMETRIC, 2)
+    yield _rate_row(name, timing, PROFILES, "profiles/s", LIMIT_GEOMETRIC, 2)
     traced = _ray_traced(scene, 2)
     rate, peer = 2 * PROFILES / timing.processor, "our own ray-traced pairs/s"
     theirs = 2 * FRAMES / traced.processor
-    yield Row(name, rate, "profiles/s", peer, theirs, None, "at least", 100.0, clock="processor")
+    wall = PROFILES / timing.best
+    yield Row(name, rate, "profiles/s", peer, theirs, None, "at least", 100.0, "processor", wall)
 
 
 def density_rows(largest: int) -> Iterator[Row]:
-    """Processor time per profile and memory as the triangles of the part grow; the surface stays the same."""
+    """Time per profile and memory as the triangles of the part grow; the surface stays the same.
+
+    Beside it stands what bare Embree takes for the rays of a profile: one from the laser and one from each camera per
+    point.
+    """
     sensor, moving, many = make_sensor(), turning_exposures(16), turning_exposures(PROFILES)
-    first: tuple[float, float] | None = None
-    for triangles in (*(n for n in DENSE_STEPS if n < largest), largest):
+    fans = turning_fans(PROFILES)
+    sizes = (*(n for n in DENSE_STEPS if n < largest), largest)
+    first: dict[str, float] = {}
+    for triangles in sizes:
         scene = part_on_table(triangles)
         traced = measure(partial(sensor_rt.scan, scene, sensor, moving), 3)
         cast = measure(partial(sensor_rt.scan, scene, sensor, many, engine="geometric"), 3)
-        figures = (1e3 * traced.processor / 16, 1e6 * cast.processor / PROFILES)
-        first = first or figures
-        size, least = f"{triangles:,} triangles", f"{DENSE_STEPS[0]:,} triangles"
-        yield Row(
-            f"ray-traced, {size}", figures[0], "ms/pair", least, first[0], None, "at most", 2.0, clock="processor"
-        )
-        yield Row(
-            f"geometric, {size}", figures[1], "us/profile", least, first[1], None, "at most", 2.0, clock="processor"
-        )
+        del scene
+        yield _density_row("ray-traced", "ms/pair", triangles, scaled(traced, 1e3 / 16), first, True)
+        yield _density_row("geometric", "us/profile", triangles, scaled(cast, 1e6 / PROFILES), first, True)
+        raw = raw_times(*bumpy_part(triangles), fans, 3)
+        if raw is not None:
+            bare = Timing(raw.laser.best + raw.views.best, 0.0, raw.laser.processor + raw.views.processor)
+            yield _density_row("bare Embree", "us/profile", triangles, scaled(bare, 1e6 / PROFILES), first, False)
     # In a process of its own: memory that was freed before would not be asked for again.
     command = [sys.executable, "-m", f"{__package__}.scene_memory", str(largest)]
     memory = int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     yield Row(f"memory, {largest:,} triangles", memory / 1e6, "MB", "its vertices and indices", largest * 24e-6)
+    yield Row("memory per triangle", memory / largest, "B", "its vertices and indices", 24.0)
+
+
+def _density_row(what: str, unit: str, triangles: int, timing: Timing, first: dict[str, float], limited: bool) -> Row:
+    """Against the first size of the same name, which goes into `first`."""
+    least = first.setdefault(what, timing.processor)
+    name, peer = f"{what}, {triangles:,} triangles", f"{DENSE_STEPS[0]:,} triangles"
+    wanted: Wanted = "at most" if limited else ""
+    return Row(name, timing.processor, unit, peer, least, timing.spread, wanted, 2.0, "processor", timing.best)

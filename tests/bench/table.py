@@ -20,6 +20,8 @@ class Row:
     ----------
     clock
         ``wall`` or ``processor``: by which time value and verdict are taken.
+    other
+        The value by the other clock, where it was taken.
     spread
         How far the median of the repeats lies from the best, relative to the best; None for a single run.
     wanted
@@ -35,6 +37,7 @@ class Row:
     wanted: Wanted = ""
     limit: float = 1.0
     clock: Literal["wall", "processor"] = "wall"
+    other: float | None = None
 
     @property
     def ratio(self) -> float:
@@ -66,15 +69,17 @@ def print_header() -> None:
     """Print what the columns are, and on what machine."""
     print(f"CPU: {cpu_model()}; load at start {os.getloadavg()[0]:.1f}")
     print("value: best of the repeats; spread: how much worse their median was")
-    print("clock: wall time, or processor time of all threads together, which other processes hardly touch")
-    left = f"{'name':<46}{'clock':<10}{'value':>10} {'unit':<12}{'spread':>7}"
+    print("clock: wall time, or processor time of all threads together, which other processes hardly touch;")
+    print("other: the value by the other of these clocks")
+    left = f"{'name':<46}{'clock':<10}{'value':>10} {'unit':<12}{'other':>10}{'spread':>7}"
     print(f"{left}  {'peer':<42}{'peer value':>10}{'ratio':>9}  {'wanted':<9}")
 
 
 def print_row(row: Row) -> None:
     """Print one row of the table."""
     spread = "" if row.spread is None else f"{100 * row.spread:.0f} %"
-    left = f"{row.name:<46}{row.clock:<10}{row.value:>10.4g} {row.unit:<12}{spread:>7}"
+    other = "" if row.other is None else f"{row.other:.4g}"
+    left = f"{row.name:<46}{row.clock:<10}{row.value:>10.4g} {row.unit:<12}{other:>10}{spread:>7}"
     print(f"{left}  {row.peer:<42}{row.peer_value:>10.4g}{row.ratio:>9.3g}  {row.wish:<9}{row.verdict}", flush=True)
 
 

@@ -12,7 +12,7 @@ import trimesh
 from scenes import Array, moving, pose, probe, random_pose, still
 from stripe_images import sensor_description
 
-from sensor_rt import Exposures, Scene, Sensor, extract, render, scan, triangulate
+from sensor_rt import Exposures, Scene, Sensor, cast_rays, extract, render, scan, tree_builds, triangulate
 
 
 def wedge() -> tuple[Scene, Array]:
@@ -43,6 +43,36 @@ def test_points_come_back_to_the_surface_they_came_from(engine: str) -> None:
         assert np.sqrt((error[mine] ** 2).mean()) < limit
         assert (ridge[mine] < limit).sum() > 50
         assert (plane[mine] < limit).sum() > 300
+
+
+def test_poses_build_nothing_and_another_part_builds_itself_alone() -> None:
+    ball, floor = trimesh.creation.icosphere(subdivisions=4, radius=0.015), trimesh.creation.box([0.2, 0.2, 0.01])
+    ring = trimesh.creation.torus(0.012, 0.004)
+
+    def cell(part: trimesh.Trimesh) -> Scene:
+        scene = Scene()
+        scene.add_mesh("part", part.vertices, part.faces, 0.5)
+        scene.add_mesh("floor", floor.vertices, floor.faces, 0.4)
+        return scene
+
+    rng = np.random.default_rng(2)
+    bodies = np.array([[pose((0, 0, 0.12), rng.uniform(-3, 3, 3)), pose((0, 0, 0.16))] for _ in range(10)])
+    sensors = np.broadcast_to(np.eye(4), (10, 1, 4, 4))
+    exposures = Exposures(sensors, bodies[:, :, None], np.full(10, 5e-4), np.arange(10))
+    scene, before = cell(ball), tree_builds()
+    for engine in ("geometric", "ray-traced"):
+        scan(scene, probe(), exposures, engine=engine)  # type: ignore[arg-type]
+    cast_rays(scene, bodies[0], np.zeros((5, 3)), np.tile([0, 0, 1.0], (5, 1)))
+    assert tree_builds() == before
+    scene.remove_shapes("part")
+    scene.add_mesh("part", ring.vertices, ring.faces, 0.5)
+    assert tree_builds() == before + 1
+    assert scene.bodies == ["part", "floor"]
+    edited, fresh = (scan(one, probe(), exposures, engine="geometric").profiles for one in (scene, cell(ring)))
+    assert len(fresh) > 1000
+    np.testing.assert_array_equal(edited.points_in_sensor, fresh.points_in_sensor)
+    with pytest.raises(ValueError, match="no body lid"):
+        scene.remove_shapes("lid")
 
 
 def test_both_engines_see_the_same_surface() -> None:

@@ -15,7 +15,8 @@ from orchestrator.config import load_setup
 from orchestrator.config.loading import assets_dir
 from orchestrator.geometry.mesh import load_mesh
 
-from ..ray_speed import fans, import_open3d, open3d_scene
+from ..raw_embree import turning_fans
+from ..ray_speed import import_open3d, open3d_scene
 from ..scenes import PART_TRIANGLES, bumpy_part
 from ..timing import measure
 from .check import Check, PeerMissingError
@@ -36,7 +37,7 @@ def open3d_checks() -> Iterator[Check]:
     peer = open3d_scene(open3d, vertices, faces)
     scene = sensor_rt.Scene()
     scene.add_mesh("part", vertices, faces, 0.6)
-    origins, directions = fans(_FANS)
+    origins, directions = turning_fans(_FANS).laser_rays()
     ours, _, _ = sensor_rt.cast_rays(scene, np.eye(4)[None], origins, directions)
     rays = open3d.core.Tensor(np.concatenate([origins, directions], 1).astype(np.float32))
     theirs = peer.cast_rays(rays)["t_hit"].numpy()
