@@ -30,6 +30,7 @@ from cell_fixture import (
     pack,
     pose,
 )
+from test_fmu_soft_part import soft_cell
 
 FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 Cell = dict[str, Any]
@@ -360,5 +361,5 @@ def test_packing_twice_gives_the_same_description(tmp_path: Path) -> None:
 
 
 def test_the_cells_of_the_call_fuzzer_are_those_of_these_tests() -> None:
-    for name, cell in (("clamped", cell_description()), ("free", FREE)):
+    for name, cell in (("clamped", cell_description()), ("free", FREE), ("soft", soft_cell(longest_edge=0.1))):
         assert json.loads((Path(__file__).parent / "cells" / name / "cell.json").read_text()) == cell
