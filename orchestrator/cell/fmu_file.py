@@ -67,7 +67,7 @@ def cell_json(cell: CellDescription, nominal: NominalCell, seed: int) -> dict[st
         "table": {"world_from_table": pose_json(nominal.world_from_table), "start": 0.0, **table},
         "conveyors": [_conveyor_json(conveyor) for conveyor in cell.conveyor],
         "parts": [
-            {"name": "part", "stands_on": "table", **_part_json(cell.part, nominal.part, nominal.table_from_part)},
+            {"name": "part", **_scanned_part_json(cell.part, nominal)},
             *(_further_part_json(part) for part in nominal.further_parts),
         ],
         "gripper": None if cell.gripper is None else _gripper_json(cell.gripper),
@@ -89,6 +89,13 @@ def _part_json(part: PartDescription | FurtherPartDescription, mesh: Mesh, suppo
         "centre_of_mass": properties.centre_of_mass.tolist(),
         "inertia": properties.inertia.tolist(),
     }
+
+
+def _scanned_part_json(part: PartDescription, nominal: NominalCell) -> dict[str, Any]:
+    if part.arrival is None:
+        return {"stands_on": "table", **_part_json(part, nominal.part, nominal.table_from_part)}
+    place = pose_matrix(part.arrival.pose)
+    return {"stands_on": part.arrival.stands_on, **_part_json(part, nominal.part, place)}
 
 
 def _further_part_json(part: FurtherPart) -> dict[str, Any]:

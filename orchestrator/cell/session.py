@@ -32,6 +32,7 @@ from orchestrator.errors import CommandError
 from orchestrator.geometry import pose
 
 _AXES = 7
+_AT_START = 1e-6  # rad
 _MOST_STOPPING = 5.0  # s; the slowest axis of any sensible cell brakes faster
 
 
@@ -130,18 +131,28 @@ class CellSession(CellReadings):
         Raises
         ------
         CommandError
-            If the controller refuses to follow programs.
+            If the controller refuses to follow programs, or the axes are not where the program starts.
         CellError
             If the FMU reports an error, or a requested exposure never comes.
         """
-        self._cell.set(self._targets, np.append(*self.destination))
-        self._cell.set_integer("command.mode", Mode.SERVO)
-        self.wait(0.0)
-        self._refuse("run_program")
+        self.check_start(program)
         recording = Driver(self._cell, DriveOptions(self._cycle_us, exposure)).run(program)
         self._refuse("run_program")
         self._cell.set_integer("command.mode", Mode.HOLD)
         return recording
+
+    def check_start(self, program: Program) -> None:
+        """Raise `CommandError` where the controller would not follow a program from its first set-point on."""
+        self._cell.set(self._targets, np.append(*self.destination))
+        self._cell.set_integer("command.mode", Mode.SERVO)
+        self.wait(0.0)
+        self._refuse("run_program")
+        first = program.segments[0]
+        away = np.abs(np.append(*self.destination) - np.append(first.q[0], first.table[0]))
+        axis = int(away.argmax())
+        if away[axis] > _AT_START:
+            name = "the table" if axis == _AXES - 1 else f"joint {axis + 1}"
+            raise CommandError(f"the program starts elsewhere: {name} is off by {np.degrees(away[axis]):.3f} deg")
 
     # Operation and emergency stop
 

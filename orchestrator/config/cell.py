@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from orchestrator.config.contact import ContactDescription
 from orchestrator.config.description import Description, Finite, Fraction, NonNegative, PoseDescription, Positive
-from orchestrator.config.devices import ConveyorDescription, FurtherPartDescription, check_devices
+from orchestrator.config.devices import ArrivalDescription, ConveyorDescription, FurtherPartDescription, check_devices
 from orchestrator.config.drives import DriveDescription, InertiaDescription, MotionDescription
 from orchestrator.config.gripper import GripperDescription
 from orchestrator.config.light import LightDescription
@@ -158,6 +158,9 @@ class PartDescription(Description):
     rx_deg: Finite = Field(default=0.0, description="XYZ' rotation of the mesh before it is laid down")
     ry_deg: Finite = 0.0
     rz_deg: Finite = 0.0
+    arrival: ArrivalDescription | None = Field(
+        default=None, description="where it stands until it is brought to the table; on the table if not given"
+    )
     density_kg_m3: Positive = 2700.0
     friction: NonNegative = 0.6
     soft: SoftDescription | None = Field(default=None, description="springs of a soft part; rigid if not given")
@@ -173,6 +176,12 @@ class PartDescription(Description):
     @model_validator(mode="after")
     def _nothing_soft_is_clamped(self) -> Self:
         check_soft(self.soft, self.fixture)
+        return self
+
+    @model_validator(mode="after")
+    def _a_clamped_part_stays(self) -> Self:
+        if self.arrival is not None and self.fixture == "clamped":
+            raise ValueError('fixture "clamped": a part that is brought to the table (arrival) must be "free"')
         return self
 
 
@@ -214,5 +223,5 @@ class CellDescription(Description):
 
     @model_validator(mode="after")
     def _devices_fit(self) -> Self:
-        check_devices(self.further_part, self.conveyor)
+        check_devices(self.part.arrival, self.further_part, self.conveyor)
         return self

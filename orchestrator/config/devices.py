@@ -49,7 +49,7 @@ class FurtherPartDescription(Description):
     @property
     def conveyor(self) -> int | None:
         """Number, from 1, of the conveyor that the part stands on."""
-        return int(self.stands_on[9:-1]) if self.stands_on.startswith("conveyor") else None
+        return _conveyor(self.stands_on)
 
 
 class ConveyorDescription(Description):
@@ -83,15 +83,39 @@ RESERVED_NAMES = frozenset(
 )
 
 
-def check_devices(parts: tuple[FurtherPartDescription, ...], conveyors: tuple[ConveyorDescription, ...]) -> None:
+class ArrivalDescription(Description):
+    """Where the part that is scanned stands at first, when something has to bring it to the table."""
+
+    stands_on: str = Field(pattern=r"^(world|conveyor\[[1-9][0-9]*\])$", description="world or conveyor[i]")
+    pose: PoseDescription = Field(
+        default=PoseDescription(), description="support_from_part: in the frame of the world, or of the belt"
+    )
+
+    @property
+    def conveyor(self) -> int | None:
+        """Number, from 1, of the conveyor that the part stands on."""
+        return _conveyor(self.stands_on)
+
+
+def _conveyor(stands_on: str) -> int | None:
+    return int(stands_on[9:-1]) if stands_on.startswith("conveyor") else None
+
+
+def check_devices(
+    arrival: ArrivalDescription | None,
+    parts: tuple[FurtherPartDescription, ...],
+    conveyors: tuple[ConveyorDescription, ...],
+) -> None:
     """Raise `ValueError` when a name is taken, or when a part stands on a conveyor that is not there."""
     seen = set(RESERVED_NAMES)
     for name in [*(part.name for part in parts), *(conveyor.name for conveyor in conveyors)]:
         if name in seen:
             raise ValueError(f"the name '{name}' is taken: every part and conveyor needs one of its own")
         seen.add(name)
-    for part in parts:
+    standing: list[tuple[str, ArrivalDescription | FurtherPartDescription]]
+    standing = [(f"part '{part.name}'", part) for part in parts]
+    if arrival is not None:
+        standing.append(("part.arrival", arrival))
+    for who, part in standing:
         if part.conveyor is not None and part.conveyor > len(conveyors):
-            raise ValueError(
-                f"part '{part.name}': stands_on = '{part.stands_on}', there are {len(conveyors)} conveyors"
-            )
+            raise ValueError(f"{who}: stands_on = '{part.stands_on}', there are {len(conveyors)} conveyors")

@@ -22,7 +22,7 @@ from orchestrator.geometry.mesh import load_mesh
 from orchestrator.progress import Progress
 from orchestrator.reconstruction.cloud import Cloud
 from orchestrator.reconstruction.reconstruct import Envelope, reconstruct
-from orchestrator.scanning.drive import drive
+from orchestrator.scanning.drive import Before, drive
 from orchestrator.scanning.exposures import visible_bodies
 from orchestrator.scanning.prepare import make_plan
 from orchestrator.scanning.sense import Sensors, make_sensor, sense
@@ -31,8 +31,8 @@ from orchestrator.scanning.sense import Sensors, make_sensor, sense
 _ENVELOPE_HEIGHT = 0.5
 
 
-def scan_to_folder(request: ScanRequest, out: Path, progress: Progress) -> ScanReport:
-    """Scan the part and leave the results in `out`, whole or not at all.
+def scan_to_folder(request: ScanRequest, out: Path, progress: Progress, before: Before | None = None) -> ScanReport:
+    """Scan the part and leave the results in `out`, whole or not at all; `before` commands the cell first.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def scan_to_folder(request: ScanRequest, out: Path, progress: Progress) -> ScanR
             plan = make_plan(nominal, sensors.believed, request.setup)
             progress.advance(1)
         with watch.measure("drive"):
-            driven = drive(request.setup, nominal, plan.program, request.as_built, request.seed, progress)
+            driven = drive(request.setup, nominal, plan.program, request.as_built, request.seed, progress, before)
         report = _finish(
             request, nominal, sensors, driven.recording, folder, watch, progress, {"fmu_token": driven.fmu_token}
         )

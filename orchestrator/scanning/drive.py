@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import NominalCell
 from orchestrator.cell.program import Program
 from orchestrator.cell.recording import Recording
+from orchestrator.cell.session import CellSession
 from orchestrator.config.loading import Setup
 from orchestrator.config.units import to_si
 from orchestrator.progress import Progress
@@ -29,8 +30,18 @@ class Drive:
     fmu_token: str
 
 
+# Commands to the cell that come before the program.
+Before = Callable[[CellSession], None]
+
+
 def drive(
-    setup: Setup, nominal: NominalCell, program: Program, as_built: Sequence[str], seed: int, progress: Progress
+    setup: Setup,
+    nominal: NominalCell,
+    program: Program,
+    as_built: Sequence[str],
+    seed: int,
+    progress: Progress,
+    before: Before | None = None,
 ) -> Drive:
     """Build the cell's FMU, perturb it, and let it run `program`.
 
@@ -38,13 +49,15 @@ def drive(
     ----------
     as_built
         Perturbations as ``key=value`` words, see `orchestrator.cell.as_built`; those of the sensor do not matter here.
+    before
+        What is to happen first: it brings the part to the table, say, and the axes to where the program starts.
 
     Raises
     ------
     DescriptionError
         If a perturbation is unknown.
     CellError
-        If the FMU cannot be built or reports an error.
+        If the FMU cannot be built or reports an error, or its controller refuses what comes `before`.
     """
     with tempfile.TemporaryDirectory(prefix="scancell-") as folder:
         fmu = Path(folder) / "RobotCell2.fmu"
@@ -55,5 +68,9 @@ def drive(
             exposure=float(to_si({"t_ms": setup.sensor.detector.exposure_ms})["t"]),
         )
         with CellInstance(fmu, parameters=lambda units: parse_as_built(as_built, units)) as cell:
+            if before is not None:
+                session = CellSession(cell, nominal, options.cycle_us)
+                before(session)
+                session.check_start(program)
             recording = Driver(cell, options).run(program, progress.advance)
         return Drive(recording, describe_fmu(fmu).token)
