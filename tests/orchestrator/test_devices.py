@@ -117,3 +117,38 @@ def test_every_part_is_recorded_and_drawn_where_it_is(cell_file, tmp_path) -> No
 def test_wrong_devices_are_refused(cell_file, words, said) -> None:
     with pytest.raises(DescriptionError, match=said):
         load_setup(cell_file, overrides=words)
+
+
+ARRIVAL = """
+[part]
+fixture = "free"
+
+[part.arrival]
+stands_on = "conveyor[1]"
+pose = { x_mm = -100.0, z_mm = 10.0 }
+"""
+
+
+def test_the_scanned_part_may_arrive_on_a_belt(cell_file) -> None:
+    """The FMU has it there; planning and reconstruction know it where it is to be scanned."""
+    cell_file.write_text(cell_file.read_text() + ARRIVAL)
+    setup = load_setup(cell_file)
+    nominal = nominal_cell(setup.cell, BLOCK)
+    part = cell_json(setup.cell, nominal, 0)["parts"][0]
+    assert (part["name"], part["stands_on"], part["fixture"]) == ("part", "conveyor[1]", "free")
+    assert part["support_from_part"]["position"] == pytest.approx([-0.1, 0.0, 0.01])
+    np.testing.assert_allclose(nominal.world_from_part(0.0)[:3, 3], [0.45, 0.0, 0.11], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"free"', '"clamped"', 'must be "free"'),
+        ('[part.arrival]\nstands_on = "conveyor[1]"', '[part.arrival]\nstands_on = "conveyor[2]"', "part.arrival"),
+        ('[part.arrival]\nstands_on = "conveyor[1]"', '[part.arrival]\nstands_on = "table"', "stands_on"),
+    ],
+)
+def test_an_arrival_that_makes_no_sense_is_refused(cell_file, old, new, message) -> None:
+    cell_file.write_text(cell_file.read_text() + ARRIVAL.replace(old, new))
+    with pytest.raises(DescriptionError, match=message):
+        load_setup(cell_file)

@@ -15,6 +15,7 @@ from orchestrator.cell.fmu_file import build_fmu, cell_json
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.cell.session import CellSession
+from orchestrator.cell.signals import SignalLog
 from orchestrator.config.loading import load_setup
 from orchestrator.errors import CommandError
 from orchestrator.geometry import pose
@@ -239,3 +240,22 @@ def test_a_program_runs_between_other_commands(start: Start) -> None:
     assert len(recording) == 20
     session.move_table(0.0)
     assert session.table == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_program_must_start_where_the_axes_are(start: Start) -> None:
+    session = start()
+    program = turn_of_table(session.joints, "table_angle", np.radians(1.0))
+    session.move_joints(session.joints + np.radians([0, 0, 2.0, 0, 0, 0]))
+    with pytest.raises(CommandError, match=r"starts elsewhere: joint 3 is off by 2\.000 deg"):
+        session.run_program(program, 1e-3)
+
+
+def test_signals_are_kept_from_step_to_step(start: Start) -> None:
+    session = start()
+    log = SignalLog(session.cell, ["measured.q[1]", "measured.table"], ["controller.moving"])
+    begin, moving = session.joints, session.joints + 0.2
+    session.move_joints(moving, 0.1)
+    np.testing.assert_allclose(np.diff(log.time), CYCLE_US * 1e-6, atol=1e-12)
+    assert (log["measured.q[1]"][[0, -1]] == [begin[0], moving[0]]).all()
+    assert (np.diff(log["measured.table"]) >= 0).all()
+    assert set(log["controller.moving"]) == {0.0, 1.0}
