@@ -50,6 +50,9 @@ class Sensor:
     def row_readout(self) -> float:
         """Time from the exposure of one row to that of the next, s; 0: global shutter."""
     @property
+    def laser_off_frame(self) -> bool:
+        """Whether `scan` takes a second image with the laser off and extracts from the difference."""
+    @property
     def range(self) -> tuple[float, float]:
         """Nearest and farthest sensor z of measured points, m."""
     def trapezoid(self, camera: int = 0) -> NDArray[np.float64]:
@@ -221,9 +224,16 @@ def expose(
     index: NDArray[np.int64],
     threads: int = 0,
 ) -> NDArray[np.uint16]: ...
-def extract(images: NDArray[np.uint16], sensor: Sensor, threads: int = 0, all_peaks: bool = False) -> Peaks:
+def extract(
+    images: NDArray[np.uint16],
+    sensor: Sensor,
+    threads: int = 0,
+    all_peaks: bool = False,
+    unlit: NDArray[np.uint16] | None = None,
+) -> Peaks:
     """Stripe peaks of images (n, cameras, height, width), at most one per column unless `all_peaks` asks for all.
 
+    `unlit` are the same images with the laser off, which are taken away first.
     Those that were not chosen carry the flag ``passed_over``, those that other cameras contradict ``unconfirmed``.
     """
 
@@ -248,6 +258,9 @@ class ScanResult:
     @property
     def images(self) -> NDArray[np.uint16] | None:
         """(n, cameras, height, width) when they were kept."""
+    @property
+    def unlit(self) -> NDArray[np.uint16] | None:
+        """The same with the laser off, when the sensor takes such images and they were kept."""
 
 def scan(
     scene: Scene,
@@ -268,8 +281,13 @@ def scan(
     plane X = 0, or the sensor as built is another, points are triangulated from the pixels that see them.
     """
 
-def render(scene: Scene, sensor: Sensor, exposures: Exposures, threads: int = 0) -> NDArray[np.uint16]:
-    """Images (n, cameras, height, width) in digital numbers. All cameras must be of one size."""
+def render(
+    scene: Scene, sensor: Sensor, exposures: Exposures, threads: int = 0, laser_on: bool = True
+) -> NDArray[np.uint16]:
+    """Images (n, cameras, height, width) in digital numbers. All cameras must be of one size.
+
+    Without the laser they are those that follow at once on the images with it: poses go on as they were going.
+    """
 
 def expected_electrons(
     scene: Scene, sensor: Sensor, exposures: Exposures, whole_image: bool = False, threads: int = 0

@@ -181,6 +181,10 @@ def extract(
     ],
     sensor: Annotated[Path, typer.Option("--sensor", help="sensor description (TOML) with the calibrated cameras")],
     set_: SetOption = None,
+    laser_off: Annotated[
+        list[Path] | None,
+        typer.Option("--laser-off", help="images, or folders, of the same names with the laser off, to be taken away"),
+    ] = None,
     peaks: Annotated[bool, typer.Option("--peaks", help="write every peak that was found, chosen or not")] = False,
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/extract"),
     threads: ThreadsOption = 0,
@@ -193,7 +197,7 @@ def extract(
         from orchestrator.evaluation.extract_images import ExtractionRequest, extract_to_folder  # noqa: PLC0415
 
         setup = load_setup(None, sensor, None, set_ or [])
-        report = extract_to_folder(ExtractionRequest(images, setup.sensor, peaks, threads), out)
+        report = extract_to_folder(ExtractionRequest(images, setup.sensor, peaks, threads, laser_off or ()), out)
         return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
 
     run("extract", as_json, work)

@@ -150,6 +150,11 @@ class DetectorDescription(Description):
         default=None, description="rolling: time by which each row is exposed later than the row before"
     )
 
+    laser_off_frame: bool = Field(
+        default=False,
+        description="take a second image with the laser off right after each exposure, and search what the laser added",
+    )
+
     @model_validator(mode="after")
     def _shutter_is_complete(self) -> Self:
         if (self.shutter == "rolling") != (self.row_readout_us is not None):

@@ -35,6 +35,7 @@ class ExtractionRequest:
     sensor: SensorDescription
     peaks: bool
     threads: int
+    laser_off: Sequence[Path] = ()
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,11 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> ScanReport:
     with RunFolder(out) as folder:
         with watch.measure("load"):
             sensor = make_sensor(request.sensor, 0)
-            sets = ImageSet.from_files(request.images, [camera.name for camera in sensor.cameras])
+            names = [camera.name for camera in sensor.cameras]
+            sets = ImageSet.from_files(request.images, names)
+            unlit = sets.partners(ImageSet.from_files(request.laser_off, names)) if request.laser_off else None
         with watch.measure("extract"):
-            batches = list(_extract(sets, sensor, request))
+            batches = list(_extract(sets, unlit, sensor, request))
         with watch.measure("write"):
             _write_profiles(folder.path("profiles.csv"), batches, sets)
             cloud = _cloud(batches)
@@ -76,12 +79,16 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> ScanReport:
     return ScanReport(figures, [str(out / name) for name in folder.names], warnings, dict(watch.seconds), lines)
 
 
-def _extract(sets: ImageSet, sensor: sensor_rt.Sensor, request: ExtractionRequest) -> Iterator[_Batch]:
+def _extract(
+    sets: ImageSet, unlit_sets: ImageSet | None, sensor: sensor_rt.Sensor, request: ExtractionRequest
+) -> Iterator[_Batch]:
     depth = request.sensor.detector.bit_depth
     for first in range(0, len(sets), _BATCH):
-        images = read_images(sets, range(first, min(first + _BATCH, len(sets))), sensor, depth)
+        rows = range(first, min(first + _BATCH, len(sets)))
+        images = read_images(sets, rows, sensor, depth)
+        unlit = None if unlit_sets is None else read_images(unlit_sets, rows, sensor, depth)
         try:
-            peaks = sensor_rt.extract(images, sensor, request.threads, all_peaks=request.peaks)
+            peaks = sensor_rt.extract(images, sensor, request.threads, request.peaks, unlit)
             yield _Batch(first, peaks, sensor_rt.triangulate(peaks, sensor))
         except (ValueError, RuntimeError) as error:
             raise SensorError(str(error)) from error

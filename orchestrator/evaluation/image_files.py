@@ -54,6 +54,20 @@ class ImageSet:
                     raise ImageError(f"{some}: exposure '{name}' has no image of camera '{camera}'")
         return cls(tuple(names), tuple(tuple(found[name][camera] for camera in cameras) for name in names))
 
+    def partners(self, others: ImageSet) -> ImageSet:
+        """Of `others` the exposures of the same names, in the order of this set.
+
+        Raises
+        ------
+        ImageError
+            If one is missing.
+        """
+        files = dict(zip(others.names, others.files, strict=True))
+        for name, (first, *_) in zip(self.names, self.files, strict=True):
+            if name not in files:
+                raise ImageError(f"{first}: exposure '{name}' has no image of that name with the laser off")
+        return ImageSet(self.names, tuple(files[name] for name in self.names))
+
 
 def read_images(sets: ImageSet, rows: range, sensor: sensor_rt.Sensor, bit_depth: int) -> NDArray[np.uint16]:
     """Images (exposures, cameras, height, width) of some exposures.

@@ -29,9 +29,18 @@ def write_raw_images(images: NDArray[np.uint16], sensor: sensor_rt.Sensor, folde
             raise OutputError(f"{folder.target / path.name}: cannot be written")
 
 
-def draw_stripes(images: NDArray[np.uint16], sensor: sensor_rt.Sensor, path: Path, title: str) -> None:
-    """One picture of the images (cameras, H, W) of an exposure with the stripe that was found in them."""
-    peaks = sensor_rt.extract(images[None], sensor)
+def draw_stripes(
+    images: NDArray[np.uint16],
+    sensor: sensor_rt.Sensor,
+    path: Path,
+    title: str,
+    unlit: NDArray[np.uint16] | None = None,
+) -> None:
+    """One picture of the images (cameras, H, W) of an exposure with the stripe that was found in them.
+
+    `unlit` are the images with the laser off that the search takes away, where the sensor takes such.
+    """
+    peaks = sensor_rt.extract(images[None], sensor, unlit=None if unlit is None else unlit[None])
     found = [
         (np.asarray(peaks.column)[peaks.camera == k], np.asarray(peaks.row)[peaks.camera == k])
         for k in range(len(sensor.cameras))

@@ -25,7 +25,7 @@ from orchestrator.reconstruction.reconstruct import Envelope, reconstruct
 from orchestrator.scanning.drive import Before, drive
 from orchestrator.scanning.exposures import visible_bodies
 from orchestrator.scanning.prepare import make_plan
-from orchestrator.scanning.sense import Sensors, make_sensor, sense
+from orchestrator.scanning.sense import OnImages, Sensors, make_sensor, sense
 
 # Points this far outside the table's rim, or above the highest reach of the sensor, are none of the part's.
 _ENVELOPE_HEIGHT = 0.5
@@ -104,13 +104,23 @@ def _finish(
     """Everything after the recording."""
     bodies = visible_bodies(nominal)
 
-    def keep(trigger: int, images: NDArray[np.uint16]) -> None:
-        write_raw_images(images, sensors.believed, folder, f"images/raw_{trigger:05d}")
+    def keep_in(subfolder: str) -> OnImages | None:
+        def keep(trigger: int, images: NDArray[np.uint16]) -> None:
+            write_raw_images(images, sensors.believed, folder, f"{subfolder}/raw_{trigger:05d}")
+
+        return keep if request.images else None
 
     with watch.measure("sense"):
-        on_images = keep if request.images else None
         sensed = sense(
-            recording, bodies, sensors.believed, request.engine, request.threads, progress, on_images, sensors.as_built
+            recording,
+            bodies,
+            sensors.believed,
+            request.engine,
+            request.threads,
+            progress,
+            keep_in("images"),
+            sensors.as_built,
+            on_unlit=keep_in("laser_off"),
         )
     with watch.measure("reconstruct"):
         cloud = cloud_of(nominal, recording, sensed.points, request.setup)

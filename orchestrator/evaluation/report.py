@@ -170,12 +170,16 @@ def _draw_samples(given: ReportInputs, folder: RunFolder) -> None:
     scene = build_scene(given.bodies)
     for row in rows:
         exposure = exposures_from_truth(truth, index, given.bodies, slice(row, row + 1))
-        images = sensor_rt.render(scene, given.sensors.as_built, exposure, threads=given.request.threads)
+        lit, *unlit = (
+            sensor_rt.render(scene, given.sensors.as_built, exposure, given.request.threads, laser_on=on)[0]
+            for on in ((True, False) if given.sensors.believed.laser_off_frame else (True,))
+        )
         draw_stripes(
-            images[0],
+            lit,
             given.sensors.believed,
             folder.path(f"images/profile_{index[row]:05d}.png"),
             f"profile {index[row]}",
+            *unlit,
         )
 
 

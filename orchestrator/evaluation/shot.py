@@ -67,27 +67,26 @@ def shoot_to_folder(request: ShotRequest, out: Path) -> ScanReport:
             float(to_si({"t_ms": request.setup.sensor.detector.exposure_ms})["t"]),
         )
         with watch.measure("sense"):
-            profiles, images = _expose(bodies, sensor, exposure, request)
+            result = _expose(bodies, sensor, exposure, request)
+            profiles = result.profiles
         with watch.measure("write"):
             points = np.asarray(profiles.points_in_sensor)
             _write_profile(folder.path("profile.csv"), profiles, pose.transform_points(part_from_sensor, points))
-            if images is not None:
-                _write_images(images, sensor, folder)
+            _write_images(result, sensor, folder)
     figures = {"points": len(points), "by_camera": _count(np.asarray(profiles.camera), len(sensor.cameras))}
     warnings = [] if len(points) else ["the sensor sees nothing from this pose"]
     lines = [f"{request.part.name}: {len(points)} points", f"  results    {out}"]
     return ScanReport(figures, [str(out / name) for name in folder.names], warnings, dict(watch.seconds), lines)
 
 
-def _expose(bodies: Any, sensor: sensor_rt.Sensor, exposure: sensor_rt.Exposures, request: ShotRequest) -> Any:
+def _expose(
+    bodies: Any, sensor: sensor_rt.Sensor, exposure: sensor_rt.Exposures, request: ShotRequest
+) -> sensor_rt.ScanResult:
     try:
         scene = build_scene(bodies)
-        result = sensor_rt.scan(
-            scene, sensor, exposure, engine=request.engine, threads=request.threads, keep_images=True
-        )
+        return sensor_rt.scan(scene, sensor, exposure, engine=request.engine, threads=request.threads, keep_images=True)
     except (ValueError, RuntimeError) as error:
         raise SensorError(str(error)) from error
-    return result.profiles, None if result.images is None else result.images[0]
 
 
 def _write_profile(path: Path, profiles: Any, points_in_part: NDArray[np.float64]) -> None:
@@ -111,9 +110,14 @@ def _write_profile(path: Path, profiles: Any, points_in_part: NDArray[np.float64
             writer.writerow([int(camera), int(column), *(f"{value:.6f}" for value in numbers)])
 
 
-def _write_images(images: NDArray[np.uint16], sensor: sensor_rt.Sensor, folder: RunFolder) -> None:
-    write_raw_images(images, sensor, folder, "image")
-    draw_stripes(images, sensor, folder.path("stripes.png"), "shot")
+def _write_images(result: sensor_rt.ScanResult, sensor: sensor_rt.Sensor, folder: RunFolder) -> None:
+    if result.images is None:
+        return
+    write_raw_images(result.images[0], sensor, folder, "image")
+    unlit = None if result.unlit is None else result.unlit[0]
+    if unlit is not None:
+        write_raw_images(unlit, sensor, folder, "laser_off")
+    draw_stripes(result.images[0], sensor, folder.path("stripes.png"), "shot", unlit)
 
 
 def _count(camera: NDArray[np.int32], cameras: int) -> list[int]:

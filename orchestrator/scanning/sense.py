@@ -69,12 +69,14 @@ def sense(
     on_images: OnImages | None = None,
     as_built: sensor_rt.Sensor | None = None,
     scene: sensor_rt.Scene | None = None,
+    on_unlit: OnImages | None = None,
 ) -> Sensed:
     """Profiles of every exposure; frames count the rows of the recording.
 
     `as_built` is the sensor as it truly is, which makes the images; `sensor` is what their extraction believes.
 
-    `on_images` gets the camera images of each exposure, where the engine makes any. `scene` is that of `bodies`, where
+    `on_images` gets the camera images of each exposure, where the engine makes any, and `on_unlit` those with the laser
+    off, where the sensor takes such. `scene` is that of `bodies`, where
     the caller has built it already.
 
     Raises
@@ -91,11 +93,12 @@ def sense(
         for start in range(0, len(recording), _BATCH):
             rows = slice(start, min(start + _BATCH, len(recording)))
             exposures = exposures_from_truth(truth, index, bodies, rows)
-            keep = on_images is not None
+            keep = on_images is not None or on_unlit is not None
             result = sensor_rt.scan(scene, sensor, exposures, engine, threads, keep_images=keep, as_built=as_built)
-            if on_images is not None and result.images is not None:
-                for trigger, images in zip(index[rows], result.images, strict=True):
-                    on_images(int(trigger), images)
+            for take, taken in ((on_images, result.images), (on_unlit, result.unlit)):
+                if take is not None and taken is not None:
+                    for trigger, images in zip(index[rows], taken, strict=True):
+                        take(int(trigger), images)
             batches.append(_points(result.profiles, sensor, engine))
             timings.update(result.timings)
             progress.advance(rows.stop - rows.start)

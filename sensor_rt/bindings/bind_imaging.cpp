@@ -2,8 +2,10 @@
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -39,8 +41,17 @@ void bind_vector(Class& bound, const char* name, Vector Owner::*member, const ch
       doc);
 }
 
-Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads, bool all_peaks) {
+Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads, bool all_peaks,
+              const std::optional<py::array>& unlit) {
   const ImageStack<std::uint16_t> stack("images", images, sensor);
+  std::optional<ImageStack<std::uint16_t>> dark;
+  if (unlit) {
+    dark.emplace("unlit", *unlit, sensor);
+    if (dark->frames() != stack.frames()) {
+      throw std::invalid_argument("unlit: expected " + std::to_string(stack.frames()) + " frames, got " +
+                                  describe(*unlit));
+    }
+  }
   const py::gil_scoped_release release;
   std::vector<Extractor> extractors;
   for (unsigned k = 0; k < thread_count(threads, stack.frames()); ++k) {
@@ -49,7 +60,12 @@ Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads, b
   std::vector<Peaks> found(stack.frames());
   parallel_for(stack.frames(), threads, [&](std::size_t frame, unsigned worker) {
     for (std::size_t camera = 0; camera < stack.cameras(); ++camera) {
-      extractors[worker].measure(stack.image(frame * stack.cameras() + camera), static_cast<int>(camera));
+      const std::size_t image = frame * stack.cameras() + camera;
+      if (dark) {
+        extractors[worker].measure(stack.image(image), dark->image(image), static_cast<int>(camera));
+      } else {
+        extractors[worker].measure(stack.image(image), static_cast<int>(camera));
+      }
     }
     extractors[worker].finish(static_cast<std::int64_t>(frame), found[frame]);
   });
@@ -169,10 +185,11 @@ void bind_profiles(py::module_& module) {
 void bind_imaging(py::module_& module) {
   bind_peaks(module);
   bind_profiles(module);
-  module.def(
-      "extract", &extract, py::arg("images"), py::arg("sensor"), py::arg("threads") = 0u,
-      py::arg("all_peaks") = false,
-      "Stripe peaks of images (n, cameras, height, width) uint16. ValueError when the images do not fit.");
+  module.def("extract", &extract, py::arg("images"), py::arg("sensor"), py::arg("threads") = 0u,
+             py::arg("all_peaks") = false, py::arg("unlit") = py::none(),
+             "Stripe peaks of images (n, cameras, height, width) uint16, of which `unlit`, the same with the "
+             "laser off, is "
+             "taken away. ValueError when the images do not fit.");
   module.def("triangulate", &triangulate_peaks, py::arg("peaks"), py::arg("sensor"),
              py::arg("keep_rejected") = false,
              "Points of peaks. Peaks with a flag of PEAK_REJECTED are left out unless kept, points outside "

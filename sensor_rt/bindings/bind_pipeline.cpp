@@ -24,6 +24,7 @@ struct PyScanResult {
   py::object profiles;
   py::dict timings;
   py::object images;
+  py::object unlit;
 };
 
 py::dict timings(const ScanResult& result) {
@@ -47,18 +48,21 @@ PyScanResult py_scan(const Scene& scene, const Sensor& sensor, const Exposures& 
     result = scan(scene, as_built == nullptr ? sensor : *as_built, sensor, exposures, options);
   }
   py::object images = py::none();
+  py::object unlit = py::none();
   if (keep_images && options.engine == Engine::kRayTraced) {
     images = to_array(std::move(result.images), images_shape(sensor, exposures));
+    if (sensor.laser_off_frame) unlit = to_array(std::move(result.unlit), images_shape(sensor, exposures));
   }
   const py::dict seconds = timings(result);
-  return {py::cast(std::move(result.profiles)), seconds, images};
+  return {py::cast(std::move(result.profiles)), seconds, images, unlit};
 }
 
-py::array py_render(const Scene& scene, const Sensor& sensor, const Exposures& exposures, unsigned threads) {
+py::array py_render(const Scene& scene, const Sensor& sensor, const Exposures& exposures, unsigned threads,
+                    bool laser_on) {
   std::vector<std::uint16_t> images;
   {
     const py::gil_scoped_release release;
-    images = render_images(scene, sensor, exposures, threads);
+    images = render_images(scene, sensor, exposures, laser_on, threads);
   }
   return to_array(std::move(images), images_shape(sensor, exposures));
 }
@@ -79,12 +83,13 @@ void bind_pipeline(py::module_& module) {
   py::class_<PyScanResult>(module, "ScanResult", py::module_local())
       .def_readonly("profiles", &PyScanResult::profiles)
       .def_readonly("timings", &PyScanResult::timings)
-      .def_readonly("images", &PyScanResult::images);
+      .def_readonly("images", &PyScanResult::images)
+      .def_readonly("unlit", &PyScanResult::unlit);
   module.def("scan", &py_scan, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
              py::arg("engine") = "ray-traced", py::arg("threads") = 0, py::arg("keep_images") = false,
              py::arg("as_built") = nullptr);
   module.def("render", &py_render, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
-             py::arg("threads") = 0);
+             py::arg("threads") = 0, py::arg("laser_on") = true);
   module.def("expected_electrons", &py_expected_electrons, py::arg("scene"), py::arg("sensor"),
              py::arg("exposures"), py::arg("whole_image") = false, py::arg("threads") = 0);
 }

@@ -90,6 +90,7 @@ void bind_sensor(py::module_& module) {
       .def_property_readonly("cameras", [](const Sensor& s) { return s.cameras; })
       .def_property_readonly("exposure", [](const Sensor& s) { return s.detector.exposure; })
       .def_readonly("row_readout", &Sensor::row_readout)
+      .def_readonly("laser_off_frame", &Sensor::laser_off_frame)
       .def_property_readonly("range", [](const Sensor& s) { return py::make_tuple(s.near, s.far); })
       .def("laser_irradiance", &laser_irradiance, py::arg("points_in_sensor"))
       .def("trapezoid", &trapezoid, py::arg("camera") = 0);

@@ -46,8 +46,8 @@ SENSOR_RT_MULTIVERSION void maxima(const std::uint16_t* a, const std::uint16_t* 
 
 }  // namespace
 
-const std::vector<Candidate>& CandidateFinder::find(ImageRows image, const PixelNoise& noise, float threshold,
-                                                    int bit_depth) {
+std::vector<Candidate>& CandidateFinder::find(ImageRows image, const PixelNoise& noise, float threshold,
+                                              int bit_depth) {
   found_.clear();
   runs_.assign(static_cast<std::size_t>(image.width), Run{});
   runs_in_block_.assign(static_cast<std::size_t>((image.width + kBlock - 1) / kBlock), 0);
@@ -60,7 +60,6 @@ const std::vector<Candidate>& CandidateFinder::find(ImageRows image, const Pixel
     if (runs_[static_cast<std::size_t>(x)].first_row >= 0) close(x, image.height - 2, x / kBlock);
   }
   sort_by_column(image.width);
-  set_limits(image.height);
   return sorted_;
 }
 
@@ -138,14 +137,14 @@ void CandidateFinder::sort_by_column(int width) {
   }
 }
 
-void CandidateFinder::set_limits(int height) {
-  for (std::size_t i = 0; i < sorted_.size(); ++i) {
-    Candidate& c = sorted_[i];
+void set_limits(std::vector<Candidate>& candidates, int height) {
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    Candidate& c = candidates[i];
     c.lower_limit = 0;
     c.upper_limit = height - 1;
     if (c.first_row <= 1 || c.last_row >= height - 2) c.flags |= kPeakBorder;
-    if (i > 0 && sorted_[i - 1].column == c.column) {
-      Candidate& before = sorted_[i - 1];
+    if (i > 0 && candidates[i - 1].column == c.column) {
+      Candidate& before = candidates[i - 1];
       c.lower_limit = (before.last_row + c.first_row) / 2;
       before.upper_limit = c.lower_limit;
       c.flags |= kPeakMultiple;

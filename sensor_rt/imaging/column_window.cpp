@@ -23,8 +23,8 @@ ColumnWindow gather(ImageRows image, const PixelNoise& noise, const Candidate& c
     const auto value = static_cast<float>(image.at(rows.first + i, candidate.column));
     w.signal[i] = static_cast<double>(value - noise.background);
     const double light = std::max(0.0, w.signal[i]);
-    w.variance[i] = static_cast<double>(noise.variance_floor) + static_cast<double>(noise.gain) * light +
-                    speckle * light * light;
+    w.variance[i] = static_cast<double>(noise.variance_floor + candidate.light_variance) +
+                    static_cast<double>(noise.gain) * light + speckle * light * light;
     w.clipped[i] = !(value < noise.saturation);
   }
   return w;

@@ -9,6 +9,7 @@
 
 #include "sensor_rt/imaging/agreement.h"
 #include "sensor_rt/imaging/choose.h"
+#include "sensor_rt/imaging/laser_off.h"
 #include "sensor_rt/imaging/stripe.h"
 
 namespace sensor_rt {
@@ -116,32 +117,20 @@ class Extractor::Impl {
     noise_.variance_floor = static_cast<float>(dark_dn * dark_dn + 1.0 / 12.0);
     noise_.gain = static_cast<float>(noise.gain_dn_per_e);
     noise_.saturation = saturation_level(noise);
+    difference_ = std::make_unique<LitDifference>(noise, noise_.saturation);
     for (const Camera& camera : geometry_.cameras) {
       speckle_.push_back(speckle_noise(camera, noise.wavelength, noise.speckle_contrast));
     }
   }
 
   void measure(ImageView<const std::uint16_t> image, int camera) {
-    if (image.width < 1 || image.height < 3) {
-      throw std::invalid_argument("image of " + std::to_string(image.width) + " x " +
-                                  std::to_string(image.height) + " pixels: expected at least 1 x 3");
-    }
-    noise_.background = background_level(image, image_noise_.black_level_dn, sample_);
-    noise_.speckle = speckle_[static_cast<std::size_t>(camera)];
-    const double noise_of_sum = std::sqrt(3.0 * static_cast<double>(noise_.variance_floor));
-    // A stripe of the least amplitude lights three rows by at least about its own amplitude.
-    const auto threshold =
-        static_cast<float>(std::max(options_.threshold_sigma * noise_of_sum, options_.min_amplitude_dn));
-    CameraPeaks& peaks = next();
-    peaks.camera = camera;
-    peaks.candidates = finder_.find(image, noise_, threshold, image_noise_.bit_depth);
-    // What is certain to be passed over need not be measured.
-    if (chosen_by_rank(options_.peak) && !all_peaks_) keep_by_rank(options_.peak, peaks.candidates);
-    for (Candidate& candidate : peaks.candidates) guess(image, noise_.background, candidate);
-    peaks.fits.resize(peaks.candidates.size());
-    locator(options_.detector)(image, noise_, peaks.candidates.data(), peaks.candidates.size(),
-                               peaks.fits.data());
-    for (StripeFit& fit : peaks.fits) judge_shape(options_, fit);
+    PixelNoise noise = noise_;
+    noise.background = background_level(image, image_noise_.black_level_dn, sample_);
+    measure_stripe(image, noise, nullptr, camera);
+  }
+
+  void measure(ImageRows image, ImageRows unlit, int camera) {
+    measure_stripe(difference_->subtract(image, unlit), difference_->noise(), &unlit, camera);
   }
 
   void finish(std::int64_t frame, Peaks& out) {
@@ -155,6 +144,38 @@ class Extractor::Impl {
   }
 
  private:
+  /// `unlit` is not null where the image is a difference from it.
+  void measure_stripe(ImageRows image, PixelNoise noise, const ImageRows* unlit, int camera) {
+    if (image.width < 1 || image.height < 3) {
+      throw std::invalid_argument("image of " + std::to_string(image.width) + " x " +
+                                  std::to_string(image.height) + " pixels: expected at least 1 x 3");
+    }
+    noise.speckle = speckle_[static_cast<std::size_t>(camera)];
+    const auto black = static_cast<float>(image_noise_.black_level_dn);
+    PixelNoise lit_noise = noise;
+    if (unlit != nullptr) {
+      const float light = background_level(*unlit, image_noise_.black_level_dn, sample_) - black;
+      lit_noise.variance_floor += 2.0f * noise.gain * std::max(0.0f, light);
+    }
+    const double noise_of_sum = std::sqrt(3.0 * static_cast<double>(lit_noise.variance_floor));
+    // A stripe of the least amplitude lights three rows by at least about its own amplitude.
+    const auto threshold =
+        static_cast<float>(std::max(options_.threshold_sigma * noise_of_sum, options_.min_amplitude_dn));
+    CameraPeaks& peaks = next();
+    peaks.camera = camera;
+    std::vector<Candidate>& found = finder_.find(image, lit_noise, threshold, image_noise_.bit_depth);
+    if (unlit != nullptr) allow_for_light(*unlit, black, noise, options_.threshold_sigma, found);
+    set_limits(found, image.height);
+    peaks.candidates = found;
+    // What is certain to be passed over need not be measured.
+    if (chosen_by_rank(options_.peak) && !all_peaks_) keep_by_rank(options_.peak, peaks.candidates);
+    for (Candidate& candidate : peaks.candidates) guess(image, noise.background, candidate);
+    peaks.fits.resize(peaks.candidates.size());
+    locator(options_.detector)(image, noise, peaks.candidates.data(), peaks.candidates.size(),
+                               peaks.fits.data());
+    for (StripeFit& fit : peaks.fits) judge_shape(options_, fit);
+  }
+
   CameraPeaks& next() {
     if (measured_ == cameras_.size()) cameras_.emplace_back();
     return cameras_[measured_++];
@@ -208,6 +229,7 @@ class Extractor::Impl {
   SheetGeometry geometry_;
   bool all_peaks_;
   PixelNoise noise_;
+  std::unique_ptr<LitDifference> difference_;
   std::vector<SpeckleNoise> speckle_;  // per camera
   CandidateFinder finder_;
   std::vector<std::uint16_t> sample_;
@@ -225,6 +247,11 @@ Extractor::Extractor(Extractor&&) noexcept = default;
 Extractor& Extractor::operator=(Extractor&&) noexcept = default;
 
 void Extractor::measure(ImageView<const std::uint16_t> image, int camera) { impl_->measure(image, camera); }
+
+void Extractor::measure(ImageView<const std::uint16_t> image, ImageView<const std::uint16_t> unlit,
+                        int camera) {
+  impl_->measure(image, unlit, camera);
+}
 
 void Extractor::finish(std::int64_t frame, Peaks& out) { impl_->finish(frame, out); }
 

@@ -87,6 +87,9 @@ class Extractor {
   /// Finds and measures the peaks in the image of a camera.
   void measure(ImageView<const std::uint16_t> image, int camera);
 
+  /// The same in what the laser added: `unlit` is an image of the same camera with the laser off.
+  void measure(ImageView<const std::uint16_t> image, ImageView<const std::uint16_t> unlit, int camera);
+
   /// Appends the chosen peak of every column that has one, flags included, sorted by camera and column, and
   /// begins a new exposure.
   void finish(std::int64_t frame, Peaks& out);

@@ -35,7 +35,7 @@ void load(ImageRows image, const PixelNoise& noise, const Candidate& c, Gaussian
   }
   const float model_error = saturated ? kSaturatedModelError : kModelError;
   b.model_error.v[l] = model_error * model_error;
-  b.floor.v[l] = noise.variance_floor * scale * scale;
+  b.floor.v[l] = (noise.variance_floor + c.light_variance) * scale * scale;
   b.gain.v[l] = noise.gain * scale;
   b.speckle_weight.v[l] = noise.speckle.covariance[0];
   b.prior.v[l] = 0.0f;

@@ -123,8 +123,8 @@ class Ridge {
         const double influence =
             (across_.d1[i] * down.g[j] * nx + across_.g[i] * down.d1[j] * ny) / (bend * ny);
         variance += influence * influence *
-                    (static_cast<double>(noise_.variance_floor) + static_cast<double>(noise_.gain) * light +
-                     speckle * light * light);
+                    (static_cast<double>(noise_.variance_floor + c_.light_variance) +
+                     static_cast<double>(noise_.gain) * light + speckle * light * light);
       }
     }
     return variance;

@@ -27,10 +27,11 @@ struct Candidate {
   int last_row = 0;
   int lower_limit = 0;  ///< rows that no other candidate claims
   int upper_limit = 0;
-  float strength = 0.0f;   ///< largest sum over three neighbouring rows
-  float row = 0.0f;        ///< first guess of the centre
-  float width = 0.0f;      ///< first guess of the standard deviation, px
-  float amplitude = 0.0f;  ///< first guess of the height, DN
+  float strength = 0.0f;        ///< largest sum over three neighbouring rows
+  float row = 0.0f;             ///< first guess of the centre
+  float width = 0.0f;           ///< first guess of the standard deviation, px
+  float amplitude = 0.0f;       ///< first guess of the height, DN
+  float light_variance = 0.0f;  ///< of its pixels, by light that is not the laser's, DN²
   std::uint32_t flags = 0;
 };
 
@@ -81,9 +82,9 @@ class CandidateFinder {
  public:
   /// Candidates sorted by column, then row: runs of rows whose sum with both neighbours exceeds that of the
   /// background by `threshold` (DN), split where a dip between two maxima stands out of the noise. The sum
-  /// over three rows keeps single bright pixels out. `bit_depth` chooses the width of the sums.
-  const std::vector<Candidate>& find(ImageRows image, const PixelNoise& noise, float threshold,
-                                     int bit_depth);
+  /// over three rows keeps single bright pixels out. `bit_depth` chooses the width of the sums. Limits are
+  /// not set yet.
+  std::vector<Candidate>& find(ImageRows image, const PixelNoise& noise, float threshold, int bit_depth);
 
  private:
   struct Run {
@@ -98,7 +99,6 @@ class CandidateFinder {
   void visit(ImageRows image, const PixelNoise& noise, float level, int row, int block);
   void close(int column, int last_row, int block);
   void sort_by_column(int width);
-  void set_limits(int height);
 
   std::vector<Run> runs_;           // per column
   std::vector<int> runs_in_block_;  // how many are open
@@ -106,6 +106,9 @@ class CandidateFinder {
   std::vector<Candidate> sorted_;
   std::vector<int> starts_;
 };
+
+/// Shares the rows of each column out among its candidates.
+void set_limits(std::vector<Candidate>& candidates, int height);
 
 /// First guesses of centre, width and amplitude by moments over the run.
 void guess(ImageRows image, float background, Candidate& candidate);

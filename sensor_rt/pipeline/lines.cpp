@@ -4,7 +4,7 @@
 
 namespace sensor_rt {
 
-RenderSettings render_settings(const Sensor& sensor, bool whole_image) {
+RenderSettings render_settings(const Sensor& sensor, bool whole_image, bool laser_on) {
   RenderSettings settings;
   settings.model = sensor;
   settings.quantum_efficiency = sensor.detector.quantum_efficiency;
@@ -16,6 +16,7 @@ RenderSettings render_settings(const Sensor& sensor, bool whole_image) {
   settings.photons = sensor.photons;
   settings.seed = sensor.seed;
   settings.speckle_contrast = sensor.speckle_contrast;
+  settings.laser_on = laser_on;
   settings.row_readout = sensor.row_readout;
   return settings;
 }
@@ -28,25 +29,45 @@ void ImageLine::render(const Scene& scene, const Exposures& exposures, std::size
 void ImageLine::expose(const Exposures& exposures, std::size_t exposure, std::size_t camera,
                        ImageView<std::uint16_t> out) {
   const Stopwatch watch(seconds_[kDetect]);
-  const FrameId id{exposures.index[exposure], static_cast<int>(camera), exposures.duration[exposure]};
+  const FrameId id{frame_number(exposures, exposure, laser_on_), static_cast<int>(camera),
+                   exposures.duration[exposure]};
   const SparseImage& image = light_[camera];
   detector_.expose(id, image.pixels.data(), image.electrons.data(), image.pixels.size(), out);
 }
 
-RayTracedLine::RayTracedLine(const Sensor& sensor, const RenderPlan& plan, const Detector& detector)
-    : sensor_(sensor), images_(plan, detector), extractor_(make_extractor(sensor, false)) {}
+RayTracedLine::RayTracedLine(const Sensor& sensor, const RenderPlan& plan, const RenderPlan* unlit,
+                             const Detector& detector)
+    : sensor_(sensor),
+      images_(plan, detector),
+      unlit_(unlit == nullptr ? nullptr : std::make_unique<ImageLine>(*unlit, detector)),
+      extractor_(make_extractor(sensor, false)) {}
+
+RayTracedLine::Image RayTracedLine::expose(ImageLine& line, const Exposures& exposures, std::size_t exposure,
+                                           std::size_t camera, std::uint16_t* kept,
+                                           std::vector<std::uint16_t>& scratch) const {
+  const ImageSize size{sensor_.cameras[camera].width_px, sensor_.cameras[camera].height_px};
+  if (kept == nullptr) scratch.resize(size.pixels());
+  std::uint16_t* pixels = kept == nullptr ? scratch.data() : kept + camera * size.pixels();
+  line.expose(exposures, exposure, camera, {pixels, size.width, size.height, size.width});
+  return {pixels, size.width, size.height, size.width};
+}
 
 void RayTracedLine::run(const Scene& scene, const Exposures& exposures, std::size_t exposure,
-                        std::uint16_t* kept, Profiles& out) {
+                        const Kept& kept, Profiles& out) {
   images_.render(scene, exposures, exposure);
+  if (unlit_) unlit_->render(scene, exposures, exposure);
   peaks_.clear();
   for (std::size_t c = 0; c < sensor_.cameras.size(); ++c) {
-    const ImageSize size{sensor_.cameras[c].width_px, sensor_.cameras[c].height_px};
-    if (kept == nullptr) scratch_.resize(size.pixels());
-    std::uint16_t* pixels = kept == nullptr ? scratch_.data() : kept + c * size.pixels();
-    images_.expose(exposures, exposure, c, {pixels, size.width, size.height, size.width});
-    const Stopwatch watch(images_.seconds()[kExtract]);
-    extractor_.measure({pixels, size.width, size.height, size.width}, static_cast<int>(c));
+    const auto camera = static_cast<int>(c);
+    const Image image = expose(images_, exposures, exposure, c, kept.lit, scratch_);
+    if (unlit_) {
+      const Image unlit = expose(*unlit_, exposures, exposure, c, kept.unlit, unlit_scratch_);
+      const Stopwatch watch(images_.seconds()[kExtract]);
+      extractor_.measure(image, unlit, camera);
+    } else {
+      const Stopwatch watch(images_.seconds()[kExtract]);
+      extractor_.measure(image, camera);
+    }
   }
   {
     const Stopwatch watch(images_.seconds()[kExtract]);
@@ -54,6 +75,12 @@ void RayTracedLine::run(const Scene& scene, const Exposures& exposures, std::siz
   }
   const Stopwatch watch(images_.seconds()[kTriangulate]);
   triangulate(peaks_, sensor_.cameras, sensor_.triangulation, out);
+}
+
+StationSeconds RayTracedLine::seconds() const {
+  StationSeconds sum = images_.seconds();
+  for (std::size_t s = 0; unlit_ && s < sum.size(); ++s) sum[s] += unlit_->seconds()[s];
+  return sum;
 }
 
 GeometricLine::GeometricLine(const Sensor& as_built, const Sensor& sensor)

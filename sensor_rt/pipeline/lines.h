@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "sensor_rt/fan/fan_caster.h"
@@ -17,12 +18,13 @@ struct ImageSize {
   std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
 };
 
-RenderSettings render_settings(const Sensor& sensor, bool whole_image);
+RenderSettings render_settings(const Sensor& sensor, bool whole_image, bool laser_on = true);
 
 /// Light and detector.
 class ImageLine {
  public:
-  ImageLine(const RenderPlan& plan, const Detector& detector) : renderer_(plan), detector_(detector) {}
+  ImageLine(const RenderPlan& plan, const Detector& detector)
+      : laser_on_(plan.settings.laser_on), renderer_(plan), detector_(detector) {}
 
   /// Light of one exposure on all cameras.
   void render(const Scene& scene, const Exposures& exposures, std::size_t exposure);
@@ -32,8 +34,10 @@ class ImageLine {
               ImageView<std::uint16_t> out);
 
   StationSeconds& seconds() { return seconds_; }
+  const StationSeconds& seconds() const { return seconds_; }
 
  private:
+  bool laser_on_;
   ImageRenderer renderer_;
   const Detector& detector_;
   std::vector<SparseImage> light_;
@@ -43,19 +47,35 @@ class ImageLine {
 /// From poses to points through images.
 class RayTracedLine {
  public:
-  RayTracedLine(const Sensor& sensor, const RenderPlan& plan, const Detector& detector);
+  /// `unlit` is the plan of the images with the laser off, null when there are none.
+  RayTracedLine(const Sensor& sensor, const RenderPlan& plan, const RenderPlan* unlit,
+                const Detector& detector);
 
-  /// Appends to `out`. `kept` receives the images of all cameras, one after the other, when it is not null.
-  void run(const Scene& scene, const Exposures& exposures, std::size_t exposure, std::uint16_t* kept,
+  /// Where the images of all cameras of an exposure go, one after the other, unless null.
+  struct Kept {
+    std::uint16_t* lit = nullptr;
+    std::uint16_t* unlit = nullptr;
+  };
+
+  /// Appends to `out`.
+  void run(const Scene& scene, const Exposures& exposures, std::size_t exposure, const Kept& kept,
            Profiles& out);
 
-  StationSeconds& seconds() { return images_.seconds(); }
+  StationSeconds seconds() const;
 
  private:
+  using Image = ImageView<const std::uint16_t>;
+
+  /// Makes the image of a camera where it is kept, or in `scratch`.
+  Image expose(ImageLine& line, const Exposures& exposures, std::size_t exposure, std::size_t camera,
+               std::uint16_t* kept, std::vector<std::uint16_t>& scratch) const;
+
   const Sensor& sensor_;
   ImageLine images_;
+  std::unique_ptr<ImageLine> unlit_;
   Extractor extractor_;
   std::vector<std::uint16_t> scratch_;
+  std::vector<std::uint16_t> unlit_scratch_;
   Peaks peaks_;
 };
 

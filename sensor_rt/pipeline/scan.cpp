@@ -95,13 +95,24 @@ ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor
     const RenderPlan plan(render_settings(as_built, false));
     const Detector detector(as_built.detector, as_built.noise, as_built.seed);
     const std::size_t stride = options.keep_images ? sensor.cameras.size() * common_size(sensor).pixels() : 0;
+    std::unique_ptr<RenderPlan> unlit;
+    if (sensor.laser_off_frame) {
+      unlit = std::make_unique<RenderPlan>(render_settings(as_built, false, false));
+      result.unlit.resize(exposures.count * stride);
+    }
     result.images.resize(exposures.count * stride);
+    const auto kept = [&](std::size_t e) {
+      RayTracedLine::Kept to;
+      if (!result.images.empty()) to.lit = &result.images[e * stride];
+      if (!result.unlit.empty()) to.unlit = &result.unlit[e * stride];
+      return to;
+    };
     const auto lines = run_lines<RayTracedLine>(
         exposures.count, options.threads,
-        [&] { return std::make_unique<RayTracedLine>(sensor, plan, detector); },
+        [&] { return std::make_unique<RayTracedLine>(sensor, plan, unlit.get(), detector); },
         [&](RayTracedLine& line, std::size_t e) {
           Profiles profiles = ordered.borrow();
-          line.run(scene, exposures, e, stride > 0 ? &result.images[e * stride] : nullptr, profiles);
+          line.run(scene, exposures, e, kept(e), profiles);
           ordered.hand_in(e, std::move(profiles));
         });
     result.seconds = sum_seconds(lines);
@@ -111,11 +122,11 @@ ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor
 }
 
 std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
-                                         unsigned threads) {
+                                         bool laser_on, unsigned threads) {
   validate(scene, exposures);
   const ImageSize size = common_size(sensor);
   const std::size_t cameras = sensor.cameras.size();
-  const RenderPlan plan(render_settings(sensor, false));
+  const RenderPlan plan(render_settings(sensor, false, laser_on));
   const Detector detector(sensor.detector, sensor.noise, sensor.seed);
   std::vector<std::uint16_t> images(exposures.count * cameras * size.pixels());
   run_lines<ImageLine>(

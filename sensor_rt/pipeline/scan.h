@@ -24,6 +24,7 @@ struct ScanOptions {
 struct ScanResult {
   Profiles profiles;                  ///< in the order of the exposures
   std::vector<std::uint16_t> images;  ///< (exposure, camera, row, column) when kept
+  std::vector<std::uint16_t> unlit;   ///< the same with the laser off, when the sensor takes such images
   StationSeconds seconds{};           ///< per station, summed over the threads
 };
 
@@ -33,9 +34,10 @@ struct ScanResult {
 ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor, const Exposures& exposures,
                 const ScanOptions& options);
 
-/// Images of all exposures and cameras: (exposure, camera, row, column). Needs cameras of one size.
+/// Images of all exposures and cameras: (exposure, camera, row, column). Needs cameras of one size. With the
+/// laser off they are taken when those with the laser have ended.
 std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
-                                         unsigned threads);
+                                         bool laser_on, unsigned threads);
 
 /// Expected electrons before any noise, laid out like render_images. `whole_image` traces every pixel instead
 /// of those that the laser can reach.

@@ -25,6 +25,7 @@ struct Sensor : SensorModel {
   int bounces = 0;                ///< reflections between surfaces
   int photons = 0;                ///< that follow them from the laser
   double speckle_contrast = 0.0;  ///< of fully resolved grains
+  bool laser_off_frame = false;   ///< a second image without the laser is taken away before extraction
   double row_readout = 0.0;       ///< s from row to row of a rolling shutter; 0: global
   int geometric_rays = 0;         ///< laser rays of the geometric mode
 };

@@ -36,6 +36,7 @@ std::vector<double> closely_spaced(double motion_px, std::size_t least) {
 
 ImageRenderer::ImageRenderer(const RenderPlan& plan)
     : plan_(plan),
+      start_(plan.settings.laser_on ? 0.0 : 1.0),
       fractions_(instants_of_exposure(plan.pattern.size())),
       middle_{0.5},
       rows_(plan),
@@ -47,6 +48,7 @@ ImageRenderer::ImageRenderer(const RenderPlan& plan)
       light_tracer_(plan),
       reflected_(plan.settings.bounces > 0 ? plan.settings.model.cameras.size() : 0),
       masks_(plan.settings.model.cameras.size()) {
+  for (double& fraction : fractions_) fraction += start_;
   for (std::size_t c = 0; c < masks_.size(); ++c) {
     const Camera& camera = plan.settings.model.cameras[c];
     masks_[c].resize(camera.width_px, camera.height_px);
@@ -64,10 +66,10 @@ void ImageRenderer::render(const Scene& scene, const Exposures& exposures, std::
   views_.set(plan_, scene, track_);
   tracer_.set(views_, rows);
   cover_.set(scene, track_);
-  const std::int64_t frame = exposures.index[exposure];
+  const std::int64_t frame = frame_number(exposures, exposure, plan_.settings.laser_on);
   path_tracer_.set(views_, frame, rows);
   mirror_tracer_.set(views_, frame, nullptr);
-  if (!reflected_.empty() && (has_mirrors_ || !plan_.settings.ground_truth)) {
+  if (follows_photons()) {
     for (SplatImage& image : reflected_) image.clear();
     light_tracer_.trace(views_, frame, plan_.settings.ground_truth, reflected_);
   }
@@ -84,12 +86,13 @@ bool ImageRenderer::place(const Scene& scene, const Exposures& exposures, std::s
     track_.set(scene, exposures, exposure, still ? middle_ : fractions_, sensor_from_reference);
     return false;
   }
-  track_.set(scene, exposures, exposure, {0.0, 1.0}, sensor_from_reference);
+  track_.set(scene, exposures, exposure, {start_, start_ + 1.0}, sensor_from_reference);
   std::vector<std::size_t> shapes(scene.shapes().size());
   std::iota(shapes.begin(), shapes.end(), 0);
   const double motion_px = largest_motion_px(plan_.settings.model, track_, shapes);
-  track_.set(scene, exposures, exposure, closely_spaced(motion_px, plan_.pattern.size()),
-             sensor_from_reference);
+  std::vector<double> fractions = closely_spaced(motion_px, plan_.pattern.size());
+  for (double& fraction : fractions) fraction += start_;
+  track_.set(scene, exposures, exposure, fractions, sensor_from_reference);
   rows_.set(scene, exposures, exposure);
   return true;
 }
@@ -103,7 +106,7 @@ void ImageRenderer::find_pixels(const Scene& scene) {
       mask.clear();
     }
   }
-  if (!all) marker_.mark(scene, track_, masks_);
+  if (!all && plan_.settings.laser_on) marker_.mark(scene, track_, masks_);
 }
 
 void ImageRenderer::trace_camera(std::size_t number, double duration, SparseImage& image) {
@@ -111,7 +114,7 @@ void ImageRenderer::trace_camera(std::size_t number, double duration, SparseImag
   image.electrons.clear();
   trace_marked(number, duration, image);
   if (!views_.scene->lights().empty() && !plan_.settings.ground_truth) add_lamps(number, duration, image);
-  if (!reflected_.empty() && (has_mirrors_ || !plan_.settings.ground_truth)) {
+  if (follows_photons()) {
     add_reflected(number, duration, image);
   }
 }

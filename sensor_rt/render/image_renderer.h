@@ -45,7 +45,13 @@ class ImageRenderer {
   void add_lamps(std::size_t camera, double duration, SparseImage& image);
   void add_dense(SparseImage& image);
 
+  /// Of the laser, from surface to surface.
+  bool follows_photons() const {
+    return plan_.settings.laser_on && !reflected_.empty() && (has_mirrors_ || !plan_.settings.ground_truth);
+  }
+
   const RenderPlan& plan_;
+  double start_;  ///< in units of what the poses cover: 1 for an image that follows another one
   std::vector<double> fractions_;
   std::vector<double> middle_;
   PoseTrack track_;

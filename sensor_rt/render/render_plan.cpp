@@ -89,6 +89,7 @@ RenderPlan::RenderPlan(const RenderSettings& given)
       pattern(make_sampling_pattern(static_cast<std::size_t>(given.samples_per_pixel))),
       sensor_from_reference(given.model.laser.sensor_from_sheet),
       lane_sources(spread_sources(given.model.laser, pattern)) {
+  if (!settings.laser_on) settings.model.laser.power = 0.0;
   const SensorModel& model = settings.model;
   slope = largest_slope(model);
   laser_region = sensor_rt::laser_region(model.laser, slope / std::cos(model.laser.fan_half_angle));

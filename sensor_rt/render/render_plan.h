@@ -21,7 +21,8 @@ struct RenderSettings {
   int photons = 0;                ///< that follow such light from the laser
   std::uint64_t seed = 0;         ///< keys the random numbers of all paths, and speckle
   double speckle_contrast = 0.0;  ///< of fully resolved grains; 0: none
-  double row_readout = 0.0;       ///< s from one row's exposure to the next; 0: global shutter
+  bool laser_on = true;  ///< false: an image of all other light, taken when the one with the laser has ended
+  double row_readout = 0.0;  ///< s from one row's exposure to the next; 0: global shutter
 };
 
 /// The light counts out to this many standard deviations from the middle of the sheet; it has fallen to 4e-5

@@ -23,7 +23,8 @@ const ExposureViews& RowViews::of_row(std::size_t camera, int row) {
   if (kept->made_for == count_) return kept->views;
   const double open = exposures_->duration[exposure_];
   const double span = open + plan_.settings.row_readout * (tallest_ - 1);
-  const double start = 0.5 * half_rows * plan_.settings.row_readout;
+  const double first = plan_.settings.laser_on ? 0.0 : span;
+  const double start = first + 0.5 * half_rows * plan_.settings.row_readout;
   const auto samples = static_cast<double>(fractions_.size());
   for (std::size_t i = 0; i < fractions_.size(); ++i) {
     fractions_[i] = (start + open * (static_cast<double>(i) + 0.5) / samples) / span;

@@ -32,7 +32,7 @@ struct Exposures {
 /// in every exposure.
 class PoseTrack {
  public:
-  /// `fractions` of the exposure, in [0, 1].
+  /// `fractions` of the exposure, in [0, 1], or later.
   void set(const Scene& scene, const Exposures& exposures, std::size_t exposure,
            const std::vector<double>& fractions, const Rigid3& sensor_from_reference);
 
@@ -57,7 +57,14 @@ class PoseTrack {
   std::vector<Rigid3> reference_from_world_;
 };
 
-/// Pose at a fraction of the exposure, from evenly spaced samples.
+/// Number that keys the noise of an image: one with the laser off has its own.
+inline std::int64_t frame_number(const Exposures& exposures, std::size_t exposure, bool laser_on) {
+  const std::int64_t index = exposures.index[exposure];
+  return laser_on ? index : -1 - index;
+}
+
+/// Pose at a fraction of the exposure, from evenly spaced samples; beyond its end things go on as they were
+/// going.
 Rigid3 pose_at(const Rigid3* poses, std::size_t samples, double fraction);
 
 }  // namespace sensor_rt

@@ -31,9 +31,9 @@ def write_pair(folder, name, row, suffix=".png", **shape):
         assert cv2.imwrite(str(folder / f"{name}_{camera}{suffix}"), stripe_image(row, **shape))
 
 
-def run(images, out, *overrides, peaks=False):
+def run(images, out, *overrides, peaks=False, laser_off=()):
     setup = load_setup(overrides=overrides)
-    return extract_to_folder(ExtractionRequest(images, setup.sensor, peaks, 1), out)
+    return extract_to_folder(ExtractionRequest(images, setup.sensor, peaks, 1, laser_off), out)
 
 
 def table(path):
@@ -168,3 +168,26 @@ def test_the_command_speaks_json(tmp_path, capsys):
     assert sorted(answer["files"]) == [str(tmp_path / "out" / name) for name in ("profiles.csv", "profiles.ply")]
     assert answer["figures"]["points"] > 2500
     assert set(answer["figures"]["peaks_by_flag"]) == set(sensor_rt.PEAK_FLAGS)
+
+
+def test_images_with_the_laser_off_are_taken_away(tmp_path):
+    """A second, brighter stripe that stays when the laser is off: gone, and the right one is found."""
+    lit, unlit = tmp_path / "lit", tmp_path / "unlit"
+    for folder in (lit, unlit):
+        folder.mkdir()
+    for camera in ("plus", "minus"):
+        strange = stripe_image(700.0, 180.0).astype(int) - 4
+        assert cv2.imwrite(str(lit / f"a_{camera}.png"), (stripe_image(400.3, 60.0) + strange).astype(np.uint8))
+        assert cv2.imwrite(str(unlit / f"a_{camera}.png"), (strange + 4).astype(np.uint8))
+    run([lit], tmp_path / "wrong")
+    run([lit], tmp_path / "right", laser_off=[unlit])
+    wrong, right = (
+        np.array([float(r["row_px"]) for r in table(tmp_path / n / "profiles.csv")]) for n in ("wrong", "right")
+    )
+    assert np.abs(wrong - 700.0).max() < 0.02
+    assert len(right) > 2500
+    assert np.abs(right - 400.3).max() < 0.02
+    (unlit / "a_plus.png").rename(unlit / "b_plus.png")
+    (unlit / "a_minus.png").rename(unlit / "b_minus.png")
+    with pytest.raises(ImageError, match="exposure 'a' has no image of that name with the laser off"):
+        run([lit], tmp_path / "none", laser_off=[unlit])

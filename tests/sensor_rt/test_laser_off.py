@@ -1,0 +1,179 @@
+"""A second image with the laser off, taken away from the first: other light goes, its noise stays and is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import Array, cluttered, moving, pose, still
+from stripe_images import make_sensor
+
+from sensor_rt import PEAK_REJECTED, Exposures, Peaks, Scene, Sensor, extract, render, scan, triangulate
+
+DEEP = {"bit_depth": 12, "gain_dn_per_e": 0.36, "black_level_dn": 64.0}
+Z = 0.12
+
+
+def sensor(noise: bool = True, off: bool = True, **overrides: Any) -> Sensor:
+    detector = {"laser_off_frame": off} | overrides.pop("detector", {})
+    options = {"laser": {"power": 1e-3}, "range": {"near": 0.06, "far": 0.2}, "render": {"noise": noise}}
+    return make_sensor(cameras=2, detector=detector, **(options | overrides))
+
+
+def plane() -> Scene:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [0.4, 0.4], 0.5)
+    return scene
+
+
+def beside_a_rod(lamp_power: float) -> tuple[Scene, Exposures]:
+    """A plane under a lamp, W; a rod over it casts a soft-edged shadow that crosses the stripe at a slant."""
+    scene = plane()
+    scene.add_cylinder("rod", pose(angles=(0, np.pi / 2, 0)), 0.0005, 0.2, 0.3)
+    places = [pose((0.0, 0.0, Z), (0.1, 0.0, 0.0)), pose((0.02, 0.01, Z - 0.03), (0.0, 0.0, 0.5))]
+    if lamp_power > 0.0:
+        scene.add_light("lamp", "disc", np.eye(4), [0.004, 0.004], lamp_power, in_band=1.0)
+        places.append(pose((0.06, 0.03, Z - 0.06), (0.0, -0.6, 0.4)))
+    return scene, still(*places)
+
+
+def sound(peaks: Peaks, camera: int) -> tuple[Array, Array, Array]:
+    keep = (peaks.camera == camera) & ((peaks.flags & PEAK_REJECTED) == 0)
+    return peaks.column[keep], peaks.row[keep], peaks.row_sigma[keep]
+
+
+def test_a_lamp_bends_the_stripe_and_the_second_image_straightens_it() -> None:
+    quiet = sensor(noise=False, detector=DEEP)
+    scene, places = beside_a_rod(2.0)
+    lit, unlit = render(scene, quiet, places), render(scene, quiet, places, laser_on=False)
+    assert 500 < unlit.max() < 3000  # DN: as strong as the stripe
+    dark_scene, dark_places = beside_a_rod(0.0)
+    in_the_dark = extract(render(dark_scene, quiet, dark_places), quiet)
+    off, kept = {}, {}
+    for name, peaks in (("with", extract(lit, quiet, unlit=unlit)), ("without", extract(lit, quiet))):
+        changes = []
+        for k in (0, 1):
+            true_rows = np.full(1280, np.nan)
+            column, row, _ = sound(in_the_dark, k)
+            true_rows[column] = row
+            column, row, _ = sound(peaks, k)
+            changes.append(row - true_rows[column])
+        change = np.concatenate(changes)
+        off[name] = np.abs(change[np.isfinite(change)])
+        kept[name] = len(off[name]) / int(((in_the_dark.flags & PEAK_REJECTED) == 0).sum())
+    print({name: (kept[name], np.sqrt(np.mean(off[name] ** 2)), off[name].max()) for name in off})
+    assert kept["with"] > 0.99
+    assert kept["without"] < 0.6
+    assert np.sqrt(np.mean(off["with"] ** 2)) < 0.003
+    assert np.sqrt(np.mean(off["without"] ** 2)) > 3 * np.sqrt(np.mean(off["with"] ** 2))
+
+
+@pytest.mark.parametrize("irradiance", [0.0, 2.0, 50.0])
+@pytest.mark.parametrize("detector", ["gaussian", "centre_of_gravity", "steger"])
+def test_the_noise_of_both_images_is_in_the_standard_deviation(irradiance: float, detector: str) -> None:
+    real = sensor(
+        ambient={"irradiance": irradiance}, extraction={"detector": detector}, detector=DEEP | {"dsnu_e": 20.0}
+    )
+    tilted = pose((0.0, 0.0, Z), (0.1, 0.0, 0.0))
+    places = still(tilted, count=6)
+    exact = sensor(noise=False, off=False, extraction={"detector": detector}, detector=DEEP)
+    peaks = extract(render(plane(), real, places), real, unlit=render(plane(), real, places, laser_on=False))
+    truth = extract(render(plane(), exact, still(tilted)), exact)
+    scaled = []
+    for k in (0, 1):
+        true_rows = np.full(1280, np.nan)
+        column, row, _ = sound(truth, k)
+        true_rows[column] = row
+        column, row, sigma = sound(peaks, k)
+        scaled.append((row - true_rows[column]) / sigma)
+    z = np.concatenate(scaled)
+    z = z[np.isfinite(z)]
+    assert len(z) > 5000
+    assert abs(z.mean()) < 0.1
+    assert z.std() == pytest.approx(1.0, abs=0.12)
+
+
+def test_other_light_adds_its_shot_noise_twice() -> None:
+    """Row noise of a stripe in even light, against the same in the dark, propagated over the pixels of the stripe."""
+    sigmas = {}
+    for irradiance in (0.0, 100.0):
+        real = sensor(ambient={"irradiance": irradiance}, detector=DEEP)
+        places = still(pose((0.0, 0.0, Z)))
+        lit, unlit = render(plane(), real, places), render(plane(), real, places, laser_on=False)
+        peaks = extract(lit, real, unlit=unlit)
+        sigmas[irradiance] = float(np.median(sound(peaks, 0)[2]))
+        light_e = float(np.median(unlit) - DEEP["black_level_dn"]) / DEEP["gain_dn_per_e"]
+    rows = np.arange(-12, 13)
+    amplitude_e, width = float(np.median(peaks.amplitude)) / DEEP["gain_dn_per_e"], float(np.median(peaks.width))
+    stripe = amplitude_e * np.exp(-0.5 * (rows / width) ** 2)
+    slope = stripe * rows / width**2
+
+    def bound(extra: float) -> float:
+        return float(np.sqrt(1 / np.sum(slope**2 / (stripe + 2 * 25.0 + extra))))
+
+    assert light_e > 1000
+    assert sigmas[100.0] / sigmas[0.0] == pytest.approx(bound(2 * light_e) / bound(0.0), rel=0.1)
+
+
+def test_the_second_image_comes_after_the_first() -> None:
+    """Things go on moving: the image without laser is that of a dark laser with the poses that follow."""
+    scene, first = cluttered()
+    scene.add_light("lamp", "rectangle", pose((0, 0, -0.1)), [0.05, 0.05], 5.0, in_band=1.0)
+    step = pose((2e-4, -6e-4, 3e-4))
+    steps = [[*(np.linalg.matrix_power(step, k) @ p for p in first), pose()] for k in range(3)]
+    quiet, dark = sensor(noise=False), sensor(noise=False, laser={"power": 0.0})
+    after = render(scene, quiet, moving(steps[:2], [np.eye(4)] * 2), laser_on=False)
+    expected = render(scene, dark, moving(steps[1:], [np.eye(4)] * 2))
+    assert after.max() > 20
+    assert (np.abs(after.astype(int) - expected.astype(int)) > 1).mean() < 1e-3
+    before = render(scene, dark, moving(steps[:2], [np.eye(4)] * 2))
+    assert (np.abs(after.astype(int) - before.astype(int)) > 1).mean() > 1e-3
+
+
+def test_patterns_stay_and_noise_is_new() -> None:
+    noisy = sensor(detector=DEEP | {"dsnu_e": 50.0}, laser={"power": 0.0}, ambient={"irradiance": 5.0})
+    places = still(pose((0.0, 0.0, Z)))
+    a, b = (render(plane(), noisy, places, laser_on=on)[0].astype(float) for on in (True, False))
+    light_e = (a.mean() - DEEP["black_level_dn"]) / DEEP["gain_dn_per_e"]
+    expected = DEEP["gain_dn_per_e"] * np.sqrt(2 * (light_e + 25.0))
+    assert (a - b).std() == pytest.approx(expected, rel=0.05)
+    assert a.std() > DEEP["gain_dn_per_e"] * 45.0
+
+
+def test_in_the_dark_it_changes_nothing_but_noise() -> None:
+    places = still(pose((0.0, 0.0, Z), (0.2, 0.1, 0.0)))
+    with_off, alone = (scan(plane(), sensor(False, off, detector=DEEP), places).profiles for off in (True, False))
+    assert len(with_off) == len(alone) > 2000
+    np.testing.assert_allclose(with_off.points_in_sensor, alone.points_in_sensor, atol=1e-7)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_scanning_is_the_same_as_extracting_from_both_images(bits: int) -> None:
+    depth = {"bit_depth": bits, "gain_dn_per_e": 0.0225 * 2.0 ** (bits - 8)}
+    real = sensor(ambient={"irradiance": 3.0}, detector=depth, laser={"power": 3e-3})
+    result = scan(plane(), real, still(pose((0.0, 0.0, Z), (0.2, 0.1, 0.0)), count=2), keep_images=True)
+    assert result.images is not None and result.unlit is not None
+    apart = triangulate(extract(result.images, real, unlit=result.unlit), real)
+    assert len(apart) > 3000
+    np.testing.assert_array_equal(apart.points_in_sensor, result.profiles.points_in_sensor)
+    np.testing.assert_array_equal(apart.sigma, result.profiles.sigma)
+
+
+def test_saturated_pixels_stay_known() -> None:
+    """A stripe far beyond the full well: its flanks alone are measured, as without a second image."""
+    quiet = sensor(noise=False, detector=DEEP | {"full_well_e": 6000.0}, laser={"power": 4e-3})
+    places = still(pose((0.0, 0.0, Z), (0.1, 0.0, 0.0)))
+    lit, unlit = render(plane(), quiet, places), render(plane(), quiet, places, laser_on=False)
+    alone, both = extract(lit, quiet), extract(lit, quiet, unlit=unlit)
+    np.testing.assert_array_equal(alone.flags & 1, both.flags & 1)
+    assert (both.flags & 1).mean() > 0.9
+    np.testing.assert_allclose(both.row, alone.row, atol=0.01)
+
+
+def test_images_that_do_not_fit_are_refused() -> None:
+    lit = np.zeros((2, 2, 1024, 1280), np.uint16)
+    with pytest.raises(ValueError, match="unlit: expected 2 frames"):
+        extract(lit, sensor(), unlit=lit[:1])
+    with pytest.raises(ValueError, match="unlit: expected images of 2 cameras"):
+        extract(lit, sensor(), unlit=lit[:, :1])
