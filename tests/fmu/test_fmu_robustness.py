@@ -30,8 +30,13 @@ from cell_fixture import (
     pack,
     pose,
 )
+from test_fmu_dynamic_arm import dynamic_cell
+from test_fmu_senses import everything
 from test_fmu_soft_part import soft_cell
 
+# Weak motors, play and friction; sensors and collision outputs beside them.
+DYNAMIC = everything()
+DYNAMIC["robot"] = dynamic_cell(backlash=3e-4, coulomb_friction=1.0, max_torque=60.0)["robot"]
 FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 Cell = dict[str, Any]
 
@@ -361,5 +366,6 @@ def test_packing_twice_gives_the_same_description(tmp_path: Path) -> None:
 
 
 def test_the_cells_of_the_call_fuzzer_are_those_of_these_tests() -> None:
-    for name, cell in (("clamped", cell_description()), ("free", FREE), ("soft", soft_cell(longest_edge=0.1))):
+    soft = soft_cell(longest_edge=0.1)
+    for name, cell in (("clamped", cell_description()), ("free", FREE), ("soft", soft), ("dynamic", DYNAMIC)):
         assert json.loads((Path(__file__).parent / "cells" / name / "cell.json").read_text()) == cell
