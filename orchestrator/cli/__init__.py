@@ -107,6 +107,7 @@ def shot(
     sensor: SensorOption = None,
     engine: EngineOption = "ray-traced",
     set_: SetOption = None,
+    as_built: AsBuiltOption = None,
     ideal: IdealOption = False,
     seed: SeedOption = 0,
     unit: UnitOption = "mm",
@@ -122,7 +123,7 @@ def shot(
 
         setup = load_setup(cell, sensor, None, set_ or [], ideal)
         request = ShotRequest(
-            part, unit, setup, _numbers(pose, 6, "--pose"), engine, seed, threads, tuple(sys.argv[1:])
+            part, unit, setup, _numbers(pose, 6, "--pose"), engine, seed, threads, tuple(sys.argv[1:]), as_built or ()
         )
         report = shoot_to_folder(request, out)
         return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
@@ -138,6 +139,7 @@ def render(
     sensor: SensorOption = None,
     engine: EngineOption = "ray-traced",
     set_: SetOption = None,
+    as_built: AsBuiltOption = None,
     ideal: IdealOption = False,
     seed: SeedOption = 0,
     unit: UnitOption = "mm",
@@ -150,17 +152,18 @@ def render(
     """Make images and a cloud from poses that any FMI tool recorded."""
 
     def work() -> Outcome:
-        from orchestrator.config.loading import load_setup  # noqa: PLC0415
+        from orchestrator.config.loading import load_setup, require_sensor_words  # noqa: PLC0415
         from orchestrator.evaluation.job import render_to_folder  # noqa: PLC0415
         from orchestrator.evaluation.request import ScanRequest  # noqa: PLC0415
         from orchestrator.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
+        require_sensor_words(as_built or (), "the recording tells what the cell did")
         request = ScanRequest(
             part=part,
             unit=unit,
             setup=load_setup(cell, sensor, None, set_ or [], ideal),
             engine=engine,
-            as_built=(),
+            as_built=tuple(as_built or ()),
             seed=seed,
             images=images,
             threads=threads,

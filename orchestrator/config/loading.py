@@ -104,6 +104,19 @@ def sensor_words(as_built: Sequence[str]) -> list[str]:
     return [word for word in as_built if word.startswith("sensor.")]
 
 
+def require_sensor_words(as_built: Sequence[str], why: str) -> None:
+    """Refuse ``--as-built`` words about the cell where it is too late for them, or too early: `why`.
+
+    Raises
+    ------
+    DescriptionError
+        Naming the word.
+    """
+    for word in as_built:
+        if word not in sensor_words([word]):
+            raise DescriptionError(f"--as-built {word}: {why}; expected a key of the sensor (sensor.…)")
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """Parse one TOML file.
 

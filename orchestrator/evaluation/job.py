@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.cell.recording import Recording, read_recording
-from orchestrator.config.loading import Setup, as_built_sensor, sensor_words
+from orchestrator.config.loading import Setup
 from orchestrator.config.units import to_si
 from orchestrator.evaluation.images import write_raw_images
 from orchestrator.evaluation.report import ReportInputs, write_report
@@ -25,7 +25,7 @@ from orchestrator.reconstruction.reconstruct import Envelope, reconstruct
 from orchestrator.scanning.drive import Before, drive
 from orchestrator.scanning.exposures import visible_bodies
 from orchestrator.scanning.prepare import make_plan
-from orchestrator.scanning.sense import OnImages, Sensors, make_sensor, sense
+from orchestrator.scanning.sense import OnImages, Sensors, make_sensors, sense
 
 # Points this far outside the table's rim, or above the highest reach of the sensor, are none of the part's.
 _ENVELOPE_HEIGHT = 0.5
@@ -43,7 +43,7 @@ def scan_to_folder(request: ScanRequest, out: Path, progress: Progress, before: 
     with RunFolder(out) as folder:
         with watch.measure("load"):
             nominal = _load(request)
-            sensors = _load_sensors(request)
+            sensors = make_sensors(request.setup.sensor, request.as_built, request.seed)
         with watch.measure("plan"):
             progress.stage("planning", 1, "plan")
             plan = make_plan(nominal, sensors.believed, request.setup)
@@ -71,19 +71,11 @@ def render_to_folder(request: ScanRequest, recording_path: Path, out: Path, prog
         with watch.measure("load"):
             recording = read_recording(recording_path)
             nominal = _load(request)
-            sensors = _load_sensors(request)
+            sensors = make_sensors(request.setup.sensor, request.as_built, request.seed)
         run = {"recording": str(recording_path)}
         report = _finish(request, nominal, sensors, recording, folder, watch, progress, run, [recording_path])
     report.files = [str(out / name) for name in folder.names]
     return report
-
-
-def _load_sensors(request: ScanRequest) -> Sensors:
-    nominal = request.setup.sensor
-    believed = make_sensor(nominal, request.seed)
-    if not sensor_words(request.as_built):
-        return Sensors(believed, believed)
-    return Sensors(believed, make_sensor(as_built_sensor(nominal, request.as_built), request.seed))
 
 
 def _load(request: ScanRequest) -> NominalCell:

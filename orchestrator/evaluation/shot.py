@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import sensor_rt
 from orchestrator.cell.nominal import Lamp, nominal_cell
-from orchestrator.config.loading import Setup
+from orchestrator.config.loading import Setup, require_sensor_words
 from orchestrator.config.scan import Engine
 from orchestrator.config.units import to_si
 from orchestrator.errors import SensorError
@@ -24,7 +24,7 @@ from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.geometry import pose
 from orchestrator.geometry.mesh import load_mesh
 from orchestrator.scanning.exposures import build_scene, still_exposure, visible_bodies
-from orchestrator.scanning.sense import make_sensor
+from orchestrator.scanning.sense import Sensors, make_sensors
 
 # The arm is left out: the pose is given without it.
 _BODIES = frozenset({"part", "table", "table_base"})
@@ -42,6 +42,7 @@ class ShotRequest:
     seed: int
     threads: int
     command_line: Sequence[str]
+    as_built: Sequence[str] = ()
 
 
 def shoot_to_folder(request: ShotRequest, out: Path) -> ScanReport:
@@ -56,7 +57,8 @@ def shoot_to_folder(request: ShotRequest, out: Path) -> ScanReport:
     with RunFolder(out) as folder:
         with watch.measure("load"):
             nominal = nominal_cell(request.setup.cell, load_mesh(request.part, request.unit))
-            sensor = make_sensor(request.setup.sensor, request.seed)
+            require_sensor_words(request.as_built, "a shot is taken from a pose, the robot takes no part in it")
+            sensors = make_sensors(request.setup.sensor, request.as_built, request.seed)
             bodies = tuple(body for body in visible_bodies(nominal) if isinstance(body, Lamp) or body.name in _BODIES)
         position, angles = np.asarray(request.pose[:3]) * 1e-3, np.radians(request.pose[3:])
         part_from_sensor = pose.from_euler_xyz(position, angles)
@@ -67,24 +69,24 @@ def shoot_to_folder(request: ShotRequest, out: Path) -> ScanReport:
             float(to_si({"t_ms": request.setup.sensor.detector.exposure_ms})["t"]),
         )
         with watch.measure("sense"):
-            result = _expose(bodies, sensor, exposure, request)
+            result = _expose(bodies, sensors, exposure, request)
             profiles = result.profiles
         with watch.measure("write"):
             points = np.asarray(profiles.points_in_sensor)
             _write_profile(folder.path("profile.csv"), profiles, pose.transform_points(part_from_sensor, points))
-            _write_images(result, sensor, folder)
-    figures = {"points": len(points), "by_camera": _count(np.asarray(profiles.camera), len(sensor.cameras))}
+            _write_images(result, sensors.believed, folder)
+    figures = {"points": len(points), "by_camera": _count(np.asarray(profiles.camera), len(sensors.believed.cameras))}
     warnings = [] if len(points) else ["the sensor sees nothing from this pose"]
     lines = [f"{request.part.name}: {len(points)} points", f"  results    {out}"]
     return ScanReport(figures, [str(out / name) for name in folder.names], warnings, dict(watch.seconds), lines)
 
 
-def _expose(
-    bodies: Any, sensor: sensor_rt.Sensor, exposure: sensor_rt.Exposures, request: ShotRequest
-) -> sensor_rt.ScanResult:
+def _expose(bodies: Any, sensors: Sensors, exposure: sensor_rt.Exposures, request: ShotRequest) -> sensor_rt.ScanResult:
     try:
         scene = build_scene(bodies)
-        return sensor_rt.scan(scene, sensor, exposure, engine=request.engine, threads=request.threads, keep_images=True)
+        return sensor_rt.scan(
+            scene, sensors.believed, exposure, request.engine, request.threads, True, as_built=sensors.as_built
+        )
     except (ValueError, RuntimeError) as error:
         raise SensorError(str(error)) from error
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import sensor_rt
 from orchestrator.cell.nominal import Body, Lamp
 from orchestrator.cell.recording import Recording
+from orchestrator.config.loading import as_built_sensor, sensor_words
 from orchestrator.config.resolved import sensor_json
 from orchestrator.config.scan import Engine
 from orchestrator.config.sensor import SensorDescription
@@ -57,6 +58,22 @@ def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:
         return sensor_rt.Sensor(json.dumps(sensor_json(description, seed)))
     except (ValueError, RuntimeError) as error:
         raise SensorError(f"sensor '{description.name}': {error}") from error
+
+
+def make_sensors(nominal: SensorDescription, as_built: Sequence[str], seed: int) -> Sensors:
+    """The native sensors of a description and of the ``--as-built`` words about it.
+
+    Raises
+    ------
+    DescriptionError
+        If a word is wrong.
+    SensorError
+        If the library refuses a description.
+    """
+    believed = make_sensor(nominal, seed)
+    if not sensor_words(as_built):
+        return Sensors(believed, believed)
+    return Sensors(believed, make_sensor(as_built_sensor(nominal, as_built), seed))
 
 
 def sense(

@@ -210,6 +210,15 @@ def test_render_wants_a_recording(tmp_path) -> None:
         assert word in refused(done, tmp_path, "table.csv")
 
 
+def test_shot_and_render_take_deviations_of_the_sensor_alone(tmp_path) -> None:
+    (tmp_path / "table.csv").write_text("time,q\n1,2\n")
+    for command in (("shot", SPHERE, "--pose", "0,0,130,180,0,0"), ("render", "table.csv", SPHERE)):
+        done = scancell_here(*command, "--as-built", "tool.x_mm=0.1", "--out", "run", "--json", cwd=tmp_path)
+        message = refused(done, tmp_path, "table.csv")
+        assert "tool.x_mm=0.1" in message
+        assert "sensor." in message
+
+
 def test_fmu_info_wants_an_fmu(tmp_path) -> None:
     (tmp_path / "thing.fmu").write_text("no zip")
     for name, word in {"gone.fmu": "no such file", "thing.fmu": "not a readable FMU"}.items():

@@ -130,6 +130,21 @@ def test_shot_gives_images_and_one_profile(tmp_path, engine) -> None:
         assert image.dtype == np.uint8
 
 
+def test_shot_of_a_sensor_out_of_adjustment(tmp_path) -> None:
+    """A sheet 0.1 mm off its place: x z / baseline of error in range, of opposite sign in the two cameras."""
+    words = ("--pose", "0,0,130,180,0,0", "--engine", "geometric", "--json")
+    medians = {}
+    for name, built in (("right", ()), ("off", ("--as-built", "sensor.laser.offset_x_mm=0.1"))):
+        succeeded(scancell_here("shot", PART, *words, *built, "--out", name, cwd=tmp_path), "shot")
+        with (tmp_path / name / "profile.csv").open() as stream:
+            table = [(row["camera"], float(row["z_sensor_mm"])) for row in csv.DictReader(stream)]
+        medians[name] = np.array([np.median([z for camera, z in table if camera == k]) for k in ("0", "1")])
+    error = medians["off"] - medians["right"]
+    assert error[0] > 0 > error[1]
+    # What both have in common is the part, which the sheet now meets elsewhere.
+    assert (error[0] - error[1]) / 2 == pytest.approx(0.1 * medians["right"].mean() / 60.0, rel=0.05)
+
+
 def test_fmu_build_and_info(tmp_path) -> None:
     report = succeeded(scancell_here("fmu", "build", "--out", ".", "--json", cwd=tmp_path), "fmu build")
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["RobotCell2.fmu", "RobotCell3.fmu"]
