@@ -6,7 +6,6 @@
 
 #include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/optics/region.h"
-#include "sensor_rt/scene/trace.h"
 
 namespace sensor_rt {
 namespace {
@@ -101,22 +100,6 @@ void bound(const Lanes3& __restrict direction, const double* __restrict seen, fl
   window = {{least[0][0], least[1][0]}, {-least[2][0], -least[3][0]}, -least[4][0]};
 }
 
-/// The least z of a shape's bounding box in the reference frame.
-double nearest_z(const Shape& shape, const Rigid3& shape_from_reference) {
-  const Eigen::Vector3d z = shape_from_reference.rotation.col(2);
-  return -z.dot(shape_from_reference.translation) - z.cwiseAbs().dot(shape.half_size);
-}
-
-/// True when all rays end before z.
-SENSOR_RT_MULTIVERSION
-bool end_before(double z, double source_z, const Lanes3& __restrict direction, const double* __restrict t) {
-  alignas(64) int beyond[kLanes];
-  for (int l = 0; l < kLanes; ++l) beyond[l] = source_z + t[l] * direction.z[l] < z ? 0 : 1;
-  int any = 0;
-  for (int l = 0; l < kLanes; ++l) any |= beyond[l];
-  return any == 0;
-}
-
 }  // namespace
 
 void FanPoints::resize(std::size_t count) {
@@ -177,19 +160,12 @@ void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t
 }
 
 void FanCaster::land(const Scene& scene) {
-  nearest_.clear();
-  for (const std::size_t number : laser_view_.shapes())
-    nearest_.push_back(nearest_z(scene.shapes()[number], track_.shape_from_reference(number, 0)));
   for (std::size_t p = 0; p < directions_.size(); ++p) {
     Landing& landing = landings_[p];
     alignas(64) int valid[kLanes];
     for (int l = 0; l < kLanes; ++l) valid[l] = static_cast<int>(p) * kLanes + l < geometry_.rays ? -1 : 0;
     PacketHits hits;
-    clear_hits(hits, kNone);
-    for (std::size_t k = 0; k < laser_view_.shapes().size(); ++k) {
-      if (!end_before(nearest_[k], geometry_.laser.source_z, directions_[p], hits.t))
-        laser_view_.intersect_with(k, 0, directions_[p], valid, hits);
-    }
+    laser_view_.intersect(0, directions_[p], valid, kNone, hits);
     alignas(64) double cosine[kLanes];
     locate(geometry_.laser.source_z, geometry_.near, geometry_.far, directions_[p], hits, landing.point,
            landing.normal, cosine, landing.used);

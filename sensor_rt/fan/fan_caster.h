@@ -79,7 +79,6 @@ class FanCaster {
   std::vector<std::vector<HalfSpace>> camera_regions_;
   PoseTrack track_;
   RayView laser_view_;
-  std::vector<double> nearest_;  ///< z before which a shape of the laser's view does not begin
   RayView camera_view_;
   Windows bundles_;
   SightLines sight_lines_;

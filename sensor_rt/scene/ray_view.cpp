@@ -1,7 +1,10 @@
 #include "sensor_rt/scene/ray_view.h"
 
 #include <algorithm>
+#include <cmath>
+#include <numeric>
 
+#include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/scene/trace.h"
 
 namespace sensor_rt {
@@ -24,6 +27,36 @@ bool misses(const Shape& shape, std::size_t number, const PoseTrack& track,
   return true;
 }
 
+/// Distance of the nearest origin from a box around the shape's own, a little less for rounding.
+SENSOR_RT_MULTIVERSION
+double nearest_box(const Lanes3& __restrict origin, const double* __restrict half_size) {
+  double distance2[kLanes];
+  for (int l = 0; l < kLanes; ++l) {
+    const double x = std::abs(origin.x[l]) - half_size[0];
+    const double y = std::abs(origin.y[l]) - half_size[1];
+    const double z = std::abs(origin.z[l]) - half_size[2];
+    distance2[l] = (x > 0.0 ? x * x : 0.0) + (y > 0.0 ? y * y : 0.0) + (z > 0.0 ? z * z : 0.0);
+  }
+  double least = distance2[0];
+  for (int l = 1; l < kLanes; ++l) least = distance2[l] < least ? distance2[l] : least;
+  constexpr double kSlack = 1e-6;
+  return std::sqrt(least) * (1.0 - kSlack) - kSlack;
+}
+
+/// True when some ray reaches `distance` before t.
+SENSOR_RT_MULTIVERSION
+bool any_reaches(double distance, const Lanes3& __restrict direction, const double* __restrict t) {
+  alignas(64) int reaches[kLanes];
+  for (int l = 0; l < kLanes; ++l) {
+    const double length2 =
+        direction.x[l] * direction.x[l] + direction.y[l] * direction.y[l] + direction.z[l] * direction.z[l];
+    reaches[l] = t[l] * t[l] * length2 < distance * distance ? 0 : 1;
+  }
+  int any = 0;
+  for (int l = 0; l < kLanes; ++l) any |= reaches[l];
+  return any != 0;
+}
+
 }  // namespace
 
 void set_lane(LaneTransform& transform, int lane, const Rigid3& shape_from_reference,
@@ -42,6 +75,7 @@ void RayView::set(const Scene& scene, const PoseTrack& track,
   packets_ = lane_instants.size() / kLanes;
   shapes_.clear();
   transforms_.clear();
+  nearest_.clear();
   for (std::size_t s = 0; s < scene.shapes().size(); ++s) {
     if (!region.empty() && misses(scene.shapes()[s], s, track, region)) continue;
     shapes_.push_back(s);
@@ -52,20 +86,26 @@ void RayView::set(const Scene& scene, const PoseTrack& track,
         set_lane(transform, l, track.shape_from_reference(s, lane_instants[lane]),
                  lane_origins.size() == 1 ? lane_origins.front() : lane_origins[lane]);
       }
+      nearest_.push_back(nearest_box(transform.origin, scene.shapes()[s].half_size.data()));
     }
   }
+  order_.resize(shapes_.size());
+  std::iota(order_.begin(), order_.end(), std::size_t{0});
+  if (packets_ == 0) return;
+  std::stable_sort(order_.begin(), order_.end(), [this](std::size_t a, std::size_t b) {
+    return nearest_[a * packets_] < nearest_[b * packets_];
+  });
 }
 
 void RayView::intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
                         PacketHits& hits) const {
   clear_hits(hits, farthest);
-  for (std::size_t k = 0; k < shapes_.size(); ++k) intersect_with(k, packet, direction, valid, hits);
-}
-
-void RayView::intersect_with(std::size_t k, std::size_t packet, const Lanes3& direction, const int* valid,
-                             PacketHits& hits) const {
-  intersect_shape(scene_->shapes()[shapes_[k]], static_cast<std::int32_t>(shapes_[k]),
-                  transforms_[k * packets_ + packet], direction, valid, hits);
+  for (const std::size_t k : order_) {
+    const std::size_t at = k * packets_ + packet;
+    if (nearest_[at] > 0.0 && !any_reaches(nearest_[at], direction, hits.t)) continue;
+    const auto number = static_cast<std::int32_t>(shapes_[k]);
+    intersect_shape(scene_->shapes()[shapes_[k]], number, transforms_[at], direction, valid, hits);
+  }
 }
 
 bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
@@ -77,7 +117,7 @@ bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& directi
 }
 
 void RayView::occlude(std::size_t packet, const Lanes3& direction, double farthest, int* open) const {
-  for (std::size_t k = 0; k < shapes_.size(); ++k) {
+  for (const std::size_t k : order_) {
     if (std::none_of(open, open + kLanes, [](int lane) { return lane != 0; })) return;
     occlude_by(k, packet, direction, farthest, open);
   }
@@ -85,8 +125,11 @@ void RayView::occlude(std::size_t packet, const Lanes3& direction, double farthe
 
 void RayView::occlude_by(std::size_t k, std::size_t packet, const Lanes3& direction, double farthest,
                          int* open) const {
-  occlude_by_shape(scene_->shapes()[shapes_[k]], transforms_[k * packets_ + packet], direction, farthest,
-                   open);
+  const std::size_t at = k * packets_ + packet;
+  alignas(64) double t[kLanes];
+  std::fill(t, t + kLanes, farthest);
+  if (nearest_[at] > 0.0 && !any_reaches(nearest_[at], direction, t)) return;
+  occlude_by_shape(scene_->shapes()[shapes_[k]], transforms_[at], direction, farthest, open);
 }
 
 }  // namespace sensor_rt

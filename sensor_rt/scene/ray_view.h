@@ -10,8 +10,9 @@
 namespace sensor_rt {
 
 /// Rays that stay inside a convex region and start from an origin each lane has for itself. Shapes outside
-/// the region are dropped once per exposure, which takes the place of a tree over the handful of bodies:
-/// nothing is rebuilt when bodies move.
+/// the region are dropped once per exposure, the others are tried from the nearest on and only by rays that
+/// reach as far as their boxes. This takes the place of a tree over the handful of bodies: nothing is rebuilt
+/// when bodies move.
 class RayView {
  public:
   /// `lane_instants` gives the instant of each lane, a multiple of kLanes long: packet k uses the k-th
@@ -23,10 +24,6 @@ class RayView {
   /// Closest hits of packet kind `packet` up to t = farthest.
   void intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
                  PacketHits& hits) const;
-
-  /// Replaces hits by nearer ones with the k-th of shapes().
-  void intersect_with(std::size_t k, std::size_t packet, const Lanes3& direction, const int* valid,
-                      PacketHits& hits) const;
 
   /// Closest hits of rays that are known to meet nothing before `patch`, of a shape in view. False when one
   /// misses it.
@@ -50,6 +47,8 @@ class RayView {
   std::size_t packets_ = 0;
   std::vector<std::size_t> shapes_;
   std::vector<LaneTransform> transforms_;  ///< [shape in view][packet]
+  std::vector<double> nearest_;            ///< m: no ray of [shape in view][packet] meets it before
+  std::vector<std::size_t> order_;         ///< of the shapes in view, the nearest first
 };
 
 /// Lays one pose into one lane.
