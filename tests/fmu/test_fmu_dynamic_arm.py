@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, CellFmu, all_reals, cell_description
-from conftest import Build
+from cell_fixture import CYCLE_US, START_DEG, Array, Build, CellFmu, all_reals, cell_description
 
 START = np.radians(START_DEG)
 MASSES = [9.0, 4.0, 5.0, 2.0, 0.4, 1.2]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, MOTION, START_DEG, Array, CellFmu
-from conftest import Build
+from cell_fixture import CYCLE_US, MOTION, START_DEG, Array, Build, CellFmu
 
 START = np.radians(START_DEG)
 TARGET = START + np.array([0.3, 0.2, -0.3, 0.5, -0.2, 0.8])
