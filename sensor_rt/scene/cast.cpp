@@ -15,38 +15,43 @@
 namespace sensor_rt {
 namespace {
 
-Eigen::Vector3d row(const double* values, std::size_t index) {
-  return Eigen::Map<const Eigen::Vector3d>(values + 3 * index);
+/// Finite, with a direction: sums of what is infinite or undefined are so, too, or become it times nought.
+inline bool is_ray(double length2, double x, double y, double z) {
+  return (length2 > 0.0) & (0.0 * (length2 + x + y + z) == 0.0);
 }
 
-void validate_rays(const double* origins, const double* directions, std::size_t count) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const double length2 = row(directions, i).squaredNorm();
-    // A sum is finite when its terms are.
-    if (!(length2 > 0.0) || !std::isfinite(length2 + row(origins, i).cwiseAbs().sum())) {
-      throw std::invalid_argument("ray " + std::to_string(i) + " is not finite or has no direction");
-    }
+/// Names the first ray that is none.
+[[noreturn]] void refuse(const double* origins, const double* directions) {
+  for (std::size_t i = 0;; ++i) {
+    const double* o = origins + 3 * i;
+    const double* d = directions + 3 * i;
+    if (is_ray(d[0] * d[0] + d[1] * d[1] + d[2] * d[2], o[0], o[1], o[2])) continue;
+    throw std::invalid_argument("ray " + std::to_string(i) + " is not finite or has no direction");
   }
 }
 
 /// Rows of three, the last one again in lanes past the end.
 void load(const double* rows, int lanes, Lanes3& out) {
-  for (int l = 0; l < kLanes; ++l) {
-    const double* values = rows + 3 * std::min(l, lanes - 1);
-    out.x[l] = values[0];
-    out.y[l] = values[1];
-    out.z[l] = values[2];
-  }
+  for (int l = 0; l < lanes; ++l) set_lane(out, l, Eigen::Map<const Eigen::Vector3d>(rows + 3 * l));
+  for (int l = lanes; l < kLanes; ++l) set_lane(out, l, lane(out, lanes - 1));
 }
 
+/// Makes directions unit vectors. False when a ray is not finite or has no direction.
 SENSOR_RT_MULTIVERSION
-void normalize(Lanes3& __restrict v) {
+bool normalize(const Lanes3& __restrict origin, Lanes3& __restrict direction) {
+  alignas(64) int bad[kLanes];
   for (int l = 0; l < kLanes; ++l) {
-    const double length = std::sqrt(v.x[l] * v.x[l] + v.y[l] * v.y[l] + v.z[l] * v.z[l]);
-    v.x[l] /= length;
-    v.y[l] /= length;
-    v.z[l] /= length;
+    const double length2 =
+        direction.x[l] * direction.x[l] + direction.y[l] * direction.y[l] + direction.z[l] * direction.z[l];
+    bad[l] = is_ray(length2, origin.x[l], origin.y[l], origin.z[l]) ? 0 : 1;
+    const double scale = 1.0 / std::sqrt(length2);
+    direction.x[l] *= scale;
+    direction.y[l] *= scale;
+    direction.z[l] *= scale;
   }
+  int any = 0;
+  for (int l = 0; l < kLanes; ++l) any |= bad[l];
+  return any == 0;
 }
 
 /// Rotation as columns.
@@ -71,13 +76,14 @@ class Caster {
     }
   }
 
-  void cast(const double* origins, const double* directions, std::size_t first, int lanes,
+  /// False when a ray is not finite or has no direction.
+  bool cast(const double* origins, const double* directions, std::size_t first, int lanes,
             CastResult& result) {
     Lanes3 origin;
     Lanes3 direction;
     load(origins + 3 * first, lanes, origin);
     load(directions + 3 * first, lanes, direction);
-    normalize(direction);
+    if (!normalize(origin, direction)) return false;
     alignas(64) int valid[kLanes];
     for (int l = 0; l < kLanes; ++l) valid[l] = l < lanes ? -1 : 0;
     PacketHits hits;
@@ -94,6 +100,7 @@ class Caster {
       result.body[ray] = hit ? scene_.shapes()[static_cast<std::size_t>(hits.shape[l])].body : -1;
       result.face[ray] = hit ? static_cast<std::int64_t>(hits.face[l]) : -1;
     }
+    return true;
   }
 
  private:
@@ -110,7 +117,6 @@ CastResult cast_rays(const Scene& scene, const std::vector<Rigid3>& world_from_b
     throw std::invalid_argument("world_from_body holds " + std::to_string(world_from_body.size()) +
                                 " poses for " + std::to_string(scene.bodies().size()) + " bodies");
   }
-  validate_rays(origins, directions, count);
   PoseTrack track;
   track.set_still(scene, world_from_body.data());
   CastResult result;
@@ -123,7 +129,7 @@ CastResult cast_rays(const Scene& scene, const std::vector<Rigid3>& world_from_b
     const std::size_t end = std::min(count, (block + 1) * kBlock);
     for (std::size_t first = block * kBlock; first < end; first += kLanes) {
       const int lanes = static_cast<int>(std::min<std::size_t>(kLanes, end - first));
-      caster.cast(origins, directions, first, lanes, result);
+      if (!caster.cast(origins, directions, first, lanes, result)) refuse(origins, directions);
     }
   });
   return result;

@@ -264,6 +264,10 @@ def test_bad_shapes_and_rays_are_refused() -> None:
         cast_rays(scene, np.eye(4)[None], [[0, 0, 0]], [[0, 0, 0]])
     with pytest.raises(ValueError, match="ray 1"):
         cast_rays(scene, np.eye(4)[None], [[0, 0, 0]] * 2, [[0, 0, 1], [np.nan, 0, 1]])
+    directions = np.tile([0.0, 0, 1], (5000, 1))
+    directions[[4000, 3000]] = np.inf
+    with pytest.raises(ValueError, match="ray 3000 "):
+        cast_rays(scene, np.eye(4)[None], np.zeros((5000, 3)), directions, threads=3)
     with pytest.raises(ValueError, match="point 0"):
         closest_points(np.eye(3), [[0, 1, 2]], [[0, 0, np.inf]])
 
