@@ -171,7 +171,7 @@ class ScanWorker:
             setup.scan.model_dump(),
             [seen.near, seen.far, seen.half_near, seen.half_far, seen.cameras.tolist()],
         )
-        key = digest_of(_without_light(looked_at))
+        key = digest_of(_seen_by_planning(looked_at))
         return _kept(self._plans, key, _KEPT_PLANS, lambda: make_plan(nominal, sensor, setup).program)
 
     def _drive(self, inputs: Inputs, stage: _Stage, program: Program, seed: int) -> Recording:
@@ -235,10 +235,12 @@ def _kept(store: OrderedDict[str, Kept], key: str, limit: int, make: Callable[[]
     return store[key]
 
 
-def _without_light(node: Any) -> Any:
-    """Descriptions without what planning cannot see: how surfaces reflect."""
+def _seen_by_planning(node: Any) -> Any:
+    """Descriptions without how surfaces reflect, what drives lack, and how encoders err."""
     if isinstance(node, Mapping):
         return {
-            key: _without_light(value) for key, value in node.items() if not key.endswith(("reflectance", "material"))
+            key: _seen_by_planning(value)
+            for key, value in node.items()
+            if not key.endswith(("reflectance", "material")) and not key.startswith(("encoder_", "drive"))
         }
-    return [_without_light(item) for item in node] if isinstance(node, list | tuple) else node
+    return [_seen_by_planning(item) for item in node] if isinstance(node, list | tuple) else node

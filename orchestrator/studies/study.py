@@ -3,7 +3,7 @@
 OUT/description.json   everything that decides the results, after defaults; resuming demands that it is the same
 OUT/tasks/             rows of finished trials, one folder per task
 OUT/results.parquet    all rows by trial number (no clock in it: equal for equal seeds)
-OUT/timings.parquet    seconds by station, worker and memory of every trial
+OUT/timings.parquet    seconds by station, processor time, worker and memory of every trial
 OUT/study.json, report.html
 """
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -44,9 +45,10 @@ class TrialWorker(ScanWorker):
         """Make the trials of a task and leave their rows, and beside them what took how long, in `folder`."""
         rows, timings = [], []
         for plain in payload:
-            watch = Stopwatch()
+            watch, start = Stopwatch(), time.process_time()
             rows.append(self.row(trial_of(plain), watch))
-            timings.append({"trial": plain["number"], **_process(), "seconds": watch.seconds})
+            spent = time.process_time() - start
+            timings.append({"trial": plain["number"], **_process(), "processor_s": spent, "seconds": watch.seconds})
         (folder / ROWS).write_text(json.dumps(rows, indent=1, allow_nan=False) + "\n")
         (folder / TIMINGS).write_text(json.dumps(timings, indent=1) + "\n")
 

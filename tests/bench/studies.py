@@ -1,23 +1,28 @@
 """`python -m bench.studies` (in tests/): throughput of studies, what distributing costs, and what a million scans take.
 
-Writes docs/scale.md. The study has geometric and ray-traced scans of at most 200 profiles each; a fifth of it is run
-on one worker, all of it on two. Tasks that do nothing and very short scans show what the engine itself costs.
+Writes docs/scale.md. Four runs, each of which is kept in a JSON file so that it can be made alone (`--only`): tasks
+that do nothing; a few scans of 200 profiles, in this process, for their cost; a tenth of the study on one worker; all
+of it on two. `--set` makes the study's scans shorter, which makes distributing them harder. Processor time is that of
+all processes together, which other work on the machine hardly touches; wall time says little on a busy machine.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import resource
 import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow.parquet
+from numpy.typing import NDArray
 
 from orchestrator.config.loading import assets_dir
 from orchestrator.progress import Silent
@@ -26,15 +31,12 @@ from orchestrator.studies.report import write_report
 from orchestrator.studies.study import begin, open_study, run_study
 from orchestrator.studies.task import Job, Task, Where
 
-from .table import cpu_model
-
 TESTS = Path(__file__).resolve().parents[1]
-sys.path.append(str(TESTS))
+sys.path.append(str(TESTS))  # the workers import this module by its name
 
 STUDY = f"""
 name = "speed"
 part = "{assets_dir() / "parts" / "sphere_on_foot.stl"}"
-set = ["cell.part.x_mm=20", "scan.max_profiles=200"]
 engine = "geometric"
 [design]
 kind = "monte_carlo"
@@ -48,6 +50,126 @@ distribution = {{ kind = "normal", std = 0.05 }}
 path = "as_built.trigger.latency_ms"
 distribution = {{ kind = "uniform", low = 0, high = 0.5 }}
 """
+ENGINES = ("geometric", "ray-traced")
+PRESET = ("scan.max_profiles=200",)
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Median memory of a worker process over the first and the last quarter of its trials with an engine, MB."""
+
+    worker: int
+    engine: str
+    trials: int
+    first_mb: float
+    last_mb: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A run.
+
+    Attributes
+    ----------
+    seconds
+        Wall time from the moment when the workers were there.
+    busy_s
+        Wall time that the workers spent in tasks, added up.
+    own_s, children_s
+        Processor time of the command (with client and scheduler) and of the workers from their start to their end.
+    trial_s
+        Processor time of the trials themselves, added up: the work that the rest is held against.
+    report_s
+        Processor time of gathering all rows and writing tables and report.
+    by_engine
+        Median seconds of a trial by engine: processor time, and wall time by station.
+    """
+
+    workers: int
+    trials: dict[str, int]
+    tasks: int
+    seconds: float
+    busy_s: float
+    own_s: float
+    children_s: float
+    bytes_per_task: float
+    trial_s: float = 0.0
+    report_s: float = 0.0
+    profiles: int = 0
+    by_engine: dict[str, dict[str, float]] | None = None
+    memory: Sequence[Memory] = ()
+
+    @property
+    def rate(self) -> float:
+        """Tasks per second of wall time."""
+        return self.tasks / self.seconds
+
+    @property
+    def idle(self) -> float:
+        """Share of the workers' wall time that was not spent in tasks."""
+        return 1 - self.busy_s / (self.workers * self.seconds)
+
+    @property
+    def processor_s(self) -> float:
+        """Processor time of everything."""
+        return self.own_s + self.children_s
+
+    @property
+    def overhead(self) -> float:
+        """Share of all processor time that was not spent in trials."""
+        return 1 - self.trial_s / self.processor_s
+
+    @classmethod
+    def read(cls, plain: Mapping[str, Any]) -> Measured:
+        """From plain data."""
+        return cls(**{**plain, "memory": [Memory(**row) for row in plain["memory"]]})
+
+
+class _Processor:
+    """Processor time of this process and of its ended children since it was made."""
+
+    def __init__(self) -> None:
+        self._start = self._now()
+
+    @staticmethod
+    def _now() -> tuple[float, float]:
+        used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+        return used[0].ru_utime + used[0].ru_stime, used[1].ru_utime + used[1].ru_stime
+
+    def spent(self) -> tuple[float, float]:
+        """Seconds of this process, of the children."""
+        own, children = self._now()
+        return own - self._start[0], children - self._start[1]
+
+
+def run_scans(where: Where, trials: int, ray_traced: int, settings: Sequence[str]) -> Measured:
+    """The study in a temporary folder, one trial per task."""
+    with tempfile.TemporaryDirectory(prefix="scancell-bench-") as name:
+        folder = Path(name)
+        (folder / "speed.toml").write_text(STUDY)
+        nominal = json.dumps(["cell.part.x_mm=20", *settings])
+        words = [f"design.trials={trials}", f"ray_traced_trials={ray_traced}", f"set={nominal}"]
+        study = open_study(folder / "speed.toml", words)
+        begin(study, folder / "out")
+        processor = _Processor()
+        outcome = run_study(study, folder / "out", where, Silent())
+        spent, processor = processor.spent(), _Processor()
+        write_report(study, folder / "out")
+        counts = {"geometric": trials, "ray-traced": ray_traced}
+        measured = _measured(where.workers or 1, counts, len(study.tasks), outcome, spent, folder / "out" / "tasks")
+        rows = pyarrow.parquet.read_table(folder / "out" / "results.parquet").to_pydict()
+        if set(rows["status"]) != {"ok"}:
+            raise RuntimeError(f"failed: {next(filter(None, rows['message']))}")
+        timings = pyarrow.parquet.read_table(folder / "out" / "timings.parquet").to_pydict()
+        engine = np.array(rows["engine"])
+        return replace(
+            measured,
+            trial_s=sum(timings["processor_s"]),
+            report_s=sum(processor.spent()),
+            profiles=max(rows["profiles"]),
+            by_engine={name: _seconds(timings, engine == name) for name in ENGINES if counts[name]},
+            memory=_memory(timings, engine),
+        )
 
 
 def open_nothing(spec: Mapping[str, Any]) -> Any:
@@ -55,180 +177,80 @@ def open_nothing(spec: Mapping[str, Any]) -> Any:
     return lambda payload, folder: (folder / "n").write_text(str(payload))
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A run: tasks, workers, what the engine says, and the timings of its trials where it had any."""
-
-    tasks: int
-    workers: int
-    outcome: RunOutcome
-    timings: dict[str, list[Any]]
-    bytes_per_task: float
-
-    @property
-    def seconds(self) -> float:
-        """From the moment when the workers were there."""
-        return self.outcome.seconds - self.outcome.start_seconds
-
-    @property
-    def rate(self) -> float:
-        """Tasks per second."""
-        return self.tasks / self.seconds
-
-    @property
-    def overhead(self) -> float:
-        """Share of the workers' time that was not spent in tasks."""
-        return 1 - self.outcome.busy_seconds / (self.workers * self.seconds)
-
-
-SHORT = ("set=['scan.max_profiles=20', 'scan.raster.enabled=false']", "coverage_samples=0")
-
-
-def run_scans(workers: int, trials: int, ray_traced: int, more: Sequence[str] = ()) -> Measured:
-    """The study in a temporary folder."""
-    with tempfile.TemporaryDirectory(prefix="scancell-bench-") as name:
-        folder = Path(name)
-        (folder / "speed.toml").write_text(STUDY)
-        words = [f"design.trials={trials}", f"ray_traced_trials={ray_traced}", *more]
-        study = open_study(folder / "speed.toml", words)
-        begin(study, folder / "out")
-        outcome = run_study(study, folder / "out", Where(workers=workers), Silent())
-        write_report(study, folder / "out")
-        timings = pyarrow.parquet.read_table(folder / "out" / "timings.parquet").to_pydict()
-        return Measured(len(study.tasks), workers, outcome, timings, _bytes(folder / "out" / "tasks", len(study.tasks)))
-
-
 def run_nothing(workers: int, count: int) -> Measured:
     """Tasks that do nothing."""
     with tempfile.TemporaryDirectory(prefix="scancell-bench-") as name:
         job = Job(Path(name) / "tasks", open_nothing, {})
         tasks = [Task(f"t{n:07d}", n) for n in range(count)]
+        processor = _Processor()
         outcome = run_tasks(job, tasks, Where(workers=workers), Silent())
-        return Measured(count, workers, outcome, {}, _bytes(job.folder, count))
+        return _measured(workers, {}, count, outcome, processor.spent(), job.folder)
 
 
-def _bytes(folder: Path, count: int) -> float:
-    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) / count
+def _measured(
+    workers: int, counts: dict[str, int], tasks: int, outcome: RunOutcome, spent: tuple[float, float], folder: Path
+) -> Measured:
+    if len(outcome.done) != tasks:
+        raise RuntimeError(f"{tasks - len(outcome.done)} of {tasks} tasks are not done")
+    seconds = outcome.seconds - outcome.start_seconds
+    size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    return Measured(workers, counts, tasks, seconds, outcome.busy_seconds, *spent, size / tasks)
 
 
-def memory_lines(timings: dict[str, list[Any]]) -> list[str]:
-    """Memory of each worker after a tenth of its trials and at the end, and the slope between, MB per 1000 trials."""
-    worker, memory = np.array(timings["worker"]), np.array(timings["memory_mb"], float)
-    lines = []
-    for k, pid in enumerate(dict.fromkeys(timings["worker"]), 1):
-        own = memory[worker == pid]
-        settled = own[max(1, len(own) // 10) :]
-        if len(settled) < 2:
-            continue
-        slope = 1000 * np.polyfit(np.arange(len(settled)), settled, 1)[0]
-        lines.append(f"| {k} | {len(own)} | {settled[0]:.0f} | {settled[-1]:.0f} | {own.max():.0f} | {slope:+.1f} |")
-    return lines
-
-
-def station_lines(timings: dict[str, list[Any]], split: int) -> list[str]:
-    """Median milliseconds by station: trials up to `split` are geometric, the others ray-traced."""
+def _seconds(timings: Mapping[str, list[Any]], chosen: NDArray[np.bool_]) -> dict[str, float]:
+    """Median of every column of seconds over the chosen trials."""
     names = [name for name in timings if name.endswith("_s")]
-    trial = np.array(timings["trial"])
-    columns = {name: np.array([value or 0.0 for value in timings[name]], float) for name in names}
-    lines = []
-    for name in names:
-        cells = [
-            np.median(columns[name][chosen]) * 1e3 if chosen.any() else 0.0
-            for chosen in (trial <= split, trial > split)
-        ]
-        lines.append(f"| {name.removesuffix('_s')} | {cells[0]:.0f} | {cells[1]:.0f} |")
-    return lines
+    columns = {name: np.array([value or 0.0 for value in timings[name]], float)[chosen] for name in names}
+    return {name.removesuffix("_s"): float(np.median(column)) for name, column in columns.items()}
 
 
-def page(one: Measured, two: Measured, short: Measured, nothing: Measured, load: float, trials: int) -> str:
-    """docs/scale.md."""
-    efficiency = two.rate / (2 * one.rate)
-    geometric = float(
-        np.median([t for t, n in zip(two.timings["all_s"], two.timings["trial"], strict=True) if n <= trials])
-    )
-    cost = 1e3 * nothing.seconds / nothing.tasks
-    busiest = geometric / (cost * 1e-3)
-    busy = "\nOthers used the machine meanwhile: times are longer than on an idle one." if load > 0.5 else ""
-    return f"""# What many scans take
-
-Written by `PYTHONPATH=tests python -m bench.studies --trials {trials} --ray-traced {two.tasks - trials}`.
-CPU: {cpu_model()}; load of the machine by others when it began: {load:.1f}.{busy}
-
-## One study on one machine
-
-{trials} geometric and {two.tasks - trials} ray-traced scans of at most 200 profiles of the sphere on its foot, three factors.
-
-| workers | tasks | s | tasks/s | time of workers outside tasks |
-|---|---|---|---|---|
-| 1 | {one.tasks} | {one.seconds:.1f} | {one.rate:.3f} | {one.overhead:.1%} |
-| 2 | {two.tasks} | {two.seconds:.1f} | {two.rate:.3f} | {two.overhead:.1%} |
-
-Parallel efficiency of 2 workers: **{efficiency:.0%}** (wanted: at least 90 %). Time of the workers that is not spent
-in tasks, and so scheduling, waiting and the uneven end: **{two.overhead:.1%}** (wanted: less than 5 %).
-
-Median milliseconds of a trial by station, two workers:
-
-| station | geometric | ray-traced |
-|---|---|---|
-{chr(10).join(station_lines(two.timings, trials))}
-
-Memory of each worker process, MB, with the slope over its trials after the first tenth:
-
-| worker | trials | after a tenth | at the end | largest | MB per 1000 trials |
-|---|---|---|---|---|---|
-{chr(10).join(memory_lines(two.timings))}
-
-## The engine itself
-
-| what | tasks | s | tasks/s | time of workers outside tasks |
-|---|---|---|---|---|
-| nothing but one small file | {nothing.tasks} | {nothing.seconds:.1f} | {nothing.rate:.0f} | {nothing.overhead:.0%} |
-| scans of 20 profiles | {short.tasks} | {short.seconds:.1f} | {short.rate:.1f} | {short.overhead:.1%} |
-
-So a task costs **{cost:.2f} ms** in all: scheduling, two small files, one rename. A trial leaves
-{two.bytes_per_task / 1024:.1f} kB in three files.
-
-## A million scans
-
-A geometric scan takes {geometric:.2f} s of one core here, so a million take {1e6 * geometric / 3600:.0f} core hours:
-{1e6 * geometric / 3600 / 256:.1f} hours on 256 cores.
-
-What limits it:
-
-- **The scheduler.** At {cost:.2f} ms per task one scheduler keeps about {busiest:.0f} workers busy with one trial per
-  task. `trials_per_task = 20` makes that {20 * busiest:.0f}, and a million trials 50 000 tasks. Only a few hundred
-  tasks (20 per worker) are known to the scheduler at a time, so its memory does not grow with the study.
-- **The file system.** One trial per task would make 3 million files and a million folders; with 20 it is 150 000 files
-  and {two.bytes_per_task * 1e6 / 1e9:.1f} GB of rows. Workers write only finished rows; images and clouds are not kept.
-- **Reading it back.** `study report` and `study resume` check every file's checksum: a few minutes for 50 000 tasks on
-  a shared disk, once.
-- **A dead scheduler** costs the tasks that were running. With job arrays (`--shard i/n`) there is none: each job takes
-  every n-th task, and the report is made once at the end.
-"""
+def _memory(timings: Mapping[str, list[Any]], engine: NDArray[Any]) -> list[Memory]:
+    """By worker and engine; a worker's first trial of each engine is left out, for it loads what the others use."""
+    worker, memory = np.array(timings["worker"]), np.array(timings["memory_mb"], float)
+    found = []
+    for name in ENGINES:
+        for k, pid in enumerate(dict.fromkeys(timings["worker"]), 1):
+            own = memory[(worker == pid) & (engine == name)][1:]
+            quarter = len(own) // 4
+            if quarter:
+                ends = float(np.median(own[:quarter])), float(np.median(own[-quarter:]))
+                found.append(Memory(k, name, len(own) + 1, *ends))
+    return found
 
 
 def main() -> None:
     """Measure and write."""
+    from .scale_page import page  # noqa: PLC0415  (it reads what is measured here)
+
     parser = argparse.ArgumentParser(prog="python -m bench.studies", description=__doc__)
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--ray-traced", type=int, default=200)
-    parser.add_argument("--short", type=int, default=2000)
+    parser.add_argument("--set", action="append", help="of the study's scans, as `scancell scan --set`")
     parser.add_argument("--no-ops", type=int, default=10_000)
+    parser.add_argument("--only", action="append", choices=("nothing", "cost", "one", "two"))
+    parser.add_argument("--measured", type=Path, default=Path("out/scale.json"))
     parser.add_argument("--out", type=Path, default=Path("docs/scale.md"))
     options = parser.parse_args()
-    load, start = os.getloadavg()[0], time.perf_counter()
-    nothing = run_nothing(2, options.no_ops)
-    print(f"{nothing.tasks} no-ops: {nothing.rate:.0f} tasks/s", flush=True)
-    runs = []
-    for workers, trials, ray_traced, more in (
-        (1, max(10, options.trials // 5), max(2, options.ray_traced // 5), ()),
-        (2, options.trials, options.ray_traced, ()),
-        (2, options.short, 0, SHORT),
-    ):
-        runs.append(run_scans(workers, trials, ray_traced, more))
-        print(f"{workers} workers: {runs[-1].rate:.3f} tasks/s, overhead {runs[-1].overhead:.1%}", flush=True)
-    options.out.write_text(page(*runs, nothing, load, options.trials))
-    print(f"{time.perf_counter() - start:.0f} s, written to {options.out}")
+    settings = options.set or PRESET
+    tenth = max(8, options.trials // 10), max(4, options.ray_traced // 10)
+    runs = {
+        "nothing": lambda: run_nothing(2, options.no_ops),
+        "cost": lambda: run_scans(Where(shard=(1, 1)), 8, 4, PRESET),
+        "one": lambda: run_scans(Where(workers=1), *tenth, settings),
+        "two": lambda: run_scans(Where(workers=2), options.trials, options.ray_traced, settings),
+    }
+    file: Path = options.measured
+    kept = json.loads(file.read_text()) if options.only and file.exists() else {}
+    for name in options.only or runs:
+        load, start = os.getloadavg()[0], time.perf_counter()
+        made = runs[name]()
+        kept[name] = {"load": load, "settings": list(settings), **asdict(made)}
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(kept, indent=1) + "\n")
+        print(f"{name}: {made.tasks} tasks, {made.rate:.2f}/s, {time.perf_counter() - start:.0f} s", flush=True)
+    if set(kept) == set(runs):
+        options.out.write_text(page(kept))
+        print(f"written to {options.out}")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,145 @@
+"""docs/scale.md from what `bench.studies` measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from .studies import ENGINES, Measured
+from .table import cpu_model
+
+_MILLION = 1_000_000
+_PER_TASK = 20
+
+
+def page(kept: Mapping[str, Mapping[str, Any]]) -> str:
+    """The page; `kept` are the runs by name, as `bench.studies` keeps them."""
+    runs = {
+        name: Measured.read({key: value for key, value in run.items() if key not in {"load", "settings"}})
+        for name, run in kept.items()
+    }
+    loads = ", ".join(f"{run['load']:.0f}" for run in kept.values())
+    settings = kept["two"]["settings"]
+    return "\n".join([_head(runs, loads, settings), _study(runs), _memory(runs["two"]), _engine(runs), _plan(runs)])
+
+
+def _head(runs: Mapping[str, Measured], loads: str, settings: list[str]) -> str:
+    two = runs["two"]
+    count = f"--trials {two.trials['geometric']} --ray-traced {two.trials['ray-traced']}"
+    words = "".join(f" --set {word}" for word in settings)
+    return f"""# What many scans take
+
+Written by
+
+```sh
+PYTHONPATH=tests python -m bench.studies {count} --no-ops {runs["nothing"].tasks}{words}
+```
+
+on {cpu_model()}. Load of the machine by all others at the beginning of the four runs: {loads}. Figures of processor time
+hold on a busy machine, too; wall time, where it is given, is that of a machine with this load."""
+
+
+def efficiency(runs: Mapping[str, Measured]) -> float:
+    """Processor time that the trials of two workers would take at the cost of one worker, over all that was taken."""
+    return _cost(runs["one"]) * runs["two"].tasks / runs["two"].processor_s
+
+
+def _cost(run: Measured) -> float:
+    return run.trial_s / run.tasks
+
+
+def _study(runs: Mapping[str, Measured]) -> str:
+    one, two = runs["one"], runs["two"]
+    rows = "\n".join(
+        f"| {run.workers} | {run.trials['geometric']} + {run.trials['ray-traced']} | {1e3 * _cost(run):.0f} ms"
+        f" | {run.processor_s:.0f} s | {run.overhead:.1%} | {run.seconds:.0f} s | {run.rate:.2f} | {run.idle:.1%} |"
+        for run in (one, two)
+    )
+    return f"""
+## One study on one machine
+
+Geometric + ray-traced scans of at most {two.profiles} profiles of the sphere on its foot, three factors, one trial per task.
+
+| workers | trials | processor time of a trial | of everything | not in trials | wall | tasks/s | workers idle |
+|---|---|---|---|---|---|---|---|
+{rows}
+
+- **Parallel efficiency of two workers: {efficiency(runs):.1%}** (wanted: 90 % or more), as processor time that the trials take
+  at the cost of a trial on one worker, over the processor time of everything on two: command, scheduler, both workers
+  from their start to their end. Rates of wall time give {two.rate / (2 * one.rate):.0%}, which means something only
+  where nobody else uses the cores.
+- **Overhead: {two.overhead:.1%}** (wanted: less than 5 %), the share of all processor time that is not spent in trials. Of
+  their wall time the two workers were idle for {two.idle:.1%}: waiting for the next task, and for each other at the end.
+- Gathering {two.tasks} rows, their statistics and the report take {two.report_s:.1f} s of processor time more."""
+
+
+def _memory(two: Measured) -> str:
+    rows = "\n".join(
+        f"| {m.worker} | {m.engine} | {m.trials} | {m.first_mb:.1f} | {m.last_mb:.1f} | {m.last_mb / m.first_mb - 1:+.1%} |"
+        for m in two.memory
+    )
+    return f"""
+Memory of each worker process, median over the first and the last quarter of its trials:
+
+| worker | engine | trials | first quarter, MB | last quarter, MB | change |
+|---|---|---|---|---|---|
+{rows}"""
+
+
+def _engine(runs: Mapping[str, Measured]) -> str:
+    nothing, cost = runs["nothing"], runs["cost"]
+    named = cost.by_engine or {}
+    stations = [name for name in named["geometric"] if name not in {"processor", "all"}]
+    lines = [f"| {name} | " + " | ".join(f"{1e3 * named[e][name]:.0f}" for e in ENGINES) + " |" for name in stations]
+    spent = " | ".join(f"{1e3 * named[engine]['processor']:.0f}" for engine in ENGINES)
+    return f"""
+## What a scan and a task cost
+
+Median milliseconds of a scan of at most {cost.profiles} profiles in one process (after the first, which plans and builds the scene):
+
+| station | geometric | ray-traced |
+|---|---|---|
+{chr(10).join(lines)}
+| **processor time of all** | {spent} |
+
+{nothing.tasks} tasks that leave one small file and do nothing else, on {nothing.workers} workers: {nothing.rate:.0f} tasks/s of wall time. A task costs
+**{_own_ms(nothing):.2f} ms** of processor time in the command and its scheduler, {1e3 * nothing.children_s / nothing.tasks:.2f} ms in the workers
+(two small files, a rename, checksums; the start of the workers included)."""
+
+
+def _own_ms(nothing: Measured) -> float:
+    return 1e3 * nothing.own_s / nothing.tasks
+
+
+def _plan(runs: Mapping[str, Measured]) -> str:
+    nothing, two = runs["nothing"], runs["two"]
+    seconds = {name: (runs["cost"].by_engine or {})[name]["processor"] for name in ENGINES}
+    hours = {name: _MILLION * value / 3600 for name, value in seconds.items()}
+    limit = 1e3 / _own_ms(nothing)
+    rows = "\n".join(
+        f"| {name} | {seconds[name]:.2f} | {hours[name]:.0f} | {hours[name] / 256:.1f} | {hours[name] / 1024:.1f}"
+        f" | {limit * seconds[name]:.0f} | {_PER_TASK * limit * seconds[name]:.0f} |"
+        for name in ENGINES
+    )
+    size = two.bytes_per_task
+    return f"""
+## A million scans
+
+| engine | s per scan | core hours | hours on 256 cores | on 1024 | cores that one scheduler feeds | with {_PER_TASK} trials per task |
+|---|---|---|---|---|---|---|
+{rows}
+
+What limits it:
+
+- **The scheduler** is one process that hands out at most {limit:.0f} tasks/s: the columns on the right say how many cores
+  that keeps busy. `trials_per_task = {_PER_TASK}` divides its work by {_PER_TASK}. No more than 20 tasks per worker (and at
+  least 200) are known to it at a time, so its memory does not grow with the study.
+- **The disk.** A trial leaves {size / 1024:.1f} kB in three files, so a million leave {_MILLION * size / 1e9:.1f} GB; images and clouds are not
+  kept. 256 cores with geometric scans write {256 / seconds["geometric"] * size / 1e6:.1f} MB/s, which is little, but
+  {3 * 256 / seconds["geometric"]:.0f} files/s with one trial per task, which a shared file system notices: with {_PER_TASK} trials per task
+  {3 * 256 / seconds["geometric"] / _PER_TASK:.0f} files/s, and {3 * _MILLION // _PER_TASK:,} files in the end.
+- **Reading it back.** `study report` takes {1e3 * two.report_s / two.tasks:.1f} ms per trial here, so {_MILLION * two.report_s / two.tasks / 60:.0f} minutes of one core for a
+  million if it grows in proportion, and holds all rows in memory.
+- **A dead scheduler** costs the tasks that were running; `resume` goes on. With job arrays (`--shard i/n`) there is none:
+  each job takes every n-th task, and the report is made once at the end.
+"""
