@@ -35,8 +35,8 @@ Written by
 PYTHONPATH=tests python -m bench.studies {count} --no-ops {runs["nothing"].tasks}{words}
 ```
 
-on {cpu_model()}. Load of the machine by all others at the beginning of the four runs: {loads}. Figures of processor time
-hold on a busy machine, too; wall time, where it is given, is that of a machine with this load."""
+on {cpu_model()}. Load of the machine by all others at the beginning of the four runs: {loads}.
+Figures of processor time are nearly the same on a busy machine; wall time is that of a machine with this load."""
 
 
 def efficiency(runs: Mapping[str, Measured]) -> float:
@@ -55,27 +55,32 @@ def _study(runs: Mapping[str, Measured]) -> str:
         f" | {run.processor_s:.0f} s | {run.overhead:.1%} | {run.seconds:.0f} s | {run.rate:.2f} | {run.idle:.1%} |"
         for run in (one, two)
     )
+    by_processor = efficiency(runs)
+    by_wall = two.rate / (2 * one.rate)
     return f"""
 ## One study on one machine
 
-Geometric + ray-traced scans of at most {two.profiles} profiles of the sphere on its foot, three factors, one trial per task.
+Geometric + ray-traced scans of at most {two.profiles} profiles of the sphere on its foot, three factors, one trial per
+task.
 
 | workers | trials | processor time of a trial | of everything | not in trials | wall | tasks/s | workers idle |
 |---|---|---|---|---|---|---|---|
 {rows}
 
-- **Parallel efficiency of two workers: {efficiency(runs):.1%}** (wanted: 90 % or more), as processor time that the trials take
-  at the cost of a trial on one worker, over the processor time of everything on two: command, scheduler, both workers
-  from their start to their end. Rates of wall time give {two.rate / (2 * one.rate):.0%}, which means something only
-  where nobody else uses the cores.
-- **Overhead: {two.overhead:.1%}** (wanted: less than 5 %), the share of all processor time that is not spent in trials. Of
-  their wall time the two workers were idle for {two.idle:.1%}: waiting for the next task, and for each other at the end.
+- **Parallel efficiency of two workers: {by_processor:.1%}** (wanted: 90 % or more): processor time that the
+  trials take at the cost of a trial on one worker, over the processor time of everything on two, which is command,
+  scheduler, and both workers from their start to their end. Rates of wall time give {by_wall:.0%}, which means
+  something only where nobody else uses the cores.
+- **Overhead: {two.overhead:.1%}** (wanted: less than 5 %): the share of all processor time that is not spent in trials.
+  Of their wall time the two workers were idle for {two.idle:.1%}: waiting for the next task, and at the end for each
+  other.
 - Gathering {two.tasks} rows, their statistics and the report take {two.report_s:.1f} s of processor time more."""
 
 
 def _memory(two: Measured) -> str:
     rows = "\n".join(
-        f"| {m.worker} | {m.engine} | {m.trials} | {m.first_mb:.1f} | {m.last_mb:.1f} | {m.last_mb / m.first_mb - 1:+.1%} |"
+        f"| {m.worker} | {m.engine} | {m.trials} | {m.first_mb:.1f} | {m.last_mb:.1f}"
+        f" | {m.last_mb / m.first_mb - 1:+.1%} |"
         for m in two.memory
     )
     return f"""
@@ -92,19 +97,21 @@ def _engine(runs: Mapping[str, Measured]) -> str:
     stations = [name for name in named["geometric"] if name not in {"processor", "all"}]
     lines = [f"| {name} | " + " | ".join(f"{1e3 * named[e][name]:.0f}" for e in ENGINES) + " |" for name in stations]
     spent = " | ".join(f"{1e3 * named[engine]['processor']:.0f}" for engine in ENGINES)
+    rate = f"{nothing.rate:.0f}"
+    in_workers = 1e3 * nothing.children_s / nothing.tasks
     return f"""
 ## What a scan and a task cost
 
-Median milliseconds of a scan of at most {cost.profiles} profiles in one process (after the first, which plans and builds the scene):
+Median milliseconds of a scan of at most {cost.profiles} profiles in one process; stations by wall time:
 
 | station | geometric | ray-traced |
 |---|---|---|
 {chr(10).join(lines)}
 | **processor time of all** | {spent} |
 
-{nothing.tasks} tasks that leave one small file and do nothing else, on {nothing.workers} workers: {nothing.rate:.0f} tasks/s of wall time. A task costs
-**{_own_ms(nothing):.2f} ms** of processor time in the command and its scheduler, {1e3 * nothing.children_s / nothing.tasks:.2f} ms in the workers
-(two small files, a rename, checksums; the start of the workers included)."""
+{nothing.tasks} tasks that leave one small file and do nothing else, on {nothing.workers} workers: {rate} tasks/s
+of wall time. A task costs **{_own_ms(nothing):.2f} ms** of processor time in the command and its scheduler, and
+{in_workers:.2f} ms in the workers (two small files, a rename, checksums; the start of the workers included)."""
 
 
 def _own_ms(nothing: Measured) -> float:
@@ -112,34 +119,34 @@ def _own_ms(nothing: Measured) -> float:
 
 
 def _plan(runs: Mapping[str, Measured]) -> str:
-    nothing, two = runs["nothing"], runs["two"]
-    seconds = {name: (runs["cost"].by_engine or {})[name]["processor"] for name in ENGINES}
+    two, seconds = runs["two"], {name: (runs["cost"].by_engine or {})[name]["processor"] for name in ENGINES}
     hours = {name: _MILLION * value / 3600 for name, value in seconds.items()}
-    limit = 1e3 / _own_ms(nothing)
+    limit = 1e3 / _own_ms(runs["nothing"])
     rows = "\n".join(
         f"| {name} | {seconds[name]:.2f} | {hours[name]:.0f} | {hours[name] / 256:.1f} | {hours[name] / 1024:.1f}"
         f" | {limit * seconds[name]:.0f} | {_PER_TASK * limit * seconds[name]:.0f} |"
         for name in ENGINES
     )
-    size = two.bytes_per_task
+    size, scans = two.bytes_per_task, 256 / seconds["geometric"]
+    report = two.report_s / two.tasks
     return f"""
 ## A million scans
 
-| engine | s per scan | core hours | hours on 256 cores | on 1024 | cores that one scheduler feeds | with {_PER_TASK} trials per task |
+| engine | s per scan | core hours | hours on 256 cores | on 1024 | one scheduler feeds | with {_PER_TASK} a task |
 |---|---|---|---|---|---|---|
 {rows}
 
 What limits it:
 
-- **The scheduler** is one process that hands out at most {limit:.0f} tasks/s: the columns on the right say how many cores
-  that keeps busy. `trials_per_task = {_PER_TASK}` divides its work by {_PER_TASK}. No more than 20 tasks per worker (and at
-  least 200) are known to it at a time, so its memory does not grow with the study.
-- **The disk.** A trial leaves {size / 1024:.1f} kB in three files, so a million leave {_MILLION * size / 1e9:.1f} GB; images and clouds are not
-  kept. 256 cores with geometric scans write {256 / seconds["geometric"] * size / 1e6:.1f} MB/s, which is little, but
-  {3 * 256 / seconds["geometric"]:.0f} files/s with one trial per task, which a shared file system notices: with {_PER_TASK} trials per task
-  {3 * 256 / seconds["geometric"] / _PER_TASK:.0f} files/s, and {3 * _MILLION // _PER_TASK:,} files in the end.
-- **Reading it back.** `study report` takes {1e3 * two.report_s / two.tasks:.1f} ms per trial here, so {_MILLION * two.report_s / two.tasks / 60:.0f} minutes of one core for a
-  million if it grows in proportion, and holds all rows in memory.
-- **A dead scheduler** costs the tasks that were running; `resume` goes on. With job arrays (`--shard i/n`) there is none:
-  each job takes every n-th task, and the report is made once at the end.
+- **The scheduler** is one process that hands out at most {limit:.0f} tasks/s: the columns on the right say how many
+  cores that keeps busy. `trials_per_task = {_PER_TASK}` divides its work by {_PER_TASK}. No more than 20 tasks per
+  worker (and at least 200) are known to it at a time, so its memory does not grow with the study.
+- **The disk.** A trial leaves {size / 1024:.1f} kB in three files, so a million leave {_MILLION * size / 1e9:.1f} GB;
+  images and clouds are not kept. 256 cores with geometric scans write {scans * size / 1e6:.1f} MB/s, which is little,
+  but {3 * scans:.0f} files/s with one trial per task, which a shared file system notices. With {_PER_TASK} trials
+  per task it is {3 * scans / _PER_TASK:.0f} files/s, and {3 * _MILLION // _PER_TASK} files in the end.
+- **Reading it back.** Gathering and report take {1e3 * report:.1f} ms per trial here, so {_MILLION * report / 60:.0f}
+  minutes of one core for a million if that grows in proportion, and hold all rows in memory.
+- **A dead scheduler** costs the tasks that were running; `resume` goes on. With job arrays (`--shard i/n`) there is
+  none: each job takes every n-th task, and the report is made once at the end.
 """

@@ -18,6 +18,7 @@ from orchestrator.evaluation.deviation import deviation_from_mesh
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.progress import Silent
 from orchestrator.studies.report import write_report
+from orchestrator.studies.scan_worker import Trial
 from orchestrator.studies.study import begin, open_study, replay, run_study
 from orchestrator.studies.task import Where, close_workers
 from orchestrator.studies.trial import TrialWorker
@@ -142,6 +143,53 @@ def _slope(scan, offset: np.ndarray) -> float:
     predicted = np.einsum("ni,ni->n", normal, shift)
     assert predicted.std() > 5e-6
     return float(np.polyfit(predicted, signed[chosen], 1)[0])
+
+
+BALL = '[[sphere]]\nname = "ball"\ncentre_mm = [0, 0, 45]\nradius_mm = 25\nabove_mm = 25\n'
+
+
+def figures_one_by_one(folder: Path, head: str, changes: dict[str, float]) -> list[dict[str, float]]:
+    """Figures of an ideal scan of the nominal cell, and with each of the changes alone."""
+    unit = 'distribution = { kind = "uniform", low = 0, high = 1 }'
+    factors = "\n".join(f'[[factor]]\npath = "{path}"\n{unit}\n' for path in changes)
+    study = open_study(write_study(folder, head, "ideal = true", DESIGN, factors, BALL))
+    worker = TrialWorker(study.description, study.setup, study.part)
+    values = [np.zeros(len(changes)), *np.diag(list(changes.values()))]
+    try:
+        study.factors.check(worker.units())
+        trials = [Trial(n, 1, "geometric", tuple(row.tolist())) for n, row in enumerate(values, 1)]
+        rows = [worker.row(trial, Stopwatch()) for trial in trials]
+    finally:
+        worker.close()
+    assert [row["message"] for row in rows] == [""] * len(rows)
+    return [row["figures"] for row in rows]
+
+
+def test_an_old_reading_of_the_table_shifts_the_part_as_far_as_it_goes_meanwhile(tmp_path) -> None:
+    """A ball 20 mm off the axis of a table at 40 degrees per second: 14 um for a millisecond."""
+    head = HEAD.replace('"scan.max_profiles=20"', '"scan.max_profiles=60", "cell.part.x_mm=20"')
+    right, late = figures_one_by_one(tmp_path, head, {"cell.table.encoder_latency_ms": 1.0})
+    shift = np.array([late[f"ball.{axis}_um"] - right[f"ball.{axis}_um"] for axis in "xyz"])
+    print(shift)
+    assert abs(shift[1]) == pytest.approx(1e6 * 0.020 * np.radians(40) * 1e-3, rel=0.03)
+    assert np.abs(shift[[0, 2]]).max() < 0.5
+
+
+def test_vibrations_triggers_and_drives_reach_the_scan(tmp_path) -> None:
+    band = '"vibration.table.random_low_hz=5", "vibration.table.random_width_hz=45"'
+    fast = f'as_built = ["vibration.flange.frequency_hz=20", {band}]'
+    words = '"scan.max_profiles=20", "cell.part.x_mm=20", "cell.robot.drive=dynamic"'
+    soft = HEAD.replace('"scan.max_profiles=20"', words)
+    alone = {
+        "as_built.vibration.flange.z_mm": 0.05,
+        "as_built.vibration.table.random_rms_mm": 0.05,
+        "as_built.trigger.jitter_ms": 1.0,
+        "cell.robot.joint[2].drive.gear_stiffness_n_m_rad": 1e5,
+    }
+    right, *others = figures_one_by_one(tmp_path, f"{soft}\n{fast}", alone)
+    changes = [abs(figures["rms_um"] - right["rms_um"]) for figures in others]
+    print(right["rms_um"], changes)
+    assert min(changes) > 0.01
 
 
 HEIGHTS = """
