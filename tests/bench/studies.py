@@ -29,7 +29,7 @@ from orchestrator.progress import Silent
 from orchestrator.studies.engine import RunOutcome, run_tasks
 from orchestrator.studies.report import write_report
 from orchestrator.studies.study import begin, open_study, run_study
-from orchestrator.studies.task import Job, Task, Where
+from orchestrator.studies.task import Job, Task, Where, close_workers
 
 TESTS = Path(__file__).resolve().parents[1]
 sys.path.append(str(TESTS))  # the workers import this module by its name
@@ -154,6 +154,7 @@ def run_scans(where: Where, trials: int, ray_traced: int, settings: Sequence[str
         processor = _Processor()
         outcome = run_study(study, folder / "out", where, Silent())
         spent, processor = processor.spent(), _Processor()
+        close_workers()
         write_report(study, folder / "out")
         counts = {"geometric": trials, "ray-traced": ray_traced}
         measured = _measured(where.workers or 1, counts, len(study.tasks), outcome, spent, folder / "out" / "tasks")

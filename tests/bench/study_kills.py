@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -152,32 +152,23 @@ class Campaign:
         return str(json.loads(file.read_text())["address"])
 
 
-def campaign(kills: int, seed: int) -> tuple[list[Attempt], float]:
-    """Attempts with the victims in turn, and seconds of an undisturbed run."""
+def campaign(kills: int, seed: int) -> Iterator[tuple[Attempt, float]]:
+    """Attempts with the victims in turn, each with the seconds of an undisturbed run."""
     moments = random.Random(seed)
     with tempfile.TemporaryDirectory(prefix="scancell-kills-") as folder:
         study = Campaign(Path(folder))
-        attempts = []
         for k in range(kills):
-            attempts.append(study.attempt(VICTIMS[k % 3], moments.uniform(0.05, 0.95) * study.length_s))
-            print(attempts[-1].line(), flush=True)
-        return attempts, study.length_s
+            yield study.attempt(VICTIMS[k % 3], moments.uniform(0.05, 0.95) * study.length_s), study.length_s
 
 
-def main() -> None:
-    """Kill, resume, compare, write."""
-    parser = argparse.ArgumentParser(prog="python -m bench.study_kills", description=__doc__)
-    parser.add_argument("--kills", type=int, default=21)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("docs/study_kills.md"))
-    options = parser.parse_args()
-    attempts, length = campaign(options.kills, options.seed)
+def page(attempts: Sequence[Attempt], length_s: float) -> str:
+    """docs/study_kills.md."""
     good = sum(attempt.identical for attempt in attempts)
     lines = [
         "# Studies killed and resumed",
         "",
         "Written by `PYTHONPATH=tests python -m bench.study_kills`: SIGKILL to a worker, to the scheduler or to the",
-        f"command at a random moment of a study of {TRIALS} scans on two workers ({length:.0f} s undisturbed on"
+        f"command at a random moment of a study of {TRIALS} scans on two workers ({length_s:.0f} s undisturbed on"
         f" {os.cpu_count()} cores), then",
         "`scancell study resume`. Identical: `results.parquet` and the rows of every trial have the bytes of the",
         "undisturbed run, none is missing, none is there twice, and no half-written file is left.",
@@ -188,8 +179,22 @@ def main() -> None:
         "|---|---|---|---|---|---|",
         *(attempt.line() for attempt in attempts),
     ]
-    options.out.write_text("\n".join(lines) + "\n")
-    if good < len(attempts):
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Kill, resume, compare, and write after each attempt."""
+    parser = argparse.ArgumentParser(prog="python -m bench.study_kills", description=__doc__)
+    parser.add_argument("--kills", type=int, default=21)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("docs/study_kills.md"))
+    options = parser.parse_args()
+    attempts: list[Attempt] = []
+    for attempt, length_s in campaign(options.kills, options.seed):
+        attempts.append(attempt)
+        print(attempt.line(), flush=True)
+        options.out.write_text(page(attempts, length_s))
+    if not all(attempt.identical for attempt in attempts):
         raise SystemExit(1)
 
 

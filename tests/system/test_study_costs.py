@@ -8,7 +8,7 @@ import pytest
 from bench.scale_page import page
 from bench.studies import run_nothing, run_scans
 
-from orchestrator.studies.engine import Where
+from orchestrator.studies.task import Where
 
 SHORT = ("scan.max_profiles=20", "scan.sweep.enabled=false")
 
