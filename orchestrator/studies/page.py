@@ -13,6 +13,7 @@ from orchestrator.studies.analysis import Rows, independent_rows
 
 _MOST_FAILURES = 50
 _SCATTERED = 4
+_RANDOM = {"monte_carlo", "latin_hypercube", "sobol"}
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1080px; margin: 2rem auto; padding: 0 1rem; }
 h1 { margin-bottom: 0; } h2 { border-bottom: 1px solid #ccc; margin-top: 2.5rem; } h3 { margin-top: 2rem; }
@@ -33,7 +34,7 @@ def study_page(analysis: dict[str, Any], rows: Sequence[dict[str, Any]], about: 
     for engine, said in analysis["engines"].items():
         own = Rows.of([row for row in rows if row["engine"] == engine])
         parts.append(f"<h2>{escape(engine)}: {len(own.plain)} trials</h2>")
-        parts.append(_figure_table(said["figures"], analysis["probability"]))
+        parts.append(_figure_table(said["figures"], analysis))
         parts.extend(
             _closer(name, closer, said["figures"][name], own, analysis) for name, closer in said["closer"].items()
         )
@@ -48,31 +49,19 @@ def _subtitle(analysis: dict[str, Any]) -> str:
     return f"{kind} design, {count} factors, {analysis['trials']} trials{bad}"
 
 
-def _figure_table(figures: dict[str, Any], probability: float) -> str:
-    head = [
-        "figure",
-        "mean",
-        "± standard error",
-        "standard deviation",
-        f"{probability:.0%} interval (symmetric)",
-        "shortest interval",
-        "least",
-        "largest",
-    ]
-    rows = [
-        [
-            name,
-            s["mean"],
-            s["standard_error"],
-            s["standard_deviation"],
-            s["interval_symmetric"],
-            s["interval_shortest"],
-            s["minimum"],
-            s["maximum"],
-        ]
-        for name, s in figures.items()
-    ]
-    return _table(head, rows)
+def _figure_table(figures: dict[str, Any], analysis: dict[str, Any]) -> str:
+    """Only draws at random say how figures are distributed; the points of other designs just have a range."""
+    columns = {"mean": "mean"}
+    if analysis["design"]["kind"] in _RANDOM:
+        columns |= {
+            "± standard error": "standard_error",
+            "standard deviation": "standard_deviation",
+            f"{analysis['probability']:.0%} interval (symmetric)": "interval_symmetric",
+            "shortest interval": "interval_shortest",
+        }
+    columns |= {"least": "minimum", "largest": "maximum"}
+    rows = [[name, *(said[key] for key in columns.values())] for name, said in figures.items()]
+    return _table(["figure", *columns], rows)
 
 
 def _closer(name: str, closer: dict[str, Any], said: dict[str, Any], own: Rows, analysis: dict[str, Any]) -> str:
@@ -81,7 +70,7 @@ def _closer(name: str, closer: dict[str, Any], said: dict[str, Any], own: Rows, 
     if good.sum() < 2:
         return ""
     drawings = []
-    if analysis["design"]["kind"] in {"monte_carlo", "latin_hypercube", "sobol"}:
+    if analysis["design"]["kind"] in _RANDOM:
         drawn = good & independent_rows(analysis["design"]["kind"], len(analysis["factors"]), len(values))
         drawings.append(plots.distribution(values[drawn], said, name))
         drawings.append(plots.settling(closer["convergence"], name))

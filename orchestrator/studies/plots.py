@@ -137,6 +137,8 @@ def scatters(names: Sequence[str], values: Sequence[Sequence[Any]], outputs: Arr
             )
             axes.set_xlabel(name, fontsize=8)
             axes.tick_params(labelsize=8)
+            if any(isinstance(value, str) for value in column):
+                axes.tick_params(axis="x", rotation=30)
             if k == 0:
                 axes.set_ylabel(label)
 
