@@ -101,18 +101,22 @@ def _client(where: Where) -> Iterator[Client]:
         with client:
             yield client
         return
-    with (
-        LocalCluster(
+    with _local_cluster(where) as cluster, Client(cluster, set_as_default=False) as client:
+        client.register_plugin(_LeaveInterruptsToTheCommand())
+        yield client
+
+
+def _local_cluster(where: Where) -> LocalCluster:
+    try:
+        return LocalCluster(
             n_workers=where.workers or len(os.sched_getaffinity(0)),
             threads_per_worker=1,
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        client.register_plugin(_LeaveInterruptsToTheCommand())
-        yield client
+        )
+    except (RuntimeError, OSError, TimeoutError) as error:  # a worker was killed before it was there, for one
+        raise EngineError(f"the workers do not start: {error} Resume to go on") from error
 
 
 @contextmanager

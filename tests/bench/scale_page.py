@@ -40,18 +40,19 @@ Figures of processor time are nearly the same on a busy machine; wall time is th
 
 
 def efficiency(runs: Mapping[str, Measured]) -> float:
-    """Processor time that the trials of two workers would take at the cost of one worker, over all that was taken."""
-    return _cost(runs["one"]) * runs["two"].tasks / runs["two"].processor_s
+    """Processor time that two workers' trials would take at the median cost of one worker, over all that was taken."""
+    alone, two = runs["one"].by_engine or {}, runs["two"]
+    return sum(count * alone[name]["processor"] for name, count in two.trials.items()) / two.processor_s
 
 
-def _cost(run: Measured) -> float:
-    return run.trial_s / run.tasks
+def _medians(run: Measured) -> str:
+    return " + ".join(f"{1e3 * found['processor']:.0f}" for found in (run.by_engine or {}).values()) + " ms"
 
 
 def _study(runs: Mapping[str, Measured]) -> str:
     one, two = runs["one"], runs["two"]
     rows = "\n".join(
-        f"| {run.workers} | {run.trials['geometric']} + {run.trials['ray-traced']} | {1e3 * _cost(run):.0f} ms"
+        f"| {run.workers} | {run.trials['geometric']} + {run.trials['ray-traced']} | {_medians(run)}"
         f" | {run.processor_s:.0f} s | {run.overhead:.1%} | {run.seconds:.0f} s | {run.rate:.2f} | {run.idle:.1%} |"
         for run in (one, two)
     )
@@ -63,12 +64,12 @@ def _study(runs: Mapping[str, Measured]) -> str:
 Geometric + ray-traced scans of at most {two.profiles} profiles of the sphere on its foot, three factors, one trial per
 task.
 
-| workers | trials | processor time of a trial | of everything | not in trials | wall | tasks/s | workers idle |
+| workers | trials | processor time of a trial (median) | of everything | not in trials | wall | tasks/s | idle |
 |---|---|---|---|---|---|---|---|
 {rows}
 
 - **Parallel efficiency of two workers: {by_processor:.1%}** (wanted: 90 % or more): processor time that the
-  trials take at the cost of a trial on one worker, over the processor time of everything on two, which is command,
+  trials take at the median cost of one worker, over the processor time of everything on two, which is command,
   scheduler, and both workers from their start to their end. Rates of wall time give {by_wall:.0%}, which means
   something only where nobody else uses the cores.
 - **Overhead: {two.overhead:.1%}** (wanted: less than 5 %): the share of all processor time that is not spent in trials.

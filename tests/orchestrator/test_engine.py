@@ -136,6 +136,15 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path, monkeypatch) -> None:
         run_tasks(make_job(tmp_path), make_tasks(2), Where(scheduler="tcp://127.0.0.1:1"), Silent())
 
 
+def test_workers_that_do_not_start_are_told(tmp_path, monkeypatch) -> None:
+    def fails(**_: object) -> None:
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr("orchestrator.studies.dask_cluster.LocalCluster", fails)
+    with pytest.raises(EngineError, match="do not start"):
+        run_tasks(make_job(tmp_path), make_tasks(1), Where(workers=1), Silent())
+
+
 def test_a_removed_result_is_made_again(tmp_path) -> None:
     job, tasks = make_job(tmp_path), make_tasks(3)
     run_tasks(job, tasks, ALONE, Silent())
