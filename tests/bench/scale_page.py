@@ -36,7 +36,8 @@ PYTHONPATH=tests python -m bench.studies {count} --no-ops {runs["nothing"].tasks
 ```
 
 on {cpu_model()}. Load of the machine by all others at the beginning of the four runs: {loads}.
-Figures of processor time are nearly the same on a busy machine; wall time is that of a machine with this load."""
+Processor time is nearly the same on a busy machine, but that what Dask does by the clock takes part in it for longer;
+wall time is that of a machine with this load."""
 
 
 def efficiency(runs: Mapping[str, Measured]) -> float:
@@ -96,19 +97,20 @@ def _engine(runs: Mapping[str, Measured]) -> str:
     nothing, cost = runs["nothing"], runs["cost"]
     named = cost.by_engine or {}
     stations = [name for name in named["geometric"] if name not in {"processor", "all"}]
-    lines = [f"| {name} | " + " | ".join(f"{1e3 * named[e][name]:.0f}" for e in ENGINES) + " |" for name in stations]
+    shares = [" | ".join(f"{named[e][name] / named[e]['all']:.0%}" for e in ENGINES) for name in stations]
+    lines = [f"| {name} | {share} |" for name, share in zip(stations, shares, strict=True)]
     spent = " | ".join(f"{1e3 * named[engine]['processor']:.0f}" for engine in ENGINES)
     rate = f"{nothing.rate:.0f}"
     in_workers = 1e3 * nothing.children_s / nothing.tasks
     return f"""
 ## What a scan and a task cost
 
-Median milliseconds of a scan of at most {cost.profiles} profiles in one process; stations by wall time:
+A scan of at most {cost.profiles} profiles in one process, medians; shares are of wall time:
 
-| station | geometric | ray-traced |
+| | geometric | ray-traced |
 |---|---|---|
 {chr(10).join(lines)}
-| **processor time of all** | {spent} |
+| **processor time, ms** | {spent} |
 
 {nothing.tasks} tasks that leave one small file and do nothing else, on {nothing.workers} workers: {rate} tasks/s
 of wall time. A task costs **{_own_ms(nothing):.2f} ms** of processor time in the command and its scheduler, and
@@ -133,7 +135,7 @@ def _plan(runs: Mapping[str, Measured]) -> str:
     return f"""
 ## A million scans
 
-| engine | s per scan | core hours | hours on 256 cores | on 1024 | one scheduler feeds | with {_PER_TASK} a task |
+| engine | s per scan | core hours | hours on 256 cores | on 1024 | cores per scheduler | {_PER_TASK} a task |
 |---|---|---|---|---|---|---|
 {rows}
 

@@ -31,6 +31,8 @@ sys.path[:0] = [str(TESTS), str(TESTS / "system")]
 from commands import COMMAND, environment  # noqa: E402
 from studies_files import GLOSS, HEAD, OFFSET, write_study  # noqa: E402
 
+from .table import cpu_model  # noqa: E402
+
 TRIALS = 12
 DESIGN = f'[design]\nkind = "monte_carlo"\ntrials = {TRIALS}\n'
 VICTIMS = ("worker", "command", "scheduler")
@@ -167,11 +169,12 @@ def page(attempts: Sequence[Attempt], length_s: float) -> str:
     lines = [
         "# Studies killed and resumed",
         "",
-        "Written by `PYTHONPATH=tests python -m bench.study_kills`: SIGKILL to a worker, to the scheduler or to the",
-        f"command at a random moment of a study of {TRIALS} scans on two workers ({length_s:.0f} s undisturbed on"
-        f" {os.cpu_count()} cores), then",
+        f"Written by `PYTHONPATH=tests python -m bench.study_kills --kills {len(attempts)}` on {cpu_model()}",
+        f"with a load of {os.getloadavg()[0]:.0f} in all: SIGKILL to a worker, to the scheduler or to the command at a",
+        f"random moment of a study of {TRIALS} scans on two workers, {length_s:.0f} s long when undisturbed, then",
         "`scancell study resume`. Identical: `results.parquet` and the rows of every trial have the bytes of the",
-        "undisturbed run, none is missing, none is there twice, and no half-written file is left.",
+        "undisturbed run, none is missing, none is there twice, and no half-written file is left. Exit code 1: the",
+        "command said that the scheduler was gone, or that a worker which was killed at its start did not come up.",
         "",
         f"**{good} of {len(attempts)} identical.**",
         "",
