@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import threading
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -118,6 +119,10 @@ def pack(cell: dict[str, Any], version: int, target: Path) -> Path:
     return target
 
 
+# FMPy changes the process's working folder while it loads a library, and back to the one that it found.
+_LOADING = threading.Lock()
+
+
 class CellFmu:
     """One instance of a cell, driven by names; `messages` and `log` hold what it logged."""
 
@@ -135,9 +140,10 @@ class CellFmu:
         self.messages: list[str] = []
         self.log: list[tuple[int, str]] = []  # status and category of the messages
         slave = FMU2Slave if self.version == 2 else FMU3Slave
-        self.slave = slave(
-            guid=self.description.guid, unzipDirectory=str(folder), modelIdentifier="RobotCell", instanceName="cell"
-        )
+        with _LOADING:
+            self.slave = slave(
+                guid=self.description.guid, unzipDirectory=str(folder), modelIdentifier="RobotCell", instanceName="cell"
+            )
         try:
             self.slave.instantiate(**self._callbacks(), **(options or {}))
         except Exception as error:

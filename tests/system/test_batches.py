@@ -19,7 +19,7 @@ from commands import COMMAND, PARTS, environment, scancell_here
 import sensor_rt
 from orchestrator.geometry import pose
 from orchestrator.reconstruction.cloud_files import read_ply
-from orchestrator.studies import engine
+from orchestrator.studies.task import close_workers
 
 DESCRIPTION = """
 images = true
@@ -41,7 +41,7 @@ QUICK = ("--engine", "geometric", "--set", "scan.max_profiles=24", "--no-truth")
 @pytest.fixture(autouse=True, scope="module")
 def _no_worker_left():
     yield
-    engine.close_workers()
+    close_workers()
 
 
 def batch(folder: Path, *words: str | Path, shard: str = "1/1"):
