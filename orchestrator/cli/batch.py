@@ -61,13 +61,13 @@ def batch(
         added = {"set": (*description.set, *(set_ or [])), "as_built": (*description.as_built, *(as_built or []))}
         opened = open_batch(description.model_copy(update=added), config, parts, out)
         check_batch(opened)
-        claim(opened, out)
-        return _made(opened, out, where_of(workers, scheduler, shard), as_json)
+        warnings = claim(opened, out).warnings
+        return _made(opened, out, where_of(workers, scheduler, shard), as_json, warnings)
 
     run("batch", as_json, work)
 
 
-def _made(opened: Batch, out: Path, where: Where, as_json: bool) -> Outcome:
+def _made(opened: Batch, out: Path, where: Where, as_json: bool, warnings: list[str]) -> Outcome:
     from orchestrator.errors import EngineError  # noqa: PLC0415
     from orchestrator.studies.batch import INDEX, gather, run_batch  # noqa: PLC0415
 
@@ -80,9 +80,8 @@ def _made(opened: Batch, out: Path, where: Where, as_json: bool) -> Outcome:
     timings = {"run": made.seconds, "start": made.start_seconds, "busy": made.busy_seconds}
     if where.shard is not None and where.shard[1] > 1:
         text = f"shard {where.shard[0]}/{where.shard[1]}: {len(made.done)} scans done, {len(made.present)} were there"
-        return Outcome(
-            [text, "the same command without --shard writes the index"], {"done": len(made.done)}, [], timings=timings
-        )
+        lines = [text, "the same command without --shard writes the index"]
+        return Outcome(lines, {"done": len(made.done)}, [], warnings, timings)
     gathered = gather(opened, out, made.failed)
     failed = gathered.failed
     told = [f"{row['scan']}: {row['message']}" for row in failed[:_TOLD]]
@@ -96,5 +95,5 @@ def _made(opened: Batch, out: Path, where: Where, as_json: bool) -> Outcome:
         "points": sum(row["figures"].get("points", 0) for row in gathered.rows),
     }
     lines = [f"{figures['scans'] - figures['failed']} scans of {figures['parts']} parts in {out}"]
-    warnings = [f"{len(failed)} scans failed: {told[0]}", *told[1:]] if failed else []
-    return Outcome(lines, figures, [str(out / INDEX)], warnings, timings)
+    worse = [f"{len(failed)} scans failed: {told[0]}", *told[1:]] if failed else []
+    return Outcome(lines, figures, [str(out / INDEX)], [*warnings, *worse], timings)

@@ -48,8 +48,8 @@ def study_run(
             return Outcome([json.dumps(row, indent=1)], row, timings=watch.seconds)
         if where.shard is None or not (folder / "description.json").exists():
             begin(opened, folder)  # of several shards the first one that comes
-        check_same(opened, folder)
-        return _made(opened, folder, where, as_json)
+        warnings = check_same(opened, folder).warnings
+        return _made(opened, folder, where, as_json, warnings)
 
     run("study run", as_json, work)
 
@@ -70,8 +70,8 @@ def study_resume(
         from orchestrator.studies.study import check_same  # noqa: PLC0415
 
         opened, folder = _opened(study, set_), _folder(study, out)
-        check_same(opened, folder)
-        return _made(opened, folder, where_of(workers, scheduler, shard), as_json)
+        warnings = check_same(opened, folder).warnings
+        return _made(opened, folder, where_of(workers, scheduler, shard), as_json, warnings)
 
     run("study resume", as_json, work)
 
@@ -87,8 +87,8 @@ def study_report(
         from orchestrator.studies.study import check_same  # noqa: PLC0415
 
         opened, folder = _opened(study, set_), _folder(study, out)
-        check_same(opened, folder)
-        return _reported(write_report(opened, folder))
+        warnings = check_same(opened, folder).warnings
+        return _reported(write_report(opened, folder), {}, warnings)
 
     run("study report", as_json, work)
 
@@ -131,7 +131,7 @@ def _folder(path: Path, out: Path | None) -> Path:
     return out if out is not None else Path("out") / path.stem
 
 
-def _made(study: Study, folder: Path, where: Where, as_json: bool) -> Outcome:
+def _made(study: Study, folder: Path, where: Where, as_json: bool, warnings: list[str]) -> Outcome:
     from orchestrator.studies.report import write_report  # noqa: PLC0415
     from orchestrator.studies.study import run_study  # noqa: PLC0415
 
@@ -144,12 +144,13 @@ def _made(study: Study, folder: Path, where: Where, as_json: bool) -> Outcome:
     timings = {"run": made.seconds, "start": made.start_seconds, "busy": made.busy_seconds}
     if where.shard is not None and where.shard[1] > 1:
         text = f"shard {where.shard[0]}/{where.shard[1]}: {len(made.done)} tasks done, {len(made.present)} were there"
-        return Outcome([text, "`scancell study report` gathers all shards"], {"done": len(made.done)}, timings=timings)
-    return _reported(write_report(study, folder, made.failed), timings)
+        lines = [text, "`scancell study report` gathers all shards"]
+        return Outcome(lines, {"done": len(made.done)}, [], warnings, timings)
+    return _reported(write_report(study, folder, made.failed), timings, warnings)
 
 
-def _reported(report: Any, timings: dict[str, float] | None = None) -> Outcome:
-    warnings = [f"{len(report.analysis['failed'])} trials failed"] if report.analysis["failed"] else []
+def _reported(report: Any, timings: dict[str, float], warnings: list[str]) -> Outcome:
+    failed = [f"{len(report.analysis['failed'])} trials failed"] if report.analysis["failed"] else []
     figures = {key: report.analysis[key] for key in ("name", "trials", "failed", "engines")}
     figures["missing"] = len(report.collected.missing)
-    return Outcome(report.lines(), figures, report.files, warnings, timings or {})
+    return Outcome(report.lines(), figures, report.files, [*warnings, *failed], timings)

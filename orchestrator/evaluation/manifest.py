@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as package_version
 from pathlib import Path
@@ -28,13 +29,16 @@ _PACKAGES = (
 
 def versions() -> dict[str, str]:
     """Version of scancell, of Python and of the packages that take part in a result."""
-    found = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            found[name] = package_version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+    return {"python": platform.python_version(), **{name: version_of(name) for name in _PACKAGES}}
+
+
+@cache
+def version_of(package: str) -> str:
+    """Version of an installed package."""
+    try:
+        return package_version(package)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def sha256(path: Path) -> str:

@@ -27,9 +27,16 @@ from orchestrator.studies.designs import trial_seed
 from orchestrator.studies.engine import RunOutcome, run_tasks
 from orchestrator.studies.factors import Factors
 from orchestrator.studies.results import INDEX_KEYS, index_table, write_table
-from orchestrator.studies.run_record import difference_from_record, write_record
+from orchestrator.studies.run_record import (
+    DESCRIPTION,
+    Comparison,
+    compare_with_record,
+    plain_terms,
+    recorded_terms,
+    write_record,
+)
 from orchestrator.studies.scan_worker import ScanWorker, sweep_temporary
-from orchestrator.studies.task import Job, Task, Where
+from orchestrator.studies.task import Job, Task, Where, request_digest
 
 SCANS = "scans"
 INDEX = "index.parquet"
@@ -59,17 +66,28 @@ class Batch:
         return Factors(self.description, self.setup, self.source)
 
     @cached_property
-    def spec(self) -> dict[str, Any]:
-        """Plain data from which a worker on any node prepares itself: all but which scans there are."""
-        batch = self.description.model_dump(mode="json", exclude={"cell", "sensor", "scan", "set", "ideal"})
+    def asked(self) -> dict[str, Any]:
+        """Everything that decides the scans, but which there are."""
+        setup = {name: getattr(self.setup, name) for name in ("cell", "sensor", "scan")}
+        return {"batch": self.description, "setup": setup}
+
+    @property
+    def apart(self) -> frozenset[str]:
+        """Keys of `asked` that leave the scans as they are: all but one took effect in the other descriptions."""
+        keys = ["cell", "sensor", "scan", "set", "ideal"]
         if self.description.design.kind == "monte_carlo":
-            del batch["design"]["trials"]  # more of them leave the first ones as they are
-        setup = {name: getattr(self.setup, name).model_dump(mode="json") for name in ("cell", "sensor", "scan")}
-        return {"batch": batch, "setup": setup}
+            keys.append("design.trials")  # more of them leave the first ones as they are
+        return frozenset(f"batch.{key}" for key in keys)
+
+    @cached_property
+    def spec(self) -> dict[str, Any]:
+        """Plain data from which a worker on any node prepares itself."""
+        return plain_terms(self.asked, self.apart)
 
     def job(self, out: Path) -> Job:
-        """The batch as work for the engine."""
-        return Job(out.absolute() / SCANS, open_batch_worker, self.spec)
+        """The batch as work for the engine, in the folder `out` that it has claimed."""
+        request = request_digest(open_batch_worker, recorded_terms(out))
+        return Job(out.absolute() / SCANS, open_batch_worker, self.spec, request)
 
     @cached_property
     def tasks(self) -> list[Task]:
@@ -183,25 +201,22 @@ def check_batch(batch: Batch) -> None:
         worker.close()
 
 
-def claim(batch: Batch, out: Path) -> None:
+def claim(batch: Batch, out: Path) -> Comparison:
     """Begin a batch in `out`, or go on with the one that is there.
 
     Raises
     ------
     DescriptionError
-        If the folder holds scans made otherwise, naming the first key that differs.
+        If the folder holds scans made otherwise, naming the keys that differ.
     OutputError
         If it cannot be written.
     """
-    try:
-        difference = difference_from_record(batch.spec, out)
-    except FileNotFoundError:
+    if not (out / DESCRIPTION).exists():
         write_record(batch.spec, out)
-        return
-    if difference:
-        raise DescriptionError(
-            f"{out}: holds a batch that was made otherwise: {difference}; --out names another folder"
-        )
+    found = compare_with_record(batch.asked, batch.apart, out)
+    if found.differences:
+        raise DescriptionError(f"{out}: holds a batch that was made otherwise: {found}; --out names another folder")
+    return found
 
 
 def run_batch(batch: Batch, out: Path, where: Where, progress: Progress, announce: Any = None) -> RunOutcome:

@@ -1,6 +1,6 @@
 """A study from its file to its folder: `study.toml` as given, tasks, rows, and what they say.
 
-OUT/description.json   everything that decides the results, after defaults; resuming demands that it is the same
+OUT/description.json   everything that decides the results, after defaults; resuming demands that it says the same
 OUT/tasks/             rows of finished trials, one folder per task
 OUT/results.parquet    all rows by trial number (no clock in it: equal for equal seeds)
 OUT/timings.parquet    seconds by station, processor time, worker and memory of every trial
@@ -25,13 +25,22 @@ from orchestrator.progress import Progress
 from orchestrator.studies.designs import trial_seed
 from orchestrator.studies.engine import RunOutcome, chunks, run_tasks
 from orchestrator.studies.factors import Factors
-from orchestrator.studies.run_record import DESCRIPTION, difference_from_record, write_record
+from orchestrator.studies.run_record import (
+    DESCRIPTION,
+    Comparison,
+    compare_with_record,
+    plain_terms,
+    recorded_terms,
+    write_record,
+)
 from orchestrator.studies.scan_worker import Trial, sweep_temporary, trial_of
-from orchestrator.studies.task import Job, Task, Where
+from orchestrator.studies.task import Job, Task, Where, request_digest
 from orchestrator.studies.trial import ROWS, TIMINGS, TrialWorker, open_trials
 
 # Numbered shares of the random numbers; the trials of a study count from 1.
 _COMMON_SEED_TRIAL = 0
+# Keys whose whole effect is in the resolved descriptions.
+_RESOLVED = frozenset(f"study.{key}" for key in ("cell", "sensor", "scan", "set", "ideal"))
 
 
 @dataclass(frozen=True)
@@ -67,19 +76,20 @@ class Study:
         return trial_seed(self.description.seed, _COMMON_SEED_TRIAL if common else trial)
 
     @cached_property
+    def asked(self) -> dict[str, Any]:
+        """Everything that decides the results."""
+        setup = {name: getattr(self.setup, name) for name in ("cell", "sensor", "scan")}
+        return {"study": self.description, "setup": setup, "part": str(self.part), "part_sha256": sha256(self.part)}
+
+    @cached_property
     def spec(self) -> dict[str, Any]:
         """Plain data from which a worker on any node prepares itself (the files are on a disk that all nodes see)."""
-        setup = {name: getattr(self.setup, name).model_dump(mode="json") for name in ("cell", "sensor", "scan")}
-        return {
-            "study": self.description.model_dump(mode="json"),
-            "setup": setup,
-            "part": str(self.part),
-            "part_sha256": sha256(self.part),
-        }
+        return plain_terms(self.asked, _RESOLVED)
 
     def job(self, out: Path) -> Job:
-        """The study as work for the engine."""
-        return Job(out.absolute() / "tasks", open_trials, self.spec)
+        """The study as work for the engine, in the folder `out` that it was begun in."""
+        request = request_digest(open_trials, recorded_terms(out))
+        return Job(out.absolute() / "tasks", open_trials, self.spec, request)
 
     @cached_property
     def tasks(self) -> list[Task]:
@@ -138,20 +148,21 @@ def begin(study: Study, out: Path) -> None:
     write_record(study.spec, out)
 
 
-def check_same(study: Study, out: Path) -> None:
+def check_same(study: Study, out: Path) -> Comparison:
     """Refuse to go on in a folder whose results answer another question.
 
     Raises
     ------
     DescriptionError
-        Naming the first key that differs.
+        Naming the keys that differ.
     """
     try:
-        difference = difference_from_record(study.spec, out)
+        found = compare_with_record(study.asked, _RESOLVED, out)
     except FileNotFoundError:
         raise DescriptionError(f"{out}: holds no study; `study run` begins one") from None
-    if difference:
-        raise DescriptionError(f"{study.source}: differs from the study in {out}: {difference}")
+    if found.differences:
+        raise DescriptionError(f"{study.source}: differs from the study in {found.record}: {found}")
+    return found
 
 
 def run_study(study: Study, out: Path, where: Where, progress: Progress, announce: Any = None) -> RunOutcome:

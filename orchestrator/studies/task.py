@@ -26,18 +26,27 @@ class Task:
     payload: Any
 
 
+def request_digest(open_worker: OpenWorker, spec: Mapping[str, Any]) -> str:
+    """Stands for a worker's preparation from plain data."""
+    return digest_of(f"{open_worker.__module__}.{open_worker.__qualname__}", spec)
+
+
 @dataclass(frozen=True)
 class Job:
-    """What all tasks share: the folder of the results (seen by every node), the worker's preparation, plain data."""
+    """What all tasks share: the folder of the results (seen by every node), the worker's preparation, plain data.
+
+    `request` is the digest that finished results carry, where `spec` says in other words what they were made for.
+    """
 
     folder: Path
     open_worker: OpenWorker
     spec: Mapping[str, Any]
+    request: str | None = None
 
     @cached_property
     def digest(self) -> str:
         """Stands for the worker's preparation and the shared data."""
-        return digest_of(f"{self.open_worker.__module__}.{self.open_worker.__qualname__}", self.spec)
+        return self.request or request_digest(self.open_worker, self.spec)
 
     @property
     def store(self) -> TaskStore:

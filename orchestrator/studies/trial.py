@@ -22,6 +22,7 @@ from orchestrator.config.study import SphereDescription, StudyDescription
 from orchestrator.config.units import to_si
 from orchestrator.evaluation.coverage import SensorView
 from orchestrator.evaluation.deviation import deviation_from_mesh
+from orchestrator.evaluation.manifest import version_of
 from orchestrator.evaluation.report import surface_coverage
 from orchestrator.evaluation.sphere_fit import Sphere, fit_sphere
 from orchestrator.evaluation.stopwatch import Stopwatch
@@ -109,4 +110,10 @@ def _sphere_figures(description: SphereDescription, cloud: Cloud) -> dict[str, A
 
 def _process() -> dict[str, Any]:
     pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return {"host": socket.gethostname(), "worker": os.getpid(), "memory_mb": pages * os.sysconf("SC_PAGE_SIZE") / 1e6}
+    memory_mb = pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+    return {
+        "host": socket.gethostname(),
+        "worker": os.getpid(),
+        "memory_mb": memory_mb,
+        "scancell": version_of("scancell"),
+    }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 from orchestrator.config.batch import load_batch
@@ -84,7 +86,7 @@ def test_scans_of_a_part_depend_on_no_other_part_and_not_on_how_many_there_are(t
     alone = opened(tmp_path, OFFSET, 2, [tmp_path / "y.stl"])
     many = opened(tmp_path, OFFSET, 5, [tmp_path / "x.stl", tmp_path / "y.stl"])
     assert many.tasks[5:7] == alone.tasks
-    assert alone.job(tmp_path).digest == many.job(tmp_path).digest
+    assert alone.spec == many.spec
     assert len({task.payload["seed"] for task in many.tasks}) == 10
     assert len({task.payload["values"][0] for task in many.tasks}) == 10
 
@@ -102,6 +104,19 @@ def test_another_batch_is_refused_in_the_same_folder(tmp_path) -> None:
         claim(opened(tmp_path, seed=4), tmp_path / "out")
     with pytest.raises(DescriptionError, match=r"setup\.scan\.max_profiles was"):
         claim(opened(tmp_path, set=["scan.max_profiles=9"]), tmp_path / "out")
+
+
+def test_a_batch_of_a_version_that_knew_fewer_keys_goes_on(tmp_path) -> None:
+    batch, out = opened(tmp_path, variants=2), tmp_path / "out"
+    claim(batch, out)
+    kept = json.loads((out / "description.json").read_text())
+    del kept["batch"]["truth"], kept["setup"]["sensor"]["render"]["noise"]
+    (out / "description.json").write_text(json.dumps(kept))
+    found = claim(batch, out)
+    assert set(found.new_keys) == {"batch.truth", "setup.sensor.render.noise"}
+    assert json.loads((out / "description.json").read_text()) == kept, "what is there stays as it was begun"
+    with pytest.raises(DescriptionError, match=r"batch\.truth was not known then and is False"):
+        claim(opened(tmp_path, truth=False), out)
 
 
 @pytest.mark.parametrize("file", sorted((assets_dir() / "batches").glob("*.toml")), ids=lambda path: path.stem)

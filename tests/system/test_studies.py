@@ -70,6 +70,25 @@ def test_a_single_trial_made_alone_is_the_same(made, number) -> None:
     assert json.dumps(rows, indent=1) == json.dumps([row], indent=1)
 
 
+def test_a_folder_of_a_version_that_knew_fewer_keys_is_resumed(made, small, tmp_path) -> None:
+    study, one, _ = made
+    out = tmp_path / "out"
+    begin(study, out)
+    record = out / "description.json"
+    older = json.loads(record.read_text())
+    del older["setup"]["sensor"]["render"]["bounces"]
+    record.write_text(json.dumps(older))
+    run_study(study, out, Where(shard=(1, 2)), Silent())
+    done = scancell_here("study", "resume", small, "--out", out, "--shard", "1/1", "--json", cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert "setup.sensor.render.bounces: taken at their defaults" in done.err
+    marks = [json.loads(file.read_text())["digest"] for file in sorted(out.glob("tasks/*/done.json"))]
+    assert len(marks) == 5
+    assert (out / "results.parquet").read_bytes() == (one / "results.parquet").read_bytes()
+    made_twice = run_study(study, out, Where(shard=(1, 1)), Silent())
+    assert (len(made_twice.present), made_twice.done) == (5, [])
+
+
 def test_shards_of_a_job_array_give_the_same_results(made, small, tmp_path) -> None:
     _, one, _ = made
     for shard in ("1/2", "2/2"):
