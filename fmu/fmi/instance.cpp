@@ -38,29 +38,6 @@ const char* phase_name(Phase phase) {
   throw std::logic_error(what + " is not allowed " + phase_name(phase));
 }
 
-bool same_parameters(const CellParameters& a, const CellParameters& b) {
-  const auto same_row = [](const DhDeviation& x, const DhDeviation& y) {
-    return x.a == y.a && x.d == y.d && x.alpha == y.alpha && x.theta == y.theta && x.beta == y.beta;
-  };
-  const auto same_wobble = [](const TableWobble& x, const TableWobble& y) {
-    return x.amplitude == y.amplitude && x.phase == y.phase && x.direction == y.direction;
-  };
-  const auto same_vibration = [](const VibrationParameters& x, const VibrationParameters& y) {
-    return x.amplitude == y.amplitude && x.frequency == y.frequency && x.phase == y.phase &&
-           x.random_rms == y.random_rms && x.random_low == y.random_low && x.random_width == y.random_width;
-  };
-  bool same = a.cell_file == b.cell_file && a.seed == b.seed && a.as_built.tool == b.as_built.tool &&
-              a.as_built.table == b.as_built.table && a.as_built.platter == b.as_built.platter &&
-              same_wobble(a.as_built.wobble, b.as_built.wobble) &&
-              a.as_built.trigger.latency == b.as_built.trigger.latency &&
-              a.as_built.trigger.jitter == b.as_built.trigger.jitter &&
-              same_vibration(a.as_built.base_vibration, b.as_built.base_vibration) &&
-              same_vibration(a.as_built.flange_vibration, b.as_built.flange_vibration) &&
-              same_vibration(a.as_built.table_vibration, b.as_built.table_vibration);
-  for (std::size_t i = 0; i < kJoints; ++i) same = same && same_row(a.as_built.dh[i], b.as_built.dh[i]);
-  return same;
-}
-
 }  // namespace
 
 Instance::Instance(std::string name, std::string resource_location, Log log, StepOptions options)

@@ -233,7 +233,15 @@ void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& l
   if (has_cell) exchange(archive, *snapshot.cell);
 }
 
+std::vector<std::uint8_t> bytes_of(CellParameters& parameters) {
+  Writer writer;
+  exchange(writer, parameters);
+  return writer.take();
+}
+
 }  // namespace
+
+bool same_parameters(CellParameters a, CellParameters b) { return bytes_of(a) == bytes_of(b); }
 
 std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size) {
   std::uint64_t hash = 0xcbf29ce484222325u;

@@ -40,6 +40,9 @@ std::vector<std::uint8_t> serialize(Snapshot& snapshot, std::string token);
 Snapshot deserialize(const std::uint8_t* bytes, std::size_t size, const CellLayout& layout,
                      const std::string& token);
 
+/// Whether a cell made with the one is a cell made with the other.
+bool same_parameters(CellParameters a, CellParameters b);
+
 /// FNV-1a of a byte sequence.
 std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size);
 
