@@ -203,7 +203,7 @@ def main() -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     away, turn = placing_error(task)
-    print(*report.summary(), sep="\n")
+    print(*report.lines, sep="\n")
     print(f"the part lies {away * 1e6:.1f} µm and {np.degrees(turn) * 60:.2f} arcmin off its nominal place")
     print(f"signals of the devices: {given.out / 'devices.png'}")
     return 0

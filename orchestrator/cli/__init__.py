@@ -12,24 +12,9 @@ from typing import Annotated, Any, cast
 import typer
 
 from orchestrator.cli.batch import batch
-from orchestrator.cli.common import (
-    AsBuiltOption,
-    CellOption,
-    EngineOption,
-    FormatOption,
-    IdealOption,
-    JsonOption,
-    Outcome,
-    ScanOption,
-    SeedOption,
-    SensorOption,
-    SetOption,
-    ThreadsOption,
-    UnitOption,
-    run,
-    show_progress,
-)
+from orchestrator.cli.common import JsonOption, Outcome, ScanOption, SetOption, ThreadsOption, run, show_progress
 from orchestrator.cli.fmu import fmu_app
+from orchestrator.cli.options import CellOptions, CloudOptions, with_options
 from orchestrator.cli.study import study_app
 from orchestrator.config.scan import Mode
 
@@ -49,132 +34,79 @@ app.add_typer(study_app, name="study")
 
 
 @app.command()
+@with_options(CloudOptions)
 def scan(
     part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
-    cell: CellOption = None,
-    sensor: SensorOption = None,
+    options: CloudOptions,
     scan: ScanOption = None,
-    engine: EngineOption = "ray-traced",
     mode: Annotated[
         Mode | None, typer.Option("--mode", help="how the sensor is moved; overrides the scan description")
     ] = None,
-    set_: SetOption = None,
-    as_built: AsBuiltOption = None,
-    ideal: IdealOption = False,
-    seed: SeedOption = 0,
-    unit: UnitOption = "mm",
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/scan"),
-    images: Annotated[bool, typer.Option("--images", help="keep the camera images of every exposure")] = False,
-    format_: FormatOption = "ply",
-    threads: ThreadsOption = 0,
-    as_json: JsonOption = False,
 ) -> None:
     """Scan a part with the simulated cell: cloud, deviation from the mesh, pictures."""
 
     def work() -> Outcome:
-        from orchestrator.config.loading import load_setup  # noqa: PLC0415
         from orchestrator.evaluation.job import scan_to_folder  # noqa: PLC0415
-        from orchestrator.evaluation.request import ScanRequest  # noqa: PLC0415
-        from orchestrator.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
-        overrides = [*(set_ or []), *([f'scan.mode="{mode}"'] if mode else [])]
-        request = ScanRequest(
-            part=part,
-            unit=unit,
-            setup=load_setup(cell, sensor, scan, overrides, ideal),
-            engine=engine,
-            as_built=tuple(as_built or ()),
-            seed=seed,
-            images=images,
-            threads=threads,
-            command_line=tuple(sys.argv[1:]),
-            formats=parse_formats(format_, "--format"),
-        )
-        with show_progress(as_json) as progress:
-            report = scan_to_folder(request, out, progress)
-        return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
+        request = options.request(part, options.setup(scan, [f'scan.mode="{mode}"'] if mode else []))
+        with show_progress(options.as_json) as progress:
+            return Outcome.of(scan_to_folder(request, out, progress))
 
-    run("scan", as_json, work)
+    run("scan", options.as_json, work)
 
 
 @app.command()
+@with_options(CellOptions)
 def shot(
     part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
+    options: CellOptions,
     pose: Annotated[
         str, typer.Option("--pose", help="part_from_sensor: x,y,z in mm and XYZ' angles rx,ry,rz in degrees")
     ],
-    cell: CellOption = None,
-    sensor: SensorOption = None,
-    engine: EngineOption = "ray-traced",
-    set_: SetOption = None,
-    as_built: AsBuiltOption = None,
-    ideal: IdealOption = False,
-    seed: SeedOption = 0,
-    unit: UnitOption = "mm",
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/shot"),
-    threads: ThreadsOption = 0,
-    as_json: JsonOption = False,
 ) -> None:
     """Expose once from a given pose: the camera images and one profile."""
 
     def work() -> Outcome:
-        from orchestrator.config.loading import load_setup  # noqa: PLC0415
         from orchestrator.evaluation.shot import ShotRequest, shoot_to_folder  # noqa: PLC0415
 
-        setup = load_setup(cell, sensor, None, set_ or [], ideal)
         request = ShotRequest(
-            part, unit, setup, _numbers(pose, 6, "--pose"), engine, seed, threads, tuple(sys.argv[1:]), as_built or ()
+            part=part,
+            unit=options.unit,
+            setup=options.setup(),
+            pose=_numbers(pose, 6, "--pose"),
+            engine=options.engine,
+            seed=options.seed,
+            threads=options.threads,
+            command_line=tuple(sys.argv[1:]),
+            as_built=options.as_built or (),
         )
-        report = shoot_to_folder(request, out)
-        return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
+        return Outcome.of(shoot_to_folder(request, out))
 
-    run("shot", as_json, work)
+    run("shot", options.as_json, work)
 
 
 @app.command()
+@with_options(CloudOptions)
 def render(
     recording: Annotated[Path, typer.Argument(help="table of trigger records (Parquet or CSV), columns as in the FMU")],
     part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
-    cell: CellOption = None,
-    sensor: SensorOption = None,
-    engine: EngineOption = "ray-traced",
-    set_: SetOption = None,
-    as_built: AsBuiltOption = None,
-    ideal: IdealOption = False,
-    seed: SeedOption = 0,
-    unit: UnitOption = "mm",
+    options: CloudOptions,
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/render"),
-    images: Annotated[bool, typer.Option("--images", help="keep the camera images of every exposure")] = False,
-    format_: FormatOption = "ply",
-    threads: ThreadsOption = 0,
-    as_json: JsonOption = False,
 ) -> None:
     """Make images and a cloud from poses that any FMI tool recorded."""
 
     def work() -> Outcome:
-        from orchestrator.config.loading import load_setup, require_sensor_words  # noqa: PLC0415
+        from orchestrator.config.loading import require_sensor_words  # noqa: PLC0415
         from orchestrator.evaluation.job import render_to_folder  # noqa: PLC0415
-        from orchestrator.evaluation.request import ScanRequest  # noqa: PLC0415
-        from orchestrator.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
-        require_sensor_words(as_built or (), "the recording tells what the cell did")
-        request = ScanRequest(
-            part=part,
-            unit=unit,
-            setup=load_setup(cell, sensor, None, set_ or [], ideal),
-            engine=engine,
-            as_built=tuple(as_built or ()),
-            seed=seed,
-            images=images,
-            threads=threads,
-            command_line=tuple(sys.argv[1:]),
-            formats=parse_formats(format_, "--format"),
-        )
-        with show_progress(as_json) as progress:
-            report = render_to_folder(request, recording, out, progress)
-        return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
+        require_sensor_words(options.as_built or (), "the recording tells what the cell did")
+        request = options.request(part, options.setup())
+        with show_progress(options.as_json) as progress:
+            return Outcome.of(render_to_folder(request, recording, out, progress))
 
-    run("render", as_json, work)
+    run("render", options.as_json, work)
 
 
 @app.command()
@@ -200,8 +132,8 @@ def extract(
         from orchestrator.evaluation.extract_images import ExtractionRequest, extract_to_folder  # noqa: PLC0415
 
         setup = load_setup(None, sensor, None, set_ or [])
-        report = extract_to_folder(ExtractionRequest(images, setup.sensor, peaks, threads, laser_off or ()), out)
-        return Outcome(report.summary(), report.figures, report.files, report.warnings, report.timings)
+        request = ExtractionRequest(images, setup.sensor, peaks, threads, laser_off or ())
+        return Outcome.of(extract_to_folder(request, out))
 
     run("extract", as_json, work)
 

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from orchestrator.cli.common import AsBuiltOption, JsonOption, Outcome, SetOption, run, show_progress
+from orchestrator.cli.common import (
+    AsBuiltOption,
+    CellOption,
+    JsonOption,
+    Outcome,
+    ScanOption,
+    SensorOption,
+    SetOption,
+    run,
+    show_progress,
+)
 from orchestrator.cli.where import SchedulerOption, ShardOption, WorkersOption, tell_dashboard, where_of
 from orchestrator.config.scan import Engine
 
@@ -30,9 +40,9 @@ def batch(
     ] = None,
     images: Annotated[bool | None, typer.Option("--images/--no-images", help="keep all camera images")] = None,
     truth: Annotated[bool | None, typer.Option("--truth/--no-truth", help="write the ground truth")] = None,
-    cell: Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")] = None,
-    sensor: Annotated[Path | None, typer.Option("--sensor", help="sensor description (TOML)")] = None,
-    scan: Annotated[Path | None, typer.Option("--scan", help="scan description (TOML)")] = None,
+    cell: CellOption = None,
+    sensor: SensorOption = None,
+    scan: ScanOption = None,
     set_: SetOption = None,
     as_built: AsBuiltOption = None,
     ideal: Annotated[bool | None, typer.Option("--ideal/--noisy", help="switch off all noise")] = None,

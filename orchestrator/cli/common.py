@@ -8,13 +8,15 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from orchestrator.config.scan import Engine
 from orchestrator.errors import ScancellError
 from orchestrator.progress import Progress, Silent
+
+if TYPE_CHECKING:
+    from orchestrator.evaluation.request import ScanReport
 
 EXIT_ERROR = 1
 EXIT_INTERRUPTED = 130
@@ -29,15 +31,10 @@ AsBuiltOption = Annotated[
     list[str] | None,
     typer.Option("--as-built", help="perturb the true cell: tool.x_mm=0.1, sensor.laser.turn_y_deg=0.1; repeatable"),
 ]
-IdealOption = Annotated[bool, typer.Option("--ideal", help="switch off all noise")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="keys every random number")]
 UnitOption = Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")]
 ThreadsOption = Annotated[int, typer.Option("--threads", min=0, help="0: as many as there are cores")]
-FormatOption = Annotated[
-    str, typer.Option("--format", help="of the cloud, several with commas: ply, npz, laz, e57, pcd, xyz")
-]
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
-EngineOption = Annotated[Engine, typer.Option("--engine", help="light and images, or the fast mode by rays alone")]
 
 
 @dataclass
@@ -49,6 +46,11 @@ class Outcome:
     files: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     timings: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, report: ScanReport) -> Outcome:
+        """What a job reports."""
+        return cls(report.lines, report.figures, report.files, report.warnings, report.timings)
 
 
 def run(command: str, as_json: bool, work: Callable[[], Outcome]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 import sensor_rt
 from orchestrator.config.sensor import SensorDescription
 from orchestrator.errors import SensorError
+from orchestrator.evaluation.frame_index import INDEX
 from orchestrator.evaluation.image_files import ImageSet, read_images
 from orchestrator.evaluation.request import ScanReport
-from orchestrator.evaluation.run_folder import RunFolder
+from orchestrator.evaluation.run_folder import RunFolder, run_into
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.reconstruction.cloud import Cloud
 from orchestrator.reconstruction.cloud_files import write_ply
@@ -25,6 +26,7 @@ from orchestrator.scanning.sense import make_sensor
 
 _BATCH = 16  # frames in memory at a time
 _MM = 1e3
+_TOLD = 3  # files left aside that are named
 
 
 @dataclass(frozen=True)
@@ -55,13 +57,13 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> ScanReport:
     ScancellError
         With a message for people, whatever is wrong.
     """
-    watch = Stopwatch()
-    with RunFolder(out) as folder:
+
+    def work(folder: RunFolder, watch: Stopwatch) -> ScanReport:
         with watch.measure("load"):
             sensor = make_sensor(request.sensor, 0)
             names = [camera.name for camera in sensor.cameras]
             sets = ImageSet.from_files(request.images, names)
-            unlit = sets.partners(ImageSet.from_files(request.laser_off, names)) if request.laser_off else None
+            unlit = sets.partners(ImageSet.from_files(request.laser_off, names, "off")) if request.laser_off else None
         with watch.measure("extract"):
             batches = list(_extract(sets, unlit, sensor, request))
         with watch.measure("write"):
@@ -70,13 +72,30 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> ScanReport:
             write_ply(folder.path("profiles.ply"), cloud, ("points in the sensor frame, profile counts the exposures",))
             if request.peaks:
                 _write_peaks(folder.path("peaks.csv"), batches, sets)
-    figures, warnings = _figures(batches, sets, len(sensor.cameras)), []
-    if len(cloud) == 0:
-        warnings.append("no stripe was found in any image")
-    elif figures["frames_without_points"]:
-        warnings.append(f"{figures['frames_without_points']} of {len(sets)} exposures give no point")
-    lines = [f"{len(sets)} exposures: {len(cloud)} points", f"  results    {out}"]
-    return ScanReport(figures, [str(out / name) for name in folder.names], warnings, dict(watch.seconds), lines)
+        figures = _figures(batches, sets, len(sensor.cameras))
+        lines = [f"{len(sets)} exposures: {len(cloud)} points", *_aside(sets), f"  results    {out}"]
+        return ScanReport(figures, lines, _warnings(figures))
+
+    return run_into(out, work)
+
+
+def _warnings(figures: Mapping[str, Any]) -> list[str]:
+    if figures["points"] == 0:
+        return ["no stripe was found in any image"]
+    if figures["frames_without_points"]:
+        return [f"{figures['frames_without_points']} of {figures['exposures']} exposures give no point"]
+    return []
+
+
+def _aside(sets: ImageSet) -> list[str]:
+    """What a folder's index does not list, for people."""
+    some = ", ".join(file.name for file in sets.left_aside[:_TOLD])
+    more = ", …" if len(sets.left_aside) > _TOLD else ""
+    return (
+        [f"  left aside {len(sets.left_aside)} files that {INDEX} does not list with the laser on: {some}{more}"]
+        if some
+        else []
+    )
 
 
 def _extract(
@@ -163,4 +182,5 @@ def _figures(batches: Sequence[_Batch], sets: ImageSet, cameras: int) -> dict[st
         "peaks": len(flags),
         "peaks_by_flag": {name: int(((flags & bit) != 0).sum()) for name, bit in sensor_rt.PEAK_FLAGS.items()},
         "frames_without_points": len(sets) - len(np.unique(profile)),
+        "left_aside": [str(file) for file in sets.left_aside],
     }

@@ -13,25 +13,31 @@ from numpy.typing import NDArray
 
 import sensor_rt
 from orchestrator.errors import ImageError
+from orchestrator.evaluation.frame_index import INDEX, Laser, read_index
 
 SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
 
 
 @dataclass(frozen=True)
 class ImageSet:
-    """Exposures in natural order: `names` (n,) and `files` (n, cameras)."""
+    """Exposures in natural order: `names` (n,) and `files` (n, cameras).
+
+    `left_aside` are images in folders whose index does not list them as such frames.
+    """
 
     names: tuple[str, ...]
     files: tuple[tuple[Path, ...], ...]
+    left_aside: tuple[Path, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
 
     @classmethod
-    def from_files(cls, given: Sequence[Path], cameras: Sequence[str]) -> ImageSet:
+    def from_files(cls, given: Sequence[Path], cameras: Sequence[str], laser: Laser = "on") -> ImageSet:
         """Sort files, and the images in folders, by camera and exposure.
 
-        The file of camera ``plus`` has the word ``plus`` in its name (``scan_007_plus.png``); what remains of the name
+        Of a folder with an index (``frames.csv``) the frames are taken that it lists with the laser on, or off. Else
+        the file of camera ``plus`` has the word ``plus`` in its name (``scan_007_plus.png``); what remains of the name
         tells the exposure. With a single camera the whole name tells it.
 
         Raises
@@ -40,8 +46,8 @@ class ImageSet:
             If a file is missing, belongs to no camera or to several, comes twice, or an exposure lacks a camera.
         """
         found: dict[str, dict[str, Path]] = {}
-        for path in _expand(given):
-            camera, exposure = _place(path, cameras)
+        aside: list[Path] = []
+        for path, camera, exposure in _placed(given, cameras, laser, aside):
             others = found.setdefault(exposure, {})
             if camera in others:
                 raise ImageError(f"{path}: exposure '{exposure}' of camera '{camera}' is {others[camera]} already")
@@ -52,7 +58,8 @@ class ImageSet:
                 if camera not in found[name]:
                     some = next(iter(found[name].values()))
                     raise ImageError(f"{some}: exposure '{name}' has no image of camera '{camera}'")
-        return cls(tuple(names), tuple(tuple(found[name][camera] for camera in cameras) for name in names))
+        files = tuple(tuple(found[name][camera] for camera in cameras) for name in names)
+        return cls(tuple(names), files, tuple(aside))
 
     def partners(self, others: ImageSet) -> ImageSet:
         """Of `others` the exposures of the same names, in the order of this set.
@@ -66,7 +73,7 @@ class ImageSet:
         for name, (first, *_) in zip(self.names, self.files, strict=True):
             if name not in files:
                 raise ImageError(f"{first}: exposure '{name}' has no image of that name with the laser off")
-        return ImageSet(self.names, tuple(files[name] for name in self.names))
+        return ImageSet(self.names, tuple(files[name] for name in self.names), others.left_aside)
 
 
 def read_images(sets: ImageSet, rows: range, sensor: sensor_rt.Sensor, bit_depth: int) -> NDArray[np.uint16]:
@@ -108,18 +115,39 @@ def _read(path: Path, size: tuple[int, int], camera: str, bit_depth: int) -> NDA
     return np.asarray(image, np.uint16)
 
 
-def _expand(given: Sequence[Path]) -> Iterator[Path]:
-    """The files themselves, and the images in folders."""
+def _placed(
+    given: Sequence[Path], cameras: Sequence[str], laser: Laser, aside: list[Path]
+) -> Iterator[tuple[Path, str, str]]:
+    """File, camera and exposure of the files and of the images in folders; adds to `aside` what an index leaves out."""
     for path in given:
         if path.is_dir():
-            inside = [file for file in path.iterdir() if file.suffix.lower() in SUFFIXES]
+            inside = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
+            if (path / INDEX).exists():
+                listed = list(_listed(path / INDEX, cameras, laser))
+                taken = {file for file, _, _ in listed}
+                aside.extend(file for file in inside if file not in taken)
+                yield from listed
+                continue
             if not inside:
                 raise ImageError(f"{path}: holds no image ({', '.join(SUFFIXES)})")
-            yield from sorted(inside)
+            yield from ((file, *_place(file, cameras)) for file in inside)
         elif path.is_file():
-            yield path
+            yield path, *_place(path, cameras)
         else:
             raise ImageError(f"{path}: no such file")
+
+
+def _listed(index: Path, cameras: Sequence[str], laser: Laser) -> Iterator[tuple[Path, str, str]]:
+    frames = [frame for frame in read_index(index) if frame.laser == laser]
+    if not frames:
+        raise ImageError(f"{index}: lists no image with the laser {laser}")
+    for frame in frames:
+        if frame.camera not in cameras:
+            raise ImageError(f"{index}: camera '{frame.camera}' is none of the sensor's ({', '.join(cameras)})")
+        file = index.parent / frame.file
+        if not file.is_file():
+            raise ImageError(f"{index}: lists {frame.file}: no such file")
+        yield file, frame.camera, frame.exposure
 
 
 def _place(path: Path, cameras: Sequence[str]) -> tuple[str, str]:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from orchestrator.cell.nominal import NominalCell, nominal_cell
+from orchestrator.cell.nominal import Body, Lamp, NominalCell, nominal_cell
 from orchestrator.cell.recording import Recording, read_recording
 from orchestrator.config.loading import Setup
 from orchestrator.config.units import to_si
-from orchestrator.evaluation.images import write_raw_images
+from orchestrator.evaluation.frame_index import Laser
+from orchestrator.evaluation.images import FrameFiles
 from orchestrator.evaluation.report import ReportInputs, write_report
 from orchestrator.evaluation.request import ScanReport, ScanRequest
-from orchestrator.evaluation.run_folder import RunFolder
+from orchestrator.evaluation.run_folder import RunFolder, run_into
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.geometry.mesh import load_mesh
 from orchestrator.progress import Progress
@@ -25,7 +24,7 @@ from orchestrator.reconstruction.reconstruct import Envelope, reconstruct
 from orchestrator.scanning.drive import Before, drive
 from orchestrator.scanning.exposures import visible_bodies
 from orchestrator.scanning.prepare import make_plan
-from orchestrator.scanning.sense import OnImages, Sensors, make_sensors, sense
+from orchestrator.scanning.sense import OnImages, Sensed, Sensors, make_sensors, sense
 
 # Points this far outside the table's rim, or above the highest reach of the sensor, are none of the part's.
 _ENVELOPE_HEIGHT = 0.5
@@ -39,23 +38,20 @@ def scan_to_folder(request: ScanRequest, out: Path, progress: Progress, before: 
     ScancellError
         With a message for people, whatever is wrong.
     """
-    watch = Stopwatch()
-    with RunFolder(out) as folder:
-        with watch.measure("load"):
-            nominal = _load(request)
-            sensors = make_sensors(request.setup.sensor, request.as_built, request.seed)
+
+    def work(folder: RunFolder, watch: Stopwatch) -> ScanReport:
+        line = _load(request, folder, watch)
         with watch.measure("plan"):
             progress.stage("planning", 1, "plan")
-            plan = make_plan(nominal, sensors.believed, request.setup)
+            plan = make_plan(line.nominal, line.sensors.believed, request.setup)
             progress.advance(1)
         with watch.measure("drive"):
-            driven = drive(request.setup, nominal, plan.program, request.as_built, request.seed, progress, before)
-        report = _finish(
-            request, nominal, sensors, driven.recording, folder, watch, progress, {"fmu_token": driven.fmu_token}
-        )
+            driven = drive(request.setup, line.nominal, plan.program, request.as_built, request.seed, progress, before)
+        report = _finish(line, driven.recording, progress, {"fmu_token": driven.fmu_token})
         report.warnings[:0] = plan.warnings
-    report.files = [str(out / name) for name in folder.names]
-    return report
+        return report
+
+    return run_into(out, work)
 
 
 def render_to_folder(request: ScanRequest, recording_path: Path, out: Path, progress: Progress) -> ScanReport:
@@ -66,62 +62,72 @@ def render_to_folder(request: ScanRequest, recording_path: Path, out: Path, prog
     ScancellError
         With a message for people, whatever is wrong.
     """
-    watch = Stopwatch()
-    with RunFolder(out) as folder:
+
+    def work(folder: RunFolder, watch: Stopwatch) -> ScanReport:
         with watch.measure("load"):
             recording = read_recording(recording_path)
-            nominal = _load(request)
-            sensors = make_sensors(request.setup.sensor, request.as_built, request.seed)
         run = {"recording": str(recording_path)}
-        report = _finish(request, nominal, sensors, recording, folder, watch, progress, run, [recording_path])
-    report.files = [str(out / name) for name in folder.names]
-    return report
+        return _finish(_load(request, folder, watch), recording, progress, run, [recording_path])
+
+    return run_into(out, work)
 
 
-def _load(request: ScanRequest) -> NominalCell:
-    return nominal_cell(request.setup.cell, load_mesh(request.part, request.unit))
+@dataclass(frozen=True)
+class _Line:
+    """What a job works with from beginning to end."""
+
+    request: ScanRequest
+    nominal: NominalCell
+    sensors: Sensors
+    folder: RunFolder
+    watch: Stopwatch
+
+
+def _load(request: ScanRequest, folder: RunFolder, watch: Stopwatch) -> _Line:
+    with watch.measure("load"):
+        nominal = nominal_cell(request.setup.cell, load_mesh(request.part, request.unit))
+        sensors = make_sensors(request.setup.sensor, request.as_built, request.seed)
+    return _Line(request, nominal, sensors, folder, watch)
 
 
 def _finish(
-    request: ScanRequest,
-    nominal: NominalCell,
-    sensors: Sensors,
-    recording: Recording,
-    folder: RunFolder,
-    watch: Stopwatch,
-    progress: Progress,
-    run: dict[str, Any],
-    inputs: Sequence[Path] = (),
+    line: _Line, recording: Recording, progress: Progress, run: dict[str, Any], inputs: Sequence[Path] = ()
 ) -> ScanReport:
     """Everything after the recording."""
-    bodies = visible_bodies(nominal)
-
-    def keep_in(subfolder: str) -> OnImages | None:
-        def keep(trigger: int, images: NDArray[np.uint16]) -> None:
-            write_raw_images(images, sensors.believed, folder, f"{subfolder}/raw_{trigger:05d}")
-
-        return keep if request.images else None
-
-    with watch.measure("sense"):
-        sensed = sense(
-            recording,
-            bodies,
-            sensors.believed,
-            request.engine,
-            request.threads,
-            progress,
-            keep_in("images"),
-            sensors.as_built,
-            on_unlit=keep_in("laser_off"),
-        )
-    with watch.measure("reconstruct"):
-        cloud = cloud_of(nominal, recording, sensed.points, request.setup)
+    request, bodies = line.request, visible_bodies(line.nominal)
+    with line.watch.measure("sense"):
+        sensed = _sense(line, recording, bodies, progress)
+    with line.watch.measure("reconstruct"):
+        cloud = cloud_of(line.nominal, recording, sensed.points, request.setup)
     progress.stage("evaluating", 1, "report")
-    figures, warnings, lines = write_report(
-        ReportInputs(request, nominal, bodies, sensors, recording, cloud, sensed.timings, run, inputs), folder, watch
-    )
+    made = ReportInputs(request, line.nominal, bodies, line.sensors, recording, cloud, sensed.timings, run, inputs)
+    report = write_report(made, line.folder, line.watch)
     progress.advance(1)
-    return ScanReport(figures, [], warnings, dict(watch.seconds), lines)
+    return report
+
+
+def _sense(line: _Line, recording: Recording, bodies: tuple[Body | Lamp, ...], progress: Progress) -> Sensed:
+    """Profiles of all exposures; images are kept where they are asked for."""
+    request, sensors = line.request, line.sensors
+    lit, unlit = (FrameFiles(line.folder, name, sensors.believed) for name in ("images", "laser_off"))
+
+    def keep_in(files: FrameFiles, laser: Laser) -> OnImages | None:
+        return (lambda trigger, images: files.add(f"raw_{trigger:05d}", images, laser)) if request.images else None
+
+    sensed = sense(
+        recording,
+        bodies,
+        sensors.believed,
+        request.engine,
+        request.threads,
+        progress,
+        keep_in(lit, "on"),
+        sensors.as_built,
+        on_unlit=keep_in(unlit, "off"),
+    )
+    lit.finish()
+    unlit.finish()
+    return sensed
 
 
 def cloud_of(nominal: NominalCell, recording: Recording, points: Any, setup: Setup, normals: bool = True) -> Cloud:

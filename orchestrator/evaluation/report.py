@@ -20,7 +20,7 @@ from orchestrator.evaluation.deviation import Deviation, deviation_from_mesh
 from orchestrator.evaluation.images import draw_stripes
 from orchestrator.evaluation.manifest import manifest, resolved_toml
 from orchestrator.evaluation.pictures import deviation_picture
-from orchestrator.evaluation.request import ScanRequest
+from orchestrator.evaluation.request import ScanReport, ScanRequest
 from orchestrator.evaluation.run_folder import RunFolder
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.geometry import pose
@@ -48,10 +48,8 @@ class ReportInputs:
     inputs: Sequence[Path]
 
 
-def write_report(
-    given: ReportInputs, folder: RunFolder, watch: Stopwatch
-) -> tuple[dict[str, Any], list[str], list[str]]:
-    """Fill the run folder; returns figures, warnings and lines for people."""
+def write_report(given: ReportInputs, folder: RunFolder, watch: Stopwatch) -> ScanReport:
+    """Fill the run folder."""
     with watch.measure("evaluate"):
         deviation = deviation_from_mesh(given.cloud, given.nominal.part, sensor_rt.closest_points)
         covered = surface_coverage(given.nominal, given.recording, given.cloud, _view(given))
@@ -78,7 +76,7 @@ def write_report(
         if given.request.engine == "ray-traced":
             _draw_samples(given, folder)
     warnings = [] if len(given.cloud) else ["no point of the part was found"]
-    return figures, warnings, _lines(given, deviation, covered, folder)
+    return ScanReport(figures, _lines(given, deviation, covered, folder), warnings)
 
 
 def surface_coverage(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +29,10 @@ class ScanRequest:
 
 @dataclass
 class ScanReport:
-    """What came of it: figures and files, as they also lie in the folder."""
+    """What came of it: figures, lines for people, warnings, files, and seconds by station."""
 
     figures: dict[str, Any]
-    files: list[str]
-    warnings: list[str]
-    timings: dict[str, float]
     lines: list[str]
-
-    def summary(self) -> list[str]:
-        """For people."""
-        return self.lines
+    warnings: list[str] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+    timings: dict[str, float] = field(default_factory=dict)

@@ -4,12 +4,31 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from orchestrator.errors import OutputError
+from orchestrator.evaluation.request import ScanReport
+from orchestrator.evaluation.stopwatch import Stopwatch
+
+
+def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], ScanReport]) -> ScanReport:
+    """Do a piece of work that leaves its files in `out`, whole or not at all; its report learns their names.
+
+    Raises
+    ------
+    OutputError
+        If `out` cannot be made or written.
+    """
+    watch = Stopwatch()
+    with RunFolder(out) as folder:
+        report = work(folder, watch)
+    report.files = [str(out / name) for name in folder.names]
+    report.timings = dict(watch.seconds)
+    return report
 
 
 class RunFolder:

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sensor_rt
-from orchestrator.cell.nominal import Lamp, nominal_cell
+from orchestrator.cell.nominal import Lamp, NominalCell, nominal_cell
 from orchestrator.config.loading import Setup, require_sensor_words
 from orchestrator.config.scan import Engine
 from orchestrator.config.units import to_si
 from orchestrator.errors import SensorError
-from orchestrator.evaluation.images import draw_stripes, write_raw_images
+from orchestrator.evaluation.images import FrameFiles, draw_stripes
 from orchestrator.evaluation.request import ScanReport
-from orchestrator.evaluation.run_folder import RunFolder
+from orchestrator.evaluation.run_folder import RunFolder, run_into
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.geometry import pose
 from orchestrator.geometry.mesh import load_mesh
@@ -53,35 +53,39 @@ def shoot_to_folder(request: ShotRequest, out: Path) -> ScanReport:
     ScancellError
         With a message for people, whatever is wrong.
     """
-    watch = Stopwatch()
-    with RunFolder(out) as folder:
+    require_sensor_words(request.as_built, "a shot is taken from a pose, the robot takes no part in it")
+
+    def work(folder: RunFolder, watch: Stopwatch) -> ScanReport:
         with watch.measure("load"):
             nominal = nominal_cell(request.setup.cell, load_mesh(request.part, request.unit))
-            require_sensor_words(request.as_built, "a shot is taken from a pose, the robot takes no part in it")
             sensors = make_sensors(request.setup.sensor, request.as_built, request.seed)
-            bodies = tuple(body for body in visible_bodies(nominal) if isinstance(body, Lamp) or body.name in _BODIES)
         position, angles = np.asarray(request.pose[:3]) * 1e-3, np.radians(request.pose[3:])
         part_from_sensor = pose.from_euler_xyz(position, angles)
-        frames = nominal.frame_poses(nominal.home, np.array(0.0))
-        exposure = still_exposure(
-            frames["part"] @ part_from_sensor,
-            np.stack([frames[body.moves_with] for body in bodies]),
-            float(to_si({"t_ms": request.setup.sensor.detector.exposure_ms})["t"]),
-        )
         with watch.measure("sense"):
-            result = _expose(bodies, sensors, exposure, request)
+            result = _expose(nominal, sensors, part_from_sensor, request)
             profiles = result.profiles
         with watch.measure("write"):
             points = np.asarray(profiles.points_in_sensor)
             _write_profile(folder.path("profile.csv"), profiles, pose.transform_points(part_from_sensor, points))
             _write_images(result, sensors.believed, folder)
-    figures = {"points": len(points), "by_camera": _count(np.asarray(profiles.camera), len(sensors.believed.cameras))}
-    warnings = [] if len(points) else ["the sensor sees nothing from this pose"]
-    lines = [f"{request.part.name}: {len(points)} points", f"  results    {out}"]
-    return ScanReport(figures, [str(out / name) for name in folder.names], warnings, dict(watch.seconds), lines)
+        by_camera = _count(np.asarray(profiles.camera), len(sensors.believed.cameras))
+        lines = [f"{request.part.name}: {len(points)} points", f"  results    {out}"]
+        warnings = [] if len(points) else ["the sensor sees nothing from this pose"]
+        return ScanReport({"points": len(points), "by_camera": by_camera}, lines, warnings)
+
+    return run_into(out, work)
 
 
-def _expose(bodies: Any, sensors: Sensors, exposure: sensor_rt.Exposures, request: ShotRequest) -> sensor_rt.ScanResult:
+def _expose(
+    nominal: NominalCell, sensors: Sensors, part_from_sensor: NDArray[np.float64], request: ShotRequest
+) -> sensor_rt.ScanResult:
+    bodies = tuple(body for body in visible_bodies(nominal) if isinstance(body, Lamp) or body.name in _BODIES)
+    frames = nominal.frame_poses(nominal.home, np.array(0.0))
+    exposure = still_exposure(
+        frames["part"] @ part_from_sensor,
+        np.stack([frames[body.moves_with] for body in bodies]),
+        float(to_si({"t_ms": request.setup.sensor.detector.exposure_ms})["t"]),
+    )
     try:
         scene = build_scene(bodies)
         return sensor_rt.scan(
@@ -115,10 +119,11 @@ def _write_profile(path: Path, profiles: Any, points_in_part: NDArray[np.float64
 def _write_images(result: sensor_rt.ScanResult, sensor: sensor_rt.Sensor, folder: RunFolder) -> None:
     if result.images is None:
         return
-    write_raw_images(result.images[0], sensor, folder, "image")
-    unlit = None if result.unlit is None else result.unlit[0]
+    files, unlit = FrameFiles(folder, "", sensor), None if result.unlit is None else result.unlit[0]
+    files.add("image", result.images[0])
     if unlit is not None:
-        write_raw_images(unlit, sensor, folder, "laser_off")
+        files.add("image", unlit, "off", "laser_off")
+    files.finish()
     draw_stripes(result.images[0], sensor, folder.path("stripes.png"), "shot", unlit)
 
 

@@ -80,12 +80,9 @@ class ProfilePoints:
     lapse: Array
 
     @classmethod
-    def concatenate(cls, batches: Sequence[PointsInSensor], first_rows: Sequence[int]) -> Self:
-        """Join batches whose frames count from 0; `first_rows` says which trigger each batch starts with."""
-        columns = {f.name: np.concatenate([np.asarray(getattr(b, f.name)) for b in batches]) for f in fields(cls)}
-        lengths = [len(batch.frame) for batch in batches]
-        columns["frame"] = columns["frame"] + np.repeat(np.asarray(first_rows, np.int64), lengths)
-        return cls(**columns)
+    def concatenate(cls, batches: Sequence[PointsInSensor]) -> Self:
+        """Join batches whose frames are counted alike."""
+        return cls(**{f.name: np.concatenate([np.asarray(getattr(b, f.name)) for b in batches]) for f in fields(cls)})
 
 
 @dataclass(frozen=True)

@@ -93,8 +93,7 @@ def sense(
     `as_built` is the sensor as it truly is, which makes the images; `sensor` is what their extraction believes.
 
     `on_images` gets the camera images of each exposure, where the engine makes any, and `on_unlit` those with the laser
-    off, where the sensor takes such. `scene` is that of `bodies`, where
-    the caller has built it already.
+    off, where the sensor takes such. `scene` is that of `bodies`, where the caller has built it already.
 
     Raises
     ------
@@ -121,7 +120,7 @@ def sense(
             progress.advance(rows.stop - rows.start)
     except (ValueError, RuntimeError) as error:
         raise SensorError(str(error)) from error
-    points = ProfilePoints.concatenate(batches, [0] * len(batches))
+    points = ProfilePoints.concatenate(batches)
     # The library calls an exposure by its trigger index, which keys the noise; reconstruction counts rows.
     return Sensed(replace(points, frame=np.searchsorted(index, points.frame)), dict(timings))
 

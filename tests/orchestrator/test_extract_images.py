@@ -158,6 +158,54 @@ def test_one_camera_needs_no_word_and_camera_names_are_whole_words(tmp_path):
         ImageSet.from_files(paths, ["plus", "minus"])
 
 
+def write_index(folder, *rows, header="exposure,camera,laser,file"):
+    (folder / "frames.csv").write_text("\n".join([header, *rows]) + "\n")
+
+
+def test_of_a_folder_with_an_index_only_its_frames_are_taken(tmp_path):
+    write_pair(tmp_path, "raw_1", 400.3)
+    write_pair(tmp_path, "raw_2", 420.3)
+    write_pair(tmp_path, "mask_1", 10.0)
+    write_pair(tmp_path, "dark_1", 500.0)
+    for name in ("profile_1.png", "plus_minus.tif"):
+        cv2.imwrite(str(tmp_path / name), stripe_image(200.0)[:50])
+    lit = [f"shot {n},{camera},on,raw_{n}_{camera}.png" for n in (2, 1) for camera in ("minus", "plus")]
+    write_index(tmp_path, *lit, *(f"shot 1,{camera},off,dark_1_{camera}.png" for camera in ("plus", "minus")))
+    report = run([tmp_path], tmp_path / "out")
+    rows = table(tmp_path / "out" / "profiles.csv")
+    assert {(row["name"], round(float(row["row_px"]))) for row in rows} == {("shot 1", 400), ("shot 2", 420)}
+    aside = ["dark_1_minus.png", "dark_1_plus.png", "mask_1_minus.png", "mask_1_plus.png", "plus_minus.tif"]
+    assert report.figures["left_aside"] == [str(tmp_path / name) for name in [*aside, "profile_1.png"]]
+    assert "left aside 6 files that frames.csv does not list with the laser on: dark_1_minus.png" in report.lines[1]
+    dark = ImageSet.from_files([tmp_path], ["plus", "minus"], "off")
+    assert (dark.names, [file.name for file in dark.files[0]]) == (("shot 1",), ["dark_1_plus.png", "dark_1_minus.png"])
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([], "lists no image with the laser on"),
+        (["a,plus,off,a_plus.png"], "lists no image with the laser on"),
+        (["a,plus,on,a_plus.png"], "no image of camera 'minus'"),
+        (["a,left,on,a_plus.png"], r"frames\.csv: camera 'left' is none of the sensor's \(plus, minus\)"),
+        (["a,plus,on,b_plus.png"], r"frames\.csv: lists b_plus\.png: no such file"),
+        (["a,plus,lit,a_plus.png"], r"line 2: laser = 'lit': expected on or off"),
+        (["a,plus,on,a_plus.png", "a,minus,on"], r"line 3: has no file; expected the columns exposure, camera"),
+    ],
+)
+def test_wrong_indices_are_refused(tmp_path, rows, message):
+    write_pair(tmp_path, "a", 400.0)
+    write_index(tmp_path, *rows)
+    with pytest.raises(ImageError, match=message):
+        run([tmp_path], tmp_path / "out")
+
+
+def test_an_index_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "frames.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ImageError, match=r"frames\.csv: cannot be read"):
+        run([tmp_path], tmp_path / "out")
+
+
 def test_the_command_speaks_json(tmp_path, capsys):
     write_pair(tmp_path, "flat", 400.3)
     sensor = assets_dir() / "sensors" / "two_camera_probe.toml"

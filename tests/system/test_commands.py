@@ -14,7 +14,11 @@ import pyarrow.parquet
 import pytest
 from commands import PARTS, QUICK, Finished, scancell, scancell_here
 
+from orchestrator.config.loading import assets_dir
+from orchestrator.reconstruction.cloud_files import read_ply
+
 PART = PARTS / "free_form.stl"
+SENSOR = assets_dir() / "sensors" / "two_camera_probe.toml"
 FIELDS = {"command", "ok", "figures", "files", "warnings", "timings"}
 
 
@@ -89,6 +93,16 @@ def test_stop_and_look_scan_with_images(tmp_path) -> None:
     pictures = sorted((tmp_path / "run" / "images").rglob("*.png"))
     assert pictures
     assert all(cv2.imread(str(path)) is not None for path in pictures)
+    # The same folder, in which pictures of stripes lie as well, gives all points of the cloud again.
+    words = ("--sensor", SENSOR, "--set", "sensor.render.noise=false", "--out", "again", "--json")
+    extracted = succeeded(scancell("extract", "run/images", *words, cwd=tmp_path), "extract")
+    assert extracted["figures"]["exposures"] == report["figures"]["profiles"]
+    assert len(extracted["figures"]["left_aside"]) == len(list((tmp_path / "run" / "images").glob("profile_*.png"))) > 0
+    cloud = read_ply(tmp_path / "run" / "cloud.ply")
+    places = {place for place, _ in rows_by_place(tmp_path / "again" / "profiles.csv", "row_px")}
+    assert len(places) == extracted["figures"]["points"] >= len(cloud) > 1000
+    found = zip((f"raw_{trigger:05d}" for trigger in cloud.profile), cloud.camera, cloud.column, strict=True)
+    assert {(name, int(camera), int(column)) for name, camera, column in found} <= places
 
 
 def test_given_poses_are_visited(tmp_path) -> None:
@@ -128,6 +142,28 @@ def test_shot_gives_images_and_one_profile(tmp_path, engine) -> None:
         image = cv2.imread(str(tmp_path / "one" / name), cv2.IMREAD_UNCHANGED)
         assert image.shape == (1024, 1280)
         assert image.dtype == np.uint8
+
+
+def test_images_of_a_shot_give_its_profile_again(tmp_path) -> None:
+    """Lit and unlit images lie in one folder with others; the index keeps them apart."""
+    changed = ("--set", "sensor.detector.laser_off_frame=true")
+    words = ("--pose", "0,0,130,180,0,0", *changed, "--out", "one", "--json")
+    succeeded(scancell_here("shot", PART, *words, cwd=tmp_path), "shot")
+    words = ("--laser-off", tmp_path / "one", "--sensor", SENSOR, *changed, "--out", "again", "--json")
+    report = succeeded(scancell_here("extract", tmp_path / "one", *words, cwd=tmp_path), "extract")
+    aside = sorted(file.rpartition("/")[2] for file in report["figures"]["left_aside"])
+    assert aside == ["laser_off_minus.png", "laser_off_plus.png", "stripes.png"]
+    shot = {place[1:]: row for place, row in rows_by_place(tmp_path / "one" / "profile.csv", "row_px")}
+    again = {place[1:]: row for place, row in rows_by_place(tmp_path / "again" / "profiles.csv", "row_px")}
+    assert shot == again
+    assert len(shot) > 500
+
+
+def rows_by_place(path, value: str) -> list[tuple[tuple[str, int, int], float]]:
+    """A value of every row of a table of profiles, by exposure, camera and column."""
+    with path.open() as stream:
+        rows = list(csv.DictReader(stream))
+    return [((row.get("name", ""), int(row["camera"]), int(row["column_px"])), float(row[value])) for row in rows]
 
 
 def test_shot_of_a_sensor_out_of_adjustment(tmp_path) -> None:
