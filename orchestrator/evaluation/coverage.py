@@ -2,6 +2,9 @@
 
 What it could see is worked out from the mesh, the planned poses and the sensor's dimensions by a ray tracer that the
 sensor model does not share (see `tracer`), so that a fault in one is not excused by the other.
+
+The rule: a place counts as covered where a point of the cloud lies within 1.5 profile spacings, and never where the
+next one is more than 1.5 mm away. Of a plane scanned in profiles `s` apart that leaves the share min(1, 3 mm / s).
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 COVERAGE_SAMPLES = 20_000
+_SPACINGS = 1.5  # of the profiles, by which a point reaches: more than the half that dense profiles need
+_FARTHEST = 1.5e-3  # m, whatever the spacing
 _LIFT = 10e-6  # m off the surface where sight lines start: clear of single precision, far below any feature
 _CHUNK = 2000  # samples whose distances to all sheets are held at a time
 
@@ -134,7 +139,7 @@ def coverage(
         Distance between neighbouring profiles on the surface, m: a sample is lit by an exposure whose sheet passes
         within half of it.
     radius
-        A sample is covered when a point lies within this distance, m; 1.5 × `spacing` unless given.
+        A sample is covered when a point lies within this distance, m; 1.5 × `spacing`, at most 1.5 mm, unless given.
     incidence_limit
         Largest angle (rad) between the surface normal and the laser's light, or a camera's view.
     samples, seed
@@ -142,7 +147,7 @@ def coverage(
     threads
         For the search of neighbours; 0: as many as there are cores.
     """
-    reach = 1.5 * spacing if radius is None else radius
+    reach = min(_SPACINGS * spacing, _FARTHEST) if radius is None else radius
     places, normals = sample_surface(mesh, samples, seed)
     visible = visible_samples(
         places,

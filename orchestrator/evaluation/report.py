@@ -140,10 +140,15 @@ def _run(given: ReportInputs) -> dict[str, Any]:
     }
 
 
+def _without_normal(cloud: Cloud) -> int:
+    return int(np.isnan(cloud.normals[:, 0]).sum())
+
+
 def _figures(given: ReportInputs, deviation: Deviation, covered: Coverage) -> dict[str, Any]:
     return {
         "profiles": len(given.recording),
         "points": len(given.cloud),
+        "points_without_normal": _without_normal(given.cloud),
         "deviation": deviation.figures.as_um(),
         "coverage": None if np.isnan(covered.fraction) else covered.fraction,
         "stations_s": given.stations,
@@ -151,9 +156,10 @@ def _figures(given: ReportInputs, deviation: Deviation, covered: Coverage) -> di
 
 
 def _lines(given: ReportInputs, deviation: Deviation, covered: Coverage, folder: RunFolder) -> list[str]:
-    figures = deviation.figures
+    figures, bare = deviation.figures, _without_normal(given.cloud)
     return [
-        f"{given.request.part.name}: {len(given.recording)} profiles, {len(given.cloud)} points",
+        f"{given.request.part.name}: {len(given.recording)} profiles, {len(given.cloud)} points"
+        + (f", {bare} of them without a normal: no neighbours span a surface" if bare else ""),
         f"  deviation  mean {figures.mean * 1e6:+.2f} um, RMS {figures.rms * 1e6:.2f} um, "
         f"D95 {figures.d95 * 1e6:.1f} um, D99.9 {figures.d99_9 * 1e6:.1f} um, max {figures.max_abs * 1e6:.1f} um",
         f"  coverage   {covered.fraction:.1%} of the visible surface",

@@ -95,6 +95,19 @@ def test_fully_scanned_sphere_is_covered_and_an_empty_cloud_covers_nothing() -> 
     assert coverage(BALL, np.zeros((0, 3)), SWEEP, view(), spacing=SPACING).fraction == 0.0
 
 
+@pytest.mark.parametrize("pitch_mm", [0.5, 2.5, 4.0, 6.0, 12.0])
+def test_between_profiles_far_apart_nothing_is_covered(pitch_mm: float) -> None:
+    """A plane of 60 mm x 40 mm with profiles in the middle of equal strips: 1.5 mm to either side of each count."""
+    pitch = pitch_mm * 1e-3
+    plane = mesh_of(trimesh.creation.box((0.06, 0.04, 0.001), pose.translation((0, 0, -0.0005))))
+    x = np.arange(-0.03 + pitch / 2, 0.03, pitch)
+    y = np.linspace(-0.02, 0.02, 801)
+    points = np.stack([np.repeat(x, len(y)), np.tile(y, len(x)), np.zeros(len(x) * len(y))], -1)
+    result = coverage(plane, points, looking_down(x), view(), spacing=pitch)
+    assert result.visible.mean() == pytest.approx(0.06 * 0.04 / plane.areas.sum(), rel=0.01), "the upper face"
+    assert result.fraction == pytest.approx(min(1.0, 3.0 / pitch_mm), abs=0.01)
+
+
 def test_exposures_that_miss_see_nothing() -> None:
     away = looking_down(np.array([0.1, 0.2]))
     result = coverage(BALL, np.zeros((0, 3)), away, view(), spacing=SPACING, samples=2000)

@@ -34,8 +34,9 @@ def test_ideal_scan_lies_on_the_mesh_and_covers_what_is_visible(planned, part, w
     assert len(cloud) == len(signed) > 50_000
     assert found["rms"] <= rms
     assert found["d99_9"] <= d99_9
-    assert reported >= 0.95
     assert by_line >= 0.95
+    # So few profiles as stop-and-look makes here leave gaps between them, wider than coverage bridges.
+    assert reported >= 0.95 if words == DYNAMIC else 0.2 < reported < 0.95
 
 
 @pytest.mark.parametrize("part", PARTS)
