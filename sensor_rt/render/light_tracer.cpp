@@ -50,6 +50,7 @@ void LightTracer::trace(const ExposureViews& views, std::int64_t frame, bool mir
   views_ = &views;
   frame_ = frame;
   mirrors_first_ = mirrors_first;
+  mirrors_.set(views);
   if (views.laser.empty()) return;
   Packet packet;
   for (std::uint32_t first = 0; first < photons_; first += kLanes) {
@@ -160,63 +161,103 @@ void LightTracer::blur(std::size_t number, const Packet& packet, const Lanes3& p
   }
 }
 
+/// To all cameras, straight and by way of mirrors.
 void LightTracer::connect(const Packet& packet, std::vector<SplatImage>& images) const {
   for (std::size_t c = 0; c < projectors_.size(); ++c) {
-    const Camera& camera = plan_.settings.model.cameras[c];
-    const Eigen::Vector3d middle = camera.sensor_from_camera.translation;
-    const Eigen::Vector3d forward = camera.sensor_from_camera.rotation.col(2);
+    const Eigen::Vector3d& middle = plan_.settings.model.cameras[c].sensor_from_camera.translation;
     Lanes3 points;
     for (int l = 0; l < kLanes; ++l) {
       const bool there = packet.alive[l] != 0;
       set_lane(points, l,
                there ? lane(packet.origin, l) + packet.hits.t[l] * lane(packet.direction, l) : middle);
     }
-    alignas(64) double column[kLanes];
-    alignas(64) double row[kLanes];
-    projectors_[c].project(points, column, row);
-    blur(c, packet, points, column, row);
-    Lanes3 from_eye;
-    alignas(64) int open[kLanes];
-    double amount[kLanes];
-    double size[kLanes];
-    bool any = false;
+    std::vector<std::size_t> chain;
+    show(packet, c, points, chain, images[c]);
+    connect_by_mirrors(packet, c, points, chain, images[c]);
+  }
+}
+
+/// Adds a plane to the `chain` in front of what the camera sees so far, and so on.
+void LightTracer::connect_by_mirrors(const Packet& packet, std::size_t number, const Lanes3& seen,
+                                     std::vector<std::size_t>& chain, SplatImage& image) const {
+  if (static_cast<int>(chain.size()) + packet.depth + 1 >= plan_.settings.bounces) return;
+  for (std::size_t plane = 0; plane < mirrors_.count(); ++plane) {
+    if (!chain.empty() && chain.front() == plane) continue;
+    Lanes3 mirrored = seen;
     for (int l = 0; l < kLanes; ++l) {
-      open[l] = 0;
-      set_lane(from_eye, l, forward);
-      if (packet.alive[l] == 0 || !(column[l] > -0.5) || !(column[l] < camera.width_px - 0.5) ||
-          !(row[l] > -0.5) || !(row[l] < camera.height_px - 0.5)) {
-        continue;
-      }
-      const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
-      const Eigen::Vector3d way = at.position - plan_.eye(c, packet.number, l);
-      const double distance = way.norm();
-      const double facing = -at.normal.dot(way) / distance;
-      if (!(facing > 0.0)) continue;
-      const double depth = way.dot(forward);
-      const Eigen::Vector3d ray = camera.ray({column[l], row[l]});
-      const double px_per_slope2 =
-          camera.tilt_area({column[l], row[l]}) / std::abs(camera.ray_jacobian(ray).determinant());
-      // A point that sends out the intensity I = power * brdf * facing lights I / distance² per steradian of
-      // the pixels, whose share of the aperture's cos⁴ is left by the cos³ of their solid angle.
-      amount[l] =
-          packet.power[l] * facing / (distance * distance) * (depth / distance) * px_per_slope2 *
-          views_->reflection(packet.hits.shape[l]).diffuse_equivalent(at.normal, at.back, -way / distance) *
-          plan_.electrons_per_irradiance[c];
-      const double spacing = packet.spacing[l] + packet.opening[l] *
-                                                     (at.position - lane(packet.origin, l)).norm() /
-                                                     std::sqrt(std::max(0.05, at.normal.dot(at.back)));
-      // Seen at an angle the patch is narrow; its narrow side counts, or it would reach over edges.
-      size[l] = mirrors_first_ ? 0.0 : kPatchPerSpacing * spacing * facing * std::sqrt(px_per_slope2) / depth;
-      if (!(amount[l] > 0.0)) continue;
-      set_lane(from_eye, l, way);
-      open[l] = -1;
-      any = true;
+      if (packet.alive[l] == 0) continue;
+      const std::size_t instant = views_->lane_instants[packet.number * kLanes + static_cast<std::size_t>(l)];
+      set_lane(mirrored, l, mirrors_.image(plane, instant, lane(seen, l)));
     }
-    if (!any) continue;
-    views_->cameras[c].occlude(packet.number, from_eye, kBeforeSurface, open);
-    for (int l = 0; l < kLanes; ++l) {
-      if (open[l] != 0) images[c].add(column[l], row[l], amount[l], size[l]);
+    chain.insert(chain.begin(), plane);
+    show(packet, number, mirrored, chain, image);
+    connect_by_mirrors(packet, number, mirrored, chain, image);
+    chain.erase(chain.begin());
+  }
+}
+
+/// Leads what arrives at the packet's points to a camera, which sees them at `seen` in the mirrors of
+/// `chain`.
+void LightTracer::show(const Packet& packet, std::size_t number, const Lanes3& seen,
+                       const std::vector<std::size_t>& chain, SplatImage& image) const {
+  const Camera& camera = plan_.settings.model.cameras[number];
+  const Eigen::Vector3d forward = camera.sensor_from_camera.rotation.col(2);
+  alignas(64) double column[kLanes];
+  alignas(64) double row[kLanes];
+  projectors_[number].project(seen, column, row);
+  blur(number, packet, seen, column, row);
+  Lanes3 eyes;
+  Lanes3 from_eye;
+  alignas(64) int open[kLanes];
+  double amount[kLanes];
+  double size[kLanes];
+  double share[kLanes];
+  bool any = false;
+  for (int l = 0; l < kLanes; ++l) {
+    open[l] = 0;
+    set_lane(eyes, l, plan_.eye(number, packet.number, l));
+    set_lane(from_eye, l, forward);
+    if (packet.alive[l] == 0 || !(column[l] > -0.5) || !(column[l] < camera.width_px - 0.5) ||
+        !(row[l] > -0.5) || !(row[l] < camera.height_px - 0.5)) {
+      continue;
     }
+    const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+    const Eigen::Vector3d way = lane(seen, l) - lane(eyes, l);
+    const double distance = way.norm();
+    const std::size_t instant = views_->lane_instants[packet.number * kLanes + static_cast<std::size_t>(l)];
+    Eigen::Vector3d eye_in_mirrors = lane(eyes, l);
+    for (const std::size_t plane : chain) eye_in_mirrors = mirrors_.image(plane, instant, eye_in_mirrors);
+    const Eigen::Vector3d towards = (eye_in_mirrors - at.position) / distance;
+    const double facing = at.normal.dot(towards);
+    if (!(facing > 0.0)) continue;
+    const double depth = way.dot(forward);
+    const Eigen::Vector3d ray = camera.ray({column[l], row[l]});
+    const double px_per_slope2 =
+        camera.tilt_area({column[l], row[l]}) / std::abs(camera.ray_jacobian(ray).determinant());
+    // A point that sends out the intensity I = power * brdf * facing lights I / distance² per steradian of
+    // the pixels, whose share of the aperture's cos⁴ is left by the cos³ of their solid angle.
+    amount[l] = packet.power[l] * facing / (distance * distance) * (depth / distance) * px_per_slope2 *
+                views_->reflection(packet.hits.shape[l]).diffuse_equivalent(at.normal, at.back, towards) *
+                plan_.electrons_per_irradiance[number];
+    const double spacing = packet.spacing[l] + packet.opening[l] *
+                                                   (at.position - lane(packet.origin, l)).norm() /
+                                                   std::sqrt(std::max(0.05, at.normal.dot(at.back)));
+    // Seen at an angle the patch is narrow; its narrow side counts, or it would reach over edges.
+    size[l] = mirrors_first_ ? 0.0 : kPatchPerSpacing * spacing * facing * std::sqrt(px_per_slope2) / depth;
+    if (!(amount[l] > 0.0)) continue;
+    set_lane(from_eye, l, way);
+    open[l] = -1;
+    any = true;
+  }
+  if (!any) return;
+  if (chain.empty()) {
+    std::fill_n(share, kLanes, 1.0);
+    views_->cameras[number].occlude(packet.number, from_eye, kBeforeSurface, open);
+  } else {
+    mirrors_.follow(number, packet.number, chain, eyes, from_eye, open, share);
+  }
+  for (int l = 0; l < kLanes; ++l) {
+    if (open[l] != 0) image.add(column[l], row[l], share[l] * amount[l], size[l]);
   }
 }
 

@@ -6,14 +6,15 @@
 
 #include "sensor_rt/optics/projector.h"
 #include "sensor_rt/render/exposure_views.h"
+#include "sensor_rt/render/planar_mirrors.h"
 #include "sensor_rt/render/splat_image.h"
 
 namespace sensor_rt {
 
 /// Photons leave the source within the sheet, are reflected, and from the second surface on every point they
 /// meet is connected to all cameras (light tracing, Arvo 1986; the first surface is what direct rendering
-/// shows). A photon's light is spread over the patch of the image that it stands for, which follows from the
-/// density of its directions: broad for haze, a single pixel after mirrors.
+/// shows), also by way of flat mirrors. A photon's light is spread over the patch of the image that it stands
+/// for, which follows from the density of its directions: broad for haze, a single pixel after mirrors.
 class LightTracer {
  public:
   explicit LightTracer(const RenderPlan& plan);
@@ -32,9 +33,14 @@ class LightTracer {
   void blur(std::size_t camera, const Packet& packet, const Lanes3& points, double* column,
             double* row) const;
   void connect(const Packet& packet, std::vector<SplatImage>& images) const;
+  void connect_by_mirrors(const Packet& packet, std::size_t camera, const Lanes3& seen,
+                          std::vector<std::size_t>& chain, SplatImage& image) const;
+  void show(const Packet& packet, std::size_t camera, const Lanes3& seen,
+            const std::vector<std::size_t>& chain, SplatImage& image) const;
 
   const RenderPlan& plan_;
   std::vector<Projector> projectors_;
+  PlanarMirrors mirrors_;
   const ExposureViews* views_ = nullptr;
   std::int64_t frame_ = 0;
   bool mirrors_first_ = false;

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenes import Array, moving, pose, probe, still
 from stripe_images import make_sensor
 
+from orchestrator.config.material import PRESETS, Preset
 from sensor_rt import Camera, Exposures, Material, Scene, Sensor, expected_electrons, scan
 
 PLANCK_C = 6.62607015e-34 * 299792458.0
@@ -121,12 +122,37 @@ def test_first_bounce_in_a_groove_has_the_energy_of_the_form_factor() -> None:
         assert np.abs(ratio - 1).max() < 0.08
 
 
-@cache
-def path_traced(wall_a: Material | float, wall_b: Material | float, bounces: int, sigma: float) -> Array:
-    scene, poses = groove(wall_a, wall_b)
-    render = {"noise": False, "bounces": bounces, "mode": "path", "samples_per_pixel": 64}
-    sensor = make_sensor(160, 128, cameras=2, render=render, laser={"sheet_sigma": sigma, "divergence": 0.0})
+SIGMA = 8e-4  # a thick sheet is met by more paths
+
+
+def images_of(scene: Scene, poses: list[Array], **render: Any) -> Array:
+    """Small images (FRAMES, cameras, h, w) without noise."""
+    sensor = make_sensor(
+        160,
+        128,
+        cameras=2,
+        render={"noise": False} | render,
+        laser={"sheet_sigma": SIGMA, "divergence": 0.0},
+    )
     return np.asarray(expected_electrons(scene, sensor, still(*poses, count=FRAMES)), float)
+
+
+def assert_agreement(truth: Array, fast: Array) -> None:
+    """Sums of whole images and of blocks of 32 x 32 pixels, within five standard errors of the frames' own spread."""
+    shape = (FRAMES, 2, 4, 32, 5, 32)
+    for true_sums, fast_sums, slack in (
+        (truth.sum(axis=(2, 3)), fast.sum(axis=(2, 3)), 0.005),
+        # Patches of light cross the borders between blocks: a hundredth of the brightest neighbour.
+        (truth.reshape(shape).sum(axis=(3, 5)), fast.reshape(shape).sum(axis=(3, 5)), 0.01),
+    ):
+        error = np.hypot(true_sums.std(axis=0, ddof=1), fast_sums.std(axis=0, ddof=1)) / np.sqrt(FRAMES)
+        difference = fast_sums.mean(axis=0) - true_sums.mean(axis=0)
+        np.testing.assert_array_less(np.abs(difference), 5 * error + slack * true_sums.mean(axis=0).max())
+
+
+@cache
+def path_traced(wall_a: Material | float, wall_b: Material | float, bounces: int) -> Array:
+    return images_of(*groove(wall_a, wall_b), mode="path", bounces=bounces, samples_per_pixel=64)
 
 
 @pytest.mark.parametrize("bounces", [1, 2])
@@ -139,25 +165,27 @@ def path_traced(wall_a: Material | float, wall_b: Material | float, bounces: int
     ],
 )
 def test_fast_mode_agrees_with_ground_truth(wall_a: Material | float, wall_b: Material | float, bounces: int) -> None:
-    """Blocks of 32 x 32 pixels, within five standard errors of the frames' own spread, and in sum within 1 %."""
-    sigma = 8e-4  # a thick sheet is met by more paths
-    truth = path_traced(wall_a, wall_b, bounces, sigma)
-    scene, poses = groove(wall_a, wall_b)
-    sensor = make_sensor(
-        160,
-        128,
-        cameras=2,
-        render={"noise": False, "bounces": bounces, "photons": 32_768},
-        laser={"sheet_sigma": sigma, "divergence": 0.0},
-    )
-    fast = np.asarray(expected_electrons(scene, sensor, still(*poses, count=FRAMES)), float)
+    truth = path_traced(wall_a, wall_b, bounces)
+    fast = images_of(*groove(wall_a, wall_b), bounces=bounces, photons=32_768)
     assert fast.sum() == pytest.approx(truth.sum(), rel=0.01)
-    shape = (FRAMES, 2, 4, 32, 5, 32)
-    true_blocks, fast_blocks = (images.reshape(shape).sum(axis=(3, 5)) for images in (truth, fast))
-    error = np.hypot(true_blocks.std(axis=0, ddof=1), fast_blocks.std(axis=0, ddof=1)) / np.sqrt(FRAMES)
-    difference = fast_blocks.mean(axis=0) - true_blocks.mean(axis=0)
-    # Patches of light cross the borders between blocks: a hundredth of the brightest neighbour.
-    np.testing.assert_array_less(np.abs(difference), 5 * error + 0.01 * true_blocks.mean(axis=0).max())
+    assert_agreement(truth, fast)
+
+
+@pytest.mark.parametrize("preset", ["matt_white", "machined_aluminium", "polished_steel", "painted_plastic"])
+def test_presets_in_a_groove(preset: Preset) -> None:
+    """Reflected light alone, which outshines the stripe itself between walls of metal."""
+    found = PRESETS[preset]
+    wall = Material(found.reflectance, found.model, found.roughness, found.refractive_index)
+    scene, poses = groove(wall, wall)
+    direct = images_of(scene, poses, bounces=0)
+    truth = path_traced(wall, wall, 2) - direct
+    fast = images_of(scene, poses, bounces=2, photons=131_072) - direct
+    sums, true_sums = fast.sum(axis=(1, 2, 3)), truth.sum(axis=(1, 2, 3))
+    noise = np.hypot(sums.std(ddof=1), true_sums.std(ddof=1)) / np.sqrt(FRAMES)
+    print(preset, sums.mean() / true_sums.mean() - 1, noise / true_sums.mean(), truth.sum() / direct.sum())
+    assert sums.std(ddof=1) < 0.03 * sums.mean()
+    assert abs(sums.mean() - true_sums.mean()) < 3 * noise + 0.003 * true_sums.mean()
+    assert_agreement(truth, fast)
 
 
 def mirrored(points: Array, through: Array, normal: Array) -> Array:
@@ -204,6 +232,69 @@ def test_a_camera_sees_the_stripe_again_in_a_mirror(mode: str) -> None:
             column, row = np.round(point).astype(int)
             window = image[row - 6 : row + 7, column]
             assert (window * np.arange(row - 6, row + 7)).sum() / window.sum() == pytest.approx(point[1], abs=0.3)
+
+
+@pytest.mark.parametrize("mode", ["fast", "path"])
+def test_a_mirror_shows_the_wall_that_it_has_lit(mode: str) -> None:
+    """Laser, mirror, wall, mirror, camera: the image in the mirror looks as if the sheet ran on behind it.
+
+    Both cameras see it at one place on the sheet, where a real wall would be seen: nothing tells it from one.
+    """
+    scene, poses = groove(MIRROR, 0.6)
+    wide = {"sheet_sigma": 2e-4, "divergence": 0.0}  # some pixels, or whole rows of light round its place
+    sensor = small_probe(render={"mode": mode, "bounces": 2, "photons": 262_144}, laser=wide)
+    images = expected_electrons(scene, sensor, still(*poses)).mean(axis=0)
+    length = Z + 2 * EDGE
+    ends = length * np.tan(np.linspace(-HALF_FAN, HALF_FAN, 4001))
+    y = (ends[1:] + ends[:-1]) / 2
+    watts = POWER / (2 * HALF_FAN) * length / (y**2 + length**2) * np.diff(ends)
+    stripe = np.stack([0 * y + 2 * EDGE, y, 0 * y + Z], axis=1)
+    bottom = np.array([EDGE, 0.0, Z + EDGE])
+    seen = mirrored(stripe, bottom, TO_WALL_A)
+    np.testing.assert_allclose(seen, np.stack([0 * y, y, 0 * y + length], axis=1), atol=1e-12)
+    facing = mirrored(TO_WALL_B[None] + bottom, bottom, TO_WALL_A)[0] - bottom
+    for camera, image in zip(sensor.cameras, images, strict=True):
+        pixel = camera.project(seen)
+        eye, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
+        way = seen - eye
+        distance = np.linalg.norm(way, axis=1)
+        solid = watts * 0.9 * 0.6 / np.pi * 0.9 * -(way @ facing) / distance / distance**2
+        aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (way @ forward) / distance
+        expected = solid * aperture * 0.8 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
+        top = int(pixel[:, 1].mean()) - 12
+        for first in range(40, 280, 40):
+            inside = (pixel[:, 0] > first - 0.5) & (pixel[:, 0] < first + 39.5)
+            strip = image[top : top + 25, first : first + 40]
+            assert strip.sum() == pytest.approx(expected[inside].sum(), rel=0.02)
+            row = (strip.sum(axis=1) * np.arange(top, top + 25)).sum() / strip.sum()
+            assert row == pytest.approx(np.average(pixel[inside, 1], weights=expected[inside]), abs=0.1)
+
+
+@pytest.mark.parametrize("thickness", [0.0, 0.01])
+def test_reflected_light_seen_in_a_mirror_agrees_with_ground_truth(thickness: float) -> None:
+    """A mirror, flat or the side of a box, across the end of a groove shows how the walls light each other."""
+    scene, poses = groove(0.8, 0.6)
+    if thickness > 0.0:
+        scene.add_box("mirror", pose((0, 0, -thickness / 2)), [0.2, 0.2, thickness], MIRROR)
+    else:
+        scene.add_plane("mirror", np.eye(4), [0.2, 0.2], MIRROR)
+    poses = [*poses, pose((0, 0.004, Z), (np.radians(90), 0, 0))]
+    once, twice = (
+        [
+            images_of(scene, poses, bounces=n, mode="path", samples_per_pixel=32, photons=65_536),
+            images_of(scene, poses, bounces=n, photons=65_536),
+        ]
+        for n in (1, 2)
+    )
+    assert_agreement(*twice)
+    # The mirror fills one side of each image; with one reflection it shows the stripe alone.
+    reflected = [b - a for a, b in zip(once, twice, strict=True)]
+    sums = np.array([i[:, 0, :, :60].sum(axis=(1, 2)) + i[:, 1, :, 100:].sum(axis=(1, 2)) for i in reflected])
+    truth, fast = sums.mean(axis=1)
+    noise = np.hypot(*sums.std(axis=1, ddof=1)) / np.sqrt(FRAMES)
+    print(truth, fast, noise, once[0][:, 0, :, :60].mean(axis=0).sum())
+    assert noise < 0.02 * truth
+    assert abs(fast - truth) < 4 * noise + 0.005 * truth
 
 
 def test_furnace_of_path_tracing() -> None:

@@ -1,0 +1,109 @@
+#include "sensor_rt/render/planar_mirrors.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace sensor_rt {
+namespace {
+
+constexpr std::size_t kMostPlanes = 32;  ///< of a mesh
+constexpr double kSameNormal = 1.0 - 1e-9;
+constexpr double kSamePlane = 1e-6;  // m
+
+Eigen::Vector3d mirrored(const Eigen::Vector3d& normal, double offset, const Eigen::Vector3d& point) {
+  return point - 2.0 * (normal.dot(point) - offset) * normal;
+}
+
+}  // namespace
+
+void PlanarMirrors::set(const ExposureViews& views) {
+  views_ = &views;
+  planes_.clear();
+  const std::vector<Shape>& shapes = views.scene->shapes();
+  for (std::size_t s = 0; s < shapes.size(); ++s) {
+    if (!shapes[s].surface->material().is_mirror()) continue;
+    const Eigen::Vector3d& half = shapes[s].half_size;
+    if (shapes[s].kind == ShapeKind::kMesh) add_mesh(s);
+    if (shapes[s].kind == ShapeKind::kRectangle) planes_.push_back({s, Eigen::Vector3d::UnitZ(), 0.0});
+    const bool is_box = shapes[s].kind == ShapeKind::kBox;
+    const bool has_ends = is_box || shapes[s].kind == ShapeKind::kCylinder;
+    for (int axis = is_box ? 0 : 2; has_ends && axis < 3; ++axis) {
+      planes_.push_back({s, Eigen::Vector3d::Unit(axis), half[axis]});
+      planes_.push_back({s, -Eigen::Vector3d::Unit(axis), half[axis]});
+    }
+  }
+}
+
+void PlanarMirrors::add_mesh(std::size_t shape) {
+  const std::size_t before = planes_.size();
+  for (const FacePlane& face : views_->scene->shapes()[shape].planes) {
+    const Eigen::Vector3d normal(face.normal[0], face.normal[1], face.normal[2]);
+    if (normal.isZero()) continue;
+    const auto same = [&](const Plane& known) {
+      return known.normal.dot(normal) > kSameNormal && std::abs(known.offset - face.offset) < kSamePlane;
+    };
+    if (std::any_of(planes_.begin() + static_cast<std::ptrdiff_t>(before), planes_.end(), same)) continue;
+    if (planes_.size() == before + kMostPlanes) {
+      planes_.resize(before);
+      return;
+    }
+    planes_.push_back({shape, normal, face.offset});
+  }
+}
+
+PlanarMirrors::Placed PlanarMirrors::place(std::size_t number, std::size_t instant) const {
+  const Plane& plane = planes_[number];
+  const Rigid3& shape_from_reference = views_->track->shape_from_reference(plane.shape, instant);
+  return {shape_from_reference.rotation.transpose() * plane.normal,
+          plane.offset - plane.normal.dot(shape_from_reference.translation)};
+}
+
+Eigen::Vector3d PlanarMirrors::image(std::size_t number, std::size_t instant,
+                                     const Eigen::Vector3d& point) const {
+  const Placed placed = place(number, instant);
+  return mirrored(placed.normal, placed.offset, point);
+}
+
+/// One reflection of a lane on the plane that it should meet.
+bool PlanarMirrors::reflect(const Plane& plane, const Placed& placed, const PacketHits& hits, int l,
+                            Eigen::Vector3d& origin, Eigen::Vector3d& way, double& share) const {
+  if (hits.shape[l] != static_cast<std::int32_t>(plane.shape) || !(hits.t[l] < 1.0)) return false;
+  const Eigen::Vector3d at = origin + hits.t[l] * way;
+  if (std::abs(lane(hits.normal, l).dot(placed.normal)) < kSameNormal ||
+      std::abs(placed.normal.dot(at) - placed.offset) > kSamePlane)
+    return false;
+  const Eigen::Vector3d target = mirrored(placed.normal, placed.offset, origin + way);
+  const double side = placed.normal.dot(way) < 0.0 ? 1e-6 : -1e-6;
+  origin = at + side * placed.normal;
+  way = target - origin;
+  share *= views_->reflection(hits.shape[l]).material().reflectance;
+  return true;
+}
+
+void PlanarMirrors::follow(std::size_t camera, std::size_t packet, const std::vector<std::size_t>& chain,
+                           const Lanes3& eyes, const Lanes3& way, int* open, double* share) const {
+  const std::size_t* instants = &views_->lane_instants[packet * kLanes];
+  Lanes3 origin = eyes;
+  Lanes3 rest = way;
+  std::fill_n(share, kLanes, 1.0);
+  PacketHits hits;
+  for (std::size_t k = 0; k < chain.size(); ++k) {
+    if (k == 0) {
+      views_->cameras[camera].intersect(packet, rest, open, 1.0, hits);
+    } else {
+      views_->free.intersect(instants, origin, rest, open, hits);
+    }
+    for (int l = 0; l < kLanes; ++l) {
+      if (open[l] == 0) continue;
+      Eigen::Vector3d from = lane(origin, l);
+      Eigen::Vector3d towards = lane(rest, l);
+      const Placed placed = place(chain[k], instants[l]);
+      open[l] = reflect(planes_[chain[k]], placed, hits, l, from, towards, share[l]) ? -1 : 0;
+      set_lane(origin, l, from);
+      set_lane(rest, l, towards);
+    }
+  }
+  views_->free.occlude(instants, origin, rest, kBeforeSurface, open);
+}
+
+}  // namespace sensor_rt
