@@ -19,6 +19,7 @@ from orchestrator.config.loading import assets_dir
 
 PARTS = assets_dir() / "parts"
 COMMAND = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
+PATIENCE_S = 300  # a busy machine takes long; only a hang takes longer
 # Small, fast, and a scan all the same.
 QUICK = ("--engine", "geometric", "--ideal", "--set", "scan.max_profiles=60")
 
@@ -62,7 +63,7 @@ def scancell(*words: str | Path, cwd: Path, **changes: str) -> Finished:
         env=environment(**changes),
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
         check=False,
     )
     return Finished(done.returncode, done.stdout, done.stderr)

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 import trimesh
-from commands import COMMAND, PARTS, environment, scancell_here
+from commands import COMMAND, PARTS, PATIENCE_S, environment, scancell_here
 
 import sensor_rt
 from orchestrator.geometry import pose
@@ -245,11 +245,11 @@ def test_a_batch_that_is_killed_goes_on_to_the_same_bytes(tmp_path, shot) -> Non
     assert scancell_here(*words, "--out", "whole", "--shard", "1/1", cwd=tmp_path).code == 0
     command = [*COMMAND, *words, "--out", "out", "--workers", "2"]
     running = subprocess.Popen(command, cwd=tmp_path, env=environment(), stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + PATIENCE_S
     while len(list((tmp_path / "out" / "scans").glob("[!.]*"))) < 2 and time.monotonic() < deadline:
         time.sleep(0.02)
     os.kill(running.pid, shot)
-    _, said = running.communicate(timeout=60)
+    _, said = running.communicate(timeout=PATIENCE_S)
     finished = list((tmp_path / "out" / "scans").glob("[!.]*"))
     assert 2 <= len(finished) < 8
     for place in finished:

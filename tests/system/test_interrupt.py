@@ -10,14 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from commands import COMMAND, PARTS, environment
+from commands import COMMAND, PARTS, PATIENCE_S, environment
 
 # Long enough at every stage to be met in it.
 SCAN = ("scan", str(PARTS / "free_form.stl"), "--out", "run", "--json")
 
 
 def wait_for(what: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    end = time.monotonic() + 60
+    end = time.monotonic() + PATIENCE_S
     while not what():
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < end
@@ -60,7 +60,7 @@ def test_interrupted_scan_leaves_a_clean_folder(tmp_path, stage, number) -> None
         time.sleep(0.2)
         begun = time.monotonic()
         process.send_signal(number)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=PATIENCE_S)
         print(f"{stage}: gone after {time.monotonic() - begun:.1f} s")
     finally:
         process.kill()
@@ -88,7 +88,7 @@ def test_interrupted_scan_leaves_an_earlier_result_as_it_was(tmp_path) -> None:
     try:
         wait_for(lambda: staged(tmp_path), process)
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=60)
+        process.communicate(timeout=PATIENCE_S)
     finally:
         process.kill()
         process.communicate()
