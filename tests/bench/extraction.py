@@ -241,6 +241,11 @@ def document() -> Iterator[str]:
     yield "differ all over by more than `agreement_px` (half a row: 24 to 80 µm of range), no point is left. The"
     yield "shipped sensor keeps `brightest`."
     yield ""
+    yield "What an ideal mirror both lights and shows (laser, mirror, wall, mirror, camera) comes back along its"
+    yield "own way: it appears behind the mirror on the sheet, to all cameras in one place, as a wall there would."
+    yield "No comparison of cameras tells it from one; of all other ghosts of a mirror that faces a white wall 0 of"
+    yield "1716 are accepted. Polished metal shows the stripe itself too, and that settles it."
+    yield ""
     yield "| what | measured | wanted |"
     yield "|---|---|---|"
     for part in _parts():

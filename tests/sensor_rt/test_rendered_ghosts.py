@@ -15,10 +15,12 @@ from scenes import Array, pose, still
 from scipy.spatial import cKDTree
 from stripe_images import make_sensor
 
-from sensor_rt import PEAK_REJECTED, Material, Peaks, Scene, Sensor, extract, render, scan
+from sensor_rt import PEAK_REJECTED, Material, Peaks, Scene, Sensor, extract, render, scan, triangulate_pixels
 
 POLISHED = Material(0.58, "rough_conductor", 0.08, 1.5)
 MIRRORLIKE = Material(0.58, "rough_conductor", 0.03, 1.5)
+MIRROR = Material(0.9, "mirror", 0.0, 1.5)
+WHITE = Material(0.85, "oren_nayar", 0.3, 1.5)
 PAINT = Material(0.5, "oren_nayar", 0.3, 1.5)
 AGREEMENT = {"peak": "agreement", "fusion": "weighted"}
 
@@ -116,3 +118,45 @@ def test_ghosts_are_rejected_and_the_stripe_is_kept() -> None:
     assert total.lost < 0.01 * total.good
     assert total.points > 10_000
     assert total.off_surface < 1e-3 * total.points
+
+
+def wall_behind_mirror(yaw: float, bottom: float = 0.124, depth: float = 0.006) -> Array:
+    """Points (n, 3) of the groove's second wall, mirrored in the first, on the laser rays that go on behind that."""
+    across, down = np.array([-np.sin(yaw), np.cos(yaw), 0.0]), np.array([0.0, 0.0, 1.0])
+    mirror, wall = (across - down) / np.sqrt(2), (across + down) / np.sqrt(2)  # normals
+    slope = np.linspace(-0.3, 0.3, 200_001)
+    rays = np.stack([0 * slope, slope, 0 * slope + 1], axis=1)
+    first, second = ((bottom * down @ n) / (rays @ n) for n in (mirror, wall))
+    points = second[:, None] * rays
+    on_mirror = np.abs((first[:, None] * rays @ across) + depth / 2) < depth / 2
+    behind = -(points - bottom * down) @ mirror
+    return points[on_mirror & (second > first) & (behind > 0) & (behind < np.sqrt(2) * depth)]
+
+
+def test_of_an_ideal_mirrors_ghosts_only_the_image_of_a_wall_on_the_sheet_is_taken_for_one() -> None:
+    """What a mirror both lights and shows lies where the laser's rays would have met it behind the mirror.
+
+    The light comes back along its own way, so that every camera sees it on the sheet, in one place: no comparison of
+    cameras tells it from a wall. A mirror sends nothing back itself that would contradict it.
+    """
+    others = accepted_others = images = 0
+    for yaw in np.radians((10, 50, 70)):
+        profile = np.array([(-0.08, 0.118), (-0.006, 0.118), (0.0, 0.124), (0.006, 0.118), (0.08, 0.118)])
+        scene = folded(profile, [WHITE, MIRROR, WHITE, WHITE], yaw)
+        exposures, real = still(np.eye(4)), sensor(2)
+        truth = scan(scene, sensor(0), exposures, engine="geometric").profiles
+        peaks = extract(render(scene, real, exposures), real, all_peaks=True)
+        image = cKDTree(wall_behind_mirror(yaw))
+        for k in (0, 1):
+            mine = truth.camera == k
+            column, row, accepted = of_camera(peaks, k)
+            ghost = off_truth(truth.column[mine], truth.row[mine], column, row) > 2.0
+            points = triangulate_pixels(np.stack([column, row], 1).astype(float), real, k, "exact")
+            behind = image.query(points)[0] < 2e-5
+            images += int((ghost & accepted & behind).sum())
+            others += int((ghost & ~behind).sum())
+            accepted_others += int((ghost & accepted & ~behind).sum())
+    print(images, others, accepted_others)
+    assert images > 500
+    assert others > 1000
+    assert accepted_others < 0.01 * others
