@@ -34,7 +34,6 @@ GRIP_HEIGHT = 0.004  # m, of the finger tips above what the part lies on
 APPROACH = 0.08  # m above that, from where the gripper goes straight down
 DROP = 0.0002  # m above the table, where the part is let go
 GRIP_FORCE = 30.0  # N
-GENTLE = 1.0  # N, with which the part is still held when the fingers open, so that they do not drag it along
 OPEN = 0.065  # m
 GRIPPER_DOWN = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])  # closes along the world's y, reaches down
 
@@ -107,8 +106,6 @@ class PickAndPlace:
         goal = pose.translation((0, 0, DROP)) @ self.nominal.world_from_part(0.0) @ part_from_gripper
         session.move_joints(session.joints_for(lifted(goal), "gripper"), speed=0.3)
         session.move_line(goal, "gripper", speed=0.05)
-        session.grip(GENTLE)
-        session.wait(0.2)
         session.open_gripper(OPEN)
         session.move_line(lifted(goal), "gripper", speed=0.1)
 

@@ -207,6 +207,7 @@ void World::step(const Imposed& from, const Imposed& to) {
   impose(from);
   impose_speeds(from, to);
   if (engine_->gripper) engine_->gripper->begin_step();
+  engine_->begin_step();
   engine_->world->step();
   if (engine_->dynamic_arm) engine_->dynamic_arm->after_step();
   impose(to);

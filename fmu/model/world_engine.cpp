@@ -4,6 +4,7 @@
 #include <dart/collision/CollisionObject.hpp>
 #include <dart/constraint/ConstraintSolver.hpp>
 #include <stdexcept>
+#include <utility>
 
 #include "fmu/model/soft_body.h"
 
@@ -14,6 +15,7 @@ using dart::dynamics::BodyNode;
 using dart::dynamics::FreeJoint;
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
+using Eigen::Vector6d;
 
 /// A part rests on its support while it slips by no more than friction stops within so many steps.
 constexpr double kStepsToStop = 2;
@@ -23,6 +25,13 @@ Vector3d velocity_at(const BodyNode* body, const Vector3d& point) {
 }
 
 }  // namespace
+
+const PairContact* Part::holding(std::int32_t support) const {
+  const auto found = std::find_if(contacts.begin(), contacts.end(), [support](const PairContact& contact) {
+    return contact.support == support && contact.holds;
+  });
+  return found == contacts.end() ? nullptr : &*found;
+}
 
 void World::Engine::add_support(const Support& support) {
   if (support.shape != nullptr) support_of_shape_[support.shape] = static_cast<std::int32_t>(supports.size());
@@ -51,14 +60,24 @@ Isometry3d World::Engine::pose_of(std::int32_t support) const {
   return pose;
 }
 
+const Part* World::Engine::free_part(std::int32_t support) const {
+  const auto first_part = static_cast<std::int32_t>(supports.size() - parts.size());
+  if (support < first_part) return nullptr;
+  const Part& part = parts[static_cast<std::size_t>(support - first_part)];
+  return part.free ? &part : nullptr;
+}
+
+Part* World::Engine::free_part(std::int32_t support) {
+  return const_cast<Part*>(std::as_const(*this).free_part(support));
+}
+
 bool World::Engine::carried_by_platter(std::int32_t support) const {
-  const std::size_t first_part = supports.size() - parts.size();
   // Parts that lean on each other may carry each other in a circle.
   for (std::size_t hops = 0; hops <= parts.size(); ++hops) {
     if (support == kNothing) return false;
-    const auto number = static_cast<std::size_t>(support);
-    if (number < first_part || !parts[number - first_part].free) return body_of(support) == platter();
-    support = parts[number - first_part].carrier;
+    const Part* part = free_part(support);
+    if (part == nullptr) return body_of(support) == platter();
+    support = part->carrier;
   }
   return false;
 }
@@ -96,10 +115,23 @@ std::pair<double, Vector3d> World::Engine::pad_force(std::size_t finger) const {
   return force;
 }
 
+void World::Engine::begin_step() {
+  for (Part& part : parts) {
+    part.rides.clear();
+    if (!part.free) continue;
+    part.before = part.pose();
+    for (const StickAnchor& anchor : part.anchors) {
+      part.rides.push_back({anchor.support, pose_of(anchor.support).inverse() * part.pose(),
+                            body_of(anchor.support)->getJacobian()});
+    }
+  }
+}
+
 void World::Engine::hold_parts(double time_step) {
   for (Part& part : parts) {
     part.contacts.clear();
     part.settled = !part.free;
+    if (part.free) part.moved = FreeJoint::convertToPositions(part.before.inverse() * part.pose());
   }
   read_contacts();
   for (Part& part : parts) hold(part, time_step);
@@ -116,10 +148,9 @@ void World::Engine::read_contacts() {
 
 void World::Engine::add_contact(std::int32_t on, std::int32_t by, const Vector3d& force,
                                 const Vector3d& normal) {
-  const auto number = static_cast<std::size_t>(on);
-  const std::size_t first_part = supports.size() - parts.size();
-  if (number < first_part || !parts[number - first_part].free) return;
-  auto& contacts = parts[number - first_part].contacts;
+  Part* part = free_part(on);
+  if (part == nullptr) return;
+  auto& contacts = part->contacts;
   auto pair =
       std::find_if(contacts.begin(), contacts.end(), [by](const PairContact& c) { return c.support == by; });
   if (pair == contacts.end()) {
@@ -164,30 +195,28 @@ double World::Engine::spin_of(const Part& part, const PairContact& contact) cons
   return std::abs(turn.dot(contact.normal));
 }
 
-/// A part between two fingers creeps from one to the other as it creeps in their plane, although they press
-/// it evenly: the way back to where it was between them when it came to rest.
-Vector3d World::Engine::back_to_middle(const Part& part, const StickAnchor& anchor) const {
-  const auto lifted = [&](const StickAnchor& from) {
-    const Vector3d place = (pose_of(from.support).inverse() * part.pose()).translation();
-    return from.normal.dot(place - from.support_from_body.translation());
-  };
-  if (!is_finger(anchor.support)) return Vector3d::Zero();
-  for (const StickAnchor& other : part.anchors) {
-    if (other.support == anchor.support || !is_finger(other.support)) continue;
-    const double drift = (lifted(anchor) - lifted(other)) / 2;
-    return pose_of(anchor.support).linear() * anchor.normal * -drift;
-  }
-  return Vector3d::Zero();
-}
-
 bool World::Engine::is_soft(std::int32_t support) const {
-  const auto part = static_cast<std::size_t>(support) + parts.size() - supports.size();
-  return part < parts.size() && parts[part].soft;
+  const Part* part = free_part(support);
+  return part != nullptr && part->soft;
 }
 
-bool World::Engine::is_finger(std::int32_t support) const {
-  const auto first = static_cast<std::int32_t>(1 + belts.size());
-  return gripper != nullptr && support >= first && support < first + 2;
+/// Where a part that a support holds comes to in a step, support frame. The engine moves every body along its
+/// own velocity: a part with just the velocity of the support that turns under it leaves that by half the
+/// square of the step's angle times the radius, and so comes off one of two fingers, or tilts. The motion
+/// relative to the support is free of that, since the velocities of both belong to their poses at the start.
+Isometry3d World::Engine::carried(const Part& part, const Ride& ride, double time_step) const {
+  const BodyNode* body = body_of(ride.support);
+  Vector6d support_moved = Vector6d::Zero();
+  if (const Part* carrier = free_part(ride.support)) {
+    support_moved = carrier->moved;
+  } else {
+    for (std::size_t i = 0; i < body->getNumDependentGenCoords(); ++i) {
+      const double speed = body->getDependentDof(i)->getVelocity();
+      support_moved += ride.jacobian.col(static_cast<Eigen::Index>(i)) * (speed * time_step);
+    }
+  }
+  const Vector6d moved = part.moved - dart::math::AdInvT(ride.support_from_part, support_moved);
+  return ride.support_from_part * FreeJoint::convertToTransform(moved);
 }
 
 /// Lets go where friction does not hold, puts the part back by the strongest contact that holds (after the
@@ -196,40 +225,37 @@ void World::Engine::hold(Part& part, double time_step) {
   if (part.settled) return;
   part.settled = true;
   weigh_contacts(part, time_step);
-  const auto first_part = static_cast<std::int32_t>(supports.size() - parts.size());
-  if (part.carrier >= first_part) hold(parts[static_cast<std::size_t>(part.carrier - first_part)], time_step);
-
-  const auto holding = [&part](std::int32_t support) {
-    const auto found =
-        std::find_if(part.contacts.begin(), part.contacts.end(),
-                     [support](const PairContact& c) { return c.support == support && c.holds; });
-    return found == part.contacts.end() ? nullptr : &*found;
-  };
-  double greatest = 0;
-  const StickAnchor* strongest = nullptr;
+  if (Part* carrier = free_part(part.carrier)) hold(*carrier, time_step);
   auto& anchors = part.anchors;
-  anchors.erase(std::remove_if(anchors.begin(), anchors.end(),
-                               [&](const StickAnchor& anchor) { return holding(anchor.support) == nullptr; }),
-                anchors.end());
-  for (const StickAnchor& anchor : anchors) {
-    const double normal = holding(anchor.support)->split.normal;
-    if (normal <= greatest) continue;
-    greatest = normal;
-    strongest = &anchor;
-  }
-  if (strongest != nullptr) {
-    const Isometry3d support = pose_of(strongest->support);
-    Isometry3d held = support * held_pose(*strongest, support.inverse() * part.pose());
-    held.pretranslate(back_to_middle(part, *strongest));
-    part.skeleton->setPositions(FreeJoint::convertToPositions(held));
-  }
+  anchors.erase(
+      std::remove_if(anchors.begin(), anchors.end(),
+                     [&](const StickAnchor& anchor) { return part.holding(anchor.support) == nullptr; }),
+      anchors.end());
+  put_back(part, time_step);
+  take_hold(part);
+}
+
+void World::Engine::put_back(Part& part, double time_step) const {
+  const auto weaker = [&part](const StickAnchor& a, const StickAnchor& b) {
+    return part.holding(a.support)->split.normal < part.holding(b.support)->split.normal;
+  };
+  const auto strongest = std::max_element(part.anchors.begin(), part.anchors.end(), weaker);
+  if (strongest == part.anchors.end()) return;
+  const auto ride = std::find_if(part.rides.begin(), part.rides.end(),
+                                 [&](const Ride& r) { return r.support == strongest->support; });
+  const Isometry3d held =
+      pose_of(strongest->support) * held_pose(*strongest, carried(part, *ride, time_step));
+  part.skeleton->setPositions(FreeJoint::convertToPositions(held));
+}
+
+void World::Engine::take_hold(Part& part) const {
   for (const PairContact& contact : part.contacts) {
-    const bool known = std::any_of(anchors.begin(), anchors.end(), [&contact](const StickAnchor& anchor) {
-      return anchor.support == contact.support;
-    });
+    const bool known =
+        std::any_of(part.anchors.begin(), part.anchors.end(),
+                    [&contact](const StickAnchor& anchor) { return anchor.support == contact.support; });
     if (!contact.holds || known) continue;
     const Isometry3d support = pose_of(contact.support);
-    anchors.push_back(
+    part.anchors.push_back(
         {contact.support, support.linear().transpose() * contact.normal, support.inverse() * part.pose()});
   }
 }

@@ -40,6 +40,13 @@ struct PairContact {
   bool holds = false;  // friction does, and the part rests on the support
 };
 
+/// A part on a support that holds it, at the start of a step.
+struct Ride {
+  std::int32_t support = 0;
+  Eigen::Isometry3d support_from_part = Eigen::Isometry3d::Identity();
+  dart::math::Jacobian jacobian;  // of the support's body
+};
+
 struct Part {
   bool free = false;
   bool soft = false;
@@ -50,10 +57,16 @@ struct Part {
   std::int32_t carrier = kNothing;
   std::vector<StickAnchor> anchors;
   std::vector<PairContact> contacts;
-  bool settled = false;  // in the step that ends
+  std::vector<Ride> rides;
+  Eigen::Isometry3d before = Eigen::Isometry3d::Identity();  // pose at the start of the step
+  Eigen::Vector6d moved = Eigen::Vector6d::Zero();  // by the engine in the step: its twist times the time
+  bool settled = false;                             // in the step that ends
 
   dart::dynamics::BodyNode* body() const { return skeleton->getBodyNode(0); }
   const Eigen::Isometry3d& pose() const { return body()->getWorldTransform(); }
+
+  /// Contact with a support that holds; null where it does not.
+  const PairContact* holding(std::int32_t support) const;
 };
 
 struct World::Engine {
@@ -83,8 +96,15 @@ struct World::Engine {
   Eigen::Isometry3d pose_of(std::int32_t support) const;
   bool carried_by_platter(std::int32_t support) const;
 
+  /// The free part that a support is; null where it is none.
+  Part* free_part(std::int32_t support);
+  const Part* free_part(std::int32_t support) const;
+
   /// Forces of a finger's pad on all parts in the last step (N): along the contacts' normals, and whole.
   std::pair<double, Eigen::Vector3d> pad_force(std::size_t finger) const;
+
+  /// Before a step: notes where the parts are on what holds them.
+  void begin_step();
 
   /// After a step: reads what touches what, and puts back what friction holds.
   void hold_parts(double time_step);
@@ -97,9 +117,10 @@ struct World::Engine {
   void add_contact(std::int32_t on, std::int32_t by, const Eigen::Vector3d& force,
                    const Eigen::Vector3d& normal);
   void hold(Part& part, double time_step);
-  Eigen::Vector3d back_to_middle(const Part& part, const StickAnchor& anchor) const;
+  void put_back(Part& part, double time_step) const;
+  void take_hold(Part& part) const;
+  Eigen::Isometry3d carried(const Part& part, const Ride& ride, double time_step) const;
   bool is_soft(std::int32_t support) const;
-  bool is_finger(std::int32_t support) const;
   void weigh_contacts(Part& part, double time_step);
   Eigen::Vector3d slip_of(const Part& part, const PairContact& contact) const;
   double spin_of(const Part& part, const PairContact& contact) const;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,10 +26,18 @@ from grasp_fixture import (
     joints_at,
     move,
     part_in_gripper,
+    smooth,
 )
 from test_fmu_dynamic_arm import dynamic_cell
 
 LIFTED = joints_at(np.array([*PLACE, TABLE[2] + 0.12]))
+
+
+def with_drives(drives: str) -> dict[str, Any]:
+    description = grasp_cell()
+    if drives == "dynamic":
+        description["robot"]["dynamics"] = dynamic_cell()["robot"]["dynamics"]
+    return description
 
 
 def turned(joint: int, angle: float) -> np.ndarray:
@@ -86,6 +95,48 @@ def test_a_part_in_the_gripper_creeps_less_than_a_micrometre_in_a_swing(build: B
     assert cell.get("measured.gripper.width")[0] == pytest.approx(BOX[0], abs=2e-5)
 
 
+@pytest.mark.parametrize("drives", ["ideal", "dynamic"])
+def test_nothing_loosens_the_grip_while_the_part_is_swung_about(build: Build, drives: str) -> None:
+    """No step of a move in all joints, nor of the rest after it, takes a pad off the part or the part out of place."""
+    cell = build(3, with_drives(drives))
+    grip(cell, 30.0)
+    move(cell, OVER_BOX, LIFTED, 0.8)
+    cell.step(CYCLE_US, 20)
+    before = part_in_gripper(cell)
+    away = LIFTED + np.array([0.4, -0.08, 0.08, 0.3, -0.3, 0.5])
+    for start, end in ((LIFTED, away), (away, LIFTED)):
+        for share in [*smooth(np.arange(1, 51) / 50), *np.ones(20)]:
+            cell.command(start + share * (end - start))
+            for _ in range(CYCLE_US // 1000):
+                cell.step(1000)
+                assert cell.get_int("measured.gripper.gripped")
+                # The part's inertia along the closing takes from one pad what it gives to the other.
+                pressed = [cell.get(f"truth.finger[{i}].normal_force")[0] for i in (1, 2)]
+                assert pressed == pytest.approx([30.0, 30.0], abs=1.5)
+    change = np.linalg.inv(before) @ part_in_gripper(cell)
+    assert np.abs(change[:3, 3]).max() < 1e-6
+    assert np.abs(change[:3, :3] - np.eye(3)).max() < 1e-5
+
+
+@pytest.mark.parametrize("height", [0.0, 2e-4])
+def test_fingers_that_open_do_not_take_the_part_along(build: Build, height: float) -> None:
+    """From full force at once, the part standing on the table or a little above it."""
+    cell = build(3, grasp_cell())
+    grip(cell, 30.0)
+    move(cell, OVER_BOX, LIFTED, 0.8)
+    move(cell, LIFTED, turned(0, 0.3), 0.8)
+    move(cell, turned(0, 0.3), LIFTED, 0.8)
+    let_go = joints_at(np.array([*PLACE, TABLE[2] + 0.02 + height]))
+    move(cell, LIFTED, let_go, 0.8)
+    before = cell.body("part[1]")
+    cell.set("command.gripper.mode", 1)
+    cell.set("command.gripper.width", 0.06)
+    cell.step(CYCLE_US, 30)
+    assert cell.get("measured.gripper.width")[0] == pytest.approx(0.06, abs=1e-6)
+    shift = (cell.body("part[1]") - before)[:3, 3]
+    assert np.abs(shift[:2]).max() < 5e-6
+
+
 def test_a_smooth_move_keeps_the_part_that_a_jump_tears_away(build: Build) -> None:
     """The jump takes the drives' full acceleration, more than friction can give the part."""
     slips = []
@@ -132,10 +183,7 @@ def swing(cell: CellFmu) -> None:
 def test_a_state_in_the_middle_of_a_grasp_goes_on_bit_by_bit_also_in_a_new_process(
     build: Build, tmp_path: Path, drives: str
 ) -> None:
-    description = grasp_cell()
-    if drives == "dynamic":
-        description["robot"]["dynamics"] = dynamic_cell()["robot"]["dynamics"]
-    cell = build(3, description)
+    cell = build(3, with_drives(drives))
     grip(cell, 30.0)
     move(cell, OVER_BOX, LIFTED, 0.8)
     move(cell, LIFTED, turned(0, 0.2), 0.16)
