@@ -3,23 +3,12 @@
 #include <cstring>
 #include <memory>
 
-#include "fmu/fmi/guard.h"
+#include "fmu/fmi/fmi3_calls.h"
 #include "fmu/fmi/variable_table.h"
-
-extern "C" {
-#include "fmu/third_party/fmi/fmi3Functions.h"
-}
 
 namespace {
 
 using namespace robotcell::fmi;
-
-Instance* instance_of(fmi3Instance instance) { return static_cast<Instance*>(instance); }
-
-template <class Call>
-fmi3Status status_of(fmi3Instance instance, const char* function, const Call& call) {
-  return guarded(instance_of(instance), function, call) ? fmi3OK : fmi3Error;
-}
 
 Log::Sink make_sink(fmi3LogMessageCallback callback, fmi3InstanceEnvironment environment) {
   if (callback == nullptr) return {};
