@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <mutex>
+#include <numeric>
 #include <utility>
 
 #include "sensor_rt/geometry/random.h"
@@ -12,8 +14,20 @@ namespace {
 
 using Complex = std::complex<double>;
 
-/// Unscaled inverse Fourier transform in place; the length is a power of two.
+constexpr std::size_t kSide = GrainTile::kSteps;
+constexpr int kMostPatterns = 16;
+
+/// exp(2 pi i k / kSide)
+std::vector<Complex> roots_of_unity() {
+  std::vector<Complex> roots;
+  for (std::size_t k = 0; k < kSide; ++k)
+    roots.push_back(std::polar(1.0, 2.0 * M_PI * static_cast<double>(k) / static_cast<double>(kSide)));
+  return roots;
+}
+
+/// Unscaled inverse Fourier transform in place; the length is a power of two and divides kSide.
 void inverse_fourier(std::vector<Complex>& values) {
+  static const std::vector<Complex> roots = roots_of_unity();
   const std::size_t count = values.size();
   for (std::size_t i = 1, j = 0; i < count; ++i) {
     std::size_t bit = count >> 1;
@@ -23,7 +37,7 @@ void inverse_fourier(std::vector<Complex>& values) {
   }
   for (std::size_t length = 2; length <= count; length <<= 1) {
     for (std::size_t k = 0; k < length / 2; ++k) {
-      const Complex turn = std::polar(1.0, 2.0 * M_PI * static_cast<double>(k) / static_cast<double>(length));
+      const Complex turn = roots[k * (kSide / length)];
       for (std::size_t first = k; first < count; first += length) {
         const Complex odd = turn * values[first + length / 2];
         values[first + length / 2] = values[first] - odd;
@@ -34,13 +48,13 @@ void inverse_fourier(std::vector<Complex>& values) {
 }
 
 /// Waves of equal strength and random phase from a disc as wide as the tile has grains.
-std::vector<Complex> random_waves(int steps, int grains) {
+std::vector<Complex> random_waves(int steps, int grains, std::uint32_t number) {
   std::vector<Complex> waves(static_cast<std::size_t>(steps) * static_cast<std::size_t>(steps));
   for (int v = -grains / 2; v <= grains / 2; ++v) {
     for (int u = -grains / 2; u <= grains / 2; ++u) {
       if (4 * (u * u + v * v) > grains * grains) continue;
-      const auto bits =
-          philox4x32({static_cast<std::uint32_t>(u), static_cast<std::uint32_t>(v), 0, 0}, {0x59EC41Eu, 0});
+      const auto bits = philox4x32({static_cast<std::uint32_t>(u), static_cast<std::uint32_t>(v), number, 0},
+                                   {0x59EC41Eu, 0});
       const double phase = 2.0 * M_PI * static_cast<double>(uniform01(bits[0]));
       waves[static_cast<std::size_t>(((v + steps) % steps) * steps + (u + steps) % steps)] =
           std::polar(1.0, phase);
@@ -49,11 +63,10 @@ std::vector<Complex> random_waves(int steps, int grains) {
   return waves;
 }
 
-}  // namespace
-
-GrainTile::GrainTile() {
-  constexpr std::size_t kSide = kSteps;
-  std::vector<Complex> field = random_waves(kSteps, kSteps / kPerGrain);
+/// The `number`-th fully developed pattern.
+std::vector<double> pattern(std::uint32_t number) {
+  std::vector<Complex> field =
+      random_waves(GrainTile::kSteps, GrainTile::kSteps / GrainTile::kPerGrain, number);
   std::vector<Complex> line(kSide);
   for (std::size_t row = 0; row < kSide; ++row) {
     std::copy_n(&field[row * kSide], kSide, line.begin());
@@ -65,24 +78,53 @@ GrainTile::GrainTile() {
     inverse_fourier(line);
     for (std::size_t i = 0; i < kSide; ++i) field[i * kSide + column] = line[i];
   }
-  double mean = 0.0;
-  double square = 0.0;
-  for (const Complex& value : field) {
-    mean += std::norm(value);
-    square += std::norm(value) * std::norm(value);
-  }
-  const double count = static_cast<double>(field.size());
-  mean /= count;
-  // A tile has finitely many grains; what its contrast misses of 1 by chance is made up for.
-  const double contrast = std::sqrt(square / count / (mean * mean) - 1.0);
-  for (const Complex& value : field) {
-    steps_.push_back(static_cast<float>(std::max(0.0, 1.0 + (std::norm(value) / mean - 1.0) / contrast)));
-  }
+  std::vector<double> intensity;
+  for (const Complex& value : field) intensity.push_back(std::norm(value));
+  return intensity;
 }
 
-const GrainTile& GrainTile::shared() {
-  static const GrainTile tile;
-  return tile;
+/// Shares of independent patterns whose mean has the contrast: as many equal ones as there are, and a rest.
+std::vector<double> shares(double contrast) {
+  const double square = contrast * contrast;
+  if (square * kMostPatterns <= 1.0) return std::vector<double>(kMostPatterns, 1.0 / kMostPatterns);
+  const double equal = std::ceil(1.0 / square - 1e-9) - 1.0;
+  if (equal == 0.0) return {1.0};
+  // equal * share + rest = 1 and equal * share² + rest² = contrast²
+  const double root = std::sqrt(std::max(0.0, equal * ((equal + 1.0) * square - 1.0)));
+  const double share = (equal + root) / (equal * (equal + 1.0));
+  std::vector<double> all(static_cast<std::size_t>(equal), share);
+  all.push_back(1.0 - equal * share);
+  return all;
+}
+
+}  // namespace
+
+GrainTile::GrainTile(double contrast) {
+  std::vector<double> sum(kSide * kSide, 0.0);
+  const std::vector<double> parts = shares(contrast);
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    const std::vector<double> part = pattern(static_cast<std::uint32_t>(k));
+    const double mean = std::accumulate(part.begin(), part.end(), 0.0) / static_cast<double>(part.size());
+    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += parts[k] * part[i] / mean;
+  }
+  double square = 0.0;
+  for (const double value : sum) square += (value - 1.0) * (value - 1.0);
+  // A tile has finitely many grains; what its contrast misses by chance is made up for.
+  const double scale = contrast / std::sqrt(square / static_cast<double>(sum.size()));
+  for (const double value : sum)
+    steps_.push_back(static_cast<float>(std::max(0.0, 1.0 + scale * (value - 1.0))));
+}
+
+std::shared_ptr<const GrainTile> GrainTile::shared(double contrast) {
+  static std::mutex mutex;
+  static std::shared_ptr<const GrainTile> last;
+  static double of_contrast = -1.0;
+  const std::lock_guard<std::mutex> lock(mutex);
+  if (contrast != of_contrast) {
+    last = std::make_shared<const GrainTile>(contrast);
+    of_contrast = contrast;
+  }
+  return last;
 }
 
 }  // namespace sensor_rt

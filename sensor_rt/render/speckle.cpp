@@ -16,8 +16,9 @@ constexpr double kCellShift[3] = {0.3819, 0.2361, 0.1459};
 
 }  // namespace
 
-Speckle::Speckle(const RenderPlan& plan) : plan_(plan), contrast_(plan.settings.speckle_contrast) {
-  if (enabled()) tile_ = &GrainTile::shared();
+Speckle::Speckle(const RenderPlan& plan) : plan_(plan) {
+  const double contrast = plan.settings.speckle_contrast;
+  if (contrast > 0.0) tile_ = GrainTile::shared(contrast);
 }
 
 void Speckle::set(const ExposureViews& views) {
@@ -92,8 +93,7 @@ void Speckle::modulate(int column, int row, std::size_t packet, const Lanes3& di
     Eigen::Vector2d pixel(column + plan_.pattern.column[sample], row + plan_.pattern.row[sample]);
     if (!still) pixel -= motion(shape, point, point_in_shape);
     const Eigen::Vector2d step = steps_per_pixel_ * pixel + cell_.from_pixel;
-    const float grain = tile_->at(std::lround(step.x()), std::lround(step.y()));
-    light[l] *= 1.0 + contrast_ * (static_cast<double>(grain) - 1.0);
+    light[l] *= static_cast<double>(tile_->at(std::lround(step.x()), std::lround(step.y())));
   }
 }
 

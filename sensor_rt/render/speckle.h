@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "sensor_rt/render/exposure_views.h"
@@ -12,8 +13,7 @@
 namespace sensor_rt {
 
 /// Subjective speckle on directly seen laser light, as a factor of mean 1. Its grain is wavelength * working
-/// f-number on the image. A share C of the light is fully developed speckle and the rest even, so that
-/// fully resolved grains have the contrast C.
+/// f-number on the image, and fully resolved grains have the given contrast.
 ///
 /// The pattern belongs to the surface: it is anchored to cells of each shape, about a hundred grains wide,
 /// each with a piece of the tile of its own, and moves with the cell's image. A still scene shows the same
@@ -24,7 +24,7 @@ class Speckle {
  public:
   explicit Speckle(const RenderPlan& plan);
 
-  bool enabled() const { return contrast_ > 0.0; }
+  bool enabled() const { return tile_ != nullptr; }
 
   /// `views` must stay.
   void set(const ExposureViews& views);
@@ -50,8 +50,7 @@ class Speckle {
                          const Eigen::Vector3d& point_in_shape) const;
 
   const RenderPlan& plan_;
-  const GrainTile* tile_ = nullptr;
-  double contrast_;
+  std::shared_ptr<const GrainTile> tile_;  ///< null: no speckle
   const ExposureViews* views_ = nullptr;
   std::vector<Rigid3> reference_from_shape_;  ///< at mid-exposure
   // The selected camera:
