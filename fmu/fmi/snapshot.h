@@ -6,19 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "fmu/fmi/phase.h"
 #include "fmu/model/cell.h"
 
 namespace robotcell::fmi {
-
-enum class Phase : std::int32_t {
-  kInstantiated,
-  kInitialization,
-  kStepping,
-  kTerminated,
-  kFailed,
-  kEvent,         // FMI 3, where the importer uses event mode
-  kIntermediate,  // FMI 3, while the importer is called from inside a step: never in a state
-};
 
 struct Snapshot {
   explicit Snapshot(const CellLayout& layout) : inputs(layout) {}

@@ -95,6 +95,10 @@ class Cell : private MotionView {
   Measurement measurement(std::int64_t time_us) const override;
   void write_truth(std::int64_t time_us, Bodies& bodies) const override;
 
+  /// How much of the dynamics step that holds the present has passed at an instant, and how long it is (s):
+  /// before the first step 1 and 0.
+  double share_of_step(std::int64_t time_us) const;
+  double step_duration() const;
   AxesState true_axes_at(std::int64_t time_us) const;
   AxesState encoders_at(std::int64_t time_us) const;
   void read_axes(GridPoint& point) const;
