@@ -1,4 +1,9 @@
-"""Surface normals from the order in which a scanner measures: along the profile, and from profile to profile."""
+"""Surface normals from the order in which a scanner measures: along the profile, and from profile to profile.
+
+Three ways in turn, until one gives a direction that light could have come from: the grid of profiles and columns; the
+plane through the nearest points; and, where no other profile is near, the profile alone. A profile does not tell how
+the surface leans against the laser's sheet; it is then taken to be square to it.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +16,18 @@ Index = NDArray[np.int64]
 
 _REACH = 6  # columns to either side that the direction along the profile is taken from
 _GAP = 4.0  # neighbours farther apart than this many typical distances belong to different surfaces
+_FAR = 10e-3  # m: profiles farther apart say nothing of the slope between them
 _LEAST_SINE = 0.2  # of the angle between the two directions, below which they span no surface
 _BLOCK = 400  # frames worked on at a time, which bounds the memory
 _LEAST_SPREAD = 1e-2  # of the smaller to the larger variance of neighbours in their plane: less is a line
-_HARDLY = 1e-6  # of the same ratio: points on one line but for rounding
+_LEAST_COSINE = 0.02  # to the light: a plane that stands within a degree of edge-on is rather the laser's sheet
 _NEIGHBOURS = 12  # for points without an ordered neighbourhood
 
 
 def estimate_normals(
     points: Array, frame: Index, camera: NDArray[np.int32], column: Index, sensor_in_part: Array
 ) -> Array:
-    """Unit normals (m, 3) of the surface at points (m, 3), towards the sensor; NaN for a point that stands alone.
+    """Unit normals (m, 3) of the surface at points (m, 3), towards the sensor; NaN for a point without neighbours.
 
     Parameters
     ----------
@@ -30,7 +36,9 @@ def estimate_normals(
     sensor_in_part
         (n, 3) where the light came from in each frame, m.
     """
-    normals = np.full_like(points, np.nan)
+    to_light = sensor_in_part[frame] - points
+    to_light /= np.linalg.norm(to_light, axis=1, keepdims=True)
+    normals, along = np.full_like(points, np.nan), np.full_like(points, np.nan)
     for one_camera in np.unique(camera):
         of_camera = camera == one_camera
         for start in range(0, len(sensor_in_part), _BLOCK):
@@ -38,16 +46,35 @@ def estimate_normals(
             rows = np.flatnonzero(of_camera & (frame >= start - 1) & (frame <= start + _BLOCK))
             if len(rows):
                 found = _grid_normals(points[rows], frame[rows], column[rows])
-                normals[rows[wanted[rows]]] = found[wanted[rows]]
-    lonely = np.flatnonzero(np.isnan(normals[:, 0]))
+                for result, values in zip((normals, along), found, strict=True):
+                    result[rows[wanted[rows]]] = values[wanted[rows]]
+    lonely = np.flatnonzero(~_lit(normals, to_light))
     if len(lonely) and len(points) >= 3:
-        normals[lonely] = _plane_normals(points, lonely)
-    outward = np.einsum("mi,mi->m", normals, sensor_in_part[frame] - points) >= 0
+        normals[lonely] = _plane_normals(points, lonely, to_light[lonely])
+    alone = lonely[~_lit(normals[lonely], to_light[lonely])]
+    by_profile = _square_to(along[alone], to_light[alone])
+    known = ~np.isnan(by_profile[:, 0])
+    normals[alone[known]] = by_profile[known]
+    outward = np.einsum("mi,mi->m", normals, to_light) >= 0
     return np.asarray(np.where(outward[:, None], normals, -normals))
 
 
-def _grid_normals(points: Array, frame: Index, column: Index) -> Array:
-    """Normals (m, 3) of points that one camera saw; NaN where a direction is missing."""
+def _lit(normals: Array, to_light: Array) -> NDArray[np.bool_]:
+    """Whether light from there (m, 3) falls on surfaces with normals (m, 3) of either sign; it does not on NaN."""
+    return np.asarray(np.abs(np.einsum("mi,mi->m", normals, to_light)) > _LEAST_COSINE)
+
+
+def _square_to(along: Array, to_light: Array) -> Array:
+    """Unit vectors (m, 3) square to directions (m, 3) and as near as can be to the light's (m, 3); NaN: none is."""
+    share = np.einsum("mi,mi->m", along, to_light) / np.einsum("mi,mi->m", along, along)
+    normal = to_light - share[:, None] * along
+    length = np.linalg.norm(normal, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where((length > _LEAST_SINE)[:, None], normal / length[:, None], np.nan))
+
+
+def _grid_normals(points: Array, frame: Index, column: Index) -> tuple[Array, Array]:
+    """Normals (m, 3) of points that one camera saw, NaN where a direction is missing, and directions of the profile."""
     first = column.min() - _REACH
     grid = np.full((int(np.ptp(frame)) + 3, int(np.ptp(column)) + 1 + 2 * _REACH, 3), np.nan)
     where = (frame - frame.min() + 1, column - first)
@@ -58,7 +85,7 @@ def _grid_normals(points: Array, frame: Index, column: Index) -> Array:
     length = np.linalg.norm(normal, axis=1)
     spread = np.linalg.norm(along, axis=1) * np.linalg.norm(across, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.where((length > _LEAST_SINE * spread)[:, None], normal / length[:, None], np.nan))
+        return np.where((length > _LEAST_SINE * spread)[:, None], normal / length[:, None], np.nan), along
 
 
 def _direction(grid: Array, reach: int) -> Array:
@@ -71,7 +98,7 @@ def _direction(grid: Array, reach: int) -> Array:
     known = step[np.isfinite(step)]
     if not len(known):
         return np.full_like(grid, np.nan)
-    joined = step < _GAP * np.median(known)
+    joined = step < min(_GAP * np.median(known), _FAR)
     total = np.zeros_like(grid)
     weight = np.zeros(grid.shape[:2])
     for sign in (1, -1):
@@ -94,25 +121,23 @@ def _link(joined: NDArray[np.bool_], k: int, sign: int, shape: tuple[int, ...]) 
     return link
 
 
-def _plane_normals(points: Array, chosen: Index) -> Array:
-    """Normals of the planes that fit the nearest neighbours of `chosen` points best.
+def _plane_normals(points: Array, chosen: Index, to_light: Array) -> Array:
+    """Normals of the planes that fit the nearest neighbours of `chosen` points best; `to_light` (k, 3) from these.
 
     A profile is far denser than the profiles are near to each other, so that the nearest neighbours may all lie on one
-    line. Then every fourth, sixteenth, … point is asked instead, until neighbours span a surface; the widest counts.
+    line, or on a curve in the laser's sheet. Then every fourth, sixteenth, … point is asked instead, until neighbours
+    span a surface that the light falls on. Points that are `_FAR` away have no say.
     """
     normals = np.full((len(chosen), 3), np.nan)
-    widest = np.full(len(chosen), _HARDLY)
     todo = np.arange(len(chosen))
     for stride in (1, 4, 16, 64):
         some = points[::stride]
         if len(some) < 3 or not len(todo):
             break
-        _, near = cKDTree(some).query(points[chosen[todo]], k=min(_NEIGHBOURS, len(some)), workers=-1)
+        distance, near = cKDTree(some).query(points[chosen[todo]], k=min(_NEIGHBOURS, len(some)), workers=-1)
         offset = some[near] - some[near].mean(axis=1, keepdims=True)
         values, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", offset, offset))
-        spread = values[:, 1] / np.maximum(values[:, 2], np.finfo(float).tiny)
-        wider = spread > widest[todo]
-        normals[todo[wider]] = vectors[wider, :, 0]
-        widest[todo[wider]] = spread[wider]
-        todo = todo[spread < _LEAST_SPREAD]
+        found = (values[:, 1] > _LEAST_SPREAD * values[:, 2]) & (distance[:, -1] < _FAR)
+        normals[todo[found]] = vectors[found, :, 0]
+        todo = todo[~(found & _lit(vectors[:, :, 0], to_light[todo]))]
     return normals

@@ -11,6 +11,7 @@ import pytest
 from orchestrator.geometry import pose
 from orchestrator.geometry.arm import Arm, Joint
 from orchestrator.reconstruction import Envelope, ProfilePoints, reconstruct
+from orchestrator.reconstruction.normals import estimate_normals
 from orchestrator.reconstruction.reconstruct import points_in_part, quality_of
 
 ARM = Arm(
@@ -183,6 +184,27 @@ def test_lines_too_far_apart_for_a_grid_still_span_a_surface() -> None:
     true = np.stack([-np.sin(angle), 0 * angle, np.cos(angle)], -1)
     assert np.isfinite(cloud.normals).all()
     assert np.quantile(np.abs((cloud.normals * true).sum(1)), 0.05) > np.cos(np.radians(3))
+
+
+@pytest.mark.parametrize("profiles", [1, 3])
+def test_profiles_far_apart_have_the_normals_of_a_surface_square_to_the_sheet(profiles: int) -> None:
+    """Arcs across a cylinder, 40 mm apart: the plane through an arc's points is the sheet's, no normal of a surface."""
+    angle = np.linspace(-1.0, 1.0, 1200)
+    arc = np.stack([0 * angle, RADIUS * np.sin(angle), 0.13 - RADIUS * np.cos(angle)], -1)
+    frame = np.repeat(np.arange(profiles), len(angle))
+    points = np.tile(arc, (profiles, 1)) + 0.04 * frame[:, None] * np.array([1.0, 0.0, 0.0])
+    source = np.stack([0.04 * np.arange(profiles), np.zeros(profiles), np.zeros(profiles)], -1)
+    column = np.tile(np.arange(len(angle)), profiles)
+    found = estimate_normals(points, frame, np.zeros(len(points), np.int32), column, source)
+    true = np.tile(np.stack([0 * angle, np.sin(angle), -np.cos(angle)], -1), (profiles, 1))
+    assert np.isfinite(found).all()
+    assert (found * true).sum(1).min() > np.cos(np.radians(0.6)), "six columns to one side, at the ends"
+
+
+def test_points_that_stand_alone_have_no_normal() -> None:
+    points = np.array([[0.0, 0.0, 0.1], [0.05, 0.0, 0.1], [0.1, 0.01, 0.1], [0.2, 0.0, 0.1]])
+    rows = np.arange(4)
+    assert np.isnan(estimate_normals(points, rows, np.zeros(4, np.int32), 50 * rows, np.zeros((4, 3)))).all()
 
 
 def test_envelope_cuts_by_height_over_the_table_and_distance_from_its_axis() -> None:
