@@ -43,6 +43,7 @@ ImageRenderer::ImageRenderer(const RenderPlan& plan)
       marker_(plan),
       cover_(plan),
       tracer_(plan),
+      reflected_lamps_(plan),
       path_tracer_(plan, PathTracer::Mode::kAllBounces),
       mirror_tracer_(plan, PathTracer::Mode::kMirrorsOnly),
       light_tracer_(plan),
@@ -69,6 +70,7 @@ void ImageRenderer::render(const Scene& scene, const Exposures& exposures, std::
   const std::int64_t frame = frame_number(exposures, exposure, plan_.settings.laser_on);
   path_tracer_.set(views_, frame, rows);
   mirror_tracer_.set(views_, frame, nullptr);
+  reflected_lamps_.set(views_, frame);
   if (follows_photons()) {
     for (SplatImage& image : reflected_) image.clear();
     light_tracer_.trace(views_, frame, plan_.settings.ground_truth, reflected_);
@@ -185,7 +187,10 @@ void ImageRenderer::add_lamps(std::size_t number, double duration, SparseImage& 
   const Camera& camera = plan_.settings.model.cameras[number];
   const bool mirrors = has_mirrors_ && plan_.settings.bounces > 0;
   dense_.resize(static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px));
-  lamps_.fill(tracer_, camera.width_px, camera.height_px, dense_.data());
+  const bool bounces = plan_.settings.bounces > 0;
+  if (bounces) reflected_lamps_.select_camera(number, tracer_);
+  lamps_.fill(tracer_, bounces ? &reflected_lamps_ : nullptr, camera.width_px, camera.height_px,
+              dense_.data());
   for (float& electrons : dense_) electrons *= static_cast<float>(duration);
   // Paths that follow mirrors bring the light of lamps along.
   if (mirrors) {

@@ -13,6 +13,7 @@
 #include "sensor_rt/render/pixel_cover.h"
 #include "sensor_rt/render/pixel_mask.h"
 #include "sensor_rt/render/pixel_tracer.h"
+#include "sensor_rt/render/reflected_lamps.h"
 #include "sensor_rt/render/row_views.h"
 
 namespace sensor_rt {
@@ -62,6 +63,7 @@ class ImageRenderer {
   PixelTracer tracer_;
   AmbientFiller ambient_;
   LampFiller lamps_;
+  ReflectedLamps reflected_lamps_;
   PathTracer path_tracer_;
   PathTracer mirror_tracer_;
   LightTracer light_tracer_;

@@ -18,8 +18,14 @@ bool on_one_face(const LampView& a, const LampView& b) {
 
 }  // namespace
 
-bool LampFiller::interpolate(PixelTracer& tracer, const Block& block, const LampView* const* corners,
-                             int width, float* out) const {
+LampView LampFiller::look(int column, int row) const {
+  LampView view = tracer_->lamp_light(column, row);
+  if (reflected_ != nullptr) view.light += reflected_->at(column, row, view);
+  return view;
+}
+
+bool LampFiller::interpolate(const Block& block, const LampView* const* corners, int width,
+                             float* out) const {
   double least = corners[0]->light;
   double most = least;
   for (int k = 1; k < 4; ++k) {
@@ -38,7 +44,7 @@ bool LampFiller::interpolate(PixelTracer& tracer, const Block& block, const Lamp
   };
   const int column = (block.left + block.right) / 2;
   const int row = (block.top + block.bottom) / 2;
-  const LampView middle = tracer.lamp_light(column, row);
+  const LampView middle = look(column, row);
   if (!on_one_face(*corners[0], middle) ||
       std::abs(middle.light - between(column, row)) > kSmooth * middle.light)
     return false;
@@ -49,14 +55,15 @@ bool LampFiller::interpolate(PixelTracer& tracer, const Block& block, const Lamp
   return true;
 }
 
-void LampFiller::fill(PixelTracer& tracer, int width, int height, float* out) {
+void LampFiller::fill(PixelTracer& tracer, ReflectedLamps* reflected, int width, int height, float* out) {
+  tracer_ = &tracer;
+  reflected_ = reflected;
   const int columns = (width + kBlock - 1) / kBlock;
   const int rows = (height + kBlock - 1) / kBlock;
   corners_.clear();
   for (int row = 0; row <= rows; ++row) {
     for (int column = 0; column <= columns; ++column) {
-      corners_.push_back(
-          tracer.lamp_light(std::min(column * kBlock, width - 1), std::min(row * kBlock, height - 1)));
+      corners_.push_back(look(std::min(column * kBlock, width - 1), std::min(row * kBlock, height - 1)));
     }
   }
   for (int row = 0; row < rows; ++row) {
@@ -66,10 +73,10 @@ void LampFiller::fill(PixelTracer& tracer, int width, int height, float* out) {
       const LampView* top = &corners_[static_cast<std::size_t>(row * (columns + 1) + column)];
       const LampView* bottom = top + columns + 1;
       const LampView* const corners[] = {top, top + 1, bottom, bottom + 1};
-      if (interpolate(tracer, block, corners, width, out)) continue;
+      if (interpolate(block, corners, width, out)) continue;
       for (int y = block.top; y < std::min(block.top + kBlock, height); ++y) {
         for (int x = block.left; x < std::min(block.left + kBlock, width); ++x)
-          out[static_cast<std::ptrdiff_t>(y) * width + x] = static_cast<float>(tracer.lamp_light(x, y).light);
+          out[static_cast<std::ptrdiff_t>(y) * width + x] = static_cast<float>(look(x, y).light);
       }
     }
   }

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "sensor_rt/render/pixel_tracer.h"
+#include "sensor_rt/render/reflected_lamps.h"
 
 namespace sensor_rt {
 
@@ -12,17 +13,20 @@ namespace sensor_rt {
 /// half a per cent; a detail that lies within one block is missed there.
 class LampFiller {
  public:
-  /// `out`: electrons per second, row by row. The tracer's camera must be selected.
-  void fill(PixelTracer& tracer, int width, int height, float* out);
+  /// `out`: electrons per second, row by row. The tracer's camera must be selected. `reflected`: light
+  /// between surfaces to be added; may be null.
+  void fill(PixelTracer& tracer, ReflectedLamps* reflected, int width, int height, float* out);
 
  private:
   struct Block {
     int left, top, right, bottom;  ///< pixels of the corners; those at the right and bottom belong to others
   };
 
-  bool interpolate(PixelTracer& tracer, const Block& block, const LampView* const* corners, int width,
-                   float* out) const;
+  LampView look(int column, int row) const;
+  bool interpolate(const Block& block, const LampView* const* corners, int width, float* out) const;
 
+  PixelTracer* tracer_ = nullptr;
+  ReflectedLamps* reflected_ = nullptr;
   std::vector<LampView> corners_;
 };
 

@@ -71,7 +71,6 @@ double PathTracer::laser_light(Packet& packet, int depth) {
 
 double PathTracer::ambient_light(const Packet& packet, int depth) const {
   const double ambient = plan_.settings.model.ambient_irradiance;
-  if (ambient == 0.0) return 0.0;
   double sum = 0.0;
   for (int l = 0; l < kLanes; ++l) {
     if (packet.alive[l] == 0) continue;
@@ -124,7 +123,9 @@ void PathTracer::reflect(Packet& packet, int depth) {
     if (packet.alive[l] == 0) continue;
     packet.alive[l] = 0;
     const Reflection& reflection = views_->reflection(packet.hits.shape[l]);
-    if (mode_ == Mode::kMirrorsOnly && !reflection.material().is_mirror()) continue;
+    const bool is_mirror = reflection.material().is_mirror();
+    if (mode_ == Mode::kMirrorsOnly && !is_mirror) continue;
+    if (mode_ == Mode::kReflectedLamps && depth == 0 && is_mirror) continue;
     const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
     const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
     const auto u = random.at(packet.pixel, sample, static_cast<std::uint32_t>(depth));
@@ -139,15 +140,16 @@ void PathTracer::reflect(Packet& packet, int depth) {
 
 void PathTracer::trace_packet(Packet& packet) {
   const int last = plan_.settings.bounces;
-  const bool ambient = plan_.settings.model.ambient_irradiance > 0.0;
+  const bool lamps_alone = mode_ == Mode::kReflectedLamps;
+  const bool ambient = plan_.settings.model.ambient_irradiance > 0.0 && !lamps_alone;
   views_->cameras[rays_.camera()].intersect(packet.number, packet.direction, packet.alive,
                                             std::numeric_limits<double>::infinity(), packet.hits);
   for (int depth = 0;; ++depth) {
-    packet.sum += ambient_light(packet, depth);
+    if (ambient) packet.sum += ambient_light(packet, depth);
     for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
     if (depth > last) return;  // beyond the last reflection there is only light from around the scene
-    packet.sum += laser_light(packet, depth);
-    if (lamps_.any()) packet.sum += lamp_light(packet, depth);
+    if (!lamps_alone) packet.sum += laser_light(packet, depth);
+    if (lamps_.any() && (depth > 0 || !lamps_alone)) packet.sum += lamp_light(packet, depth);
     if (depth == last && !ambient) return;
     reflect(packet, depth);
     if (std::none_of(packet.alive, packet.alive + kLanes, [](int alive) { return alive != 0; })) return;

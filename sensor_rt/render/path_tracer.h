@@ -19,8 +19,9 @@ namespace sensor_rt {
 class PathTracer {
  public:
   enum class Mode {
-    kAllBounces,   ///< up to settings.bounces reflections between surfaces
-    kMirrorsOnly,  ///< reflections in mirrors only; ambient light falls evenly on what they show
+    kAllBounces,      ///< up to settings.bounces reflections between surfaces
+    kMirrorsOnly,     ///< reflections in mirrors only; ambient light falls evenly on what they show
+    kReflectedLamps,  ///< nothing but light of lamps that was reflected between surfaces, seen straight
   };
 
   PathTracer(const RenderPlan& plan, Mode mode);

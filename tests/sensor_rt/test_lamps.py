@@ -174,3 +174,39 @@ def test_wrong_lamps_are_refused() -> None:
     ):
         with pytest.raises(ValueError, match=message):
             scene.add_light("lamp", *arguments)
+
+
+@pytest.mark.parametrize("wall", [Material(0.85, "oren_nayar", 0.3, 1.0), Material(0.9, "rough_conductor", 0.35, 1.0)])
+def test_light_of_lamps_between_surfaces_agrees_with_path_tracing(wall: Material) -> None:
+    """A deep groove under a lamp, along the lines of sight: a fifth to two thirds of its light is reflected light."""
+    scene = Scene()
+    side = 0.08
+    for name in ("a", "b"):
+        scene.add_plane(name, np.eye(4), [0.3, side], wall)
+    scene.add_light("lamp", "rectangle", np.eye(4), [0.6, 0.15], 20.0, in_band=0.05)
+    half = side / 2 / np.sqrt(2)
+    walls = [
+        pose((0, -half, Z + 0.03 - half), (np.radians(45), 0, 0)),
+        pose((0, half, Z + 0.03 - half), (np.radians(-45), 0, 0)),
+    ]
+    exposures = still(*walls, pose((0.3, 0, -0.5)), count=4)
+    images = {}
+    for mode, bounces in (("fast", 0), ("fast", 2), ("path", 2)):
+        render = {"noise": False, "mode": mode, "bounces": bounces, "samples_per_pixel": 16}
+        tracing = make_sensor(320, 256, cameras=2, render=render, laser={"power": 0.0})
+        images[mode, bounces] = np.asarray(expected_electrons(scene, tracing, exposures), float)
+    direct, fast, truth = images.values()
+    assert direct.sum() < 0.85 * truth.sum()
+    assert fast.sum() == pytest.approx(truth.sum(), rel=0.005)
+    blocks = (4, 2, 8, 32, 10, 32)
+    fast_blocks, true_blocks = (image.reshape(blocks).sum(axis=(3, 5)) for image in (fast, truth))
+    brightest = true_blocks.mean(axis=0).max()
+    noise = np.hypot(fast_blocks.std(axis=0, ddof=1), true_blocks.std(axis=0, ddof=1)) / 2
+    difference = np.abs(fast_blocks.mean(axis=0) - true_blocks.mean(axis=0))
+    print(
+        direct.sum() / truth.sum(),
+        fast.sum() / truth.sum(),
+        fast_blocks.std(axis=0).mean() / fast_blocks.mean(),
+        difference.max() / brightest,
+    )
+    np.testing.assert_array_less(difference, 5 * noise + 0.03 * brightest)  # the bottom of the groove is smoothed

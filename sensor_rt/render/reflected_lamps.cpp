@@ -1,0 +1,98 @@
+#include "sensor_rt/render/reflected_lamps.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace sensor_rt {
+namespace {
+
+constexpr int kSpacing = 8;     ///< of nodes, px
+constexpr int kPaths = 32;      ///< of a node, at least
+constexpr int kSmooth = 2;      ///< nodes to either side
+constexpr double kAlike = 0.9;  ///< cosine between normals
+
+bool alike(const LampView& a, const LampView& b) {
+  return a.shape == b.shape && a.normal.dot(b.normal) > kAlike;
+}
+
+}  // namespace
+
+ReflectedLamps::ReflectedLamps(const RenderPlan& plan)
+    : plan_(plan), tracer_(plan, PathTracer::Mode::kReflectedLamps) {}
+
+/// Mean over a few neighbouring pixels.
+double ReflectedLamps::trace(int column, int row) {
+  const int samples = static_cast<int>(plan_.pattern.size());
+  const int pixels = std::max(1, (kPaths + samples - 1) / samples);
+  const int side = static_cast<int>(std::ceil(std::sqrt(pixels)));
+  double sum = 0.0;
+  for (int k = 0; k < pixels; ++k) {
+    sum += tracer_.trace(std::min(column + k % side, camera_->width_px - 1),
+                         std::min(row + k / side, camera_->height_px - 1));
+  }
+  return sum / pixels;
+}
+
+void ReflectedLamps::select_camera(std::size_t camera, PixelTracer& looks) {
+  camera_ = &plan_.settings.model.cameras[camera];
+  tracer_.select_camera(camera);
+  columns_ = (camera_->width_px + kSpacing - 1) / kSpacing + 1;
+  rows_ = (camera_->height_px + kSpacing - 1) / kSpacing + 1;
+  nodes_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
+  for (int j = 0; j < rows_; ++j) {
+    for (int i = 0; i < columns_; ++i) {
+      const int column = std::min(i * kSpacing, camera_->width_px - 1);
+      const int row = std::min(j * kSpacing, camera_->height_px - 1);
+      Node& node = nodes_[static_cast<std::size_t>(j * columns_ + i)];
+      node.seen = looks.lamp_light(column, row);
+      node.traced = node.seen.shape < 0 ? 0.0 : trace(column, row);
+    }
+  }
+  for (int j = 0; j < rows_; ++j) {
+    for (int i = 0; i < columns_; ++i)
+      nodes_[static_cast<std::size_t>(j * columns_ + i)].light = smoothed(i, j);
+  }
+}
+
+/// Mean of the nodes around that are alike, the nearer the more.
+double ReflectedLamps::smoothed(int i, int j) const {
+  const Node& middle = nodes_[static_cast<std::size_t>(j * columns_ + i)];
+  double sum = 0.0;
+  double weights = 0.0;
+  for (int v = std::max(0, j - kSmooth); v <= std::min(rows_ - 1, j + kSmooth); ++v) {
+    for (int u = std::max(0, i - kSmooth); u <= std::min(columns_ - 1, i + kSmooth); ++u) {
+      const Node& node = nodes_[static_cast<std::size_t>(v * columns_ + u)];
+      if (!alike(node.seen, middle.seen)) continue;
+      const double weight = (kSmooth + 1 - std::abs(u - i)) * (kSmooth + 1 - std::abs(v - j));
+      sum += weight * node.traced;
+      weights += weight;
+    }
+  }
+  return weights > 0.0 ? sum / weights : 0.0;
+}
+
+double ReflectedLamps::at(int column, int row, const LampView& seen) {
+  if (seen.shape < 0) return 0.0;
+  const double x = static_cast<double>(column) / kSpacing;
+  const double y = static_cast<double>(row) / kSpacing;
+  // The four nodes around, then the twelve around these.
+  for (const int reach : {1, 2}) {
+    double sum = 0.0;
+    double weights = 0.0;
+    for (int j = static_cast<int>(y) + 1 - reach; j <= static_cast<int>(y) + reach; ++j) {
+      for (int i = static_cast<int>(x) + 1 - reach; i <= static_cast<int>(x) + reach; ++i) {
+        if (i < 0 || j < 0 || i >= columns_ || j >= rows_) continue;
+        const Node& node = nodes_[static_cast<std::size_t>(j * columns_ + i)];
+        if (!alike(node.seen, seen)) continue;
+        const double weight =
+            std::max(0.0, 1.0 - std::abs(x - i) / reach) * std::max(0.0, 1.0 - std::abs(y - j) / reach);
+        sum += weight * node.light;
+        weights += weight;
+      }
+    }
+    if (weights > 0.01) return sum / weights;
+  }
+  return trace(column, row);
+}
+
+}  // namespace sensor_rt
