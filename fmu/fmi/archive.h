@@ -74,6 +74,17 @@ std::enable_if_t<std::is_enum_v<T>> exchange(Archive& archive, T& value) {
   value = static_cast<T>(number);
 }
 
+/// Of an enumeration that begins at 0: what lies outside it is refused.
+template <class Archive, class T>
+void exchange_choice(Archive& archive, T& value, T last) {
+  auto number = static_cast<std::underlying_type_t<T>>(value);
+  archive.raw(number);
+  if (number < 0 || number > static_cast<std::underlying_type_t<T>>(last)) {
+    throw std::invalid_argument("the serialized state holds an impossible value");
+  }
+  value = static_cast<T>(number);
+}
+
 template <class Archive, int N>
 void exchange(Archive& archive, Eigen::Matrix<double, N, 1>& vector) {
   for (double& value : vector.reshaped()) archive.raw(value);

@@ -6,6 +6,7 @@
 namespace robotcell {
 
 using fmi::exchange_all;
+using fmi::exchange_choice;
 
 template <class A>
 void exchange(A& a, DhDeviation& v) {
@@ -88,7 +89,8 @@ void exchange(A& a, AxesState& v) {
 }
 template <class A>
 void exchange(A& a, PartPose& v) {
-  exchange_all(a, v.on_platter, v.position, v.orientation);
+  exchange_choice(a, v.carrier, Carrier::kFlange);
+  exchange_all(a, v.position, v.orientation);
 }
 template <class A>
 void exchange(A& a, StickAnchor& v) {
@@ -96,14 +98,8 @@ void exchange(A& a, StickAnchor& v) {
 }
 template <class A>
 void exchange(A& a, GripperCommand& v) {
-  auto mode = static_cast<std::int32_t>(v.mode);
-  exchange_all(a, mode, v.width, v.force);
-  if constexpr (A::kReads) {
-    if (mode < 0 || mode > static_cast<std::int32_t>(GripperMode::kForce)) {
-      throw std::invalid_argument("the serialized state holds an impossible value");
-    }
-    v.mode = static_cast<GripperMode>(mode);
-  }
+  exchange_choice(a, v.mode, GripperMode::kForce);
+  exchange_all(a, v.width, v.force);
 }
 template <class A>
 void exchange(A& a, GripperState& v) {
@@ -218,16 +214,12 @@ constexpr std::size_t kChecksumSize = sizeof(std::uint64_t);
 
 template <class Archive>
 void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& layout) {
-  auto phase = static_cast<std::int32_t>(snapshot.phase);
-  exchange_all(archive, phase, snapshot.start_time, snapshot.stop_time, snapshot.communication_time,
-               snapshot.events, snapshot.parameters, snapshot.inputs, snapshot.description_hash);
+  exchange_choice(archive, snapshot.phase, Phase::kEvent);
+  exchange_all(archive, snapshot.start_time, snapshot.stop_time, snapshot.communication_time, snapshot.events,
+               snapshot.parameters, snapshot.inputs, snapshot.description_hash);
   bool has_cell = snapshot.cell.has_value();
   exchange(archive, has_cell);
   if constexpr (Archive::kReads) {
-    if (phase < 0 || phase > static_cast<std::int32_t>(Phase::kEvent)) {
-      throw std::invalid_argument("the serialized state holds an impossible value");
-    }
-    snapshot.phase = static_cast<Phase>(phase);
     if (has_cell) snapshot.cell.emplace(layout);
   }
   if (has_cell) exchange(archive, *snapshot.cell);

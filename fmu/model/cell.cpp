@@ -20,15 +20,8 @@ Imposed start_of(const CellDescription& cell) {
 }
 
 PartPose pose_of(const PartPlace& place) {
-  return {place.on_platter, place.carrier_from_part.translation(),
+  return {place.carrier, place.carrier_from_part.translation(),
           Eigen::Quaterniond(place.carrier_from_part.linear())};
-}
-
-/// The same pose, seen from the platter instead of the world, or the other way round.
-PartPose handed_over(const PartPose& pose, const Eigen::Isometry3d& world_from_platter) {
-  const Eigen::Isometry3d old_from_part = Eigen::Translation3d(pose.position) * pose.orientation;
-  const Eigen::Isometry3d new_from_old = pose.on_platter ? world_from_platter : world_from_platter.inverse();
-  return pose_of({!pose.on_platter, new_from_old * old_from_part});
 }
 
 bool collides(const Readings& readings) { return readings.collision.pairs > 0; }
@@ -137,12 +130,25 @@ void Cell::step_dynamics(const CellInputs& inputs) {
   world_.step(from_.imposed, to_.imposed);
   read_axes(to_);
   see_world();
-  const Motion platter = true_.platter(from_.imposed.axes.position[kTableAxis], 0);
-  for (std::size_t i = 0; i < to_.parts.size(); ++i) {
-    if (from_.parts[i].on_platter == to_.parts[i].on_platter) continue;
-    from_.parts[i] = handed_over(from_.parts[i], platter.pose);
-  }
+  hand_over_parts();
   read_sensors();
+}
+
+/// Where a part was when the step began, seen from what carries it when the step ends.
+void Cell::hand_over_parts() {
+  const auto world_from = [this](Carrier carrier) -> Eigen::Isometry3d {
+    const AxesState& axes = from_.true_axes;
+    if (carrier == Carrier::kPlatter) return true_.platter(axes.position[kTableAxis], 0).pose;
+    if (carrier == Carrier::kFlange) return true_.arm(axes.position, axes.rate).back().pose;
+    return Eigen::Isometry3d::Identity();
+  };
+  for (std::size_t i = 0; i < to_.parts.size(); ++i) {
+    PartPose& from = from_.parts[i];
+    const Carrier carrier = to_.parts[i].carrier;
+    if (from.carrier == carrier) continue;
+    const Eigen::Isometry3d old_from_part = Eigen::Translation3d(from.position) * from.orientation;
+    from = pose_of({carrier, world_from(carrier).inverse() * world_from(from.carrier) * old_from_part});
+  }
 }
 
 const Readings& Cell::readings() const { return time_us_ == to_.time_us ? to_.readings : from_.readings; }

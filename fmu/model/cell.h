@@ -17,9 +17,9 @@
 
 namespace robotcell {
 
-/// Where a part is at a point of the dynamics grid, in the frame of the platter or of the world.
+/// Where a part is at a point of the dynamics grid, in the frame of what carries it.
 struct PartPose {
-  bool on_platter = false;
+  Carrier carrier = Carrier::kWorld;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
 };
@@ -58,8 +58,8 @@ struct CellState {
 
 /// Runs the dynamics on its own grid, whatever the communication steps are; between two grid points the axes
 /// follow the cubic with the rates at both ends, belts their constant acceleration, and a free part moves
-/// evenly relative to the platter that carries it, or to the world. So neither outputs nor records depend on
-/// the communication step.
+/// evenly relative to the platter or the flange that carries it, or to the world. So neither outputs nor
+/// records depend on the communication step.
 ///
 /// At an instant of the controller's cycle, the controller takes the inputs of the step that starts there.
 /// The trigger device takes its commands at the start of every step.
@@ -104,7 +104,9 @@ class Cell : private MotionView {
   void read_axes(GridPoint& point) const;
   control::BeltState belt_at(std::size_t belt, std::int64_t time_us) const;
   Motion finger_at(std::size_t finger, std::int64_t time_us, const Motion& flange) const;
-  Motion part_at(std::size_t part, std::int64_t time_us, const Motion& platter) const;
+  using Carriers = std::array<Motion, kCarriers>;
+  Motion part_at(std::size_t part, std::int64_t time_us, const Carriers& carriers) const;
+  void hand_over_parts();
   GripperOutputs gripper_outputs() const;
   void take_commands(const CellInputs& inputs);
   void step_dynamics(const CellInputs& inputs);

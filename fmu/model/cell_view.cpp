@@ -67,13 +67,13 @@ Motion Cell::finger_at(std::size_t finger, std::int64_t time_us, const Motion& f
 }
 
 /// A part moves with its carrier, and between two grid points evenly relative to it.
-Motion Cell::part_at(std::size_t part, std::int64_t time_us, const Motion& platter) const {
+Motion Cell::part_at(std::size_t part, std::int64_t time_us, const Carriers& carriers) const {
   const PartPose& from = from_.parts[part];
   const PartPose& to = to_.parts[part];
   const double s = share_of_step(time_us);
   const Eigen::Quaterniond turn = from.orientation.conjugate() * to.orientation;
   const Eigen::Vector3d travel = to.position - from.position;
-  const Motion carrier = to.on_platter ? platter : Motion();
+  const Motion& carrier = carriers[static_cast<std::size_t>(to.carrier)];
   Motion motion = attached(
       carrier, Eigen::Translation3d(from.position + s * travel) * from.orientation.slerp(s, to.orientation));
   const double duration = step_duration();
@@ -96,7 +96,7 @@ void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
       shaking_.platter(true_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]), time_us);
   bodies.table = body_state(platter);
   for (std::size_t i = 0; i < bodies.parts.size(); ++i) {
-    bodies.parts[i] = body_state(part_at(i, time_us, platter));
+    bodies.parts[i] = body_state(part_at(i, time_us, {Motion(), platter, links.back()}));
   }
   for (std::size_t i = 0; i < bodies.fingers.size(); ++i) {
     bodies.fingers[i] = body_state(finger_at(i, time_us, links.back()));

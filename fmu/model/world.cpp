@@ -129,7 +129,8 @@ void World::add_parts(const CellDescription& cell) {
     Part added;
     added.free = part.free;
     added.soft = part.soft.has_value();
-    added.clamped = {part.stands_on.kind == StandsOn::Kind::kTable, part.support_from_part};
+    const bool on_table = part.stands_on.kind == StandsOn::Kind::kTable;
+    added.clamped = {on_table ? Carrier::kPlatter : Carrier::kWorld, part.support_from_part};
     if (part.free) {
       added.skeleton = make_free_part("part " + std::to_string(engine.parts.size() + 1), part, time_step_);
       added.friction = part.friction;
@@ -218,8 +219,14 @@ void World::step(const Imposed& from, const Imposed& to) {
 PartPlace World::place(std::size_t index) const {
   const Part& part = engine_->parts[index];
   if (!part.free) return part.clamped;
-  if (!engine_->carried_by_platter(part.carrier)) return {false, part.pose()};
-  return {true, engine_->platter()->getWorldTransform().inverse() * part.pose()};
+  switch (const Carrier carrier = engine_->carrier_of(part.carrier)) {
+    case Carrier::kPlatter:
+      return {carrier, engine_->platter()->getWorldTransform().inverse() * part.pose()};
+    case Carrier::kFlange:
+      return {carrier, link_pose(kJoints - 1).inverse() * part.pose()};
+    default:
+      return {carrier, part.pose()};
+  }
 }
 
 ArmDynamicsState World::arm() const {

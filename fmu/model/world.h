@@ -22,9 +22,13 @@ struct Imposed {
   std::vector<control::BeltState> belts;
 };
 
-/// Where a part is, in the frame of what carries it: the platter's or the world's.
+/// What a part moves with, whether it lies on that or on other parts that do.
+enum class Carrier : std::int32_t { kWorld, kPlatter, kFlange };
+constexpr std::size_t kCarriers = 3;
+
+/// Where a part is, in the frame of what carries it.
 struct PartPlace {
-  bool on_platter = false;
+  Carrier carrier = Carrier::kWorld;
   Eigen::Isometry3d carrier_from_part = Eigen::Isometry3d::Identity();
 };
 

@@ -71,15 +71,18 @@ Part* World::Engine::free_part(std::int32_t support) {
   return const_cast<Part*>(std::as_const(*this).free_part(support));
 }
 
-bool World::Engine::carried_by_platter(std::int32_t support) const {
+Carrier World::Engine::carrier_of(std::int32_t support) const {
   // Parts that lean on each other may carry each other in a circle.
-  for (std::size_t hops = 0; hops <= parts.size(); ++hops) {
-    if (support == kNothing) return false;
-    const Part* part = free_part(support);
-    if (part == nullptr) return body_of(support) == platter();
-    support = part->carrier;
+  for (std::size_t hops = 0; hops <= parts.size() && support != kNothing; ++hops) {
+    if (const Part* part = free_part(support)) {
+      support = part->carrier;
+      continue;
+    }
+    const BodyNode* body = body_of(support);
+    if (body == platter()) return Carrier::kPlatter;
+    return body->getSkeleton() == arm ? Carrier::kFlange : Carrier::kWorld;
   }
-  return false;
+  return Carrier::kWorld;
 }
 
 void World::Engine::set_most_contacts(const ContactPair& pair) {

@@ -94,7 +94,7 @@ struct World::Engine {
   /// Body and pose of what carries; the ground for kNothing. A belt's frame travels with its surface.
   dart::dynamics::BodyNode* body_of(std::int32_t support) const;
   Eigen::Isometry3d pose_of(std::int32_t support) const;
-  bool carried_by_platter(std::int32_t support) const;
+  Carrier carrier_of(std::int32_t support) const;
 
   /// The free part that a support is; null where it is none.
   Part* free_part(std::int32_t support);

@@ -30,6 +30,7 @@ from grasp_fixture import (
 )
 from test_fmu_dynamic_arm import dynamic_cell
 
+SINE = {"x": 1e-4, "y": -2e-4, "z": 3e-4, "frequency": 23.0, "phase": 0.7}
 LIFTED = joints_at(np.array([*PLACE, TABLE[2] + 0.12]))
 
 
@@ -38,6 +39,13 @@ def with_drives(drives: str) -> dict[str, Any]:
     if drives == "dynamic":
         description["robot"]["dynamics"] = dynamic_cell()["robot"]["dynamics"]
     return description
+
+
+def velocity_on_flange(cell: CellFmu, body: str) -> np.ndarray:
+    """Velocity (3,) of a point of the flange where a body is."""
+    arm = cell.body(body)[:3, 3] - cell.body("link[6]")[:3, 3]
+    turn = cell.vector("truth.link[6].angular_velocity", 3)
+    return np.asarray(cell.vector("truth.link[6].velocity", 3) + np.cross(turn, arm))
 
 
 def turned(joint: int, angle: float) -> np.ndarray:
@@ -116,6 +124,27 @@ def test_nothing_loosens_the_grip_while_the_part_is_swung_about(build: Build, dr
     change = np.linalg.inv(before) @ part_in_gripper(cell)
     assert np.abs(change[:3, 3]).max() < 1e-6
     assert np.abs(change[:3, :3] - np.eye(3)).max() < 1e-5
+
+
+@pytest.mark.parametrize("place", ["base", "flange"])
+def test_a_part_in_the_gripper_shakes_with_it(build: Build, place: str) -> None:
+    """Also between the points of the dynamics grid, while the arm moves."""
+    cell = build(3, grasp_cell(), parameters={f"as_built.vibration.{place}.{k}": v for k, v in SINE.items()})
+    grip(cell, 30.0)
+    move(cell, OVER_BOX, LIFTED, 0.8)
+    before = part_in_gripper(cell)
+    places = []
+    for share in smooth(np.arange(1, 51) / 50):
+        cell.command(LIFTED + share * (turned(0, 0.3) - LIFTED))
+        cell.step(CYCLE_US // 2 + 330)
+        places.append(part_in_gripper(cell) - before)
+        np.testing.assert_allclose(
+            cell.vector("truth.part[1].velocity", 3), velocity_on_flange(cell, "part[1]"), atol=1e-4
+        )
+        cell.step(CYCLE_US // 2 - 330)
+    along, *across = np.array(places)[:, :3, 3].T
+    assert np.abs(across).max() < 1e-12
+    assert np.abs(along).max() < 1e-5  # the spring between the fingers yields to the arm's acceleration
 
 
 @pytest.mark.parametrize("height", [0.0, 2e-4])
