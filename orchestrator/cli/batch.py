@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,9 +16,16 @@ from orchestrator.cli.common import (
     SensorOption,
     SetOption,
     run,
-    show_progress,
 )
-from orchestrator.cli.where import SchedulerOption, ShardOption, WorkersOption, tell_dashboard, where_of
+from orchestrator.cli.where import (
+    SchedulerOption,
+    ShardOption,
+    WorkersOption,
+    run_many,
+    run_timings,
+    shard_outcome,
+    where_of,
+)
 from orchestrator.config.scan import Engine
 
 if TYPE_CHECKING:
@@ -81,17 +87,11 @@ def _made(opened: Batch, out: Path, where: Where, as_json: bool, warnings: list[
     from orchestrator.errors import EngineError  # noqa: PLC0415
     from orchestrator.studies.batch import INDEX, gather, run_batch  # noqa: PLC0415
 
-    try:
-        with show_progress(as_json) as progress:
-            made = run_batch(opened, out, where, progress, tell_dashboard)
-    except KeyboardInterrupt:
-        print(f"finished scans are kept in {out}; the same command goes on", file=sys.stderr)
-        raise
-    timings = {"run": made.seconds, "start": made.start_seconds, "busy": made.busy_seconds}
-    if where.shard is not None and where.shard[1] > 1:
-        text = f"shard {where.shard[0]}/{where.shard[1]}: {len(made.done)} scans done, {len(made.present)} were there"
-        lines = [text, "the same command without --shard writes the index"]
-        return Outcome(lines, {"done": len(made.done)}, [], warnings, timings)
+    kept = f"finished scans are kept in {out}; the same command goes on"
+    made = run_many(lambda progress, tell: run_batch(opened, out, where, progress, tell), as_json, kept)
+    partly = shard_outcome(made, where, "scans", "the same command without --shard writes the index", warnings)
+    if partly is not None:
+        return partly
     gathered = gather(opened, out, made.failed)
     failed = gathered.failed
     told = [f"{row['scan']}: {row['message']}" for row in failed[:_TOLD]]
@@ -106,4 +106,4 @@ def _made(opened: Batch, out: Path, where: Where, as_json: bool, warnings: list[
     }
     lines = [f"{figures['scans'] - figures['failed']} scans of {figures['parts']} parts in {out}"]
     worse = [f"{len(failed)} scans failed: {told[0]}", *told[1:]] if failed else []
-    return Outcome(lines, figures, [str(out / INDEX)], [*warnings, *worse], timings)
+    return Outcome(lines, figures, [str(out / INDEX)], [*warnings, *worse], run_timings(made))

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import json
-import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from orchestrator.cli.common import JsonOption, Outcome, run, show_progress
-from orchestrator.cli.where import SchedulerOption, ShardOption, WorkersOption, tell_dashboard, where_of
+from orchestrator.cli.common import JsonOption, Outcome, run
+from orchestrator.cli.options import with_options
+from orchestrator.cli.where import (
+    SchedulerOption,
+    ShardOption,
+    WorkersOption,
+    run_many,
+    run_timings,
+    shard_outcome,
+    where_of,
+)
 
 if TYPE_CHECKING:
     from orchestrator.studies.study import Study
@@ -25,55 +34,50 @@ SetOption = Annotated[
 OutOption = Annotated[Path | None, typer.Option("--out", help="folder for the results; default: out/NAME")]
 
 
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of commands that make trials."""
+
+    set_: SetOption = None
+    out: OutOption = None
+    workers: WorkersOption = 0
+    scheduler: SchedulerOption = None
+    shard: ShardOption = None
+    as_json: JsonOption = False
+
+    def opened(self, path: Path) -> tuple[Study, Path, Where]:
+        """The study, its folder, and who does the work."""
+        return _opened(path, self.set_), _folder(path, self.out), where_of(self.workers, self.scheduler, self.shard)
+
+
 @study_app.command("run")
+@with_options(RunOptions)
 def study_run(
     study: StudyArgument,
-    set_: SetOption = None,
-    out: OutOption = None,
-    workers: WorkersOption = 0,
-    scheduler: SchedulerOption = None,
-    shard: ShardOption = None,
+    options: RunOptions,
     trial: Annotated[int | None, typer.Option("--trial", min=1, help="make this one alone and print its row")] = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Make all trials of a study, then its report."""
 
     def work() -> Outcome:
-        from orchestrator.studies.study import begin, check_same, check_study, replay  # noqa: PLC0415
+        from orchestrator.studies.study import begin, check_study, replay  # noqa: PLC0415
 
-        opened, folder, where = _opened(study, set_), _folder(study, out), where_of(workers, scheduler, shard)
+        opened, folder, where = options.opened(study)
         check_study(opened)
         if trial is not None:
             row, watch = replay(opened, trial)
             return Outcome([json.dumps(row, indent=1)], row, timings=watch.seconds)
-        if where.shard is None or not (folder / "description.json").exists():
-            begin(opened, folder)  # of several shards the first one that comes
-        warnings = check_same(opened, folder).warnings
-        return _made(opened, folder, where, as_json, warnings)
+        begin(opened, folder, join=where.shard is not None)
+        return _made(opened, folder, where, options.as_json)
 
-    run("study run", as_json, work)
+    run("study run", options.as_json, work)
 
 
 @study_app.command("resume")
-def study_resume(
-    study: StudyArgument,
-    set_: SetOption = None,
-    out: OutOption = None,
-    workers: WorkersOption = 0,
-    scheduler: SchedulerOption = None,
-    shard: ShardOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_options(RunOptions)
+def study_resume(study: StudyArgument, options: RunOptions) -> None:
     """Go on with a study that was interrupted or killed; what is finished is not made again."""
-
-    def work() -> Outcome:
-        from orchestrator.studies.study import check_same  # noqa: PLC0415
-
-        opened, folder = _opened(study, set_), _folder(study, out)
-        warnings = check_same(opened, folder).warnings
-        return _made(opened, folder, where_of(workers, scheduler, shard), as_json, warnings)
-
-    run("study resume", as_json, work)
+    run("study resume", options.as_json, lambda: _made(*options.opened(study), options.as_json))
 
 
 @study_app.command("report")
@@ -131,22 +135,15 @@ def _folder(path: Path, out: Path | None) -> Path:
     return out if out is not None else Path("out") / path.stem
 
 
-def _made(study: Study, folder: Path, where: Where, as_json: bool, warnings: list[str]) -> Outcome:
+def _made(study: Study, folder: Path, where: Where, as_json: bool) -> Outcome:
     from orchestrator.studies.report import write_report  # noqa: PLC0415
-    from orchestrator.studies.study import run_study  # noqa: PLC0415
+    from orchestrator.studies.study import check_same, run_study  # noqa: PLC0415
 
-    try:
-        with show_progress(as_json) as progress:
-            made = run_study(study, folder, where, progress, tell_dashboard)
-    except KeyboardInterrupt:
-        print(f"finished trials are kept in {folder}; `scancell study resume` goes on", file=sys.stderr)
-        raise
-    timings = {"run": made.seconds, "start": made.start_seconds, "busy": made.busy_seconds}
-    if where.shard is not None and where.shard[1] > 1:
-        text = f"shard {where.shard[0]}/{where.shard[1]}: {len(made.done)} tasks done, {len(made.present)} were there"
-        lines = [text, "`scancell study report` gathers all shards"]
-        return Outcome(lines, {"done": len(made.done)}, [], warnings, timings)
-    return _reported(write_report(study, folder, made.failed), timings, warnings)
+    warnings = check_same(study, folder).warnings
+    kept = f"finished trials are kept in {folder}; `scancell study resume` goes on"
+    made = run_many(lambda progress, tell: run_study(study, folder, where, progress, tell), as_json, kept)
+    partly = shard_outcome(made, where, "tasks", "`scancell study report` gathers all shards", warnings)
+    return partly or _reported(write_report(study, folder, made.failed), run_timings(made), warnings)
 
 
 def _reported(report: Any, timings: dict[str, float], warnings: list[str]) -> Outcome:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -115,34 +115,43 @@ def _extract(
 
 def _write_profiles(path: Path, batches: Sequence[_Batch], sets: ImageSet) -> None:
     """Columns in millimetres, pixels and digital numbers; x is 0 on the laser sheet."""
-    header = "exposure name camera column_px row_px y_mm z_mm sigma_mm intensity_dn flags"
-    with path.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(header.split())
-        for batch in batches:
-            p = batch.profiles
-            points = np.asarray(p.points_in_sensor)[:, 1:] * _MM
-            rows = zip(p.frame, p.camera, p.column, p.row, points, p.sigma * _MM, p.intensity, p.flags, strict=True)
-            for frame, camera, column, row, (y, z), sigma, intensity, flags in rows:
-                exposure = batch.first + int(frame)
-                numbers = [f"{value:.6f}" for value in (row, y, z, sigma, intensity)]
-                writer.writerow([exposure, sets.names[exposure], camera, column, *numbers, _flag_names(flags)])
+
+    def found(batch: _Batch) -> tuple[Any, NDArray[Any]]:
+        p = batch.profiles
+        points = np.asarray(p.points_in_sensor)[:, 1:] * _MM
+        return p, np.column_stack([p.row, points, p.sigma * _MM, p.intensity])
+
+    _write_table(path, "row_px y_mm z_mm sigma_mm intensity_dn", found, batches, sets)
 
 
 def _write_peaks(path: Path, batches: Sequence[_Batch], sets: ImageSet) -> None:
     """Every peak that was found, with what was made of it."""
     shape = ("row", "amplitude", "width", "row_sigma", "asymmetry", "residual")
-    header = "exposure name camera column_px row_px amplitude_dn width_px row_sigma_px asymmetry residual flags"
+
+    def found(batch: _Batch) -> tuple[Any, NDArray[Any]]:
+        return batch.peaks, np.stack([np.asarray(getattr(batch.peaks, name), float) for name in shape], axis=1)
+
+    _write_table(path, "row_px amplitude_dn width_px row_sigma_px asymmetry residual", found, batches, sets)
+
+
+def _write_table(
+    path: Path,
+    header: str,
+    found: Callable[[_Batch], tuple[Any, NDArray[Any]]],
+    batches: Sequence[_Batch],
+    sets: ImageSet,
+) -> None:
+    """A row for each thing found in a batch, by exposure, camera and column: its numbers (n, k), its flags."""
     with path.open("w", newline="") as stream:
         writer = csv.writer(stream)
-        writer.writerow(header.split())
+        writer.writerow(["exposure", "name", "camera", "column_px", *header.split(), "flags"])
         for batch in batches:
-            p = batch.peaks
-            figures = np.stack([np.asarray(getattr(p, name), float) for name in shape], axis=1)
-            for frame, camera, column, values, flags in zip(p.frame, p.camera, p.column, figures, p.flags, strict=True):
+            things, numbers = found(batch)
+            rows = zip(things.frame, things.camera, things.column, numbers, things.flags, strict=True)
+            for frame, camera, column, values, flags in rows:
                 exposure = batch.first + int(frame)
-                numbers = [f"{value:.6f}" for value in values]
-                writer.writerow([exposure, sets.names[exposure], camera, column, *numbers, _flag_names(flags)])
+                words = [f"{value:.6f}" for value in values]
+                writer.writerow([exposure, sets.names[exposure], camera, column, *words, _flag_names(flags)])
 
 
 def _flag_names(flags: int) -> str:

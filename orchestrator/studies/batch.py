@@ -11,13 +11,14 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from orchestrator.config.batch import BatchDescription
-from orchestrator.config.loading import Setup, load_setup
+from orchestrator.config.loading import Setup
 from orchestrator.errors import DescriptionError
 from orchestrator.evaluation.manifest import sha256
 from orchestrator.geometry.mesh import FORMATS, box_mesh
@@ -25,7 +26,7 @@ from orchestrator.progress import Progress
 from orchestrator.studies.batch_worker import ROW, open_batch_worker
 from orchestrator.studies.designs import trial_seed
 from orchestrator.studies.engine import RunOutcome, run_tasks
-from orchestrator.studies.factors import Factors
+from orchestrator.studies.factors import Factors, nominal_setup
 from orchestrator.studies.results import INDEX_KEYS, index_table, write_table
 from orchestrator.studies.run_record import (
     DESCRIPTION,
@@ -120,13 +121,7 @@ def open_batch(description: BatchDescription, file: Path | None, given: Sequence
         Naming file, key, value and what was expected.
     """
     source = "batch" if file is None else str(file)
-    folder = Path() if file is None else file.parent
-    names = {kind: getattr(description, kind) for kind in ("cell", "sensor", "scan")}
-    found = {kind: folder / name if name is not None else None for kind, name in names.items()}
-    try:
-        setup = load_setup(**found, overrides=description.set, ideal=description.ideal)
-    except DescriptionError as error:
-        raise DescriptionError(f"{source}: {error}") from None
+    setup = nominal_setup(description, Path() if file is None else file.parent, source)
     taken = [label for label in description.labels if label in INDEX_KEYS]
     if taken:
         raise DescriptionError(f"{source}: factor {taken[0]}: the index has a column of this name; give it another")
@@ -194,11 +189,9 @@ def check_batch(batch: Batch) -> None:
     """
     if not (batch.description.labels or batch.description.as_built):
         return
-    worker = ScanWorker(batch.description, batch.setup, box_mesh((0.05, 0.05, 0.05)), batch.source)
-    try:
+    some_part = box_mesh((0.05, 0.05, 0.05))
+    with closing(ScanWorker(batch.description, batch.setup, some_part, batch.source)) as worker:
         batch.factors.check(worker.units())
-    finally:
-        worker.close()
 
 
 def claim(batch: Batch, out: Path) -> Comparison:

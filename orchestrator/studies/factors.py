@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from orchestrator.cell.as_built import parse_as_built
 from orchestrator.config.cell import CellDescription
 from orchestrator.config.description import validate
-from orchestrator.config.loading import Setup, as_built_sensor, parse_assignment, split_path
+from orchestrator.config.loading import Setup, as_built_sensor, load_setup, parse_assignment, split_path
 from orchestrator.config.scan import ScanDescription
 from orchestrator.config.sensor import SensorDescription
 from orchestrator.config.variation import DiscreteDescription, FactorDescription, Mode, VaryingScansDescription
@@ -40,6 +41,22 @@ class Inputs:
 
     setup: Setup
     as_built: tuple[str, ...]
+
+
+def nominal_setup(described: VaryingScansDescription, folder: Path, source: str) -> Setup:
+    """The nominal descriptions that one of many scans names, by paths relative to `folder`.
+
+    Raises
+    ------
+    DescriptionError
+        Naming `source`, file, key, value and what was expected.
+    """
+    names = {kind: getattr(described, kind) for kind in _SECTIONS}
+    found = {kind: folder / name if name is not None else None for kind, name in names.items()}
+    try:
+        return load_setup(**found, overrides=described.set, ideal=described.ideal)
+    except DescriptionError as error:
+        raise DescriptionError(f"{source}: {error}") from None
 
 
 class Factors:

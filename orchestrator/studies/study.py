@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from orchestrator.config.loading import Setup, load_setup
+from orchestrator.config.loading import Setup
 from orchestrator.config.study import StudyDescription, load_study
 from orchestrator.errors import DescriptionError, OutputError
 from orchestrator.evaluation.manifest import sha256
@@ -24,7 +25,7 @@ from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.progress import Progress
 from orchestrator.studies.designs import trial_seed
 from orchestrator.studies.engine import RunOutcome, chunks, run_tasks
-from orchestrator.studies.factors import Factors
+from orchestrator.studies.factors import Factors, nominal_setup
 from orchestrator.studies.run_record import (
     DESCRIPTION,
     Comparison,
@@ -108,12 +109,7 @@ def open_study(path: Path, overrides: Sequence[str] = ()) -> Study:
         Naming file, key, value and what was expected.
     """
     description = load_study(path, overrides)
-    files = {kind: getattr(description, kind) for kind in ("cell", "sensor", "scan")}
-    found = {kind: path.parent / name if name is not None else None for kind, name in files.items()}
-    try:
-        setup = load_setup(**found, overrides=description.set, ideal=description.ideal)
-    except DescriptionError as error:
-        raise DescriptionError(f"{path}: {error}") from None
+    setup = nominal_setup(description, path.parent, str(path))
     study = Study(path, description, setup, (path.parent / description.part).resolve())
     if not study.part.is_file():
         raise DescriptionError(f"{path}: part = {description.part!r}: no such file ({study.part})")
@@ -128,15 +124,12 @@ def check_study(study: Study) -> None:
     ScancellError
         Naming file, factor, value and what was expected.
     """
-    worker = TrialWorker(study.description, study.setup, study.part)
-    try:
+    with closing(TrialWorker(study.description, study.setup, study.part)) as worker:
         study.factors.check(worker.units())
-    finally:
-        worker.close()
 
 
-def begin(study: Study, out: Path) -> None:
-    """Claim an empty folder for a study.
+def begin(study: Study, out: Path, join: bool = False) -> None:
+    """Claim an empty folder for a study; with `join` another process may have done so already.
 
     Raises
     ------
@@ -144,6 +137,8 @@ def begin(study: Study, out: Path) -> None:
         If the folder holds a study already, or cannot be written.
     """
     if (out / DESCRIPTION).exists():
+        if join:
+            return
         raise OutputError(f"{out}: holds a study already; `study resume` goes on with it, --out names another folder")
     write_record(study.spec, out)
 
@@ -183,11 +178,9 @@ def replay(study: Study, number: int) -> tuple[dict[str, Any], Stopwatch]:
     """
     if not 1 <= number <= len(study.trials):
         raise DescriptionError(f"--trial {number}: {study.source} has trials 1 to {len(study.trials)}")
-    worker, watch = TrialWorker(study.description, study.setup, study.part), Stopwatch()
-    try:
+    watch = Stopwatch()
+    with closing(TrialWorker(study.description, study.setup, study.part)) as worker:
         return worker.row(study.trials[number - 1], watch), watch
-    finally:
-        worker.close()
 
 
 @dataclass(frozen=True)

@@ -139,6 +139,7 @@ def test_a_folder_is_claimed_once_and_for_one_study(tmp_path) -> None:
     check_same(study, out)
     with pytest.raises(OutputError, match="resume"):
         begin(study, out)
+    begin(study, out, join=True)  # as the shards of a job array do, none of which knows who comes first
     other = open_study(study.source, ["seed=9"])
     with pytest.raises(DescriptionError, match=r"study\.seed was 0, is 9"):
         check_same(other, out)
