@@ -70,35 +70,8 @@ void face(const double* __restrict eye, const Lanes3& __restrict point, const La
   }
 }
 
-/// Window around the directions of the points that are seen.
-SENSOR_RT_MULTIVERSION
-void bound(const Lanes3& __restrict direction, const double* __restrict seen, float side,
-           Window& __restrict window) {
-  constexpr float kInfinity = Window::kInfinity;
-  alignas(64) float least[5][kLanes];  // of y, z, -y, -z, -depth
-  for (int l = 0; l < kLanes; ++l) {
-    const float depth = -side * static_cast<float>(direction.x[l]);
-    const float scale = 1.0f / depth;
-    const float y = static_cast<float>(direction.y[l]) * scale;
-    const float z = static_cast<float>(direction.z[l]) * scale;
-    // Of a point that does not lie before the eye nothing is known, of one that is not seen nothing is asked.
-    const float instead = seen[l] > 0.0 ? -kInfinity : kInfinity;
-    const bool in_picture = (seen[l] > 0.0) & (depth > 0.0f);
-    least[0][l] = in_picture ? y : instead;
-    least[1][l] = in_picture ? z : instead;
-    least[2][l] = in_picture ? -y : instead;
-    least[3][l] = in_picture ? -z : instead;
-    least[4][l] = in_picture ? -depth : instead;
-  }
-  for (int half = kLanes / 2; half > 0; half /= 2) {
-    for (int b = 0; b < 5; ++b) {
-      for (int l = 0; l < half; ++l) {
-        least[b][l] = least[b][l] < least[b][l + half] ? least[b][l] : least[b][l + half];
-      }
-    }
-  }
-  window = {{least[0][0], least[1][0]}, {-least[2][0], -least[3][0]}, -least[4][0]};
-}
+/// The eyes look along the reference frame's X, one way or the other.
+ViewAxes looks_along(const Camera& camera) { return camera.side > 0 ? ViewAxes::kBackX : ViewAxes::kX; }
 
 }  // namespace
 
@@ -153,7 +126,7 @@ void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t
     const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
     camera_view_.set(scene, track_, {eye}, kOneInstant, camera_regions_[k]);
     look(k);
-    sight_lines_.set(scene, track_, camera_view_.shapes(), {source, eye, camera.side}, bundles_);
+    sight_lines_.set(scene, track_, camera_view_.shapes(), {source, eye, looks_along(camera), 0}, bundles_);
     count += see(k, count, points);
   }
   points.resize(count);
@@ -195,7 +168,7 @@ void FanCaster::look(std::size_t number) {
     projectors_[number].project(landing.point, view.column, view.row);
     face(eye.data(), landing.point, landing.normal, landing.used, view.column, view.row, camera.width_px,
          camera.height_px, view.direction, seen);
-    bound(view.direction, seen, static_cast<float>(camera.side), view.window);
+    view.window = window_of(view.direction, looks_along(camera), seen);
     bundle.include(view.window);
     if ((p + 1) % packets_per_bundle == 0 || p + 1 == landings_.size()) {
       bundles_.add(bundle);
@@ -215,10 +188,7 @@ std::size_t FanCaster::see(std::size_t number, std::size_t first, FanPoints& poi
     const Landing& landing = landings_[p];
     View& view = views_[p];
     if (view.window.empty()) continue;
-    for (std::size_t k = 0; k < camera_view_.shapes().size(); ++k) {
-      if (sight_lines_.may_hide(k, view.window))
-        camera_view_.occlude_by(k, 0, view.direction, kBeforeSurface, view.open);
-    }
+    sight_lines_.occlude(camera_view_, 0, view.direction, view.window, kBeforeSurface, view.open);
     for (int i = 0; i < kLanes; ++i) {
       const int l = camera.side > 0 ? kLanes - 1 - i : i;
       if (view.open[l] == 0) continue;

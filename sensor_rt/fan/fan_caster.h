@@ -5,12 +5,12 @@
 #include <cstdint>
 #include <vector>
 
-#include "sensor_rt/fan/sight_lines.h"
 #include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/optics/camera.h"
 #include "sensor_rt/optics/laser_sheet.h"
 #include "sensor_rt/optics/projector.h"
 #include "sensor_rt/scene/ray_view.h"
+#include "sensor_rt/scene/sight_lines.h"
 
 namespace sensor_rt {
 

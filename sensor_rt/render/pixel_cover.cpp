@@ -1,6 +1,7 @@
 #include "sensor_rt/render/pixel_cover.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <utility>
 
@@ -10,10 +11,19 @@ namespace {
 constexpr double kFarthestMotion = 1.0;  // px
 /// Cosine of incidence below which every facet may shadow the next, and light is left to rays of its own.
 constexpr double kGrazing = 0.1;
+// What one plane may stand for:
+constexpr double kFlat = 0.02;        ///< px between the middle of a pixel and the planes of its corners
+constexpr double kParallel = 0.9995;  ///< cosine between normals, 1.8 degrees
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 bool share_a_vertex(const std::uint32_t* a, const std::uint32_t* b) {
-  return std::any_of(a, a + 3, [&](std::uint32_t vertex) { return std::find(b, b + 3, vertex) != b + 3; });
+  bool any = false;
+  for (int i = 0; i < 3; ++i) any |= (a[i] == b[0]) | (a[i] == b[1]) | (a[i] == b[2]);
+  return any;
+}
+
+bool are_linked(const Shape& shape, std::uint32_t a, std::uint32_t b) {
+  return a == b || share_a_vertex(shape.faces + 3 * std::size_t{a}, shape.faces + 3 * std::size_t{b});
 }
 
 /// Adds a face to a patch. False when it does not touch all that are there already.
@@ -22,9 +32,7 @@ bool extend(const Shape& shape, std::uint32_t face, Patch& patch) {
   if (std::find(static_cast<const std::uint32_t*>(patch.face), end, face) != end) return true;
   if (patch.count == Patch::kMost) return false;
   for (int k = 0; k < patch.count; ++k) {
-    if (!share_a_vertex(shape.faces + 3 * std::size_t{face}, shape.faces + 3 * std::size_t{patch.face[k]})) {
-      return false;
-    }
+    if (!are_linked(shape, face, patch.face[k])) return false;
   }
   patch.face[patch.count++] = face;
   return true;
@@ -50,7 +58,19 @@ double largest_motion_px(const SensorModel& model, const PoseTrack& track,
   return farthest_px;
 }
 
-PixelCover::PixelCover(const RenderPlan& plan) : plan_(plan), rays_(plan) {}
+PixelCover::PixelCover(const RenderPlan& plan) : plan_(plan), rays_(plan) {
+  const SensorModel& model = plan.settings.model;
+  constexpr int kAround = 4;  // px: corners of pixels lie a little out of the light
+  const double room = kAround * plan.pixel_size / (model.near - model.laser.source_z);
+  const auto across = static_cast<float>(std::tan(model.laser.fan_half_angle) + room);
+  const auto along = static_cast<float>(plan.slope / std::cos(model.laser.fan_half_angle) + room);
+  constexpr float kFarthest = 10.0f;  // m
+  const float step = 2.0f * across / Windows::kMost;
+  for (int k = 0; k < Windows::kMost; ++k) {
+    const float left = static_cast<float>(k) * step - across;
+    sheet_.add({{left, -along, 0.0f}, {left + step, along, kFarthest}});
+  }
+}
 
 void PixelCover::set(const Scene& scene, const PoseTrack& track) {
   scene_ = &scene;
@@ -65,6 +85,7 @@ bool PixelCover::select_camera(std::size_t number) {
   view_.set(*scene_, *track_, {camera.sensor_from_camera.translation}, lane_instants_,
             plan_.camera_regions[number]);
   laser_.set(*scene_, *track_, {plan_.source(0, 0)}, lane_instants_, plan_.laser_region);
+  set_light_lines(camera.sensor_from_camera.translation);
   const std::size_t corners = (static_cast<std::size_t>(camera.height_px) + 1) * instants();
   left_.assign(corners, {});
   right_.assign(corners, {});
@@ -72,6 +93,17 @@ bool PixelCover::select_camera(std::size_t number) {
   // A blurred pixel collects light from beyond its corners.
   const bool sharp = rays_.share_eye() && camera.psf_sigma_px == 0.0;
   return sharp && largest_motion_px(plan_.settings.model, *track_, view_.shapes()) <= kFarthestMotion;
+}
+
+/// What may throw a shadow on what the eye sees. What it meets first is to the light what lit points are to
+/// an eye.
+void PixelCover::set_light_lines(const Eigen::Vector3d& eye) {
+  light_lines_.resize(instants());
+  for (std::size_t instant = 0; instant < instants(); ++instant) {
+    const std::size_t at = lane_instants_[instant * kLanes];
+    light_lines_[instant].set(*scene_, *track_, laser_.shapes(), {eye, plan_.source(0, 0), ViewAxes::kZ, at},
+                              sheet_);
+  }
 }
 
 Patch PixelCover::patch(int column, int row, const PixelMask& mask) {
@@ -84,20 +116,72 @@ Patch PixelCover::patch(int column, int row, const PixelMask& mask) {
     look_along(column + 1, mask, right_);
     column_ = column;
   }
-  const std::size_t above = static_cast<std::size_t>(row) * instants();
-  const Corner& first = left_[above];
+  const Corner& first = *around(row, 0)[0];
   if (first.id.shape < 0) return {};
   const Shape& shape = scene_->shapes()[static_cast<std::size_t>(first.id.shape)];
   Patch patch{first.id.shape, 1, {first.id.face}, plan_.lane_sources.size() == 1};
-  for (const Corners* side : {&left_, &right_}) {
-    for (std::size_t k = above; k < above + 2 * instants(); ++k) {
-      const Corner& corner = (*side)[k];
-      if (corner.id.shape != first.id.shape || corner.from_front != first.from_front) return {};
-      if (!(corner.id == first.id) && !extend(shape, corner.id.face, patch)) return {};
-      patch.in_light = patch.in_light && corner.in_light;
+  bool few = true;
+  for (std::size_t instant = 0; instant < instants(); ++instant) {
+    for (const Corner* corner : around(row, instant)) {
+      if (corner->id.shape != first.id.shape || corner->from_front != first.from_front) return {};
+      few = few && extend(shape, corner->id.face, patch);
+      patch.in_light = patch.in_light && corner->in_light;
     }
   }
-  return patch;
+  return few || flatten(shape, row, patch) ? patch : Patch{};
+}
+
+std::array<const PixelCover::Corner*, 4> PixelCover::around(int row, std::size_t instant) const {
+  const std::size_t above = static_cast<std::size_t>(row) * instants() + instant;
+  const std::size_t below = above + instants();
+  return {&left_[above], &left_[below], &right_[below], &right_[above]};
+}
+
+/// True when each of the corners' faces touches the next, around the pixel and from instant to instant.
+bool PixelCover::is_ring(const Shape& shape, int row) const {
+  const auto start = around(row, 0);
+  for (std::size_t instant = 0; instant < instants(); ++instant) {
+    const auto ring = around(row, instant);
+    for (std::size_t k = 0; k < ring.size(); ++k) {
+      const std::uint32_t face = ring[k]->id.face;
+      if (!are_linked(shape, face, ring[(k + 1) % ring.size()]->id.face)) return false;
+      if (!are_linked(shape, face, start[k]->id.face)) return false;
+    }
+  }
+  return true;
+}
+
+/// Lays one plane through the faces of the corners. False when they are not as good as one.
+bool PixelCover::flatten(const Shape& shape, int row, Patch& patch) const {
+  const auto number = static_cast<std::size_t>(patch.shape);
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+  for (std::size_t instant = 0; instant < instants(); ++instant) {
+    const std::size_t at = lane_instants_[instant * kLanes];
+    const Rigid3& shape_from_reference = track_->shape_from_reference(number, at);
+    for (const Corner* corner : around(row, instant)) {
+      middle += shape_from_reference * corner->point;
+      normal += Eigen::Map<const Eigen::Vector3d>(shape.planes[corner->id.face].normal);
+    }
+  }
+  const double corners = 4.0 * static_cast<double>(instants());
+  middle /= corners;
+  normal.normalize();
+  double bulge = 0.0;  // mean height of the planes over the middle of the corners
+  for (std::size_t instant = 0; instant < instants(); ++instant) {
+    for (const Corner* corner : around(row, instant)) {
+      const FacePlane& plane = shape.planes[corner->id.face];
+      const Eigen::Map<const Eigen::Vector3d> its(plane.normal);
+      const double height = plane.offset - its.dot(middle);
+      if (!(its.dot(normal) > kParallel && std::abs(height) < kFlat * plan_.pixel_size)) return false;
+      bulge += height / corners;
+    }
+  }
+  if (!is_ring(shape, row)) return false;
+  // A paraboloid over a square is on average a third of that above the middle of its corners.
+  patch.plane = {{normal.x(), normal.y(), normal.z()}, normal.dot(middle) + bulge / 3.0};
+  patch.count = 0;
+  return true;
 }
 
 void PixelCover::look_along(int edge, const PixelMask& mask, Corners& corners) {
@@ -134,13 +218,22 @@ void PixelCover::look_along_packet(int edge, const int* rows, int count, Corners
       const double t = open[l] != 0 ? hits.t[l] : 0.0;
       set_lane(way, l, from_source + t * lane(direction, l));
     }
-    laser_.occlude(instant, way, kBeforeSurface, open);
+    alignas(64) double used[kLanes];
+    for (int l = 0; l < kLanes; ++l) used[l] = open[l] != 0 ? 1.0 : 0.0;
+    const Window window = window_of(way, ViewAxes::kZ, used);
+    if (sheet_.frame().holds(window)) {
+      light_lines_[instant].occlude(laser_, instant, way, window, kBeforeSurface, open);
+    } else {
+      laser_.occlude(instant, way, kBeforeSurface, open);
+    }
     for (int l = 0; l < count; ++l) {
       const double to_eye = -lane(hits.normal, l).dot(lane(direction, l));
       const double to_source = -lane(hits.normal, l).dot(lane(way, l).normalized());
       const bool steep = (to_eye > 0.0 ? to_source : -to_source) > kGrazing;
-      corners[static_cast<std::size_t>(rows[l]) * instants() + instant] = {
-          {hits.shape[l], hits.face[l]}, to_eye > 0.0, steep && open[l] != 0};
+      corners[static_cast<std::size_t>(rows[l]) * instants() + instant] = {{hits.shape[l], hits.face[l]},
+                                                                           plan_.source(0, 0) + lane(way, l),
+                                                                           to_eye > 0.0,
+                                                                           steep && open[l] != 0};
     }
   }
 }

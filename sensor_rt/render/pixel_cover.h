@@ -1,6 +1,7 @@
 // Which piece of surface fills a pixel.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -8,6 +9,7 @@
 #include "sensor_rt/render/pixel_mask.h"
 #include "sensor_rt/render/pixel_rays.h"
 #include "sensor_rt/scene/ray_view.h"
+#include "sensor_rt/scene/sight_lines.h"
 
 namespace sensor_rt {
 
@@ -15,7 +17,8 @@ namespace sensor_rt {
 /// what it meets there. Where all four corners of a pixel meet one face, or faces around one vertex, the
 /// samples of the pixel need not search for what they meet; where the laser reaches all four, they need not
 /// look for shadows. Neighbours share their corners, so that a pixel takes little more than one ray of each
-/// kind instead of one per sample.
+/// kind instead of one per sample. On a mesh finer than the pixels the corners meet too many faces for that;
+/// where these surround the pixel without a gap and lie on each other's planes, one plane stands for them.
 ///
 /// What lies wholly between the corners of a pixel escapes, as does what crosses it and leaves again during
 /// an exposure that moves far; there the cover is not used.
@@ -38,12 +41,18 @@ class PixelCover {
   /// What lies behind the corner of a pixel at one instant.
   struct Corner {
     FaceId id;
+    Eigen::Vector3d point = Eigen::Vector3d::Zero();  ///< in the reference frame
     bool from_front = false;  ///< the side of the face that is seen, after its winding
     bool in_light = false;
   };
   /// Between two columns of pixels, at [row * instants + instant]; corner r lies above pixel r.
   using Corners = std::vector<Corner>;
 
+  /// The four corners of the pixel of this row in column_, around it.
+  std::array<const Corner*, 4> around(int row, std::size_t instant) const;
+  bool is_ring(const Shape& shape, int row) const;
+  bool flatten(const Shape& shape, int row, Patch& patch) const;
+  void set_light_lines(const Eigen::Vector3d& eye);
   void look_along(int edge, const PixelMask& mask, Corners& corners);
   void look_along_packet(int edge, const int* rows, int count, Corners& corners);
   std::size_t instants() const { return lane_instants_.size() / kLanes; }
@@ -55,7 +64,9 @@ class PixelCover {
   std::vector<std::size_t> lane_instants_;  ///< packet 0: the first of the exposure, packet 1: the last
   RayView view_;
   RayView laser_;
-  int column_ = -2;  ///< whose corners are known: left_ and right_ of it
+  Windows sheet_;                        ///< all that the laser lights, as it sees it
+  std::vector<SightLines> light_lines_;  ///< from there to what a camera sees, per instant
+  int column_ = -2;                      ///< whose corners are known: left_ and right_ of it
   Corners left_;
   Corners right_;
 };

@@ -30,14 +30,22 @@ struct FaceId {
   bool operator==(const FaceId& other) const { return shape == other.shape && face == other.face; }
 };
 
-/// A piece of surface made of a few faces of one shape.
+/// Plane of a face: normal · p = offset, unit normal, in the frame of the shape.
+struct FacePlane {
+  double normal[3];
+  double offset;
+};
+
+/// A piece of surface made of a few faces of one shape, or of so many that lie in one plane that this stands
+/// for them.
 struct Patch {
   static constexpr int kMost = 4;
 
   std::int32_t shape = -1;  ///< -1: none
-  int count = 0;
+  int count = 0;            ///< 0: the plane stands for all, face[0] is one of them
   std::uint32_t face[kMost] = {};
   bool in_light = false;  ///< all of it known to be free of shadow
+  FacePlane plane = {};
 };
 
 }  // namespace sensor_rt

@@ -10,16 +10,11 @@
 #include "sensor_rt/scene/embree.h"
 #include "sensor_rt/scene/facing_tree.h"
 #include "sensor_rt/scene/material.h"
+#include "sensor_rt/scene/packet.h"
 
 namespace sensor_rt {
 
 enum class ShapeKind { kMesh, kSphere, kBox, kCylinder, kRectangle };
-
-/// Plane of a face: normal · p = offset, unit normal, in the frame of the shape.
-struct FacePlane {
-  double normal[3];
-  double offset;
-};
 
 /// Surface in a frame of its own, centred in the surface's bounding box so that single precision goes far.
 struct Shape {

@@ -13,8 +13,8 @@ constexpr int kWide = EightBoxes::kCount;
 constexpr float kSlack = 1e-5f;
 
 struct EightWindows {
-  alignas(32) float low[2][kWide];
-  alignas(32) float high[2][kWide];
+  alignas(32) float low[Window::kAxes][kWide];
+  alignas(32) float high[Window::kAxes][kWide];
 };
 
 struct Frame {
@@ -24,8 +24,8 @@ struct Frame {
   float depth;
 };
 
-/// Bounds of the boxes along depth, Y and Z, divided by depth; `in_front` is 1 where some of the box lies
-/// between the eye and the depth.
+/// Bounds of the boxes across and along, divided by depth, and in depth; `in_front` is 1 where some of the
+/// box lies between the eye and the depth.
 SENSOR_RT_MULTIVERSION
 void project_boxes(const Frame& frame, const EightBoxes& __restrict boxes, EightWindows& __restrict windows,
                    float* __restrict in_front) {
@@ -44,8 +44,8 @@ void project_boxes(const Frame& frame, const EightBoxes& __restrict boxes, Eight
       reach[i][l] = half + frame.slack + kSlack * std::abs(at);
     }
   }
-  float near[kWide];
-  float far[kWide];
+  float* near = windows.low[2];
+  float* far = windows.high[2];
   for (int l = 0; l < kWide; ++l) {
     const float first = middle[0][l] - reach[0][l];
     const float last = middle[0][l] + reach[0][l];
@@ -86,7 +86,8 @@ bool any_overlap(const float (*__restrict low)[Windows::kMost],
       const int i = first + l;
       const bool across = (low[0][i] <= window.high[0]) & (high[0][i] >= window.low[0]);
       const bool along = (low[1][i] <= window.high[1]) & (high[1][i] >= window.low[1]);
-      hits[l] |= across & along ? 1 : 0;
+      const bool deep = (low[2][i] <= window.high[2]) & (high[2][i] >= window.low[2]);
+      hits[l] |= across & along & deep ? 1 : 0;
     }
   }
   int any = 0;
@@ -94,7 +95,48 @@ bool any_overlap(const float (*__restrict low)[Windows::kMost],
   return any != 0;
 }
 
+/// Window around points whose depth is `sign` times `towards`.
+SENSOR_RT_MULTIVERSION
+void bound(const double* __restrict towards, float sign, const double* __restrict across,
+           const double* __restrict along, const double* __restrict used, Window& __restrict window) {
+  constexpr float kInfinity = Window::kInfinity;
+  alignas(64) float least[5][kLanes];  // of across, along, their negatives, -depth
+  for (int l = 0; l < kLanes; ++l) {
+    const float depth = sign * static_cast<float>(towards[l]);
+    const float scale = 1.0f / depth;
+    const float y = static_cast<float>(across[l]) * scale;
+    const float z = static_cast<float>(along[l]) * scale;
+    // Of a point that does not lie before the eye nothing is known, of one that is not used nothing is asked.
+    const float instead = used[l] > 0.0 ? -kInfinity : kInfinity;
+    const bool in_picture = (used[l] > 0.0) & (depth > 0.0f);
+    least[0][l] = in_picture ? y : instead;
+    least[1][l] = in_picture ? z : instead;
+    least[2][l] = in_picture ? -y : instead;
+    least[3][l] = in_picture ? -z : instead;
+    least[4][l] = in_picture ? -depth : instead;
+  }
+  for (int half = kLanes / 2; half > 0; half /= 2) {
+    for (int b = 0; b < 5; ++b) {
+      for (int l = 0; l < half; ++l) {
+        least[b][l] = least[b][l] < least[b][l + half] ? least[b][l] : least[b][l + half];
+      }
+    }
+  }
+  window = {{least[0][0], least[1][0], least[0][0] <= -least[2][0] ? 0.0f : kInfinity},
+            {-least[2][0], -least[3][0], -least[4][0]}};
+}
+
 }  // namespace
+
+Window window_of(const Lanes3& way, ViewAxes axes, const double* used) {
+  Window window;
+  if (axes == ViewAxes::kZ) {
+    bound(way.z, 1.0f, way.y, way.x, used, window);
+  } else {
+    bound(way.x, axes == ViewAxes::kX ? 1.0f : -1.0f, way.y, way.z, used, window);
+  }
+  return window;
+}
 
 void Windows::clear() {
   count_ = 0;
@@ -104,12 +146,12 @@ void Windows::clear() {
 void Windows::add(const Window& window) {
   if (count_ % kStep == 0) {
     // What fills up the last step meets nothing.
-    for (int k = 0; k < 2; ++k) {
+    for (int k = 0; k < Window::kAxes; ++k) {
       std::fill_n(&low_[k][count_], kStep, Window::kInfinity);
       std::fill_n(&high_[k][count_], kStep, -Window::kInfinity);
     }
   }
-  for (int k = 0; k < 2; ++k) {
+  for (int k = 0; k < Window::kAxes; ++k) {
     low_[k][count_] = window.low[k];
     high_[k][count_] = window.high[k];
   }
@@ -119,16 +161,18 @@ void Windows::add(const Window& window) {
 
 bool Windows::meet(const Window& window) const { return any_overlap(low_, high_, count_, window); }
 
-Sight::Sight(const Rigid3& shape_from_reference, const Eigen::Vector3d& eye_in_reference, int side,
+Sight::Sight(const Rigid3& shape_from_reference, const Eigen::Vector3d& eye_in_reference, ViewAxes axes,
              const Windows& bundles)
     : bundles_(bundles) {
   const Eigen::Vector3d eye = shape_from_reference * eye_in_reference;
   const Eigen::Matrix3d& rotation = shape_from_reference.rotation;
+  const int depth = axes == ViewAxes::kZ ? 2 : 0;
+  const double sign = axes == ViewAxes::kBackX ? -1.0 : 1.0;
   for (int k = 0; k < 3; ++k) {
     eye_[k] = static_cast<float>(eye[k]);
-    axes_[0][k] = static_cast<float>(-side * rotation(k, 0));
+    axes_[0][k] = static_cast<float>(sign * rotation(k, depth));
     axes_[1][k] = static_cast<float>(rotation(k, 1));
-    axes_[2][k] = static_cast<float>(rotation(k, 2));
+    axes_[2][k] = static_cast<float>(rotation(k, 2 - depth));
   }
   slack_ = kSlack * static_cast<float>(eye.norm());
 }
@@ -137,12 +181,13 @@ unsigned Sight::see(const EightBoxes& boxes, unsigned those, Window* windows) co
   EightWindows seen;
   alignas(32) float in_sight[kWide];
   const Window& frame = bundles_.frame();
-  project_boxes({eye_, axes_, slack_, frame.depth * (1.0f + kSlack)}, boxes, seen, in_sight);
+  project_boxes({eye_, axes_, slack_, frame.high[2] * (1.0f + kSlack)}, boxes, seen, in_sight);
   overlap(seen, frame, in_sight);
   unsigned bits = 0;
   for (int l = 0; l < kWide; ++l) {
     if ((those >> l & 1u) == 0 || !(in_sight[l] > 0.0f)) continue;
-    windows[l] = {{seen.low[0][l], seen.low[1][l]}, {seen.high[0][l], seen.high[1][l]}, frame.depth};
+    windows[l] = {{seen.low[0][l], seen.low[1][l], seen.low[2][l]},
+                  {seen.high[0][l], seen.high[1][l], seen.high[2][l]}};
     if (bundles_.meet(windows[l])) bits |= 1u << l;
   }
   return bits;

@@ -5,26 +5,38 @@
 #include <algorithm>
 #include <limits>
 
+#include "sensor_rt/geometry/lanes.h"
 #include "sensor_rt/geometry/rigid3.h"
 
 namespace sensor_rt {
 
-/// Rectangle in the picture of an eye that looks along an axis X: Y and Z over depth.
+/// Which axis of a reference frame an eye looks along: that is depth. The picture has the axis Y across and,
+/// along it, Z or X, whichever is left.
+enum class ViewAxes { kX, kBackX, kZ };
+
+/// Rectangle in the picture of an eye, and a range of depth: across and along, both over depth, and depth
+/// (m).
 struct Window {
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  static constexpr int kAxes = 3;
 
-  float low[2] = {kInfinity, kInfinity};
-  float high[2] = {-kInfinity, -kInfinity};
-  float depth = 0.0f;  ///< of the farthest thing in it, m
+  float low[kAxes] = {kInfinity, kInfinity, kInfinity};
+  float high[kAxes] = {-kInfinity, -kInfinity, -kInfinity};
 
-  static Window everything() { return {{-kInfinity, -kInfinity}, {kInfinity, kInfinity}, kInfinity}; }
+  static Window everything() {
+    return {{-kInfinity, -kInfinity, -kInfinity}, {kInfinity, kInfinity, kInfinity}};
+  }
   bool empty() const { return !(low[0] <= high[0]); }
   void include(const Window& other) {
-    for (int k = 0; k < 2; ++k) {
+    for (int k = 0; k < kAxes; ++k) {
       low[k] = std::min(low[k], other.low[k]);
       high[k] = std::max(high[k], other.high[k]);
     }
-    depth = std::max(depth, other.depth);
+  }
+  bool holds(const Window& other) const {
+    bool inside = true;
+    for (int k = 0; k < kAxes; ++k) inside &= other.low[k] >= low[k] && other.high[k] <= high[k];
+    return inside;
   }
 };
 
@@ -51,15 +63,18 @@ class Windows {
  private:
   int count_ = 0;
   Window frame_;
-  alignas(64) float low_[2][kMost];
-  alignas(64) float high_[2][kMost];
+  alignas(64) float low_[Window::kAxes][kMost];
+  alignas(64) float high_[Window::kAxes][kMost];
 };
 
-/// Bundles of lines of sight, each with its window and no longer than the deepest of them, in the frame of a
-/// shape. The eye looks along -X of the reference frame for `side` +1, along +X for -1.
+/// The least window around the ways from an eye to points, given in the reference frame; only those with
+/// used > 0 count. In depth it begins at the eye.
+Window window_of(const Lanes3& way, ViewAxes axes, const double* used);
+
+/// Bundles of lines of sight, each with its window, in the frame of a shape.
 class Sight {
  public:
-  Sight(const Rigid3& shape_from_reference, const Eigen::Vector3d& eye_in_reference, int side,
+  Sight(const Rigid3& shape_from_reference, const Eigen::Vector3d& eye_in_reference, ViewAxes axes,
         const Windows& bundles);
 
   const float* eye_in_shape() const { return eye_; }
@@ -69,7 +84,7 @@ class Sight {
 
  private:
   float eye_[3];
-  float axes_[3][3];  ///< of depth, Y and Z
+  float axes_[3][3];  ///< of depth, across and along
   float slack_;       ///< room for rounding, m
   const Windows& bundles_;
 };

@@ -104,9 +104,9 @@ void meet_plane(const FacePlane& plane, const LaneTransform& __restrict transfor
   }
 }
 
-/// The same for a patch of one face. False when a ray runs away from it.
-bool meet_single_face(const FacePlane& plane, const Patch& patch, const LaneTransform& transform,
-                      const Lanes3& direction, PacketHits& hits) {
+/// The same for a patch in one plane. False when a ray runs away from it.
+bool meet_single_plane(const FacePlane& plane, const Patch& patch, const LaneTransform& transform,
+                       const Lanes3& direction, PacketHits& hits) {
   meet_plane(plane, transform, direction, hits);
   double nearest = kNone;
   for (int l = 0; l < kLanes; ++l) {
@@ -268,9 +268,11 @@ bool meet_patch(const Shape& shape, const Patch& patch, const LaneTransform& tra
   Lanes3 local;
   to_shape_frame(transform.rotation, direction, local);
   const bool full = std::all_of(valid, valid + kLanes, [](int lane) { return lane != 0; });
-  if (shape.kind == ShapeKind::kMesh && patch.count == 1 && full) {
-    return meet_single_face(shape.planes[patch.face[0]], patch, transform, local, hits);
+  if (shape.kind == ShapeKind::kMesh && patch.count <= 1 && full) {
+    const FacePlane& plane = patch.count == 0 ? patch.plane : shape.planes[patch.face[0]];
+    return meet_single_plane(plane, patch, transform, local, hits);
   }
+  if (patch.count == 0) return false;
   Candidates found;
   if (shape.kind == ShapeKind::kMesh) {
     if (!choose_faces(shape, patch, transform.origin, local, valid, found)) return false;

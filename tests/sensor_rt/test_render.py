@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scenes import (
     Array,
     assert_same_light,
@@ -111,6 +112,76 @@ def test_tracing_the_band_finds_all_light_of_the_whole_image(moves: bool, distor
     band = expected_electrons(scene, sensor, exposures)
     whole = expected_electrons(scene, sensor, exposures, whole_image=True)
     assert_same_light(band, whole)
+
+
+def fine_waves(gap: float) -> tuple[Array, NDArray[np.uint32]]:
+    """Low waves of facets smaller than a pixel, in two pieces that end on both sides of a gap."""
+    across, along = np.linspace(-0.004, 0.004, 161), np.linspace(-0.006, 0.006, 240)
+    place = np.stack(np.meshgrid(across, along, indexing="ij"), axis=-1)
+    height = 1e-4 * np.sin(800 * place[..., 1]) * np.cos(500 * place[..., 0])
+    vertices = np.concatenate([place, height[..., None]], axis=-1).reshape(-1, 3)
+    beyond = vertices[:, 1] > 0
+    vertices[beyond, 1] += gap - (along[1] - along[0])
+    rows = len(along)
+    corner = (np.arange(len(across) - 1)[:, None] * rows + np.arange(rows - 1)).ravel()
+    faces = np.concatenate(
+        [
+            np.stack([corner, corner + rows, corner + 1], 1),
+            np.stack([corner + 1, corner + rows, corner + rows + 1], 1),
+        ]
+    )
+    in_one_piece = beyond[faces].all(axis=1) | ~beyond[faces].any(axis=1)
+    return vertices, faces[in_one_piece].astype(np.uint32)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("gap", [1e-5, 5e-5])
+def test_facets_finer_than_pixels_give_the_light_of_every_sample_traced(gap: float, moves: bool) -> None:
+    """One plane may stand for the facets behind a pixel; it is as good, and bridges no gap between two pieces."""
+    scene = Scene()
+    scene.add_mesh("waves", *fine_waves(gap), 0.5)
+    place = pose((0, 0, 0.14), (0.1, 0.2, 0.3))
+    later: Array = pose((5e-6, -1e-5, 5e-6), (5e-5, 2e-5, 0)) @ place
+    exposures = moving([[place], [later]], [np.eye(4)] * 2) if moves else still(place)
+    band = expected_electrons(scene, probe(), exposures)[0]
+    whole = expected_electrons(scene, probe(), exposures, whole_image=True)[0]
+    assert (band != whole).sum() > 500  # such planes are there
+    for light, reference in zip(band, whole, strict=True):
+        (centre, total), (true_centre, true_total) = stripe_centres(light), stripe_centres(reference)
+        np.testing.assert_array_equal(total > 0, true_total > 0)
+        bright = true_total > 0.1 * true_total.max()
+        assert bright.sum() > 200
+        assert np.abs(centre - true_centre)[bright].max() < 1e-3
+        np.testing.assert_allclose(total[bright], true_total[bright], rtol=1e-3)
+
+
+def boxes_mesh(*boxes: tuple[Array, Array]) -> tuple[Array, NDArray[np.uint32]]:
+    """Closed boxes (centre, size) in one mesh."""
+    sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    of_one = np.array([face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))])
+    corners = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (-0.5, 0.5)])
+    vertices = np.concatenate([centre + corners * size for centre, size in boxes])
+    faces = np.concatenate([of_one + 8 * n for n in range(len(boxes))])
+    return vertices, faces.astype(np.uint32)
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_a_closed_mesh_throws_the_shadow_of_its_triangles(inside_out: bool) -> None:
+    """On itself, on another body, and on what only the camera sees from outside of both."""
+    slab = (np.array([0.0, 0.0, 0.0]), np.array([0.02, 0.03, 0.004]))
+    bars = [(np.array([0.0, y, -0.012]), np.array([0.004, 0.002, 0.001])) for y in (-0.008, 0.003)]
+    vertices, faces = boxes_mesh(slab, *bars)
+    scene = Scene()
+    scene.add_mesh("comb", vertices, faces[:, ::-1].copy() if inside_out else faces, 0.6)
+    scene.add_plane("plane", np.eye(4), [0.2, 0.2], 0.4)
+    exposures = still(pose((0.0, 0.004, 0.13), (0.2, 0.1, 0.3)), pose((0.0, 0.0, 0.15)))
+    band = expected_electrons(scene, probe(), exposures)
+    whole = expected_electrons(scene, probe(), exposures, whole_image=True)
+    lit = whole > 0
+    assert lit.sum() > 10_000
+    np.testing.assert_array_equal(band > 0, lit)
+    # The tip of a bar may lie between the corners of a pixel, which then do not know of it.
+    assert (band != whole).sum() <= 1e-4 * lit.sum()
 
 
 def test_a_body_in_the_laser_casts_a_shadow_with_sharp_ends() -> None:

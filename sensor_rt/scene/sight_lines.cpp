@@ -1,4 +1,4 @@
-#include "sensor_rt/fan/sight_lines.h"
+#include "sensor_rt/scene/sight_lines.h"
 
 namespace sensor_rt {
 namespace {
@@ -20,7 +20,7 @@ EightBoxes bounding_box(const Shape& shape) {
 
 void find_hiding(const Shape& shape, const Rigid3& shape_from_reference, const SightSetting& setting,
                  const Windows& bundles, Windows& hiding) {
-  const Sight sight(shape_from_reference, setting.eye, setting.side, bundles);
+  const Sight sight(shape_from_reference, setting.eye, setting.axes, bundles);
   hiding.clear();
   Window seen[EightBoxes::kCount];
   if (sight.see(bounding_box(shape), 1u, seen) == 0) return;
@@ -40,8 +40,15 @@ void SightLines::set(const Scene& scene, const PoseTrack& track, const std::vect
                      const SightSetting& setting, const Windows& bundles) {
   hiding_.resize(shapes.size());
   for (std::size_t k = 0; k < shapes.size(); ++k) {
-    find_hiding(scene.shapes()[shapes[k]], track.shape_from_reference(shapes[k], 0), setting, bundles,
-                hiding_[k]);
+    find_hiding(scene.shapes()[shapes[k]], track.shape_from_reference(shapes[k], setting.instant), setting,
+                bundles, hiding_[k]);
+  }
+}
+
+void SightLines::occlude(const RayView& view, std::size_t packet, const Lanes3& way, const Window& window,
+                         double farthest, int* open) const {
+  for (std::size_t k = 0; k < hiding_.size(); ++k) {
+    if (hiding_[k].meet(window)) view.occlude_by(k, packet, way, farthest, open);
   }
 }
 
