@@ -120,6 +120,10 @@ def extract(
         list[Path] | None,
         typer.Option("--laser-off", help="images, or folders, of the same names with the laser off, to be taken away"),
     ] = None,
+    sheet_um: Annotated[
+        float | None,
+        typer.Option("--sheet-um", min=0, help="flag points that, by two cameras, are farther off the laser's sheet"),
+    ] = None,
     peaks: Annotated[bool, typer.Option("--peaks", help="write every peak that was found, chosen or not")] = False,
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/extract"),
     threads: ThreadsOption = 0,
@@ -132,7 +136,7 @@ def extract(
         from orchestrator.evaluation.extract_images import ExtractionRequest, extract_to_folder  # noqa: PLC0415
 
         setup = load_setup(None, sensor, None, set_ or [])
-        request = ExtractionRequest(images, setup.sensor, peaks, threads, laser_off or ())
+        request = ExtractionRequest(images, setup.sensor, peaks, threads, laser_off or (), sheet_um)
         return Outcome.of(extract_to_folder(request, out))
 
     run("extract", as_json, work)

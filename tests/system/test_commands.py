@@ -181,6 +181,27 @@ def test_shot_of_a_sensor_out_of_adjustment(tmp_path) -> None:
     assert (error[0] - error[1]) / 2 == pytest.approx(0.1 * medians["right"].mean() / 60.0, rel=0.05)
 
 
+@pytest.mark.parametrize("offset_mm", [0.0, 0.1, -0.05])
+def test_two_cameras_tell_how_far_the_sheet_is_off(tmp_path, offset_mm) -> None:
+    """A laser that was moved across the sheet: extraction by the nominal sensor finds by how far."""
+    words = ("--pose", "0,0,130,180,0,0", "--ideal", "--out", "one", "--json")
+    built = ("--as-built", f"sensor.laser.offset_x_mm={offset_mm}") if offset_mm else ()
+    succeeded(scancell_here("shot", PART, *words, *built, cwd=tmp_path), "shot")
+    words = ("--sensor", SENSOR, "--sheet-um", "20", "--out", "again", "--json")
+    report = succeeded(scancell_here("extract", tmp_path / "one", *words, cwd=tmp_path), "extract")
+    sheet = report["figures"]["off_sheet"]
+    assert sheet["compared"] > 0.9 * report["figures"]["points"]
+    assert sheet["median_um"] == pytest.approx(1e3 * offset_mm, abs=1.0)
+    assert bool(report["warnings"]) == bool(offset_mm)
+    with (tmp_path / "again" / "profiles.csv").open() as stream:
+        rows = [row for row in csv.DictReader(stream) if row["off_sheet_mm"]]
+    flagged = sum("off_sheet" in row["flags"] for row in rows)
+    assert (len(rows), flagged) == (sheet["compared"], sheet["beyond"])
+    assert flagged > 0.99 * len(rows) if offset_mm else flagged < 0.01 * len(rows)
+    errors = np.array([float(row["off_sheet_mm"]) for row in rows]) - offset_mm
+    assert np.quantile(np.abs(errors), 0.9) < 0.003 + 0.02 * abs(offset_mm)
+
+
 def test_fmu_build_and_info(tmp_path) -> None:
     report = succeeded(scancell_here("fmu", "build", "--out", ".", "--json", cwd=tmp_path), "fmu build")
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["RobotCell2.fmu", "RobotCell3.fmu"]
