@@ -199,7 +199,7 @@ class RenderDescription(Description):
     noise: bool = True
     rays_across_fan: Annotated[int, Field(ge=64, le=65_536)] = 2560
     bounces: Annotated[int, Field(ge=0, le=64)] = Field(
-        default=0, description="reflections between surfaces that the laser's light may take; 0: direct light only"
+        default=0, description="reflections between surfaces that light may take; 0: direct light only"
     )
     photons: Annotated[int, Field(ge=16, le=67_108_864)] = Field(
         default=65_536, description="paths from the laser that find reflected light in the fast mode, per exposure"

@@ -8,6 +8,9 @@
 namespace sensor_rt {
 namespace {
 
+/// Mirrors in a row before a camera: the number of ways grows by the number of planes with each.
+constexpr std::size_t kMostMirrors = 2;
+
 /// Sixteen neighbours of a photon share their patch.
 constexpr double kPatchPerSpacing = 4.0;
 
@@ -180,7 +183,9 @@ void LightTracer::connect(const Packet& packet, std::vector<SplatImage>& images)
 /// Adds a plane to the `chain` in front of what the camera sees so far, and so on.
 void LightTracer::connect_by_mirrors(const Packet& packet, std::size_t number, const Lanes3& seen,
                                      std::vector<std::size_t>& chain, SplatImage& image) const {
-  if (static_cast<int>(chain.size()) + packet.depth + 1 >= plan_.settings.bounces) return;
+  if (chain.size() == kMostMirrors ||
+      static_cast<int>(chain.size()) + packet.depth + 1 >= plan_.settings.bounces)
+    return;
   for (std::size_t plane = 0; plane < mirrors_.count(); ++plane) {
     if (!chain.empty() && chain.front() == plane) continue;
     Lanes3 mirrored = seen;
