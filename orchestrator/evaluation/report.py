@@ -159,7 +159,7 @@ def _lines(given: ReportInputs, deviation: Deviation, covered: Coverage, folder:
     figures, bare = deviation.figures, _without_normal(given.cloud)
     return [
         f"{given.request.part.name}: {len(given.recording)} profiles, {len(given.cloud)} points"
-        + (f", {bare} of them without a normal: they stand alone" if bare else ""),
+        + (f", {bare} of them without a normal: they stand alone or edge-on" if bare else ""),
         f"  deviation  mean {figures.mean * 1e6:+.2f} um, RMS {figures.rms * 1e6:.2f} um, "
         f"D95 {figures.d95 * 1e6:.1f} um, D99.9 {figures.d99_9 * 1e6:.1f} um, max {figures.max_abs * 1e6:.1f} um",
         f"  coverage   {covered.fraction:.1%} of the visible surface",

@@ -27,7 +27,7 @@ _NEIGHBOURS = 12  # for points without an ordered neighbourhood
 def estimate_normals(
     points: Array, frame: Index, camera: NDArray[np.int32], column: Index, sensor_in_part: Array
 ) -> Array:
-    """Unit normals (m, 3) of the surface at points (m, 3), towards the sensor; NaN for a point without neighbours.
+    """Unit normals (m, 3) of the surface at points (m, 3), towards the sensor; NaN for one alone or edge-on.
 
     Parameters
     ----------
@@ -48,13 +48,11 @@ def estimate_normals(
                 found = _grid_normals(points[rows], frame[rows], column[rows])
                 for result, values in zip((normals, along), found, strict=True):
                     result[rows[wanted[rows]]] = values[wanted[rows]]
-    lonely = np.flatnonzero(~_lit(normals, to_light))
+    lonely = np.flatnonzero(np.isnan(normals[:, 0]))
     if len(lonely) and len(points) >= 3:
         normals[lonely] = _plane_normals(points, lonely, to_light[lonely])
     alone = lonely[~_lit(normals[lonely], to_light[lonely])]
-    by_profile = _square_to(along[alone], to_light[alone])
-    known = ~np.isnan(by_profile[:, 0])
-    normals[alone[known]] = by_profile[known]
+    normals[alone] = _square_to(along[alone], to_light[alone])
     outward = np.einsum("mi,mi->m", normals, to_light) >= 0
     return np.asarray(np.where(outward[:, None], normals, -normals))
 
@@ -70,7 +68,7 @@ def _square_to(along: Array, to_light: Array) -> Array:
     normal = to_light - share[:, None] * along
     length = np.linalg.norm(normal, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.where((length > _LEAST_SINE)[:, None], normal / length[:, None], np.nan))
+        return np.asarray(np.where((length > _LEAST_COSINE)[:, None], normal / length[:, None], np.nan))
 
 
 def _grid_normals(points: Array, frame: Index, column: Index) -> tuple[Array, Array]:

@@ -142,8 +142,10 @@ def test_normals_of_a_swept_sphere_point_outwards() -> None:
     profiles, triggers, centre = sweep_over_sphere()
     cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
     true = (cloud.points_in_part - centre) / RADIUS
-    angle = np.degrees(np.arccos(np.clip((cloud.normals * true).sum(1), -1, 1)))
-    assert np.linalg.norm(cloud.normals, axis=1) == pytest.approx(1.0)
+    known = np.isfinite(cloud.normals[:, 0])
+    assert known.mean() > 0.995, "all but what light only grazes"
+    angle = np.degrees(np.arccos(np.clip((cloud.normals * true)[known].sum(1), -1, 1)))
+    assert np.linalg.norm(cloud.normals[known], axis=1) == pytest.approx(1.0)
     assert np.median(angle) < 0.2
     assert np.quantile(angle, 0.95) < 2.0
 
@@ -152,7 +154,9 @@ def test_normals_stand_noise() -> None:
     profiles, triggers, centre = sweep_over_sphere(noise=5e-6)
     cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
     true = (cloud.points_in_part - centre) / RADIUS
-    angle = np.degrees(np.arccos(np.clip((cloud.normals * true).sum(1), -1, 1)))
+    known = np.isfinite(cloud.normals[:, 0])
+    assert known.mean() > 0.995, "all but what light only grazes"
+    angle = np.degrees(np.arccos(np.clip((cloud.normals * true)[known].sum(1), -1, 1)))
     assert np.median(angle) < 2.0
 
 
@@ -166,9 +170,13 @@ def test_scattered_points_get_normals_of_their_neighbourhood() -> None:
     profiles = profiles_of(in_sensor, np.zeros(m, int), np.arange(m) * 3)
     triggers = records(np.zeros((1, 6)), np.zeros(1))
     cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
-    cosine = np.abs((cloud.normals * points).sum(1)) / RADIUS
+    known = np.isfinite(cloud.normals[:, 0])
+    to_light = poses[0, :3, 3] - points
+    edge_on = np.abs((points * to_light).sum(1)) < 0.2 * RADIUS * np.linalg.norm(to_light, axis=1)
+    assert known[~edge_on].all(), "what the light touches within a degree or two has no normal"
+    cosine = np.abs((cloud.normals * points).sum(1))[known] / RADIUS
     assert np.median(cosine) > np.cos(np.radians(5))
-    assert ((cloud.normals * (poses[0, :3, 3] - points)).sum(1) >= 0).all()
+    assert ((cloud.normals * to_light).sum(1)[known] > 0).all()
 
 
 def test_lines_too_far_apart_for_a_grid_still_span_a_surface() -> None:
