@@ -48,7 +48,7 @@ def estimate_normals(
                 found = _grid_normals(points[rows], frame[rows], column[rows])
                 for result, values in zip((normals, along), found, strict=True):
                     result[rows[wanted[rows]]] = values[wanted[rows]]
-    lonely = np.flatnonzero(np.isnan(normals[:, 0]))
+    lonely = np.flatnonzero(~_lit(normals, to_light))
     if len(lonely) and len(points) >= 3:
         normals[lonely] = _plane_normals(points, lonely, to_light[lonely])
     alone = lonely[~_lit(normals[lonely], to_light[lonely])]
