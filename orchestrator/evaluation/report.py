@@ -76,7 +76,7 @@ def write_report(given: ReportInputs, folder: RunFolder, watch: Stopwatch) -> Sc
         if given.request.engine == "ray-traced":
             _draw_samples(given, folder)
     warnings = [] if len(given.cloud) else ["no point of the part was found"]
-    return ScanReport(figures, _lines(given, deviation, covered, folder), warnings)
+    return ScanReport(figures, _lines(given, deviation, covered, folder, figures["points_without_normal"]), warnings)
 
 
 def surface_coverage(
@@ -140,23 +140,20 @@ def _run(given: ReportInputs) -> dict[str, Any]:
     }
 
 
-def _without_normal(cloud: Cloud) -> int:
-    return int(np.isnan(cloud.normals[:, 0]).sum())
-
-
 def _figures(given: ReportInputs, deviation: Deviation, covered: Coverage) -> dict[str, Any]:
     return {
         "profiles": len(given.recording),
         "points": len(given.cloud),
-        "points_without_normal": _without_normal(given.cloud),
+        "points_without_normal": int(np.isnan(given.cloud.normals[:, 0]).sum()),
         "deviation": deviation.figures.as_um(),
         "coverage": None if np.isnan(covered.fraction) else covered.fraction,
         "stations_s": given.stations,
     }
 
 
-def _lines(given: ReportInputs, deviation: Deviation, covered: Coverage, folder: RunFolder) -> list[str]:
-    figures, bare = deviation.figures, _without_normal(given.cloud)
+def _lines(given: ReportInputs, deviation: Deviation, covered: Coverage, folder: RunFolder, bare: int) -> list[str]:
+    """For people; `bare` points have no normal."""
+    figures = deviation.figures
     return [
         f"{given.request.part.name}: {len(given.recording)} profiles, {len(given.cloud)} points"
         + (f", {bare} of them without a normal: they stand alone or edge-on" if bare else ""),

@@ -26,7 +26,7 @@ from orchestrator.progress import Progress
 from orchestrator.studies.batch_worker import ROW, open_batch_worker
 from orchestrator.studies.designs import trial_seed
 from orchestrator.studies.engine import RunOutcome, run_tasks
-from orchestrator.studies.factors import Factors, nominal_setup
+from orchestrator.studies.factors import SETUP_KEYS, Factors, nominal_setup
 from orchestrator.studies.results import INDEX_KEYS, index_table, write_table
 from orchestrator.studies.run_record import (
     DESCRIPTION,
@@ -69,13 +69,12 @@ class Batch:
     @cached_property
     def asked(self) -> dict[str, Any]:
         """Everything that decides the scans, but which there are."""
-        setup = {name: getattr(self.setup, name) for name in ("cell", "sensor", "scan")}
-        return {"batch": self.description, "setup": setup}
+        return {"batch": self.description, "setup": vars(self.setup)}
 
     @property
     def apart(self) -> frozenset[str]:
         """Keys of `asked` that leave the scans as they are: all but one took effect in the other descriptions."""
-        keys = ["cell", "sensor", "scan", "set", "ideal"]
+        keys = [*SETUP_KEYS]
         if self.description.design.kind == "monte_carlo":
             keys.append("design.trials")  # more of them leave the first ones as they are
         return frozenset(f"batch.{key}" for key in keys)

@@ -33,6 +33,8 @@ Units = Mapping[str, str | None]
 _AS_BUILT = "as_built."
 _TRUE_SENSOR = "as_built.sensor."
 _SECTIONS = ("cell", "sensor", "scan")
+# Keys of a description of many scans whose whole effect is in its nominal setup.
+SETUP_KEYS = (*_SECTIONS, "set", "ideal")
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.progress import Progress
 from orchestrator.studies.designs import trial_seed
 from orchestrator.studies.engine import RunOutcome, chunks, run_tasks
-from orchestrator.studies.factors import Factors, nominal_setup
+from orchestrator.studies.factors import SETUP_KEYS, Factors, nominal_setup
 from orchestrator.studies.run_record import (
     DESCRIPTION,
     Comparison,
@@ -40,8 +40,7 @@ from orchestrator.studies.trial import ROWS, TIMINGS, TrialWorker, open_trials
 
 # Numbered shares of the random numbers; the trials of a study count from 1.
 _COMMON_SEED_TRIAL = 0
-# Keys whose whole effect is in the resolved descriptions.
-_RESOLVED = frozenset(f"study.{key}" for key in ("cell", "sensor", "scan", "set", "ideal"))
+_RESOLVED = frozenset(f"study.{key}" for key in SETUP_KEYS)
 
 
 @dataclass(frozen=True)
@@ -79,8 +78,8 @@ class Study:
     @cached_property
     def asked(self) -> dict[str, Any]:
         """Everything that decides the results."""
-        setup = {name: getattr(self.setup, name) for name in ("cell", "sensor", "scan")}
-        return {"study": self.description, "setup": setup, "part": str(self.part), "part_sha256": sha256(self.part)}
+        part = {"part": str(self.part), "part_sha256": sha256(self.part)}
+        return {"study": self.description, "setup": vars(self.setup), **part}
 
     @cached_property
     def spec(self) -> dict[str, Any]:

@@ -185,15 +185,14 @@ void ImageRenderer::add_reflected(std::size_t number, double duration, SparseIma
 
 void ImageRenderer::add_lamps(std::size_t number, double duration, SparseImage& image) {
   const Camera& camera = plan_.settings.model.cameras[number];
-  const bool mirrors = has_mirrors_ && plan_.settings.bounces > 0;
-  dense_.resize(static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px));
   const bool bounces = plan_.settings.bounces > 0;
+  dense_.resize(static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px));
   if (bounces) reflected_lamps_.select_camera(number, tracer_);
   lamps_.fill(tracer_, bounces ? &reflected_lamps_ : nullptr, camera.width_px, camera.height_px,
               dense_.data());
   for (float& electrons : dense_) electrons *= static_cast<float>(duration);
   // Paths that follow mirrors bring the light of lamps along.
-  if (mirrors) {
+  if (bounces && has_mirrors_) {
     mirror_mask_.for_each([&](int column, int row) {
       dense_[static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width_px) +
              static_cast<std::size_t>(column)] = 0.0f;
