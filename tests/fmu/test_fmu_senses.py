@@ -115,25 +115,31 @@ def test_distance_to_a_turning_wall(build: Build) -> None:
 
 
 def test_a_blocked_way_back_discards_the_measurement(build: Build) -> None:
-    """The lens stands 20 mm beside the ray, along the sensor's x axis (here: up); a bar at half way shades it."""
-    away = 0.2
-    ground = {"frame_from_sensor": pose(beside_table(-away, 0, 0.02), [QUARTER, 0, QUARTER, 0]), "lens": [-0.02, 0, 0]}
-    sensor = {**distance([0, 0, 0]), **ground}
+    """The lens stands 20 mm beside the ray, along the sensor's x axis (here: up); a bar at half way shades it.
+
+    Sensors side by side, each with a bar of its own, narrower than they are apart, at another height.
+    """
+    away, apart = 0.2, 3e-4
     way = away - X / 2
-    valid: list[bool] = []
+    shades = np.linspace(-0.02, 0.05, 101)
+    sensors, bars = [], []
+    for k, shade in enumerate(shades):
+        y = (k - 50) * apart
+        sensors.append(distance(beside_table(-away, y, 0.02), ALONG_X, name=f"distance {k}", lens=[-0.02, 0, 0]))
+        bar = placed_box((0.004, 0.9 * apart, 0.004), beside_table(-away + way / 2, y, 0.02 + shade))
+        bars.append(body(f"bar {k}", "world", bar))
+    cell = sensing_cell(0.0, distance_sensors=sensors)
+    cell["bodies"] += bars
+    instance = build(3, cell)
+    instance.step(CYCLE_US)
+    valid = [bool(instance.get_int(f"distance[{k}].valid")) for k in range(1, len(shades) + 1)]
     sight = 0.002 * 0.02 / way  # by which the way back rises or falls over half the bar's width
-    for shade in np.linspace(-0.02, 0.05, 101):
-        bar = placed_box((0.004, 0.05, 0.004), beside_table(-away + way / 2, 0, 0.02 + shade))
-        cell = sensing_cell(0.0, distance_sensors=[sensor])
-        cell["bodies"].append(body("bar", "world", bar))
-        instance = build(3, cell)
-        instance.step(CYCLE_US)
-        valid.append(bool(instance.get_int("distance[1].valid")))
+    for k, shade in enumerate(shades):
         # The ray passes at height 0, the way back at +10 mm in its middle.
         in_ray, in_way_back = abs(shade) < 0.002, abs(shade - 0.01) < 0.002 + sight
         if in_ray:
-            assert instance.get("distance[1].value")[0] == pytest.approx(way / 2 - 0.002, abs=1e-9)
-        assert valid[-1] == (not in_way_back), shade
+            assert instance.get(f"distance[{k + 1}].value")[0] == pytest.approx(way / 2 - 0.002, abs=1e-9)
+        assert valid[k] == (not in_way_back), shade
     assert valid.count(False) > 4
 
 
