@@ -135,6 +135,7 @@ def build_fmu(
     OutputError
         If the file cannot be written.
     """
-    contents = fmu_contents(runtime_dir(), json.dumps(description, indent=1), version, options or FmuOptions())
+    options = options or FmuOptions()
+    contents = fmu_contents(runtime_dir(), json.dumps(description, indent=1), version, options)
     with atomic_write(path) as temporary:
-        write_archive(temporary, contents)
+        write_archive(temporary, contents, compressed=options.compressed)

@@ -11,7 +11,7 @@ from orchestrator.cell.as_built import parse_as_built
 from orchestrator.cell.driver import DriveOptions, Driver
 from orchestrator.cell.fmu_file import build_fmu, cell_json
 from orchestrator.cell.fmu_info import describe_fmu
-from orchestrator.cell.fmu_package.contents import FmuOptions
+from orchestrator.cell.fmu_package.contents import THROWN_AWAY
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import NominalCell
 from orchestrator.cell.program import Program
@@ -61,7 +61,7 @@ def drive(
     """
     with tempfile.TemporaryDirectory(prefix="scancell-") as folder:
         fmu = Path(folder) / "RobotCell2.fmu"
-        build_fmu(cell_json(setup.cell, nominal, seed), fmu, 2, FmuOptions(documents=False))
+        build_fmu(cell_json(setup.cell, nominal, seed), fmu, 2, THROWN_AWAY)
         progress.stage("driving", program.duration, "s")
         options = DriveOptions(
             cycle_us=setup.cell.world.controller_cycle_us,

@@ -21,6 +21,7 @@ import sensor_rt
 from orchestrator.cell.as_built import parse_as_built
 from orchestrator.cell.driver import DriveOptions, Driver
 from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.fmu_package.contents import THROWN_AWAY
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import Body, Lamp, NominalCell, nominal_cell
 from orchestrator.cell.program import Program
@@ -106,7 +107,8 @@ class ScanWorker:
         self._cell: CellInstance | None = None
         self._fmu = self._folder / "RobotCell2.fmu"
         try:
-            build_fmu(cell_json(setup.cell, nominal_cell(setup.cell, self._part), scans.seed), self._fmu, 2)
+            description = cell_json(setup.cell, nominal_cell(setup.cell, self._part), scans.seed)
+            build_fmu(description, self._fmu, 2, THROWN_AWAY)
         except BaseException:
             self.close()
             raise

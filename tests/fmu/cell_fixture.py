@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import threading
 import zipfile
@@ -103,19 +104,26 @@ def runtime_folder() -> Path:
     raise FileNotFoundError(f"no native runtime in {folders}: build and install the project")
 
 
-def pack(cell: dict[str, Any], version: int, target: Path) -> Path:
-    """Writes an FMU around a cell description."""
-    runtime = runtime_folder()
-    description = target.with_suffix(".json")
-    description.write_text(json.dumps(cell))
-    command = [str(runtime / "robotcell-describe"), str(description), "--fmi", str(version)]
-    xml = subprocess.run(command, check=True, capture_output=True).stdout
-    platform = "linux64" if version == 2 else "x86_64-linux"
+def write_fmu(cell: dict[str, Any], version: int, folder: Path) -> Path:
+    """Writes the files of an FMU around a cell description, as they are when it has been unpacked."""
+    runtime, text = runtime_folder(), json.dumps(cell)
+    command = [str(runtime / "robotcell-describe"), "-", "--fmi", str(version)]
+    xml = subprocess.run(command, input=text.encode(), check=True, capture_output=True).stdout
+    resources, binaries = folder / "resources", folder / "binaries" / ("linux64" if version == 2 else "x86_64-linux")
+    resources.mkdir(parents=True)
+    binaries.mkdir(parents=True)
+    (folder / "modelDescription.xml").write_bytes(xml)
+    (resources / "cell.json").write_text(text)
+    for library in runtime.glob("*.so*"):
+        shutil.copyfile(library, binaries / library.name)
+    return folder
+
+
+def pack(folder: Path, target: Path) -> Path:
+    """Makes an FMU of its unpacked files."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        archive.writestr("modelDescription.xml", xml)
-        archive.write(description, "resources/cell.json")
-        for library in sorted(runtime.glob("*.so*")):
-            archive.write(library, f"binaries/{platform}/{library.name}")
+        for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+            archive.write(file, file.relative_to(folder))
     return target
 
 
@@ -276,20 +284,26 @@ class CellFmu:
 
 
 class FmuFolders:
-    """Unpacked FMUs by version and cell; the same cell is packed once."""
+    """FMUs by version and cell; the same one is made once."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._known: list[tuple[int, dict[str, Any], Path, Path]] = []
+        self._known: list[tuple[int, dict[str, Any], Path]] = []
 
-    def packed(self, version: int, cell: dict[str, Any]) -> tuple[Path, Path]:
-        for known_version, known_cell, file, folder in self._known:
+    def unpacked(self, version: int, cell: dict[str, Any]) -> Path:
+        """Folder with the files of the FMU."""
+        for known_version, known_cell, folder in self._known:
             if known_version == version and known_cell == cell:
-                return file, folder
-        file = pack(cell, version, self._root / f"RobotCell{version}-{len(self._known)}.fmu")
-        folder = Path(fmpy.extract(str(file), str(file.with_suffix(""))))
-        self._known.append((version, cell, file, folder))
-        return file, folder
+                return folder
+        folder = write_fmu(cell, version, self._root / f"RobotCell{version}-{len(self._known)}")
+        self._known.append((version, cell, folder))
+        return folder
+
+    def packed(self, version: int, cell: dict[str, Any]) -> Path:
+        """The FMU."""
+        folder = self.unpacked(version, cell)
+        file = folder.with_suffix(".fmu")
+        return file if file.exists() else pack(folder, file)
 
 
 Build = Callable[..., CellFmu]

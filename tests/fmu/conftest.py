@@ -25,7 +25,7 @@ def build(folders: FmuFolders) -> Iterator[Build]:
         parameters: Parameters | None = None,
         **options: Any,
     ) -> CellFmu:
-        _, folder = folders.packed(version, cell or cell_description())
+        folder = folders.unpacked(version, cell or cell_description())
         running.append(CellFmu(folder, parameters, options=options))
         return running[-1]
 

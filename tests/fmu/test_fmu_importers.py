@@ -31,7 +31,7 @@ def tools() -> ImporterTools:
 def test_other_importers_see_what_fmpy_sees(
     tools: ImporterTools, folders: FmuFolders, importer: Literal["cosim", "ecos"], version: int
 ) -> None:
-    scenario = servo_scenario(folders.packed(version, cell_description())[0], START_DEG)
+    scenario = servo_scenario(folders.packed(version, cell_description()), START_DEG)
     reference = run_fmpy(scenario)
     assert np.ptp(reference, axis=0).max() > 0.1  # things move
     assert reference[-1, scenario.outputs.index("trigger.time")] > 0  # exposures fired
@@ -41,7 +41,7 @@ def test_other_importers_see_what_fmpy_sees(
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmutool_finds_nothing(tools: ImporterTools, folders: FmuFolders, version: int) -> None:
-    said = run_tool([tools.fmutool(), "-input", folders.packed(version, cell_description())[0], "-check"])
+    said = run_tool([tools.fmutool(), "-input", folders.packed(version, cell_description()), "-check"])
     assert "seems to be compliant" in said
     assert "No semantic error" in said
     assert "ERROR" not in said

@@ -34,13 +34,13 @@ def loaded(name: str) -> set[str]:
 @pytest.fixture(scope="module")
 def two_folders(folders: FmuFolders) -> tuple[Path, Path]:
     """One build, packed for either version."""
-    return folders.packed(2, FREE)[1], folders.packed(3, FREE)[1]
+    return folders.unpacked(2, FREE), folders.unpacked(3, FREE)
 
 
 @pytest.fixture(scope="module")
 def two_builds(folders: FmuFolders, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The FMU, and it with the libraries named as those of another build are."""
-    first = folders.packed(3, FREE)[1]
+    first = folders.unpacked(3, FREE)
     second = tmp_path_factory.mktemp("other") / "build"
     shutil.copytree(first, second)
     for library in list((second / "binaries/x86_64-linux").iterdir()):

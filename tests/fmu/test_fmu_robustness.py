@@ -27,8 +27,8 @@ from cell_fixture import (
     all_reals,
     cell_description,
     continue_motion,
-    pack,
     pose,
+    write_fmu,
 )
 from test_fmu_dynamic_arm import dynamic_cell
 from test_fmu_senses import everything
@@ -185,7 +185,7 @@ def test_unknown_references_and_types_are_errors(build: Build) -> None:
 
 
 def test_a_step_behind_the_stop_time_is_an_error(folders: FmuFolders) -> None:
-    _, folder = folders.packed(3, cell_description())
+    folder = folders.unpacked(3, cell_description())
     cell = CellFmu(folder, stop_time=0.01)
     cell.step(10_000)
     with pytest.raises(Exception, match="fmi3DoStep"):
@@ -209,7 +209,7 @@ def test_resources_are_found_however_they_are_named(
     folders: FmuFolders, tmp_path: Path, version: int, form: str
 ) -> None:
     """Straight through the C interface, without callbacks, without Terminate."""
-    _, folder = folders.packed(version, cell_description())
+    folder = folders.unpacked(version, cell_description())
     resources = tmp_path / "an ä folder" / "resources"
     shutil.copytree(folder / "resources", resources)
     location = resource_forms(resources)[form].encode()
@@ -234,7 +234,7 @@ def test_resources_are_found_however_they_are_named(
 
 
 def test_a_location_that_cannot_be_is_refused(folders: FmuFolders) -> None:
-    _, folder = folders.packed(2, cell_description())
+    folder = folders.unpacked(2, cell_description())
     library = ctypes.CDLL(str(folder / "binaries/linux64/RobotCell.so"))
     library.fmi2Instantiate.restype = ctypes.c_void_p
     token = fmpy.read_model_description(str(folder)).guid.encode()
@@ -275,7 +275,7 @@ def test_two_threads_give_the_bits_of_one(folders: FmuFolders, build: Build) -> 
     alone = build(3, FREE)
     alone.command(table=0.0)
     continue_motion(alone)
-    _, folder = folders.packed(3, FREE)
+    folder = folders.unpacked(3, FREE)
     results: list[Array] = []
 
     def work() -> None:
@@ -330,7 +330,7 @@ def test_working_directory_and_locale_do_not_matter(
 
 def test_another_copy_of_the_engine_in_the_process_does_not_disturb(folders: FmuFolders, tmp_path: Path) -> None:
     """DART's Python binding (another version) at work, and the FMU of the other version beside ours."""
-    reference = CellFmu(folders.packed(3, FREE)[1])
+    reference = CellFmu(folders.unpacked(3, FREE))
     continue_motion(reference)
     np.save(tmp_path / "reals.npy", all_reals(reference))
     reference.close()
@@ -351,7 +351,7 @@ np.testing.assert_array_equal(all_reals(third), np.load(sys.argv[3]))
 second.close()
 third.close()
 """
-    arguments = [str(folders.packed(version, FREE)[1]) for version in (2, 3)]
+    arguments = [str(folders.unpacked(version, FREE)) for version in (2, 3)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     command = [sys.executable, "-c", program, *arguments, str(tmp_path / "reals.npy")]
     subprocess.run(command, check=True, env=environment, cwd=Path(__file__).parent)
@@ -360,8 +360,7 @@ third.close()
 def test_packing_twice_gives_the_same_description(tmp_path: Path) -> None:
     texts = set()
     for k in range(2):
-        file = pack(cell_description(), 3, tmp_path / f"{k}.fmu")
-        texts.add((Path(fmpy.extract(str(file), str(tmp_path / str(k)))) / "modelDescription.xml").read_text())
+        texts.add((write_fmu(cell_description(), 3, tmp_path / str(k)) / "modelDescription.xml").read_text())
     assert len(texts) == 1
 
 

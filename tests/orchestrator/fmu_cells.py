@@ -8,6 +8,7 @@ import numpy as np
 from cells import ball
 
 from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.fmu_package.contents import THROWN_AWAY
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.cell.program import Program, Segment, TriggerKind, TriggerRule
 from orchestrator.config.loading import load_setup
@@ -25,7 +26,8 @@ def default_cell() -> NominalCell:
 def build(folder: Path, version: int, ideal: bool = True) -> Path:
     path = folder / f"RobotCell{version}.fmu"
     setup = load_setup(ideal=ideal)
-    build_fmu(cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0), path, 2 if version == 2 else 3)
+    description = cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0)
+    build_fmu(description, path, 2 if version == 2 else 3, THROWN_AWAY)
     return path
 
 

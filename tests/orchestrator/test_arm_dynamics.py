@@ -10,6 +10,7 @@ from cells import ball
 
 from orchestrator.cell.arm_dynamics import RigidBody
 from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.fmu_package.contents import THROWN_AWAY
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import nominal_cell
 from orchestrator.config.loading import load_setup
@@ -90,7 +91,7 @@ def test_the_default_arm_sags_by_the_load_of_its_meshes(tmp_path, version) -> No
     nominal = nominal_cell(setup.cell, ball())
     description = cell_json(setup.cell, nominal, 0)
     fmu = tmp_path / "cell.fmu"
-    build_fmu(description, fmu, version)
+    build_fmu(description, fmu, version, THROWN_AWAY)
     with CellInstance(fmu) as cell:
         cell.step_to(160_000)
         truth = cell.get(cell.real_group([f"truth.q[{i}]" for i in range(1, 7)])).copy()

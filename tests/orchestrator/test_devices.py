@@ -7,6 +7,7 @@ import pytest
 
 from orchestrator.cell.driver import DriveOptions, Driver
 from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.fmu_package.contents import THROWN_AWAY
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import nominal_cell
 from orchestrator.cell.program import Program, Segment, TriggerRule
@@ -68,7 +69,7 @@ def test_every_part_is_recorded_and_drawn_where_it_is(cell_file, tmp_path) -> No
     setup = load_setup(cell_file, ideal=True)
     nominal = nominal_cell(setup.cell, BLOCK)
     fmu = tmp_path / "cell.fmu"
-    build_fmu(cell_json(setup.cell, nominal, 0), fmu, 3)
+    build_fmu(cell_json(setup.cell, nominal, 0), fmu, 3, THROWN_AWAY)
     n = 60
     segment = Segment(
         1,

@@ -8,6 +8,7 @@ from cells import CYCLE, RANGE
 
 from orchestrator.cell.driver import DriveOptions, Driver
 from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.fmu_package.contents import THROWN_AWAY
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import nominal_cell
 from orchestrator.cell.program import Program, Segment, TriggerRule
@@ -48,7 +49,7 @@ def test_fingers_are_recorded_and_drawn_where_the_description_has_them(tmp_path)
     setup = load_setup(overrides=GRIPPER, ideal=True)
     nominal = nominal_cell(setup.cell, BLOCK)
     fmu = tmp_path / "cell.fmu"
-    build_fmu(cell_json(setup.cell, nominal, 0), fmu, 3)
+    build_fmu(cell_json(setup.cell, nominal, 0), fmu, 3, THROWN_AWAY)
     times = np.arange(12) * 0.016
     segment = Segment(
         1, times, np.tile(nominal.home, (12, 1)), np.zeros(12), TriggerRule("time", 0.05), times[2], times[-2]

@@ -8,6 +8,7 @@ import trimesh
 from cells import ball, block, mesh_of
 
 from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.fmu_package.contents import THROWN_AWAY
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import nominal_cell
 from orchestrator.cell.sensing import sensing_json, simplified
@@ -42,7 +43,7 @@ def setup_of(folder, text: str, *words: str):
 
 def opened(setup, folder):
     fmu = folder / "cell.fmu"
-    build_fmu(cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0), fmu, 3)
+    build_fmu(cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0), fmu, 3, THROWN_AWAY)
     return CellInstance(fmu)
 
 

@@ -12,6 +12,7 @@ from fmu_cells import CYCLE_US, turn_of_table
 
 from orchestrator.cell.controller import Frame, Operation
 from orchestrator.cell.fmu_file import build_fmu, cell_json
+from orchestrator.cell.fmu_package.contents import THROWN_AWAY
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import NominalCell, nominal_cell
 from orchestrator.cell.session import CellSession
@@ -52,8 +53,8 @@ def cell(tmp_path_factory) -> tuple[NominalCell, dict[int, Path]]:
     nominal = nominal_cell(setup.cell, ball())
     description = cell_json(setup.cell, nominal, 0)
     fmus = {version: folder / f"RobotCell{version}.fmu" for version in (2, 3)}
-    build_fmu(description, fmus[2], 2)
-    build_fmu(description, fmus[3], 3)
+    build_fmu(description, fmus[2], 2, THROWN_AWAY)
+    build_fmu(description, fmus[3], 3, THROWN_AWAY)
     return nominal, fmus
 
 

@@ -39,12 +39,19 @@ class FmuOptions:
         Merge indexed scalars into arrays (FMI 3): `measured.q` instead of `measured.q[1]` to `measured.q[6]`. Few
         importers read arrays.
     documents
-        Documentation, terminals, icon and reference trajectory; an FMU that is used once and thrown away needs none.
+        Documentation, terminals, icon and reference trajectory.
+    compressed
+        Make the file small; packing and unpacking then take most of the time that it takes to start a cell.
     """
 
     clock: bool = False
     arrays: bool = False
     documents: bool = True
+    compressed: bool = True
+
+
+# Of an FMU that its maker runs and throws away.
+THROWN_AWAY = FmuOptions(documents=False, compressed=False)
 
 
 def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions) -> dict[str, bytes]:
@@ -84,7 +91,7 @@ def _documents(contents: Mapping[str, bytes], plain: bytes, version: FmiVersion,
     """What people and tools read; the contents so far make an FMU that runs."""
     with tempfile.TemporaryDirectory(prefix="scancell-") as folder:
         fmu = Path(folder) / "RobotCell.fmu"
-        write_archive(fmu, {**contents, "modelDescription.xml": plain}, zipfile.ZIP_STORED)
+        write_archive(fmu, {**contents, "modelDescription.xml": plain}, compressed=False)
         reference = record_reference(fmu)
     description = _read(contents["modelDescription.xml"])
     icon = assets_dir() / "fmu" / "icon.png"
@@ -108,7 +115,7 @@ def _read(model_description: bytes) -> Any:
     return fmpy.read_model_description(archive, validate=False)
 
 
-def write_archive(path: Path, contents: Mapping[str, bytes], compression: int = zipfile.ZIP_DEFLATED) -> None:
+def write_archive(path: Path, contents: Mapping[str, bytes], *, compressed: bool) -> None:
     """Zip the contents; the same contents give the same bytes.
 
     Raises
@@ -119,7 +126,7 @@ def write_archive(path: Path, contents: Mapping[str, bytes], compression: int = 
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in contents.items():
             entry = zipfile.ZipInfo(name, _EPOCH)
-            entry.compress_type = compression
+            entry.compress_type = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
             entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
             archive.writestr(entry, content)
 
