@@ -57,7 +57,7 @@ scan: setup
 	@$(BIN)/scancell scan $(PART) --out $(OUT)
 
 test: setup native-tests
-	@$(BIN)/pytest -q
+	@$(BIN)/pytest -q $(TOGETHER)
 
 # The build folder that the installation made is used again, so that only the tests themselves are compiled.
 native-tests: setup

@@ -70,14 +70,15 @@ class Campaign:
         self.length_s = time.monotonic() - start
         self.expected = self._rows("undisturbed")
 
-    def attempt(self, victim: str, moment_s: float) -> Attempt:
-        """Kill `victim` so long after the start, resume if need be, and compare."""
-        name = f"{victim}-{moment_s:.3f}"
+    def attempt(self, victim: str, moment_s: float, trials: int = 0) -> Attempt:
+        """Kill `victim` so long after the start and with so many trials finished, resume if need be, and compare."""
+        name = f"{victim}-{moment_s:.3f}-{trials}"
         with self._cluster() if victim == "scheduler" else contextlib.nullcontext() as scheduler:
             words = ("--scheduler", scheduler[0]) if scheduler else ()
             command = self._start("run", name, *words)
             time.sleep(moment_s)
-            finished = len(self._finished(name))
+            while (finished := len(self._finished(name))) < trials and command.poll() is None:
+                time.sleep(0.01)
             if victim == "command":
                 command.kill()
             elif scheduler:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from copy import deepcopy
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -54,10 +56,17 @@ def plane() -> Scene:
     return scene
 
 
+@cache
+def without_speckle(options: str) -> Array:
+    """Electrons (cameras, h, w); they are the same wherever a plane is that lies and moves in one plane."""
+    images = expected_electrons(plane(), sensor(0.0, **json.loads(options)), still(pose((0, 0, Z))))
+    return images[0].astype(float)
+
+
 def speckle(exposures: Exposures, contrast: float = 1.0, **options: Any) -> Array:
-    """Factor of speckle (frames, cameras, h, w), NaN where it is dark."""
+    """Factor of speckle (frames, cameras, h, w), NaN where it is dark; the plane is at z = Z."""
+    without = without_speckle(json.dumps(options))
     with_speckle = expected_electrons(plane(), sensor(contrast, **options), exposures).astype(float)
-    without = expected_electrons(plane(), sensor(0.0, **options), exposures).astype(float)
     return np.where(without > 0.02 * without.max(), with_speckle / np.maximum(without, 1e-9), np.nan)
 
 

@@ -39,7 +39,7 @@ class FmuOptions:
         Merge indexed scalars into arrays (FMI 3): `measured.q` instead of `measured.q[1]` to `measured.q[6]`. Few
         importers read arrays.
     documents
-        Documentation, terminals, icon and reference trajectory.
+        What people and tools read: documentation, terminals, icon, reference trajectory, the cell line by line.
     compressed
         Make the file small; packing and unpacking then take most of the time that it takes to start a cell.
     """
