@@ -79,8 +79,12 @@ def image_of_row(sensor: Sensor, scene: Scene, first: list[Array], last: list[Ar
     return np.asarray(expected_electrons(scene, sensor, exposures, whole_image=True)[0], float)
 
 
+# A stripe is at one place in few rows, ambient light everywhere: the middle half of the columns will do.
+HALF_AS_WIDE = {"width_px": 640, "cx_px": 319.5}
+
+
 @pytest.mark.parametrize(
-    "light", [{}, {"speckle": {"contrast": 0.0}, "ambient": {"irradiance": 0.5}}], ids=["laser", "ambient"]
+    "light", [{}, {"ambient": {"irradiance": 0.5}, "camera": HALF_AS_WIDE}], ids=["laser", "ambient"]
 )
 def test_every_row_is_that_of_a_global_shutter_at_its_time(light: dict[str, Any]) -> None:
     scene, first = cluttered()
