@@ -56,14 +56,15 @@ $(STAMPS)/installed: $(STAMPS)/venv $(NATIVE_SOURCES)
 scan: setup
 	@$(BIN)/scancell scan $(PART) --out $(OUT)
 
+# A process for each core, and each file in one of them, for its tests share what is costly to make.
 test: setup native-tests
-	@$(BIN)/pytest -q $(TOGETHER)
+	@$(BIN)/pytest -q -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder
 
 # The build folder that the installation made is used again, so that only the tests themselves are compiled.
 native-tests: setup
 	@folder=$$(ls -d build/cp3*) && cmake -S . -B $$folder -DSCANCELL_TESTS=ON >build/native-tests.log \
 	  && cmake --build $$folder >>build/native-tests.log || { tail -n 30 build/native-tests.log; exit 1; }
-	@ctest --test-dir $$(ls -d build/cp3*) --output-on-failure --no-tests=error | tail -n 4
+	@ctest --test-dir $$(ls -d build/cp3*) -j $$(nproc) --output-on-failure --no-tests=error | tail -n 4
 
 # For machines with Python of the same version and pip, but without compiler or libraries: Embree and the engine of the
 # cell travel inside.

@@ -238,11 +238,19 @@ def test_when_nothing_can_be_made_the_command_fails_and_says_why(tmp_path) -> No
     assert len(pyarrow.parquet.read_table(tmp_path / "out" / "index.parquet")) == 1
 
 
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory) -> tuple[tuple[str | Path, ...], dict[str, bytes]]:
+    """A batch of eight scans, and what it leaves when nobody kills it."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    parts(folder, "free_form", "step_block")
+    words = ("batch", folder / "parts", *QUICK, "--format", "ply,npz", "--variants", "4")
+    assert scancell_here(*words, "--out", "out", "--shard", "1/1", cwd=folder).code == 0
+    return words, contents(folder / "out")
+
+
 @pytest.mark.parametrize("shot", [signal.SIGKILL, signal.SIGINT])
-def test_a_batch_that_is_killed_goes_on_to_the_same_bytes(tmp_path, shot) -> None:
-    parts(tmp_path, "free_form", "step_block")
-    words = ("batch", "parts", *QUICK, "--format", "ply,npz", "--variants", "4")
-    assert scancell_here(*words, "--out", "whole", "--shard", "1/1", cwd=tmp_path).code == 0
+def test_a_batch_that_is_killed_goes_on_to_the_same_bytes(tmp_path, undisturbed, shot) -> None:
+    words, expected = undisturbed
     command = [*COMMAND, *words, "--out", "out", "--workers", "2"]
     running = subprocess.Popen(command, cwd=tmp_path, env=environment(), stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + PATIENCE_S
@@ -260,4 +268,4 @@ def test_a_batch_that_is_killed_goes_on_to_the_same_bytes(tmp_path, shot) -> Non
         assert not list((tmp_path / "out" / "scans").glob(".*")), "no half file"
     again = scancell_here(*words, "--out", "out", "--shard", "1/1", cwd=tmp_path)
     assert again.code == 0, again.err
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+    assert contents(tmp_path / "out") == expected
