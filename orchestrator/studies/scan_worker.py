@@ -87,10 +87,14 @@ class Scan:
 
 @dataclass(frozen=True)
 class _Stage:
-    """A nominal cell, as the FMU reads it (with any seed), and with what light can meet in it."""
+    """A nominal cell, and with what light can meet in it.
+
+    `for_fmu` is the JSON text that the FMU reads, without the seed and the last brace: all the rest stays the same from
+    scan to scan, and is long.
+    """
 
     nominal: NominalCell
-    for_fmu: Mapping[str, Any]
+    for_fmu: str
     bodies: tuple[Body | Lamp, ...]
     scene: sensor_rt.Scene
 
@@ -162,7 +166,9 @@ class ScanWorker:
         def make() -> _Stage:
             nominal = nominal_cell(setup.cell, self._part)
             bodies = visible_bodies(nominal)
-            return _Stage(nominal, cell_json(setup.cell, nominal, 0), bodies, build_scene(bodies))
+            cell = cell_json(setup.cell, nominal, 0)
+            del cell["seed"]
+            return _Stage(nominal, json.dumps(cell).removesuffix("}"), bodies, build_scene(bodies))
 
         return _kept(self._stages, digest_of(setup.cell.model_dump()), _KEPT_CELLS, make)
 
@@ -178,7 +184,7 @@ class ScanWorker:
 
     def _drive(self, inputs: Inputs, stage: _Stage, program: Program, seed: int) -> Recording:
         file = self._folder / "cell.json"
-        file.write_text(json.dumps({**stage.for_fmu, "seed": seed}))
+        file.write_text(f'{stage.for_fmu}, "seed": {seed}}}')
         cell = self._instance()
         cell.reset(file, parse_as_built(inputs.as_built, cell.units()))
         options = DriveOptions(

@@ -51,6 +51,17 @@ def probe(cameras: int = 2, **overrides: Any) -> Sensor:
     return make_sensor(cameras=cameras, **{"render": {"noise": False}, "range": {"near": 0.06, "far": 0.2}} | overrides)
 
 
+# The probe's cameras with pixels twice as large: what they see, and how blurred, is the same in mm.
+COARSE = {
+    "width_px": 640,
+    "height_px": 512,
+    "focal_px": float(256 / np.tan(np.radians(9.34))),
+    "cx_px": 319.5,
+    "cy_px": 255.5,
+    "pixel_pitch": 1e-5,
+}
+
+
 def stripe_centres(image: NDArray[np.float32]) -> tuple[Array, Array]:
     """First moment of every column's light (row, NaN in dark columns), and its sum."""
     light = image.astype(np.float64)
