@@ -14,7 +14,8 @@ from orchestrator.config.scan import ScanDescription
 from orchestrator.config.sensor import SensorDescription
 from orchestrator.errors import DescriptionError
 
-_MESH_KEYS = ("mesh", "base_mesh", "platter_mesh", "sensor_mesh", "finger_mesh", "housing_mesh", "face_materials")
+# Keys whose values are paths of files: meshes, and which face of a part has which material.
+FILE_KEYS = ("mesh", "base_mesh", "platter_mesh", "sensor_mesh", "finger_mesh", "housing_mesh", "face_materials")
 _SECTIONS: dict[str, type[Description]] = {
     "cell": CellDescription,
     "sensor": SensorDescription,
@@ -189,7 +190,7 @@ def _resolve_mesh_paths(node: Any, folder: Path, target: dict[str, Any] | None =
     if isinstance(node, dict):
         owner = node if target is None else target
         for key, value in node.items():
-            if key in _MESH_KEYS and isinstance(value, str):
+            if key in FILE_KEYS and isinstance(value, str):
                 owner[key] = str((folder / value).resolve())
             else:
                 _resolve_mesh_paths(value, folder)

@@ -11,7 +11,7 @@ from importlib.metadata import version as package_version
 from pathlib import Path
 from typing import Any
 
-from orchestrator.config.loading import Setup
+from orchestrator.config.loading import FILE_KEYS, Setup
 from orchestrator.config.toml_text import to_toml
 
 _PACKAGES = (
@@ -52,21 +52,21 @@ def manifest(setup: Setup, inputs: Sequence[Path], run: Mapping[str, Any]) -> di
 
     Meshes that the descriptions name count as inputs.
     """
-    meshes = {Path(path) for path in _mesh_paths(setup.cell.model_dump())}
-    files = sorted({*inputs, *meshes})
+    files = sorted({*inputs, *map(Path, named_files(setup))})
     return {"versions": versions(), **run, "inputs": {str(path): sha256(path) for path in files}}
 
 
-def _mesh_paths(node: Any) -> list[str]:
+def named_files(setup: Setup) -> list[str]:
+    """Paths of the meshes and other files that the cell description names."""
+    return _files_in(setup.cell.model_dump())
+
+
+def _files_in(node: Any) -> list[str]:
     if isinstance(node, Mapping):
-        own = [
-            str(value)
-            for key, value in node.items()
-            if key.endswith(("mesh", "face_materials")) and isinstance(value, str)
-        ]
-        return own + [path for value in node.values() for path in _mesh_paths(value)]
+        own = [value for key, value in node.items() if key in FILE_KEYS and isinstance(value, str)]
+        return own + [path for value in node.values() for path in _files_in(value)]
     if isinstance(node, list | tuple):
-        return [path for value in node for path in _mesh_paths(value)]
+        return [path for value in node for path in _files_in(value)]
     return []
 
 

@@ -20,7 +20,7 @@ from typing import Any
 from orchestrator.config.batch import BatchDescription
 from orchestrator.config.loading import Setup
 from orchestrator.errors import DescriptionError
-from orchestrator.evaluation.manifest import sha256
+from orchestrator.evaluation.manifest import named_files, sha256
 from orchestrator.geometry.mesh import FORMATS, box_mesh
 from orchestrator.progress import Progress
 from orchestrator.studies.batch_worker import ROW, open_batch_worker
@@ -30,7 +30,9 @@ from orchestrator.studies.factors import SETUP_KEYS, Factors, nominal_setup
 from orchestrator.studies.results import INDEX_KEYS, index_table, write_table
 from orchestrator.studies.run_record import (
     DESCRIPTION,
+    FILES,
     Comparison,
+    checksums,
     compare_with_record,
     plain_terms,
     recorded_terms,
@@ -69,7 +71,8 @@ class Batch:
     @cached_property
     def asked(self) -> dict[str, Any]:
         """Everything that decides the scans, but which there are."""
-        return {"batch": self.description, "setup": vars(self.setup)}
+        files = checksums([*named_files(self.setup), *self.factors.files])
+        return {"batch": self.description, "setup": vars(self.setup), FILES: files}
 
     @property
     def apart(self) -> frozenset[str]:
@@ -97,12 +100,12 @@ class Batch:
     def _tasks_of(self, part: Part) -> list[Task]:
         seed = _part_seed(self.description.seed, part.name)
         varying = self.description.model_copy(update={"seed": seed})
-        shared = {"part": part.name, "mesh": str(part.mesh), "mesh_sha256": part.sha256}
+        shared = {"part": part.name, "mesh_sha256": part.sha256, "engine": self.description.engine}
         tasks = []
         for number, values in enumerate(Factors(varying, self.setup, self.source).draw(), 1):
             own = {"number": number, "seed": trial_seed(seed, number), "values": list(values)}
-            payload = {**shared, **own, "engine": self.description.engine}
-            tasks.append(Task(f"{part.name}-{number:06d}", payload))
+            request = {**shared, **own}
+            tasks.append(Task(f"{part.name}-{number:06d}", {**request, "mesh": str(part.mesh)}, request))
         return tasks
 
 
@@ -246,7 +249,7 @@ def gather(batch: Batch, out: Path, died: Mapping[str, str]) -> Gathered:
     for task in batch.tasks:
         if job.store.holds(task.name, job.digest_of_task(task)):
             row = json.loads((job.store.path(task.name) / ROW).read_text())
-            rows.append({**row, "scan": task.name})
+            rows.append({**row, "scan": task.name, "mesh": task.payload["mesh"]})
         elif task.name in died:
             said = {"status": "failed", "message": died[task.name], "as_built": [], "figures": {}, "files": []}
             rows.append({**task.payload, **said, "scan": task.name})

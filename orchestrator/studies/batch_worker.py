@@ -45,7 +45,7 @@ class BatchWorker:
 
     def __call__(self, payload: Mapping[str, Any], folder: Path) -> None:
         """Make a scan and leave its files in `folder`; of one that cannot be made only a row that says why."""
-        row = {key: payload[key] for key in ("part", "mesh", "mesh_sha256", "number", "seed", "engine", "values")}
+        row = {key: payload[key] for key in ("part", "mesh_sha256", "number", "seed", "engine", "values")}
         try:
             row["as_built"] = list(self._factors.inputs(payload["values"]).as_built)
             row["figures"] = self._make(payload, folder)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from orchestrator.cell.as_built import parse_as_built
 from orchestrator.config.cell import CellDescription
 from orchestrator.config.description import validate
-from orchestrator.config.loading import Setup, as_built_sensor, load_setup, parse_assignment, split_path
+from orchestrator.config.loading import FILE_KEYS, Setup, as_built_sensor, load_setup, parse_assignment, split_path
 from orchestrator.config.scan import ScanDescription
 from orchestrator.config.sensor import SensorDescription
 from orchestrator.config.variation import DiscreteDescription, FactorDescription, Mode, VaryingScansDescription
@@ -74,6 +74,16 @@ class Factors:
         self.labels = study.labels
         self._paths: list[tuple[str, Mode]] = singles + blocks
         self._nominals = [self._nominal(path) for path, _ in self._paths]
+
+    @property
+    def files(self) -> list[str]:
+        """Paths of files that a trial may be made with in place of those that the cell description names."""
+        return [
+            str(value)
+            for factor in self._study.factor
+            if split_path(factor.path)[-1] in FILE_KEYS and isinstance(factor.distribution, DiscreteDescription)
+            for value in factor.distribution.values
+        ]
 
     def draw(self) -> list[tuple[Value, ...]]:
         """Values of all factors in every trial, as the design asks."""

@@ -20,7 +20,7 @@ from typing import Any
 from orchestrator.config.loading import Setup
 from orchestrator.config.study import StudyDescription, load_study
 from orchestrator.errors import DescriptionError, OutputError
-from orchestrator.evaluation.manifest import sha256
+from orchestrator.evaluation.manifest import named_files
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.progress import Progress
 from orchestrator.studies.designs import trial_seed
@@ -28,7 +28,9 @@ from orchestrator.studies.engine import RunOutcome, chunks, run_tasks
 from orchestrator.studies.factors import SETUP_KEYS, Factors, nominal_setup
 from orchestrator.studies.run_record import (
     DESCRIPTION,
+    FILES,
     Comparison,
+    checksums,
     compare_with_record,
     plain_terms,
     recorded_terms,
@@ -41,6 +43,8 @@ from orchestrator.studies.trial import ROWS, TIMINGS, TrialWorker, open_trials
 # Numbered shares of the random numbers; the trials of a study count from 1.
 _COMMON_SEED_TRIAL = 0
 _RESOLVED = frozenset(f"study.{key}" for key in SETUP_KEYS)
+# The part is told by what its file holds, not by how the study names it.
+_APART = _RESOLVED | {"study.part"}
 
 
 @dataclass(frozen=True)
@@ -78,8 +82,8 @@ class Study:
     @cached_property
     def asked(self) -> dict[str, Any]:
         """Everything that decides the results."""
-        part = {"part": str(self.part), "part_sha256": sha256(self.part)}
-        return {"study": self.description, "setup": vars(self.setup), **part}
+        files = checksums([self.part, *named_files(self.setup), *self.factors.files])
+        return {"study": self.description, "setup": vars(self.setup), "part": str(self.part), FILES: files}
 
     @cached_property
     def spec(self) -> dict[str, Any]:
@@ -151,7 +155,7 @@ def check_same(study: Study, out: Path) -> Comparison:
         Naming the keys that differ.
     """
     try:
-        found = compare_with_record(study.asked, _RESOLVED, out)
+        found = compare_with_record(study.asked, _APART, out)
     except FileNotFoundError:
         raise DescriptionError(f"{out}: holds no study; `study run` begins one") from None
     if found.differences:

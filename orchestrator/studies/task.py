@@ -20,10 +20,14 @@ OpenWorker = Callable[[Mapping[str, Any]], Perform]
 
 @dataclass(frozen=True)
 class Task:
-    """One piece of work; `name` is unique in its job and fit for a file name, `payload` plain data."""
+    """One piece of work; `name` is unique in its job and fit for a file name, `payload` plain data.
+
+    `request` is what of the payload decides the result, where that also says where files lie.
+    """
 
     name: str
     payload: Any
+    request: Any = None
 
 
 def request_digest(open_worker: OpenWorker, spec: Mapping[str, Any]) -> str:
@@ -55,7 +59,7 @@ class Job:
 
     def digest_of_task(self, task: Task) -> str:
         """What a result must carry to count as the answer to `task`."""
-        return digest_of(self.digest, task.name, task.payload)
+        return digest_of(self.digest, task.name, task.payload if task.request is None else task.request)
 
 
 @dataclass(frozen=True)

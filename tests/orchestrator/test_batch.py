@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import pytest
 
@@ -104,6 +105,18 @@ def test_another_batch_is_refused_in_the_same_folder(tmp_path) -> None:
         claim(opened(tmp_path, seed=4), tmp_path / "out")
     with pytest.raises(DescriptionError, match=r"setup\.scan\.max_profiles was"):
         claim(opened(tmp_path, set=["scan.max_profiles=9"]), tmp_path / "out")
+
+
+def test_a_mesh_of_the_cell_that_changed_is_another_batch_and_one_that_moved_is_not(tmp_path) -> None:
+    base, moved = tmp_path / "base.stl", tmp_path / "moved.stl"
+    shutil.copy(PARTS / "step_block.stl", base)
+    claim(opened(tmp_path, set=[f'cell.table.base_mesh="{base}"']), tmp_path / "out")
+    base.rename(moved)
+    of_moved = {"set": [f'cell.table.base_mesh="{moved}"']}
+    assert claim(opened(tmp_path, **of_moved), tmp_path / "out").warnings == []
+    shutil.copy(PARTS / "free_form.stl", moved)
+    with pytest.raises(DescriptionError, match=r"cell\.table\.base_mesh: .*moved\.stl does not hold what .*base\.stl"):
+        claim(opened(tmp_path, **of_moved), tmp_path / "out")
 
 
 def test_a_batch_of_a_version_that_knew_fewer_keys_goes_on(tmp_path) -> None:

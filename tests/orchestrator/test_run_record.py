@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import copy
 import json
+import shutil
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
 
 from orchestrator.config.description import validate
+from orchestrator.config.loading import assets_dir
 from orchestrator.config.study import StudyDescription
 from orchestrator.errors import DescriptionError
 from orchestrator.evaluation.manifest import versions
@@ -73,6 +76,7 @@ def test_a_folder_without_a_key_goes_on_exactly_where_the_schema_would_give_the_
     paths = [
         path for path in every_key(whole) if path[0] in {"study", "setup"} and len(path) > 1 + (path[0] == "setup")
     ]
+    paths.remove(("study", "part"))  # told by what the file holds
     accepted = 0
     for path in paths:
         older = without(whole, path)
@@ -131,3 +135,73 @@ def test_a_mutilated_record_is_named(study, out, content) -> None:
     (out / "description.json").write_text(content)
     with pytest.raises(DescriptionError, match=r"description\.json: cannot be read"):
         check_same(study, out)
+
+
+PARTS = assets_dir() / "parts"
+
+
+def with_own_files(folder: Path) -> Study:
+    """A study in `folder`, which also holds its part and two meshes, one of the cell's and one of a factor's."""
+    folder.mkdir()
+    for name in ("part", "base", "other"):
+        shutil.copy(PARTS / "step_block.stl", folder / f"{name}.stl")
+    shutil.copy(PARTS / "sphere_on_foot.stl", folder / "part.stl")
+    return of_folder(folder)
+
+
+def of_folder(folder: Path) -> Study:
+    meshes = f"set = ['cell.table.base_mesh=\"{folder / 'base.stl'}\"']"
+    factor = '[[factor]]\npath = "cell.table.platter_mesh"\nmode = "absolute"\n'
+    values = f'distribution = {{ kind = "discrete", values = ["{folder / "other.stl"}"] }}\n'
+    return open_study(write_study(folder, 'name = "small"\npart = "part.stl"', meshes, DESIGN, factor + values))
+
+
+def test_a_study_that_was_moved_with_its_files_goes_on(tmp_path) -> None:
+    study = with_own_files(tmp_path / "before")
+    begin(study, tmp_path / "before" / "out")
+    digest = study.job(tmp_path / "before" / "out").digest
+    (tmp_path / "before").rename(tmp_path / "after")
+    moved, out = of_folder(tmp_path / "after"), tmp_path / "after" / "out"
+    assert check_same(moved, out).warnings == []
+    assert moved.job(out).digest == digest, "what is finished counts"
+    assert moved.spec["part"] == str(tmp_path / "after" / "part.stl")
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("part", "part"),
+        ("base", "setup.cell.table.base_mesh"),
+        ("other", r"study\.factor\[1\]\.distribution\.values\[1\]"),
+    ],
+)
+def test_a_file_that_holds_something_else_is_told(tmp_path, name, key) -> None:
+    begin(with_own_files(tmp_path / "folder"), tmp_path / "out")
+    shutil.copy(PARTS / "free_form.stl", tmp_path / "folder" / f"{name}.stl")
+    with pytest.raises(
+        DescriptionError, match=rf"differs.*: {key}: .*{name}\.stl does not hold what .*{name}\.stl held"
+    ):
+        check_same(of_folder(tmp_path / "folder"), tmp_path / "out")
+
+
+def test_a_file_that_is_gone_is_told(tmp_path) -> None:
+    study = with_own_files(tmp_path / "folder")
+    (tmp_path / "folder" / "base.stl").unlink()
+    with pytest.raises(DescriptionError, match=r"base\.stl: cannot be read: No such file"):
+        begin(study, tmp_path / "out")
+
+
+def test_a_folder_that_has_the_checksum_of_its_part_alone_goes_by_the_paths_of_the_others(tmp_path) -> None:
+    study, out = with_own_files(tmp_path / "before"), tmp_path / "out"
+    begin(study, out)
+
+    def older(content) -> None:
+        content["part_sha256"] = content.pop("files")[content["part"]]
+
+    rewrite(out, older)
+    (warning,) = check_same(study, out).warnings
+    assert f"does not know what {tmp_path / 'before' / 'other.stl'}, " in warning
+    (tmp_path / "before").rename(tmp_path / "after")
+    with pytest.raises(DescriptionError, match=r"other\.stl") as refused:
+        check_same(of_folder(tmp_path / "after"), out)
+    assert "part.stl" not in str(refused.value)

@@ -219,6 +219,18 @@ def test_a_rerun_makes_what_is_missing_and_new(tmp_path) -> None:
     assert contents(tmp_path / "out" / "scans")["z-000001/cloud.ply"] != after["z-000001/cloud.ply"]
 
 
+def test_parts_and_results_that_were_moved_are_the_same(tmp_path) -> None:
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    parts(here, "step_block")
+    _, (before,) = batch(here, *QUICK)
+    here.rename(there)
+    report, (after,) = batch(there, *QUICK)
+    assert report["figures"]["new"] == 0
+    assert report["warnings"] == []
+    assert after == {**before, "mesh": str(there / "parts" / "step_block.stl")}
+
+
 def test_shards_and_a_last_call_make_the_whole(tmp_path) -> None:
     parts(tmp_path, "step_block")
     for shard in ("1/2", "2/2"):

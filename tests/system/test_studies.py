@@ -98,6 +98,22 @@ def test_shards_of_a_job_array_give_the_same_results(made, small, tmp_path) -> N
     assert (tmp_path / "out" / "results.parquet").read_bytes() == (one / "results.parquet").read_bytes()
 
 
+def test_a_study_that_is_moved_half_way_gives_the_same_results(made, small, tmp_path) -> None:
+    _, one, _ = made
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    part = open_study(small).part
+    shutil.copy(part, here / part.name)
+    (here / small.name).write_text(small.read_text().replace(str(part), part.name))
+    words = ("study", "run", small.name, "--out", "out", "--shard", "1/2")
+    assert scancell_here(*words, cwd=here).code == 0
+    here.rename(there)
+    done = scancell_here("study", "resume", small.name, "--out", "out", "--shard", "1/1", "--json", cwd=there)
+    assert done.code == 0, done.err
+    assert done.last_line["warnings"] == []
+    assert (there / "out" / "results.parquet").read_bytes() == (one / "results.parquet").read_bytes()
+
+
 def test_resuming_makes_what_is_missing(made, small, tmp_path) -> None:
     _, one, _ = made
     out = tmp_path / "out"
