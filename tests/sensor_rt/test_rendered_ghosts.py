@@ -87,7 +87,9 @@ def count(scene: Scene, total: Count) -> None:
     exposures = still(np.eye(4))
     real, direct = sensor(2), sensor(0)
     truth = scan(scene, direct, exposures, engine="geometric").profiles
-    dirty = extract(render(scene, real, exposures), real, all_peaks=True)
+    scanned = scan(scene, real, exposures, keep_images=True)
+    assert scanned.images is not None
+    dirty = extract(scanned.images, real, all_peaks=True)
     clean = extract(render(scene, direct, exposures), direct)
     for k in (0, 1):
         mine = truth.camera == k
@@ -100,7 +102,7 @@ def count(scene: Scene, total: Count) -> None:
         good = set(column[accepted & (off_truth(truth.column[mine], truth.row[mine], column, row) < 0.5)])
         total.good += len(good)
         total.lost += len(good - kept)
-    fused = scan(scene, real, exposures).profiles.points_in_sensor
+    fused = scanned.profiles.points_in_sensor
     distance, _ = cKDTree(truth.points_in_sensor).query(fused)
     total.points += len(fused)
     total.off_surface += int((distance > 2e-4).sum())

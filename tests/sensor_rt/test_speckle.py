@@ -161,8 +161,11 @@ def summed_patterns(contrast: float, rng: np.random.Generator, per_grain: int = 
     """Intensity (size, size) of the mean of 1 / contrast^2 independent speckle patterns, by Fourier optics."""
     frequency = np.fft.fftfreq(size) * per_grain  # per grain; the aperture is one wide
     aperture = frequency[:, None] ** 2 + frequency**2 <= 0.25
-    waves = np.exp(2j * np.pi * rng.random((round(1 / contrast**2), size, size)))
-    intensity = (np.abs(np.fft.ifft2(aperture * waves)) ** 2).mean(axis=0)
+    phases = rng.random((round(1 / contrast**2), size, size))
+    passing = np.flatnonzero(aperture.any(axis=1))  # few: the others' transforms are zero
+    waves = np.zeros(phases.shape, complex)
+    waves[:, passing] = np.fft.ifft(aperture[passing] * np.exp(2j * np.pi * phases[:, passing]), axis=-1)
+    intensity = (np.abs(np.fft.ifft(waves, axis=-2)) ** 2).mean(axis=0)
     return np.asarray(intensity / intensity.mean())
 
 
