@@ -86,6 +86,7 @@ def batch(
 def _made(opened: Batch, out: Path, where: Where, as_json: bool, warnings: list[str]) -> Outcome:
     from orchestrator.errors import EngineError  # noqa: PLC0415
     from orchestrator.studies.batch import INDEX, gather, run_batch  # noqa: PLC0415
+    from orchestrator.studies.run_record import told_builds  # noqa: PLC0415
 
     kept = f"finished scans are kept in {out}; the same command goes on"
     made = run_many(lambda progress, tell: run_batch(opened, out, where, progress, tell), as_json, kept)
@@ -106,4 +107,5 @@ def _made(opened: Batch, out: Path, where: Where, as_json: bool, warnings: list[
     }
     lines = [f"{figures['scans'] - figures['failed']} scans of {figures['parts']} parts in {out}"]
     worse = [f"{len(failed)} scans failed: {told[0]}", *told[1:]] if failed else []
-    return Outcome(lines, figures, [str(out / INDEX)], [*warnings, *worse], run_timings(made))
+    builds = told_builds(row["scancell"] for row in gathered.rows)
+    return Outcome(lines, figures, [str(out / INDEX)], [*warnings, *builds, *worse], run_timings(made))

@@ -147,7 +147,10 @@ def _made(study: Study, folder: Path, where: Where, as_json: bool) -> Outcome:
 
 
 def _reported(report: Any, timings: dict[str, float], warnings: list[str]) -> Outcome:
+    from orchestrator.studies.run_record import told_builds  # noqa: PLC0415
+
     failed = [f"{len(report.analysis['failed'])} trials failed"] if report.analysis["failed"] else []
     figures = {key: report.analysis[key] for key in ("name", "trials", "failed", "engines")}
     figures["missing"] = len(report.collected.missing)
-    return Outcome(report.lines(), figures, report.files, [*warnings, *failed], timings)
+    builds = told_builds(row.get("scancell") for row in report.collected.timings)
+    return Outcome(report.lines(), figures, report.files, [*warnings, *builds, *failed], timings)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Mapping, Sequence
-from functools import cache
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as package_version
 from pathlib import Path
@@ -13,9 +12,9 @@ from typing import Any
 
 from orchestrator.config.loading import FILE_KEYS, Setup
 from orchestrator.config.toml_text import to_toml
+from orchestrator.evaluation.build import build_version
 
 _PACKAGES = (
-    "scancell",
     "numpy",
     "scipy",
     "fmpy",
@@ -28,13 +27,12 @@ _PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """Version of scancell, of Python and of the packages that take part in a result."""
-    return {"python": platform.python_version(), **{name: version_of(name) for name in _PACKAGES}}
+    """Which build of scancell, and the versions of Python and of the packages that take part in a result."""
+    packages = {name: _version_of(name) for name in _PACKAGES}
+    return {"scancell": build_version(), "python": platform.python_version(), **packages}
 
 
-@cache
-def version_of(package: str) -> str:
-    """Version of an installed package."""
+def _version_of(package: str) -> str:
     try:
         return package_version(package)
     except PackageNotFoundError:

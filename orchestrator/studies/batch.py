@@ -252,7 +252,7 @@ def gather(batch: Batch, out: Path, died: Mapping[str, str]) -> Gathered:
             rows.append({**row, "scan": task.name, "mesh": task.payload["mesh"]})
         elif task.name in died:
             said = {"status": "failed", "message": died[task.name], "as_built": [], "figures": {}, "files": []}
-            rows.append({**task.payload, **said, "scan": task.name})
+            rows.append({**task.payload, **said, "scan": task.name, "scancell": None})
         else:
             missing.append(task.name)
     write_table(index_table(rows, batch.description.labels, SCANS), out / INDEX)

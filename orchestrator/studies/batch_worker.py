@@ -13,6 +13,7 @@ from orchestrator.config.batch import BatchDescription
 from orchestrator.config.description import validate
 from orchestrator.config.loading import as_built_sensor
 from orchestrator.errors import OutputError
+from orchestrator.evaluation.build import build_version
 from orchestrator.evaluation.dataset_files import Truth, measured_file, stripe_masks, write_truth
 from orchestrator.evaluation.ground_truth import TrueWorld
 from orchestrator.evaluation.manifest import resolved_toml
@@ -57,7 +58,7 @@ class BatchWorker:
                 file.unlink()
             said = {"status": "failed", "message": f"{type(error).__name__}: {error}"}
         files = sorted(file.name for file in folder.iterdir())
-        row = {"as_built": [], "figures": {}, **row, **said, "files": files}
+        row = {"as_built": [], "figures": {}, **row, **said, "files": files, "scancell": build_version()}
         (folder / ROW).write_text(json.dumps(row, indent=1, allow_nan=False) + "\n")
 
     def _make(self, payload: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -12,7 +12,19 @@ import pyarrow.parquet
 from orchestrator.files import atomic_write
 
 KEYS = ("trial", "seed", "engine", "status", "message")
-INDEX_KEYS = ("scan", "part", "variant", "mesh", "mesh_sha256", "seed", "engine", "status", "message", "as_built")
+INDEX_KEYS = (
+    "scan",
+    "part",
+    "variant",
+    "mesh",
+    "mesh_sha256",
+    "seed",
+    "engine",
+    "status",
+    "message",
+    "as_built",
+    "scancell",
+)
 
 
 def results_table(rows: Sequence[dict[str, Any]], labels: Sequence[str]) -> pa.Table:

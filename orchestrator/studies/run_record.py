@@ -10,6 +10,7 @@ older record lacks the paths themselves.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,7 @@ from pydantic_core import to_jsonable_python
 
 from orchestrator.config.description import Description
 from orchestrator.errors import DescriptionError
+from orchestrator.evaluation.build import build_version
 from orchestrator.evaluation.manifest import sha256, versions
 from orchestrator.files import atomic_write
 
@@ -75,6 +77,15 @@ def checksums(files: Iterable[str | Path]) -> dict[str, str]:
         except OSError as error:
             raise DescriptionError(f"{file}: cannot be read: {error.strerror}") from None
     return found
+
+
+def told_builds(builds: Iterable[str | None]) -> list[str]:
+    """Warnings about results of other builds of scancell than the one that runs; of an old result it is not known."""
+    made = Counter(build for build in builds if build is not None)
+    if set(made) <= {build_version()}:
+        return []
+    told = ", ".join(f"{count} by {build}" for build, count in sorted(made.items()))
+    return [f"made by other builds of scancell than this one ({build_version()}): {told}"]
 
 
 def plain_terms(asked: Mapping[str, Any], apart: Set[str]) -> dict[str, Any]:

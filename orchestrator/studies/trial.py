@@ -20,9 +20,9 @@ from orchestrator.config.loading import Setup
 from orchestrator.config.resolved import sensor_json
 from orchestrator.config.study import SphereDescription, StudyDescription
 from orchestrator.config.units import to_si
+from orchestrator.evaluation.build import build_version
 from orchestrator.evaluation.coverage import SensorView
 from orchestrator.evaluation.deviation import deviation_from_mesh
-from orchestrator.evaluation.manifest import version_of
 from orchestrator.evaluation.report import surface_coverage
 from orchestrator.evaluation.sphere_fit import Sphere, fit_sphere
 from orchestrator.evaluation.stopwatch import Stopwatch
@@ -115,5 +115,5 @@ def _process() -> dict[str, Any]:
         "host": socket.gethostname(),
         "worker": os.getpid(),
         "memory_mb": memory_mb,
-        "scancell": version_of("scancell"),
+        "scancell": build_version(),
     }

@@ -17,6 +17,7 @@ import trimesh
 from commands import COMMAND, PARTS, PATIENCE_S, environment, scancell_here
 
 import sensor_rt
+from orchestrator.evaluation.build import build_version
 from orchestrator.geometry import pose
 from orchestrator.reconstruction.cloud_files import read_ply
 from orchestrator.studies.task import close_workers
@@ -105,6 +106,7 @@ def test_the_index_tells_what_is_there(made) -> None:
     assert report["figures"]["failed"] == 2
     assert "broken-000001" in report["warnings"][0]
     assert len({row["seed"] for row in rows}) == 6
+    assert {row["scancell"] for row in rows} == {build_version()}
 
 
 def test_every_point_of_the_truth_lies_on_its_triangle(made) -> None:

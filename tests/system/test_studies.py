@@ -14,9 +14,11 @@ from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
 from test_perturbations import geometry, smooth_points, surface_normals, thinned
 
 import sensor_rt
+from orchestrator.evaluation.build import build_version
 from orchestrator.evaluation.deviation import deviation_from_mesh
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.progress import Silent
+from orchestrator.studies import run_record
 from orchestrator.studies.report import write_report
 from orchestrator.studies.scan_worker import Trial
 from orchestrator.studies.study import begin, open_study, replay, run_study
@@ -123,6 +125,14 @@ def test_resuming_makes_what_is_missing(made, small, tmp_path) -> None:
     done = scancell_here("study", "resume", small, "--shard", "1/1", "--out", out, "--json", cwd=tmp_path)
     assert done.code == 0, done.err
     assert (out / "results.parquet").read_bytes() == (one / "results.parquet").read_bytes()
+
+
+def test_trials_of_another_build_are_told(made, small, tmp_path, monkeypatch) -> None:
+    shutil.copytree(made[1], tmp_path / "out")
+    monkeypatch.setattr(run_record, "build_version", lambda: "0.1.0+another")
+    done = scancell_here("study", "report", small, "--out", tmp_path / "out", "--json", cwd=tmp_path)
+    (told,) = done.last_line["warnings"]
+    assert told.endswith(f"than this one (0.1.0+another): 5 by {build_version()}")
 
 
 def test_the_report_needs_nothing_from_the_network(made) -> None:
