@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <utility>
+
+#include "sensor_rt/scene/flat_reach.h"
 
 namespace sensor_rt {
 namespace {
@@ -12,8 +13,7 @@ constexpr double kFarthestMotion = 1.0;  // px
 /// Cosine of incidence below which every facet may shadow the next, and light is left to rays of its own.
 constexpr double kGrazing = 0.1;
 // What one plane may stand for:
-constexpr double kFlat = 0.02;        ///< px between the middle of a pixel and the planes of its corners
-constexpr double kParallel = 0.9995;  ///< cosine between normals, 1.8 degrees
+constexpr double kFlat = 0.02;  ///< px between the middle of a pixel and the planes of its corners
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 bool share_a_vertex(const std::uint32_t* a, const std::uint32_t* b) {
@@ -24,6 +24,27 @@ bool share_a_vertex(const std::uint32_t* a, const std::uint32_t* b) {
 
 bool are_linked(const Shape& shape, std::uint32_t a, std::uint32_t b) {
   return a == b || share_a_vertex(shape.faces + 3 * std::size_t{a}, shape.faces + 3 * std::size_t{b});
+}
+
+/// True when the flat discs around a vertex of each overlap.
+bool are_bridged(const Shape& shape, std::uint32_t a, std::uint32_t b) {
+  using Vertex = Eigen::Map<const Eigen::Vector3f>;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::size_t from = shape.faces[3 * std::size_t{a} + i];
+    if (!(shape.reach[from] > 0.0f)) continue;
+    const Vertex start(shape.vertices + 3 * from);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::size_t to = shape.faces[3 * std::size_t{b} + k];
+      const float together = shape.reach[from] + shape.reach[to];
+      const float distance2 = (Vertex(shape.vertices + 3 * to) - start).squaredNorm();
+      if (shape.reach[to] > 0.0f && distance2 < together * together) return true;
+    }
+  }
+  return false;
+}
+
+bool run_on(const Shape& shape, std::uint32_t a, std::uint32_t b) {
+  return are_linked(shape, a, b) || are_bridged(shape, a, b);
 }
 
 /// Adds a face to a patch. False when it does not touch all that are there already.
@@ -86,10 +107,9 @@ bool PixelCover::select_camera(std::size_t number) {
             plan_.camera_regions[number]);
   laser_.set(*scene_, *track_, {plan_.source(0, 0)}, lane_instants_, plan_.laser_region);
   set_light_lines(camera.sensor_from_camera.translation);
-  const std::size_t corners = (static_cast<std::size_t>(camera.height_px) + 1) * instants();
-  left_.assign(corners, {});
-  right_.assign(corners, {});
-  column_ = -2;
+  corners_per_edge_ = (static_cast<std::size_t>(camera.height_px) + 1) * instants();
+  corners_.assign(kEdgesKept * corners_per_edge_, {});
+  next_edge_ = 0;
   // A blurred pixel collects light from beyond its corners.
   const bool sharp = rays_.share_eye() && camera.psf_sigma_px == 0.0;
   return sharp && largest_motion_px(plan_.settings.model, *track_, view_.shapes()) <= kFarthestMotion;
@@ -107,14 +127,11 @@ void PixelCover::set_light_lines(const Eigen::Vector3d& eye) {
 }
 
 Patch PixelCover::patch(int column, int row, const PixelMask& mask) {
-  if (column != column_) {
-    if (column == column_ + 1) {
-      std::swap(left_, right_);
-    } else {
-      look_along(column, mask, left_);
-    }
-    look_along(column + 1, mask, right_);
-    column_ = column;
+  column_ = column;
+  next_edge_ = std::max(next_edge_, column);
+  while (next_edge_ <= column + 1) {
+    look_along(next_edge_, mask);
+    next_edge_ += kEdgesAtOnce;
   }
   const Corner& first = *around(row, 0)[0];
   if (first.id.shape < 0) return {};
@@ -128,24 +145,39 @@ Patch PixelCover::patch(int column, int row, const PixelMask& mask) {
       patch.in_light = patch.in_light && corner->in_light;
     }
   }
-  return few || flatten(shape, row, patch) ? patch : Patch{};
+  if (few && patch.count == 1) return patch;
+  patch.is_flat = flatten(shape, row, patch);
+  // Between three or four small faces there often is one more: their plane comes first.
+  const bool many = patch.is_flat && patch.count > 2 && is_fine(shape, patch.face[0]);
+  if (!few || many) patch.count = 0;
+  return few || patch.is_flat ? patch : Patch{};
 }
 
 std::array<const PixelCover::Corner*, 4> PixelCover::around(int row, std::size_t instant) const {
   const std::size_t above = static_cast<std::size_t>(row) * instants() + instant;
   const std::size_t below = above + instants();
-  return {&left_[above], &left_[below], &right_[below], &right_[above]};
+  const Corner* left = corners_of(column_);
+  const Corner* right = corners_of(column_ + 1);
+  return {left + above, left + below, right + below, right + above};
 }
 
-/// True when each of the corners' faces touches the next, around the pixel and from instant to instant.
+/// True when the faces around this one are about as small as pixels.
+bool PixelCover::is_fine(const Shape& shape, std::uint32_t face) const {
+  constexpr double kFine = 2.0;  // px
+  const double reach = static_cast<double>(shape.reach[shape.faces[3 * std::size_t{face}]]);
+  return reach > 0.0 && reach < kFine * plan_.pixel_size;
+}
+
+/// True when the surface runs on from each of the corners' faces to the next, around the pixel and from
+/// instant to instant.
 bool PixelCover::is_ring(const Shape& shape, int row) const {
   const auto start = around(row, 0);
   for (std::size_t instant = 0; instant < instants(); ++instant) {
     const auto ring = around(row, instant);
     for (std::size_t k = 0; k < ring.size(); ++k) {
       const std::uint32_t face = ring[k]->id.face;
-      if (!are_linked(shape, face, ring[(k + 1) % ring.size()]->id.face)) return false;
-      if (!are_linked(shape, face, start[k]->id.face)) return false;
+      if (!run_on(shape, face, ring[(k + 1) % ring.size()]->id.face)) return false;
+      if (!run_on(shape, face, start[k]->id.face)) return false;
     }
   }
   return true;
@@ -180,31 +212,31 @@ bool PixelCover::flatten(const Shape& shape, int row, Patch& patch) const {
   if (!is_ring(shape, row)) return false;
   // A paraboloid over a square is on average a third of that above the middle of its corners.
   patch.plane = {{normal.x(), normal.y(), normal.z()}, normal.dot(middle) + bulge / 3.0};
-  patch.count = 0;
   return true;
 }
 
-void PixelCover::look_along(int edge, const PixelMask& mask, Corners& corners) {
-  int rows[kLanes];
+void PixelCover::look_along(int first_edge, const PixelMask& mask) {
+  Place places[kLanes];
   int count = 0;
-  const auto add = [&](int row) {
-    rows[count++] = row;
+  mask.for_each_corner<kEdgesAtOnce>(first_edge, [&](int edge, int row) {
+    places[count++] = {edge, row};
     if (count < kLanes) return;
-    look_along_packet(edge, rows, count, corners);
+    look_along_packet(places, count);
     count = 0;
-  };
-  int next = 0;  // corners before this one are looked along
-  mask.for_each_row(edge - 1, edge, [&](int row) {
-    if (row >= next) add(row);
-    add(row + 1);
-    next = row + 2;
   });
-  if (count > 0) look_along_packet(edge, rows, count, corners);
+  if (count > 0) look_along_packet(places, count);
 }
 
-void PixelCover::look_along_packet(int edge, const int* rows, int count, Corners& corners) {
+void PixelCover::look_along_packet(const Place* places, int count) {
   Lanes3 direction;
-  rays_.through_corners(edge, rows, count, direction);
+  int edges[kLanes];
+  int rows[kLanes];
+  for (int l = 0; l < kLanes; ++l) {
+    const Place& place = places[std::min(l, count - 1)];
+    edges[l] = place.edge;
+    rows[l] = place.row;
+  }
+  rays_.through_corners(edges, rows, direction);
   alignas(64) int valid[kLanes];
   for (int l = 0; l < kLanes; ++l) valid[l] = l < count ? -1 : 0;
   const Eigen::Vector3d from_source = Eigen::Map<const Eigen::Vector3d>(rays_.eye()) - plan_.source(0, 0);
@@ -230,10 +262,11 @@ void PixelCover::look_along_packet(int edge, const int* rows, int count, Corners
       const double to_eye = -lane(hits.normal, l).dot(lane(direction, l));
       const double to_source = -lane(hits.normal, l).dot(lane(way, l).normalized());
       const bool steep = (to_eye > 0.0 ? to_source : -to_source) > kGrazing;
-      corners[static_cast<std::size_t>(rows[l]) * instants() + instant] = {{hits.shape[l], hits.face[l]},
-                                                                           plan_.source(0, 0) + lane(way, l),
-                                                                           to_eye > 0.0,
-                                                                           steep && open[l] != 0};
+      corners_of(edges[l])[static_cast<std::size_t>(rows[l]) * instants() + instant] = {
+          {hits.shape[l], hits.face[l]},
+          plan_.source(0, 0) + lane(way, l),
+          to_eye > 0.0,
+          steep && open[l] != 0};
     }
   }
 }

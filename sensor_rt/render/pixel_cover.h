@@ -17,8 +17,9 @@ namespace sensor_rt {
 /// what it meets there. Where all four corners of a pixel meet one face, or faces around one vertex, the
 /// samples of the pixel need not search for what they meet; where the laser reaches all four, they need not
 /// look for shadows. Neighbours share their corners, so that a pixel takes little more than one ray of each
-/// kind instead of one per sample. On a mesh finer than the pixels the corners meet too many faces for that;
-/// where these surround the pixel without a gap and lie on each other's planes, one plane stands for them.
+/// kind instead of one per sample. On a mesh finer than the pixels the corners meet too many faces for that,
+/// or there are more between them; where the surface runs on around the pixel, from each corner's face to the
+/// next, and these lie on each other's planes, one plane stands for them.
 ///
 /// What lies wholly between the corners of a pixel escapes, as does what crosses it and leaves again during
 /// an exposure that moves far; there the cover is not used.
@@ -45,17 +46,26 @@ class PixelCover {
     bool from_front = false;  ///< the side of the face that is seen, after its winding
     bool in_light = false;
   };
-  /// Between two columns of pixels, at [row * instants + instant]; corner r lies above pixel r.
-  using Corners = std::vector<Corner>;
+  /// A corner lies above the pixel of its row and to the left of that of its edge.
+  struct Place {
+    int edge;
+    int row;
+  };
 
   /// The four corners of the pixel of this row in column_, around it.
   std::array<const Corner*, 4> around(int row, std::size_t instant) const;
+  bool is_fine(const Shape& shape, std::uint32_t face) const;
   bool is_ring(const Shape& shape, int row) const;
   bool flatten(const Shape& shape, int row, Patch& patch) const;
   void set_light_lines(const Eigen::Vector3d& eye);
-  void look_along(int edge, const PixelMask& mask, Corners& corners);
-  void look_along_packet(int edge, const int* rows, int count, Corners& corners);
+  void look_along(int first_edge, const PixelMask& mask);
+  void look_along_packet(const Place* places, int count);
   std::size_t instants() const { return lane_instants_.size() / kLanes; }
+  /// Where the corners of an edge begin, at [row * instants + instant] from there.
+  Corner* corners_of(int edge) {
+    return &corners_[static_cast<std::size_t>(edge % kEdgesKept) * corners_per_edge_];
+  }
+  const Corner* corners_of(int edge) const { return const_cast<PixelCover*>(this)->corners_of(edge); }
 
   const RenderPlan& plan_;
   PixelRays rays_;
@@ -66,9 +76,13 @@ class PixelCover {
   RayView laser_;
   Windows sheet_;                        ///< all that the laser lights, as it sees it
   std::vector<SightLines> light_lines_;  ///< from there to what a camera sees, per instant
-  int column_ = -2;                      ///< whose corners are known: left_ and right_ of it
-  Corners left_;
-  Corners right_;
+  /// Packets are four corners wide, so that their rays stay close together.
+  static constexpr int kEdgesAtOnce = 4;
+  static constexpr int kEdgesKept = 2 * kEdgesAtOnce;
+  int column_ = 0;     ///< of the last pixel asked for
+  int next_edge_ = 0;  ///< corners from column_ up to here, without it, are known
+  std::size_t corners_per_edge_ = 0;
+  std::vector<Corner> corners_;
 };
 
 /// How far anything among `shapes` moves in any camera's image between first and last instant, in pixels.

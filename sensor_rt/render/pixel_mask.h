@@ -21,14 +21,27 @@ class PixelMask {
   bool test(int column, int row) const;
   std::size_t count() const;
 
-  /// Calls visit(row) for each row that is marked in either of two neighbouring columns, ascending; a column
-  /// outside the image has none.
-  template <typename Visit>
-  void for_each_row(int first_column, int last_column, const Visit& visit) const {
-    for (int word = 0; word < words_; ++word) {
-      std::uint64_t bits = first_column >= 0 ? bits_[index(first_column, word)] : 0;
-      if (last_column < width_) bits |= bits_[index(last_column, word)];
-      for (; bits != 0; bits &= bits - 1) visit(64 * word + __builtin_ctzll(bits));
+  /// Calls visit(edge, row) for each corner of a marked pixel between `first_edge` and the few edges that
+  /// follow, in ascending rows, then edges. A corner lies above the pixel of its row and to the left of that
+  /// of its edge.
+  template <int kEdges, typename Visit>
+  void for_each_corner(int first_edge, const Visit& visit) const {
+    std::uint64_t above[kEdges] = {};  // the last row of the word before
+    for (int word = 0; word <= words_; ++word) {
+      std::uint64_t corners[kEdges];
+      std::uint64_t any = 0;
+      for (int k = 0; k < kEdges; ++k) {
+        const std::uint64_t pixels = bits(first_edge + k - 1, word) | bits(first_edge + k, word);
+        corners[k] = pixels | pixels << 1 | above[k];
+        above[k] = pixels >> 63;
+        any |= corners[k];
+      }
+      for (; any != 0; any &= any - 1) {
+        const int row = __builtin_ctzll(any);
+        for (int k = 0; k < kEdges; ++k) {
+          if ((corners[k] >> row & 1u) != 0) visit(first_edge + k, 64 * word + row);
+        }
+      }
     }
   }
 
@@ -47,6 +60,11 @@ class PixelMask {
   std::size_t index(int column, int word) const {
     return static_cast<std::size_t>(column) * static_cast<std::size_t>(words_) +
            static_cast<std::size_t>(word);
+  }
+
+  /// 64 rows of a column; none outside the image.
+  std::uint64_t bits(int column, int word) const {
+    return column >= 0 && column < width_ && word < words_ ? bits_[index(column, word)] : 0;
   }
 
   int width_ = 0;

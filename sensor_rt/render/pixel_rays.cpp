@@ -100,14 +100,15 @@ void PixelRays::through_middle(int column, int row, Lanes3& direction) const {
   direct(pixel_ray(column, row), nowhere_.data(), nowhere_.data(), 0, direction);
 }
 
-void PixelRays::through_corners(int column, const int* rows, int count, Lanes3& direction) const {
+void PixelRays::through_corners(const int* columns, const int* rows, Lanes3& direction) const {
   const double scale = 1.0 / camera_->focal_px;
   for (int l = 0; l < kLanes; ++l) {
-    const double row = rows[std::min(l, count - 1)] - 0.5;
-    double x = (column - 0.5 - camera_->cx_px) * scale;
+    const double column = columns[l] - 0.5;
+    const double row = rows[l] - 0.5;
+    double x = (column - camera_->cx_px) * scale;
     double y = (row - camera_->cy_px) * scale;
     if (!camera_->is_plain()) {
-      const Eigen::Vector3d in_camera = camera_->ray({column - 0.5, row});
+      const Eigen::Vector3d in_camera = camera_->ray({column, row});
       x = in_camera.x();
       y = in_camera.y();
     }

@@ -22,9 +22,8 @@ class PixelRays {
   /// All lanes along the middle of the pixel, from the eyes of the first sixteen samples.
   void through_middle(int column, int row, Lanes3& direction) const;
 
-  /// Lanes along corners of pixels: those to the left of `column` and above the given rows; the last is
-  /// repeated.
-  void through_corners(int column, const int* rows, int count, Lanes3& direction) const;
+  /// Lanes along corners of pixels: to the left of the given columns and above the given rows.
+  void through_corners(const int* columns, const int* rows, Lanes3& direction) const;
 
   /// Electrons per second in a pixel from a surface that sends back `irradiance` diffusely.
   double electrons(int column, int row, double irradiance) const;

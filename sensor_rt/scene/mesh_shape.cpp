@@ -5,6 +5,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include "sensor_rt/scene/flat_reach.h"
+
 namespace sensor_rt {
 namespace {
 
@@ -94,6 +96,7 @@ Shape make_mesh_shape(const MeshView& mesh) {
   for (std::size_t i = 0; i < mesh.vertex_count; ++i) {
     shape.half_size = shape.half_size.cwiseMax((mesh.vertex(i) - centre).cwiseAbs());
   }
+  shape.reach = flat_reach(mesh, shape.planes);
   shape.facing = FacingTree(mesh, centre, shape.planes);
   shape.embree = build_triangle_scene(mesh, centre);
   const RTCGeometry geometry = rtcGetGeometry(shape.embree.get(), 0);

@@ -36,8 +36,8 @@ struct FacePlane {
   double offset;
 };
 
-/// A piece of surface made of a few faces of one shape, or of so many that lie in one plane that this stands
-/// for them.
+/// A piece of surface made of a few faces of one shape, or of so many in one plane that this stands for them.
+/// A plane may also stand in for what lies between a few faces.
 struct Patch {
   static constexpr int kMost = 4;
 
@@ -45,6 +45,7 @@ struct Patch {
   int count = 0;            ///< 0: the plane stands for all, face[0] is one of them
   std::uint32_t face[kMost] = {};
   bool in_light = false;  ///< all of it known to be free of shadow
+  bool is_flat = false;   ///< there is a plane
   FacePlane plane = {};
 };
 

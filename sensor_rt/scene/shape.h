@@ -27,6 +27,7 @@ struct Shape {
   /// the height of a cylinder along z; a rectangle lies in z = 0.
   Eigen::Vector3d half_size = Eigen::Vector3d::Zero();
   std::vector<FacePlane> planes;  ///< meshes only, one per face
+  std::vector<float> reach;       ///< meshes only, see flat_reach
   FacingTree facing;              ///< meshes only
   SceneHandle embree;             ///< meshes only
   /// Embree's own arrays, in the frame of the shape: three indices per face, three coordinates per vertex.

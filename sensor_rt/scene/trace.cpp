@@ -268,14 +268,19 @@ bool meet_patch(const Shape& shape, const Patch& patch, const LaneTransform& tra
   Lanes3 local;
   to_shape_frame(transform.rotation, direction, local);
   const bool full = std::all_of(valid, valid + kLanes, [](int lane) { return lane != 0; });
-  if (shape.kind == ShapeKind::kMesh && patch.count <= 1 && full) {
-    const FacePlane& plane = patch.count == 0 ? patch.plane : shape.planes[patch.face[0]];
+  const bool is_mesh = shape.kind == ShapeKind::kMesh;
+  const auto meet_all = [&](const FacePlane& plane) {
     return meet_single_plane(plane, patch, transform, local, hits);
+  };
+  if (is_mesh && full && patch.count <= 1) {
+    return meet_all(patch.count == 0 ? patch.plane : shape.planes[patch.face[0]]);
   }
   if (patch.count == 0) return false;
   Candidates found;
-  if (shape.kind == ShapeKind::kMesh) {
-    if (!choose_faces(shape, patch, transform.origin, local, valid, found)) return false;
+  if (is_mesh) {
+    if (!choose_faces(shape, patch, transform.origin, local, valid, found)) {
+      return patch.is_flat && full && meet_all(patch.plane);
+    }
   } else {
     intersect_primitive(shape, transform.origin, local, found.t, found.normal);
     std::fill(found.face, found.face + kLanes, 0);

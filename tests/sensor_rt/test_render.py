@@ -114,14 +114,15 @@ def test_tracing_the_band_finds_all_light_of_the_whole_image(moves: bool, distor
     assert_same_light(band, whole)
 
 
-def fine_waves(gap: float) -> tuple[Array, NDArray[np.uint32]]:
-    """Low waves of facets smaller than a pixel, in two pieces that end on both sides of a gap."""
-    across, along = np.linspace(-0.004, 0.004, 161), np.linspace(-0.006, 0.006, 240)
+def fine_waves(gap: float, facet: float) -> tuple[Array, NDArray[np.uint32]]:
+    """Low waves of facets of about that size (m), in two pieces that end on both sides of a gap."""
+    across = np.linspace(-0.004, 0.004, round(0.008 / facet) + 1)
+    along = np.linspace(-0.006, 0.006, 2 * round(0.006 / facet))
+    beyond = np.tile(along > 0, len(across))
+    along = along + np.where(along > 0, gap - (along[1] - along[0]), 0.0)
     place = np.stack(np.meshgrid(across, along, indexing="ij"), axis=-1)
     height = 1e-4 * np.sin(800 * place[..., 1]) * np.cos(500 * place[..., 0])
     vertices = np.concatenate([place, height[..., None]], axis=-1).reshape(-1, 3)
-    beyond = vertices[:, 1] > 0
-    vertices[beyond, 1] += gap - (along[1] - along[0])
     rows = len(along)
     corner = (np.arange(len(across) - 1)[:, None] * rows + np.arange(rows - 1)).ravel()
     faces = np.concatenate(
@@ -136,10 +137,11 @@ def fine_waves(gap: float) -> tuple[Array, NDArray[np.uint32]]:
 
 @pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("gap", [1e-5, 5e-5])
-def test_facets_finer_than_pixels_give_the_light_of_every_sample_traced(gap: float, moves: bool) -> None:
+@pytest.mark.parametrize("facet", [3e-5, 5e-5])  # a pixel sees 40 micrometres
+def test_facets_finer_than_pixels_give_the_light_of_every_sample_traced(facet: float, gap: float, moves: bool) -> None:
     """One plane may stand for the facets behind a pixel; it is as good, and bridges no gap between two pieces."""
     scene = Scene()
-    scene.add_mesh("waves", *fine_waves(gap), 0.5)
+    scene.add_mesh("waves", *fine_waves(gap, facet), 0.5)
     place = pose((0, 0, 0.14), (0.1, 0.2, 0.3))
     later: Array = pose((5e-6, -1e-5, 5e-6), (5e-5, 2e-5, 0)) @ place
     exposures = moving([[place], [later]], [np.eye(4)] * 2) if moves else still(place)
