@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/optics/region.h"
@@ -73,6 +74,25 @@ void face(const double* __restrict eye, const Lanes3& __restrict point, const La
 /// The eyes look along the reference frame's X, one way or the other.
 ViewAxes looks_along(const Camera& camera) { return camera.side > 0 ? ViewAxes::kBackX : ViewAxes::kX; }
 
+/// Of ray i from z.
+double angle_of(const FanGeometry& geometry, int i) {
+  return geometry.laser.fan_half_angle * (2.0 * (i + 0.5) / geometry.rays - 1.0);
+}
+
+Fan fan_of(const FanGeometry& geometry) {
+  const LaserSheet& laser = geometry.laser;
+  const int packets = (geometry.rays + kLanes - 1) / kLanes;
+  std::vector<Lanes3> directions(static_cast<std::size_t>(packets));
+  for (int i = 0; i < packets * kLanes; ++i) {
+    const double angle = angle_of(geometry, i);
+    const double bend = laser.bend_at(std::tan(angle) / std::tan(laser.fan_half_angle));
+    const Eigen::Vector3d way(bend * std::cos(angle), std::sin(angle), std::cos(angle));
+    set_lane(directions[static_cast<std::size_t>(i / kLanes)], i % kLanes,
+             laser.is_straight() ? way : way.normalized());
+  }
+  return {std::move(directions), static_cast<std::size_t>(geometry.rays)};
+}
+
 }  // namespace
 
 void FanPoints::resize(std::size_t count) {
@@ -83,23 +103,18 @@ void FanPoints::resize(std::size_t count) {
   camera.resize(count);
 }
 
-FanCaster::FanCaster(const FanGeometry& geometry) : geometry_(geometry) {
+FanCaster::FanCaster(const FanGeometry& geometry) : geometry_(geometry), fan_(fan_of(geometry)) {
   const LaserSheet& laser = geometry_.laser;
   const Rigid3 sheet_from_sensor = laser.sensor_from_sheet.inverse();
   for (Camera& camera : geometry_.cameras) {
     camera.sensor_from_camera = sheet_from_sensor * camera.sensor_from_camera;
   }
-  const int packets = (geometry_.rays + kLanes - 1) / kLanes;
-  directions_.resize(static_cast<std::size_t>(packets));
-  landings_.resize(directions_.size());
-  views_.resize(directions_.size());
-  for (int i = 0; i < packets * kLanes; ++i) {
-    const double angle = laser.fan_half_angle * (2.0 * (i + 0.5) / geometry_.rays - 1.0);
-    const double bend = laser.bend_at(std::tan(angle) / std::tan(laser.fan_half_angle));
-    const Eigen::Vector3d way(bend * std::cos(angle), std::sin(angle), std::cos(angle));
-    set_lane(directions_[static_cast<std::size_t>(i / kLanes)], i % kLanes,
-             laser.is_straight() ? way : way.normalized());
-    relative_power_.push_back(i < geometry_.rays ? laser.relative_power(angle) : 0.0);
+  hits_.resize(fan_.directions().size());
+  landings_.resize(hits_.size());
+  views_.resize(hits_.size());
+  relative_power_.resize(hits_.size() * kLanes, 0.0);
+  for (int i = 0; i < geometry_.rays; ++i) {
+    relative_power_[static_cast<std::size_t>(i)] = laser.relative_power(angle_of(geometry_, i));
   }
   laser_region_ = laser_region(laser, 0.0);
   constexpr double kFarthest = 10.0;  // m
@@ -133,14 +148,12 @@ void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t
 }
 
 void FanCaster::land(const Scene& scene) {
-  for (std::size_t p = 0; p < directions_.size(); ++p) {
+  laser_view_.intersect(track_, {0.0, 0.0, geometry_.laser.source_z}, fan_, search_, hits_);
+  for (std::size_t p = 0; p < hits_.size(); ++p) {
     Landing& landing = landings_[p];
-    alignas(64) int valid[kLanes];
-    for (int l = 0; l < kLanes; ++l) valid[l] = static_cast<int>(p) * kLanes + l < geometry_.rays ? -1 : 0;
-    PacketHits hits;
-    laser_view_.intersect(0, directions_[p], valid, kNone, hits);
+    const PacketHits& hits = hits_[p];
     alignas(64) double cosine[kLanes];
-    locate(geometry_.laser.source_z, geometry_.near, geometry_.far, directions_[p], hits, landing.point,
+    locate(geometry_.laser.source_z, geometry_.near, geometry_.far, fan_.directions()[p], hits, landing.point,
            landing.normal, cosine, landing.used);
     const Rigid3& sensor_from_sheet = geometry_.laser.sensor_from_sheet;
     transform(sensor_from_sheet.rotation.data(), sensor_from_sheet.translation.data(), landing.point,

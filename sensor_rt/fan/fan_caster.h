@@ -73,7 +73,9 @@ class FanCaster {
 
   FanGeometry geometry_;
   std::vector<Projector> projectors_;
-  std::vector<Lanes3> directions_;
+  Fan fan_;
+  FanSearch search_;
+  std::vector<PacketHits> hits_;
   std::vector<double> relative_power_;  ///< per ray
   std::vector<HalfSpace> laser_region_;
   std::vector<std::vector<HalfSpace>> camera_regions_;

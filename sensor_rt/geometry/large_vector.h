@@ -27,8 +27,10 @@ struct LargePageAllocator {
     if (count > std::numeric_limits<std::size_t>::max() / (2 * sizeof(T))) throw std::bad_alloc();
     const std::size_t bytes = count * sizeof(T);
     const bool large = bytes >= kLargePage;
-    const std::size_t padded = large ? (bytes + kLargePage - 1) / kLargePage * kLargePage : bytes;
-    void* memory = large ? std::aligned_alloc(kLargePage, padded) : std::malloc(bytes);
+    const std::size_t alignment = large ? kLargePage : alignof(T);
+    constexpr bool kPlain = alignof(T) <= alignof(std::max_align_t);
+    const std::size_t padded = large || !kPlain ? (bytes + alignment - 1) / alignment * alignment : bytes;
+    void* memory = large || !kPlain ? std::aligned_alloc(alignment, padded) : std::malloc(bytes);
     if (memory == nullptr) throw std::bad_alloc();
 #if defined(__linux__)
     // Small pages serve as well where the system refuses.

@@ -22,6 +22,15 @@ inline std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> coun
   return counter;
 }
 
+/// A number that looks like any other for each key (SplitMix64; Steele et al., "Fast splittable pseudorandom
+/// number generators", OOPSLA 2014). Sums of such numbers that do not cancel out are as good as never zero.
+inline std::uint64_t scramble(std::uint64_t key) {
+  std::uint64_t x = key + 0x9E3779B97F4A7C15u;
+  x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9u;
+  x = (x ^ (x >> 27)) * 0x94D049BB133111EBu;
+  return x ^ (x >> 31);
+}
+
 /// Uniform in (0, 1), never 0 or 1.
 inline float uniform01(std::uint32_t bits) { return (static_cast<float>(bits >> 9) + 0.5f) * 0x1p-23f; }
 

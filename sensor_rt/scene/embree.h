@@ -45,17 +45,18 @@ inline void intersect16(RTCScene scene, const int* valid, RTCRayHit16& rays) {
 #endif
 }
 
-/// Sets tfar to -infinity for each ray that meets anything.
-inline void occluded16(RTCScene scene, const int* valid, RTCRay16& rays) {
+/// Sets tfar to -infinity for each ray that meets anything. `alike`: rays that start near each other and run
+/// alike meet much the same, too.
+inline void occluded16(RTCScene scene, const int* valid, bool alike, RTCRay16& rays) {
 #if RTC_VERSION_MAJOR >= 4
   RTCOccludedArguments arguments;
   rtcInitOccludedArguments(&arguments);
-  arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+  arguments.flags = alike ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
   rtcOccluded16(valid, scene, &rays, &arguments);
 #else
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  context.flags = alike ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
   rtcOccluded16(valid, scene, &context, &rays);
 #endif
 }

@@ -6,68 +6,22 @@
 #include <utility>
 
 #include "sensor_rt/geometry/multiversion.h"
+#include "sensor_rt/geometry/prefetch.h"
+#include "sensor_rt/geometry/random.h"
+#include "sensor_rt/scene/face_order.h"
 #include "sensor_rt/scene/mesh_shape.h"
 
 namespace sensor_rt {
 namespace {
 
 constexpr int kWide = EightBoxes::kCount;
-constexpr std::size_t kFacesPerLeaf = 16;
 constexpr float kInfinity = Window::kInfinity;
 
-/// A number for a directed edge, the negative of that of the same edge run backwards. Sums of edges that do
-/// not cancel out are as good as never zero (mixed as in SplitMix64).
+/// A number for a directed edge, the negative of that of the same edge run backwards.
 std::uint64_t edge_number(std::uint32_t from, std::uint32_t to) {
   const bool forwards = from < to;
-  std::uint64_t x = forwards ? (std::uint64_t{from} << 32 | to) : (std::uint64_t{to} << 32 | from);
-  x += 0x9e3779b97f4a7c15u;
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9u;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebu;
-  x ^= x >> 31;
-  return forwards ? x : std::uint64_t{0} - x;
-}
-
-struct Middle {
-  float at[3];
-  std::uint32_t face;
-};
-
-/// Sorts until the first half of any aligned block of a power of two of leaves lies on one side of the
-/// second.
-void split(Middle* first, std::size_t count) {
-  if (count <= kFacesPerLeaf) return;
-  std::size_t half = kFacesPerLeaf;
-  while (2 * half < count) half *= 2;
-  float low[3] = {kInfinity, kInfinity, kInfinity};
-  float high[3] = {-kInfinity, -kInfinity, -kInfinity};
-  for (std::size_t i = 0; i < count; ++i) {
-    for (int k = 0; k < 3; ++k) {
-      low[k] = std::min(low[k], first[i].at[k]);
-      high[k] = std::max(high[k], first[i].at[k]);
-    }
-  }
-  int axis = 0;
-  for (int k = 1; k < 3; ++k) axis = high[k] - low[k] > high[axis] - low[axis] ? k : axis;
-  // The number of the face settles ties: the tree does not depend on the library.
-  std::nth_element(first, first + half, first + count, [axis](const Middle& a, const Middle& b) {
-    return a.at[axis] < b.at[axis] || (a.at[axis] == b.at[axis] && a.face < b.face);
-  });
-  split(first, half);
-  split(first + half, count - half);
-}
-
-/// Faces in an order in which each aligned block of a power of two of leaves is a compact piece of the mesh.
-std::vector<std::uint32_t> order_in_space(const MeshView& mesh, const Eigen::Vector3d& centre) {
-  std::vector<Middle> middles(mesh.face_count);
-  for (std::size_t f = 0; f < mesh.face_count; ++f) {
-    const Eigen::Vector3d middle = (mesh.corner(f, 0) + mesh.corner(f, 1) + mesh.corner(f, 2)) / 3.0 - centre;
-    for (int k = 0; k < 3; ++k) middles[f].at[k] = static_cast<float>(middle[k]);
-    middles[f].face = static_cast<std::uint32_t>(f);
-  }
-  split(middles.data(), middles.size());
-  std::vector<std::uint32_t> order(mesh.face_count);
-  std::transform(middles.begin(), middles.end(), order.begin(), [](const Middle& one) { return one.face; });
-  return order;
+  const std::uint64_t edge = forwards ? (std::uint64_t{from} << 32 | to) : (std::uint64_t{to} << 32 | from);
+  return forwards ? scramble(edge) : std::uint64_t{0} - scramble(edge);
 }
 
 /// Boxes that hold nothing.
@@ -122,13 +76,11 @@ bool is_closed(const MeshView& mesh) {
 }
 
 FacingTree::FacingTree(const MeshView& mesh, const Eigen::Vector3d& centre,
-                       const std::vector<FacePlane>& planes) {
-  if (!is_closed(mesh)) return;
+                       const std::vector<FacePlane>& planes, const std::vector<std::uint32_t>& order) {
   double reach = 0.0;
   for (std::size_t v = 0; v < mesh.vertex_count; ++v)
     reach = std::max(reach, (mesh.vertex(v) - centre).cwiseAbs().maxCoeff());
   reach_ = static_cast<float>(3.0 * reach);
-  const std::vector<std::uint32_t> order = order_in_space(mesh, centre);
   add_leaves(mesh, centre, planes, order);
   while (levels_.back().size() > 1) add_level();
   std::reverse(levels_.begin(), levels_.end());
@@ -177,34 +129,50 @@ std::vector<FacingTree::Block> FacingTree::empty_blocks(std::size_t nodes) {
 }
 
 void FacingTree::find_turned_away(const Sight& sight, Windows& found) const {
-  found.clear();
-  found.add(Window::everything());
   const float* eye = sight.eye_in_shape();
   const float margin = 1e-5f * (std::abs(eye[0]) + std::abs(eye[1]) + std::abs(eye[2]) + reach_);
-  std::uint32_t nodes[Windows::kMost] = {0};
-  int count = 1;
-  for (const std::vector<Block>& level : levels_) {
-    Windows windows;
-    std::uint32_t next[Windows::kMost];
-    for (int n = 0; n < count; ++n) {
-      const Block& block = level[nodes[n]];
-      alignas(32) float turned[kWide];
-      turned_away(block.normals, block.offset, eye, margin, turned);
-      unsigned bits = 0;
-      for (int l = 0; l < kWide; ++l) bits |= (turned[l] > 0.0f ? 1u : 0u) << l;
-      Window seen[kWide];
-      if (bits != 0) bits = sight.see(block.boxes, bits, seen);
-      for (int l = 0; l < kWide; ++l) {
-        if ((bits >> l & 1u) == 0) continue;
-        if (windows.count() == Windows::kMost) return;
-        next[windows.count()] = nodes[n] * kWide + static_cast<std::uint32_t>(l);
-        windows.add(seen[l]);
-      }
+  found.clear();
+  // A ring of nodes, opened level by level; they stay closed once their children would be too many.
+  constexpr std::size_t kMost = Windows::kMost;
+  Node nodes[kMost];
+  nodes[0] = {0, 0, Window::everything()};
+  std::size_t first = 0;
+  std::size_t count = 1;
+  bool is_full = false;
+  while (count > 0) {
+    const Node node = nodes[first];
+    first = (first + 1) % kMost;
+    --count;
+    Node children[kWide];
+    std::size_t born = 0;
+    const bool is_face = node.level == levels_.size();
+    if (!is_full && !is_face) born = open(node, sight, margin, children);
+    is_full = is_full || static_cast<std::size_t>(found.count()) + count + born > kMost;
+    if (is_full || is_face) {
+      found.add(node.window);
+      continue;
     }
-    count = windows.count();
-    found = windows;
-    std::copy_n(next, count, nodes);
+    for (std::size_t i = 0; i < born; ++i) nodes[(first + count++) % kMost] = children[i];
   }
+}
+
+std::size_t FacingTree::open(const Node& node, const Sight& sight, float margin, Node* children) const {
+  const Block& block = levels_[node.level][node.index];
+  alignas(32) float turned[kWide];
+  turned_away(block.normals, block.offset, sight.eye_in_shape(), margin, turned);
+  unsigned bits = 0;
+  for (int l = 0; l < kWide; ++l) bits |= (turned[l] > 0.0f ? 1u : 0u) << l;
+  Window seen[kWide];
+  if (bits != 0) bits = sight.see(block.boxes, bits, seen);
+  const std::size_t level = node.level + 1;
+  std::size_t count = 0;
+  for (; bits != 0; bits &= bits - 1) {
+    const int l = __builtin_ctz(bits);
+    children[count] = {level, node.index * kWide + static_cast<std::uint32_t>(l), seen[l]};
+    if (level < levels_.size()) prefetch(levels_[level][children[count].index]);
+    ++count;
+  }
+  return count;
 }
 
 }  // namespace sensor_rt

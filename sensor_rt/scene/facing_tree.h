@@ -22,8 +22,9 @@ struct FacePlane;
 class FacingTree {
  public:
   FacingTree() = default;
-  /// `planes` one per face, relative to `centre`. Empty when the mesh is not closed.
-  FacingTree(const MeshView& mesh, const Eigen::Vector3d& centre, const std::vector<FacePlane>& planes);
+  /// Of a closed mesh: `planes` one per face, relative to `centre`; `order` of the faces in space.
+  FacingTree(const MeshView& mesh, const Eigen::Vector3d& centre, const std::vector<FacePlane>& planes,
+             const std::vector<std::uint32_t>& order);
 
   bool empty() const { return levels_.empty(); }
 
@@ -39,10 +40,19 @@ class FacingTree {
     float offset[EightBoxes::kCount];  ///< the largest of the faces' planes
   };
 
+  struct Node {
+    std::size_t level;
+    std::uint32_t index;
+    Window window;  ///< in which its parent has seen it
+  };
+
   static std::vector<Block> empty_blocks(std::size_t nodes);
   void add_leaves(const MeshView& mesh, const Eigen::Vector3d& centre, const std::vector<FacePlane>& planes,
                   const std::vector<std::uint32_t>& order);
   void add_level();
+  /// Writes those of a node's children that may hold something turned away in a line of sight; returns how
+  /// many.
+  std::size_t open(const Node& node, const Sight& sight, float margin, Node* children) const;
 
   std::vector<std::vector<Block>> levels_;  ///< from the root down; block i stands below node i
   float reach_ = 0.0f;                      ///< of the mesh from its centre, along the axes together

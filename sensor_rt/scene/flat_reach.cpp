@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "sensor_rt/geometry/random.h"
 #include "sensor_rt/scene/mesh_shape.h"
 
 namespace sensor_rt {
@@ -12,15 +13,7 @@ namespace {
 
 using Normal = Eigen::Map<const Eigen::Vector3d>;
 
-/// Mixes as SplitMix64 does: sums of differences that do not cancel out are as good as never zero.
-std::uint64_t mixed(std::uint32_t vertex) {
-  std::uint64_t x = std::uint64_t{vertex} + 0x9e3779b97f4a7c15u;
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9u;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebu;
-  return x ^ x >> 31;
-}
-
-struct Fan {
+struct FacesAround {
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();  ///< sum over the faces
   float radius2 = std::numeric_limits<float>::infinity();
   std::uint64_t ends = 0;  ///< of the edges across from the vertex; 0 when these close around it
@@ -33,41 +26,41 @@ double distance2(const Eigen::Vector3d& point, const Eigen::Vector3d& from, cons
   return (from + share * edge - point).squaredNorm();
 }
 
-std::vector<Fan> gather(const MeshView& mesh, const std::vector<FacePlane>& planes) {
-  std::vector<Fan> fans(mesh.vertex_count);
+std::vector<FacesAround> gather(const MeshView& mesh, const std::vector<FacePlane>& planes) {
+  std::vector<FacesAround> around(mesh.vertex_count);
   for (std::size_t f = 0; f < mesh.face_count; ++f) {
     const std::uint32_t* corner = mesh.faces + 3 * f;
     const Eigen::Vector3f normal = Normal(planes[f].normal).cast<float>();
     const Eigen::Vector3d at[3] = {mesh.corner(f, 0), mesh.corner(f, 1), mesh.corner(f, 2)};
-    const std::uint64_t number[3] = {mixed(corner[0]), mixed(corner[1]), mixed(corner[2])};
+    const std::uint64_t number[3] = {scramble(corner[0]), scramble(corner[1]), scramble(corner[2])};
     for (int k = 0; k < 3; ++k) {
       const int next = (k + 1) % 3;
       const int last = (k + 2) % 3;
-      Fan& fan = fans[corner[k]];
-      fan.normal += normal;
-      fan.ends += number[next] - number[last];
-      fan.radius2 = std::min(fan.radius2, static_cast<float>(distance2(at[k], at[next], at[last])));
+      FacesAround& here = around[corner[k]];
+      here.normal += normal;
+      here.ends += number[next] - number[last];
+      here.radius2 = std::min(here.radius2, static_cast<float>(distance2(at[k], at[next], at[last])));
     }
   }
-  return fans;
+  return around;
 }
 
 }  // namespace
 
 std::vector<float> flat_reach(const MeshView& mesh, const std::vector<FacePlane>& planes) {
-  std::vector<Fan> fans = gather(mesh, planes);
+  std::vector<FacesAround> around = gather(mesh, planes);
   std::vector<float> reach(mesh.vertex_count);
-  for (std::size_t v = 0; v < fans.size(); ++v) {
-    const bool closed = fans[v].ends == 0 && fans[v].radius2 < std::numeric_limits<float>::infinity();
-    reach[v] = closed ? std::sqrt(fans[v].radius2) : 0.0f;
-    fans[v].normal.normalize();
+  for (std::size_t v = 0; v < around.size(); ++v) {
+    const bool closed = around[v].ends == 0 && around[v].radius2 < std::numeric_limits<float>::infinity();
+    reach[v] = closed ? std::sqrt(around[v].radius2) : 0.0f;
+    around[v].normal.normalize();
   }
   // Faces that go around a vertex and are all parallel go around it once or more, and leave no gap.
   for (std::size_t f = 0; f < mesh.face_count; ++f) {
     const Eigen::Vector3f normal = Normal(planes[f].normal).cast<float>();
     for (int k = 0; k < 3; ++k) {
       const std::uint32_t vertex = mesh.faces[3 * f + static_cast<std::size_t>(k)];
-      if (!(normal.dot(fans[vertex].normal) > static_cast<float>(kParallel))) reach[vertex] = 0.0f;
+      if (!(normal.dot(around[vertex].normal) > static_cast<float>(kParallel))) reach[vertex] = 0.0f;
     }
   }
   return reach;

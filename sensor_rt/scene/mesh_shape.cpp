@@ -4,7 +4,9 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <vector>
 
+#include "sensor_rt/scene/face_order.h"
 #include "sensor_rt/scene/flat_reach.h"
 
 namespace sensor_rt {
@@ -97,7 +99,13 @@ Shape make_mesh_shape(const MeshView& mesh) {
     shape.half_size = shape.half_size.cwiseMax((mesh.vertex(i) - centre).cwiseAbs());
   }
   shape.reach = flat_reach(mesh, shape.planes);
-  shape.facing = FacingTree(mesh, centre, shape.planes);
+  const bool closed = is_closed(mesh);
+  const bool fine = mesh.face_count >= FanTree::kFine;
+  if (closed || fine) {
+    const std::vector<std::uint32_t> order = order_in_space(mesh, centre);
+    if (closed) shape.facing = FacingTree(mesh, centre, shape.planes, order);
+    if (fine) shape.fan_tree = FanTree(mesh, centre, order);
+  }
   shape.embree = build_triangle_scene(mesh, centre);
   const RTCGeometry geometry = rtcGetGeometry(shape.embree.get(), 0);
   shape.faces =

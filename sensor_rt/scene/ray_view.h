@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "sensor_rt/geometry/half_space.h"
+#include "sensor_rt/scene/fan_search.h"
 #include "sensor_rt/scene/packet.h"
 #include "sensor_rt/scene/pose_track.h"
 
@@ -25,6 +26,11 @@ class RayView {
   void intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
                  PacketHits& hits) const;
 
+  /// Closest hits of all rays of a fan that starts from `eye`; `search` holds scratch memory. One packet of
+  /// hits per packet of the fan; the view must have been set for one instant of `track` and this eye.
+  void intersect(const PoseTrack& track, const Eigen::Vector3d& eye, const Fan& fan, FanSearch& search,
+                 std::vector<PacketHits>& hits) const;
+
   /// Closest hits of rays that are known to meet nothing before `patch`, of a shape in view. False when one
   /// misses it.
   bool meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
@@ -43,6 +49,10 @@ class RayView {
   bool empty() const { return shapes_.empty(); }
 
  private:
+  /// Of the k-th of shapes() alone, where nearer than before.
+  void intersect_with(std::size_t k, std::size_t packet, const Lanes3& direction, const int* valid,
+                      PacketHits& hits) const;
+
   const Scene* scene_ = nullptr;
   std::size_t packets_ = 0;
   std::vector<std::size_t> shapes_;

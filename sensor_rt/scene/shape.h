@@ -9,6 +9,7 @@
 #include "sensor_rt/geometry/rigid3.h"
 #include "sensor_rt/scene/embree.h"
 #include "sensor_rt/scene/facing_tree.h"
+#include "sensor_rt/scene/fan_tree.h"
 #include "sensor_rt/scene/material.h"
 #include "sensor_rt/scene/packet.h"
 
@@ -29,6 +30,7 @@ struct Shape {
   std::vector<FacePlane> planes;  ///< meshes only, one per face
   std::vector<float> reach;       ///< meshes only, see flat_reach
   FacingTree facing;              ///< meshes only
+  FanTree fan_tree;               ///< fine meshes only
   SceneHandle embree;             ///< meshes only
   /// Embree's own arrays, in the frame of the shape: three indices per face, three coordinates per vertex.
   const std::uint32_t* faces = nullptr;

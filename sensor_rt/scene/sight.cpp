@@ -95,6 +95,40 @@ bool any_overlap(const float (*__restrict low)[Windows::kMost],
   return any != 0;
 }
 
+/// Places in the picture of an eye.
+struct alignas(64) LanePlaces {
+  float across[kLanes];
+  float along[kLanes];
+  float depth[kLanes];  ///< infinite for what does not lie before the eye: of that nothing is known
+};
+
+SENSOR_RT_MULTIVERSION
+void place(const double* __restrict towards, float sign, const double* __restrict across,
+           const double* __restrict along, LanePlaces& __restrict places) {
+  for (int l = 0; l < kLanes; ++l) {
+    const float depth = sign * static_cast<float>(towards[l]);
+    const float scale = 1.0f / depth;
+    places.across[l] = static_cast<float>(across[l]) * scale;
+    places.along[l] = static_cast<float>(along[l]) * scale;
+    places.depth[l] = depth > 0.0f ? depth : Window::kInfinity;
+  }
+}
+
+/// Sets within[lane] to 1 where a way to there overlaps one of the windows.
+SENSOR_RT_MULTIVERSION
+void find_within(const float (*__restrict low)[Windows::kMost],
+                 const float (*__restrict high)[Windows::kMost], int count,
+                 const LanePlaces& __restrict places, int* __restrict within) {
+  for (int i = 0; i < count; ++i) {
+    for (int l = 0; l < kLanes; ++l) {
+      const bool across = (low[0][i] <= places.across[l]) & (high[0][i] >= places.across[l]);
+      const bool along = (low[1][i] <= places.along[l]) & (high[1][i] >= places.along[l]);
+      const bool known = places.depth[l] < Window::kInfinity;
+      within[l] |= (across & along & (low[2][i] <= places.depth[l])) | !known ? 1 : 0;
+    }
+  }
+}
+
 /// Window around points whose depth is `sign` times `towards`.
 SENSOR_RT_MULTIVERSION
 void bound(const double* __restrict towards, float sign, const double* __restrict across,
@@ -157,6 +191,18 @@ void Windows::add(const Window& window) {
   }
   ++count_;
   frame_.include(window);
+}
+
+void Windows::narrow(const Lanes3& way, ViewAxes axes, int* open) const {
+  LanePlaces places;
+  if (axes == ViewAxes::kZ) {
+    place(way.z, 1.0f, way.y, way.x, places);
+  } else {
+    place(way.x, axes == ViewAxes::kX ? 1.0f : -1.0f, way.y, way.z, places);
+  }
+  alignas(64) int within[kLanes] = {};
+  find_within(low_, high_, count_, places, within);
+  for (int l = 0; l < kLanes; ++l) open[l] = within[l] != 0 ? open[l] : 0;
 }
 
 bool Windows::meet(const Window& window) const { return any_overlap(low_, high_, count_, window); }

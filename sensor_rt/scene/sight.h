@@ -59,6 +59,8 @@ class Windows {
   void add(const Window& window);
   /// True when one of them and `window` overlap.
   bool meet(const Window& window) const;
+  /// Clears open[lane] for ways from an eye, given in the reference frame, that none of them overlaps.
+  void narrow(const Lanes3& way, ViewAxes axes, int* open) const;
 
  private:
   int count_ = 0;

@@ -1,5 +1,7 @@
 #include "sensor_rt/scene/sight_lines.h"
 
+#include <algorithm>
+
 namespace sensor_rt {
 namespace {
 
@@ -38,6 +40,7 @@ void find_hiding(const Shape& shape, const Rigid3& shape_from_reference, const S
 
 void SightLines::set(const Scene& scene, const PoseTrack& track, const std::vector<std::size_t>& shapes,
                      const SightSetting& setting, const Windows& bundles) {
+  axes_ = setting.axes;
   hiding_.resize(shapes.size());
   for (std::size_t k = 0; k < shapes.size(); ++k) {
     find_hiding(scene.shapes()[shapes[k]], track.shape_from_reference(shapes[k], setting.instant), setting,
@@ -48,7 +51,16 @@ void SightLines::set(const Scene& scene, const PoseTrack& track, const std::vect
 void SightLines::occlude(const RayView& view, std::size_t packet, const Lanes3& way, const Window& window,
                          double farthest, int* open) const {
   for (std::size_t k = 0; k < hiding_.size(); ++k) {
-    if (hiding_[k].meet(window)) view.occlude_by(k, packet, way, farthest, open);
+    if (!hiding_[k].meet(window)) continue;
+    // Ways that graze a fine mesh cost most: only those that something may cut are traced.
+    alignas(64) int asked[kLanes];
+    std::copy(open, open + kLanes, asked);
+    hiding_[k].narrow(way, axes_, asked);
+    if (std::none_of(asked, asked + kLanes, [](int lane) { return lane != 0; })) continue;
+    alignas(64) int free[kLanes];
+    std::copy(asked, asked + kLanes, free);
+    view.occlude_by(k, packet, way, farthest, free);
+    for (int l = 0; l < kLanes; ++l) open[l] = free[l] == asked[l] ? open[l] : 0;
   }
 }
 

@@ -33,6 +33,7 @@ class SightLines {
                double farthest, int* open) const;
 
  private:
+  ViewAxes axes_ = ViewAxes::kX;
   std::vector<Windows> hiding_;  ///< of each shape what may hide something
 };
 

@@ -17,10 +17,9 @@ void clear_hits(PacketHits& hits, double farthest);
 void intersect_shape(const Shape& shape, std::int32_t index, const LaneTransform& transform,
                      const Lanes3& direction, const int* valid, PacketHits& hits);
 
-/// Hits of rays that are known to meet nothing before `patch` of this shape. False when one of them misses
-/// the patch; the hits then mean nothing.
-bool meet_patch(const Shape& shape, const Patch& patch, const LaneTransform& transform,
-                const Lanes3& direction, const int* valid, PacketHits& hits);
+/// The same with the faces that are met known, and roughly where: t is infinite for lanes without any.
+void meet_faces(const Shape& shape, std::int32_t index, const LaneTransform& transform,
+                const Lanes3& direction, const std::uint32_t* face, const float* t, PacketHits& hits);
 
 /// Sets open[lane] to 0 where the shape cuts the ray at 0 < t < farthest; lanes with open == 0 are left out.
 void occlude_by_shape(const Shape& shape, const LaneTransform& transform, const Lanes3& direction,

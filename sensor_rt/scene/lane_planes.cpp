@@ -1,0 +1,117 @@
+#include "sensor_rt/scene/lane_planes.h"
+
+#include "sensor_rt/geometry/multiversion.h"
+
+namespace sensor_rt {
+namespace {
+
+/// A plane met in double precision may differ from Embree's hit by so much (metres): rounding at grazing
+/// incidence. Beyond that the ray runs along the plane and Embree's hit is the better one.
+constexpr double kLargestCorrection = 1e-4;
+
+}  // namespace
+
+SENSOR_RT_MULTIVERSION
+void to_shape_frame(const double (*r)[kLanes], const Lanes3& d, Lanes3& out) {
+  for (int l = 0; l < kLanes; ++l) {
+    out.x[l] = r[0][l] * d.x[l] + r[1][l] * d.y[l] + r[2][l] * d.z[l];
+    out.y[l] = r[3][l] * d.x[l] + r[4][l] * d.y[l] + r[5][l] * d.z[l];
+    out.z[l] = r[6][l] * d.x[l] + r[7][l] * d.y[l] + r[8][l] * d.z[l];
+  }
+}
+
+SENSOR_RT_MULTIVERSION
+void meet_planes(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
+                 const float* __restrict coarse, double* __restrict t) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double towards = p.normal_x[l] * d.x[l] + p.normal_y[l] * d.y[l] + p.normal_z[l] * d.z[l];
+    const double away = p.normal_x[l] * o.x[l] + p.normal_y[l] * o.y[l] + p.normal_z[l] * o.z[l];
+    const double fine = (p.offset[l] - away) / (towards == 0.0 ? 1e-300 : towards);
+    const double length2 = d.x[l] * d.x[l] + d.y[l] * d.y[l] + d.z[l] * d.z[l];
+    const double change = fine - static_cast<double>(coarse[l]);
+    const double rough = static_cast<double>(coarse[l]);
+    const bool credible =
+        (change * change * length2 <= kLargestCorrection * kLargestCorrection) & (fine > 0.0);
+    t[l] = credible ? fine : rough;
+  }
+}
+
+SENSOR_RT_MULTIVERSION
+void meet_planes_ahead(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
+                       double* __restrict t) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double towards = p.normal_x[l] * d.x[l] + p.normal_y[l] * d.y[l] + p.normal_z[l] * d.z[l];
+    const double away = p.normal_x[l] * o.x[l] + p.normal_y[l] * o.y[l] + p.normal_z[l] * o.z[l];
+    const double met = (p.offset[l] - away) / (towards == 0.0 ? 1e-300 : towards);
+    t[l] = met > 0.0 ? met : kNoHit;
+  }
+}
+
+SENSOR_RT_MULTIVERSION
+void meet_plane(const FacePlane& plane, const LaneTransform& __restrict transform, const Lanes3& __restrict d,
+                PacketHits& __restrict hits) {
+  const double(*r)[kLanes] = transform.rotation;
+  const Lanes3& o = transform.origin;
+  const double nx = plane.normal[0];
+  const double ny = plane.normal[1];
+  const double nz = plane.normal[2];
+  for (int l = 0; l < kLanes; ++l) {
+    const double towards = nx * d.x[l] + ny * d.y[l] + nz * d.z[l];
+    const double away = nx * o.x[l] + ny * o.y[l] + nz * o.z[l];
+    hits.t[l] = (plane.offset - away) / (towards == 0.0 ? 1e-300 : towards);
+    hits.normal.x[l] = r[0][l] * nx + r[3][l] * ny + r[6][l] * nz;
+    hits.normal.y[l] = r[1][l] * nx + r[4][l] * ny + r[7][l] * nz;
+    hits.normal.z[l] = r[2][l] * nx + r[5][l] * ny + r[8][l] * nz;
+  }
+}
+
+SENSOR_RT_MULTIVERSION
+void pass_through(const double* __restrict c, double number, const Lanes3& __restrict o,
+                  const Lanes3& __restrict d, double* __restrict which) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double ax = c[0] - o.x[l];
+    const double ay = c[1] - o.y[l];
+    const double az = c[2] - o.z[l];
+    const double bx = c[3] - o.x[l];
+    const double by = c[4] - o.y[l];
+    const double bz = c[5] - o.z[l];
+    const double cx = c[6] - o.x[l];
+    const double cy = c[7] - o.y[l];
+    const double cz = c[8] - o.z[l];
+    // Six times the volumes spanned by the ray and each edge: of one sign inside.
+    const double ab =
+        d.x[l] * (ay * bz - az * by) + d.y[l] * (az * bx - ax * bz) + d.z[l] * (ax * by - ay * bx);
+    const double bc =
+        d.x[l] * (by * cz - bz * cy) + d.y[l] * (bz * cx - bx * cz) + d.z[l] * (bx * cy - by * cx);
+    const double ca =
+        d.x[l] * (cy * az - cz * ay) + d.y[l] * (cz * ax - cx * az) + d.z[l] * (cx * ay - cy * ax);
+    const bool inside = ((ab >= 0.0) & (bc >= 0.0) & (ca >= 0.0)) | ((ab <= 0.0) & (bc <= 0.0) & (ca <= 0.0));
+    which[l] = inside ? number : which[l];
+  }
+}
+
+SENSOR_RT_MULTIVERSION
+void keep_nearer(const double (*r)[kLanes], const Candidates& __restrict found, PacketHits& __restrict hits,
+                 double* __restrict nearer) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double old_t = hits.t[l];
+    const double old_x = hits.normal.x[l];
+    const double old_y = hits.normal.y[l];
+    const double old_z = hits.normal.z[l];
+    const double nx = found.normal.x[l];
+    const double ny = found.normal.y[l];
+    const double nz = found.normal.z[l];
+    const double x = r[0][l] * nx + r[3][l] * ny + r[6][l] * nz;
+    const double y = r[1][l] * nx + r[4][l] * ny + r[7][l] * nz;
+    const double z = r[2][l] * nx + r[5][l] * ny + r[8][l] * nz;
+    const double t = found.t[l];
+    const bool take = t < old_t;
+    hits.t[l] = take ? t : old_t;
+    hits.normal.x[l] = take ? x : old_x;
+    hits.normal.y[l] = take ? y : old_y;
+    hits.normal.z[l] = take ? z : old_z;
+    nearer[l] = take ? 1.0 : 0.0;
+  }
+}
+
+}  // namespace sensor_rt
