@@ -12,10 +12,10 @@
 
 #include "sensor_rt/bindings/arrays.h"
 #include "sensor_rt/bindings/bindings.h"
-#include "sensor_rt/scene/cast.h"
 #include "sensor_rt/scene/closest_point.h"
 #include "sensor_rt/scene/pose_track.h"
 #include "sensor_rt/scene/scene.h"
+#include "sensor_rt/tracing/cast.h"
 
 namespace py = pybind11;
 

@@ -9,8 +9,8 @@
 #include "sensor_rt/optics/camera.h"
 #include "sensor_rt/optics/laser_sheet.h"
 #include "sensor_rt/optics/projector.h"
-#include "sensor_rt/scene/ray_view.h"
-#include "sensor_rt/scene/sight_lines.h"
+#include "sensor_rt/tracing/ray_view.h"
+#include "sensor_rt/tracing/sight_lines.h"
 
 namespace sensor_rt {
 

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "sensor_rt/render/render_plan.h"
-#include "sensor_rt/scene/free_rays.h"
-#include "sensor_rt/scene/ray_view.h"
+#include "sensor_rt/tracing/free_rays.h"
+#include "sensor_rt/tracing/ray_view.h"
 
 namespace sensor_rt {
 

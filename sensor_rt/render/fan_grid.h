@@ -9,7 +9,7 @@
 
 #include "sensor_rt/optics/projector.h"
 #include "sensor_rt/render/render_plan.h"
-#include "sensor_rt/scene/ray_view.h"
+#include "sensor_rt/tracing/ray_view.h"
 
 namespace sensor_rt {
 

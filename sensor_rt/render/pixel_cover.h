@@ -8,8 +8,8 @@
 
 #include "sensor_rt/render/pixel_mask.h"
 #include "sensor_rt/render/pixel_rays.h"
-#include "sensor_rt/scene/ray_view.h"
-#include "sensor_rt/scene/sight_lines.h"
+#include "sensor_rt/tracing/ray_view.h"
+#include "sensor_rt/tracing/sight_lines.h"
 
 namespace sensor_rt {
 

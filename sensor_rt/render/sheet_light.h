@@ -4,7 +4,7 @@
 #include <array>
 
 #include "sensor_rt/optics/laser_sheet.h"
-#include "sensor_rt/scene/packet.h"
+#include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
 

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <limits>
 
-#include "sensor_rt/scene/mesh_shape.h"
-
 namespace sensor_rt {
 namespace {
 

@@ -6,9 +6,9 @@
 #include <cstdint>
 #include <vector>
 
-namespace sensor_rt {
+#include "sensor_rt/scene/mesh_view.h"
 
-struct MeshView;
+namespace sensor_rt {
 
 constexpr std::size_t kFacesPerLeaf = 16;
 

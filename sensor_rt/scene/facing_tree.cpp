@@ -7,22 +7,13 @@
 
 #include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/geometry/prefetch.h"
-#include "sensor_rt/geometry/random.h"
 #include "sensor_rt/scene/face_order.h"
-#include "sensor_rt/scene/mesh_shape.h"
 
 namespace sensor_rt {
 namespace {
 
 constexpr int kWide = EightBoxes::kCount;
 constexpr float kInfinity = Window::kInfinity;
-
-/// A number for a directed edge, the negative of that of the same edge run backwards.
-std::uint64_t edge_number(std::uint32_t from, std::uint32_t to) {
-  const bool forwards = from < to;
-  const std::uint64_t edge = forwards ? (std::uint64_t{from} << 32 | to) : (std::uint64_t{to} << 32 | from);
-  return forwards ? scramble(edge) : std::uint64_t{0} - scramble(edge);
-}
 
 /// Boxes that hold nothing.
 void clear(EightBoxes& boxes) {
@@ -62,18 +53,6 @@ void turned_away(const EightBoxes& __restrict normals, const float* __restrict o
 }
 
 }  // namespace
-
-bool is_closed(const MeshView& mesh) {
-  std::uint64_t border = 0;
-  for (std::size_t f = 0; f < mesh.face_count; ++f) {
-    const std::uint32_t* corner = mesh.faces + 3 * f;
-    for (int k = 0; k < 3; ++k) {
-      const std::uint32_t next = corner[(k + 1) % 3];
-      if (corner[k] != next) border += edge_number(corner[k], next);
-    }
-  }
-  return border == 0;
-}
 
 FacingTree::FacingTree(const MeshView& mesh, const Eigen::Vector3d& centre,
                        const std::vector<FacePlane>& planes, const std::vector<std::uint32_t>& order) {

@@ -6,12 +6,10 @@
 #include <cstdint>
 #include <vector>
 
+#include "sensor_rt/scene/mesh_view.h"
 #include "sensor_rt/scene/sight.h"
 
 namespace sensor_rt {
-
-struct MeshView;
-struct FacePlane;
 
 /// A tree over the faces of a closed mesh that knows which way they face.
 ///
@@ -57,8 +55,5 @@ class FacingTree {
   std::vector<std::vector<Block>> levels_;  ///< from the root down; block i stands below node i
   float reach_ = 0.0f;                      ///< of the mesh from its centre, along the axes together
 };
-
-/// True when each edge is run along as often one way as the other; vertices are one when their index is.
-bool is_closed(const MeshView& mesh);
 
 }  // namespace sensor_rt

@@ -4,8 +4,6 @@
 #include <limits>
 #include <utility>
 
-#include "sensor_rt/scene/mesh_shape.h"
-
 namespace sensor_rt {
 namespace {
 

@@ -8,6 +8,7 @@
 
 #include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/scene/face_order.h"
+#include "sensor_rt/scene/mesh_view.h"
 
 namespace sensor_rt {
 

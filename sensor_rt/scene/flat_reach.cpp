@@ -6,7 +6,6 @@
 #include <limits>
 
 #include "sensor_rt/geometry/random.h"
-#include "sensor_rt/scene/mesh_shape.h"
 
 namespace sensor_rt {
 namespace {

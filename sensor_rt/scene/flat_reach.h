@@ -3,11 +3,9 @@
 
 #include <vector>
 
-#include "sensor_rt/scene/packet.h"
+#include "sensor_rt/scene/mesh_view.h"
 
 namespace sensor_rt {
-
-struct MeshView;
 
 /// Cosine between the normals of what may pass for one plane, 1.8 degrees.
 constexpr double kParallel = 0.9995;

@@ -11,7 +11,7 @@
 #include "sensor_rt/scene/facing_tree.h"
 #include "sensor_rt/scene/fan_tree.h"
 #include "sensor_rt/scene/material.h"
-#include "sensor_rt/scene/packet.h"
+#include "sensor_rt/scene/mesh_view.h"
 
 namespace sensor_rt {
 

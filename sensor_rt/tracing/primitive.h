@@ -1,8 +1,8 @@
 // Exact primitives met by packets of rays, in double precision.
 #pragma once
 
-#include "sensor_rt/scene/packet.h"
 #include "sensor_rt/scene/shape.h"
+#include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
 

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "sensor_rt/scene/pose_track.h"
-#include "sensor_rt/scene/ray_view.h"
 #include "sensor_rt/scene/sight.h"
+#include "sensor_rt/tracing/ray_view.h"
 
 namespace sensor_rt {
 

@@ -3,8 +3,8 @@
 
 #include <cstddef>
 
-#include "sensor_rt/scene/packet.h"
 #include "sensor_rt/scene/pose_track.h"
+#include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
 

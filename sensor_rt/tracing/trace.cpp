@@ -1,10 +1,10 @@
-#include "sensor_rt/scene/trace.h"
+#include "sensor_rt/tracing/trace.h"
 
 #include <limits>
 
 #include "sensor_rt/geometry/multiversion.h"
-#include "sensor_rt/scene/lane_planes.h"
-#include "sensor_rt/scene/primitive.h"
+#include "sensor_rt/tracing/lane_planes.h"
+#include "sensor_rt/tracing/primitive.h"
 
 namespace sensor_rt {
 namespace {

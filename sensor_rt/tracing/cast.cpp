@@ -1,4 +1,4 @@
-#include "sensor_rt/scene/cast.h"
+#include "sensor_rt/tracing/cast.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,8 +9,8 @@
 #include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/geometry/parallel.h"
 #include "sensor_rt/scene/pose_track.h"
-#include "sensor_rt/scene/ray_view.h"
-#include "sensor_rt/scene/trace.h"
+#include "sensor_rt/tracing/ray_view.h"
+#include "sensor_rt/tracing/trace.h"
 
 namespace sensor_rt {
 namespace {

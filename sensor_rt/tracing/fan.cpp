@@ -1,4 +1,4 @@
-#include "sensor_rt/scene/fan.h"
+#include "sensor_rt/tracing/fan.h"
 
 #include <algorithm>
 #include <cmath>

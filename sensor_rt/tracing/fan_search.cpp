@@ -1,4 +1,4 @@
-#include "sensor_rt/scene/fan_search.h"
+#include "sensor_rt/tracing/fan_search.h"
 
 #include <algorithm>
 #include <limits>

@@ -1,10 +1,10 @@
-#include "sensor_rt/scene/patch_trace.h"
+#include "sensor_rt/tracing/patch_trace.h"
 
 #include <algorithm>
 
-#include "sensor_rt/scene/lane_planes.h"
-#include "sensor_rt/scene/primitive.h"
-#include "sensor_rt/scene/trace.h"
+#include "sensor_rt/tracing/lane_planes.h"
+#include "sensor_rt/tracing/primitive.h"
+#include "sensor_rt/tracing/trace.h"
 
 namespace sensor_rt {
 namespace {

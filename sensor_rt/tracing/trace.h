@@ -3,8 +3,8 @@
 
 #include <cstdint>
 
-#include "sensor_rt/scene/packet.h"
 #include "sensor_rt/scene/shape.h"
+#include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
 

@@ -1,9 +1,9 @@
-#include "sensor_rt/scene/free_rays.h"
+#include "sensor_rt/tracing/free_rays.h"
 
 #include <limits>
 
-#include "sensor_rt/scene/ray_view.h"
-#include "sensor_rt/scene/trace.h"
+#include "sensor_rt/tracing/ray_view.h"
+#include "sensor_rt/tracing/trace.h"
 
 namespace sensor_rt {
 namespace {

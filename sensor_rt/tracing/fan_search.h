@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "sensor_rt/geometry/rigid3.h"
-#include "sensor_rt/scene/fan.h"
 #include "sensor_rt/scene/fan_tree.h"
-#include "sensor_rt/scene/packet.h"
+#include "sensor_rt/tracing/fan.h"
+#include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
 

@@ -1,4 +1,4 @@
-#include "sensor_rt/scene/lane_planes.h"
+#include "sensor_rt/tracing/lane_planes.h"
 
 #include "sensor_rt/geometry/multiversion.h"
 

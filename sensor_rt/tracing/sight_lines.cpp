@@ -1,4 +1,4 @@
-#include "sensor_rt/scene/sight_lines.h"
+#include "sensor_rt/tracing/sight_lines.h"
 
 #include <algorithm>
 

@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "sensor_rt/geometry/half_space.h"
-#include "sensor_rt/scene/fan_search.h"
-#include "sensor_rt/scene/packet.h"
 #include "sensor_rt/scene/pose_track.h"
+#include "sensor_rt/tracing/fan_search.h"
+#include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
 

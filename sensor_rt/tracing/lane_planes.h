@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <limits>
 
-#include "sensor_rt/scene/packet.h"
+#include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
 

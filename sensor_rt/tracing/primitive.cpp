@@ -1,4 +1,4 @@
-#include "sensor_rt/scene/primitive.h"
+#include "sensor_rt/tracing/primitive.h"
 
 #include <cmath>
 #include <limits>

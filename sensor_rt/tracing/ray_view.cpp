@@ -1,4 +1,4 @@
-#include "sensor_rt/scene/ray_view.h"
+#include "sensor_rt/tracing/ray_view.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,8 +6,8 @@
 #include <numeric>
 
 #include "sensor_rt/geometry/multiversion.h"
-#include "sensor_rt/scene/patch_trace.h"
-#include "sensor_rt/scene/trace.h"
+#include "sensor_rt/tracing/patch_trace.h"
+#include "sensor_rt/tracing/trace.h"
 
 namespace sensor_rt {
 namespace {

@@ -1,8 +1,8 @@
 // Packets of rays against a known piece of surface.
 #pragma once
 
-#include "sensor_rt/scene/packet.h"
 #include "sensor_rt/scene/shape.h"
+#include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
 

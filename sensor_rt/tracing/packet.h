@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "sensor_rt/geometry/lanes.h"
+#include "sensor_rt/scene/mesh_view.h"
 
 namespace sensor_rt {
 
@@ -28,12 +29,6 @@ struct FaceId {
   std::uint32_t face = 0;
 
   bool operator==(const FaceId& other) const { return shape == other.shape && face == other.face; }
-};
-
-/// Plane of a face: normal · p = offset, unit normal, in the frame of the shape.
-struct FacePlane {
-  double normal[3];
-  double offset;
 };
 
 /// A piece of surface made of a few faces of one shape, or of so many in one plane that this stands for them.
