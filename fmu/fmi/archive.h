@@ -67,21 +67,30 @@ void exchange(Archive& archive, std::array<T, N>& values) {
   for (T& value : values) exchange(archive, value);
 }
 
-template <class Archive, class T>
-std::enable_if_t<std::is_enum_v<T>> exchange(Archive& archive, T& value) {
-  auto number = static_cast<std::underlying_type_t<T>>(value);
+/// A whole number from 0 to `last`; others are refused.
+template <class Archive>
+void exchange_up_to(Archive& archive, std::int32_t& number, std::int32_t last) {
   archive.raw(number);
-  value = static_cast<T>(number);
-}
-
-/// Of an enumeration that begins at 0: what lies outside it is refused.
-template <class Archive, class T>
-void exchange_choice(Archive& archive, T& value, T last) {
-  auto number = static_cast<std::underlying_type_t<T>>(value);
-  archive.raw(number);
-  if (number < 0 || number > static_cast<std::underlying_type_t<T>>(last)) {
+  if (Archive::kReads && (number < 0 || number > last)) {
     throw std::invalid_argument("the serialized state holds an impossible value");
   }
+}
+
+/// Last member of an enumeration that begins at 0. One without it cannot be part of a state.
+template <class T>
+constexpr T kLast = T::kLastOfThisEnumerationIsNotGiven;
+
+/// A number that stands for a member of an enumeration.
+template <class T, class Archive>
+void exchange_choice(Archive& archive, std::int32_t& number) {
+  exchange_up_to(archive, number, static_cast<std::int32_t>(kLast<T>));
+}
+
+template <class Archive, class T>
+std::enable_if_t<std::is_enum_v<T>> exchange(Archive& archive, T& value) {
+  static_assert(std::is_same_v<std::underlying_type_t<T>, std::int32_t>);
+  auto number = static_cast<std::int32_t>(value);
+  exchange_choice<T>(archive, number);
   value = static_cast<T>(number);
 }
 

@@ -2,6 +2,29 @@
 
 #include "fmu/fmi/archive.h"
 
+namespace robotcell::fmi {
+
+template <>
+constexpr Phase kLast<Phase> = Phase::kEvent;  // what follows is never in a state
+template <>
+constexpr Carrier kLast<Carrier> = Carrier::kFlange;
+template <>
+constexpr GripperMode kLast<GripperMode> = GripperMode::kForce;
+template <>
+constexpr TriggerMode kLast<TriggerMode> = TriggerMode::kRequest;
+template <>
+constexpr control::Mode kLast<control::Mode> = control::Mode::kCartesianJog;
+template <>
+constexpr control::Operation kLast<control::Operation> = control::Operation::kAutomatic;
+template <>
+constexpr control::JogFrame kLast<control::JogFrame> = control::JogFrame::kTool;
+template <>
+constexpr control::Phase kLast<control::Phase> = control::Phase::kEmergencyStop;
+template <>
+constexpr control::Refusal kLast<control::Refusal> = control::Refusal::kSingular;
+
+}  // namespace robotcell::fmi
+
 // Found by argument-dependent lookup, so each lives in the namespace of its structure.
 namespace robotcell {
 
@@ -35,7 +58,8 @@ void exchange(A& a, CellParameters& v) {
 }
 template <class A>
 void exchange(A& a, TriggerCommand& v) {
-  exchange_all(a, v.mode, v.period, v.angle, v.distance, v.request);
+  exchange_choice<TriggerMode>(a, v.mode);
+  exchange_all(a, v.period, v.angle, v.distance, v.request);
 }
 template <class A>
 void exchange(A& a, ConveyorCommand& v) {
@@ -43,13 +67,16 @@ void exchange(A& a, ConveyorCommand& v) {
 }
 template <class A>
 void exchange(A& a, MotionCommand& v) {
-  exchange_all(a, v.mode, v.position, v.target_position, v.target_orientation, v.start, v.speed,
-               v.monitor_speed, v.jog, v.jog_frame, v.operation, v.emergency_stop, v.reset, v.heartbeat,
-               v.max_age);
+  exchange_choice<control::Mode>(a, v.mode);
+  exchange_choice<control::JogFrame>(a, v.jog_frame);
+  exchange_choice<control::Operation>(a, v.operation);
+  exchange_all(a, v.position, v.target_position, v.target_orientation, v.start, v.speed, v.monitor_speed,
+               v.jog, v.emergency_stop, v.reset, v.heartbeat, v.max_age);
 }
 template <class A>
 void exchange(A& a, GripperCommandInputs& v) {
-  exchange_all(a, v.mode, v.width, v.force);
+  exchange_choice<GripperMode>(a, v.mode);
+  exchange_all(a, v.width, v.force);
 }
 template <class A>
 void exchange(A& a, CellInputs& v) {
@@ -89,8 +116,7 @@ void exchange(A& a, AxesState& v) {
 }
 template <class A>
 void exchange(A& a, PartPose& v) {
-  exchange_choice(a, v.carrier, Carrier::kFlange);
-  exchange_all(a, v.position, v.orientation);
+  exchange_all(a, v.carrier, v.position, v.orientation);
 }
 template <class A>
 void exchange(A& a, StickAnchor& v) {
@@ -98,8 +124,7 @@ void exchange(A& a, StickAnchor& v) {
 }
 template <class A>
 void exchange(A& a, GripperCommand& v) {
-  exchange_choice(a, v.mode, GripperMode::kForce);
-  exchange_all(a, v.width, v.force);
+  exchange_all(a, v.mode, v.width, v.force);
 }
 template <class A>
 void exchange(A& a, GripperState& v) {
@@ -147,7 +172,8 @@ void exchange(A& a, Knot& v) {
 }
 template <class A>
 void exchange(A& a, ServoState& v) {
-  fmi::exchange_all(a, v.start_us, v.before, v.start, v.end, v.limit);
+  fmi::exchange_all(a, v.start_us, v.before, v.start, v.end);
+  fmi::exchange_up_to(a, v.limit, kAxes);
 }
 template <class A>
 void exchange(A& a, MotionPath& v) {
@@ -163,7 +189,8 @@ void exchange(A& a, MoveState& v) {
 }
 template <class A>
 void exchange(A& a, JogState& v) {
-  fmi::exchange_all(a, v.blocked, v.refusal, v.limit, v.twist, v.position, v.turn);
+  fmi::exchange_all(a, v.blocked, v.refusal, v.twist, v.position, v.turn);
+  fmi::exchange_up_to(a, v.limit, kAxes);
 }
 template <class A>
 void exchange(A& a, AwaitedMove& v) {
@@ -172,7 +199,8 @@ void exchange(A& a, AwaitedMove& v) {
 template <class A>
 void exchange(A& a, ControllerState& v) {
   fmi::exchange_all(a, v.servo, v.move, v.jog, v.awaited, v.mode, v.phase, v.stopped, v.refusal, v.path_fault,
-                    v.path_limit, v.start, v.reset, v.heartbeat, v.heartbeat_us, v.destination);
+                    v.start, v.reset, v.heartbeat, v.heartbeat_us, v.destination);
+  fmi::exchange_up_to(a, v.path_limit, kAxes);
 }
 template <class A>
 void exchange(A& a, BeltState& v) {
@@ -214,9 +242,8 @@ constexpr std::size_t kChecksumSize = sizeof(std::uint64_t);
 
 template <class Archive>
 void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& layout) {
-  exchange_choice(archive, snapshot.phase, Phase::kEvent);
-  exchange_all(archive, snapshot.start_time, snapshot.stop_time, snapshot.communication_time, snapshot.events,
-               snapshot.parameters, snapshot.inputs, snapshot.description_hash);
+  exchange_all(archive, snapshot.phase, snapshot.start_time, snapshot.stop_time, snapshot.communication_time,
+               snapshot.events, snapshot.parameters, snapshot.inputs, snapshot.description_hash);
   bool has_cell = snapshot.cell.has_value();
   exchange(archive, has_cell);
   if constexpr (Archive::kReads) {

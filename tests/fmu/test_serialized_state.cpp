@@ -1,0 +1,182 @@
+// Bytes of a state whose checksum is right and whose enumerations are not: refused, and the instance goes on.
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "fmu/fmi/snapshot.h"
+#include "fmu/fmi/variable_table.h"
+#include "fmu/model/cell_description.h"
+
+extern "C" {
+#include "fmu/third_party/fmi/fmi2Functions.h"
+#include "fmu/third_party/fmi/fmi3Functions.h"
+}
+
+namespace robotcell::fmi {
+namespace {
+
+constexpr double kStep = 1e-3;
+const std::string kResources = std::string(SCANCELL_TEST_CELLS) + "/free";
+
+/// A member of a state that has values from 0 to `last` alone.
+struct Choice {
+  const char* name;
+  std::int32_t last;
+  std::function<void(Snapshot&, std::int32_t)> set;
+};
+
+template <class T, class Member>
+Choice choice(const char* name, T last, Member member) {
+  return {name, static_cast<std::int32_t>(last), [member](Snapshot& state, std::int32_t value) {
+            auto& chosen = member(state);
+            chosen = static_cast<std::remove_reference_t<decltype(chosen)>>(value);
+          }};
+}
+
+std::vector<Choice> choices() {
+  using S = Snapshot;
+  using control::Refusal;
+  return {
+      choice(
+          "phase", Phase::kEvent, [](S & s) -> auto& { return s.phase; }),
+      choice(
+          "mode asked for", control::Mode::kCartesianJog,
+          [](S & s) -> auto& { return s.inputs.motion.mode; }),
+      choice(
+          "operation asked for", control::Operation::kAutomatic,
+          [](S & s) -> auto& { return s.inputs.motion.operation; }),
+      choice(
+          "jog frame asked for", control::JogFrame::kTool,
+          [](S & s) -> auto& { return s.inputs.motion.jog_frame; }),
+      choice(
+          "trigger asked for", TriggerMode::kRequest, [](S & s) -> auto& { return s.inputs.trigger.mode; }),
+      choice(
+          "grip asked for", GripperMode::kForce, [](S & s) -> auto& { return s.inputs.gripper.mode; }),
+      choice(
+          "trigger", TriggerMode::kRequest, [](S & s) -> auto& { return s.cell->trigger.command.mode; }),
+      choice(
+          "grip", GripperMode::kForce, [](S & s) -> auto& { return s.cell->grasp.gripper.command.mode; }),
+      choice(
+          "carrier before", Carrier::kFlange, [](S & s) -> auto& { return s.cell->from.parts[0].carrier; }),
+      choice(
+          "carrier after", Carrier::kFlange, [](S & s) -> auto& { return s.cell->to.parts[0].carrier; }),
+      choice(
+          "mode", control::Mode::kCartesianJog, [](S & s) -> auto& { return s.cell->controller.mode; }),
+      choice(
+          "phase of the controller", control::Phase::kEmergencyStop,
+          [](S & s) -> auto& { return s.cell->controller.phase; }),
+      choice(
+          "refusal", Refusal::kSingular, [](S & s) -> auto& { return s.cell->controller.refusal; }),
+      choice(
+          "fault of the path", Refusal::kSingular,
+          [](S & s) -> auto& { return s.cell->controller.path_fault; }),
+      choice(
+          "refusal of the jog", Refusal::kSingular,
+          [](S & s) -> auto& { return s.cell->controller.jog.refusal; }),
+      choice(
+          "limit of the jog", kAxes, [](S & s) -> auto& { return s.cell->controller.jog.limit; }),
+      choice(
+          "limit of the path", kAxes, [](S & s) -> auto& { return s.cell->controller.path_limit; }),
+      choice(
+          "limit of the set-point", kAxes, [](S & s) -> auto& { return s.cell->controller.servo.limit; }),
+  };
+}
+
+std::string token() {
+  const CellLayout layout = layout_of(parse_cell(read_text_file(kResources + "/cell.json")));
+  Values values(layout);
+  return VariableTable(layout, values).token(false);
+}
+
+/// The few calls that a state needs, in one version of FMI; true for OK.
+class Importer2 {
+ public:
+  Importer2()
+      : cell_(fmi2Instantiate("cell", fmi2CoSimulation, token().c_str(), kResources.c_str(), nullptr,
+                              fmi2False, fmi2False)) {
+    fmi2SetupExperiment(cell_, fmi2False, 0, 0, fmi2False, 0);
+    fmi2EnterInitializationMode(cell_);
+    fmi2ExitInitializationMode(cell_);
+  }
+  ~Importer2() { fmi2FreeInstance(cell_); }
+  bool step(double time) { return fmi2DoStep(cell_, time, kStep, fmi2True) == fmi2OK; }
+  bool get(void** state) { return fmi2GetFMUstate(cell_, state) == fmi2OK; }
+  bool set(void* state) { return fmi2SetFMUstate(cell_, state) == fmi2OK; }
+  bool read(const std::vector<std::uint8_t>& bytes, void** state) {
+    const auto* data = reinterpret_cast<const fmi2Byte*>(bytes.data());
+    return fmi2DeSerializeFMUstate(cell_, data, bytes.size(), state) == fmi2OK;
+  }
+  bool free(void** state) { return fmi2FreeFMUstate(cell_, state) == fmi2OK; }
+
+ private:
+  fmi2Component cell_;
+};
+
+void no_log(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String) {}
+
+class Importer3 {
+ public:
+  Importer3()
+      : cell_(fmi3InstantiateCoSimulation("cell", token().c_str(), kResources.c_str(), false, false, false,
+                                          false, nullptr, 0, nullptr, no_log, nullptr)) {
+    fmi3EnterInitializationMode(cell_, false, 0, 0, false, 0);
+    fmi3ExitInitializationMode(cell_);
+  }
+  ~Importer3() { fmi3FreeInstance(cell_); }
+  bool step(double time) {
+    bool event = false, terminate = false, early = false;
+    double last = 0;
+    return fmi3DoStep(cell_, time, kStep, true, &event, &terminate, &early, &last) == fmi3OK;
+  }
+  bool get(void** state) { return fmi3GetFMUState(cell_, state) == fmi3OK; }
+  bool set(void* state) { return fmi3SetFMUState(cell_, state) == fmi3OK; }
+  bool read(const std::vector<std::uint8_t>& bytes, void** state) {
+    return fmi3DeserializeFMUState(cell_, bytes.data(), bytes.size(), state) == fmi3OK;
+  }
+  bool free(void** state) { return fmi3FreeFMUState(cell_, state) == fmi3OK; }
+
+ private:
+  fmi3Instance cell_;
+};
+
+template <class Importer>
+class SerializedState : public testing::Test {};
+
+using Importers = testing::Types<Importer2, Importer3>;
+TYPED_TEST_SUITE(SerializedState, Importers);
+
+TYPED_TEST(SerializedState, RefusesWhatIsNoMemberOfAnEnumeration) {
+  TypeParam importer;
+  ASSERT_TRUE(importer.step(0));
+  void* good = nullptr;
+  ASSERT_TRUE(importer.get(&good));
+  constexpr std::int32_t kLeast = std::numeric_limits<std::int32_t>::min();
+  constexpr std::int32_t kMost = std::numeric_limits<std::int32_t>::max();
+  for (const Choice& choice : choices()) {
+    SCOPED_TRACE(choice.name);
+    const auto bytes_with = [&](std::int32_t value) {
+      Snapshot state = *static_cast<Snapshot*>(good);
+      choice.set(state, value);
+      return serialize(state, token());
+    };
+    void* state = nullptr;
+    for (const std::int32_t value : {0, choice.last}) {
+      EXPECT_TRUE(importer.read(bytes_with(value), &state)) << value;
+      EXPECT_TRUE(importer.free(&state));
+    }
+    for (const std::int32_t value : {-1, choice.last + 1, kLeast, kMost}) {
+      EXPECT_FALSE(importer.read(bytes_with(value), &state)) << value;
+      EXPECT_EQ(state, nullptr);
+      EXPECT_FALSE(importer.step(kStep)) << "after an error only a state or a reset help";
+      EXPECT_TRUE(importer.set(good));
+      EXPECT_TRUE(importer.step(kStep));
+    }
+  }
+  EXPECT_TRUE(importer.free(&good));
+}
+
+}  // namespace
+}  // namespace robotcell::fmi
