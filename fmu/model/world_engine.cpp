@@ -124,8 +124,10 @@ void World::Engine::begin_step() {
     if (!part.free) continue;
     part.before = part.pose();
     for (const StickAnchor& anchor : part.anchors) {
-      part.rides.push_back({anchor.support, pose_of(anchor.support).inverse() * part.pose(),
-                            body_of(anchor.support)->getJacobian()});
+      part.rides.push_back({anchor.support, pose_of(anchor.support).inverse() * part.pose(), {}});
+      if (free_part(anchor.support) == nullptr) {
+        part.rides.back().jacobian = body_of(anchor.support)->getJacobian();
+      }
     }
   }
 }

@@ -44,7 +44,7 @@ struct PairContact {
 struct Ride {
   std::int32_t support = 0;
   Eigen::Isometry3d support_from_part = Eigen::Isometry3d::Identity();
-  dart::math::Jacobian jacobian;  // of the support's body
+  dart::math::Jacobian jacobian;  // of the support's body; none where that is a free part
 };
 
 struct Part {
