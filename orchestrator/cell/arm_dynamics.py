@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.cell.gripper import housing_mesh
-from orchestrator.cell.nominal import pose_matrix, tool_matrix
+from orchestrator.cell.poses import pose_matrix, tool_matrix
 from orchestrator.config.cell import CellDescription
 from orchestrator.config.drives import DriveDescription, InertiaDescription
 from orchestrator.config.units import to_si

@@ -32,6 +32,14 @@ class Frame(IntEnum):
     TOOL = 1
 
 
+class Grip(IntEnum):
+    """Numbers of ``command.gripper.mode``: go on as before, bring the pads apart, close with a force."""
+
+    KEEP = 0
+    WIDTH = 1
+    FORCE = 2
+
+
 _REFUSALS = {
     1: "the cell is in manual operation, where no program moves the robot: change to automatic operation first",
     2: "the cell is in automatic operation, where nobody jogs the robot: change to manual operation first",

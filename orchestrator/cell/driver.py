@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from orchestrator.cell.controller import Mode
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.program import Program, Segment, TriggerKind
 from orchestrator.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, Recording, count_moving, truth_columns
+from orchestrator.config.loading import Setup
+from orchestrator.config.units import si_value
 from orchestrator.errors import CellError
 
-_SERVO = 1
 _TRIGGER_MODES: dict[TriggerKind, int] = {"off": 0, "time": 1, "table_angle": 2, "path_distance": 3, "request": 4}
 _TRIGGER_INPUTS: dict[TriggerKind, str] = {
     "time": "command.trigger.period",
@@ -34,6 +37,11 @@ class DriveOptions:
     exposure: float
     steps_per_cycle: int = 4
 
+    @classmethod
+    def of(cls, setup: Setup) -> Self:
+        """As described."""
+        return cls(setup.cell.world.controller_cycle_us, si_value(setup.sensor.detector, "exposure_ms"))
+
 
 class Driver:
     """Runs programs on one cell instance."""
@@ -50,7 +58,7 @@ class Driver:
         self._shown = 0
         self._requests = 0
         cell.set(cell.real_group(["command.exposure"]), np.array([options.exposure]))
-        cell.set_integer("command.mode", _SERVO)
+        cell.set_integer("command.mode", Mode.SERVO)
 
     def run(self, program: Program, progress: Progress | None = None) -> Recording:
         """Drive `program` from start to end; `progress` hears of the seconds of each segment.

@@ -14,8 +14,8 @@ import orchestrator.cell
 from orchestrator.cell.arm_dynamics import dynamics_json
 from orchestrator.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_contents, write_archive
 from orchestrator.cell.gripper import start_width
-from orchestrator.cell.nominal import FurtherPart, NominalCell, pose_matrix
-from orchestrator.cell.pose_json import pose_json
+from orchestrator.cell.nominal import FurtherPart, NominalCell
+from orchestrator.cell.poses import pose_json, pose_matrix
 from orchestrator.cell.sensing import sensing_json
 from orchestrator.config.cell import CellDescription, PartDescription
 from orchestrator.config.contact import ContactDescription

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.config.gripper import GripperDescription
-from orchestrator.config.units import to_si
+from orchestrator.config.units import si_value, to_si
 from orchestrator.geometry import pose
 from orchestrator.geometry.mesh import Mesh, box_mesh, load_mesh
 
@@ -17,8 +17,7 @@ Array = NDArray[np.float64]
 
 def start_width(gripper: GripperDescription) -> float:
     """Distance between the pads at the start, m."""
-    start = gripper.stroke_mm if gripper.start_mm is None else gripper.start_mm
-    return float(to_si({"start_mm": start})["start"])
+    return si_value(gripper, "stroke_mm" if gripper.start_mm is None else "start_mm")
 
 
 def gripper_from_finger(width: float) -> Array:

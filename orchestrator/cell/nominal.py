@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from orchestrator.cell.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
 from orchestrator.cell.patches import Patch, part_patches
-from orchestrator.config.cell import CellDescription, FixtureDescription, PartDescription, ToolDescription
-from orchestrator.config.description import PoseDescription
+from orchestrator.cell.poses import lay_down, pose_matrix, tool_matrix
+from orchestrator.config.cell import CellDescription, PartDescription
 from orchestrator.config.devices import FurtherPartDescription
 from orchestrator.config.gripper import GripperDescription
 from orchestrator.config.light import LightDescription
 from orchestrator.config.material import Material, MaterialDescription
-from orchestrator.config.units import to_si
+from orchestrator.config.units import si_value, to_si
 from orchestrator.errors import CellError
 from orchestrator.geometry import pose
 from orchestrator.geometry.arm import Arm, Joint
@@ -91,7 +91,6 @@ class NominalCell:
     table_from_part: Array
     home: Array
     table_radius: float
-    table_thickness: float
     table_max_speed: float
     table_max_acceleration: float
     part: Mesh
@@ -157,10 +156,9 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         world_from_table=pose_matrix(cell.table.pose),
         table_from_part=table_from_part,
         home=np.radians(robot.home_deg),
-        table_radius=to_si({"r_mm": cell.table.radius_mm})["r"],
-        table_thickness=to_si({"t_mm": cell.table.thickness_mm})["t"],
-        table_max_speed=to_si({"v_deg_s": cell.table.max_speed_deg_s})["v"],
-        table_max_acceleration=to_si({"a_deg_s2": cell.table.max_acceleration_deg_s2})["a"],
+        table_radius=si_value(cell.table, "radius_mm"),
+        table_max_speed=si_value(cell.table, "max_speed_deg_s"),
+        table_max_acceleration=si_value(cell.table, "max_acceleration_deg_s2"),
         part=part,
         lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
         bodies=(*_bodies(cell, part), *_device_bodies(cell, further), *_gripper_bodies(cell.gripper)),
@@ -216,38 +214,6 @@ def _gripper_bodies(gripper: GripperDescription | None) -> tuple[Body, ...]:
     if housing is None:
         return tuple(bodies)
     return (Body("gripper", "link[6]", housing.transformed(pose_matrix(gripper.pose)), material), *bodies)
-
-
-def pose_matrix(description: PoseDescription) -> Array:
-    """(4, 4) of a described pose."""
-    si = to_si(description.model_dump())
-    position = (si["x"], si["y"], si["z"])
-    if si["yaw"] is not None:
-        return pose.from_rotation(pose.rotation_from_euler_zyz((si["yaw"], si["pitch"], si["roll"])), position)
-    return pose.from_euler_xyz(position, (si["rx"], si["ry"], si["rz"]))
-
-
-def tool_matrix(tool: ToolDescription) -> Array:
-    """``flange_from_sensor`` (4, 4), given directly or from the dimensions of the fixture."""
-    if tool.flange_from_sensor is not None:
-        return pose_matrix(tool.flange_from_sensor)
-    assert isinstance(tool.fixture, FixtureDescription)  # the description has exactly one of the two
-    si = to_si(tool.fixture.model_dump())
-    return np.asarray(
-        pose.from_rotation(pose.rotation_about(2, si["rotation"]))
-        @ pose.translation((si["offset"], 0.0, si["plate"] + si["reach"]))
-        @ pose.from_rotation(pose.rotation_about(1, si["tilt"]))
-    )
-
-
-def lay_down(part: Mesh, description: PartDescription) -> Array:
-    """``table_from_part`` (4, 4): bounding box centred on the axis, lowest point on the table, then displaced."""
-    si = to_si(description.model_dump())
-    rotation = pose.rotation_from_euler_xyz((si["rx"], si["ry"], si["rz"]))
-    vertices = part.vertices @ rotation.T
-    low, high = vertices.min(0), vertices.max(0)
-    centre = (low + high) / 2
-    return pose.from_rotation(rotation, (si["x"] - centre[0], si["y"] - centre[1], si["z"] - low[2]))
 
 
 def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescription) -> None:

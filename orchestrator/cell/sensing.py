@@ -6,14 +6,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from orchestrator.cell.keep_apart import keep_apart
-from orchestrator.cell.nominal import NominalCell, pose_matrix
-from orchestrator.cell.pose_json import pose_json
+from orchestrator.cell.nominal import NominalCell
+from orchestrator.cell.poses import pose_json, pose_matrix
 from orchestrator.config.cell import CellDescription
 from orchestrator.config.description import Description
-from orchestrator.config.units import to_si
+from orchestrator.config.sensing import DistanceSensorDescription, PresenceSensorDescription
+from orchestrator.config.units import si_value, to_si
 from orchestrator.errors import CellError
 from orchestrator.geometry.decimation import decimated, deviation
 from orchestrator.geometry.mesh import Mesh
+
+_Sensor = PresenceSensorDescription | DistanceSensorDescription
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ def sensing_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]:
         "distance_sensors": [_distance_json(cell, sensor) for sensor in cell.distance_sensor],
         "collision": {
             "outputs": cell.collision.outputs,
-            "range": to_si({"range_mm": cell.collision.range_mm})["range"],
+            "range": si_value(cell.collision, "range_mm"),
             "pairs": [list(pair) for pair in pairs],
         },
     }
@@ -92,7 +95,7 @@ def _mesh_json(mesh: Mesh) -> dict[str, Any]:
     return {"vertices": mesh.vertices.tolist(), "faces": mesh.faces.tolist()}
 
 
-def _sensor_json(cell: CellDescription, sensor: Any) -> dict[str, Any]:
+def _sensor_json(cell: CellDescription, sensor: _Sensor) -> dict[str, Any]:
     period_us = round(sensor.period_ms * 1e3)
     if period_us <= 0 or period_us % cell.world.time_step_us or abs(sensor.period_ms * 1e3 - period_us) > 1e-6:
         raise CellError(
@@ -112,11 +115,11 @@ def _lengths(description: Description) -> dict[str, Any]:
     return lengths
 
 
-def _presence_json(cell: CellDescription, sensor: Any) -> dict[str, Any]:
+def _presence_json(cell: CellDescription, sensor: PresenceSensorDescription) -> dict[str, Any]:
     size = _lengths(sensor)
     return {**_sensor_json(cell, sensor), "size": [size["x_size"], size["y_size"], size["z_size"]]}
 
 
-def _distance_json(cell: CellDescription, sensor: Any) -> dict[str, Any]:
+def _distance_json(cell: CellDescription, sensor: DistanceSensorDescription) -> dict[str, Any]:
     lengths = _lengths(sensor)
     return {**_sensor_json(cell, sensor), "lens": [lengths.pop("lens_x"), 0.0, 0.0], **lengths}

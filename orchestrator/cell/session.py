@@ -21,7 +21,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from orchestrator.cell.controller import Frame, Mode, Operation, refusal, state_in_words
+from orchestrator.cell.controller import Frame, Grip, Mode, Operation, refusal, state_in_words
 from orchestrator.cell.driver import DriveOptions, Driver
 from orchestrator.cell.instance import CellInstance
 from orchestrator.cell.nominal import NominalCell
@@ -200,7 +200,7 @@ class CellSession(CellReadings):
             If they do not get there (the stroke is too short, or something is in between).
         """
         self._cell.set(self._cell.real_group(["command.gripper.width"]), np.array([width]))
-        self._cell.set_integer("command.gripper.mode", 1)
+        self._cell.set_integer("command.gripper.mode", Grip.WIDTH)
         self.wait_until(lambda: abs(self.gripper_width - width) < 1e-4, f"pads {width * 1e3:.1f} mm apart", timeout)
 
     def grip(self, force: float, *, timeout: float = 5.0) -> None:
@@ -212,7 +212,7 @@ class CellSession(CellReadings):
             If they close on nothing.
         """
         self._cell.set(self._cell.real_group(["command.gripper.force"]), np.array([force]))
-        self._cell.set_integer("command.gripper.mode", 2)
+        self._cell.set_integer("command.gripper.mode", Grip.FORCE)
         self.wait_until(
             lambda: self._cell.get_boolean("measured.gripper.gripped"), "something between the pads", timeout
         )

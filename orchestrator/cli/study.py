@@ -22,6 +22,7 @@ from orchestrator.cli.where import (
 )
 
 if TYPE_CHECKING:
+    from orchestrator.studies.report import StudyReport
     from orchestrator.studies.study import Study
     from orchestrator.studies.task import Where
 
@@ -146,7 +147,7 @@ def _made(study: Study, folder: Path, where: Where, as_json: bool) -> Outcome:
     return partly or _reported(write_report(study, folder, made.failed), run_timings(made), warnings)
 
 
-def _reported(report: Any, timings: dict[str, float], warnings: list[str]) -> Outcome:
+def _reported(report: StudyReport, timings: dict[str, float], warnings: list[str]) -> Outcome:
     from orchestrator.studies.run_record import told_builds  # noqa: PLC0415
 
     failed = [f"{len(report.analysis['failed'])} trials failed"] if report.analysis["failed"] else []

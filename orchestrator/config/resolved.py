@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from orchestrator.config.sensor import CameraDescription, DetectorDescription, LaserDescription, SensorDescription
-from orchestrator.config.units import to_si
+from orchestrator.config.units import si_value, to_si
 
 _FORMAT = 1
 _STRAIGHTNESS = 6  # coefficients that the library expects
@@ -61,5 +61,5 @@ def _camera_json(camera: CameraDescription, wavelength_nm: float) -> dict[str, A
 
 def focal_length_px(camera: CameraDescription) -> float:
     """Focal length from image height and half angle: ``f = H / (2 tan gamma)``."""
-    gamma = to_si({"half_angle_deg": camera.half_angle_deg})["half_angle"]
+    gamma = si_value(camera, "half_angle_deg")
     return float(camera.height_px / (2.0 * np.tan(gamma)))

@@ -61,6 +61,11 @@ def to_si(value: Any) -> Any:
     return value
 
 
+def si_value(description: object, key: str) -> float:
+    """Number in SI of one key of a description; the key tells the unit."""
+    return float(getattr(description, key)) * split_unit(key)[1]
+
+
 def _scaled(value: Any, scale: float) -> Any:
     if value is None:
         return None

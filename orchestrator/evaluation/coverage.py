@@ -200,7 +200,7 @@ def visible_samples(
     lit = _in_sight(samples[sample], normals[sample], source[exposure], least, tracer)
     sample, exposure = sample[lit], exposure[lit]
     sensor_from_part = pose.inverse(part_from_sensor)
-    in_sensor = _carried(sensor_from_part[exposure], samples[sample])
+    in_sensor = pose.transform_each(sensor_from_part[exposure], samples[sample])
     visible = np.zeros(len(samples), bool)
     for camera in view.cameras:
         todo = camera.sees(in_sensor) & ~visible[sample]
@@ -222,7 +222,7 @@ def _lit_pairs(samples: Array, part_from_sensor: Array, view: SensorView, tolera
         found.append((near_sheet[0] + start, near_sheet[1]))
     sample = np.concatenate([pair[0] for pair in found])
     exposure = np.concatenate([pair[1] for pair in found])
-    _, y, z = _carried(sensor_from_part[exposure], samples[sample]).T
+    _, y, z = pose.transform_each(sensor_from_part[exposure], samples[sample]).T
     in_fan = np.abs(y) <= (z - view.source_z) * np.tan(view.fan_half_angle)
     kept = in_fan & (z >= view.near) & (z <= view.far)
     return sample[kept], exposure[kept]
@@ -237,12 +237,6 @@ def _in_sight(
     good = cosine >= least_cosine
     good[good] = ~tracer.blocked(places[good] + _LIFT * normals[good], viewpoints[good])
     return np.asarray(good)
-
-
-def _carried(target_from_source: Array, points: Array) -> Array:
-    """Points (k, 3), each by a pose (k, 4, 4) of its own."""
-    turned = np.einsum("kij,kj->ki", target_from_source[:, :3, :3], points)
-    return np.asarray(turned + target_from_source[:, :3, 3])
 
 
 def _positions(part_from_sensor: Array, point_in_sensor: Array) -> Array:

@@ -128,8 +128,7 @@ class TrueWorld:
             Where the stripe truly was. None: where it was found, as the geometric mode finds it without error.
         """
         exposure = np.searchsorted(self._recording.measured.index, cloud.profile)
-        to_sensor = believed_from_part[exposure]
-        in_sensor = np.einsum("nij,nj->ni", to_sensor[:, :3, :3], cloud.points_in_part) + to_sensor[:, :3, 3]
+        in_sensor = pose.transform_each(believed_from_part[exposure], cloud.points_in_part)
         camera = cloud.camera.astype(np.int64)
         pixels = np.zeros((len(cloud), 2))
         for k, seen_by in enumerate(believed.cameras):

@@ -10,7 +10,7 @@ from typing import Any
 from orchestrator.cell.nominal import Body, Lamp, NominalCell, nominal_cell
 from orchestrator.cell.recording import Recording, read_recording
 from orchestrator.config.loading import Setup
-from orchestrator.config.units import to_si
+from orchestrator.config.units import si_value
 from orchestrator.evaluation.frame_index import Laser
 from orchestrator.evaluation.images import FrameFiles
 from orchestrator.evaluation.report import ReportInputs, write_report
@@ -132,12 +132,11 @@ def _sense(line: _Line, recording: Recording, bodies: tuple[Body | Lamp, ...], p
 
 def cloud_of(nominal: NominalCell, recording: Recording, points: Any, setup: Setup, normals: bool = True) -> Cloud:
     """Reconstruct from measured joints and nominal geometry alone; normals take most of the time."""
-    margin = to_si({"m_mm": setup.scan.table_margin_mm})["m"]
     return reconstruct(
         points,
         recording.measured,
         nominal.part_from_sensor,
         nominal.table_from_part,
-        Envelope(lowest=margin, highest=_ENVELOPE_HEIGHT, radius=nominal.table_radius),
+        Envelope(lowest=si_value(setup.scan, "table_margin_mm"), highest=_ENVELOPE_HEIGHT, radius=nominal.table_radius),
         normals,
     )

@@ -15,7 +15,7 @@ import sensor_rt
 from orchestrator.cell.nominal import Lamp, NominalCell, nominal_cell
 from orchestrator.config.loading import Setup, require_sensor_words
 from orchestrator.config.scan import Engine
-from orchestrator.config.units import to_si
+from orchestrator.config.units import si_value
 from orchestrator.errors import SensorError
 from orchestrator.evaluation.images import FrameFiles, draw_stripes
 from orchestrator.evaluation.request import ScanReport
@@ -84,7 +84,7 @@ def _expose(
     exposure = still_exposure(
         frames["part"] @ part_from_sensor,
         np.stack([frames[body.moves_with] for body in bodies]),
-        float(to_si({"t_ms": request.setup.sensor.detector.exposure_ms})["t"]),
+        si_value(request.setup.sensor.detector, "exposure_ms"),
     )
     try:
         scene = build_scene(bodies)

@@ -192,12 +192,6 @@ def mass_properties(mesh: Mesh, density: float) -> MassProperties:
     return MassProperties(volume * density, np.asarray(solid.center_mass, float) * 1e-3, inertia)
 
 
-def resting_height(mesh: Mesh, rotation: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1))) -> float:
-    """Height (m) at which the part's origin must be for its lowest point to touch z = 0, when turned by `rotation`."""
-    used = mesh.vertices[np.unique(mesh.faces)]
-    return float(-(used @ np.asarray(rotation, float)[2]).min())
-
-
 def is_stable_pose(mesh: Mesh, table_from_part: ArrayLike, tolerance: float = 1e-5) -> bool:
     """Whether the part, standing by gravity on the plane z = 0 of the table, stays as it is.
 

@@ -140,6 +140,12 @@ def transform_points(target_from_source: ArrayLike, points_in_source: ArrayLike)
     return np.asarray(points @ np.swapaxes(t[..., :3, :3], -1, -2) + t[..., None, :3, 3])
 
 
+def transform_each(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Array:
+    """Points (n, 3), each carried by a pose (n, 4, 4) of its own."""
+    t, points = np.asarray(target_from_source, float), np.asarray(points_in_source, float)
+    return np.asarray(np.einsum("nij,nj->ni", t[:, :3, :3], points) + t[:, :3, 3])
+
+
 def skew(vector: ArrayLike) -> Array:
     """Matrices (..., 3, 3) with ``skew(v) @ u == cross(v, u)``."""
     x, y, z = np.moveaxis(np.asarray(vector, float), -1, 0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.cell.nominal import pose_matrix
+from orchestrator.cell.poses import pose_matrix
 from orchestrator.config.scan import ScanDescription
 from orchestrator.config.units import to_si
 

@@ -18,7 +18,6 @@ from orchestrator.cell.program import Program
 from orchestrator.cell.recording import Recording
 from orchestrator.cell.session import CellSession
 from orchestrator.config.loading import Setup
-from orchestrator.config.units import to_si
 from orchestrator.progress import Progress
 
 
@@ -63,10 +62,7 @@ def drive(
         fmu = Path(folder) / "RobotCell2.fmu"
         build_fmu(cell_json(setup.cell, nominal, seed), fmu, 2, THROWN_AWAY)
         progress.stage("driving", program.duration, "s")
-        options = DriveOptions(
-            cycle_us=setup.cell.world.controller_cycle_us,
-            exposure=float(to_si({"t_ms": setup.sensor.detector.exposure_ms})["t"]),
-        )
+        options = DriveOptions.of(setup)
         with CellInstance(fmu, parameters=lambda units: parse_as_built(as_built, units)) as cell:
             if before is not None:
                 session = CellSession(cell, nominal, options.cycle_us)

@@ -7,7 +7,6 @@ import numpy as np
 import sensor_rt
 from orchestrator.cell.nominal import NominalCell
 from orchestrator.config.loading import Setup
-from orchestrator.config.units import to_si
 from orchestrator.planning.model import PlanningCell, SensorRange
 from orchestrator.planning.options import scan_options
 from orchestrator.planning.planner import Plan, plan
@@ -36,5 +35,5 @@ def make_plan(nominal: NominalCell, sensor: sensor_rt.Sensor, setup: Setup) -> P
     PlanningError
         Naming the poses that cannot be reached, or what hits what.
     """
-    cycle = to_si({"t_ms": setup.cell.world.controller_cycle_us * 1e-3})["t"]
+    cycle = setup.cell.world.controller_cycle_us * 1e-6
     return plan(PlanningCell(nominal, sensor_range(sensor), cycle), scan_options(setup.scan))

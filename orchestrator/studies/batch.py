@@ -25,7 +25,7 @@ from orchestrator.geometry.mesh import FORMATS, box_mesh
 from orchestrator.progress import Progress
 from orchestrator.studies.batch_worker import ROW, open_batch_worker
 from orchestrator.studies.designs import trial_seed
-from orchestrator.studies.engine import RunOutcome, run_tasks
+from orchestrator.studies.engine import Announce, RunOutcome, run_tasks
 from orchestrator.studies.factors import SETUP_KEYS, Factors, nominal_setup
 from orchestrator.studies.results import INDEX_KEYS, index_table, write_table
 from orchestrator.studies.run_record import (
@@ -214,7 +214,7 @@ def claim(batch: Batch, out: Path) -> Comparison:
     return found
 
 
-def run_batch(batch: Batch, out: Path, where: Where, progress: Progress, announce: Any = None) -> RunOutcome:
+def run_batch(batch: Batch, out: Path, where: Where, progress: Progress, announce: Announce = None) -> RunOutcome:
     """Make all scans that are not there yet, see `run_tasks`."""
     try:
         return run_tasks(batch.job(out), batch.tasks, where, progress, "scan", announce)

@@ -17,14 +17,16 @@ the same call after any kill goes on where it stopped, and a task that two worke
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from orchestrator.errors import OutputError
 from orchestrator.progress import Progress
 from orchestrator.studies.task import Job, Task, TaskReport, Where, run_here
+
+# Hears of the address of Dask's dashboard.
+Announce = Callable[[str], None] | None
 
 
 @dataclass
@@ -61,7 +63,7 @@ class RunOutcome:
 
 
 def run_tasks(
-    job: Job, tasks: Sequence[Task], where: Where, progress: Progress, unit: str = "task", announce: Any = None
+    job: Job, tasks: Sequence[Task], where: Where, progress: Progress, unit: str = "task", announce: Announce = None
 ) -> RunOutcome:
     """Bring all tasks to an end that are not finished yet; those that fail do not keep others from it.
 
@@ -103,7 +105,7 @@ def run_tasks(
 
 
 def _reports(
-    job: Job, todo: Sequence[Task], where: Where, outcome: RunOutcome, announce: Any, began: float
+    job: Job, todo: Sequence[Task], where: Where, outcome: RunOutcome, announce: Announce, began: float
 ) -> Generator[TaskReport, None, None]:
     if where.shard is not None or not todo:
         outcome.start_seconds = time.perf_counter() - began

@@ -31,7 +31,6 @@ from orchestrator.config.description import validate
 from orchestrator.config.loading import Setup, as_built_sensor, sensor_words
 from orchestrator.config.scan import Engine, ScanDescription
 from orchestrator.config.sensor import SensorDescription
-from orchestrator.config.units import to_si
 from orchestrator.config.variation import VaryingScansDescription
 from orchestrator.evaluation.job import cloud_of
 from orchestrator.evaluation.stopwatch import Stopwatch
@@ -187,11 +186,7 @@ class ScanWorker:
         file.write_text(f'{stage.for_fmu}, "seed": {seed}}}')
         cell = self._instance()
         cell.reset(file, parse_as_built(inputs.as_built, cell.units()))
-        options = DriveOptions(
-            cycle_us=inputs.setup.cell.world.controller_cycle_us,
-            exposure=float(to_si({"t_ms": inputs.setup.sensor.detector.exposure_ms})["t"]),
-        )
-        return Driver(cell, options).run(program)
+        return Driver(cell, DriveOptions.of(inputs.setup)).run(program)
 
     def _instance(self) -> CellInstance:
         if self._cell is None:

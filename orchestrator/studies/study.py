@@ -24,7 +24,7 @@ from orchestrator.evaluation.manifest import named_files
 from orchestrator.evaluation.stopwatch import Stopwatch
 from orchestrator.progress import Progress
 from orchestrator.studies.designs import trial_seed
-from orchestrator.studies.engine import RunOutcome, chunks, run_tasks
+from orchestrator.studies.engine import Announce, RunOutcome, chunks, run_tasks
 from orchestrator.studies.factors import SETUP_KEYS, Factors, nominal_setup
 from orchestrator.studies.run_record import (
     DESCRIPTION,
@@ -163,7 +163,7 @@ def check_same(study: Study, out: Path) -> Comparison:
     return found
 
 
-def run_study(study: Study, out: Path, where: Where, progress: Progress, announce: Any = None) -> RunOutcome:
+def run_study(study: Study, out: Path, where: Where, progress: Progress, announce: Announce = None) -> RunOutcome:
     """Make all trials that are not there yet, see `run_tasks`."""
     try:
         return run_tasks(study.job(out), study.tasks, where, progress, "task", announce)

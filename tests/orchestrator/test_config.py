@@ -13,7 +13,7 @@ from orchestrator.config.loading import assets_dir, parse_assignment, split_path
 from orchestrator.config.resolved import sensor_json
 from orchestrator.config.schema import json_schemas
 from orchestrator.config.toml_text import to_toml
-from orchestrator.config.units import to_si
+from orchestrator.config.units import si_value, split_unit, to_si
 from orchestrator.errors import DescriptionError
 
 
@@ -24,6 +24,12 @@ def test_units_are_stripped_and_scaled_once() -> None:
     assert si["nested"][0]["t"] == pytest.approx(0.002)
     assert si["width_px"] == 1280
     assert si["pitch"] == pytest.approx(5e-6)
+
+
+def test_a_single_value_is_that_of_the_whole_description() -> None:
+    table = load_setup().cell.table
+    for key in ("radius_mm", "max_speed_deg_s", "friction"):
+        assert si_value(table, key) == to_si(table.model_dump())[split_unit(key)[0]]
 
 
 def test_every_dimensioned_key_of_the_shipped_sensor_reaches_si() -> None:

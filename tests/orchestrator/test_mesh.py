@@ -145,12 +145,6 @@ def test_hull_of_a_flat_mesh_is_refused():
         _ = flat.hull
 
 
-def test_resting_height_puts_the_lowest_point_on_the_table():
-    turned = pose.rotation_from_euler_xyz((0.3, -0.4, 0.9))
-    height = meshes.resting_height(box(), turned)
-    assert (box().vertices @ turned.T)[:, 2].min() + height == pytest.approx(0.0, abs=1e-15)
-
-
 def test_which_poses_are_stable():
     upright = pose.translation((0, 0, 0.05))
     assert meshes.is_stable_pose(box(), upright)

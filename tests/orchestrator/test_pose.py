@@ -112,3 +112,9 @@ def test_points_follow_their_frame():
     homogeneous = np.concatenate([points, np.ones((5, 1))], 1)
     for k in range(7):
         assert np.abs(moved[k] - (homogeneous @ POSES[k].T)[:, :3]).max() < 1e-14
+
+
+def test_each_point_follows_a_pose_of_its_own():
+    points = RNG.normal(size=(200, 3))
+    one_by_one = [pose.transform_points(own, point[None])[0] for own, point in zip(POSES, points, strict=True)]
+    np.testing.assert_allclose(pose.transform_each(POSES, points), one_by_one, atol=1e-14)
