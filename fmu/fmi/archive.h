@@ -3,8 +3,10 @@
 
 #include <Eigen/Geometry>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
@@ -13,6 +15,14 @@
 #include "fmu/model/cell_layout.h"
 
 namespace robotcell::fmi {
+
+/// SI numbers of a cell that works are far smaller; the dynamics engine ends the process where they are not.
+constexpr double kGreatest = 1e9;
+constexpr double kRounding = 1e-6;
+
+[[noreturn]] inline void refuse_value() {
+  throw std::invalid_argument("the serialized state holds an impossible value");
+}
 
 class Writer {
  public:
@@ -43,11 +53,14 @@ class Reader {
     static_assert(std::is_arithmetic_v<T>);
     if (left_ < sizeof value) throw std::invalid_argument("the serialized state is cut off");
     if constexpr (std::is_same_v<T, bool>) {
-      if (*next_ > 1) throw std::invalid_argument("the serialized state holds an impossible value");
+      if (*next_ > 1) refuse_value();
     }
     std::memcpy(&value, next_, sizeof value);
     next_ += sizeof value;
     left_ -= sizeof value;
+    if constexpr (std::is_same_v<T, double>) {
+      if (!(std::abs(value) <= kGreatest)) refuse_value();
+    }
   }
 
   std::size_t left() const { return left_; }
@@ -67,13 +80,23 @@ void exchange(Archive& archive, std::array<T, N>& values) {
   for (T& value : values) exchange(archive, value);
 }
 
+/// A number that may be infinite.
+template <class Archive>
+void exchange_unless_infinite(Archive& archive, double& value) {
+  bool infinite = std::isinf(value);
+  archive.raw(infinite);
+  if (infinite) {
+    value = std::numeric_limits<double>::infinity();
+  } else {
+    archive.raw(value);
+  }
+}
+
 /// A whole number from 0 to `last`; others are refused.
 template <class Archive>
 void exchange_up_to(Archive& archive, std::int32_t& number, std::int32_t last) {
   archive.raw(number);
-  if (Archive::kReads && (number < 0 || number > last)) {
-    throw std::invalid_argument("the serialized state holds an impossible value");
-  }
+  if (Archive::kReads && (number < 0 || number > last)) refuse_value();
 }
 
 /// Last member of an enumeration that begins at 0. One without it cannot be part of a state.
@@ -102,11 +125,16 @@ void exchange(Archive& archive, Eigen::Matrix<double, N, 1>& vector) {
 template <class Archive>
 void exchange(Archive& archive, Eigen::Quaterniond& rotation) {
   for (double& value : rotation.coeffs().reshaped()) archive.raw(value);
+  if (Archive::kReads && std::abs(rotation.norm() - 1) > kRounding) refuse_value();
 }
 
 template <class Archive>
 void exchange(Archive& archive, Eigen::Isometry3d& pose) {
   for (double& value : pose.matrix().reshaped()) archive.raw(value);
+  const Eigen::Matrix3d turn = pose.linear();
+  const bool rigid = (turn.transpose() * turn).isIdentity(kRounding) && turn.determinant() > 0 &&
+                     pose.matrix().row(3) == Eigen::RowVector4d(0, 0, 0, 1);
+  if (Archive::kReads && !rigid) refuse_value();
 }
 
 /// The length of a sequence; refused when the bytes that are left cannot hold it.

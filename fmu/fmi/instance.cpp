@@ -252,6 +252,10 @@ void Instance::restore(const Snapshot& snapshot) {
   outputs_fresh_ = false;
   if (!snapshot.cell || !same_parameters(before, snapshot.parameters)) cell_.reset();
   if (snapshot.cell) {
+    const double elapsed = snapshot.communication_time - snapshot.start_time;
+    if (std::llround(elapsed * kTicksPerSecond) != snapshot.cell->time_us) {
+      throw std::invalid_argument("the state's times contradict each other");
+    }
     cell();
     if (description_hash_ != snapshot.description_hash) {
       throw std::invalid_argument("the state belongs to another description of the cell");

@@ -242,8 +242,9 @@ constexpr std::size_t kChecksumSize = sizeof(std::uint64_t);
 
 template <class Archive>
 void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& layout) {
-  exchange_all(archive, snapshot.phase, snapshot.start_time, snapshot.stop_time, snapshot.communication_time,
-               snapshot.events, snapshot.parameters, snapshot.inputs, snapshot.description_hash);
+  exchange_all(archive, snapshot.phase, snapshot.start_time, snapshot.communication_time, snapshot.events,
+               snapshot.parameters, snapshot.inputs, snapshot.description_hash);
+  exchange_unless_infinite(archive, snapshot.stop_time);
   bool has_cell = snapshot.cell.has_value();
   exchange(archive, has_cell);
   if constexpr (Archive::kReads) {

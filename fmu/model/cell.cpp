@@ -195,6 +195,11 @@ void Cell::restore(const CellState& state) {
       throw std::invalid_argument("the state holds devices that this cell does not have");
     }
   }
+  const std::int64_t begun = state.to.time_us - state.from.time_us;
+  if ((begun != 0 && begun != description_.time_step_us) || state.time_us < state.from.time_us ||
+      state.time_us > state.to.time_us) {
+    throw std::invalid_argument("the state's times contradict each other");
+  }
   world_.restore(state.to.imposed, state.arm, state.parts, state.grasp);
   time_us_ = state.time_us;
   from_ = state.from;

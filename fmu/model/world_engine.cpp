@@ -20,6 +20,16 @@ using Eigen::Vector6d;
 /// A part rests on its support while it slips by no more than friction stops within so many steps.
 constexpr double kStepsToStop = 2;
 
+/// A part that falls comes to rest this far away (m): at last, after hours, its place would be beyond what
+/// the collision engine can count, which ends the process then.
+constexpr double kFarthest = 1e4;
+
+void stop_where_lost(Part& part) {
+  const bool lost = part.pose().translation().norm() > kFarthest;
+  if (lost) part.skeleton->resetVelocities();
+  part.skeleton->setMobile(!lost);
+}
+
 Vector3d velocity_at(const BodyNode* body, const Vector3d& point) {
   return body->getLinearVelocity(body->getWorldTransform().inverse() * point);
 }
@@ -122,6 +132,7 @@ void World::Engine::begin_step() {
   for (Part& part : parts) {
     part.rides.clear();
     if (!part.free) continue;
+    stop_where_lost(part);
     part.before = part.pose();
     for (const StickAnchor& anchor : part.anchors) {
       part.rides.push_back({anchor.support, pose_of(anchor.support).inverse() * part.pose(), {}});
@@ -277,6 +288,10 @@ void World::Engine::check(const std::vector<FreePartState>& states) const {
     for (const StickAnchor& anchor : state.anchors) fits = fits && known(anchor.support);
   }
   if (!fits) throw std::invalid_argument("the state holds parts that this cell does not have");
+  for (const FreePartState& state : states) {
+    if (Eigen::Map<const Vector3d>(state.position.data() + 3).norm() < 2 * kFarthest) continue;
+    throw std::invalid_argument("the state holds a part that is farther away than any can get");
+  }
 }
 
 }  // namespace robotcell

@@ -7,6 +7,7 @@ import ctypes
 import json
 import locale
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -97,6 +98,12 @@ def test_a_wrong_description_is_refused_by_key(
         build(3, parameters={"cell.file": str(file)})
     assert str(file) in str(caught.value)
     assert key in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["table.x", "tool.z", "platter.y", "dh[2].a"])
+def test_deviations_out_of_this_world_are_refused_by_name(build: Build, name: str) -> None:
+    with pytest.raises(RuntimeError, match=re.escape(f"as_built.{name} must be from -1000 to 1000 m")):
+        build(3, FREE, {f"as_built.{name}": 1e9})
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"format": 2}', "null"])

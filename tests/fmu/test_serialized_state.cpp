@@ -1,4 +1,4 @@
-// Bytes of a state whose checksum is right and whose enumerations are not: refused, and the instance goes on.
+// Bytes of a state whose checksum is right and whose values are not: refused, and the instance goes on.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -174,6 +174,49 @@ TYPED_TEST(SerializedState, RefusesWhatIsNoMemberOfAnEnumeration) {
       EXPECT_TRUE(importer.set(good));
       EXPECT_TRUE(importer.step(kStep));
     }
+  }
+  EXPECT_TRUE(importer.free(&good));
+}
+
+/// A change that makes a state impossible.
+struct Fault {
+  const char* name;
+  std::function<void(Snapshot&)> make;
+};
+
+std::vector<Fault> faults() {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  return {
+      {"no time", [](Snapshot& s) { s.communication_time = kNan; }},
+      {"no stop time", [](Snapshot& s) { s.stop_time = kNan; }},
+      {"another time than the cell's", [](Snapshot& s) { s.communication_time += 1; }},
+      {"a cell that is far behind", [](Snapshot& s) { s.cell->time_us = -1'000'000'000'000; }},
+      {"a time outside its step", [](Snapshot& s) { s.cell->to.time_us += 1'000'000; }},
+      {"a part nowhere", [](Snapshot& s) { s.cell->parts[0].position[4] = kNan; }},
+      {"a part too far", [](Snapshot& s) { s.cell->parts[0].position[5] = -1e8; }},
+      {"a part too fast", [](Snapshot& s) { s.cell->parts[0].velocity[3] = 1e300; }},
+      {"an endless joint", [](Snapshot& s) { s.cell->to.imposed.axes.position[2] = kInfinity; }},
+      {"an anchor that bends",
+       [](Snapshot& s) { s.cell->parts[0].anchors[0].support_from_body(0, 1) = 0.1; }},
+      {"a turn that stretches", [](Snapshot& s) { s.cell->controller.jog.turn.w() = 2; }},
+  };
+}
+
+TYPED_TEST(SerializedState, RefusesWhatNoCellCanBeIn) {
+  TypeParam importer;
+  ASSERT_TRUE(importer.step(0));
+  void* good = nullptr;
+  ASSERT_TRUE(importer.get(&good));
+  for (const Fault& fault : faults()) {
+    SCOPED_TRACE(fault.name);
+    Snapshot wrong = *static_cast<Snapshot*>(good);
+    fault.make(wrong);
+    void* state = nullptr;
+    EXPECT_FALSE(importer.read(serialize(wrong, token()), &state) && importer.set(state));
+    EXPECT_TRUE(importer.free(&state));
+    EXPECT_TRUE(importer.set(good));
+    EXPECT_TRUE(importer.step(kStep));
   }
   EXPECT_TRUE(importer.free(&good));
 }

@@ -1,6 +1,7 @@
 // The dynamics world is where the exact kinematics says.
 #include <gtest/gtest.h>
 
+#include "fmu/model/cell_description.h"
 #include "fmu/model/world.h"
 
 namespace {
@@ -51,6 +52,33 @@ TEST(World, LinksAreWhereTheKinematicsPutsThem) {
       EXPECT_TRUE(world.link_pose(i).isApprox(expected, 1e-12)) << "link " << i + 1;
     }
   }
+}
+
+TEST(World, APartThatFallsForEverComesToRestFarAway) {
+  const CellDescription cell = parse_cell(read_text_file(SCANCELL_TEST_CELLS "/free/cell.json"));
+  Imposed still;
+  for (std::size_t i = 0; i < kJoints; ++i) still.axes.position[i] = cell.joints[i].start;
+  World world(cell, Kinematics(cell, AsBuilt{}), still);
+  const auto parts = world.free_parts();
+  const auto put = [&](double height, double speed) {
+    auto moved = parts;
+    moved[0].position[5] = height;
+    moved[0].velocity[5] = speed;
+    moved[0].anchors.clear();
+    world.restore(still, world.arm(), moved, world.grasp());
+  };
+  const auto height_after = [&](int steps) {
+    for (int i = 0; i < steps; ++i) world.step(still, still);
+    return world.place(0).carrier_from_part.translation().z();
+  };
+  put(-9999, -440);
+  const double rest = height_after(10);
+  EXPECT_NEAR(rest, -10000, 1);
+  EXPECT_EQ(height_after(100), rest);
+  EXPECT_EQ(world.free_parts()[0].velocity[5], 0);
+  // A state from before the fall brings it back.
+  put(2, 0);
+  EXPECT_NEAR(height_after(100), 2 - 0.5 * 9.80665 * 0.1 * 0.1, 0.01);
 }
 
 }  // namespace
