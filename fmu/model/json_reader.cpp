@@ -31,12 +31,14 @@ JsonReader JsonReader::at(const char* key) const {
   return {node_.at(key), path_.empty() ? key : path_ + "." + key};
 }
 
+JsonReader JsonReader::item(std::size_t index) const {
+  return {node_[index], path_ + "[" + std::to_string(index) + "]"};
+}
+
 std::vector<JsonReader> JsonReader::items() const {
   if (!node_.is_array()) fail("an array");
   std::vector<JsonReader> readers;
-  for (std::size_t i = 0; i < node_.size(); ++i) {
-    readers.emplace_back(node_[i], path_ + "[" + std::to_string(i) + "]");
-  }
+  for (std::size_t i = 0; i < node_.size(); ++i) readers.push_back(item(i));
   return readers;
 }
 
@@ -86,6 +88,41 @@ std::string JsonReader::text() const {
 Eigen::Vector3d JsonReader::vector3() const {
   const auto values = items(3);
   return {values[0].number(), values[1].number(), values[2].number()};
+}
+
+std::vector<Eigen::Vector3d> JsonReader::vectors3() const {
+  if (!node_.is_array()) fail("an array");
+  const auto is_number = [](const nlohmann::json& node) {
+    return node.is_number() && std::isfinite(node.get<double>());
+  };
+  std::vector<Eigen::Vector3d> vectors;
+  vectors.reserve(node_.size());
+  for (std::size_t i = 0; i < node_.size(); ++i) {
+    const nlohmann::json& node = node_[i];
+    const bool is_plain =
+        node.is_array() && node.size() == 3 && std::all_of(node.begin(), node.end(), is_number);
+    vectors.push_back(is_plain ? Eigen::Vector3d(node[0], node[1], node[2]) : item(i).vector3());
+  }
+  return vectors;
+}
+
+std::vector<std::array<int, 3>> JsonReader::triangles(std::size_t vertices) const {
+  if (!node_.is_array()) fail("an array");
+  const auto last = static_cast<std::int64_t>(vertices) - 1;
+  const auto is_corner = [last](const nlohmann::json& node) {
+    return node.is_number_integer() && node.get<std::int64_t>() >= 0 && node.get<std::int64_t>() <= last;
+  };
+  std::vector<std::array<int, 3>> triangles;
+  triangles.reserve(node_.size());
+  for (std::size_t i = 0; i < node_.size(); ++i) {
+    const nlohmann::json& node = node_[i];
+    if (node.is_array() && node.size() == 3 && std::all_of(node.begin(), node.end(), is_corner)) {
+      triangles.push_back({node[0].get<int>(), node[1].get<int>(), node[2].get<int>()});
+      continue;
+    }
+    for (const JsonReader& corner : item(i).items(3)) corner.integer(0, last);
+  }
+  return triangles;
 }
 
 Eigen::Isometry3d JsonReader::pose() const {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <array>
 #include <cstdint>
 #include <initializer_list>
 #include <nlohmann/json.hpp>
@@ -29,11 +30,16 @@ class JsonReader {
   bool boolean() const;
   std::string text() const;
   Eigen::Vector3d vector3() const;
+  /// Meshes have so many of these that only what is wrong is given a path.
+  std::vector<Eigen::Vector3d> vectors3() const;
+  std::vector<std::array<int, 3>> triangles(std::size_t vertices) const;
   Eigen::Isometry3d pose() const;
 
   [[noreturn]] void fail(const std::string& expected) const;
 
  private:
+  JsonReader item(std::size_t index) const;
+
   const nlohmann::json& node_;
   std::string path_;
 };

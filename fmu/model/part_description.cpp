@@ -9,14 +9,8 @@ constexpr double kHuge = 1e6;
 
 void parse_hull(const JsonReader& json, bool collides, PartDescription& part) {
   json.expect_keys({"vertices", "faces"});
-  for (const JsonReader& vertex : json.at("vertices").items()) part.hull_vertices.push_back(vertex.vector3());
-  const auto last = static_cast<std::int64_t>(part.hull_vertices.size()) - 1;
-  for (const JsonReader& face : json.at("faces").items()) {
-    const auto corners = face.items(3);
-    part.hull_faces.push_back({static_cast<int>(corners[0].integer(0, last)),
-                               static_cast<int>(corners[1].integer(0, last)),
-                               static_cast<int>(corners[2].integer(0, last))});
-  }
+  part.hull_vertices = json.at("vertices").vectors3();
+  part.hull_faces = json.at("faces").triangles(part.hull_vertices.size());
   if (collides && part.hull_faces.size() < 4) json.at("faces").fail("at least 4 faces for a free part");
 }
 

@@ -30,14 +30,8 @@ FrameRef parse_frame(const JsonReader& json, const FrameCounts& counts) {
 proximity::TriangleMesh parse_mesh(const JsonReader& json) {
   json.expect_keys({"vertices", "faces"});
   proximity::TriangleMesh mesh;
-  for (const JsonReader& vertex : json.at("vertices").items()) mesh.vertices.push_back(vertex.vector3());
-  const auto last = static_cast<std::int64_t>(mesh.vertices.size()) - 1;
-  for (const JsonReader& face : json.at("faces").items()) {
-    const auto corners = face.items(3);
-    mesh.faces.push_back({static_cast<int>(corners[0].integer(0, last)),
-                          static_cast<int>(corners[1].integer(0, last)),
-                          static_cast<int>(corners[2].integer(0, last))});
-  }
+  mesh.vertices = json.at("vertices").vectors3();
+  mesh.faces = json.at("faces").triangles(mesh.vertices.size());
   if (mesh.faces.empty()) json.at("faces").fail("at least one triangle");
   return mesh;
 }

@@ -298,6 +298,11 @@ def test_sensors_apply_no_force(build: Build) -> None:
     assert np.array_equal(cells[0].body("part[1]"), cells[1].body("part[1]"))
 
 
+def part_of(**mesh: Any) -> dict[str, Any]:
+    """The box as a body, something of its mesh changed."""
+    return body("part", "part[1]", {**box_hull(X, Y, Z), **mesh})
+
+
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
@@ -307,6 +312,17 @@ def test_sensors_apply_no_force(build: Build) -> None:
         ("collision", {"outputs": True, "range": 0.05, "pairs": [["part", "nobody"]]}, "collision.pairs[0][1]"),
         ("collision", {"outputs": True, "range": 0.05, "pairs": []}, "collision.pairs"),
         ("bodies", [body("part", "part[1]", {"vertices": [[0, 0, 0]], "faces": []})], "bodies[0].mesh.faces"),
+        ("bodies", [part_of(vertices=[[0, 0, 0], [0, "1", 0]])], "bodies[0].mesh.vertices[1][1]: expected a finite"),
+        ("bodies", [part_of(vertices=[[0, 0, 0], [0, 1]])], "bodies[0].mesh.vertices[1]: expected an array of 3"),
+        ("bodies", [part_of(vertices=3)], "bodies[0].mesh.vertices: expected an array"),
+        (
+            "bodies",
+            [part_of(faces=[[0, 1, 2], [0, 1, 8]])],
+            "bodies[0].mesh.faces[1][2]: expected a whole number from 0",
+        ),
+        ("bodies", [part_of(faces=[[0, 1, 2], [0, -1, 2]])], "bodies[0].mesh.faces[1][1]: expected a whole number"),
+        ("bodies", [part_of(faces=[[0, 1.5, 2]])], "bodies[0].mesh.faces[0][1]: expected a whole number"),
+        ("bodies", [part_of(faces=[[0, 1, 2, 3]])], "bodies[0].mesh.faces[0]: expected an array of 3"),
     ],
 )
 def test_wrong_sensors_are_refused_by_name(build: Build, key: str, value: Any, message: str) -> None:
