@@ -10,8 +10,8 @@ constexpr double kHuge = 1e9;
 LinkInertia parse_link(const JsonReader& json) {
   json.expect_keys({"mass", "centre_of_mass", "inertia"});
   LinkInertia link;
-  link.mass = json.at("mass").positive();
-  link.centre_of_mass = json.at("centre_of_mass").vector3();
+  link.mass = json.at("mass").mass();
+  link.centre_of_mass = json.at("centre_of_mass").coordinates();
   const auto rows = json.at("inertia").items(3);
   for (int i = 0; i < 3; ++i) link.inertia.row(i) = rows[static_cast<std::size_t>(i)].vector3();
   if (link.inertia.llt().info() != Eigen::Success) {

@@ -90,7 +90,7 @@ CellDescription parse_root(const JsonReader& json) {
   if (cell.controller_cycle_us % cell.time_step_us != 0) {
     json.at("controller_cycle_us").fail("a multiple of time_step_us");
   }
-  cell.gravity = json.at("gravity").vector3();
+  cell.gravity = json.at("gravity").coordinates();
   cell.seed = static_cast<std::int32_t>(json.at("seed").integer(std::numeric_limits<std::int32_t>::min(),
                                                                 std::numeric_limits<std::int32_t>::max()));
   const JsonReader robot = json.at("robot");

@@ -18,7 +18,7 @@ GripperDescription parse_gripper(const JsonReader& json) {
   gripper.stroke = json.at("stroke").positive();
   gripper.finger = {json.at("finger_thickness").positive(), json.at("finger_width").positive(),
                     json.at("finger_length").positive()};
-  gripper.finger_mass = json.at("finger_mass").positive();
+  gripper.finger_mass = json.at("finger_mass").mass();
   gripper.max_force = json.at("max_force").positive();
   gripper.max_speed = json.at("max_speed").positive();
   gripper.friction = json.at("friction").number(0, 1e6);

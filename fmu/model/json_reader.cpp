@@ -2,10 +2,26 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 #include "fmu/model/cell_description.h"
 
 namespace robotcell {
+namespace {
+
+/// m, and m/s^2 of gravity: far beyond it the collision engine ends the process.
+constexpr double kGreatestCoordinate = 1000;
+/// The engine needs masses (kg) whose reciprocals and products are numbers.
+constexpr double kLightest = 1e-9;
+constexpr double kHeaviest = 1e9;
+
+std::string shown(double value) {
+  std::ostringstream text;
+  text << value;
+  return text.str();
+}
+
+}  // namespace
 
 void JsonReader::fail(const std::string& expected) const {
   std::string shown = node_.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
@@ -55,10 +71,12 @@ double JsonReader::number() const {
 double JsonReader::number(double lowest, double highest) const {
   const double value = number();
   if (value < lowest || value > highest) {
-    fail("a number from " + std::to_string(lowest) + " to " + std::to_string(highest));
+    fail("a number from " + shown(lowest) + " to " + shown(highest));
   }
   return value;
 }
+
+double JsonReader::mass() const { return number(kLightest, kHeaviest); }
 
 double JsonReader::positive() const {
   const double value = number();
@@ -90,18 +108,26 @@ Eigen::Vector3d JsonReader::vector3() const {
   return {values[0].number(), values[1].number(), values[2].number()};
 }
 
+Eigen::Vector3d JsonReader::coordinates() const {
+  const auto values = items(3);
+  const auto coordinate = [&values](std::size_t i) {
+    return values[i].number(-kGreatestCoordinate, kGreatestCoordinate);
+  };
+  return {coordinate(0), coordinate(1), coordinate(2)};
+}
+
 std::vector<Eigen::Vector3d> JsonReader::vectors3() const {
   if (!node_.is_array()) fail("an array");
-  const auto is_number = [](const nlohmann::json& node) {
-    return node.is_number() && std::isfinite(node.get<double>());
+  const auto is_coordinate = [](const nlohmann::json& node) {
+    return node.is_number() && std::abs(node.get<double>()) <= kGreatestCoordinate;
   };
   std::vector<Eigen::Vector3d> vectors;
   vectors.reserve(node_.size());
   for (std::size_t i = 0; i < node_.size(); ++i) {
     const nlohmann::json& node = node_[i];
     const bool is_plain =
-        node.is_array() && node.size() == 3 && std::all_of(node.begin(), node.end(), is_number);
-    vectors.push_back(is_plain ? Eigen::Vector3d(node[0], node[1], node[2]) : item(i).vector3());
+        node.is_array() && node.size() == 3 && std::all_of(node.begin(), node.end(), is_coordinate);
+    vectors.push_back(is_plain ? Eigen::Vector3d(node[0], node[1], node[2]) : item(i).coordinates());
   }
   return vectors;
 }
@@ -130,7 +156,7 @@ Eigen::Isometry3d JsonReader::pose() const {
   const auto q = at("quaternion").items(4);
   const Eigen::Quaterniond rotation(q[0].number(), q[1].number(), q[2].number(), q[3].number());
   if (std::abs(rotation.norm() - 1) > 1e-6) at("quaternion").fail("a quaternion w, x, y, z of length 1");
-  return Eigen::Translation3d(at("position").vector3()) * rotation.normalized();
+  return Eigen::Translation3d(at("position").coordinates()) * rotation.normalized();
 }
 
 }  // namespace robotcell

@@ -26,10 +26,13 @@ class JsonReader {
   double number() const;
   double number(double lowest, double highest) const;
   double positive() const;
+  double mass() const;
   std::int64_t integer(std::int64_t lowest, std::int64_t highest) const;
   bool boolean() const;
   std::string text() const;
   Eigen::Vector3d vector3() const;
+  /// Of a place, or of gravity: within what the engine can work with.
+  Eigen::Vector3d coordinates() const;
   /// Meshes have so many of these that only what is wrong is given a path.
   std::vector<Eigen::Vector3d> vectors3() const;
   std::vector<std::array<int, 3>> triangles(std::size_t vertices) const;

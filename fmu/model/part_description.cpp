@@ -56,13 +56,13 @@ PartDescription parse_part(const JsonReader& json, std::size_t conveyors) {
     json.at("stands_on").fail("\"table\" or \"world\" for a clamped part: nothing can be clamped to a belt");
   }
   part.support_from_part = json.at("support_from_part").pose();
-  part.mass = json.at("mass").positive();
+  part.mass = json.at("mass").mass();
   part.friction = json.at("friction").number(0, kHuge);
   if (!json.at("soft").is_null()) {
     part.soft = parse_soft(json.at("soft"));
     if (!part.free) json.at("soft").fail("null for a clamped part");
   }
-  part.centre_of_mass = json.at("centre_of_mass").vector3();
+  part.centre_of_mass = json.at("centre_of_mass").coordinates();
   const auto rows = json.at("inertia").items(3);
   for (int i = 0; i < 3; ++i) part.inertia.row(i) = rows[static_cast<std::size_t>(i)].vector3();
   if (part.free && part.inertia.llt().info() != Eigen::Success) {

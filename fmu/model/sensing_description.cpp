@@ -49,7 +49,7 @@ PresenceSensorDescription parse_presence(const JsonReader& json, const FrameCoun
   sensor.name = json.at("name").text();
   sensor.frame = parse_frame(json.at("frame"), counts);
   sensor.frame_from_sensor = json.at("frame_from_sensor").pose();
-  sensor.size = json.at("size").vector3();
+  sensor.size = json.at("size").coordinates();
   if (!(sensor.size.minCoeff() > 0)) json.at("size").fail("three positive numbers");
   sensor.period_us = parse_period(json.at("period_us"), step_us);
   return sensor;
@@ -63,7 +63,7 @@ DistanceSensorDescription parse_distance(const JsonReader& json, const FrameCoun
   sensor.name = json.at("name").text();
   sensor.frame = parse_frame(json.at("frame"), counts);
   sensor.frame_from_sensor = json.at("frame_from_sensor").pose();
-  sensor.lens = json.at("lens").vector3();
+  sensor.lens = json.at("lens").coordinates();
   sensor.nearest = json.at("nearest").number(0, kFarthest);
   sensor.farthest = json.at("farthest").number(sensor.nearest, kFarthest);
   sensor.noise = json.at("noise").number(0, kFarthest);

@@ -70,6 +70,18 @@ def five_joints(cell: Cell) -> None:
     cell["robot"]["joints"].pop()
 
 
+def far_table(cell: Cell) -> None:
+    cell["table"]["world_from_table"]["position"][0] = 1e12
+
+
+def endless_gravity(cell: Cell) -> None:
+    cell["gravity"][2] = -1e30
+
+
+def weightless(cell: Cell) -> None:
+    cell["parts"][0]["mass"] = 1e-300
+
+
 def text_for_number(cell: Cell) -> None:
     cell["table"]["radius"] = "big"
 
@@ -85,6 +97,9 @@ def text_for_number(cell: Cell) -> None:
         (odd_cycle, "controller_cycle_us"),
         (five_joints, "robot.joints"),
         (text_for_number, "table.radius"),
+        (far_table, "table.world_from_table.position[0]: expected a number from -1000 to 1000, got"),
+        (endless_gravity, "gravity[2]: expected a number from -1000 to 1000, got"),
+        (weightless, "parts[0].mass: expected a number from 1e-09 to 1e+09, got"),
     ],
 )
 def test_a_wrong_description_is_refused_by_key(
