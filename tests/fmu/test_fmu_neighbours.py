@@ -31,6 +31,16 @@ def loaded(name: str) -> set[str]:
     return {path for path in paths if Path(path).name.startswith(name)}
 
 
+def packed(folder: Path, name: str) -> set[str]:
+    """Names of the libraries in an unpacked FMU that begin so."""
+    return {path.name for path in (folder / "binaries").glob("*/*") if path.name.startswith(name)}
+
+
+def homes() -> set[Path]:
+    """Unpacked FMUs whose own binary is loaded; the libraries that it needs may come from another of its build."""
+    return {Path(path).parents[2] for path in loaded("RobotCell.so")}
+
+
 @pytest.fixture(scope="module")
 def two_folders(folders: FmuFolders) -> tuple[Path, Path]:
     """One build, packed for either version."""
@@ -75,9 +85,11 @@ def test_in_parallel_threads_each_gives_the_bits_it_gives_alone(
 def test_two_builds_step_in_turn_without_disturbing_each_other(two_builds: tuple[Path, Path]) -> None:
     alone = run(two_builds[0])
     cells = [CellFmu(folder) for folder in two_builds]
-    for library in ("RobotCell.so", "libdart-", "libode-", "librobotcell_locks-"):
-        homes = {Path(path).parents[2] for path in loaded(library)}
-        assert set(two_builds) <= homes, library  # each has its own
+    assert set(two_builds) <= homes()
+    for library in ("libdart-", "libode-", "librobotcell_locks-"):
+        first, second = (packed(folder, library) for folder in two_builds)
+        assert first.isdisjoint(second)
+        assert first | second <= {Path(path).name for path in loaded(library)}  # each has its own
     for cell in cells:
         cell.command(table=0.0)
     for k in range(40):
@@ -95,10 +107,10 @@ def test_two_builds_step_in_turn_without_disturbing_each_other(two_builds: tuple
 def test_one_build_in_two_folders_shares_the_engine_and_its_locks(two_folders: tuple[Path, Path]) -> None:
     """Sharing all or nothing: the locks guard what is shared."""
     cells = [CellFmu(folder) for folder in two_folders]
-    for libraries in (("RobotCell.so",), ("libode-", "librobotcell_locks-")):
-        shared = libraries[0] != "RobotCell.so"
-        for library in libraries:
-            homes = {Path(path).parents[2] for path in loaded(library)} & set(two_folders)
-            assert len(homes) == (1 if shared else 2), library
+    assert set(two_folders) <= homes()
+    for library in ("libode-", "librobotcell_locks-"):
+        (name,) = packed(two_folders[0], library)
+        assert packed(two_folders[1], library) == {name}
+        assert sum(Path(path).name == name for path in loaded(library)) == 1
     for cell in cells:
         cell.close()
