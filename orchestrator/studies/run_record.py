@@ -217,4 +217,6 @@ def _at_default(table: Any, key: str, value: Any) -> bool:
 
 def _short(value: Any, limit: int = 80) -> str:
     text = repr(to_jsonable_python(value))
-    return text if len(text) <= limit else f"{text[: limit - 2]} …"
+    # Paths differ at their ends.
+    half = (limit - 3) // 2
+    return text if len(text) <= limit else f"{text[:half]} … {text[-half:]}"
