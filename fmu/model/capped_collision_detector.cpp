@@ -5,6 +5,7 @@
 #include <dart/collision/CollisionResult.hpp>
 #include <limits>
 #include <mutex>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -16,8 +17,23 @@ namespace {
 using dart::collision::CollisionResult;
 using dart::collision::Contact;
 
+/// m. ODE counts places in cells, and ends the process where their number is no integer any more.
+constexpr double kFarthest = 1e6;
+
+/// Throws std::runtime_error when a body is where the engine cannot go on. It is for any cause that is not
+/// refused before: numbers that a caller has set, states, dynamics out of bounds.
+void check_places(const dart::collision::CollisionGroup& group) {
+  for (std::size_t i = 0; i < group.getNumShapeFrames(); ++i) {
+    const dart::dynamics::ShapeFrame* frame = group.getShapeFrame(i);
+    if ((frame->getWorldTransform().matrix().array().abs() < kFarthest).all()) continue;
+    throw std::runtime_error(frame->getName() +
+                             " has left the world: it is more than 1000 km away or nowhere");
+  }
+}
+
 bool collide_alone(dart::collision::OdeCollisionDetector& detector, dart::collision::CollisionGroup* group,
                    const dart::collision::CollisionOption& option, CollisionResult* result) {
+  check_places(*group);
   const std::lock_guard<std::mutex> lock(mesh_collision_mutex());
   return detector.OdeCollisionDetector::collide(group, option, result);
 }

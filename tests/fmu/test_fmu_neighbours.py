@@ -26,8 +26,9 @@ def run(folder: Path) -> Array:
 
 
 def loaded(name: str) -> set[str]:
-    """Paths of the libraries in this process whose name begins so."""
-    paths = {line.split()[-1] for line in Path("/proc/self/maps").read_text().splitlines() if "r-xp" in line}
+    """Paths of the libraries in this process whose name begins so; their files may be gone since."""
+    lines = [line for line in Path("/proc/self/maps").read_text().splitlines() if "r-xp" in line]
+    paths = {line[line.index("/") :].removesuffix(" (deleted)") for line in lines if "/" in line}
     return {path for path in paths if Path(path).name.startswith(name)}
 
 

@@ -9,10 +9,12 @@ import locale
 import os
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -390,3 +392,31 @@ def test_the_cells_of_the_call_fuzzer_are_those_of_these_tests() -> None:
     soft = soft_cell(longest_edge=0.1)
     for name, cell in (("clamped", cell_description()), ("free", FREE), ("soft", soft), ("dynamic", DYNAMIC)):
         assert json.loads((Path(__file__).parent / "cells" / name / "cell.json").read_text()) == cell
+
+
+def with_checksum(body: bytes) -> bytes:
+    """A serialized state that its reader takes for whole (FNV-1a, 64 bits)."""
+    checksum = 0xCBF29CE484222325
+    for byte in body:
+        checksum = (checksum ^ byte) * 0x100000001B3 % 2**64
+    return body + struct.pack("<Q", checksum)
+
+
+def test_a_place_out_of_reach_is_an_error_wherever_a_state_holds_it(build: Build) -> None:
+    """The collision engine would end the process."""
+    at = 0.0625  # m
+    cell = build(3, cell_description(fixture="free", support_from_part=pose([at, 0.02, 0])))
+    cell.step(8000, 6)
+    good, until, there = cell.save(), cell.time_us, cell.body("part[1]")
+    body = cell.serialize(good)[:-8]
+    places = [i for i in range(len(body) - 7) if abs(struct.unpack_from("<d", body, i)[0] - at) < 1e-6]
+    assert len(places) > 1
+    for i in places:
+        far = body[:i] + struct.pack("<d", -9e8) + body[i + 8 :]
+        with suppress(Exception):
+            cell.restore(cell.deserialize(with_checksum(far)), until)
+            cell.step(8000, 2)
+        cell.restore(good, until)
+    assert any("has left the world" in message for message in cell.messages)
+    cell.step(8000)
+    np.testing.assert_allclose(cell.body("part[1]"), there, atol=1e-6)
