@@ -10,15 +10,17 @@
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "fmu/model/cell_layout.h"
 
 namespace robotcell::fmi {
 
-/// SI numbers of a cell that works are far smaller; the dynamics engine ends the process where they are not.
-constexpr double kGreatest = 1e9;
 constexpr double kRounding = 1e-6;
+/// Of what moves in a cell, in SI: it is far smaller, and the engine ends the process where it is not.
+constexpr double kGreatest = 1e9;
+constexpr double kNoLimit = std::numeric_limits<double>::max();
 
 [[noreturn]] inline void refuse_value() {
   throw std::invalid_argument("the serialized state holds an impossible value");
@@ -59,11 +61,13 @@ class Reader {
     next_ += sizeof value;
     left_ -= sizeof value;
     if constexpr (std::is_same_v<T, double>) {
-      if (!(std::abs(value) <= kGreatest)) refuse_value();
+      if (!(std::abs(value) <= greatest)) refuse_value();
     }
   }
 
   std::size_t left() const { return left_; }
+
+  double greatest = kNoLimit;  ///< absolute number that is taken
 
  private:
   const std::uint8_t* next_;
@@ -180,6 +184,14 @@ void exchange(Archive& archive, std::string& text) {
 template <class Archive, class... T>
 void exchange_all(Archive& archive, T&... values) {
   (exchange(archive, values), ...);
+}
+
+/// Values of which no number may be greater.
+template <class Archive, class... T>
+void exchange_within(Archive& archive, [[maybe_unused]] double greatest, T&... values) {
+  if constexpr (Archive::kReads) std::swap(archive.greatest, greatest);
+  exchange_all(archive, values...);
+  if constexpr (Archive::kReads) std::swap(archive.greatest, greatest);
 }
 
 }  // namespace robotcell::fmi

@@ -124,7 +124,8 @@ void exchange(A& a, StickAnchor& v) {
 }
 template <class A>
 void exchange(A& a, GripperCommand& v) {
-  exchange_all(a, v.mode, v.width, v.force);
+  exchange_all(a, v.mode);
+  exchange_within(a, fmi::kNoLimit, v.width, v.force);  // as an importer has set them
 }
 template <class A>
 void exchange(A& a, GripperState& v) {
@@ -204,7 +205,8 @@ void exchange(A& a, ControllerState& v) {
 }
 template <class A>
 void exchange(A& a, BeltState& v) {
-  fmi::exchange_all(a, v.travel, v.speed, v.target);
+  fmi::exchange_all(a, v.travel, v.speed);
+  fmi::exchange_within(a, fmi::kNoLimit, v.target);  // as an importer has set it
 }
 }  // namespace control
 
@@ -230,7 +232,8 @@ void exchange(A& a, TimedAxes& v) {
 }
 template <class A>
 void exchange(A& a, CellState& v) {
-  exchange_all(a, v.time_us, v.from, v.to, v.history, v.controller, v.arm, v.parts, v.grasp, v.trigger);
+  exchange_all(a, v.time_us, v.controller, v.trigger);
+  exchange_within(a, fmi::kGreatest, v.from, v.to, v.history, v.arm, v.parts, v.grasp);
 }
 
 }  // namespace robotcell

@@ -23,6 +23,8 @@ constexpr double kStepsToStop = 2;
 /// A part that falls comes to rest this far away (m): at last, after hours, its place would be beyond what
 /// the collision engine can count, which ends the process then.
 constexpr double kFarthest = 1e4;
+/// Far more than the greatest gravity makes of a fall to there (m/s, rad/s).
+constexpr double kFastest = 1e6;
 
 void stop_where_lost(Part& part) {
   const bool lost = part.pose().translation().norm() > kFarthest;
@@ -289,8 +291,10 @@ void World::Engine::check(const std::vector<FreePartState>& states) const {
   }
   if (!fits) throw std::invalid_argument("the state holds parts that this cell does not have");
   for (const FreePartState& state : states) {
-    if (Eigen::Map<const Vector3d>(state.position.data() + 3).norm() < 2 * kFarthest) continue;
-    throw std::invalid_argument("the state holds a part that is farther away than any can get");
+    const bool near = Eigen::Map<const Vector3d>(state.position.data() + 3).norm() < 2 * kFarthest;
+    const bool slow = Eigen::Map<const Vector6d>(state.velocity.data()).norm() < kFastest;
+    if (near && slow) continue;
+    throw std::invalid_argument("the state holds a part that is farther away or faster than any can get");
   }
 }
 

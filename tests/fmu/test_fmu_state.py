@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,11 @@ from cell_fixture import (
     all_reals,
     cell_description,
     continue_motion,
+    conveyor,
     pose,
 )
 from continue_from_state import continued_in_new_process
+from grasp_fixture import grasp_cell
 
 FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 
@@ -96,3 +99,18 @@ def test_a_state_of_another_cell_is_refused(build: Build) -> None:
     with pytest.raises(Exception, match="fmi3SetFMUState"):
         here.restore(here.deserialize(foreign), 1000)
     assert "another description" in here.messages[-1]
+
+
+@pytest.mark.parametrize("value", [1e12, -1e300])
+def test_a_state_is_read_back_whatever_an_importer_has_set(build: Build, value: float) -> None:
+    """Huge numbers mean "never" and "no limit" to some."""
+    description = {**grasp_cell(), "conveyors": [conveyor()]}
+    variables = build(3, description).description.modelVariables
+    inputs = [v.name for v in variables if v.causality == "input" and v.type == "Float64"]
+    assert {"command.max_age", "command.gripper.force", "command.trigger.period"} <= set(inputs)
+    for name in inputs:
+        cell = build(3, description)
+        with suppress(Exception):  # the cell may refuse the value, and is then to be restored
+            cell.set(name, value)
+            cell.step(8000)
+        cell.restore(cell.deserialize(cell.serialize(cell.save())), cell.time_us)
