@@ -7,6 +7,7 @@
 
 #include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/optics/region.h"
+#include "sensor_rt/tracing/lane_planes.h"
 
 namespace sensor_rt {
 namespace {
@@ -37,16 +38,6 @@ void locate(double source_z, double near, double far, const Lanes3& __restrict d
     normal.x[l] = sign * hits.normal.x[l];
     normal.y[l] = sign * hits.normal.y[l];
     normal.z[l] = sign * hits.normal.z[l];
-  }
-}
-
-SENSOR_RT_MULTIVERSION
-void transform(const double* __restrict r, const double* __restrict t, const Lanes3& __restrict p,
-               Lanes3& __restrict out) {
-  for (int l = 0; l < kLanes; ++l) {
-    out.x[l] = r[0] * p.x[l] + r[3] * p.y[l] + r[6] * p.z[l] + t[0];
-    out.y[l] = r[1] * p.x[l] + r[4] * p.y[l] + r[7] * p.z[l] + t[1];
-    out.z[l] = r[2] * p.x[l] + r[5] * p.y[l] + r[8] * p.z[l] + t[2];
   }
 }
 
@@ -155,9 +146,7 @@ void FanCaster::land(const Scene& scene) {
     alignas(64) double cosine[kLanes];
     locate(geometry_.laser.source_z, geometry_.near, geometry_.far, fan_.directions()[p], hits, landing.point,
            landing.normal, cosine, landing.used);
-    const Rigid3& sensor_from_sheet = geometry_.laser.sensor_from_sheet;
-    transform(sensor_from_sheet.rotation.data(), sensor_from_sheet.translation.data(), landing.point,
-              landing.in_sensor);
+    transform(geometry_.laser.sensor_from_sheet, landing.point, landing.in_sensor);
     for (int l = 0; l < kLanes; ++l) {
       const bool hit = hits.shape[l] >= 0;
       landing.used[l] = hit ? landing.used[l] : 0.0;

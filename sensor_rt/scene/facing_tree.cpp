@@ -15,26 +15,6 @@ namespace {
 constexpr int kWide = EightBoxes::kCount;
 constexpr float kInfinity = Window::kInfinity;
 
-/// Boxes that hold nothing.
-void clear(EightBoxes& boxes) {
-  std::fill(&boxes.low[0][0], &boxes.low[0][0] + 3 * kWide, kInfinity);
-  std::fill(&boxes.high[0][0], &boxes.high[0][0] + 3 * kWide, -kInfinity);
-}
-
-void include(EightBoxes& to, int slot, const EightBoxes& from, int lane) {
-  for (int k = 0; k < 3; ++k) {
-    to.low[k][slot] = std::min(to.low[k][slot], from.low[k][lane]);
-    to.high[k][slot] = std::max(to.high[k][slot], from.high[k][lane]);
-  }
-}
-
-void include(EightBoxes& to, int slot, const Eigen::Vector3d& point) {
-  for (int k = 0; k < 3; ++k) {
-    to.low[k][slot] = std::min(to.low[k][slot], static_cast<float>(point[k]));
-    to.high[k][slot] = std::max(to.high[k][slot], static_cast<float>(point[k]));
-  }
-}
-
 /// For each of eight nodes 1 where it may hold a face that is turned away from the eye. `margin`: room for
 /// rounding and for faces seen edge-on, m.
 SENSOR_RT_MULTIVERSION
@@ -75,8 +55,8 @@ void FacingTree::add_leaves(const MeshView& mesh, const Eigen::Vector3d& centre,
     const std::size_t node = i / kFacesPerLeaf;
     const int slot = static_cast<int>(node % kWide);
     Block& block = blocks[node / kWide];
-    for (int c = 0; c < 3; ++c) include(block.boxes, slot, mesh.corner(order[i], c) - centre);
-    include(block.normals, slot, normal);
+    for (int c = 0; c < 3; ++c) block.boxes.include(slot, mesh.corner(order[i], c) - centre);
+    block.normals.include(slot, normal);
     block.offset[slot] = std::max(block.offset[slot], static_cast<float>(plane.offset));
   }
   levels_.push_back(std::move(blocks));
@@ -89,8 +69,8 @@ void FacingTree::add_level() {
     Block& block = blocks[node / kWide];
     const int slot = static_cast<int>(node % kWide);
     for (int l = 0; l < kWide; ++l) {
-      include(block.boxes, slot, below[node].boxes, l);
-      include(block.normals, slot, below[node].normals, l);
+      block.boxes.include(slot, below[node].boxes, l);
+      block.normals.include(slot, below[node].normals, l);
       block.offset[slot] = std::max(block.offset[slot], below[node].offset[l]);
     }
   }
@@ -100,8 +80,8 @@ void FacingTree::add_level() {
 std::vector<FacingTree::Block> FacingTree::empty_blocks(std::size_t nodes) {
   std::vector<Block> blocks((nodes + kWide - 1) / kWide);
   for (Block& block : blocks) {
-    clear(block.boxes);
-    clear(block.normals);
+    block.boxes.clear();
+    block.normals.clear();
     std::fill(block.offset, block.offset + kWide, -kInfinity);
   }
   return blocks;

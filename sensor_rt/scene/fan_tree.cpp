@@ -1,22 +1,17 @@
 #include "sensor_rt/scene/fan_tree.h"
 
 #include <algorithm>
-#include <limits>
 #include <utility>
 
 namespace sensor_rt {
 namespace {
 
-constexpr std::size_t kWide = NodeBoxes::kCount;
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr std::size_t kWide = EightBoxes::kCount;
 
 /// Blocks for so many nodes. Boxes that are left over hold nothing.
-LargeVector<NodeBoxes> empty_blocks(std::size_t nodes) {
-  LargeVector<NodeBoxes> blocks((nodes + kWide - 1) / kWide);
-  for (NodeBoxes& block : blocks) {
-    std::fill(&block.low[0][0], &block.low[0][0] + 3 * kWide, kInfinity);
-    std::fill(&block.high[0][0], &block.high[0][0] + 3 * kWide, -kInfinity);
-  }
+LargeVector<EightBoxes> empty_blocks(std::size_t nodes) {
+  LargeVector<EightBoxes> blocks((nodes + kWide - 1) / kWide);
+  for (EightBoxes& block : blocks) block.clear();
   return blocks;
 }
 
@@ -47,16 +42,13 @@ void FanTree::add_groups(const MeshView& mesh, const Eigen::Vector3d& centre,
 }
 
 void FanTree::add_leaves() {
-  LargeVector<NodeBoxes> blocks = empty_blocks(groups_.size());
+  LargeVector<EightBoxes> blocks = empty_blocks(groups_.size());
   for (std::size_t node = 0; node < groups_.size(); ++node) {
-    NodeBoxes& block = blocks[node / kWide];
-    for (int c = 0; c < 3; ++c) {
-      for (int k = 0; k < 3; ++k) {
-        const float* at = groups_[node].corner[c][k];
-        float& low = block.low[k][node % kWide];
-        float& high = block.high[k][node % kWide];
-        low = std::min(low, *std::min_element(at, at + FaceGroup::kCount));
-        high = std::max(high, *std::max_element(at, at + FaceGroup::kCount));
+    for (const auto& corner : groups_[node].corner) {
+      for (int l = 0; l < FaceGroup::kCount; ++l) {
+        blocks[node / kWide].include(
+            static_cast<int>(node % kWide),
+            Eigen::Vector3f(corner[0][l], corner[1][l], corner[2][l]).cast<double>());
       }
     }
   }
@@ -64,13 +56,11 @@ void FanTree::add_leaves() {
 }
 
 void FanTree::add_level() {
-  const LargeVector<NodeBoxes>& below = levels_.back();
-  LargeVector<NodeBoxes> blocks = empty_blocks(below.size());
+  const LargeVector<EightBoxes>& below = levels_.back();
+  LargeVector<EightBoxes> blocks = empty_blocks(below.size());
   for (std::size_t node = 0; node < below.size(); ++node) {
-    NodeBoxes& block = blocks[node / kWide];
-    for (int k = 0; k < 3; ++k) {
-      block.low[k][node % kWide] = *std::min_element(below[node].low[k], below[node].low[k] + kWide);
-      block.high[k][node % kWide] = *std::max_element(below[node].high[k], below[node].high[k] + kWide);
+    for (int l = 0; l < EightBoxes::kCount; ++l) {
+      blocks[node / kWide].include(static_cast<int>(node % kWide), below[node], l);
     }
   }
   levels_.push_back(std::move(blocks));

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "sensor_rt/geometry/large_vector.h"
+#include "sensor_rt/scene/eight_boxes.h"
 #include "sensor_rt/scene/face_order.h"
 #include "sensor_rt/scene/mesh_view.h"
 
@@ -18,13 +19,6 @@ struct alignas(64) FaceGroup {
   static constexpr int kCount = static_cast<int>(kFacesPerLeaf);
   float corner[3][3][kCount];  ///< [corner][axis]
   std::uint32_t face[kCount];
-};
-
-/// Boxes around eight nodes.
-struct alignas(64) NodeBoxes {
-  static constexpr int kCount = 8;
-  float low[3][kCount];
-  float high[3][kCount];
 };
 
 /// A tree of eight branches per node over groups of faces, each of which is one piece of memory.
@@ -40,7 +34,7 @@ class FanTree {
 
   bool empty() const { return groups_.empty(); }
   /// From the root down; block i stands below node i, and group i below node i of the last level.
-  const std::vector<LargeVector<NodeBoxes>>& levels() const { return levels_; }
+  const std::vector<LargeVector<EightBoxes>>& levels() const { return levels_; }
   const LargeVector<FaceGroup>& groups() const { return groups_; }
 
  private:
@@ -49,7 +43,7 @@ class FanTree {
   void add_leaves();
   void add_level();
 
-  std::vector<LargeVector<NodeBoxes>> levels_;
+  std::vector<LargeVector<EightBoxes>> levels_;
   LargeVector<FaceGroup> groups_;
 };
 

@@ -7,6 +7,7 @@
 
 #include "sensor_rt/geometry/lanes.h"
 #include "sensor_rt/geometry/rigid3.h"
+#include "sensor_rt/scene/eight_boxes.h"
 
 namespace sensor_rt {
 
@@ -38,13 +39,6 @@ struct Window {
     for (int k = 0; k < kAxes; ++k) inside &= other.low[k] >= low[k] && other.high[k] <= high[k];
     return inside;
   }
-};
-
-/// Eight boxes as a structure of arrays: along x, y and z of a shape.
-struct alignas(32) EightBoxes {
-  static constexpr int kCount = 8;
-  float low[3][kCount];
-  float high[3][kCount];
 };
 
 /// A few windows.

@@ -9,6 +9,7 @@
 #include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/geometry/parallel.h"
 #include "sensor_rt/scene/pose_track.h"
+#include "sensor_rt/tracing/lane_planes.h"
 #include "sensor_rt/tracing/ray_view.h"
 #include "sensor_rt/tracing/trace.h"
 
@@ -54,17 +55,6 @@ bool normalize(const Lanes3& __restrict origin, Lanes3& __restrict direction) {
   return any == 0;
 }
 
-/// Rotation as columns.
-SENSOR_RT_MULTIVERSION
-void transform(const double* __restrict r, const double* __restrict t, const Lanes3& __restrict p,
-               Lanes3& __restrict out) {
-  for (int l = 0; l < kLanes; ++l) {
-    out.x[l] = r[0] * p.x[l] + r[3] * p.y[l] + r[6] * p.z[l] + t[0];
-    out.y[l] = r[1] * p.x[l] + r[4] * p.y[l] + r[7] * p.z[l] + t[1];
-    out.z[l] = r[2] * p.x[l] + r[5] * p.y[l] + r[8] * p.z[l] + t[2];
-  }
-}
-
 /// Casts rays with origins of their own in packets of 16.
 class Caster {
  public:
@@ -89,7 +79,7 @@ class Caster {
     PacketHits hits;
     clear_hits(hits, std::numeric_limits<double>::infinity());
     for (std::size_t s = 0; s < poses_.size(); ++s) {
-      transform(poses_[s].rotation.data(), poses_[s].translation.data(), origin, transforms_[s].origin);
+      transform(poses_[s], origin, transforms_[s].origin);
       intersect_shape(scene_.shapes()[s], static_cast<std::int32_t>(s), transforms_[s], direction, valid,
                       hits);
     }

@@ -9,7 +9,7 @@
 namespace sensor_rt {
 namespace {
 
-constexpr int kWide = NodeBoxes::kCount;
+constexpr int kWide = EightBoxes::kCount;
 constexpr int kFaces = FaceGroup::kCount;
 constexpr float kSlack = 1e-6f;  ///< relative
 
@@ -30,7 +30,7 @@ struct alignas(64) SeenBoxes {
 };
 
 SENSOR_RT_MULTIVERSION
-void see_boxes(const NodeBoxes& __restrict boxes, const FanPlane& __restrict plane,
+void see_boxes(const EightBoxes& __restrict boxes, const FanPlane& __restrict plane,
                const Fan::Numbering& __restrict rays, SeenBoxes& __restrict seen) {
   alignas(64) std::int32_t met[kWide];
   for (int l = 0; l < kWide; ++l) {

@@ -78,7 +78,7 @@ class FanSearch {
 
    private:
     static constexpr std::size_t kMost = 32;
-    static_assert(kBatch + NodeBoxes::kCount <= kMost);
+    static_assert(kBatch + EightBoxes::kCount <= kMost);
 
     Node nodes_[kMost];
     std::size_t first_ = 0;

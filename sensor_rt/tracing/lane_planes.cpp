@@ -9,7 +9,32 @@ namespace {
 /// incidence. Beyond that the ray runs along the plane and Embree's hit is the better one.
 constexpr double kLargestCorrection = 1e-4;
 
+/// Rotation as columns.
+SENSOR_RT_MULTIVERSION
+void transform_lanes(const double* __restrict r, const double* __restrict t, const Lanes3& __restrict p,
+                     Lanes3& __restrict out) {
+  for (int l = 0; l < kLanes; ++l) {
+    out.x[l] = r[0] * p.x[l] + r[3] * p.y[l] + r[6] * p.z[l] + t[0];
+    out.y[l] = r[1] * p.x[l] + r[4] * p.y[l] + r[7] * p.z[l] + t[1];
+    out.z[l] = r[2] * p.x[l] + r[5] * p.y[l] + r[8] * p.z[l] + t[2];
+  }
+}
+
 }  // namespace
+
+void transform(const Rigid3& target_from_source, const Lanes3& source, Lanes3& target) {
+  transform_lanes(target_from_source.rotation.data(), target_from_source.translation.data(), source, target);
+}
+
+void look_up(const std::vector<FacePlane>& planes_of_shape, Candidates& found, LanePlanes& planes) {
+  for (int l = 0; l < kLanes; ++l) {
+    const FacePlane& plane = planes_of_shape[found.face[l]];
+    planes.normal_x[l] = found.normal.x[l] = plane.normal[0];
+    planes.normal_y[l] = found.normal.y[l] = plane.normal[1];
+    planes.normal_z[l] = found.normal.z[l] = plane.normal[2];
+    planes.offset[l] = plane.offset;
+  }
+}
 
 SENSOR_RT_MULTIVERSION
 void to_shape_frame(const double (*r)[kLanes], const Lanes3& d, Lanes3& out) {

@@ -3,7 +3,9 @@
 
 #include <cstdint>
 #include <limits>
+#include <vector>
 
+#include "sensor_rt/geometry/rigid3.h"
 #include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
@@ -25,6 +27,12 @@ struct Candidates {
   Lanes3 normal;
   alignas(64) std::uint32_t face[kLanes];
 };
+
+/// Points, all by one pose.
+void transform(const Rigid3& target_from_source, const Lanes3& source, Lanes3& target);
+
+/// Looks up the planes of found.face, and their normals in `found`.
+void look_up(const std::vector<FacePlane>& planes_of_shape, Candidates& found, LanePlanes& planes);
 
 /// Directions of the reference frame in the frame of a shape: `r` are the rotations, row-major.
 void to_shape_frame(const double (*r)[kLanes], const Lanes3& d, Lanes3& out);

@@ -35,17 +35,13 @@ bool choose_faces(const Shape& shape, const Patch& patch, const Lanes3& origin, 
     }
     pass_through(corners, k, origin, direction, which);
   }
-  LanePlanes planes;
   bool all = true;
   for (int l = 0; l < kLanes; ++l) {
     all = all && (valid[l] == 0 || which[l] >= 0.0);
     found.face[l] = patch.face[which[l] >= 0.0 ? static_cast<int>(which[l]) : 0];
-    const FacePlane& plane = shape.planes[found.face[l]];
-    planes.normal_x[l] = found.normal.x[l] = plane.normal[0];
-    planes.normal_y[l] = found.normal.y[l] = plane.normal[1];
-    planes.normal_z[l] = found.normal.z[l] = plane.normal[2];
-    planes.offset[l] = plane.offset;
   }
+  LanePlanes planes;
+  look_up(shape.planes, found, planes);
   if (all) meet_planes_ahead(planes, origin, direction, found.t);
   return all;
 }

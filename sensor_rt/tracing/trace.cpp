@@ -33,16 +33,7 @@ void fill_rays(const Lanes3& origin, const Lanes3& direction, RTCRay16& ray) {
 void meet_known(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const float* t,
                 Candidates& found) {
   LanePlanes planes;
-  for (int l = 0; l < kLanes; ++l) {
-    const FacePlane& plane = shape.planes[found.face[l]];
-    planes.normal_x[l] = plane.normal[0];
-    planes.normal_y[l] = plane.normal[1];
-    planes.normal_z[l] = plane.normal[2];
-    planes.offset[l] = plane.offset;
-    found.normal.x[l] = plane.normal[0];
-    found.normal.y[l] = plane.normal[1];
-    found.normal.z[l] = plane.normal[2];
-  }
+  look_up(shape.planes, found, planes);
   meet_planes(planes, origin, direction, t, found.t);
 }
 
