@@ -1,6 +1,6 @@
 # `make scan` and `make test` do all the set-up they need, on a bare Debian 12 or newer.
 # Variables: PYTHON (interpreter for the environment), PART (mesh that `make scan` scans), OUT (where results go),
-# CALLS (random calls of `make sanitize`).
+# CALLS (random calls of `make sanitize`), SLOWEST (rows of the table of the slowest test files).
 
 SHELL := /bin/bash
 .SHELLFLAGS := -o pipefail -c
@@ -10,37 +10,47 @@ PYTHON ?= /usr/bin/python3
 PART ?= assets/parts/free_form.stl
 OUT ?= out/scan
 CALLS ?= 100000
+SLOWEST ?= 15
 
 VENV := .venv
 BIN := $(VENV)/bin
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 STAMPS := build/stamps
 
-# What the compilers need; the FMU and the Python module are linked against these. An importer in the tests calls unzip,
-# and importing dartpy loads libGL.
+# What the compilers need; the FMU and the Python module are linked against these.
 SYSTEM_PACKAGES := g++ cmake ninja-build ccache patchelf python3-venv python3-dev \
   libdart-dev libdart-collision-ode-dev libdart-collision-bullet-dev libdart-external-ikfast-dev \
-  libdart-external-odelcpsolver-dev libeigen3-dev libfcl-dev libembree-dev nlohmann-json3-dev libgtest-dev unzip libgl1
+  libdart-external-odelcpsolver-dev libeigen3-dev libfcl-dev libembree-dev nlohmann-json3-dev
+# GoogleTest; an importer in the tests calls unzip; dartpy loads libGL, Open3D libEGL, libusb and libgomp.
+DEV_PACKAGES := libgtest-dev unzip libgl1 libegl1 libusb-1.0-0 libgomp1
 
 NATIVE_SOURCES := CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))
 
-.PHONY: help setup scan test wheel native-tests check format bench peers sanitize clean
+.PHONY: help setup dev scan test test-fast wheel native-tests check format bench peers sanitize clean
 
 help:
-	@echo "make setup | scan [PART=mesh OUT=folder] | test | wheel | check | format | bench | peers | sanitize [CALLS=n] | clean"
+	@echo "make setup | scan [PART=mesh OUT=folder] | test [SLOWEST=n] | test-fast | wheel | check | format | bench | peers | sanitize [CALLS=n] | clean"
 
 setup: $(STAMPS)/installed
 
-$(STAMPS)/system: Makefile
+# Installs the system packages $(1) that are missing.
+define install_packages
 	@mkdir -p $(STAMPS)
-	@if ! dpkg-query -W $(SYSTEM_PACKAGES) >/dev/null 2>&1; then \
-	  command -v apt-get >/dev/null || { echo "scancell: install these packages first: $(SYSTEM_PACKAGES)"; exit 1; }; \
+	@if ! dpkg-query -W $(1) >/dev/null 2>&1; then \
+	  command -v apt-get >/dev/null || { echo "scancell: install these packages first: $(1)"; exit 1; }; \
 	  echo "scancell: installing system packages"; \
-	  $(SUDO) apt-get update -qq && DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends $(SYSTEM_PACKAGES) >build/apt.log 2>&1 \
+	  $(SUDO) apt-get update -qq && DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends $(1) >build/apt.log 2>&1 \
 	    || { tail -n 20 build/apt.log; exit 1; }; \
 	fi
 	@touch $@
+endef
+
+$(STAMPS)/system: Makefile
+	$(call install_packages,$(SYSTEM_PACKAGES))
+
+$(STAMPS)/dev-system: $(STAMPS)/system
+	$(call install_packages,$(DEV_PACKAGES))
 
 $(STAMPS)/venv: $(STAMPS)/system
 	@echo "scancell: making $(VENV)"
@@ -50,18 +60,30 @@ $(STAMPS)/venv: $(STAMPS)/system
 
 $(STAMPS)/installed: $(STAMPS)/venv $(NATIVE_SOURCES)
 	@echo "scancell: building and installing (a few minutes the first time)"
-	@$(BIN)/pip install -q --disable-pip-version-check --no-build-isolation -e '.[dev]'
+	@$(BIN)/pip install -q --disable-pip-version-check --no-build-isolation -e .
+	@touch $@
+
+# What tests, checks and benchmarks need beside a scan: only the packages of the extras, scancell is installed.
+dev: setup $(STAMPS)/dev
+$(STAMPS)/dev: $(STAMPS)/dev-system $(STAMPS)/installed
+	@echo "scancell: installing what the tests need"
+	@$(BIN)/pip install -q --disable-pip-version-check 'scancell[all,dev]'
 	@touch $@
 
 scan: setup
 	@$(BIN)/scancell scan $(PART) --out $(OUT)
 
 # A process for each core, and each file in one of them, for its tests share what is costly to make.
-test: setup native-tests
-	@$(BIN)/pytest -q -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder
+PYTEST := $(BIN)/pytest -q -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder --slowest-files $(SLOWEST)
+test: dev native-tests
+	@$(PYTEST)
+
+# Without the tests marked slow.
+test-fast: dev
+	@$(PYTEST) -m "not slow"
 
 # The build folder that the installation made is used again, so that only the tests themselves are compiled.
-native-tests: setup
+native-tests: dev
 	@folder=$$(ls -d build/cp3*) && cmake -S . -B $$folder -DSCANCELL_TESTS=ON >build/native-tests.log \
 	  && cmake --build $$folder >>build/native-tests.log || { tail -n 30 build/native-tests.log; exit 1; }
 	@ctest --test-dir $$(ls -d build/cp3*) -j $$(nproc) --output-on-failure --no-tests=error | tail -n 4
@@ -77,28 +99,28 @@ wheel: $(STAMPS)/venv
 	  || { tail -n 20 build/auditwheel.log; exit 1; }
 	@ls -s --block-size=1M dist/scancell-*.whl
 
-check: setup
-	@$(BIN)/ruff format --check orchestrator sensor_rt fmu tests assets
-	@$(BIN)/ruff check orchestrator sensor_rt fmu tests assets
+check: dev
+	@$(BIN)/ruff format --check orchestrator fmu tests assets
+	@$(BIN)/ruff check orchestrator fmu tests assets
 	@$(BIN)/mypy
 	@command -v clang-format >/dev/null || DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends clang-format >/dev/null
 	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format --dry-run --Werror
 
-format: setup
-	@$(BIN)/ruff format -q orchestrator sensor_rt fmu tests assets
-	@$(BIN)/ruff check -q --fix orchestrator sensor_rt fmu tests assets
+format: dev
+	@$(BIN)/ruff format -q orchestrator fmu tests assets
+	@$(BIN)/ruff check -q --fix orchestrator fmu tests assets
 	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format -i
 
-bench: setup
+bench: dev
 	@folder=$$(ls -d build/cp3*) && cmake -S . -B $$folder -DSCANCELL_TESTS=ON >build/bench.log \
 	  && cmake --build $$folder --target robotcell-step-cost sensor-raw-embree >>build/bench.log || { tail -n 30 build/bench.log; exit 1; }
 	@PYTHONPATH=tests $(BIN)/python -m bench
 
-peers: setup
+peers: dev
 	@PYTHONPATH=tests $(BIN)/python -m bench.peers
 
 # The native cell under AddressSanitizer, UndefinedBehaviorSanitizer and ThreadSanitizer, with CALLS random calls.
-sanitize: setup
+sanitize: dev
 	@PYTHONPATH=.:tests $(BIN)/python -m bench.peers.sanitizers --calls $(CALLS)
 
 clean:

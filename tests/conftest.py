@@ -1,8 +1,46 @@
-"""The order of the tests when several processes share them."""
+"""Cache and order of the tests when several processes share them, and a table of the slowest files."""
 
 from __future__ import annotations
 
+import os
+import shutil
+import tempfile
+from collections import Counter
+
 import pytest
+
+_SECONDS: Counter[str] = Counter()
+
+# Left out by `make test-fast`: whole scans, FMUs or path tracing for more than a few seconds.
+SLOW_FOLDERS = {"system", "fmu"}
+SLOW_FILES = {
+    *("test_accuracy", "test_fan", "test_geometric_noise", "test_lamps", "test_laser_off", "test_laser_sheet"),
+    *("test_lens", "test_material", "test_measurable", "test_photon_transfer", "test_reflected_light", "test_render"),
+    *("test_rendered_ghosts", "test_shutter", "test_speckle", "test_visibility", "test_geometric_options"),
+}
+FAST_FILES = {"test_scanner"}
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--slowest-files", type=int, default=0, metavar="N", help="print the N slowest test files")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """A cache of the tests' own for what `scancell` keeps between scans; the processes of one run share it."""
+    if not hasattr(config, "workerinput"):
+        os.environ["SCANCELL_CACHE"] = tempfile.mkdtemp(prefix="scancell-cache-")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove it."""
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(os.environ["SCANCELL_CACHE"], ignore_errors=True)
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    slow = item.path.parent.name in SLOW_FOLDERS or item.path.stem in SLOW_FILES
+    if slow and item.path.stem not in FAST_FILES:
+        item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(trylast=True)
@@ -10,3 +48,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """The longest files first, so that no process is left alone with one of them at the end."""
     if hasattr(config, "workerinput"):
         items.sort(key=lambda item: item.path.parent.name != "system")
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    _SECONDS[report.nodeid.split("::")[0]] += report.duration
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    count = config.getoption("--slowest-files")
+    if not count:
+        return
+    terminalreporter.section(f"slowest {count} test files")
+    for file, seconds in _SECONDS.most_common(count):
+        terminalreporter.write_line(f"{seconds:8.1f} s  {file}")
+    terminalreporter.write_line(f"{sum(_SECONDS.values()):8.1f} s  all {len(_SECONDS)} files")

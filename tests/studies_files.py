@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from orchestrator.config.loading import assets_dir
+from scancell.config.loading import assets_dir
 
 HEAD = f"""
 name = "small"

@@ -1,28 +1,41 @@
-"""The map's rules, checked by reading imports and includes."""
+"""Rules of the architecture, checked by reading imports, includes and names; planted violations are found."""
 
 from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "orchestrator" / "scancell"
 
-# Who may import whom inside the orchestrator: a package may use those of lower tiers, and itself.
+# A package may import packages of earlier tiers, and itself.
 TIERS = [
-    {"errors", "geometry", "files", "progress"},
-    {"config", "proximity"},
-    {"cell", "reconstruction"},
+    {"closing", "errors", "extras", "files", "progress", "stopwatch", "geometry", "sensor"},
+    {"config"},
+    {"nominal"},
+    {"proximity", "reconstruction"},
+    {"cell"},
     {"planning", "guard", "calibration"},
     {"scanning"},
     {"evaluation"},
+    {"output"},
+    {"results"},
+    {"scanner"},
     {"studies"},
-    {"workspace", "terminal"},
+    {"api"},
+    {"workspace"},
     {"cli"},
 ]
 TIER_OF = {name: level for level, names in enumerate(TIERS) for name in names}
+
+# All other packages work with measured and nominal values only.
+MAY_USE_TRUTH = {
+    *("config", "cell", "scanning", "evaluation", "output", "results", "scanner", "studies", "api", "workspace", "cli"),
+}
 
 # What each folder of sensor_rt may include besides itself.
 SENSOR_RT = {
@@ -31,19 +44,23 @@ SENSOR_RT = {
     "optics": {"geometry"},
     "scene": {"geometry"},
     "tracing": {"geometry", "scene"},
+    "visibility": {"geometry", "scene"},
     "render": {"geometry", "optics", "scene", "tracing"},
     "fan": {"geometry", "optics", "scene", "tracing"},
     "imaging": {"geometry", "optics"},
+    "cloud": {"geometry"},
     "pipeline": {"geometry", "optics", "scene", "tracing", "render", "fan", "detector", "imaging"},
     "bindings": {
         "geometry",
         "optics",
         "scene",
         "tracing",
+        "visibility",
         "render",
         "fan",
         "detector",
         "imaging",
+        "cloud",
         "pipeline",
         "bindings",
     },
@@ -54,21 +71,17 @@ FMU = {
     "proximity": set(),
     "fmi": {"control", "model", "proximity"},
 }
-TRUTH_BLIND = ("planning", "guard", "calibration", "reconstruction", "geometry", "proximity")
+FORBIDDEN_TEXT = {
+    "sensor_rt/detector": r"embree|[Ss]cene|sensor_rt/(?:scene|tracing|render|optics)",
+    "sensor_rt/imaging": r"(?i:embree)",
+    "fmu/control": r"dart/|\bfmi[23][A-Z]",
+    "fmu/model": r"\bfmi[23][A-Z]",
+}
 
 
-def python_files(folder: str) -> list[Path]:
-    return sorted((ROOT / folder).rglob("*.py"))
-
-
-def cpp_files(folder: str) -> list[Path]:
-    files = [*(ROOT / folder).rglob("*.h"), *(ROOT / folder).rglob("*.cpp")]
-    return sorted(file for file in files if "third_party" not in file.parts)
-
-
-def imported_modules(path: Path) -> set[str]:
+def imported_modules(tree: ast.AST) -> set[str]:
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -76,76 +89,172 @@ def imported_modules(path: Path) -> set[str]:
     return names
 
 
-def orchestrator_package(path: Path) -> str:
-    return path.relative_to(ROOT / "orchestrator").parts[0].removesuffix(".py")
+def python_files(package: Path) -> Iterator[tuple[str, Path, ast.Module]]:
+    """Top-level name inside `package`, path and syntax tree of every Python file."""
+    for path in sorted(package.rglob("*.py")):
+        yield path.relative_to(package).parts[0].removesuffix(".py"), path, ast.parse(path.read_text())
 
 
-def includes(path: Path) -> list[str]:
-    return re.findall(r'^\s*#\s*include\s*"([^"]+)"', path.read_text(), re.MULTILINE)
-
-
-@pytest.mark.parametrize("path", python_files("orchestrator"), ids=lambda p: str(p.relative_to(ROOT)))
-def test_orchestrator_imports_point_downwards(path: Path) -> None:
-    package = orchestrator_package(path)
-    if package == "__init__":
-        return
-    assert package in TIER_OF, f"{package} has no place on the map"
-    for module in imported_modules(path):
-        if not module.startswith("orchestrator."):
+def layer_violations(package: Path) -> list[str]:
+    found = []
+    for name, path, tree in python_files(package):
+        if name == "__init__":
             continue
-        target = module.split(".")[1]
-        if target in TIER_OF and target != package:
-            allowed = TIER_OF[target] < TIER_OF[package] or {target, package} <= {
-                "geometry",
-                "errors",
-                "files",
-                "progress",
-            }
-            assert allowed, f"{package} must not import {target}"
+        if name not in TIER_OF:
+            found.append(f"{path}: {name} has no tier")
+            continue
+        for module in imported_modules(tree):
+            top, _, rest = module.partition(".")
+            if top in ("orchestrator", "sensor_rt"):
+                found.append(f"{path}: imports {module}")
+            target = rest.split(".")[0]
+            if top != "scancell" or target not in TIER_OF or target == name:
+                continue
+            if TIER_OF[target] > TIER_OF[name] or (TIER_OF[target] == TIER_OF[name] and TIER_OF[name] > 0):
+                found.append(f"{path}: {name} must not import {target}")
+    return found
 
 
-@pytest.mark.parametrize("folder", SENSOR_RT)
-def test_sensor_rt_includes(folder: str) -> None:
-    for path in cpp_files(f"sensor_rt/{folder}"):
-        for header in includes(path):
-            if header.startswith("sensor_rt/"):
-                target = header.split("/")[1]
-                assert target == folder or target in SENSOR_RT[folder], f"{path.relative_to(ROOT)} includes {header}"
-            assert not header.startswith("fmu/"), f"{path.relative_to(ROOT)} includes {header}"
+def docstrings(tree: ast.AST) -> set[int]:
+    """Identities of the constants that are docstrings."""
+    owners = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    first = [node.body[0] for node in ast.walk(tree) if isinstance(node, owners) and node.body]
+    return {id(node.value) for node in first if isinstance(node, ast.Expr)}
 
 
-@pytest.mark.parametrize("folder", FMU)
-def test_fmu_includes(folder: str) -> None:
-    for path in cpp_files(f"fmu/{folder}"):
-        for header in includes(path):
-            assert not header.startswith("sensor_rt/"), f"{path.relative_to(ROOT)} includes {header}"
-            if header.startswith("fmu/"):
-                target = header.split("/")[1]
-                allowed = target in {folder, "third_party"} or target in FMU[folder]
-                assert allowed, f"{path.relative_to(ROOT)} includes {header}"
+def truth_violations(package: Path) -> list[str]:
+    """Attributes, names and strings that mention truth, such as ``recording.truth`` or ``"truth.q[1]"``."""
+    found = []
+    for name, path, tree in python_files(package):
+        if name in MAY_USE_TRUTH or name == "__init__":
+            continue
+        skipped = docstrings(tree)
+        for node in ast.walk(tree):
+            word = ""
+            if isinstance(node, ast.Attribute):
+                word = node.attr
+            elif isinstance(node, ast.Name):
+                word = node.id
+            elif isinstance(node, ast.alias):
+                word = node.name
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in skipped:
+                word = node.value
+            if "truth" in word.lower():
+                found.append(f"{path}:{getattr(node, 'lineno', 0)}: {word}")
+    return found
 
 
-@pytest.mark.parametrize("folder", ["control", "model"])
-def test_model_and_controller_know_no_fmi(folder: str) -> None:
-    for path in cpp_files(f"fmu/{folder}"):
-        assert not re.search(r"\bfmi[23][A-Z]", path.read_text()), f"{path.relative_to(ROOT)} speaks FMI"
+def cpp_files(folder: Path) -> list[Path]:
+    files = [*folder.rglob("*.h"), *folder.rglob("*.cpp")]
+    return sorted(file for file in files if "third_party" not in file.parts)
 
 
-def test_the_detector_knows_no_scene_and_the_controller_no_dart() -> None:
-    for path in cpp_files("fmu/control"):
-        assert "dart/" not in path.read_text(), f"{path.relative_to(ROOT)} knows DART"
+def include_violations(root: Path, library: str, rules: dict[str, set[str]], other: str) -> list[str]:
+    """Includes of `library` that its `rules` do not allow, or of the `other` library."""
+    found = []
+    for folder in sorted(path for path in (root / library).iterdir() if path.is_dir() and cpp_files(path)):
+        if folder.name not in rules:
+            found.append(f"{folder}: has no rule")
+            continue
+        for path in cpp_files(folder):
+            for header in re.findall(r'^\s*#\s*include\s*"([^"]+)"', path.read_text(), re.MULTILINE):
+                top, _, rest = header.partition("/")
+                target = rest.split("/")[0]
+                allowed = top != library or target in {folder.name, "third_party"} | rules[folder.name]
+                if not allowed or top == other:
+                    found.append(f"{path}: includes {header}")
+    return found
 
 
-@pytest.mark.parametrize("package", TRUTH_BLIND)
-def test_packages_on_the_measured_side_never_mention_truth(package: str) -> None:
-    for path in python_files(f"orchestrator/{package}"):
-        tree = ast.parse(path.read_text())
-        names = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-        names |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-        offenders = {name for name in names if "truth" in name.lower()}
-        assert not offenders, f"{path.relative_to(ROOT)} uses {offenders}"
+def text_violations(root: Path) -> list[str]:
+    found = []
+    for folder, pattern in FORBIDDEN_TEXT.items():
+        assert cpp_files(root / folder), folder
+        for path in cpp_files(root / folder):
+            code = re.sub(r"//[^\n]*", "", path.read_text())
+            found += [f"{path}: {match}" for match in re.findall(pattern, code)]
+    return found
 
 
-def test_imaging_takes_nothing_of_the_renderer() -> None:
-    for path in cpp_files("sensor_rt/imaging"):
-        assert "embree" not in path.read_text().lower(), f"{path.relative_to(ROOT)} knows the ray tracer"
+def test_imports_point_to_lower_tiers() -> None:
+    assert layer_violations(PACKAGE) == []
+
+
+def test_measured_side_never_mentions_truth() -> None:
+    assert truth_violations(PACKAGE) == []
+
+
+def test_sensor_rt_includes() -> None:
+    assert include_violations(ROOT, "sensor_rt", SENSOR_RT, "fmu") == []
+
+
+def test_fmu_includes() -> None:
+    assert include_violations(ROOT, "fmu", FMU, "sensor_rt") == []
+
+
+def test_detector_knows_no_scene_control_no_dart_model_no_fmi() -> None:
+    assert text_violations(ROOT) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "line"),
+    [
+        ("planning/late.py", "from scancell.scanning import sense"),
+        ("cell/late.py", "import scancell.studies.study"),
+        ("planning/late.py", "from scancell import scanner"),
+        ("planning/late.py", "import orchestrator.cell"),
+        ("unknown/late.py", "import numpy"),
+    ],
+)
+def test_planted_import_is_found(tmp_path: Path, file: str, line: str) -> None:
+    (tmp_path / file).parent.mkdir()
+    (tmp_path / file).write_text(line + "\n")
+    assert len(layer_violations(tmp_path)) >= 1
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "poses = recording.truth",
+        'value = session.value("truth.q[1]")',
+        'columns = f"trigger.truth.{frame}"',
+        "from scancell.cell.recording import ExposureTruth",
+    ],
+)
+@pytest.mark.parametrize("package", sorted(set(TIER_OF) - MAY_USE_TRUTH))
+def test_planted_truth_is_found(tmp_path: Path, package: str, line: str) -> None:
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "late.py").write_text(f'"""No truth here."""\n{line}\n')
+    assert len(truth_violations(tmp_path)) >= 1
+
+
+@pytest.mark.parametrize(
+    ("folder", "line"),
+    [
+        ("detector", '#include "sensor_rt/scene/scene.h"'),
+        ("imaging", '#include "sensor_rt/render/lamps.h"'),
+        ("cloud", '#include "sensor_rt/scene/scene.h"'),
+        ("optics", '#include "fmu/model/cell.h"'),
+    ],
+)
+def test_planted_include_is_found(tmp_path: Path, folder: str, line: str) -> None:
+    (tmp_path / "sensor_rt" / folder).mkdir(parents=True)
+    (tmp_path / "sensor_rt" / folder / "late.h").write_text(line + "\n")
+    assert len(include_violations(tmp_path, "sensor_rt", SENSOR_RT, "fmu")) == 1
+
+
+@pytest.mark.parametrize(
+    ("folder", "line"),
+    [
+        ("sensor_rt/detector", "void look(const Scene& scene);"),
+        ("sensor_rt/imaging", "#include <embree3/rtcore.h>"),
+        ("fmu/control", "#include <dart/dart.hpp>"),
+        ("fmu/model", "fmi2Status step();"),
+    ],
+)
+def test_planted_text_is_found(tmp_path: Path, folder: str, line: str) -> None:
+    for other in FORBIDDEN_TEXT:
+        (tmp_path / other).mkdir(parents=True)
+        (tmp_path / other / "fine.h").write_text("int fine();\n")
+    (tmp_path / folder / "late.h").write_text(line + "\n")
+    assert text_violations(tmp_path)

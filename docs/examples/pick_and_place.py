@@ -16,16 +16,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.cell.nominal import NominalCell, nominal_cell
-from orchestrator.cell.session import CellSession
-from orchestrator.cell.signals import SignalLog
-from orchestrator.config.loading import Setup, assets_dir, load_setup
-from orchestrator.errors import ScancellError
-from orchestrator.evaluation.job import scan_to_folder
-from orchestrator.evaluation.request import ScanReport, ScanRequest
-from orchestrator.geometry import pose
-from orchestrator.geometry.mesh import load_mesh
-from orchestrator.progress import Silent
+from scancell import Scanner, ScanResult
+from scancell.cell.session import CellSession
+from scancell.cell.signals import SignalLog
+from scancell.config.loading import Setup, assets_dir, load_setup
+from scancell.errors import ScancellError
+from scancell.geometry import pose
+from scancell.nominal.cell import NominalCell
 
 Array = NDArray[np.float64]
 
@@ -168,7 +165,7 @@ def draw(task: PickAndPlace, path: Path) -> None:
     plt.close(figure)
 
 
-def run(part: Path, out: Path, setup: Setup, engine: str = "ray-traced") -> tuple[ScanReport, PickAndPlace]:
+def run(part: Path, out: Path, setup: Setup, engine: str = "ray-traced") -> tuple[ScanResult, PickAndPlace]:
     """The whole example; results in `out`.
 
     Raises
@@ -177,13 +174,12 @@ def run(part: Path, out: Path, setup: Setup, engine: str = "ray-traced") -> tupl
         With a message for people, whatever is wrong.
     """
     mpl.use("Agg")
-    task = PickAndPlace(setup, nominal_cell(setup.cell, load_mesh(part)))
-    request = ScanRequest(
-        part, "mm", setup, "geometric" if engine == "geometric" else "ray-traced", (), 0, False, 0, sys.argv
-    )
-    report = scan_to_folder(request, out, Silent(), task)
+    with Scanner.from_setup(setup) as scanner:
+        task = PickAndPlace(setup, scanner.pipeline.load(setup.cell, scanner.mesh(part)).nominal)
+        result = scanner.scan(part, engine="geometric" if engine == "geometric" else "ray-traced", hook=task)
+    result.save(out)
     draw(task, out / "devices.png")
-    return report, task
+    return result, task
 
 
 def main() -> int:
@@ -195,12 +191,12 @@ def main() -> int:
     given = parser.parse_args()
     try:
         setup = load_setup(assets_dir() / "cells/pick_and_place.toml", overrides=given.set)
-        report, task = run(assets_dir() / "parts/step_block.stl", given.out, setup, given.engine)
+        result, task = run(assets_dir() / "parts/step_block.stl", given.out, setup, given.engine)
     except ScancellError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     away, turn = placing_error(task)
-    print(*report.lines, sep="\n")
+    print(*result.summary(), sep="\n")
     print(f"the part lies {away * 1e6:.1f} µm and {np.degrees(turn) * 60:.2f} arcmin off its nominal place")
     print(f"signals of the devices: {given.out / 'devices.png'}")
     return 0

@@ -1,4 +1,4 @@
-// What the controller knows of the arm's geometry, and how it follows poses with it.
+// Nominal kinematics of the arm as the controller uses it, and numerical inverse kinematics.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -11,38 +11,39 @@ namespace robotcell::control {
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
-/// The tool at some joint angles.
+/// Pose and Jacobian of the tool at given joint angles.
 struct ToolState {
   Eigen::Isometry3d pose;  // world_from_tool
-  Matrix6 jacobian;  // rows 1-3: velocity of the tool's origin, 4-6: angular velocity; both in the world
+  Matrix6 jacobian;        // rows 0-2: velocity of the tool's origin; 3-5: angular velocity; world axes
 };
 
-/// The nominal geometry that the controller is handed.
+/// Nominal forward kinematics, without deviations of the arm as built.
 class ArmGeometry {
  public:
   virtual ~ArmGeometry() = default;
   virtual ToolState tool(const Axes& position) const = 0;
 };
 
-/// Joint rates blow up where the smallest singular value of the Jacobian (rows in m and rad) is below this:
-/// with the wrist stretched to within some 0.8 degrees.
-constexpr double kSmallestSingularValue = 0.01;
+/// Smallest singular value of the Jacobian (rows in m and rad) at which a path still counts as regular. Below
+/// it joint rates grow without bound; it corresponds to a wrist bent by about 0.8 degrees.
+constexpr double kMinSingularValue = 0.01;
 
-/// Smallest singular value of a Jacobian.
-double regularity(const Matrix6& jacobian);
+/// Smallest singular value of a Jacobian, a measure of the distance to a singularity.
+double smallest_singular_value(const Matrix6& jacobian);
 
-/// Shift and turn (rotation vector, world) that lead from one pose to another.
-Vector6 way_between(const Eigen::Isometry3d& from, const Eigen::Isometry3d& to);
+/// Translation and rotation vector, both in world axes, that lead from one pose to another.
+Vector6 pose_difference(const Eigen::Isometry3d& from, const Eigen::Isometry3d& to);
 
-/// The pose from which a way leads on, at the share s of it: straight, and turning about a constant axis.
-Eigen::Isometry3d along(const Eigen::Isometry3d& from, const Vector6& way, double s);
+/// Pose at the fraction s of the way from `from` along a pose difference: straight, with rotation about a
+/// constant axis.
+Eigen::Isometry3d interpolate_pose(const Eigen::Isometry3d& from, const Vector6& difference, double s);
 
-/// Joint positions (and the Jacobian there) at which the tool takes a pose near the one that it has at
-/// `position`: repeated corrections by resolved rate. Empty if they do not lead there.
-struct Followed {
+/// Joint positions of a solution of the inverse kinematics, and the Jacobian there.
+struct JointSolution {
   Axes position;
   Matrix6 jacobian;
 };
-std::optional<Followed> follow(const ArmGeometry& arm, const Eigen::Isometry3d& pose, const Axes& position);
+std::optional<JointSolution> solve_inverse_kinematics(const ArmGeometry& arm, const Eigen::Isometry3d& pose,
+                                                      const Axes& position);
 
 }  // namespace robotcell::control

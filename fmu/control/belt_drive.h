@@ -1,4 +1,4 @@
-// Motion of a conveyor's belt: constant acceleration until it has the commanded speed.
+// Motion of a conveyor belt: constant acceleration until the commanded speed is reached.
 #pragma once
 
 #include <cmath>
@@ -6,15 +6,15 @@
 namespace robotcell::control {
 
 struct BeltState {
-  double travel = 0;  // m since the start
+  double travel = 0;  // m, distance travelled since the start
   double speed = 0;   // m/s
-  double target = 0;  // m/s, the speed that the drive goes for
+  double target = 0;  // m/s, commanded speed
 };
 
-/// The belt after `duration` seconds, in closed form.
+/// State of the belt after `duration` seconds, in closed form.
 inline BeltState run_belt(const BeltState& from, double acceleration, double duration) {
   const double change = from.target - from.speed;
-  const double ramp = std::abs(change) / acceleration;  // s until the speed is reached
+  const double ramp = std::abs(change) / acceleration;  // s, until the target speed is reached
   if (ramp > duration) {
     const double signed_acceleration = std::copysign(acceleration, change);
     return {from.travel + (from.speed + 0.5 * signed_acceleration * duration) * duration,

@@ -1,4 +1,4 @@
-// What the controller is told, and what it says.
+// Commands to the robot controller, and its status report.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -14,29 +14,29 @@ enum class JogFrame : std::int32_t { kWorld, kTool };
 
 struct Command {
   Mode mode = Mode::kHold;
-  Axes position{};                                         // set-points and targets, rad
-  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();  // target of a line, world_from_tool
-  double speed = 1;                                        // share of the full speed, above 0
-  double monitor_speed = 1;                                // 0..1
-  Axes jog{};                                              // -1..1
+  Axes position{};                                         // rad, set-points in servo mode, targets of moves
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();  // world_from_tool, target of a linear move
+  double speed = 1;                                        // fraction of the full speed, above 0
+  double monitor_speed = 1;                                // speed override of moves, 0 to 1
+  Axes jog{};                                              // deflection of each axis, -1 to 1
   JogFrame jog_frame = JogFrame::kWorld;
   Operation operation = Operation::kAutomatic;
-  std::int32_t start = 0;  // every increase starts a move
+  std::int32_t start = 0;  // an increase starts a move
   bool emergency_stop = false;
-  std::int32_t reset = 0;      // every increase ends an emergency stop
-  std::int32_t heartbeat = 0;  // every change shows that the sender lives
-  double max_age = 0;          // s; 0: for ever
+  std::int32_t reset = 0;      // an increase ends an emergency stop
+  std::int32_t heartbeat = 0;  // any change restarts the watchdog
+  double max_age = 0;          // s, timeout of the watchdog; 0 disables it
 };
 
 enum class Phase : std::int32_t { kRest, kMoving, kBraking, kEmergencyStop };
 
-/// Why the controller does not do what it is told.
-enum class Refusal : std::int32_t {
+/// Reason for which a command is not executed.
+enum class ControllerError : std::int32_t {
   kNone,
-  kManualOperation,     // a program's mode in manual operation
-  kAutomaticOperation,  // a jog in automatic operation
-  kEmergencyStop,       // stopped, and not reset yet
-  kTooOld,              // no heartbeat
+  kManualOperation,     // a programmed mode in manual operation
+  kAutomaticOperation,  // a jog mode in automatic operation
+  kEmergencyStop,       // emergency stop not yet reset
+  kHeartbeatTimeout,    // heartbeat older than max_age
   kTargetOutOfLimits,
   kPathOutOfLimits,
   kSingular,
@@ -45,8 +45,8 @@ enum class Refusal : std::int32_t {
 struct Report {
   Mode mode = Mode::kHold;
   Phase phase = Phase::kRest;
-  Refusal refusal = Refusal::kNone;
-  std::int32_t limit = 0;  // 1..7: axis that a limit keeps back; 0: none
+  ControllerError error = ControllerError::kNone;
+  std::int32_t limit = 0;  // axis at its limit, counted from 1 (7: table); 0: none
   bool moving = false;
   bool at_destination = false;
   double progress = 0;

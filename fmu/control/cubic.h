@@ -1,4 +1,4 @@
-// The cubic between two instants of an axis' motion.
+// Cubic Hermite interpolation of the motion of one axis.
 #pragma once
 
 #include <algorithm>
@@ -6,13 +6,13 @@
 
 namespace robotcell::control {
 
-/// Where an axis is and how fast it moves (rad, rad/s).
+/// Position and velocity of an axis at one instant (rad, rad/s).
 struct Knot {
   double position = 0;
   double velocity = 0;
 };
 
-/// Cubic Hermite interpolation from `start` to `end` in `duration` seconds, at the share s of it.
+/// Interpolates from `start` to `end`, `duration` seconds apart, at the fraction s of the duration.
 inline Knot cubic_between(const Knot& start, const Knot& end, double duration, double s) {
   const double travel = end.position - start.position;
   const double v0 = start.velocity * duration;
@@ -23,8 +23,8 @@ inline Knot cubic_between(const Knot& start, const Knot& end, double duration, d
           (v0 + s * (2 * quadratic + s * 3 * cubic)) / duration};
 }
 
-/// Greatest acceleration along that cubic; it is at one of the ends.
-inline double greatest_acceleration(const Knot& start, const Knot& end, double duration) {
+/// Largest absolute acceleration along the cubic. Acceleration is linear in time, so it occurs at an end.
+inline double peak_acceleration(const Knot& start, const Knot& end, double duration) {
   const double mean = (end.position - start.position) / duration;
   const double at_start = 6 * mean - 4 * start.velocity - 2 * end.velocity;
   const double at_end = 2 * start.velocity + 4 * end.velocity - 6 * mean;

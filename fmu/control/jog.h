@@ -1,4 +1,4 @@
-// Jogging: motion by hand, for as long as it is asked for.
+// Jogging: motion commanded by hand, for as long as the command is held.
 #pragma once
 
 #include <optional>
@@ -8,22 +8,23 @@
 
 namespace robotcell::control {
 
-/// Speeds of a jog at full deflection.
+/// Limits of jogging; speeds are those at full deflection.
 struct JogLimits {
-  double joint_share = 0;        // of each axis' greatest speed
-  double line_speed = 0;         // m/s of the tool, in joint jogs too
-  double turn_speed = 0;         // rad/s of the tool
-  double line_acceleration = 0;  // m/s^2
-  double turn_acceleration = 0;  // rad/s^2
+  double joint_share = 0;           // fraction of each axis' maximum speed
+  double line_speed = 0;            // m/s, of the tool; limits joint jogs, too
+  double angular_speed = 0;         // rad/s, of the tool
+  double line_acceleration = 0;     // m/s^2
+  double angular_acceleration = 0;  // rad/s^2
 };
 
 struct JogState {
-  bool blocked = false;  // a limit or a singular position is near: waits until the jog is let go
-  Refusal refusal = Refusal::kNone;
+  bool blocked = false;  // stopped by a limit or a singularity; cleared when the jog is released
+  ControllerError error = ControllerError::kNone;
   std::int32_t limit = 0;
-  Vector6 twist = Vector6::Zero();                     // of the tool, world
-  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // where the jog has led the tool
-  Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
+  Vector6 twist = Vector6::Zero();  // of the tool, world axes
+  Eigen::Vector3d position =
+      Eigen::Vector3d::Zero();  // of the tool, world; the reference integrated by the jog
+  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
 };
 
 class Jog {
@@ -31,10 +32,10 @@ class Jog {
   Jog(const ArmGeometry& arm, const Limits& limits, const JogLimits& jog)
       : arm_(arm), limits_(limits), jog_(jog) {}
 
-  /// Begins from rest.
+  /// Starts a jog from rest.
   void enter(const Knots& present);
 
-  /// The end of the next cycle (seconds).
+  /// State of the axes at the end of the next cycle (`cycle` in seconds).
   Knots joints(double cycle, const Command& command, const Knots& present);
   Knots cartesian(double cycle, const Command& command, const Knots& present);
 
@@ -43,13 +44,13 @@ class Jog {
 
  private:
   struct Attempt;
-  Vector6 wanted_twist(const Command& command) const;
+  Vector6 commanded_twist(const Command& command) const;
   Vector6 ramped(const Vector6& wanted, double cycle) const;
   std::optional<Attempt> attempt(const Vector6& twist, double cycle, const Knots& present) const;
   std::optional<Attempt> within_limits(double cycle, const Command& command, const Knots& present) const;
-  bool obstructed(const Attempt& attempt, double cycle, const Knots& present);
+  bool reaches_limit(const Attempt& attempt, double cycle, const Knots& present);
   Knot axis(std::size_t i, double wanted, double cycle, const Knots& present);
-  void block(Refusal refusal, int limit);
+  void block(ControllerError error, int limit);
 
   const ArmGeometry& arm_;
   const Limits& limits_;
@@ -57,8 +58,8 @@ class Jog {
   JogState state_;
 };
 
-/// One cycle of braking in which all axes slow down by the same factor, so that the tool's direction stays,
-/// none faster than its acceleration limit allows.
-Knots brake_together(double cycle, const Limits& limits, const Knots& present);
+/// One cycle of braking that scales the speeds of all axes by the same factor, so that the direction of the
+/// tool is kept and no axis exceeds its acceleration limit.
+Knots brake_synchronously(double cycle, const Limits& limits, const Knots& present);
 
 }  // namespace robotcell::control

@@ -8,32 +8,34 @@
 namespace robotcell::control {
 namespace {
 
-constexpr double kNudge = 1e-4;   // of s, over which slopes are compared
-constexpr double kStride = 2e-3;  // m, and rad / 4: between two inspected points of a line
-constexpr double kMostPoints = 5000;
-constexpr double kSpeedShare = 0.999;  // the cubics between the knots overshoot by less than the rest
+constexpr double kDifferenceStep = 1e-4;  // of s, for finite differences of the joint rates
+constexpr double kCheckSpacing = 2e-3;  // m, and rad / 4: spacing of the checked points of a linear tool path
+constexpr double kMaxPoints = 5000;
+constexpr double kSpeedShare = 0.999;  // margin for the overshoot of the cubics between knots
 constexpr double kAccelerationShare = 0.95;
 constexpr std::size_t kTable = kArmAxes;
 
-/// Slope of the axes along a line: resolved rate.
-Axes slope_of(const MotionPath& path, const Matrix6& jacobian) {
-  Axes slope{};
-  const Vector6 rates = jacobian.partialPivLu().solve(path.way());
-  for (int i = 0; i < kArmAxes; ++i) slope[static_cast<std::size_t>(i)] = rates[i];
-  slope[kTable] = path.to[kTable] - path.from[kTable];
-  return slope;
+/// Derivatives of the axes by s along a linear tool path (resolved rate).
+Axes derivative_of(const MotionPath& path, const Matrix6& jacobian) {
+  Axes derivative{};
+  const Vector6 rates = jacobian.partialPivLu().solve(path.displacement());
+  for (int i = 0; i < kArmAxes; ++i) derivative[static_cast<std::size_t>(i)] = rates[i];
+  derivative[kTable] = path.to[kTable] - path.from[kTable];
+  return derivative;
 }
 
-Axes curvature_of(const MotionPath& path, const ArmGeometry& arm, const PathPoint& point) {
+Axes second_derivative_of(const MotionPath& path, const ArmGeometry& arm, const PathPoint& point) {
   Axes ahead = point.position;
-  for (std::size_t i = 0; i < kAxes; ++i) ahead[i] += kNudge * point.slope[i];
-  const Axes slope = slope_of(path, arm.tool(ahead).jacobian);
-  Axes curvature{};
-  for (std::size_t i = 0; i < kAxes; ++i) curvature[i] = (slope[i] - point.slope[i]) / kNudge;
-  return curvature;
+  for (std::size_t i = 0; i < kAxes; ++i) ahead[i] += kDifferenceStep * point.derivative[i];
+  const Axes derivative = derivative_of(path, arm.tool(ahead).jacobian);
+  Axes second_derivative{};
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    second_derivative[i] = (derivative[i] - point.derivative[i]) / kDifferenceStep;
+  }
+  return second_derivative;
 }
 
-/// First axis outside its limits, 1..7; 0: none.
+/// First axis outside its position limits, counted from 1; 0: none.
 int axis_outside(const Axes& position, const Limits& limits) {
   for (std::size_t i = 0; i < kAxes; ++i) {
     if (!(position[i] >= limits[i].min && position[i] <= limits[i].max)) return static_cast<int>(i) + 1;
@@ -41,50 +43,50 @@ int axis_outside(const Axes& position, const Limits& limits) {
   return 0;
 }
 
-/// Tightens the limits of s so that they hold at one more point. Half of an axis' acceleration is for the
-/// change of speed, half for the bend of the way.
+/// Tightens the profile limits so that the axis limits hold at one more point. Where the path is curved, half
+/// of an axis' acceleration is kept for the change of speed and half for the curvature.
 void tighten(ProfileLimits& profile, const PathPoint& point, const Limits& limits, double speed) {
   for (std::size_t i = 0; i < kAxes; ++i) {
-    const double slope = std::abs(point.slope[i]);
-    const double bend = std::abs(point.curvature[i]);
-    const double share = bend > 0 ? 0.5 : 1;
-    const double acceleration = share * kAccelerationShare * limits[i].max_acceleration;
-    if (slope > 0) {
-      profile.speed = std::min(profile.speed, speed * kSpeedShare * limits[i].max_speed / slope);
-      profile.acceleration = std::min(profile.acceleration, acceleration / slope);
-      profile.jerk = std::min(profile.jerk, share * limits[i].max_jerk / slope);
+    const double derivative = std::abs(point.derivative[i]);
+    const double second = std::abs(point.second_derivative[i]);
+    const double fraction = second > 0 ? 0.5 : 1;
+    const double acceleration = fraction * kAccelerationShare * limits[i].max_acceleration;
+    if (derivative > 0) {
+      profile.speed = std::min(profile.speed, speed * kSpeedShare * limits[i].max_speed / derivative);
+      profile.acceleration = std::min(profile.acceleration, acceleration / derivative);
+      profile.jerk = std::min(profile.jerk, fraction * limits[i].max_jerk / derivative);
     }
-    if (bend > 0) profile.speed = std::min(profile.speed, std::sqrt(acceleration / bend));
+    if (second > 0) profile.speed = std::min(profile.speed, std::sqrt(acceleration / second));
   }
 }
 
 ProfileLimits limits_of_tool(const MotionPath& path, const MotionLimits& limits, double speed) {
   constexpr double kNoLimit = std::numeric_limits<double>::infinity();
   ProfileLimits profile{kNoLimit, kNoLimit, kNoLimit};
-  const double length = path.shift.norm();
-  const double angle = path.turn.norm();
+  const double length = path.translation.norm();
+  const double angle = path.rotation_vector.norm();
   if (length > 0) profile = {speed * limits.line_speed / length, limits.line_acceleration / length, kNoLimit};
   if (angle > 0) {
-    profile.speed = std::min(profile.speed, speed * limits.turn_speed / angle);
-    profile.acceleration = std::min(profile.acceleration, limits.turn_acceleration / angle);
+    profile.speed = std::min(profile.speed, speed * limits.angular_speed / angle);
+    profile.acceleration = std::min(profile.acceleration, limits.angular_acceleration / angle);
   }
   return profile;
 }
 
-double count_of_points(const MotionPath& path) {
-  const double longest = std::max(path.shift.norm(), path.turn.norm() / 4);
-  return std::clamp(std::ceil(longest / kStride), 10.0, kMostPoints);
+double number_of_points(const MotionPath& path) {
+  const double longest = std::max(path.translation.norm(), path.rotation_vector.norm() / 4);
+  return std::clamp(std::ceil(longest / kCheckSpacing), 10.0, kMaxPoints);
 }
 
-PathReport inspect_line(const MotionPath& path, const ArmGeometry& arm, const MotionLimits& limits,
-                        double speed) {
+PathReport check_line_path(const MotionPath& path, const ArmGeometry& arm, const MotionLimits& limits,
+                           double speed) {
   PathReport report;
   report.profile = limits_of_tool(path, limits, speed);
   Axes near = path.from;
-  const double points = count_of_points(path);
+  const double points = number_of_points(path);
   for (double k = 0; k <= points; ++k) {
     const auto point = path.at(k / points, arm, near);
-    if (!point || regularity(arm.tool(point->position).jacobian) < kSmallestSingularValue) {
+    if (!point || smallest_singular_value(arm.tool(point->position).jacobian) < kMinSingularValue) {
       report.fault = PathFault::kSingular;
       return report;
     }
@@ -102,27 +104,28 @@ PathReport inspect_line(const MotionPath& path, const ArmGeometry& arm, const Mo
 
 }  // namespace
 
-Vector6 MotionPath::way() const {
-  Vector6 way;
-  way << shift, turn;
-  return way;
+Vector6 MotionPath::displacement() const {
+  Vector6 displacement;
+  displacement << translation, rotation_vector;
+  return displacement;
 }
 
 std::optional<PathPoint> MotionPath::at(double s, const ArmGeometry& arm, const Axes& near) const {
   PathPoint point;
   if (!line) {
     for (std::size_t i = 0; i < kAxes; ++i) {
-      point.slope[i] = to[i] - from[i];
-      point.position[i] = s == 1 ? to[i] : from[i] + s * point.slope[i];
+      point.derivative[i] = to[i] - from[i];
+      point.position[i] = s == 1 ? to[i] : from[i] + s * point.derivative[i];
     }
     return point;
   }
-  const auto followed = follow(arm, along(start_pose(), way(), s), near);
-  if (!followed) return std::nullopt;
-  point.position = followed->position;
-  point.slope = slope_of(*this, followed->jacobian);
-  point.position[kTable] = s == 1 ? to[kTable] : from[kTable] + s * point.slope[kTable];
-  point.curvature = curvature_of(*this, arm, point);
+  const auto solution =
+      solve_inverse_kinematics(arm, interpolate_pose(start_pose(), displacement(), s), near);
+  if (!solution) return std::nullopt;
+  point.position = solution->position;
+  point.derivative = derivative_of(*this, solution->jacobian);
+  point.position[kTable] = s == 1 ? to[kTable] : from[kTable] + s * point.derivative[kTable];
+  point.second_derivative = second_derivative_of(*this, arm, point);
   return point;
 }
 
@@ -141,15 +144,16 @@ MotionPath line_path(const ArmGeometry& arm, const Axes& from, const Eigen::Isom
   path.to[kTable] = table_target;
   const Eigen::Isometry3d start = arm.tool(from).pose;
   path.start_position = start.translation();
-  path.start_turn = Eigen::Quaterniond(start.linear());
-  const Vector6 way = way_between(path.start_pose(), target);
-  path.shift = way.head<3>();
-  path.turn = way.tail<3>();
+  path.start_orientation = Eigen::Quaterniond(start.linear());
+  const Vector6 displacement = pose_difference(path.start_pose(), target);
+  path.translation = displacement.head<3>();
+  path.rotation_vector = displacement.tail<3>();
   return path;
 }
 
-PathReport inspect(const MotionPath& path, const ArmGeometry& arm, const MotionLimits& limits, double speed) {
-  if (path.line) return inspect_line(path, arm, limits, speed);
+PathReport check_path(const MotionPath& path, const ArmGeometry& arm, const MotionLimits& limits,
+                      double speed) {
+  if (path.line) return check_line_path(path, arm, limits, speed);
   PathReport report;
   report.axis = axis_outside(path.to, limits.axes);
   if (report.axis != 0) {

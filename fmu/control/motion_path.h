@@ -1,4 +1,4 @@
-// Ways of the axes from one rest to another: straight in the joints, or the tool straight in space.
+// Paths between two rest positions: linear in the joints, or linear in space for the tool.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -9,58 +9,60 @@
 
 namespace robotcell::control {
 
-/// The axes at a share s of a way, and their derivatives by s.
+/// Axis positions at the path parameter s, and their derivatives with respect to s.
 struct PathPoint {
   Axes position{};
-  Axes slope{};
-  Axes curvature{};
+  Axes derivative{};
+  Axes second_derivative{};
 };
 
-/// A way by its parameter s from 0 to 1. Plain data, so that it can be saved with the controller.
+/// A path with the parameter s from 0 to 1. Plain data, so that it can be serialized with the controller.
 struct MotionPath {
-  bool line = false;  // the tool goes straight; else the joints do
+  bool line = false;  // true: linear for the tool; false: linear in the joints
   Axes from{};
-  Axes to{};                                                 // of a line, as found when it was planned
-  Eigen::Vector3d start_position = Eigen::Vector3d::Zero();  // of the tool, world; lines alone
-  Eigen::Quaterniond start_turn = Eigen::Quaterniond::Identity();
-  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
-  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  // rotation vector, world
+  Axes to{};  // for a linear tool path: solution of the inverse kinematics found while planning
+  Eigen::Vector3d start_position = Eigen::Vector3d::Zero();  // of the tool, world; linear tool paths only
+  Eigen::Quaterniond start_orientation = Eigen::Quaterniond::Identity();
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+  Eigen::Vector3d rotation_vector = Eigen::Vector3d::Zero();  // world axes
 
-  /// The point at s; `near` are the axes of a neighbouring point, from which a line is followed. Empty where
-  /// a line cannot be followed.
+  /// Evaluates the path at s. `near` is the solution at a neighbouring point, from which the inverse
+  /// kinematics starts. Empty where the inverse kinematics fails.
   std::optional<PathPoint> at(double s, const ArmGeometry& arm, const Axes& near) const;
 
-  Eigen::Isometry3d start_pose() const { return Eigen::Translation3d(start_position) * start_turn; }
-  Vector6 way() const;
+  Eigen::Isometry3d start_pose() const { return Eigen::Translation3d(start_position) * start_orientation; }
+  Vector6 displacement() const;
 };
 
 MotionPath joint_path(const Axes& from, const Axes& to);
 
-/// The tool goes straight from where it is to a pose and turns about one axis meanwhile, the table turns in
-/// step.
+/// Path on which the tool moves on a straight line to `target` and rotates about one axis, while the table
+/// moves in proportion.
 MotionPath line_path(const ArmGeometry& arm, const Axes& from, const Eigen::Isometry3d& target,
                      double table_target);
 
-/// What programmed motion may not exceed.
+/// Limits of programmed motion.
 struct MotionLimits {
   Limits axes;
-  double line_speed = 0;         // m/s, of the tool
-  double line_acceleration = 0;  // m/s^2
-  double turn_speed = 0;         // rad/s, of the tool
-  double turn_acceleration = 0;  // rad/s^2
+  double line_speed = 0;            // m/s, of the tool
+  double line_acceleration = 0;     // m/s^2
+  double angular_speed = 0;         // rad/s, of the tool
+  double angular_acceleration = 0;  // rad/s^2
 };
 
 enum class PathFault { kNone, kTargetOutOfLimits, kPathOutOfLimits, kSingular };
 
-/// What was found out about a way before it is gone.
+/// Result of checking a path before it is executed.
 struct PathReport {
   PathFault fault = PathFault::kNone;
-  int axis = 0;  // 1..7, of the limit
+  int axis = 0;  // axis that exceeds its limit, counted from 1 (7: table); 0: none
   ProfileLimits profile;
   Axes end{};
 };
 
-/// Goes along the way in thought: whether it can be gone, and how fast at a share of the full speed.
-PathReport inspect(const MotionPath& path, const ArmGeometry& arm, const MotionLimits& limits, double speed);
+/// Checks that a path is feasible (position limits, singularities), and finds its speed profile limits at the
+/// fraction `speed` of the full speed.
+PathReport check_path(const MotionPath& path, const ArmGeometry& arm, const MotionLimits& limits,
+                      double speed);
 
 }  // namespace robotcell::control

@@ -7,7 +7,7 @@
 namespace robotcell::control {
 namespace {
 
-constexpr double kMostEffort = 0.999;
+constexpr double kMaxAccelerationRatio = 0.999;
 constexpr int kHalvings = 12;
 
 Axes positions(const Knots& knots) {
@@ -25,55 +25,56 @@ void ProgrammedMove::start(const MotionPath& path, const PathReport& report, dou
   state_.path.to = report.end;
 }
 
-/// Where a cycle leads at whose end the clock runs at `rate`.
-struct ProgrammedMove::Outcome {
+/// State at the end of a cycle in which the clock rate becomes `rate`.
+struct ProgrammedMove::CycleResult {
   double clock = 0;
   double rate = 0;
   bool arrived = false;
   Knots knots{};
 };
 
-ProgrammedMove::Outcome ProgrammedMove::outcome(double cycle, double rate, const Axes& near) const {
-  Outcome outcome{state_.clock + cycle * (state_.rate + rate) / 2, rate, false, {}};
-  if (outcome.clock >= state_.profile.duration()) {
-    outcome = {state_.profile.duration(), 0, true, {}};
-    for (std::size_t i = 0; i < kAxes; ++i) outcome.knots[i] = {state_.path.to[i], 0};
-    return outcome;
+ProgrammedMove::CycleResult ProgrammedMove::cycle_result(double cycle, double rate, const Axes& near) const {
+  CycleResult cycle_result{state_.clock + cycle * (state_.rate + rate) / 2, rate, false, {}};
+  if (cycle_result.clock >= state_.profile.duration()) {
+    cycle_result = {state_.profile.duration(), 0, true, {}};
+    for (std::size_t i = 0; i < kAxes; ++i) cycle_result.knots[i] = {state_.path.to[i], 0};
+    return cycle_result;
   }
-  const ProfilePoint profile = state_.profile.at(outcome.clock);
+  const ProfilePoint profile = state_.profile.at(cycle_result.clock);
   const auto point = state_.path.at(profile.position, arm_, near);
-  if (!point) throw std::logic_error("the line cannot be followed although it was found to be regular");
+  if (!point) throw std::logic_error("inverse kinematics failed on a path that was checked to be regular");
   for (std::size_t i = 0; i < kAxes; ++i) {
-    outcome.knots[i] = {point->position[i], point->slope[i] * profile.velocity * rate};
+    cycle_result.knots[i] = {point->position[i], point->derivative[i] * profile.velocity * rate};
   }
-  return outcome;
+  return cycle_result;
 }
 
-/// Greatest share of an axis' acceleration limit that the cubics to a cycle's end use.
-double ProgrammedMove::effort(double cycle, const Knots& present, const Knots& end) const {
-  double effort = 0;
+/// Largest ratio of the acceleration of an axis to its limit in one cycle.
+double ProgrammedMove::acceleration_ratio(double cycle, const Knots& present, const Knots& end) const {
+  double acceleration_ratio = 0;
   for (std::size_t i = 0; i < kAxes; ++i) {
-    const double most = greatest_acceleration(present[i], end[i], cycle);
-    effort = std::max(effort, most / limits_[i].max_acceleration);
+    const double max_change = peak_acceleration(present[i], end[i], cycle);
+    acceleration_ratio = std::max(acceleration_ratio, max_change / limits_[i].max_acceleration);
   }
-  return effort;
+  return acceleration_ratio;
 }
 
-/// The rate comes as near to the wanted one as the acceleration limits allow, by halving the change.
-Knots ProgrammedMove::advance(double cycle, const RateChange& change, const Knots& present) {
+/// The rate approaches its target as far as the acceleration limits allow; the feasible change is found by
+/// bisection.
+Knots ProgrammedMove::advance(double cycle, const RateRamp& change, const Knots& present) {
   const Axes near = positions(present);
-  const double most = change.steepest * cycle;
-  const double step = std::clamp(change.wanted - state_.rate, -most, most);
-  Outcome best = outcome(cycle, state_.rate + step, near);
-  if (step != 0 && effort(cycle, present, best.knots) > kMostEffort) {
-    best = outcome(cycle, state_.rate, near);
-    double possible = 0;
-    double tried = 1;
+  const double max_change = change.max_slope * cycle;
+  const double step = std::clamp(change.target - state_.rate, -max_change, max_change);
+  CycleResult best = cycle_result(cycle, state_.rate + step, near);
+  if (step != 0 && acceleration_ratio(cycle, present, best.knots) > kMaxAccelerationRatio) {
+    best = cycle_result(cycle, state_.rate, near);
+    double feasible = 0;
+    double infeasible = 1;
     for (int i = 0; i < kHalvings; ++i) {
-      const double share = (possible + tried) / 2;
-      const Outcome next = outcome(cycle, state_.rate + share * step, near);
-      const bool allowed = effort(cycle, present, next.knots) <= kMostEffort;
-      (allowed ? possible : tried) = share;
+      const double fraction = (feasible + infeasible) / 2;
+      const CycleResult next = cycle_result(cycle, state_.rate + fraction * step, near);
+      const bool allowed = acceleration_ratio(cycle, present, next.knots) <= kMaxAccelerationRatio;
+      (allowed ? feasible : infeasible) = fraction;
       if (allowed) best = next;
     }
   }

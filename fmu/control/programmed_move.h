@@ -1,4 +1,4 @@
-// A programmed motion under way: a path, a profile along it, and a clock that the monitor speed slows down.
+// Execution of a programmed move: a path, a speed profile, and a path clock scaled by the monitor speed.
 #pragma once
 
 #include "fmu/control/motion_path.h"
@@ -8,45 +8,44 @@ namespace robotcell::control {
 struct MoveState {
   bool active = false;
   MotionPath path;
-  SmoothProfile profile;  // of the path's s, by the clock
-  double clock = 0;       // s; runs as fast as time at full monitor speed
-  double rate = 0;        // of the clock, 0..1
+  SmoothProfile profile;  // path parameter s as a function of the path clock
+  double clock = 0;       // s; runs at real time at full monitor speed
+  double rate = 0;        // of the path clock against real time, 0 to 1
 };
 
-/// How the rate of the clock may change in one cycle.
-struct RateChange {
-  double wanted = 0;    // rate
-  double steepest = 0;  // 1/s
+/// Commanded change of the clock rate.
+struct RateRamp {
+  double target = 0;     // clock rate
+  double max_slope = 0;  // 1/s, maximum change of the rate
 };
 
-/// Speed is scaled by the clock's rate alone, so the path stays what it is; the rate changes no faster than
-/// the acceleration limits of all axes allow.
+/// Speed is scaled by the rate of the path clock alone, so the path does not change. The rate changes no
+/// faster than the acceleration limits of all axes allow.
 class ProgrammedMove {
  public:
   ProgrammedMove(const ArmGeometry& arm, const Limits& limits) : arm_(arm), limits_(limits) {}
 
-  /// Starts along a path that was inspected, with the clock at a rate; not active afterwards if there is
-  /// nothing to go.
+  /// Starts on a checked path with the given clock rate; stays inactive where start and end coincide.
   void start(const MotionPath& path, const PathReport& report, double rate);
 
-  /// Goes on for one cycle (seconds) from `present`; afterwards it is active no more if the end is reached.
-  /// Throws std::logic_error when a line cannot be followed although it was inspected.
-  Knots advance(double cycle, const RateChange& change, const Knots& present);
+  /// Advances by one cycle (seconds) from `present`; inactive once the end is reached. Throws
+  /// std::logic_error where the inverse kinematics fails on a path that was checked.
+  Knots advance(double cycle, const RateRamp& change, const Knots& present);
 
-  void drop() { state_.active = false; }
+  void cancel() { state_.active = false; }
   bool active() const { return state_.active; }
-  bool standing() const { return state_.rate == 0; }
+  bool stopped() const { return state_.rate == 0; }
 
-  /// Share of the path that is done.
+  /// Fraction of the path that has been executed.
   double progress() const { return state_.profile.at(state_.clock).position; }
 
   const MoveState& state() const { return state_; }
   void restore(const MoveState& state) { state_ = state; }
 
  private:
-  struct Outcome;
-  Outcome outcome(double cycle, double rate, const Axes& near) const;
-  double effort(double cycle, const Knots& present, const Knots& end) const;
+  struct CycleResult;
+  CycleResult cycle_result(double cycle, double rate, const Axes& near) const;
+  double acceleration_ratio(double cycle, const Knots& present, const Knots& end) const;
 
   const ArmGeometry& arm_;
   const Limits& limits_;

@@ -3,27 +3,29 @@
 #include <algorithm>
 #include <limits>
 
+#include "fmu/control/time_units.h"
+
 namespace robotcell::control {
 namespace {
 
-constexpr double kMonitorRamp = 4;  // 1/s: from standstill to full speed in a quarter of a second
-constexpr double kAsSteepAsCanBe = std::numeric_limits<double>::infinity();
+constexpr double kMaxMonitorSlope = 4;  // 1/s: from standstill to full speed in 0.25 s
+constexpr double kUnlimitedSlope = std::numeric_limits<double>::infinity();
 
 bool jogs(Mode mode) { return mode == Mode::kJointJog || mode == Mode::kCartesianJog; }
 bool moves(Mode mode) { return mode == Mode::kJointMove || mode == Mode::kLineMove; }
-/// Modes that may follow one another while the axes move.
+/// Modes that may follow each other while the axes move.
 bool streams(Mode mode) { return mode == Mode::kHold || mode == Mode::kServo; }
 
-Refusal refusal_of(PathFault fault) {
+ControllerError error_of(PathFault fault) {
   switch (fault) {
     case PathFault::kTargetOutOfLimits:
-      return Refusal::kTargetOutOfLimits;
+      return ControllerError::kTargetOutOfLimits;
     case PathFault::kPathOutOfLimits:
-      return Refusal::kPathOutOfLimits;
+      return ControllerError::kPathOutOfLimits;
     case PathFault::kSingular:
-      return Refusal::kSingular;
+      return ControllerError::kSingular;
     default:
-      return Refusal::kNone;
+      return ControllerError::kNone;
   }
 }
 
@@ -33,7 +35,7 @@ RobotController::RobotController(const ControllerSettings& settings, const ArmGe
                                  const Axes& start)
     : settings_(settings),
       arm_(arm),
-      cycle_(static_cast<double>(settings.cycle_us) * kSecondsPerTick),
+      cycle_(static_cast<double>(settings.cycle_us) * kSecondsPerMicrosecond),
       servo_(settings.motion.axes, settings.cycle_us, start),
       move_(arm, settings_.motion.axes),
       jog_(arm, settings_.motion.axes, settings.jog) {
@@ -41,9 +43,9 @@ RobotController::RobotController(const ControllerSettings& settings, const ArmGe
 }
 
 void RobotController::cycle(std::int64_t now_us, const Command& command) {
-  listen(now_us, command);
-  state_.refusal = objection(now_us, command);
-  const Mode next = mode_to_be(command);
+  latch_inputs(now_us, command);
+  state_.error = check_preconditions(now_us, command);
+  const Mode next = requested_mode(command);
   const bool at_once = streams(state_.mode) && streams(next);
   if (next != state_.mode && (at_once || at_rest())) enter(next);
   if (next == state_.mode && !state_.stopped) {
@@ -55,8 +57,8 @@ void RobotController::cycle(std::int64_t now_us, const Command& command) {
   }
 }
 
-/// Takes the counters, and the moves and stops that they stand for.
-void RobotController::listen(std::int64_t now_us, const Command& command) {
+/// Reads the counters, and starts, stops and resets on their changes.
+void RobotController::latch_inputs(std::int64_t now_us, const Command& command) {
   if (command.heartbeat != state_.heartbeat) state_.heartbeat_us = now_us;
   const bool starts = command.start > state_.start;
   const bool resets = command.reset > state_.reset;
@@ -69,40 +71,40 @@ void RobotController::listen(std::int64_t now_us, const Command& command) {
     state_.stopped = false;
   }
   if (!starts || !moves(command.mode)) return;
-  state_.path_fault = Refusal::kNone;
+  state_.path_error = ControllerError::kNone;
   state_.path_limit = 0;
-  if (objection(now_us, command) != Refusal::kNone) return;
-  state_.awaited = {true,
-                    command.mode == Mode::kLineMove,
-                    command.position,
-                    command.pose.translation(),
-                    Eigen::Quaterniond(command.pose.linear()),
-                    command.speed};
+  if (check_preconditions(now_us, command) != ControllerError::kNone) return;
+  state_.pending_move = {true,
+                         command.mode == Mode::kLineMove,
+                         command.position,
+                         command.pose.translation(),
+                         Eigen::Quaterniond(command.pose.linear()),
+                         command.speed};
 }
 
-Refusal RobotController::objection(std::int64_t now_us, const Command& command) const {
-  if (state_.stopped) return Refusal::kEmergencyStop;
-  if (command.mode == Mode::kHold) return Refusal::kNone;
+ControllerError RobotController::check_preconditions(std::int64_t now_us, const Command& command) const {
+  if (state_.stopped) return ControllerError::kEmergencyStop;
+  if (command.mode == Mode::kHold) return ControllerError::kNone;
   const bool manual = command.operation == Operation::kManual;
-  if (manual && !jogs(command.mode)) return Refusal::kManualOperation;
-  if (!manual && jogs(command.mode)) return Refusal::kAutomaticOperation;
-  const auto age = static_cast<double>(now_us - state_.heartbeat_us) * kSecondsPerTick;
+  if (manual && !jogs(command.mode)) return ControllerError::kManualOperation;
+  if (!manual && jogs(command.mode)) return ControllerError::kAutomaticOperation;
+  const auto age = static_cast<double>(now_us - state_.heartbeat_us) * kSecondsPerMicrosecond;
   const bool streamed = command.mode == Mode::kServo || jogs(command.mode);
-  if (streamed && command.max_age > 0 && age > command.max_age) return Refusal::kTooOld;
-  return Refusal::kNone;
+  if (streamed && command.max_age > 0 && age > command.max_age) return ControllerError::kHeartbeatTimeout;
+  return ControllerError::kNone;
 }
 
-Mode RobotController::mode_to_be(const Command& command) const {
-  return state_.refusal == Refusal::kNone ? command.mode : Mode::kHold;
+Mode RobotController::requested_mode(const Command& command) const {
+  return state_.error == ControllerError::kNone ? command.mode : Mode::kHold;
 }
 
 void RobotController::enter(Mode mode) {
   state_.mode = mode;
-  move_.drop();
+  move_.cancel();
   if (jogs(mode)) jog_.enter(present());
   if (moves(mode)) return;
-  state_.awaited.waits = false;
-  state_.path_fault = Refusal::kNone;
+  state_.pending_move.pending = false;
+  state_.path_error = ControllerError::kNone;
   state_.path_limit = 0;
 }
 
@@ -136,41 +138,42 @@ void RobotController::run(std::int64_t now_us, const Command& command) {
 
 void RobotController::run_move(std::int64_t now_us, const Command& command) {
   const bool line = state_.mode == Mode::kLineMove;
-  if (state_.awaited.waits && state_.awaited.line == line) {
+  if (state_.pending_move.pending && state_.pending_move.line == line) {
     if (!at_rest()) return brake(now_us);
     plan(command);
   }
   if (!move_.active()) return hold(now_us);
-  const Knots end = move_.advance(cycle_, {command.monitor_speed, kMonitorRamp}, present());
+  const Knots end = move_.advance(cycle_, {command.monitor_speed, kMaxMonitorSlope}, present());
   servo_.advance(now_us, end, 0);
 }
 
-/// Starts the awaited move from rest, if it can be gone.
+/// Starts the pending move from rest, if its path is feasible.
 void RobotController::plan(const Command& command) {
-  const AwaitedMove& awaited = state_.awaited;
-  state_.awaited.waits = false;
+  const PendingMove& pending_move = state_.pending_move;
+  state_.pending_move.pending = false;
   const Axes from = present_position();
-  const Eigen::Isometry3d target = Eigen::Translation3d(awaited.tool_position) * awaited.tool_turn;
-  const MotionPath path = awaited.line ? line_path(arm_, from, target, awaited.position[kArmAxes])
-                                       : joint_path(from, awaited.position);
-  const PathReport report = inspect(path, arm_, settings_.motion, awaited.speed);
-  state_.path_fault = refusal_of(report.fault);
+  const Eigen::Isometry3d target =
+      Eigen::Translation3d(pending_move.tool_position) * pending_move.tool_orientation;
+  const MotionPath path = pending_move.line ? line_path(arm_, from, target, pending_move.position[kArmAxes])
+                                            : joint_path(from, pending_move.position);
+  const PathReport report = check_path(path, arm_, settings_.motion, pending_move.speed);
+  state_.path_error = error_of(report.fault);
   state_.path_limit = report.axis;
-  move_.drop();
+  move_.cancel();
   if (report.fault != PathFault::kNone) return;
   state_.destination = report.end;
   move_.start(path, report, command.monitor_speed);
 }
 
-/// Brings whatever moves to rest: a programmed move on its path, jogs in their direction, and streamed
-/// set-points axis by axis or, in an emergency, all axes together.
+/// Brakes: a programmed move on its path, a jog in its direction, and servo motion axis by axis or, in an
+/// emergency stop, with all axes in proportion.
 void RobotController::brake(std::int64_t now_us) {
   if (move_.active()) {
-    const Knots end = move_.advance(cycle_, {0, kAsSteepAsCanBe}, present());
-    if (move_.standing()) move_.drop();
+    const Knots end = move_.advance(cycle_, {0, kUnlimitedSlope}, present());
+    if (move_.stopped()) move_.cancel();
     servo_.advance(now_us, end, 0);
   } else if (state_.stopped || !streams(state_.mode)) {
-    servo_.advance(now_us, brake_together(cycle_, settings_.motion.axes, present()), 0);
+    servo_.advance(now_us, brake_synchronously(cycle_, settings_.motion.axes, present()), 0);
   } else {
     hold(now_us);
   }
@@ -194,9 +197,9 @@ Report RobotController::report(std::int64_t time_us) const {
   report.moving = servo_.moving(time_us);
   report.phase = report.moving ? state_.phase : Phase::kRest;
   if (state_.stopped) report.phase = Phase::kEmergencyStop;
-  report.refusal = state_.refusal;
-  if (report.refusal == Refusal::kNone) report.refusal = state_.path_fault;
-  if (report.refusal == Refusal::kNone && jogs(state_.mode)) report.refusal = jog_.state().refusal;
+  report.error = state_.error;
+  if (report.error == ControllerError::kNone) report.error = state_.path_error;
+  if (report.error == ControllerError::kNone && jogs(state_.mode)) report.error = jog_.state().error;
   report.limit = state_.path_limit != 0 ? state_.path_limit : servo_.state().limit;
   report.progress = move_.progress();
   report.destination = state_.destination;

@@ -1,4 +1,4 @@
-// The robot controller: modes, operation, monitor speed, emergency stop. Knows neither the dynamics nor FMI.
+// The robot controller: modes, operation, monitor speed, emergency stop. Independent of dynamics and FMI.
 #pragma once
 
 #include <cstdint>
@@ -17,49 +17,48 @@ struct ControllerSettings {
   std::int64_t cycle_us = 0;
 };
 
-/// A move that was asked for, and waits until the axes are at rest.
-struct AwaitedMove {
-  bool waits = false;
+/// A requested move that waits until the axes are at rest.
+struct PendingMove {
+  bool pending = false;
   bool line = false;
   Axes position{};
   Eigen::Vector3d tool_position = Eigen::Vector3d::Zero();
-  Eigen::Quaterniond tool_turn = Eigen::Quaterniond::Identity();
+  Eigen::Quaterniond tool_orientation = Eigen::Quaterniond::Identity();
   double speed = 1;
 };
 
-/// All that the controller remembers.
+/// Complete state of the controller.
 struct ControllerState {
   ServoState servo;
   MoveState move;
   JogState jog;
-  AwaitedMove awaited;
-  Mode mode = Mode::kHold;  // in force
+  PendingMove pending_move;
+  Mode mode = Mode::kHold;  // active mode
   Phase phase = Phase::kRest;
-  bool stopped = false;                 // emergency stop, until it is reset
-  Refusal refusal = Refusal::kNone;     // of the present command
-  Refusal path_fault = Refusal::kNone;  // of the last move asked for
+  bool stopped = false;                                 // emergency stop active
+  ControllerError error = ControllerError::kNone;       // of the current command
+  ControllerError path_error = ControllerError::kNone;  // of the last requested move
   std::int32_t path_limit = 0;
-  std::int32_t start = 0, reset = 0, heartbeat = 0;  // counters as last seen
+  std::int32_t start = 0, reset = 0, heartbeat = 0;  // counters at the last cycle
   std::int64_t heartbeat_us = 0;
   Axes destination{};
 };
 
-/// Once a cycle it takes a command and works out where the axes are one cycle later.
+/// Reads a command once per cycle and computes the axes one cycle ahead.
 ///
-/// Set-points and hold follow one another at once. Every other change of mode waits until the motion in force
-/// has come to rest: a programmed move stops on its path. A move starts where the axes rest when its turn
-/// comes, and one that cannot be gone to its end does not start. In manual operation jogs alone move the
-/// robot, in automatic operation everything else does.
+/// Changes between servo and hold are immediate. Any other change of mode waits until the axes are at rest; a
+/// programmed move stops on its path. A move starts from where the axes have come to rest, and an infeasible
+/// move does not start. In manual operation only jogs are accepted, in automatic operation everything else.
 class RobotController {
  public:
   RobotController(const ControllerSettings& settings, const ArmGeometry& arm, const Axes& start);
   RobotController(const RobotController&) = delete;
   RobotController& operator=(const RobotController&) = delete;
 
-  /// To be called at every multiple of the cycle, before anything is sampled behind it.
+  /// Call at every multiple of the cycle, before sampling a later instant.
   void cycle(std::int64_t now_us, const Command& command);
 
-  /// Where the axes are to be, and how fast, at an instant of the running cycle.
+  /// Set-points of position and velocity at an instant of the current cycle.
   Knots sample(std::int64_t time_us) const { return servo_.sample(time_us); }
 
   Report report(std::int64_t time_us) const;
@@ -68,9 +67,9 @@ class RobotController {
   void restore(const ControllerState& state);
 
  private:
-  void listen(std::int64_t now_us, const Command& command);
-  Refusal objection(std::int64_t now_us, const Command& command) const;
-  Mode mode_to_be(const Command& command) const;
+  void latch_inputs(std::int64_t now_us, const Command& command);
+  ControllerError check_preconditions(std::int64_t now_us, const Command& command) const;
+  Mode requested_mode(const Command& command) const;
   void enter(Mode mode);
   void run(std::int64_t now_us, const Command& command);
   void brake(std::int64_t now_us);
@@ -87,7 +86,7 @@ class RobotController {
   ServoController servo_;
   ProgrammedMove move_;
   Jog jog_;
-  ControllerState state_;  // without what servo_, move_ and jog_ remember
+  ControllerState state_;  // except the states of servo_, move_ and jog_
 };
 
 }  // namespace robotcell::control

@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "fmu/control/time_units.h"
+
 namespace robotcell::control {
 namespace {
 
-/// Greatest speed along the cubic between two knots.
+/// Largest absolute speed along the cubic between two knots.
 double peak_speed(const Knot& start, const Knot& end, double duration) {
   double peak = std::max(std::abs(start.velocity), std::abs(end.velocity));
   const double travel = end.position - start.position;
@@ -50,10 +52,9 @@ void ServoController::cycle(std::int64_t now_us, const ServoCommand& command) {
 Knot ServoController::servo_knot(std::size_t axis, double set_point, bool& limited) const {
   const AxisLimits& limit = limits_[axis];
   const Knot& start = state_.start[axis];
-  const double duration = static_cast<double>(cycle_us_) * kSecondsPerTick;
+  const double duration = static_cast<double>(cycle_us_) * kSecondsPerMicrosecond;
   const double target = std::clamp(set_point, limit.min, limit.max);
-  // Parabola through the last three knots, written in differences so that an axis at rest stays exactly at
-  // rest.
+  // Parabola through the last three knots, in differences so that an axis at rest stays exactly at rest.
   const double travel_before = start.position - state_.before[axis];
   Knot end{target, (3 * (target - start.position) - travel_before) / (2 * duration)};
   if (target != set_point) {
@@ -61,7 +62,7 @@ Knot ServoController::servo_knot(std::size_t axis, double set_point, bool& limit
     end.velocity = 0;
   }
   if (peak_speed(start, end, duration) > limit.max_speed * (1 + 1e-9)) {
-    // A velocity parabola that is level at the end of the cycle never leaves the range of its two end values.
+    // A parabola of velocity with zero slope at the end of the cycle stays within its two end values.
     const double wanted = (3 * (target - start.position) / duration - start.velocity) / 2;
     end.velocity = std::clamp(wanted, -limit.max_speed, limit.max_speed);
     if (end.velocity != wanted) {
@@ -74,7 +75,7 @@ Knot ServoController::servo_knot(std::size_t axis, double set_point, bool& limit
 
 Knot ServoController::braking_knot(std::size_t axis) const {
   const Knot& start = state_.start[axis];
-  const double duration = static_cast<double>(cycle_us_) * kSecondsPerTick;
+  const double duration = static_cast<double>(cycle_us_) * kSecondsPerMicrosecond;
   const double drop = limits_[axis].max_acceleration * duration;
   const double velocity = start.velocity - std::clamp(start.velocity, -drop, drop);
   const double end = start.position + duration * (start.velocity + velocity) / 2;
@@ -83,14 +84,14 @@ Knot ServoController::braking_knot(std::size_t axis) const {
 }
 
 Knots ServoController::sample(std::int64_t time_us) const {
-  const double duration = static_cast<double>(cycle_us_) * kSecondsPerTick;
+  const double duration = static_cast<double>(cycle_us_) * kSecondsPerMicrosecond;
   const double s = static_cast<double>(time_us - state_.start_us) / static_cast<double>(cycle_us_);
   if (s >= 1) return state_.end;
   Knots knots;
   for (std::size_t i = 0; i < kAxes; ++i) {
     knots[i] = cubic_between(state_.start[i], state_.end[i], duration, s);
     const double inside = std::clamp(knots[i].position, limits_[i].min, limits_[i].max);
-    if (inside != knots[i].position) knots[i] = {inside, 0};  // the hard stop
+    if (inside != knots[i].position) knots[i] = {inside, 0};  // hard stop
   }
   return knots;
 }

@@ -1,4 +1,5 @@
-// Axis motion from knot to knot, one controller cycle apart: streamed set-points, braking, or given knots.
+// Axis motion between knots one controller cycle apart: streamed set-points, braking, or knots from a
+// planner.
 #pragma once
 
 #include <cstdint>
@@ -8,36 +9,36 @@
 namespace robotcell::control {
 
 struct ServoCommand {
-  bool servo = false;  // false: brake and hold
+  bool servo = false;  // true: follow `position`; false: brake and hold
   Axes position{};     // rad
 };
 
-/// All that the controller remembers.
+/// Complete state of the servo controller.
 struct ServoState {
-  std::int64_t start_us = 0;  // of the cycle that runs
+  std::int64_t start_us = 0;  // of the current cycle
   Axes before{};              // positions one cycle before `start`
   Knots start{};
   Knots end{};
-  std::int32_t limit = 0;  // 1..7: first axis that was kept from its set-point; 0: none
+  std::int32_t limit = 0;  // first axis kept from its set-point, counted from 1 (7: table); 0: none
 };
 
 /// Latches a command every cycle and reaches it one cycle later.
 ///
-/// Between the knots an axis follows a cubic with continuous velocity; the velocity at a new knot is that of
-/// the parabola through the last three, so that a quadratic trajectory is reproduced exactly, one cycle late.
-/// Set-points are clamped to the position limits. A cubic that would exceed the speed limit is replaced by a
-/// parabola that does not, and the axis falls behind its set-point.
+/// Between knots an axis follows a cubic with continuous velocity. The velocity at a new knot is that of the
+/// parabola through the last three knots, so that a quadratic trajectory is reproduced exactly, one cycle
+/// late. Set-points are clamped to the position limits. A cubic that would exceed the speed limit is replaced
+/// by a parabola within it, and the axis lags behind its set-point.
 class ServoController {
  public:
   ServoController(const Limits& limits, std::int64_t cycle_us, const Axes& start);
 
-  /// To be called at every multiple of the cycle, before anything is sampled behind it.
+  /// Call at every multiple of the cycle, before sampling a later instant.
   void cycle(std::int64_t now_us, const ServoCommand& command);
 
-  /// The same with knots that somebody else has worked out; `limit` as in the state.
+  /// Starts a cycle towards knots computed elsewhere; `limit` as in ServoState.
   void advance(std::int64_t now_us, const Knots& end, std::int32_t limit);
 
-  /// Where the axes are to be, and how fast, at an instant of the running cycle.
+  /// Set-points of position and velocity at an instant of the current cycle.
   Knots sample(std::int64_t time_us) const;
 
   bool moving(std::int64_t time_us) const;

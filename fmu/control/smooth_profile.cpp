@@ -6,7 +6,7 @@
 namespace robotcell::control {
 
 SmoothProfile SmoothProfile::over(double distance, const ProfileLimits& limits) {
-  // A short way leaves no time to cruise: then both ramps, of v t / 2 each, make up the distance.
+  // A short distance leaves no time to cruise: the two ramps of v t / 2 each then cover it.
   const double by_acceleration = std::sqrt(limits.acceleration * distance / 1.5);
   const double by_jerk = std::cbrt(distance * distance * limits.jerk / 6);
   const double speed = std::min({limits.speed, by_acceleration, by_jerk});

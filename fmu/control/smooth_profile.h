@@ -1,4 +1,4 @@
-// A motion from rest to rest with continuous acceleration.
+// Rest-to-rest speed profile with continuous acceleration.
 #pragma once
 
 namespace robotcell::control {
@@ -15,19 +15,19 @@ struct ProfilePoint {
   double acceleration = 0;
 };
 
-/// Speeds up along 3 u^2 - 2 u^3, cruises, and slows down the same way. A ramp of duration t to the speed v
-/// covers v t / 2; its greatest acceleration is 3 v / (2 t), its greatest jerk 6 v / t^2.
+/// Accelerates along 3 u^2 - 2 u^3, cruises, and decelerates symmetrically. A ramp of duration t to the speed
+/// v covers v t / 2; its peak acceleration is 3 v / (2 t), its peak jerk 6 v / t^2.
 struct SmoothProfile {
   double distance = 0;
-  double speed = 0;  // while cruising
-  double ramp = 0;   // s, duration of either ramp
+  double speed = 0;  // cruising speed
+  double ramp = 0;   // s, duration of each ramp
 
   /// The fastest profile of this form over a positive distance within the limits.
   static SmoothProfile over(double distance, const ProfileLimits& limits);
 
   double duration() const { return speed > 0 ? distance / speed + ramp : 0; }
 
-  /// Stays at either end outside the duration.
+  /// Constant before the start and after the end.
   ProfilePoint at(double time) const;
 };
 

@@ -1,4 +1,4 @@
-// Bytes of a state and back. One function per structure lists its members for both directions.
+// Serialization of a state. One function per structure lists its members for both directions.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -18,12 +18,12 @@
 namespace robotcell::fmi {
 
 constexpr double kRounding = 1e-6;
-/// Of what moves in a cell, in SI: it is far smaller, and the engine ends the process where it is not.
-constexpr double kGreatest = 1e9;
+/// Bound of numbers that belong to moving bodies (SI units): beyond it the engine ends the process.
+constexpr double kMaxMagnitude = 1e9;
 constexpr double kNoLimit = std::numeric_limits<double>::max();
 
-[[noreturn]] inline void refuse_value() {
-  throw std::invalid_argument("the serialized state holds an impossible value");
+[[noreturn]] inline void reject_value() {
+  throw std::invalid_argument("the serialized state holds an invalid value");
 }
 
 class Writer {
@@ -53,21 +53,21 @@ class Reader {
   template <class T>
   void raw(T& value) {
     static_assert(std::is_arithmetic_v<T>);
-    if (left_ < sizeof value) throw std::invalid_argument("the serialized state is cut off");
+    if (left_ < sizeof value) throw std::invalid_argument("the serialized state is truncated");
     if constexpr (std::is_same_v<T, bool>) {
-      if (*next_ > 1) refuse_value();
+      if (*next_ > 1) reject_value();
     }
     std::memcpy(&value, next_, sizeof value);
     next_ += sizeof value;
     left_ -= sizeof value;
     if constexpr (std::is_same_v<T, double>) {
-      if (!(std::abs(value) <= greatest)) refuse_value();
+      if (!(std::abs(value) <= max_magnitude)) reject_value();
     }
   }
 
   std::size_t left() const { return left_; }
 
-  double greatest = kNoLimit;  ///< absolute number that is taken
+  double max_magnitude = kNoLimit;  // largest absolute value that is accepted
 
  private:
   const std::uint8_t* next_;
@@ -84,7 +84,7 @@ void exchange(Archive& archive, std::array<T, N>& values) {
   for (T& value : values) exchange(archive, value);
 }
 
-/// A number that may be infinite.
+/// Serializes a number that may be infinite.
 template <class Archive>
 void exchange_unless_infinite(Archive& archive, double& value) {
   bool infinite = std::isinf(value);
@@ -96,18 +96,18 @@ void exchange_unless_infinite(Archive& archive, double& value) {
   }
 }
 
-/// A whole number from 0 to `last`; others are refused.
+/// Serializes an integer from 0 to `last`; others are rejected.
 template <class Archive>
 void exchange_up_to(Archive& archive, std::int32_t& number, std::int32_t last) {
   archive.raw(number);
-  if (Archive::kReads && (number < 0 || number > last)) refuse_value();
+  if (Archive::kReads && (number < 0 || number > last)) reject_value();
 }
 
-/// Last member of an enumeration that begins at 0. One without it cannot be part of a state.
+/// Last member of an enumeration that begins at 0; must be specialised for every enumeration in a state.
 template <class T>
 constexpr T kLast = T::kLastOfThisEnumerationIsNotGiven;
 
-/// A number that stands for a member of an enumeration.
+/// Serializes an integer that holds a member of an enumeration.
 template <class T, class Archive>
 void exchange_choice(Archive& archive, std::int32_t& number) {
   exchange_up_to(archive, number, static_cast<std::int32_t>(kLast<T>));
@@ -129,29 +129,29 @@ void exchange(Archive& archive, Eigen::Matrix<double, N, 1>& vector) {
 template <class Archive>
 void exchange(Archive& archive, Eigen::Quaterniond& rotation) {
   for (double& value : rotation.coeffs().reshaped()) archive.raw(value);
-  if (Archive::kReads && std::abs(rotation.norm() - 1) > kRounding) refuse_value();
+  if (Archive::kReads && std::abs(rotation.norm() - 1) > kRounding) reject_value();
 }
 
 template <class Archive>
 void exchange(Archive& archive, Eigen::Isometry3d& pose) {
   for (double& value : pose.matrix().reshaped()) archive.raw(value);
-  const Eigen::Matrix3d turn = pose.linear();
-  const bool rigid = (turn.transpose() * turn).isIdentity(kRounding) && turn.determinant() > 0 &&
+  const Eigen::Matrix3d rotation = pose.linear();
+  const bool rigid = (rotation.transpose() * rotation).isIdentity(kRounding) && rotation.determinant() > 0 &&
                      pose.matrix().row(3) == Eigen::RowVector4d(0, 0, 0, 1);
-  if (Archive::kReads && !rigid) refuse_value();
+  if (Archive::kReads && !rigid) reject_value();
 }
 
-/// The length of a sequence; refused when the bytes that are left cannot hold it.
+/// Serializes the length of a sequence; rejected where the remaining bytes cannot hold it.
 template <class Archive>
 std::uint64_t exchange_length(Archive& archive, std::uint64_t length) {
   archive.raw(length);
   if constexpr (Archive::kReads) {
-    if (length > archive.left()) throw std::invalid_argument("the serialized state is cut off");
+    if (length > archive.left()) throw std::invalid_argument("the serialized state is truncated");
   }
   return length;
 }
 
-/// Reads one element after the other, so that no length takes more memory than the bytes have.
+/// Reads element by element, so that a wrong length cannot allocate more memory than there are bytes.
 template <class Archive, class Container, class Element>
 void exchange_sequence(Archive& archive, Container& values, const Element& empty) {
   const std::uint64_t length = exchange_length(archive, values.size());
@@ -167,11 +167,11 @@ void exchange(Archive& archive, std::vector<T>& values) {
   exchange_sequence(archive, values, T());
 }
 
-/// The layout gives the length, the bytes must agree.
+/// The length is that of the layout; the bytes must agree.
 template <class Archive, class T>
 void exchange(Archive& archive, PerDevice<T>& values) {
   if (exchange_length(archive, values.size()) != values.size()) {
-    throw std::invalid_argument("the serialized state is of another layout of the cell");
+    throw std::invalid_argument("the serialized state belongs to a cell with other devices");
   }
   for (T& value : values) exchange(archive, value);
 }
@@ -186,12 +186,12 @@ void exchange_all(Archive& archive, T&... values) {
   (exchange(archive, values), ...);
 }
 
-/// Values of which no number may be greater.
+/// Serializes values whose numbers must not exceed `max_magnitude`.
 template <class Archive, class... T>
-void exchange_within(Archive& archive, [[maybe_unused]] double greatest, T&... values) {
-  if constexpr (Archive::kReads) std::swap(archive.greatest, greatest);
+void exchange_within(Archive& archive, [[maybe_unused]] double max_magnitude, T&... values) {
+  if constexpr (Archive::kReads) std::swap(archive.max_magnitude, max_magnitude);
   exchange_all(archive, values...);
-  if constexpr (Archive::kReads) std::swap(archive.greatest, greatest);
+  if constexpr (Archive::kReads) std::swap(archive.max_magnitude, max_magnitude);
 }
 
 }  // namespace robotcell::fmi

@@ -1,4 +1,4 @@
-// Inputs of the trigger, behind those of the controller.
+// Inputs of the controller and of the trigger.
 #include "fmu/fmi/table_groups.h"
 
 namespace robotcell::fmi {
@@ -8,20 +8,25 @@ void add_trigger_commands(TableBuilder& table, TriggerCommand& trigger) {
   const auto input = Causality::kInput;
   const auto discrete = Variability::kDiscrete;
   table.add("command.trigger.mode", input, discrete, kNone,
-            "What fires the sensor: 0 nothing, 1 time, 2 angle of the table, 3 path of the sensor over the "
-            "table, 4 requests alone; a mode counts from the instant at which it is entered (or its interval "
-            "changed) and fires there first",
+            "Trigger mode of the sensor: 0 off; 1 periodic in time; 2 periodic in the table angle; 3 "
+            "periodic in the "
+            "distance travelled by the sensor over the table; 4 on request only. Modes 1 to 3 fire when the "
+            "mode is "
+            "entered or its interval is changed, and at every interval from there",
             trigger.mode);
   table.limit_integer(0, 4);
-  table.add("command.trigger.period", input, discrete, kSecond, "Time between two exposures in mode 1",
-            trigger.period);
+  table.add("command.trigger.period", input, discrete, kSecond,
+            "Time between two exposures in trigger mode 1; at least 1 microsecond", trigger.period);
   table.add("command.trigger.angle", input, discrete, kRadian,
-            "Angle of the table between two exposures in mode 2", trigger.angle);
-  table.add("command.trigger.distance", input, discrete, kMetre,
-            "Path of the sensor's origin, as seen from the turning table, between two exposures in mode 3",
-            trigger.distance);
+            "Rotation of the table, in either direction, between two exposures in trigger mode 2; above 0",
+            trigger.angle);
+  table.add(
+      "command.trigger.distance", input, discrete, kMetre,
+      "Path length of the sensor origin in the rotating frame of the table between two exposures in trigger "
+      "mode 3; above 0",
+      trigger.distance);
   table.add("command.trigger.request", input, discrete, kNone,
-            "Every increase fires the sensor once, in any mode but 0", trigger.request);
+            "Counter: every increase fires one exposure, in any trigger mode but 0", trigger.request);
 }
 
 }  // namespace
@@ -29,10 +34,10 @@ void add_trigger_commands(TableBuilder& table, TriggerCommand& trigger) {
 void add_commands(TableBuilder& table, CellInputs& in) {
   add_motion_commands(table, in.motion);
   table.add("command.segment", Causality::kInput, Variability::kDiscrete, kNone,
-            "Number of the path segment, handed through to the trigger records", in.segment);
+            "Number of the current path segment, copied to the trigger records; no other effect", in.segment);
   add_trigger_commands(table, in.trigger);
   table.add("command.exposure", Causality::kInput, Variability::kDiscrete, kSecond,
-            "Duration of the exposures that fire from now on", in.exposure);
+            "Duration of exposures fired from now on; not negative", in.exposure);
 }
 
 }  // namespace robotcell::fmi

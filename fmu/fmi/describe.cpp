@@ -1,5 +1,5 @@
-// robotcell-describe: prints the model description that belongs to a cell ("-": on standard input) and to
-// this build of the FMU.
+// robotcell-describe: prints the model description of a cell ("-": read from standard input) for this build
+// of the FMU.
 #include <cstdio>
 #include <exception>
 #include <optional>
@@ -11,7 +11,7 @@ namespace {
 
 using robotcell::fmi::DescriptionOptions;
 
-/// The options behind the file's name; none where they are not understood.
+/// Options after the file name; empty where they are invalid.
 std::optional<DescriptionOptions> parse_options(int count, char** words) {
   DescriptionOptions options;
   for (int i = 0; i < count; ++i) {

@@ -8,7 +8,7 @@
 namespace robotcell::fmi {
 namespace {
 
-/// "x" of "x[1]"; empty for other names.
+/// "x" for "x[1]"; empty for other names.
 std::string array_name(const std::string& name) {
   const std::string first = indexed("", 0);
   if (name.size() <= first.size() || name.compare(name.size() - first.size(), first.size(), first) != 0) {
@@ -22,7 +22,7 @@ bool same_kind(const Variable& a, const Variable& b) {
          std::string_view(a.unit.quantity) == b.unit.quantity && a.min == b.min && a.max == b.max;
 }
 
-/// Number of variables from `first` on that make up one array; 1 for none.
+/// Number of variables from `first` on that form one array; 1 where there is none.
 std::size_t array_size(const std::vector<Variable>& variables, std::size_t first) {
   const std::string name = array_name(variables[first].name);
   std::size_t size = 1;
@@ -53,8 +53,8 @@ Entry merged(const std::vector<Variable>& variables, std::size_t first, std::siz
   return entry;
 }
 
-/// From references of variables to those of the entries that hold them, sorted and each once.
-void name_entries(std::vector<std::uint32_t>& references, const std::vector<std::uint32_t>& entry_of) {
+/// Maps references of variables to those of the entries that contain them, sorted and unique.
+void map_to_entries(std::vector<std::uint32_t>& references, const std::vector<std::uint32_t>& entry_of) {
   for (std::uint32_t& reference : references) reference = entry_of[reference];
   std::sort(references.begin(), references.end());
   references.erase(std::unique(references.begin(), references.end()), references.end());
@@ -70,7 +70,7 @@ std::vector<Entry> list_entries(const std::vector<Variable>& variables, bool arr
     entries.push_back(merged(variables, first, arrays ? array_size(variables, first) : 1));
     entry_of.insert(entry_of.end(), entries.back().size, static_cast<std::uint32_t>(first));
   }
-  for (Entry& entry : entries) name_entries(entry.initial_dependencies, entry_of);
+  for (Entry& entry : entries) map_to_entries(entry.initial_dependencies, entry_of);
   return entries;
 }
 

@@ -21,7 +21,7 @@ fmi2Status status_of(fmi2Component c, const char* function, const Call& call) {
   return guarded(instance_of(c), function, call) ? fmi2OK : fmi2Error;
 }
 
-/// The message goes through printf on the importer's side.
+/// Escapes a message that the importer passes through printf.
 std::string printf_safe(const std::string& message) {
   std::string safe;
   for (const char c : message) safe += c == '%' ? std::string("%%") : std::string(1, c);
@@ -43,7 +43,7 @@ template <class T, class Value>
 fmi2Status get_values(fmi2Component c, const char* function, const fmi2ValueReference vr[], size_t n,
                       Value values[]) {
   return status_of(c, function, [&] {
-    require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
+    require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for (size_t i = 0; i < n; ++i) {
       const T& value = instance_of(c)->get<T>(vr[i]);
       if constexpr (std::is_same_v<T, std::string>) {
@@ -59,20 +59,21 @@ template <class T, class Value>
 fmi2Status set_values(fmi2Component c, const char* function, const fmi2ValueReference vr[], size_t n,
                       const Value values[]) {
   return status_of(c, function, [&] {
-    require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
+    require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for (size_t i = 0; i < n; ++i) {
-      if constexpr (std::is_same_v<T, std::string>) require(values[i] != nullptr, "null string");
+      if constexpr (std::is_same_v<T, std::string>)
+        require(values[i] != nullptr, "a string is a null pointer");
       instance_of(c)->set<T>(vr[i], static_cast<T>(values[i]));
     }
   });
 }
 
 fmi2Status unsupported(fmi2Component c, const char* function) {
-  return status_of(c, function, [] { throw std::logic_error("this FMU does not offer the function"); });
+  return status_of(c, function, [] { throw std::logic_error("this function is not supported"); });
 }
 
 Snapshot& snapshot_of(fmi2FMUstate state) {
-  require(state != nullptr, "null state");
+  require(state != nullptr, "the state is a null pointer");
   return *static_cast<Snapshot*>(state);
 }
 
@@ -87,8 +88,8 @@ const char* fmi2GetVersion() { return fmi2Version; }
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[]) {
   bool known = true;
   const fmi2Status status = status_of(c, "fmi2SetDebugLogging", [&] {
-    known =
-        switch_logging(*instance_of(c), "fmi2SetDebugLogging", &Log::choose, on != fmi2False, n, categories);
+    known = switch_logging(*instance_of(c), "fmi2SetDebugLogging", &Log::select_only, on != fmi2False, n,
+                           categories);
   });
   return known ? status : fmi2Warning;
 }
@@ -98,18 +99,20 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
   try {
     const std::string instance_name = name == nullptr ? "" : name;
     const Log log(make_sink(functions, instance_name), logging != fmi2False);
-    const auto refuse = [&log](const std::string& message) {
+    const auto reject = [&log](const std::string& message) {
       log.write(LogCategory::kError, "fmi2Instantiate: " + message);
       return nullptr;
     };
-    if (instance_name.empty()) return refuse("the instance needs a name");
-    if (type != fmi2CoSimulation) return refuse("this FMU is for co-simulation alone");
+    if (instance_name.empty()) return reject("the instance name is empty");
+    if (type != fmi2CoSimulation) return reject("only co-simulation is supported");
     try {
       auto instance = std::make_unique<Instance>(instance_name, resources == nullptr ? "" : resources, log);
-      if (guid == nullptr || instance->token() != guid) return refuse("the GUID is not this FMU's");
+      if (guid == nullptr || instance->token() != guid) {
+        return reject("wrong GUID, expected " + instance->token());
+      }
       return instance.release();
     } catch (const std::exception& error) {
-      return refuse(error.what());
+      return reject(error.what());
     }
   } catch (...) {
     return nullptr;
@@ -177,7 +180,7 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate* state) {
   return status_of(c, "fmi2GetFMUstate", [&] {
-    require(state != nullptr, "null pointer");
+    require(state != nullptr, "an argument is a null pointer");
     if (*state == nullptr) {
       *state = new Snapshot(instance_of(c)->snapshot());
     } else {
@@ -200,7 +203,7 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate* state) {
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t* size) {
   return status_of(c, "fmi2SerializedFMUstateSize", [&] {
-    require(size != nullptr, "null pointer");
+    require(size != nullptr, "an argument is a null pointer");
     *size = serialize(snapshot_of(state), instance_of(c)->token()).size();
   });
 }
@@ -208,7 +211,8 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
   return status_of(c, "fmi2SerializeFMUstate", [&] {
     const auto serialized = serialize(snapshot_of(state), instance_of(c)->token());
-    require(bytes != nullptr && size >= serialized.size(), "too few bytes for the state");
+    require(bytes != nullptr && size >= serialized.size(),
+            "the buffer is a null pointer or too small for the state");
     std::memcpy(bytes, serialized.data(), serialized.size());
   });
 }
@@ -216,7 +220,7 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
                                    fmi2FMUstate* state) {
   return status_of(c, "fmi2DeSerializeFMUstate", [&] {
-    require(state != nullptr, "null pointer");
+    require(state != nullptr, "an argument is a null pointer");
     *state = new Snapshot(deserialize(reinterpret_cast<const std::uint8_t*>(bytes), size,
                                       instance_of(c)->layout(), instance_of(c)->token()));
   });

@@ -19,14 +19,14 @@ Log::Sink make_sink(fmi3LogMessageCallback callback, fmi3InstanceEnvironment env
   };
 }
 
-/// Calls `use(reference, position)` for every value behind the references, after it has made sure that there
-/// are as many values as the importer has room for.
+/// Calls `use(reference, position)` for every scalar of the referenced variables, after checking that
+/// `n_values` is their number.
 template <class Use>
 void for_each_value(const Instance& instance, const fmi3ValueReference vr[], size_t n, size_t n_values,
                     const Use& use) {
   size_t count = 0;
   for (size_t i = 0; i < n; ++i) count += instance.size_of(vr[i]);
-  require(count == n_values, "the number of values is not that of the variables");
+  require(count == n_values, "the number of values does not match the size of the variables");
   size_t at = 0;
   for (size_t i = 0; i < n; ++i) {
     const auto size = static_cast<std::uint32_t>(instance.size_of(vr[i]));
@@ -38,7 +38,7 @@ template <class T, class Value>
 fmi3Status get_values(fmi3Instance instance, const char* function, const fmi3ValueReference vr[], size_t n,
                       Value values[], size_t n_values) {
   return status_of(instance, function, [&] {
-    require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
+    require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for_each_value(*instance_of(instance), vr, n, n_values, [&](std::uint32_t reference, size_t at) {
       const T& value = instance_of(instance)->get<T>(reference);
       if constexpr (std::is_same_v<T, std::string>) {
@@ -54,9 +54,10 @@ template <class T, class Value>
 fmi3Status set_values(fmi3Instance instance, const char* function, const fmi3ValueReference vr[], size_t n,
                       const Value values[], size_t n_values) {
   return status_of(instance, function, [&] {
-    require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
+    require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for_each_value(*instance_of(instance), vr, n, n_values, [&](std::uint32_t reference, size_t at) {
-      if constexpr (std::is_same_v<T, std::string>) require(values[at] != nullptr, "null string");
+      if constexpr (std::is_same_v<T, std::string>)
+        require(values[at] != nullptr, "a string is a null pointer");
       instance_of(instance)->set<T>(reference, static_cast<T>(values[at]));
     });
   });
@@ -75,7 +76,7 @@ std::function<std::optional<double>(double)> make_intermediate(fmi3IntermediateU
 }
 
 Snapshot& snapshot_of(fmi3FMUState state) {
-  require(state != nullptr, "null state");
+  require(state != nullptr, "the state is a null pointer");
   return *static_cast<Snapshot*>(state);
 }
 
@@ -89,7 +90,8 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n,
                                const fmi3String categories[]) {
   bool known = true;
   const fmi3Status status = status_of(instance, "fmi3SetDebugLogging", [&] {
-    known = switch_logging(*instance_of(instance), "fmi3SetDebugLogging", &Log::change, on, n, categories);
+    known = switch_logging(*instance_of(instance), "fmi3SetDebugLogging", &Log::switch_categories, on, n,
+                           categories);
   });
   return known ? status : fmi3Warning;
 }
@@ -102,21 +104,21 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          fmi3IntermediateUpdateCallback intermediate) {
   try {
     const Log log(make_sink(log_message, environment), logging);
-    const auto refuse = [&log](const std::string& message) {
+    const auto reject = [&log](const std::string& message) {
       log.write(LogCategory::kError, "fmi3InstantiateCoSimulation: " + message);
       return nullptr;
     };
-    if (name == nullptr || *name == '\0') return refuse("the instance needs a name");
+    if (name == nullptr || *name == '\0') return reject("the instance name is empty");
     try {
       auto instance = std::make_unique<Instance>(
           name, resources == nullptr ? "" : resources, log,
           StepOptions{event_mode, early_return, make_intermediate(intermediate, environment, early_return)});
       if (token == nullptr || (instance->token() != token && !instance->use_arrays(token))) {
-        return refuse("the instantiation token is not this FMU's");
+        return reject("wrong instantiation token, expected " + instance->token());
       }
       return instance.release();
     } catch (const std::exception& error) {
-      return refuse(error.what());
+      return reject(error.what());
     }
   } catch (...) {
     return nullptr;
@@ -128,7 +130,7 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String, fmi3String, fm
                                           fmi3LogMessageCallback log_message) {
   if (log_message != nullptr) {
     log_message(environment, fmi3Error, "logStatusError",
-                "fmi3InstantiateModelExchange: this FMU is for co-simulation alone");
+                "fmi3InstantiateModelExchange: only co-simulation is supported");
   }
   return nullptr;
 }
@@ -139,7 +141,7 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3Strin
                                                fmi3LockPreemptionCallback, fmi3UnlockPreemptionCallback) {
   if (log_message != nullptr) {
     log_message(environment, fmi3Error, "logStatusError",
-                "fmi3InstantiateScheduledExecution: this FMU is for co-simulation alone");
+                "fmi3InstantiateScheduledExecution: only co-simulation is supported");
   }
   return nullptr;
 }
@@ -209,7 +211,7 @@ fmi3Status fmi3SetString(fmi3Instance instance, const fmi3ValueReference vr[], s
 
 fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState* state) {
   return status_of(instance, "fmi3GetFMUState", [&] {
-    require(state != nullptr, "null pointer");
+    require(state != nullptr, "an argument is a null pointer");
     if (*state == nullptr) {
       *state = new Snapshot(instance_of(instance)->snapshot());
     } else {
@@ -232,7 +234,7 @@ fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState* state) {
 
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t* size) {
   return status_of(instance, "fmi3SerializedFMUStateSize", [&] {
-    require(size != nullptr, "null pointer");
+    require(size != nullptr, "an argument is a null pointer");
     *size = serialize(snapshot_of(state), instance_of(instance)->token()).size();
   });
 }
@@ -240,7 +242,8 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state,
 fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
   return status_of(instance, "fmi3SerializeFMUState", [&] {
     const auto serialized = serialize(snapshot_of(state), instance_of(instance)->token());
-    require(bytes != nullptr && size >= serialized.size(), "too few bytes for the state");
+    require(bytes != nullptr && size >= serialized.size(),
+            "the buffer is a null pointer or too small for the state");
     std::memcpy(bytes, serialized.data(), serialized.size());
   });
 }
@@ -248,7 +251,7 @@ fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3
 fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size,
                                    fmi3FMUState* state) {
   return status_of(instance, "fmi3DeserializeFMUState", [&] {
-    require(state != nullptr, "null pointer");
+    require(state != nullptr, "an argument is a null pointer");
     *state = new Snapshot(
         deserialize(bytes, size, instance_of(instance)->layout(), instance_of(instance)->token()));
   });

@@ -1,5 +1,4 @@
-// Entry points of FMI 3.0 that this FMU does not offer: importers want to find every function of the
-// standard.
+// Entry points of FMI 3.0 that this FMU does not support; importers expect all functions of the standard.
 #include "fmu/fmi/guard.h"
 
 extern "C" {
@@ -16,13 +15,12 @@ fmi3Status status_of(fmi3Instance instance, const char* function, const Call& ca
 }
 
 fmi3Status unsupported(fmi3Instance instance, const char* function) {
-  return status_of(instance, function,
-                   [] { throw std::logic_error("this FMU does not offer the function"); });
+  return status_of(instance, function, [] { throw std::logic_error("this function is not supported"); });
 }
 
-/// Getters and setters of types that no variable has: fine for no variables, an error for any.
+/// Getters and setters of types that no variable has: no effect for zero references, an error otherwise.
 fmi3Status no_such_type(fmi3Instance instance, const char* function, size_t n) {
-  return status_of(instance, function, [n] { require(n == 0, "this FMU has no variables of the type"); });
+  return status_of(instance, function, [n] { require(n == 0, "this FMU has no variables of this type"); });
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// How the entry points of FMI 3.0 reach their instance.
+// Helpers of the FMI 3.0 entry points.
 #pragma once
 
 #include "fmu/fmi/guard.h"
@@ -11,7 +11,7 @@ namespace robotcell::fmi {
 
 inline Instance* instance_of(fmi3Instance instance) { return static_cast<Instance*>(instance); }
 
-/// Status of a call; what it throws becomes a message and an error.
+/// Runs a call; an exception becomes an error message and status.
 template <class Call>
 fmi3Status status_of(fmi3Instance instance, const char* function, const Call& call) {
   return guarded(instance_of(instance), function, call) ? fmi3OK : fmi3Error;

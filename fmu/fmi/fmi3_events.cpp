@@ -1,4 +1,4 @@
-// Entry points of FMI 3.0 that deal with events: the clock ticks with every trigger record.
+// Entry points of FMI 3.0 for events: the clock ticks with every trigger record.
 #include "fmu/fmi/fmi3_calls.h"
 #include "fmu/fmi/variable_table.h"
 
@@ -16,9 +16,9 @@ fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
 
 fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Clock values[]) {
   return status_of(instance, "fmi3GetClock", [&] {
-    require(n == 0 || (vr != nullptr && values != nullptr), "null pointer");
+    require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for (size_t i = 0; i < n; ++i) {
-      require(vr[i] == instance_of(instance)->record_clock_reference(), "the variable is no clock");
+      require(vr[i] == instance_of(instance)->record_clock_reference(), "the variable is not a clock");
       values[i] = instance_of(instance)->record_clock();
     }
   });

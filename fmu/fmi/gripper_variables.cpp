@@ -7,20 +7,18 @@ namespace {
 void add_commands(TableBuilder& table, GripperCommandInputs& in) {
   const auto input = Causality::kInput;
   const auto discrete = Variability::kDiscrete;
-  table.add(
-      "command.gripper.mode", input, discrete, kNone,
-      "What the gripper does from the controller's next cycle on: 0 go on with what it was told last (at "
-      "first: keep its opening), 1 open or close to command.gripper.width, 2 close with "
-      "command.gripper.force",
-      in.mode);
+  table.add("command.gripper.mode", input, discrete, kNone,
+            "Gripper mode, read at the next controller cycle: 0 keep the last command (at the start: hold "
+            "the width), 1 move to command.gripper.width, 2 close with command.gripper.force",
+            in.mode);
   table.limit_integer(0, 2);
   table.add("command.gripper.width", input, discrete, kMetre,
-            "Distance between the pads of the two fingers in mode 1, limited to the gripper's stroke; the "
-            "fingers move at their largest speed and press with up to their largest force",
+            "Commanded distance between the pads in gripper mode 1, clamped to the stroke; the fingers move "
+            "at their maximum speed with up to their maximum force",
             in.width);
   table.add("command.gripper.force", input, discrete, kNewton,
-            "Force of each finger in mode 2, limited to the gripper's largest; the fingers approach at their "
-            "largest speed",
+            "Commanded grip force of each finger in gripper mode 2, clamped to the maximum force; the "
+            "fingers close at their maximum speed",
             in.force);
 }
 
@@ -29,14 +27,14 @@ void add_contact_forces(TableBuilder& table, GripperOutputs& out) {
   const auto discrete = Variability::kDiscrete;
   for (std::size_t i = 0; i < 2; ++i) {
     const std::string pad =
-        " of the pad of finger " + std::to_string(i + 1) + " on the parts that it touches";
+        " of the pad of finger " + std::to_string(i + 1) + " on all parts that it touches";
     const std::string name = indexed("truth.finger", i);
     table.add(name + ".normal_force", output, discrete, kNewton,
-              "True normal force" + pad + ", in the present dynamics step", out.normal_force[i]);
+              "Normal force" + pad + " in the current dynamics step", out.normal_force[i]);
     for (std::size_t axis = 0; axis < 3; ++axis) {
       table.add(indexed(name + ".contact_force", axis), output, discrete, kNewton,
-                "True force" + pad + ", friction included, along the world's " + kAxisNames[axis] +
-                    ", in the present dynamics step",
+                "Contact force" + pad + ", friction included, in the current dynamics step: " +
+                    kAxisNames[axis] + " component, world frame",
                 out.contact_force[i][axis]);
     }
   }
@@ -45,17 +43,17 @@ void add_contact_forces(TableBuilder& table, GripperOutputs& out) {
 }  // namespace
 
 void add_gripper(TableBuilder& table, GripperCommandInputs& in, GripperOutputs& out,
-                 const Dependencies& known) {
+                 const Dependencies& dependencies) {
   const auto output = Causality::kOutput;
   const auto discrete = Variability::kDiscrete;
   add_commands(table, in);
   table.add("measured.gripper.width", output, Variability::kContinuous, kMetre,
-            "Distance between the pads of the two fingers", out.width, known.file);
+            "Measured distance between the pads of the two fingers", out.width, dependencies.file);
   table.add("measured.gripper.force", output, discrete, kNewton,
-            "Closing force of the fingers' drives, mean of both; negative while they open", out.force);
+            "Measured closing force, mean of the two finger drives; negative while opening", out.force);
   table.add("measured.gripper.gripped", output, discrete, kNone,
-            "Whether the fingers hold something: they press with the force that they were told and stand "
-            "still, but are not closed",
+            "True if the gripper holds an object: the fingers press with the commanded force and stand still "
+            "without being closed",
             out.gripped);
   add_contact_forces(table, out);
 }

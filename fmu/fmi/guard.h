@@ -1,4 +1,4 @@
-// The border to C: no exception passes it.
+// Boundary to the C interface: no exception passes it.
 #pragma once
 
 #include <exception>
@@ -9,7 +9,8 @@
 
 namespace robotcell::fmi {
 
-/// Runs one call of the importer; true on success. What is thrown becomes a message, and the instance fails.
+/// Runs one call of the importer; true on success. An exception is logged, and the instance enters the error
+/// state.
 template <class Call>
 bool guarded(Instance* instance, const char* function, const Call& call) noexcept {
   if (instance == nullptr) return false;
@@ -31,20 +32,20 @@ bool guarded(Instance* instance, const char* function, const Call& call) noexcep
   return false;
 }
 
-/// Switches categories of messages (`change` is a member of Log); true when all names are known.
-template <class Change>
-bool switch_logging(Instance& instance, const char* function, Change change, bool on, std::size_t n,
-                    const char* const* names) {
-  std::vector<std::string> wanted;
-  if (n > 0 && names == nullptr) throw std::invalid_argument("null pointer");
+/// Switches log categories with a member function of Log; true where all names are known.
+template <class SwitchFunction>
+bool switch_logging(Instance& instance, const char* function, SwitchFunction switch_function, bool on,
+                    std::size_t n, const char* const* names) {
+  std::vector<std::string> categories;
+  if (n > 0 && names == nullptr) throw std::invalid_argument("an argument is a null pointer");
   for (std::size_t i = 0; i < n; ++i) {
-    if (names[i] == nullptr) throw std::invalid_argument("null string");
-    wanted.emplace_back(names[i]);
+    if (names[i] == nullptr) throw std::invalid_argument("a string is a null pointer");
+    categories.emplace_back(names[i]);
   }
-  const std::string unknown = (instance.log().*change)(on, wanted);
+  const std::string unknown = (instance.log().*switch_function)(on, categories);
   if (unknown.empty()) return true;
   instance.log().write(LogCategory::kWarning,
-                       std::string(function) + ": there is no category '" + unknown + "'");
+                       std::string(function) + ": unknown log category '" + unknown + "'");
   return false;
 }
 

@@ -5,14 +5,14 @@
 #include <limits>
 #include <stdexcept>
 
+#include "fmu/control/time_units.h"
 #include "fmu/fmi/resource_location.h"
 
 namespace robotcell::fmi {
 namespace {
 
-constexpr double kTicksPerSecond = 1e6;
-constexpr double kHalfTick = 0.5 / kTicksPerSecond;
-constexpr double kLongestTime = 1e9;  // s: below it a double still tells microseconds apart
+constexpr double kHalfMicrosecond = 0.5 / kMicrosecondsPerSecond;
+constexpr double kMaxTime = 1e9;  // s: a double resolves microseconds up to here
 constexpr double kNever = std::numeric_limits<double>::infinity();
 
 }  // namespace
@@ -23,45 +23,54 @@ Instance::Instance(std::string name, std::string resource_location, Log log, Ste
       log_(std::move(log)),
       options_(std::move(options)),
       stop_time_(kNever),
-      own_(load_cell(description_path(CellParameters().cell_file))),
-      layout_(layout_of(own_.description)),
+      default_cell_(load_cell(description_path(CellParameters().cell_file))),
+      loaded_(default_cell_),
+      layout_(layout_of(default_cell_->description)),
       values_(layout_),
       table_(layout_, values_),
-      token_(table_.token(false)) {}
+      token_(table_.token(false)) {
+  start_unset_inputs(default_cell_->description);
+}
 
 void Instance::setup(double start_time, std::optional<double> stop_time) {
-  if (phase_ != Phase::kInstantiated) refuse("setting up the experiment", phase_);
-  if (!(std::abs(start_time) < kLongestTime)) throw std::invalid_argument("the start time must be finite");
+  if (phase_ != Phase::kInstantiated) reject_call("setting up the experiment", phase_);
+  if (!(std::abs(start_time) < kMaxTime)) {
+    throw std::invalid_argument("the start time must be finite and below 1e9 s, not " +
+                                std::to_string(start_time));
+  }
   if (stop_time && !(*stop_time >= start_time)) {
-    throw std::invalid_argument("the stop time must not lie before the start time");
+    throw std::invalid_argument("the stop time " + std::to_string(*stop_time) +
+                                " s is before the start time " + std::to_string(start_time) + " s");
   }
   start_time_ = communication_time_ = start_time;
   stop_time_ = stop_time.value_or(kNever);
 }
 
 void Instance::enter_initialization() {
-  if (phase_ != Phase::kInstantiated) refuse("entering initialization mode", phase_);
+  if (phase_ != Phase::kInstantiated) reject_call("entering initialization mode", phase_);
   phase_ = Phase::kInitialization;
 }
 
 void Instance::exit_initialization() {
-  if (phase_ != Phase::kInitialization) refuse("leaving initialization mode", phase_);
+  if (phase_ != Phase::kInitialization) reject_call("leaving initialization mode", phase_);
   cell();
   phase_ = options_.event_mode ? Phase::kEvent : Phase::kStepping;
 }
 
 void Instance::terminate() {
-  if (phase_ != Phase::kStepping && phase_ != Phase::kEvent) refuse("terminating", phase_);
+  if (phase_ != Phase::kStepping && phase_ != Phase::kEvent) reject_call("terminating", phase_);
   phase_ = Phase::kTerminated;
   log_.write(LogCategory::kEvent, "terminated at " + std::to_string(communication_time_) + " s");
 }
 
 void Instance::reset() {
-  if (phase_ == Phase::kIntermediate) refuse("resetting", phase_);
+  if (phase_ == Phase::kIntermediate) reject_call("resetting", phase_);
   phase_ = Phase::kInstantiated;
   start_time_ = communication_time_ = 0;
   stop_time_ = kNever;
   values_ = Values(layout_);
+  home_inputs_set_ = {};
+  start_unset_inputs(default_cell_->description);
   outputs_fresh_ = false;
   events_ = 0;
   logged_limit_ = 0;
@@ -69,55 +78,59 @@ void Instance::reset() {
 }
 
 void Instance::enter_event_mode() {
-  if (!options_.event_mode) throw std::logic_error("the instance was made without event mode");
-  if (phase_ != Phase::kStepping) refuse("entering event mode", phase_);
+  if (!options_.event_mode) throw std::logic_error("the instance was created without event mode");
+  if (phase_ != Phase::kStepping) reject_call("entering event mode", phase_);
   phase_ = Phase::kEvent;
 }
 
 void Instance::enter_step_mode() {
-  if (phase_ != Phase::kEvent) refuse("entering step mode", phase_);
+  if (phase_ != Phase::kEvent) reject_call("entering step mode", phase_);
   events_ = 0;
   phase_ = Phase::kStepping;
 }
 
 void Instance::require_event() const {
-  if (phase_ != Phase::kEvent) refuse("evaluating discrete states", phase_);
+  if (phase_ != Phase::kEvent) reject_call("evaluating discrete states", phase_);
 }
 
-/// Nothing to iterate over: what is set in an event acts in the step that follows. Clocks are done.
+/// No iteration is needed: inputs set in an event act in the next step. Clocks are reset.
 void Instance::update_discrete_states() {
-  if (phase_ != Phase::kEvent) refuse("updating discrete states", phase_);
+  if (phase_ != Phase::kEvent) reject_call("updating discrete states", phase_);
   events_ = 0;
 }
 
 bool Instance::record_clock() const {
-  if (phase_ != Phase::kEvent && phase_ != Phase::kInitialization) refuse("reading a clock", phase_);
-  return (events_ & kRecordShown) != 0;
+  if (phase_ != Phase::kEvent && phase_ != Phase::kInitialization) reject_call("reading a clock", phase_);
+  return (events_ & kRecordPublished) != 0;
 }
 
-std::int64_t Instance::ticks_to(double time) const {
-  return std::llround((time - start_time_) * kTicksPerSecond);
+std::int64_t Instance::microseconds_to(double time) const {
+  return std::llround((time - start_time_) * kMicrosecondsPerSecond);
 }
 
 void Instance::check_step(double current, double step) const {
-  if (phase_ != Phase::kStepping) refuse("a step", phase_);
+  if (phase_ != Phase::kStepping) reject_call("a step", phase_);
   const double next = current + step;
-  if (!(step > 0) || !(std::abs(next - start_time_) < kLongestTime)) {
-    throw std::invalid_argument("the communication step size must be positive and finite");
+  if (!(step > 0) || !(std::abs(next - start_time_) < kMaxTime)) {
+    throw std::invalid_argument("the communication step size must be positive and finite, not " +
+                                std::to_string(step));
   }
-  if (!(std::abs(current - communication_time_) <= kHalfTick)) {
+  if (!(std::abs(current - communication_time_) <= kHalfMicrosecond)) {
     throw std::invalid_argument("the communication point " + std::to_string(current) +
-                                " s is not where the last step ended, " +
+                                " s differs from the end of the last step, " +
                                 std::to_string(communication_time_) + " s");
   }
-  if (next > stop_time_ + kHalfTick) throw std::invalid_argument("the step goes beyond the stop time");
+  if (next > stop_time_ + kHalfMicrosecond) {
+    throw std::invalid_argument("the step to " + std::to_string(next) + " s exceeds the stop time " +
+                                std::to_string(stop_time_) + " s");
+  }
 }
 
-/// Goes to the communication point current + step. The cell's clock follows the absolute time, rounded to
-/// microseconds: parts of a microsecond are carried from step to step and never add up.
+/// Advances to the communication point current + step. The cell's clock follows the absolute time rounded to
+/// microseconds, so rounding errors do not accumulate over steps.
 StepResult Instance::do_step(double current, double step) {
   check_step(current, step);
-  const std::int64_t planned = ticks_to(current + step);
+  const std::int64_t planned = microseconds_to(current + step);
   std::int64_t end = planned;
   const Events wanted = options_.event_mode && options_.early_return ? kAllEvents : 0;
   Cell& running = cell();
@@ -126,13 +139,13 @@ StepResult Instance::do_step(double current, double step) {
   while (reached < end) {
     const std::int64_t stop = next_stop(end);
     reached = running.run(values_.inputs, stop, wanted);
-    if (reached < stop) break;  // at an event
-    if (reached < end) end = ask_importer(reached, end);
+    if (reached < stop) break;  // stopped at an event
+    if (reached < end) end = intermediate_update(reached, end);
   }
   const Events happened = running.end_step();
   events_ = options_.event_mode ? happened : 0;
   if (reached < planned) {
-    now_at(reached);
+    set_time(reached);
   } else {
     communication_time_ = current + step;
   }
@@ -144,57 +157,65 @@ StepResult Instance::do_step(double current, double step) {
 void Instance::log_step(Events happened, bool early) {
   refresh_outputs();
   const CellOutputs& out = values_.outputs;
-  if ((happened & kRecordShown) != 0) {
-    log_.write(LogCategory::kEvent, "exposure " + std::to_string(out.trigger.index) +
-                                        ", whose middle was at " + std::to_string(out.trigger.time) +
-                                        " s, is on display");
+  if ((happened & kRecordPublished) != 0) {
+    log_.write(LogCategory::kEvent, "record of exposure " + std::to_string(out.trigger.index) +
+                                        " (middle at " + std::to_string(out.trigger.time) + " s)");
   }
   if ((happened & kCollisionChanged) != 0) {
     log_.write(LogCategory::kEvent, out.collision.pairs == 0
-                                        ? "nothing collides any more"
+                                        ? "no collision any more"
                                         : "body " + std::to_string(out.collision.body_a) +
                                               " collides with body " + std::to_string(out.collision.body_b));
   }
   if (out.controller.limit != logged_limit_) {
     logged_limit_ = out.controller.limit;
-    log_.write(LogCategory::kEvent,
-               out.controller.limit == 0
-                   ? "no limit is in the way of a set-point any more"
-                   : "a limit keeps axis " + std::to_string(out.controller.limit) + " from its set-point");
+    log_.write(LogCategory::kEvent, out.controller.limit == 0
+                                        ? "all axes are within their limits again"
+                                        : "axis " + std::to_string(out.controller.limit) + " is at a limit");
   }
   if (early) {
-    log_.write(LogCategory::kEvent, "the step ends early, at " + std::to_string(communication_time_) + " s");
+    log_.write(LogCategory::kEvent,
+               "early return from the step at " + std::to_string(communication_time_) + " s");
   }
 }
 
-/// The next instant of the controller's cycle where the importer wants to be called, else the end.
+/// The next controller cycle where intermediate updates are used, else the end of the step.
 std::int64_t Instance::next_stop(std::int64_t end) const {
   if (!options_.intermediate) return end;
   const std::int64_t cycle = cell_->controller_cycle_us();
   return std::min(end, (cell_->time_us() / cycle + 1) * cycle);
 }
 
-/// Lets the importer look at the outputs inside a step; returns where the step ends from now on.
-std::int64_t Instance::ask_importer(std::int64_t now, std::int64_t end) {
-  now_at(now);
+/// Calls the importer within a step; returns the new end of the step.
+std::int64_t Instance::intermediate_update(std::int64_t now, std::int64_t end) {
+  set_time(now);
   phase_ = Phase::kIntermediate;
   const std::optional<double> wanted = options_.intermediate(communication_time_);
-  if (phase_ != Phase::kIntermediate) throw std::logic_error("a call inside the intermediate update failed");
+  if (phase_ != Phase::kIntermediate) throw std::logic_error("a call during the intermediate update failed");
   phase_ = Phase::kStepping;
   if (!wanted || !options_.early_return) return end;
-  if (!std::isfinite(*wanted)) throw std::invalid_argument("the time of the early return must be finite");
-  return std::clamp(ticks_to(std::min(*wanted, communication_time_ + kLongestTime)), now, end);
+  if (!std::isfinite(*wanted)) {
+    throw std::invalid_argument("the time of the early return must be finite, not " +
+                                std::to_string(*wanted));
+  }
+  return std::clamp(microseconds_to(std::min(*wanted, communication_time_ + kMaxTime)), now, end);
 }
 
-void Instance::now_at(std::int64_t ticks) {
-  communication_time_ = start_time_ + static_cast<double>(ticks) / kTicksPerSecond;
+void Instance::set_time(std::int64_t ticks) {
+  communication_time_ = start_time_ + static_cast<double>(ticks) / kMicrosecondsPerSecond;
   outputs_fresh_ = false;
 }
 
-LoadedCell load_cell(const std::string& path) {
+std::shared_ptr<const LoadedCell> load_cell(const std::string& path,
+                                            const std::shared_ptr<const LoadedCell>& known) {
   const std::string json = read_text_file(path);
+  const std::uint64_t hash = hash_of(reinterpret_cast<const std::uint8_t*>(json.data()), json.size());
+  if (known && known->path == path && known->hash == hash) return known;
   try {
-    return {path, hash_of(reinterpret_cast<const std::uint8_t*>(json.data()), json.size()), parse_cell(json)};
+    CellDescription description = parse_cell(json);
+    proximity::BodySet bodies(std::move(description.sensing.meshes), known ? &known->bodies : nullptr);
+    return std::make_shared<const LoadedCell>(
+        LoadedCell{path, hash, std::move(description), std::move(bodies)});
   } catch (const DescriptionError& error) {
     throw DescriptionError(path + ": " + error.what());
   }
@@ -202,32 +223,44 @@ LoadedCell load_cell(const std::string& path) {
 
 std::string Instance::description_path(const std::string& file) const {
   if (!file.empty() && file.front() == '/') return file;
-  if (file.empty()) throw std::invalid_argument("cell.file must name a file");
+  if (file.empty()) {
+    throw std::invalid_argument("cell.file is empty: expected the path of a cell description");
+  }
   return resource_folder(resource_location_) + "/" + file;
+}
+
+void Instance::start_unset_inputs(const CellDescription& cell) {
+  CellInputs start = start_inputs(cell);
+  const auto from = home_inputs(start);
+  const auto to = home_inputs(values_.inputs);
+  for (std::size_t i = 0; i < kHomeInputs; ++i) {
+    if (!home_inputs_set_[i]) *to[i] = *from[i];
+  }
 }
 
 Cell& Instance::cell() {
   if (cell_) return *cell_;
   const std::string path = description_path(values_.parameters.cell_file);
-  const LoadedCell loaded = path == own_.path ? own_ : load_cell(path);
-  const std::string other = difference(layout_of(loaded.description), layout_);
+  loaded_ = path == default_cell_->path ? default_cell_ : load_cell(path, loaded_);
+  const CellDescription& description = loaded_->description;
+  const std::string other = difference(layout_of(description), layout_);
   if (!other.empty()) {
-    throw DescriptionError(path + ": its layout is not that of this FMU's variables: " + other);
+    throw DescriptionError(path + ": its devices do not match the variables of this FMU: " + other);
   }
   try {
-    cell_ = std::make_unique<Cell>(loaded.description, values_.parameters);
+    cell_ = std::make_unique<Cell>(description, loaded_->bodies, values_.parameters);
   } catch (const DescriptionError& error) {
     throw DescriptionError(path + ": " + error.what());
   }
-  description_hash_ = loaded.hash;
-  log_.write(LogCategory::kEvent, "the cell is made from " + path);
-  const std::string cost = cost_of_soft_parts(loaded.description.parts);
-  if (!cost.empty()) log_.write(LogCategory::kWarning, cost);
+  start_unset_inputs(description);
+  log_.write(LogCategory::kEvent, "cell loaded from " + path);
+  const std::string warning = soft_part_warning(description.parts);
+  if (!warning.empty()) log_.write(LogCategory::kWarning, warning);
   return *cell_;
 }
 
 Snapshot Instance::snapshot() const {
-  if (phase_ == Phase::kIntermediate) refuse("getting the state", phase_);
+  if (phase_ == Phase::kIntermediate) reject_call("getting the state", phase_);
   Snapshot snapshot(layout_);
   snapshot.phase = phase_;
   snapshot.start_time = start_time_;
@@ -236,29 +269,32 @@ Snapshot Instance::snapshot() const {
   snapshot.events = events_;
   snapshot.parameters = values_.parameters;
   snapshot.inputs = values_.inputs;
-  snapshot.description_hash = cell_ ? description_hash_ : 0;
+  snapshot.home_inputs_set = home_inputs_set_;
+  snapshot.description_hash = cell_ ? loaded_->hash : 0;
   if (cell_) snapshot.cell = cell_->state();
   return snapshot;
 }
 
 void Instance::restore(const Snapshot& snapshot) {
-  if (phase_ == Phase::kIntermediate) refuse("setting the state", phase_);
+  if (phase_ == Phase::kIntermediate) reject_call("setting the state", phase_);
   if (snapshot.phase == Phase::kEvent && !options_.event_mode) {
-    throw std::invalid_argument("the state is from event mode, which this instance does not use");
+    throw std::invalid_argument("the state was taken in event mode, which this instance does not use");
   }
   const CellParameters before = values_.parameters;
   values_.parameters = snapshot.parameters;
   values_.inputs = snapshot.inputs;
+  home_inputs_set_ = snapshot.home_inputs_set;
   outputs_fresh_ = false;
   if (!snapshot.cell || !same_parameters(before, snapshot.parameters)) cell_.reset();
   if (snapshot.cell) {
     const double elapsed = snapshot.communication_time - snapshot.start_time;
-    if (std::llround(elapsed * kTicksPerSecond) != snapshot.cell->time_us) {
-      throw std::invalid_argument("the state's times contradict each other");
+    if (std::llround(elapsed * kMicrosecondsPerSecond) != snapshot.cell->time_us) {
+      throw std::invalid_argument(
+          "the times of the state are inconsistent: communication time and cell time differ");
     }
     cell();
-    if (description_hash_ != snapshot.description_hash) {
-      throw std::invalid_argument("the state belongs to another description of the cell");
+    if (loaded_->hash != snapshot.description_hash) {
+      throw std::invalid_argument("the state belongs to another cell description than " + loaded_->path);
     }
     cell_->restore(*snapshot.cell);
   }

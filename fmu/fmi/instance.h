@@ -1,4 +1,4 @@
-// One instance of the FMU, free of either FMI version: phases, values, time, states, messages.
+// One instance of the FMU, independent of the FMI version: phases, values, time, states, log.
 #pragma once
 
 #include <functional>
@@ -14,45 +14,47 @@
 
 namespace robotcell::fmi {
 
-/// How the importer of FMI 3 wants to be told what happens inside a step. With FMI 2, nothing of it.
+/// Options of an FMI 3 importer for events and early return; defaults for FMI 2.
 struct StepOptions {
   bool event_mode = false;
   bool early_return = false;
-  /// Called at every cycle of the controller inside a step, with the time. Returns the time at which the
-  /// importer wants the step to end, where it wants that.
+  /// Called at every controller cycle within a step, with the time. Returns the time at which the importer
+  /// wants the step to end, if it does.
   std::function<std::optional<double>(double time)> intermediate;
 };
 
-/// A description, and where it is from.
+/// A cell description loaded from a file.
 struct LoadedCell {
   std::string path;
-  std::uint64_t hash = 0;  // of the file's bytes
-  CellDescription description;
+  std::uint64_t hash = 0;       // of the file content
+  CellDescription description;  // without the meshes of the bodies
+  proximity::BodySet bodies;
 };
 
-/// Throws DescriptionError that names the file.
-LoadedCell load_cell(const std::string& path);
+/// Loads a description. `known` is reused where the file is the same, else its bounding volumes of equal
+/// meshes. Throws DescriptionError that names the file.
+std::shared_ptr<const LoadedCell> load_cell(const std::string& path,
+                                            const std::shared_ptr<const LoadedCell>& known = nullptr);
 
 struct StepResult {
-  bool event = false;  // there was an event, and the importer uses event mode
-  bool early = false;  // the step ended before its end
+  bool event = false;  // an event occurred and the importer uses event mode
+  bool early = false;  // the step ended before its planned end
 };
 
-/// Everything throws std::exception on an illegal argument or call; the C functions turn that into Error,
-/// after which only state restoring, reset, terminate, getters and free are allowed.
+/// All functions throw std::exception on an illegal argument or call. The C functions return Error then,
+/// after which only restoring a state, reset, terminate, getters and free are allowed.
 class Instance {
  public:
-  /// Reads the cell in the FMU's resources, whose layout decides which variables there are.
+  /// Loads the cell in the FMU's resources, whose layout determines the variables.
   Instance(std::string name, std::string resource_location, Log log, StepOptions options = {});
 
   const std::string& name() const { return name_; }
   const CellLayout& layout() const { return layout_; }
   const std::string& token() const { return token_; }
 
-  /// Answers from now on as the variant whose variables are merged into arrays. Returns whether the token is
-  /// that variant's.
+  /// Switches to the variant with array variables; false where the token is not that of this variant.
   bool use_arrays(const std::string& token);
-  /// Values behind a reference: more than one for an array.
+  /// Number of scalars behind a reference: more than one for an array.
   std::size_t size_of(std::uint32_t reference) const {
     return array_sizes_.empty() ? 1 : array_size(reference);
   }
@@ -71,7 +73,7 @@ class Instance {
   void enter_step_mode();
   void require_event() const;
   void update_discrete_states();
-  /// Whether the clock of the records ticks in the present event.
+  /// Whether the record clock ticks in the present event.
   bool record_clock() const;
   double last_successful_time() const { return communication_time_; }
 
@@ -90,12 +92,13 @@ class Instance {
   std::size_t array_size(std::uint32_t reference) const;
   void refresh_outputs();
   Cell& cell();
+  void start_unset_inputs(const CellDescription& cell);
   std::string description_path(const std::string& file) const;
-  std::int64_t ticks_to(double time) const;
+  std::int64_t microseconds_to(double time) const;
   void check_step(double current, double step) const;
   std::int64_t next_stop(std::int64_t end) const;
-  std::int64_t ask_importer(std::int64_t now, std::int64_t end);
-  void now_at(std::int64_t ticks);
+  std::int64_t intermediate_update(std::int64_t now, std::int64_t end);
+  void set_time(std::int64_t ticks);
   void log_step(Events happened, bool early);
 
   std::string name_;
@@ -106,17 +109,18 @@ class Instance {
   double start_time_ = 0;
   double stop_time_;
   double communication_time_ = 0;
-  LoadedCell own_;
+  std::shared_ptr<const LoadedCell> default_cell_;  // the description in the FMU's resources
+  std::shared_ptr<const LoadedCell> loaded_;        // the description loaded last
   CellLayout layout_;
   Values values_;
+  HomeInputFlags home_inputs_set_{};  // set by the importer; other home inputs follow the loaded cell
   VariableTable table_;
   std::string token_;
-  std::vector<std::uint32_t> array_sizes_;  // by reference, 0 inside an array; empty without arrays
+  std::vector<std::uint32_t> array_sizes_;  // by reference, 0 within an array; empty without arrays
   bool outputs_fresh_ = false;
-  Events events_ = 0;  // of the last step, and not dealt with yet
+  Events events_ = 0;  // of the last step, not yet handled
   std::int32_t logged_limit_ = 0;
-  std::unique_ptr<Cell> cell_;
-  std::uint64_t description_hash_ = 0;
+  std::unique_ptr<Cell> cell_;  // created from loaded_
 };
 
 }  // namespace robotcell::fmi

@@ -1,4 +1,5 @@
-// How importers read and set the variables of an instance.
+// Getting and setting the variables of an instance.
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -9,24 +10,27 @@ namespace robotcell::fmi {
 bool Instance::use_arrays(const std::string& token) {
   if (token != table_.token(true)) return false;
   array_sizes_.assign(table_.variables().size(), 0);
-  for (const Entry& entry : list_entries(table_.variables(), true))
+  for (const Entry& entry : list_entries(table_.variables(), true)) {
     array_sizes_[entry.reference] = entry.size;
+  }
   return true;
 }
 
 std::size_t Instance::array_size(std::uint32_t reference) const {
   if (reference >= array_sizes_.size() || array_sizes_[reference] == 0) {
-    throw std::invalid_argument("there is no variable with value reference " + std::to_string(reference));
+    throw std::invalid_argument("unknown value reference " + std::to_string(reference));
   }
   return array_sizes_[reference];
 }
 
 const Variable& Instance::variable(std::uint32_t reference, Type type) const {
   if (reference >= table_.variables().size()) {
-    throw std::invalid_argument("there is no variable with value reference " + std::to_string(reference));
+    throw std::invalid_argument("unknown value reference " + std::to_string(reference));
   }
   const Variable& found = table_.variables()[reference];
-  if (found.type != type) throw std::invalid_argument(found.name + " is of another type");
+  if (found.type != type) {
+    throw std::invalid_argument(found.name + " has another type than the called function");
+  }
   return found;
 }
 
@@ -37,6 +41,8 @@ T& Instance::get(std::uint32_t reference) {
       (found.causality == Causality::kOutput || found.causality == Causality::kIndependent)) {
     refresh_outputs();
   }
+  // Inputs that were not set start at the home pose of the cell, which must be loaded first.
+  if (found.causality == Causality::kInput && phase_ == Phase::kInitialization) cell();
   return member<T>(found);
 }
 
@@ -46,9 +52,9 @@ void Instance::check_settable(const Variable& variable) const {
   if (!input && variable.causality != Causality::kParameter) {
     throw std::invalid_argument(variable.name + " is neither an input nor a parameter");
   }
-  // All inputs are discrete: an importer that uses event mode sets them there.
+  // All inputs are discrete: importers that use event mode set them there.
   const Phase open = options_.event_mode ? Phase::kEvent : Phase::kStepping;
-  if (!early && !(input && phase_ == open)) refuse("setting " + variable.name, phase_);
+  if (!early && !(input && phase_ == open)) reject_call("setting " + variable.name, phase_);
 }
 
 template <class T>
@@ -56,7 +62,9 @@ void Instance::set(std::uint32_t reference, const T& value) {
   const Variable& found = variable(reference, type_of<T>());
   check_settable(found);
   if constexpr (std::is_same_v<T, double>) {
-    if (!std::isfinite(value)) throw std::invalid_argument(found.name + " must be a finite number");
+    if (!std::isfinite(value)) {
+      throw std::invalid_argument(found.name + " must be a finite number, not " + std::to_string(value));
+    }
   }
   if constexpr (std::is_same_v<T, std::int32_t>) {
     if (found.max > found.min && (value < found.min || value > found.max)) {
@@ -65,6 +73,11 @@ void Instance::set(std::uint32_t reference, const T& value) {
     }
   }
   member<T>(found) = value;
+  if constexpr (std::is_same_v<T, double>) {
+    const auto homes = home_inputs(values_.inputs);
+    const auto home = std::find(homes.begin(), homes.end(), &member<T>(found));
+    if (home != homes.end()) home_inputs_set_[static_cast<std::size_t>(home - homes.begin())] = true;
+  }
   if (found.causality == Causality::kParameter) {
     cell_.reset();
     outputs_fresh_ = false;
@@ -81,7 +94,7 @@ template void Instance::set(std::uint32_t, const bool&);
 template void Instance::set(std::uint32_t, const std::string&);
 
 void Instance::refresh_outputs() {
-  if (phase_ == Phase::kInstantiated) refuse("getting an output", phase_);
+  if (phase_ == Phase::kInstantiated) reject_call("getting an output", phase_);
   cell().write_outputs(values_.outputs);
   if (values_.outputs.trigger.index > 0) values_.outputs.trigger.time += start_time_;
   values_.time = communication_time_;

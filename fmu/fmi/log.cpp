@@ -11,7 +11,7 @@ void Log::switch_all(bool on) {
   on_[static_cast<std::size_t>(LogCategory::kError)] = true;
 }
 
-std::string Log::change(bool on, const std::vector<std::string>& names) {
+std::string Log::switch_categories(bool on, const std::vector<std::string>& names) {
   if (names.empty()) switch_all(on);
   std::string unknown;
   for (const std::string& name : names) {
@@ -28,9 +28,9 @@ std::string Log::change(bool on, const std::vector<std::string>& names) {
   return unknown;
 }
 
-std::string Log::choose(bool on, const std::vector<std::string>& names) {
+std::string Log::select_only(bool on, const std::vector<std::string>& names) {
   switch_all(false);
-  return on ? change(true, names) : "";
+  return on ? switch_categories(true, names) : "";
 }
 
 }  // namespace robotcell::fmi

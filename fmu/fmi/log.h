@@ -1,4 +1,4 @@
-// Messages to the importer, by category.
+// Log messages to the importer, by category.
 #pragma once
 
 #include <array>
@@ -9,7 +9,7 @@
 
 namespace robotcell::fmi {
 
-/// What messages are about; the first three of the names that FMI 2 predefines for all FMUs.
+/// Categories of messages: the first three are predefined by FMI 2.
 enum class LogCategory : std::size_t { kError, kWarning, kEvent };
 
 struct LogCategoryText {
@@ -17,15 +17,16 @@ struct LogCategoryText {
   const char* description;
 };
 
-/// By category; the last, "logAll", stands for all of them.
+/// By category; the last entry, "logAll", selects all categories.
 constexpr std::array<LogCategoryText, 4> kLogCategories{{
-    {"logStatusError", "Errors: what was wrong, and where; logged even with logging off"},
-    {"logStatusWarning", "What was odd, though the call did its work"},
-    {"logEvents", "What happens: the cell's start, exposures, limits, steps that end early, the end"},
-    {"logAll", "Every message"},
+    {"logStatusError", "Errors, with the variable or function concerned; always logged"},
+    {"logStatusWarning", "Warnings: the call succeeded with limitations"},
+    {"logEvents",
+     "Events: cell loaded, trigger records, axis limits, collisions, early returns, termination"},
+    {"logAll", "All messages"},
 }};
 
-/// Decides what reaches the importer.
+/// Filters messages by category.
 class Log {
  public:
   using Sink = std::function<void(LogCategory category, const std::string& message)>;
@@ -33,17 +34,17 @@ class Log {
   /// `sink` may be empty. `on` switches all categories.
   Log(Sink sink, bool on) : sink_(std::move(sink)) { switch_all(on); }
 
-  /// Errors always, other categories where they are switched on.
+  /// True for errors, and for other categories that are switched on.
   bool wants(LogCategory category) const { return sink_ && on_[static_cast<std::size_t>(category)]; }
   void write(LogCategory category, const std::string& message) const;
 
-  /// The categories named, or all where none is named, are switched on or off; the others stay (FMI 3).
-  /// A name that does not exist is left out, and returned (the last of them; "" for none).
-  std::string change(bool on, const std::vector<std::string>& names);
+  /// Switches the named categories, or all where none is named, on or off and leaves the others (FMI 3).
+  /// Returns an unknown name (the last one), or "".
+  std::string switch_categories(bool on, const std::vector<std::string>& names);
 
-  /// The categories named (all where none is named) are switched on and the others off; all are switched off
-  /// with `on` false (FMI 2).
-  std::string choose(bool on, const std::vector<std::string>& names);
+  /// Switches the named categories (all where none is named) on and all others off; all off where `on` is
+  /// false (FMI 2). Returns an unknown name (the last one), or "".
+  std::string select_only(bool on, const std::vector<std::string>& names);
 
  private:
   void switch_all(bool on);

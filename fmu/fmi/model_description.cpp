@@ -4,9 +4,11 @@
 #include <locale>
 #include <sstream>
 
+#include "fmu/control/time_units.h"
 #include "fmu/fmi/entries.h"
 #include "fmu/fmi/log.h"
 #include "fmu/fmi/table_builder.h"
+#include "fmu/model/start_inputs.h"
 
 namespace robotcell::fmi {
 namespace {
@@ -36,7 +38,7 @@ std::string escaped(const std::string& text) {
   return xml;
 }
 
-/// Shortest text that reads back as the same number, in any locale.
+/// Shortest text that parses to the same number, independent of the locale.
 std::string number(double value) {
   char buffer[32];
   return {buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr};
@@ -79,7 +81,7 @@ const char* type_name(Type type, int version) {
   }
 }
 
-/// FMI 2 counts variables from 1 in its model structure, FMI 3 uses value references.
+/// FMI 2 uses one-based indices in the model structure, FMI 3 value references.
 std::size_t structure_index(std::size_t reference, int version) {
   return version == 2 ? reference + 1 : reference;
 }
@@ -101,9 +103,8 @@ bool has_start(const Variable& variable) {
   return variable.causality == Causality::kParameter || variable.causality == Causality::kInput;
 }
 
-/// Attributes that the type carries: declared type, bounds.
-/// The unit comes with the declared type; FMI 2 importers look for it at the variable as well, while strict
-/// readers of FMI 3 stumble over it there.
+/// Attributes of the type: declared type, unit, bounds. FMI 2 importers read the unit from the variable;
+/// strict FMI 3 parsers reject it there, so it is in the declared type only.
 std::string type_attributes(const Variable& variable, int version) {
   std::string text;
   const Unit& unit = variable.unit;
@@ -126,7 +127,7 @@ std::string common_attributes(const Variable& variable, const Entry& entry) {
   return text + " description=\"" + escaped(entry.description) + "\"";
 }
 
-/// The attribute `start`, with a value for each element; empty where the standard wants none.
+/// The attribute `start` with a value for each element; empty where the standard does not allow it.
 std::string start_attribute(const std::vector<Variable>& variables, const Entry& entry) {
   if (!has_start(variables[entry.reference])) return "";
   std::string text = " start=\"";
@@ -142,9 +143,10 @@ std::string variable_element(const std::vector<Variable>& variables, const Entry
   const std::string common = common_attributes(variable, entry);
   const std::string start = start_attribute(variables, entry);
   const std::string attributes = type_attributes(variable, version);
-  if (version == 2)
+  if (version == 2) {
     return "<ScalarVariable" + common + "><" + type + attributes + start + "/></ScalarVariable>";
-  if (variable.type == Type::kString) {  // whose start is an element
+  }
+  if (variable.type == Type::kString) {  // in FMI 3 the start of a string is an element
     const std::string value = has_start(variable) ? "<Start value=\"" + start_of(variable) + "\"/>" : "";
     return "<" + type + common + ">" + value + "</" + type + ">";
   }
@@ -153,8 +155,8 @@ std::string variable_element(const std::vector<Variable>& variables, const Entry
          "\"/></" + type + ">";
 }
 
-/// One entry of the model structure. Outputs depend on no input at the same instant: what is commanded at a
-/// communication point acts behind it.
+/// One entry of the model structure. Outputs have no direct feedthrough: inputs act after the communication
+/// point.
 void write_unknown(std::ostream& xml, const char* element, std::size_t reference,
                    const std::vector<std::uint32_t>& dependencies, int version) {
   xml << (version == 2 ? "      <" : "    <") << element
@@ -166,7 +168,7 @@ void write_unknown(std::ostream& xml, const char* element, std::size_t reference
   xml << "\"/>\n";
 }
 
-/// The variables and the model structure.
+/// Lists of variables and of the model structure.
 class Listing {
  public:
   Listing(const VariableTable& table, const DescriptionOptions& options)
@@ -183,7 +185,7 @@ class Listing {
     if (clock_) {
       xml << "    <Clock name=\"trigger.clock\" valueReference=\"" << table_.record_clock_reference()
           << "\" causality=\"output\" variability=\"discrete\" intervalVariability=\"triggered\" "
-             "description=\"Ticks when the record of an exposure comes on display\"/>\n";
+             "description=\"Ticks when a new trigger record becomes the current one\"/>\n";
     }
     xml << "  </ModelVariables>\n";
   }
@@ -214,8 +216,8 @@ class Listing {
 
 struct UnitDefinition {
   Unit unit;
-  const char* base;            // exponents of SI base units
-  const char* display_factor;  // of the display unit
+  const char* base;            // exponents of the SI base units
+  const char* display_factor;  // display unit per unit
 };
 
 constexpr const char* kDegrees = "57.29577951308232";
@@ -280,6 +282,7 @@ std::string model_description(const CellDescription& cell, const DescriptionOpti
   xml.imbue(std::locale::classic());
   const CellLayout layout = layout_of(cell);
   Values values(layout);
+  values.inputs = start_inputs(cell);
   const VariableTable table(layout, values);
   write_head(xml, cell, table.token(options.arrays && version == 3), options);
   write_units_and_types(xml, version);
@@ -289,7 +292,7 @@ std::string model_description(const CellDescription& cell, const DescriptionOpti
   }
   xml << "  </LogCategories>\n";
   xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\""
-      << number(static_cast<double>(cell.controller_cycle_us) / 1e6) << "\"/>\n";
+      << number(static_cast<double>(cell.controller_cycle_us) / kMicrosecondsPerSecond) << "\"/>\n";
   const Listing listing(table, options);
   listing.write_variables(xml);
   listing.write_structure(xml);

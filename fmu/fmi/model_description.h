@@ -1,4 +1,4 @@
-// modelDescription.xml of either FMI version, made from the variable table.
+// Generates modelDescription.xml of both FMI versions from the variable table.
 #pragma once
 
 #include <string>
@@ -9,16 +9,17 @@ namespace robotcell::fmi {
 
 struct DescriptionOptions {
   int version = 3;  // 2 or 3
-  /// Describes the clock of the trigger records as well (FMI 3): importers that know no clocks crash on it,
-  /// and event mode works without.
+  /// Include the clock of the trigger records (FMI 3). Off by default: importers without support for clocks
+  /// crash on it, and event mode works without.
   bool clock = false;
-  /// Merges indexed scalars into arrays (FMI 3): few importers read arrays, some read zeros instead.
+  /// Merge indexed scalars into arrays (FMI 3). Off by default: few importers support arrays, and some read
+  /// zeros.
   bool arrays = false;
-  /// What the binaries need from the machine, for the description; may be empty.
+  /// System requirements of the binaries, for the description text; may be empty.
   std::string needs;
 };
 
-/// The cell gives name and step size; everything else comes from the variable table.
+/// Name and step size come from the cell, everything else from the variable table.
 std::string model_description(const CellDescription& cell, const DescriptionOptions& options);
 
 }  // namespace robotcell::fmi

@@ -13,44 +13,42 @@ std::string axis_name(std::size_t axis) {
 }
 
 void add_targets(TableBuilder& table, MotionCommand& motion) {
-  const char* taken =
-      ": in mode 1 the controller takes it at its next cycle and reaches it one cycle later, in modes 2 and "
-      "3 "
-      "it is where the next move leads";
+  const std::string streamed =
+      ": in mode 1 streamed set-point, reached one controller cycle after it is read; in ";
   for (std::size_t i = 0; i < kJoints; ++i) {
     table.add(indexed("command.q", i), kInput, kDiscrete, kRadian,
-              "Set-point of " + axis_name(i) + taken + " (of the joints in mode 2 alone)",
-              motion.position[i]);
+              "Angle of " + axis_name(i) + streamed + "mode 2 target of the next move", motion.position[i]);
   }
-  table.add("command.table", kInput, kDiscrete, kRadian, std::string("Set-point of the rotary table") + taken,
+  table.add("command.table", kInput, kDiscrete, kRadian,
+            "Angle of the rotary table, not wrapped" + streamed + "modes 2 and 3 target of the next move",
             motion.position[kTableAxis]);
   for (std::size_t i = 0; i < 3; ++i) {
     table.add(indexed("command.target.position", i), kInput, kDiscrete, kMetre,
-              std::string("Where the next straight line leads: ") + kAxisNames[i] +
-                  " of the sensor's origin in the world, by the arm's nominal geometry",
+              std::string("Target of the next linear move: ") + kAxisNames[i] +
+                  " of the sensor origin, world frame, by the nominal geometry of the arm",
               motion.target_position[i]);
   }
   constexpr const char* kParts[] = {"w", "x", "y", "z"};
   for (std::size_t i = 0; i < 4; ++i) {
     table.add(indexed("command.target.orientation", i), kInput, kDiscrete, kNone,
-              std::string("Where the next straight line leads: orientation of the sensor in the world, ") +
-                  kParts[i] + " of the unit quaternion",
+              std::string("Target of the next linear move: ") + kParts[i] +
+                  " of the unit quaternion world_from_sensor, by the nominal geometry of the arm",
               motion.target_orientation[i]);
   }
 }
 
 void add_move_commands(TableBuilder& table, MotionCommand& motion) {
   table.add("command.start", kInput, kDiscrete, kNone,
-            "Every increase, in mode 2 or 3, starts a move to the present target from where the axes rest; a "
-            "move under way stops on its path first",
+            "Counter: every increase in mode 2 or 3 starts a move to the present target. A running move "
+            "first stops on its path",
             motion.start);
   table.add("command.speed", kInput, kDiscrete, kNone,
-            "Share of the full speed with which the next move goes, above 0, at most 1: of the slowest axis' "
-            "greatest speed in mode 2, of the line speed of the description in mode 3",
+            "Speed of the next move as a fraction, above 0 and at most 1: in mode 2 of the axis speed "
+            "limits, in mode 3 of the linear and angular speed limits of the tool",
             motion.speed);
   table.add("command.monitor_speed", kInput, kDiscrete, kNone,
-            "Share, 0 to 1, by which moves are slowed down while they go, without leaving their path; 0 "
-            "pauses. Streamed set-points and jogs are not scaled",
+            "Speed override of running moves, 0 to 1, without leaving the path; 0 pauses. Streamed "
+            "set-points and jogs are not scaled",
             motion.monitor_speed);
 }
 
@@ -58,51 +56,47 @@ void add_jog_commands(TableBuilder& table, MotionCommand& motion) {
   constexpr const char* kDirections[] = {"along x", "along y", "along z", "about x", "about y", "about z"};
   for (std::size_t i = 0; i < kAxes; ++i) {
     const std::string cartesian =
-        i == kTableAxis ? ", in mode 5 too" : std::string(", in mode 5 the sensor ") + kDirections[i];
-    table.add(indexed("command.jog", i), kInput, kDiscrete, kNone,
-              "Speed of a jog, -1 to 1 of the speed that the description allows by hand: in mode 4 " +
-                  axis_name(i) + cartesian,
-              motion.jog[i]);
+        i == kTableAxis ? " (in mode 5, too)" : std::string("; in mode 5 the sensor ") + kDirections[i];
+    table.add(
+        indexed("command.jog", i), kInput, kDiscrete, kNone,
+        "Jog speed as a fraction of the jog speed limit, -1 to 1: in mode 4 " + axis_name(i) + cartesian,
+        motion.jog[i]);
   }
-  table.add("command.jog_frame", kInput, kDiscrete, kNone,
-            "Axes of a Cartesian jog: 0 the world's, 1 the sensor's own", motion.jog_frame);
+  table.add("command.jog_frame", kInput, kDiscrete, kNone, "Frame of a Cartesian jog: 0 world, 1 sensor",
+            motion.jog_frame);
   table.limit_integer(0, 1);
 }
 
 void add_safety_commands(TableBuilder& table, MotionCommand& motion) {
   table.add("command.operation", kInput, kDiscrete, kNone,
-            "0 manual: jogs alone move the robot, no program does or changes its speed. 1 automatic: a "
-            "program moves it (modes 1 to 3), jogs are refused",
+            "Operation: 0 manual, where only jogs (modes 4 and 5) move the robot; 1 automatic, where modes 1 "
+            "to 3 move it and jogs are rejected",
             motion.operation);
   table.limit_integer(0, 1);
   table.add("command.emergency_stop", kInput, kDiscrete, kNone,
-            "Stops all axes as fast as their acceleration limits allow, a move on its path; stays in force "
-            "until command.reset",
+            "Emergency stop: true stops all axes as fast as their acceleration limits allow, a move on its "
+            "path. Latched until command.reset",
             motion.emergency_stop);
-  table.add(
-      "command.reset", kInput, kDiscrete, kNone,
-      "Every increase ends an emergency stop, if the button is released, all axes rest and command.mode "
-      "is 0; what was stopped does not go on",
-      motion.reset);
+  table.add("command.reset", kInput, kDiscrete, kNone,
+            "Counter: every increase clears an emergency stop if command.emergency_stop is false, all axes "
+            "are at rest and command.mode is 0. The stopped motion is not resumed",
+            motion.reset);
   table.add("command.heartbeat", kInput, kDiscrete, kNone,
-            "Any change shows that the sender of set-points or jogs lives; see command.max_age",
-            motion.heartbeat);
-  table.add(
-      "command.max_age", kInput, kDiscrete, kSecond,
-      "Time without a heartbeat after which set-points and jogs (modes 1, 4, 5) are too old and the axes "
-      "brake; 0: never",
-      motion.max_age);
+            "Watchdog: any change restarts the timeout of command.max_age", motion.heartbeat);
+  table.add("command.max_age", kInput, kDiscrete, kSecond,
+            "Timeout of the watchdog: without a change of command.heartbeat for this time, set-points and "
+            "jogs (modes 1, 4, 5) are rejected and the axes brake; 0 disables it",
+            motion.max_age);
 }
 
 }  // namespace
 
 void add_motion_commands(TableBuilder& table, MotionCommand& motion) {
-  table.add(
-      "command.mode", kInput, kDiscrete, kNone,
-      "What the controller does: 0 brake and hold, 1 follow the set-points, 2 move the joints to their "
-      "set-points, 3 move the sensor straight to its target, 4 jog axes, 5 jog the sensor. Between other "
-      "modes than 0 and 1 the axes come to rest first",
-      motion.mode);
+  table.add("command.mode", kInput, kDiscrete, kNone,
+            "Controller mode: 0 hold (brake and rest), 1 servo (follow streamed set-points), 2 joint move, 3 "
+            "linear move of the sensor, 4 joint jog, 5 Cartesian jog of the sensor. Except between modes 0 "
+            "and 1, a change waits until the axes are at rest",
+            motion.mode);
   table.limit_integer(0, 5);
   add_targets(table, motion);
   add_move_commands(table, motion);
@@ -110,35 +104,36 @@ void add_motion_commands(TableBuilder& table, MotionCommand& motion) {
   add_safety_commands(table, motion);
 }
 
-void add_controller(TableBuilder& table, ControllerOutputs& controller, const Dependencies& known) {
+void add_controller(TableBuilder& table, ControllerOutputs& controller, const Dependencies& dependencies) {
   table.add("controller.mode", kOutput, kDiscrete, kNone,
-            "Mode in force; numbers of command.mode. It is 0 where the command is refused", controller.mode);
+            "Active controller mode, numbered as command.mode; 0 while the command is rejected",
+            controller.mode);
   table.add("controller.state", kOutput, kDiscrete, kNone,
-            "0 at rest, 1 moving as commanded, 2 braking, 3 emergency stop", controller.state);
+            "Controller state: 0 at rest, 1 moving as commanded, 2 braking, 3 emergency stop",
+            controller.state);
   table.add(
       "controller.error", kOutput, kDiscrete, kNone,
-      "Why the command is not carried out: 0 it is, 1 not in manual operation, 2 not in automatic "
-      "operation, 3 emergency stop, 4 no heartbeat, 5 target outside the limits, 6 a limit on the way, 7 "
-      "a singular position on the way or target out of reach",
+      "Reason for which the command is rejected: 0 none, 1 mode not allowed in manual operation, 2 mode not "
+      "allowed in automatic operation, 3 emergency stop, 4 watchdog timeout, 5 target outside the position "
+      "limits, 6 path outside the position limits, 7 singularity on the path or target out of reach",
       controller.error);
-  table.add("controller.moving", kOutput, kDiscrete, kNone, "Whether any axis is in motion",
-            controller.moving);
+  table.add("controller.moving", kOutput, kDiscrete, kNone, "True while any axis moves", controller.moving);
   table.add("controller.limit", kOutput, kDiscrete, kNone,
-            "First axis that a position or speed limit keeps from its set-point, or the axis of errors 5 and "
-            "6: 1 to 6 joint, 7 table, 0 none",
+            "First axis at a position or speed limit, or outside it with errors 5 and 6: 1 to 6 joint, 7 "
+            "table, 0 none",
             controller.limit);
   table.add("controller.progress", kOutput, kDiscrete, kNone,
-            "Share of the last move's path that is done, 0 to 1", controller.progress);
+            "Completed fraction of the path of the running or last move, 0 to 1", controller.progress);
   table.add("controller.at_destination", kOutput, kDiscrete, kNone,
-            "Whether all axes rest exactly at controller.destination", controller.at_destination);
+            "True while all axes are at rest exactly at controller.destination", controller.at_destination);
   for (std::size_t i = 0; i < kJoints; ++i) {
     table.add(indexed("controller.destination.q", i), kOutput, kDiscrete, kRadian,
-              "Where the motion in force, or the last one, leads: angle of joint " + std::to_string(i + 1),
-              controller.destination[i], known.file);
+              "Target of the running or last motion: angle of joint " + std::to_string(i + 1),
+              controller.destination[i], dependencies.file);
   }
   table.add("controller.destination.table", kOutput, kDiscrete, kRadian,
-            "Where the motion in force, or the last one, leads: angle of the table",
-            controller.destination[kTableAxis], known.file);
+            "Target of the running or last motion: angle of the table", controller.destination[kTableAxis],
+            dependencies.file);
 }
 
 }  // namespace robotcell::fmi

@@ -1,64 +1,66 @@
-// Outputs of encoders, truth, trigger and controller.
+// Outputs: encoders, true state, trigger, controller.
 #include "fmu/fmi/table_groups.h"
 
 namespace robotcell::fmi {
 namespace {
 
-void add_truth(TableBuilder& table, Truth& truth, const Dependencies& known) {
+void add_truth(TableBuilder& table, Truth& truth, const Dependencies& dependencies) {
   const auto output = Causality::kOutput;
   const auto continuous = Variability::kContinuous;
   for (std::size_t i = 0; i < kJoints; ++i) {
     table.add(indexed("truth.q", i), output, continuous, kRadian,
               "True angle of joint " + std::to_string(i + 1) +
-                  ", where dynamic drives leave the link; the zero error of the arm as built comes on top",
-              truth.position[i], known.true_axes);
+                  " on the link side of the gear, without the zero error as_built.dh[i].theta",
+              truth.position[i], dependencies.true_axes);
   }
-  table.add("truth.table", output, continuous, kRadian, "True angle of the table, not wrapped",
-            truth.position[kTableAxis], known.file);
-  table.add_bodies("truth.", "", continuous, truth.bodies, known.bodies);
+  table.add("truth.table", output, continuous, kRadian, "True angle of the rotary table, not wrapped",
+            truth.position[kTableAxis], dependencies.file);
+  table.add_bodies("truth.", "", continuous, truth.bodies, dependencies.bodies);
 }
 
 void add_record(TableBuilder& table, CellOutputs& out) {
   const auto output = Causality::kOutput;
   const auto discrete = Variability::kDiscrete;
   TriggerRecord& record = out.trigger;
-  table.add("trigger.count", output, discrete, kNone, "Exposures fired so far", out.trigger_count);
+  table.add("trigger.count", output, discrete, kNone, "Number of exposures fired since the start",
+            out.trigger_count);
   table.add("trigger.index", output, discrete, kNone,
-            "Number of the exposure whose record is on display, counted from 1; 0 before the first. Every "
-            "communication step displays the next finished record, if there is one",
+            "Number of the exposure in the current record, counted from 1; 0 before the first record. At the "
+            "end of each communication step the oldest queued record, if any, becomes the current one",
             record.index);
-  table.add("trigger.queued", output, discrete, kNone, "Finished records that wait for their display",
-            out.trigger_queued);
-  table.add("trigger.time", output, discrete, kSecond, "Middle of the exposure on display", record.time);
-  table.add("trigger.exposure", output, discrete, kSecond, "Duration of the exposure on display",
+  table.add("trigger.queued", output, discrete, kNone,
+            "Number of complete records in the queue behind the current one", out.trigger_queued);
+  table.add("trigger.time", output, discrete, kSecond,
+            "Simulation time at the middle of the exposure of the current record", record.time);
+  table.add("trigger.exposure", output, discrete, kSecond, "Duration of the exposure of the current record",
             record.exposure);
-  table.add("trigger.segment", output, discrete, kNone, "Path segment in which the exposure on display fired",
-            record.segment);
-  table.add_measurement("trigger.measured.", ", latched in the middle of the exposure on display",
+  table.add("trigger.segment", output, discrete, kNone,
+            "Value of command.segment when the exposure of the current record fired", record.segment);
+  table.add_measurement("trigger.measured.", ", at the middle of the exposure of the current record",
                         record.measured, {});
   BodiesDependencies none;
   none.parts.resize(record.truth.parts.size());
   none.fingers.resize(record.truth.fingers.size());
-  table.add_bodies("trigger.truth.", ", when the light of the exposure on display came", discrete,
+  table.add_bodies("trigger.truth.", ", at the instant of the light of the current record", discrete,
                    record.truth, none);
 }
 
 }  // namespace
 
-void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies& known) {
+void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies) {
   for (std::size_t i = 0; i < kJoints; ++i) {
     table.add(indexed("measured.torque", i), Causality::kOutput, Variability::kDiscrete, kNewtonMetre,
-              "Torque of the motor of joint " + std::to_string(i + 1) +
-                  ", as its drive reports it, behind the gear",
-              out.motor_torque[i], known.true_axes);
+              "Motor torque of joint " + std::to_string(i + 1) +
+                  " as reported by its drive, referred to the output side of the gear",
+              out.motor_torque[i], dependencies.true_axes);
   }
 }
 
-void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& known) {
-  table.add_measurement("measured.", "", out.measured, known.measured);
-  add_truth(table, out.truth, known);
+void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies) {
+  table.add_measurement("measured.", "", out.measured, dependencies.measured);
+  add_truth(table, out.truth, dependencies);
   add_record(table, out);
-  add_controller(table, out.controller, known);
+  add_controller(table, out.controller, dependencies);
 }
 
 }  // namespace robotcell::fmi

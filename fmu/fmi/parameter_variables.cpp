@@ -1,22 +1,22 @@
-// Parameters, and which initial values depend on them.
+// Parameters, and the initial values that depend on them.
 #include "fmu/fmi/table_groups.h"
 
 namespace robotcell::fmi {
 namespace {
 
-void add_as_built_arm(TableBuilder& table, AsBuilt& as_built, Dependencies& known) {
+void add_as_built_arm(TableBuilder& table, AsBuilt& as_built, Dependencies& dependencies) {
   PoseDependencies before;
-  before.position = before.orientation = known.file;
+  before.position = before.orientation = dependencies.file;
   for (std::size_t i = 0; i < kJoints; ++i) {
     DhDeviation& dh = as_built.dh[i];
     const std::string row = indexed("dh", i);
     const std::string link = " of link " + std::to_string(i + 1) + " (Denavit-Hartenberg)";
     PoseDependencies after = before;
-    const auto a = table.add_deviation(row + ".a", kMetre, "length a" + link, dh.a);
-    const auto d = table.add_deviation(row + ".d", kMetre, "offset d" + link, dh.d);
-    const auto alpha = table.add_deviation(row + ".alpha", kRadian, "twist alpha" + link, dh.alpha);
+    const auto a = table.add_deviation(row + ".a", kMetre, "link length a" + link, dh.a);
+    const auto d = table.add_deviation(row + ".d", kMetre, "link offset d" + link, dh.d);
+    const auto alpha = table.add_deviation(row + ".alpha", kRadian, "link twist alpha" + link, dh.alpha);
     const auto theta =
-        table.add_deviation(row + ".theta", kRadian, "zero of the joint angle theta" + link, dh.theta);
+        table.add_deviation(row + ".theta", kRadian, "zero offset of the joint angle theta" + link, dh.theta);
     after.add_length(a);
     after.add_length(d);
     after.add_angle(alpha);
@@ -24,82 +24,86 @@ void add_as_built_arm(TableBuilder& table, AsBuilt& as_built, Dependencies& know
     if (i == 1) {
       after.add_angle(table.add_deviation(
           row + ".beta", kRadian,
-          "turn about y after the twist of link 2 (Hayati), the tilt between the parallel "
-          "axes 2 and 3 that no Denavit-Hartenberg number expresses",
+          "rotation beta about y after the twist of link 2 (Hayati parameter): the tilt between the parallel "
+          "axes 2 and 3, which Denavit-Hartenberg parameters cannot express",
           dh.beta));
     }
-    // The row's own twists turn the link about its origin.
-    known.bodies.links[i] = {before.position, after.orientation, {}};
-    Refs& position = known.bodies.links[i].position;
+    // alpha and beta of a row rotate the link about its origin.
+    dependencies.bodies.links[i] = {before.position, after.orientation, {}};
+    Refs& position = dependencies.bodies.links[i].position;
     position.insert(position.end(), {a, d, theta});
     before = after;
   }
-  known.bodies.sensor = before;
-  known.bodies.fingers.assign(2, before);
+  dependencies.bodies.sensor = before;
+  dependencies.bodies.fingers.assign(2, before);
 }
 
-/// Gravity bends a compliant arm, and all rows of its geometry decide how.
-void sag(Dependencies& known) {
-  known.true_axes = known.bodies.sensor.orientation = known.bodies.sensor.position;
-  for (PoseDependencies& link : known.bodies.links) link.position = link.orientation = known.true_axes;
+/// Gravity deflects an arm with dynamic drives, and all rows of the geometry contribute.
+void add_gravity_deflection(Dependencies& dependencies) {
+  dependencies.true_axes = dependencies.bodies.sensor.orientation = dependencies.bodies.sensor.position;
+  for (PoseDependencies& link : dependencies.bodies.links) {
+    link.position = link.orientation = dependencies.true_axes;
+  }
 }
 
-void add_as_built_tool(TableBuilder& table, AsBuilt& as_built, Dependencies& known) {
+void add_as_built_tool(TableBuilder& table, AsBuilt& as_built, Dependencies& dependencies) {
   auto& tool = as_built.tool;
   for (std::size_t i = 0; i < 3; ++i) {
     const std::string axis = kAxisNames[i];
-    known.bodies.sensor.position.push_back(table.add_deviation(
-        "tool." + axis, kMetre, "shift of the sensor along its nominal " + axis, tool[i]));
+    dependencies.bodies.sensor.position.push_back(
+        table.add_deviation("tool." + axis, kMetre,
+                            "translation of the sensor along " + axis + " of its nominal frame", tool[i]));
   }
   for (std::size_t i = 0; i < 3; ++i) {
     const std::string axis = kAxisNames[i];
-    known.bodies.sensor.orientation.push_back(table.add_deviation(
+    dependencies.bodies.sensor.orientation.push_back(table.add_deviation(
         "tool.r" + axis, kRadian,
-        "turn of the sensor about its " + axis + " (intrinsic, in the order x, y, z)", tool[3 + i]));
+        "rotation of the sensor about its " + axis + " axis (intrinsic, order x, y, z)", tool[3 + i]));
   }
 }
 
 void add_wobble(TableBuilder& table, TableWobble& wobble, PoseDependencies& platter) {
-  platter.add_angle(table.add_deviation(
-      "table.wobble_amplitude", kRadian,
-      "amplitude of the table's wobble: at angle t, its axis is tilted by amplitude * cos(t + phase)",
-      wobble.amplitude));
+  platter.add_angle(table.add_deviation("table.wobble_amplitude", kRadian,
+                                        "amplitude of the table wobble: at table angle t the table axis is "
+                                        "tilted by amplitude * cos(t + phase)",
+                                        wobble.amplitude));
   platter.add_angle(
-      table.add_deviation("table.wobble_phase", kRadian, "phase of the table's wobble", wobble.phase));
-  platter.add_angle(table.add_deviation(
-      "table.wobble_direction", kRadian,
-      "angle in the table's x-y plane, from x, of the axis about which the table's axis wobbles",
-      wobble.direction));
+      table.add_deviation("table.wobble_phase", kRadian, "phase of the table wobble", wobble.phase));
+  platter.add_angle(table.add_deviation("table.wobble_direction", kRadian,
+                                        "direction of the axis about which the table axis wobbles: angle "
+                                        "from x in the table's nominal x-y plane",
+                                        wobble.direction));
 }
 
-void add_as_built_table(TableBuilder& table, AsBuilt& as_built, Dependencies& known) {
+void add_as_built_table(TableBuilder& table, AsBuilt& as_built, Dependencies& dependencies) {
   PoseDependencies platter;
-  platter.position = platter.orientation = known.file;
+  platter.position = platter.orientation = dependencies.file;
   for (std::size_t i = 0; i < 3; ++i) {
     const std::string axis = kAxisNames[i];
-    platter.add_length(table.add_deviation("table." + axis, kMetre,
-                                           "shift of the table's axis along the table's nominal " + axis,
-                                           as_built.table[i]));
+    platter.add_length(table.add_deviation(
+        "table." + axis, kMetre,
+        "translation of the table axis along " + axis + " of the nominal table frame", as_built.table[i]));
   }
   for (std::size_t i = 0; i < 2; ++i) {
     const std::string axis = kAxisNames[i];
     platter.add_angle(table.add_deviation(
         "table.r" + axis, kRadian,
-        "tilt of the table's axis about the table's " + axis + " (intrinsic, in the order x, y)",
+        "tilt of the table axis about " + axis + " of the nominal table frame (intrinsic, order x, y)",
         as_built.table[3 + i]));
   }
   for (std::size_t i = 0; i < 2; ++i) {
     const std::string axis = kAxisNames[i];
-    platter.add_length(table.add_deviation(
-        "platter." + axis, kMetre,
-        "distance of the platter's centre from the table's axis along " + axis + " of the turning frame",
-        as_built.platter[i]));
+    platter.add_length(
+        table.add_deviation("platter." + axis, kMetre,
+                            "eccentricity: position of the platter centre from the table axis along " + axis +
+                                " of the rotating frame",
+                            as_built.platter[i]));
   }
   add_wobble(table, as_built.wobble, platter);
-  known.bodies.table = platter;
+  dependencies.bodies.table = platter;
 }
 
-/// The parameters on which a displacement and its rate depend at the start.
+/// Parameters on which a displacement and its rate depend at the start.
 struct VibrationDependencies {
   Refs position, velocity;
 };
@@ -117,91 +121,93 @@ VibrationDependencies add_vibration(TableBuilder& table, const std::string& plac
   }
   const auto frequency =
       table.add_deviation(name + ".frequency", kHertz, what + "frequency of the sine", vibration.frequency);
-  both.push_back(table.add_deviation(name + ".phase", kRadian, what + "phase of the sine at the start",
-                                     vibration.phase));
-  both.push_back(table.add_deviation(name + ".random_rms", kMetre,
-                                     what + "root mean square, along each axis, of a random part: a sum of "
-                                            "sines, evenly spread over a band of frequencies, by the seed",
-                                     vibration.random_rms));
+  both.push_back(
+      table.add_deviation(name + ".phase", kRadian, what + "phase of the sine at time 0", vibration.phase));
+  both.push_back(
+      table.add_deviation(name + ".random_rms", kMetre,
+                          what + "root mean square displacement along each axis of the random part, a sum of "
+                                 "sines in a frequency band that depends on the seed",
+                          vibration.random_rms));
   const auto low =
-      table.add_deviation(name + ".random_low", kHertz, what + "where the band starts", vibration.random_low);
-  const auto width =
-      table.add_deviation(name + ".random_width", kHertz, what + "width of the band", vibration.random_width);
+      table.add_deviation(name + ".random_low", kHertz,
+                          what + "lower frequency of the band of the random part", vibration.random_low);
+  const auto width = table.add_deviation(
+      name + ".random_width", kHertz,
+      what + "width of the frequency band of the random part; above 0 where random_rms is",
+      vibration.random_width);
   both.push_back(seed);
-  VibrationDependencies known{both, both};
-  known.velocity.insert(known.velocity.end(), {frequency, low, width});
-  return known;
+  VibrationDependencies dependencies{both, both};
+  dependencies.velocity.insert(dependencies.velocity.end(), {frequency, low, width});
+  return dependencies;
 }
 
 void append(Refs& refs, const Refs& more) { refs.insert(refs.end(), more.begin(), more.end()); }
 
-void shake(PoseDependencies& body, const VibrationDependencies& by) {
+void add_vibration_dependencies(PoseDependencies& body, const VibrationDependencies& by) {
   append(body.position, by.position);
   append(body.velocity, by.velocity);
 }
 
-void add_vibrations(TableBuilder& table, AsBuilt& as_built, std::uint32_t seed, Dependencies& known) {
+void add_vibrations(TableBuilder& table, AsBuilt& as_built, std::uint32_t seed, Dependencies& dependencies) {
   const auto base = add_vibration(table, "base", "the robot's base", as_built.base_vibration, seed);
   const auto flange = add_vibration(table, "flange", "the flange", as_built.flange_vibration, seed);
   const auto rotary = add_vibration(table, "table", "the table at angle 0", as_built.table_vibration, seed);
-  BodiesDependencies& bodies = known.bodies;
+  BodiesDependencies& bodies = dependencies.bodies;
   for (PoseDependencies& link : bodies.links) {
-    link.velocity = known.file;
-    shake(link, base);
+    link.velocity = dependencies.file;
+    add_vibration_dependencies(link, base);
   }
   std::vector<PoseDependencies*> tools{&bodies.sensor};
   for (PoseDependencies& finger : bodies.fingers) tools.push_back(&finger);
   for (PoseDependencies* tool : tools) {
-    tool->velocity = known.file;
-    shake(*tool, base);
+    tool->velocity = dependencies.file;
+    add_vibration_dependencies(*tool, base);
   }
-  // The flange shakes along its own axes, and the tools with it.
+  // The flange and the tools vibrate along the axes of the flange.
   const Refs axes = bodies.links.back().orientation;
   tools.push_back(&bodies.links.back());
   for (PoseDependencies* body : tools) {
-    shake(*body, flange);
+    add_vibration_dependencies(*body, flange);
     append(body->position, axes);
     append(body->velocity, axes);
   }
-  bodies.table.velocity = known.file;
-  shake(bodies.table, rotary);
+  bodies.table.velocity = dependencies.file;
+  add_vibration_dependencies(bodies.table, rotary);
 }
 
 }  // namespace
 
 Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellParameters& parameters) {
-  Dependencies known;
-  const auto file = table.add(
-      "cell.file", Causality::kParameter, Variability::kFixed, kNone,
-      "Description of the cell (JSON in SI units): an absolute path, or one relative to the FMU's resources",
-      parameters.cell_file);
-  const auto seed = table.add(
-      "seed", Causality::kParameter, Variability::kFixed, kNone,
-      "Seed of all random numbers, together with the seed in the cell's description; the same seeds give the "
-      "same noise at any communication step",
-      parameters.seed);
-  known.file = {file};
-  known.measured = {file, seed};
-  add_as_built_arm(table, parameters.as_built, known);
-  known.true_axes = known.file;
-  if (layout.dynamic_drives) sag(known);
-  add_as_built_tool(table, parameters.as_built, known);
-  add_as_built_table(table, parameters.as_built, known);
-  add_vibrations(table, parameters.as_built, seed, known);
-  const PoseDependencies standing{known.file, known.file, {}};
+  Dependencies dependencies;
+  const auto file = table.add("cell.file", Causality::kParameter, Variability::kFixed, kNone,
+                              "Cell description (JSON in SI units): absolute path, or path relative to the "
+                              "FMU's resources; its devices must match those of this FMU",
+                              parameters.cell_file);
+  const auto seed = table.add("seed", Causality::kParameter, Variability::kFixed, kNone,
+                              "Random seed of all noise, combined with the seed in the cell description; "
+                              "equal seeds give equal noise, independent of the communication step size",
+                              parameters.seed);
+  dependencies.file = {file};
+  dependencies.measured = {file, seed};
+  add_as_built_arm(table, parameters.as_built, dependencies);
+  dependencies.true_axes = dependencies.file;
+  if (layout.dynamic_drives) add_gravity_deflection(dependencies);
+  add_as_built_tool(table, parameters.as_built, dependencies);
+  add_as_built_table(table, parameters.as_built, dependencies);
+  add_vibrations(table, parameters.as_built, seed, dependencies);
+  const PoseDependencies fixed{dependencies.file, dependencies.file, {}};
   for (const PartLayout& part : layout.parts) {
-    known.bodies.parts.push_back(part.on_table ? known.bodies.table : standing);
+    dependencies.bodies.parts.push_back(part.on_table ? dependencies.bodies.table : fixed);
   }
-  table.add_deviation("trigger.latency", kSecond,
-                      "time by which the light of an exposure comes after the instant at which its "
-                      "measurements are latched",
-                      parameters.as_built.trigger.latency);
   table.add_deviation(
-      "trigger.jitter", kSecond,
-      "standard deviation by which that time varies from exposure to exposure, by the seed; the "
-      "light never comes before the instant of firing",
-      parameters.as_built.trigger.jitter);
-  return known;
+      "trigger.latency", kSecond,
+      "mean delay of the light of an exposure after its middle, where the encoders are latched; not negative",
+      parameters.as_built.trigger.latency);
+  table.add_deviation("trigger.jitter", kSecond,
+                      "standard deviation of the delay of the light from exposure to exposure; not negative. "
+                      "The light never precedes the instant of firing",
+                      parameters.as_built.trigger.jitter);
+  return dependencies;
 }
 
 }  // namespace robotcell::fmi

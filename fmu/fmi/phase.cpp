@@ -26,7 +26,7 @@ const char* phase_name(Phase phase) {
 
 }  // namespace
 
-void refuse(const std::string& what, Phase phase) {
+void reject_call(const std::string& what, Phase phase) {
   throw std::logic_error(what + " is not allowed " + phase_name(phase));
 }
 

@@ -1,4 +1,4 @@
-// Where an instance is between being made and being freed.
+// Phases of an instance between instantiation and termination.
 #pragma once
 
 #include <cstdint>
@@ -12,11 +12,11 @@ enum class Phase : std::int32_t {
   kStepping,
   kTerminated,
   kFailed,
-  kEvent,         // FMI 3, where the importer uses event mode
-  kIntermediate,  // FMI 3, while the importer is called from inside a step: never in a state
+  kEvent,         // FMI 3 with event mode
+  kIntermediate,  // FMI 3, during an intermediate update; never part of a state
 };
 
 /// Throws std::logic_error: `what` is not allowed in this phase.
-[[noreturn]] void refuse(const std::string& what, Phase phase);
+[[noreturn]] void reject_call(const std::string& what, Phase phase);
 
 }  // namespace robotcell::fmi

@@ -21,8 +21,9 @@ std::string percent_decoded(const std::string& uri) {
     }
     const int high = i + 2 < uri.size() ? hex_digit(uri[i + 1]) : -1;
     const int low = i + 2 < uri.size() ? hex_digit(uri[i + 2]) : -1;
-    if (high < 0 || low < 0)
-      throw std::invalid_argument("the resource location '" + uri + "' has a broken % escape");
+    if (high < 0 || low < 0) {
+      throw std::invalid_argument("the resource location '" + uri + "' has an invalid percent-encoding");
+    }
     path += static_cast<char>(16 * high + low);
     i += 2;
   }
@@ -39,7 +40,7 @@ bool has_file_scheme(const std::string& location) {
   return true;
 }
 
-/// Path of a file URI, still encoded: without scheme and host.
+/// Path of a file URI without scheme and host, still percent-encoded.
 std::string path_of_uri(const std::string& location) {
   std::string rest = location.substr(5);
   if (rest.rfind("//", 0) == 0) {
@@ -56,7 +57,7 @@ std::string path_of_uri(const std::string& location) {
 }  // namespace
 
 std::string resource_folder(const std::string& location) {
-  if (location.empty()) throw std::invalid_argument("the importer gave no location of the FMU's resources");
+  if (location.empty()) throw std::invalid_argument("the importer passed no resource location");
   std::string path = location;
   if (has_file_scheme(location)) {
     path = percent_decoded(path_of_uri(location));

@@ -5,9 +5,9 @@
 namespace robotcell::fmi {
 
 template <>
-constexpr Phase kLast<Phase> = Phase::kEvent;  // what follows is never in a state
+constexpr Phase kLast<Phase> = Phase::kEvent;  // kIntermediate is never part of a state
 template <>
-constexpr Carrier kLast<Carrier> = Carrier::kFlange;
+constexpr SupportingBody kLast<SupportingBody> = SupportingBody::kFlange;
 template <>
 constexpr GripperMode kLast<GripperMode> = GripperMode::kForce;
 template <>
@@ -21,11 +21,11 @@ constexpr control::JogFrame kLast<control::JogFrame> = control::JogFrame::kTool;
 template <>
 constexpr control::Phase kLast<control::Phase> = control::Phase::kEmergencyStop;
 template <>
-constexpr control::Refusal kLast<control::Refusal> = control::Refusal::kSingular;
+constexpr control::ControllerError kLast<control::ControllerError> = control::ControllerError::kSingular;
 
 }  // namespace robotcell::fmi
 
-// Found by argument-dependent lookup, so each lives in the namespace of its structure.
+// Found by argument-dependent lookup, so each function is in the namespace of its structure.
 namespace robotcell {
 
 using fmi::exchange_all;
@@ -100,14 +100,14 @@ void exchange(A& a, TriggerRecord& v) {
 }
 template <class A>
 void exchange(A& a, PendingRecord& v) {
-  exchange_all(a, v.middle_us, v.light_us, v.measured, v.lit, v.record);
+  exchange_all(a, v.middle_us, v.light_us, v.measured, v.illuminated, v.record);
 }
 template <class A>
 void exchange(A& a, TriggerState& v) {
   exchange_all(a, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry, v.entry_angle,
-               v.path, v.path_reference, v.open, v.shown);
-  // The record on display has the right size for all others.
-  PendingRecord empty(v.shown);
+               v.path, v.path_reference, v.incomplete, v.current_record);
+  // The current record has the layout of all others.
+  PendingRecord empty(v.current_record);
   fmi::exchange_sequence(a, v.pending, empty);
 }
 template <class A>
@@ -116,16 +116,16 @@ void exchange(A& a, AxesState& v) {
 }
 template <class A>
 void exchange(A& a, PartPose& v) {
-  exchange_all(a, v.carrier, v.position, v.orientation);
+  exchange_all(a, v.supporting_body, v.position, v.orientation);
 }
 template <class A>
-void exchange(A& a, StickAnchor& v) {
+void exchange(A& a, StickConstraint& v) {
   exchange_all(a, v.support, v.normal, v.support_from_body);
 }
 template <class A>
 void exchange(A& a, GripperCommand& v) {
   exchange_all(a, v.mode);
-  exchange_within(a, fmi::kNoLimit, v.width, v.force);  // as an importer has set them
+  exchange_within(a, fmi::kNoLimit, v.width, v.force);  // as set by the importer
 }
 template <class A>
 void exchange(A& a, GripperState& v) {
@@ -145,7 +145,7 @@ void exchange(A& a, SoftPoint& v) {
 }
 template <class A>
 void exchange(A& a, FreePartState& v) {
-  exchange_all(a, v.position, v.velocity, v.carrier, v.anchors, v.points);
+  exchange_all(a, v.position, v.velocity, v.main_support, v.stick_constraints, v.points);
 }
 
 template <class A>
@@ -178,7 +178,8 @@ void exchange(A& a, ServoState& v) {
 }
 template <class A>
 void exchange(A& a, MotionPath& v) {
-  fmi::exchange_all(a, v.line, v.from, v.to, v.start_position, v.start_turn, v.shift, v.turn);
+  fmi::exchange_all(a, v.line, v.from, v.to, v.start_position, v.start_orientation, v.translation,
+                    v.rotation_vector);
 }
 template <class A>
 void exchange(A& a, SmoothProfile& v) {
@@ -190,33 +191,33 @@ void exchange(A& a, MoveState& v) {
 }
 template <class A>
 void exchange(A& a, JogState& v) {
-  fmi::exchange_all(a, v.blocked, v.refusal, v.twist, v.position, v.turn);
+  fmi::exchange_all(a, v.blocked, v.error, v.twist, v.position, v.orientation);
   fmi::exchange_up_to(a, v.limit, kAxes);
 }
 template <class A>
-void exchange(A& a, AwaitedMove& v) {
-  fmi::exchange_all(a, v.waits, v.line, v.position, v.tool_position, v.tool_turn, v.speed);
+void exchange(A& a, PendingMove& v) {
+  fmi::exchange_all(a, v.pending, v.line, v.position, v.tool_position, v.tool_orientation, v.speed);
 }
 template <class A>
 void exchange(A& a, ControllerState& v) {
-  fmi::exchange_all(a, v.servo, v.move, v.jog, v.awaited, v.mode, v.phase, v.stopped, v.refusal, v.path_fault,
-                    v.start, v.reset, v.heartbeat, v.heartbeat_us, v.destination);
+  fmi::exchange_all(a, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.error,
+                    v.path_error, v.start, v.reset, v.heartbeat, v.heartbeat_us, v.destination);
   fmi::exchange_up_to(a, v.path_limit, kAxes);
 }
 template <class A>
 void exchange(A& a, BeltState& v) {
   fmi::exchange_all(a, v.travel, v.speed);
-  fmi::exchange_within(a, fmi::kNoLimit, v.target);  // as an importer has set it
+  fmi::exchange_within(a, fmi::kNoLimit, v.target);  // as set by the importer
 }
 }  // namespace control
 
 template <class A>
-void exchange(A& a, Imposed& v) {
+void exchange(A& a, PrescribedMotion& v) {
   exchange_all(a, v.axes, v.belts);
 }
 template <class A>
 void exchange(A& a, MotorState& v) {
-  exchange_all(a, v.position, v.rate, v.torque, v.lags);
+  exchange_all(a, v.position, v.rate, v.torque, v.catching_up);
 }
 template <class A>
 void exchange(A& a, ArmDynamicsState& v) {
@@ -224,7 +225,7 @@ void exchange(A& a, ArmDynamicsState& v) {
 }
 template <class A>
 void exchange(A& a, GridPoint& v) {
-  exchange_all(a, v.time_us, v.imposed, v.true_axes, v.encoders, v.parts, v.gripper, v.readings);
+  exchange_all(a, v.time_us, v.prescribed, v.true_axes, v.encoders, v.parts, v.gripper, v.readings);
 }
 template <class A>
 void exchange(A& a, TimedAxes& v) {
@@ -233,7 +234,7 @@ void exchange(A& a, TimedAxes& v) {
 template <class A>
 void exchange(A& a, CellState& v) {
   exchange_all(a, v.time_us, v.controller, v.trigger);
-  exchange_within(a, fmi::kGreatest, v.from, v.to, v.history, v.arm, v.parts, v.grasp);
+  exchange_within(a, fmi::kMaxMagnitude, v.from, v.to, v.history, v.arm, v.parts, v.grasp);
 }
 
 }  // namespace robotcell
@@ -246,7 +247,7 @@ constexpr std::size_t kChecksumSize = sizeof(std::uint64_t);
 template <class Archive>
 void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& layout) {
   exchange_all(archive, snapshot.phase, snapshot.start_time, snapshot.communication_time, snapshot.events,
-               snapshot.parameters, snapshot.inputs, snapshot.description_hash);
+               snapshot.parameters, snapshot.inputs, snapshot.home_inputs_set, snapshot.description_hash);
   exchange_unless_infinite(archive, snapshot.stop_time);
   bool has_cell = snapshot.cell.has_value();
   exchange(archive, has_cell);
@@ -285,21 +286,27 @@ std::vector<std::uint8_t> serialize(Snapshot& snapshot, std::string token) {
 
 Snapshot deserialize(const std::uint8_t* bytes, std::size_t size, const CellLayout& layout,
                      const std::string& own_token) {
-  if (bytes == nullptr || size < kChecksumSize)
-    throw std::invalid_argument("the serialized state is cut off");
+  if (bytes == nullptr || size < kChecksumSize) {
+    throw std::invalid_argument("the serialized state is truncated");
+  }
   const std::size_t body = size - kChecksumSize;
   std::uint64_t checksum = 0;
   std::memcpy(&checksum, bytes + body, kChecksumSize);
   if (checksum != hash_of(bytes, body)) {
-    throw std::invalid_argument("the serialized state is foreign, cut off or altered: its checksum is wrong");
+    throw std::invalid_argument("the serialized state is truncated, altered or not a state: wrong checksum");
   }
   Reader reader(bytes, body);
   std::string token;
   exchange(reader, token);
-  if (token != own_token) throw std::invalid_argument("the serialized state is of another FMU");
+  if (token != own_token) {
+    throw std::invalid_argument("the serialized state belongs to another FMU: its token is '" + token +
+                                "', expected '" + own_token + "'");
+  }
   Snapshot snapshot(layout);
   exchange_snapshot(reader, snapshot, layout);
-  if (reader.left() != 0) throw std::invalid_argument("the serialized state is longer than it should be");
+  if (reader.left() != 0) {
+    throw std::invalid_argument("the serialized state has " + std::to_string(reader.left()) + " extra bytes");
+  }
   return snapshot;
 }
 

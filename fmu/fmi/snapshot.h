@@ -1,6 +1,7 @@
-// An instance's whole state (FMUState), and its bytes.
+// Complete state of an instance (FMUState), and its serialization.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -8,33 +9,39 @@
 
 #include "fmu/fmi/phase.h"
 #include "fmu/model/cell.h"
+#include "fmu/model/start_inputs.h"
 
 namespace robotcell::fmi {
+
+/// Flags of inputs that start at the home pose (`home_inputs`).
+using HomeInputFlags = std::array<bool, kHomeInputs>;
 
 struct Snapshot {
   explicit Snapshot(const CellLayout& layout) : inputs(layout) {}
 
   Phase phase = Phase::kInstantiated;
   double start_time = 0;
-  double stop_time = 0;  // infinite when not defined
+  double stop_time = 0;  // infinite where not defined
   double communication_time = 0;
-  Events events = 0;  // of the last step, and not dealt with yet
+  Events events = 0;  // of the last step, not yet handled
   CellParameters parameters;
   CellInputs inputs;
-  std::uint64_t description_hash = 0;  // of the cell's JSON, 0 while there is no cell
+  HomeInputFlags home_inputs_set{};
+  std::uint64_t description_hash = 0;  // of the cell's JSON; 0 without a cell
   std::optional<CellState> cell;
 };
 
 std::vector<std::uint8_t> serialize(Snapshot& snapshot, std::string token);
 
-/// Throws std::invalid_argument when the bytes are not a whole, unaltered state of an FMU with this token.
+/// Throws std::invalid_argument where the bytes are not a complete, unaltered state of an FMU with this
+/// token.
 Snapshot deserialize(const std::uint8_t* bytes, std::size_t size, const CellLayout& layout,
                      const std::string& token);
 
-/// Whether a cell made with the one is a cell made with the other.
+/// Whether two sets of parameters are equal.
 bool same_parameters(CellParameters a, CellParameters b);
 
-/// FNV-1a of a byte sequence.
+/// FNV-1a hash of a byte sequence.
 std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size);
 
 }  // namespace robotcell::fmi

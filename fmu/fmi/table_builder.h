@@ -1,4 +1,4 @@
-// Building blocks of the variable table: a variable, and groups of variables that occur several times.
+// Builder of the variable table, with groups of variables that occur several times.
 #pragma once
 
 #include <algorithm>
@@ -27,10 +27,10 @@ constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
 /// "name[1]" for index 0.
 std::string indexed(const std::string& name, std::size_t index_from_0);
 
-/// Parameters on which a body's initial pose depends.
+/// Parameters on which the initial pose of a body depends.
 struct PoseDependencies {
   Refs position, orientation;
-  Refs velocity;  // without vibration everything starts from rest
+  Refs velocity;  // empty without vibration, where everything starts from rest
 
   void add_length(std::uint32_t parameter) { position.push_back(parameter); }
   void add_angle(std::uint32_t parameter) {
@@ -45,45 +45,45 @@ struct BodiesDependencies {
   std::vector<PoseDependencies> parts, fingers;
 };
 
-/// What initial values depend on.
+/// Parameters on which initial values depend.
 struct Dependencies {
   Refs file, measured;
-  Refs true_axes;  // a compliant arm sags, by its geometry as built
+  Refs true_axes;  // with dynamic drives: gravity deflection depends on the geometry as built
   BodiesDependencies bodies;
 };
 
 class TableBuilder {
  public:
-  /// Appends a variable; `where` is its member of an instance's values.
+  /// Appends a variable; `value` is its member of an instance's values.
   template <class T>
   std::uint32_t add(const std::string& name, Causality causality, Variability variability, Unit unit,
-                    const std::string& description, T& where, Refs dependencies = {}) {
+                    const std::string& description, T& value, Refs dependencies = {}) {
     std::sort(dependencies.begin(), dependencies.end());
     dependencies.erase(std::unique(dependencies.begin(), dependencies.end()), dependencies.end());
     table_.push_back(
-        {name, type_of<T>(), causality, variability, unit, description, &where, 0, 0, dependencies});
+        {name, type_of<T>(), causality, variability, unit, description, &value, 0, 0, dependencies});
     return static_cast<std::uint32_t>(table_.size() - 1);
   }
 
-  /// Bounds of the integer that was added last.
+  /// Sets the bounds of the integer that was added last.
   void limit_integer(std::int32_t min, std::int32_t max);
 
-  /// A fixed parameter "as_built.<name>".
-  std::uint32_t add_deviation(const std::string& name, Unit unit, const std::string& text, double& where);
+  /// Adds a fixed parameter "as_built.<name>".
+  std::uint32_t add_deviation(const std::string& name, Unit unit, const std::string& text, double& value);
 
-  /// What the encoders say: of the present (with dependencies), or latched in a record.
-  void add_measurement(const std::string& prefix, const std::string& when, Measurement& where,
+  /// Adds encoder readings: present (with dependencies), or latched in a record.
+  void add_measurement(const std::string& prefix, const std::string& suffix, Measurement& value,
                        const Refs& position_dependencies);
 
-  /// Poses and twists of all bodies, of the present or of a record.
-  void add_bodies(const std::string& prefix, const std::string& when, Variability variability, Bodies& where,
-                  const BodiesDependencies& dependencies);
+  /// Adds poses and twists of all bodies, present or in a record.
+  void add_bodies(const std::string& prefix, const std::string& suffix, Variability variability,
+                  Bodies& value, const BodiesDependencies& dependencies);
 
   std::vector<Variable> take() { return std::move(table_); }
 
  private:
-  void add_body(const std::string& prefix, const std::string& what, const std::string& when,
-                Variability variability, BodyState& where, const PoseDependencies& dependencies);
+  void add_body(const std::string& prefix, const std::string& what, const std::string& suffix,
+                Variability variability, BodyState& value, const PoseDependencies& dependencies);
 
   std::vector<Variable> table_;
 };

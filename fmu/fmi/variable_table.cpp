@@ -10,17 +10,17 @@ VariableTable::VariableTable(const CellLayout& layout, Values& values) {
   TableBuilder table;
   table.add("time", Causality::kIndependent, Variability::kContinuous, kSecond, "Simulation time",
             values.time);
-  const Dependencies known = add_parameters(table, layout, values.parameters);
+  const Dependencies dependencies = add_parameters(table, layout, values.parameters);
   add_commands(table, values.inputs);
-  add_outputs(table, values.outputs, known);
-  if (layout.dynamic_drives) add_motor_torques(table, values.outputs, known);
+  add_outputs(table, values.outputs, dependencies);
+  if (layout.dynamic_drives) add_motor_torques(table, values.outputs, dependencies);
   add_conveyors(table, values.inputs, values.outputs);
-  if (layout.gripper) add_gripper(table, values.inputs.gripper, values.outputs.gripper, known);
-  add_sensing(table, layout, values.outputs, known);
+  if (layout.gripper) add_gripper(table, values.inputs.gripper, values.outputs.gripper, dependencies);
+  add_sensing(table, layout, values.outputs, dependencies);
   variables_ = table.take();
 }
 
-/// FNV-1a over what an importer relies on: order, names, types and causalities.
+/// FNV-1a hash of order, names, types and causalities.
 std::string VariableTable::token(bool arrays) const {
   std::uint64_t low = 0xcbf29ce484222325u;
   std::uint64_t high = 0x84222325cbf29ce4u;

@@ -1,4 +1,4 @@
-// The one list of the FMU's variables: both FMI versions and both model descriptions are made from it.
+// The variables of the FMU, the single source of both FMI versions and their model descriptions.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,7 @@
 
 namespace robotcell::fmi {
 
-/// The memory behind the variables of one instance.
+/// Storage of the variables of one instance.
 struct Values {
   explicit Values(const CellLayout& layout) : inputs(layout), outputs(layout) {}
 
@@ -22,7 +22,7 @@ struct Values {
 };
 
 enum class Type { kReal, kInteger, kBoolean, kString };
-/// The type of a variable with a member of type T.
+/// Variable type of a C++ type.
 template <class T>
 constexpr Type type_of() {
   if constexpr (std::is_same_v<T, double>) return Type::kReal;
@@ -35,12 +35,12 @@ enum class Causality { kIndependent, kParameter, kInput, kOutput };
 enum class Variability { kFixed, kDiscrete, kContinuous };
 
 struct Unit {
-  const char* name;      // "" for a number without unit
+  const char* name;      // "" for a dimensionless number
   const char* display;   // "" for none
   const char* quantity;  // name of the declared type; "" for none
 };
 
-/// A variable; its position in the table is its value reference.
+/// A variable; its index in the table is its value reference.
 struct Variable {
   std::string name;
   Type type;
@@ -48,35 +48,35 @@ struct Variable {
   Variability variability;
   Unit unit;
   std::string description;
-  void* where;                                      // its member of Values
-  std::int32_t min = 0, max = 0;                    // of an integer, where max > min
-  std::vector<std::uint32_t> initial_dependencies;  // parameters on which an output's initial value depends
+  void* value;                    // pointer to its member of Values
+  std::int32_t min = 0, max = 0;  // of an integer, used where max > min
+  std::vector<std::uint32_t>
+      initial_dependencies;  // parameters on which the initial value of an output depends
 };
 
-/// The variables of a cell of one layout, bound to the values of one instance.
+/// The variables of a cell with a given layout, bound to the values of one instance.
 class VariableTable {
  public:
-  /// The values must outlive the table, and stay where they are.
+  /// The values must outlive the table and keep their addresses.
   VariableTable(const CellLayout& layout, Values& values);
 
   const std::vector<Variable>& variables() const { return variables_; }
 
-  /// Value reference of the clock that ticks with every trigger record; FMI 3 alone has it, behind all
-  /// variables.
+  /// Value reference of the clock that ticks with every trigger record (FMI 3 only), after all variables.
   std::uint32_t record_clock_reference() const { return static_cast<std::uint32_t>(variables_.size()); }
 
-  /// Identifies the table: equal for the library and every model description that was made with it for cells
-  /// of the same layout. The variant with arrays has another.
+  /// Identifies the table: equal for the library and all model descriptions of cells of the same layout. The
+  /// variant with arrays has a token of its own.
   std::string token(bool arrays) const;
 
  private:
   std::vector<Variable> variables_;
 };
 
-/// The member behind a variable.
+/// The member that holds the value of a variable.
 template <class T>
 T& member(const Variable& variable) {
-  return *static_cast<T*>(variable.where);
+  return *static_cast<T*>(variable.value);
 }
 
 }  // namespace robotcell::fmi

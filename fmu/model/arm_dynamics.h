@@ -1,32 +1,26 @@
-// What a dynamic arm is made of, and what it remembers.
+// Description and state of an arm with dynamic drives.
 #pragma once
 
-#include <Eigen/Core>
 #include <array>
 
 #include "fmu/model/cell_values.h"
 #include "fmu/model/json_reader.h"
 #include "fmu/model/motor.h"
+#include "fmu/model/rigid_inertia.h"
 
 namespace robotcell {
 
-struct LinkInertia {
-  double mass = 0;                                           // kg
-  Eigen::Vector3d centre_of_mass = Eigen::Vector3d::Zero();  // link frame, m
-  Eigen::Matrix3d inertia = Eigen::Matrix3d::Zero();         // about the centre of mass, kg m^2
-};
-
 struct ArmDynamicsDescription {
-  std::array<LinkInertia, kJoints> links;
+  std::array<RigidInertia, kJoints> links;  // in the link frames
   std::array<DriveDescription, kJoints> drives;
 };
 
-/// `time_step` (s) bounds how stiff a gear may be. Throws DescriptionError.
+/// `time_step` (s) limits the stiffness of the gears. Throws DescriptionError.
 ArmDynamicsDescription parse_arm_dynamics(const JsonReader& json, double time_step);
 
 struct ArmDynamicsState {
-  std::array<double, kJoints> position{}, rate{};  // of the links, rad and rad/s
-  std::array<double, kJoints> gear_torque{};       // on the links, N m
+  std::array<double, kJoints> position{}, rate{};  // of the links, rad, rad/s
+  std::array<double, kJoints> gear_torque{};       // acting on the links, N m
   std::array<MotorState, kJoints> motors{};
 };
 

@@ -1,4 +1,4 @@
-// Positions and rates of the axes: at an instant, between two, and in the past.
+// Positions and rates of the axes at one instant, interpolated, and their recent history.
 #pragma once
 
 #include <array>
@@ -20,18 +20,18 @@ struct TimedAxes {
   AxesState axes;
 };
 
-/// Along the cubic through positions and rates of two states; those themselves at their instants.
-AxesState between(const TimedAxes& from, const TimedAxes& to, std::int64_t time_us);
+/// Cubic Hermite interpolation between two states; exact at both ends.
+AxesState interpolate(const TimedAxes& from, const TimedAxes& to, std::int64_t time_us);
 
-/// The states of the last while, as old as anybody will ask for.
+/// The states of a recent span of time, for sensors with latency.
 class AxesHistory {
  public:
   explicit AxesHistory(std::int64_t span_us) : span_us_(span_us) {}
 
-  /// Adds a state, later than all before, and forgets what is older than the span.
+  /// Appends a state, later than all before, and drops those older than the span.
   void add(const TimedAxes& state);
 
-  /// At an instant not later than the last state; before the first, the first.
+  /// State at an instant not later than the last one; the first state for earlier instants.
   AxesState at(std::int64_t time_us) const;
 
   const std::vector<TimedAxes>& states() const { return states_; }

@@ -8,17 +8,17 @@
 
 namespace robotcell {
 
-/// Keeps, of every pair, the deepest contact and those farthest apart from the ones already kept: four carry
-/// a body as well as two hundred, at a fraction of the solver's time. Two let a gripped body turn about the
-/// line through them, one shows no more than that there is contact.
+/// Keeps for every pair of shapes the deepest contact and those farthest apart from each other. Four contacts
+/// support a body as well as two hundred do, at a fraction of the solver's time; with two, a gripped body
+/// rotates about the line through them.
 class CappedCollisionDetector : public dart::collision::OdeCollisionDetector {
  public:
-  /// With the most contacts of pairs for which nothing else is set.
-  static std::shared_ptr<CappedCollisionDetector> create(std::size_t most);
+  /// `limit` is the maximum number of contacts of pairs without a limit of their own.
+  static std::shared_ptr<CappedCollisionDetector> create(std::size_t limit);
 
-  /// Most contacts of one pair of shapes, in either order.
-  void set_most_contacts(const dart::dynamics::ShapeFrame* a, const dart::dynamics::ShapeFrame* b,
-                         std::size_t most);
+  /// Sets the maximum number of contacts of one pair of shapes, in either order.
+  void set_max_contacts(const dart::dynamics::ShapeFrame* a, const dart::dynamics::ShapeFrame* b,
+                        std::size_t limit);
 
   std::shared_ptr<dart::collision::CollisionDetector> cloneWithoutCollisionObjects() const override;
 
@@ -27,15 +27,15 @@ class CappedCollisionDetector : public dart::collision::OdeCollisionDetector {
                dart::collision::CollisionResult* result) override;
 
  protected:
-  explicit CappedCollisionDetector(std::size_t most) : most_(most) {}
+  explicit CappedCollisionDetector(std::size_t limit) : default_max_contacts_(limit) {}
 
  private:
   using Pair = std::pair<const dart::dynamics::ShapeFrame*, const dart::dynamics::ShapeFrame*>;
 
-  std::size_t most_contacts(const dart::collision::Contact& contact) const;
+  std::size_t max_contacts(const dart::collision::Contact& contact) const;
 
-  std::size_t most_;
-  std::map<Pair, std::size_t> most_contacts_;
+  std::size_t default_max_contacts_;
+  std::map<Pair, std::size_t> max_contacts_;
 };
 
 }  // namespace robotcell

@@ -11,63 +11,58 @@ namespace {
 
 constexpr std::uint64_t kTriggerKey = 0x7472696767657200;
 
-Imposed start_of(const CellDescription& cell) {
-  Imposed start;
+PrescribedMotion start_of(const CellDescription& cell) {
+  PrescribedMotion start;
   for (std::size_t i = 0; i < kJoints; ++i) start.axes.position[i] = cell.joints[i].start;
   start.axes.position[kTableAxis] = cell.table.start;
   start.belts.resize(cell.conveyors.size());
   return start;
 }
 
-PartPose pose_of(const PartPlace& place) {
-  return {place.carrier, place.carrier_from_part.translation(),
-          Eigen::Quaterniond(place.carrier_from_part.linear())};
+PartPose pose_of(const PartPlacement& placement) {
+  return {placement.supporting_body, placement.body_from_part.translation(),
+          Eigen::Quaterniond(placement.body_from_part.linear())};
 }
 
 bool collides(const Readings& readings) { return readings.collision.pairs > 0; }
 
 }  // namespace
 
-Cell::Cell(const CellDescription& description, const CellParameters& parameters)
+Cell::Cell(const CellDescription& description, const proximity::BodySet& bodies,
+           const CellParameters& parameters)
     : description_(description),
       nominal_(description, AsBuilt{}),
       true_(description, parameters.as_built),
       encoders_(description, parameters.seed),
-      shaking_(description, parameters.as_built, key_of_seeds(description.seed, parameters.seed)),
+      vibration_(description, parameters.as_built, key_of_seeds(description.seed, parameters.seed)),
       nominal_arm_(description),
       controller_(settings_of(description), nominal_arm_, start_of(description).axes.position),
       world_(description, true_, start_of(description)),
-      senses_(description, parameters.seed),
+      sensing_(description, bodies, parameters.seed),
       trigger_(layout_of(description), parameters.as_built.trigger,
                key_of_seeds(description.seed, parameters.seed) + kTriggerKey),
-      history_(encoders_.longest_latency_us()) {
-  to_.imposed = start_of(description);
+      history_(encoders_.max_latency_us()) {
+  to_.prescribed = start_of(description);
   to_.parts.resize(description.parts.size());
-  to_.readings = senses_.nothing();
+  to_.readings = sensing_.initial_readings();
   read_axes(to_);
-  see_world();
+  read_world();
   from_ = to_;
 }
 
-void Cell::see_world() {
-  for (std::size_t i = 0; i < to_.parts.size(); ++i) to_.parts[i] = pose_of(world_.place(i));
+void Cell::read_world() {
+  for (std::size_t i = 0; i < to_.parts.size(); ++i) to_.parts[i] = pose_of(world_.placement(i));
   to_.gripper = world_.gripper();
 }
 
 void Cell::begin_step(const CellInputs& inputs) {
-  command_of(inputs.motion);  // refuses what makes no sense before anything happens
-  if (inputs.trigger.mode < 0 || inputs.trigger.mode > static_cast<std::int32_t>(TriggerMode::kRequest)) {
-    throw std::invalid_argument("command.trigger.mode must be from 0 to 4");
-  }
-  if (inputs.gripper.mode < 0 || inputs.gripper.mode > static_cast<std::int32_t>(GripperMode::kForce)) {
-    throw std::invalid_argument("command.gripper.mode must be from 0 to 2");
-  }
+  command_of(inputs.motion);  // invalid commands are rejected before anything changes
   trigger_.command(inputs, time_us_, *this);
   collided_at_begin_ = collides(readings());
 }
 
 Events Cell::end_step() {
-  Events events = trigger_.show_next() ? kRecordShown : 0;
+  Events events = trigger_.publish_next() ? kRecordPublished : 0;
   if (collides(readings()) != collided_at_begin_) events |= kCollisionChanged;
   return events;
 }
@@ -76,28 +71,27 @@ std::int64_t Cell::run(const CellInputs& inputs, std::int64_t to_us, Events want
   bool at_event = false;
   while (time_us_ < to_us && !at_event) {
     if (time_us_ == to_.time_us) step_dynamics(inputs);
-    std::int64_t until = std::min(to_us, to_.time_us);
+    std::int64_t end_us = std::min(to_us, to_.time_us);
     if (wanted != 0) {
-      const std::int64_t event = next_event(wanted, until);
-      at_event = event <= until;
-      until = std::min(until, event);
+      const std::int64_t event = next_event(wanted, end_us);
+      at_event = event <= end_us;
+      end_us = std::min(end_us, event);
     }
-    trigger_.watch(time_us_, until, until == to_.time_us, *this);
-    trigger_.latch(until, *this);
-    time_us_ = until;
+    trigger_.fire_until(time_us_, end_us, end_us == to_.time_us, *this);
+    trigger_.latch(end_us, *this);
+    time_us_ = end_us;
   }
   return time_us_;
 }
 
-/// First instant after the present and up to `to`, in the running dynamics step, at which an event comes; a
-/// later instant where none does. Sources look ahead and change nothing: what would happen behind the stop
-/// must not have happened yet.
+/// First instant in (now, to] at which an event occurs, within the current dynamics step; a later instant
+/// where there is none. Works on copies: what happens after the stop must not have happened yet.
 std::int64_t Cell::next_event(Events wanted, std::int64_t to_us) const {
   std::int64_t next = std::numeric_limits<std::int64_t>::max();
-  if ((wanted & kRecordShown) != 0) {
-    Trigger ahead = trigger_;
-    ahead.watch(time_us_, to_us, false, *this);
-    next = std::min(next, ahead.next_ready());
+  if ((wanted & kRecordPublished) != 0) {
+    Trigger lookahead = trigger_;
+    lookahead.fire_until(time_us_, to_us, false, *this);
+    next = std::min(next, lookahead.next_complete_us());
   }
   if ((wanted & kCollisionChanged) != 0 && collides(from_.readings) != collides(to_.readings)) {
     next = std::min(next, to_.time_us);
@@ -105,12 +99,12 @@ std::int64_t Cell::next_event(Events wanted, std::int64_t to_us) const {
   return std::max(next, time_us_ + 1);
 }
 
-/// At an instant of the controller's cycle.
+/// Reads the commands at an instant of the controller cycle.
 void Cell::take_commands(const CellInputs& inputs) {
   controller_.cycle(to_.time_us, command_of(inputs.motion));
   for (std::size_t i = 0; i < description_.conveyors.size(); ++i) {
     const double limit = description_.conveyors[i].max_speed;
-    to_.imposed.belts[i].target = std::clamp(inputs.conveyors[i].speed, -limit, limit);
+    to_.prescribed.belts[i].target = std::clamp(inputs.conveyors[i].speed, -limit, limit);
   }
   const GripperCommandInputs& gripper = inputs.gripper;
   world_.command_gripper({static_cast<GripperMode>(gripper.mode), gripper.width, gripper.force});
@@ -118,51 +112,55 @@ void Cell::take_commands(const CellInputs& inputs) {
 
 void Cell::step_dynamics(const CellInputs& inputs) {
   if (to_.time_us % description_.controller_cycle_us == 0) take_commands(inputs);
-  if (encoders_.longest_latency_us() > 0) history_.add({to_.time_us, to_.encoders});
+  if (encoders_.max_latency_us() > 0) history_.add({to_.time_us, to_.encoders});
   from_ = to_;
   to_.time_us += description_.time_step_us;
   const control::Knots knots = controller_.sample(to_.time_us);
   for (std::size_t i = 0; i < kAxes; ++i) {
-    to_.imposed.axes.position[i] = knots[i].position;
-    to_.imposed.axes.rate[i] = knots[i].velocity;
+    to_.prescribed.axes.position[i] = knots[i].position;
+    to_.prescribed.axes.rate[i] = knots[i].velocity;
   }
-  for (std::size_t i = 0; i < to_.imposed.belts.size(); ++i) to_.imposed.belts[i] = belt_at(i, to_.time_us);
-  world_.step(from_.imposed, to_.imposed);
+  for (std::size_t i = 0; i < to_.prescribed.belts.size(); ++i) {
+    to_.prescribed.belts[i] = belt_at(i, to_.time_us);
+  }
+  world_.step(from_.prescribed, to_.prescribed);
   read_axes(to_);
-  see_world();
-  hand_over_parts();
+  read_world();
+  update_supporting_bodies();
   read_sensors();
 }
 
-/// Where a part was when the step began, seen from what carries it when the step ends.
-void Cell::hand_over_parts() {
-  const auto world_from = [this](Carrier carrier) -> Eigen::Isometry3d {
+/// Expresses the pose at the start of the step relative to the body that supports the part at its end.
+void Cell::update_supporting_bodies() {
+  const auto world_from = [this](SupportingBody supporting_body) -> Eigen::Isometry3d {
     const AxesState& axes = from_.true_axes;
-    if (carrier == Carrier::kPlatter) return true_.platter(axes.position[kTableAxis], 0).pose;
-    if (carrier == Carrier::kFlange) return true_.arm(axes.position, axes.rate).back().pose;
+    if (supporting_body == SupportingBody::kPlatter) return true_.platter(axes.position[kTableAxis], 0).pose;
+    if (supporting_body == SupportingBody::kFlange) return true_.arm(axes.position, axes.rate).back().pose;
     return Eigen::Isometry3d::Identity();
   };
   for (std::size_t i = 0; i < to_.parts.size(); ++i) {
     PartPose& from = from_.parts[i];
-    const Carrier carrier = to_.parts[i].carrier;
-    if (from.carrier == carrier) continue;
+    const SupportingBody supporting_body = to_.parts[i].supporting_body;
+    if (from.supporting_body == supporting_body) continue;
     const Eigen::Isometry3d old_from_part = Eigen::Translation3d(from.position) * from.orientation;
-    from = pose_of({carrier, world_from(carrier).inverse() * world_from(from.carrier) * old_from_part});
+    from = pose_of({supporting_body, world_from(supporting_body).inverse() *
+                                         world_from(from.supporting_body) * old_from_part});
   }
 }
 
 const Readings& Cell::readings() const { return time_us_ == to_.time_us ? to_.readings : from_.readings; }
 
 void Cell::read_sensors() {
-  if (!senses_.due(to_.time_us)) return;
+  if (!sensing_.due(to_.time_us)) return;
   Bodies truth(layout_of(description_));
   write_truth(to_.time_us, truth);
-  senses_.read(to_.time_us, truth, to_.readings);
+  sensing_.read(to_.time_us, truth, to_.readings);
 }
 
-/// Kinematic drives are where they should be; motors of dynamic ones nearly so, and the links sag and swing.
+/// Kinematic drives follow the set-points exactly. With dynamic drives the motors deviate from them, and the
+/// links deflect and oscillate.
 void Cell::read_axes(GridPoint& point) const {
-  point.true_axes = point.encoders = point.imposed.axes;
+  point.true_axes = point.encoders = point.prescribed.axes;
   if (!description_.dynamics) return;
   const ArmDynamicsState arm = world_.arm();
   for (std::size_t i = 0; i < kJoints; ++i) {
@@ -189,18 +187,20 @@ CellState Cell::state() const {
 
 void Cell::restore(const CellState& state) {
   for (const GridPoint* point : {&state.from, &state.to}) {
-    if (point->parts.size() != to_.parts.size() || point->imposed.belts.size() != to_.imposed.belts.size() ||
+    if (point->parts.size() != to_.parts.size() ||
+        point->prescribed.belts.size() != to_.prescribed.belts.size() ||
         point->readings.presence.size() != to_.readings.presence.size() ||
         point->readings.distance.size() != to_.readings.distance.size()) {
-      throw std::invalid_argument("the state holds devices that this cell does not have");
+      throw std::invalid_argument("the state belongs to a cell with other devices");
     }
   }
-  const std::int64_t begun = state.to.time_us - state.from.time_us;
-  if ((begun != 0 && begun != description_.time_step_us) || state.time_us < state.from.time_us ||
+  const std::int64_t step_us = state.to.time_us - state.from.time_us;
+  if ((step_us != 0 && step_us != description_.time_step_us) || state.time_us < state.from.time_us ||
       state.time_us > state.to.time_us) {
-    throw std::invalid_argument("the state's times contradict each other");
+    throw std::invalid_argument(
+        "the times of the state are inconsistent: expected from <= time <= to, one time step apart");
   }
-  world_.restore(state.to.imposed, state.arm, state.parts, state.grasp);
+  world_.restore(state.to.prescribed, state.arm, state.parts, state.grasp);
   time_us_ = state.time_us;
   from_ = state.from;
   to_ = state.to;

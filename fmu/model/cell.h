@@ -1,4 +1,4 @@
-// The robot cell: controller, dynamics, encoders and trigger on one clock of whole microseconds.
+// The robot cell: controller, dynamics, encoders, sensors and trigger on one clock of whole microseconds.
 #pragma once
 
 #include <cstdint>
@@ -7,46 +7,46 @@
 #include "fmu/model/axes_state.h"
 #include "fmu/model/cell_description.h"
 #include "fmu/model/cell_values.h"
+#include "fmu/model/cell_vibration.h"
 #include "fmu/model/controller_link.h"
 #include "fmu/model/encoder.h"
 #include "fmu/model/kinematics.h"
-#include "fmu/model/senses.h"
-#include "fmu/model/shaking.h"
+#include "fmu/model/sensing.h"
 #include "fmu/model/trigger.h"
 #include "fmu/model/world.h"
 
 namespace robotcell {
 
-/// Where a part is at a point of the dynamics grid, in the frame of what carries it.
+/// Pose of a part at a point of the dynamics grid, relative to its supporting body.
 struct PartPose {
-  Carrier carrier = Carrier::kWorld;
+  SupportingBody supporting_body = SupportingBody::kWorld;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
 };
 
-/// A point of the dynamics grid.
+/// State of the cell at a point of the dynamics grid.
 struct GridPoint {
   std::int64_t time_us = 0;
-  Imposed imposed;
-  AxesState true_axes;  // of links and table
-  AxesState encoders;   // what the motors have, and the encoders on them see
+  PrescribedMotion prescribed;
+  AxesState true_axes;  // of the links and the table
+  AxesState encoders;   // of the motors, which carry the encoders
   std::vector<PartPose> parts;
   GripperPoint gripper;
   Readings readings;
 };
 
-/// What importers that handle events are told of: a bit for each source.
+/// Events that are reported to importers in event mode: one bit for each source.
 using Events = std::uint32_t;
-constexpr Events kRecordShown = 1u << 0;
-constexpr Events kCollisionChanged = 1u << 1;  // bodies began to collide, or none do any more
+constexpr Events kRecordPublished = 1u << 0;
+constexpr Events kCollisionChanged = 1u << 1;  // the first collision began, or the last one ended
 constexpr Events kAllEvents = ~Events{0};
 
-/// Everything that changes while a cell runs.
+/// Complete state of a running cell.
 struct CellState {
   explicit CellState(const CellLayout& layout) : trigger(layout) {}
 
   std::int64_t time_us = 0;
-  GridPoint from;  // the dynamics step that holds the present: from <= time <= to
+  GridPoint from;  // ends of the current dynamics step: from <= time <= to
   GridPoint to;
   std::vector<TimedAxes> history;  // for encoders with latency
   control::ControllerState controller;
@@ -56,35 +56,38 @@ struct CellState {
   TriggerState trigger;
 };
 
-/// Runs the dynamics on its own grid, whatever the communication steps are; between two grid points the axes
-/// follow the cubic with the rates at both ends, belts their constant acceleration, and a free part moves
-/// evenly relative to the platter or the flange that carries it, or to the world. So neither outputs nor
-/// records depend on the communication step.
+/// Runs the dynamics on a grid of its own, independent of the communication steps. Between two grid points
+/// the axes follow the cubic through positions and rates, belts have constant acceleration, and a free part
+/// moves with constant velocity relative to its supporting body. Therefore outputs and records do not depend
+/// on the communication step.
 ///
-/// At an instant of the controller's cycle, the controller takes the inputs of the step that starts there.
-/// The trigger device takes its commands at the start of every step.
+/// At each instant of the controller cycle the controller reads the inputs of the communication step that
+/// starts or continues there. The trigger reads its commands at the start of every communication step.
 class Cell : private MotionView {
  public:
-  Cell(const CellDescription& description, const CellParameters& parameters);
+  /// `bodies` holds the meshes of the description.
+  Cell(const CellDescription& description, const proximity::BodySet& bodies,
+       const CellParameters& parameters);
 
-  /// Opens a communication step: the trigger device takes its commands. Throws std::exception.
+  /// Starts a communication step: the trigger reads its commands. Throws std::exception.
   void begin_step(const CellInputs& inputs);
 
-  /// Goes on to an instant (microseconds from the start) with the inputs held, or to the first at which one
-  /// of the events comes that are `wanted`. Returns where it stopped; throws std::exception.
+  /// Advances to an instant (microseconds from the start) with constant inputs, or to the first of the
+  /// `wanted` events before it. Returns the instant reached; throws std::exception.
   std::int64_t run(const CellInputs& inputs, std::int64_t to_us, Events wanted);
 
-  /// Closes a communication step: the next finished record goes on display. Returns the step's events.
+  /// Ends a communication step: the next complete record becomes the current one. Returns the events of the
+  /// step.
   Events end_step();
 
   std::int64_t time_us() const { return time_us_; }
   std::int64_t controller_cycle_us() const { return description_.controller_cycle_us; }
 
-  /// What the cell says at the present instant.
+  /// Writes the outputs at the present instant.
   void write_outputs(CellOutputs& outputs) const;
 
   CellState state() const;
-  /// Throws std::invalid_argument when the state is not of this cell.
+  /// Throws std::invalid_argument where the state belongs to another cell.
   void restore(const CellState& state);
 
  private:
@@ -95,23 +98,24 @@ class Cell : private MotionView {
   Measurement measurement(std::int64_t time_us) const override;
   void write_truth(std::int64_t time_us, Bodies& bodies) const override;
 
-  /// How much of the dynamics step that holds the present has passed at an instant, and how long it is (s):
-  /// before the first step 1 and 0.
-  double share_of_step(std::int64_t time_us) const;
+  /// Elapsed fraction of the current dynamics step at an instant, and the duration of the step (s); 1 and 0
+  /// before the first step.
+  double step_fraction(std::int64_t time_us) const;
   double step_duration() const;
   AxesState true_axes_at(std::int64_t time_us) const;
   AxesState encoders_at(std::int64_t time_us) const;
   void read_axes(GridPoint& point) const;
   control::BeltState belt_at(std::size_t belt, std::int64_t time_us) const;
   Motion finger_at(std::size_t finger, std::int64_t time_us, const Motion& flange) const;
-  using Carriers = std::array<Motion, kCarriers>;
-  Motion part_at(std::size_t part, std::int64_t time_us, const Carriers& carriers) const;
-  void hand_over_parts();
+  using SupportingBodyMotions = std::array<Motion, kSupportingBodies>;
+  Motion part_at(std::size_t part, std::int64_t time_us,
+                 const SupportingBodyMotions& supporting_bodies) const;
+  void update_supporting_bodies();
   GripperOutputs gripper_outputs() const;
   void take_commands(const CellInputs& inputs);
   void step_dynamics(const CellInputs& inputs);
-  void see_world();
-  /// Those of the present instant.
+  void read_world();
+  /// Sensor readings at the present instant.
   const Readings& readings() const;
   void read_sensors();
 
@@ -119,17 +123,17 @@ class Cell : private MotionView {
   Kinematics nominal_;
   Kinematics true_;
   Encoders encoders_;
-  Shaking shaking_;
+  CellVibration vibration_;
   NominalArm nominal_arm_;
   control::RobotController controller_;
   World world_;
-  Senses senses_;
+  Sensing sensing_;
   Trigger trigger_;
   std::int64_t time_us_ = 0;
   GridPoint from_;
   GridPoint to_;
   AxesHistory history_;
-  bool collided_at_begin_ = false;  // of the communication step
+  bool collided_at_begin_ = false;  // at the start of the communication step
 };
 
 }  // namespace robotcell

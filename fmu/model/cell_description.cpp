@@ -5,18 +5,19 @@
 #include <limits>
 #include <memory>
 
+#include "fmu/control/time_units.h"
 #include "fmu/model/json_reader.h"
+#include "fmu/model/value_limits.h"
 
 namespace robotcell {
 namespace {
 
-constexpr double kHuge = 1e6;
-constexpr double kTicksPerSecond = 1e6;
-constexpr double kLongestLatency = 0.1;  // s, of an encoder
+constexpr double kMaxJointPosition = 1e6;  // rad
+constexpr double kMaxLatency = 0.1;        // s, of an encoder
 
 EncoderDescription parse_encoder(const JsonReader& json) {
   return {json.at("encoder_resolution").number(0, 1), json.at("encoder_noise").number(0, 1),
-          std::llround(json.at("encoder_latency").number(0, kLongestLatency) * kTicksPerSecond)};
+          std::llround(json.at("encoder_latency").number(0, kMaxLatency) * kMicrosecondsPerSecond)};
 }
 
 MotionDescription parse_motion(const JsonReader& json) {
@@ -25,12 +26,12 @@ MotionDescription parse_motion(const JsonReader& json) {
   MotionDescription motion;
   motion.line_speed = json.at("line_speed").positive();
   motion.line_acceleration = json.at("line_acceleration").positive();
-  motion.turn_speed = json.at("turn_speed").positive();
-  motion.turn_acceleration = json.at("turn_acceleration").positive();
+  motion.angular_speed = json.at("turn_speed").positive();
+  motion.angular_acceleration = json.at("turn_acceleration").positive();
   motion.jog_speed = json.at("jog_speed").positive();
   motion.jog_acceleration = json.at("jog_acceleration").positive();
-  motion.jog_turn_speed = json.at("jog_turn_speed").positive();
-  motion.jog_turn_acceleration = json.at("jog_turn_acceleration").positive();
+  motion.jog_angular_speed = json.at("jog_turn_speed").positive();
+  motion.jog_angular_acceleration = json.at("jog_turn_acceleration").positive();
   motion.jog_joint_share = json.at("jog_joint_share").number(0, 1);
   return motion;
 }
@@ -44,7 +45,7 @@ JointDescription parse_joint(const JsonReader& json) {
   joint.alpha = json.at("alpha").number();
   joint.theta = json.at("theta").number();
   joint.min = json.at("min").number();
-  joint.max = json.at("max").number(joint.min, kHuge);
+  joint.max = json.at("max").number(joint.min, kMaxJointPosition);
   joint.max_speed = json.at("max_speed").positive();
   joint.max_acceleration = json.at("max_acceleration").positive();
   joint.max_jerk = json.at("max_jerk").positive();
@@ -64,12 +65,12 @@ TableDescription parse_table(const JsonReader& json) {
   table.max_acceleration = json.at("max_acceleration").positive();
   table.max_jerk = json.at("max_jerk").positive();
   table.start = json.at("start").number();
-  table.friction = json.at("friction").number(0, kHuge);
+  table.friction = json.at("friction").number(0, kMaxFriction);
   table.encoder = parse_encoder(json);
   return table;
 }
 
-/// Names of what can touch and be touched.
+/// Names of the bodies that can be in contact.
 std::vector<std::string> touching_bodies(const CellDescription& cell) {
   std::vector<std::string> names{"table"};
   for (const ConveyorDescription& conveyor : cell.conveyors) names.push_back(conveyor.name);
@@ -82,7 +83,7 @@ CellDescription parse_root(const JsonReader& json) {
   json.expect_keys({"format", "name", "time_step_us", "controller_cycle_us", "gravity", "seed", "robot",
                     "tool", "table", "conveyors", "parts", "gripper", "contact", "bodies", "presence_sensors",
                     "distance_sensors", "collision"});
-  json.at("format").integer(1, 1);
+  json.at("format").integer(2, 2);
   CellDescription cell;
   cell.name = json.at("name").text();
   cell.time_step_us = json.at("time_step_us").integer(1, 1000000);
@@ -97,7 +98,7 @@ CellDescription parse_root(const JsonReader& json) {
   robot.expect_keys({"world_from_base", "joints", "motion", "dynamics"});
   cell.motion = parse_motion(robot.at("motion"));
   if (!robot.at("dynamics").is_null()) {
-    const double time_step = static_cast<double>(cell.time_step_us) / kTicksPerSecond;
+    const double time_step = static_cast<double>(cell.time_step_us) / kMicrosecondsPerSecond;
     cell.dynamics = parse_arm_dynamics(robot.at("dynamics"), time_step);
   }
   cell.world_from_base = robot.at("world_from_base").pose();

@@ -1,4 +1,4 @@
-// The resolved description of a cell: JSON in SI units, complete (nothing has a default here).
+// Resolved description of a cell: JSON in SI units, complete (no key has a default here).
 #pragma once
 
 #include <Eigen/Geometry>
@@ -20,14 +20,14 @@
 
 namespace robotcell {
 
-/// The description cannot be read; the message names the key, the value and what was expected.
+/// Error in a description; the message names the key, its value and what was expected.
 class DescriptionError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
 struct EncoderDescription {
-  double resolution = 0;  // rad; 0: continuous
+  double resolution = 0;  // rad; 0: not quantized
   double noise = 0;       // standard deviation, rad
   std::int64_t latency_us = 0;
 };
@@ -38,17 +38,17 @@ struct JointDescription {
   EncoderDescription encoder;
 };
 
-/// How fast the tool goes: in straight lines at full speed, and by hand.
+/// Speed limits of linear moves and jogs.
 struct MotionDescription {
-  double line_speed = 0, line_acceleration = 0;          // m/s, m/s^2
-  double turn_speed = 0, turn_acceleration = 0;          // rad/s, rad/s^2
-  double jog_speed = 0, jog_acceleration = 0;            // m/s, m/s^2
-  double jog_turn_speed = 0, jog_turn_acceleration = 0;  // rad/s, rad/s^2
-  double jog_joint_share = 0;                            // of each axis' greatest speed
+  double line_speed = 0, line_acceleration = 0;                // m/s, m/s^2
+  double angular_speed = 0, angular_acceleration = 0;          // rad/s, rad/s^2
+  double jog_speed = 0, jog_acceleration = 0;                  // m/s, m/s^2
+  double jog_angular_speed = 0, jog_angular_acceleration = 0;  // rad/s, rad/s^2
+  double jog_joint_share = 0;                                  // fraction of each axis' maximum speed
 };
 
 struct TableDescription {
-  Eigen::Isometry3d world_from_table;  // origin where the axis meets the top face, z along the axis
+  Eigen::Isometry3d world_from_table;  // origin at the intersection of axis and top face, z along the axis
   double radius = 0, thickness = 0;
   double max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0, friction = 0;
   EncoderDescription encoder;
@@ -63,7 +63,7 @@ struct CellDescription {
   Eigen::Isometry3d world_from_base;
   std::array<JointDescription, kJoints> joints;
   MotionDescription motion;
-  std::optional<ArmDynamicsDescription> dynamics;  // without them the drives are kinematic
+  std::optional<ArmDynamicsDescription> dynamics;  // empty: kinematic drives
   Eigen::Isometry3d flange_from_sensor;
   TableDescription table;
   std::vector<PartDescription> parts;
@@ -78,7 +78,7 @@ CellLayout layout_of(const CellDescription& cell);
 /// Parses a description; throws DescriptionError.
 CellDescription parse_cell(const std::string& json);
 
-/// Whole content of a file; throws DescriptionError naming the file.
+/// Content of a file, or of standard input for "-"; throws DescriptionError that names the file.
 std::string read_text_file(const std::string& path);
 
 }  // namespace robotcell

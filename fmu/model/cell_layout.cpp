@@ -32,8 +32,8 @@ std::string difference(const CellLayout& layout, const CellLayout& expected) {
   for (std::size_t i = 0; i < std::min(layout.parts.size(), expected.parts.size()); ++i) {
     if (layout.parts[i].on_table == expected.parts[i].on_table) continue;
     text += (text.empty() ? "" : ", ") + std::string("part[") + std::to_string(i + 1) +
-            (layout.parts[i].on_table ? "] on the table instead of beside it"
-                                      : "] beside the table instead of on it");
+            (layout.parts[i].on_table ? "] on the rotary table instead of on another support"
+                                      : "] not on the rotary table instead of on it");
   }
   return text;
 }

@@ -1,5 +1,5 @@
-// What decides which variables a cell has: how many devices of each kind, and what the first values depend
-// on.
+// What determines the variables of a cell: the number of devices of each kind, and the dependencies of
+// initial values.
 #pragma once
 
 #include <algorithm>
@@ -11,10 +11,10 @@
 namespace robotcell {
 
 struct PartLayout {
-  bool on_table = true;  // starts on the turning table, and so where that is as built
+  bool on_table = true;  // starts on the rotary table, so its initial pose depends on the table as built
 };
 
-/// Derived from a description; equal layouts have the same table of variables.
+/// Derived from a description; equal layouts have the same variable table.
 struct CellLayout {
   std::vector<PartLayout> parts;
   std::size_t conveyors = 0;
@@ -22,15 +22,14 @@ struct CellLayout {
   std::size_t presence_sensors = 0;
   std::size_t distance_sensors = 0;
   bool collision_outputs = false;
-  std::vector<std::string> bodies;  // names of those that collision outputs tell by their numbers
+  std::vector<std::string> bodies;  // names of the bodies that collision outputs refer to by number
   bool dynamic_drives = false;
 };
 
-/// How a layout differs from another, for people: "2 parts instead of 1"; empty when they are equal.
+/// Difference between two layouts as text, for example "2 parts instead of 1"; empty where they are equal.
 std::string difference(const CellLayout& layout, const CellLayout& expected);
 
-/// One T for each device of a kind. It never changes its length once it is made, so that its elements keep
-/// their places in memory: variables point to them.
+/// One T for each device of a kind. Its length is fixed, because variables point to its elements.
 template <class T>
 class PerDevice {
  public:
@@ -39,7 +38,7 @@ class PerDevice {
   PerDevice(const PerDevice&) = default;
   ~PerDevice() = default;
 
-  /// Copies element by element; a move, too, leaves the memory where it is.
+  /// Copies element by element, so that the addresses of the elements stay valid after a move, too.
   PerDevice& operator=(const PerDevice& other) {
     if (other.size() != size()) throw std::logic_error("values of another layout of the cell");
     std::copy(other.begin(), other.end(), begin());

@@ -1,4 +1,4 @@
-// What goes into and comes out of the cell. Plain numbers in SI units; knows neither FMI nor the dynamics
+// Inputs, parameters and outputs of the cell: plain numbers in SI units, independent of FMI and the dynamics
 // engine.
 #pragma once
 
@@ -12,35 +12,34 @@
 namespace robotcell {
 
 constexpr int kJoints = 6;
-constexpr int kAxes = kJoints + 1;  // the arm's joints, then the table
+constexpr int kAxes = kJoints + 1;  // joints of the arm, then the table
 constexpr int kTableAxis = kJoints;
 
-/// Deviation of one Denavit-Hartenberg row from nominal; `beta` is Hayati's turn about y after the row's
-/// alpha.
+/// Deviation of one Denavit-Hartenberg row from nominal; `beta` is Hayati's rotation about y after alpha.
 struct DhDeviation {
   double a = 0, d = 0, alpha = 0, theta = 0, beta = 0;
 };
 
-/// The table's axis swings in a plane, once per turn: at table angle t it is tilted by
-/// amplitude * cos(t + phase) about the axis that lies at the angle `direction` in the table's x-y plane.
+/// Wobble of the table axis: at table angle t it is tilted by amplitude * cos(t + phase) about the direction
+/// at the angle `direction` in the table's x-y plane.
 struct TableWobble {
   double amplitude = 0, phase = 0, direction = 0;  // rad
 };
 
 struct TriggerErrors {
-  double latency = 0;  // s from the instant that the device believes to the instant of the light
-  double jitter = 0;   // standard deviation of that delay, s
+  double latency = 0;  // s, delay of the light against the instant that the device records
+  double jitter = 0;   // s, standard deviation of that delay
 };
 
-/// How the cell as built differs from its drawing. All zero: the nominal cell.
+/// Deviations of the cell as built from its description. All zero: the nominal cell.
 struct AsBuilt {
   std::array<DhDeviation, kJoints> dh{};
   std::array<double, 6> tool{};   // x, y, z (m), rx, ry, rz (rad, intrinsic XYZ): flange_from_sensor * delta
   std::array<double, 5> table{};  // x, y, z (m), rx, ry (rad): world_from_table * delta
-  std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the turning frame
+  std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the rotating frame
   TableWobble wobble;
   TriggerErrors trigger;
-  /// Shakes the robot's base, its flange, or the table, along their own axes.
+  /// Vibration of the robot base, the flange and the table, each along its own axes.
   VibrationParameters base_vibration, flange_vibration, table_vibration;
 };
 
@@ -57,14 +56,14 @@ struct TriggerCommand {
   double period = 0;         // s
   double angle = 0;          // rad
   double distance = 0;       // m
-  std::int32_t request = 0;  // every increase fires once
+  std::int32_t request = 0;  // every increase fires one exposure
 };
 
 struct ConveyorCommand {
   double speed = 0;  // m/s
 };
 
-/// Modes 0 to 5 are those of the controller.
+/// Mode, jog frame and operation are those of control/command.h; the variable table bounds all integers.
 struct MotionCommand {
   std::int32_t mode = 0;
   std::array<double, kAxes> position{};     // set-points and targets: joints, then table (rad)
@@ -82,7 +81,7 @@ struct MotionCommand {
 };
 
 struct GripperCommandInputs {
-  std::int32_t mode = 0;  // 0 keep, 1 width, 2 force
+  std::int32_t mode = 0;  // 0 keep the last command, 1 width, 2 force
   double width = 0;       // m
   double force = 0;       // N
 };
@@ -95,10 +94,10 @@ struct CellInputs {
   TriggerCommand trigger;
   double exposure = 0;  // s
   PerDevice<ConveyorCommand> conveyors;
-  GripperCommandInputs gripper;  // of no effect in a cell without one
+  GripperCommandInputs gripper;  // ignored in a cell without gripper
 };
 
-/// Pose of a body's frame in the world; velocity is that of the frame's origin.
+/// Pose and twist of a body frame in the world; the velocity is that of the frame origin.
 struct BodyState {
   std::array<double, 3> position{};
   std::array<double, 4> orientation{1, 0, 0, 0};  // quaternion w, x, y, z with w >= 0
@@ -106,7 +105,7 @@ struct BodyState {
   std::array<double, 3> angular_velocity{};
 };
 
-/// The bodies whose pose and twist the cell reports.
+/// Poses and twists of all bodies of the cell.
 struct Bodies {
   explicit Bodies(const CellLayout& layout) : parts(layout.parts.size()), fingers(layout.gripper ? 2 : 0) {}
 
@@ -115,7 +114,7 @@ struct Bodies {
   PerDevice<BodyState> parts, fingers;
 };
 
-/// What the encoders say (joints, then table).
+/// Encoder readings (joints, then table).
 struct Measurement {
   std::array<double, kAxes> position{};
   std::array<double, kAxes> rate{};
@@ -128,11 +127,11 @@ struct Truth {
   Bodies bodies;
 };
 
-/// One exposure: what was measured in its middle, and what was true when the light came.
+/// Record of one exposure: encoder readings at its middle, and true poses at the instant of the light.
 struct TriggerRecord {
   explicit TriggerRecord(const CellLayout& layout) : truth(layout) {}
 
-  std::int32_t index = 0;  // counts from 1; 0: no record yet
+  std::int32_t index = 0;  // counted from 1; 0: no record yet
   std::int32_t segment = 0;
   double time = 0;      // middle of the exposure, s
   double exposure = 0;  // s
@@ -143,10 +142,10 @@ struct TriggerRecord {
 struct ConveyorOutputs {
   double speed = 0;           // m/s
   double travel = 0;          // m since the start
-  double texture_offset = 0;  // travel within one length of the belt, m
+  double texture_offset = 0;  // travel modulo the belt length, m
 };
 
-/// What the controller says of itself; the numbers are those of its enumerations.
+/// Status of the controller; numbers are those of the enumerations in control/command.h.
 struct ControllerOutputs {
   std::int32_t mode = 0, state = 0, error = 0;
   bool moving = false;
@@ -160,8 +159,9 @@ struct GripperOutputs {
   double width = 0;  // m
   double force = 0;  // N
   bool gripped = false;
-  std::array<double, 2> normal_force{};                  // of each pad on parts, N
-  std::array<std::array<double, 3>, 2> contact_force{};  // the same with friction, world, N
+  std::array<double, 2> normal_force{};  // N, of each pad on the parts
+  std::array<std::array<double, 3>, 2>
+      contact_force{};  // N, of each pad on the parts, friction included, world axes
 };
 
 struct PresenceReading {
@@ -170,19 +170,19 @@ struct PresenceReading {
 
 struct DistanceReading {
   bool valid = false;
-  double distance = 0;  // m; 0 where it is not valid
-  double time = 0;      // s, of the measurement
+  double distance = 0;  // m; 0 where invalid
+  double time = 0;      // s, instant of the measurement
 };
 
-/// Bodies by their number in the description, counted from 1; 0: none.
+/// Bodies are numbered in the order of the description, from 1; 0: none.
 struct CollisionReading {
-  std::int32_t pairs = 0;  // that collide
+  std::int32_t pairs = 0;  // number of colliding pairs
   std::int32_t body_a = 0, body_b = 0;
-  double depth = 0;               // m, of the deepest
-  std::array<double, 3> point{};  // world, m
-  double clearance = 0;           // m: smallest distance, or the range where all are beyond it
+  double depth = 0;               // m, of the deepest collision
+  std::array<double, 3> point{};  // m, world
+  double clearance = 0;           // m, smallest distance; the range where all distances exceed it
   std::int32_t near_a = 0, near_b = 0;
-  std::array<std::int32_t, 2> near_faces{};  // no output: where the next search begins
+  std::array<std::int32_t, 2> near_faces{};  // internal: closest faces, from which the next search starts
 };
 
 struct CellOutputs {
@@ -199,7 +199,7 @@ struct CellOutputs {
   std::int32_t trigger_queued = 0;
   TriggerRecord trigger;
   ControllerOutputs controller;
-  std::array<double, kJoints> motor_torque{};  // N m, of dynamic drives
+  std::array<double, kJoints> motor_torque{};  // N m, with dynamic drives
   PerDevice<ConveyorOutputs> conveyors;
   GripperOutputs gripper;
   PerDevice<PresenceReading> presence;

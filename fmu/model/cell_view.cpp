@@ -1,36 +1,33 @@
-// What the cell shows at any instant of a dynamics step.
+// Outputs of the cell at any instant of a dynamics step.
 #include <algorithm>
 #include <cmath>
 
+#include "fmu/control/time_units.h"
 #include "fmu/model/cell.h"
 
 namespace robotcell {
-namespace {
+namespace {}  // namespace
 
-constexpr double kSecondsPerTick = 1e-6;
-
-}  // namespace
-
-double Cell::share_of_step(std::int64_t time_us) const {
+double Cell::step_fraction(std::int64_t time_us) const {
   const auto span = static_cast<double>(to_.time_us - from_.time_us);
   return span > 0 ? static_cast<double>(time_us - from_.time_us) / span : 1;
 }
 
 double Cell::step_duration() const {
-  return static_cast<double>(to_.time_us - from_.time_us) * kSecondsPerTick;
+  return static_cast<double>(to_.time_us - from_.time_us) * kSecondsPerMicrosecond;
 }
 
 AxesState Cell::true_axes_at(std::int64_t time_us) const {
-  return between({from_.time_us, from_.true_axes}, {to_.time_us, to_.true_axes}, time_us);
+  return interpolate({from_.time_us, from_.true_axes}, {to_.time_us, to_.true_axes}, time_us);
 }
 
 AxesState Cell::encoders_at(std::int64_t time_us) const {
-  return between({from_.time_us, from_.encoders}, {to_.time_us, to_.encoders}, time_us);
+  return interpolate({from_.time_us, from_.encoders}, {to_.time_us, to_.encoders}, time_us);
 }
 
 control::BeltState Cell::belt_at(std::size_t belt, std::int64_t time_us) const {
-  return control::run_belt(from_.imposed.belts[belt], description_.conveyors[belt].max_acceleration,
-                           static_cast<double>(time_us - from_.time_us) * kSecondsPerTick);
+  return control::run_belt(from_.prescribed.belts[belt], description_.conveyors[belt].max_acceleration,
+                           static_cast<double>(time_us - from_.time_us) * kSecondsPerMicrosecond);
 }
 
 double Cell::table_angle(std::int64_t time_us) const { return encoders_at(time_us).position[kTableAxis]; }
@@ -43,44 +40,45 @@ Eigen::Vector3d Cell::sensor_in_table(std::int64_t time_us) const {
 }
 
 Measurement Cell::measurement(std::int64_t time_us) const {
-  Measurement seen{encoders_at(time_us).position, encoders_at(time_us).rate};
+  Measurement reading{encoders_at(time_us).position, encoders_at(time_us).rate};
   for (std::size_t i = 0; i < kAxes; ++i) {
     if (encoders_.latency_us(i) == 0) continue;
-    const std::int64_t then = std::max<std::int64_t>(0, time_us - encoders_.latency_us(i));
-    const AxesState axes = then >= from_.time_us ? encoders_at(then) : history_.at(then);
-    seen.position[i] = axes.position[i];
-    seen.rate[i] = axes.rate[i];
+    const std::int64_t sample_us = std::max<std::int64_t>(0, time_us - encoders_.latency_us(i));
+    const AxesState axes = sample_us >= from_.time_us ? encoders_at(sample_us) : history_.at(sample_us);
+    reading.position[i] = axes.position[i];
+    reading.rate[i] = axes.rate[i];
   }
-  seen.position = encoders_.read(seen.position, time_us);
-  return seen;
+  reading.position = encoders_.read(reading.position, time_us);
+  return reading;
 }
 
-/// A finger slides on the flange, evenly between two grid points.
+/// A finger slides on the flange, with constant velocity between two grid points.
 Motion Cell::finger_at(std::size_t finger, std::int64_t time_us, const Motion& flange) const {
   const double from = from_.gripper.opening[finger];
   const double travel = to_.gripper.opening[finger] - from;
-  const double opening = from + share_of_step(time_us) * travel;
+  const double opening = from + step_fraction(time_us) * travel;
   Motion motion = attached(flange, description_.gripper->flange_from_finger(finger, opening));
   const double duration = step_duration();
   if (duration > 0) motion.velocity += motion.pose.linear().col(0) * (travel / duration);
   return motion;
 }
 
-/// A part moves with its carrier, and between two grid points evenly relative to it.
-Motion Cell::part_at(std::size_t part, std::int64_t time_us, const Carriers& carriers) const {
+/// A part moves with its supporting body, and relative to it with constant velocity between two grid points.
+Motion Cell::part_at(std::size_t part, std::int64_t time_us,
+                     const SupportingBodyMotions& supporting_bodies) const {
   const PartPose& from = from_.parts[part];
   const PartPose& to = to_.parts[part];
-  const double s = share_of_step(time_us);
-  const Eigen::Quaterniond turn = from.orientation.conjugate() * to.orientation;
+  const double s = step_fraction(time_us);
+  const Eigen::Quaterniond relative_rotation = from.orientation.conjugate() * to.orientation;
   const Eigen::Vector3d travel = to.position - from.position;
-  const Motion& carrier = carriers[static_cast<std::size_t>(to.carrier)];
-  Motion motion = attached(
-      carrier, Eigen::Translation3d(from.position + s * travel) * from.orientation.slerp(s, to.orientation));
+  const Motion& supporting_body = supporting_bodies[static_cast<std::size_t>(to.supporting_body)];
+  Motion motion = attached(supporting_body, Eigen::Translation3d(from.position + s * travel) *
+                                                from.orientation.slerp(s, to.orientation));
   const double duration = step_duration();
   if (duration > 0 && description_.parts[part].free) {
-    const Eigen::AngleAxisd rotation(turn);
+    const Eigen::AngleAxisd rotation(relative_rotation);
     const double rate = 1 / duration;
-    motion.velocity += carrier.pose.linear() * travel * rate;
+    motion.velocity += supporting_body.pose.linear() * travel * rate;
     motion.angular_velocity += motion.pose.linear() * rotation.axis() * (rotation.angle() * rate);
   }
   return motion;
@@ -88,12 +86,12 @@ Motion Cell::part_at(std::size_t part, std::int64_t time_us, const Carriers& car
 
 void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   const AxesState axes = true_axes_at(time_us);
-  auto links = true_.arm(axes.position, axes.rate, shaking_.base(true_.base(), time_us));
-  links.back() = shaking_.flange(links.back(), time_us);
+  auto links = true_.arm(axes.position, axes.rate, vibration_.base(true_.base(), time_us));
+  links.back() = vibration_.flange(links.back(), time_us);
   for (std::size_t i = 0; i < kJoints; ++i) bodies.links[i] = body_state(links[i]);
   bodies.sensor = body_state(true_.sensor(links.back()));
   const Motion platter =
-      shaking_.platter(true_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]), time_us);
+      vibration_.platter(true_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]), time_us);
   bodies.table = body_state(platter);
   for (std::size_t i = 0; i < bodies.parts.size(); ++i) {
     bodies.parts[i] = body_state(part_at(i, time_us, {Motion(), platter, links.back()}));
@@ -109,7 +107,7 @@ void Cell::write_outputs(CellOutputs& outputs) const {
   write_truth(time_us_, outputs.truth.bodies);
   outputs.trigger_count = trigger_.count();
   outputs.trigger_queued = trigger_.queued();
-  outputs.trigger = trigger_.shown();
+  outputs.trigger = trigger_.current_record();
   outputs.controller = outputs_of(controller_.report(time_us_));
   outputs.gripper = gripper_outputs();
   if (description_.dynamics) {
@@ -119,8 +117,8 @@ void Cell::write_outputs(CellOutputs& outputs) const {
   for (std::size_t i = 0; i < outputs.conveyors.size(); ++i) {
     const control::BeltState belt = belt_at(i, time_us_);
     const double length = description_.conveyors[i].length;
-    const double turns = std::floor(belt.travel / length);
-    outputs.conveyors[i] = {belt.speed, belt.travel, belt.travel - turns * length};
+    const double laps = std::floor(belt.travel / length);
+    outputs.conveyors[i] = {belt.speed, belt.travel, belt.travel - laps * length};
   }
   const Readings& read = readings();
   std::copy(read.presence.begin(), read.presence.end(), outputs.presence.begin());
@@ -128,9 +126,9 @@ void Cell::write_outputs(CellOutputs& outputs) const {
   outputs.collision = read.collision;
 }
 
-/// Forces are those of the dynamics step that holds the present.
+/// Forces are those of the current dynamics step.
 GripperOutputs Cell::gripper_outputs() const {
-  const double s = share_of_step(time_us_);
+  const double s = step_fraction(time_us_);
   const GripperPoint& from = from_.gripper;
   const GripperPoint& to = to_.gripper;
   GripperOutputs outputs;

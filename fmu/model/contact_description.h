@@ -1,4 +1,4 @@
-// How contacts are found and solved.
+// Settings of contact detection and of the contact solver.
 #pragma once
 
 #include <array>
@@ -10,19 +10,20 @@ namespace robotcell {
 
 class JsonReader;
 
-/// Two bodies by name ("table", "gripper", a conveyor's, a part's), and the most contact points between them.
+/// Two bodies by name ("table", "gripper", of a conveyor or a part), and their maximum number of contact
+/// points.
 struct ContactPair {
   std::array<std::string, 2> bodies;
   std::size_t points = 0;
 };
 
 struct ContactDescription {
-  bool gauss_seidel = false;  // instead of Dantzig's exact method
-  std::size_t points = 0;     // most contact points of pairs that are not named
+  bool gauss_seidel = false;  // projected Gauss-Seidel instead of Dantzig's method
+  std::size_t points = 0;     // maximum number of contact points of pairs that are not listed
   std::vector<ContactPair> pairs;
 };
 
-/// `bodies` are the names that pairs may use; throws DescriptionError.
+/// `bodies` holds the names that pairs may use. Throws DescriptionError.
 ContactDescription parse_contact(const JsonReader& json, const std::vector<std::string>& bodies);
 
 }  // namespace robotcell

@@ -10,16 +10,8 @@ namespace {
 
 static_assert(kAxes == control::kAxes, "the controller moves the arm's joints and the table");
 
-void check_range(const char* name, double value, double low, double high) {
-  if (value >= low && value <= high) return;
-  throw std::invalid_argument("command." + std::string(name) + " must be from " + std::to_string(low) +
-                              " to " + std::to_string(high) + ", not " + std::to_string(value));
-}
-
-template <class Enumeration>
-Enumeration enumerated(const char* name, std::int32_t value, Enumeration last) {
-  check_range(name, value, 0, static_cast<double>(last));
-  return static_cast<Enumeration>(value);
+[[noreturn]] void reject(const std::string& name, double value, const char* expected) {
+  throw std::invalid_argument("command." + name + " must be " + expected + ", not " + std::to_string(value));
 }
 
 }  // namespace
@@ -52,32 +44,37 @@ control::ControllerSettings settings_of(const CellDescription& cell) {
   const MotionDescription& motion = cell.motion;
   settings.motion.line_speed = motion.line_speed;
   settings.motion.line_acceleration = motion.line_acceleration;
-  settings.motion.turn_speed = motion.turn_speed;
-  settings.motion.turn_acceleration = motion.turn_acceleration;
-  settings.jog = {motion.jog_joint_share, motion.jog_speed, motion.jog_turn_speed, motion.jog_acceleration,
-                  motion.jog_turn_acceleration};
+  settings.motion.angular_speed = motion.angular_speed;
+  settings.motion.angular_acceleration = motion.angular_acceleration;
+  settings.jog = {motion.jog_joint_share, motion.jog_speed, motion.jog_angular_speed, motion.jog_acceleration,
+                  motion.jog_angular_acceleration};
   return settings;
 }
 
 control::Command command_of(const MotionCommand& motion) {
   control::Command command;
-  command.mode = enumerated("mode", motion.mode, control::Mode::kCartesianJog);
-  command.operation = enumerated("operation", motion.operation, control::Operation::kAutomatic);
-  command.jog_frame = enumerated("jog_frame", motion.jog_frame, control::JogFrame::kTool);
+  command.mode = static_cast<control::Mode>(motion.mode);
+  command.operation = static_cast<control::Operation>(motion.operation);
+  command.jog_frame = static_cast<control::JogFrame>(motion.jog_frame);
   command.position = motion.position;
   const auto& p = motion.target_position;
   const auto& q = motion.target_orientation;
-  const Eigen::Quaterniond turn(q[0], q[1], q[2], q[3]);
-  if (command.mode == control::Mode::kLineMove && !(std::abs(turn.norm() - 1) < 1e-6)) {
-    throw std::invalid_argument("command.target.orientation must be a quaternion of length 1, not " +
-                                std::to_string(turn.norm()));
+  const Eigen::Quaterniond orientation(q[0], q[1], q[2], q[3]);
+  if (command.mode == control::Mode::kLineMove && !(std::abs(orientation.norm() - 1) < 1e-6)) {
+    throw std::invalid_argument("command.target.orientation must be a unit quaternion, but its norm is " +
+                                std::to_string(orientation.norm()));
   }
-  command.pose = Eigen::Translation3d(p[0], p[1], p[2]) * turn.normalized();
-  if (!(motion.speed > 0)) throw std::invalid_argument("command.speed must be above 0");
-  check_range("speed", motion.speed, 0, 1);
-  check_range("monitor_speed", motion.monitor_speed, 0, 1);
-  for (const double jog : motion.jog) check_range("jog", jog, -1, 1);
-  if (motion.max_age < 0) throw std::invalid_argument("command.max_age must not be negative");
+  command.pose = Eigen::Translation3d(p[0], p[1], p[2]) * orientation.normalized();
+  if (!(motion.speed > 0 && motion.speed <= 1)) reject("speed", motion.speed, "above 0 and at most 1");
+  if (!(motion.monitor_speed >= 0 && motion.monitor_speed <= 1)) {
+    reject("monitor_speed", motion.monitor_speed, "from 0 to 1");
+  }
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    if (!(std::abs(motion.jog[i]) <= 1)) {
+      reject("jog[" + std::to_string(i + 1) + "]", motion.jog[i], "from -1 to 1");
+    }
+  }
+  if (!(motion.max_age >= 0)) reject("max_age", motion.max_age, "at least 0");
   command.speed = motion.speed;
   command.monitor_speed = motion.monitor_speed;
   command.jog = motion.jog;
@@ -92,7 +89,7 @@ control::Command command_of(const MotionCommand& motion) {
 ControllerOutputs outputs_of(const control::Report& report) {
   return {static_cast<std::int32_t>(report.mode),
           static_cast<std::int32_t>(report.phase),
-          static_cast<std::int32_t>(report.refusal),
+          static_cast<std::int32_t>(report.error),
           report.moving,
           report.limit,
           report.progress,

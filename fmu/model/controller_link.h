@@ -1,4 +1,4 @@
-// What connects the cell to its controller: geometry, settings, commands, reports.
+// Connection between cell and controller: geometry, settings, commands, reports.
 #pragma once
 
 #include "fmu/control/robot_controller.h"
@@ -7,7 +7,7 @@
 
 namespace robotcell {
 
-/// The arm by its nominal geometry, its tool the sensor: what the controller believes.
+/// Nominal kinematics of the arm with the sensor as its tool, for the controller.
 class NominalArm : public control::ArmGeometry {
  public:
   explicit NominalArm(const CellDescription& cell) : kinematics_(cell, AsBuilt{}) {}
@@ -19,7 +19,7 @@ class NominalArm : public control::ArmGeometry {
 
 control::ControllerSettings settings_of(const CellDescription& cell);
 
-/// Throws std::invalid_argument where a command makes no sense.
+/// Throws std::invalid_argument for an invalid command.
 control::Command command_of(const MotionCommand& motion);
 
 ControllerOutputs outputs_of(const control::Report& report);

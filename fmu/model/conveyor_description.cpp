@@ -1,11 +1,11 @@
 #include "fmu/model/conveyor_description.h"
 
 #include "fmu/model/json_reader.h"
+#include "fmu/model/value_limits.h"
 
 namespace robotcell {
 
 ConveyorDescription parse_conveyor(const JsonReader& json) {
-  constexpr double kHuge = 1e6;
   json.expect_keys({"name", "world_from_belt", "length", "width", "thickness", "max_speed",
                     "max_acceleration", "friction"});
   ConveyorDescription conveyor;
@@ -16,7 +16,7 @@ ConveyorDescription parse_conveyor(const JsonReader& json) {
   conveyor.thickness = json.at("thickness").positive();
   conveyor.max_speed = json.at("max_speed").positive();
   conveyor.max_acceleration = json.at("max_acceleration").positive();
-  conveyor.friction = json.at("friction").number(0, kHuge);
+  conveyor.friction = json.at("friction").number(0, kMaxFriction);
   return conveyor;
 }
 

@@ -3,8 +3,9 @@
 namespace robotcell {
 namespace {
 
-/// Share of the largest impulse by which Dantzig's answer may break the cone's conditions and still stand.
-constexpr double kGoodEnough = 1e-6;
+/// Violation of the cone, relative to the largest impulse, up to which the result of Dantzig's method is
+/// kept.
+constexpr double kTolerance = 1e-6;
 
 }  // namespace
 
@@ -17,12 +18,12 @@ bool CoulombSolver::canSolve(int /*n*/, const double* /*A*/) { return true; }
 
 bool CoulombSolver::solve(int n, double* A, double* x, double* b, int nub, double* lo, double* hi,
                           int* findex, bool earlyTermination) {
-  problem_.set(n, A, b, lo, hi, findex);  // Dantzig's method works in place
+  problem_.set(n, A, b, lo, hi, findex);  // copied first: Dantzig's method works in place
   if (!DantzigBoxedLcpSolver::solve(n, A, x, b, nub, lo, hi, findex, earlyTermination)) return false;
   Eigen::VectorXd impulses = Eigen::Map<Eigen::VectorXd>(x, n);
-  if (!impulses.allFinite()) return true;  // the engine sees it and takes its second solver
-  if (problem_.violation(impulses) <= kGoodEnough * impulses.cwiseAbs().maxCoeff()) return true;
-  problem_.improve(impulses);
+  if (!impulses.allFinite()) return true;  // the engine detects it and uses its secondary solver
+  if (problem_.violation(impulses) <= kTolerance * impulses.cwiseAbs().maxCoeff()) return true;
+  problem_.run_gauss_seidel(impulses);
   Eigen::Map<Eigen::VectorXd>(x, n) = impulses;
   return true;
 }

@@ -1,4 +1,4 @@
-// Contact impulses with Coulomb's friction cone, the same in every direction.
+// Contact impulses with an isotropic Coulomb friction cone.
 #pragma once
 
 #include <dart/constraint/DantzigBoxedLcpSolver.hpp>
@@ -8,10 +8,10 @@
 
 namespace robotcell {
 
-/// Dantzig's method is exact, but only for a pyramid instead of the cone (41 % too strong along its edges),
-/// and it takes the height of the pyramid from a solution without friction. Where its answer already
-/// satisfies the cone it stands; otherwise the cone's own conditions are solved from there on. Holds no
-/// memory: the same contacts give the same impulses.
+/// Dantzig's method is exact, but for a friction pyramid (41 % too strong along its edges) whose height comes
+/// from a solution without friction. Where its result satisfies the cone it is kept; otherwise it is the
+/// start of Gauss-Seidel sweeps on the cone. There is no warm start: the same contacts give the same
+/// impulses.
 class CoulombSolver : public dart::constraint::DantzigBoxedLcpSolver {
  public:
   const std::string& getType() const override;
@@ -19,8 +19,8 @@ class CoulombSolver : public dart::constraint::DantzigBoxedLcpSolver {
   bool solve(int n, double* A, double* x, double* b, int nub, double* lo, double* hi, int* findex,
              bool earlyTermination) override;
 
-  /// The engine's class has this function only where assertions are on, and its library, as distributed, was
-  /// built with them: a table of virtual functions without the entry would be too short for it.
+  /// The base class has this function only where assertions are on, and DART as distributed was built with
+  /// them: without this entry the virtual table would be too short for the library.
   virtual bool canSolve(int n, const double* A);
 
  private:

@@ -12,7 +12,7 @@
 namespace robotcell {
 namespace {
 
-constexpr int kSettlings = 200;
+constexpr int kSettlingIterations = 200;
 constexpr int kFrictionSweeps = 200;
 constexpr double kFrictionAccuracy = 1e-12;
 
@@ -24,14 +24,14 @@ DynamicArm::DynamicArm(dart::dynamics::SkeletonPtr arm, const ArmDynamicsDescrip
                        const std::array<std::array<double, 2>, kJoints>& limits)
     : arm_(std::move(arm)), description_(description), limits_(limits) {
   for (std::size_t i = 0; i < kJoints; ++i) {
-    const LinkInertia& link = description.links[i];
+    const RigidInertia& link = description.links[i];
     arm_->getJoint(i)->setActuatorType(dart::dynamics::Joint::FORCE);
     arm_->getBodyNode(i)->setInertia(dart::dynamics::Inertia(link.mass, link.centre_of_mass, link.inertia));
   }
   arm_->setMobile(true);
 }
 
-void DynamicArm::place() {
+void DynamicArm::write_engine_state() {
   for (std::size_t i = 0; i < kJoints; ++i) {
     arm_->setPosition(i, state_.position[i]);
     arm_->setVelocity(i, state_.rate[i]);
@@ -41,9 +41,9 @@ void DynamicArm::place() {
 void DynamicArm::settle(const std::array<double, kJoints>& motors) {
   state_ = {};
   for (std::size_t i = 0; i < kJoints; ++i) state_.motors[i].position = state_.position[i] = motors[i];
-  // The deflections are small: repeated substitution converges at once.
-  for (int k = 0; k < kSettlings; ++k) {
-    place();
+  // Fixed-point iteration; it converges fast because the deflections are small.
+  for (int k = 0; k < kSettlingIterations; ++k) {
+    write_engine_state();
     const Eigen::VectorXd gravity = arm_->getGravityForces();
     for (std::size_t i = 0; i < kJoints; ++i) {
       const DriveDescription& drive = description_.drives[i];
@@ -54,7 +54,7 @@ void DynamicArm::settle(const std::array<double, kJoints>& motors) {
       state_.motors[i].torque = load;
     }
   }
-  place();
+  write_engine_state();
 }
 
 void DynamicArm::before_step(const std::array<MotorCommand, kJoints>& command, double step) {
@@ -67,24 +67,25 @@ void DynamicArm::before_step(const std::array<MotorCommand, kJoints>& command, d
     auto* dof = arm_->getDof(i);
     dof->setRestPosition(gears_[i].rest);
     dof->setSpringStiffness(gears_[i].stiffness);
-    // The engine damps against the world; the part of the gear turns with the motor.
+    // The engine damps the link against the world; the gear damps it against the motor.
     dof->setDampingCoefficient(gears_[i].damping + drive.viscous_friction);
-    gear_push_[i] = gears_[i].damping * motor.rate;
+    motor_damping_torque_[i] = gears_[i].damping * motor.rate;
   }
   const Torques friction = friction_torques();
   for (std::size_t i = 0; i < kJoints; ++i) {
-    arm_->getDof(i)->setForce(gear_push_[i] + friction[static_cast<int>(i)]);
+    arm_->getDof(i)->setForce(motor_damping_torque_[i] + friction[static_cast<int>(i)]);
   }
 }
 
-/// Coulomb friction that the step will meet: it stops what it can, else it slows it down with all it has.
-/// With A = M + step D + step^2 K of the implicit rule the rates behind the step are A^-1 (b + step f); every
-/// f is within its bounds, and at them unless its rate is 0. Found by projected Gauss-Seidel, which for a
-/// positive definite A converges. The engine's own joint friction does not know of the springs in A.
+/// Coulomb friction torques of the step, at which a joint either stops or slips at the full torque.
+///
+/// With A = M + step D + step^2 K of the implicit rule the rates after the step are A^-1 (b + step f). Every
+/// f is within its bounds, and at them unless its rate is 0. Solved by projected Gauss-Seidel, which
+/// converges for a positive definite A. The joint friction of the engine ignores the springs in A.
 DynamicArm::Torques DynamicArm::friction_torques() const {
   Torques bound, push, friction = Torques::Zero();
   Eigen::Matrix<double, kJoints, kJoints> implicit =
-      arm_->getMassMatrix().topLeftCorner<kJoints, kJoints>();  // without a gripper's fingers
+      arm_->getMassMatrix().topLeftCorner<kJoints, kJoints>();  // the arm without the gripper's fingers
   const Torques momentum = implicit * arm_->getVelocities().head<kJoints>();
   const Torques bias = arm_->getCoriolisAndGravityForces().head<kJoints>();
   for (std::size_t i = 0; i < kJoints; ++i) {
@@ -92,7 +93,7 @@ DynamicArm::Torques DynamicArm::friction_torques() const {
     const GearContact& gear = gears_[i];
     const DriveDescription& drive = description_.drives[i];
     bound[row] = drive.coulomb_friction;
-    push[row] = gear.stiffness * (gear.rest - state_.position[i]) + gear_push_[i] - bias[row];
+    push[row] = gear.stiffness * (gear.rest - state_.position[i]) + motor_damping_torque_[i] - bias[row];
     implicit(row, row) += step_ * (gear.damping + drive.viscous_friction + step_ * gear.stiffness);
   }
   if (bound.isZero(0)) return friction;
@@ -116,22 +117,22 @@ void DynamicArm::after_step() {
     const GearContact& gear = gears_[i];
     state_.position[i] = arm_->getPosition(i);
     state_.rate[i] = arm_->getVelocity(i);
-    // The engine works the gear out first, and the impulses of contacts behind it.
-    const double late = arm_->getDof(i)->getVelocityChange();
-    state_.gear_torque[i] = gear.stiffness * (gear.rest - state_.position[i] + step_ * late) +
-                            gear.damping * (state_.motors[i].rate - state_.rate[i] + late);
+    // The engine computes the gear torque before the contact impulses change the rate.
+    const double impulse_velocity = arm_->getDof(i)->getVelocityChange();
+    state_.gear_torque[i] = gear.stiffness * (gear.rest - state_.position[i] + step_ * impulse_velocity) +
+                            gear.damping * (state_.motors[i].rate - state_.rate[i] + impulse_velocity);
     const double inside = std::clamp(state_.position[i], limits_[i][0], limits_[i][1]);
-    if (inside != state_.position[i]) {  // the hard stop
+    if (inside != state_.position[i]) {  // hard stop
       state_.position[i] = inside;
       state_.rate[i] = 0;
     }
   }
-  place();
+  write_engine_state();
 }
 
 void DynamicArm::restore(const ArmDynamicsState& state) {
   state_ = state;
-  place();
+  write_engine_state();
 }
 
 }  // namespace robotcell

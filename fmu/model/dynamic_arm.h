@@ -1,4 +1,4 @@
-// The arm with masses and real drives, as bodies of the dynamics engine.
+// The arm with link masses and dynamic drives, as bodies of the dynamics engine.
 #pragma once
 
 #include <array>
@@ -9,20 +9,20 @@
 
 namespace robotcell {
 
-/// Every joint is driven through a gear: a spring and damper between motor and link, treated implicitly by
-/// the engine, so that stiff gears are stable; friction acts on the link. The engine integrates with the
-/// first-order implicit rule: an oscillation of angular frequency w loses, besides its physical damping, the
-/// share w * step / 2 of critical damping.
+/// Every joint is driven through a gear: a spring and damper between motor and link, integrated implicitly by
+/// the engine, so that stiff gears are stable. Friction acts on the link. The first-order implicit rule adds
+/// numerical damping: for an oscillation of angular frequency w, the fraction w * step / 2 of critical
+/// damping.
 class DynamicArm {
  public:
-  /// Gives masses to the bodies of a skeleton of six revolute joints; `limits` are (lower, upper).
+  /// Sets masses and actuators of a skeleton of six revolute joints; `limits` holds (lower, upper).
   DynamicArm(dart::dynamics::SkeletonPtr arm, const ArmDynamicsDescription& description,
              const std::array<std::array<double, 2>, kJoints>& limits);
 
-  /// The rest under gravity, with the motors at some positions.
+  /// Finds the static equilibrium under gravity for given motor positions.
   void settle(const std::array<double, kJoints>& motors);
 
-  /// Before and after a step of the engine (seconds); the motors go to `command`.
+  /// Call before and after a step of the engine (seconds); the motors follow `command`.
   void before_step(const std::array<MotorCommand, kJoints>& command, double step);
   void after_step();
 
@@ -31,15 +31,16 @@ class DynamicArm {
 
  private:
   using Torques = Eigen::Matrix<double, kJoints, 1>;
-  void place();
+  void write_engine_state();
   Torques friction_torques() const;
 
   dart::dynamics::SkeletonPtr arm_;
   ArmDynamicsDescription description_;
   std::array<std::array<double, 2>, kJoints> limits_;
-  double step_ = 0;                           // s, of the running step
-  std::array<GearContact, kJoints> gears_{};  // in it
-  std::array<double, kJoints> gear_push_{};   // N m, in it: what turning motors add by damping
+  double step_ = 0;                           // s, of the current step
+  std::array<GearContact, kJoints> gears_{};  // in the current step
+  std::array<double, kJoints>
+      motor_damping_torque_{};  // N m, in the current step: gear damping torque from the rate of the motor
   ArmDynamicsState state_;
 };
 

@@ -28,7 +28,7 @@ std::array<double, kAxes> Encoders::read(const std::array<double, kAxes>& positi
   return measured;
 }
 
-std::int64_t Encoders::longest_latency_us() const {
+std::int64_t Encoders::max_latency_us() const {
   std::int64_t longest = 0;
   for (const EncoderDescription& encoder : encoders_) longest = std::max(longest, encoder.latency_us);
   return longest;

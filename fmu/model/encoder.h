@@ -1,5 +1,5 @@
-// Encoders: resolution, noise and latency. The noise is a function of seed, axis and time alone, so that it
-// does not depend on how often or in which order anybody asks.
+// Encoders: resolution, noise and latency. Noise is a function of seed, axis and time only, so that it does
+// not depend on how often or in which order the encoders are read.
 #pragma once
 
 #include <array>
@@ -12,14 +12,14 @@ namespace robotcell {
 
 class Encoders {
  public:
-  /// Two seeds: the description's and the instance's; either changes all noise.
+  /// The noise depends on the seed of the description and that of the instance.
   Encoders(const CellDescription& cell, std::int32_t instance_seed);
 
-  /// What they say at an instant of these positions, which are as old as their latencies.
+  /// Readings at an instant; `position` already includes the latency.
   std::array<double, kAxes> read(const std::array<double, kAxes>& position, std::int64_t time_us) const;
 
   std::int64_t latency_us(std::size_t axis) const { return encoders_[axis].latency_us; }
-  std::int64_t longest_latency_us() const;
+  std::int64_t max_latency_us() const;
 
  private:
   std::array<EncoderDescription, kAxes> encoders_;

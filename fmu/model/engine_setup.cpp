@@ -10,7 +10,7 @@
 namespace robotcell {
 namespace {
 
-/// ODE stays initialised as long as the library is loaded, however many worlds come and go.
+/// ODE stays initialised while the library is loaded, independent of the number of worlds.
 struct OdeLibrary {
   OdeLibrary() { dInitODE2(0); }
   ~OdeLibrary() { dCloseODE(); }

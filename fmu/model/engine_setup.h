@@ -1,4 +1,4 @@
-// What the dynamics engine needs before a world can be made or stepped.
+// Initialisation of the dynamics engine and its collision library.
 #pragma once
 
 #include <dart/constraint/ConstraintSolver.hpp>
@@ -8,13 +8,13 @@
 
 namespace robotcell {
 
-/// Opens the collision library for as long as this library is loaded, and for this thread. Takes no lock.
+/// Initialises ODE for the lifetime of this library, and for this thread. Takes no lock.
 void prepare_engine();
 
-/// ODE keeps collision caches per thread; an importer may step an instance from any thread.
+/// Initialises ODE's per-thread collision caches; an importer may step an instance from any thread.
 void prepare_thread();
 
-/// Where Dantzig's method gives up, Gauss-Seidel's takes its place.
+/// Creates the contact solver. Projected Gauss-Seidel is the fallback where Dantzig's method fails.
 std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDescription& contact);
 
 }  // namespace robotcell

@@ -11,10 +11,10 @@ namespace {
 constexpr std::size_t kCentring = 2;
 constexpr std::size_t kRows = 3;
 
-/// Share of every row by which its own impulse yields, to keep the system of equations regular.
-constexpr double kYield = 1e-9;
+/// Constraint force mixing relative to the diagonal, to keep the system regular.
+constexpr double kConstraintForceMixing = 1e-9;
 
-/// How an impulse of a row acts on a finger, and a finger's speed counts in the row.
+/// Jacobian of the constraint: effect of a row's impulse on a finger, and of the finger's speed on the row.
 double direction(std::size_t row, std::size_t finger) {
   if (row < kCentring) return row == finger ? 1 : 0;
   return finger == 0 ? 1 : -1;
@@ -26,14 +26,14 @@ FingerDrives::FingerDrives(std::array<dart::dynamics::BodyNode*, 2> fingers, dou
                            double time_step)
     : fingers_(fingers),
       stiffness_(centring_stiffness),
-      // Critical for the bare fingers: the difference of their positions swings with half a finger's mass.
+      // Critical damping: the difference of the finger positions has half a finger's mass.
       damping_(2 * std::sqrt(centring_stiffness * fingers[0]->getMass() / 2)),
       time_step_(time_step) {
   mDim = kRows;
 }
 
-/// A spring with damping as a constraint that yields: see the Open Dynamics Engine's manual, section 3.8
-/// (error reduction and constraint force mixing).
+/// A spring-damper as a soft constraint: Open Dynamics Engine manual, section 3.8 (error reduction and
+/// constraint force mixing).
 void FingerDrives::getInformation(dart::constraint::ConstraintInfo* info) {
   const double first = joint(0)->getVelocity(0);
   const double second = joint(1)->getVelocity(0);
@@ -71,7 +71,7 @@ void FingerDrives::getVelocityChange(double* vel, bool withCfm) {
     }
   }
   if (!withCfm) return;
-  vel[excited_] *= 1 + kYield;
+  vel[excited_] *= 1 + kConstraintForceMixing;
   if (excited_ == kCentring) vel[kCentring] += 1 / (time_step_ * (time_step_ * stiffness_ + damping_));
 }
 

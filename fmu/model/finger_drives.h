@@ -1,4 +1,4 @@
-// The forces along the stroke of two opposed fingers, as a constraint of the dynamics engine.
+// Drive forces of two opposed fingers, as a constraint of the dynamics engine.
 #pragma once
 
 #include <array>
@@ -7,23 +7,23 @@
 
 namespace robotcell {
 
-/// What the drive of one finger tries to do within a step.
+/// Command of the drive of one finger in a step.
 struct FingerDrive {
-  double speed = 0;  // m/s, opening
-  double force = 0;  // N, the most that it gives either way
+  double speed = 0;  // m/s, positive: opening
+  double force = 0;  // N, force limit in both directions
 };
 
-/// Each finger has a drive that keeps a speed as far as its force allows; pressed against something it gives
-/// all of that force. A third force, of a damped spring, pulls both fingers to equal distances from the
-/// middle without changing what they squeeze with. All three are solved together with the contacts, so that
-/// stiff springs and firm grasps stay stable at any time step.
+/// Each finger has a velocity drive with a force limit; pressed against a part it gives the full force. A
+/// damped centring spring pulls both fingers to equal distances from the middle without changing the grip
+/// force. All three forces are solved together with the contacts, so stiff springs and firm grasps are stable
+/// at any time step.
 class FingerDrives : public dart::constraint::ConstraintBase {
  public:
   FingerDrives(std::array<dart::dynamics::BodyNode*, 2> fingers, double centring_stiffness, double time_step);
 
   void set(const std::array<FingerDrive, 2>& drives) { drives_ = drives; }
 
-  /// Force of each drive in the last step (N, opening), and the centring force on the first finger.
+  /// Force of each drive in the last step (N, positive: opening), and the centring force on the first finger.
   const std::array<double, 3>& forces() const { return forces_; }
 
   void update() override {}

@@ -14,12 +14,13 @@ using namespace dart::dynamics;
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
 
-/// Share of the way to a commanded width that a finger goes in one step, as long as speed and force allow.
-constexpr double kApproach = 0.5;
+/// Fraction of the remaining distance to the commanded width covered in one step, within the limits of speed
+/// and force.
+constexpr double kApproachGain = 0.5;
 
 constexpr double kStandstill = 1e-3;   // m/s
-constexpr double kFullForce = 0.9;     // share of the commanded force that counts as pressing with it
-constexpr double kClosedWidth = 1e-4;  // m, at which there is nothing between the pads
+constexpr double kFullForce = 0.9;     // fraction of the force limit that counts as the full force
+constexpr double kClosedWidth = 1e-4;  // m, below which the gripper counts as closed
 
 BodyNode* add_finger(const GripperDescription& gripper, BodyNode* flange, std::size_t number) {
   const std::string name = "finger" + std::to_string(number + 1);
@@ -62,13 +63,13 @@ void Gripper::command(const GripperCommand& command) {
 
 FingerDrive Gripper::drive(std::size_t finger) const {
   const bool to_width = command_.mode == GripperMode::kWidth;
-  const double way = (to_width ? command_.width / 2 : 0) - opening(finger);
+  const double remaining = (to_width ? command_.width / 2 : 0) - opening(finger);
   const double speed =
-      std::clamp(kApproach * way / time_step_, -description_.max_speed, description_.max_speed);
-  return {speed, most_force()};
+      std::clamp(kApproachGain * remaining / time_step_, -description_.max_speed, description_.max_speed);
+  return {speed, force_limit()};
 }
 
-double Gripper::most_force() const {
+double Gripper::force_limit() const {
   return command_.mode == GripperMode::kWidth ? description_.max_force : command_.force;
 }
 
@@ -76,8 +77,8 @@ void Gripper::begin_step() { drives_->set({drive(0), drive(1)}); }
 
 void Gripper::end_step() { drive_force_ = -(drives_->forces()[0] + drives_->forces()[1]) / 2; }
 
-bool Gripper::grips() const {
-  const double wanted = most_force();
+bool Gripper::is_gripping() const {
+  const double wanted = force_limit();
   return wanted > 0 && drive_force_ > kFullForce * wanted && width() > kClosedWidth &&
          std::abs(speed(0) + speed(1)) < kStandstill;
 }

@@ -1,4 +1,4 @@
-// A gripper in the dynamics world: two fingers that slide on the flange.
+// Gripper in the dynamics world: two fingers on prismatic joints at the flange.
 #pragma once
 
 #include <array>
@@ -17,23 +17,23 @@ class Gripper {
  public:
   Gripper(const GripperDescription& description, dart::dynamics::BodyNode* flange, double time_step);
 
-  /// Lets the fingers' drives act in a world's steps.
+  /// Adds the finger drives to the constraints of a world.
   void connect(const dart::simulation::WorldPtr& world);
 
   void command(const GripperCommand& command);
 
-  /// To be called before and after every step of the world.
+  /// Call before and after every step of the world.
   void begin_step();
   void end_step();
 
   double opening(std::size_t finger) const { return fingers_[finger]->getParentJoint()->getPosition(0); }
   double width() const { return opening(0) + opening(1); }
 
-  /// Closing force of the drives (mean of both).
+  /// Closing force of the drives (mean of both), N.
   double force() const { return drive_force_; }
 
-  /// Whether the fingers press with all their force and stand still before they meet.
-  bool grips() const;
+  /// Whether the fingers press with the full force and stand still without being closed.
+  bool is_gripping() const;
 
   dart::dynamics::BodyNode* finger(std::size_t i) const { return fingers_[i]; }
   dart::dynamics::ShapeNode* pad(std::size_t i) const { return fingers_[i]->getShapeNode(0); }
@@ -44,7 +44,7 @@ class Gripper {
  private:
   double speed(std::size_t finger) const { return fingers_[finger]->getParentJoint()->getVelocity(0); }
   FingerDrive drive(std::size_t finger) const;
-  double most_force() const;
+  double force_limit() const;
 
   GripperDescription description_;
   double time_step_;

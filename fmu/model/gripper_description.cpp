@@ -1,6 +1,7 @@
 #include "fmu/model/gripper_description.h"
 
 #include "fmu/model/json_reader.h"
+#include "fmu/model/value_limits.h"
 
 namespace robotcell {
 
@@ -21,7 +22,7 @@ GripperDescription parse_gripper(const JsonReader& json) {
   gripper.finger_mass = json.at("finger_mass").mass();
   gripper.max_force = json.at("max_force").positive();
   gripper.max_speed = json.at("max_speed").positive();
-  gripper.friction = json.at("friction").number(0, 1e6);
+  gripper.friction = json.at("friction").number(0, kMaxFriction);
   gripper.centring_stiffness = json.at("centring_stiffness").positive();
   gripper.start = json.at("start").number(0, gripper.stroke);
   return gripper;

@@ -1,4 +1,4 @@
-// A gripper with two parallel fingers.
+// Description of a gripper with two parallel fingers.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -7,21 +7,21 @@ namespace robotcell {
 
 class JsonReader;
 
-/// The gripper's frame lies between the fingers where they begin: x along the closing, z towards their tips.
-/// The frame of the first finger is the gripper's, moved along +x by half the width, so that the pad is its
-/// plane x = 0; that of the second is turned about z by half a turn.
+/// The gripper frame lies between the bases of the fingers: x along the closing direction, z towards the
+/// tips. The frame of finger 1 is the gripper frame displaced along +x by half the width, so that the pad is
+/// its plane x = 0; that of finger 2 is rotated about z by pi.
 struct GripperDescription {
   Eigen::Isometry3d flange_from_gripper = Eigen::Isometry3d::Identity();
-  double stroke = 0;                                 // greatest width between the pads
-  Eigen::Vector3d finger = Eigen::Vector3d::Zero();  // thickness (x), width (y), length (z)
+  double stroke = 0;                                 // m, maximum width between the pads
+  Eigen::Vector3d finger = Eigen::Vector3d::Zero();  // m: thickness (x), width (y), length (z)
   double finger_mass = 0;
-  double max_force = 0;           // of each finger, N
-  double max_speed = 0;           // of each finger, m/s
+  double max_force = 0;           // N, of each finger
+  double max_speed = 0;           // m/s, of each finger
   double friction = 0;            // of the pads
-  double centring_stiffness = 0;  // N/m, between the shifts of the two fingers
-  double start = 0;               // width between the pads
+  double centring_stiffness = 0;  // N/m, for the difference of the finger positions
+  double start = 0;               // m, initial width between the pads
 
-  /// Frame of a finger (0 or 1) at a distance from the middle.
+  /// Frame of a finger (0 or 1) at a distance (m) from the middle.
   Eigen::Isometry3d flange_from_finger(std::size_t finger, double opening) const;
 };
 

@@ -16,9 +16,8 @@ aiVector3D to_assimp(const Eigen::Vector3d& v) {
   return {static_cast<ai_real>(v.x()), static_cast<ai_real>(v.y()), static_cast<ai_real>(v.z())};
 }
 
-/// Every face gets corners of its own. The engine hands the list of normals to ODE, which reads entry i as
-/// the normal of face i: with three corners per face the list is long enough to hold the face normals in that
-/// order.
+/// Every face gets its own three vertices. DART passes the list of normals to ODE, which reads entry i as the
+/// normal of face i; with three vertices per face the list is long enough.
 aiMesh* make_mesh(const Hull& hull) {
   auto mesh = std::make_unique<aiMesh>();
   mesh->mPrimitiveTypes = aiPrimitiveType_TRIANGLE;
@@ -41,26 +40,26 @@ aiMesh* make_mesh(const Hull& hull) {
   return mesh.release();
 }
 
-/// The edges of a box that meet in the first vertex, as columns; none where the vertices are not a box's.
+/// The edges of a box at its first vertex, as columns; empty where the vertices do not form a box.
 std::optional<Eigen::Matrix3d> box_edges(const std::vector<Eigen::Vector3d>& vertices) {
   if (vertices.size() != 8) return std::nullopt;
-  std::vector<Eigen::Vector3d> across;
-  for (std::size_t i = 1; i < 8; ++i) across.push_back(vertices[i] - vertices[0]);
-  std::sort(across.begin(), across.end(), [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  std::vector<Eigen::Vector3d> edge_vectors;
+  for (std::size_t i = 1; i < 8; ++i) edge_vectors.push_back(vertices[i] - vertices[0]);
+  std::sort(edge_vectors.begin(), edge_vectors.end(), [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
     return a.squaredNorm() < b.squaredNorm();
   });
-  const double close = 1e-9 * across.back().norm();
+  const double tolerance = 1e-9 * edge_vectors.back().norm();
   Eigen::Matrix3d edges;
-  // The two nearest vertices are neighbours; the third neighbour completes the farthest one.
-  edges << across[0], across[1], across[6] - across[0] - across[1];
+  // The two nearest vertices are neighbours; the third neighbour follows from the farthest vertex.
+  edges << edge_vectors[0], edge_vectors[1], edge_vectors[6] - edge_vectors[0] - edge_vectors[1];
   const Eigen::Matrix3d products = edges.transpose() * edges;
   const bool square = std::abs(products(0, 1)) + std::abs(products(0, 2)) + std::abs(products(1, 2)) <
-                      close * across.back().norm();
+                      tolerance * edge_vectors.back().norm();
   if (!square || products.diagonal().minCoeff() <= 0) return std::nullopt;
   const Eigen::Vector3d lengths = products.diagonal().cwiseSqrt();
-  for (const Eigen::Vector3d& vertex : across) {
+  for (const Eigen::Vector3d& vertex : edge_vectors) {
     const Eigen::Vector3d along = (edges.transpose() * vertex).cwiseQuotient(lengths);
-    const bool corner = (along.cwiseMin((along - lengths).cwiseAbs()).cwiseAbs().array() < close).all();
+    const bool corner = (along.cwiseMin((along - lengths).cwiseAbs()).cwiseAbs().array() < tolerance).all();
     if (!corner) return std::nullopt;
   }
   return edges;

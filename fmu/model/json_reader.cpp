@@ -2,20 +2,51 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <optional>
 #include <sstream>
 
 #include "fmu/model/cell_description.h"
+#include "fmu/model/value_limits.h"
 
 namespace robotcell {
 namespace {
 
-/// m, and m/s^2 of gravity: far beyond it the collision engine ends the process.
-constexpr double kGreatestCoordinate = 1000;
-/// The engine needs masses (kg) whose reciprocals and products are numbers.
-constexpr double kLightest = 1e-9;
-constexpr double kHeaviest = 1e9;
+/// kg. The engine needs masses whose reciprocals and products are finite.
+constexpr double kMinMass = 1e-9;
+constexpr double kMaxMass = 1e9;
 
-std::string shown(double value) {
+static_assert(sizeof(std::array<double, 3>) == 24 && sizeof(std::array<std::int32_t, 3>) == 12);
+
+/// Decodes base64 (RFC 4648, with padding); empty where the text is invalid.
+std::optional<std::vector<std::uint8_t>> base64_bytes(const std::string& text) {
+  static const std::array<std::int8_t, 256> values = [] {
+    std::array<std::int8_t, 256> table;
+    table.fill(-1);
+    std::int8_t value = 0;
+    for (const char c : "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/") {
+      if (c != '\0') table[static_cast<std::uint8_t>(c)] = value++;
+    }
+    return table;
+  }();
+  if (text.size() % 4 != 0) return std::nullopt;
+  const std::size_t end = text.find_last_not_of('=') + 1;  // 0 where the text is padding only
+  if (text.size() - end > 2) return std::nullopt;
+  std::vector<std::uint8_t> bytes;
+  bytes.reserve(text.size() / 4 * 3);
+  std::uint32_t bits = 0;
+  for (std::size_t i = 0; i < end; ++i) {
+    const std::int8_t value = values[static_cast<std::uint8_t>(text[i])];
+    if (value < 0) return std::nullopt;
+    bits = bits << 6 | static_cast<std::uint32_t>(value);
+    // A character has 6 bits: from the second of each group of four on, one more byte is complete.
+    const std::size_t left_over = (i + 1) * 6 % 8;
+    if (i % 4 != 0) bytes.push_back(static_cast<std::uint8_t>(bits >> left_over));
+  }
+  return bytes;
+}
+
+std::string formatted(double value) {
   std::ostringstream text;
   text << value;
   return text.str();
@@ -24,17 +55,17 @@ std::string shown(double value) {
 }  // namespace
 
 void JsonReader::fail(const std::string& expected) const {
-  std::string shown = node_.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
-  if (shown.size() > 80) shown = shown.substr(0, 77) + "...";
+  std::string formatted = node_.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
+  if (formatted.size() > 80) formatted = formatted.substr(0, 77) + "...";
   throw DescriptionError((path_.empty() ? "the cell description" : path_) + ": expected " + expected +
-                         ", got " + shown);
+                         ", got " + formatted);
 }
 
 void JsonReader::expect_keys(std::initializer_list<const char*> keys) const {
   if (!node_.is_object()) fail("an object");
   const std::string prefix = path_.empty() ? "" : path_ + ".";
   for (const char* key : keys) {
-    if (!node_.contains(key)) throw DescriptionError(prefix + key + ": this key is missing");
+    if (!node_.contains(key)) throw DescriptionError(prefix + key + ": missing key");
   }
   for (const auto& item : node_.items()) {
     const bool known =
@@ -59,7 +90,7 @@ std::vector<JsonReader> JsonReader::items() const {
 }
 
 std::vector<JsonReader> JsonReader::items(std::size_t count) const {
-  if (!node_.is_array() || node_.size() != count) fail("an array of " + std::to_string(count));
+  if (!node_.is_array() || node_.size() != count) fail("an array of length " + std::to_string(count));
   return items();
 }
 
@@ -68,15 +99,15 @@ double JsonReader::number() const {
   return node_.get<double>();
 }
 
-double JsonReader::number(double lowest, double highest) const {
+double JsonReader::number(double min, double max) const {
   const double value = number();
-  if (value < lowest || value > highest) {
-    fail("a number from " + shown(lowest) + " to " + shown(highest));
+  if (value < min || value > max) {
+    fail("a number from " + formatted(min) + " to " + formatted(max));
   }
   return value;
 }
 
-double JsonReader::mass() const { return number(kLightest, kHeaviest); }
+double JsonReader::mass() const { return number(kMinMass, kMaxMass); }
 
 double JsonReader::positive() const {
   const double value = number();
@@ -84,11 +115,11 @@ double JsonReader::positive() const {
   return value;
 }
 
-std::int64_t JsonReader::integer(std::int64_t lowest, std::int64_t highest) const {
-  if (!node_.is_number_integer()) fail("a whole number");
+std::int64_t JsonReader::integer(std::int64_t min, std::int64_t max) const {
+  if (!node_.is_number_integer()) fail("an integer");
   const auto value = node_.get<std::int64_t>();
-  if (value < lowest || value > highest) {
-    fail("a whole number from " + std::to_string(lowest) + " to " + std::to_string(highest));
+  if (value < min || value > max) {
+    fail("an integer from " + std::to_string(min) + " to " + std::to_string(max));
   }
   return value;
 }
@@ -111,51 +142,54 @@ Eigen::Vector3d JsonReader::vector3() const {
 Eigen::Vector3d JsonReader::coordinates() const {
   const auto values = items(3);
   const auto coordinate = [&values](std::size_t i) {
-    return values[i].number(-kGreatestCoordinate, kGreatestCoordinate);
+    return values[i].number(-kMaxCoordinate, kMaxCoordinate);
   };
   return {coordinate(0), coordinate(1), coordinate(2)};
 }
 
-std::vector<Eigen::Vector3d> JsonReader::vectors3() const {
-  if (!node_.is_array()) fail("an array");
-  const auto is_coordinate = [](const nlohmann::json& node) {
-    return node.is_number() && std::abs(node.get<double>()) <= kGreatestCoordinate;
-  };
-  std::vector<Eigen::Vector3d> vectors;
-  vectors.reserve(node_.size());
-  for (std::size_t i = 0; i < node_.size(); ++i) {
-    const nlohmann::json& node = node_[i];
-    const bool is_plain =
-        node.is_array() && node.size() == 3 && std::all_of(node.begin(), node.end(), is_coordinate);
-    vectors.push_back(is_plain ? Eigen::Vector3d(node[0], node[1], node[2]) : item(i).coordinates());
-  }
-  return vectors;
+template <class T>
+std::vector<std::array<T, 3>> JsonReader::rows(const char* expected) const {
+  const auto bytes = node_.is_string() ? base64_bytes(node_.get_ref<const std::string&>()) : std::nullopt;
+  if (!bytes || bytes->size() % sizeof(std::array<T, 3>) != 0) fail(expected);
+  std::vector<std::array<T, 3>> rows(bytes->size() / sizeof(std::array<T, 3>));
+  if (!rows.empty()) std::memcpy(rows.data(), bytes->data(), bytes->size());
+  return rows;
 }
 
-std::vector<std::array<int, 3>> JsonReader::triangles(std::size_t vertices) const {
-  if (!node_.is_array()) fail("an array");
-  const auto last = static_cast<std::int64_t>(vertices) - 1;
-  const auto is_corner = [last](const nlohmann::json& node) {
-    return node.is_number_integer() && node.get<std::int64_t>() >= 0 && node.get<std::int64_t>() <= last;
-  };
-  std::vector<std::array<int, 3>> triangles;
-  triangles.reserve(node_.size());
-  for (std::size_t i = 0; i < node_.size(); ++i) {
-    const nlohmann::json& node = node_[i];
-    if (node.is_array() && node.size() == 3 && std::all_of(node.begin(), node.end(), is_corner)) {
-      triangles.push_back({node[0].get<int>(), node[1].get<int>(), node[2].get<int>()});
-      continue;
+std::vector<Eigen::Vector3d> JsonReader::vertices() const {
+  const auto rows = this->rows<double>("base64 text of three little-endian 64-bit floats for each vertex");
+  std::vector<Eigen::Vector3d> vertices;
+  vertices.reserve(rows.size());
+  for (const auto& [x, y, z] : rows) {
+    const Eigen::Vector3d vertex(x, y, z);
+    if (!(vertex.cwiseAbs().maxCoeff() <= kMaxCoordinate) || vertex.hasNaN()) {
+      throw DescriptionError(path_ + ": vertex " + std::to_string(vertices.size()) +
+                             ": expected coordinates from " + formatted(-kMaxCoordinate) + " to " +
+                             formatted(kMaxCoordinate) + ", got " + formatted(x) + ", " + formatted(y) +
+                             ", " + formatted(z));
     }
-    for (const JsonReader& corner : item(i).items(3)) corner.integer(0, last);
+    vertices.push_back(vertex);
   }
-  return triangles;
+  return vertices;
+}
+
+std::vector<std::array<int, 3>> JsonReader::faces(std::size_t vertices) const {
+  auto faces = rows<std::int32_t>("base64 text of three little-endian 32-bit integers for each face");
+  for (std::size_t i = 0; i < faces.size(); ++i) {
+    for (const std::int32_t corner : faces[i]) {
+      if (corner >= 0 && static_cast<std::size_t>(corner) < vertices) continue;
+      throw DescriptionError(path_ + ": face " + std::to_string(i) + ": expected vertex indices below " +
+                             std::to_string(vertices) + ", got " + std::to_string(corner));
+    }
+  }
+  return faces;
 }
 
 Eigen::Isometry3d JsonReader::pose() const {
   expect_keys({"position", "quaternion"});
   const auto q = at("quaternion").items(4);
   const Eigen::Quaterniond rotation(q[0].number(), q[1].number(), q[2].number(), q[3].number());
-  if (std::abs(rotation.norm() - 1) > 1e-6) at("quaternion").fail("a quaternion w, x, y, z of length 1");
+  if (std::abs(rotation.norm() - 1) > 1e-6) at("quaternion").fail("a unit quaternion [w, x, y, z]");
   return Eigen::Translation3d(at("position").coordinates()) * rotation.normalized();
 }
 

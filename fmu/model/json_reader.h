@@ -1,4 +1,4 @@
-// Strict reading of JSON: every key must be there, no other may be, and an error says which one is wrong.
+// Strict JSON reader: every key is required and no other is allowed; errors name the path of the key.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -15,7 +15,7 @@ class JsonReader {
  public:
   JsonReader(const nlohmann::json& node, std::string path) : node_(node), path_(std::move(path)) {}
 
-  /// Refuses anything but an object with exactly these keys.
+  /// Requires an object with exactly these keys.
   void expect_keys(std::initializer_list<const char*> keys) const;
 
   bool is_null() const { return node_.is_null(); }
@@ -24,24 +24,28 @@ class JsonReader {
   std::vector<JsonReader> items(std::size_t count) const;
 
   double number() const;
-  double number(double lowest, double highest) const;
+  double number(double min, double max) const;
   double positive() const;
   double mass() const;
-  std::int64_t integer(std::int64_t lowest, std::int64_t highest) const;
+  std::int64_t integer(std::int64_t min, std::int64_t max) const;
   bool boolean() const;
   std::string text() const;
   Eigen::Vector3d vector3() const;
-  /// Of a place, or of gravity: within what the engine can work with.
+  /// A vector within +-kMaxCoordinate, for positions and gravity.
   Eigen::Vector3d coordinates() const;
-  /// Meshes have so many of these that only what is wrong is given a path.
-  std::vector<Eigen::Vector3d> vectors3() const;
-  std::vector<std::array<int, 3>> triangles(std::size_t vertices) const;
+  /// Vertices of a mesh from base64 text of little-endian 64-bit floats, x, y, z each.
+  std::vector<Eigen::Vector3d> vertices() const;
+  /// Faces of a mesh from base64 text of little-endian 32-bit integers, three zero-based vertex indices each.
+  std::vector<std::array<int, 3>> faces(std::size_t vertices) const;
   Eigen::Isometry3d pose() const;
 
   [[noreturn]] void fail(const std::string& expected) const;
 
  private:
   JsonReader item(std::size_t index) const;
+  /// Rows of three numbers of type T from base64 text.
+  template <class T>
+  std::vector<std::array<T, 3>> rows(const char* expected) const;
 
   const nlohmann::json& node_;
   std::string path_;

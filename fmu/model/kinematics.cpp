@@ -4,6 +4,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "fmu/model/value_limits.h"
+
 namespace robotcell {
 namespace {
 
@@ -12,10 +14,8 @@ using Eigen::Isometry3d;
 using Eigen::Translation3d;
 using Eigen::Vector3d;
 
-constexpr double kGreatestDeviation = 1000;  // m; far beyond it the collision engine ends the process
-
 void check_length(const std::string& name, double value) {
-  if (std::abs(value) <= kGreatestDeviation) return;
+  if (std::abs(value) <= kMaxCoordinate) return;
   throw std::invalid_argument("as_built." + name + " must be from -1000 to 1000 m, not " +
                               std::to_string(value));
 }
@@ -34,20 +34,21 @@ void check_lengths(const AsBuilt& as_built) {
   }
 }
 
-Isometry3d turned_about_z(double angle) { return Isometry3d(AngleAxisd(angle, Vector3d::UnitZ())); }
+Isometry3d rotation_about_z(double angle) { return Isometry3d(AngleAxisd(angle, Vector3d::UnitZ())); }
 
-/// The fixed transform behind joint i: Rz(theta) T(a, 0, d) Rx(alpha) Ry(beta).
+/// Fixed transform after joint i: Rz(theta) T(a, 0, d) Rx(alpha) Ry(beta).
 Isometry3d fixed_part(const JointDescription& joint, const DhDeviation& delta) {
-  return turned_about_z(joint.theta + delta.theta) * Translation3d(joint.a + delta.a, 0, joint.d + delta.d) *
+  return rotation_about_z(joint.theta + delta.theta) *
+         Translation3d(joint.a + delta.a, 0, joint.d + delta.d) *
          AngleAxisd(joint.alpha + delta.alpha, Vector3d::UnitX()) * AngleAxisd(delta.beta, Vector3d::UnitY());
 }
 
-/// A motion turned about its own z axis, and then displaced.
+/// Motion of the link after a revolute joint about the z axis of `base`.
 Motion after_joint(const Motion& base, double angle, double rate, const Isometry3d& joint_from_link) {
-  Motion turned = base;
-  turned.pose = base.pose * turned_about_z(angle);
-  turned.angular_velocity += rate * base.pose.linear().col(2);
-  return attached(turned, joint_from_link);
+  Motion rotated = base;
+  rotated.pose = base.pose * rotation_about_z(angle);
+  rotated.angular_velocity += rate * base.pose.linear().col(2);
+  return attached(rotated, joint_from_link);
 }
 
 template <std::size_t N>

@@ -1,4 +1,4 @@
-// Exact forward kinematics of the cell: poses and twists of every body from the axes' positions and rates.
+// Forward kinematics of the cell: poses and twists of all bodies from positions and rates of the axes.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -9,36 +9,36 @@
 
 namespace robotcell {
 
-/// Where a frame is in the world and how it moves (velocity of its origin).
+/// Pose and twist of a frame in the world (velocity of its origin).
 struct Motion {
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
   Eigen::Vector3d angular_velocity = Eigen::Vector3d::Zero();
 };
 
-/// Motion of a frame fixed to a moving body.
+/// Motion of a frame that is fixed to a moving body.
 Motion attached(const Motion& body, const Eigen::Isometry3d& body_from_frame);
 
-/// The frame of reference and the geometry between the axes, nominal plus deviations.
+/// Kinematics of arm and table: nominal geometry plus deviations.
 class Kinematics {
  public:
   Kinematics(const CellDescription& cell, const AsBuilt& as_built);
 
-  /// Motions of links 1..6; link i's frame is the Denavit-Hartenberg frame behind joint i.
+  /// Motions of links 1 to 6; the frame of link i is the Denavit-Hartenberg frame after joint i.
   std::array<Motion, kJoints> arm(const std::array<double, kAxes>& position,
                                   const std::array<double, kAxes>& rate) const {
     return arm(position, rate, base());
   }
-  /// The same on a base that moves.
+  /// The same on a moving base.
   std::array<Motion, kJoints> arm(const std::array<double, kAxes>& position,
                                   const std::array<double, kAxes>& rate, const Motion& base) const;
 
-  /// The base as it stands.
+  /// Motion of the stationary base.
   Motion base() const;
 
   Motion sensor(const Motion& flange) const { return attached(flange, flange_from_sensor_); }
 
-  /// Motion of the platter: the turning frame, at the platter's own centre, its axis tilted by the wobble.
+  /// Motion of the platter: the rotating frame at the platter's centre, with the axis tilted by the wobble.
   Motion platter(double angle, double rate) const;
 
   const Eigen::Isometry3d& world_from_base() const { return world_from_base_; }
@@ -55,7 +55,7 @@ class Kinematics {
   Eigen::Isometry3d axis_from_platter_;
 };
 
-/// The plain numbers that the cell reports for a motion.
+/// Converts a motion to plain numbers.
 BodyState body_state(const Motion& motion);
 
 }  // namespace robotcell

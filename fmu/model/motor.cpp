@@ -6,9 +6,9 @@
 namespace robotcell {
 namespace {
 
-constexpr double kBandwidth = 100;          // rad/s, of a motor that catches up
-constexpr double kCaughtUp = 1e-7;          // rad
-constexpr double kCaughtUpWithRate = 1e-5;  // rad/s
+constexpr double kBandwidth = 100;           // rad/s, of the position control after saturation
+constexpr double kPositionTolerance = 1e-7;  // rad
+constexpr double kRateTolerance = 1e-5;      // rad/s
 
 }  // namespace
 
@@ -16,16 +16,18 @@ MotorState next_motor(const DriveDescription& drive, const MotorState& motor, co
                       double load, double step) {
   const double error = command.position - motor.position;
   const double rate_error = command.rate - motor.rate;
-  const bool there = !motor.lags || (std::abs(error - step * command.rate) < kCaughtUp &&
-                                     std::abs(rate_error) < kCaughtUpWithRate);
-  const double needed = drive.motor_inertia * rate_error / step + load;
-  if (there && std::abs(needed) <= drive.max_torque) return {command.position, command.rate, needed, false};
+  const bool on_track = !motor.catching_up || (std::abs(error - step * command.rate) < kPositionTolerance &&
+                                               std::abs(rate_error) < kRateTolerance);
+  const double required_torque = drive.motor_inertia * rate_error / step + load;
+  if (on_track && std::abs(required_torque) <= drive.max_torque) {
+    return {command.position, command.rate, required_torque, false};
+  }
 
   const double bandwidth = std::min(kBandwidth, 0.2 / step);
-  const double wanted = bandwidth * (bandwidth * error + 2 * rate_error);
+  const double acceleration = bandwidth * (bandwidth * error + 2 * rate_error);
   MotorState next;
-  next.lags = true;
-  next.torque = std::clamp(drive.motor_inertia * wanted + load, -drive.max_torque, drive.max_torque);
+  next.catching_up = true;
+  next.torque = std::clamp(drive.motor_inertia * acceleration + load, -drive.max_torque, drive.max_torque);
   next.rate = motor.rate + step * (next.torque - load) / drive.motor_inertia;
   next.position = motor.position + step * next.rate;
   return next;

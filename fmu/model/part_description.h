@@ -1,4 +1,4 @@
-// Parts: the one that is scanned comes first.
+// Parts of the cell; the first is the scanned part.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -8,39 +8,40 @@
 #include <string>
 #include <vector>
 
+#include "fmu/model/rigid_inertia.h"
+
 namespace robotcell {
 
 class JsonReader;
 
-/// What a part stands on.
+/// Support of a part at the start.
 struct StandsOn {
   enum class Kind { kWorld, kTable, kConveyor };
   Kind kind = Kind::kTable;
-  std::size_t conveyor = 0;  // counted from 0
+  std::size_t conveyor = 0;  // zero-based
 };
 
-/// How a soft part yields.
+/// Compliance of a soft part.
 struct SoftDescription {
-  double stiffness = 0;      // N/m, of each point of the surface towards the core, in every direction
-  double damping_ratio = 0;  // of the points' own oscillation
-  double longest_edge = 0;   // m, between the points
+  double stiffness = 0;      // N/m, of each surface point towards the core, in every direction
+  double damping_ratio = 0;  // of the points' oscillation
+  double longest_edge = 0;   // m, maximum distance of neighbouring points
 };
 
 struct PartDescription {
   std::string name;
-  bool free = false;  // stands by gravity and friction instead of being clamped
+  bool free = false;  // held by gravity and friction instead of clamped
   StandsOn stands_on;
   Eigen::Isometry3d support_from_part;  // at the start
-  double mass = 0, friction = 0;
-  std::optional<SoftDescription> soft;         // none: a rigid part
-  std::vector<Eigen::Vector3d> hull_vertices;  // part frame
+  double friction = 0;
+  std::optional<SoftDescription> soft;         // empty: a rigid part
+  RigidInertia inertial;                       // part frame; zero for a clamped part without inertia
+  std::vector<Eigen::Vector3d> hull_vertices;  // part frame; empty for a clamped part without collision shape
   std::vector<std::array<int, 3>> hull_faces;
-  Eigen::Vector3d centre_of_mass;
-  Eigen::Matrix3d inertia;  // about the centre of mass, part axes
 };
 
-/// What a cell with soft parts cannot promise, for people; empty for a cell without any.
-std::string cost_of_soft_parts(const std::vector<PartDescription>& parts);
+/// Limitations of a cell with soft parts, as text for the log; empty without soft parts.
+std::string soft_part_warning(const std::vector<PartDescription>& parts);
 
 /// Throws DescriptionError.
 PartDescription parse_part(const JsonReader& json, std::size_t conveyors);

@@ -3,12 +3,12 @@
 #include <tuple>
 
 #include "fmu/model/json_reader.h"
+#include "fmu/model/value_limits.h"
 
 namespace robotcell {
 namespace {
 
-constexpr double kFarthest = 1e3;  // m
-constexpr std::int64_t kLongestPeriod = 1000000;
+constexpr std::int64_t kMaxPeriodUs = 1000000;
 constexpr std::size_t kLinks = 6;
 
 FrameRef parse_frame(const JsonReader& json, const FrameCounts& counts) {
@@ -24,20 +24,21 @@ FrameRef parse_frame(const JsonReader& json, const FrameCounts& counts) {
       if (text == name + std::to_string(i + 1) + "]") return {kind, i};
     }
   }
-  json.fail("\"world\", \"sensor\", \"table\", \"link[i]\", \"part[i]\" or \"finger[i]\" of this cell");
+  json.fail(
+      "\"world\", \"sensor\", \"table\", \"link[i]\", \"part[i]\" or \"finger[i]\" that exists in this cell");
 }
 
 proximity::TriangleMesh parse_mesh(const JsonReader& json) {
   json.expect_keys({"vertices", "faces"});
   proximity::TriangleMesh mesh;
-  mesh.vertices = json.at("vertices").vectors3();
-  mesh.faces = json.at("faces").triangles(mesh.vertices.size());
+  mesh.vertices = json.at("vertices").vertices();
+  mesh.faces = json.at("faces").faces(mesh.vertices.size());
   if (mesh.faces.empty()) json.at("faces").fail("at least one triangle");
   return mesh;
 }
 
 std::int64_t parse_period(const JsonReader& json, std::int64_t time_step_us) {
-  const std::int64_t period = json.integer(1, kLongestPeriod);
+  const std::int64_t period = json.integer(1, kMaxPeriodUs);
   if (period % time_step_us != 0) json.fail("a multiple of time_step_us");
   return period;
 }
@@ -64,10 +65,10 @@ DistanceSensorDescription parse_distance(const JsonReader& json, const FrameCoun
   sensor.frame = parse_frame(json.at("frame"), counts);
   sensor.frame_from_sensor = json.at("frame_from_sensor").pose();
   sensor.lens = json.at("lens").coordinates();
-  sensor.nearest = json.at("nearest").number(0, kFarthest);
-  sensor.farthest = json.at("farthest").number(sensor.nearest, kFarthest);
-  sensor.noise = json.at("noise").number(0, kFarthest);
-  sensor.resolution = json.at("resolution").number(0, kFarthest);
+  sensor.nearest = json.at("nearest").number(0, kMaxCoordinate);
+  sensor.farthest = json.at("farthest").number(sensor.nearest, kMaxCoordinate);
+  sensor.noise = json.at("noise").number(0, kMaxCoordinate);
+  sensor.resolution = json.at("resolution").number(0, kMaxCoordinate);
   sensor.period_us = parse_period(json.at("period_us"), step_us);
   return sensor;
 }
@@ -103,8 +104,8 @@ SensingDescription parse_sensing(const JsonReader& cell, const FrameCounts& coun
   SensingDescription sensing;
   for (const JsonReader& body : cell.at("bodies").items()) {
     body.expect_keys({"name", "frame", "mesh"});
-    sensing.bodies.push_back(
-        {body.at("name").text(), parse_frame(body.at("frame"), counts), parse_mesh(body.at("mesh"))});
+    sensing.bodies.push_back({body.at("name").text(), parse_frame(body.at("frame"), counts)});
+    sensing.meshes.push_back(parse_mesh(body.at("mesh")));
   }
   for (const JsonReader& sensor : cell.at("presence_sensors").items()) {
     sensing.presence.push_back(parse_presence(sensor, counts, time_step_us));

@@ -1,4 +1,4 @@
-// Presence and distance sensors, collision outputs, and the bodies that they see.
+// Description of presence sensors, distance sensors and collision outputs, and of the bodies they detect.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -13,28 +13,27 @@ namespace robotcell {
 
 class JsonReader;
 
-/// A frame of the cell that bodies and sensors move with.
+/// Frame of the cell to which bodies and sensors are attached.
 struct FrameRef {
   enum class Kind { kWorld, kLink, kSensor, kTable, kPart, kFinger };
   Kind kind = Kind::kWorld;
-  std::size_t index = 0;  // of the link, part or finger, counted from 0
+  std::size_t index = 0;  // of the link, part or finger, zero-based
 
   bool operator==(const FrameRef& other) const { return kind == other.kind && index == other.index; }
 };
 
-/// How many frames of a kind a cell has.
+/// Number of frames of each kind.
 struct FrameCounts {
   std::size_t parts = 0, fingers = 0;
 };
 
-/// What sensors and collision outputs see; its mesh is in the frame that it moves with.
+/// A body that is visible to sensors and collision outputs.
 struct BodyDescription {
   std::string name;
   FrameRef frame;
-  proximity::TriangleMesh mesh;
 };
 
-/// A box that tells whether any part reaches into it; its frame lies in the box's centre.
+/// A box that detects whether any part intersects it; the frame is in its centre.
 struct PresenceSensorDescription {
   std::string name;
   FrameRef frame;
@@ -43,26 +42,27 @@ struct PresenceSensorDescription {
   std::int64_t period_us = 0;
 };
 
-/// Light goes out from the origin along z; what comes back enters the lens.
+/// The ray starts at the origin along z; light returns to the lens.
 struct DistanceSensorDescription {
   std::string name;
   FrameRef frame;
   Eigen::Isometry3d frame_from_sensor;
   Eigen::Vector3d lens;  // sensor frame
   double nearest = 0, farthest = 0;
-  double noise = 0, resolution = 0;  // m; standard deviation, and step (0: continuous)
+  double noise = 0, resolution = 0;  // m; standard deviation, and step (0: not quantized)
   std::int64_t period_us = 0;
 };
 
-/// Pairs of bodies whose collisions and smallest distance are told.
+/// Pairs of bodies monitored for collisions and smallest distance.
 struct CollisionDescription {
   bool outputs = false;
-  double range = 0;                                        // m, beyond which distances are not told
-  std::vector<std::pair<std::size_t, std::size_t>> pairs;  // numbers of bodies
+  double range = 0;                                        // m, maximum distance that is reported
+  std::vector<std::pair<std::size_t, std::size_t>> pairs;  // zero-based body numbers
 };
 
 struct SensingDescription {
   std::vector<BodyDescription> bodies;
+  std::vector<proximity::TriangleMesh> meshes;  // of the bodies, each in the frame it is attached to
   std::vector<PresenceSensorDescription> presence;
   std::vector<DistanceSensorDescription> distance;
   CollisionDescription collision;

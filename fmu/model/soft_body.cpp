@@ -17,21 +17,21 @@ using namespace dart::dynamics;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-/// Share of a part's mass in the points of its surface: the core must keep an inertia of its own.
-constexpr double kPointShare = 0.25;
+/// Fraction of the mass in the surface points; the rest keeps a positive definite inertia for the core.
+constexpr double kSurfaceMassFraction = 0.25;
 
-/// Share of the stiffness beyond which the engine cannot hold a point in contact.
-constexpr double kStiffestShare = 0.8;
+/// Fraction of the theoretical maximum stiffness up to which the engine holds a point in contact.
+constexpr double kMaxStiffnessFraction = 0.8;
 
-constexpr std::size_t kMostPoints = 400;
+constexpr std::size_t kMaxPoints = 400;
 
-[[noreturn]] void refuse(const PartDescription& part, const std::string& what) {
+[[noreturn]] void fail(const PartDescription& part, const std::string& what) {
   throw DescriptionError("part '" + part.name + "': soft" + what);
 }
 
 using Edge = std::pair<int, int>;
 
-/// The longest edge, and its length.
+/// Longest edge, and its length.
 std::pair<Edge, double> longest_edge_of(const Hull& hull) {
   std::pair<Edge, double> longest{{0, 0}, 0};
   for (const auto& face : hull.faces) {
@@ -45,7 +45,7 @@ std::pair<Edge, double> longest_edge_of(const Hull& hull) {
   return longest;
 }
 
-void halve(Hull& hull, const Edge& edge) {
+void split_edge(Hull& hull, const Edge& edge) {
   const auto middle = static_cast<int>(hull.vertices.size());
   hull.vertices.push_back((hull.vertices[static_cast<std::size_t>(edge.first)] +
                            hull.vertices[static_cast<std::size_t>(edge.second)]) /
@@ -64,41 +64,43 @@ void halve(Hull& hull, const Edge& edge) {
   }
 }
 
-/// What the points leave to the core of a part's inertia.
-Inertia core_of(const PartDescription& part, const Hull& surface) {
-  const double point_mass = kPointShare * part.mass / static_cast<double>(surface.vertices.size());
+/// Inertia of the part minus that of the surface points.
+Inertia core_inertia(const PartDescription& part, const Hull& surface) {
+  const double point_mass =
+      kSurfaceMassFraction * part.inertial.mass / static_cast<double>(surface.vertices.size());
   const auto about = [](double mass, const Vector3d& r) -> Matrix3d {
     return mass * (r.squaredNorm() * Matrix3d::Identity() - r * r.transpose());
   };
-  const double mass = (1 - kPointShare) * part.mass;
-  Vector3d moment = part.mass * part.centre_of_mass;
-  Matrix3d inertia = part.inertia + about(part.mass, part.centre_of_mass);
+  const double mass = (1 - kSurfaceMassFraction) * part.inertial.mass;
+  Vector3d moment = part.inertial.mass * part.inertial.centre_of_mass;
+  Matrix3d inertia = part.inertial.inertia + about(part.inertial.mass, part.inertial.centre_of_mass);
   for (const Vector3d& point : surface.vertices) {
     moment -= point_mass * point;
     inertia -= about(point_mass, point);
   }
   const Vector3d centre = moment / mass;
   inertia -= about(mass, centre);
-  // Each principal moment must be smaller than the sum of the others: the matrix of second moments is then
-  // positive definite.
+  // A valid inertia has principal moments each smaller than the sum of the other two; the matrix of second
+  // moments is then positive definite.
   const Matrix3d second_moments = inertia.trace() / 2 * Matrix3d::Identity() - inertia;
   if (second_moments.llt().info() != Eigen::Success) {
-    refuse(part, ": the mass lies too near the middle to leave " + std::to_string(kPointShare) +
-                     " of it to the points of the surface");
+    fail(part, ": the inertia is too small for " + std::to_string(kSurfaceMassFraction) +
+                   " of the mass in the surface points");
   }
   return {mass, centre, inertia};
 }
 
-/// The engine lets a point that is free feel springs and damper implicitly, at the end of the step, but one
-/// that a contact holds with its bare mass m: there a spring pushes with m / (m + c h + k h^2) of its force.
-/// Springs are made that much stronger, so that it is the contacts where they have the described stiffness.
-SoftBodyNode::UniqueProperties springs(const PartDescription& part, double point_mass, double time_step) {
+/// The engine integrates springs and damper implicitly for a free point, but uses the bare mass m for a point
+/// in contact, where the effective stiffness is reduced by the factor m / (m + c h + k h^2). The springs are
+/// made stiffer by that factor, so that points in contact have the described stiffness.
+SoftBodyNode::UniqueProperties spring_properties(const PartDescription& part, double point_mass,
+                                                 double time_step) {
   const SoftDescription& soft = *part.soft;
-  const double stiffest = kStiffestShare * point_mass / (time_step * time_step);
-  if (soft.stiffness > stiffest) {
-    refuse(part, ".stiffness must be at most " + std::to_string(stiffest) + " N/m for points of " +
-                     std::to_string(point_mass) + " kg and this time step, not " +
-                     std::to_string(soft.stiffness));
+  const double max_stiffness = kMaxStiffnessFraction * point_mass / (time_step * time_step);
+  if (soft.stiffness > max_stiffness) {
+    fail(part, ".stiffness must be at most " + std::to_string(max_stiffness) + " N/m for points of " +
+                   std::to_string(point_mass) + " kg and this time step, not " +
+                   std::to_string(soft.stiffness));
   }
   SoftBodyNode::UniqueProperties properties;
   properties.mKe = 0;
@@ -110,24 +112,25 @@ SoftBodyNode::UniqueProperties springs(const PartDescription& part, double point
 
 }  // namespace
 
-Hull refined(const Hull& hull, double longest_edge) {
+Hull refine(const Hull& hull, double longest_edge) {
   Hull fine = hull;
   for (auto longest = longest_edge_of(fine); longest.second > longest_edge; longest = longest_edge_of(fine)) {
-    if (fine.vertices.size() > kMostPoints) break;
-    halve(fine, longest.first);
+    if (fine.vertices.size() > kMaxPoints) break;
+    split_edge(fine, longest.first);
   }
   return fine;
 }
 
 SkeletonPtr make_soft_part(const std::string& name, const PartDescription& part, const Hull& hull,
                            double time_step) {
-  const Hull surface = refined(hull, part.soft->longest_edge);
-  if (surface.vertices.size() > kMostPoints) {
-    refuse(part, ".longest_edge = " + std::to_string(part.soft->longest_edge) + " m makes more than " +
-                     std::to_string(kMostPoints) + " points");
+  const Hull surface = refine(hull, part.soft->longest_edge);
+  if (surface.vertices.size() > kMaxPoints) {
+    fail(part, ".longest_edge = " + std::to_string(part.soft->longest_edge) + " m needs more than " +
+                   std::to_string(kMaxPoints) + " points");
   }
-  const double point_mass = kPointShare * part.mass / static_cast<double>(surface.vertices.size());
-  SoftBodyNode::UniqueProperties soft = springs(part, point_mass, time_step);
+  const double point_mass =
+      kSurfaceMassFraction * part.inertial.mass / static_cast<double>(surface.vertices.size());
+  SoftBodyNode::UniqueProperties soft = spring_properties(part, point_mass, time_step);
   for (const Vector3d& vertex : surface.vertices) {
     soft.addPointMass(PointMass::Properties(vertex, point_mass));
   }
@@ -138,9 +141,9 @@ SkeletonPtr make_soft_part(const std::string& name, const PartDescription& part,
                            ->createJointAndBodyNodePair<FreeJoint, SoftBodyNode>(
                                nullptr, FreeJoint::Properties(), SoftBodyNode::Properties(body, soft))
                            .second;
-  node->setInertia(core_of(part, surface));
+  node->setInertia(core_inertia(part, surface));
   ShapeNode* shape = soft_surface(node);
-  shape->removeAspect<CollisionAspect>();  // only the detector of soft parts knows it
+  shape->removeAspect<CollisionAspect>();  // only SoftCollisionDetector handles it
   shape->getDynamicsAspect()->setFrictionCoeff(part.friction);
   return skeleton;
 }

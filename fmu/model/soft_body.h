@@ -1,4 +1,4 @@
-// Soft parts: a rigid core, and points of mass around it that springs hold to their places.
+// Soft parts: a rigid core, and surface point masses connected to it by springs.
 #pragma once
 
 #include <dart/dynamics/ShapeNode.hpp>
@@ -12,22 +12,22 @@
 
 namespace robotcell {
 
-/// A surface whose edges are halved, the longest first, until none is longer than a length (m), or there
-/// are too many points for a soft part.
-Hull refined(const Hull& hull, double longest_edge);
+/// Splits the edges of a surface, longest first, until none is longer than `longest_edge` (m) or the maximum
+/// number of points is exceeded.
+Hull refine(const Hull& hull, double longest_edge);
 
-/// A floating soft body with a hull as its surface, of the part's mass, centre of mass and inertia. Throws
-/// DescriptionError where the hull makes too many points, or its inertia cannot be shared between points and
-/// core.
+/// Creates a floating soft body with a hull as its surface and with mass, centre of mass and inertia of the
+/// part. Throws DescriptionError where the hull needs too many points, or the inertia cannot be divided
+/// between points and core.
 dart::dynamics::SkeletonPtr make_soft_part(const std::string& name, const PartDescription& part,
                                            const Hull& hull, double time_step);
 
-/// The surface of a soft part.
+/// Shape of the surface of a soft part.
 dart::dynamics::ShapeNode* soft_surface(dart::dynamics::BodyNode* body);
 
-/// The points of a body; of a rigid one there are none.
+/// States of the surface points; empty for a rigid body.
 std::vector<SoftPoint> soft_points(const dart::dynamics::BodyNode* body);
-/// As many as the body has.
+/// Restores the states of all surface points.
 void restore_soft_points(dart::dynamics::BodyNode* body, const std::vector<SoftPoint>& points);
 
 }  // namespace robotcell

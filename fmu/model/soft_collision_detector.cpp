@@ -12,9 +12,9 @@ using dart::collision::Contact;
 using dart::dynamics::ShapeNode;
 using dart::dynamics::SoftBodyNode;
 
-class SoftCollisionDetector::Touching : public dart::collision::CollisionObject {
+class SoftCollisionDetector::ContactObject : public dart::collision::CollisionObject {
  public:
-  Touching(dart::collision::CollisionDetector* detector, ShapeNode* shape)
+  ContactObject(dart::collision::CollisionDetector* detector, ShapeNode* shape)
       : CollisionObject(detector, shape), shape_(shape) {}
 
   const SoftBodyNode& soft() const { return *shape_->getBodyNodePtr()->asSoftBodyNode(); }
@@ -26,12 +26,12 @@ class SoftCollisionDetector::Touching : public dart::collision::CollisionObject 
   ShapeNode* shape_;
 };
 
-std::shared_ptr<SoftCollisionDetector> SoftCollisionDetector::create(std::size_t most) {
-  return std::shared_ptr<SoftCollisionDetector>(new SoftCollisionDetector(most));
+std::shared_ptr<SoftCollisionDetector> SoftCollisionDetector::create(std::size_t max_contacts) {
+  return std::shared_ptr<SoftCollisionDetector>(new SoftCollisionDetector(max_contacts));
 }
 
 void SoftCollisionDetector::add_soft(ShapeNode* soft) {
-  SoftBody added{std::make_shared<Touching>(this, soft), {}};
+  SoftBody added{std::make_shared<ContactObject>(this, soft), {}};
   const SoftBodyNode& body = added.object->soft();
   added.face_of_point.resize(body.getNumPointMasses());
   for (std::size_t f = 0; f < body.getNumFaces(); ++f) {
@@ -43,21 +43,21 @@ void SoftCollisionDetector::add_soft(ShapeNode* soft) {
 }
 
 void SoftCollisionDetector::add_obstacle(ShapeNode* obstacle) {
-  obstacles_.push_back({std::make_shared<Touching>(this, obstacle), Solid(*obstacle->getShape())});
+  obstacles_.push_back({std::make_shared<ContactObject>(this, obstacle), Solid(*obstacle->getShape())});
 }
 
 bool SoftCollisionDetector::collide(dart::collision::CollisionGroup* group,
                                     const dart::collision::CollisionOption& option, CollisionResult* result) {
-  const bool hit = CappedCollisionDetector::collide(group, option, result);
-  if (result == nullptr) return hit;
+  const bool found_contact = CappedCollisionDetector::collide(group, option, result);
+  if (result == nullptr) return found_contact;
   for (const SoftBody& soft : soft_) {
-    for (const Obstacle& obstacle : obstacles_) touch(soft, obstacle, *result);
+    for (const Obstacle& obstacle : obstacles_) add_contacts(soft, obstacle, *result);
   }
-  return hit || result->isCollision();
+  return found_contact || result->isCollision();
 }
 
-void SoftCollisionDetector::touch(const SoftBody& soft, const Obstacle& obstacle,
-                                  CollisionResult& result) const {
+void SoftCollisionDetector::add_contacts(const SoftBody& soft, const Obstacle& obstacle,
+                                         CollisionResult& result) const {
   const Eigen::Isometry3d& world_from_shape = obstacle.object->getTransform();
   const Eigen::Isometry3d shape_from_world = world_from_shape.inverse();
   const SoftBodyNode& body = soft.object->soft();

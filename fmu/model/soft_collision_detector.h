@@ -1,4 +1,4 @@
-// The collision detector of cells with soft parts.
+// Collision detector of cells with soft parts.
 #pragma once
 
 #include <dart/dynamics/ShapeNode.hpp>
@@ -11,17 +11,16 @@
 
 namespace robotcell {
 
-/// Rigid bodies touch each other as ever; a soft part touches a rigid one wherever one of its points lies in
-/// it, in any number of contacts. Soft parts do not touch each other.
+/// Rigid pairs are handled as in the base class. A soft part touches a rigid body wherever one of its points
+/// lies inside, without a limit of contacts. Soft parts do not touch each other.
 ///
-/// ODE knows no soft bodies. The engine's other detectors take a soft body for a triangle mesh and report
-/// where its triangles cross those of the rigid body, which for two faces that press on each other is at
-/// their rim, with normals along the face.
+/// ODE has no soft bodies. The other detectors of DART treat a soft body as a triangle mesh and report
+/// crossing triangles, which for two pressed faces lie at the rim, with normals along the face.
 class SoftCollisionDetector : public CappedCollisionDetector {
  public:
-  static std::shared_ptr<SoftCollisionDetector> create(std::size_t most);
+  static std::shared_ptr<SoftCollisionDetector> create(std::size_t max_contacts);
 
-  /// The shape of a soft body touches all obstacles.
+  /// Shapes of soft bodies touch all obstacles.
   void add_soft(dart::dynamics::ShapeNode* soft);
   void add_obstacle(dart::dynamics::ShapeNode* obstacle);
 
@@ -30,20 +29,21 @@ class SoftCollisionDetector : public CappedCollisionDetector {
                dart::collision::CollisionResult* result) override;
 
  private:
-  /// What the engine wants to know of a body that no other detector knows.
-  class Touching;
+  /// Minimal collision object for bodies that no other detector handles.
+  class ContactObject;
 
   struct SoftBody {
-    std::shared_ptr<Touching> object;
-    std::vector<int> face_of_point;  // one of the faces that a point belongs to
+    std::shared_ptr<ContactObject> object;
+    std::vector<int> face_of_point;  // one face that contains the point
   };
   struct Obstacle {
-    std::shared_ptr<Touching> object;
+    std::shared_ptr<ContactObject> object;
     Solid solid;
   };
 
-  explicit SoftCollisionDetector(std::size_t most) : CappedCollisionDetector(most) {}
-  void touch(const SoftBody& soft, const Obstacle& obstacle, dart::collision::CollisionResult& result) const;
+  explicit SoftCollisionDetector(std::size_t max_contacts) : CappedCollisionDetector(max_contacts) {}
+  void add_contacts(const SoftBody& soft, const Obstacle& obstacle,
+                    dart::collision::CollisionResult& result) const;
 
   std::vector<SoftBody> soft_;
   std::vector<Obstacle> obstacles_;

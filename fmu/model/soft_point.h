@@ -1,13 +1,13 @@
-// What a world remembers of the surface of a soft part.
+// State of the surface of a soft part.
 #pragma once
 
 #include <Eigen/Core>
 
 namespace robotcell {
 
-/// A point of the surface, in the part's frame.
+/// Surface point, in the part frame.
 struct SoftPoint {
-  Eigen::Vector3d displacement = Eigen::Vector3d::Zero();  // from where it rests
+  Eigen::Vector3d displacement = Eigen::Vector3d::Zero();  // from its rest position
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
 };
 

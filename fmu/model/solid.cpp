@@ -24,8 +24,9 @@ Solid::Solid(const dart::dynamics::Shape& shape) {
     add_box(box->getSize() / 2);
   } else if (const auto* cylinder = dynamic_cast<const dart::dynamics::CylinderShape*>(&shape)) {
     radius_ = cylinder->getRadius();
-    for (const double side : {1.0, -1.0})
+    for (const double side : {1.0, -1.0}) {
       planes_.push_back({side * Vector3d::UnitZ(), cylinder->getHeight() / 2});
+    }
   } else if (const auto* hull = dynamic_cast<const dart::dynamics::MeshShape*>(&shape)) {
     const aiMesh& mesh = *hull->getMesh()->mMeshes[0];
     for (unsigned f = 0; f < mesh.mNumFaces; ++f) {
@@ -35,7 +36,8 @@ Solid::Solid(const dart::dynamics::Shape& shape) {
       planes_.push_back({normal, normal.dot(a)});
     }
   } else {
-    throw std::invalid_argument("a soft part cannot touch a " + shape.getType());
+    throw std::invalid_argument("contact of soft parts: expected a box, cylinder or mesh, got " +
+                                shape.getType());
   }
 }
 
@@ -46,18 +48,18 @@ void Solid::add_box(const Vector3d& half_size) {
 }
 
 std::optional<Depth> Solid::depth(const Vector3d& point) const {
-  Depth least{std::numeric_limits<double>::infinity(), Vector3d::UnitZ()};
+  Depth nearest{std::numeric_limits<double>::infinity(), Vector3d::UnitZ()};
   for (const Plane& plane : planes_) {
     const double depth = plane.offset - plane.normal.dot(point);
     if (depth < 0) return std::nullopt;
-    if (depth < least.depth) least = {depth, plane.normal};
+    if (depth < nearest.depth) nearest = {depth, plane.normal};
   }
   const double distance = point.head<2>().norm();
   if (distance > radius_) return std::nullopt;
-  if (radius_ - distance < least.depth) {
-    least = {radius_ - distance, Vector3d(point.x(), point.y(), 0) / distance};
+  if (radius_ - distance < nearest.depth) {
+    nearest = {radius_ - distance, Vector3d(point.x(), point.y(), 0) / distance};
   }
-  return least;
+  return nearest;
 }
 
 }  // namespace robotcell

@@ -1,4 +1,4 @@
-// Convex bodies by their surfaces: how deep a point lies inside.
+// Convex bodies: penetration depth of points.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,19 +9,19 @@
 
 namespace robotcell {
 
-/// How deep a point lies, and which way it gets out soonest.
+/// Penetration depth of a point, and the direction of the shortest way out.
 struct Depth {
   double depth = 0;
-  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // outwards, in the frame of the solid
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // outward, in the frame of the solid
 };
 
-/// A convex body: half-spaces, and perhaps a cylinder about its z axis.
+/// A convex body: an intersection of half-spaces, optionally with a cylinder about the z axis.
 class Solid {
  public:
-  /// A box, a cylinder or a convex mesh of the dynamics engine. Throws std::invalid_argument for others.
+  /// From a box, a cylinder or a convex mesh of the dynamics engine. Throws std::invalid_argument for others.
   explicit Solid(const dart::dynamics::Shape& shape);
 
-  /// Nothing where a point, in the frame of the shape, lies outside. The surface counts as inside.
+  /// Penetration depth of a point in the frame of the shape; empty outside. The surface counts as inside.
   std::optional<Depth> depth(const Eigen::Vector3d& point) const;
 
  private:

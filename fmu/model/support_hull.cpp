@@ -17,16 +17,18 @@ using Face = std::array<int, 3>;
 
 constexpr int kDirections = 100;
 constexpr int kBaseDirections = 16;
-constexpr double kBaseThickness = 1e-6;  // m: what lies lower than this above the lowest vertex is the base
+constexpr double kBaseThickness =
+    1e-6;  // m: vertices within this height above the lowest one belong to the base
 constexpr double kGoldenAngle = 2.399963229728653;
 
-std::size_t farthest(const Points& points, const std::vector<std::size_t>& among, const Vector3d& direction) {
+std::size_t extreme_point(const Points& points, const std::vector<std::size_t>& among,
+                          const Vector3d& direction) {
   return *std::max_element(among.begin(), among.end(), [&](std::size_t a, std::size_t b) {
     return points[a].dot(direction) < points[b].dot(direction);
   });
 }
 
-/// Vertices that span the reduced hull, each once, in their order.
+/// Vertices that span the reduced hull, without duplicates, in their original order.
 Points spanning_vertices(const Points& vertices, const Vector3d& up) {
   std::vector<std::size_t> all(vertices.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
@@ -34,25 +36,25 @@ Points spanning_vertices(const Points& vertices, const Vector3d& up) {
   for (int k = 0; k < kDirections; ++k) {
     const double z = 1 - (2 * k + 1.0) / kDirections;
     const double radius = std::sqrt(1 - z * z);
-    chosen.insert(farthest(vertices, all,
-                           {radius * std::cos(kGoldenAngle * k), radius * std::sin(kGoldenAngle * k), z}));
+    chosen.insert(extreme_point(
+        vertices, all, {radius * std::cos(kGoldenAngle * k), radius * std::sin(kGoldenAngle * k), z}));
   }
-  const double lowest = vertices[farthest(vertices, all, -up)].dot(up);
+  const double lowest = vertices[extreme_point(vertices, all, -up)].dot(up);
   std::vector<std::size_t> base;
   for (const std::size_t i : all) {
     if (vertices[i].dot(up) < lowest + kBaseThickness) base.push_back(i);
   }
   const Vector3d side = up.unitOrthogonal();
   for (int k = 0; k < kBaseDirections; ++k) {
-    const Eigen::AngleAxisd turn(2 * 3.141592653589793 * k / kBaseDirections, up);
-    chosen.insert(farthest(vertices, base, turn * side));
+    const Eigen::AngleAxisd rotation(2 * 3.141592653589793 * k / kBaseDirections, up);
+    chosen.insert(extreme_point(vertices, base, rotation * side));
   }
   Points points;
   for (const std::size_t i : chosen) points.push_back(vertices[i]);
   return points;
 }
 
-/// Displaces every point a little, the same way every time, so that no four lie in one plane.
+/// Deterministic perturbation of the points, so that no four are coplanar.
 Points in_general_position(Points points) {
   Vector3d low = points.front(), high = points.front();
   for (const Vector3d& p : points) {
@@ -75,7 +77,7 @@ double height_over(const Points& p, const Face& f, const Vector3d& point) {
   return (at(f[1]) - at(f[0])).cross(at(f[2]) - at(f[0])).dot(point - at(f[0]));
 }
 
-/// Four points that span a volume, as the first hull.
+/// Initial tetrahedron of four points that span a volume.
 std::vector<Face> first_tetrahedron(const Points& p, std::array<int, 4>& corners) {
   const auto best = [&p](const auto& measure) {
     int found = 0;
@@ -101,12 +103,12 @@ std::vector<Face> first_tetrahedron(const Points& p, std::array<int, 4>& corners
   return faces;
 }
 
-/// Adds a point to a hull: the faces that it sees give way to faces between it and their outline.
+/// Adds a point to a hull: replaces the faces visible from it by faces between it and their outline.
 void add_point(const Points& p, int point, std::vector<Face>& faces) {
   const auto seen = [&](const Face& f) { return height_over(p, f, p[static_cast<std::size_t>(point)]) > 0; };
   const auto first_seen =
       std::stable_partition(faces.begin(), faces.end(), [&](const Face& f) { return !seen(f); });
-  std::map<std::pair<int, int>, bool> outline;  // edges of seen faces whose other side is not seen
+  std::map<std::pair<int, int>, bool> outline;  // boundary edges of the visible faces
   for (auto face = first_seen; face != faces.end(); ++face) {
     for (std::size_t k = 0; k < 3; ++k) {
       const int from = (*face)[k];
@@ -121,7 +123,9 @@ void add_point(const Points& p, int point, std::vector<Face>& faces) {
 }  // namespace
 
 Hull support_hull(const std::vector<Vector3d>& vertices, const Vector3d& up) {
-  if (vertices.size() < 4) throw std::invalid_argument("a hull needs at least 4 vertices");
+  if (vertices.size() < 4) {
+    throw std::invalid_argument("a hull needs at least 4 vertices, got " + std::to_string(vertices.size()));
+  }
   Hull hull;
   hull.vertices = spanning_vertices(vertices, up);
   if (hull.vertices.size() < 4) throw std::invalid_argument("the vertices of the hull span no volume");

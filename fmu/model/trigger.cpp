@@ -4,22 +4,23 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <string>
 
+#include "fmu/control/time_units.h"
 #include "fmu/model/random.h"
 
 namespace robotcell {
 namespace {
 
-constexpr double kTicksPerSecond = 1e6;
-constexpr std::size_t kMostPending = 65536;
-/// Share of an interval granted to rounding, so that an exact multiple does not come a microsecond late.
+constexpr std::size_t kMaxPending = 65536;
+/// Relative tolerance of an interval, so that an exact multiple is not rounded up by a microsecond.
 constexpr double kRounding = 1e-9;
 
-std::int64_t ticks(double seconds) { return std::llround(seconds * kTicksPerSecond); }
+std::int64_t microseconds(double seconds) { return std::llround(seconds * kMicrosecondsPerSecond); }
 
-bool finished(const PendingRecord& record) { return record.measured && record.lit; }
+bool is_complete(const PendingRecord& record) { return record.measured && record.illuminated; }
 
-bool counts(TriggerMode mode) { return mode != TriggerMode::kOff && mode != TriggerMode::kRequest; }
+bool is_periodic(TriggerMode mode) { return mode != TriggerMode::kOff && mode != TriggerMode::kRequest; }
 
 TriggerMode mode_of(const TriggerCommand& command) { return static_cast<TriggerMode>(command.mode); }
 
@@ -38,23 +39,33 @@ double interval(const TriggerCommand& command) {
 
 void check(const CellInputs& inputs) {
   const TriggerMode mode = mode_of(inputs.trigger);
-  if (inputs.exposure < 0) throw std::invalid_argument("command.exposure must not be negative");
-  if (mode == TriggerMode::kTime && ticks(inputs.trigger.period) < 1) {
-    throw std::invalid_argument("command.trigger.period must be at least 1 microsecond");
+  if (inputs.exposure < 0) {
+    throw std::invalid_argument("command.exposure must not be negative, but is " +
+                                std::to_string(inputs.exposure));
   }
-  if (counts(mode) && interval(inputs.trigger) <= 0) {
-    throw std::invalid_argument(mode == TriggerMode::kTableAngle
-                                    ? "command.trigger.angle must be positive"
-                                    : "command.trigger.distance must be positive");
+  if (mode == TriggerMode::kTime && microseconds(inputs.trigger.period) < 1) {
+    throw std::invalid_argument("command.trigger.period must be at least 1 microsecond, not " +
+                                std::to_string(inputs.trigger.period) + " s");
   }
+  if (is_periodic(mode) && interval(inputs.trigger) <= 0) {
+    const std::string name = mode == TriggerMode::kTableAngle ? "angle" : "distance";
+    throw std::invalid_argument("command.trigger." + name + " must be positive, not " +
+                                std::to_string(interval(inputs.trigger)));
+  }
+}
+
+void check_not_negative(const std::string& name, double value) {
+  if (value >= 0) return;
+  throw std::invalid_argument("as_built.trigger." + name + " must not be negative, but is " +
+                              std::to_string(value));
 }
 
 }  // namespace
 
 Trigger::Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uint64_t key)
     : layout_(layout), errors_(errors), key_(key), state_(layout) {
-  if (errors.latency < 0) throw std::invalid_argument("as_built.trigger.latency must not be negative");
-  if (errors.jitter < 0) throw std::invalid_argument("as_built.trigger.jitter must not be negative");
+  check_not_negative("latency", errors.latency);
+  check_not_negative("jitter", errors.jitter);
 }
 
 void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view) {
@@ -65,22 +76,24 @@ void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const Motio
   state_.exposure = inputs.exposure;
   const TriggerMode mode = mode_of(inputs.trigger);
   if (inputs.trigger.mode != before.mode || interval(inputs.trigger) != interval(before)) {
-    enter(now_us, view);
-    if (counts(mode)) fire(now_us);
+    restart(now_us, view);
+    if (is_periodic(mode)) fire(now_us);
   }
   if (mode != TriggerMode::kOff && inputs.trigger.request > before.request) {
     fire(now_us);
-    if (counts(mode)) --state_.fired_since_entry;  // an exposure on demand does not shift the regular ones
+    if (is_periodic(mode)) {
+      --state_.fired_since_entry;  // a requested exposure does not shift the periodic ones
+    }
   }
 }
 
-void Trigger::enter(std::int64_t now_us, const MotionView& view) {
+void Trigger::restart(std::int64_t now_us, const MotionView& view) {
   state_.entered_us = now_us;
   state_.fired_since_entry = 0;
   state_.entry_angle = view.table_angle(now_us);
   state_.path = 0;
-  const Eigen::Vector3d here = view.sensor_in_table(now_us);
-  state_.path_reference = {here.x(), here.y(), here.z()};
+  const Eigen::Vector3d position = view.sensor_in_table(now_us);
+  state_.path_reference = {position.x(), position.y(), position.z()};
 }
 
 double Trigger::path_length(std::int64_t time_us, const MotionView& view) const {
@@ -88,11 +101,11 @@ double Trigger::path_length(std::int64_t time_us, const MotionView& view) const 
   return state_.path + (view.sensor_in_table(time_us) - reference).norm();
 }
 
-bool Trigger::due(std::int64_t time_us, const MotionView& view) const {
+bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
   const auto n = static_cast<double>(state_.fired_since_entry);
   switch (mode_of(state_.command)) {
     case TriggerMode::kTime:
-      return time_us >= state_.entered_us + ticks(n * state_.command.period);
+      return time_us >= state_.entered_us + microseconds(n * state_.command.period);
     case TriggerMode::kTableAngle:
       return std::abs(view.table_angle(time_us) - state_.entry_angle) >=
              (n - kRounding) * state_.command.angle;
@@ -103,79 +116,80 @@ bool Trigger::due(std::int64_t time_us, const MotionView& view) const {
   }
 }
 
-void Trigger::watch(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view) {
-  while (due(to_us, view)) {
-    std::int64_t early = from_us;
-    std::int64_t late = to_us;
-    while (late - early > 1) {
-      const std::int64_t middle = early + (late - early) / 2;
-      (due(middle, view) ? late : early) = middle;
+void Trigger::fire_until(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view) {
+  while (is_due(to_us, view)) {
+    std::int64_t lower = from_us;
+    std::int64_t upper = to_us;
+    while (upper - lower > 1) {
+      const std::int64_t middle = lower + (upper - lower) / 2;
+      (is_due(middle, view) ? upper : lower) = middle;
     }
-    fire(late);
+    fire(upper);
   }
   if (step_ends && mode_of(state_.command) == TriggerMode::kPathDistance) {
     state_.path = path_length(to_us, view);
-    const Eigen::Vector3d here = view.sensor_in_table(to_us);
-    state_.path_reference = {here.x(), here.y(), here.z()};
+    const Eigen::Vector3d position = view.sensor_in_table(to_us);
+    state_.path_reference = {position.x(), position.y(), position.z()};
   }
 }
 
-/// The light comes late by the latency, give or take the jitter, but never before the sensor fired.
+/// Instant of the light: delayed by latency and jitter, but not before the sensor fired.
 std::int64_t Trigger::light_instant(std::int64_t fired_us, std::int64_t middle_us) const {
   double delay = errors_.latency;
   if (errors_.jitter > 0) delay += errors_.jitter * normal(key_ + static_cast<std::uint64_t>(state_.count));
-  return std::max(fired_us, middle_us + ticks(delay));
+  return std::max(fired_us, middle_us + microseconds(delay));
 }
 
 void Trigger::fire(std::int64_t time_us) {
-  if (state_.pending.size() >= kMostPending) {
+  if (state_.pending.size() >= kMaxPending) {
     throw std::runtime_error(
-        "65536 trigger records wait: one is taken per communication step, use smaller steps");
+        std::to_string(kMaxPending) +
+        " trigger records are queued: every communication step outputs only one, use smaller steps");
   }
   ++state_.count;
   ++state_.fired_since_entry;
   PendingRecord pending{TriggerRecord(layout_)};
-  pending.middle_us = time_us + ticks(state_.exposure) / 2;
+  pending.middle_us = time_us + microseconds(state_.exposure) / 2;
   pending.light_us = light_instant(time_us, pending.middle_us);
   pending.record.index = state_.count;
   pending.record.segment = state_.segment;
-  pending.record.time = static_cast<double>(pending.middle_us) / kTicksPerSecond;
+  pending.record.time = static_cast<double>(pending.middle_us) / kMicrosecondsPerSecond;
   pending.record.exposure = state_.exposure;
   state_.pending.push_back(pending);
-  ++state_.open;
+  ++state_.incomplete;
 }
 
 void Trigger::latch(std::int64_t to_us, const MotionView& view) {
-  if (state_.open == 0) return;
-  state_.open = 0;
+  if (state_.incomplete == 0) return;
+  state_.incomplete = 0;
   for (PendingRecord& pending : state_.pending) {
     if (!pending.measured && pending.middle_us <= to_us) {
       pending.record.measured = view.measurement(pending.middle_us);
       pending.measured = true;
     }
-    if (!pending.lit && pending.light_us <= to_us) {
+    if (!pending.illuminated && pending.light_us <= to_us) {
       view.write_truth(pending.light_us, pending.record.truth);
-      pending.lit = true;
+      pending.illuminated = true;
     }
-    if (!finished(pending)) ++state_.open;
+    if (!is_complete(pending)) ++state_.incomplete;
   }
 }
 
-bool Trigger::show_next() {
-  if (state_.pending.empty() || !finished(state_.pending.front())) return false;
-  state_.shown = state_.pending.front().record;
+bool Trigger::publish_next() {
+  if (state_.pending.empty() || !is_complete(state_.pending.front())) return false;
+  state_.current_record = state_.pending.front().record;
   state_.pending.pop_front();
   return true;
 }
 
-std::int64_t Trigger::next_ready() const {
+std::int64_t Trigger::next_complete_us() const {
   if (state_.pending.empty()) return std::numeric_limits<std::int64_t>::max();
   return std::max(state_.pending.front().middle_us, state_.pending.front().light_us);
 }
 
 std::int32_t Trigger::queued() const {
-  const auto open = std::find_if_not(state_.pending.begin(), state_.pending.end(), finished);
-  return static_cast<std::int32_t>(open - state_.pending.begin());
+  const auto incomplete = std::find_if_not(state_.pending.begin(), state_.pending.end(), is_complete);
+  return static_cast<std::int32_t>(incomplete - state_.pending.begin());
 }
 
 }  // namespace robotcell

@@ -1,4 +1,4 @@
-// The trigger device: decides when the sensor fires, and keeps the records of its exposures in order.
+// The trigger device: fires exposures and queues their records in order.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,81 +10,81 @@
 
 namespace robotcell {
 
-/// What the device sees of the motion, at any instant of the running dynamics step.
+/// Motion of the cell as the device sees it, at any instant of the current dynamics step.
 class MotionView {
  public:
   virtual ~MotionView() = default;
   virtual double table_angle(std::int64_t time_us) const = 0;
-  /// Origin of the sensor in the turning frame of the table, by the nominal geometry (m).
+  /// Sensor origin in the rotating frame of the table, from nominal geometry (m).
   virtual Eigen::Vector3d sensor_in_table(std::int64_t time_us) const = 0;
   virtual Measurement measurement(std::int64_t time_us) const = 0;
   virtual void write_truth(std::int64_t time_us, Bodies& bodies) const = 0;
 };
 
-/// An exposure under way. Times in microseconds from the start.
+/// An exposure whose record is incomplete or not yet published. Times in microseconds from the start.
 struct PendingRecord {
   explicit PendingRecord(TriggerRecord empty) : record(std::move(empty)) {}
 
   std::int64_t middle_us = 0;
-  std::int64_t light_us = 0;  // middle plus the as-built latency
+  std::int64_t light_us = 0;  // middle plus the delay of the device as built
   bool measured = false;
-  bool lit = false;
+  bool illuminated = false;
   TriggerRecord record;
 };
 
-/// All that the device remembers.
+/// Complete state of the device.
 struct TriggerState {
-  explicit TriggerState(const CellLayout& layout) : shown(layout) {}
+  explicit TriggerState(const CellLayout& layout) : current_record(layout) {}
 
   TriggerCommand command;
   std::int32_t segment = 0;
   double exposure = 0;
   std::int32_t count = 0;
   std::int64_t entered_us = 0;
-  std::int64_t fired_since_entry = 0;  // not counting those on request
+  std::int64_t fired_since_entry = 0;  // without requested exposures
   double entry_angle = 0;
-  double path = 0;  // m travelled from entry to the reference point
+  double path = 0;  // m, path length from the start of the mode to the reference point
   std::array<double, 3> path_reference{};
-  std::deque<PendingRecord> pending;  // in the order of firing
-  std::int32_t open = 0;              // how many of them still wait for an instant
-  TriggerRecord shown;
+  std::deque<PendingRecord> pending;  // in order of firing
+  std::int32_t incomplete = 0;        // number of incomplete records
+  TriggerRecord current_record;
 };
 
-/// Counts from the instant at which a mode is entered or its interval changed; the first exposure fires at
-/// once. An instant is the first whole microsecond at which the interval is full.
+/// Intervals count from the instant at which a mode is entered or its interval changed; the first exposure
+/// fires at that instant. Later ones fire at the first whole microsecond at which the interval is complete.
 class Trigger {
  public:
-  /// Throws std::invalid_argument when an error makes no sense.
+  /// Throws std::invalid_argument for invalid errors.
   Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uint64_t key);
 
-  /// Takes commands at a communication point; may fire there. Throws std::invalid_argument.
+  /// Reads commands at a communication point; may fire there. Throws std::invalid_argument.
   void command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view);
 
-  /// Fires whatever falls into (from, to]; `step_ends` says that `to` is on the grid of the dynamics.
-  void watch(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view);
+  /// Fires all exposures due in (from, to]; `step_ends` is true where `to` is on the dynamics grid.
+  void fire_until(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view);
 
-  /// Latches the records whose instants have come, up to and including `to`.
+  /// Latches readings and true poses of all instants up to and including `to`.
   void latch(std::int64_t to_us, const MotionView& view);
 
-  /// Moves the oldest finished record to the display; false if there is none.
-  bool show_next();
+  /// Makes the oldest complete record the current one; false if there is none.
+  bool publish_next();
 
-  /// When the oldest record will be finished; the end of all time if there is none.
-  std::int64_t next_ready() const;
+  /// Instant at which the oldest pending record is complete; the largest int64 if there is none.
+  std::int64_t next_complete_us() const;
 
-  const TriggerRecord& shown() const { return state_.shown; }
+  const TriggerRecord& current_record() const { return state_.current_record; }
   std::int32_t count() const { return state_.count; }
-  /// Finished records that wait for the display.
+  /// Number of complete records in the queue.
   std::int32_t queued() const;
 
   const TriggerState& state() const { return state_; }
   void restore(const TriggerState& state) { state_ = state; }
 
  private:
-  /// Whether the next regular exposure falls on or before an instant.
-  bool due(std::int64_t time_us, const MotionView& view) const;
+  /// Whether the next periodic exposure is due at or before an instant.
+  bool is_due(std::int64_t time_us, const MotionView& view) const;
   double path_length(std::int64_t time_us, const MotionView& view) const;
-  void enter(std::int64_t now_us, const MotionView& view);
+  void restart(std::int64_t now_us, const MotionView& view);
   void fire(std::int64_t time_us);
 
   CellLayout layout_;

@@ -4,22 +4,27 @@
 #include <stdexcept>
 #include <string>
 
+#include "fmu/control/time_units.h"
 #include "fmu/model/random.h"
 
 namespace robotcell {
 namespace {
 
 constexpr double kTwoPi = 6.283185307179586;
-constexpr double kSecondsPerTick = 1e-6;
 constexpr int kRandomWaves = 32;  // per axis
 
 void check(const VibrationParameters& parameters, const std::string& name) {
   const std::string group = "as_built.vibration." + name;
-  if (parameters.frequency < 0) throw std::invalid_argument(group + ".frequency must not be negative");
-  if (parameters.random_rms < 0) throw std::invalid_argument(group + ".random_rms must not be negative");
-  if (parameters.random_low < 0) throw std::invalid_argument(group + ".random_low must not be negative");
+  const auto check_not_negative = [&group](const char* key, double value) {
+    if (value >= 0) return;
+    throw std::invalid_argument(group + key + " must not be negative, but is " + std::to_string(value));
+  };
+  check_not_negative(".frequency", parameters.frequency);
+  check_not_negative(".random_rms", parameters.random_rms);
+  check_not_negative(".random_low", parameters.random_low);
   if (parameters.random_rms > 0 && parameters.random_width <= 0) {
-    throw std::invalid_argument(group + ".random_width must be positive where .random_rms is");
+    throw std::invalid_argument(group + ".random_width must be positive where .random_rms is, but is " +
+                                std::to_string(parameters.random_width));
   }
 }
 
@@ -47,7 +52,7 @@ void Vibration::add_random_waves(const VibrationParameters& parameters, std::uin
 }
 
 Displacement Vibration::at(std::int64_t time_us) const {
-  const double time = static_cast<double>(time_us) * kSecondsPerTick;
+  const double time = static_cast<double>(time_us) * kSecondsPerMicrosecond;
   Displacement sum;
   for (const Wave& wave : waves_) {
     const double angle = wave.angular_frequency * time + wave.phase;

@@ -1,4 +1,4 @@
-// Vibration of what should stand still: a closed form of time, so that it is the same at any step.
+// Vibration in closed form, so that it does not depend on the step size.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,17 +10,17 @@
 
 namespace robotcell {
 
-/// Displacement of a frame along its own nominal axes, and its rate.
+/// Displacement of a frame along its nominal axes, and its rate.
 struct Displacement {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // m
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  // m/s
 };
 
-/// A sine along each axis, and a random part: a sum of sines whose frequencies lie evenly in a band, each
-/// somewhere in its own slot, with random phases and equal power.
+/// A sine along each axis plus a random part: a sum of sines of equal amplitude with random phases and
+/// stratified random frequencies in a band.
 class Vibration {
  public:
-  /// Throws std::invalid_argument where a number makes no sense; `name` is the parameters' own.
+  /// Throws std::invalid_argument for invalid parameters; `name` is their name in messages.
   Vibration(const VibrationParameters& parameters, const char* name, std::uint64_t key);
 
   bool active() const { return !waves_.empty(); }

@@ -8,6 +8,7 @@
 #include <dart/simulation/World.hpp>
 #include <mutex>
 
+#include "fmu/control/time_units.h"
 #include "fmu/model/engine_locks.h"
 #include "fmu/model/engine_setup.h"
 #include "fmu/model/soft_body.h"
@@ -22,24 +23,23 @@ using namespace dart::dynamics;
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
 
-constexpr double kSecondsPerTick = 1e-6;
 constexpr int kSettlingSteps = 1000;
-constexpr double kMostTilt = 0.02;     // rad, and
-constexpr double kMostSinking = 1e-3;  // m, by which a part that stands may settle
+constexpr double kMaxSettlingTilt = 0.02;   // rad, and
+constexpr double kMaxSettlingShift = 1e-3;  // m: maximum motion while a standing part settles
 
 bool any_free(const CellDescription& cell) {
   return std::any_of(cell.parts.begin(), cell.parts.end(), [](const PartDescription& p) { return p.free; });
 }
 
-/// How far a part sinks that stands on as few of its points as it can.
-double yielding(const PartDescription& part, double gravity) {
-  return part.soft ? part.mass * gravity / (3 * part.soft->stiffness) : 0;
+/// Static compression of a soft part that stands on three of its points.
+double static_compression(const PartDescription& part, double gravity) {
+  return part.soft ? part.inertial.mass * gravity / (3 * part.soft->stiffness) : 0;
 }
 
 }  // namespace
 
-World::World(const CellDescription& cell, const Kinematics& kinematics, const Imposed& start)
-    : time_step_(static_cast<double>(cell.time_step_us) * kSecondsPerTick), kinematics_(kinematics) {
+World::World(const CellDescription& cell, const Kinematics& kinematics, const PrescribedMotion& start)
+    : time_step_(static_cast<double>(cell.time_step_us) * kSecondsPerMicrosecond), kinematics_(kinematics) {
   const std::lock_guard<std::mutex> lock(building_mutex());
   prepare_engine();
   engine_ = std::make_unique<Engine>();
@@ -55,14 +55,14 @@ World::World(const CellDescription& cell, const Kinematics& kinematics, const Im
   add_supports(cell);
   add_dynamics(cell, start);
   if (cell.gripper) add_gripper(*cell.gripper);
-  impose(start);
+  prescribe(start);
   add_parts(cell);
   if (soft) engine_->connect_soft_parts(*soft_detector);
-  for (const ContactPair& pair : cell.contact.pairs) engine_->set_most_contacts(pair);
-  const GraspState untouched = grasp();
-  const ArmDynamicsState resting = arm();
+  for (const ContactPair& pair : cell.contact.pairs) engine_->set_max_contacts(pair);
+  const GraspState initial_grasp = grasp();
+  const ArmDynamicsState initial_arm = arm();
   if (any_free(cell)) settle(cell, start);
-  restore(start, resting, free_parts(), untouched);
+  restore(start, initial_arm, free_parts(), initial_grasp);
 }
 
 World::~World() {
@@ -70,7 +70,7 @@ World::~World() {
   engine_.reset();
 }
 
-/// The bodies that drives move; they have shapes only where something can touch them.
+/// Adds the driven bodies; they get collision shapes only where parts can touch them.
 void World::add_supports(const CellDescription& cell) {
   const bool collides = any_free(cell);
   Engine& engine = *engine_;
@@ -92,7 +92,8 @@ void World::add_supports(const CellDescription& cell) {
   }
 }
 
-/// Fingers touch free parts alone: what drives move would not give way to them.
+/// Adds the gripper. Fingers collide with free parts only: contacts with kinematic bodies have no effect on
+/// them.
 void World::add_gripper(const GripperDescription& description) {
   Engine& engine = *engine_;
   engine.gripper = std::make_unique<Gripper>(description, engine.arm->getBodyNode(kJoints - 1), time_step_);
@@ -110,7 +111,7 @@ void World::add_gripper(const GripperDescription& description) {
   }
 }
 
-void World::add_dynamics(const CellDescription& cell, const Imposed& start) {
+void World::add_dynamics(const CellDescription& cell, const PrescribedMotion& start) {
   if (!cell.dynamics) return;
   std::array<std::array<double, 2>, kJoints> limits;
   std::array<double, kJoints> motors;
@@ -130,11 +131,11 @@ void World::add_parts(const CellDescription& cell) {
     added.free = part.free;
     added.soft = part.soft.has_value();
     const bool on_table = part.stands_on.kind == StandsOn::Kind::kTable;
-    added.clamped = {on_table ? Carrier::kPlatter : Carrier::kWorld, part.support_from_part};
+    added.clamped = {on_table ? SupportingBody::kPlatter : SupportingBody::kWorld, part.support_from_part};
     if (part.free) {
       added.skeleton = make_free_part("part " + std::to_string(engine.parts.size() + 1), part, time_step_);
       added.friction = part.friction;
-      added.gyration = std::sqrt(part.inertia.trace() / 2 / part.mass);
+      added.radius_of_gyration = std::sqrt(part.inertial.inertia.trace() / 2 / part.inertial.mass);
       engine.world->addSkeleton(added.skeleton);
       added.skeleton->setPositions(
           FreeJoint::convertToPositions(engine.pose_of(stands_on) * part.support_from_part));
@@ -149,10 +150,9 @@ void World::add_parts(const CellDescription& cell) {
   }
 }
 
-/// Lets free parts come to rest while everything stands still, before time starts, and refuses a part that
-/// does not stand.
-void World::settle(const CellDescription& cell, const Imposed& start) {
-  Imposed still = start;
+/// Lets free parts settle before time starts, and rejects unstable parts.
+void World::settle(const CellDescription& cell, const PrescribedMotion& start) {
+  PrescribedMotion still = start;
   still.axes.rate = {};
   std::vector<Isometry3d> before;
   for (const Part& part : engine_->parts) before.push_back(part.free ? part.pose() : Isometry3d::Identity());
@@ -162,25 +162,27 @@ void World::settle(const CellDescription& cell, const Imposed& start) {
     const Isometry3d change = before[i].inverse() * engine_->parts[i].pose();
     const double tilt = Eigen::AngleAxisd(change.linear()).angle();
     const double shift = change.translation().norm();
-    if (tilt < kMostTilt && shift < kMostSinking + yielding(cell.parts[i], cell.gravity.norm())) continue;
+    if (tilt < kMaxSettlingTilt &&
+        shift < kMaxSettlingShift + static_compression(cell.parts[i], cell.gravity.norm()))
+      continue;
     const std::string name = "parts[" + std::to_string(i) + "]";
-    throw DescriptionError(name + ": the free part '" + cell.parts[i].name + "' does not stand where " +
-                           name + ".support_from_part puts it: within 1 s it turns by " +
-                           std::to_string(tilt) + " rad and moves by " + std::to_string(shift) + " m");
+    throw DescriptionError(name + ": the free part '" + cell.parts[i].name + "' is not stable at " + name +
+                           ".support_from_part: while settling it rotates by " + std::to_string(tilt) +
+                           " rad and moves by " + std::to_string(shift) + " m");
   }
 }
 
-void World::impose(const Imposed& imposed) {
-  const AxesState& axes = imposed.axes;
+void World::prescribe(const PrescribedMotion& prescribed) {
+  const AxesState& axes = prescribed.axes;
   for (std::size_t i = 0; i < kJoints && !engine_->dynamic_arm; ++i) {
     engine_->arm->setPosition(i, axes.position[i]);
   }
   engine_->table_joint()->setRelativeTransform(kinematics_.platter(axes.position[kTableAxis], 0).pose);
-  for (std::size_t i = 0; i < imposed.belts.size(); ++i) engine_->travel[i] = imposed.belts[i].travel;
+  for (std::size_t i = 0; i < prescribed.belts.size(); ++i) engine_->travel[i] = prescribed.belts[i].travel;
 }
 
-/// The mean speeds of a step, which starts at the poses that are imposed now.
-void World::impose_speeds(const Imposed& from, const Imposed& to) {
+/// Prescribes the mean velocities of a step, which starts at the present prescribed poses.
+void World::prescribe_velocities(const PrescribedMotion& from, const PrescribedMotion& to) {
   Eigen::Matrix<double, kAxes, 1> speed;
   for (int i = 0; i < kAxes; ++i) {
     const auto axis = static_cast<std::size_t>(i);
@@ -203,29 +205,30 @@ void World::impose_speeds(const Imposed& from, const Imposed& to) {
   }
 }
 
-void World::step(const Imposed& from, const Imposed& to) {
+void World::step(const PrescribedMotion& from, const PrescribedMotion& to) {
+  if (!engine_->has_free_motion()) return prescribe(to);
   prepare_thread();
-  impose(from);
-  impose_speeds(from, to);
+  prescribe(from);
+  prescribe_velocities(from, to);
   if (engine_->gripper) engine_->gripper->begin_step();
   engine_->begin_step();
   engine_->world->step();
   if (engine_->dynamic_arm) engine_->dynamic_arm->after_step();
-  impose(to);
+  prescribe(to);
   if (engine_->gripper) engine_->gripper->end_step();
-  engine_->hold_parts(time_step_);
+  engine_->apply_stick_constraints(time_step_);
 }
 
-PartPlace World::place(std::size_t index) const {
+PartPlacement World::placement(std::size_t index) const {
   const Part& part = engine_->parts[index];
   if (!part.free) return part.clamped;
-  switch (const Carrier carrier = engine_->carrier_of(part.carrier)) {
-    case Carrier::kPlatter:
-      return {carrier, engine_->platter()->getWorldTransform().inverse() * part.pose()};
-    case Carrier::kFlange:
-      return {carrier, link_pose(kJoints - 1).inverse() * part.pose()};
+  switch (const SupportingBody body = engine_->supporting_body_of(part.main_support)) {
+    case SupportingBody::kPlatter:
+      return {body, engine_->platter()->getWorldTransform().inverse() * part.pose()};
+    case SupportingBody::kFlange:
+      return {body, link_pose(kJoints - 1).inverse() * part.pose()};
     default:
-      return {carrier, part.pose()};
+      return {body, part.pose()};
   }
 }
 
@@ -252,7 +255,7 @@ GripperPoint World::gripper() const {
     Eigen::Map<Vector3d>(point.contact_force[i].data()) = whole;
   }
   point.force = gripper->force();
-  point.gripped = gripper->grips();
+  point.gripped = gripper->is_gripping();
   return point;
 }
 
@@ -271,18 +274,18 @@ std::vector<FreePartState> World::free_parts() const {
     if (!part.free) continue;
     Eigen::Map<Eigen::Matrix<double, 6, 1>>(state.position.data()) = part.skeleton->getPositions();
     Eigen::Map<Eigen::Matrix<double, 6, 1>>(state.velocity.data()) = part.skeleton->getVelocities();
-    state.carrier = part.carrier;
-    state.anchors = part.anchors;
+    state.main_support = part.main_support;
+    state.stick_constraints = part.stick_constraints;
     state.points = soft_points(part.body());
   }
   return states;
 }
 
-void World::restore(const Imposed& imposed, const ArmDynamicsState& arm,
+void World::restore(const PrescribedMotion& prescribed, const ArmDynamicsState& arm,
                     const std::vector<FreePartState>& states, const GraspState& grasp) {
   engine_->check(states);
   if (engine_->dynamic_arm) engine_->dynamic_arm->restore(arm);
-  impose(imposed);
+  prescribe(prescribed);
   if (engine_->gripper) {
     engine_->gripper->restore(grasp.gripper);
     for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setVelocity(i, grasp.arm_speed[i]);
@@ -293,8 +296,8 @@ void World::restore(const Imposed& imposed, const ArmDynamicsState& arm,
     const FreePartState& state = states[i];
     part.skeleton->setPositions(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.position.data()));
     part.skeleton->setVelocities(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.velocity.data()));
-    part.carrier = state.carrier;
-    part.anchors = state.anchors;
+    part.main_support = state.main_support;
+    part.stick_constraints = state.stick_constraints;
     restore_soft_points(part.body(), state.points);
   }
 }

@@ -17,11 +17,11 @@ namespace {
 using namespace dart::dynamics;
 using Eigen::Vector3d;
 
-constexpr std::size_t kMostFaces = 60;
+constexpr std::size_t kMaxFaces = 60;
 
-/// The part's own hull while the collision detector can cope with it, or a reduced one.
+/// The hull of the part, or a reduced one where it has too many faces for the collision detector.
 Hull contact_hull(const PartDescription& part) {
-  if (part.hull_faces.size() <= kMostFaces) return {part.hull_vertices, part.hull_faces};
+  if (part.hull_faces.size() <= kMaxFaces) return {part.hull_vertices, part.hull_faces};
   return support_hull(part.hull_vertices, part.support_from_part.linear().row(2).transpose());
 }
 
@@ -37,7 +37,7 @@ BodyNode::Properties named(const std::string& name) {
 
 }  // namespace
 
-SkeletonPtr make_arm(const Kinematics& kinematics, bool carries) {
+SkeletonPtr make_arm(const Kinematics& kinematics, bool mobile) {
   SkeletonPtr arm = Skeleton::create("arm");
   BodyNode* parent = nullptr;
   for (int i = 0; i < kJoints; ++i) {
@@ -50,7 +50,7 @@ SkeletonPtr make_arm(const Kinematics& kinematics, bool carries) {
     const auto body = named("link" + std::to_string(i + 1));
     parent = arm->createJointAndBodyNodePair<RevoluteJoint>(parent, joint, body).second;
   }
-  arm->setMobile(carries);
+  arm->setMobile(mobile);
   return arm;
 }
 
@@ -91,7 +91,7 @@ SkeletonPtr make_free_part(const std::string& name, const PartDescription& part,
   if (part.soft) return make_soft_part(name, part, contact_hull(part), time_step);
   SkeletonPtr skeleton = Skeleton::create(name);
   BodyNode* body = skeleton->createJointAndBodyNodePair<FreeJoint>().second;
-  body->setInertia(Inertia(part.mass, part.centre_of_mass, part.inertia));
+  body->setInertia(Inertia(part.inertial.mass, part.inertial.centre_of_mass, part.inertial.inertia));
   add_hull(body, Eigen::Isometry3d::Identity(), part);
   return skeleton;
 }

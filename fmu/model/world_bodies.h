@@ -1,4 +1,4 @@
-// The bodies of the cell as skeletons of the dynamics engine. Names must differ within a world.
+// Bodies of the cell as skeletons of the dynamics engine. Names must be unique within a world.
 #pragma once
 
 #include <dart/dynamics/Skeleton.hpp>
@@ -8,22 +8,22 @@
 
 namespace robotcell {
 
-/// The joints take imposed positions, or imposed velocities where the arm carries what moves by itself.
-dart::dynamics::SkeletonPtr make_arm(const Kinematics& kinematics, bool carries);
+/// Joints take prescribed positions, or prescribed velocities where the arm is mobile (carries a gripper).
+dart::dynamics::SkeletonPtr make_arm(const Kinematics& kinematics, bool mobile);
 
-/// The platter; its floating joint is imposed, so that any error motion of the axis can be.
+/// The platter; its free joint is prescribed, so that it can follow any error motion of the axis.
 dart::dynamics::SkeletonPtr make_table(const TableDescription& table, bool collides);
 
-/// A belt stands still, and a prismatic joint along x gives its surface a speed.
+/// The body of a belt does not move; a prismatic joint along x gives its surface a velocity.
 dart::dynamics::SkeletonPtr make_belt(const std::string& name, const ConveyorDescription& conveyor);
 
-/// What stands in the world and never moves.
+/// The stationary environment.
 dart::dynamics::SkeletonPtr make_ground();
 
 dart::dynamics::SkeletonPtr make_free_part(const std::string& name, const PartDescription& part,
                                            double time_step);
 
-/// Adds a part's hull to a body.
+/// Adds the hull of a part to a body as a collision shape.
 dart::dynamics::ShapeNode* add_hull(dart::dynamics::BodyNode* body, const Eigen::Isometry3d& body_from_part,
                                     const PartDescription& part);
 

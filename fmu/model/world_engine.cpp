@@ -17,19 +17,18 @@ using Eigen::Isometry3d;
 using Eigen::Vector3d;
 using Eigen::Vector6d;
 
-/// A part rests on its support while it slips by no more than friction stops within so many steps.
+/// A part sticks while its slip velocity is below what friction stops within this number of steps.
 constexpr double kStepsToStop = 2;
 
-/// A part that falls comes to rest this far away (m): at last, after hours, its place would be beyond what
-/// the collision engine can count, which ends the process then.
-constexpr double kFarthest = 1e4;
-/// Far more than the greatest gravity makes of a fall to there (m/s, rad/s).
-constexpr double kFastest = 1e6;
+/// m. A falling part is stopped here: further away its coordinates would overflow in the collision engine.
+constexpr double kMaxDistance = 1e4;
+/// m/s, rad/s; larger than any fall within kMaxDistance can produce.
+constexpr double kMaxSpeed = 1e6;
 
-void stop_where_lost(Part& part) {
-  const bool lost = part.pose().translation().norm() > kFarthest;
-  if (lost) part.skeleton->resetVelocities();
-  part.skeleton->setMobile(!lost);
+void stop_if_out_of_range(Part& part) {
+  const bool out_of_range = part.pose().translation().norm() > kMaxDistance;
+  if (out_of_range) part.skeleton->resetVelocities();
+  part.skeleton->setMobile(!out_of_range);
 }
 
 Vector3d velocity_at(const BodyNode* body, const Vector3d& point) {
@@ -38,11 +37,16 @@ Vector3d velocity_at(const BodyNode* body, const Vector3d& point) {
 
 }  // namespace
 
-const PairContact* Part::holding(std::int32_t support) const {
+const PairContact* Part::sticking_contact(std::int32_t support) const {
   const auto found = std::find_if(contacts.begin(), contacts.end(), [support](const PairContact& contact) {
-    return contact.support == support && contact.holds;
+    return contact.support == support && contact.sticks;
   });
   return found == contacts.end() ? nullptr : &*found;
+}
+
+bool World::Engine::has_free_motion() const {
+  return dynamic_arm || gripper ||
+         std::any_of(parts.begin(), parts.end(), [](const Part& p) { return p.free; });
 }
 
 void World::Engine::add_support(const Support& support) {
@@ -57,12 +61,12 @@ std::int32_t World::Engine::support_number(const StandsOn& stands_on) {
     case StandsOn::Kind::kConveyor:
       return static_cast<std::int32_t>(1 + stands_on.conveyor);
     default:
-      return kNothing;
+      return kNoSupport;
   }
 }
 
 BodyNode* World::Engine::body_of(std::int32_t support) const {
-  return support == kNothing ? ground->getBodyNode(0) : supports[static_cast<std::size_t>(support)].body;
+  return support == kNoSupport ? ground->getBodyNode(0) : supports[static_cast<std::size_t>(support)].body;
 }
 
 Isometry3d World::Engine::pose_of(std::int32_t support) const {
@@ -83,25 +87,25 @@ Part* World::Engine::free_part(std::int32_t support) {
   return const_cast<Part*>(std::as_const(*this).free_part(support));
 }
 
-Carrier World::Engine::carrier_of(std::int32_t support) const {
-  // Parts that lean on each other may carry each other in a circle.
-  for (std::size_t hops = 0; hops <= parts.size() && support != kNothing; ++hops) {
+SupportingBody World::Engine::supporting_body_of(std::int32_t support) const {
+  // Parts that lean on each other may form a cycle.
+  for (std::size_t hops = 0; hops <= parts.size() && support != kNoSupport; ++hops) {
     if (const Part* part = free_part(support)) {
-      support = part->carrier;
+      support = part->main_support;
       continue;
     }
     const BodyNode* body = body_of(support);
-    if (body == platter()) return Carrier::kPlatter;
-    return body->getSkeleton() == arm ? Carrier::kFlange : Carrier::kWorld;
+    if (body == platter()) return SupportingBody::kPlatter;
+    return body->getSkeleton() == arm ? SupportingBody::kFlange : SupportingBody::kWorld;
   }
-  return Carrier::kWorld;
+  return SupportingBody::kWorld;
 }
 
-void World::Engine::set_most_contacts(const ContactPair& pair) {
+void World::Engine::set_max_contacts(const ContactPair& pair) {
   for (const Support& a : supports) {
     for (const Support& b : supports) {
       if (a.name != pair.bodies[0] || b.name != pair.bodies[1]) continue;
-      detector->set_most_contacts(a.shape, b.shape, pair.points);
+      detector->set_max_contacts(a.shape, b.shape, pair.points);
     }
   }
 }
@@ -132,27 +136,28 @@ std::pair<double, Vector3d> World::Engine::pad_force(std::size_t finger) const {
 
 void World::Engine::begin_step() {
   for (Part& part : parts) {
-    part.rides.clear();
+    part.support_poses.clear();
     if (!part.free) continue;
-    stop_where_lost(part);
+    stop_if_out_of_range(part);
     part.before = part.pose();
-    for (const StickAnchor& anchor : part.anchors) {
-      part.rides.push_back({anchor.support, pose_of(anchor.support).inverse() * part.pose(), {}});
-      if (free_part(anchor.support) == nullptr) {
-        part.rides.back().jacobian = body_of(anchor.support)->getJacobian();
+    for (const StickConstraint& constraint : part.stick_constraints) {
+      part.support_poses.push_back(
+          {constraint.support, pose_of(constraint.support).inverse() * part.pose(), {}});
+      if (free_part(constraint.support) == nullptr) {
+        part.support_poses.back().jacobian = body_of(constraint.support)->getJacobian();
       }
     }
   }
 }
 
-void World::Engine::hold_parts(double time_step) {
+void World::Engine::apply_stick_constraints(double time_step) {
   for (Part& part : parts) {
     part.contacts.clear();
-    part.settled = !part.free;
-    if (part.free) part.moved = FreeJoint::convertToPositions(part.before.inverse() * part.pose());
+    part.updated = !part.free;
+    if (part.free) part.displacement = FreeJoint::convertToPositions(part.before.inverse() * part.pose());
   }
   read_contacts();
-  for (Part& part : parts) hold(part, time_step);
+  for (Part& part : parts) update_stick_constraints(part, time_step);
 }
 
 void World::Engine::read_contacts() {
@@ -179,10 +184,10 @@ void World::Engine::add_contact(std::int32_t on, std::int32_t by, const Vector3d
   pair->normal += normal;
 }
 
-/// Splits the forces of a part's contacts and finds what carries it.
-void World::Engine::weigh_contacts(Part& part, double time_step) {
-  part.carrier = kNothing;
-  double greatest = 0;
+/// Splits the contact forces of a part, finds those within the friction cone, and the main support.
+void World::Engine::classify_contacts(Part& part, double time_step) {
+  part.main_support = kNoSupport;
+  double max_normal_force = 0;
   for (PairContact& contact : part.contacts) {
     const Support& support = supports[static_cast<std::size_t>(contact.support)];
     contact.normal =
@@ -191,26 +196,28 @@ void World::Engine::weigh_contacts(Part& part, double time_step) {
     const double friction = std::min(part.friction, support.friction);
     const double stopping_speed =
         kStepsToStop * friction * contact.split.normal / part.body()->getMass() * time_step;
-    // The points of a soft part stick by themselves; where its core is to be kept, nothing says.
-    contact.holds = !part.soft && !is_soft(contact.support) && friction_holds(contact.split, friction) &&
-                    slip_of(part, contact).norm() < stopping_speed &&
-                    spin_of(part, contact) * part.gyration < stopping_speed;
-    if (contact.split.normal <= greatest) continue;
-    greatest = contact.split.normal;
-    part.carrier = contact.support;
+    // The points of a soft part have friction of their own; its core has no defined rest pose.
+    contact.sticks = !part.soft && !is_soft(contact.support) &&
+                     within_friction_cone(contact.split, friction) &&
+                     slip_velocity(part, contact).norm() < stopping_speed &&
+                     spin_rate(part, contact) * part.radius_of_gyration < stopping_speed;
+    if (contact.split.normal <= max_normal_force) continue;
+    max_normal_force = contact.split.normal;
+    part.main_support = contact.support;
   }
 }
 
-/// Slip of a part's centre of mass over a support.
-Vector3d World::Engine::slip_of(const Part& part, const PairContact& contact) const {
+/// Tangential velocity of a part's centre of mass relative to a support.
+Vector3d World::Engine::slip_velocity(const Part& part, const PairContact& contact) const {
   const BodyNode* support = body_of(contact.support);
   const Vector3d slip = part.body()->getCOMLinearVelocity() - velocity_at(support, part.body()->getCOM());
   return slip - slip.dot(contact.normal) * contact.normal;
 }
 
-double World::Engine::spin_of(const Part& part, const PairContact& contact) const {
-  const Vector3d turn = part.body()->getAngularVelocity() - body_of(contact.support)->getAngularVelocity();
-  return std::abs(turn.dot(contact.normal));
+double World::Engine::spin_rate(const Part& part, const PairContact& contact) const {
+  const Vector3d relative_rate =
+      part.body()->getAngularVelocity() - body_of(contact.support)->getAngularVelocity();
+  return std::abs(relative_rate.dot(contact.normal));
 }
 
 bool World::Engine::is_soft(std::int32_t support) const {
@@ -218,83 +225,93 @@ bool World::Engine::is_soft(std::int32_t support) const {
   return part != nullptr && part->soft;
 }
 
-/// Where a part that a support holds comes to in a step, support frame. The engine moves every body along its
-/// own velocity: a part with just the velocity of the support that turns under it leaves that by half the
-/// square of the step's angle times the radius, and so comes off one of two fingers, or tilts. The motion
-/// relative to the support is free of that, since the velocities of both belong to their poses at the start.
-Isometry3d World::Engine::carried(const Part& part, const Ride& ride, double time_step) const {
-  const BodyNode* body = body_of(ride.support);
+/// Pose of a sticking part relative to its support after the step.
+///
+/// The engine moves every body along its own velocity. A part with the velocity of a rotating support leaves
+/// it in one step by half the square of the rotation angle times the radius, and so loses contact with one of
+/// two fingers, or tilts. The motion relative to the support has no such error, because both velocities
+/// belong to the poses at the start of the step.
+Isometry3d World::Engine::relative_pose_after_step(const Part& part, const SupportPose& support_pose,
+                                                   double time_step) const {
+  const BodyNode* body = body_of(support_pose.support);
   Vector6d support_moved = Vector6d::Zero();
-  if (const Part* carrier = free_part(ride.support)) {
-    support_moved = carrier->moved;
+  if (const Part* main_support = free_part(support_pose.support)) {
+    support_moved = main_support->displacement;
   } else {
     for (std::size_t i = 0; i < body->getNumDependentGenCoords(); ++i) {
       const double speed = body->getDependentDof(i)->getVelocity();
-      support_moved += ride.jacobian.col(static_cast<Eigen::Index>(i)) * (speed * time_step);
+      support_moved += support_pose.jacobian.col(static_cast<Eigen::Index>(i)) * (speed * time_step);
     }
   }
-  const Vector6d moved = part.moved - dart::math::AdInvT(ride.support_from_part, support_moved);
-  return ride.support_from_part * FreeJoint::convertToTransform(moved);
+  const Vector6d displacement =
+      part.displacement - dart::math::AdInvT(support_pose.support_from_part, support_moved);
+  return support_pose.support_from_part * FreeJoint::convertToTransform(displacement);
 }
 
-/// Lets go where friction does not hold, puts the part back by the strongest contact that holds (after the
-/// parts that carry it), and takes hold where it has come to rest.
-void World::Engine::hold(Part& part, double time_step) {
-  if (part.settled) return;
-  part.settled = true;
-  weigh_contacts(part, time_step);
-  if (Part* carrier = free_part(part.carrier)) hold(*carrier, time_step);
-  auto& anchors = part.anchors;
-  anchors.erase(
-      std::remove_if(anchors.begin(), anchors.end(),
-                     [&](const StickAnchor& anchor) { return part.holding(anchor.support) == nullptr; }),
-      anchors.end());
-  put_back(part, time_step);
-  take_hold(part);
+/// Releases constraints outside the friction cone, projects the part onto that with the largest normal force
+/// (after the parts that support it), and engages new ones where it has come to rest.
+void World::Engine::update_stick_constraints(Part& part, double time_step) {
+  if (part.updated) return;
+  part.updated = true;
+  classify_contacts(part, time_step);
+  if (Part* main_support = free_part(part.main_support)) update_stick_constraints(*main_support, time_step);
+  auto& stick_constraints = part.stick_constraints;
+  stick_constraints.erase(std::remove_if(stick_constraints.begin(), stick_constraints.end(),
+                                         [&](const StickConstraint& constraint) {
+                                           return part.sticking_contact(constraint.support) == nullptr;
+                                         }),
+                          stick_constraints.end());
+  project_to_stick_constraint(part, time_step);
+  engage_stick_constraints(part);
 }
 
-void World::Engine::put_back(Part& part, double time_step) const {
-  const auto weaker = [&part](const StickAnchor& a, const StickAnchor& b) {
-    return part.holding(a.support)->split.normal < part.holding(b.support)->split.normal;
+void World::Engine::project_to_stick_constraint(Part& part, double time_step) const {
+  const auto weaker = [&part](const StickConstraint& a, const StickConstraint& b) {
+    return part.sticking_contact(a.support)->split.normal < part.sticking_contact(b.support)->split.normal;
   };
-  const auto strongest = std::max_element(part.anchors.begin(), part.anchors.end(), weaker);
-  if (strongest == part.anchors.end()) return;
-  const auto ride = std::find_if(part.rides.begin(), part.rides.end(),
-                                 [&](const Ride& r) { return r.support == strongest->support; });
-  const Isometry3d held =
-      pose_of(strongest->support) * held_pose(*strongest, carried(part, *ride, time_step));
-  part.skeleton->setPositions(FreeJoint::convertToPositions(held));
+  const auto strongest =
+      std::max_element(part.stick_constraints.begin(), part.stick_constraints.end(), weaker);
+  if (strongest == part.stick_constraints.end()) return;
+  const auto support_pose =
+      std::find_if(part.support_poses.begin(), part.support_poses.end(),
+                   [&](const SupportPose& r) { return r.support == strongest->support; });
+  const Isometry3d projected =
+      pose_of(strongest->support) *
+      project_pose(*strongest, relative_pose_after_step(part, *support_pose, time_step));
+  part.skeleton->setPositions(FreeJoint::convertToPositions(projected));
 }
 
-void World::Engine::take_hold(Part& part) const {
+void World::Engine::engage_stick_constraints(Part& part) const {
   for (const PairContact& contact : part.contacts) {
-    const bool known =
-        std::any_of(part.anchors.begin(), part.anchors.end(),
-                    [&contact](const StickAnchor& anchor) { return anchor.support == contact.support; });
-    if (!contact.holds || known) continue;
+    const bool known = std::any_of(
+        part.stick_constraints.begin(), part.stick_constraints.end(),
+        [&contact](const StickConstraint& constraint) { return constraint.support == contact.support; });
+    if (!contact.sticks || known) continue;
     const Isometry3d support = pose_of(contact.support);
-    part.anchors.push_back(
+    part.stick_constraints.push_back(
         {contact.support, support.linear().transpose() * contact.normal, support.inverse() * part.pose()});
   }
 }
 
 void World::Engine::check(const std::vector<FreePartState>& states) const {
   const auto known = [this](std::int32_t support) {
-    return support >= kNothing && support < static_cast<std::int32_t>(supports.size());
+    return support >= kNoSupport && support < static_cast<std::int32_t>(supports.size());
   };
   bool fits = states.size() == parts.size();
   for (std::size_t i = 0; fits && i < states.size(); ++i) {
     const FreePartState& state = states[i];
     const std::size_t points = parts[i].soft ? soft_points(parts[i].body()).size() : 0;
-    fits = known(state.carrier) && state.points.size() == points;
-    for (const StickAnchor& anchor : state.anchors) fits = fits && known(anchor.support);
+    fits = known(state.main_support) && state.points.size() == points;
+    for (const StickConstraint& constraint : state.stick_constraints) {
+      fits = fits && known(constraint.support);
+    }
   }
-  if (!fits) throw std::invalid_argument("the state holds parts that this cell does not have");
+  if (!fits) throw std::invalid_argument("the state belongs to a cell with other parts");
   for (const FreePartState& state : states) {
-    const bool near = Eigen::Map<const Vector3d>(state.position.data() + 3).norm() < 2 * kFarthest;
-    const bool slow = Eigen::Map<const Vector6d>(state.velocity.data()).norm() < kFastest;
-    if (near && slow) continue;
-    throw std::invalid_argument("the state holds a part that is farther away or faster than any can get");
+    const bool in_range = Eigen::Map<const Vector3d>(state.position.data() + 3).norm() < 2 * kMaxDistance;
+    const bool below_max_speed = Eigen::Map<const Vector6d>(state.velocity.data()).norm() < kMaxSpeed;
+    if (in_range && below_max_speed) continue;
+    throw std::invalid_argument("the state holds a part with an impossible position or velocity");
   }
 }
 

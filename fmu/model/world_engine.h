@@ -1,4 +1,4 @@
-// What a world holds of the dynamics engine: bodies, what can carry a part, and how friction holds parts.
+// Bodies of a world in the dynamics engine, supports of parts, and stick constraints.
 #pragma once
 
 #include <dart/dynamics/BodyNode.hpp>
@@ -18,72 +18,77 @@
 
 namespace robotcell {
 
-constexpr std::int32_t kNothing = -1;  // the number of no support: the world itself
+constexpr std::int32_t kNoSupport = -1;  // no support; also the number of the stationary environment
 constexpr std::int32_t kTableSupport = 0;
 
-/// Whatever a free part can touch. The table is number 0, the belts follow, then the gripper's fingers, and
-/// then all parts.
+/// A body that can support a free part. Number 0 is the table, then the belts, the gripper's fingers, and all
+/// parts.
 struct Support {
   std::string name;
-  dart::dynamics::ShapeNode* shape = nullptr;  // null where nothing can touch it
+  dart::dynamics::ShapeNode* shape = nullptr;  // null where parts cannot touch it
   dart::dynamics::BodyNode* body = nullptr;
   double friction = 0;
-  bool flat = false;  // a plane with the body's z axis as its normal
+  bool flat = false;  // the top face is a plane normal to the body's z axis
 };
 
-/// Contacts of a free part with one support, in the last step.
+/// Sum of the contacts of a free part with one support in the last step.
 struct PairContact {
   std::int32_t support = 0;
-  Eigen::Vector3d force = Eigen::Vector3d::Zero();   // on the part, world (N)
-  Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // mean, towards the part, world
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();   // N, on the part, world axes
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // mean, towards the part, world axes
   ContactForce split;
-  bool holds = false;  // friction does, and the part rests on the support
+  bool sticks = false;  // within the friction cone and at rest on the support
 };
 
-/// A part on a support that holds it, at the start of a step.
-struct Ride {
+/// Pose of a part relative to a support on which it sticks, at the start of a step.
+struct SupportPose {
   std::int32_t support = 0;
   Eigen::Isometry3d support_from_part = Eigen::Isometry3d::Identity();
-  dart::math::Jacobian jacobian;  // of the support's body; none where that is a free part
+  dart::math::Jacobian jacobian;  // of the support's body; empty where that is a free part
 };
 
 struct Part {
   bool free = false;
   bool soft = false;
-  PartPlace clamped;
-  dart::dynamics::SkeletonPtr skeleton;  // of a free part
+  PartPlacement clamped;
+  dart::dynamics::SkeletonPtr skeleton;  // null for a clamped part
   double friction = 0;
-  double gyration = 0;  // radius of gyration, m
-  std::int32_t carrier = kNothing;
-  std::vector<StickAnchor> anchors;
+  double radius_of_gyration = 0;  // m
+  std::int32_t main_support = kNoSupport;
+  std::vector<StickConstraint> stick_constraints;
   std::vector<PairContact> contacts;
-  std::vector<Ride> rides;
+  std::vector<SupportPose> support_poses;
   Eigen::Isometry3d before = Eigen::Isometry3d::Identity();  // pose at the start of the step
-  Eigen::Vector6d moved = Eigen::Vector6d::Zero();  // by the engine in the step: its twist times the time
-  bool settled = false;                             // in the step that ends
+  Eigen::Vector6d displacement =
+      Eigen::Vector6d::Zero();  // integrated by the engine in the step: twist times time step
+  bool updated = false;         // stick constraints already applied in this step
 
   dart::dynamics::BodyNode* body() const { return skeleton->getBodyNode(0); }
   const Eigen::Isometry3d& pose() const { return body()->getWorldTransform(); }
 
-  /// Contact with a support that holds; null where it does not.
-  const PairContact* holding(std::int32_t support) const;
+  /// Sticking contact with a support; null if there is none.
+  const PairContact* sticking_contact(std::int32_t support) const;
 };
 
 struct World::Engine {
   dart::simulation::WorldPtr world;
   std::shared_ptr<CappedCollisionDetector> detector;
   dart::dynamics::SkeletonPtr arm, table, ground;
-  std::unique_ptr<DynamicArm> dynamic_arm;  // null where the drives are kinematic
+  std::unique_ptr<DynamicArm> dynamic_arm;  // null with kinematic drives
   std::vector<dart::dynamics::SkeletonPtr> belts;
-  std::vector<double> travel;        // of each belt, m
-  std::unique_ptr<Gripper> gripper;  // null where the cell has none
+  std::vector<double> travel;        // m, of each belt
+  std::unique_ptr<Gripper> gripper;  // null in a cell without gripper
   std::vector<Part> parts;
   std::vector<Support> supports;
 
+  /// Whether any body moves by forces: a free part, the gripper, an arm with dynamic drives. Otherwise all
+  /// poses are prescribed, and the engine need not step.
+  bool has_free_motion() const;
+
   void add_support(const Support& support);
-  /// Bounds the contacts of all shapes of one name with those of another.
-  void set_most_contacts(const ContactPair& pair);
-  /// Soft parts touch all that is not soft.
+  /// Limits the contacts between all shapes of two names.
+  void set_max_contacts(const ContactPair& pair);
+  /// Registers soft parts, and everything else as their obstacles.
   void connect_soft_parts(SoftCollisionDetector& soft) const;
   static std::int32_t support_number(const StandsOn& stands_on);
   dart::dynamics::BodyNode* platter() const { return table->getBodyNode(0); }
@@ -91,39 +96,41 @@ struct World::Engine {
     return static_cast<dart::dynamics::FreeJoint*>(table->getJoint(0));
   }
 
-  /// Body and pose of what carries; the ground for kNothing. A belt's frame travels with its surface.
+  /// Body and pose of a support; the environment for kNoSupport. The frame of a belt travels with its
+  /// surface.
   dart::dynamics::BodyNode* body_of(std::int32_t support) const;
   Eigen::Isometry3d pose_of(std::int32_t support) const;
-  Carrier carrier_of(std::int32_t support) const;
+  SupportingBody supporting_body_of(std::int32_t support) const;
 
-  /// The free part that a support is; null where it is none.
+  /// The free part with this support number; null for other supports.
   Part* free_part(std::int32_t support);
   const Part* free_part(std::int32_t support) const;
 
-  /// Forces of a finger's pad on all parts in the last step (N): along the contacts' normals, and whole.
+  /// Force of a finger's pad on all parts in the last step (N): sum of normal forces, and total force vector.
   std::pair<double, Eigen::Vector3d> pad_force(std::size_t finger) const;
 
-  /// Before a step: notes where the parts are on what holds them.
+  /// Call before a step: records the poses of sticking parts relative to their supports.
   void begin_step();
 
-  /// After a step: reads what touches what, and puts back what friction holds.
-  void hold_parts(double time_step);
+  /// Call after a step: reads the contacts and projects sticking parts onto their stick constraints.
+  void apply_stick_constraints(double time_step);
 
-  /// Throws std::invalid_argument when states are not of these parts.
+  /// Throws std::invalid_argument where the states belong to other parts.
   void check(const std::vector<FreePartState>& states) const;
 
  private:
   void read_contacts();
   void add_contact(std::int32_t on, std::int32_t by, const Eigen::Vector3d& force,
                    const Eigen::Vector3d& normal);
-  void hold(Part& part, double time_step);
-  void put_back(Part& part, double time_step) const;
-  void take_hold(Part& part) const;
-  Eigen::Isometry3d carried(const Part& part, const Ride& ride, double time_step) const;
+  void update_stick_constraints(Part& part, double time_step);
+  void project_to_stick_constraint(Part& part, double time_step) const;
+  void engage_stick_constraints(Part& part) const;
+  Eigen::Isometry3d relative_pose_after_step(const Part& part, const SupportPose& support_pose,
+                                             double time_step) const;
   bool is_soft(std::int32_t support) const;
-  void weigh_contacts(Part& part, double time_step);
-  Eigen::Vector3d slip_of(const Part& part, const PairContact& contact) const;
-  double spin_of(const Part& part, const PairContact& contact) const;
+  void classify_contacts(Part& part, double time_step);
+  Eigen::Vector3d slip_velocity(const Part& part, const PairContact& contact) const;
+  double spin_rate(const Part& part, const PairContact& contact) const;
 
   std::unordered_map<const dart::dynamics::ShapeFrame*, std::int32_t> support_of_shape_;
 };

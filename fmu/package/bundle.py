@@ -1,11 +1,10 @@
-"""Collects what a shared library needs at run time into one folder, so that it loads on a machine without any of it.
+"""Bundle a shared library with its dependencies in one folder, so that it loads on machines without them.
 
-Every library of the closure but those of the C and C++ run-time system goes beside the binary, under a name
-of its own (a hash of the build in its soname), and is looked for nowhere else (RPATH ``$ORIGIN``).
-So FMUs of different builds never share a library in one process, those of the same build share all of them, and
-none is shared with the host program.
+Every dependency except the C and C++ run-time libraries is copied beside the binary, renamed with a hash of the build
+in its soname, and found only there (RPATH ``$ORIGIN``). FMUs of different builds therefore share no library in one
+process, FMUs of the same build share all of them, and none is shared with the host program.
 
-Run by CMake with the standard library alone: ``bundle.py LIBRARY PROGRAM FOLDER --patchelf PATCHELF``.
+Run by CMake; needs only the standard library: ``bundle.py LIBRARY PROGRAM FOLDER --patchelf PATCHELF``.
 """
 
 from __future__ import annotations
@@ -21,19 +20,19 @@ import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-# Present, in a compatible version, on every Linux system that loads the FMU: glibc and the compiler's run-time.
+# glibc and the run-time libraries of the compiler, expected on every Linux system.
 SYSTEM_LIBRARIES = re.compile(
     r"^(linux-vdso|ld-linux.*|libc|libm|libdl|librt|libpthread|libresolv|libstdc\+\+|libgcc_s)\.so(\.|$)"
 )
 
 
 def run(*command: str | Path) -> str:
-    """Output of a command; raises when it fails."""
+    """Run a command and return its output; raise when it fails."""
     return subprocess.run([str(part) for part in command], check=True, capture_output=True, text=True).stdout
 
 
 def closure(library: Path) -> dict[str, Path]:
-    """Needed libraries by soname, direct and indirect, without those of the system."""
+    """Direct and indirect dependencies by soname, without system libraries."""
     found: dict[str, Path] = {}
     for line in run("ldd", library).splitlines():
         match = re.match(r"\s*(\S+) => (\S.*?) \(0x", line)
@@ -45,20 +44,20 @@ def closure(library: Path) -> dict[str, Path]:
 
 
 def own_names(library: Path, needed: dict[str, Path]) -> dict[str, str]:
-    """Names with a hash of the whole build: ``libode.so.8`` becomes ``libode-1a2b3c4d.so.8``.
+    """Unique names with a hash of the whole build: ``libode.so.8`` becomes ``libode-1a2b3c4d.so.8``.
 
-    Of the whole, because FMUs that share one of the libraries must share all of them, the locks above all.
+    The hash covers all libraries, because FMUs that share one must share all, including the library with the locks.
     """
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in [library, *needed.values()])).hexdigest()[:8]
     return {soname: f"-{digest}.so".join(soname.split(".so", 1)) for soname in needed}
 
 
 def make_unique_symbols_ordinary(library: Path) -> None:
-    """Turns GNU-unique dynamic symbols into weak ones.
+    """Change GNU-unique dynamic symbols to weak ones.
 
-    The loader merges unique symbols over all libraries of a process, however they were loaded, and never unloads a
-    library that has them. Another copy of the engine in the process (a second FMU, a Python binding of another
-    version) would share its static variables with ours.
+    The loader merges unique symbols of all libraries in a process and never unloads a library that has them. Another
+    copy of the engine in the process (a second FMU, a Python binding of another version) would share its static
+    variables with ours.
     """
     data = bytearray(library.read_bytes())
     section_table, entry_size, count = (
@@ -80,9 +79,9 @@ def make_unique_symbols_ordinary(library: Path) -> None:
 
 
 def version_needs(libraries: Iterable[Path]) -> dict[str, str]:
-    """Newest symbol version that the libraries need of each run-time library: ``{"GLIBC": "2.34", ...}``.
+    """Newest required symbol version of each run-time library: ``{"GLIBC": "2.34", ...}``.
 
-    A system that offers these versions, or later ones, loads the libraries.
+    A system with these or later versions can load the libraries.
     """
     needs: dict[str, tuple[int, ...]] = {}
     for library in libraries:
@@ -94,13 +93,13 @@ def version_needs(libraries: Iterable[Path]) -> dict[str, str]:
 
 
 def package_of(library: Path) -> str:
-    """Debian package that a library comes from."""
-    # By name: with a merged /usr, the package manager knows a library under /lib or under /usr/lib.
+    """Debian package that contains a library."""
+    # Searched by name, because with a merged /usr the package database lists either /lib or /usr/lib.
     return run("dpkg-query", "--search", f"*/{library.name}").partition(":")[0]
 
 
 def copy_license(package: str, folder: Path) -> dict[str, str]:
-    """Copies the licence text of a Debian package; what it is called, and under which name it lies in the folder."""
+    """Copy the licence text of a Debian package; return source, licence name and file name."""
     text = (Path("/usr/share/doc") / package / "copyright").read_text(errors="replace")
     folder.mkdir(exist_ok=True)
     (folder / f"{package}.txt").write_text(text)
@@ -110,10 +109,10 @@ def copy_license(package: str, folder: Path) -> dict[str, str]:
 
 
 def bundle(library: Path, folder: Path, patchelf: str, own: Sequence[str], headers: Iterable[str]) -> None:
-    """Writes the library and its closure into the folder, the licences of all that went into them, and a list.
+    """Write the library, its dependencies, their licences and a list of components into the folder.
 
-    The list, ``bundle.json``, names every component (file, source, licence, name of the licence text) and the
-    symbol versions that the binaries need. ``own`` and ``headers`` come from the command line: see ``main``.
+    The list, ``bundle.json``, contains every component (file, source, licence, name of the licence text) and the
+    required symbol versions. ``own`` and ``headers`` come from the command line: see ``main``.
     """
     needed = closure(library)
     names = own_names(library, needed)
@@ -124,7 +123,7 @@ def bundle(library: Path, folder: Path, patchelf: str, own: Sequence[str], heade
         shutil.copyfile(path, target)
         target.chmod(0o755)
         run("strip", "--strip-unneeded", target)
-        # One change per run: patchelf 0.14 mixes up the names when it gets several at once.
+        # One change per run: patchelf 0.14 corrupts names when given several at once.
         if soname:
             run(patchelf, "--set-soname", names[soname], target)
         run(patchelf, *replacements, target)
@@ -143,7 +142,7 @@ def bundle(library: Path, folder: Path, patchelf: str, own: Sequence[str], heade
 
 
 def copy_own(description: str, folder: Path) -> dict[str, str]:
-    """Copies a licence text of the source tree."""
+    """Copy a licence text of the source tree; return source, licence name and file name."""
     name, license_name, text = description.split("=")
     folder.mkdir(exist_ok=True)
     shutil.copyfile(text, folder / f"{name}.txt")
@@ -151,7 +150,7 @@ def copy_own(description: str, folder: Path) -> dict[str, str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Collect a library, its closure and a program into one folder.")
+    parser = argparse.ArgumentParser(description="Bundle a library with its dependencies and a program in one folder.")
     parser.add_argument("library", type=Path)
     parser.add_argument("program", type=Path)
     parser.add_argument("folder", type=Path)

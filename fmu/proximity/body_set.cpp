@@ -14,18 +14,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-std::shared_ptr<Model> make_model(const TriangleMesh& mesh) {
-  auto model = std::make_shared<Model>();
-  std::vector<fcl::Triangle> triangles;
-  triangles.reserve(mesh.faces.size());
-  for (const auto& face : mesh.faces) {
-    triangles.emplace_back(static_cast<std::size_t>(face[0]), static_cast<std::size_t>(face[1]),
-                           static_cast<std::size_t>(face[2]));
-  }
-  model->beginModel(static_cast<int>(mesh.faces.size()), static_cast<int>(mesh.vertices.size()));
-  model->addSubModel(mesh.vertices, triangles);
-  if (model->endModel() != fcl::BVH_OK) throw std::invalid_argument("a body's mesh cannot be used");
-  return model;
+bool equal(const TriangleMesh& a, const TriangleMesh& b) {
+  return a.vertices == b.vertices && a.faces == b.faces;
 }
 
 bool crosses(const Eigen::AlignedBox3d& box, const Vector3d& origin, const Vector3d& direction,
@@ -33,7 +23,9 @@ bool crosses(const Eigen::AlignedBox3d& box, const Vector3d& origin, const Vecto
   for (int i = 0; i < 3; ++i) {
     const double t1 = (box.min()[i] - origin[i]) / direction[i];
     const double t2 = (box.max()[i] - origin[i]) / direction[i];
-    if (std::isnan(t1) || std::isnan(t2)) continue;  // in the plane of a face: the other axes decide
+    if (std::isnan(t1) || std::isnan(t2)) {
+      continue;  // parallel to and in the plane of a face: the other axes decide
+    }
     nearest = std::max(nearest, std::min(t1, t2));
     farthest = std::min(farthest, std::max(t1, t2));
   }
@@ -42,32 +34,50 @@ bool crosses(const Eigen::AlignedBox3d& box, const Vector3d& origin, const Vecto
 
 }  // namespace
 
-BodySet::BodySet(const std::vector<TriangleMesh>& meshes) {
-  for (const TriangleMesh& mesh : meshes) {
-    Body body;
-    body.mesh = mesh;
-    for (const Vector3d& vertex : mesh.vertices) {
-      body.bounds.extend(vertex);
-      body.radius = std::max(body.radius, vertex.norm());
+Shape::Shape(TriangleMesh triangles) : mesh(std::move(triangles)) {
+  for (const Vector3d& vertex : mesh.vertices) {
+    bounds.extend(vertex);
+    radius = std::max(radius, vertex.norm());
+  }
+  std::vector<fcl::Triangle> faces;
+  faces.reserve(mesh.faces.size());
+  for (const auto& face : mesh.faces) {
+    faces.emplace_back(static_cast<std::size_t>(face[0]), static_cast<std::size_t>(face[1]),
+                       static_cast<std::size_t>(face[2]));
+  }
+  model.beginModel(static_cast<int>(mesh.faces.size()), static_cast<int>(mesh.vertices.size()));
+  model.addSubModel(mesh.vertices, faces);
+  if (model.endModel() != fcl::BVH_OK) {
+    throw std::invalid_argument("the proximity library rejected a body mesh of " +
+                                std::to_string(mesh.faces.size()) + " faces");
+  }
+}
+
+BodySet::BodySet(std::vector<TriangleMesh> meshes, const BodySet* known) {
+  for (TriangleMesh& mesh : meshes) {
+    std::shared_ptr<const Shape> shape;
+    for (std::size_t i = 0; known != nullptr && !shape && i < known->size(); ++i) {
+      if (equal(known->bodies_[i].shape->mesh, mesh)) shape = known->bodies_[i].shape;
     }
-    body.model = make_model(mesh);
-    bodies_.push_back(std::move(body));
+    if (!shape) shape = std::make_shared<Shape>(std::move(mesh));
+    bodies_.push_back({shape});
   }
 }
 
 BodySet::~BodySet() = default;
+BodySet::BodySet(const BodySet&) = default;
 BodySet::BodySet(BodySet&&) noexcept = default;
 
 std::size_t BodySet::size() const { return bodies_.size(); }
 
 const BodySet::Body& BodySet::body(std::size_t number) const { return bodies_[number]; }
 
-void BodySet::place(std::size_t body, const Eigen::Isometry3d& world_from_body) {
+void BodySet::set_pose(std::size_t body, const Eigen::Isometry3d& world_from_body) {
   bodies_[body].world_from_body = world_from_body;
 }
 
-std::optional<RayHit> BodySet::cast(const Vector3d& origin, const Vector3d& direction, double nearest,
-                                    double farthest, const Selection& selection) const {
+std::optional<RayHit> BodySet::cast_ray(const Vector3d& origin, const Vector3d& direction, double nearest,
+                                        double farthest, const Selection& selection) const {
   std::optional<RayHit> hit;
   for (std::size_t i = 0; i < bodies_.size(); ++i) {
     if (!selection[i]) continue;
@@ -75,9 +85,9 @@ std::optional<RayHit> BodySet::cast(const Vector3d& origin, const Vector3d& dire
     const Eigen::Isometry3d body_from_world = body.world_from_body.inverse();
     const Vector3d from = body_from_world * origin;
     const Vector3d along = body_from_world.linear() * direction;
-    if (!crosses(body.bounds, from, along, nearest, farthest)) continue;
-    for (std::size_t face = 0; face < body.mesh.faces.size(); ++face) {
-      const double distance = meet(from, along, corners(body.mesh, face));
+    if (!crosses(body.shape->bounds, from, along, nearest, farthest)) continue;
+    for (std::size_t face = 0; face < body.shape->mesh.faces.size(); ++face) {
+      const double distance = intersect_ray(from, along, corners(body.shape->mesh, face));
       if (!(distance >= nearest && distance <= farthest)) continue;
       farthest = distance;
       hit = RayHit{i, distance};
@@ -86,19 +96,19 @@ std::optional<RayHit> BodySet::cast(const Vector3d& origin, const Vector3d& dire
   return hit;
 }
 
-bool BodySet::reaches_into(std::size_t number, const Eigen::Isometry3d& world_from_box,
-                           const Vector3d& size) const {
+bool BodySet::intersects_box(std::size_t number, const Eigen::Isometry3d& world_from_box,
+                             const Vector3d& size) const {
   const Body& body = bodies_[number];
   const Eigen::Isometry3d body_from_box = body.world_from_body.inverse() * world_from_box;
   const Eigen::AlignedBox3d box(-size / 2, size / 2);
-  if (!box.transformed(body_from_box).intersects(body.bounds)) return false;
+  if (!box.transformed(body_from_box).intersects(body.shape->bounds)) return false;
   const fcl::Boxd shape(size);
   fcl::CollisionResultd result;
-  fcl::collide(&shape, body_from_box, body.model.get(), fcl::Transform3d::Identity(),
+  fcl::collide(&shape, body_from_box, &body.shape->model, fcl::Transform3d::Identity(),
                fcl::CollisionRequestd(), result);
   if (result.isCollision()) return true;
-  // The surface does not touch the box: it lies wholly inside the body, or wholly outside.
-  return holds(body.mesh, body_from_box.translation());
+  // The surface does not intersect the box, which is therefore entirely inside or outside the body.
+  return contains(body.shape->mesh, body_from_box.translation());
 }
 
 }  // namespace robotcell::proximity

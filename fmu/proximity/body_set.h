@@ -1,4 +1,4 @@
-// Rigid bodies with triangle meshes at their present poses: what lies on a ray, and what reaches into a box.
+// Rigid bodies with triangle meshes at their present poses: ray casting and box overlap.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -16,29 +16,31 @@ struct TriangleMesh {
 
 struct RayHit {
   std::size_t body = 0;
-  double distance = 0;  // m from the ray's origin
+  double distance = 0;  // m, from the ray origin
 };
 
-/// Which bodies a question is about: one flag for each.
+/// Selected bodies: one flag for each.
 using Selection = std::vector<bool>;
 
 class BodySet {
  public:
-  explicit BodySet(const std::vector<TriangleMesh>& meshes);
+  /// Bounding volumes of meshes that are equal to one of `known` are shared with it.
+  explicit BodySet(std::vector<TriangleMesh> meshes, const BodySet* known = nullptr);
   ~BodySet();
+  BodySet(const BodySet&);
   BodySet(BodySet&&) noexcept;
 
   std::size_t size() const;
 
-  void place(std::size_t body, const Eigen::Isometry3d& world_from_body);
+  void set_pose(std::size_t body, const Eigen::Isometry3d& world_from_body);
 
-  /// Nearest surface of the selected bodies on a ray (world, unit direction) between two distances.
-  std::optional<RayHit> cast(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, double nearest,
-                             double farthest, const Selection& selection) const;
+  /// Nearest surface of the selected bodies along a ray (world, unit direction) between two distances.
+  std::optional<RayHit> cast_ray(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                                 double nearest, double farthest, const Selection& selection) const;
 
-  /// Whether a body reaches into a box, or a closed one surrounds it; `size` holds the box's edges.
-  bool reaches_into(std::size_t body, const Eigen::Isometry3d& world_from_box,
-                    const Eigen::Vector3d& size) const;
+  /// Whether a body intersects a box or a closed body encloses it; `size` holds the edge lengths of the box.
+  bool intersects_box(std::size_t body, const Eigen::Isometry3d& world_from_box,
+                      const Eigen::Vector3d& size) const;
 
   struct Body;
   const Body& body(std::size_t number) const;

@@ -1,4 +1,4 @@
-// A body as the proximity library sees it.
+// Representation of a body for the proximity library.
 #pragma once
 
 #include <fcl/geometry/bvh/BVH_model.h>
@@ -12,11 +12,18 @@ namespace robotcell::proximity {
 
 using Model = fcl::BVHModel<fcl::OBBRSSd>;
 
-struct BodySet::Body {
+/// Shape of a body: independent of its pose.
+struct Shape {
+  explicit Shape(TriangleMesh triangles);
+
   TriangleMesh mesh;
   Eigen::AlignedBox3d bounds;  // of the mesh, body frame
-  double radius = 0;           // about the body's origin, holds the mesh
-  std::shared_ptr<Model> model;
+  double radius = 0;           // of the bounding sphere about the body origin
+  Model model;
+};
+
+struct BodySet::Body {
+  std::shared_ptr<const Shape> shape;
   Eigen::Isometry3d world_from_body = Eigen::Isometry3d::Identity();
 };
 

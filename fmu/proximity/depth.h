@@ -1,4 +1,4 @@
-// How deep two bodies are in each other.
+// Penetration depth of two bodies.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,12 +10,12 @@ namespace robotcell::proximity {
 
 struct Depth {
   double depth = 0;                                 // m
-  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // the deepest, world
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // deepest point, world
 };
 
-/// The greatest distance from the other body's surface among the corners and edges of either body that are
-/// inside the other one, where their surfaces intersect. For bodies that touch each other at one place, that
-/// is how far they must be moved apart; of bodies far in each other only the rim is looked at.
+/// Largest distance to the surface of the other body among the vertices and edges of either body that lie
+/// inside the other one, near the intersecting faces. For bodies that touch at one place it is the distance
+/// by which they must be separated; for deeply interpenetrating bodies only the rim is considered.
 Depth depth_at(const BodySet::Body& a, const BodySet::Body& b, const std::vector<FacePair>& intersections);
 
 }  // namespace robotcell::proximity

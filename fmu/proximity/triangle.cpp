@@ -13,7 +13,7 @@ Corners corners(const TriangleMesh& mesh, std::size_t face) {
 }
 
 /// Moeller and Trumbore, "Fast, minimum storage ray-triangle intersection", J. Graphics Tools 2 (1997).
-double meet(const Vector3d& origin, const Vector3d& direction, const Corners& triangle) {
+double intersect_ray(const Vector3d& origin, const Vector3d& direction, const Corners& triangle) {
   constexpr double kNever = std::numeric_limits<double>::infinity();
   const Vector3d ab = triangle.b - triangle.a;
   const Vector3d ac = triangle.c - triangle.a;
@@ -29,12 +29,12 @@ double meet(const Vector3d& origin, const Vector3d& direction, const Corners& tr
   return ac.dot(q) / determinant;
 }
 
-bool holds(const TriangleMesh& mesh, const Vector3d& point) {
-  // A direction that no drawing has, so that the ray meets faces and not their edges.
+bool contains(const TriangleMesh& mesh, const Vector3d& point) {
+  // An arbitrary direction, to avoid hitting edges.
   const Vector3d direction = Vector3d(0.5377, 0.8339, -0.1241).normalized();
   bool inside = false;
   for (std::size_t i = 0; i < mesh.faces.size(); ++i) {
-    const double distance = meet(point, direction, corners(mesh, i));
+    const double distance = intersect_ray(point, direction, corners(mesh, i));
     if (distance > 0 && distance < std::numeric_limits<double>::infinity()) inside = !inside;
   }
   return inside;

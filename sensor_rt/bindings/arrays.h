@@ -1,4 +1,4 @@
-// Between NumPy arrays and the types of the libraries.
+// Conversion between NumPy arrays and the types of the libraries.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -15,30 +15,29 @@
 
 namespace sensor_rt {
 
-/// Arrays as the libraries want them: contiguous, converted when the caller's differ. forcecast also accepts
-/// integers where floats are expected.
+/// Contiguous arrays, converted if necessary. forcecast also accepts integers where floats are expected.
 using Doubles = pybind11::array_t<double, pybind11::array::c_style | pybind11::array::forcecast>;
 
-/// Text such as "(3, 4)".
+/// Returns the shape as text such as "(3, 4)".
 std::string shape_text(const pybind11::array& array);
 
-/// Throws std::invalid_argument unless the array has the given shape; -1 stands for any length.
+/// Throws std::invalid_argument unless the array has the given shape; -1 accepts any length.
 void require_shape(const pybind11::array& array, const char* name,
                    const std::vector<pybind11::ssize_t>& shape);
 
-/// Pose from 16 row-major values. Throws std::invalid_argument unless it is finite and rigid (orthonormal to
-/// 1e-6, right-handed, last row 0 0 0 1).
+/// Returns a pose from 16 row-major values. Throws std::invalid_argument unless it is finite and rigid
+/// (orthonormal to 1e-6, right-handed, last row 0 0 0 1).
 Rigid3 to_pose(const double* matrix, const char* name);
 
-/// Pose from an array of shape (4, 4).
+/// Returns a pose from an array of shape (4, 4).
 Rigid3 to_pose(const Doubles& matrix, const char* name);
 
 Eigen::Vector3d to_vector3(const Doubles& values, const char* name);
 
-/// A Material, or a number: the reflectance of a Lambertian surface.
+/// Converts a Material, or a number: the reflectance of a Lambertian surface.
 Material to_material(const pybind11::object& value);
 
-/// Mesh from vertices (n, 3) and faces (m, 3) of any integer type; keeps what it had to convert.
+/// Mesh from vertices (n, 3) and faces (m, 3) of any integer type; owns converted copies.
 class MeshArrays {
  public:
   MeshArrays(const Doubles& vertices, const pybind11::object& faces);
@@ -49,7 +48,7 @@ class MeshArrays {
   std::vector<std::uint32_t> faces_;
 };
 
-/// Array that takes over the values without copying them.
+/// Returns an array that takes ownership of the values without copying.
 template <typename T, typename Allocator>
 pybind11::array_t<T> to_array(std::vector<T, Allocator>&& values, std::vector<pybind11::ssize_t> shape) {
   auto owner = std::make_unique<std::vector<T, Allocator>>(std::move(values));

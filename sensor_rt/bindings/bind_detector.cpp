@@ -1,4 +1,4 @@
-// Python face of the detector: planes of expected electrons to images.
+// Python bindings of the detector: expected electrons to images.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 
@@ -14,7 +14,7 @@ namespace py = pybind11;
 namespace sensor_rt {
 namespace {
 
-/// One number per frame, or std::invalid_argument.
+/// Returns one value per frame, or throws std::invalid_argument.
 template <typename T>
 std::vector<T> per_frame(const char* name, const py::array& array, std::size_t frames) {
   if (!py::dtype::of<T>().is(array.dtype()) || array.ndim() != 1 ||

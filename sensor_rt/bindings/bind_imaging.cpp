@@ -1,4 +1,4 @@
-// Python face of imaging: images to peaks to profiles.
+// Python bindings of imaging: images to peaks to profiles.
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -21,7 +21,7 @@ namespace py = pybind11;
 namespace sensor_rt {
 namespace {
 
-/// Read-only array on the memory of `owner`.
+/// Returns a read-only array that refers to memory of `owner`.
 template <typename T>
 py::array view(const py::object& owner, const T* data, std::vector<py::ssize_t> shape) {
   py::array array(py::dtype::of<T>(), std::move(shape), data, owner);
@@ -29,7 +29,7 @@ py::array view(const py::object& owner, const T* data, std::vector<py::ssize_t> 
   return array;
 }
 
-/// Property that shows a member vector as an array of shape (n).
+/// Defines a property that exposes a member vector as an array of shape (n).
 template <typename Owner, typename Vector, typename Class>
 void bind_vector(Class& bound, const char* name, Vector Owner::*member, const char* doc) {
   bound.def_property_readonly(
@@ -42,14 +42,14 @@ void bind_vector(Class& bound, const char* name, Vector Owner::*member, const ch
 }
 
 Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads, bool all_peaks,
-              const std::optional<py::array>& unlit) {
+              const std::optional<py::array>& background) {
   const ImageStack<std::uint16_t> stack("images", images, sensor);
-  std::optional<ImageStack<std::uint16_t>> dark;
-  if (unlit) {
-    dark.emplace("unlit", *unlit, sensor);
-    if (dark->frames() != stack.frames()) {
-      throw std::invalid_argument("unlit: expected " + std::to_string(stack.frames()) + " frames, got " +
-                                  describe(*unlit));
+  std::optional<ImageStack<std::uint16_t>> laser_off;
+  if (background) {
+    laser_off.emplace("background", *background, sensor);
+    if (laser_off->frames() != stack.frames()) {
+      throw std::invalid_argument("background: expected " + std::to_string(stack.frames()) + " frames, got " +
+                                  describe(*background));
     }
   }
   const py::gil_scoped_release release;
@@ -61,8 +61,8 @@ Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads, b
   parallel_for(stack.frames(), threads, [&](std::size_t frame, unsigned worker) {
     for (std::size_t camera = 0; camera < stack.cameras(); ++camera) {
       const std::size_t image = frame * stack.cameras() + camera;
-      if (dark) {
-        extractors[worker].measure(stack.image(image), dark->image(image), static_cast<int>(camera));
+      if (laser_off) {
+        extractors[worker].measure(stack.image(image), laser_off->image(image), static_cast<int>(camera));
       } else {
         extractors[worker].measure(stack.image(image), static_cast<int>(camera));
       }
@@ -74,11 +74,11 @@ Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads, b
   return all;
 }
 
-/// Made when it is asked for: hardly anyone does, and it is larger than all the rest.
+/// Computed on access: it is rarely used and larger than all other arrays together.
 py::array_t<double> covariance(const Profiles& profiles) {
   std::vector<double> values(9 * profiles.size(), 0.0);
   for (std::size_t i = 0; i < profiles.deviation.size(); ++i) {
-    const Eigen::Vector3d& d = profiles.deviation[i];
+    const Eigen::Vector3d d = profiles.deviation[i].cast<double>();
     Eigen::Map<Eigen::Matrix3d> to(&values[9 * i]);
     to = d * d.transpose();
   }
@@ -186,15 +186,15 @@ void bind_imaging(py::module_& module) {
   bind_peaks(module);
   bind_profiles(module);
   module.def("extract", &extract, py::arg("images"), py::arg("sensor"), py::arg("threads") = 0u,
-             py::arg("all_peaks") = false, py::arg("unlit") = py::none(),
-             "Stripe peaks of images (n, cameras, height, width) uint16, of which `unlit`, the same with the "
-             "laser off, is "
-             "taken away. ValueError when the images do not fit.");
-  module.def("triangulate", &triangulate_peaks, py::arg("peaks"), py::arg("sensor"),
-             py::arg("keep_rejected") = false,
-             "Points of peaks. Peaks with a flag of PEAK_REJECTED are left out unless kept, points outside "
-             "the range "
-             "always.");
+             py::arg("all_peaks") = false, py::arg("background") = py::none(),
+             "Stripe peaks of images (n, cameras, height, width) uint16. `background`: images of the same "
+             "shape with "
+             "the laser off, which are subtracted first. ValueError when the images do not match.");
+  module.def(
+      "triangulate", &triangulate_peaks, py::arg("peaks"), py::arg("sensor"),
+      py::arg("keep_rejected") = false,
+      "Points of peaks. Peaks with a flag of PEAK_REJECTED are skipped unless keep_rejected, points outside "
+      "the range always.");
   module.def(
       "triangulate_pixels", &triangulate_pixels, py::arg("pixels"), py::arg("sensor"), py::arg("camera"),
       py::arg("form"),

@@ -43,28 +43,27 @@ std::string model_name(const Material& material) {
       ->name;
 }
 
-/// Reads row i of an (n, 3) array as a unit vector.
+/// Returns row i of an (n, 3) array as a unit vector.
 Eigen::Vector3d unit_row(const Doubles& rows, py::ssize_t i) {
   return Eigen::Map<const Eigen::Vector3d>(rows.data(i, 0)).normalized();
 }
 
-py::array_t<double> diffuse_equivalent(const Material& material, const Doubles& a, const Doubles& b) {
+py::array_t<double> pi_brdf(const Material& material, const Doubles& a, const Doubles& b) {
   require_shape(a, "a", {-1, 3});
   require_shape(b, "b", {a.shape(0), 3});
-  const Reflection reflection(material);
+  const Brdf brdf(material);
   py::array_t<double> result(a.shape(0));
   for (py::ssize_t i = 0; i < a.shape(0); ++i) {
-    result.mutable_at(i) =
-        reflection.diffuse_equivalent(Eigen::Vector3d::UnitZ(), unit_row(a, i), unit_row(b, i));
+    result.mutable_at(i) = brdf.pi_brdf(Eigen::Vector3d::UnitZ(), unit_row(a, i), unit_row(b, i));
   }
   return result;
 }
 
 py::array_t<double> albedo(const Material& material, const Doubles& cosine) {
   require_shape(cosine, "cosine", {-1});
-  const Reflection reflection(material);
+  const Brdf brdf(material);
   py::array_t<double> result(cosine.shape(0));
-  for (py::ssize_t i = 0; i < cosine.shape(0); ++i) result.mutable_at(i) = reflection.albedo(cosine.at(i));
+  for (py::ssize_t i = 0; i < cosine.shape(0); ++i) result.mutable_at(i) = brdf.albedo(cosine.at(i));
   return result;
 }
 
@@ -72,18 +71,18 @@ py::tuple sample(const Material& material, const Doubles& from, const Doubles& u
   require_shape(from, "from_direction", {-1, 3});
   const py::ssize_t count = from.shape(0);
   require_shape(uniforms, "uniforms", {count, 3});
-  const Reflection reflection(material);
+  const Brdf brdf(material);
   py::array_t<double> towards({count, py::ssize_t{3}});
   py::array_t<double> weight(count);
-  py::array_t<double> density(count);
+  py::array_t<double> pdf(count);
   for (py::ssize_t i = 0; i < count; ++i) {
-    const ReflectedSample s = reflection.sample(Eigen::Vector3d::UnitZ(), unit_row(from, i),
-                                                uniforms.at(i, 0), uniforms.at(i, 1), uniforms.at(i, 2));
+    const BrdfSample s = brdf.sample(Eigen::Vector3d::UnitZ(), unit_row(from, i), uniforms.at(i, 0),
+                                     uniforms.at(i, 1), uniforms.at(i, 2));
     Eigen::Map<Eigen::Vector3d>(towards.mutable_data(i, 0)) = s.towards;
     weight.mutable_at(i) = s.weight;
-    density.mutable_at(i) = s.density;
+    pdf.mutable_at(i) = s.pdf;
   }
-  return py::make_tuple(towards, weight, density);
+  return py::make_tuple(towards, weight, pdf);
 }
 
 }  // namespace
@@ -109,7 +108,7 @@ void bind_material(py::module_& module) {
       .def_readonly("reflectance", &Material::reflectance)
       .def_readonly("roughness", &Material::roughness)
       .def_readonly("refractive_index", &Material::refractive_index)
-      .def("diffuse_equivalent", &diffuse_equivalent, py::arg("a"), py::arg("b"))
+      .def("pi_brdf", &pi_brdf, py::arg("a"), py::arg("b"))
       .def("albedo", &albedo, py::arg("cosine"))
       .def("sample", &sample, py::arg("from_direction"), py::arg("uniforms"));
 }

@@ -19,27 +19,30 @@ std::vector<py::ssize_t> images_shape(const Sensor& sensor, const Exposures& exp
           camera.height_px, camera.width_px};
 }
 
-/// What scan() hands over.
+/// Result of scan() in Python.
 struct PyScanResult {
   py::object profiles;
   py::dict timings;
   py::object images;
-  py::object unlit;
+  py::object background;
 };
 
 py::dict timings(const ScanResult& result) {
   py::dict seconds;
-  for (std::size_t s = 0; s < result.seconds.size(); ++s) seconds[kStationNames[s]] = result.seconds[s];
+  for (std::size_t s = 0; s < result.seconds.size(); ++s) seconds[kStageNames[s]] = result.seconds[s];
   return seconds;
+}
+
+Engine to_engine(const std::string& name) {
+  if (name == "geometric") return Engine::kGeometric;
+  if (name == "ray-traced") return Engine::kRayTraced;
+  throw std::invalid_argument("engine: expected ray-traced or geometric, got " + name);
 }
 
 PyScanResult py_scan(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
                      const std::string& engine, unsigned threads, bool keep_images, const Sensor* as_built) {
   ScanOptions options;
-  if (engine != "ray-traced" && engine != "geometric") {
-    throw std::invalid_argument("engine: expected ray-traced or geometric, got " + engine);
-  }
-  options.engine = engine == "geometric" ? Engine::kGeometric : Engine::kRayTraced;
+  options.engine = to_engine(engine);
   options.threads = threads;
   options.keep_images = keep_images;
   ScanResult result;
@@ -48,13 +51,14 @@ PyScanResult py_scan(const Scene& scene, const Sensor& sensor, const Exposures& 
     result = scan(scene, as_built == nullptr ? sensor : *as_built, sensor, exposures, options);
   }
   py::object images = py::none();
-  py::object unlit = py::none();
-  if (keep_images && options.engine == Engine::kRayTraced) {
+  py::object background = py::none();
+  if (keep_images) {
     images = to_array(std::move(result.images), images_shape(sensor, exposures));
-    if (sensor.laser_off_frame) unlit = to_array(std::move(result.unlit), images_shape(sensor, exposures));
+    if (sensor.laser_off_frame)
+      background = to_array(std::move(result.background), images_shape(sensor, exposures));
   }
   const py::dict seconds = timings(result);
-  return {py::cast(std::move(result.profiles)), seconds, images, unlit};
+  return {py::cast(std::move(result.profiles)), seconds, images, background};
 }
 
 py::array py_render(const Scene& scene, const Sensor& sensor, const Exposures& exposures, unsigned threads,
@@ -84,10 +88,14 @@ void bind_pipeline(py::module_& module) {
       .def_readonly("profiles", &PyScanResult::profiles)
       .def_readonly("timings", &PyScanResult::timings)
       .def_readonly("images", &PyScanResult::images)
-      .def_readonly("unlit", &PyScanResult::unlit);
+      .def_readonly("background", &PyScanResult::background);
   module.def("scan", &py_scan, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
              py::arg("engine") = "ray-traced", py::arg("threads") = 0, py::arg("keep_images") = false,
              py::arg("as_built") = nullptr);
+  module.def(
+      "check_engine",
+      [](const Sensor& sensor, const std::string& engine) { check_engine(sensor, to_engine(engine)); },
+      py::arg("sensor"), py::arg("engine"));
   module.def("render", &py_render, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
              py::arg("threads") = 0, py::arg("laser_on") = true);
   module.def("expected_electrons", &py_expected_electrons, py::arg("scene"), py::arg("sensor"),

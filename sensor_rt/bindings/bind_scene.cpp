@@ -123,22 +123,54 @@ py::tuple py_cast_rays(const Scene& scene, const Doubles& world_from_body, const
                         to_array(std::move(result.body), {count}), to_array(std::move(result.face), {count}));
 }
 
-py::tuple py_closest_points(const Doubles& vertices, const py::object& faces, const Doubles& points,
-                            unsigned threads) {
-  const MeshArrays mesh(vertices, faces);
-  require_shape(points, "points", {-1, 3});
-  const py::ssize_t count = points.shape(0);
-  ClosestPoints result;
+py::array py_occluded(const Scene& scene, const Doubles& world_from_body, const Doubles& starts,
+                      const Doubles& ends, unsigned threads) {
+  require_shape(world_from_body, "world_from_body", {-1, 4, 4});
+  require_shape(starts, "starts", {-1, 3});
+  require_shape(ends, "ends", {starts.shape(0), 3});
+  const std::vector<Rigid3> poses = to_poses(world_from_body, "world_from_body");
+  const py::ssize_t count = starts.shape(0);
+  LargeVector<std::uint8_t> blocked;
   {
     const py::gil_scoped_release release;
-    result = closest_points(mesh.view(), points.data(), static_cast<std::size_t>(count), threads);
+    blocked = occluded(scene, poses, starts.data(), ends.data(), static_cast<std::size_t>(count), threads);
   }
-  py::array_t<double> closest({count, py::ssize_t{3}});
-  for (py::ssize_t i = 0; i < count; ++i) {
-    Eigen::Map<Eigen::Vector3d>(closest.mutable_data(i, 0)) = result.point[static_cast<std::size_t>(i)];
+  return to_array(std::move(blocked), {count}).view("bool");
+}
+
+std::unique_ptr<MeshSurface> make_surface(const Doubles& vertices, const py::object& faces) {
+  const MeshArrays mesh(vertices, faces);
+  const py::gil_scoped_release release;
+  return std::make_unique<MeshSurface>(mesh.view());
+}
+
+/// Returns the closest points (if requested), signed distance and face of each point.
+py::tuple query_surface(const MeshSurface& surface, const Doubles& points, unsigned threads,
+                        bool with_points) {
+  require_shape(points, "points", {-1, 3});
+  const py::ssize_t count = points.shape(0);
+  const auto n = static_cast<std::size_t>(count);
+  LargeVector<double> closest(with_points ? 3 * n : 0);
+  LargeVector<std::uint32_t> face(n);
+  LargeVector<double> distance(n);
+  {
+    const py::gil_scoped_release release;
+    surface.closest_points(points.data(), n, threads,
+                           {with_points ? closest.data() : nullptr, face.data(), distance.data()});
   }
-  return py::make_tuple(closest, to_array(std::move(result.face), {count}),
-                        to_array(std::move(result.signed_distance), {count}));
+  const py::array_t<double> signed_distance = to_array(std::move(distance), {count});
+  const py::array_t<std::uint32_t> faces = to_array(std::move(face), {count});
+  if (!with_points) return py::make_tuple(signed_distance, faces);
+  return py::make_tuple(to_array(std::move(closest), {count, py::ssize_t{3}}), faces, signed_distance);
+}
+
+py::tuple py_closest_points(const Doubles& vertices, const py::object& faces, const Doubles& points,
+                            unsigned threads) {
+  return query_surface(*make_surface(vertices, faces), points, threads, true);
+}
+
+py::tuple py_signed_distances(const MeshSurface& surface, const Doubles& points, unsigned threads) {
+  return query_surface(surface, points, threads, false);
 }
 
 }  // namespace
@@ -168,9 +200,15 @@ void bind_scene(py::module_& module) {
       .def_readonly("samples", &Exposures::samples)
       .def_readonly("bodies", &Exposures::bodies);
 
+  py::class_<MeshSurface>(module, "MeshSurface", py::module_local())
+      .def(py::init(&make_surface), py::arg("vertices"), py::arg("faces"))
+      .def("signed_distances", &py_signed_distances, py::arg("points"), py::arg("threads") = 0);
+
   module.def("tree_builds", &tree_builds);
   module.def("cast_rays", &py_cast_rays, py::arg("scene"), py::arg("world_from_body"), py::arg("origins"),
              py::arg("directions"), py::arg("threads") = 0);
+  module.def("occluded", &py_occluded, py::arg("scene"), py::arg("world_from_body"), py::arg("starts"),
+             py::arg("ends"), py::arg("threads") = 0);
   module.def("closest_points", &py_closest_points, py::arg("vertices"), py::arg("faces"), py::arg("points"),
              py::arg("threads") = 0);
 }

@@ -54,7 +54,7 @@ py::array_t<double> paper_coordinates(const Camera& camera, const Doubles& pixel
   });
 }
 
-/// W/m² on elements that face the middle of the laser's source.
+/// Returns the irradiance (W/m²) on surface elements that face the centre of the laser source.
 py::array_t<double> laser_irradiance(const Sensor& sensor, const Doubles& points_in_sensor) {
   const Rigid3 sheet_from_sensor = sensor.laser.sensor_from_sheet.inverse();
   return map_rows(points_in_sensor, "points_in_sensor", 3, 1, [&](const double* p) {
@@ -65,7 +65,7 @@ py::array_t<double> laser_irradiance(const Sensor& sensor, const Doubles& points
 
 Trapezoid trapezoid(const Sensor& sensor, std::size_t camera) {
   if (camera >= sensor.cameras.size())
-    throw std::invalid_argument("there is no camera " + std::to_string(camera));
+    throw std::invalid_argument("camera: index " + std::to_string(camera) + " is out of range");
   return range_trapezoid(sensor.cameras[camera]);
 }
 

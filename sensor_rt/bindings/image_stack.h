@@ -12,7 +12,7 @@
 
 namespace sensor_rt {
 
-/// "float64 (3, 4)": what an array is, for messages.
+/// Returns dtype and shape of an array, for messages: "float64 (3, 4)".
 inline std::string describe(const pybind11::array& array) {
   std::string text = pybind11::str(array.dtype()).cast<std::string>() + " (";
   for (pybind11::ssize_t k = 0; k < array.ndim(); ++k)
@@ -24,7 +24,7 @@ inline std::string describe(const pybind11::array& array) {
 template <typename T>
 class ImageStack {
  public:
-  /// Throws std::invalid_argument unless `array` is a T array (n, cameras, height, width) that fits the
+  /// Throws std::invalid_argument unless `array` is a T array (n, cameras, height, width) that matches the
   /// sensor.
   ImageStack(const char* name, const pybind11::array& array, const Sensor& sensor) {
     const auto wrong = [&](const std::string& expected) {

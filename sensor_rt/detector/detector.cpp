@@ -10,13 +10,13 @@
 #include <utility>
 #include <vector>
 
-#include "sensor_rt/detector/background.h"
+#include "sensor_rt/detector/dark_signal.h"
 #include "sensor_rt/detector/electrons.h"
 
 namespace sensor_rt {
 namespace {
 
-constexpr double kLeastReadNoise = 0.3;  // below it dark current is too discrete for a continuous table
+constexpr double kMinReadNoise = 0.3;  // below it the dark signal is too discrete for a continuous table
 constexpr std::size_t kTablesKept = 16;
 
 void require(bool condition, const char* name, double value, const char* expected) {
@@ -52,15 +52,13 @@ class Detector::Impl {
     validate(parameters);
   }
 
-  const DetectorParameters& parameters() const { return parameters_; }
-
   PixelModel model(const FrameId& id) const {
     require(id.exposure >= 0.0 && std::isfinite(id.exposure), "exposure", id.exposure,
             "a finite number >= 0");
     return {parameters_, noise_, seed_, id};
   }
 
-  /// Every pixel of the image as if no light fell on it.
+  /// Fills the image with dark pixels.
   void expose_dark(const PixelModel& model, int camera, ImageView<std::uint16_t> out) const {
     const double dark = model.dark_e();
     if (!noise_) {
@@ -68,7 +66,7 @@ class Detector::Impl {
       for (int y = 0; y < out.height; ++y) std::fill_n(out.row(y), out.width, value);
       return;
     }
-    const bool discrete = dark > 0.0 && parameters_.read_noise_e < kLeastReadNoise;
+    const bool discrete = dark > 0.0 && parameters_.read_noise_e < kMinReadNoise;
     if (discrete || dark > 0.5 * parameters_.full_well_e) {
       for (int y = 0; y < out.height; ++y) {
         const auto first = static_cast<std::uint32_t>(y) * static_cast<std::uint32_t>(out.width);
@@ -90,7 +88,7 @@ class Detector::Impl {
   }
 
  private:
-  /// The table of this dark charge, made once; exposures rarely differ.
+  /// Returns the quantile table of this dark charge. Cached, because exposure times rarely differ.
   std::shared_ptr<const QuantileTable> dark_table(double dark) const {
     const std::lock_guard<std::mutex> lock(mutex_);
     for (const auto& [key, table] : tables_) {
@@ -102,7 +100,7 @@ class Detector::Impl {
     return tables_.back().second;
   }
 
-  /// The fixed offsets of this camera's pixels, made once; they are the same in every image.
+  /// Returns the fixed pattern (DSNU) of this camera. Cached, because it is the same in every image.
   std::shared_ptr<const std::vector<float>> dark_pattern(const PixelModel& model, int camera,
                                                          std::size_t pixels) const {
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -126,8 +124,6 @@ Detector::Detector(const DetectorParameters& parameters, bool noise, std::uint64
 Detector::~Detector() = default;
 Detector::Detector(Detector&&) noexcept = default;
 Detector& Detector::operator=(Detector&&) noexcept = default;
-
-const DetectorParameters& Detector::parameters() const { return impl_->parameters(); }
 
 void Detector::expose(const FrameId& id, const std::uint32_t* pixels, const float* electrons,
                       std::size_t count, ImageView<std::uint16_t> out) const {

@@ -1,5 +1,4 @@
-// The image sensor: expected photo-electrons per pixel -> digital numbers, in the terms of EMVA 1288 (linear
-// model).
+// The image sensor: expected photo-electrons per pixel to digital numbers, by the linear model of EMVA 1288.
 #pragma once
 
 #include <cstddef>
@@ -13,51 +12,49 @@ namespace sensor_rt {
 /// Camera constants in EMVA 1288 terms. Electrons where the name ends in _e, digital numbers where it ends in
 /// _dn.
 struct DetectorParameters {
-  double exposure = 0.0;            ///< s, used when a frame does not bring its own
+  double exposure = 0.0;            ///< s, default for frames without their own exposure
   double quantum_efficiency = 0.0;  ///< electrons per photon; the renderer applies it, the detector does not
   double full_well_e = 0.0;
   double read_noise_e = 0.0;  ///< temporal dark noise, standard deviation
   double dark_current_e_per_s = 0.0;
   double gain_dn_per_e = 0.0;
   int bit_depth = 0;            ///< 8..16
-  double black_level_dn = 0.0;  ///< mean digital number without light and without dark current
-  double prnu = 0.0;            ///< standard deviation of the pixels' relative sensitivity
-  double dsnu_e = 0.0;          ///< standard deviation of the pixels' dark offset
+  double black_level_dn = 0.0;  ///< mean digital number without light and dark current
+  double prnu = 0.0;    ///< photo-response non-uniformity: standard deviation of the relative sensitivity
+  double dsnu_e = 0.0;  ///< dark signal non-uniformity: standard deviation of the dark offset, electrons
 };
 
-/// Which frame of which camera is exposed. Together with the seed and the pixel this keys every random
-/// number.
+/// Frame and camera of an exposure. With the seed and the pixel index they determine every random number.
 struct FrameId {
   std::int64_t frame = 0;
   int camera = 0;
   double exposure = 0.0;  ///< s
 };
 
-/// Turns expected electrons into digital numbers. Immutable, safe to share between threads; the same seed and
-/// FrameId give the same bytes in any order of calls.
+/// Converts expected electrons to digital numbers. Immutable, hence safe to share between threads; the same
+/// seed and FrameId give the same bytes in any order of calls.
 ///
-/// Pixels without light are drawn from the exact distribution of dark current plus read noise by one
-/// inverse-CDF look-up per pixel. Lit pixels get a Poisson number of electrons (exact inversion below a mean
-/// of 16; above it the asymptotic inverse of M. B. Giles, "Algorithm 955", ACM TOMS 42 (2016), which keeps
-/// skewness and is off by less than 1e-4 in probability), clipped at the full well, then read noise. Fixed
+/// Dark pixels are sampled from the exact distribution of dark current plus read noise by one inverse-CDF
+/// look-up per pixel. Lit pixels get a Poisson number of electrons (exact inversion below a mean of 16; above
+/// it the asymptotic inverse of M. B. Giles, "Algorithm 955", ACM TOMS 42 (2016), which reproduces the
+/// skewness with an error below 1e-4 in probability), clipped at the full well, then read noise. Fixed
 /// patterns depend on seed, camera and pixel only.
 class Detector {
  public:
-  /// Throws std::invalid_argument naming the parameter that is out of bounds.
+  /// Throws std::invalid_argument that names the parameter out of range.
   Detector(const DetectorParameters& parameters, bool noise, std::uint64_t seed);
   ~Detector();
   Detector(Detector&&) noexcept;
   Detector& operator=(Detector&&) noexcept;
 
-  /// Exposes the whole image `out`: `count` pixels (index = row * width + column, each at most once) collect
+  /// Exposes the image `out`: `count` pixels (index = row * width + column, each at most once) collect
   /// `electrons` on average, all others none.
   void expose(const FrameId& id, const std::uint32_t* pixels, const float* electrons, std::size_t count,
               ImageView<std::uint16_t> out) const;
 
-  /// The same from a dense plane of expected electrons of the size of `out`. Same bytes as the sparse form.
+  /// Exposes `out` from a dense image of expected electrons of the same size. Gives the same bytes as the
+  /// sparse form.
   void expose(const FrameId& id, ImageView<const float> electrons, ImageView<std::uint16_t> out) const;
-
-  const DetectorParameters& parameters() const;
 
  private:
   class Impl;

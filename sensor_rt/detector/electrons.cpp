@@ -11,7 +11,7 @@ namespace {
 
 enum Purpose : std::uint32_t { kDark = 1, kLit = 2, kDsnu = 3, kPrnu = 4 };
 
-/// Independent key for one purpose, camera and frame.
+/// Returns an independent random key for a purpose, camera and frame.
 std::array<std::uint32_t, 2> purpose_key(std::uint64_t seed, Purpose purpose, int camera,
                                          std::int64_t frame) {
   const auto bits = static_cast<std::uint64_t>(frame);
@@ -30,13 +30,13 @@ inline std::uint32_t mix(std::uint32_t h) {
   return h ^ (h >> 16);
 }
 
-/// 32 bits per pixel. Mixed twice with a key in between, or images whose first keys are close would be
-/// shifted copies.
+/// Returns 32 random bits for a pixel. Mixed twice with a key in between: otherwise images whose first keys
+/// are close would be shifted copies.
 inline std::uint32_t pixel_bits(std::uint32_t pixel, std::uint32_t key0, std::uint32_t key1) {
   return mix(mix(pixel + key0) ^ key1);
 }
 
-/// What turns the electrons of a dark pixel into its digital number.
+/// Parameters of the conversion from electrons to digital number for dark pixels.
 struct DarkScale {
   float gain;
   float black;
@@ -50,8 +50,8 @@ inline std::uint16_t quantise_dark(const DarkScale& s, float electrons) {
   return static_cast<std::uint16_t>(static_cast<std::int32_t>(clipped + 0.5f));
 }
 
-/// Pixels are drawn by blocks of this many, in three loops: places in the table, its lines, what they say.
-/// Only the look-up in the middle is left to scalar instructions.
+/// Block size of the sampling of dark pixels. Three loops per block: table positions, gathers, quantisation.
+/// Only the gathers are scalar.
 constexpr int kBlock = 128;
 
 struct alignas(64) Draw {
@@ -103,12 +103,12 @@ double poisson(double mean, std::uint32_t bits) {
   if (mean < 16.0) {
     const double u = (bits + 0.5) * 0x1p-32;
     double probability = std::exp(-mean);
-    double cumulative = probability;
+    double cdf = probability;
     double k = 0.0;
-    while (u > cumulative && probability > 0.0) {
+    while (u > cdf && probability > 0.0) {
       k += 1.0;
       probability *= mean / k;
-      cumulative += probability;
+      cdf += probability;
     }
     return k;
   }
@@ -140,7 +140,7 @@ std::uint16_t PixelModel::quantise(double electrons) const {
 }
 
 std::uint16_t PixelModel::lit(std::uint32_t pixel, float electrons) const {
-  // More light than this saturates for certain; the bound keeps the arithmetic finite.
+  // Saturates for certain above this bound, which keeps the arithmetic finite.
   const double light = std::min(static_cast<double>(electrons), 16.0 * full_well_e_ + 1e4);
   if (!noise_) return quantise(std::min(light + dark_e_, full_well_e_));
   const QuantileTable& normal = standard_normal();

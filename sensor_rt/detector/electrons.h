@@ -1,4 +1,4 @@
-// The chain of one pixel: charge, noise, quantisation. Used by the detector only.
+// Signal chain of a pixel: charge, noise, quantisation. Internal to the detector.
 #pragma once
 
 #include <array>
@@ -11,27 +11,27 @@
 
 namespace sensor_rt {
 
-/// Poisson number with mean `mean` by inversion of 32 uniformly distributed bits: exact search below 16,
-/// Giles's asymptotic expansion above.
+/// Returns a Poisson number with mean `mean` by inversion of 32 uniformly distributed bits: exact search
+/// below a mean of 16, Giles's asymptotic expansion above.
 double poisson(double mean, std::uint32_t bits);
 
-/// All that is constant over one image.
+/// Parameters that are constant over an image.
 class PixelModel {
  public:
   PixelModel(const DetectorParameters& parameters, bool noise, std::uint64_t seed, const FrameId& id);
 
-  /// Mean dark charge, electrons.
+  /// Returns the mean dark charge, electrons.
   double dark_e() const { return dark_e_; }
 
-  /// Digital number of a pixel (row * width + column) that collects `electrons` on average.
+  /// Returns the digital number of a pixel (index row * width + column) that collects `electrons` on average.
   std::uint16_t lit(std::uint32_t pixel, float electrons) const;
 
-  /// Digital numbers of `count` pixels without light, the first of them `first`, drawn from the table of the
-  /// dark signal. `pattern`: their fixed offsets (electrons), null for none.
+  /// Writes the digital numbers of `count` dark pixels, starting at index `first`, sampled from the table of
+  /// the dark signal. `pattern`: their fixed offsets (electrons), or null.
   void dark_pixels(const QuantileTable& table, const float* pattern, std::uint32_t first, int count,
                    std::uint16_t* out) const;
 
-  /// Whether the pixels' dark offsets differ, and what they are (electrons) for an image of `pixels`.
+  /// Whether there is a fixed pattern (DSNU), and its values (electrons) for an image of `pixels`.
   bool is_patterned() const { return dsnu_e_ > 0.0f; }
   std::vector<float> dark_pattern(std::size_t pixels) const;
 

@@ -16,7 +16,7 @@ float node_value(std::uint32_t pattern) {
 double normal_upper_tail(double p) {
   const double root_two = std::sqrt(2.0);
   const double root_two_pi = std::sqrt(2.0 * std::acos(-1.0));
-  double x = 0.0;  // Newton on the logarithm of the tail, which is concave: no overshoot
+  double x = 0.0;  // Newton's method on the logarithm of the tail, which is concave: no overshoot
   for (int i = 0; i < 60; ++i) {
     const double tail = 0.5 * std::erfc(x / root_two);
     const double hazard = std::exp(-0.5 * x * x) / (root_two_pi * tail);

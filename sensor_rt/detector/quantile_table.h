@@ -1,4 +1,4 @@
-// Inverse-CDF sampling by table, fine in the tails.
+// Inverse-CDF sampling by a table that resolves the tails.
 #pragma once
 
 #include <array>
@@ -10,9 +10,9 @@
 namespace sensor_rt {
 
 /// Piecewise linear quantile function of a distribution. Nodes are spaced by 1/32 octave in the tail
-/// probability on both sides of the median, so the tails stay right down to 2^-33. Linear interpolation costs
-/// at most 5e-5 standard deviations for a normal distribution. Plain arithmetic without libm: samples
-/// vectorise, but for the look-up of lines, and are the same everywhere.
+/// probability on both sides of the median, so that the tails are accurate down to 2^-33. The interpolation
+/// error is at most 5e-5 standard deviations for a normal distribution. Uses no libm: samples vectorise,
+/// except for the table look-up, and are the same on every machine.
 class QuantileTable {
  public:
   /// Quantile of a tail probability in (0, 0.5].
@@ -21,7 +21,7 @@ class QuantileTable {
   /// `lower(p)` is the x with P(X <= x) = p, `upper(p)` the x with P(X > x) = p.
   QuantileTable(const Tail& lower, const Tail& upper);
 
-  /// Where 32 uniformly distributed bits fall: on which line, and how far along it.
+  /// Table position of 32 uniformly distributed bits: line segment and offset along it.
   struct Place {
     std::uint32_t line;
     float along;
@@ -44,7 +44,7 @@ class QuantileTable {
 
   const Line& line(std::uint32_t index) const { return lines_[index]; }
 
-  /// Sample for 32 uniformly distributed bits.
+  /// Returns the sample for 32 uniformly distributed bits.
   float sample(std::uint32_t bits) const {
     const Place at = place(bits);
     return lines_[at.line].value + lines_[at.line].slope * at.along;
@@ -58,10 +58,10 @@ class QuantileTable {
   std::array<Line, 2 * kNodes> lines_{};
 };
 
-/// x with P(N > x) = p for the standard normal distribution, p in (0, 0.5].
+/// Returns x with P(N > x) = p for the standard normal distribution, p in (0, 0.5].
 double normal_upper_tail(double p);
 
-/// Standard normal distribution.
+/// Returns the table of the standard normal distribution.
 const QuantileTable& standard_normal();
 
 }  // namespace sensor_rt

@@ -12,13 +12,13 @@
 namespace sensor_rt {
 namespace {
 
-/// A view is free when nothing stands before this share of the way to the point; the rest is the surface
-/// itself.
-constexpr double kBeforeSurface = 1.0 - 1e-4;
+/// Rays to a surface point are tested up to this fraction of their length, so that the surface does not
+/// occlude itself.
+constexpr double kShadowRayEnd = 1.0 - 1e-4;
 
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
-/// Landing points with their normals turned towards the light; used[lane] is 1 within near..far.
+/// Computes the hit points with normals towards the light; used[lane] is 1 within near..far.
 SENSOR_RT_MULTIVERSION
 void locate(double source_z, double near, double far, const Lanes3& __restrict d,
             const PacketHits& __restrict hits, Lanes3& __restrict point, Lanes3& __restrict normal,
@@ -41,16 +41,33 @@ void locate(double source_z, double near, double far, const Lanes3& __restrict d
   }
 }
 
-/// Directions from the eye; seen[lane] is 1 for points in use, on surfaces that face the eye, within the
+/// Computes the irradiance at the centre of the sheet, and its width there.
+SENSOR_RT_MULTIVERSION
+void illuminate(double power_per_radian, double waist_z, double sigma2, double divergence2,
+                const double* __restrict relative_power, const double* __restrict cosine,
+                const double* __restrict distance, const Lanes3& __restrict point,
+                LandingLight& __restrict light) {
+  constexpr double kInverseSqrtTwoPi = 0.3989422804014327;
+  for (int l = 0; l < kLanes; ++l) {
+    const double from_waist = point.z[l] - waist_z;
+    const double sigma = std::sqrt(sigma2 + divergence2 * from_waist * from_waist);
+    light.sigma[l] = sigma;
+    light.irradiance[l] =
+        kInverseSqrtTwoPi * power_per_radian * relative_power[l] * cosine[l] / (sigma * distance[l]);
+    light.normal_travel[l] = 0.0;
+  }
+}
+
+/// Computes the directions from the viewpoint; seen[lane] is 1 for points in use, on front faces, within the
 /// image.
 SENSOR_RT_MULTIVERSION
-void face(const double* __restrict eye, const Lanes3& __restrict point, const Lanes3& __restrict normal,
+void face(const double* __restrict viewpoint, const Lanes3& __restrict point, const Lanes3& __restrict normal,
           const double* __restrict used, const double* __restrict column, const double* __restrict row,
           double width, double height, Lanes3& __restrict direction, double* __restrict seen) {
   for (int l = 0; l < kLanes; ++l) {
-    const double x = point.x[l] - eye[0];
-    const double y = point.y[l] - eye[1];
-    const double z = point.z[l] - eye[2];
+    const double x = point.x[l] - viewpoint[0];
+    const double y = point.y[l] - viewpoint[1];
+    const double z = point.z[l] - viewpoint[2];
     const double away = normal.x[l] * x + normal.y[l] * y + normal.z[l] * z;
     const double faces = away < 0.0 ? 1.0 : 0.0;
     const double in_columns = std::abs(column[l] - 0.5 * (width - 1.0)) < 0.5 * width ? 1.0 : 0.0;
@@ -62,10 +79,10 @@ void face(const double* __restrict eye, const Lanes3& __restrict point, const La
   }
 }
 
-/// The eyes look along the reference frame's X, one way or the other.
+/// Viewing axis: the reference frame's +X or -X.
 ViewAxes looks_along(const Camera& camera) { return camera.side > 0 ? ViewAxes::kBackX : ViewAxes::kX; }
 
-/// Of ray i from z.
+/// Returns the angle of ray i from z.
 double angle_of(const FanGeometry& geometry, int i) {
   return geometry.laser.fan_half_angle * (2.0 * (i + 0.5) / geometry.rays - 1.0);
 }
@@ -92,9 +109,14 @@ void FanPoints::resize(std::size_t count) {
   row.resize(count);
   brightness.resize(count);
   camera.resize(count);
+  ray.resize(count);
+  height_e.resize(count);
+  width.resize(count);
+  background_e.resize(count);
 }
 
-FanCaster::FanCaster(const FanGeometry& geometry) : geometry_(geometry), fan_(fan_of(geometry)) {
+FanCaster::FanCaster(const FanGeometry& geometry)
+    : geometry_(geometry), fan_(fan_of(geometry)), instants_{0.5} {
   const LaserSheet& laser = geometry_.laser;
   const Rigid3 sheet_from_sensor = laser.sensor_from_sheet.inverse();
   for (Camera& camera : geometry_.cameras) {
@@ -108,32 +130,46 @@ FanCaster::FanCaster(const FanGeometry& geometry) : geometry_(geometry), fan_(fa
     relative_power_[static_cast<std::size_t>(i)] = laser.relative_power(angle_of(geometry_, i));
   }
   laser_region_ = laser_region(laser, 0.0);
-  constexpr double kFarthest = 10.0;  // m
-  const double beyond = 1e-9 + laser.largest_bend() * std::min(geometry_.far, kFarthest);
+  constexpr double kMaxDistance = 10.0;  // m
+  const double beyond = 1e-9 + laser.max_bend() * std::min(geometry_.far, kMaxDistance);
   for (const Camera& camera : geometry_.cameras) {
     camera_regions_.push_back(camera_region(camera, beyond));
     projectors_.emplace_back(camera);
+  }
+  if (!geometry_.stripes.has_value()) return;
+  instants_ = {0.5, 0.0, 1.0};
+  lamps_.emplace(geometry_.stripes->band_pass, laser.wavelength);
+  for (const Camera& camera : geometry_.cameras) {
+    optics_.emplace_back(
+        camera, electrons_per_irradiance(camera, laser.wavelength, geometry_.stripes->quantum_efficiency));
   }
 }
 
 void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t exposure,
                      FanPoints& points) {
-  static const std::vector<double> kMiddle{0.5};
   static const std::vector<std::size_t> kOneInstant(kLanes, 0);
-  track_.set(scene, exposures, exposure, kMiddle, geometry_.laser.sensor_from_sheet);
+  track_.set(scene, exposures, exposure, instants_, geometry_.laser.sensor_from_sheet);
   const Eigen::Vector3d source(0.0, 0.0, geometry_.laser.source_z);
   laser_view_.set(scene, track_, {source}, kOneInstant, laser_region_);
   if (laser_view_.empty()) return points.resize(0);
+  if (lamps_.has_value()) {
+    duration_ = exposures.duration[exposure];
+    incoherent_rays_.set(scene, track_);
+    lamps_->set(scene, track_, incoherent_rays_);
+    motion_.clear();
+    if (exposures.samples > 1) find_motion(scene);
+  }
   land(scene);
   points.resize(geometry_.cameras.size() * landings_.size() * kLanes);
   std::size_t count = 0;
   for (std::size_t k = 0; k < geometry_.cameras.size(); ++k) {
     const Camera& camera = geometry_.cameras[k];
-    const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
-    camera_view_.set(scene, track_, {eye}, kOneInstant, camera_regions_[k]);
+    const Eigen::Vector3d viewpoint = camera.sensor_from_camera.translation;
+    camera_view_.set(scene, track_, {viewpoint}, kOneInstant, camera_regions_[k]);
     look(k);
-    sight_lines_.set(scene, track_, camera_view_.shapes(), {source, eye, looks_along(camera), 0}, bundles_);
-    count += see(k, count, points);
+    occlusion_culler_.set(scene, track_, camera_view_.shapes(), {source, viewpoint, looks_along(camera), 0},
+                          bundles_);
+    count += see(scene, k, count, points);
   }
   points.resize(count);
 }
@@ -148,57 +184,137 @@ void FanCaster::land(const Scene& scene) {
            landing.normal, cosine, landing.used);
     transform(geometry_.laser.sensor_from_sheet, landing.point, landing.in_sensor);
     for (int l = 0; l < kLanes; ++l) {
-      const bool hit = hits.shape[l] >= 0;
-      landing.used[l] = hit ? landing.used[l] : 0.0;
-      landing.brightness[l] = hit ? cosine[l] * relative_power_[p * kLanes + static_cast<std::size_t>(l)] *
-                                        scene.shapes()[static_cast<std::size_t>(hits.shape[l])].reflectance
-                                  : 0.0;
+      const Shape* shape =
+          hits.shape[l] >= 0 ? &scene.shapes()[static_cast<std::size_t>(hits.shape[l])] : nullptr;
+      const bool shows = shape != nullptr && !shape->surface->material().is_mirror();
+      landing.used[l] = shows ? landing.used[l] : 0.0;
+      landing.brightness[l] =
+          shows ? cosine[l] * relative_power_[p * kLanes + static_cast<std::size_t>(l)] * shape->reflectance
+                : 0.0;
     }
+    if (lamps_.has_value()) light(p, cosine);
+  }
+}
+
+void FanCaster::light(std::size_t p, const double* cosine) {
+  const LaserSheet& laser = geometry_.laser;
+  Landing& landing = landings_[p];
+  const PacketHits& hits = hits_[p];
+  illuminate(laser.power / (2.0 * laser.fan_half_angle), laser.waist_z, laser.sheet_sigma * laser.sheet_sigma,
+             laser.divergence * laser.divergence, &relative_power_[p * kLanes], cosine, hits.t, landing.point,
+             landing.light);
+  if (motion_.empty()) return;
+  for (int l = 0; l < kLanes; ++l) {
+    if (landing.used[l] == 0.0) continue;
+    const Motion& motion = motion_[static_cast<std::size_t>(hits.shape[l])];
+    const Eigen::Vector3d way = motion.rotation * lane(landing.point, l) + motion.translation;
+    landing.light.normal_travel[l] = way.dot(lane(landing.normal, l));
+  }
+}
+
+void FanCaster::find_motion(const Scene& scene) {
+  motion_.resize(scene.shapes().size());
+  for (const std::size_t s : laser_view_.shapes()) {
+    const Rigid3& now = track_.shape_from_reference(s, 0);
+    const Rigid3 before = track_.shape_from_reference(s, 1).inverse() * now;
+    const Rigid3 after = track_.shape_from_reference(s, 2).inverse() * now;
+    motion_[s] = {after.rotation - before.rotation, after.translation - before.translation};
   }
 }
 
 void FanCaster::look(std::size_t number) {
   const Camera& camera = geometry_.cameras[number];
-  const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
-  const std::size_t packets_per_bundle = (landings_.size() + Windows::kMost - 1) / Windows::kMost;
+  const Eigen::Vector3d viewpoint = camera.sensor_from_camera.translation;
+  const std::size_t packets_per_bundle =
+      (landings_.size() + ProjectedBoundsSet::kCapacity - 1) / ProjectedBoundsSet::kCapacity;
   bundles_.clear();
-  Window bundle;
+  ProjectedBounds bundle;
   for (std::size_t p = 0; p < landings_.size(); ++p) {
     const Landing& landing = landings_[p];
     View& view = views_[p];
     alignas(64) double seen[kLanes];
     projectors_[number].project(landing.point, view.column, view.row);
-    face(eye.data(), landing.point, landing.normal, landing.used, view.column, view.row, camera.width_px,
-         camera.height_px, view.direction, seen);
-    view.window = window_of(view.direction, looks_along(camera), seen);
-    bundle.include(view.window);
+    face(viewpoint.data(), landing.point, landing.normal, landing.used, view.column, view.row,
+         camera.width_px, camera.height_px, view.direction, seen);
+    view.bounds = projected_bounds(view.direction, looks_along(camera), seen);
+    bundle.include(view.bounds);
     if ((p + 1) % packets_per_bundle == 0 || p + 1 == landings_.size()) {
       bundles_.add(bundle);
-      bundle = Window();
+      bundle = ProjectedBounds();
     }
-    for (int l = 0; l < kLanes; ++l) view.open[l] = seen[l] > 0.0 ? -1 : 0;
+    for (int l = 0; l < kLanes; ++l) view.unoccluded[l] = seen[l] > 0.0 ? -1 : 0;
   }
 }
 
-std::size_t FanCaster::see(std::size_t number, std::size_t first, FanPoints& points) {
+double FanCaster::lamp_light(const Scene& scene, std::size_t p) const {
+  if (!lamps_->any()) return 0.0;
+  // Evaluated at one point per packet: lamps only contribute to the background here.
+  const View& view = views_[p];
+  const Landing& landing = landings_[p];
+  const auto unoccluded = [&](int l) { return view.unoccluded[l] != 0; };
+  int l = kLanes / 2;
+  for (int k = 0; k < kLanes && !unoccluded(l); ++k) l = (l + 1) % kLanes;
+  const Shape& shape = scene.shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
+  const SurfacePoint at(lane(landing.point, l), lane(landing.normal, l),
+                        -lane(view.direction, l).normalized());
+  return lamps_->brightness(at, *shape.surface, 0);
+}
+
+void FanCaster::measure_stripes(const Scene& scene, std::size_t number, std::size_t p, Stripes& stripes) {
+  const View& view = views_[p];
+  const Landing& landing = landings_[p];
+  StripeLanes seen;
+  optics_[number].see(view.direction, landing.normal, view.column, view.row, landing.light, seen);
+  const double lamps = lamp_light(scene, p);
+  const double ambient = geometry_.stripes->ambient_irradiance;
+  for (int l = 0; l < kLanes; ++l) {
+    if (view.unoccluded[l] == 0) continue;
+    const Shape& shape = scene.shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
+    double direct = shape.reflectance;
+    double even = shape.reflectance;
+    if (!shape.surface->material().is_lambert()) {
+      const Eigen::Vector3d normal = lane(landing.normal, l);
+      const Eigen::Vector3d to_viewpoint = -lane(view.direction, l).normalized();
+      direct = shape.surface->pi_brdf(normal, -lane(fan_.directions()[p], l), to_viewpoint);
+      even = shape.surface->albedo(normal.dot(to_viewpoint));
+    }
+    const double electrons = seen.responsivity[l] * duration_;
+    stripes.height_e[l] =
+        static_cast<float>(electrons * direct * landing.light.irradiance[l] * seen.peak_ratio[l]);
+    stripes.width[l] = static_cast<float>(seen.width[l]);
+    stripes.background_e[l] = static_cast<float>(electrons * (even * ambient + lamps));
+  }
+}
+
+std::size_t FanCaster::see(const Scene& scene, std::size_t number, std::size_t first, FanPoints& points) {
   const Camera& camera = geometry_.cameras[number];
   const std::size_t packets = landings_.size();
   std::size_t at = first;
   for (std::size_t step = 0; step < packets; ++step) {
-    // Columns run along -y for side +1 and along +y for side -1.
+    // Columns increase along -y for side +1 and along +y for side -1.
     const std::size_t p = camera.side > 0 ? packets - 1 - step : step;
     const Landing& landing = landings_[p];
     View& view = views_[p];
-    if (view.window.empty()) continue;
-    sight_lines_.occlude(camera_view_, 0, view.direction, view.window, kBeforeSurface, view.open);
+    if (view.bounds.empty()) continue;
+    occlusion_culler_.occlude(camera_view_, 0, view.direction, view.bounds, kShadowRayEnd, view.unoccluded);
+    const bool any =
+        std::any_of(view.unoccluded, view.unoccluded + kLanes, [](int lane) { return lane != 0; });
+    Stripes stripes;
+    if (any && lamps_.has_value()) measure_stripes(scene, number, p, stripes);
     for (int i = 0; i < kLanes; ++i) {
       const int l = camera.side > 0 ? kLanes - 1 - i : i;
-      if (view.open[l] == 0) continue;
+      if (view.unoccluded[l] == 0) continue;
       points.point[at] = lane(landing.in_sensor, l);
-      points.column[at] = static_cast<std::int32_t>(std::floor(view.column[l] + 0.5));
+      points.column[at] = view.column[l];
       points.row[at] = view.row[l];
       points.brightness[at] = static_cast<float>(landing.brightness[l]);
       points.camera[at] = static_cast<std::int32_t>(number);
+      points.ray[at] = static_cast<std::int32_t>(p) * kLanes + l;
+      if (lamps_.has_value()) {
+        points.height_e[at] = stripes.height_e[l];
+        points.width[at] = stripes.width[l];
+        points.background_e[at] = stripes.background_e[l];
+      }
       ++at;
     }
   }

@@ -1,75 +1,115 @@
-// Geometric mode: where the laser's rays land and which cameras see it, without images.
+// Geometric mode: intersections of the laser rays, their visibility in the cameras, and the resulting stripe
+// images.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
+#include "sensor_rt/fan/stripe_optics.h"
+#include "sensor_rt/geometry/band.h"
 #include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/optics/camera.h"
 #include "sensor_rt/optics/laser_sheet.h"
 #include "sensor_rt/optics/projector.h"
+#include "sensor_rt/tracing/lamps.h"
+#include "sensor_rt/tracing/occlusion_culler.h"
 #include "sensor_rt/tracing/ray_view.h"
-#include "sensor_rt/tracing/sight_lines.h"
 
 namespace sensor_rt {
 
-/// Points of a profile as its cameras see them, as a structure of arrays.
+/// Points of a profile as seen by the cameras, as a structure of arrays.
 struct FanPoints {
   LargeVector<Eigen::Vector3d> point;  ///< sensor frame, m
-  LargeVector<std::int32_t> column;    ///< px, the nearest one
+  LargeVector<double> column;          ///< px
   LargeVector<double> row;             ///< px
-  /// Reflectance times cosine of incidence, and the laser's power there over the mean.
+  /// Reflectance times cosine of incidence times the relative laser power.
   LargeVector<float> brightness;
   LargeVector<std::int32_t> camera;
+  LargeVector<std::int32_t> ray;
+  // Stripe parameters, if requested:
+  LargeVector<float>
+      height_e;              ///< peak height above the background before integration over pixels, electrons
+  LargeVector<float> width;  ///< standard deviation along the column, px
+  LargeVector<float> background_e;  ///< ambient and lamp light, electrons per pixel
 
   std::size_t size() const { return point.size(); }
   void resize(std::size_t count);
 };
 
-/// What of the sensor the geometric mode needs.
+/// Further parameters of the stripe images.
+struct StripeSettings {
+  double quantum_efficiency = 0.0;
+  double ambient_irradiance = 0.0;  ///< on every surface, W/m²
+  Band band_pass;
+};
+
+/// Parameters of the sensor that the geometric mode uses.
 struct FanGeometry {
   std::vector<Camera> cameras;
   LaserSheet laser;
-  double near = 0.0;  ///< points with z outside [near, far] of the sheet are left out
+  double near = 0.0;  ///< points with z outside [near, far] in the sheet frame are discarded
   double far = 0.0;
   int rays = 0;
+  std::optional<StripeSettings> stripes;  ///< compute the stripe parameters as well
 };
 
 /// Casts `rays` laser rays at equal angles across the fan, at mid-exposure, and keeps each closest hit for
-/// every camera that has a free view of the lit side of the surface within its image. Keeps scratch memory:
-/// one per thread.
+/// every camera that sees the lit side of the surface unoccluded and within its image. Ideal mirrors are
+/// invisible. Keeps scratch memory: use one per thread.
 class FanCaster {
  public:
   explicit FanCaster(const FanGeometry& geometry);
 
-  /// Points of one profile, camera by camera in ascending columns.
+  /// Computes the points of one profile, sorted by camera and column.
   void cast(const Scene& scene, const Exposures& exposures, std::size_t exposure, FanPoints& points);
 
  private:
-  /// Landing points of sixteen rays; used is 0 for those that are lost.
+  /// Hit points of sixteen rays; used is 0 for rays without a hit.
   struct Landing {
     Lanes3 point;
     Lanes3 in_sensor;  ///< the same point in the sensor frame
     Lanes3 normal;     ///< towards the light
     alignas(64) double brightness[kLanes];
     alignas(64) double used[kLanes];
+    LandingLight light;
   };
 
-  /// Sixteen landing points seen by one camera.
+  /// Change of a pose during the exposure.
+  struct Motion {
+    Eigen::Matrix3d rotation;
+    Eigen::Vector3d translation;
+  };
+
+  /// Stripes of a packet.
+  struct Stripes {
+    float height_e[kLanes];
+    float width[kLanes];
+    float background_e[kLanes];
+  };
+
+  /// Sixteen hit points as seen by one camera.
   struct alignas(64) View {
     Lanes3 direction;
     double column[kLanes];
     double row[kLanes];
-    int open[kLanes];  ///< -1 where the point is seen, as far as is known; else 0
-    Window window;     ///< holds those points
+    int unoccluded[kLanes];  ///< -1 where the point is not known to be occluded, else 0
+    ProjectedBounds bounds;  ///< contains those points
   };
 
   void land(const Scene& scene);
-  /// What a camera could see if nothing hid anything, and the windows that hold it.
+  /// Computes the laser light on the hits of the p-th packet, and their motion.
+  void light(std::size_t p, const double* cosine);
+  void find_motion(const Scene& scene);
+  /// Projects the hit points to a camera, without occlusion, and computes their bounds.
   void look(std::size_t camera);
-  /// Writes what a camera sees at `points`[first] and after; returns how many.
-  std::size_t see(std::size_t camera, std::size_t first, FanPoints& points);
+  /// Writes the points that a camera sees to `points` from `first` on; returns their number.
+  std::size_t see(const Scene& scene, std::size_t camera, std::size_t first, FanPoints& points);
+  /// Computes the stripe parameters of the p-th packet in a camera.
+  void measure_stripes(const Scene& scene, std::size_t camera, std::size_t p, Stripes& stripes);
+  /// Returns the lamp light on the p-th packet, as irradiance on a white diffuse surface.
+  double lamp_light(const Scene& scene, std::size_t p) const;
 
   FanGeometry geometry_;
   std::vector<Projector> projectors_;
@@ -77,13 +117,19 @@ class FanCaster {
   FanSearch search_;
   std::vector<PacketHits> hits_;
   std::vector<double> relative_power_;  ///< per ray
+  std::vector<StripeOptics> optics_;    ///< per camera
+  std::vector<double> instants_;  ///< instants of the exposure: its middle, then start and end if needed
+  std::vector<Motion> motion_;    ///< per shape; empty: no motion
+  double duration_ = 0.0;         ///< s
+  IncoherentRays incoherent_rays_;
+  std::optional<Lamps> lamps_;
   std::vector<HalfSpace> laser_region_;
   std::vector<std::vector<HalfSpace>> camera_regions_;
   PoseTrack track_;
   RayView laser_view_;
   RayView camera_view_;
-  Windows bundles_;
-  SightLines sight_lines_;
+  ProjectedBoundsSet bundles_;
+  OcclusionCuller occlusion_culler_;
   std::vector<Landing> landings_;
   std::vector<View> views_;
 };

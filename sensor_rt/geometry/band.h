@@ -1,22 +1,22 @@
-// Narrow pieces of the spectrum.
+// Narrow spectral bands.
 #pragma once
 
 #include <cmath>
 
 namespace sensor_rt {
 
-/// Gaussian spectrum of a light or transmission of a filter, m.
+/// Gaussian emission spectrum of a light, or Gaussian transmission of a filter; wavelengths in metres.
 struct Band {
   double centre = 0.0;
   double width = 0.0;  ///< full width at half maximum
 
-  /// Transmission of the filter at a wavelength, against its peak.
+  /// Transmission of the filter at a wavelength, relative to its peak.
   double transmission(double wavelength) const {
     const double off = (wavelength - centre) / width;
     return std::exp(-kFourLnTwo * off * off);
   }
 
-  /// Share of light with this spectrum that a filter passes whose peak transmission is 1.
+  /// Fraction of light with this spectrum that passes a filter of peak transmission 1.
   double passed_share(const Band& filter) const {
     const double width2 = width * width + filter.width * filter.width;
     const double off = centre - filter.centre;

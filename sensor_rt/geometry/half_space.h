@@ -1,11 +1,11 @@
-// Half-spaces, whose intersections bound the regions that light can take.
+// Half-spaces. Their intersections are the convex regions that light paths stay in.
 #pragma once
 
 #include <Eigen/Dense>
 
 namespace sensor_rt {
 
-/// All p with normal · p >= offset.
+/// All points p with normal · p >= offset.
 struct HalfSpace {
   Eigen::Vector3d normal;
   double offset = 0.0;

@@ -18,7 +18,7 @@ struct ImageView {
   T& at(int y, int x) const { return data[y * stride + x]; }
 };
 
-/// Owns its pixels; keeps its memory when resized to something smaller.
+/// Image that owns its pixels. Resizing to a smaller size keeps the allocation.
 template <typename T>
 class Image {
  public:

@@ -1,4 +1,4 @@
-// Vectors of 16 rays or points at a time, as structures of arrays.
+// Structures of arrays that hold 16 vectors, one per SIMD lane.
 #pragma once
 
 #include <Eigen/Dense>

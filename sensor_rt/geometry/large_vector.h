@@ -1,4 +1,4 @@
-// Vectors that may grow to many megabytes.
+// Vectors of many megabytes.
 #pragma once
 
 #include <cstddef>
@@ -13,8 +13,8 @@
 
 namespace sensor_rt {
 
-/// Asks the system for large pages behind large blocks: memory that is written once costs most by the pages
-/// that it touches first.
+/// Allocator that requests huge pages for large blocks. Page faults dominate the cost of memory that is
+/// written only once.
 template <typename T>
 struct LargePageAllocator {
   using value_type = T;
@@ -33,7 +33,7 @@ struct LargePageAllocator {
     void* memory = large || !kPlain ? std::aligned_alloc(alignment, padded) : std::malloc(bytes);
     if (memory == nullptr) throw std::bad_alloc();
 #if defined(__linux__)
-    // Small pages serve as well where the system refuses.
+    // The advice may be refused; normal pages work too.
     if (large) madvise(memory, padded, MADV_HUGEPAGE);
 #endif
     return static_cast<T*>(memory);

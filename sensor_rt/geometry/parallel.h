@@ -1,4 +1,4 @@
-// Work shared out among threads.
+// Parallel loops over threads.
 #pragma once
 
 #include <algorithm>
@@ -11,15 +11,15 @@
 
 namespace sensor_rt {
 
-/// Number of threads to use: `requested`, or as many as the machine has for 0; never more than there are
-/// tasks.
+/// Returns the number of threads to use: `requested`, or one per hardware thread for 0; never more than there
+/// are tasks.
 inline unsigned thread_count(unsigned requested, std::size_t tasks) {
   const unsigned available = requested > 0 ? requested : std::max(1u, std::thread::hardware_concurrency());
   return static_cast<unsigned>(std::max<std::size_t>(1, std::min<std::size_t>(available, tasks)));
 }
 
-/// Calls body(task, worker) for each task below `tasks`, in ascending order of start, on up to `threads`
-/// threads. The first exception stops the hand-out of tasks and is thrown again here.
+/// Calls body(task, worker) for each task below `tasks` on up to `threads` threads; tasks start in ascending
+/// order. The first exception stops the distribution of tasks and is rethrown here.
 template <typename Body>
 void parallel_for(std::size_t tasks, unsigned threads, const Body& body) {
   std::atomic<std::size_t> next{0};

@@ -1,11 +1,11 @@
-// Memory that will be needed soon.
+// Cache prefetching.
 #pragma once
 
 #include <cstddef>
 
 namespace sensor_rt {
 
-/// Asks for all of an object that is read a little later.
+/// Prefetches all cache lines of an object.
 template <typename T>
 inline void prefetch(const T& what) {
   constexpr std::size_t kLine = 64;

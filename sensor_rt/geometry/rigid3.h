@@ -24,9 +24,9 @@ struct Rigid3 {
   Rigid3 inverse() const { return {rotation.transpose(), -(rotation.transpose() * translation)}; }
 };
 
-/// Pose between `from` (fraction 0) and `to` (fraction 1): straight line and constant turn. Equal poses come
-/// back unchanged to the last bit, so that a still exposure does not depend on how often its pose was
-/// sampled.
+/// Returns the pose between `from` (fraction 0) and `to` (fraction 1): linear translation, constant angular
+/// velocity. Equal poses are returned unchanged to the last bit, so that the result of a still exposure does
+/// not depend on the number of pose samples.
 inline Rigid3 interpolate(const Rigid3& from, const Rigid3& to, double fraction) {
   if (from == to || fraction == 0.0) return from;
   const Eigen::AngleAxisd turn(Eigen::Matrix3d(from.rotation.transpose() * to.rotation));

@@ -10,32 +10,33 @@ namespace sensor_rt {
 namespace {
 
 constexpr double kNoiseSigmas = 4.0;
-constexpr double kNearby = 4.0;          // widths of both stripes together: this near, but not there
-constexpr double kTrackJump = 2.0;       // rows from column to column within a track
-constexpr double kNeighbours = 4.0;      // rows to a neighbour within a track, two columns on
-constexpr double kConfirmedShare = 0.5;  // of a track that vouches for the rest of it
-// A peak that another one has bent confirms nothing and refutes nothing but by chance.
+constexpr double kNearby = 4.0;      // sum of both stripe widths: nearby, but not at the expected position
+constexpr double kTrackJump = 2.0;   // rows per column within a track
+constexpr double kNeighbours = 4.0;  // rows to a neighbour two columns away within a track
+constexpr double kConfirmedShare = 0.5;  // fraction of confirmed peaks from which a track confirms the others
+// A peak distorted by another one is not evidence for or against agreement.
 constexpr std::uint32_t kBent = kPeakAsymmetric | kPeakResidual | kPeakOverlap | kPeakWide | kPeakBorder;
 constexpr std::uint32_t kNoise = kPeakWeak | kPeakNarrow | kPeakNotConverged;
 
-/// A peak with its place on the sheet.
-struct Sighting {
+/// A peak with its point on the sheet.
+struct SheetPoint {
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
-  int bin = -1;          ///< of the laser ray; -1: not a place where the laser could be
-  bool refuted = false;  ///< another camera shows the stripe close by, but not there
+  int bin = -1;          ///< bin of the laser ray; -1: outside the measuring range, or noise
+  bool refuted = false;  ///< another camera sees the stripe nearby, but not at this point
 };
 
-/// Bins of laser rays by their slope, about one column wide: who has a peak on them, and which are settled.
+/// Bins of laser rays by slope, about one column wide, with the cameras that see a peak on them and their
+/// confirmed points.
 class RayBins {
  public:
-  RayBins(const SheetGeometry& geometry, const std::vector<std::vector<Sighting>>& sightings)
+  RayBins(const SheetGeometry& geometry, const std::vector<std::vector<SheetPoint>>& sheet_points)
       : source_z_(geometry.source_z) {
     double focal = 1.0;
     for (const Camera& camera : geometry.cameras) focal = std::max(focal, camera.focal_px);
     per_slope_ = focal;
     double highest = -std::numeric_limits<double>::infinity();
-    for (const auto& of_camera : sightings) {
-      for (const Sighting& s : of_camera) {
+    for (const auto& of_camera : sheet_points) {
+      for (const SheetPoint& s : of_camera) {
         if (s.bin < 0) continue;
         lowest_ = std::min(lowest_, slope(s.point));
         highest = std::max(highest, slope(s.point));
@@ -54,14 +55,14 @@ class RayBins {
   void add(int bin, std::size_t camera) { cameras_[static_cast<std::size_t>(bin)] |= 1u << camera; }
   void settle(int bin, double z) { settled_[static_cast<std::size_t>(bin)].add(z); }
 
-  /// Cameras with a peak on the ray or on its neighbours; bit per camera.
+  /// Returns the cameras with a peak on the ray or its neighbours; one bit per camera.
   unsigned cameras(int bin) const {
     unsigned found = 0;
     visit(bin, [&](std::size_t b) { found |= cameras_[b]; });
     return found;
   }
 
-  /// Whether the ray or its neighbours hold a confirmed point further than `near` from depth z.
+  /// Returns true when the ray or its neighbours have a confirmed point further than `near` from depth z.
   bool is_settled_elsewhere(int bin, double z, double near) const {
     bool settled = false;
     visit(bin, [&](std::size_t b) { settled = settled || settled_[b].reaches_beyond(z, near); });
@@ -69,7 +70,7 @@ class RayBins {
   }
 
  private:
-  /// Of the confirmed points of a bin.
+  /// Depth range of the confirmed points of a bin.
   struct Depths {
     double least = std::numeric_limits<double>::infinity();
     double most = -std::numeric_limits<double>::infinity();
@@ -103,22 +104,22 @@ class Comparison {
   Comparison(std::vector<CameraPeaks>& peaks, const SheetGeometry& geometry, double tolerance_px)
       : peaks_(peaks), geometry_(geometry), tolerance_(tolerance_px) {
     for (CameraPeaks& of_camera : peaks_) {
-      of_camera.standing.assign(of_camera.fits.size(), Standing::kContradicted);
+      of_camera.agreement.assign(of_camera.fits.size(), CameraAgreement::kContradicted);
       camera_from_sensor_.push_back(camera(of_camera).sensor_from_camera.inverse());
       starts_.push_back(starts(of_camera));
-      sightings_.push_back(locate(of_camera));
+      sheet_points_.push_back(locate(of_camera));
     }
   }
 
   void run() {
     for (std::size_t a = 0; a < peaks_.size(); ++a) {
-      for (std::size_t i = 0; i < sightings_[a].size(); ++i) confirm(a, i);
+      for (std::size_t i = 0; i < sheet_points_[a].size(); ++i) confirm(a, i);
     }
-    RayBins rays(geometry_, sightings_);
+    RayBins rays(geometry_, sheet_points_);
     for (std::size_t a = 0; a < peaks_.size(); ++a) enter(a, rays);
     for (std::size_t a = 0; a < peaks_.size(); ++a) {
       const std::vector<bool> vouched = vouch(a);
-      for (std::size_t i = 0; i < sightings_[a].size(); ++i) weigh(a, i, vouched[i], rays);
+      for (std::size_t i = 0; i < sheet_points_[a].size(); ++i) weigh(a, i, vouched[i], rays);
     }
   }
 
@@ -135,8 +136,8 @@ class Comparison {
     return first;
   }
 
-  std::vector<Sighting> locate(const CameraPeaks& p) const {
-    std::vector<Sighting> found(p.fits.size());
+  std::vector<SheetPoint> locate(const CameraPeaks& p) const {
+    std::vector<SheetPoint> found(p.fits.size());
     for (std::size_t i = 0; i < found.size(); ++i) {
       found[i].point = triangulate_exact(camera(p), {p.candidates[i].column, p.fits[i].row});
       const double z = found[i].point.z();
@@ -156,19 +157,19 @@ class Comparison {
            pixel.y() <= c.height_px - 1.0;
   }
 
-  /// Looks for the point of peak i of camera a in the images of the others.
+  /// Searches for the point of peak i of camera a in the images of the other cameras.
   void confirm(std::size_t a, std::size_t i) {
-    Sighting& s = sightings_[a][i];
+    SheetPoint& s = sheet_points_[a][i];
     if (s.bin < 0) return;
     for (std::size_t b = 0; b < peaks_.size(); ++b) {
       if (b == a) continue;
       const Eigen::Vector2d seen = project(b, s.point);
       if (!in_view(b, seen)) continue;
-      // Most peaks agree without allowance for their noise, which takes longer to work out.
+      // Most peaks agree without the tolerance for noise, which is more expensive.
       Match match = nearest(b, seen, 0.0);
       if (match.beyond_tolerance > 0.0) match = nearest(b, seen, transferred_sigma(a, i, b, seen));
       if (match.beyond_tolerance <= 0.0) {
-        peaks_[a].standing[i] = Standing::kConfirmed;
+        peaks_[a].agreement[i] = CameraAgreement::kConfirmed;
       } else if ((match.flags & kBent) == 0 &&
                  match.distance < kNearby * (static_cast<double>(peaks_[a].fits[i].width) + match.width)) {
         s.refuted = true;
@@ -176,7 +177,8 @@ class Comparison {
     }
   }
 
-  /// Standard deviation of peak i of camera a as rows of camera b, which sees its point at `seen`.
+  /// Returns the standard deviation of peak i of camera a in rows of camera b, which sees its point at
+  /// `seen`.
   double transferred_sigma(std::size_t a, std::size_t i, std::size_t b, const Eigen::Vector2d& seen) const {
     const StripeFit& fit = peaks_[a].fits[i];
     const Eigen::Vector3d shifted = triangulate_exact(
@@ -184,9 +186,9 @@ class Comparison {
     return std::fabs(project(b, shifted).y() - seen.y());
   }
 
-  /// The peak of camera b that comes closest to where one is expected.
+  /// Finds the peak of camera b closest to an expected position.
   struct Match {
-    double beyond_tolerance = std::numeric_limits<double>::infinity();  ///< px; <= 0: it is there
+    double beyond_tolerance = std::numeric_limits<double>::infinity();  ///< px; <= 0: agrees
     double distance = std::numeric_limits<double>::infinity();          ///< px
     double width = 0.0;                                                 ///< px
     std::uint32_t flags = 0;
@@ -205,20 +207,20 @@ class Comparison {
       best = {beyond, distance, static_cast<double>(fit.width), fit.flags};
     };
     for (std::size_t i = first[left]; i < first[left + 1]; ++i) {
-      if (sightings_[b][i].bin < 0) continue;
+      if (sheet_points_[b][i].bin < 0) continue;
       const StripeFit& l = peaks_[b].fits[i];
       const auto spread = static_cast<double>(l.row_sigma);
       bool continued = false;
       for (std::size_t j = first[right]; j < first[right + 1]; ++j) {
         const StripeFit& r = peaks_[b].fits[j];
-        if (sightings_[b][j].bin < 0 || std::fabs(r.row - l.row) > kTrackJump) continue;
+        if (sheet_points_[b][j].bin < 0 || std::fabs(r.row - l.row) > kTrackJump) continue;
         offer((1.0 - share) * l.row + share * r.row, spread, l, 0.0);
         continued = true;
       }
       if (!continued) offer(l.row, spread, l, share * tolerance_);
     }
     for (std::size_t j = first[right]; j < first[right + 1]; ++j) {
-      if (sightings_[b][j].bin < 0) continue;
+      if (sheet_points_[b][j].bin < 0) continue;
       const StripeFit& r = peaks_[b].fits[j];
       offer(r.row, static_cast<double>(r.row_sigma), r, 0.0);
     }
@@ -226,16 +228,16 @@ class Comparison {
   }
 
   void enter(std::size_t a, RayBins& rays) {
-    for (std::size_t i = 0; i < sightings_[a].size(); ++i) {
-      Sighting& s = sightings_[a][i];
+    for (std::size_t i = 0; i < sheet_points_[a].size(); ++i) {
+      SheetPoint& s = sheet_points_[a][i];
       if (s.bin < 0) continue;
       s.bin = rays.bin(s.point);
       rays.add(s.bin, a);
-      if (peaks_[a].standing[i] == Standing::kConfirmed) rays.settle(s.bin, s.point.z());
+      if (peaks_[a].agreement[i] == CameraAgreement::kConfirmed) rays.settle(s.bin, s.point.z());
     }
   }
 
-  /// Which peaks of camera a lie on a track over the columns that is confirmed for the most part.
+  /// Returns which peaks of camera a lie on a track that is mostly confirmed.
   std::vector<bool> vouch(std::size_t a) const {
     const CameraPeaks& p = peaks_[a];
     const std::size_t count = p.fits.size();
@@ -249,7 +251,7 @@ class Comparison {
         confirmed.push_back(0);
       }
       ++members[track[i]];
-      if (p.standing[i] == Standing::kConfirmed) ++confirmed[track[i]];
+      if (p.agreement[i] == CameraAgreement::kConfirmed) ++confirmed[track[i]];
     }
     std::vector<bool> vouched(count);
     for (std::size_t i = 0; i < count; ++i) {
@@ -259,7 +261,7 @@ class Comparison {
     return vouched;
   }
 
-  /// Track of the nearest peak in the column before, or a new one.
+  /// Returns the track of the nearest peak in the previous column, or a new one.
   std::size_t predecessor(std::size_t a, std::size_t i, const std::vector<std::size_t>& track,
                           std::size_t fresh) const {
     const CameraPeaks& p = peaks_[a];
@@ -278,21 +280,21 @@ class Comparison {
     return found;
   }
 
-  /// Depth by which peak i of camera a moves with its row, m/px.
+  /// Returns the change of depth of peak i of camera a per row, m/px.
   double row_step(std::size_t a, std::size_t i) const {
     const CameraPeaks& p = peaks_[a];
     return std::fabs(triangulation_jacobian(camera(p), {p.candidates[i].column, p.fits[i].row})(2, 1));
   }
 
   void weigh(std::size_t a, std::size_t i, bool vouched, const RayBins& rays) {
-    const Sighting& s = sightings_[a][i];
-    Standing& standing = peaks_[a].standing[i];
-    if (s.bin < 0 || standing == Standing::kConfirmed || s.refuted) return;
-    // What continues a confirmed stripe has its confirmed neighbours on the same surface, next to it.
+    const SheetPoint& s = sheet_points_[a][i];
+    CameraAgreement& agreement = peaks_[a].agreement[i];
+    if (s.bin < 0 || agreement == CameraAgreement::kConfirmed || s.refuted) return;
+    // Peaks that continue a confirmed stripe have confirmed neighbours on the same surface.
     const double near = vouched ? kNeighbours * row_step(a, i) : 0.0;
     if (rays.is_settled_elsewhere(s.bin, s.point.z(), near)) return;
     const unsigned others = rays.cameras(s.bin) & ~(1u << a);
-    if (vouched || others == 0) standing = Standing::kUncontested;
+    if (vouched || others == 0) agreement = CameraAgreement::kUncontested;
   }
 
   std::vector<CameraPeaks>& peaks_;
@@ -300,7 +302,7 @@ class Comparison {
   double tolerance_;
   std::vector<Rigid3> camera_from_sensor_;
   std::vector<std::vector<std::size_t>> starts_;
-  std::vector<std::vector<Sighting>> sightings_;
+  std::vector<std::vector<SheetPoint>> sheet_points_;
 };
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Candidates for the stripe, found row by row so that the columns are worked on side by side.
+// Detection of stripe candidates, row by row so that the columns are vectorised.
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -13,7 +13,7 @@ constexpr int kBlock = 64;             // columns that are skipped together when
 constexpr float kValleySigmas = 5.0f;  // a dip between two maxima must exceed the noise by this much ...
 constexpr float kValleyShare = 0.1f;   // ... and this share of the higher maximum
 
-/// Largest sum of three rows in each block of columns.
+/// Computes the largest sum of three rows in each block of columns.
 template <typename Sum>
 inline void block_maxima(const std::uint16_t* a, const std::uint16_t* b, const std::uint16_t* c, int width,
                          Sum* out) {
@@ -108,7 +108,7 @@ void CandidateFinder::visit(ImageRows image, const PixelNoise& noise, float leve
         run = {valley_row, row, sum, sum};
         ++runs_in_block_[static_cast<std::size_t>(block)];
       } else if (sum > run.highest) {
-        run.highest = run.valley = sum;  // the dip was noise
+        run.highest = run.valley = sum;  // the dip was not significant
         run.valley_row = row;
       }
     }
@@ -171,7 +171,7 @@ void guess(ImageRows image, float background, Candidate& c) {
   if (sum <= 0.0f) sum = 1.0f;
   const float centre = moment / sum;
   c.row = static_cast<float>(first) + centre;
-  // The pixel adds 1/12 px² of variance.
+  // Integration over the pixel adds 1/12 px² to the variance.
   c.width = std::sqrt(std::max(0.09f, moment2 / sum - centre * centre - 1.0f / 12.0f));
   c.amplitude = std::max(highest, 1.0f);
 }

@@ -1,5 +1,5 @@
-// Stripe centre as the centre of gravity of the signal above the background. Simple and unbiased on clean
-// stripes, but pulled by anything else in the window.
+// Stripe centre as the centre of gravity of the background-subtracted signal. Unbiased on clean stripes, but
+// biased by any other signal in the window.
 #include <algorithm>
 
 #include "sensor_rt/imaging/column_window.h"

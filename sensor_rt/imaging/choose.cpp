@@ -7,22 +7,22 @@ namespace sensor_rt {
 namespace {
 
 constexpr double kColumnsPerJump = 64.0;
-constexpr double kJumpsPerStanding = 4.0;
+constexpr double kJumpsPerAgreement = 4.0;
 
-/// First candidate of the column after that of candidate `begin`.
+/// Returns the first candidate of the column after that of candidate `begin`.
 std::size_t end_of_column(const std::vector<Candidate>& candidates, std::size_t begin) {
   std::size_t end = begin + 1;
   while (end < candidates.size() && candidates[end].column == candidates[begin].column) ++end;
   return end;
 }
 
-/// A stretch of candidates that share a column.
+/// A range of candidates in one column.
 struct Column {
   std::size_t begin = 0;
   std::size_t end = 0;
 };
 
-/// Scores of the best paths that end in each candidate, column by column.
+/// Computes the scores of the best paths that end in each candidate, column by column.
 class PathSearch {
  public:
   PathSearch(const CameraPeaks& peaks, double jump_px)
@@ -42,11 +42,12 @@ class PathSearch {
         best = score;
         before_[i] = j;
       }
-      score_[i] = best + static_cast<double>(strength(i) / brightest) / kColumnsPerJump + standing(i);
+      score_[i] = best + static_cast<double>(strength(i) / brightest) / kColumnsPerJump + agreement(i);
     }
   }
 
-  /// Candidates of the best path that ends in the column `last`, ascending; `columns` long.
+  /// Returns the candidates of the best path that ends in the column `last`, ascending, over `columns`
+  /// columns.
   std::vector<std::size_t> trace(const Column& last, std::size_t columns) const {
     std::vector<std::size_t> path(columns);
     const auto first = score_.begin() + static_cast<std::ptrdiff_t>(last.begin);
@@ -59,11 +60,12 @@ class PathSearch {
  private:
   float strength(std::size_t i) const { return peaks_.candidates[i].amplitude; }
 
-  double standing(std::size_t i) const {
-    return peaks_.standing.empty() ? 0.0 : -kJumpsPerStanding * static_cast<double>(peaks_.standing[i]);
+  double agreement(std::size_t i) const {
+    return peaks_.agreement.empty() ? 0.0 : -kJumpsPerAgreement * static_cast<double>(peaks_.agreement[i]);
   }
 
-  /// A slope is no jump: up to half of a jump is free. Over dark columns a stripe may wander.
+  /// Jumps up to half of jump_px are free, as sloped stripes need them. The limit grows over columns without
+  /// peaks.
   double jump(std::size_t from, std::size_t to) const {
     const int gap = peaks_.candidates[to].column - peaks_.candidates[from].column;
     const double rows = std::fabs(peaks_.fits[to].row - peaks_.fits[from].row);

@@ -14,7 +14,7 @@ constexpr float kShapeReach = 3.0f;  // standard deviations to either side in a 
 ColumnWindow gather(ImageRows image, const PixelNoise& noise, const Candidate& candidate, double reach) {
   RowWindow rows = window(candidate, static_cast<float>(reach), image.height);
   rows.last = std::min(rows.last, rows.first + kWindowRows - 1);
-  // Summed over, grains count as if they were pixels.
+  // In sums over the window, speckle is treated as independent between pixels.
   const auto speckle = static_cast<double>(noise.speckle.of_sums());
   ColumnWindow w;
   w.first = rows.first;
@@ -67,10 +67,11 @@ void describe(const ColumnWindow& w, const Candidate& c, StripeFit& fit) {
   fit.width = static_cast<float>(width);
   fit.amplitude = static_cast<float>(sum / (width * std::sqrt(2.0 * std::acos(-1.0))));
   fit.asymmetry = static_cast<float>(third / (6.0 * width * width * width));
-  // A third moment over the window is noisier than the centre by about the square of the reach.
+  // The noise of a third moment over the window exceeds that of the centre by about the square of the window
+  // size.
   fit.asymmetry_sigma =
       static_cast<float>(std::sqrt(centre_variance) / (6.0 * width)) * kShapeReach * kShapeReach;
-  fit.residual = 0.0f;  // there is no model
+  fit.residual = 0.0f;  // moments have no model to compare with
   fit.residual_noise = 0.0f;
   fit.flags = c.flags | (saturated ? kPeakSaturated : 0u);
 }

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "sensor_rt/imaging/agreement.h"
+#include "sensor_rt/imaging/background_subtraction.h"
 #include "sensor_rt/imaging/choose.h"
-#include "sensor_rt/imaging/laser_off.h"
 #include "sensor_rt/imaging/stripe.h"
 
 namespace sensor_rt {
@@ -54,15 +54,15 @@ void validate(const ExtractionOptions& o, const ImageNoise& n, const SheetGeomet
   require(n.black_level_dn >= 0.0, "black_level_dn", n.black_level_dn, "a number >= 0");
 }
 
-/// Everything from four standard deviations of read noise below saturation on is not trusted.
+/// Returns the saturation level: four standard deviations of read noise below full scale.
 float saturation_level(const ImageNoise& n) {
   const double clipped = std::exp2(n.bit_depth) - 1.0;
   const double full = n.black_level_dn + n.gain_dn_per_e * (n.full_well_e - 4.0 * n.read_noise_e) - 0.5;
   return static_cast<float>(std::min(clipped, full) - 0.25);
 }
 
-/// Background of the image: the black level, unless the median of a sample of pixels shows that light is
-/// everywhere.
+/// Returns the background level of the image: the black level, or the median of a sample of pixels if that
+/// shows ambient light.
 float background_level(ImageRows image, double black, std::vector<std::uint16_t>& sample) {
   constexpr int kRows = 64;
   constexpr int kColumns = 64;
@@ -117,7 +117,7 @@ class Extractor::Impl {
     noise_.variance_floor = static_cast<float>(dark_dn * dark_dn + 1.0 / 12.0);
     noise_.gain = static_cast<float>(noise.gain_dn_per_e);
     noise_.saturation = saturation_level(noise);
-    difference_ = std::make_unique<LitDifference>(noise, noise_.saturation);
+    difference_ = std::make_unique<BackgroundSubtraction>(noise, noise_.saturation);
     for (const Camera& camera : geometry_.cameras) {
       speckle_.push_back(speckle_noise(camera, noise.wavelength, noise.speckle_contrast));
     }
@@ -126,11 +126,14 @@ class Extractor::Impl {
   void measure(ImageView<const std::uint16_t> image, int camera) {
     PixelNoise noise = noise_;
     noise.background = background_level(image, image_noise_.black_level_dn, sample_);
+    // Uniform background light adds shot noise.
+    const auto black = static_cast<float>(image_noise_.black_level_dn);
+    noise.variance_floor += noise.gain * std::max(0.0f, noise.background - black);
     measure_stripe(image, noise, nullptr, camera);
   }
 
-  void measure(ImageRows image, ImageRows unlit, int camera) {
-    measure_stripe(difference_->subtract(image, unlit), difference_->noise(), &unlit, camera);
+  void measure(ImageRows image, ImageRows background, int camera) {
+    measure_stripe(difference_->subtract(image, background), difference_->noise(), &background, camera);
   }
 
   void finish(std::int64_t frame, Peaks& out) {
@@ -144,8 +147,8 @@ class Extractor::Impl {
   }
 
  private:
-  /// `unlit` is not null where the image is a difference from it.
-  void measure_stripe(ImageRows image, PixelNoise noise, const ImageRows* unlit, int camera) {
+  /// `background` is not null when the image is a difference from it.
+  void measure_stripe(ImageRows image, PixelNoise noise, const ImageRows* background, int camera) {
     if (image.width < 1 || image.height < 3) {
       throw std::invalid_argument("image of " + std::to_string(image.width) + " x " +
                                   std::to_string(image.height) + " pixels: expected at least 1 x 3");
@@ -153,21 +156,22 @@ class Extractor::Impl {
     noise.speckle = speckle_[static_cast<std::size_t>(camera)];
     const auto black = static_cast<float>(image_noise_.black_level_dn);
     PixelNoise lit_noise = noise;
-    if (unlit != nullptr) {
-      const float light = background_level(*unlit, image_noise_.black_level_dn, sample_) - black;
+    if (background != nullptr) {
+      const float light = background_level(*background, image_noise_.black_level_dn, sample_) - black;
       lit_noise.variance_floor += 2.0f * noise.gain * std::max(0.0f, light);
     }
     const double noise_of_sum = std::sqrt(3.0 * static_cast<double>(lit_noise.variance_floor));
-    // A stripe of the least amplitude lights three rows by at least about its own amplitude.
+    // A stripe of the minimum amplitude has a sum over three rows of at least about its amplitude.
     const auto threshold =
         static_cast<float>(std::max(options_.threshold_sigma * noise_of_sum, options_.min_amplitude_dn));
     CameraPeaks& peaks = next();
     peaks.camera = camera;
     std::vector<Candidate>& found = finder_.find(image, lit_noise, threshold, image_noise_.bit_depth);
-    if (unlit != nullptr) allow_for_light(*unlit, black, noise, options_.threshold_sigma, found);
+    if (background != nullptr)
+      add_background_noise(*background, black, noise, options_.threshold_sigma, found);
     set_limits(found, image.height);
     peaks.candidates = found;
-    // What is certain to be passed over need not be measured.
+    // Candidates that cannot be chosen are not measured.
     if (chosen_by_rank(options_.peak) && !all_peaks_) keep_by_rank(options_.peak, peaks.candidates);
     for (Candidate& candidate : peaks.candidates) guess(image, noise.background, candidate);
     peaks.fits.resize(peaks.candidates.size());
@@ -186,15 +190,15 @@ class Extractor::Impl {
                                          : choose_continuous(peaks, options_.continuity_px);
   }
 
-  /// Flags the chosen peaks by their neighbours and all others as passed over; drops the others unless all
-  /// are wanted.
+  /// Flags the chosen peaks by their neighbours and all others as passed over; removes the others unless all
+  /// peaks are requested.
   void judge(CameraPeaks& peaks, const std::vector<std::size_t>& chosen) {
     candidates_.clear();
     fits_.clear();
     for (const std::size_t i : chosen) {
       candidates_.push_back(peaks.candidates[i]);
       fits_.push_back(peaks.fits[i]);
-      if (options_.peak == PeakChoice::kAgreement && peaks.standing[i] == Standing::kContradicted) {
+      if (options_.peak == PeakChoice::kAgreement && peaks.agreement[i] == CameraAgreement::kContradicted) {
         fits_.back().flags |= kPeakUnconfirmed;
       }
     }
@@ -229,12 +233,12 @@ class Extractor::Impl {
   SheetGeometry geometry_;
   bool all_peaks_;
   PixelNoise noise_;
-  std::unique_ptr<LitDifference> difference_;
+  std::unique_ptr<BackgroundSubtraction> difference_;
   std::vector<SpeckleNoise> speckle_;  // per camera
   CandidateFinder finder_;
   std::vector<std::uint16_t> sample_;
   std::vector<CameraPeaks> cameras_;
-  std::size_t measured_ = 0;  // how many of cameras_ belong to this exposure
+  std::size_t measured_ = 0;  // number of entries of cameras_ of this exposure
   std::vector<Candidate> candidates_;
   std::vector<StripeFit> fits_;
 };
@@ -248,9 +252,9 @@ Extractor& Extractor::operator=(Extractor&&) noexcept = default;
 
 void Extractor::measure(ImageView<const std::uint16_t> image, int camera) { impl_->measure(image, camera); }
 
-void Extractor::measure(ImageView<const std::uint16_t> image, ImageView<const std::uint16_t> unlit,
+void Extractor::measure(ImageView<const std::uint16_t> image, ImageView<const std::uint16_t> background,
                         int camera) {
-  impl_->measure(image, unlit, camera);
+  impl_->measure(image, background, camera);
 }
 
 void Extractor::finish(std::int64_t frame, Peaks& out) { impl_->finish(frame, out); }

@@ -2,17 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace sensor_rt {
 namespace {
 
 constexpr double kNoiseSigmas = 4.0;
-constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
 double square(double x) { return x * x; }
 
-/// Where the line of sight of a column meets the stripe that another camera saw.
+/// Intersection of the line of sight of a column with the stripe of another camera.
 struct Meeting {
   double distance = 0.0;  ///< along the line, m
   double variance = 0.0;  ///< m²
@@ -20,14 +18,19 @@ struct Meeting {
 
 class PointFusion {
  public:
-  PointFusion(const std::vector<Camera>& cameras, double tolerance_px, std::size_t begin, Profiles& profiles)
-      : cameras_(cameras), tolerance_px_(tolerance_px), begin_(begin), profiles_(profiles) {
-    for (const Camera& camera : cameras) {
-      camera_from_sensor_.push_back(camera.sensor_from_camera.inverse());
-      at_column_.emplace_back(static_cast<std::size_t>(camera.width_px) + 1, kNone);
-    }
-    for (std::size_t i = begin; i < profiles.size(); ++i) {
-      at_column_[camera_of(i)][static_cast<std::size_t>(profiles.column[i])] = i;
+  PointFusion(const std::vector<Camera>& cameras, double tolerance_px, std::size_t begin, Profiles& profiles,
+              const Sampling* sampling)
+      : cameras_(cameras),
+        tolerance_px_(tolerance_px),
+        begin_(begin),
+        profiles_(profiles),
+        sampling_(sampling),
+        first_(cameras.size() + 1, profiles.size()) {
+    for (std::size_t k = 0; k < cameras.size(); ++k) {
+      camera_from_sensor_.push_back(cameras[k].sensor_from_camera.inverse());
+      const auto at = std::lower_bound(profiles.camera.begin() + static_cast<std::ptrdiff_t>(begin),
+                                       profiles.camera.end(), static_cast<std::int32_t>(k));
+      first_[k] = static_cast<std::size_t>(at - profiles.camera.begin());
     }
     absorbed_.assign(profiles.size(), false);
   }
@@ -40,19 +43,34 @@ class PointFusion {
   }
 
  private:
+  double column(std::size_t i) const {
+    return sampling_ == nullptr ? profiles_.column[i] : sampling_->column[i - begin_];
+  }
+  bool adjacent(std::size_t left, std::size_t right) const {
+    const auto number = [this](std::size_t i) {
+      return sampling_ == nullptr ? profiles_.column[i] : sampling_->number[i - begin_];
+    };
+    return std::abs(number(right) - number(left)) == 1;
+  }
   std::size_t camera_of(std::size_t i) const { return static_cast<std::size_t>(profiles_.camera[i]); }
 
   void absorb(std::size_t i, std::size_t b) {
     const Eigen::Vector3d point = profiles_.points_in_sensor[i];
-    const double column = cameras_[b].project(camera_from_sensor_[b] * point).x();
-    if (!(column >= 0.0 && column < cameras_[b].width_px - 1.0)) return;
-    const std::size_t left = at_column_[b][static_cast<std::size_t>(column)];
-    const std::size_t right = at_column_[b][static_cast<std::size_t>(column) + 1];
-    if (left == kNone || right == kNone) return;
+    const double seen = cameras_[b].project(camera_from_sensor_[b] * point).x();
+    std::size_t right = first_[b];
+    for (std::size_t count = first_[b + 1] - right; count > 0;) {
+      const std::size_t half = count / 2;
+      const bool before = column(right + half) <= seen;
+      right = before ? right + half + 1 : right;
+      count = before ? count - half - 1 : half;
+    }
+    if (right == first_[b] || right == first_[b + 1]) return;
+    const std::size_t left = right - 1;
+    if (!adjacent(left, right)) return;
     const Eigen::Vector3d per_row =
-        triangulation_jacobian(cameras_[camera_of(i)], {profiles_.column[i], profiles_.row[i]}).col(1);
+        triangulation_jacobian(cameras_[camera_of(i)], {column(i), profiles_.row[i]}).col(1);
     const Eigen::Vector3d along = per_row.normalized();
-    const double own = square(along.dot(profiles_.deviation[i]));
+    const double own = square(along.dot(profiles_.deviation[i].cast<double>()));
     Meeting met;
     if (!meet(point, along, left, right, met)) return;
     const double allowed = tolerance_px_ * per_row.norm() + kNoiseSigmas * std::sqrt(own + met.variance);
@@ -61,12 +79,12 @@ class PointFusion {
     const double share = sum > 0.0 ? own / sum : 0.5;
     const double variance = own * (1.0 - share);
     profiles_.points_in_sensor[i] = point + share * met.distance * along;
-    profiles_.deviation[i] = std::sqrt(variance) * along;
+    profiles_.deviation[i] = (std::sqrt(variance) * along).cast<float>();
     profiles_.sigma[i] = static_cast<float>(std::sqrt(variance));
     absorbed_[left] = absorbed_[right] = true;
   }
 
-  /// False where the line runs beside or along the stretch between the two points.
+  /// Returns false when the line misses the segment between the two points or is parallel to it.
   bool meet(const Eigen::Vector3d& point, const Eigen::Vector3d& along, std::size_t left, std::size_t right,
             Meeting& met) const {
     const Eigen::Vector3d& l = profiles_.points_in_sensor[left];
@@ -78,7 +96,9 @@ class PointFusion {
     met.distance = normal.dot(l - point) / slope;
     const double share = (point + met.distance * along - l).dot(stretch) / stretch.squaredNorm();
     if (!(share > -0.5 && share < 1.5)) return false;
-    const auto variance = [&](std::size_t k) { return square(normal.dot(profiles_.deviation[k]) / slope); };
+    const auto variance = [&](std::size_t k) {
+      return square(normal.dot(profiles_.deviation[k].cast<double>()) / slope);
+    };
     met.variance = (1.0 - share) * (1.0 - share) * variance(left) + share * share * variance(right);
     return true;
   }
@@ -97,15 +117,17 @@ class PointFusion {
   double tolerance_px_;
   std::size_t begin_;
   Profiles& profiles_;
+  const Sampling* sampling_;
+  std::vector<std::size_t> first_;  ///< first point of each camera, and the end
   std::vector<Rigid3> camera_from_sensor_;
-  std::vector<std::vector<std::size_t>> at_column_;
   std::vector<bool> absorbed_;
 };
 
 }  // namespace
 
-void fuse(const std::vector<Camera>& cameras, double tolerance_px, std::size_t begin, Profiles& profiles) {
-  PointFusion(cameras, tolerance_px, begin, profiles).run();
+void fuse(const std::vector<Camera>& cameras, double tolerance_px, std::size_t begin, Profiles& profiles,
+          const Sampling* sampling) {
+  PointFusion(cameras, tolerance_px, begin, profiles, sampling).run();
 }
 
 }  // namespace sensor_rt

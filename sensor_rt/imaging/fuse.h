@@ -1,7 +1,8 @@
-// Points that several cameras saw, put together.
+// Fusion of points that several cameras saw.
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "sensor_rt/imaging/triangulate.h"
@@ -9,11 +10,18 @@
 
 namespace sensor_rt {
 
-/// Moves the points of one frame, from `begin` on, sorted by camera and column, to the mean of what the
-/// cameras saw there, weighted by the inverse variances: a point moves along the line on the sheet that its
-/// column sees, to or from where that line meets the straight line between two points of another camera. The
-/// points of the later camera go. Points that differ by more than `tolerance_px` and four standard deviations
-/// are left alone.
-void fuse(const std::vector<Camera>& cameras, double tolerance_px, std::size_t begin, Profiles& profiles);
+/// Positions of the points along the profile, unless given by the pixel columns.
+struct Sampling {
+  const double* column;        ///< px, ascending within a camera
+  const std::int32_t* number;  ///< consecutive for neighbouring points
+};
+
+/// Replaces the points of one frame (from `begin` on, sorted by camera and column) by the mean over the
+/// cameras, weighted by the inverse variances: a point moves along the line of sight of its column on the
+/// sheet, towards its intersection with the segment between two points of another camera. The points of the
+/// later camera are removed. Points that differ by more than `tolerance_px` plus four standard deviations are
+/// not changed. `sampling` begins with the first of the points.
+void fuse(const std::vector<Camera>& cameras, double tolerance_px, std::size_t begin, Profiles& profiles,
+          const Sampling* sampling = nullptr);
 
 }  // namespace sensor_rt

@@ -10,15 +10,15 @@ namespace sensor_rt {
 namespace {
 
 constexpr int kIterations = 12;
-constexpr int kIterationsOfGrains = 24;  // what speckle tears apart settles slowly
+constexpr int kIterationsOfGrains = 24;  // speckled stripes converge slowly
 constexpr float kReach = 3.5f;           // half window, in standard deviations ...
 constexpr float kReachMargin = 1.5f;     // ... plus rows
 constexpr float kModelError = 0.01f;     // of the amplitude
-// A saturated stripe is measured by its flanks alone, which must then be trusted.
+// A saturated stripe is located by its flanks alone: a smaller model error gives them enough weight.
 constexpr float kSaturatedModelError = 0.002f;
-constexpr float kShapeless = 0.36f;     // px: up to this width too few pixels are lit to show a skewness
-constexpr float kHeldError = 0.05f;     // px: what holding the width of a narrower stripe may do to its row
-constexpr float kSettled = 2e-4f;       // px, largest last step of a fit that has converged ...
+constexpr float kShapeless = 0.36f;     // px: width below which the skewness is not measurable
+constexpr float kHeldError = 0.05f;     // px: position error due to the fixed width of narrower stripes
+constexpr float kSettled = 2e-4f;       // px: largest last step of a converged fit ...
 constexpr float kSettledShare = 0.01f;  // ... or this share of the standard deviation
 
 void load(ImageRows image, const PixelNoise& noise, const Candidate& c, GaussianBatch& b, int l,
@@ -38,10 +38,9 @@ void load(ImageRows image, const PixelNoise& noise, const Candidate& c, Gaussian
   b.floor.v[l] = (noise.variance_floor + c.light_variance) * scale * scale;
   b.gain.v[l] = noise.gain * scale;
   b.speckle_weight.v[l] = noise.speckle.covariance[0];
-  b.prior.v[l] = 0.0f;
   b.end.v[l] = static_cast<float>(rows.last - rows.first + 1);
   b.mu.v[l] = c.row - static_cast<float>(rows.first);
-  b.sigma.v[l] = std::clamp(c.width, kNarrowest + 0.1f, 10.0f);
+  b.sigma.v[l] = std::clamp(c.width, kMinSigma + 0.1f, 10.0f);
   b.area.v[l] = b.sigma.v[l] * kRootTwoPi;
   b.background.v[l] = 0.0f;
   b.rows = std::max(b.rows, rows.last - rows.first + 1);
@@ -52,8 +51,7 @@ bool is_finite(const StripeFit& fit) {
          std::isfinite(fit.asymmetry) && std::isfinite(fit.asymmetry_sigma) && std::isfinite(fit.residual);
 }
 
-/// What stands in for a fit that failed, for instance because nearly all pixels are saturated: the first
-/// guess.
+/// Returns the result for a failed fit, for example when nearly all pixels are saturated: the first guess.
 StripeFit unfitted(const Candidate& c) {
   StripeFit fit;
   fit.row = static_cast<double>(c.row);
@@ -77,7 +75,7 @@ StripeFit result(const Candidate& c, const GaussianBatch& b, int l, const RowWin
   fit.asymmetry = b.he3_misfit.v[l] / information;
   fit.asymmetry_sigma = std::sqrt(1.0f + b.he3_speckle.v[l] / information) / std::sqrt(information);
   if (fit.width < kShapeless) fit.asymmetry = 0.0f;
-  if (fit.width <= kNarrowest) fit.row_sigma = std::hypot(fit.row_sigma, kHeldError);
+  if (fit.width <= kMinSigma) fit.row_sigma = std::hypot(fit.row_sigma, kHeldError);
   const float count = std::max(b.count.v[l], 1.0f);
   fit.residual = std::sqrt(std::max(0.0f, b.misfit.v[l] - b.noise.v[l]) / count) / relative_amplitude;
   fit.residual_noise = std::sqrt(b.noise.v[l] / count) / relative_amplitude;
@@ -106,7 +104,7 @@ void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* 
     b.speckle = noise.speckle;
     RowWindow rows[kLanes];
     const std::size_t lanes = std::min<std::size_t>(kLanes, count - begin);
-    for (int l = 0; l < kLanes; ++l) {  // spare lanes repeat the last stripe
+    for (int l = 0; l < kLanes; ++l) {  // unused lanes repeat the last stripe
       load(image, noise, candidates[begin + std::min<std::size_t>(static_cast<std::size_t>(l), lanes - 1)], b,
            l, rows[l]);
     }

@@ -1,28 +1,29 @@
 #include "sensor_rt/imaging/gaussian_batch.h"
 
+#include "sensor_rt/geometry/fast_math.h"
 #include "sensor_rt/geometry/multiversion.h"
-#include "sensor_rt/imaging/fast_math.h"
 
 namespace sensor_rt {
 namespace {
 
 using Batch = GaussianBatch;
 
-constexpr float kBackgroundError = 0.1f;  // of the amplitude: how well the background is known beforehand
+constexpr float kBackgroundError = 0.1f;  // standard deviation of the Gaussian prior on the background, whose
+                                          // mean is 0, relative to the amplitude
 
 /// Pixel-integrated shape and its derivatives with respect to mu, sigma, area, background.
 struct Shape {
   float model;
   float d[4];
-  float he3;  // third Hermite shape with the stripe's height, integrated likewise
+  float he3;  // third Hermite function with the stripe's height, pixel-integrated
 };
 
 inline void first_edge(Batch& b) {
   for (int l = 0; l < kLanes; ++l) {
     const float e = (-0.5f - b.mu.v[l]) / b.sigma.v[l];
     const float exponential = exp_negative(-0.5f * e * e);
-    b.cumulative.v[l] = normal_cumulative(e, exponential);
-    b.density.v[l] = normal_density(exponential);
+    b.cdf.v[l] = normal_cdf(e, exponential);
+    b.pdf.v[l] = normal_pdf(exponential);
   }
 }
 
@@ -31,19 +32,19 @@ inline Shape shape(Batch& b, int row, int l) {
   const float upper = (static_cast<float>(row) + 0.5f - b.mu.v[l]) * inverse;
   const float lower = (static_cast<float>(row) - 0.5f - b.mu.v[l]) * inverse;
   const float exponential = exp_negative(-0.5f * upper * upper);
-  const float cumulative = normal_cumulative(upper, exponential);
-  const float density = normal_density(exponential);
-  const float share = cumulative - b.cumulative.v[l];
+  const float cdf = normal_cdf(upper, exponential);
+  const float pdf = normal_pdf(exponential);
+  const float share = cdf - b.cdf.v[l];
   const float scale = b.area.v[l] * inverse;
   Shape s;
   s.model = b.background.v[l] + b.area.v[l] * share;
-  s.d[0] = -scale * (density - b.density.v[l]);
-  s.d[1] = -scale * (upper * density - lower * b.density.v[l]);
+  s.d[0] = -scale * (pdf - b.pdf.v[l]);
+  s.d[1] = -scale * (upper * pdf - lower * b.pdf.v[l]);
   s.d[2] = share;
   s.d[3] = 1.0f;
-  s.he3 = b.area.v[l] * ((lower * lower - 1.0f) * b.density.v[l] - (upper * upper - 1.0f) * density);
-  b.cumulative.v[l] = cumulative;
-  b.density.v[l] = density;
+  s.he3 = b.area.v[l] * ((lower * lower - 1.0f) * b.pdf.v[l] - (upper * upper - 1.0f) * pdf);
+  b.cdf.v[l] = cdf;
+  b.pdf.v[l] = pdf;
   return s;
 }
 
@@ -66,11 +67,11 @@ inline void clear_sums(Batch& b) {
     b.row_variance.v[l] = b.misfit.v[l] = b.noise.v[l] = b.count.v[l] = 0.0f;
     const float prior = 1.0f / (kBackgroundError * kBackgroundError);
     b.hessian[9].v[l] = prior;
-    b.gradient[3].v[l] = prior * (b.prior.v[l] - b.background.v[l]);
+    b.gradient[3].v[l] = prior * (0.0f - b.background.v[l]);
   }
 }
 
-/// Written out: the compiler only vectorises over the lanes when nothing else loops inside.
+/// Unrolled by hand: the compiler vectorises over the lanes only without inner loops.
 inline void add_to_normal_equations(Batch& b, const Shape& s, float w, float misfit, int l) {
   const float w0 = w * s.d[0];
   const float w1 = w * s.d[1];
@@ -147,7 +148,7 @@ SENSOR_RT_MULTIVERSION void iterate(Batch& b, float damping) {
     const float shift = clamp(x[0], -0.7f * sigma, 0.7f * sigma);
     const float widening = clamp(x[1], -0.3f * sigma, 0.4f * sigma);
     b.mu.v[l] = clamp(b.mu.v[l] + shift, -1.0f, b.end.v[l]);
-    b.sigma.v[l] = clamp(sigma + widening, kNarrowest, 30.0f);
+    b.sigma.v[l] = clamp(sigma + widening, kMinSigma, 30.0f);
     const float widened = b.sigma.v[l] - sigma;
     b.area.v[l] = clamp(b.area.v[l] + x[2], 1e-3f, 1e4f);
     b.background.v[l] = clamp(b.background.v[l] + x[3], -10.0f, 10.0f);

@@ -1,5 +1,5 @@
-// Stripe centre as the summit of a parabola: through the three highest pixels, or by weighted least squares
-// through the logarithm of the signal, where a Gaussian is a parabola.
+// Stripe centre as the vertex of a parabola: through the three highest pixels, or by weighted least squares
+// through the logarithm of the signal, which is a parabola for a Gaussian.
 #include <cmath>
 
 #include "sensor_rt/imaging/column_window.h"
@@ -8,12 +8,13 @@ namespace sensor_rt {
 namespace {
 
 constexpr double kShapeReach = 3.0;
-constexpr int kLogReach = 4;             // rows to either side of the summit
-constexpr double kLeastSignal = 2.0;     // noise standard deviations: the logarithm of less is biased
-constexpr double kLeastShare = 0.02;     // of the highest pixel, likewise
-constexpr double kLogModelError = 0.01;  // relative: how well a real stripe follows the parabola
+constexpr int kLogReach = 4;        // rows to either side of the summit
+constexpr double kMinSignal = 2.0;  // noise standard deviations: the logarithm of smaller signals is biased
+constexpr double kMinShare = 0.02;  // fraction of the highest pixel, for the same reason
+constexpr double kLogModelError = 0.01;  // relative deviation of a real stripe from the model
 
-/// Weighted normal equations of z = c0 + c1 t + c2 t² and the summit -c1 / (2 c2) with its variance.
+/// Solves the weighted normal equations of z = c0 + c1 t + c2 t²; returns the vertex -c1 / (2 c2) with its
+/// variance.
 struct LogParabola {
   double m[5] = {};  // sums of w t^k
   double r[3] = {};  // sums of w t^k z
@@ -52,7 +53,7 @@ void locate_one(const ColumnWindow& w, const Candidate& c, StripeFit& fit) {
   for (int i = 0; i < w.count; ++i) {
     const double s = w.signal[i];
     const bool usable =
-        !w.clipped[i] && s > kLeastShare * highest && s * s > kLeastSignal * kLeastSignal * w.variance[i];
+        !w.clipped[i] && s > kMinShare * highest && s * s > kMinSignal * kMinSignal * w.variance[i];
     weights[i] = usable ? 1.0 / (w.variance[i] / (s * s) + kLogModelError * kLogModelError) : 0.0;
     if (usable) p.add(i - top, std::log(s), weights[i]);
   }
@@ -83,7 +84,7 @@ void locate_log_parabola(ImageRows image, const PixelNoise& noise, const Candida
     const ColumnWindow wide = gather(image, noise, c, kWindowRows / 2);
     Candidate middle = c;
     middle.row = static_cast<float>(wide.first + summit(wide));
-    int flank = 0;  // clipped rows do not count among the four on either side
+    int flank = 0;  // clipped rows are not counted among the four on either side
     for (int i = 0; i < wide.count; ++i) flank += wide.clipped[i] ? 1 : 0;
     locate_one(gather(image, noise, middle, kLogReach + flank / 2), c, fits[k]);
   }

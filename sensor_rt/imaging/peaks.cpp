@@ -12,19 +12,6 @@ void extend(std::vector<T>& to, const std::vector<T>& from) {
 
 void Peaks::clear() { *this = Peaks{}; }
 
-void Peaks::reserve(std::size_t count) {
-  frame.reserve(count);
-  camera.reserve(count);
-  column.reserve(count);
-  row.reserve(count);
-  amplitude.reserve(count);
-  width.reserve(count);
-  row_sigma.reserve(count);
-  asymmetry.reserve(count);
-  residual.reserve(count);
-  flags.reserve(count);
-}
-
 void Peaks::append(const Peaks& other) {
   extend(frame, other.frame);
   extend(camera, other.camera);

@@ -1,4 +1,4 @@
-// What the stripe search finds in an image: one entry per peak, as a structure of arrays.
+// Result of the stripe extraction: one entry per peak, as a structure of arrays.
 #pragma once
 
 #include <cstddef>
@@ -7,25 +7,25 @@
 
 namespace sensor_rt {
 
-/// Reasons to distrust a peak. Bits may be combined.
+/// Quality flags of a peak; bits may be combined.
 enum PeakFlag : std::uint32_t {
-  kPeakSaturated = 1u << 0,   ///< some pixels were saturated; they were left out of the fit
-  kPeakBorder = 1u << 1,      ///< the stripe is cut by the border of the image
-  kPeakAsymmetric = 1u << 2,  ///< skewed: partly occluded, truncated or merging
-  kPeakWide = 1u << 3,        ///< wider than max_sigma_px
-  kPeakNarrow = 1u << 4,      ///< narrower than min_sigma_px: noise or a hot pixel
-  kPeakWeak = 1u << 5,        ///< below min_amplitude_dn
-  kPeakMultiple = 1u << 6,    ///< the column holds other peaks
-  kPeakStep = 1u << 7,        ///< amplitude or width jumps against a neighbour: edge or step of reflectance
-  kPeakResidual = 1u << 8,    ///< the stripe is not shaped like the model
-  kPeakEnd = 1u << 9,         ///< within end_columns of the end of a continuous run, or in a run too short
-  kPeakNotConverged = 1u << 10,  ///< the fit did not settle
+  kPeakSaturated = 1u << 0,      ///< saturated pixels were excluded from the fit
+  kPeakBorder = 1u << 1,         ///< the stripe is clipped by the image border
+  kPeakAsymmetric = 1u << 2,     ///< skewed: partially occluded, truncated or merging
+  kPeakWide = 1u << 3,           ///< wider than max_sigma_px
+  kPeakNarrow = 1u << 4,         ///< narrower than min_sigma_px: noise or a hot pixel
+  kPeakWeak = 1u << 5,           ///< below min_amplitude_dn
+  kPeakMultiple = 1u << 6,       ///< the column contains other peaks
+  kPeakStep = 1u << 7,           ///< amplitude or width differs from a neighbour: edge or step of reflectance
+  kPeakResidual = 1u << 8,       ///< the stripe does not fit the model
+  kPeakEnd = 1u << 9,            ///< within end_columns of the end of a continuous run, or in a too short run
+  kPeakNotConverged = 1u << 10,  ///< the fit did not converge
   kPeakOverlap = 1u << 11,       ///< another peak overlaps the flank of this one
   kPeakPassedOver = 1u << 12,    ///< another peak of the column was chosen
-  kPeakUnconfirmed = 1u << 13    ///< other cameras contradict it: a reflection, or bent by an edge
+  kPeakUnconfirmed = 1u << 13    ///< contradicted by other cameras: a reflection, or distorted by an edge
 };
 
-/// Peaks with any of these are not turned into points.
+/// Peaks with any of these flags are not triangulated.
 constexpr std::uint32_t kPeakRejected = kPeakBorder | kPeakAsymmetric | kPeakWide | kPeakNarrow | kPeakWeak |
                                         kPeakStep | kPeakResidual | kPeakEnd | kPeakNotConverged |
                                         kPeakOverlap | kPeakPassedOver | kPeakUnconfirmed;
@@ -47,7 +47,6 @@ struct Peaks {
 
   std::size_t size() const { return row.size(); }
   void clear();
-  void reserve(std::size_t count);
   void append(const Peaks& other);
 };
 

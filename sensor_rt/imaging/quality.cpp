@@ -1,5 +1,5 @@
-// Which peaks deserve trust. A stripe that is partly hidden, cut by an edge or merged with another gives
-// itself away by its shape in its own column or by not matching its neighbours.
+// Quality assessment of peaks. A stripe that is partially occluded, clipped by an edge or merged with another
+// one is detected by its shape in its own column or by its deviation from the neighbouring columns.
 #include <algorithm>
 #include <cmath>
 
@@ -10,9 +10,9 @@ namespace {
 
 constexpr float kNoiseSigmas = 4.0f;     // allowance for noise in comparisons between columns
 constexpr float kShapeSigmas = 3.0f;     // allowance for noise in the asymmetry of one column
-constexpr float kMultipleSigmas = 1.0f;  // the same where a second peak is a reason to suspect a split stripe
+constexpr float kMultipleSigmas = 1.0f;  // the same when a second peak suggests a split stripe
 
-/// The peaks of an image seen as a chain over the columns.
+/// The peaks of an image as a chain over the columns.
 class Chain {
  public:
   Chain(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
@@ -62,7 +62,8 @@ class Chain {
     return i + 1 < fits_.size() && candidates_[i + 1].column == candidates_[i].column + 1;
   }
 
-  /// Peak i + 1 continues peak i: along the slope before or behind, or straight on where neither is known.
+  /// Returns true when peak i + 1 continues peak i: along the slope before or behind, or with slope 0 where
+  /// neither is known.
   bool within_reach(std::size_t i) const {
     const bool before = i > 0 && adjacent(i - 1);
     const bool behind = adjacent(i + 1);
@@ -72,9 +73,9 @@ class Chain {
   }
 
   bool jumps(const StripeFit& a, const StripeFit& b) const {
-    // Amplitude and width are about as certain, relative to themselves, as the row relative to the width.
+    // The relative uncertainties of amplitude and width are about that of the row relative to the width.
     const float noise = kNoiseSigmas * std::hypot(a.row_sigma / a.width, b.row_sigma / b.width);
-    // The top of a saturated stripe is extrapolated from its flanks: its amplitude says little.
+    // The peak of a saturated stripe is extrapolated from its flanks, so that its amplitude is unreliable.
     const bool comparable = ((a.flags | b.flags) & kPeakSaturated) == 0;
     const float amplitude =
         comparable ? std::fabs(a.amplitude - b.amplitude) / std::max(a.amplitude, b.amplitude) : 0.0f;
@@ -108,7 +109,7 @@ void judge_shape(const ExtractionOptions& o, StripeFit& fit) {
   if (!(std::fabs(fit.asymmetry) <= static_cast<float>(o.max_asymmetry) + sigmas * fit.asymmetry_sigma)) {
     fit.flags |= kPeakAsymmetric;
   }
-  // The residual's square fluctuates by about its expectation when few pixels carry it.
+  // With few contributing pixels the squared residual fluctuates by about its expectation.
   const auto allowed = static_cast<float>(o.max_residual);
   const float noise = 1.5f * fit.residual_noise;
   if (fit.residual * fit.residual > allowed * allowed + noise * noise) fit.flags |= kPeakResidual;

@@ -5,7 +5,7 @@
 namespace sensor_rt {
 namespace {
 
-/// Of fully developed speckle, at a distance in grains.
+/// Returns the autocovariance of fully developed speckle at a distance in grains.
 double autocorrelation(double grains) {
   const double v = M_PI * grains;
   if (v < 1e-6) return 1.0;
@@ -13,7 +13,8 @@ double autocorrelation(double grains) {
   return amplitude * amplitude;
 }
 
-/// Averaged over two pixels `rows` apart: distances within a pixel are distributed like a triangle.
+/// Returns the covariance averaged over two pixels `rows` apart: distances within pixels have a triangular
+/// distribution.
 double pixel_covariance(double grain_px, int rows) {
   constexpr int kSteps = 24;
   double sum = 0.0;

@@ -1,9 +1,9 @@
-// Steger's curvilinear structures (PAMI 20, 1998): the ridge of the image smoothed by a Gaussian, found from
-// its first and second derivatives. The only detector that looks at neighbouring columns: it averages along
-// the stripe, and blurs whatever happens within its reach of them.
+// Steger's detector of curvilinear structures (PAMI 20, 1998): the ridge of the image smoothed by a Gaussian,
+// from its first and second derivatives. It is the only detector that uses neighbouring columns: it averages
+// along the stripe and blurs changes within its kernel.
 //
-// The kernel is centred on the sub-pixel row and moved until the ridge lies at its centre, so that the
-// second-order expansion is not used away from its middle. The row is where the ridge meets the column.
+// The kernel is centred on the sub-pixel row and moved until the ridge lies at its centre, where the
+// second-order expansion is accurate. The row is the intersection of the ridge with the column.
 #include <algorithm>
 #include <cmath>
 
@@ -13,11 +13,11 @@ namespace sensor_rt {
 namespace {
 
 constexpr double kShapeReach = 3.0;
-constexpr double kNarrowestKernel = 1.0;  // px
-constexpr double kWidestKernel = 6.0;
+constexpr double kMinKernelSigma = 1.0;  // px
+constexpr double kMaxKernelSigma = 6.0;
 constexpr int kSteps = 8;
 constexpr double kSettled = 1e-3;   // px
-constexpr double kSteepest = 0.25;  // least share of the ridge's normal along the column
+constexpr double kSteepest = 0.25;  // smallest component of the ridge's normal along the column
 constexpr int kMaxReach = 18;       // three times the widest kernel
 constexpr int kMaxTaps = 2 * kMaxReach + 2;
 
@@ -52,7 +52,7 @@ class Ridge {
       : image_(image),
         noise_(noise),
         c_(c),
-        scale_(std::clamp(static_cast<double>(c.width), kNarrowestKernel, kWidestKernel)),
+        scale_(std::clamp(static_cast<double>(c.width), kMinKernelSigma, kMaxKernelSigma)),
         across_(0.0, scale_) {}
 
   /// Row of the ridge, or NaN; `variance` in px².

@@ -1,4 +1,4 @@
-// What the steps of the stripe search hand to one another. Internal to imaging.
+// Data shared by the steps of the stripe extraction. Internal to imaging.
 #pragma once
 
 #include <cstddef>
@@ -13,25 +13,25 @@ namespace sensor_rt {
 
 /// Noise of a pixel: variance = floor + gain * (signal above the black level) + speckle * signal², all in DN.
 struct PixelNoise {
-  float background = 0.0f;      ///< level of the unlit image
+  float background = 0.0f;      ///< level of the background image
   float variance_floor = 0.0f;  ///< read noise and quantisation, DN²
   float gain = 0.0f;            ///< DN per electron: shot noise has variance gain * signal
-  float saturation = 0.0f;      ///< values from here on are not trusted
+  float saturation = 0.0f;      ///< larger values are ignored
   SpeckleNoise speckle;
 };
 
-/// A run of rows in one column that may hold the stripe.
+/// A run of rows in one column that may contain the stripe.
 struct Candidate {
   int column = 0;
   int first_row = 0;  ///< rows above the threshold
   int last_row = 0;
-  int lower_limit = 0;  ///< rows that no other candidate claims
+  int lower_limit = 0;  ///< limits of the rows that belong to no other candidate
   int upper_limit = 0;
   float strength = 0.0f;        ///< largest sum over three neighbouring rows
   float row = 0.0f;             ///< first guess of the centre
   float width = 0.0f;           ///< first guess of the standard deviation, px
   float amplitude = 0.0f;       ///< first guess of the height, DN
-  float light_variance = 0.0f;  ///< of its pixels, by light that is not the laser's, DN²
+  float light_variance = 0.0f;  ///< variance per pixel due to background light, DN²
   std::uint32_t flags = 0;
 };
 
@@ -50,14 +50,14 @@ struct StripeFit {
 
 using ImageRows = ImageView<const std::uint16_t>;
 
-/// Rows around a candidate within `reach` of its centre that belong to it alone.
+/// Rows within `reach` of a candidate's centre that belong to no other candidate.
 struct RowWindow {
   int first = 0;
   int last = 0;
 };
 RowWindow window(const Candidate& candidate, float reach, int height);
 
-/// A detector measures `count` candidates of one image. Each lives in a file of its own.
+/// Measures `count` candidates of one image.
 using LocateFunction = void (*)(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
                                 std::size_t count, StripeFit* fits);
 void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
@@ -77,13 +77,13 @@ void locate_derivative_of_gaussian(ImageRows image, const PixelNoise& noise, con
 void locate_steger(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
                    StripeFit* fits);
 
-/// Finds the candidates of all columns. Keeps its memory from image to image.
+/// Finds the candidates of all columns. Keeps its memory between images.
 class CandidateFinder {
  public:
-  /// Candidates sorted by column, then row: runs of rows whose sum with both neighbours exceeds that of the
-  /// background by `threshold` (DN), split where a dip between two maxima stands out of the noise. The sum
-  /// over three rows keeps single bright pixels out. `bit_depth` chooses the width of the sums. Limits are
-  /// not set yet.
+  /// Returns the candidates sorted by column, then row: runs of rows whose sum with both neighbours exceeds
+  /// that of the background by `threshold` (DN), split where a dip between two maxima is significant. The sum
+  /// over three rows suppresses single bright pixels. `bit_depth` determines the width of the sums. Limits
+  /// are not set yet.
   std::vector<Candidate>& find(ImageRows image, const PixelNoise& noise, float threshold, int bit_depth);
 
  private:
@@ -101,23 +101,23 @@ class CandidateFinder {
   void sort_by_column(int width);
 
   std::vector<Run> runs_;           // per column
-  std::vector<int> runs_in_block_;  // how many are open
+  std::vector<int> runs_in_block_;  // number of open runs
   std::vector<Candidate> found_;
   std::vector<Candidate> sorted_;
   std::vector<int> starts_;
 };
 
-/// Shares the rows of each column out among its candidates.
+/// Divides the rows of each column among its candidates.
 void set_limits(std::vector<Candidate>& candidates, int height);
 
-/// First guesses of centre, width and amplitude by moments over the run.
+/// Estimates centre, width and amplitude from the moments of the run.
 void guess(ImageRows image, float background, Candidate& candidate);
 
-/// Sets the flags that a peak earns by its own shape.
+/// Sets the flags that depend on the shape of a peak.
 void judge_shape(const ExtractionOptions& options, StripeFit& fit);
 
-/// Sets the flags that the chosen peaks of an image (one per column, ascending, shape judged) earn by their
-/// neighbours.
+/// Sets the flags of the chosen peaks of an image (one per column, ascending, shapes assessed) that depend on
+/// their neighbours.
 void judge_neighbours(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
                       std::vector<StripeFit>& fits);
 

@@ -4,6 +4,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/imaging/fuse.h"
 
 namespace sensor_rt {
@@ -30,14 +31,14 @@ Eigen::Matrix2d paper_jacobian(const Camera& camera, const Eigen::Vector2d& pixe
   return camera.focal_px * signs * camera.ray_jacobian(camera.ray(pixel));
 }
 
-/// d point / d (column, row) of triangulate_ray: the ray's end slides within the sheet.
+/// Jacobian d point / d (column, row) of triangulate_ray: the end of the ray moves within the sheet.
 Eigen::Matrix<double, 3, 2> ray_form_jacobian(const Camera& camera, const Eigen::Vector2d& pixel) {
   const Eigen::Vector3d in_camera = camera.ray(pixel);
-  const Eigen::Vector3d way = camera.sensor_from_camera.rotation * in_camera;
-  const double reach = -camera.sensor_from_camera.translation.x() / way.x();
+  const Eigen::Vector3d ray_in_sensor = camera.sensor_from_camera.rotation * in_camera;
+  const double reach = -camera.sensor_from_camera.translation.x() / ray_in_sensor.x();
   const Eigen::Matrix<double, 3, 2> turn =
       camera.sensor_from_camera.rotation.leftCols<2>() * camera.ray_jacobian(in_camera);
-  return reach * (turn - way * turn.row(0) / way.x());
+  return reach * (turn - ray_in_sensor * turn.row(0) / ray_in_sensor.x());
 }
 
 }  // namespace
@@ -82,6 +83,53 @@ Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const E
 
 namespace {
 
+SENSOR_RT_MULTIVERSION
+void locate_simply(const Triangulator::Constants& k, const double* __restrict column,
+                   const double* __restrict row, Lanes3& __restrict point, Lanes3& __restrict per_row) {
+  for (int l = 0; l < kLanes; ++l) {
+    const double px = -k.side * (column[l] - k.cx);
+    const double py = row[l] - k.cy;
+    const double inverse = 1.0 / (k.focal * k.sine - py * k.cosine);
+    const double scale = k.baseline * inverse;
+    point.x[l] = 0.0;
+    point.y[l] = scale * px;
+    point.z[l] = k.height + scale * (k.focal * k.cosine + py * k.sine);
+    per_row.x[l] = 0.0;
+    per_row.y[l] = scale * inverse * px * k.cosine;
+    per_row.z[l] = scale * inverse * k.focal;
+  }
+}
+
+}  // namespace
+
+Triangulator::Triangulator(const Camera& camera, TriangulationForm form)
+    : camera_(camera),
+      form_(form),
+      simple_(camera.is_plain() && camera.is_aligned() && form == TriangulationForm::kExact),
+      constants_{static_cast<double>(camera.side),
+                 camera.cx_px,
+                 camera.cy_px,
+                 camera.focal_px,
+                 camera.baseline,
+                 camera.height,
+                 std::sin(camera.tilt),
+                 std::cos(camera.tilt)} {}
+
+void Triangulator::locate(const double* column, const double* row, Lanes3& point, Lanes3& per_row) const {
+  if (simple_) {
+    locate_simply(constants_, column, row, point, per_row);
+    return;
+  }
+  const auto place = form_ == TriangulationForm::kExact ? triangulate_exact : triangulate_eq4_as_printed;
+  for (int l = 0; l < kLanes; ++l) {
+    const Eigen::Vector2d pixel(column[l], row[l]);
+    set_lane(point, l, place(camera_, pixel));
+    set_lane(per_row, l, triangulation_jacobian(camera_, pixel).col(1));
+  }
+}
+
+namespace {
+
 void triangulate_range(const Peaks& peaks, std::size_t begin, std::size_t end,
                        const std::vector<Camera>& cameras, const TriangulationOptions& options,
                        Profiles& out) {
@@ -98,7 +146,7 @@ void triangulate_range(const Peaks& peaks, std::size_t begin, std::size_t end,
     const Eigen::Vector2d pixel(peaks.column[i], peaks.row[i]);
     const Eigen::Vector3d point = locate(cameras[index], pixel);
     if (!(point.z() >= options.near && point.z() <= options.far)) continue;
-    // A column's centre is known exactly, so the point is uncertain along the image of its column only.
+    // The column centre is exact, so that the point is uncertain only along the image of its column.
     const auto row_sigma = static_cast<double>(peaks.row_sigma[i]);
     const Eigen::Vector3d deviation = triangulation_jacobian(cameras[index], pixel).col(1) * row_sigma;
     out.frame.push_back(peaks.frame[i]);
@@ -106,7 +154,7 @@ void triangulate_range(const Peaks& peaks, std::size_t begin, std::size_t end,
     out.column.push_back(peaks.column[i]);
     out.row.push_back(peaks.row[i]);
     out.points_in_sensor.push_back(point);
-    out.deviation.push_back(deviation);
+    out.deviation.push_back(deviation.cast<float>());
     out.sigma.push_back(static_cast<float>(deviation.norm()));
     out.intensity.push_back(peaks.amplitude[i]);
     out.flags.push_back(peaks.flags[i]);

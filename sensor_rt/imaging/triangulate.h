@@ -1,4 +1,4 @@
-// Peaks -> Profiles: points in the sensor frame with their uncertainty.
+// Triangulation: Peaks -> Profiles, points in the sensor frame with their uncertainty.
 #pragma once
 
 #include <cstddef>
@@ -7,6 +7,7 @@
 
 #include <Eigen/Dense>
 
+#include "sensor_rt/geometry/lanes.h"
 #include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/imaging/peaks.h"
 #include "sensor_rt/optics/camera.h"
@@ -16,15 +17,16 @@ namespace sensor_rt {
 /// kEq4AsPrinted is the published form, kept for comparison: its Y is too large by sqrt(f² + p_y²) / f.
 enum class TriangulationForm { kExact, kEq4AsPrinted };
 
-/// kWeighted: points that several cameras saw become one, see fuse.h.
+/// kWeighted: points seen by several cameras are merged, see fuse.h.
 enum class Fusion { kNone, kWeighted };
 
 struct TriangulationOptions {
   TriangulationForm form = TriangulationForm::kExact;
   Fusion fusion = Fusion::kNone;
-  double agreement_px = 0.0;   ///< points of two cameras further apart than this and their noise stay apart
-  double near = 0.0;           ///< m: points with sensor Z outside [near, far] are left out
-  double far = 0.0;            ///< m
+  double agreement_px =
+      0.0;            ///< points of two cameras that differ by more than this and their noise are not merged
+  double near = 0.0;  ///< m: points with sensor Z outside [near, far] are discarded
+  double far = 0.0;   ///< m
   bool keep_rejected = false;  ///< true: also triangulate peaks whose flags are in kPeakRejected
 };
 
@@ -33,41 +35,62 @@ struct Profiles {
   LargeVector<std::int64_t> frame;
   LargeVector<std::int32_t> camera;
   LargeVector<std::int32_t> column;
-  LargeVector<double> row;  ///< px, as the camera saw it
+  LargeVector<double> row;  ///< px, in the camera image
   LargeVector<Eigen::Vector3d> points_in_sensor;
-  /// One standard deviation along the line on which the point is uncertain, m: its covariance is d dᵀ. Empty
-  /// when all points are exact.
-  LargeVector<Eigen::Vector3d> deviation;
-  LargeVector<float> sigma;          ///< m: length of the deviation
+  /// One standard deviation d along the line on which the point is uncertain, m; its covariance is d dᵀ.
+  /// Empty when all points are exact.
+  LargeVector<Eigen::Vector3f> deviation;
+  LargeVector<float> sigma;          ///< m: norm of the deviation
   LargeVector<float> intensity;      ///< amplitude of the peak, DN
   LargeVector<std::uint32_t> flags;  ///< PeakFlag bits
 
   std::size_t size() const { return points_in_sensor.size(); }
   bool is_exact() const { return deviation.empty(); }
-  /// Drops the points and keeps the memory.
+  /// Removes the points and keeps the memory.
   void clear();
   void reserve(std::size_t count);
-  /// Both exact, or neither, unless one is empty.
+  /// Appends points; both must be exact, or neither, unless one is empty.
   void append(const Profiles& other);
   void resize(std::size_t count);
   void move(std::size_t from, std::size_t to);
 };
 
-/// Point on the laser sheet seen at a pixel: closed form (pinhole in the frame of the paper, distortion and
-/// sensor tilt removed first); the ray form for cameras that do not stand as in the paper.
+/// Returns the point on the laser sheet seen at a pixel: closed form (pinhole in the frame of the paper,
+/// distortion and sensor tilt removed first); the ray form for cameras whose pose deviates from the paper's.
 Eigen::Vector3d triangulate_exact(const Camera& camera, const Eigen::Vector2d& pixel);
 
-/// The same as the intersection of the pixel's ray with the sheet X = 0, from the camera's pose alone.
+/// Returns the intersection of the pixel's ray with the sheet X = 0, from the camera pose alone.
 Eigen::Vector3d triangulate_ray(const Camera& camera, const Eigen::Vector2d& pixel);
 
-/// Dumitrache & Borangiu, Eq. 4, as printed (without the stray f in the denominator of Z).
+/// Returns the point by Dumitrache & Borangiu, Eq. 4, as printed (without the stray f in the denominator of
+/// Z).
 Eigen::Vector3d triangulate_eq4_as_printed(const Camera& camera, const Eigen::Vector2d& pixel);
 
-/// d point / d (column, row) of triangulate_exact, m/px.
+/// Returns the Jacobian d point / d (column, row) of triangulate_exact, m/px.
 Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const Eigen::Vector2d& pixel);
 
+/// Triangulates sixteen pixels of a camera at a time.
+class Triangulator {
+ public:
+  Triangulator(const Camera& camera, TriangulationForm form);
+
+  /// Computes the points, and d point / d row of triangulate_exact, m/px.
+  void locate(const double* column, const double* row, Lanes3& point, Lanes3& per_row) const;
+
+  /// Constants of the paper's closed form, for cameras without distortion and sensor tilt.
+  struct Constants {
+    double side, cx, cy, focal, baseline, height, sine, cosine;
+  };
+
+ private:
+  Camera camera_;
+  TriangulationForm form_;
+  bool simple_;  ///< the closed form applies
+  Constants constants_;
+};
+
 /// Appends the points of all usable peaks, which are sorted by frame, camera and column. Throws
-/// std::invalid_argument when a peak names a camera that is not there.
+/// std::invalid_argument when a peak refers to a missing camera.
 void triangulate(const Peaks& peaks, const std::vector<Camera>& cameras, const TriangulationOptions& options,
                  Profiles& out);
 

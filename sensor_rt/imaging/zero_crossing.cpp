@@ -1,5 +1,5 @@
-// Stripe centre where a derivative filter crosses zero: Blais and Rioux's boxes, or the derivative of a
-// Gaussian as wide as the stripe, which is the matched filter.
+// Stripe centre as the zero crossing of a derivative filter: Blais and Rioux's box filters, or the derivative
+// of a Gaussian as wide as the stripe, which is the matched filter.
 #include <algorithm>
 #include <cmath>
 
@@ -10,17 +10,17 @@ namespace {
 
 constexpr double kShapeReach = 3.0;
 constexpr int kNewtonSteps = 8;
-constexpr double kNarrowestKernel = 0.8;  // px; a narrower one sees single pixels
-constexpr double kWidestKernel = 8.0;
+constexpr double kMinKernelSigma = 0.8;  // px; narrower kernels respond to single pixels
+constexpr double kMaxKernelSigma = 8.0;
 
-/// Sum of the `half` rows before row i less those after it.
+/// Returns the sum of the `half` rows before row i minus those after it.
 double box_difference(const ColumnWindow& w, int i, int half) {
   double difference = 0.0;
   for (int k = 1; k <= half; ++k) difference += w.at(i - k) - w.at(i + k);
   return difference;
 }
 
-/// Rows nearest to the summit between which the filter rises through zero; -1: none.
+/// Returns the rows closest to the peak between which the filter output rises through zero; -1: none.
 int crossing(const ColumnWindow& w, double top, int half) {
   int best = -1;
   for (int i = 0; i + 1 < w.count; ++i) {
@@ -58,7 +58,7 @@ void locate_by_boxes(ImageRows image, const PixelNoise& noise, const Candidate* 
   }
 }
 
-/// Solves sum (i - x) exp(-(i - x)² / (2 s²)) signal_i = 0 from `start`; NaN when it runs away.
+/// Solves sum (i - x) exp(-(i - x)² / (2 s²)) signal_i = 0 from `start`; returns NaN on divergence.
 double gaussian_crossing(const ColumnWindow& w, double start, double s, double& variance) {
   double x = start;
   double step = 0.0;
@@ -74,7 +74,7 @@ double gaussian_crossing(const ColumnWindow& w, double start, double s, double& 
       variance += z * z * g * g * w.variance[i];
     }
     variance /= slope * slope;
-    if (slope >= 0.0) return NAN;  // no summit here
+    if (slope >= 0.0) return NAN;  // not a maximum
     step = std::clamp(-value / slope, -s, s);
     x += step;
     if (std::fabs(step) < 1e-5) break;
@@ -98,7 +98,7 @@ void locate_derivative_of_gaussian(ImageRows image, const PixelNoise& noise, con
                                    std::size_t count, StripeFit* fits) {
   for (std::size_t k = 0; k < count; ++k) {
     const Candidate& c = candidates[k];
-    const double s = std::clamp(static_cast<double>(c.width), kNarrowestKernel, kWidestKernel);
+    const double s = std::clamp(static_cast<double>(c.width), kMinKernelSigma, kMaxKernelSigma);
     const ColumnWindow w = gather(image, noise, c, 4.0 * s + 1.0);
     describe(gather(image, noise, c, kShapeReach * static_cast<double>(c.width) + 1.0), c, fits[k]);
     double variance = 0.0;

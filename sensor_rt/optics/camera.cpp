@@ -34,7 +34,7 @@ void Camera::tilt_sensor(double about_x, double about_y) {
   const Eigen::Matrix3d axes = (Eigen::AngleAxisd(-about_y, Eigen::Vector3d::UnitY()) *
                                 Eigen::AngleAxisd(-about_x, Eigen::Vector3d::UnitX()))
                                    .toRotationMatrix();
-  // A ray d meets the sensor at d n_z / (n d); coordinates count from where the axis does.
+  // A ray d intersects the sensor plane at d n_z / (n d); coordinates count from the optical axis.
   Eigen::Matrix3d from_axis = Eigen::Matrix3d::Identity();
   from_axis(0, 0) = from_axis(1, 1) = axes(2, 2);
   from_axis(0, 2) = -axes(0, 2);
@@ -61,8 +61,8 @@ double Camera::tilt_area(const Eigen::Vector2d& pixel) const {
 
 Eigen::Vector2d Camera::project_through(const Eigen::Vector2d& lens,
                                         const Eigen::Vector3d& point_in_camera) const {
-  // Light of the direction (x, y) through the lens at l runs along l + depth ((x, y) - l vergence(x, y)), and
-  // vergence is linear.
+  // Light of direction (x, y) through the lens point l follows l + depth ((x, y) - l vergence(x, y));
+  // vergence is linear in (x, y).
   const Eigen::Vector2d lean(lean_[0] / image_distance(), lean_[1] / image_distance());
   const Eigen::Matrix2d slope = Eigen::Matrix2d::Identity() + lens * lean.transpose();
   const Eigen::Vector2d seen = (point_in_camera.head<2>() - lens) / point_in_camera.z() + lens / focus;
@@ -74,10 +74,10 @@ double Camera::blur_radius_px(const Eigen::Vector3d& point_in_camera) const {
   const double x = point_in_camera.x() / point_in_camera.z();
   const double y = point_in_camera.y() / point_in_camera.z();
   const double spread = aperture_radius() * std::abs(vergence(x, y) - 1.0 / point_in_camera.z());
-  // Where the sensor leans, the vergence at the rim's image is a little another.
+  // With a tilted sensor the vergence at the image of the lens rim differs slightly.
   const double slack = 1.0 - aperture_radius() * std::hypot(lean_[0], lean_[1]) / image_distance();
   const Eigen::Matrix2d per_slope = ray_jacobian({x, y, 1.0}).inverse();
-  constexpr double kCurved = 1.05;  // the scale changes within the blur
+  constexpr double kCurved = 1.05;  // margin: the image scale varies within the blur disc
   return kCurved * spread / slack * per_slope.norm();
 }
 
@@ -120,6 +120,14 @@ Eigen::Matrix2d Camera::ray_jacobian(const Eigen::Vector3d& direction) const {
 Eigen::Vector2d Camera::paper_coordinates(const Eigen::Vector2d& pixel) const {
   const Eigen::Vector3d direction = ray(pixel);
   return {-side * focal_px * direction.x(), focal_px * direction.y()};
+}
+
+double electrons_per_irradiance(const Camera& camera, double wavelength, double quantum_efficiency) {
+  constexpr double kPlanck = 6.62607015e-34;
+  constexpr double kLightSpeed = 299792458.0;
+  const double image_irradiance = camera.transmission / (4.0 * camera.f_number * camera.f_number);
+  const double photons_per_joule = wavelength / (kPlanck * kLightSpeed);
+  return image_irradiance * camera.pixel_pitch * camera.pixel_pitch * photons_per_joule * quantum_efficiency;
 }
 
 Rigid3 sensor_from_camera(int side, double baseline, double height, double tilt) {

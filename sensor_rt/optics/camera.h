@@ -1,4 +1,5 @@
-// Camera of the profile sensor: thin lens with Brown-Conrady distortion before a sensor that may be tilted.
+// Camera of the profile sensor: thin lens with Brown-Conrady distortion and a sensor plane that may be
+// tilted.
 #pragma once
 
 #include <Eigen/Dense>
@@ -26,52 +27,56 @@ struct Camera {
   double f_number = 0.0;               ///< working f-number: image distance over diameter of the aperture
   double pixel_pitch = 0.0;            ///< m
   double transmission = 0.0;           ///< lens times band-pass filter, 0..1
-  double focus = 0.0;         ///< what is sharp on the axis: distance from the lens, m; 0: everything is
-  double psf_sigma_px = 0.0;  ///< standard deviation of the image of a point in focus
-  Rigid3 sensor_from_camera;  ///< follows from side, baseline, height, tilt and the three below
+  double focus = 0.0;  ///< distance from the lens of the plane in focus, on the optical axis, m; 0: unlimited
+                       ///< depth of field
+  double psf_sigma_px = 0.0;  ///< standard deviation of the point spread function in focus
+  Rigid3 sensor_from_camera;  ///< derived from side, baseline, height, tilt and the three members below
   double offset_y = 0.0;      ///< of the optical centre from the plane of symmetry Y = 0, m
-  double pan = 0.0;           ///< turn about camera y, rad
-  double roll = 0.0;          ///< turn about camera z before that, rad
+  double pan = 0.0;           ///< rotation about camera y, rad
+  double roll = 0.0;          ///< rotation about camera z, applied before the pan, rad
 
   bool is_distorted() const { return distortion != std::array<double, 5>{}; }
   bool is_tilted() const { return !tilted_from_plane_.isIdentity(0.0); }
-  /// Neither distorted nor tilted: straight from directions to pixels.
+  /// True for a pinhole camera: no distortion, no sensor tilt.
   bool is_plain() const { return !is_distorted() && !is_tilted(); }
-  /// Stands as the paper's formulas want it.
+  /// True when the camera pose fulfils the assumptions of the paper's formulas.
   bool is_aligned() const { return offset_y == 0.0 && pan == 0.0 && roll == 0.0; }
   bool has_depth_of_field() const { return focus > 0.0; }
 
-  /// Scheimpflug: turns the image sensor about camera x, then y, where the axis meets it; OpenCV's tau_x and
-  /// tau_y.
+  /// Tilts the image sensor (Scheimpflug): rotations about camera x, then y, around the point where the
+  /// optical axis meets it; OpenCV's tau_x and tau_y.
   void tilt_sensor(double about_x, double about_y);
 
   double image_distance() const { return focal_px * pixel_pitch; }
   double aperture_radius() const { return 0.5 * image_distance() / f_number; }
 
-  /// Inverse depth, 1/m, at which the direction (x, y, 1) is in focus. A thin lens maps the plane of the
-  /// image sensor to a plane of sharp points, so that this is linear in x and y: 1/focus on the axis, and
-  /// less where the sensor leans away (Scheimpflug).
+  /// Returns the inverse depth, 1/m, at which the direction (x, y, 1) is in focus. A thin lens maps the
+  /// sensor plane to a plane of focus, so that this is linear in x and y: 1/focus on the axis, less where the
+  /// sensor is tilted away (Scheimpflug principle).
   double vergence(double x, double y) const {
     return 1.0 / focus - (lean_[0] * x + lean_[1] * y) / image_distance();
   }
 
-  /// Pixel of a point in the camera frame by light through one point of the lens, `lens` (m) off its middle.
+  /// Returns the pixel of a point in the camera frame for light through one point of the lens, `lens` (m)
+  /// from the lens centre.
   Eigen::Vector2d project_through(const Eigen::Vector2d& lens, const Eigen::Vector3d& point_in_camera) const;
 
-  /// Largest distance in pixels between the images of a point by light through the middle of the lens and
-  /// through its rim, m; an upper bound.
+  /// Returns an upper bound of the blur radius in pixels: the distance between the images of a point by light
+  /// through the centre and through the rim of the lens.
   double blur_radius_px(const Eigen::Vector3d& point_in_camera) const;
 
-  /// Area on the plane across the axis that a pixel of the tilted sensor stands for, over that of a pixel.
+  /// Returns the area on the plane normal to the optical axis that a pixel of the tilted sensor covers,
+  /// relative to that of an untilted pixel.
   double tilt_area(const Eigen::Vector2d& pixel) const;
 
-  /// Pixel (column, row) of a point in the camera frame (z > 0), distortion applied.
+  /// Returns the pixel (column, row) of a point in the camera frame (z > 0), distortion applied.
   Eigen::Vector2d project(const Eigen::Vector3d& point_in_camera) const;
 
-  /// Direction (x, y, 1) in the camera frame seen by pixel (column, row), distortion removed.
+  /// Returns the viewing direction (x, y, 1) of a pixel (column, row) in the camera frame, distortion
+  /// removed.
   Eigen::Vector3d ray(const Eigen::Vector2d& pixel) const;
 
-  /// d (x, y) / d (column, row) of `ray` at the direction (x, y, 1).
+  /// Jacobian d (x, y) / d (column, row) of `ray` at the direction (x, y, 1).
   Eigen::Matrix2d ray_jacobian(const Eigen::Vector3d& direction) const;
 
   /// The paper's p = (p_x along sensor +Y, p_y towards larger range), px from the principal point,
@@ -82,16 +87,21 @@ struct Camera {
   Eigen::Vector2d tilted(const Eigen::Vector2d& on_plane) const;
   Eigen::Vector2d untilted(const Eigen::Vector2d& on_sensor) const;
 
-  // Between the plane across the axis at distance 1 and coordinates on the tilted sensor, homogeneous.
+  // Homographies between the plane normal to the axis at distance 1 and coordinates on the tilted sensor.
   Eigen::Matrix3d tilted_from_plane_ = Eigen::Matrix3d::Identity();
   Eigen::Matrix3d plane_from_tilted_ = Eigen::Matrix3d::Identity();
   double lean_[2] = {0.0, 0.0};  ///< x and y of the sensor's normal over its z
 };
 
-/// Pose from the paper's parameters: rows grow with range for both mirrored cameras.
+/// Returns electrons per second and per W/m² of diffusely reflected irradiance, for a pixel on the optical
+/// axis. A Lambertian surface that reflects the irradiance E has the radiance E/pi; a lens of working
+/// f-number N turns radiance L into the irradiance pi L / (4 N²) on the axis of the image plane.
+double electrons_per_irradiance(const Camera& camera, double wavelength, double quantum_efficiency);
+
+/// Returns the camera pose for the paper's parameters. Rows increase with range for both mirrored cameras.
 Rigid3 sensor_from_camera(int side, double baseline, double height, double tilt);
 
-/// The same with the camera's deviations from the plane of symmetry.
+/// Returns the camera pose including its deviations from the plane of symmetry.
 Rigid3 sensor_from_camera(const Camera& camera);
 
 }  // namespace sensor_rt

@@ -7,7 +7,7 @@
 namespace sensor_rt {
 namespace {
 
-/// Linear between nodes, 0 beyond them.
+/// Linear interpolation between nodes, 0 outside them.
 double interpolate(const std::vector<double>& at, const std::vector<double>& value, double x) {
   if (!(x >= at.front() && x <= at.back())) return 0.0;
   const auto above = std::upper_bound(at.begin() + 1, at.end() - 1, x);
@@ -20,7 +20,7 @@ double interpolate(const std::vector<double>& at, const std::vector<double>& val
 
 double LaserSheet::sigma_at(double z) const { return std::hypot(sheet_sigma, divergence * (z - waist_z)); }
 
-double LaserSheet::largest_bend() const {
+double LaserSheet::max_bend() const {
   double sum = 0.0;
   for (const double coefficient : straightness) sum += std::abs(coefficient);
   return sum;
@@ -37,12 +37,13 @@ void LaserSheet::normalise_profile() {
     if (std::abs(angle) < fan_half_angle) nodes.push_back(angle);
   }
   std::sort(nodes.begin(), nodes.end());
-  double integral = 0.0;  // the profile jumps to 0 beyond its nodes, so each piece is judged from its middle
+  double integral =
+      0.0;  // the profile drops to 0 outside its nodes, so each interval is evaluated at its midpoint
   for (std::size_t i = 1; i < nodes.size(); ++i) {
     integral += (nodes[i] - nodes[i - 1]) *
                 interpolate(profile_angle, profile_power, 0.5 * (nodes[i] + nodes[i - 1]));
   }
-  if (!(integral > 0.0)) throw std::invalid_argument("the profile of the laser has no light within the fan");
+  if (!(integral > 0.0)) throw std::invalid_argument("the laser profile is zero within the fan");
   for (double& value : profile_power) value *= 2.0 * fan_half_angle / integral;
 }
 
@@ -53,8 +54,8 @@ double LaserSheet::irradiance_at(double x, double y, double z) const {
   if (!(std::abs(angle) <= fan_half_angle)) return 0.0;
   const double sigma = sigma_at(z);
   const double across = x - depth * bend_at(y / (depth * std::tan(fan_half_angle)));
-  // Power per radian of fan, spread over the arc at this distance, times a Gaussian of unit area across the
-  // sheet.
+  // Power per radian of fan, divided by the arc length at this distance, times a Gaussian of unit area across
+  // the sheet.
   const double per_metre = power * relative_power(angle) / (2.0 * fan_half_angle * std::hypot(y, depth));
   constexpr double kInverseSqrtTwoPi = 0.3989422804014327;
   return per_metre * kInverseSqrtTwoPi / sigma * std::exp(-0.5 * (across / sigma) * (across / sigma));

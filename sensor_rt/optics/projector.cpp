@@ -17,8 +17,8 @@ void project_pinhole(const double* __restrict r, const double* __restrict t, dou
     const double z = r[6] * p.x[l] + r[7] * p.y[l] + r[8] * p.z[l] + t[2];
     const double u = focal * (x / z) + cx;
     const double v = focal * (y / z) + cy;
-    column[l] = z > 1e-6 ? u : kOutOfSight;
-    row[l] = z > 1e-6 ? v : kOutOfSight;
+    column[l] = z > 1e-6 ? u : kNotVisible;
+    row[l] = z > 1e-6 ? v : kNotVisible;
   }
 }
 
@@ -34,15 +34,15 @@ void Projector::project(const Lanes3& points_in_sensor, double* column, double* 
   project_pinhole(rotation_, translation_, camera_.focal_px, camera_.cx_px, camera_.cy_px, points_in_sensor,
                   column, row);
   if (camera_.is_plain()) return;
-  // A lens distorts within its field; far outside, the polynomial may fold back into the image.
+  // The distortion polynomial is valid within the field of view; far outside it may fold back into the image.
   const double reach = camera_.width_px + camera_.height_px;
   for (int l = 0; l < kLanes; ++l) {
     const double x = column[l] - camera_.cx_px;
     const double y = row[l] - camera_.cy_px;
     const bool in_field = std::abs(x) < reach && std::abs(y) < reach;
     const Eigen::Vector2d pixel = camera_.project({x / camera_.focal_px, y / camera_.focal_px, 1.0});
-    column[l] = in_field ? pixel.x() : kOutOfSight;
-    row[l] = in_field ? pixel.y() : kOutOfSight;
+    column[l] = in_field ? pixel.x() : kNotVisible;
+    row[l] = in_field ? pixel.y() : kNotVisible;
   }
 }
 

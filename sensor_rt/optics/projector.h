@@ -1,4 +1,4 @@
-// Many points into one camera.
+// Vectorised projection of points into a camera.
 #pragma once
 
 #include "sensor_rt/geometry/lanes.h"
@@ -6,9 +6,9 @@
 
 namespace sensor_rt {
 
-/// Coordinate of what no camera sees: behind it, or so far outside its field that a lens model means nothing
-/// there.
-constexpr double kOutOfSight = -1e6;
+/// Coordinate of points that are not visible: behind the camera, or so far outside its field that the lens
+/// model is not valid.
+constexpr double kNotVisible = -1e6;
 
 /// Camera::project for points of the sensor frame, 16 at a time.
 class Projector {

@@ -7,7 +7,7 @@
 namespace sensor_rt {
 namespace {
 
-/// Calls visit(direction in the camera frame) along the border of the image, `margin` px outside it.
+/// Calls visit(direction in the camera frame) for points along the image border, `margin` px outside it.
 template <typename Visit>
 void visit_border(const Camera& camera, double margin, const Visit& visit) {
   const double first = -0.5 - margin;
@@ -24,23 +24,24 @@ void visit_border(const Camera& camera, double margin, const Visit& visit) {
   }
 }
 
-/// How far along a direction in the camera frame the sheet X = 0 is; infinite when it runs away from it.
-double way_to_sheet(const Camera& camera, const Eigen::Vector3d& in_camera) {
+/// Returns the distance along a direction in the camera frame to the sheet X = 0; infinite when the direction
+/// points away from it.
+double distance_to_sheet(const Camera& camera, const Eigen::Vector3d& in_camera) {
   const double towards = -camera.side * (camera.sensor_from_camera.rotation * in_camera).x();
   const double away = camera.side * camera.sensor_from_camera.translation.x();
   return towards > 0.0 ? away / towards : std::numeric_limits<double>::infinity();
 }
 
-/// Pixels outside the image from which light may spill into it, as far as it comes from the sheet.
+/// Returns the width, px, of the margin around the image from which blurred laser light may reach it.
 double spill_px(const Camera& camera) {
   constexpr double kReach = 5.0;  // standard deviations: more than any pattern of samples has
   double spill = kReach * camera.psf_sigma_px;
   if (!camera.has_depth_of_field()) return spill;
   double largest = 0.0;
   visit_border(camera, 0.0, [&](const Eigen::Vector3d& d) {
-    const double way = way_to_sheet(camera, d);
-    constexpr double kFarthest = 10.0;  // m
-    largest = std::max(largest, camera.blur_radius_px(std::min(way, kFarthest) * d));
+    const double sheet_distance = distance_to_sheet(camera, d);
+    constexpr double kMaxDistance = 10.0;  // m
+    largest = std::max(largest, camera.blur_radius_px(std::min(sheet_distance, kMaxDistance) * d));
   });
   return spill + 1.1 * largest;
 }
@@ -51,13 +52,13 @@ std::vector<HalfSpace> laser_region(const LaserSheet& laser, double slope) {
   const Eigen::Vector3d source(0.0, 0.0, laser.source_z);
   const double c = std::cos(laser.fan_half_angle);
   const double s = std::sin(laser.fan_half_angle);
-  const double bent = slope + laser.largest_bend();
+  const double bent = slope + laser.max_bend();
   constexpr double kSlack = 1e-9;
   std::vector<HalfSpace> region;
   for (const Eigen::Vector3d& normal :
        {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0, -c, s), Eigen::Vector3d(0, c, s),
         Eigen::Vector3d(-1, 0, bent), Eigen::Vector3d(1, 0, bent)}) {
-    const double from_its_ends = 0.5 * laser.opening * std::abs(normal.y());
+    const double from_its_ends = 0.5 * laser.source_length * std::abs(normal.y());
     region.push_back({normal, normal.dot(source) - from_its_ends - kSlack});
   }
   return region;
@@ -73,8 +74,8 @@ std::vector<HalfSpace> camera_field(const Camera& camera) {
     top = std::min(top, d.y());
     bottom = std::max(bottom, d.y());
   });
-  constexpr double kBorder = 1e-3;  // the border is sampled, not followed
-  // Rays through the rim of the lens cross those through its middle where both are in focus.
+  constexpr double kBorder = 1e-3;  // margin: the border is sampled
+  // Rays through the rim and through the centre of the lens intersect in the plane of focus.
   const double rim = camera.has_depth_of_field() ? camera.aperture_radius() : 0.0;
   const double slack = kBorder + (rim > 0.0 ? 1.5 * rim / camera.focus : 0.0);
   std::vector<HalfSpace> region;
@@ -97,7 +98,7 @@ DepthRange visible_depth(const Camera& camera) {
   DepthRange depth{std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
   visit_border(camera, spill_px(camera), [&](const Eigen::Vector3d& in_camera) {
     const Eigen::Vector3d d = camera.sensor_from_camera.rotation * in_camera;
-    const double z = camera.sensor_from_camera.translation.z() + way_to_sheet(camera, in_camera) * d.z();
+    const double z = camera.sensor_from_camera.translation.z() + distance_to_sheet(camera, in_camera) * d.z();
     depth.near = std::min(depth.near, z);
     depth.far = std::max(depth.far, z);
   });

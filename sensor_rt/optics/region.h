@@ -1,4 +1,4 @@
-// Convex regions of the sensor frame that hold all light of the laser, or all that a camera can see of it.
+// Convex regions of the sensor frame that contain all laser light, or everything that a camera can see of it.
 #pragma once
 
 #include <vector>
@@ -9,14 +9,14 @@
 
 namespace sensor_rt {
 
-/// Rays from the source within the fan that lie within `slope` (x per metre along z) of the sheet's middle.
+/// Returns the region of the laser fan within `slope` (x per metre along z) of the sheet's centre.
 std::vector<HalfSpace> laser_region(const LaserSheet& laser, double slope);
 
-/// The camera's field of view, cut off `beyond` metres behind the laser sheet: what lies further away can
-/// neither be lit nor stand in front of what is lit.
+/// Returns the camera's field of view up to `beyond` metres behind the laser sheet: more distant surfaces are
+/// neither lit by the laser nor occlude lit points.
 std::vector<HalfSpace> camera_region(const Camera& camera, double beyond);
 
-/// The camera's whole field of view.
+/// Returns the camera's entire field of view.
 std::vector<HalfSpace> camera_field(const Camera& camera);
 
 /// Range of sensor z over which the camera sees the sheet X = 0.

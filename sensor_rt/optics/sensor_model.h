@@ -10,7 +10,7 @@
 
 namespace sensor_rt {
 
-/// Laser, cameras and the light around them, in SI units.
+/// Laser, cameras and ambient light, in SI units.
 struct SensorModel {
   std::string name;
   LaserSheet laser;

@@ -8,21 +8,22 @@ namespace sensor_rt {
 
 namespace {
 
-[[noreturn]] void sees_to_infinity(const Camera& camera) {
-  throw std::invalid_argument("camera " + camera.name +
-                              ": tilt must exceed the vertical half angle, or it sees to infinity");
+[[noreturn]] void reject_unbounded(const Camera& camera) {
+  throw std::invalid_argument(
+      "camera " + camera.name +
+      ": tilt must exceed the vertical half angle, or its field of view is unbounded");
 }
 
-/// (|y|, z) of what a pixel sees in the plane X = 0.
+/// Returns (|y|, z) of the point of the plane X = 0 that a pixel sees.
 Eigen::Vector2d in_sheet(const Camera& camera, double column, double row) {
-  const Eigen::Vector3d eye = camera.sensor_from_camera.translation;
-  const Eigen::Vector3d way = camera.sensor_from_camera.rotation * camera.ray({column, row});
-  if (!(-way.x() * camera.side > 0.0)) sees_to_infinity(camera);
-  const Eigen::Vector3d point = eye - eye.x() / way.x() * way;
+  const Eigen::Vector3d viewpoint = camera.sensor_from_camera.translation;
+  const Eigen::Vector3d ray_in_sensor = camera.sensor_from_camera.rotation * camera.ray({column, row});
+  if (!(-ray_in_sensor.x() * camera.side > 0.0)) reject_unbounded(camera);
+  const Eigen::Vector3d point = viewpoint - viewpoint.x() / ray_in_sensor.x() * ray_in_sensor;
   return {std::abs(point.y()), point.z()};
 }
 
-/// The largest trapezoid within what the four corners see.
+/// Returns the largest trapezoid within the quadrilateral that the four image corners see.
 Trapezoid trapezoid_of_corners(const Camera& camera) {
   const double right = camera.width_px - 0.5;
   const double bottom = camera.height_px - 0.5;
@@ -44,7 +45,7 @@ Trapezoid trapezoid_of_corners(const Camera& camera) {
 Trapezoid range_trapezoid(const Camera& camera) {
   if (camera.is_tilted()) return trapezoid_of_corners(camera);
   const double gamma = std::atan(0.5 * camera.height_px / camera.focal_px);
-  if (camera.tilt <= gamma) sees_to_infinity(camera);
+  if (camera.tilt <= gamma) reject_unbounded(camera);
   const double aspect = static_cast<double>(camera.width_px) / camera.height_px;
   const double z_near = camera.height + camera.baseline / std::tan(camera.tilt + gamma);
   const double z_far = camera.height + camera.baseline / std::tan(camera.tilt - gamma);

@@ -12,9 +12,9 @@ using Trapezoid = Eigen::Matrix<double, 4, 2>;
 
 /// Dumitrache & Borangiu, Eq. 5, with the width corrected for the perspective of the tilted camera and for
 /// images that are not square: z = b + a / tan(phi ± gamma), y = a (W/H) sin gamma / sin(phi ± gamma), where
-/// tan gamma = H / (2 f). Holds for a centred principal point without distortion; a camera with a tilted
-/// sensor sees what its corners see in the sheet. Throws std::invalid_argument when it sees to infinity (phi
-/// <= gamma).
+/// tan gamma = H / (2 f). Holds for a centred principal point without distortion; for a camera with a tilted
+/// sensor the image corners are projected onto the sheet. Throws std::invalid_argument when the field of view
+/// is unbounded (phi <= gamma).
 Trapezoid range_trapezoid(const Camera& camera);
 
 }  // namespace sensor_rt

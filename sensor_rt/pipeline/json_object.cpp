@@ -68,7 +68,7 @@ bool JsonObject::boolean(const std::string& key) {
 
 std::string JsonObject::text(const std::string& key) {
   const nlohmann::json& value = take(key);
-  if (!value.is_string()) fail(key, std::string("expected a text, got ") + value.type_name());
+  if (!value.is_string()) fail(key, std::string("expected a string, got ") + value.type_name());
   return value.get<std::string>();
 }
 

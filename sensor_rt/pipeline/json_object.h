@@ -1,4 +1,4 @@
-// Strict reading of a JSON object: every key expected and present, every key present expected.
+// Strict reading of JSON objects: missing and unknown keys are errors.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -8,8 +8,7 @@
 
 namespace sensor_rt {
 
-/// Reads the keys of one object. Throws std::invalid_argument naming the path of the key and what is wrong
-/// with it.
+/// Reads the keys of one object. Throws std::invalid_argument that names the path of the key and the error.
 class JsonObject {
  public:
   JsonObject(const nlohmann::json& json, std::string path);
@@ -21,10 +20,10 @@ class JsonObject {
   long long integer(const std::string& key, long long least, long long most);
   bool boolean(const std::string& key);
   std::string text(const std::string& key);
-  /// Position of the text in `choices`.
+  /// Returns the index of the text in `choices`.
   std::size_t choice(const std::string& key, const std::vector<std::string>& choices);
   std::vector<double> numbers(const std::string& key, std::size_t count);
-  /// Any number of them.
+  /// Returns a list of any length.
   std::vector<double> numbers(const std::string& key);
   JsonObject object(const std::string& key);
   std::vector<JsonObject> objects(const std::string& key);

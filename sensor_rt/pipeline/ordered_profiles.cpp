@@ -6,12 +6,12 @@
 namespace sensor_rt {
 
 OrderedProfiles::OrderedProfiles(std::size_t points) {
-  // Room that is never written to costs nothing; a bound keeps an overestimate from being refused.
-  constexpr std::size_t kMost = 4'000'000;
-  all_.reserve(std::min(points, kMost));
+  // Memory that is never written costs nothing; the bound prevents a failing allocation on overestimates.
+  constexpr std::size_t kCapacity = 4'000'000;
+  all_.reserve(std::min(points, kCapacity));
 }
 
-Profiles OrderedProfiles::borrow() {
+Profiles OrderedProfiles::acquire() {
   const std::lock_guard<std::mutex> lock(guard_);
   if (free_.empty()) return {};
   Profiles profiles = std::move(free_.back());
@@ -20,7 +20,7 @@ Profiles OrderedProfiles::borrow() {
   return profiles;
 }
 
-void OrderedProfiles::hand_in(std::size_t number, Profiles&& profiles) {
+void OrderedProfiles::submit(std::size_t number, Profiles&& profiles) {
   const std::lock_guard<std::mutex> lock(guard_);
   waiting_.emplace(number, std::move(profiles));
   for (auto first = waiting_.begin(); first != waiting_.end() && first->first == next_;

@@ -1,4 +1,4 @@
-// Profiles from many threads, put together in the order of their exposures.
+// Collection of profiles from several threads in the order of the exposures.
 #pragma once
 
 #include <cstddef>
@@ -11,20 +11,20 @@
 
 namespace sensor_rt {
 
-/// Threads borrow buffers, fill them and hand them back with the number of their exposure. What is in order
-/// is appended at once, so that only the few profiles that overtook others wait, and memory is used again.
+/// Threads acquire buffers, fill them and submit them with the index of their exposure. Profiles in sequence
+/// are appended immediately; only those that arrive early wait. Buffers are reused.
 class OrderedProfiles {
  public:
-  /// Expects about `points` in all.
+  /// `points`: estimated total number of points, for the allocation.
   explicit OrderedProfiles(std::size_t points);
 
-  /// An empty buffer.
-  Profiles borrow();
+  /// Returns an empty buffer.
+  Profiles acquire();
 
-  /// Takes the filled buffer of exposure `number`; each number from 0 up comes once.
-  void hand_in(std::size_t number, Profiles&& profiles);
+  /// Submits the filled buffer of exposure `number`; each index from 0 must be submitted once.
+  void submit(std::size_t number, Profiles&& profiles);
 
-  /// All profiles; to be called when every exposure has come.
+  /// Returns all profiles; call after all exposures have been submitted.
   Profiles take() { return std::move(all_); }
 
  private:

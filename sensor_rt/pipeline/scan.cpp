@@ -7,8 +7,9 @@
 #include <utility>
 
 #include "sensor_rt/geometry/parallel.h"
-#include "sensor_rt/pipeline/lines.h"
+#include "sensor_rt/pipeline/geometric_worker.h"
 #include "sensor_rt/pipeline/ordered_profiles.h"
+#include "sensor_rt/pipeline/workers.h"
 
 namespace sensor_rt {
 namespace {
@@ -16,7 +17,7 @@ namespace {
 void validate(const Scene& scene, const Exposures& exposures) {
   if (exposures.bodies != scene.bodies().size()) {
     throw std::invalid_argument("the exposures give poses of " + std::to_string(exposures.bodies) +
-                                " bodies, the scene holds " + std::to_string(scene.bodies().size()));
+                                " bodies, the scene has " + std::to_string(scene.bodies().size()));
   }
 }
 
@@ -35,13 +36,13 @@ ImageSize common_size(const Sensor& sensor) {
   for (const Camera& camera : sensor.cameras) {
     if (camera.width_px != first.width_px || camera.height_px != first.height_px) {
       throw std::invalid_argument("camera " + camera.name + " differs in size from camera " + first.name +
-                                  ": their images do not fit one array");
+                                  ": their images cannot share one array");
     }
   }
   return {first.width_px, first.height_px};
 }
 
-/// The most points that one exposure can give.
+/// Returns the largest possible number of points per exposure.
 std::size_t points_per_exposure(const Sensor& sensor, Engine engine) {
   std::size_t points = 0;
   for (const Camera& camera : sensor.cameras) {
@@ -51,71 +52,92 @@ std::size_t points_per_exposure(const Sensor& sensor, Engine engine) {
   return points;
 }
 
-/// Runs body(line of this thread, exposure) for every exposure, with lines made on their own threads, and
-/// returns the lines that were used.
-template <typename Line, typename Make, typename Body>
-std::vector<std::unique_ptr<Line>> run_lines(std::size_t count, unsigned threads, const Make& make,
-                                             const Body& body) {
-  std::vector<std::unique_ptr<Line>> lines(thread_count(threads, count));
-  parallel_for(count, threads, [&](std::size_t exposure, unsigned worker) {
-    if (!lines[worker]) lines[worker] = make();
-    body(*lines[worker], exposure);
+/// Runs body(worker of this thread, exposure) for every exposure, with workers created on their own threads;
+/// returns the workers.
+template <typename Worker, typename Make, typename Body>
+std::vector<std::unique_ptr<Worker>> run_workers(std::size_t count, unsigned threads, const Make& make,
+                                                 const Body& body) {
+  std::vector<std::unique_ptr<Worker>> workers(thread_count(threads, count));
+  parallel_for(count, threads, [&](std::size_t exposure, unsigned thread) {
+    if (!workers[thread]) workers[thread] = make();
+    body(*workers[thread], exposure);
   });
-  return lines;
+  return workers;
 }
 
-/// Seconds of all lines together.
-template <typename Line>
-StationSeconds sum_seconds(const std::vector<std::unique_ptr<Line>>& lines) {
-  StationSeconds sum{};
-  for (const auto& line : lines) {
-    for (std::size_t s = 0; line && s < sum.size(); ++s) sum[s] += line->seconds()[s];
+/// Returns the seconds summed over all workers.
+template <typename Worker>
+StageSeconds sum_seconds(const std::vector<std::unique_ptr<Worker>>& workers) {
+  StageSeconds sum{};
+  for (const auto& worker : workers) {
+    for (std::size_t s = 0; worker && s < sum.size(); ++s) sum[s] += worker->seconds()[s];
   }
   return sum;
 }
 
 }  // namespace
 
+void check_engine(const Sensor& sensor, Engine engine) {
+  if (engine != Engine::kGeometric) return;
+  const auto reject = [](const std::string& key, const std::string& reason) {
+    throw std::invalid_argument("sensor." + key + ": the geometric engine " + reason +
+                                "; use the ray-traced engine");
+  };
+  if (sensor.row_readout > 0.0) {
+    reject("detector.shutter = \"rolling\"", "exposes all rows simultaneously");
+  }
+  if (sensor.ground_truth) reject("render.mode = \"path\"", "makes no images");
+  if (sensor.bounces > 0) {
+    reject("render.bounces = " + std::to_string(sensor.bounces), "does not simulate light between surfaces");
+  }
+}
+
 ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor, const Exposures& exposures,
                 const ScanOptions& options) {
   validate(scene, exposures);
   require_same_images(as_built, sensor);
+  check_engine(as_built, options.engine);
+  check_engine(sensor, options.engine);
+  if (options.engine == Engine::kGeometric && options.keep_images) {
+    throw std::invalid_argument("keep_images: the geometric engine makes no images");
+  }
   ScanResult result;
   OrderedProfiles ordered(exposures.count * points_per_exposure(sensor, options.engine));
   if (options.engine == Engine::kGeometric) {
-    const auto lines = run_lines<GeometricLine>(
-        exposures.count, options.threads, [&] { return std::make_unique<GeometricLine>(as_built, sensor); },
-        [&](GeometricLine& line, std::size_t e) {
-          Profiles profiles = ordered.borrow();
-          line.run(scene, exposures, e, profiles);
-          ordered.hand_in(e, std::move(profiles));
+    const auto workers = run_workers<GeometricWorker>(
+        exposures.count, options.threads,
+        [&] { return std::make_unique<GeometricWorker>(as_built, sensor, !scene.lights().empty()); },
+        [&](GeometricWorker& worker, std::size_t e) {
+          Profiles profiles = ordered.acquire();
+          worker.run(scene, exposures, e, profiles);
+          ordered.submit(e, std::move(profiles));
         });
-    result.seconds = sum_seconds(lines);
+    result.seconds = sum_seconds(workers);
   } else {
     const RenderPlan plan(render_settings(as_built, false));
     const Detector detector(as_built.detector, as_built.noise, as_built.seed);
     const std::size_t stride = options.keep_images ? sensor.cameras.size() * common_size(sensor).pixels() : 0;
-    std::unique_ptr<RenderPlan> unlit;
+    std::unique_ptr<RenderPlan> background;
     if (sensor.laser_off_frame) {
-      unlit = std::make_unique<RenderPlan>(render_settings(as_built, false, false));
-      result.unlit.resize(exposures.count * stride);
+      background = std::make_unique<RenderPlan>(render_settings(as_built, false, false));
+      result.background.resize(exposures.count * stride);
     }
     result.images.resize(exposures.count * stride);
     const auto kept = [&](std::size_t e) {
-      RayTracedLine::Kept to;
+      RayTracedWorker::Kept to;
       if (!result.images.empty()) to.lit = &result.images[e * stride];
-      if (!result.unlit.empty()) to.unlit = &result.unlit[e * stride];
+      if (!result.background.empty()) to.background = &result.background[e * stride];
       return to;
     };
-    const auto lines = run_lines<RayTracedLine>(
+    const auto workers = run_workers<RayTracedWorker>(
         exposures.count, options.threads,
-        [&] { return std::make_unique<RayTracedLine>(sensor, plan, unlit.get(), detector); },
-        [&](RayTracedLine& line, std::size_t e) {
-          Profiles profiles = ordered.borrow();
-          line.run(scene, exposures, e, kept(e), profiles);
-          ordered.hand_in(e, std::move(profiles));
+        [&] { return std::make_unique<RayTracedWorker>(sensor, plan, background.get(), detector); },
+        [&](RayTracedWorker& worker, std::size_t e) {
+          Profiles profiles = ordered.acquire();
+          worker.run(scene, exposures, e, kept(e), profiles);
+          ordered.submit(e, std::move(profiles));
         });
-    result.seconds = sum_seconds(lines);
+    result.seconds = sum_seconds(workers);
   }
   result.profiles = ordered.take();
   return result;
@@ -129,13 +151,13 @@ std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& senso
   const RenderPlan plan(render_settings(sensor, false, laser_on));
   const Detector detector(sensor.detector, sensor.noise, sensor.seed);
   std::vector<std::uint16_t> images(exposures.count * cameras * size.pixels());
-  run_lines<ImageLine>(
-      exposures.count, threads, [&] { return std::make_unique<ImageLine>(plan, detector); },
-      [&](ImageLine& line, std::size_t e) {
-        line.render(scene, exposures, e);
+  run_workers<ImageWorker>(
+      exposures.count, threads, [&] { return std::make_unique<ImageWorker>(plan, detector); },
+      [&](ImageWorker& worker, std::size_t e) {
+        worker.render(scene, exposures, e);
         for (std::size_t c = 0; c < cameras; ++c) {
-          line.expose(exposures, e, c,
-                      {&images[(e * cameras + c) * size.pixels()], size.width, size.height, size.width});
+          worker.expose(exposures, e, c,
+                        {&images[(e * cameras + c) * size.pixels()], size.width, size.height, size.width});
         }
       });
   return images;
@@ -148,7 +170,7 @@ std::vector<float> expected_electrons(const Scene& scene, const Sensor& sensor, 
   const std::size_t cameras = sensor.cameras.size();
   std::vector<float> images(exposures.count * cameras * size.pixels(), 0.0f);
   const RenderPlan plan(render_settings(sensor, whole_image));
-  run_lines<ImageRenderer>(
+  run_workers<ImageRenderer>(
       exposures.count, threads, [&] { return std::make_unique<ImageRenderer>(plan); },
       [&](ImageRenderer& renderer, std::size_t e) {
         std::vector<SparseImage> light;

@@ -1,46 +1,51 @@
-// Batches of exposures through all stations, many at a time.
+// Processing of batches of exposures in parallel.
 #pragma once
 
 #include <cstdint>
 #include <vector>
 
 #include "sensor_rt/pipeline/sensor.h"
-#include "sensor_rt/pipeline/stations.h"
+#include "sensor_rt/pipeline/stages.h"
 #include "sensor_rt/scene/pose_track.h"
 #include "sensor_rt/scene/scene.h"
 
 namespace sensor_rt {
 
-/// kRayTraced makes images and measures the stripe in them; kGeometric takes the laser's landing points
-/// themselves.
+/// kRayTraced renders images and extracts the stripe; kGeometric uses the hit points of the laser rays with
+/// simulated image noise.
 enum class Engine { kRayTraced, kGeometric };
 
 struct ScanOptions {
   Engine engine = Engine::kRayTraced;
-  unsigned threads = 0;      ///< 0: as many as the machine has
-  bool keep_images = false;  ///< needs cameras of one size
+  unsigned threads = 0;      ///< 0: one per hardware thread
+  bool keep_images = false;  ///< requires cameras of equal size
 };
 
 struct ScanResult {
   Profiles profiles;                  ///< in the order of the exposures
   std::vector<std::uint16_t> images;  ///< (exposure, camera, row, column) when kept
-  std::vector<std::uint16_t> unlit;   ///< the same with the laser off, when the sensor takes such images
-  StationSeconds seconds{};           ///< per station, summed over the threads
+  std::vector<std::uint16_t>
+      background;          ///< background frames (laser off), if the sensor takes them and images are kept
+  StageSeconds seconds{};  ///< per stage, summed over the threads
 };
 
-/// `as_built` is the sensor as it truly is, which makes the images; `sensor` is what is believed of it, by
-/// which they are read. Throws std::invalid_argument when the exposures do not fit the scene, or the two
-/// sensors differ in the number or size of their cameras.
+/// Throws std::invalid_argument that names the key of the sensor that the engine does not support.
+void check_engine(const Sensor& sensor, Engine engine);
+
+/// Simulates a scan. `as_built` is the true sensor, which generates the images; `sensor` is the nominal
+/// sensor, which is used to evaluate them. Throws std::invalid_argument when the exposures do not match the
+/// scene, the sensors differ in the number or size of their cameras, or the engine does not support an
+/// option.
 ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor, const Exposures& exposures,
                 const ScanOptions& options);
 
-/// Images of all exposures and cameras: (exposure, camera, row, column). Needs cameras of one size. With the
-/// laser off they are taken when those with the laser have ended.
+/// Renders the images of all exposures and cameras: (exposure, camera, row, column). Requires cameras of
+/// equal size. Background frames (laser off) directly follow those with the laser on.
 std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
                                          bool laser_on, unsigned threads);
 
-/// Expected electrons before any noise, laid out like render_images. `whole_image` traces every pixel instead
-/// of those that the laser can reach.
+/// Returns the expected electrons without noise, in the layout of render_images. `whole_image` traces every
+/// pixel instead of those that the laser can light.
 std::vector<float> expected_electrons(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
                                       bool whole_image, unsigned threads);
 

@@ -14,9 +14,9 @@ namespace {
 void read_profile(JsonObject& json, LaserSheet& laser) {
   laser.profile_angle = json.numbers("profile_angle");
   laser.profile_power = json.numbers("profile_power");
-  if (laser.profile_angle.size() == 1) json.fail("profile_angle", "expected no angle, or two and more");
+  if (laser.profile_angle.size() == 1) json.fail("profile_angle", "expected no angle or at least two");
   if (laser.profile_angle.size() != laser.profile_power.size()) {
-    json.fail("profile_power", "expected as many numbers as profile_angle has");
+    json.fail("profile_power", "expected the length of profile_angle");
   }
   if (std::adjacent_find(laser.profile_angle.begin(), laser.profile_angle.end(),
                          std::greater_equal<double>()) != laser.profile_angle.end()) {
@@ -32,7 +32,7 @@ void read_profile(JsonObject& json, LaserSheet& laser) {
   }
 }
 
-/// Turned about the middle of the source, about sensor Y first, then shifted along X.
+/// Rotation about the centre of the source, about sensor Y first, then translation along X.
 Rigid3 sheet_pose(double offset_x, double turn_y, double turn_z, double source_z) {
   Rigid3 about_source;
   about_source.rotation = (Eigen::AngleAxisd(turn_z, Eigen::Vector3d::UnitZ()) *
@@ -54,7 +54,7 @@ LaserSheet read_laser(JsonObject json) {
   laser.sheet_sigma = json.positive("sheet_sigma");
   laser.waist_z = json.number("waist_z");
   laser.divergence = json.non_negative("divergence");
-  laser.opening = json.non_negative("opening");
+  laser.source_length = json.non_negative("source_length");
   const std::vector<double> straightness = json.numbers("straightness", laser.straightness.size());
   std::copy(straightness.begin(), straightness.end(), laser.straightness.begin());
   read_profile(json, laser);

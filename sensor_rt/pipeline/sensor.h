@@ -1,4 +1,4 @@
-// A sensor ready to work: its optics and the settings of every station behind them.
+// Sensor description: optics and the settings of all pipeline stages.
 #pragma once
 
 #include <cstdint>
@@ -8,33 +8,26 @@
 #include "sensor_rt/imaging/extract.h"
 #include "sensor_rt/imaging/triangulate.h"
 #include "sensor_rt/optics/sensor_model.h"
+#include "sensor_rt/render/render_options.h"
 
 namespace sensor_rt {
 
-/// Everything that the JSON description of a sensor says.
-struct Sensor : SensorModel {
+/// Content of the JSON description of a sensor.
+struct Sensor : SensorModel, RenderOptions {
   DetectorParameters detector;
   ExtractionOptions extraction;
   ImageNoise image_noise;
   TriangulationOptions triangulation;
   bool noise = false;
-  std::uint64_t seed = 0;
-  int samples_per_pixel = 0;
-  int rays_across_fan = 0;        ///< laser rays that mark the pixels to trace
-  bool ground_truth = false;      ///< path tracing of the whole image
-  int bounces = 0;                ///< reflections between surfaces
-  int photons = 0;                ///< that follow them from the laser
-  double speckle_contrast = 0.0;  ///< of fully resolved grains
-  bool laser_off_frame = false;   ///< a second image without the laser is taken away before extraction
-  double row_readout = 0.0;       ///< s from row to row of a rolling shutter; 0: global
-  int geometric_rays = 0;         ///< laser rays of the geometric mode
+  bool laser_off_frame = false;  ///< take a background frame (laser off) and subtract it before extraction
+  int geometric_rays = 0;        ///< number of laser rays of the geometric engine
 };
 
-/// See Extractor.
+/// Returns the extractor of a sensor; see Extractor.
 Extractor make_extractor(const Sensor& sensor, bool all_peaks);
 
-/// Parses a resolved description (SI units, all keys present). Throws std::invalid_argument naming the key at
-/// fault.
+/// Parses a resolved description (SI units, all keys present). Throws std::invalid_argument that names the
+/// key.
 Sensor parse_sensor(const std::string& json);
 
 }  // namespace sensor_rt

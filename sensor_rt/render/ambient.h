@@ -1,4 +1,4 @@
-// Ambient light on what the laser does not reach.
+// Ambient light on pixels that the laser does not reach.
 #pragma once
 
 #include <vector>
@@ -10,10 +10,9 @@ namespace sensor_rt {
 
 /// Calls add(column, row, electrons per second) for every unmarked pixel that sees a surface.
 ///
-/// Ambient light falls evenly on all surfaces, so that the image is flat wherever one reflectance fills the
-/// view. One ray is traced at each corner of a grid of 8 x 8 pixels. Blocks whose corners agree are filled;
-/// in all others every pixel gets a ray of its own through its middle, at mid-exposure. A detail that lies
-/// within one block is missed.
+/// Ambient light is uniform, so that the image is constant wherever one reflectance fills the view. One ray
+/// is traced at each corner of a grid of 8 x 8 pixels. Blocks whose corners agree are filled; in all others
+/// every pixel gets a ray through its centre, at mid-exposure. A detail within one block is missed.
 class AmbientFiller {
  public:
   template <typename Add>
@@ -34,7 +33,7 @@ class AmbientFiller {
   static constexpr int kBlock = 8;
 
   void lay_grid(PixelTracer& tracer, int width, int height);
-  /// Of a block whose corners agree, else -1.
+  /// Returns the reflectance of a block whose corners agree, else -1.
   double block_reflectance(int block_column, int block_row) const;
 
   int columns_ = 0;

@@ -16,10 +16,10 @@ void ExposureViews::set(const RenderPlan& plan, const Scene& new_scene, const Po
   laser.set(new_scene, new_track, plan.lane_sources, lane_instants, plan.laser_region);
   cameras.resize(model.cameras.size());
   for (std::size_t c = 0; c < cameras.size(); ++c) {
-    cameras[c].set(new_scene, new_track, plan.lane_eyes[c], lane_instants,
+    cameras[c].set(new_scene, new_track, plan.lane_viewpoints[c], lane_instants,
                    new_scene.lights().empty() ? plan.camera_regions[c] : plan.camera_fields[c]);
   }
-  free.set(new_scene, new_track);
+  incoherent_rays.set(new_scene, new_track);
 }
 
 }  // namespace sensor_rt

@@ -18,9 +18,10 @@ FanGrid::FanGrid(const RenderPlan& plan) : plan_(plan) {
     camera_from_reference_.push_back(camera.sensor_from_camera.inverse());
   }
   constexpr double kStep = 3.0;  // px between neighbouring points of the source
-  const double opening = plan.settings.model.laser.opening;
-  const auto steps = static_cast<int>(std::ceil(opening / (kStep * plan.pixel_size)));
-  for (int k = 0; k <= steps; ++k) source_y_.push_back(steps > 0 ? opening * (1.0 * k / steps - 0.5) : 0.0);
+  const double source_length = plan.settings.model.laser.source_length;
+  const auto steps = static_cast<int>(std::ceil(source_length / (kStep * plan.pixel_size)));
+  for (int k = 0; k <= steps; ++k)
+    source_y_.push_back(steps > 0 ? source_length * (1.0 * k / steps - 0.5) : 0.0);
 }
 
 void FanGrid::set(const Scene& scene, const PoseTrack& track) {
@@ -79,7 +80,7 @@ void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
         const std::size_t at = (first + static_cast<std::size_t>(l)) * projectors_.size() + c;
         out.column[at] = static_cast<float>(column[l]);
         out.row[at] = static_cast<float>(row[l]);
-        const bool blurred = camera.has_depth_of_field() && column[l] != kOutOfSight;
+        const bool blurred = camera.has_depth_of_field() && column[l] != kNotVisible;
         out.blur[at] =
             blurred ? static_cast<float>(camera.blur_radius_px(camera_from_reference_[c] * lane(point, l)))
                     : 0.0f;

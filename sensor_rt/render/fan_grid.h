@@ -1,4 +1,4 @@
-// Laser rays that find out where the sheet lands, and where the cameras see that.
+// Laser rays, their hits with the scene, and the projections of these into the cameras.
 #pragma once
 
 #include <Eigen/Dense>
@@ -13,8 +13,8 @@
 
 namespace sensor_rt {
 
-/// A laser ray: unit vector (y, z) across the fan, slope off the middle of the sheet (x per distance),
-/// instant of the exposure, and which point of the source it leaves.
+/// A laser ray: unit vector (y, z) across the fan, slope from the centre of the sheet (x per distance),
+/// instant of the exposure, and index of the source point.
 struct FanRay {
   double y = 0.0;
   double z = 1.0;
@@ -22,7 +22,7 @@ struct FanRay {
   std::size_t instant = 0;
   std::size_t source = 0;
 
-  /// The ray half way between two of one source.
+  /// Returns the ray midway between two rays of one source point.
   static FanRay middle(const FanRay& a, const FanRay& b) {
     const double y = a.y + b.y;
     const double z = a.z + b.z;
@@ -34,41 +34,41 @@ struct FanRay {
   }
 };
 
-/// Where a ray landed. Pixel coordinates are kept as floats: they serve to mark pixels, not to measure.
+/// Hit of a ray. Single precision is sufficient: the coordinates only serve to mark pixels.
 struct Landing {
-  std::int32_t shape = -1;  ///< -1: nowhere
-  float across = 0.0f;      ///< place across the sheet in units of its half width: light within [-1, 1]
+  std::int32_t shape = -1;  ///< -1: no hit
+  float across = 0.0f;      ///< position across the sheet in units of its half width; lit within [-1, 1]
   Eigen::Vector3f point = Eigen::Vector3f::Zero();
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
 
   bool hit() const { return shape >= 0; }
 };
 
-/// Rays and their landings; pixel coordinates per camera at [ray * cameras + camera].
+/// Hits of rays; pixel coordinates per camera at [ray * cameras + camera].
 struct FanLandings {
   std::vector<Landing> landing;
   std::vector<float> column;
   std::vector<float> row;
-  std::vector<float> blur;  ///< radius of what is out of focus, px
+  std::vector<float> blur;  ///< defocus radius, px
 
   void resize(std::size_t rays, std::size_t cameras);
 };
 
-/// Casts laser rays in packets and projects the landings into all cameras.
+/// Casts laser rays in packets and projects the hits into all cameras.
 class FanGrid {
  public:
   explicit FanGrid(const RenderPlan& plan);
 
-  /// Makes the scene at the instants of an exposure ready.
+  /// Prepares the scene at the instants of an exposure.
   void set(const Scene& scene, const PoseTrack& track);
 
-  /// Numbers of the shapes that the laser can reach.
+  /// Returns the indices of the shapes that the laser can reach.
   const std::vector<std::size_t>& shapes() const { return view_.shapes(); }
 
-  /// Number of points that stand for the source.
+  /// Returns the number of points that sample the source.
   std::size_t sources() const { return source_y_.size(); }
 
-  /// Casts `rays`, which share instant and source with the first of each sixteen.
+  /// Casts `rays`; each packet of sixteen must share instant and source.
   void cast(const std::vector<FanRay>& rays, FanLandings& out);
 
  private:

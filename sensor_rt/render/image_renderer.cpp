@@ -7,7 +7,7 @@
 namespace sensor_rt {
 namespace {
 
-/// True when nothing moves relative to anything during the exposure.
+/// Returns true when there is no relative motion during the exposure.
 bool is_still(const Exposures& exposures, std::size_t exposure) {
   const auto constant = [&](const Rigid3* poses) {
     return std::all_of(poses, poses + exposures.samples,
@@ -20,12 +20,12 @@ bool is_still(const Exposures& exposures, std::size_t exposure) {
   return true;
 }
 
-/// Instants that cover a long exposure, in which things move less than a pixel from one to the next.
+/// Returns instants of a long exposure between which all motion is below a pixel.
 std::vector<double> closely_spaced(double motion_px, std::size_t least) {
-  constexpr double kMost = 1024.0;
+  constexpr double kCapacity = 1024.0;
   std::vector<double> fractions = {0.0};
   const auto steps =
-      static_cast<std::size_t>(std::clamp(std::ceil(motion_px), static_cast<double>(least), kMost));
+      static_cast<std::size_t>(std::clamp(std::ceil(motion_px), static_cast<double>(least), kCapacity));
   for (std::size_t i = 1; i <= steps; ++i) {
     fractions.push_back(static_cast<double>(i) / static_cast<double>(steps));
   }
@@ -79,7 +79,7 @@ void ImageRenderer::render(const Scene& scene, const Exposures& exposures, std::
   for (std::size_t c = 0; c < masks_.size(); ++c) trace_camera(c, exposures.duration[exposure], images[c]);
 }
 
-/// Poses of the exposure. True when rows see them at different times.
+/// Sets the poses of the exposure. Returns true when rows are exposed at different times.
 bool ImageRenderer::place(const Scene& scene, const Exposures& exposures, std::size_t exposure) {
   const Rigid3& sensor_from_reference = plan_.sensor_from_reference;
   const bool still = is_still(exposures, exposure);
@@ -91,7 +91,7 @@ bool ImageRenderer::place(const Scene& scene, const Exposures& exposures, std::s
   track_.set(scene, exposures, exposure, {start_, start_ + 1.0}, sensor_from_reference);
   std::vector<std::size_t> shapes(scene.shapes().size());
   std::iota(shapes.begin(), shapes.end(), 0);
-  const double motion_px = largest_motion_px(plan_.settings.model, track_, shapes);
+  const double motion_px = max_motion_px(plan_.settings.model, track_, shapes);
   std::vector<double> fractions = closely_spaced(motion_px, plan_.pattern.size());
   for (double& fraction : fractions) fraction += start_;
   track_.set(scene, exposures, exposure, fractions, sensor_from_reference);
@@ -156,7 +156,7 @@ void ImageRenderer::trace_marked(std::size_t number, double duration, SparseImag
 }
 
 void ImageRenderer::mark_mirrors(std::size_t number) {
-  // One look at each corner of a grid; a mirror seen at a corner marks the blocks around it.
+  // One ray at each corner of a grid; a mirror hit at a corner marks the adjacent blocks.
   constexpr int kBlock = 8;
   const Camera& camera = plan_.settings.model.cameras[number];
   mirror_mask_.resize(camera.width_px, camera.height_px);
@@ -165,7 +165,7 @@ void ImageRenderer::mark_mirrors(std::size_t number) {
     for (int column = 0; column < camera.width_px + kBlock; column += kBlock) {
       const std::int32_t shape =
           tracer_.shape_at(std::min(column, camera.width_px - 1), std::min(row, camera.height_px - 1));
-      if (shape < 0 || !views_.reflection(shape).material().is_mirror()) continue;
+      if (shape < 0 || !views_.brdf(shape).material().is_mirror()) continue;
       mirror_mask_.mark(column - kBlock, column + kBlock, row - kBlock, row + kBlock);
     }
   }
@@ -191,7 +191,7 @@ void ImageRenderer::add_lamps(std::size_t number, double duration, SparseImage& 
   lamps_.fill(tracer_, bounces ? &reflected_lamps_ : nullptr, camera.width_px, camera.height_px,
               dense_.data());
   for (float& electrons : dense_) electrons *= static_cast<float>(duration);
-  // Paths that follow mirrors bring the light of lamps along.
+  // Paths via mirrors include the light of lamps.
   if (bounces && has_mirrors_) {
     mirror_mask_.for_each([&](int column, int row) {
       dense_[static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width_px) +
@@ -201,9 +201,9 @@ void ImageRenderer::add_lamps(std::size_t number, double duration, SparseImage& 
   add_dense(image);
 }
 
-/// Adds dense_ to the image and clears what it has added.
+/// Adds dense_ to the image and clears it.
 void ImageRenderer::add_dense(SparseImage& image) {
-  // Less than a thousandth of an electron is not worth a pixel.
+  // Pixels below a thousandth of an electron are omitted.
   constexpr float kFaint = 1e-3f;
   for (std::size_t i = 0; i < image.pixels.size(); ++i) {
     image.electrons[i] += dense_[image.pixels[i]];

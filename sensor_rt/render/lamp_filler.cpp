@@ -8,9 +8,9 @@ namespace sensor_rt {
 namespace {
 
 constexpr int kBlock = 8;
-constexpr double kFlat = 1.0 - 1e-9;   // cosine between normals of one face
-constexpr double kSmooth = 0.005;      // relative error of the middle
-constexpr double kLargestRange = 0.2;  // between corners, relative
+constexpr double kFlat = 1.0 - 1e-9;  // cosine between normals of one face
+constexpr double kSmooth = 0.005;     // largest relative interpolation error at the centre
+constexpr double kMaxRange = 0.2;     // largest relative difference between corners
 
 bool on_one_face(const LampView& a, const LampView& b) {
   return a.shape == b.shape && (a.shape < 0 || a.normal.dot(b.normal) > kFlat);
@@ -18,7 +18,7 @@ bool on_one_face(const LampView& a, const LampView& b) {
 
 }  // namespace
 
-LampView LampFiller::look(int column, int row) const {
+LampView LampFiller::trace_middle(int column, int row) const {
   LampView view = tracer_->lamp_light(column, row);
   if (reflected_ != nullptr) view.light += reflected_->at(column, row, view);
   return view;
@@ -33,7 +33,7 @@ bool LampFiller::interpolate(const Block& block, const LampView* const* corners,
     least = std::min(least, corners[k]->light);
     most = std::max(most, corners[k]->light);
   }
-  if (most - least > kLargestRange * most) return false;
+  if (most - least > kMaxRange * most) return false;
   const double across = std::max(1, block.right - block.left);
   const double down = std::max(1, block.bottom - block.top);
   const auto between = [&](int column, int row) {
@@ -44,7 +44,7 @@ bool LampFiller::interpolate(const Block& block, const LampView* const* corners,
   };
   const int column = (block.left + block.right) / 2;
   const int row = (block.top + block.bottom) / 2;
-  const LampView middle = look(column, row);
+  const LampView middle = trace_middle(column, row);
   if (!on_one_face(*corners[0], middle) ||
       std::abs(middle.light - between(column, row)) > kSmooth * middle.light)
     return false;
@@ -63,7 +63,8 @@ void LampFiller::fill(PixelTracer& tracer, ReflectedLamps* reflected, int width,
   corners_.clear();
   for (int row = 0; row <= rows; ++row) {
     for (int column = 0; column <= columns; ++column) {
-      corners_.push_back(look(std::min(column * kBlock, width - 1), std::min(row * kBlock, height - 1)));
+      corners_.push_back(
+          trace_middle(std::min(column * kBlock, width - 1), std::min(row * kBlock, height - 1)));
     }
   }
   for (int row = 0; row < rows; ++row) {
@@ -76,7 +77,7 @@ void LampFiller::fill(PixelTracer& tracer, ReflectedLamps* reflected, int width,
       if (interpolate(block, corners, width, out)) continue;
       for (int y = block.top; y < std::min(block.top + kBlock, height); ++y) {
         for (int x = block.left; x < std::min(block.left + kBlock, width); ++x)
-          out[static_cast<std::ptrdiff_t>(y) * width + x] = static_cast<float>(look(x, y).light);
+          out[static_cast<std::ptrdiff_t>(y) * width + x] = static_cast<float>(trace_middle(x, y).light);
       }
     }
   }

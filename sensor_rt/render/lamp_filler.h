@@ -1,4 +1,4 @@
-// The light of lamps on whole images.
+// Lamp light on entire images.
 #pragma once
 
 #include <vector>
@@ -8,21 +8,21 @@
 
 namespace sensor_rt {
 
-/// Fills an image with the light of lamps, one ray through the middle of a pixel at mid-exposure. Blocks of
-/// 8 x 8 pixels that show one flat face, lit smoothly at their corners and their middle, are interpolated to
-/// half a per cent; a detail that lies within one block is missed there.
+/// Fills an image with lamp light, using one ray through the centre of a pixel at mid-exposure. Blocks of 8 x
+/// 8 pixels that show one flat face with smooth illumination at their corners and centre are interpolated
+/// with an error of half a per cent; a detail within one block is missed.
 class LampFiller {
  public:
-  /// `out`: electrons per second, row by row. The tracer's camera must be selected. `reflected`: light
-  /// between surfaces to be added; may be null.
+  /// `out`: electrons per second, row-major. The tracer's camera must be selected. `reflected`: adds light
+  /// reflected between surfaces; may be null.
   void fill(PixelTracer& tracer, ReflectedLamps* reflected, int width, int height, float* out);
 
  private:
   struct Block {
-    int left, top, right, bottom;  ///< pixels of the corners; those at the right and bottom belong to others
+    int left, top, right, bottom;  ///< corner pixels; the right and bottom ones belong to the next blocks
   };
 
-  LampView look(int column, int row) const;
+  LampView trace_middle(int column, int row) const;
   bool interpolate(const Block& block, const LampView* const* corners, int width, float* out) const;
 
   PixelTracer* tracer_ = nullptr;

@@ -4,17 +4,19 @@
 #include <cmath>
 
 #include "sensor_rt/render/path_random.h"
+#include "sensor_rt/tracing/surface_point.h"
 
 namespace sensor_rt {
 namespace {
 
-/// Mirrors in a row before a camera: the number of ways grows by the number of planes with each.
-constexpr std::size_t kMostMirrors = 2;
+/// Largest number of consecutive mirrors in front of a camera: the number of chains grows by a factor of the
+/// number of planes with each.
+constexpr std::size_t kMaxMirrors = 2;
 
-/// Sixteen neighbours of a photon share their patch.
+/// Patch size relative to the photon spacing: sixteen neighbouring photons overlap.
 constexpr double kPatchPerSpacing = 4.0;
 
-/// Additive recurrence of Roberts' R sequence in five dimensions: fills the cube evenly at any length.
+/// Roberts' R sequence in five dimensions: an additive recurrence with low discrepancy at any length.
 double recurrence(std::uint32_t index, int dimension) {
   constexpr double kRoot = 1.1347241384015194;  // x^6 = x + 1
   double step = 1.0;
@@ -27,20 +29,20 @@ double wrap(double value) { return value - std::floor(value); }
 
 }  // namespace
 
-/// Sixteen photons on their way.
+/// State of sixteen photons.
 struct LightTracer::Packet {
-  std::size_t number = 0;  ///< among the packets of a pixel, whose instants the lanes have
+  std::size_t number = 0;  ///< packet index within a pixel, which determines the instants of the lanes
   std::uint32_t first = 0;
-  int depth = 0;  ///< reflections so far, less one
+  int depth = 0;  ///< number of reflections so far minus one
   Lanes3 origin;
   Lanes3 direction;
   PacketHits hits;
   alignas(64) int alive[kLanes];
   double power[kLanes];
-  double spacing[kLanes];  ///< of neighbouring photons at the point reached, m
-  double opening[kLanes];  ///< of neighbouring photons' directions, rad
+  double spacing[kLanes];      ///< distance of neighbouring photons at the current point, m
+  double cone_spread[kLanes];  ///< angle between the directions of neighbouring photons, rad
   double slope[kLanes];
-  bool counts[kLanes];  ///< whether cameras are to see what follows
+  bool counts[kLanes];  ///< whether the following hits are connected to cameras
 };
 
 LightTracer::LightTracer(const RenderPlan& plan)
@@ -62,8 +64,8 @@ void LightTracer::trace(const ExposureViews& views, std::int64_t frame, bool mir
                           std::numeric_limits<double>::infinity(), packet.hits);
     land_first(packet);
     for (int depth = 0; depth < plan_.settings.bounces && reflect(packet, depth); ++depth) {
-      views.free.intersect(&views.lane_instants[packet.number * kLanes], packet.origin, packet.direction,
-                           packet.alive, packet.hits);
+      views.incoherent_rays.intersect(&views.lane_instants[packet.number * kLanes], packet.origin,
+                                      packet.direction, packet.alive, packet.hits);
       for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
       packet.depth = depth;
       connect(packet, images);
@@ -75,7 +77,7 @@ void LightTracer::emit(Packet& packet, std::uint32_t first) {
   const LaserSheet& laser = plan_.settings.model.laser;
   const PathRandom random(plan_.settings.seed, frame_, PathRandom::kPhotons);
   const auto shift = random.at(0, 0, ~0u);
-  const double scale = 0.6 * plan_.slope / kSheetReach;  // the logistic density closest to the Gaussian
+  const double scale = 0.6 * plan_.slope / kSheetReach;  // the logistic distribution closest to the Gaussian
   packet.number = first / kLanes % views_->packets();
   packet.first = first;
   for (int l = 0; l < kLanes; ++l) {
@@ -84,16 +86,16 @@ void LightTracer::emit(Packet& packet, std::uint32_t first) {
     const double u = std::clamp(wrap(recurrence(photon, 1) + shift[1]), 1e-9, 1.0 - 1e-9);
     const double bend = laser.bend_at(std::tan(angle) / std::tan(laser.fan_half_angle));
     packet.slope[l] = scale * std::log(u / (1.0 - u)) + bend * std::cos(angle);
-    const double density = u * (1.0 - u) / scale / (2.0 * laser.fan_half_angle);
-    packet.power[l] = 1.0 / (photons_ * density);
+    const double pdf = u * (1.0 - u) / scale / (2.0 * laser.fan_half_angle);
+    packet.power[l] = 1.0 / (photons_ * pdf);
     packet.alive[l] = photon < photons_ ? -1 : 0;
-    packet.spacing[l] = packet.opening[l] = 0.0;
+    packet.spacing[l] = packet.cone_spread[l] = 0.0;
     set_lane(packet.origin, l, plan_.source(packet.number, l));
     set_lane(packet.direction, l, {packet.slope[l], std::sin(angle), std::cos(angle)});
   }
 }
 
-/// Turns densities into watts: a step of angle and slope covers t² / sqrt(1 + slope²) across the ray.
+/// Converts the pdf to power: a step of angle and slope covers t² / sqrt(1 + slope²) across the ray.
 void LightTracer::land_first(Packet& packet) const {
   const LaserSheet& laser = plan_.settings.model.laser;
   for (int l = 0; l < kLanes; ++l) {
@@ -105,12 +107,12 @@ void LightTracer::land_first(Packet& packet) const {
     const double across = t * t / std::sqrt(1.0 + packet.slope[l] * packet.slope[l]);
     const double y_from_source = at.y() - packet.origin.y[l];
     packet.power[l] *= across * laser.irradiance_at(at.x(), y_from_source, at.z());
-    packet.counts[l] = !mirrors_first_ || views_->reflection(packet.hits.shape[l]).material().is_mirror();
+    packet.counts[l] = !mirrors_first_ || views_->brdf(packet.hits.shape[l]).material().is_mirror();
     packet.alive[l] = packet.power[l] > 0.0 && packet.counts[l] ? -1 : 0;
   }
 }
 
-/// False when no photon is left.
+/// Returns false when no photon is left.
 bool LightTracer::reflect(Packet& packet, int depth) const {
   const PathRandom random(plan_.settings.seed, frame_, PathRandom::kPhotons);
   const auto shift = random.at(1, 0, ~0u);
@@ -124,13 +126,13 @@ bool LightTracer::reflect(Packet& packet, int depth) const {
       u[static_cast<std::size_t>(k)] = wrap(recurrence(photon, 2 + k) + shift[static_cast<std::size_t>(k)]);
     }
     const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
-    const Reflection& reflection = views_->reflection(packet.hits.shape[l]);
-    const ReflectedSample out = reflection.sample(at.normal, at.back, u[0], u[1], u[2]);
+    const Brdf& brdf = views_->brdf(packet.hits.shape[l]);
+    const BrdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
     if (!(out.weight > 0.0)) continue;
     packet.power[l] *= out.weight;
-    packet.spacing[l] += packet.opening[l] * (at.position - lane(packet.origin, l)).norm();
-    if (out.density > 0.0)
-      packet.opening[l] = std::hypot(packet.opening[l], 1.0 / std::sqrt(photons_ * out.density));
+    packet.spacing[l] += packet.cone_spread[l] * (at.position - lane(packet.origin, l)).norm();
+    if (out.pdf > 0.0)
+      packet.cone_spread[l] = std::hypot(packet.cone_spread[l], 1.0 / std::sqrt(photons_ * out.pdf));
     set_lane(packet.origin, l, at.above());
     set_lane(packet.direction, l, out.towards);
     packet.alive[l] = -1;
@@ -139,7 +141,7 @@ bool LightTracer::reflect(Packet& packet, int depth) const {
   return any;
 }
 
-/// Where the light arrives that goes through the lane's point of the lens and is spread by diffraction.
+/// Computes the pixel coordinates of light through the lane's lens sample, blurred by diffraction.
 void LightTracer::blur(std::size_t number, const Packet& packet, const Lanes3& points, double* column,
                        double* row) const {
   const Camera& camera = plan_.settings.model.cameras[number];
@@ -147,9 +149,9 @@ void LightTracer::blur(std::size_t number, const Packet& packet, const Lanes3& p
   const Rigid3 camera_from_reference = camera.sensor_from_camera.inverse();
   const PathRandom random(plan_.settings.seed, frame_, PathRandom::kPhotons);
   for (int l = 0; l < kLanes; ++l) {
-    if (packet.alive[l] == 0 || column[l] == kOutOfSight) continue;
+    if (packet.alive[l] == 0 || column[l] == kNotVisible) continue;
     if (camera.has_depth_of_field()) {
-      const Eigen::Vector3d lens = camera_from_reference * plan_.eye(number, packet.number, l);
+      const Eigen::Vector3d lens = camera_from_reference * plan_.viewpoint(number, packet.number, l);
       const Eigen::Vector2d pixel =
           camera.project_through(lens.head<2>(), camera_from_reference * lane(points, l));
       column[l] = pixel.x();
@@ -164,7 +166,7 @@ void LightTracer::blur(std::size_t number, const Packet& packet, const Lanes3& p
   }
 }
 
-/// To all cameras, straight and by way of mirrors.
+/// Connects the packet to all cameras, directly and via mirrors.
 void LightTracer::connect(const Packet& packet, std::vector<SplatImage>& images) const {
   for (std::size_t c = 0; c < projectors_.size(); ++c) {
     const Eigen::Vector3d& middle = plan_.settings.model.cameras[c].sensor_from_camera.translation;
@@ -180,10 +182,10 @@ void LightTracer::connect(const Packet& packet, std::vector<SplatImage>& images)
   }
 }
 
-/// Adds a plane to the `chain` in front of what the camera sees so far, and so on.
+/// Extends the `chain` by each plane in front of the points seen so far, recursively.
 void LightTracer::connect_by_mirrors(const Packet& packet, std::size_t number, const Lanes3& seen,
                                      std::vector<std::size_t>& chain, SplatImage& image) const {
-  if (chain.size() == kMostMirrors ||
+  if (chain.size() == kMaxMirrors ||
       static_cast<int>(chain.size()) + packet.depth + 1 >= plan_.settings.bounces)
     return;
   for (std::size_t plane = 0; plane < mirrors_.count(); ++plane) {
@@ -201,8 +203,7 @@ void LightTracer::connect_by_mirrors(const Packet& packet, std::size_t number, c
   }
 }
 
-/// Leads what arrives at the packet's points to a camera, which sees them at `seen` in the mirrors of
-/// `chain`.
+/// Connects the packet's points to a camera, which sees them at `seen` in the mirrors of `chain`.
 void LightTracer::show(const Packet& packet, std::size_t number, const Lanes3& seen,
                        const std::vector<std::size_t>& chain, SplatImage& image) const {
   const Camera& camera = plan_.settings.model.cameras[number];
@@ -211,58 +212,60 @@ void LightTracer::show(const Packet& packet, std::size_t number, const Lanes3& s
   alignas(64) double row[kLanes];
   projectors_[number].project(seen, column, row);
   blur(number, packet, seen, column, row);
-  Lanes3 eyes;
-  Lanes3 from_eye;
-  alignas(64) int open[kLanes];
+  Lanes3 viewpoints;
+  Lanes3 from_viewpoint;
+  alignas(64) int unoccluded[kLanes];
   double amount[kLanes];
   double size[kLanes];
   double share[kLanes];
   bool any = false;
   for (int l = 0; l < kLanes; ++l) {
-    open[l] = 0;
-    set_lane(eyes, l, plan_.eye(number, packet.number, l));
-    set_lane(from_eye, l, forward);
+    unoccluded[l] = 0;
+    set_lane(viewpoints, l, plan_.viewpoint(number, packet.number, l));
+    set_lane(from_viewpoint, l, forward);
     if (packet.alive[l] == 0 || !(column[l] > -0.5) || !(column[l] < camera.width_px - 0.5) ||
         !(row[l] > -0.5) || !(row[l] < camera.height_px - 0.5)) {
       continue;
     }
     const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
-    const Eigen::Vector3d way = lane(seen, l) - lane(eyes, l);
-    const double distance = way.norm();
+    const Eigen::Vector3d to_image = lane(seen, l) - lane(viewpoints, l);
+    const double distance = to_image.norm();
     const std::size_t instant = views_->lane_instants[packet.number * kLanes + static_cast<std::size_t>(l)];
-    Eigen::Vector3d eye_in_mirrors = lane(eyes, l);
-    for (const std::size_t plane : chain) eye_in_mirrors = mirrors_.image(plane, instant, eye_in_mirrors);
-    const Eigen::Vector3d towards = (eye_in_mirrors - at.position) / distance;
+    Eigen::Vector3d viewpoint_in_mirrors = lane(viewpoints, l);
+    for (const std::size_t plane : chain)
+      viewpoint_in_mirrors = mirrors_.image(plane, instant, viewpoint_in_mirrors);
+    const Eigen::Vector3d towards = (viewpoint_in_mirrors - at.position) / distance;
     const double facing = at.normal.dot(towards);
     if (!(facing > 0.0)) continue;
-    const double depth = way.dot(forward);
+    const double depth = to_image.dot(forward);
     const Eigen::Vector3d ray = camera.ray({column[l], row[l]});
     const double px_per_slope2 =
         camera.tilt_area({column[l], row[l]}) / std::abs(camera.ray_jacobian(ray).determinant());
-    // A point that sends out the intensity I = power * brdf * facing lights I / distance² per steradian of
-    // the pixels, whose share of the aperture's cos⁴ is left by the cos³ of their solid angle.
+    // A point of intensity I = power * brdf * cosine gives the irradiance I / distance² per steradian of the
+    // pixels; their share of the aperture's cos⁴ is reduced by the cos³ of their solid angle.
     amount[l] = packet.power[l] * facing / (distance * distance) * (depth / distance) * px_per_slope2 *
-                views_->reflection(packet.hits.shape[l]).diffuse_equivalent(at.normal, at.back, towards) *
+                views_->brdf(packet.hits.shape[l]).pi_brdf(at.normal, at.back, towards) *
                 plan_.electrons_per_irradiance[number];
-    const double spacing = packet.spacing[l] + packet.opening[l] *
+    const double spacing = packet.spacing[l] + packet.cone_spread[l] *
                                                    (at.position - lane(packet.origin, l)).norm() /
                                                    std::sqrt(std::max(0.05, at.normal.dot(at.back)));
-    // Seen at an angle the patch is narrow; its narrow side counts, or it would reach over edges.
+    // At grazing view the patch is foreshortened; the short side is used, or the patch would extend over
+    // edges.
     size[l] = mirrors_first_ ? 0.0 : kPatchPerSpacing * spacing * facing * std::sqrt(px_per_slope2) / depth;
     if (!(amount[l] > 0.0)) continue;
-    set_lane(from_eye, l, way);
-    open[l] = -1;
+    set_lane(from_viewpoint, l, to_image);
+    unoccluded[l] = -1;
     any = true;
   }
   if (!any) return;
   if (chain.empty()) {
     std::fill_n(share, kLanes, 1.0);
-    views_->cameras[number].occlude(packet.number, from_eye, kBeforeSurface, open);
+    views_->cameras[number].occlude(packet.number, from_viewpoint, kShadowRayEnd, unoccluded);
   } else {
-    mirrors_.follow(number, packet.number, chain, eyes, from_eye, open, share);
+    mirrors_.follow(number, packet.number, chain, viewpoints, from_viewpoint, unoccluded, share);
   }
   for (int l = 0; l < kLanes; ++l) {
-    if (open[l] != 0) image.add(column[l], row[l], share[l] * amount[l], size[l]);
+    if (unoccluded[l] != 0) image.add(column[l], row[l], share[l] * amount[l], size[l]);
   }
 }
 

@@ -1,4 +1,4 @@
-// Light followed from the laser over the surfaces that it meets into the cameras.
+// Light tracing from the laser over reflecting surfaces to the cameras.
 #pragma once
 
 #include <cstdint>
@@ -11,16 +11,16 @@
 
 namespace sensor_rt {
 
-/// Photons leave the source within the sheet, are reflected, and from the second surface on every point they
-/// meet is connected to all cameras (light tracing, Arvo 1986; the first surface is what direct rendering
-/// shows), also by way of flat mirrors. A photon's light is spread over the patch of the image that it stands
-/// for, which follows from the density of its directions: broad for haze, a single pixel after mirrors.
+/// Photons are emitted within the sheet and reflected; from the second surface on every hit is connected to
+/// all cameras (light tracing, Arvo 1986; the first surface belongs to direct rendering), also via planar
+/// mirrors. The contribution of a photon is spread over an image patch whose size follows from the pdf of its
+/// directions: broad for diffuse light, a single pixel after mirrors.
 class LightTracer {
  public:
   explicit LightTracer(const RenderPlan& plan);
 
-  /// Adds electrons per second to one image per camera. `frame` keys the random numbers. `mirrors_first`:
-  /// only light that meets a mirror first, unspread, as a complement to path tracing.
+  /// Adds electrons per second to one image per camera. `frame` selects the random numbers. `mirrors_first`:
+  /// only light that hits a mirror first, not spread, as a complement to path tracing.
   void trace(const ExposureViews& views, std::int64_t frame, bool mirrors_first,
              std::vector<SplatImage>& images);
 

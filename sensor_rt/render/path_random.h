@@ -1,4 +1,4 @@
-// Random numbers of light paths.
+// Random numbers for light paths.
 #pragma once
 
 #include <array>
@@ -8,12 +8,12 @@
 
 namespace sensor_rt {
 
-/// Three uniform numbers for each reflection of each path, keyed by seed, frame and kind of path.
+/// Generates three uniform numbers per reflection of a path, as a function of seed, frame and kind of path.
 class PathRandom {
  public:
   static constexpr int kPhotons = 0;
-  static constexpr int kLamps = -2;  ///< minus the number of the camera
-  static constexpr int kSight = 1;   ///< plus the number of the camera
+  static constexpr int kLamps = -2;  ///< minus the camera index
+  static constexpr int kSight = 1;   ///< plus the camera index
 
   PathRandom(std::uint64_t seed, std::int64_t frame, int kind)
       : key_{static_cast<std::uint32_t>(seed) ^ 0x9E3779B9u * static_cast<std::uint32_t>(kind + 1),

@@ -8,26 +8,30 @@
 
 namespace sensor_rt {
 
-/// Sixteen paths on their way.
+/// State of sixteen paths.
 struct PathTracer::Packet {
-  std::size_t number = 0;  ///< among the packets of a pixel
+  std::size_t number = 0;  ///< packet index within a pixel
   std::uint32_t pixel = 0;
   double sum = 0.0;
   Lanes3 origin;
   Lanes3 direction;
   PacketHits hits;
   alignas(64) int alive[kLanes];
-  double carried[kLanes];  ///< share of the light at the last surface that reaches the camera
+  double carried[kLanes];  ///< throughput from the last surface to the camera
 };
 
 PathTracer::PathTracer(const RenderPlan& plan, Mode mode)
-    : plan_(plan), mode_(mode), rays_(plan), speckle_(plan), lamps_(plan) {}
+    : plan_(plan),
+      mode_(mode),
+      rays_(plan),
+      speckle_(plan),
+      lamps_(plan.settings.model.band_pass, plan.settings.model.laser.wavelength) {}
 
 void PathTracer::set(const ExposureViews& views, std::int64_t frame, RowViews* rows) {
   rows_ = rows;
   views_ = &views;
   speckle_.set(views);
-  lamps_.set(views);
+  lamps_.set(*views.scene, *views.track, views.incoherent_rays);
   frame_ = frame;
 }
 
@@ -35,37 +39,36 @@ double PathTracer::laser_light(Packet& packet, int depth) {
   const LaserSheet& laser = plan_.settings.model.laser;
   Lanes3 from_source;
   double light[kLanes];
-  alignas(64) int open[kLanes];
+  alignas(64) int unoccluded[kLanes];
   bool any = false;
   for (int l = 0; l < kLanes; ++l) {
-    open[l] = 0;
+    unoccluded[l] = 0;
     set_lane(from_source, l, Eigen::Vector3d::UnitZ());
     if (packet.alive[l] == 0) continue;
     const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
     const Eigen::Vector3d source = plan_.source(packet.number, l);
-    const Eigen::Vector3d way = at.position - source;
-    const double facing = -at.normal.dot(way);
+    const Eigen::Vector3d segment = at.position - source;
+    const double facing = -at.normal.dot(segment);
     if (!(facing > 0.0)) continue;
-    const double irradiance = laser.irradiance_at(way.x(), way.y(), at.position.z());
+    const double irradiance = laser.irradiance_at(segment.x(), segment.y(), at.position.z());
     if (irradiance == 0.0) continue;
-    const double distance = way.norm();
-    light[l] =
-        packet.carried[l] * irradiance * (facing / distance) *
-        views_->reflection(packet.hits.shape[l]).diffuse_equivalent(at.normal, -way / distance, at.back);
-    open[l] = -1;
+    const double distance = segment.norm();
+    light[l] = packet.carried[l] * irradiance * (facing / distance) *
+               views_->brdf(packet.hits.shape[l]).pi_brdf(at.normal, -segment / distance, at.back);
+    unoccluded[l] = -1;
     any = true;
-    set_lane(from_source, l, way);
+    set_lane(from_source, l, segment);
   }
   if (!any) return 0.0;
-  views_->laser.occlude(packet.number, from_source, kBeforeSurface, open);
+  views_->laser.occlude(packet.number, from_source, kShadowRayEnd, unoccluded);
   if (depth == 0 && speckle_.enabled()) {
     const int width = plan_.settings.model.cameras[rays_.camera()].width_px;
     const auto pixel = static_cast<int>(packet.pixel);
-    speckle_.modulate(pixel % width, pixel / width, packet.number, packet.direction, packet.hits, open,
+    speckle_.modulate(pixel % width, pixel / width, packet.number, packet.direction, packet.hits, unoccluded,
                       light);
   }
   double sum = 0.0;
-  for (int l = 0; l < kLanes; ++l) sum += open[l] != 0 ? light[l] : 0.0;
+  for (int l = 0; l < kLanes; ++l) sum += unoccluded[l] != 0 ? light[l] : 0.0;
   return sum;
 }
 
@@ -75,12 +78,12 @@ double PathTracer::ambient_light(const Packet& packet, int depth) const {
   for (int l = 0; l < kLanes; ++l) {
     if (packet.alive[l] == 0) continue;
     if (packet.hits.shape[l] < 0) {
-      sum += depth > 0 ? packet.carried[l] * ambient : 0.0;  // behind the scene there is nothing to see
+      sum += depth > 0 ? packet.carried[l] * ambient : 0.0;  // a primary ray without a hit sees no light
     } else if (mode_ == Mode::kMirrorsOnly) {
-      const Reflection& reflection = views_->reflection(packet.hits.shape[l]);
+      const Brdf& brdf = views_->brdf(packet.hits.shape[l]);
       const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
-      if (!reflection.material().is_mirror())
-        sum += packet.carried[l] * ambient * reflection.albedo(at.normal.dot(at.back));
+      if (!brdf.material().is_mirror())
+        sum += packet.carried[l] * ambient * brdf.albedo(at.normal.dot(at.back));
     }
   }
   return sum;
@@ -92,27 +95,27 @@ double PathTracer::lamp_light(const Packet& packet, int depth) const {
   double sum = 0.0;
   for (std::size_t number = 0; number < views_->scene->lights().size(); ++number) {
     Lanes3 origin;
-    Lanes3 way;
+    Lanes3 segment;
     double light[kLanes];
-    alignas(64) int open[kLanes] = {};
+    alignas(64) int unoccluded[kLanes] = {};
     for (int l = 0; l < kLanes; ++l) {
       set_lane(origin, l, Eigen::Vector3d::Zero());
-      set_lane(way, l, Eigen::Vector3d::UnitZ());
+      set_lane(segment, l, Eigen::Vector3d::UnitZ());
       if (packet.alive[l] == 0) continue;
       const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
       const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
       const auto u = random.at(packet.pixel, sample,
                                256 * static_cast<std::uint32_t>(number) + static_cast<std::uint32_t>(depth));
       Eigen::Vector3d towards;
-      light[l] = packet.carried[l] * lamps_.sample(number, at, views_->reflection(packet.hits.shape[l]),
+      light[l] = packet.carried[l] * lamps_.sample(number, at, views_->brdf(packet.hits.shape[l]),
                                                    instants[l], u[0], u[1], towards);
       if (!(light[l] > 0.0)) continue;
       set_lane(origin, l, at.above());
-      set_lane(way, l, towards);
-      open[l] = -1;
+      set_lane(segment, l, towards);
+      unoccluded[l] = -1;
     }
-    views_->free.occlude(instants, origin, way, 1.0, open);
-    for (int l = 0; l < kLanes; ++l) sum += open[l] != 0 ? light[l] : 0.0;
+    views_->incoherent_rays.occlude(instants, origin, segment, 1.0, unoccluded);
+    for (int l = 0; l < kLanes; ++l) sum += unoccluded[l] != 0 ? light[l] : 0.0;
   }
   return sum;
 }
@@ -122,14 +125,14 @@ void PathTracer::reflect(Packet& packet, int depth) {
   for (int l = 0; l < kLanes; ++l) {
     if (packet.alive[l] == 0) continue;
     packet.alive[l] = 0;
-    const Reflection& reflection = views_->reflection(packet.hits.shape[l]);
-    const bool is_mirror = reflection.material().is_mirror();
+    const Brdf& brdf = views_->brdf(packet.hits.shape[l]);
+    const bool is_mirror = brdf.material().is_mirror();
     if (mode_ == Mode::kMirrorsOnly && !is_mirror) continue;
     if (mode_ == Mode::kReflectedLamps && depth == 0 && is_mirror) continue;
     const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
     const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
     const auto u = random.at(packet.pixel, sample, static_cast<std::uint32_t>(depth));
-    const ReflectedSample out = reflection.sample(at.normal, at.back, u[0], u[1], u[2]);
+    const BrdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
     if (!(out.weight > 0.0)) continue;
     packet.carried[l] *= out.weight;
     packet.alive[l] = -1;
@@ -147,21 +150,21 @@ void PathTracer::trace_packet(Packet& packet) {
   for (int depth = 0;; ++depth) {
     if (ambient) packet.sum += ambient_light(packet, depth);
     for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
-    if (depth > last) return;  // beyond the last reflection there is only light from around the scene
+    if (depth > last) return;  // after the last reflection only environment light is left
     if (!lamps_alone) packet.sum += laser_light(packet, depth);
     if (lamps_.any() && (depth > 0 || !lamps_alone)) packet.sum += lamp_light(packet, depth);
     if (depth == last && !ambient) return;
     reflect(packet, depth);
     if (std::none_of(packet.alive, packet.alive + kLanes, [](int alive) { return alive != 0; })) return;
-    views_->free.intersect(&views_->lane_instants[packet.number * kLanes], packet.origin, packet.direction,
-                           packet.alive, packet.hits);
+    views_->incoherent_rays.intersect(&views_->lane_instants[packet.number * kLanes], packet.origin,
+                                      packet.direction, packet.alive, packet.hits);
   }
 }
 
 void PathTracer::use(const ExposureViews& views) {
   views_ = &views;
   speckle_.use(views);
-  lamps_.set(views);
+  lamps_.set(*views.scene, *views.track, views.incoherent_rays);
 }
 
 double PathTracer::trace(int column, int row) {
@@ -176,7 +179,7 @@ double PathTracer::trace(int column, int row) {
     for (int l = 0; l < kLanes; ++l) {
       packet.alive[l] = first + static_cast<std::size_t>(l) < samples ? -1 : 0;
       packet.carried[l] = 1.0;
-      set_lane(packet.origin, l, lane(rays_.eyes(packet.number), l));
+      set_lane(packet.origin, l, lane(rays_.viewpoints(packet.number), l));
     }
     trace_packet(packet);
   }

@@ -1,40 +1,39 @@
-// Ground truth: light followed from the pixels back to its sources.
+// Ground truth: path tracing from the pixels to the light sources.
 #pragma once
 
 #include <cstdint>
 
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/lamps.h"
 #include "sensor_rt/render/pixel_rays.h"
 #include "sensor_rt/render/row_views.h"
 #include "sensor_rt/render/speckle.h"
+#include "sensor_rt/tracing/lamps.h"
 
 namespace sensor_rt {
 
-/// Unbiased path tracing of single pixels, one path per sample of the pixel (Kajiya 1986). Every surface that
-/// a path meets is connected to the laser's source and to a piece of every lamp, which no path meets by
-/// chance. Ambient light is even light from all around the scene: paths that leave the scene bring it.
-/// Sources seen by way of a mirror that the laser itself meets first are beyond such paths; LightTracer
-/// follows those.
+/// Unbiased path tracing of single pixels, one path per sample of the pixel (Kajiya 1986), with next-event
+/// estimation: every hit is connected to the laser source and to a sample of every lamp. Ambient light is
+/// uniform environment light, collected by paths that leave the scene. Laser light that hits a mirror before
+/// the surface cannot be sampled this way; LightTracer covers it.
 class PathTracer {
  public:
   enum class Mode {
     kAllBounces,      ///< up to settings.bounces reflections between surfaces
-    kMirrorsOnly,     ///< reflections in mirrors only; ambient light falls evenly on what they show
-    kReflectedLamps,  ///< nothing but light of lamps that was reflected between surfaces, seen straight
+    kMirrorsOnly,     ///< specular reflections only; ambient light is uniform on the surfaces that they show
+    kReflectedLamps,  ///< only lamp light reflected between surfaces, on directly visible points
   };
 
   PathTracer(const RenderPlan& plan, Mode mode);
 
-  /// `views` must stay, and `rows`, which is not null when every row has views of its own. `frame` keys the
-  /// random numbers.
+  /// Prepares an exposure. `views` must outlive its use, and so must `rows`, which is not null when every row
+  /// has its own views. `frame` selects the random numbers.
   void set(const ExposureViews& views, std::int64_t frame, RowViews* rows);
   void select_camera(std::size_t camera) {
     rays_.select_camera(camera);
     speckle_.select_camera(camera);
   }
 
-  /// Expected electrons per second in a pixel.
+  /// Returns the expected electrons per second in a pixel.
   double trace(int column, int row);
 
  private:

@@ -4,16 +4,16 @@
 #include <cmath>
 #include <limits>
 
-#include "sensor_rt/scene/flat_reach.h"
+#include "sensor_rt/scene/planar_radii.h"
 
 namespace sensor_rt {
 namespace {
 
-constexpr double kFarthestMotion = 1.0;  // px
-/// Cosine of incidence below which every facet may shadow the next, and light is left to rays of its own.
+constexpr double kMaxMotion = 1.0;  // px
+/// Cosine of incidence below which neighbouring facets may shadow each other, so that shadow rays are needed.
 constexpr double kGrazing = 0.1;
-// What one plane may stand for:
-constexpr double kFlat = 0.02;  ///< px between the middle of a pixel and the planes of its corners
+// Limits of a planar proxy:
+constexpr double kFlat = 0.02;  ///< px: distance between the pixel centre and the planes of its corners
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 bool share_a_vertex(const std::uint32_t* a, const std::uint32_t* b) {
@@ -26,18 +26,18 @@ bool are_linked(const Shape& shape, std::uint32_t a, std::uint32_t b) {
   return a == b || share_a_vertex(shape.faces + 3 * std::size_t{a}, shape.faces + 3 * std::size_t{b});
 }
 
-/// True when the flat discs around a vertex of each overlap.
+/// Returns true when the planar discs around a vertex of each face overlap.
 bool are_bridged(const Shape& shape, std::uint32_t a, std::uint32_t b) {
   using Vertex = Eigen::Map<const Eigen::Vector3f>;
   for (std::size_t i = 0; i < 3; ++i) {
     const std::size_t from = shape.faces[3 * std::size_t{a} + i];
-    if (!(shape.reach[from] > 0.0f)) continue;
+    if (!(shape.planar_radii[from] > 0.0f)) continue;
     const Vertex start(shape.vertices + 3 * from);
     for (std::size_t k = 0; k < 3; ++k) {
       const std::size_t to = shape.faces[3 * std::size_t{b} + k];
-      const float together = shape.reach[from] + shape.reach[to];
+      const float together = shape.planar_radii[from] + shape.planar_radii[to];
       const float distance2 = (Vertex(shape.vertices + 3 * to) - start).squaredNorm();
-      if (shape.reach[to] > 0.0f && distance2 < together * together) return true;
+      if (shape.planar_radii[to] > 0.0f && distance2 < together * together) return true;
     }
   }
   return false;
@@ -47,11 +47,11 @@ bool run_on(const Shape& shape, std::uint32_t a, std::uint32_t b) {
   return are_linked(shape, a, b) || are_bridged(shape, a, b);
 }
 
-/// Adds a face to a patch. False when it does not touch all that are there already.
+/// Adds a face to a patch. Returns false when it does not touch all faces of the patch.
 bool extend(const Shape& shape, std::uint32_t face, Patch& patch) {
   const std::uint32_t* end = patch.face + patch.count;
   if (std::find(static_cast<const std::uint32_t*>(patch.face), end, face) != end) return true;
-  if (patch.count == Patch::kMost) return false;
+  if (patch.count == Patch::kCapacity) return false;
   for (int k = 0; k < patch.count; ++k) {
     if (!are_linked(shape, face, patch.face[k])) return false;
   }
@@ -61,8 +61,8 @@ bool extend(const Shape& shape, std::uint32_t face, Patch& patch) {
 
 }  // namespace
 
-double largest_motion_px(const SensorModel& model, const PoseTrack& track,
-                         const std::vector<std::size_t>& shapes) {
+double max_motion_px(const SensorModel& model, const PoseTrack& track,
+                     const std::vector<std::size_t>& shapes) {
   const std::size_t last = track.instants() - 1;
   if (last == 0) return 0.0;
   double farthest_px = 0.0;
@@ -81,15 +81,15 @@ double largest_motion_px(const SensorModel& model, const PoseTrack& track,
 
 PixelCover::PixelCover(const RenderPlan& plan) : plan_(plan), rays_(plan) {
   const SensorModel& model = plan.settings.model;
-  constexpr int kAround = 4;  // px: corners of pixels lie a little out of the light
+  constexpr int kAround = 4;  // px: pixel corners may lie slightly outside the lit region
   const double room = kAround * plan.pixel_size / (model.near - model.laser.source_z);
   const auto across = static_cast<float>(std::tan(model.laser.fan_half_angle) + room);
   const auto along = static_cast<float>(plan.slope / std::cos(model.laser.fan_half_angle) + room);
-  constexpr float kFarthest = 10.0f;  // m
-  const float step = 2.0f * across / Windows::kMost;
-  for (int k = 0; k < Windows::kMost; ++k) {
+  constexpr float kMaxDistance = 10.0f;  // m
+  const float step = 2.0f * across / ProjectedBoundsSet::kCapacity;
+  for (int k = 0; k < ProjectedBoundsSet::kCapacity; ++k) {
     const float left = static_cast<float>(k) * step - across;
-    sheet_.add({{left, -along, 0.0f}, {left + step, along, kFarthest}});
+    sheet_.add({{left, -along, 0.0f}, {left + step, along, kMaxDistance}});
   }
 }
 
@@ -106,23 +106,23 @@ bool PixelCover::select_camera(std::size_t number) {
   view_.set(*scene_, *track_, {camera.sensor_from_camera.translation}, lane_instants_,
             plan_.camera_regions[number]);
   laser_.set(*scene_, *track_, {plan_.source(0, 0)}, lane_instants_, plan_.laser_region);
-  set_light_lines(camera.sensor_from_camera.translation);
+  set_shadow_cullers(camera.sensor_from_camera.translation);
   corners_per_edge_ = (static_cast<std::size_t>(camera.height_px) + 1) * instants();
   corners_.assign(kEdgesKept * corners_per_edge_, {});
   next_edge_ = 0;
-  // A blurred pixel collects light from beyond its corners.
-  const bool sharp = rays_.share_eye() && camera.psf_sigma_px == 0.0;
-  return sharp && largest_motion_px(plan_.settings.model, *track_, view_.shapes()) <= kFarthestMotion;
+  // Blurred pixels receive light from beyond their corners.
+  const bool sharp = rays_.share_viewpoint() && camera.psf_sigma_px == 0.0;
+  return sharp && max_motion_px(plan_.settings.model, *track_, view_.shapes()) <= kMaxMotion;
 }
 
-/// What may throw a shadow on what the eye sees. What it meets first is to the light what lit points are to
-/// an eye.
-void PixelCover::set_light_lines(const Eigen::Vector3d& eye) {
-  light_lines_.resize(instants());
+/// Finds the possible occluders between the source and visible points: closest hits seen from the camera have
+/// the same role here as lit points have for a camera.
+void PixelCover::set_shadow_cullers(const Eigen::Vector3d& viewpoint) {
+  shadow_cullers_.resize(instants());
   for (std::size_t instant = 0; instant < instants(); ++instant) {
     const std::size_t at = lane_instants_[instant * kLanes];
-    light_lines_[instant].set(*scene_, *track_, laser_.shapes(), {eye, plan_.source(0, 0), ViewAxes::kZ, at},
-                              sheet_);
+    shadow_cullers_[instant].set(*scene_, *track_, laser_.shapes(),
+                                 {viewpoint, plan_.source(0, 0), ViewAxes::kZ, at}, sheet_);
   }
 }
 
@@ -130,7 +130,7 @@ Patch PixelCover::patch(int column, int row, const PixelMask& mask) {
   column_ = column;
   next_edge_ = std::max(next_edge_, column);
   while (next_edge_ <= column + 1) {
-    look_along(next_edge_, mask);
+    trace_edges(next_edge_, mask);
     next_edge_ += kEdgesAtOnce;
   }
   const Corner& first = *around(row, 0)[0];
@@ -147,7 +147,7 @@ Patch PixelCover::patch(int column, int row, const PixelMask& mask) {
   }
   if (few && patch.count == 1) return patch;
   patch.is_flat = flatten(shape, row, patch);
-  // Between three or four small faces there often is one more: their plane comes first.
+  // Three or four small faces often enclose another one: the planar proxy is preferred.
   const bool many = patch.is_flat && patch.count > 2 && is_fine(shape, patch.face[0]);
   if (!few || many) patch.count = 0;
   return few || patch.is_flat ? patch : Patch{};
@@ -161,15 +161,15 @@ std::array<const PixelCover::Corner*, 4> PixelCover::around(int row, std::size_t
   return {left + above, left + below, right + below, right + above};
 }
 
-/// True when the faces around this one are about as small as pixels.
+/// Returns true when the neighbouring faces are about as small as pixels.
 bool PixelCover::is_fine(const Shape& shape, std::uint32_t face) const {
   constexpr double kFine = 2.0;  // px
-  const double reach = static_cast<double>(shape.reach[shape.faces[3 * std::size_t{face}]]);
+  const double reach = static_cast<double>(shape.planar_radii[shape.faces[3 * std::size_t{face}]]);
   return reach > 0.0 && reach < kFine * plan_.pixel_size;
 }
 
-/// True when the surface runs on from each of the corners' faces to the next, around the pixel and from
-/// instant to instant.
+/// Returns true when the surface is continuous from each corner's face to the next, around the pixel and
+/// between the instants.
 bool PixelCover::is_ring(const Shape& shape, int row) const {
   const auto start = around(row, 0);
   for (std::size_t instant = 0; instant < instants(); ++instant) {
@@ -183,7 +183,7 @@ bool PixelCover::is_ring(const Shape& shape, int row) const {
   return true;
 }
 
-/// Lays one plane through the faces of the corners. False when they are not as good as one.
+/// Computes the planar proxy of the corner faces. Returns false when they are not coplanar.
 bool PixelCover::flatten(const Shape& shape, int row, Patch& patch) const {
   const auto number = static_cast<std::size_t>(patch.shape);
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
@@ -199,7 +199,7 @@ bool PixelCover::flatten(const Shape& shape, int row, Patch& patch) const {
   const double corners = 4.0 * static_cast<double>(instants());
   middle /= corners;
   normal.normalize();
-  double bulge = 0.0;  // mean height of the planes over the middle of the corners
+  double bulge = 0.0;  // mean height of the planes over the centre of the corners
   for (std::size_t instant = 0; instant < instants(); ++instant) {
     for (const Corner* corner : around(row, instant)) {
       const FacePlane& plane = shape.planes[corner->id.face];
@@ -210,24 +210,24 @@ bool PixelCover::flatten(const Shape& shape, int row, Patch& patch) const {
     }
   }
   if (!is_ring(shape, row)) return false;
-  // A paraboloid over a square is on average a third of that above the middle of its corners.
+  // The mean height of a paraboloid over a square is a third of that above the centre of its corners.
   patch.plane = {{normal.x(), normal.y(), normal.z()}, normal.dot(middle) + bulge / 3.0};
   return true;
 }
 
-void PixelCover::look_along(int first_edge, const PixelMask& mask) {
+void PixelCover::trace_edges(int first_edge, const PixelMask& mask) {
   Place places[kLanes];
   int count = 0;
   mask.for_each_corner<kEdgesAtOnce>(first_edge, [&](int edge, int row) {
     places[count++] = {edge, row};
     if (count < kLanes) return;
-    look_along_packet(places, count);
+    trace_corners(places, count);
     count = 0;
   });
-  if (count > 0) look_along_packet(places, count);
+  if (count > 0) trace_corners(places, count);
 }
 
-void PixelCover::look_along_packet(const Place* places, int count) {
+void PixelCover::trace_corners(const Place* places, int count) {
   Lanes3 direction;
   int edges[kLanes];
   int rows[kLanes];
@@ -239,34 +239,35 @@ void PixelCover::look_along_packet(const Place* places, int count) {
   rays_.through_corners(edges, rows, direction);
   alignas(64) int valid[kLanes];
   for (int l = 0; l < kLanes; ++l) valid[l] = l < count ? -1 : 0;
-  const Eigen::Vector3d from_source = Eigen::Map<const Eigen::Vector3d>(rays_.eye()) - plan_.source(0, 0);
+  const Eigen::Vector3d from_source =
+      Eigen::Map<const Eigen::Vector3d>(rays_.viewpoint()) - plan_.source(0, 0);
   for (std::size_t instant = 0; instant < instants(); ++instant) {
     PacketHits hits;
     view_.intersect(instant, direction, valid, kInfinity, hits);
-    Lanes3 way;
-    alignas(64) int open[kLanes];
+    Lanes3 to_point;
+    alignas(64) int unoccluded[kLanes];
     for (int l = 0; l < kLanes; ++l) {
-      open[l] = hits.shape[l] >= 0 ? -1 : 0;
-      const double t = open[l] != 0 ? hits.t[l] : 0.0;
-      set_lane(way, l, from_source + t * lane(direction, l));
+      unoccluded[l] = hits.shape[l] >= 0 ? -1 : 0;
+      const double t = unoccluded[l] != 0 ? hits.t[l] : 0.0;
+      set_lane(to_point, l, from_source + t * lane(direction, l));
     }
     alignas(64) double used[kLanes];
-    for (int l = 0; l < kLanes; ++l) used[l] = open[l] != 0 ? 1.0 : 0.0;
-    const Window window = window_of(way, ViewAxes::kZ, used);
-    if (sheet_.frame().holds(window)) {
-      light_lines_[instant].occlude(laser_, instant, way, window, kBeforeSurface, open);
+    for (int l = 0; l < kLanes; ++l) used[l] = unoccluded[l] != 0 ? 1.0 : 0.0;
+    const ProjectedBounds bounds = projected_bounds(to_point, ViewAxes::kZ, used);
+    if (sheet_.frame().holds(bounds)) {
+      shadow_cullers_[instant].occlude(laser_, instant, to_point, bounds, kShadowRayEnd, unoccluded);
     } else {
-      laser_.occlude(instant, way, kBeforeSurface, open);
+      laser_.occlude(instant, to_point, kShadowRayEnd, unoccluded);
     }
     for (int l = 0; l < count; ++l) {
-      const double to_eye = -lane(hits.normal, l).dot(lane(direction, l));
-      const double to_source = -lane(hits.normal, l).dot(lane(way, l).normalized());
-      const bool steep = (to_eye > 0.0 ? to_source : -to_source) > kGrazing;
+      const double to_viewpoint = -lane(hits.normal, l).dot(lane(direction, l));
+      const double to_source = -lane(hits.normal, l).dot(lane(to_point, l).normalized());
+      const bool steep = (to_viewpoint > 0.0 ? to_source : -to_source) > kGrazing;
       corners_of(edges[l])[static_cast<std::size_t>(rows[l]) * instants() + instant] = {
           {hits.shape[l], hits.face[l]},
-          plan_.source(0, 0) + lane(way, l),
-          to_eye > 0.0,
-          steep && open[l] != 0};
+          plan_.source(0, 0) + lane(to_point, l),
+          to_viewpoint > 0.0,
+          steep && unoccluded[l] != 0};
     }
   }
 }

@@ -1,4 +1,4 @@
-// Which piece of surface fills a pixel.
+// Surface patch that fills a pixel.
 #pragma once
 
 #include <array>
@@ -8,60 +8,59 @@
 
 #include "sensor_rt/render/pixel_mask.h"
 #include "sensor_rt/render/pixel_rays.h"
+#include "sensor_rt/tracing/occlusion_culler.h"
 #include "sensor_rt/tracing/ray_view.h"
-#include "sensor_rt/tracing/sight_lines.h"
 
 namespace sensor_rt {
 
-/// Looks along the corners of pixels, at the first and the last instant of an exposure, and from the laser at
-/// what it meets there. Where all four corners of a pixel meet one face, or faces around one vertex, the
-/// samples of the pixel need not search for what they meet; where the laser reaches all four, they need not
-/// look for shadows. Neighbours share their corners, so that a pixel takes little more than one ray of each
-/// kind instead of one per sample. On a mesh finer than the pixels the corners meet too many faces for that,
-/// or there are more between them; where the surface runs on around the pixel, from each corner's face to the
-/// next, and these lie on each other's planes, one plane stands for them.
+/// Traces rays through the corners of pixels, at the first and the last instant of an exposure, and shadow
+/// rays from the laser to their hits. Where all four corners of a pixel hit one face, or faces around one
+/// vertex, the samples of the pixel skip the traversal; where the laser reaches all four, they skip the
+/// shadow rays. Neighbouring pixels share corners, so that a pixel needs little more than one ray of each
+/// kind instead of one per sample. On a mesh finer than the pixels the corners hit too many faces; where the
+/// surface is continuous around the pixel and the faces are coplanar, a planar proxy replaces them.
 ///
-/// What lies wholly between the corners of a pixel escapes, as does what crosses it and leaves again during
-/// an exposure that moves far; there the cover is not used.
+/// A feature entirely between the corners of a pixel is missed, and so is one that crosses the pixel during
+/// the exposure; the cover is not used for large motion.
 class PixelCover {
  public:
   explicit PixelCover(const RenderPlan& plan);
 
-  /// Makes an exposure ready.
+  /// Prepares an exposure.
   void set(const Scene& scene, const PoseTrack& track);
 
-  /// Begins the pixels of one camera. False when the cover cannot tell: its image is blurred, or the exposure
-  /// moves too far.
+  /// Selects a camera. Returns false when the cover is not applicable: the image is blurred, or the motion is
+  /// too large.
   bool select_camera(std::size_t camera);
 
-  /// What fills a marked pixel; patch.shape < 0 where that is not known. To be asked in the order of the
-  /// mask.
+  /// Returns the patch that fills a marked pixel; patch.shape < 0 when it is unknown. Must be called in the
+  /// order of the mask.
   Patch patch(int column, int row, const PixelMask& mask);
 
  private:
-  /// What lies behind the corner of a pixel at one instant.
+  /// Hit at the corner of a pixel at one instant.
   struct Corner {
     FaceId id;
     Eigen::Vector3d point = Eigen::Vector3d::Zero();  ///< in the reference frame
-    bool from_front = false;  ///< the side of the face that is seen, after its winding
+    bool from_front = false;                          ///< the front side (by winding) is visible
     bool in_light = false;
   };
-  /// A corner lies above the pixel of its row and to the left of that of its edge.
+  /// Index of a corner: above the pixel of its row and to the left of the pixel of its edge.
   struct Place {
     int edge;
     int row;
   };
 
-  /// The four corners of the pixel of this row in column_, around it.
+  /// Returns the four corners of the pixel of this row in column_, in cyclic order.
   std::array<const Corner*, 4> around(int row, std::size_t instant) const;
   bool is_fine(const Shape& shape, std::uint32_t face) const;
   bool is_ring(const Shape& shape, int row) const;
   bool flatten(const Shape& shape, int row, Patch& patch) const;
-  void set_light_lines(const Eigen::Vector3d& eye);
-  void look_along(int first_edge, const PixelMask& mask);
-  void look_along_packet(const Place* places, int count);
+  void set_shadow_cullers(const Eigen::Vector3d& viewpoint);
+  void trace_edges(int first_edge, const PixelMask& mask);
+  void trace_corners(const Place* places, int count);
   std::size_t instants() const { return lane_instants_.size() / kLanes; }
-  /// Where the corners of an edge begin, at [row * instants + instant] from there.
+  /// Returns the corners of an edge; index [row * instants + instant].
   Corner* corners_of(int edge) {
     return &corners_[static_cast<std::size_t>(edge % kEdgesKept) * corners_per_edge_];
   }
@@ -74,19 +73,20 @@ class PixelCover {
   std::vector<std::size_t> lane_instants_;  ///< packet 0: the first of the exposure, packet 1: the last
   RayView view_;
   RayView laser_;
-  Windows sheet_;                        ///< all that the laser lights, as it sees it
-  std::vector<SightLines> light_lines_;  ///< from there to what a camera sees, per instant
-  /// Packets are four corners wide, so that their rays stay close together.
+  ProjectedBoundsSet sheet_;  ///< the region lit by the laser, as seen from the source
+  std::vector<OcclusionCuller>
+      shadow_cullers_;  ///< shadow tests from the source to visible points, per instant
+  /// Packets are four corners wide, for coherent rays.
   static constexpr int kEdgesAtOnce = 4;
   static constexpr int kEdgesKept = 2 * kEdgesAtOnce;
-  int column_ = 0;     ///< of the last pixel asked for
-  int next_edge_ = 0;  ///< corners from column_ up to here, without it, are known
+  int column_ = 0;     ///< of the last requested pixel
+  int next_edge_ = 0;  ///< corners of the columns column_ .. next_edge_ - 1 are known
   std::size_t corners_per_edge_ = 0;
   std::vector<Corner> corners_;
 };
 
-/// How far anything among `shapes` moves in any camera's image between first and last instant, in pixels.
-double largest_motion_px(const SensorModel& model, const PoseTrack& track,
-                         const std::vector<std::size_t>& shapes);
+/// Returns the largest motion of `shapes` in any camera image between first and last instant, in pixels.
+double max_motion_px(const SensorModel& model, const PoseTrack& track,
+                     const std::vector<std::size_t>& shapes);
 
 }  // namespace sensor_rt

@@ -33,10 +33,4 @@ bool PixelMask::test(int column, int row) const {
   return (bits_[index(column, row / 64)] >> (row % 64)) & 1u;
 }
 
-std::size_t PixelMask::count() const {
-  std::size_t total = 0;
-  for (const std::uint64_t bits : bits_) total += static_cast<std::size_t>(__builtin_popcountll(bits));
-  return total;
-}
-
 }  // namespace sensor_rt

@@ -1,4 +1,4 @@
-// The set of pixels to trace in one image.
+// Set of pixels to trace in an image.
 #pragma once
 
 #include <cstddef>
@@ -7,26 +7,24 @@
 
 namespace sensor_rt {
 
-/// One bit per pixel, column by column: stripes are a few pixels high in each of many columns.
+/// One bit per pixel, column-major: a stripe covers a few pixels of each column.
 class PixelMask {
  public:
   void resize(int width, int height);
   void clear();
   void mark_all();
 
-  /// Marks columns first_column..last_column by rows first_row..last_row; what lies outside the image is left
-  /// out.
+  /// Marks columns first_column..last_column of rows first_row..last_row, clipped to the image.
   void mark(int first_column, int last_column, int first_row, int last_row);
 
   bool test(int column, int row) const;
-  std::size_t count() const;
 
   /// Calls visit(edge, row) for each corner of a marked pixel between `first_edge` and the few edges that
   /// follow, in ascending rows, then edges. A corner lies above the pixel of its row and to the left of that
   /// of its edge.
   template <int kEdges, typename Visit>
   void for_each_corner(int first_edge, const Visit& visit) const {
-    std::uint64_t above[kEdges] = {};  // the last row of the word before
+    std::uint64_t above[kEdges] = {};  // last row of the previous word
     for (int word = 0; word <= words_; ++word) {
       std::uint64_t corners[kEdges];
       std::uint64_t any = 0;
@@ -62,7 +60,7 @@ class PixelMask {
            static_cast<std::size_t>(word);
   }
 
-  /// 64 rows of a column; none outside the image.
+  /// Returns 64 rows of a column; 0 outside the image.
   std::uint64_t bits(int column, int word) const {
     return column >= 0 && column < width_ && word < words_ ? bits_[index(column, word)] : 0;
   }

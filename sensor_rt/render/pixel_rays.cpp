@@ -7,7 +7,8 @@
 namespace sensor_rt {
 namespace {
 
-/// Directions through the samples of a pixel: axes * (x, y, 1), x and y linear in the sample's offset.
+/// Computes the directions through the samples of a pixel: axes * (x, y, 1), with x and y linear in the
+/// sample offset.
 SENSOR_RT_MULTIVERSION
 void spread_directions(const double* __restrict axes, const double* __restrict ray,
                        const double* __restrict du, const double* __restrict dv, Lanes3& __restrict d) {
@@ -20,8 +21,7 @@ void spread_directions(const double* __restrict axes, const double* __restrict r
   }
 }
 
-/// The same through points (a, b) of a lens. `focus` gives the inverse depth that is sharp, linear in x and
-/// y.
+/// Computes the directions from points (a, b) of a lens. `focus`: inverse depth in focus, linear in x and y.
 SENSOR_RT_MULTIVERSION
 void spread_through_lens(const double* __restrict axes, const double* __restrict ray,
                          const double* __restrict du, const double* __restrict dv, const double* __restrict a,
@@ -41,7 +41,7 @@ void spread_through_lens(const double* __restrict axes, const double* __restrict
 }  // namespace
 
 PixelRays::PixelRays(const RenderPlan& plan)
-    : plan_(plan), nowhere_(kLanes, 0.0), eyes_(plan.pattern.padded_size() / kLanes) {
+    : plan_(plan), nowhere_(kLanes, 0.0), viewpoints_(plan.pattern.padded_size() / kLanes) {
   const SamplingPattern& pattern = plan.pattern;
   for (const Camera& camera : plan.settings.model.cameras) {
     Samples& samples = samples_.emplace_back();
@@ -59,13 +59,13 @@ void PixelRays::select_camera(std::size_t camera) {
   number_ = camera;
   camera_ = &plan_.settings.model.cameras[camera];
   for (int k = 0; k < 9; ++k) axes_[k] = camera_->sensor_from_camera.rotation(k % 3, k / 3);
-  for (int k = 0; k < 3; ++k) eye_[k] = camera_->sensor_from_camera.translation[k];
-  for (std::size_t packet = 0; packet < eyes_.size(); ++packet) {
-    for (int l = 0; l < kLanes; ++l) set_lane(eyes_[packet], l, plan_.eye(camera, packet, l));
+  for (int k = 0; k < 3; ++k) viewpoint_[k] = camera_->sensor_from_camera.translation[k];
+  for (std::size_t packet = 0; packet < viewpoints_.size(); ++packet) {
+    for (int l = 0; l < kLanes; ++l) set_lane(viewpoints_[packet], l, plan_.viewpoint(camera, packet, l));
   }
-  focus_[0] = share_eye() ? 0.0 : camera_->vergence(0.0, 0.0);
-  focus_[1] = share_eye() ? 0.0 : camera_->vergence(1.0, 0.0) - focus_[0];
-  focus_[2] = share_eye() ? 0.0 : camera_->vergence(0.0, 1.0) - focus_[0];
+  focus_[0] = share_viewpoint() ? 0.0 : camera_->vergence(0.0, 0.0);
+  focus_[1] = share_viewpoint() ? 0.0 : camera_->vergence(1.0, 0.0) - focus_[0];
+  focus_[2] = share_viewpoint() ? 0.0 : camera_->vergence(0.0, 1.0) - focus_[0];
 }
 
 PixelRays::PixelRay PixelRays::pixel_ray(int column, int row) const {
@@ -87,7 +87,7 @@ void PixelRays::through_samples(int column, int row, std::size_t packet, Lanes3&
 void PixelRays::direct(const PixelRay& ray, const double* du, const double* dv, std::size_t packet,
                        Lanes3& direction) const {
   const double values[6] = {ray.x, ray.y, ray.dx_du, ray.dx_dv, ray.dy_du, ray.dy_dv};
-  if (share_eye()) {
+  if (share_viewpoint()) {
     spread_directions(axes_, values, du, dv, direction);
   } else {
     const Samples& samples = samples_[number_];

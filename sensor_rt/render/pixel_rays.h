@@ -1,4 +1,4 @@
-// The rays of sight of single pixels.
+// Viewing rays of single pixels.
 #pragma once
 
 #include <vector>
@@ -8,7 +8,7 @@
 
 namespace sensor_rt {
 
-/// Rays through the samples of a pixel, and what their light is worth.
+/// Generates the rays through the samples of a pixel, with their radiometric weights.
 class PixelRays {
  public:
   explicit PixelRays(const RenderPlan& plan);
@@ -16,23 +16,23 @@ class PixelRays {
   void select_camera(std::size_t camera);
   std::size_t camera() const { return number_; }
 
-  /// Directions (sensor frame, any length) of the `packet`-th sixteen samples of a pixel.
+  /// Computes the directions (sensor frame, any length) of the `packet`-th sixteen samples of a pixel.
   void through_samples(int column, int row, std::size_t packet, Lanes3& direction) const;
 
-  /// All lanes along the middle of the pixel, from the eyes of the first sixteen samples.
+  /// Sets all lanes to the direction through the pixel centre, from the lens samples of the first packet.
   void through_middle(int column, int row, Lanes3& direction) const;
 
-  /// Lanes along corners of pixels: to the left of the given columns and above the given rows.
+  /// Computes the directions through pixel corners: the left and upper corners of the given columns and rows.
   void through_corners(const int* columns, const int* rows, Lanes3& direction) const;
 
-  /// Electrons per second in a pixel from a surface that sends back `irradiance` diffusely.
+  /// Returns the electrons per second in a pixel from a surface that reflects `irradiance` diffusely.
   double electrons(int column, int row, double irradiance) const;
 
-  /// Whether all rays start in one point, the middle of the lens.
-  bool share_eye() const { return !camera_->has_depth_of_field(); }
-  const double* eye() const { return eye_; }
-  /// Where the rays of the `packet`-th sixteen samples start.
-  const Lanes3& eyes(std::size_t packet) const { return eyes_[packet]; }
+  /// Whether all rays start at the lens centre (no depth of field).
+  bool share_viewpoint() const { return !camera_->has_depth_of_field(); }
+  const double* viewpoint() const { return viewpoint_; }
+  /// Returns the ray origins of the `packet`-th sixteen samples.
+  const Lanes3& viewpoints(std::size_t packet) const { return viewpoints_[packet]; }
 
  private:
   struct PixelRay {
@@ -43,11 +43,11 @@ class PixelRays {
   PixelRay pixel_ray(int column, int row) const;
 
   const RenderPlan& plan_;
-  /// What the samples of a camera's pixels have in common, padded to whole packets.
+  /// Sample offsets shared by all pixels of a camera, padded to full packets.
   struct Samples {
-    std::vector<double> column;  ///< px from the pixel's centre
+    std::vector<double> column;  ///< px from the pixel centre
     std::vector<double> row;
-    std::vector<double> lens_x;  ///< m from the middle of the lens, in the camera frame
+    std::vector<double> lens_x;  ///< m from the lens centre, in the camera frame
     std::vector<double> lens_y;
   };
 
@@ -60,9 +60,9 @@ class PixelRays {
   std::size_t number_ = 0;
   const Camera* camera_ = nullptr;
   double axes_[9] = {};  ///< camera x, y, z in the sensor frame
-  double eye_[3] = {};
-  double focus_[3] = {};  ///< sharp inverse depth: constant, per x, per y
-  std::vector<Lanes3> eyes_;
+  double viewpoint_[3] = {};
+  double focus_[3] = {};  ///< inverse depth in focus: constant, per x, per y
+  std::vector<Lanes3> viewpoints_;
 };
 
 }  // namespace sensor_rt

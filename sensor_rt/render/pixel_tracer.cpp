@@ -12,7 +12,11 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 }  // namespace
 
 PixelTracer::PixelTracer(const RenderPlan& plan)
-    : plan_(plan), rays_(plan), sheet_(plan.settings.model.laser), speckle_(plan), lamps_(plan) {
+    : plan_(plan),
+      rays_(plan),
+      sheet_(plan.settings.model.laser),
+      speckle_(plan),
+      lamps_(plan.settings.model.band_pass, plan.settings.model.laser.wavelength) {
   sources_.resize(plan.pattern.padded_size() / kLanes);
   for (std::size_t packet = 0; packet < sources_.size(); ++packet) {
     for (int l = 0; l < kLanes; ++l) set_lane(sources_[packet], l, plan.source(packet, l));
@@ -22,7 +26,7 @@ PixelTracer::PixelTracer(const RenderPlan& plan)
 void PixelTracer::use(const ExposureViews& views) {
   views_ = &views;
   speckle_.use(views);
-  lamps_.set(views);
+  lamps_.set(*views.scene, *views.track, views.incoherent_rays);
 }
 
 void PixelTracer::set(const ExposureViews& views, RowViews* rows) {
@@ -38,14 +42,14 @@ void PixelTracer::set(const ExposureViews& views, RowViews* rows) {
 
 double PixelTracer::brightness(const PacketHits& hits, int l, const Lanes3& direction,
                                const Lanes3& from_source, double irradiance) const {
-  const Reflection& reflection = *surfaces_[static_cast<std::size_t>(hits.shape[l])].reflection;
-  const Eigen::Vector3d to_eye = -lane(direction, l).normalized();
+  const Brdf& brdf = *surfaces_[static_cast<std::size_t>(hits.shape[l])].brdf;
+  const Eigen::Vector3d to_viewpoint = -lane(direction, l).normalized();
   Eigen::Vector3d normal = lane(hits.normal, l);
-  if (normal.dot(to_eye) < 0.0) normal = -normal;
-  double sum = plan_.settings.model.ambient_irradiance * reflection.albedo(normal.dot(to_eye));
+  if (normal.dot(to_viewpoint) < 0.0) normal = -normal;
+  double sum = plan_.settings.model.ambient_irradiance * brdf.albedo(normal.dot(to_viewpoint));
   if (irradiance > 0.0) {
     const Eigen::Vector3d to_source = -lane(from_source, l).normalized();
-    sum += irradiance * reflection.diffuse_equivalent(normal, to_source, to_eye);
+    sum += irradiance * brdf.pi_brdf(normal, to_source, to_viewpoint);
   }
   return sum;
 }
@@ -59,13 +63,13 @@ double PixelTracer::sum_packet(int column, int row, std::size_t packet, const La
   Lanes3 from_source;
   alignas(64) double irradiance[kLanes];
   alignas(64) int lit[kLanes];
-  if (sheet_.is_simple() && rays_.share_eye()) {
-    sheet_.light(rays_.eye(), direction, hits, from_source, irradiance, lit);
+  if (sheet_.is_simple() && rays_.share_viewpoint()) {
+    sheet_.light(rays_.viewpoint(), direction, hits, from_source, irradiance, lit);
   } else {
-    sheet_.light(rays_.eyes(packet), sources_[packet], direction, hits, from_source, irradiance, lit);
+    sheet_.light(rays_.viewpoints(packet), sources_[packet], direction, hits, from_source, irradiance, lit);
   }
   const bool any = std::any_of(lit, lit + kLanes, [](int lane) { return lane != 0; });
-  if (any && !(met && patch.in_light)) views_->laser.occlude(packet, from_source, kBeforeSurface, lit);
+  if (any && !(met && patch.in_light)) views_->laser.occlude(packet, from_source, kShadowRayEnd, lit);
   const double ambient = plan_.settings.model.ambient_irradiance;
   if (!any && ambient == 0.0) return 0.0;
   if (any && speckle_.enabled()) speckle_.modulate(column, row, packet, direction, hits, lit, irradiance);
@@ -74,8 +78,8 @@ double PixelTracer::sum_packet(int column, int row, std::size_t packet, const La
     if (valid[l] == 0 || hits.shape[l] < 0) continue;
     const Surface& surface = surfaces_[static_cast<std::size_t>(hits.shape[l])];
     const double laser = lit[l] != 0 ? irradiance[l] : 0.0;
-    sum += surface.reflection == nullptr ? surface.reflectance * (laser + ambient)
-                                         : brightness(hits, l, direction, from_source, laser);
+    sum += surface.brdf == nullptr ? surface.reflectance * (laser + ambient)
+                                   : brightness(hits, l, direction, from_source, laser);
   }
   return sum;
 }
@@ -95,11 +99,11 @@ double PixelTracer::trace(int column, int row, const Patch& patch) {
   return electrons(column, row, sum / static_cast<double>(samples));
 }
 
-int PixelTracer::look(int column, int row, Lanes3& direction, PacketHits& hits) {
+int PixelTracer::trace_middle(int column, int row, Lanes3& direction, PacketHits& hits) {
   enter(row);
   rays_.through_middle(column, row, direction);
   alignas(64) int valid[kLanes] = {};
-  // The first packet holds instants from all over the exposure; one near its middle is as good as any.
+  // The instants of the first packet are spread over the exposure; the one closest to the middle is used.
   const std::size_t samples = plan_.pattern.size();
   const auto from_middle = [&](std::size_t l) {
     const std::size_t twice = 2 * views_->lane_instants[l] + 1;
@@ -116,30 +120,30 @@ int PixelTracer::look(int column, int row, Lanes3& direction, PacketHits& hits) 
 double PixelTracer::reflectance(int column, int row) {
   Lanes3 direction;
   PacketHits hits;
-  const int l = look(column, row, direction, hits);
+  const int l = trace_middle(column, row, direction, hits);
   if (hits.shape[l] < 0) return 0.0;
   const Surface& surface = surfaces_[static_cast<std::size_t>(hits.shape[l])];
-  if (surface.reflection == nullptr) return surface.reflectance;
-  return surface.reflection->albedo(std::abs(lane(hits.normal, l).dot(lane(direction, l).normalized())));
+  if (surface.brdf == nullptr) return surface.reflectance;
+  return surface.brdf->albedo(std::abs(lane(hits.normal, l).dot(lane(direction, l).normalized())));
 }
 
 LampView PixelTracer::lamp_light(int column, int row) {
   Lanes3 direction;
   PacketHits hits;
-  const int l = look(column, row, direction, hits);
+  const int l = trace_middle(column, row, direction, hits);
   if (hits.shape[l] < 0) return {};
   Lanes3 origin;
-  set_lane(origin, l, lane(rays_.eyes(0), l));
+  set_lane(origin, l, lane(rays_.viewpoints(0), l));
   const SurfacePoint at(origin, direction, hits, l);
   const std::size_t instant = views_->lane_instants[static_cast<std::size_t>(l)];
-  const double light = lamps_.brightness(at, views_->reflection(hits.shape[l]), instant);
+  const double light = lamps_.brightness(at, views_->brdf(hits.shape[l]), instant);
   return {light > 0.0 ? electrons(column, row, light) : 0.0, hits.shape[l], at.normal};
 }
 
 std::int32_t PixelTracer::shape_at(int column, int row) {
   Lanes3 direction;
   PacketHits hits;
-  return hits.shape[look(column, row, direction, hits)];
+  return hits.shape[trace_middle(column, row, direction, hits)];
 }
 
 }  // namespace sensor_rt

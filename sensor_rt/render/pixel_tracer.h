@@ -1,53 +1,52 @@
-// Light that reaches single pixels.
+// Direct light in single pixels.
 #pragma once
 
 #include <vector>
 
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/lamps.h"
 #include "sensor_rt/render/pixel_rays.h"
 #include "sensor_rt/render/row_views.h"
 #include "sensor_rt/render/sheet_light.h"
 #include "sensor_rt/render/speckle.h"
+#include "sensor_rt/tracing/lamps.h"
 
 namespace sensor_rt {
 
-/// What the middle of a pixel shows by the light of lamps.
+/// Lamp light and surface at the centre of a pixel.
 struct LampView {
   double light = 0.0;       ///< electrons per second
-  std::int32_t shape = -1;  ///< -1: nothing is there
+  std::int32_t shape = -1;  ///< -1: no surface
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();
 };
 
-/// Traces pixels of one camera at a time: all samples of a pixel from the lens to the scene, and from the
-/// laser to what they meet. Samples differ in place and in time, each with the poses of its instant.
+/// Traces pixels of one camera at a time: rays from the lens samples to the scene, and shadow rays from the
+/// laser. Samples differ in position and time, each with the poses of its instant.
 class PixelTracer {
  public:
   explicit PixelTracer(const RenderPlan& plan);
 
-  /// Makes the scene at the instants of an exposure ready; `views` must stay, and `rows`, which is not null
-  /// when every row has views of its own.
+  /// Prepares the instants of an exposure. `views` must outlive its use, and so must `rows`, which is not
+  /// null when every row has its own views.
   void set(const ExposureViews& views, RowViews* rows);
   void select_camera(std::size_t camera) {
     rays_.select_camera(camera);
     speckle_.select_camera(camera);
   }
 
-  /// Expected electrons per second in a pixel, averaged over its area and the exposure. `patch`: what
-  /// fills the pixel, if that is known.
+  /// Returns the expected electrons per second in a pixel, averaged over its area and the exposure. `patch`:
+  /// the surface that fills the pixel, if known.
   double trace(int column, int row, const Patch& patch = {});
 
-  /// Reflectance under even light, seen along the middle of a pixel at mid-exposure; 0 where nothing is in
-  /// view.
+  /// Returns the directional albedo seen through the centre of a pixel at mid-exposure; 0 without a hit.
   double reflectance(int column, int row);
 
-  /// The light of lamps, seen along the middle of a pixel at mid-exposure.
+  /// Returns the lamp light seen through the centre of a pixel at mid-exposure.
   LampView lamp_light(int column, int row);
 
-  /// Number of the shape seen along the middle of a pixel at mid-exposure; -1: none.
+  /// Returns the index of the shape seen through the centre of a pixel at mid-exposure; -1: none.
   std::int32_t shape_at(int column, int row);
 
-  /// Electrons per second in a pixel from a surface that sends back `irradiance` diffusely.
+  /// Returns the electrons per second in a pixel from a surface that reflects `irradiance` diffusely.
   double electrons(int column, int row, double irradiance) const {
     return rays_.electrons(column, row, irradiance);
   }
@@ -57,17 +56,18 @@ class PixelTracer {
     if (rows_ != nullptr) use(rows_->of_row(rays_.camera(), row));
   }
   void use(const ExposureViews& views);
-  /// Light sent to the eye from what lane l has met, as irradiance on a white diffuse surface.
+  /// Returns the light reflected to the viewpoint at the hit of lane l, as the equivalent irradiance on a
+  /// white diffuse surface.
   double brightness(const PacketHits& hits, int l, const Lanes3& direction, const Lanes3& from_source,
                     double irradiance) const;
   double sum_packet(int column, int row, std::size_t packet, const Lanes3& direction, const int* valid,
                     const Patch& patch);
-  /// Meets what the middle of a pixel shows; returns the lane that did.
-  int look(int column, int row, Lanes3& direction, PacketHits& hits);
+  /// Traces the ray through the pixel centre; returns its lane.
+  int trace_middle(int column, int row, Lanes3& direction, PacketHits& hits);
 
   struct Surface {
     double reflectance;
-    const Reflection* reflection;  ///< null for Lambertian surfaces, whose reflectance says all
+    const Brdf* brdf;  ///< null for Lambertian surfaces
   };
 
   const RenderPlan& plan_;

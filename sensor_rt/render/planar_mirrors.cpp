@@ -6,7 +6,7 @@
 namespace sensor_rt {
 namespace {
 
-constexpr std::size_t kMostPlanes = 32;  ///< of a mesh
+constexpr std::size_t kMaxPlanes = 32;  ///< largest number of planes of a mesh
 constexpr double kSameNormal = 1.0 - 1e-9;
 constexpr double kSamePlane = 1e-6;  // m
 
@@ -43,7 +43,7 @@ void PlanarMirrors::add_mesh(std::size_t shape) {
       return known.normal.dot(normal) > kSameNormal && std::abs(known.offset - face.offset) < kSamePlane;
     };
     if (std::any_of(planes_.begin() + static_cast<std::ptrdiff_t>(before), planes_.end(), same)) continue;
-    if (planes_.size() == before + kMostPlanes) {
+    if (planes_.size() == before + kMaxPlanes) {
       planes_.resize(before);
       return;
     }
@@ -64,46 +64,47 @@ Eigen::Vector3d PlanarMirrors::image(std::size_t number, std::size_t instant,
   return mirrored(placed.normal, placed.offset, point);
 }
 
-/// One reflection of a lane on the plane that it should meet.
+/// Reflects a lane at the expected plane; returns false when it hits something else.
 bool PlanarMirrors::reflect(const Plane& plane, const Placed& placed, const PacketHits& hits, int l,
-                            Eigen::Vector3d& origin, Eigen::Vector3d& way, double& share) const {
+                            Eigen::Vector3d& origin, Eigen::Vector3d& to_image, double& share) const {
   if (hits.shape[l] != static_cast<std::int32_t>(plane.shape) || !(hits.t[l] < 1.0)) return false;
-  const Eigen::Vector3d at = origin + hits.t[l] * way;
+  const Eigen::Vector3d at = origin + hits.t[l] * to_image;
   if (std::abs(lane(hits.normal, l).dot(placed.normal)) < kSameNormal ||
       std::abs(placed.normal.dot(at) - placed.offset) > kSamePlane)
     return false;
-  const Eigen::Vector3d target = mirrored(placed.normal, placed.offset, origin + way);
-  const double side = placed.normal.dot(way) < 0.0 ? 1e-6 : -1e-6;
+  const Eigen::Vector3d target = mirrored(placed.normal, placed.offset, origin + to_image);
+  const double side = placed.normal.dot(to_image) < 0.0 ? 1e-6 : -1e-6;
   origin = at + side * placed.normal;
-  way = target - origin;
-  share *= views_->reflection(hits.shape[l]).material().reflectance;
+  to_image = target - origin;
+  share *= views_->brdf(hits.shape[l]).material().reflectance;
   return true;
 }
 
 void PlanarMirrors::follow(std::size_t camera, std::size_t packet, const std::vector<std::size_t>& chain,
-                           const Lanes3& eyes, const Lanes3& way, int* open, double* share) const {
+                           const Lanes3& viewpoints, const Lanes3& to_image, int* unoccluded,
+                           double* share) const {
   const std::size_t* instants = &views_->lane_instants[packet * kLanes];
-  Lanes3 origin = eyes;
-  Lanes3 rest = way;
+  Lanes3 origin = viewpoints;
+  Lanes3 rest = to_image;
   std::fill_n(share, kLanes, 1.0);
   PacketHits hits;
   for (std::size_t k = 0; k < chain.size(); ++k) {
     if (k == 0) {
-      views_->cameras[camera].intersect(packet, rest, open, 1.0, hits);
+      views_->cameras[camera].intersect(packet, rest, unoccluded, 1.0, hits);
     } else {
-      views_->free.intersect(instants, origin, rest, open, hits);
+      views_->incoherent_rays.intersect(instants, origin, rest, unoccluded, hits);
     }
     for (int l = 0; l < kLanes; ++l) {
-      if (open[l] == 0) continue;
+      if (unoccluded[l] == 0) continue;
       Eigen::Vector3d from = lane(origin, l);
       Eigen::Vector3d towards = lane(rest, l);
       const Placed placed = place(chain[k], instants[l]);
-      open[l] = reflect(planes_[chain[k]], placed, hits, l, from, towards, share[l]) ? -1 : 0;
+      unoccluded[l] = reflect(planes_[chain[k]], placed, hits, l, from, towards, share[l]) ? -1 : 0;
       set_lane(origin, l, from);
       set_lane(rest, l, towards);
     }
   }
-  views_->free.occlude(instants, origin, rest, kBeforeSurface, open);
+  views_->incoherent_rays.occlude(instants, origin, rest, kShadowRayEnd, unoccluded);
 }
 
 }  // namespace sensor_rt

@@ -6,12 +6,12 @@
 namespace sensor_rt {
 namespace {
 
-constexpr int kSpacing = 8;     ///< of nodes, px
-constexpr int kPaths = 32;      ///< of a node, at least
-constexpr int kSmooth = 2;      ///< nodes to either side
-constexpr double kAlike = 0.9;  ///< cosine between normals
+constexpr int kSpacing = 8;     ///< node spacing, px
+constexpr int kPaths = 32;      ///< minimum number of paths per node
+constexpr int kSmooth = 2;      ///< smoothing radius, nodes
+constexpr double kAlike = 0.9;  ///< smallest cosine between similar normals
 
-bool alike(const LampView& a, const LampView& b) {
+bool is_similar(const LampView& a, const LampView& b) {
   return a.shape == b.shape && a.normal.dot(b.normal) > kAlike;
 }
 
@@ -20,7 +20,7 @@ bool alike(const LampView& a, const LampView& b) {
 ReflectedLamps::ReflectedLamps(const RenderPlan& plan)
     : plan_(plan), tracer_(plan, PathTracer::Mode::kReflectedLamps) {}
 
-/// Mean over a few neighbouring pixels.
+/// Traces a node: mean over several neighbouring pixels.
 double ReflectedLamps::trace(int column, int row) {
   const int samples = static_cast<int>(plan_.pattern.size());
   const int pixels = std::max(1, (kPaths + samples - 1) / samples);
@@ -54,7 +54,7 @@ void ReflectedLamps::select_camera(std::size_t camera, PixelTracer& looks) {
   }
 }
 
-/// Mean of the nodes around that are alike, the nearer the more.
+/// Returns the weighted mean of similar nodes nearby.
 double ReflectedLamps::smoothed(int i, int j) const {
   const Node& middle = nodes_[static_cast<std::size_t>(j * columns_ + i)];
   double sum = 0.0;
@@ -62,7 +62,7 @@ double ReflectedLamps::smoothed(int i, int j) const {
   for (int v = std::max(0, j - kSmooth); v <= std::min(rows_ - 1, j + kSmooth); ++v) {
     for (int u = std::max(0, i - kSmooth); u <= std::min(columns_ - 1, i + kSmooth); ++u) {
       const Node& node = nodes_[static_cast<std::size_t>(v * columns_ + u)];
-      if (!alike(node.seen, middle.seen)) continue;
+      if (!is_similar(node.seen, middle.seen)) continue;
       const double weight = (kSmooth + 1 - std::abs(u - i)) * (kSmooth + 1 - std::abs(v - j));
       sum += weight * node.traced;
       weights += weight;
@@ -75,7 +75,7 @@ double ReflectedLamps::at(int column, int row, const LampView& seen) {
   if (seen.shape < 0) return 0.0;
   const double x = static_cast<double>(column) / kSpacing;
   const double y = static_cast<double>(row) / kSpacing;
-  // The four nodes around, then the twelve around these.
+  // The four nearest nodes, then the twelve around them.
   for (const int reach : {1, 2}) {
     double sum = 0.0;
     double weights = 0.0;
@@ -83,7 +83,7 @@ double ReflectedLamps::at(int column, int row, const LampView& seen) {
       for (int i = static_cast<int>(x) + 1 - reach; i <= static_cast<int>(x) + reach; ++i) {
         if (i < 0 || j < 0 || i >= columns_ || j >= rows_) continue;
         const Node& node = nodes_[static_cast<std::size_t>(j * columns_ + i)];
-        if (!alike(node.seen, seen)) continue;
+        if (!is_similar(node.seen, seen)) continue;
         const double weight =
             std::max(0.0, 1.0 - std::abs(x - i) / reach) * std::max(0.0, 1.0 - std::abs(y - j) / reach);
         sum += weight * node.light;

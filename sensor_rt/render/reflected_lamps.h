@@ -1,4 +1,4 @@
-// Light of lamps that was reflected between surfaces.
+// Lamp light reflected between surfaces.
 #pragma once
 
 #include <cstdint>
@@ -9,18 +9,18 @@
 
 namespace sensor_rt {
 
-/// Such light varies slowly over a surface: it is found by path tracing at the nodes of a grid, smoothed and
-/// interpolated among those that show the same shape from a similar side. Mirrors show none of it.
+/// This light varies slowly over a surface: it is path traced at the nodes of a grid, smoothed, and
+/// interpolated among nodes on the same shape with similar normals. Mirrors receive none.
 class ReflectedLamps {
  public:
   explicit ReflectedLamps(const RenderPlan& plan);
 
-  /// `views` must stay. `frame` keys the random numbers.
+  /// `views` must outlive its use. `frame` selects the random numbers.
   void set(const ExposureViews& views, std::int64_t frame) { tracer_.set(views, frame, nullptr); }
-  /// Traces the nodes of a camera, which `looks` must have selected.
+  /// Traces the nodes of a camera, which must be selected in `looks`.
   void select_camera(std::size_t camera, PixelTracer& looks);
 
-  /// Electrons per second in a pixel that shows `seen`.
+  /// Returns the electrons per second in a pixel that shows `seen`.
   double at(int column, int row, const LampView& seen);
 
  private:

@@ -9,19 +9,8 @@
 namespace sensor_rt {
 namespace {
 
-constexpr double kPlanck = 6.62607015e-34;
-constexpr double kLightSpeed = 299792458.0;
-
-/// A Lambertian surface that sends back the irradiance E has radiance E/pi; a lens of working f-number N
-/// turns radiance L into pi L / (4 N²) on the axis of the image plane.
-double electrons_per_irradiance(const Camera& camera, double wavelength, double quantum_efficiency) {
-  const double image_irradiance = camera.transmission / (4.0 * camera.f_number * camera.f_number);
-  const double photons_per_joule = wavelength / (kPlanck * kLightSpeed);
-  return image_irradiance * camera.pixel_pitch * camera.pixel_pitch * photons_per_joule * quantum_efficiency;
-}
-
-/// Largest half width of the sheet relative to the distance from the source, over the depths that cameras
-/// see.
+/// Returns the largest half width of the sheet relative to the distance from the source, over the visible
+/// depths.
 double largest_slope(const SensorModel& model) {
   double near = std::numeric_limits<double>::infinity();
   double far = 0.0;
@@ -31,20 +20,20 @@ double largest_slope(const SensorModel& model) {
     far = std::max(far, depth.far);
   }
   const LaserSheet& laser = model.laser;
-  constexpr double kFarthest = 10.0;  // m: a camera that sees to infinity
-  constexpr double kNearest = 1e-3;   // m from the source
+  constexpr double kMaxDistance = 10.0;  // m: limit for unbounded fields of view
+  constexpr double kNearest = 1e-3;      // m from the source
   near = std::max(near, laser.source_z + kNearest);
-  far = std::max(near, std::min(far, kFarthest));
+  far = std::max(near, std::min(far, kMaxDistance));
   double slope = 0.0;
   constexpr int kSteps = 256;
   for (int i = 0; i <= kSteps; ++i) {
     const double z = near + (far - near) * i / kSteps;
     slope = std::max(slope, kSheetReach * laser.sigma_at(z) / (z - laser.source_z));
   }
-  return slope * 1.02;  // the depths are sampled
+  return slope * 1.02;  // margin: the depths are sampled
 }
 
-/// The same sensor with its cameras placed in the frame of the sheet.
+/// Returns the sensor with camera poses in the frame of the sheet.
 RenderSettings in_frame_of_sheet(RenderSettings settings) {
   const Rigid3 sheet_from_sensor = settings.model.laser.sensor_from_sheet.inverse();
   for (Camera& camera : settings.model.cameras) {
@@ -55,28 +44,28 @@ RenderSettings in_frame_of_sheet(RenderSettings settings) {
 
 std::vector<Eigen::Vector3d> spread_sources(const LaserSheet& laser, const SamplingPattern& pattern) {
   const Eigen::Vector3d middle(0.0, 0.0, laser.source_z);
-  if (laser.opening == 0.0) return {middle};
+  if (laser.source_length == 0.0) return {middle};
   std::vector<Eigen::Vector3d> sources;
   for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
     const double place = pattern.source[std::min(i, pattern.size() - 1)];
-    sources.push_back(middle + Eigen::Vector3d(0.0, laser.opening * place, 0.0));
+    sources.push_back(middle + Eigen::Vector3d(0.0, laser.source_length * place, 0.0));
   }
   return sources;
 }
 
-std::vector<Eigen::Vector3d> spread_eyes(const Camera& camera, const SamplingPattern& pattern) {
+std::vector<Eigen::Vector3d> spread_viewpoints(const Camera& camera, const SamplingPattern& pattern) {
   if (!camera.has_depth_of_field()) return {camera.sensor_from_camera.translation};
-  std::vector<Eigen::Vector3d> eyes;
+  std::vector<Eigen::Vector3d> viewpoints;
   for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
     const std::size_t sample = std::min(i, pattern.size() - 1);
-    eyes.push_back(camera.sensor_from_camera *
-                   Eigen::Vector3d(pattern.lens_x[sample] * camera.aperture_radius(),
-                                   pattern.lens_y[sample] * camera.aperture_radius(), 0.0));
+    viewpoints.push_back(camera.sensor_from_camera *
+                         Eigen::Vector3d(pattern.lens_x[sample] * camera.aperture_radius(),
+                                         pattern.lens_y[sample] * camera.aperture_radius(), 0.0));
   }
-  return eyes;
+  return viewpoints;
 }
 
-/// The outermost sample's distance from the edge of its pixel, px.
+/// Returns the distance of the outermost sample from the edge of its pixel, px.
 double reach_beyond_pixel(const Camera& camera, const SamplingPattern& pattern) {
   const double last = 1.0 - 0.5 / static_cast<double>(pattern.size());
   return std::max(0.0, blurred_pixel_quantile(last, camera.psf_sigma_px) - 0.5);
@@ -101,14 +90,15 @@ RenderPlan::RenderPlan(const RenderSettings& given)
     const Eigen::Vector3d nearest(0.0, 0.0, depth.near);
     pixel_size =
         std::min(pixel_size, (nearest - camera.sensor_from_camera.translation).norm() / camera.focal_px);
-    const double bend = model.laser.largest_bend() * (far - model.laser.source_z);
+    const double bend = model.laser.max_bend() * (far - model.laser.source_z);
     beyond = std::max({beyond, kSheetReach * model.laser.sigma_at(depth.near) + bend,
                        kSheetReach * model.laser.sigma_at(far) + bend});
   }
   for (const Camera& camera : model.cameras) {
-    // Ambient and reflected light make everything in view visible, not only what the laser can reach.
+    // Ambient and reflected light make everything in view visible, not only the region that the laser
+    // reaches.
     const bool everything = model.ambient_irradiance > 0.0 || settings.ground_truth || settings.bounces > 0;
-    lane_eyes.push_back(spread_eyes(camera, pattern));
+    lane_viewpoints.push_back(spread_viewpoints(camera, pattern));
     pixel_reach.push_back(reach_beyond_pixel(camera, pattern));
     camera_fields.push_back(camera_field(camera));
     camera_regions.push_back(everything ? camera_fields.back() : camera_region(camera, 1.1 * beyond));

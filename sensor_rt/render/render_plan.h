@@ -1,4 +1,4 @@
-// What rendering needs to know of a sensor, prepared once and shared by all threads.
+// Precomputed data of a sensor for rendering, shared by all threads.
 #pragma once
 
 #include <cstdint>
@@ -6,60 +6,55 @@
 
 #include "sensor_rt/geometry/half_space.h"
 #include "sensor_rt/optics/sensor_model.h"
+#include "sensor_rt/render/render_options.h"
 #include "sensor_rt/render/sampling_pattern.h"
 
 namespace sensor_rt {
 
-struct RenderSettings {
+/// Options of a sensor and the kind of image to render.
+struct RenderSettings : RenderOptions {
   SensorModel model;
   double quantum_efficiency = 0.0;
-  int samples_per_pixel = 0;
-  int rays_across_fan = 0;        ///< laser rays that find the pixels to trace
-  bool whole_image = false;       ///< trace every pixel instead
-  bool ground_truth = false;      ///< path tracing of every pixel
-  int bounces = 0;                ///< reflections between surfaces that light may take on its way
-  int photons = 0;                ///< that follow such light from the laser
-  std::uint64_t seed = 0;         ///< keys the random numbers of all paths, and speckle
-  double speckle_contrast = 0.0;  ///< of fully resolved grains; 0: none
-  bool laser_on = true;  ///< false: an image of all other light, taken when the one with the laser has ended
-  double row_readout = 0.0;  ///< s from one row's exposure to the next; 0: global shutter
+  bool whole_image = false;  ///< trace every pixel instead of those that the laser can light
+  bool laser_on = true;      ///< false: a background frame, taken directly after the one with the laser on
 };
 
-/// The light counts out to this many standard deviations from the middle of the sheet; it has fallen to 4e-5
-/// there.
+/// Extent of the sheet in standard deviations from its centre; the irradiance has dropped to 4e-5 of the
+/// peak.
 constexpr double kSheetReach = 4.5;
 
-/// Light or view is free when nothing stands before this share of the way to the surface; the rest is the
-/// surface.
-constexpr double kBeforeSurface = 1.0 - 1e-4;
+/// Shadow and visibility rays end at this fraction of the distance to a surface point, so that the surface
+/// does not occlude itself.
+constexpr double kShadowRayEnd = 1.0 - 1e-4;
 
 struct RenderPlan {
   explicit RenderPlan(const RenderSettings& settings);
 
-  RenderSettings settings;  ///< with the cameras placed in the reference frame
+  RenderSettings settings;  ///< with camera poses in the reference frame
   SamplingPattern pattern;
-  /// Light is followed in the frame of the sheet, so that a sheet out of place is as easy as one in place.
+  /// The reference frame is the frame of the sheet, so that a misaligned sheet costs no more than an aligned
+  /// one.
   Rigid3 sensor_from_reference;
-  /// Where the light of each sample of a pixel starts: one for all, or padded to whole packets.
+  /// Source point of each sample of a pixel: a single one, or padded to full packets.
   std::vector<Eigen::Vector3d> lane_sources;
-  /// Per camera, where the rays of each sample end: one for all, or padded to whole packets.
-  std::vector<std::vector<Eigen::Vector3d>> lane_eyes;
-  /// Per camera: how far outside a pixel its samples look for light, px.
+  /// Per camera: lens point of each sample: a single one, or padded to full packets.
+  std::vector<std::vector<Eigen::Vector3d>> lane_viewpoints;
+  /// Per camera: distance beyond the pixel edge that its samples cover, px.
   std::vector<double> pixel_reach;
-  double slope = 0.0;       ///< |x| / distance from the source that holds all light where any camera sees it
-  double pixel_size = 0.0;  ///< smallest distance between neighbouring pixels on surfaces in the field, m
+  double slope = 0.0;  ///< bound of |x| / distance from the source of all light within the cameras' fields
+  double pixel_size = 0.0;  ///< smallest footprint of a pixel in the measuring field, m
   std::vector<HalfSpace> laser_region;
-  std::vector<std::vector<HalfSpace>> camera_regions;  ///< of what light of the sensor makes visible
-  std::vector<std::vector<HalfSpace>> camera_fields;   ///< of everything in view
+  std::vector<std::vector<HalfSpace>> camera_regions;  ///< regions that the sensor's own light makes visible
+  std::vector<std::vector<HalfSpace>> camera_fields;   ///< entire fields of view
   std::vector<double>
       electrons_per_irradiance;  ///< per camera: electrons per second and per W/m² of diffusely
                                  ///< reflected irradiance, for a pixel on the optical axis
 
-  /// Where the light of lane l of the `packet`-th sixteen samples of a pixel starts.
+  /// Returns the source point of lane l of the `packet`-th sixteen samples of a pixel.
   const Eigen::Vector3d& source(std::size_t packet, int l) const { return of_lane(lane_sources, packet, l); }
-  /// Where its ray ends at a camera.
-  const Eigen::Vector3d& eye(std::size_t camera, std::size_t packet, int l) const {
-    return of_lane(lane_eyes[camera], packet, l);
+  /// Returns its lens point at a camera.
+  const Eigen::Vector3d& viewpoint(std::size_t camera, std::size_t packet, int l) const {
+    return of_lane(lane_viewpoints[camera], packet, l);
   }
 
  private:

@@ -1,4 +1,4 @@
-// The scene as every row of a rolling shutter sees it.
+// Views of the scene for each row of a rolling shutter.
 #pragma once
 
 #include <cstddef>
@@ -9,15 +9,15 @@
 
 namespace sensor_rt {
 
-/// Rows are exposed one after the other, each as long as a global shutter's image, the middle row of a camera
-/// in the middle of what the poses of the exposure cover: from the start of the first to the end of the last
-/// row of the camera with the most rows. Views are made when a row is asked for, with the exact poses at each
-/// sample's instant, and kept until the next exposure.
+/// Rows are exposed sequentially, each as long as a global-shutter image. The poses of the exposure cover the
+/// time from the start of the first to the end of the last row of the tallest camera; the middle row of each
+/// camera is exposed at the centre of that time. Views are computed on request, with the exact poses at the
+/// instants of the samples, and cached until the next exposure.
 class RowViews {
  public:
   explicit RowViews(const RenderPlan& plan);
 
-  /// Begins an exposure; scene and poses must stay.
+  /// Begins an exposure; scene and poses must outlive its use.
   void set(const Scene& scene, const Exposures& exposures, std::size_t exposure);
 
   const ExposureViews& of_row(std::size_t camera, int row);
@@ -26,17 +26,17 @@ class RowViews {
   struct Row {
     PoseTrack track;
     ExposureViews views;
-    std::size_t made_for = 0;  ///< number of the exposure, counted from 1
+    std::size_t made_for = 0;  ///< one-based index of the exposure
   };
 
   const RenderPlan& plan_;
   const Scene* scene_ = nullptr;
   const Exposures* exposures_ = nullptr;
   std::size_t exposure_ = 0;
-  std::size_t count_ = 0;  ///< exposures so far
+  std::size_t count_ = 0;  ///< number of exposures so far
   int tallest_ = 0;        ///< rows
   std::vector<double> fractions_;
-  std::vector<std::unique_ptr<Row>> rows_;  ///< half a row apart: cameras may differ in height
+  std::vector<std::unique_ptr<Row>> rows_;  ///< spaced by half a row, as camera heights may differ
 };
 
 }  // namespace sensor_rt

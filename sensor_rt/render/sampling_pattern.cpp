@@ -7,7 +7,8 @@
 namespace sensor_rt {
 namespace {
 
-/// Square of the shortest wave (p, q) that the lattice {(i, generator * i) / n} mistakes for a constant.
+/// Returns the squared length of the shortest wave (p, q) that aliases to a constant on the lattice {(i,
+/// generator * i) / n}.
 long long shortest_hidden_wave(long long n, long long generator) {
   long long shortest = n * n;
   for (long long q = 1; q * q < shortest; ++q) {
@@ -18,7 +19,7 @@ long long shortest_hidden_wave(long long n, long long generator) {
   return shortest;
 }
 
-/// Generator that makes `quality` largest among those that visit every stratum.
+/// Returns the generator that maximises `quality` among those that visit every stratum.
 template <typename Quality>
 long long best_generator(long long n, const Quality& quality) {
   long long best = 1;
@@ -28,8 +29,8 @@ long long best_generator(long long n, const Quality& quality) {
   return best;
 }
 
-/// Generator of one more dimension that fills the plane with each of the dimensions so far: dimensions with
-/// generators a and g are a lattice of their own, whose generator r satisfies r * a = g.
+/// Returns the generator of an additional dimension that is well distributed against each of the previous
+/// ones: dimensions with generators a and g form a lattice whose generator r satisfies r * a = g.
 long long next_generator(long long n, const std::vector<long long>& so_far) {
   return best_generator(n, [&](long long g) {
     long long worst = n * n;
@@ -42,7 +43,7 @@ long long next_generator(long long n, const std::vector<long long>& so_far) {
   });
 }
 
-/// x where a rising function takes the value `wanted`.
+/// Returns x where an increasing function has the value `wanted`.
 template <typename Function>
 double solve(double low, double high, double wanted, const Function& function) {
   for (int i = 0; i < 60; ++i) {
@@ -52,7 +53,7 @@ double solve(double low, double high, double wanted, const Function& function) {
   return 0.5 * (low + high);
 }
 
-/// Height below which lies the share `share` of a disc of radius 1.
+/// Returns the height below which the fraction `share` of a disc of radius 1 lies.
 double disc_quantile(double share) {
   return solve(-1.0, 1.0, share,
                [](double y) { return 0.5 + (y * std::sqrt(1.0 - y * y) + std::asin(y)) / M_PI; });
@@ -62,7 +63,7 @@ double disc_quantile(double share) {
 
 double blurred_pixel_quantile(double share, double sigma_px) {
   if (sigma_px == 0.0) return share - 0.5;
-  // Integral of the normal distribution.
+  // Integral of the normal cumulative distribution.
   const auto ramp = [](double z) {
     return 0.5 * z * std::erfc(-z * M_SQRT1_2) + std::exp(-0.5 * z * z) / std::sqrt(2.0 * M_PI);
   };
@@ -75,7 +76,7 @@ double blurred_pixel_quantile(double share, double sigma_px) {
 SamplingPattern make_sampling_pattern(std::size_t samples) {
   const auto n = static_cast<long long>(samples);
   const long long to_column = best_generator(n, [&](long long g) { return shortest_hidden_wave(n, g); });
-  // Time against row matters as much as time against column.
+  // Time against row is as important as time against column.
   const long long to_time = next_generator(n, {1, to_column});
   const long long to_source = next_generator(n, {1, to_column, to_time});
   const long long to_lens_y = next_generator(n, {1, to_column, to_time, to_source});
@@ -89,7 +90,7 @@ SamplingPattern make_sampling_pattern(std::size_t samples) {
     pattern.column.push_back(middle(to_column));
     pattern.instant.push_back(static_cast<std::size_t>(i * to_time % n));
     pattern.source.push_back(middle(to_source));
-    // Strips of the disc of equal area, then a place along the strip.
+    // Strips of the disc of equal area, then a position along the strip.
     const double y = disc_quantile(middle(to_lens_y) + 0.5);
     pattern.lens_y.push_back(y);
     pattern.lens_x.push_back(2.0 * middle(to_lens_x) * std::sqrt(1.0 - y * y));

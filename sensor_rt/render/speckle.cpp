@@ -8,17 +8,17 @@
 namespace sensor_rt {
 namespace {
 
-/// Of a cell where grains are smallest; less than the tile has, so that no cell shows a grain twice.
+/// Cell size in grains at the smallest grain size; below the tile size, so that a cell shows no grain twice.
 constexpr double kGrainsPerCell = 96.0;
 
-/// Shifts the cells off the planes through the middle of a shape, where surfaces like to lie.
+/// Offset of the cell grid from the centre planes of a shape, where surfaces often lie.
 constexpr double kCellShift[3] = {0.3819, 0.2361, 0.1459};
 
 }  // namespace
 
 Speckle::Speckle(const RenderPlan& plan) : plan_(plan) {
   const double contrast = plan.settings.speckle_contrast;
-  if (contrast > 0.0) tile_ = GrainTile::shared(contrast);
+  if (contrast > 0.0) tile_ = SpeckleTile::shared(contrast);
 }
 
 void Speckle::set(const ExposureViews& views) {
@@ -37,7 +37,7 @@ void Speckle::select_camera(std::size_t number) {
   const Camera& camera = plan_.settings.model.cameras[number];
   camera_from_sensor_ = camera.sensor_from_camera.inverse();
   const double grain_px = plan_.settings.model.laser.wavelength * camera.f_number / camera.pixel_pitch;
-  steps_per_pixel_ = GrainTile::kPerGrain / grain_px;
+  steps_per_pixel_ = SpeckleTile::kPerGrain / grain_px;
   cell_size_ = kGrainsPerCell * grain_px * plan_.pixel_size;
   cell_.shape = -1;
 }
@@ -62,12 +62,12 @@ void Speckle::enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape) {
   const Camera& camera = plan_.settings.model.cameras[camera_];
   const Eigen::Vector2d seen =
       camera.project(camera_from_sensor_ * (reference_from_shape_[static_cast<std::size_t>(shape)] * middle));
-  const Eigen::Vector2d piece(bits[0] % GrainTile::kSteps, bits[1] % GrainTile::kSteps);
+  const Eigen::Vector2d piece(bits[0] % SpeckleTile::kSteps, bits[1] % SpeckleTile::kSteps);
   cell_.from_pixel = piece - steps_per_pixel_ * seen;
 }
 
-/// Pixels by which the image of a surface point lies from where it is at mid-exposure; the lens is taken as
-/// free of distortion over that little way.
+/// Returns the image displacement, px, of a surface point relative to mid-exposure; distortion is neglected
+/// over this short distance.
 Eigen::Vector2d Speckle::motion(std::int32_t shape, const Eigen::Vector3d& point,
                                 const Eigen::Vector3d& point_in_shape) const {
   const double focal = plan_.settings.model.cameras[camera_].focal_px;
@@ -85,7 +85,7 @@ void Speckle::modulate(int column, int row, std::size_t packet, const Lanes3& di
     const std::size_t number = packet * kLanes + static_cast<std::size_t>(l);
     const std::size_t sample = std::min(number, plan_.pattern.size() - 1);
     const std::int32_t shape = hits.shape[l];
-    const Eigen::Vector3d point = plan_.eye(camera_, packet, l) + hits.t[l] * lane(direction, l);
+    const Eigen::Vector3d point = plan_.viewpoint(camera_, packet, l) + hits.t[l] * lane(direction, l);
     const Eigen::Vector3d point_in_shape =
         views_->track->shape_from_reference(static_cast<std::size_t>(shape), views_->lane_instants[number]) *
         point;

@@ -61,7 +61,7 @@ void SplatImage::fold_border(const ImageView<float>& cells) {
     fold(cells.at(0, x), cells.at(1, x));
     fold(cells.at(cells.height - 1, x), cells.at(cells.height - 2, x));
   }
-  // Interpolation to finer cells then finds the border as bright as the cell beside it.
+  // Folded borders make the interpolation at the border as bright as in the adjacent cell.
   for (int y = 0; y < cells.height; ++y) {
     cells.at(y, 0) = cells.at(y, 1);
     cells.at(y, cells.width - 1) = cells.at(y, cells.width - 2);
@@ -78,7 +78,7 @@ void SplatImage::pass_down(Grid& coarse, Grid& fine) {
   const ImageView<float> from = coarse.cells.view();
   const ImageView<float> to = fine.cells.view();
   for (int y = 1; y + 1 < to.height; ++y) {
-    // Without borders: fine cell k lies in coarse cell k / 2, three quarters of its light come from there.
+    // Without borders: fine cell k lies in coarse cell k / 2, which contributes three quarters.
     const int near_row = (y - 1) / 2 + 1;
     const int far_row = std::clamp(near_row + ((y - 1) % 2 == 0 ? -1 : 1), 0, from.height - 1);
     const float* near = from.row(near_row);

@@ -1,4 +1,4 @@
-// Light that arrives at points of the image, each spread over a patch of its own size.
+// Accumulation of splats of different sizes.
 #pragma once
 
 #include <vector>
@@ -7,22 +7,21 @@
 
 namespace sensor_rt {
 
-/// A pyramid of grids whose cells grow by factors of two: a point goes to the grid that suits its patch, and
-/// in the end every grid is interpolated into the next finer one. No light is lost but what falls off the
-/// borders.
+/// Pyramid of grids whose cell size doubles per level: a splat is added to the grid of matching cell size,
+/// and finally every grid is interpolated into the next finer one. Energy is conserved except at the borders.
 class SplatImage {
  public:
   void resize(int width, int height);
   void clear();
 
-  /// Adds `amount` at (column, row), spread over about `size` pixels; below 1.5 the pixel gets it all.
+  /// Adds `amount` at (column, row), spread over about `size` pixels; below 1.5 to a single pixel.
   void add(double column, double row, double amount, double size);
 
-  /// Sum of everything, per pixel.
+  /// Returns the sum of all splats per pixel.
   ImageView<const float> resolve();
 
  private:
-  static constexpr int kLevels = 6;  ///< cells of 1 to 32 pixels
+  static constexpr int kLevels = 6;  ///< cell sizes of 1 to 32 pixels
 
   struct Grid {
     Image<float> cells;  ///< with a border of one cell

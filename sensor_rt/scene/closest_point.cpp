@@ -7,7 +7,6 @@
 #include <string>
 
 #include "sensor_rt/geometry/parallel.h"
-#include "sensor_rt/scene/pseudo_normals.h"
 
 namespace sensor_rt {
 namespace {
@@ -17,8 +16,8 @@ struct TrianglePoint {
   int feature = kTriangleInside;
 };
 
-/// Closest point of a triangle by its Voronoi regions (C. Ericson, "Real-Time Collision Detection",
-/// 2005, 5.1.5).
+/// Returns the closest point of a triangle by its Voronoi regions (C. Ericson, "Real-Time Collision
+/// Detection", 2005, 5.1.5).
 TrianglePoint closest_on_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a,
                                   const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
   const Eigen::Vector3d ab = b - a;
@@ -43,88 +42,128 @@ TrianglePoint closest_on_triangle(const Eigen::Vector3d& p, const Eigen::Vector3
   return {a + (vb * scale) * ab + (vc * scale) * ac, kTriangleInside};
 }
 
-struct Query {
-  const MeshView* mesh;
-  Eigen::Vector3d point;
-  double slack;  ///< what rounding to single precision may hide, m
-  double distance2 = std::numeric_limits<double>::infinity();
-  TrianglePoint best;
-  std::uint32_t face = 0;
-};
-
-/// Radius in single precision within which nothing nearer can be missed.
+/// Returns the search radius in single precision, rounded up so that no closer face is missed.
 float search_radius(double distance, double slack) {
   return static_cast<float>((distance + slack) * (1.0 + 1e-6));
 }
 
-bool visit_triangle(RTCPointQueryFunctionArguments* arguments) {
-  Query& query = *static_cast<Query*>(arguments->userPtr);
-  const std::uint32_t face = arguments->primID;
-  const TrianglePoint candidate = closest_on_triangle(
-      query.point, query.mesh->corner(face, 0), query.mesh->corner(face, 1), query.mesh->corner(face, 2));
-  const double distance2 = (candidate.point - query.point).squaredNorm();
-  // Ties go to the lower number, so that the order of the visit does not matter.
-  if (!(distance2 < query.distance2 || (distance2 == query.distance2 && face < query.face))) return false;
-  query.distance2 = distance2;
-  query.best = candidate;
-  query.face = face;
-  const float radius = search_radius(std::sqrt(distance2), query.slack);
-  if (!(radius < arguments->query->radius)) return false;
-  arguments->query->radius = radius;
-  return true;
-}
-
-void search(RTCScene scene, const Eigen::Vector3d& centre, Query& query) {
-  const Eigen::Vector3f local = (query.point - centre).cast<float>();
-  RTCPointQuery embree_query{};
-  embree_query.x = local.x();
-  embree_query.y = local.y();
-  embree_query.z = local.z();
-  embree_query.time = 0.0f;
-  embree_query.radius = std::numeric_limits<float>::infinity();
-  RTCPointQueryContext context;
-  rtcInitPointQueryContext(&context);
-  rtcPointQuery(scene, &embree_query, &context, &visit_triangle, &query);
+const MeshView& validated(const MeshView& mesh) {
+  validate_mesh(mesh, "mesh");
+  return mesh;
 }
 
 }  // namespace
 
-ClosestPoints closest_points(const MeshView& mesh, const double* points, std::size_t count,
-                             unsigned threads) {
-  validate_mesh(mesh, "mesh");
+struct MeshSurface::Query {
+  const MeshSurface& surface;
+  Eigen::Vector3d point;
+  Eigen::Vector3d from_centre;
+  double slack;  ///< tolerance for rounding to single precision, m
+  double distance2 = std::numeric_limits<double>::infinity();
+  TrianglePoint best = {};
+  std::uint32_t face = 0;
+
+  Query(const MeshSurface& mesh_surface, const Eigen::Vector3d& p)
+      : surface(mesh_surface),
+        point(p),
+        from_centre(p - mesh_surface.centre_),
+        slack(4.0 * 6e-8 * (mesh_surface.reach_ + from_centre.cwiseAbs().maxCoeff())) {}
+
+  float radius() const { return search_radius(std::sqrt(distance2), slack); }
+
+  /// Updates the closest face; returns whether it changed.
+  bool try_face(std::uint32_t number) {
+    if (surface.boxes_[number].distance2(from_centre) > distance2) return false;
+    const MeshView& mesh = surface.mesh_;
+    const TrianglePoint candidate =
+        closest_on_triangle(point, mesh.corner(number, 0), mesh.corner(number, 1), mesh.corner(number, 2));
+    const double candidate2 = (candidate.point - point).squaredNorm();
+    // The lower face index wins a tie, so that the order of the traversal does not matter.
+    if (!(candidate2 < distance2 || (candidate2 == distance2 && number < face))) return false;
+    distance2 = candidate2;
+    best = candidate;
+    face = number;
+    return true;
+  }
+
+  static bool visit(RTCPointQueryFunctionArguments* arguments) {
+    Query& query = *static_cast<Query*>(arguments->userPtr);
+    if (!query.try_face(arguments->primID)) return false;
+    const float radius = query.radius();
+    if (!(radius < arguments->query->radius)) return false;
+    arguments->query->radius = radius;
+    return true;
+  }
+
+  void search() {
+    const Eigen::Vector3f local = from_centre.cast<float>();
+    RTCPointQuery embree_query{};
+    embree_query.x = local.x();
+    embree_query.y = local.y();
+    embree_query.z = local.z();
+    embree_query.time = 0.0f;
+    embree_query.radius = radius();
+    RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    rtcPointQuery(surface.scene_.get(), &embree_query, &context, &visit, this);
+  }
+};
+
+double MeshSurface::Box::distance2(const Eigen::Vector3d& p) const {
+  double sum = 0.0;
+  for (int k = 0; k < 3; ++k) {
+    const double gap = std::max(0.0, std::max(double{low[k]} - p[k], p[k] - double{high[k]}));
+    sum += gap * gap;
+  }
+  return sum;
+}
+
+MeshSurface::MeshSurface(const MeshView& mesh)
+    : vertices_(validated(mesh).vertices, mesh.vertices + 3 * mesh.vertex_count),
+      faces_(mesh.faces, mesh.faces + 3 * mesh.face_count),
+      mesh_{vertices_.data(), mesh.vertex_count, faces_.data(), mesh.face_count},
+      centre_(mesh_centre(mesh_)),
+      boxes_(mesh.face_count),
+      normals_(mesh_),
+      scene_(build_triangle_scene(mesh_, centre_)) {
+  constexpr float kFar = std::numeric_limits<float>::infinity();
+  for (std::size_t face = 0; face < mesh.face_count; ++face) {
+    for (int k = 0; k < 3; ++k) {
+      double low = mesh_.corner(face, 0)[k] - centre_[k];
+      double high = low;
+      for (int c = 1; c < 3; ++c) {
+        low = std::min(low, mesh_.corner(face, c)[k] - centre_[k]);
+        high = std::max(high, mesh_.corner(face, c)[k] - centre_[k]);
+      }
+      boxes_[face].low[k] = std::nextafter(static_cast<float>(low), -kFar);
+      boxes_[face].high[k] = std::nextafter(static_cast<float>(high), kFar);
+      reach_ = std::max(reach_, std::max(-low, high));
+    }
+  }
+}
+
+void MeshSurface::closest_points(const double* points, std::size_t count, unsigned threads,
+                                 const ClosestPoints& result) const {
   for (std::size_t i = 0; i < 3 * count; ++i) {
     if (!std::isfinite(points[i]) || std::abs(points[i]) > 1e6) {
       throw std::invalid_argument("point " + std::to_string(i / 3) + " is not finite or beyond 1000 km");
     }
   }
-  const Eigen::Vector3d centre = mesh_centre(mesh);
-  const SceneHandle scene = build_triangle_scene(mesh, centre);
-  const PseudoNormals normals(mesh);
-  double reach = 0.0;
-  for (std::size_t i = 0; i < mesh.vertex_count; ++i) {
-    reach = std::max(reach, (mesh.vertex(i) - centre).cwiseAbs().maxCoeff());
-  }
-  ClosestPoints result;
-  result.point.resize(count);
-  result.face.resize(count);
-  result.signed_distance.resize(count);
   constexpr std::size_t kBlock = 1024;
   parallel_for((count + kBlock - 1) / kBlock, threads, [&](std::size_t block, unsigned) {
-    const std::size_t end = std::min(count, (block + 1) * kBlock);
-    for (std::size_t i = block * kBlock; i < end; ++i) {
-      Query query;
-      query.mesh = &mesh;
-      query.point = Eigen::Map<const Eigen::Vector3d>(points + 3 * i);
-      query.slack = 4.0 * 6e-8 * (reach + (query.point - centre).cwiseAbs().maxCoeff());
-      search(scene.get(), centre, query);
+    const std::size_t first = block * kBlock;
+    for (std::size_t i = first; i < std::min(count, first + kBlock); ++i) {
+      Query query(*this, Eigen::Map<const Eigen::Vector3d>(points + 3 * i));
+      // Warm start: consecutive scan points mostly have the same closest face.
+      if (i > first) query.try_face(result.face[i - 1]);
+      query.search();
       const Eigen::Vector3d offset = query.point - query.best.point;
-      const bool inside = offset.dot(normals.at(query.face, query.best.feature)) < 0.0;
-      result.point[i] = query.best.point;
+      const bool inside = offset.dot(normals_.at(query.face, query.best.feature)) < 0.0;
+      if (result.point != nullptr) Eigen::Map<Eigen::Vector3d>(result.point + 3 * i) = query.best.point;
       result.face[i] = query.face;
       result.signed_distance[i] = std::copysign(std::sqrt(query.distance2), inside ? -1.0 : 1.0);
     }
   });
-  return result;
 }
 
 }  // namespace sensor_rt

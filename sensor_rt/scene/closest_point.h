@@ -1,4 +1,4 @@
-// Exact closest points on a triangle mesh.
+// Exact closest-point queries on a triangle mesh.
 #pragma once
 
 #include <cstddef>
@@ -6,20 +6,49 @@
 #include <vector>
 
 #include "sensor_rt/scene/mesh_shape.h"
+#include "sensor_rt/scene/pseudo_normals.h"
 
 namespace sensor_rt {
 
-/// Per query point: the nearest point of the surface, the face it lies on, and the distance, negative inside.
-/// The sign means something for closed meshes with outward faces only.
+/// Output arrays of closest_points, one entry per query point: closest surface point (3 values, row-major),
+/// its face, and the distance, negative inside.
 struct ClosestPoints {
-  std::vector<Eigen::Vector3d> point;
-  std::vector<std::uint32_t> face;
-  std::vector<double> signed_distance;
+  double* point = nullptr;  ///< may be null
+  std::uint32_t* face = nullptr;
+  double* signed_distance = nullptr;
 };
 
-/// `points` is (count, 3), row-major, in the frame of the mesh. Double precision throughout; Embree only
-/// narrows down the faces to look at. Throws std::invalid_argument for a bad mesh or a point that is not
-/// finite.
-ClosestPoints closest_points(const MeshView& mesh, const double* points, std::size_t count, unsigned threads);
+/// A triangle mesh preprocessed for closest-point queries. The sign of distances is valid for closed meshes
+/// with outward faces only.
+class MeshSurface {
+ public:
+  /// Copies the mesh. Throws std::invalid_argument for an invalid mesh.
+  explicit MeshSurface(const MeshView& mesh);
+
+  /// Computes the closest points of `points` (count, 3), row-major, in the frame of the mesh. Double
+  /// precision throughout; Embree only preselects the candidate faces. Throws std::invalid_argument for a
+  /// point that is not finite.
+  void closest_points(const double* points, std::size_t count, unsigned threads,
+                      const ClosestPoints& result) const;
+
+ private:
+  /// Bounding box of a face relative to the mesh centre, rounded outwards.
+  struct Box {
+    float low[3];
+    float high[3];
+
+    double distance2(const Eigen::Vector3d& p) const;
+  };
+  struct Query;
+
+  std::vector<double> vertices_;
+  std::vector<std::uint32_t> faces_;
+  MeshView mesh_;
+  Eigen::Vector3d centre_;
+  double reach_ = 0.0;  ///< largest absolute vertex coordinate relative to the centre
+  std::vector<Box> boxes_;
+  PseudoNormals normals_;
+  SceneHandle scene_;
+};
 
 }  // namespace sensor_rt

@@ -10,7 +10,7 @@ namespace {
 struct Device {
   RTCDevice handle = rtcNewDevice("threads=1,set_affinity=0");
   Device() {
-    if (handle == nullptr) throw std::runtime_error("Embree does not start: no device");
+    if (handle == nullptr) throw std::runtime_error("cannot initialise Embree: no device");
   }
   ~Device() { rtcReleaseDevice(handle); }
   Device(const Device&) = delete;

@@ -1,4 +1,4 @@
-// Owning handles of Embree objects, and the few calls whose signature differs between Embree 3 and 4.
+// Owning handles of Embree objects, and the calls whose signature differs between Embree 3 and 4.
 #pragma once
 
 #include <memory>
@@ -21,16 +21,16 @@ struct GeometryRelease {
 using SceneHandle = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneRelease>;
 using GeometryHandle = std::unique_ptr<std::remove_pointer_t<RTCGeometry>, GeometryRelease>;
 
-/// The device that all scenes of the process share. Builds on one thread: the tree, and with it the choice
-/// between two equally near triangles, is then the same on every machine. Throws std::runtime_error when
-/// Embree does not start.
+/// Returns the Embree device that all scenes of the process share. It builds on one thread: the tree, and
+/// with it the choice between two equally near triangles, is then reproducible. Throws std::runtime_error
+/// when Embree cannot be initialised.
 RTCDevice shared_device();
 
-/// Throws std::runtime_error or std::bad_alloc when the calls of this thread since the last check have
-/// failed.
+/// Throws std::runtime_error or std::bad_alloc when an Embree call of this thread has failed since the last
+/// check.
 void check_device(const char* action);
 
-/// Closest hits of up to 16 rays that start near each other and run alike.
+/// Finds the closest hits of up to 16 coherent rays.
 inline void intersect16(RTCScene scene, const int* valid, RTCRayHit16& rays) {
 #if RTC_VERSION_MAJOR >= 4
   RTCIntersectArguments arguments;
@@ -45,18 +45,17 @@ inline void intersect16(RTCScene scene, const int* valid, RTCRayHit16& rays) {
 #endif
 }
 
-/// Sets tfar to -infinity for each ray that meets anything. `alike`: rays that start near each other and run
-/// alike meet much the same, too.
-inline void occluded16(RTCScene scene, const int* valid, bool alike, RTCRay16& rays) {
+/// Sets tfar to -infinity for each occluded ray. `coherent`: the rays have similar origins and directions.
+inline void occluded16(RTCScene scene, const int* valid, bool coherent, RTCRay16& rays) {
 #if RTC_VERSION_MAJOR >= 4
   RTCOccludedArguments arguments;
   rtcInitOccludedArguments(&arguments);
-  arguments.flags = alike ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
+  arguments.flags = coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
   rtcOccluded16(valid, scene, &rays, &arguments);
 #else
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  context.flags = alike ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  context.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
   rtcOccluded16(valid, scene, &context, &rays);
 #endif
 }

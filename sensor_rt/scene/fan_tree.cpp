@@ -6,12 +6,12 @@
 namespace sensor_rt {
 namespace {
 
-constexpr std::size_t kWide = EightBoxes::kCount;
+constexpr std::size_t kWide = Aabb8::kCount;
 
-/// Blocks for so many nodes. Boxes that are left over hold nothing.
-LargeVector<EightBoxes> empty_blocks(std::size_t nodes) {
-  LargeVector<EightBoxes> blocks((nodes + kWide - 1) / kWide);
-  for (EightBoxes& block : blocks) block.clear();
+/// Returns the blocks for a number of nodes. Unused boxes are empty.
+LargeVector<Aabb8> empty_blocks(std::size_t nodes) {
+  LargeVector<Aabb8> blocks((nodes + kWide - 1) / kWide);
+  for (Aabb8& block : blocks) block.clear();
   return blocks;
 }
 
@@ -29,7 +29,7 @@ void FanTree::add_groups(const MeshView& mesh, const Eigen::Vector3d& centre,
                          const std::vector<std::uint32_t>& order) {
   groups_.resize((order.size() + kFacesPerLeaf - 1) / kFacesPerLeaf);
   for (std::size_t i = 0; i < groups_.size() * kFacesPerLeaf; ++i) {
-    // The last face again, shrunk to a point, in places that are left over.
+    // Unused slots repeat the last face, shrunk to a point.
     const std::uint32_t face = order[std::min(i, order.size() - 1)];
     FaceGroup& group = groups_[i / kFacesPerLeaf];
     const std::size_t l = i % kFacesPerLeaf;
@@ -42,7 +42,7 @@ void FanTree::add_groups(const MeshView& mesh, const Eigen::Vector3d& centre,
 }
 
 void FanTree::add_leaves() {
-  LargeVector<EightBoxes> blocks = empty_blocks(groups_.size());
+  LargeVector<Aabb8> blocks = empty_blocks(groups_.size());
   for (std::size_t node = 0; node < groups_.size(); ++node) {
     for (const auto& corner : groups_[node].corner) {
       for (int l = 0; l < FaceGroup::kCount; ++l) {
@@ -56,10 +56,10 @@ void FanTree::add_leaves() {
 }
 
 void FanTree::add_level() {
-  const LargeVector<EightBoxes>& below = levels_.back();
-  LargeVector<EightBoxes> blocks = empty_blocks(below.size());
+  const LargeVector<Aabb8>& below = levels_.back();
+  LargeVector<Aabb8> blocks = empty_blocks(below.size());
   for (std::size_t node = 0; node < below.size(); ++node) {
-    for (int l = 0; l < EightBoxes::kCount; ++l) {
+    for (int l = 0; l < Aabb8::kCount; ++l) {
       blocks[node / kWide].include(static_cast<int>(node % kWide), below[node], l);
     }
   }

@@ -11,38 +11,40 @@ namespace sensor_rt {
 
 enum class LightKind { kPoint, kRectangle, kDisc };
 
-/// A lamp. Points shine evenly to all sides; areas lie in z = 0 of their own frame and shine towards +z like
-/// a Lambertian surface. Lamps cast no shadows and are not seen themselves, not even in mirrors.
+/// A lamp. Point lights are isotropic; area lights lie in z = 0 of their own frame and emit towards +z with
+/// Lambertian radiance. Lamps cast no shadows and are not visible themselves, not even in mirrors.
 struct Light {
   LightKind kind = LightKind::kPoint;
   int body = 0;
   Rigid3 body_from_light;
-  Eigen::Vector2d size = Eigen::Vector2d::Zero();  ///< edges of a rectangle; diameter, twice, of a disc; m
-  double power = 0.0;                              ///< W, over the whole spectrum
-  /// Share of the power that passes the band-pass filter, against the laser's share; or the spectrum, from
-  /// which that share follows.
+  Eigen::Vector2d size =
+      Eigen::Vector2d::Zero();  ///< edges of a rectangle; diameter of a disc, given twice; m
+  double power = 0.0;           ///< W, over the whole spectrum
+  /// Fraction of the power that the band-pass filter transmits, relative to the laser's; derived from
+  /// `spectrum` when not given.
   std::optional<double> in_band;
   Band spectrum;
 };
 
-/// What a lamp's watts are worth through a filter, against the laser's.
+/// Returns the transmission of a lamp's power through a filter, relative to that of the laser.
 double in_band_share(const Light& light, const Band& filter, double laser_wavelength);
 
-/// A small piece of a lamp.
-struct LightPiece {
+/// A sample point of a lamp.
+struct LightSample {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
-  Eigen::Vector3d normal = Eigen::Vector3d::Zero();  ///< zero: shines to all sides
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();  ///< zero: isotropic
   double power = 0.0;                                ///< W
 
-  /// Radiant intensity (W/sr) in a unit direction away from the lamp.
+  /// Returns the radiant intensity (W/sr) in a unit direction away from the lamp.
   double intensity(const Eigen::Vector3d& direction) const;
 };
 
-/// Pieces that sum up smooth light over an area well; points have one. `count` fits kLightPieces.
-constexpr int kLightPieces = 16;
-int light_pieces(const Light& light, const Rigid3& reference_from_light, LightPiece* pieces);
+/// Writes the quadrature points of an area light; point lights have one. Returns their number. `samples`
+/// holds kLightSamples.
+constexpr int kLightSamples = 16;
+int light_samples(const Light& light, const Rigid3& reference_from_light, LightSample* samples);
 
-/// A piece chosen evenly at random, with the power of the whole lamp.
-LightPiece random_piece(const Light& light, const Rigid3& reference_from_light, double u, double v);
+/// Returns a uniformly distributed sample point, with the power of the entire lamp.
+LightSample random_light_sample(const Light& light, const Rigid3& reference_from_light, double u, double v);
 
 }  // namespace sensor_rt

@@ -4,13 +4,13 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "sensor_rt/scene/facets.h"
+#include "sensor_rt/scene/ggx.h"
 
 namespace sensor_rt {
 namespace {
 
 constexpr double kTiny = 1e-9;
-constexpr int kNodes = 128;  ///< of the table of albedos
+constexpr int kNodes = 128;  ///< of the albedo table
 
 void require(const std::string& what, const char* name, double value, double least, double most) {
   if (value >= least && value <= most) return;
@@ -18,14 +18,14 @@ void require(const std::string& what, const char* name, double value, double lea
                               std::to_string(most) + ", got " + std::to_string(value));
 }
 
-bool has_facets(const Material& material) {
+bool has_microfacets(const Material& material) {
   return material.model == MaterialModel::kRoughDielectric ||
          material.model == MaterialModel::kRoughConductor;
 }
 
 double fujii_scale(double roughness) { return 1.0 / (1.0 + (0.5 - 2.0 / (3.0 * M_PI)) * roughness); }
 
-/// Directional albedo of Fujii's Oren-Nayar for a white surface, in closed form.
+/// Returns the directional albedo of Fujii's Oren-Nayar model for a white surface, in closed form.
 double fujii_albedo(double roughness, double cosine) {
   const double c = std::clamp(cosine, 1e-6, 1.0);
   const double s = std::sqrt(1.0 - c * c);
@@ -44,12 +44,12 @@ double look_up(const std::vector<double>& table, double cosine) {
 
 void validate_material(const Material& material, const std::string& what) {
   require(what, "reflectance", material.reflectance, 0.0, 1.0);
-  require(what, "roughness", material.roughness, has_facets(material) ? 0.01 : 0.0, 1.0);
+  require(what, "roughness", material.roughness, has_microfacets(material) ? 0.01 : 0.0, 1.0);
   require(what, "refractive_index", material.refractive_index, 1.0, 3.0);
 }
 
-Reflection::Reflection(const Material& material) : material_(material) {
-  if (has_facets(material_)) {
+Brdf::Brdf(const Material& material) : material_(material) {
+  if (has_microfacets(material_)) {
     tabulate();
   } else if (material_.model == MaterialModel::kOrenNayar) {
     const double r = material_.roughness;
@@ -61,22 +61,22 @@ Reflection::Reflection(const Material& material) : material_(material) {
   }
 }
 
-double Reflection::fresnel(double cosine) const {
+double Brdf::fresnel(double cosine) const {
   return material_.model == MaterialModel::kRoughDielectric
              ? dielectric_fresnel(cosine, material_.refractive_index)
              : schlick_fresnel(cosine, material_.reflectance);
 }
 
-void Reflection::tabulate() {
-  // The conductor's table is that of a perfect reflector: Fresnel comes in as its mean over the bounces.
+void Brdf::tabulate() {
+  // The conductor's table is that of a perfect reflector; Fresnel enters as its mean over the bounces.
   const bool coat = material_.model == MaterialModel::kRoughDielectric;
   table_.resize(kNodes + 1);
   for (int i = 0; i <= kNodes; ++i) {
     const double root = std::max(1e-3, static_cast<double>(i) / kNodes);
     const double cosine = root * root;
-    const double real = facet_albedo(cosine, material_.roughness, [&](double c) { return fresnel(c); });
+    const double real = ggx_albedo(cosine, material_.roughness, [&](double c) { return fresnel(c); });
     table_[static_cast<std::size_t>(i)] =
-        coat ? real : facet_albedo(cosine, material_.roughness, [](double) { return 1.0; });
+        coat ? real : ggx_albedo(cosine, material_.roughness, [](double) { return 1.0; });
     if (!coat) coloured_.push_back(real);
   }
   constexpr int kSteps = 8 * kNodes;  // cosine = root², mean = 2 * integral of albedo * cosine over cosine
@@ -93,13 +93,13 @@ void Reflection::tabulate() {
   }
 }
 
-double Reflection::specular_albedo(double cosine) const { return look_up(table_, cosine); }
+double Brdf::specular_albedo(double cosine) const { return look_up(table_, cosine); }
 
-double Reflection::specular_pi(double cos_a, double cos_b, double cos_half, double facing) const {
-  return M_PI * facet_reflection(cos_a, cos_b, cos_half, material_.roughness) * fresnel(facing);
+double Brdf::specular_pi(double cos_a, double cos_b, double cos_half, double facing) const {
+  return M_PI * ggx_brdf(cos_a, cos_b, cos_half, material_.roughness) * fresnel(facing);
 }
 
-double Reflection::diffuse_pi(double cos_a, double cos_b, double cos_between) const {
+double Brdf::diffuse_pi(double cos_a, double cos_b, double cos_between) const {
   switch (material_.model) {
     case MaterialModel::kLambert:
       return material_.reflectance;
@@ -117,18 +117,18 @@ double Reflection::diffuse_pi(double cos_a, double cos_b, double cos_between) co
   }
 }
 
-double Reflection::diffuse_equivalent(const Eigen::Vector3d& normal, const Eigen::Vector3d& a,
-                                      const Eigen::Vector3d& b) const {
+double Brdf::pi_brdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& a,
+                     const Eigen::Vector3d& b) const {
   const double cos_a = normal.dot(a);
   const double cos_b = normal.dot(b);
   if (!(cos_a > 0.0) || !(cos_b > 0.0)) return 0.0;
   const double diffuse = diffuse_pi(cos_a, cos_b, a.dot(b));
-  if (!has_facets(material_)) return diffuse;
+  if (!has_microfacets(material_)) return diffuse;
   const Eigen::Vector3d half = (a + b).normalized();
   return diffuse + specular_pi(cos_a, cos_b, normal.dot(half), half.dot(a));
 }
 
-double Reflection::albedo(double cosine) const {
+double Brdf::albedo(double cosine) const {
   const double rho = material_.reflectance;
   switch (material_.model) {
     case MaterialModel::kOrenNayar: {
@@ -147,16 +147,16 @@ double Reflection::albedo(double cosine) const {
   }
 }
 
-double Reflection::specular_share(double cosine) const {
-  if (!has_facets(material_)) return 0.0;
+double Brdf::specular_share(double cosine) const {
+  if (!has_microfacets(material_)) return 0.0;
   const double single = specular_albedo(cosine);
   const double rest = rest_ * (1.0 - single) * (1.0 - mean_albedo_);
   return std::clamp(single / std::max(single + rest, kTiny), 0.1, 0.99);
 }
 
-ReflectedSample Reflection::sample(const Eigen::Vector3d& normal, const Eigen::Vector3d& from, double u0,
-                                   double u1, double u2) const {
-  ReflectedSample result;
+BrdfSample Brdf::sample(const Eigen::Vector3d& normal, const Eigen::Vector3d& from, double u0, double u1,
+                        double u2) const {
+  BrdfSample result;
   const double cosine = normal.dot(from);
   if (!(cosine > 0.0)) return result;
   if (material_.is_mirror()) {
@@ -168,14 +168,14 @@ ReflectedSample Reflection::sample(const Eigen::Vector3d& normal, const Eigen::V
   const double share = specular_share(cosine);
   const Eigen::Vector3d local = frame.to_local(from);
   const Eigen::Vector3d out =
-      u0 < share ? sample_facet_reflection(local, material_.roughness, u1, u2) : sample_cosine(u1, u2);
+      u0 < share ? sample_ggx(local, material_.roughness, u1, u2) : sample_cosine(u1, u2);
   if (!(out.z() > 0.0)) return result;
   double facets = 0.0;
-  if (share > 0.0) facets = facet_reflection_density(local, out, material_.roughness);
+  if (share > 0.0) facets = ggx_pdf(local, out, material_.roughness);
   result.towards = frame.to_world(out);
-  result.density = share * facets + (1.0 - share) * out.z() / M_PI;
-  if (!(result.density > 0.0)) return result;
-  result.weight = diffuse_equivalent(normal, from, result.towards) * (out.z() / M_PI) / result.density;
+  result.pdf = share * facets + (1.0 - share) * out.z() / M_PI;
+  if (!(result.pdf > 0.0)) return result;
+  result.weight = pi_brdf(normal, from, result.towards) * (out.z() / M_PI) / result.pdf;
   return result;
 }
 

@@ -6,8 +6,8 @@
 #include <stdexcept>
 #include <vector>
 
-#include "sensor_rt/scene/face_order.h"
-#include "sensor_rt/scene/flat_reach.h"
+#include "sensor_rt/scene/planar_radii.h"
+#include "sensor_rt/scene/spatial_order.h"
 
 namespace sensor_rt {
 namespace {
@@ -35,7 +35,7 @@ SceneHandle build_triangle_scene(const MeshView& mesh, const Eigen::Vector3d& ce
   rtcCommitGeometry(geometry.get());
 
   SceneHandle scene(rtcNewScene(device));
-  // Robust: no ray slips through between two triangles that share an edge.
+  // Robust mode: no ray passes between two triangles that share an edge.
   rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
   rtcAttachGeometry(scene.get(), geometry.get());
   rtcCommitScene(scene.get());
@@ -57,12 +57,12 @@ Shape make_mesh_shape(const MeshView& mesh) {
   for (std::size_t i = 0; i < mesh.vertex_count; ++i) {
     shape.half_size = shape.half_size.cwiseMax((mesh.vertex(i) - centre).cwiseAbs());
   }
-  shape.reach = flat_reach(mesh, shape.planes);
+  shape.planar_radii = planar_radii(mesh, shape.planes);
   const bool closed = is_closed(mesh);
   const bool fine = mesh.face_count >= FanTree::kFine;
   if (closed || fine) {
-    const std::vector<std::uint32_t> order = order_in_space(mesh, centre);
-    if (closed) shape.facing = FacingTree(mesh, centre, shape.planes, order);
+    const std::vector<std::uint32_t> order = spatial_order(mesh, centre);
+    if (closed) shape.back_faces = BackFaceTree(mesh, centre, shape.planes, order);
     if (fine) shape.fan_tree = FanTree(mesh, centre, order);
   }
   shape.embree = build_triangle_scene(mesh, centre);

@@ -1,4 +1,4 @@
-// The shape of a triangle mesh, and the passage to Embree.
+// Shapes from triangle meshes.
 #pragma once
 
 #include <Eigen/Dense>
@@ -10,13 +10,14 @@
 
 namespace sensor_rt {
 
-/// Embree scene that holds the mesh shifted by -centre in single precision.
+/// Returns an Embree scene with the mesh shifted by -centre, in single precision.
 SceneHandle build_triangle_scene(const MeshView& mesh, const Eigen::Vector3d& centre);
 
-/// Search trees over triangles that this process has built so far: tells whether anything is built again.
+/// Returns the number of triangle search trees that this process has built; for checking that nothing is
+/// rebuilt.
 std::uint64_t tree_builds();
 
-/// Shape of a valid mesh given in the body frame.
+/// Returns the shape of a valid mesh given in the body frame.
 Shape make_mesh_shape(const MeshView& mesh);
 
 }  // namespace sensor_rt

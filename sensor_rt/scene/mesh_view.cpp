@@ -9,7 +9,7 @@
 namespace sensor_rt {
 namespace {
 
-/// A number for a directed edge, the negative of that of the same edge run backwards.
+/// Returns a hash of a directed edge; the reversed edge has the negative value.
 std::uint64_t edge_number(std::uint32_t from, std::uint32_t to) {
   const bool forwards = from < to;
   const std::uint64_t edge = forwards ? (std::uint64_t{from} << 32 | to) : (std::uint64_t{to} << 32 | from);
@@ -21,8 +21,8 @@ std::uint64_t edge_number(std::uint32_t from, std::uint32_t to) {
 void validate_mesh(const MeshView& mesh, const std::string& what) {
   if (mesh.vertex_count == 0 || mesh.face_count == 0)
     throw std::invalid_argument(what + ": the mesh is empty");
-  constexpr std::size_t kMost = std::numeric_limits<std::uint32_t>::max() / 4;
-  if (mesh.vertex_count > kMost || mesh.face_count > kMost)
+  constexpr std::size_t kCapacity = std::numeric_limits<std::uint32_t>::max() / 4;
+  if (mesh.vertex_count > kCapacity || mesh.face_count > kCapacity)
     throw std::invalid_argument(what + ": the mesh is too large");
   for (std::size_t i = 0; i < 3 * mesh.vertex_count; ++i) {
     if (!std::isfinite(mesh.vertices[i]) || std::abs(mesh.vertices[i]) > 1e6) {
@@ -66,7 +66,7 @@ FacePlane face_plane(const MeshView& mesh, std::size_t face, const Eigen::Vector
   const Eigen::Vector3d c = mesh.corner(face, 2) - centre;
   const Eigen::Vector3d cross = (b - a).cross(c - a);
   const double length = cross.norm();
-  // A face without area keeps a zero normal: it reflects nothing.
+  // Degenerate faces keep a zero normal and reflect nothing.
   const Eigen::Vector3d normal = length > 0.0 ? Eigen::Vector3d(cross / length) : Eigen::Vector3d::Zero();
   return {{normal.x(), normal.y(), normal.z()}, normal.dot(a)};
 }

@@ -1,4 +1,4 @@
-// A triangle mesh as it is given, and what can be told of it.
+// Non-owning view of a triangle mesh, and its basic properties.
 #pragma once
 
 #include <Eigen/Dense>
@@ -23,14 +23,14 @@ struct MeshView {
   }
 };
 
-/// Throws std::invalid_argument, naming `what`, when the mesh is empty, too large, has a vertex that is not
-/// finite or an index out of range.
+/// Throws std::invalid_argument that names `what` when the mesh is empty or too large, or has a vertex that
+/// is not finite or an index out of range.
 void validate_mesh(const MeshView& mesh, const std::string& what);
 
-/// Centre of the bounding box.
+/// Returns the centre of the bounding box.
 Eigen::Vector3d mesh_centre(const MeshView& mesh);
 
-/// True when each edge is run along as often one way as the other; vertices are one when their index is.
+/// Returns true when each edge is used equally often in both directions; vertices are identified by index.
 bool is_closed(const MeshView& mesh);
 
 /// Plane of a face: normal · p = offset, unit normal, in the frame of the shape.
@@ -39,7 +39,7 @@ struct FacePlane {
   double offset;
 };
 
-/// Plane of a face of a mesh that is shifted by -centre.
+/// Returns the plane of a face of a mesh shifted by -centre.
 FacePlane face_plane(const MeshView& mesh, std::size_t face, const Eigen::Vector3d& centre);
 
 }  // namespace sensor_rt

@@ -1,4 +1,4 @@
-// Where everything is during an exposure, seen from the sensor.
+// Poses of all shapes during an exposure, relative to the sensor.
 #pragma once
 
 #include <cstddef>
@@ -10,16 +10,16 @@
 
 namespace sensor_rt {
 
-/// Poses over a batch of exposures: `samples` per exposure, evenly spaced from its start to its end (one:
-/// still). Sample s of exposure e stands at [e * samples + s]; body b at [(e * bodies + b) * samples + s].
+/// Poses of a batch of exposures: `samples` per exposure, evenly spaced from its start to its end (1: no
+/// motion). Sample s of exposure e is at [e * samples + s]; body b at [(e * bodies + b) * samples + s].
 struct Exposures {
   std::size_t count = 0;
   std::size_t samples = 0;
   std::size_t bodies = 0;
   std::vector<Rigid3> world_from_sensor;
   std::vector<Rigid3> world_from_body;
-  std::vector<double> duration;     ///< s; with a rolling shutter that of each row, not of all poses
-  std::vector<std::int64_t> index;  ///< frame number: keys the noise
+  std::vector<double> duration;     ///< s; with a rolling shutter the exposure time of each row
+  std::vector<std::int64_t> index;  ///< frame number, part of the key of the noise
 
   const Rigid3* sensor_poses(std::size_t exposure) const { return &world_from_sensor[exposure * samples]; }
   const Rigid3* body_poses(std::size_t exposure, std::size_t body) const {
@@ -27,16 +27,16 @@ struct Exposures {
   }
 };
 
-/// Poses of all shapes at a few instants of one exposure, in a reference frame that moves with the sensor.
-/// Near the sensor numbers are small, so that single precision goes far; the sensor's own rays are the same
-/// in every exposure.
+/// Poses of all shapes at several instants of one exposure, in a reference frame that moves with the sensor.
+/// Coordinates near the sensor are small, which preserves single precision, and the sensor's own rays are the
+/// same in every exposure.
 class PoseTrack {
  public:
-  /// `fractions` of the exposure, in [0, 1], or later.
+  /// Computes the poses at `fractions` of the exposure, in [0, 1], or extrapolated beyond.
   void set(const Scene& scene, const Exposures& exposures, std::size_t exposure,
            const std::vector<double>& fractions, const Rigid3& sensor_from_reference);
 
-  /// One instant, poses of bodies given directly in the frame in which rays will be given.
+  /// Sets a single instant with body poses given in the frame of the rays.
   void set_still(const Scene& scene, const Rigid3* reference_from_body);
 
   std::size_t instants() const { return instants_; }
@@ -57,14 +57,14 @@ class PoseTrack {
   std::vector<Rigid3> reference_from_world_;
 };
 
-/// Number that keys the noise of an image: one with the laser off has its own.
+/// Returns the frame number for the noise key; background frames (laser off) have numbers of their own.
 inline std::int64_t frame_number(const Exposures& exposures, std::size_t exposure, bool laser_on) {
   const std::int64_t index = exposures.index[exposure];
   return laser_on ? index : -1 - index;
 }
 
-/// Pose at a fraction of the exposure, from evenly spaced samples; beyond its end things go on as they were
-/// going.
+/// Returns the pose at a fraction of the exposure, from evenly spaced samples; extrapolates beyond the end at
+/// constant velocity.
 Rigid3 pose_at(const Rigid3* poses, std::size_t samples, double fraction);
 
 }  // namespace sensor_rt

@@ -4,11 +4,12 @@
 #include <cmath>
 #include <numeric>
 #include <tuple>
+#include <utility>
 
 namespace sensor_rt {
 namespace {
 
-/// For each vertex the number of the place it stands at.
+/// Returns for each vertex the index of its position, equal for vertices with equal coordinates.
 std::vector<std::uint32_t> weld(const MeshView& mesh) {
   std::vector<std::uint32_t> order(mesh.vertex_count);
   std::iota(order.begin(), order.end(), 0u);
@@ -25,17 +26,6 @@ std::vector<std::uint32_t> weld(const MeshView& mesh) {
   return place;
 }
 
-struct HalfEdge {
-  std::uint32_t low;
-  std::uint32_t high;
-  std::uint32_t face;
-  std::uint32_t side;
-
-  bool operator<(const HalfEdge& other) const {
-    return std::tie(low, high) < std::tie(other.low, other.high);
-  }
-};
-
 double angle_between(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return std::atan2(a.cross(b).norm(), a.dot(b));
 }
@@ -46,10 +36,8 @@ PseudoNormals::PseudoNormals(const MeshView& mesh)
     : faces_(mesh.face_count),
       face_normals_(mesh.face_count, Eigen::Vector3d::Zero()),
       vertex_normals_(mesh.vertex_count, Eigen::Vector3d::Zero()),
-      edge_normals_(mesh.face_count) {
+      next_half_edge_(3 * mesh.face_count) {
   const std::vector<std::uint32_t> place = weld(mesh);
-  std::vector<HalfEdge> edges;
-  edges.reserve(3 * mesh.face_count);
   for (std::size_t f = 0; f < mesh.face_count; ++f) {
     const Eigen::Vector3d corners[3] = {mesh.corner(f, 0), mesh.corner(f, 1), mesh.corner(f, 2)};
     const Eigen::Vector3d cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
@@ -61,24 +49,44 @@ PseudoNormals::PseudoNormals(const MeshView& mesh)
       const double angle = angle_between(corners[next] - corners[k], corners[previous] - corners[k]);
       vertex_normals_[faces_[f][k]] += angle * face_normals_[f];
     }
-    for (std::uint32_t k = 0; k < 3; ++k) {
-      const auto [low, high] = std::minmax(faces_[f][k], faces_[f][(k + 1) % 3]);
-      edges.push_back({low, high, static_cast<std::uint32_t>(f), k});
-    }
   }
-  std::sort(edges.begin(), edges.end());
-  for (auto first = edges.begin(); first != edges.end();) {
-    const auto last = std::upper_bound(first, edges.end(), *first);
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    for (auto edge = first; edge != last; ++edge) sum += face_normals_[edge->face];
-    for (auto edge = first; edge != last; ++edge) edge_normals_[edge->face][edge->side] = sum;
-    first = last;
+  link_half_edges();
+}
+
+void PseudoNormals::link_half_edges() {
+  const auto ends = [&](std::uint32_t half_edge) {
+    const std::array<std::uint32_t, 3>& corners = faces_[half_edge / 3];
+    return std::minmax(corners[half_edge % 3], corners[(half_edge % 3 + 1) % 3]);
+  };
+  // Counting sort by the lower end; the write position of each vertex moves from its begin to its end.
+  const auto count = static_cast<std::uint32_t>(next_half_edge_.size());
+  std::vector<std::uint32_t> begin(vertex_normals_.size() + 2);
+  for (std::uint32_t e = 0; e < count; ++e) ++begin[ends(e).first + std::size_t{2}];
+  for (std::size_t v = 2; v < begin.size(); ++v) begin[v] += begin[v - 1];
+  std::vector<std::uint32_t> order(count);
+  for (std::uint32_t e = 0; e < count; ++e) order[begin[ends(e).first + std::size_t{1}]++] = e;
+  const auto other_end_before = [&](std::uint32_t a, std::uint32_t b) {
+    return std::make_pair(ends(a).second, a) < std::make_pair(ends(b).second, b);
+  };
+  for (std::size_t v = 0; v < vertex_normals_.size(); ++v) {
+    std::sort(order.begin() + begin[v], order.begin() + begin[v + 1], other_end_before);
+    for (std::uint32_t first = begin[v], last = first; first < begin[v + 1]; first = last) {
+      while (last < begin[v + 1] && ends(order[last]).second == ends(order[first]).second) ++last;
+      for (std::uint32_t k = first; k < last; ++k)
+        next_half_edge_[order[k]] = order[k + 1 < last ? k + 1 : first];
+    }
   }
 }
 
 Eigen::Vector3d PseudoNormals::at(std::size_t face, int feature) const {
   if (feature == kTriangleInside) return face_normals_[face];
-  if (feature >= 3) return edge_normals_[face][static_cast<std::size_t>(feature - 3)];
+  if (feature >= 3) {
+    const auto start = static_cast<std::uint32_t>(3 * face) + static_cast<std::uint32_t>(feature - 3);
+    Eigen::Vector3d sum = face_normals_[face];
+    for (std::uint32_t e = next_half_edge_[start]; e != start; e = next_half_edge_[e])
+      sum += face_normals_[e / 3];
+    return sum;
+  }
   return vertex_normals_[faces_[face][static_cast<std::size_t>(feature)]];
 }
 

@@ -33,7 +33,7 @@ void Scene::add_cylinder(const std::string& body, const Rigid3& body_from_cylind
 
 void Scene::add_plane(const std::string& body, const Rigid3& body_from_plane, const Eigen::Vector2d& size,
                       const Material& material) {
-  // The size along z only has to be positive here; a rectangle has none.
+  // A rectangle has no size along z; any positive value passes the check.
   add_primitive(body, ShapeKind::kRectangle, body_from_plane, {0.5 * size.x(), 0.5 * size.y(), 1e-6},
                 material);
 }
@@ -56,7 +56,7 @@ void Scene::add_primitive(const std::string& body, ShapeKind kind, const Rigid3&
 
 void Scene::add_shape(const std::string& body, Shape shape, const Material& material) {
   shape.body = body_number(body);
-  shape.surface = std::make_shared<const Reflection>(material);
+  shape.surface = std::make_shared<const Brdf>(material);
   shape.reflectance = shape.surface->albedo(1.0);
   shapes_.push_back(std::move(shape));
 }

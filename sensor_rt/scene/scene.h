@@ -1,4 +1,5 @@
-// Bodies that move as one, made of meshes and exact primitives. Built once; poses come with every exposure.
+// Scene of rigid bodies that consist of meshes and exact primitives. Built once; poses are given per
+// exposure.
 #pragma once
 
 #include <string>
@@ -10,35 +11,34 @@
 
 namespace sensor_rt {
 
-/// Everything that light can meet. Several shapes may share a body. Shapes are two-sided. Sizes
-/// in metres. All add_* throw std::invalid_argument for what is not finite, not
-/// positive or out of range. Tracing a finished scene is safe from any number of threads.
+/// All surfaces and lamps. Several shapes may share a body. Shapes are two-sided. Sizes in metres. All add_*
+/// throw std::invalid_argument for values that are not finite, not positive or out of range. Tracing a
+/// finished scene is thread-safe.
 class Scene {
  public:
-  /// Mesh given in the body frame.
+  /// Adds a mesh given in the body frame.
   void add_mesh(const std::string& body, const MeshView& mesh, const Material& material);
-  /// Sphere around `centre` (body frame).
+  /// Adds a sphere around `centre` (body frame).
   void add_sphere(const std::string& body, const Eigen::Vector3d& centre, double radius,
                   const Material& material);
-  /// Box with edges `size`, centred in its own frame.
+  /// Adds a box with edges `size`, centred in its own frame.
   void add_box(const std::string& body, const Rigid3& body_from_box, const Eigen::Vector3d& size,
                const Material& material);
-  /// Cylinder along its own z, capped, centred in its own frame.
+  /// Adds a capped cylinder along its own z axis, centred in its own frame.
   void add_cylinder(const std::string& body, const Rigid3& body_from_cylinder, double radius, double height,
                     const Material& material);
-  /// Rectangle with edges `size` in the xy plane of its own frame, centred, visible from both sides.
+  /// Adds a rectangle with edges `size` in the xy plane of its own frame, centred, visible from both sides.
   void add_plane(const std::string& body, const Rigid3& body_from_plane, const Eigen::Vector2d& size,
                  const Material& material);
 
-  /// Takes away the shapes of a body, which keeps its place among the bodies: shapes added under its name
-  /// next replace them. Other shapes stay as they are built. Throws std::invalid_argument for an unknown
-  /// body.
+  /// Removes the shapes of a body, which keeps its index: shapes added under its name later replace them.
+  /// Other shapes are not rebuilt. Throws std::invalid_argument for an unknown body.
   void remove_shapes(const std::string& body);
 
-  /// A lamp that moves with `body`, which need not have shapes; `light.body` is filled in.
+  /// Adds a lamp that moves with `body`, which may have no shapes; sets `light.body`.
   void add_light(const std::string& body, Light light);
 
-  /// Names in the order in which poses are given.
+  /// Returns the body names in the order of the poses.
   const std::vector<std::string>& bodies() const { return bodies_; }
   const std::vector<Shape>& shapes() const { return shapes_; }
   const std::vector<Light>& lights() const { return lights_; }

@@ -1,6 +1,7 @@
 #include "sensor_rt/tracing/cast.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -16,28 +17,47 @@
 namespace sensor_rt {
 namespace {
 
-/// Finite, with a direction: sums of what is infinite or undefined are so, too, or become it times nought.
+/// Returns true for finite values with a non-zero direction. Sums of non-finite values stay non-finite, or
+/// become so when multiplied by 0.
 inline bool is_ray(double length2, double x, double y, double z) {
   return (length2 > 0.0) & (0.0 * (length2 + x + y + z) == 0.0);
 }
 
-/// Names the first ray that is none.
-[[noreturn]] void refuse(const double* origins, const double* directions) {
+/// Throws an exception that names the first invalid ray; its direction is `ends` minus the origin where
+/// `to_ends`.
+[[noreturn]] void reject(const double* origins, const double* ends, bool to_ends) {
   for (std::size_t i = 0;; ++i) {
-    const double* o = origins + 3 * i;
-    const double* d = directions + 3 * i;
-    if (is_ray(d[0] * d[0] + d[1] * d[1] + d[2] * d[2], o[0], o[1], o[2])) continue;
+    const Eigen::Map<const Eigen::Vector3d> o(origins + 3 * i);
+    Eigen::Vector3d d = Eigen::Map<const Eigen::Vector3d>(ends + 3 * i);
+    if (to_ends) d -= o;
+    if (is_ray(d.squaredNorm(), o.x(), o.y(), o.z())) continue;
     throw std::invalid_argument("ray " + std::to_string(i) + " is not finite or has no direction");
   }
 }
 
-/// Rows of three, the last one again in lanes past the end.
+/// Loads rows of three values; lanes past the end repeat the last row.
 void load(const double* rows, int lanes, Lanes3& out) {
   for (int l = 0; l < lanes; ++l) set_lane(out, l, Eigen::Map<const Eigen::Vector3d>(rows + 3 * l));
   for (int l = lanes; l < kLanes; ++l) set_lane(out, l, lane(out, lanes - 1));
 }
 
-/// Makes directions unit vectors. False when a ray is not finite or has no direction.
+/// Converts end points to directions from the origins. False when a ray is not finite or has zero length.
+SENSOR_RT_MULTIVERSION
+bool to_directions(const Lanes3& __restrict origin, Lanes3& __restrict end) {
+  alignas(64) int bad[kLanes];
+  for (int l = 0; l < kLanes; ++l) {
+    end.x[l] -= origin.x[l];
+    end.y[l] -= origin.y[l];
+    end.z[l] -= origin.z[l];
+    const double length2 = end.x[l] * end.x[l] + end.y[l] * end.y[l] + end.z[l] * end.z[l];
+    bad[l] = is_ray(length2, origin.x[l], origin.y[l], origin.z[l]) ? 0 : 1;
+  }
+  int any = 0;
+  for (int l = 0; l < kLanes; ++l) any |= bad[l];
+  return any == 0;
+}
+
+/// Normalises directions. False when a ray is not finite or has zero direction.
 SENSOR_RT_MULTIVERSION
 bool normalize(const Lanes3& __restrict origin, Lanes3& __restrict direction) {
   alignas(64) int bad[kLanes];
@@ -55,7 +75,7 @@ bool normalize(const Lanes3& __restrict origin, Lanes3& __restrict direction) {
   return any == 0;
 }
 
-/// Casts rays with origins of their own in packets of 16.
+/// Casts rays with individual origins in packets of 16.
 class Caster {
  public:
   Caster(const Scene& scene, const PoseTrack& track) : scene_(scene) {
@@ -66,7 +86,7 @@ class Caster {
     }
   }
 
-  /// False when a ray is not finite or has no direction.
+  /// Finds the closest hits. False when a ray is not finite or has zero direction.
   bool cast(const double* origins, const double* directions, std::size_t first, int lanes,
             CastResult& result) {
     Lanes3 origin;
@@ -93,36 +113,76 @@ class Caster {
     return true;
   }
 
+  /// Tests whether segments are occluded. False when a segment is not finite or has zero length.
+  bool occlude(const double* starts, const double* ends, std::size_t first, int lanes,
+               std::uint8_t* blocked) {
+    Lanes3 origin;
+    Lanes3 direction;
+    load(starts + 3 * first, lanes, origin);
+    load(ends + 3 * first, lanes, direction);
+    if (!to_directions(origin, direction)) return false;
+    alignas(64) int unoccluded[kLanes];
+    for (int l = 0; l < kLanes; ++l) unoccluded[l] = l < lanes ? -1 : 0;
+    for (std::size_t s = 0; s < poses_.size(); ++s) {
+      transform(poses_[s], origin, transforms_[s].origin);
+      occlude_by_shape(scene_.shapes()[s], transforms_[s], direction, 1.0, unoccluded);
+    }
+    for (int l = 0; l < lanes; ++l) blocked[first + static_cast<std::size_t>(l)] = unoccluded[l] == 0 ? 1 : 0;
+    return true;
+  }
+
  private:
   const Scene& scene_;
   std::vector<Rigid3> poses_;
-  std::vector<LaneTransform> transforms_;  ///< of each shape; origins are those of the last packet
+  std::vector<LaneTransform> transforms_;  ///< per shape; with the origins of the last packet
 };
 
-}  // namespace
-
-CastResult cast_rays(const Scene& scene, const std::vector<Rigid3>& world_from_body, const double* origins,
-                     const double* directions, std::size_t count, unsigned threads) {
+/// Calls body(caster, first ray, rays) for packets of up to 16 of `count` rays; stops when it returns false.
+template <typename Body>
+bool for_packets(const Scene& scene, const std::vector<Rigid3>& world_from_body, std::size_t count,
+                 unsigned threads, const Body& body) {
   if (world_from_body.size() != scene.bodies().size()) {
     throw std::invalid_argument("world_from_body holds " + std::to_string(world_from_body.size()) +
                                 " poses for " + std::to_string(scene.bodies().size()) + " bodies");
   }
   PoseTrack track;
   track.set_still(scene, world_from_body.data());
-  CastResult result;
-  result.distance.resize(count);
-  result.body.resize(count);
-  result.face.resize(count);
+  std::atomic<bool> good{true};
   constexpr std::size_t kBlock = 64 * kLanes;
   parallel_for((count + kBlock - 1) / kBlock, threads, [&](std::size_t block, unsigned) {
     Caster caster(scene, track);
     const std::size_t end = std::min(count, (block + 1) * kBlock);
-    for (std::size_t first = block * kBlock; first < end; first += kLanes) {
-      const int lanes = static_cast<int>(std::min<std::size_t>(kLanes, end - first));
-      if (!caster.cast(origins, directions, first, lanes, result)) refuse(origins, directions);
+    for (std::size_t first = block * kBlock; first < end && good; first += kLanes) {
+      if (!body(caster, first, static_cast<int>(std::min<std::size_t>(kLanes, end - first)))) good = false;
     }
   });
+  return good;
+}
+
+}  // namespace
+
+CastResult cast_rays(const Scene& scene, const std::vector<Rigid3>& world_from_body, const double* origins,
+                     const double* directions, std::size_t count, unsigned threads) {
+  CastResult result;
+  result.distance.resize(count);
+  result.body.resize(count);
+  result.face.resize(count);
+  const auto cast = [&](Caster& caster, std::size_t first, int lanes) {
+    return caster.cast(origins, directions, first, lanes, result);
+  };
+  if (!for_packets(scene, world_from_body, count, threads, cast)) reject(origins, directions, false);
   return result;
+}
+
+LargeVector<std::uint8_t> occluded(const Scene& scene, const std::vector<Rigid3>& world_from_body,
+                                   const double* starts, const double* ends, std::size_t count,
+                                   unsigned threads) {
+  LargeVector<std::uint8_t> blocked(count);
+  const auto occlude = [&](Caster& caster, std::size_t first, int lanes) {
+    return caster.occlude(starts, ends, first, lanes, blocked.data());
+  };
+  if (!for_packets(scene, world_from_body, count, threads, occlude)) reject(starts, ends, true);
+  return blocked;
 }
 
 }  // namespace sensor_rt

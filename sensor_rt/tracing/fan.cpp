@@ -9,8 +9,8 @@ namespace sensor_rt {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr double kLargestBend = 0.01;
-constexpr float kRoom = 0.01f;  ///< for rounding, in the number of a ray
+constexpr double kMaxBend = 0.01;
+constexpr float kRoom = 0.01f;  ///< tolerance for rounding, in ray indices
 
 }  // namespace
 
@@ -22,10 +22,10 @@ Fan::Fan(std::vector<Lanes3> directions, std::size_t count)
     last_packet_[l] = (directions_.size() - 1) * kLanes + l < count ? -1 : 0;
   }
   for (std::size_t i = 0; i < directions_.size() * kLanes; ++i) {
-    const Eigen::Vector3d way = lane(directions_[i / kLanes], static_cast<int>(i % kLanes));
-    even_ = even_ && way.x() == 0.0 && way.z() > 0.0;
-    across_.push_back(i < count ? static_cast<float>(way.y() / way.z()) : kInfinity);
-    towards_.push_back(static_cast<float>(way.z()));
+    const Eigen::Vector3d direction = lane(directions_[i / kLanes], static_cast<int>(i % kLanes));
+    even_ = even_ && direction.x() == 0.0 && direction.z() > 0.0;
+    across_.push_back(i < count ? static_cast<float>(direction.y() / direction.z()) : kInfinity);
+    towards_.push_back(static_cast<float>(direction.z()));
   }
   across_.push_back(kInfinity);
   measure_rates();
@@ -33,8 +33,8 @@ Fan::Fan(std::vector<Lanes3> directions, std::size_t count)
 
 void Fan::measure_rates() {
   const auto across = [this](std::size_t i) {
-    const Eigen::Vector3d way = lane(directions_[i / kLanes], static_cast<int>(i % kLanes));
-    return way.y() / way.z();
+    const Eigen::Vector3d direction = lane(directions_[i / kLanes], static_cast<int>(i % kLanes));
+    return direction.y() / direction.z();
   };
   rate_.assign(count_, 0.0f);
   double least_step = std::numeric_limits<double>::infinity();
@@ -49,9 +49,9 @@ void Fan::measure_rates() {
       most_change = std::max(most_change, std::abs(across(after) - 2.0 * across(i) + across(before)));
     }
   }
-  // Taylor's remainder: half of the largest second difference per square of the distance.
+  // Taylor remainder: half of the largest second difference per square of the distance.
   const double bend = 0.5 * most_change / least_step;
-  even_ = even_ && least_step > 0.0 && bend <= kLargestBend;
+  even_ = even_ && least_step > 0.0 && bend <= kMaxBend;
   bend_ = static_cast<float>(bend);
 }
 

@@ -1,4 +1,4 @@
-// Rays from one point, side by side.
+// Fan of rays from one point.
 #pragma once
 
 #include <cstddef>
@@ -9,33 +9,32 @@
 
 namespace sensor_rt {
 
-/// Rays from one point within the half-space z > 0 of a reference frame, side by side along its y: y / z
-/// grows from one to the next. "Across" means y / z.
+/// Rays from one point within the half-space z > 0 of a reference frame, sorted by y: y / z increases from
+/// ray to ray. "Across" is y / z.
 class Fan {
  public:
-  /// `count` rays in packets of sixteen; lanes past the end are not looked at.
+  /// `count` rays in packets of sixteen; lanes past the end are ignored.
   Fan(std::vector<Lanes3> directions, std::size_t count);
 
   std::size_t count() const { return count_; }
   const std::vector<Lanes3>& directions() const { return directions_; }
-  /// -1 for the lanes of a packet that are rays, else 0.
+  /// Returns -1 for the lanes of a packet that hold rays, else 0.
   const int* valid(std::size_t packet) const {
     return packet + 1 < directions_.size() ? kAllLanes : last_packet_;
   }
-  /// True when all rays lie in the plane x = 0 exactly and from one to the next hardly change their distance.
+  /// Returns true when all rays lie exactly in the plane x = 0 and their spacing varies slowly.
   bool is_even() const { return even_; }
-  /// Of each ray; infinite past the end.
+  /// y / z of each ray; infinite past the end.
   const float* across() const { return across_.data(); }
   /// z of each direction.
   const float* towards() const { return towards_.data(); }
 
-  /// Tells which of a few rays pass between two places across: all of [first(low), end(high)), and hardly any
-  /// others.
+  /// Maps an interval of y / z to the rays within it: all of [first(low), end(high)), plus few others.
   struct Numbering {
-    float rate;  ///< rays per place across
+    float rate;  ///< rays per unit of y / z
     float from;
     float until;
-    float least;  ///< number of a ray
+    float least;  ///< smallest ray index
     float most;
 
     std::int32_t first(float low) const { return limited(low * rate + from); }
@@ -47,8 +46,8 @@ class Fan {
       return static_cast<std::int32_t>(above < most ? above : most);
     }
   };
-  /// For places that no rays but [first, end) pass, of an even fan. About the middle one rays are numbered in
-  /// proportion; the more there are, the more room that needs.
+  /// Returns the mapping for intervals that contain only rays of [first, end), for an even fan. It is linear
+  /// about the middle ray; its tolerance grows with the number of rays.
   Numbering numbering(std::int32_t first, std::int32_t end) const;
 
  private:
@@ -63,8 +62,8 @@ class Fan {
   bool even_ = true;
   std::vector<float> across_;
   std::vector<float> towards_;
-  std::vector<float> rate_;  ///< rays per place across, at each ray
-  float bend_ = 0.0f;        ///< error of a number in proportion, per square of the distance in rays
+  std::vector<float> rate_;  ///< rays per unit of y / z, at each ray
+  float bend_ = 0.0f;        ///< error of the linear mapping, per square of the distance in rays
 };
 
 }  // namespace sensor_rt

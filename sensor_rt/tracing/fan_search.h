@@ -1,4 +1,4 @@
-// The first faces of a fine mesh that a whole fan of rays meets.
+// Closest hits of a fan of rays with a fine mesh.
 #pragma once
 
 #include <Eigen/Dense>
@@ -13,42 +13,42 @@
 
 namespace sensor_rt {
 
-/// The plane x = 0 of a fan as the frame of a shape sees it: of a point p, axis · p + offset is its height
-/// over the plane, how far it lies along the fan's y, and its depth, all from the eye.
+/// The plane x = 0 of a fan in the frame of a shape. For a point p, axis · p + offset gives its height over
+/// the plane, its coordinate along the fan's y and its depth, all relative to the viewpoint.
 struct FanPlane {
   float axis[3][3];
   float offset[3];
-  float slack;  ///< room for rounding, m
+  float slack;  ///< tolerance for rounding, m
 };
 
-/// Segments in which a plane cuts sixteen faces.
+/// Intersections of a plane with sixteen faces: one segment each.
 struct alignas(64) Cuts {
   float first[FaceGroup::kCount];  ///< across
   float last[FaceGroup::kCount];
-  float nearness[FaceGroup::kCount];  ///< 1 / depth at the first end
-  float slope[FaceGroup::kCount];     ///< of nearness: over a straight line it is linear across
+  float inverse_depth[FaceGroup::kCount];  ///< 1 / depth at the first end
+  float slope[FaceGroup::kCount];          ///< of inverse_depth, which is linear in y / z along a segment
   std::int32_t first_ray[FaceGroup::kCount];
   std::int32_t end_ray[FaceGroup::kCount];
-  unsigned met;  ///< a bit for each
+  unsigned met;  ///< bit mask of the intersected faces
 };
 
-/// Searches a tree for all rays of a fan together, roughly from the nearest nodes on.
+/// Finds the closest hits of all rays of a fan in one traversal of a tree, approximately front to back.
 ///
-/// Where faces are as fine as the rays, neighbouring rays share little of a search of their own. An even fan
-/// cuts faces in segments of straight lines, each of which is some interval of rays; nodes that the plane
-/// misses, that lie between two rays or behind what their rays have met are never visited. Memory is asked
-/// for well before it is used. Neighbours that share an edge get the same numbers for its cut: nothing slips
-/// through. Keeps scratch memory.
+/// For faces as fine as the ray spacing, packets of rays share little of their traversals. An even fan
+/// intersects faces in straight segments, each of which covers an interval of rays; nodes that the plane
+/// misses, that lie between two rays or that are occluded are not visited. Memory is prefetched well before
+/// use. Neighbours compute identical intersections of their shared edge, so that the result is watertight.
+/// Keeps scratch memory.
 class FanSearch {
  public:
-  /// `eye`: where the rays start, in the reference frame; `half_size` of the box around the shape. False, and
-  /// nothing is known, for a fan that is not even, an empty tree, and shapes that reach as far back as the
-  /// eye: these are left to packets of rays.
+  /// `viewpoint`: origin of the rays in the reference frame; `half_size` of the bounding box of the shape.
+  /// Returns false, with undefined results, for a fan that is not even, an empty tree, and shapes that extend
+  /// behind the viewpoint; these are traced by packets.
   bool search(const FanTree& tree, const FacePlane* planes, const Eigen::Vector3d& half_size,
-              const Rigid3& shape_from_reference, const Eigen::Vector3d& eye, const Fan& fan);
+              const Rigid3& shape_from_reference, const Eigen::Vector3d& viewpoint, const Fan& fan);
 
-  /// Of ray i, after a search: the face, and how far away it is in units of the ray's direction, in single
-  /// precision; infinite where there is none.
+  /// Results for ray i after a search: the face, and the distance in units of the ray's direction vector, in
+  /// single precision; infinite without a hit.
   const std::uint32_t* faces() const { return face_.data(); }
   const float* distances() const { return t_.data(); }
 
@@ -56,45 +56,45 @@ class FanSearch {
   struct Node {
     std::uint32_t level;
     std::uint32_t index;
-    float nearness;
+    float inverse_depth;
     std::int32_t first;  ///< ray
     std::int32_t end;
   };
 
-  /// So many nodes are on their way before the first is looked at.
+  /// Number of prefetched nodes before the first is processed.
   static constexpr std::size_t kBatch = 8;
 
-  /// Nodes whose memory is on its way.
+  /// Queue of prefetched nodes.
   class Queue {
    public:
     std::size_t count() const { return count_; }
-    void push(const Node& node) { nodes_[(first_ + count_++) % kMost] = node; }
+    void push(const Node& node) { nodes_[(first_ + count_++) % kCapacity] = node; }
     Node pop() {
       const Node node = nodes_[first_];
-      first_ = (first_ + 1) % kMost;
+      first_ = (first_ + 1) % kCapacity;
       --count_;
       return node;
     }
 
    private:
-    static constexpr std::size_t kMost = 32;
-    static_assert(kBatch + EightBoxes::kCount <= kMost);
+    static constexpr std::size_t kCapacity = 32;
+    static_assert(kBatch + Aabb8::kCount <= kCapacity);
 
-    Node nodes_[kMost];
+    Node nodes_[kCapacity];
     std::size_t first_ = 0;
     std::size_t count_ = 0;
   };
 
   void descend(const FanTree& tree, const FacePlane* planes, const FanPlane& plane, const Fan& fan);
-  bool is_hidden(const Node& node) const;
-  void open(const FanTree& tree, const Node& node, const FanPlane& plane, const Fan& fan);
+  bool is_occluded(const Node& node) const;
+  void expand(const FanTree& tree, const Node& node, const FanPlane& plane, const Fan& fan);
   void meet(const FanTree& tree, const FacePlane* planes, const FanPlane& plane, const Fan& fan);
   void draw(const FaceGroup& group, const Cuts& cuts, const FacePlane* planes, const float* across);
 
   std::vector<Node> stack_;
-  Queue parents_;  ///< of leaves
+  Queue parents_;  ///< parents of leaves
   Queue leaves_;
-  std::vector<float> nearness_;  ///< of each ray: 1 / depth of what it has met, 0 for nothing
+  std::vector<float> inverse_depth_;  ///< per ray: 1 / depth of the closest hit, 0 without a hit
   std::vector<std::uint32_t> face_;
   std::vector<float> t_;
 };

@@ -5,11 +5,12 @@
 namespace sensor_rt {
 namespace {
 
-/// A plane met in double precision may differ from Embree's hit by so much (metres): rounding at grazing
-/// incidence. Beyond that the ray runs along the plane and Embree's hit is the better one.
-constexpr double kLargestCorrection = 1e-4;
+/// Largest accepted difference (m) between the plane intersection in double precision and Embree's hit:
+/// rounding at grazing incidence. Beyond it the ray is nearly parallel to the plane and Embree's hit is more
+/// accurate.
+constexpr double kMaxCorrection = 1e-4;
 
-/// Rotation as columns.
+/// Rotation given by its columns.
 SENSOR_RT_MULTIVERSION
 void transform_lanes(const double* __restrict r, const double* __restrict t, const Lanes3& __restrict p,
                      Lanes3& __restrict out) {
@@ -46,8 +47,8 @@ void to_shape_frame(const double (*r)[kLanes], const Lanes3& d, Lanes3& out) {
 }
 
 SENSOR_RT_MULTIVERSION
-void meet_planes(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
-                 const float* __restrict coarse, double* __restrict t) {
+void intersect_planes(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
+                      const float* __restrict coarse, double* __restrict t) {
   for (int l = 0; l < kLanes; ++l) {
     const double towards = p.normal_x[l] * d.x[l] + p.normal_y[l] * d.y[l] + p.normal_z[l] * d.z[l];
     const double away = p.normal_x[l] * o.x[l] + p.normal_y[l] * o.y[l] + p.normal_z[l] * o.z[l];
@@ -55,15 +56,14 @@ void meet_planes(const LanePlanes& __restrict p, const Lanes3& __restrict o, con
     const double length2 = d.x[l] * d.x[l] + d.y[l] * d.y[l] + d.z[l] * d.z[l];
     const double change = fine - static_cast<double>(coarse[l]);
     const double rough = static_cast<double>(coarse[l]);
-    const bool credible =
-        (change * change * length2 <= kLargestCorrection * kLargestCorrection) & (fine > 0.0);
+    const bool credible = (change * change * length2 <= kMaxCorrection * kMaxCorrection) & (fine > 0.0);
     t[l] = credible ? fine : rough;
   }
 }
 
 SENSOR_RT_MULTIVERSION
-void meet_planes_ahead(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
-                       double* __restrict t) {
+void intersect_planes_ahead(const LanePlanes& __restrict p, const Lanes3& __restrict o,
+                            const Lanes3& __restrict d, double* __restrict t) {
   for (int l = 0; l < kLanes; ++l) {
     const double towards = p.normal_x[l] * d.x[l] + p.normal_y[l] * d.y[l] + p.normal_z[l] * d.z[l];
     const double away = p.normal_x[l] * o.x[l] + p.normal_y[l] * o.y[l] + p.normal_z[l] * o.z[l];
@@ -73,8 +73,8 @@ void meet_planes_ahead(const LanePlanes& __restrict p, const Lanes3& __restrict 
 }
 
 SENSOR_RT_MULTIVERSION
-void meet_plane(const FacePlane& plane, const LaneTransform& __restrict transform, const Lanes3& __restrict d,
-                PacketHits& __restrict hits) {
+void intersect_plane(const FacePlane& plane, const LaneTransform& __restrict transform,
+                     const Lanes3& __restrict d, PacketHits& __restrict hits) {
   const double(*r)[kLanes] = transform.rotation;
   const Lanes3& o = transform.origin;
   const double nx = plane.normal[0];
@@ -103,7 +103,7 @@ void pass_through(const double* __restrict c, double number, const Lanes3& __res
     const double cx = c[6] - o.x[l];
     const double cy = c[7] - o.y[l];
     const double cz = c[8] - o.z[l];
-    // Six times the volumes spanned by the ray and each edge: of one sign inside.
+    // Six times the signed volumes spanned by the ray and each edge: equal signs inside.
     const double ab =
         d.x[l] * (ay * bz - az * by) + d.y[l] * (az * bx - ax * bz) + d.z[l] * (ax * by - ay * bx);
     const double bc =

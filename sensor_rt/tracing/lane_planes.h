@@ -1,4 +1,4 @@
-// Sixteen rays against planes and triangles in double precision, in the frame of a shape.
+// Intersection of sixteen rays with planes and triangles in double precision, in the frame of a shape.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace sensor_rt {
 
-/// t of rays that meet nothing.
+/// t of rays without a hit.
 constexpr double kNoHit = std::numeric_limits<double>::infinity();
 
 /// Planes of faces, one per ray.
@@ -21,39 +21,40 @@ struct alignas(64) LanePlanes {
   double offset[kLanes];
 };
 
-/// Candidate hits of one shape; t is infinite where there is none.
+/// Candidate hits with one shape; t is infinite without a hit.
 struct Candidates {
   alignas(64) double t[kLanes];
   Lanes3 normal;
   alignas(64) std::uint32_t face[kLanes];
 };
 
-/// Points, all by one pose.
+/// Transforms points by one pose.
 void transform(const Rigid3& target_from_source, const Lanes3& source, Lanes3& target);
 
-/// Looks up the planes of found.face, and their normals in `found`.
+/// Gathers the planes of found.face, and their normals into `found`.
 void look_up(const std::vector<FacePlane>& planes_of_shape, Candidates& found, LanePlanes& planes);
 
-/// Directions of the reference frame in the frame of a shape: `r` are the rotations, row-major.
+/// Transforms directions from the reference frame to the frame of a shape: `r` are the rotations, row-major.
 void to_shape_frame(const double (*r)[kLanes], const Lanes3& d, Lanes3& out);
 
-/// Meets the planes of the faces that were hit again, in double precision.
-void meet_planes(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
-                 const float* __restrict coarse, double* __restrict t);
+/// Recomputes hits with the planes of the hit faces in double precision.
+void intersect_planes(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
+                      const float* __restrict coarse, double* __restrict t);
 
-/// Where rays meet their planes, infinite behind their origin.
-void meet_planes_ahead(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
-                       double* __restrict t);
+/// Intersects rays with their planes; infinite behind the origin.
+void intersect_planes_ahead(const LanePlanes& __restrict p, const Lanes3& __restrict o,
+                            const Lanes3& __restrict d, double* __restrict t);
 
-/// Where rays meet the plane of one face, with its normal in the reference frame.
-void meet_plane(const FacePlane& plane, const LaneTransform& __restrict transform, const Lanes3& __restrict d,
-                PacketHits& __restrict hits);
+/// Intersects rays with the plane of one face; the normal is given in the reference frame.
+void intersect_plane(const FacePlane& plane, const LaneTransform& __restrict transform,
+                     const Lanes3& __restrict d, PacketHits& __restrict hits);
 
-/// Sets which[lane] to `number` where the ray's line passes through the triangle (corners as rows).
+/// Sets which[lane] to `number` where the line of the ray passes through the triangle (corners as rows).
 void pass_through(const double* __restrict c, double number, const Lanes3& __restrict o,
                   const Lanes3& __restrict d, double* __restrict which);
 
-/// Turns the normals into the reference frame where the candidate is nearer; says where in `nearer` (1 or 0).
+/// Keeps the candidates that are nearer, with normals rotated to the reference frame; `nearer` is 1 there,
+/// else 0.
 void keep_nearer(const double (*r)[kLanes], const Candidates& __restrict found, PacketHits& __restrict hits,
                  double* __restrict nearer);
 

@@ -1,4 +1,4 @@
-// Packets of 16 rays as structures of arrays, the unit in which everything is traced.
+// Packets of 16 rays as structures of arrays, the unit of ray tracing.
 #pragma once
 
 #include <cstdint>
@@ -9,21 +9,21 @@
 namespace sensor_rt {
 
 /// Per ray: rotation shape_from_reference (row-major) and the ray's origin in the frame of a shape. The lanes
-/// of a packet may lie at different times of an exposure, hence at different poses.
+/// of a packet may belong to different instants of an exposure, hence to different poses.
 struct alignas(64) LaneTransform {
   double rotation[9][kLanes];
   Lanes3 origin;
 };
 
-/// Closest hits so far. t is in units of the ray's direction vector; shape is -1 where nothing was met.
+/// Closest hits so far. t is in units of the ray's direction vector; shape is -1 without a hit.
 struct alignas(64) PacketHits {
   double t[kLanes];
-  Lanes3 normal;  ///< unit, in the reference frame; its sign follows the winding of the face
+  Lanes3 normal;  ///< unit, in the reference frame; oriented by the winding of the face
   std::int32_t shape[kLanes];
   std::uint32_t face[kLanes];
 };
 
-/// One face of one shape; primitives are a face each.
+/// A face of a shape; primitives have a single face.
 struct FaceId {
   std::int32_t shape = -1;  ///< -1: none
   std::uint32_t face = 0;
@@ -31,16 +31,16 @@ struct FaceId {
   bool operator==(const FaceId& other) const { return shape == other.shape && face == other.face; }
 };
 
-/// A piece of surface made of a few faces of one shape, or of so many in one plane that this stands for them.
-/// A plane may also stand in for what lies between a few faces.
+/// A surface patch: a few faces of one shape, or a planar proxy of many coplanar facets or of the gap between
+/// a few faces.
 struct Patch {
-  static constexpr int kMost = 4;
+  static constexpr int kCapacity = 4;
 
   std::int32_t shape = -1;  ///< -1: none
-  int count = 0;            ///< 0: the plane stands for all, face[0] is one of them
-  std::uint32_t face[kMost] = {};
-  bool in_light = false;  ///< all of it known to be free of shadow
-  bool is_flat = false;   ///< there is a plane
+  int count = 0;            ///< 0: the planar proxy replaces all faces, of which face[0] is one
+  std::uint32_t face[kCapacity] = {};
+  bool in_light = false;  ///< known to be entirely unshadowed
+  bool is_flat = false;   ///< `plane` is a valid proxy
   FacePlane plane = {};
 };
 

@@ -9,10 +9,10 @@
 namespace sensor_rt {
 namespace {
 
-/// The same for a patch in one plane. False when a ray runs away from it.
-bool meet_single_plane(const FacePlane& plane, const Patch& patch, const LaneTransform& transform,
-                       const Lanes3& direction, PacketHits& hits) {
-  meet_plane(plane, transform, direction, hits);
+/// Intersects rays with a planar patch. False when a ray is parallel to it or points away.
+bool intersect_single_plane(const FacePlane& plane, const Patch& patch, const LaneTransform& transform,
+                            const Lanes3& direction, PacketHits& hits) {
+  intersect_plane(plane, transform, direction, hits);
   double nearest = kNoHit;
   for (int l = 0; l < kLanes; ++l) {
     nearest = hits.t[l] < nearest ? hits.t[l] : nearest;
@@ -22,7 +22,7 @@ bool meet_single_plane(const FacePlane& plane, const Patch& patch, const LaneTra
   return nearest > 0.0;
 }
 
-/// Which face of the patch each ray meets, and where. False when one meets none.
+/// Finds the face of the patch that each ray hits, and the hit. False when a ray misses all faces.
 bool choose_faces(const Shape& shape, const Patch& patch, const Lanes3& origin, const Lanes3& direction,
                   const int* valid, Candidates& found) {
   alignas(64) double which[kLanes];
@@ -42,29 +42,29 @@ bool choose_faces(const Shape& shape, const Patch& patch, const Lanes3& origin, 
   }
   LanePlanes planes;
   look_up(shape.planes, found, planes);
-  if (all) meet_planes_ahead(planes, origin, direction, found.t);
+  if (all) intersect_planes_ahead(planes, origin, direction, found.t);
   return all;
 }
 
 }  // namespace
 
-bool meet_patch(const Shape& shape, const Patch& patch, const LaneTransform& transform,
-                const Lanes3& direction, const int* valid, PacketHits& hits) {
+bool intersect_patch(const Shape& shape, const Patch& patch, const LaneTransform& transform,
+                     const Lanes3& direction, const int* valid, PacketHits& hits) {
   Lanes3 local;
   to_shape_frame(transform.rotation, direction, local);
   const bool full = std::all_of(valid, valid + kLanes, [](int lane) { return lane != 0; });
   const bool is_mesh = shape.kind == ShapeKind::kMesh;
-  const auto meet_all = [&](const FacePlane& plane) {
-    return meet_single_plane(plane, patch, transform, local, hits);
+  const auto intersect_all = [&](const FacePlane& plane) {
+    return intersect_single_plane(plane, patch, transform, local, hits);
   };
   if (is_mesh && full && patch.count <= 1) {
-    return meet_all(patch.count == 0 ? patch.plane : shape.planes[patch.face[0]]);
+    return intersect_all(patch.count == 0 ? patch.plane : shape.planes[patch.face[0]]);
   }
   if (patch.count == 0) return false;
   Candidates found;
   if (is_mesh) {
     if (!choose_faces(shape, patch, transform.origin, local, valid, found)) {
-      return patch.is_flat && full && meet_all(patch.plane);
+      return patch.is_flat && full && intersect_all(patch.plane);
     }
   } else {
     intersect_primitive(shape, transform.origin, local, found.t, found.normal);

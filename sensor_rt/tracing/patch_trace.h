@@ -1,4 +1,4 @@
-// Packets of rays against a known piece of surface.
+// Intersection of packets of rays with a known surface patch.
 #pragma once
 
 #include "sensor_rt/scene/shape.h"
@@ -6,9 +6,9 @@
 
 namespace sensor_rt {
 
-/// Hits of rays that are known to meet nothing before `patch` of this shape. False when one of them misses
-/// the patch; the hits then mean nothing.
-bool meet_patch(const Shape& shape, const Patch& patch, const LaneTransform& transform,
-                const Lanes3& direction, const int* valid, PacketHits& hits);
+/// Computes the hits of rays that are known to hit nothing before `patch` of this shape. Returns false when
+/// one of them misses the patch; the hits are then undefined.
+bool intersect_patch(const Shape& shape, const Patch& patch, const LaneTransform& transform,
+                     const Lanes3& direction, const int* valid, PacketHits& hits);
 
 }  // namespace sensor_rt

@@ -8,14 +8,14 @@
 namespace sensor_rt {
 namespace {
 
-// Conditions are joined by & and applied as factors: without branches the loops vectorise.
+// Conditions are combined by & and applied as factors: the loops vectorise only without branches.
 
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
-/// Keeps the reciprocal of a direction component finite, so that 0 * infinity never arises.
+/// Returns a finite reciprocal of a direction component, so that 0 * infinity never occurs.
 inline double safe_reciprocal(double d) { return 1.0 / (d + std::copysign(1e-200, d)); }
 
-/// First positive end of the interval [enter, leave] in which a ray is inside a convex solid.
+/// Returns the first positive end of the interval [enter, leave] in which a ray is inside a convex solid.
 inline double first_crossing(double enter, double leave) {
   const double first = enter > 0.0 ? enter : leave;
   return (enter <= leave) & (leave > 0.0) ? first : kNone;
@@ -27,7 +27,7 @@ void intersect_sphere(double radius, const Lanes3& __restrict o, const Lanes3& _
   for (int l = 0; l < kLanes; ++l) {
     const double a = d.x[l] * d.x[l] + d.y[l] * d.y[l] + d.z[l] * d.z[l];
     const double nearest = -(o.x[l] * d.x[l] + o.y[l] * d.y[l] + o.z[l] * d.z[l]) / a;
-    // The ray's point nearest to the centre: this form loses no digits far away from a small sphere.
+    // Uses the ray's closest point to the centre, which avoids cancellation far away from a small sphere.
     const double x = o.x[l] + nearest * d.x[l];
     const double y = o.y[l] + nearest * d.y[l];
     const double z = o.z[l] + nearest * d.z[l];
@@ -62,7 +62,7 @@ void intersect_box(double hx, double hy, double hz, const Lanes3& __restrict o, 
     const double leave = leave_xy < z1 ? leave_xy : z1;
     const double hit = first_crossing(enter, leave);
     t[l] = hit;
-    // The face that was crossed last on the way in, or first on the way out.
+    // The face crossed last on entering, or first on leaving.
     const bool inside = !(enter > 0.0);
     const double sign = inside ? 1.0 : -1.0;
     const double edge_x = inside ? x1 : x0;
@@ -82,7 +82,9 @@ void intersect_cylinder(double radius, double half, const Lanes3& __restrict o, 
   for (int l = 0; l < kLanes; ++l) {
     const double a = d.x[l] * d.x[l] + d.y[l] * d.y[l];
     const double inverse =
-        1.0 / (a + 1e-300);  // a ray along the axis has no end on the side, but one far away
+        1.0 /
+        (a +
+         1e-300);  // a ray along the axis never leaves through the side: its intersection is very far away
     const double nearest = -(o.x[l] * d.x[l] + o.y[l] * d.y[l]) * inverse;
     const double x = o.x[l] + nearest * d.x[l];
     const double y = o.y[l] + nearest * d.y[l];

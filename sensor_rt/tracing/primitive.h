@@ -1,4 +1,4 @@
-// Exact primitives met by packets of rays, in double precision.
+// Intersection of packets of rays with exact primitives, in double precision.
 #pragma once
 
 #include "sensor_rt/scene/shape.h"
@@ -6,8 +6,8 @@
 
 namespace sensor_rt {
 
-/// First crossing at t > 0 of rays given in the frame of the shape; t is infinite where there is none.
-/// Normals point out of solids and along +z of rectangles.
+/// Computes the first intersection at t > 0 of rays given in the frame of the shape; t is infinite without a
+/// hit. Normals point outwards on solids and along +z on rectangles.
 void intersect_primitive(const Shape& shape, const Lanes3& origin, const Lanes3& direction, double* t,
                          Lanes3& normal);
 

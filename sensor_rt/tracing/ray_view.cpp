@@ -12,7 +12,7 @@
 namespace sensor_rt {
 namespace {
 
-/// True when at every instant some half-space holds no corner of the shape's bounding box.
+/// Returns true when at every instant a half-space excludes the bounding box of the shape.
 bool misses(const Shape& shape, std::size_t number, const PoseTrack& track,
             const std::vector<HalfSpace>& region) {
   for (std::size_t instant = 0; instant < track.instants(); ++instant) {
@@ -29,7 +29,7 @@ bool misses(const Shape& shape, std::size_t number, const PoseTrack& track,
   return true;
 }
 
-/// Distance of the nearest origin from a box around the shape's own, a little less for rounding.
+/// Returns a lower bound of the distance of the origins from the bounding box of a shape.
 SENSOR_RT_MULTIVERSION
 double nearest_box(const Lanes3& __restrict origin, const double* __restrict half_size) {
   double distance2[kLanes];
@@ -45,7 +45,7 @@ double nearest_box(const Lanes3& __restrict origin, const double* __restrict hal
   return std::sqrt(least) * (1.0 - kSlack) - kSlack;
 }
 
-/// True when some ray reaches `distance` before t.
+/// Returns true when a ray reaches `distance` before t.
 SENSOR_RT_MULTIVERSION
 bool any_reaches(double distance, const Lanes3& __restrict direction, const double* __restrict t) {
   alignas(64) int reaches[kLanes];
@@ -113,18 +113,18 @@ void RayView::intersect_with(std::size_t k, std::size_t packet, const Lanes3& di
   intersect_shape(scene_->shapes()[shapes_[k]], number, transforms_[at], direction, valid, hits);
 }
 
-void RayView::intersect(const PoseTrack& track, const Eigen::Vector3d& eye, const Fan& fan, FanSearch& search,
-                        std::vector<PacketHits>& hits) const {
+void RayView::intersect(const PoseTrack& track, const Eigen::Vector3d& viewpoint, const Fan& fan,
+                        FanSearch& search, std::vector<PacketHits>& hits) const {
   for (PacketHits& packet : hits) clear_hits(packet, std::numeric_limits<double>::infinity());
   for (const std::size_t k : order_) {
     const Shape& shape = scene_->shapes()[shapes_[k]];
     const bool searched = search.search(shape.fan_tree, shape.planes.data(), shape.half_size,
-                                        track.shape_from_reference(shapes_[k], 0), eye, fan);
+                                        track.shape_from_reference(shapes_[k], 0), viewpoint, fan);
     for (std::size_t p = 0; p < hits.size(); ++p) {
       if (searched) {
-        meet_faces(shape, static_cast<std::int32_t>(shapes_[k]), transforms_[k * packets_],
-                   fan.directions()[p], search.faces() + p * kLanes, search.distances() + p * kLanes,
-                   hits[p]);
+        intersect_faces(shape, static_cast<std::int32_t>(shapes_[k]), transforms_[k * packets_],
+                        fan.directions()[p], search.faces() + p * kLanes, search.distances() + p * kLanes,
+                        hits[p]);
       } else {
         intersect_with(k, 0, fan.directions()[p], fan.valid(p), hits[p]);
       }
@@ -137,23 +137,23 @@ bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& directi
   const auto number = static_cast<std::size_t>(patch.shape);
   const auto in_view = std::lower_bound(shapes_.begin(), shapes_.end(), number) - shapes_.begin();
   const LaneTransform& transform = transforms_[static_cast<std::size_t>(in_view) * packets_ + packet];
-  return meet_patch(scene_->shapes()[number], patch, transform, direction, valid, hits);
+  return intersect_patch(scene_->shapes()[number], patch, transform, direction, valid, hits);
 }
 
-void RayView::occlude(std::size_t packet, const Lanes3& direction, double farthest, int* open) const {
+void RayView::occlude(std::size_t packet, const Lanes3& direction, double farthest, int* unoccluded) const {
   for (const std::size_t k : order_) {
-    if (std::none_of(open, open + kLanes, [](int lane) { return lane != 0; })) return;
-    occlude_by(k, packet, direction, farthest, open);
+    if (std::none_of(unoccluded, unoccluded + kLanes, [](int lane) { return lane != 0; })) return;
+    occlude_by(k, packet, direction, farthest, unoccluded);
   }
 }
 
 void RayView::occlude_by(std::size_t k, std::size_t packet, const Lanes3& direction, double farthest,
-                         int* open) const {
+                         int* unoccluded) const {
   const std::size_t at = k * packets_ + packet;
   alignas(64) double t[kLanes];
   std::fill(t, t + kLanes, farthest);
   if (nearest_[at] > 0.0 && !any_reaches(nearest_[at], direction, t)) return;
-  occlude_by_shape(scene_->shapes()[shapes_[k]], transforms_[at], direction, farthest, open);
+  occlude_by_shape(scene_->shapes()[shapes_[k]], transforms_[at], direction, farthest, unoccluded);
 }
 
 }  // namespace sensor_rt

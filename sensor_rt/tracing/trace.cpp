@@ -9,7 +9,7 @@
 namespace sensor_rt {
 namespace {
 
-/// Neighbouring rays share little of their way through a mesh of so many faces, as measured.
+/// Number of faces above which neighbouring rays no longer profit from coherent traversal, as measured.
 constexpr std::size_t kVeryFine = 500'000;
 
 SENSOR_RT_MULTIVERSION
@@ -29,21 +29,22 @@ void fill_rays(const Lanes3& origin, const Lanes3& direction, RTCRay16& ray) {
   }
 }
 
-/// Where rays meet the planes of found.face, roughly at t.
-void meet_known(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const float* t,
-                Candidates& found) {
+/// Intersects rays with the planes of found.face, near t.
+void intersect_known(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const float* t,
+                     Candidates& found) {
   LanePlanes planes;
   look_up(shape.planes, found, planes);
-  meet_planes(planes, origin, direction, t, found.t);
+  intersect_planes(planes, origin, direction, t, found.t);
 }
 
-/// False when no ray meets the mesh.
+/// Returns false when no ray hits the mesh.
 bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const int* valid,
                 const PacketHits& hits, Candidates& found) {
   RTCRayHit16 rays;
   fill_rays(origin, direction, rays.ray);
   for (int l = 0; l < kLanes; ++l) {
-    // Rounded up, so that a surface in the distance found so far is not lost before the comparison in double.
+    // Rounded up, so that a surface at the current closest distance is not lost before the comparison in
+    // double precision.
     rays.ray.tfar[l] = static_cast<float>(hits.t[l]) * 1.00001f;
     rays.hit.geomID[l] = RTC_INVALID_GEOMETRY_ID;
   }
@@ -55,7 +56,7 @@ bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& directio
     found.face[l] = hit ? rays.hit.primID[l] : 0;
   }
   if (!any) return false;
-  meet_known(shape, origin, direction, rays.ray.tfar, found);
+  intersect_known(shape, origin, direction, rays.ray.tfar, found);
   for (int l = 0; l < kLanes; ++l) {
     if (valid[l] == 0 || rays.hit.geomID[l] == RTC_INVALID_GEOMETRY_ID) found.t[l] = kNoHit;
   }
@@ -100,8 +101,8 @@ void intersect_shape(const Shape& shape, std::int32_t index, const LaneTransform
   take_nearer(index, transform, found, hits);
 }
 
-void meet_faces(const Shape& shape, std::int32_t index, const LaneTransform& transform,
-                const Lanes3& direction, const std::uint32_t* face, const float* t, PacketHits& hits) {
+void intersect_faces(const Shape& shape, std::int32_t index, const LaneTransform& transform,
+                     const Lanes3& direction, const std::uint32_t* face, const float* t, PacketHits& hits) {
   Lanes3 local;
   to_shape_frame(transform.rotation, direction, local);
   Candidates found;
@@ -112,7 +113,7 @@ void meet_faces(const Shape& shape, std::int32_t index, const LaneTransform& tra
     found.face[l] = met ? face[l] : 0;
   }
   if (!any) return;
-  meet_known(shape, transform.origin, local, t, found);
+  intersect_known(shape, transform.origin, local, t, found);
   for (int l = 0; l < kLanes; ++l) {
     if (!(t[l] < std::numeric_limits<float>::infinity())) found.t[l] = kNoHit;
   }
@@ -120,7 +121,7 @@ void meet_faces(const Shape& shape, std::int32_t index, const LaneTransform& tra
 }
 
 void occlude_by_shape(const Shape& shape, const LaneTransform& transform, const Lanes3& direction,
-                      double farthest, int* open) {
+                      double farthest, int* unoccluded) {
   Lanes3 local;
   to_shape_frame(transform.rotation, direction, local);
   if (shape.kind == ShapeKind::kMesh) {
@@ -128,14 +129,14 @@ void occlude_by_shape(const Shape& shape, const LaneTransform& transform, const 
     fill_rays(transform.origin, local, rays);
     for (float& tfar : rays.tfar) tfar = static_cast<float>(farthest);
     alignas(64) int valid[kLanes];
-    for (int l = 0; l < kLanes; ++l) valid[l] = open[l];
+    for (int l = 0; l < kLanes; ++l) valid[l] = unoccluded[l];
     occluded16(shape.embree.get(), valid, shape.planes.size() < kVeryFine, rays);
-    for (int l = 0; l < kLanes; ++l) open[l] = rays.tfar[l] < 0.0f ? 0 : open[l];
+    for (int l = 0; l < kLanes; ++l) unoccluded[l] = rays.tfar[l] < 0.0f ? 0 : unoccluded[l];
   } else {
     alignas(64) double t[kLanes];
     Lanes3 normal;
     intersect_primitive(shape, transform.origin, local, t, normal);
-    for (int l = 0; l < kLanes; ++l) open[l] = t[l] < farthest ? 0 : open[l];
+    for (int l = 0; l < kLanes; ++l) unoccluded[l] = t[l] < farthest ? 0 : unoccluded[l];
   }
 }
 

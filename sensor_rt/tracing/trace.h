@@ -1,4 +1,4 @@
-// Packets of rays against single shapes.
+// Intersection of packets of rays with single shapes.
 #pragma once
 
 #include <cstdint>
@@ -8,21 +8,23 @@
 
 namespace sensor_rt {
 
-/// All lanes without a hit, looking up to t = `farthest`.
+/// Resets all lanes to no hit, with the search limit t = `farthest`.
 void clear_hits(PacketHits& hits, double farthest);
 
-/// Replaces the hits of rays that meet `shape` (number `index`) nearer than before. Directions in the
-/// reference frame, any length. valid: -1 for lanes in use, else 0. Triangles are found in single precision
-/// and their planes met again in double; primitives are exact.
+/// Updates the closest hits with `shape` (index `index`). Directions are in the reference frame and of any
+/// length. valid: -1 for active lanes, else 0. Triangles are found in single precision and their planes
+/// intersected again in double precision; primitives are exact.
 void intersect_shape(const Shape& shape, std::int32_t index, const LaneTransform& transform,
                      const Lanes3& direction, const int* valid, PacketHits& hits);
 
-/// The same with the faces that are met known, and roughly where: t is infinite for lanes without any.
-void meet_faces(const Shape& shape, std::int32_t index, const LaneTransform& transform,
-                const Lanes3& direction, const std::uint32_t* face, const float* t, PacketHits& hits);
+/// Updates the closest hits with known faces of a mesh at approximate distances t; t is infinite for lanes
+/// without a hit.
+void intersect_faces(const Shape& shape, std::int32_t index, const LaneTransform& transform,
+                     const Lanes3& direction, const std::uint32_t* face, const float* t, PacketHits& hits);
 
-/// Sets open[lane] to 0 where the shape cuts the ray at 0 < t < farthest; lanes with open == 0 are left out.
+/// Sets unoccluded[lane] to 0 where the shape intersects the ray at 0 < t < farthest; lanes that are 0 are
+/// skipped.
 void occlude_by_shape(const Shape& shape, const LaneTransform& transform, const Lanes3& direction,
-                      double farthest, int* open);
+                      double farthest, int* unoccluded);
 
 }  // namespace sensor_rt

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from . import cell_speed, line_speed, ray_speed, sensor_speed
+from . import cell_speed, line_speed, proximity_speed, ray_speed, sensor_speed
 from .table import Row, print_header, print_row, write_json
 
 
@@ -22,6 +22,7 @@ def sections(largest: int) -> dict[str, Callable[[], Iterator[Row]]]:
         "rays": ray_speed.laser_ray_rows,
         "closest": ray_speed.closest_point_rows,
         "density": lambda: sensor_speed.density_rows(largest),
+        "proximity": proximity_speed.proximity_rows,
         "fmu": cell_speed.cell_rows,
         "scan": line_speed.line_rows,
     }

@@ -24,10 +24,10 @@ from test_fmu_dynamic_arm import (
     ringing_frequency,
 )
 
-from orchestrator.cell.fmu_file import cell_json
-from orchestrator.cell.nominal import nominal_cell
-from orchestrator.config.loading import load_setup
-from orchestrator.geometry.mesh import box_mesh
+from scancell.cell.fmu_file import cell_json
+from scancell.config.loading import load_setup
+from scancell.geometry.mesh import box_mesh
+from scancell.nominal.cell import nominal_cell
 
 DOCS = Path(__file__).parents[2] / "docs"
 

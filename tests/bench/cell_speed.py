@@ -13,13 +13,12 @@ import dartpy
 import numpy as np
 import trimesh
 
-from orchestrator.cell.fmu_file import FmiVersion, build_fmu, cell_json
-from orchestrator.cell.instance import CellInstance
-from orchestrator.cell.nominal import NominalCell, nominal_cell
-from orchestrator.config import load_setup
-from orchestrator.config.loading import assets_dir
-from orchestrator.geometry.mesh import box_mesh, load_mesh
-from orchestrator.geometry.pose import translation
+from scancell.cell.fmu_file import FmiVersion, build_fmu, cell_json
+from scancell.cell.instance import CellInstance
+from scancell.config.loading import assets_dir, load_setup
+from scancell.geometry.mesh import box_mesh, load_mesh
+from scancell.geometry.pose import translation
+from scancell.nominal.cell import NominalCell, nominal_cell
 
 from .table import Row
 from .timing import Timing, measure, scaled

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from sensor_rt import PEAK_REJECTED, Scene, Sensor, expose, extract
+from scancell.sensor import PEAK_REJECTED, Scene, Sensor, expose, extract
 
 from .table import cpu_model
 from .timing import measure

@@ -5,9 +5,9 @@ from __future__ import annotations
 import matplotlib as mpl
 import numpy as np
 
-import sensor_rt
-from orchestrator.config.material import PRESETS
-from orchestrator.geometry import pose
+from scancell import sensor as sensor_rt
+from scancell.config.material import PRESETS
+from scancell.geometry import pose
 
 from .scenes import make_sensor, still_exposure
 

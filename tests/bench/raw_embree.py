@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.geometry import pose
+from scancell.geometry import pose
 
 from .scenes import PART_Z, Faces, make_sensor, sensor_description
 from .timing import Timing

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import sensor_rt
+from scancell import sensor as sensor_rt
 
 from .peers.check import PeerMissingError
 from .raw_embree import RAYS, Fans, raw_times, turning_fans

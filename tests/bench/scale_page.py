@@ -27,7 +27,7 @@ def _head(runs: Mapping[str, Measured], loads: str, settings: list[str]) -> str:
     two = runs["two"]
     count = f"--trials {two.trials['geometric']} --ray-traced {two.trials['ray-traced']}"
     words = "".join(f" --set {word}" for word in settings)
-    return f"""# What many scans take
+    return f"""# Cost and scaling of studies
 
 Written by
 
@@ -35,9 +35,9 @@ Written by
 PYTHONPATH=tests python -m bench.studies {count} --no-ops {runs["nothing"].tasks}{words}
 ```
 
-on {cpu_model()}. Load of the machine by all others at the beginning of the four runs: {loads}.
-Processor time is nearly the same on a busy machine, but that what Dask does by the clock takes part in it for longer;
-wall time is that of a machine with this load."""
+on {cpu_model()}. Load of the machine by other processes at the start of the four runs: {loads}.
+Processor time depends little on the load, except for Dask's periodic work; wall time is that of a machine with this
+load."""
 
 
 def efficiency(runs: Mapping[str, Measured]) -> float:
@@ -69,14 +69,14 @@ task.
 |---|---|---|---|---|---|---|---|
 {rows}
 
-- **Parallel efficiency of two workers: {by_processor:.1%}** (wanted: 90 % or more): processor time that the
-  trials take at the median cost of one worker, over the processor time of everything on two, which is command,
-  scheduler, and both workers from their start to their end. Rates of wall time give {by_wall:.0%}, which means
-  something only where nobody else uses the cores.
-- **Overhead: {two.overhead:.1%}** (wanted: less than 5 %): the share of all processor time that is not spent in trials.
-  Of their wall time the two workers were idle for {two.idle:.1%}: waiting for the next task, and at the end for each
-  other.
-- Gathering {two.tasks} rows, their statistics and the report take {two.report_s:.1f} s of processor time more."""
+- **Parallel efficiency of two workers: {by_processor:.1%}** (target: 90 % or more): processor time of the
+  trials at the median cost of one worker, divided by the total processor time with two workers, which includes the
+  command, the scheduler, and the start and end of the workers. Rates of wall time give {by_wall:.0%}, which is
+  meaningful only on an idle machine.
+- **Overhead: {two.overhead:.1%}** (target: less than 5 %): the share of processor time that is not spent in trials.
+  The two workers were idle for {two.idle:.1%} of their wall time, waiting for the next task or for
+  the last one.
+- Gathering {two.tasks} rows, statistics and the report take another {two.report_s:.1f} s of processor time."""
 
 
 def _memory(two: Measured) -> str:
@@ -103,7 +103,7 @@ def _engine(runs: Mapping[str, Measured]) -> str:
     rate = f"{nothing.rate:.0f}"
     in_workers = 1e3 * nothing.children_s / nothing.tasks
     return f"""
-## What a scan and a task cost
+## Cost of a scan and of a task
 
 A scan of at most {cost.profiles} profiles in one process, medians; shares are of wall time:
 
@@ -112,7 +112,7 @@ A scan of at most {cost.profiles} profiles in one process, medians; shares are o
 {chr(10).join(lines)}
 | **processor time, ms** | {spent} |
 
-{nothing.tasks} tasks that leave one small file and do nothing else, on {nothing.workers} workers: {rate} tasks/s
+{nothing.tasks} tasks that only write one small file, on {nothing.workers} workers: {rate} tasks/s
 of wall time. A task costs **{_own_ms(nothing):.2f} ms** of processor time in the command and its scheduler, and
 {in_workers:.2f} ms in the workers (two small files, a rename, checksums; the start of the workers included)."""
 
@@ -139,17 +139,17 @@ def _plan(runs: Mapping[str, Measured]) -> str:
 |---|---|---|---|---|---|---|
 {rows}
 
-What limits it:
+Limits:
 
-- **The scheduler** is one process that hands out at most {limit:.0f} tasks/s: the columns on the right say how many
-  cores that keeps busy. `trials_per_task = {_PER_TASK}` divides its work by {_PER_TASK}. No more than 20 tasks per
-  worker (and at least 200) are known to it at a time, so its memory does not grow with the study.
-- **The disk.** A trial leaves {size / 1024:.1f} kB in three files, so a million leave {_MILLION * size / 1e9:.1f} GB;
-  images and clouds are not kept. 256 cores with geometric scans write {scans * size / 1e6:.1f} MB/s, which is little,
-  but {3 * scans:.0f} files/s with one trial per task, which a shared file system notices. With {_PER_TASK} trials
+- **The scheduler** is one process that distributes at most {limit:.0f} tasks/s: the right-hand columns are the number
+  of cores that this keeps busy. `trials_per_task = {_PER_TASK}` divides its work by {_PER_TASK}. At most 20 tasks
+  per worker (and at least 200) are submitted at a time, so its memory does not grow with the study.
+- **The disk.** A trial writes {size / 1024:.1f} kB in three files, so a million write {_MILLION * size / 1e9:.1f} GB;
+  images and clouds are not kept. 256 cores with geometric scans write {scans * size / 1e6:.1f} MB/s,
+  but {3 * scans:.0f} files/s with one trial per task, which is a load for a shared file system. With {_PER_TASK} trials
   per task it is {3 * scans / _PER_TASK:.0f} files/s, and {3 * _MILLION // _PER_TASK} files in the end.
-- **Reading it back.** Gathering and report take {1e3 * report:.1f} ms per trial here, so {_MILLION * report / 60:.0f}
-  minutes of one core for a million if that grows in proportion, and hold all rows in memory.
-- **A dead scheduler** costs the tasks that were running; `resume` goes on. With job arrays (`--shard i/n`) there is
-  none: each job takes every n-th task, and the report is made once at the end.
+- **Reading the results.** Collection and report take {1e3 * report:.1f} ms per trial, {_MILLION * report / 60:.0f}
+  minutes of one core for a million if this scales linearly, with all rows in memory.
+- **A failed scheduler** loses the running tasks; `resume` continues. Job arrays (`--shard i/n`) need none: each job
+  runs every n-th task, and the report is written once at the end.
 """

@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-import sensor_rt
+from scancell import sensor as sensor_rt
 
 from .scenes import bumpy_part, make_sensor, turning_exposures
 

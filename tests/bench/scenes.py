@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import sensor_rt
-from orchestrator.config import load_setup
-from orchestrator.config.resolved import sensor_json
-from orchestrator.geometry import pose
+from scancell import sensor as sensor_rt
+from scancell.config.loading import load_setup
+from scancell.config.resolved import sensor_json
+from scancell.geometry import pose
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.uint32]

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-import sensor_rt
+from scancell import sensor as sensor_rt
 
 from .raw_embree import raw_times, turning_fans
 from .scenes import PART_TRIANGLES, bumpy_part, make_sensor, part_on_table, turning_exposures

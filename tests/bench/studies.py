@@ -24,12 +24,12 @@ import numpy as np
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from orchestrator.config.loading import assets_dir
-from orchestrator.progress import Silent
-from orchestrator.studies.engine import RunOutcome, run_tasks
-from orchestrator.studies.report import write_report
-from orchestrator.studies.study import begin, open_study, run_study
-from orchestrator.studies.task import Job, Task, Where, close_workers
+from scancell.config.loading import assets_dir
+from scancell.progress import NullProgress
+from scancell.studies.engine import RunOutcome, run_tasks
+from scancell.studies.report import write_report
+from scancell.studies.study import open_study
+from scancell.studies.task import ExecutionTarget, Job, Task, close_workers
 
 TESTS = Path(__file__).resolve().parents[1]
 sys.path.append(str(TESTS))  # the workers import this module by its name
@@ -142,7 +142,7 @@ class _Processor:
         return own - self._start[0], children - self._start[1]
 
 
-def run_scans(where: Where, trials: int, ray_traced: int, settings: Sequence[str]) -> Measured:
+def run_scans(target: ExecutionTarget, trials: int, ray_traced: int, settings: Sequence[str]) -> Measured:
     """The study in a temporary folder, one trial per task."""
     with tempfile.TemporaryDirectory(prefix="scancell-bench-") as name:
         folder = Path(name)
@@ -150,14 +150,14 @@ def run_scans(where: Where, trials: int, ray_traced: int, settings: Sequence[str
         nominal = json.dumps(["cell.part.x_mm=20", *settings])
         words = [f"design.trials={trials}", f"ray_traced_trials={ray_traced}", f"set={nominal}"]
         study = open_study(folder / "speed.toml", words)
-        begin(study, folder / "out")
+        study.begin(folder / "out")
         processor = _Processor()
-        outcome = run_study(study, folder / "out", where, Silent())
+        outcome = study.run(folder / "out", target, NullProgress())
         spent, processor = processor.spent(), _Processor()
         close_workers()
         write_report(study, folder / "out")
         counts = {"geometric": trials, "ray-traced": ray_traced}
-        measured = _measured(where.workers or 1, counts, len(study.tasks), outcome, spent, folder / "out" / "tasks")
+        measured = _measured(target.workers or 1, counts, len(study.tasks), outcome, spent, folder / "out" / "tasks")
         rows = pyarrow.parquet.read_table(folder / "out" / "results.parquet").to_pydict()
         if set(rows["status"]) != {"ok"}:
             raise RuntimeError(f"failed: {next(filter(None, rows['message']))}")
@@ -184,7 +184,7 @@ def run_nothing(workers: int, count: int) -> Measured:
         job = Job(Path(name) / "tasks", open_nothing, {})
         tasks = [Task(f"t{n:07d}", n) for n in range(count)]
         processor = _Processor()
-        outcome = run_tasks(job, tasks, Where(workers=workers), Silent())
+        outcome = run_tasks(job, tasks, ExecutionTarget(workers=workers), NullProgress())
         return _measured(workers, {}, count, outcome, processor.spent(), job.folder)
 
 
@@ -236,9 +236,9 @@ def main() -> None:
     tenth = max(8, options.trials // 10), max(4, options.ray_traced // 10)
     runs = {
         "nothing": lambda: run_nothing(2, options.no_ops),
-        "cost": lambda: run_scans(Where(shard=(1, 1)), 8, 4, PRESET),
-        "one": lambda: run_scans(Where(workers=1), *tenth, settings),
-        "two": lambda: run_scans(Where(workers=2), options.trials, options.ray_traced, settings),
+        "cost": lambda: run_scans(ExecutionTarget(shard=(1, 1)), 8, 4, PRESET),
+        "one": lambda: run_scans(ExecutionTarget(workers=1), *tenth, settings),
+        "two": lambda: run_scans(ExecutionTarget(workers=2), options.trials, options.ray_traced, settings),
     }
     file: Path = options.measured
     kept = json.loads(file.read_text()) if options.only and file.exists() else {}

@@ -29,6 +29,7 @@ TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "system")]
 
 from commands import COMMAND, environment  # noqa: E402
+
 from studies_files import GLOSS, HEAD, OFFSET, write_study  # noqa: E402
 
 from .table import cpu_model  # noqa: E402

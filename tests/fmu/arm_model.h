@@ -1,4 +1,4 @@
-// A six-axis arm with the proportions of the default one, by its nominal geometry alone.
+// A six-axis arm similar to the default one, with nominal geometry.
 #pragma once
 
 #include <limits>
@@ -13,7 +13,7 @@ using control::kArmAxes;
 constexpr std::int64_t kCycle = 16000;
 constexpr double kCycleSeconds = 0.016;
 
-/// Its tool sits 0.15 m in front of the flange, off its axis.
+/// The tool is 0.15 m in front of the flange, off its axis.
 class ArmModel : public control::ArmGeometry {
  public:
   control::ToolState tool(const Axes& position) const override {
@@ -49,13 +49,13 @@ inline control::ControllerSettings settings() {
   all.motion.axes[kArmAxes] = {-kEndless, kEndless, 3, 6, 120};
   all.motion.line_speed = 1.0;
   all.motion.line_acceleration = 4.0;
-  all.motion.turn_speed = 3.0;
-  all.motion.turn_acceleration = 12.0;
+  all.motion.angular_speed = 3.0;
+  all.motion.angular_acceleration = 12.0;
   all.jog = {0.1, 0.25, 0.8, 1.0, 3.0};
   return all;
 }
 
-/// A controller, driven cycle by cycle; `check` sees every sample, 1 ms apart.
+/// Runs a controller cycle by cycle; `check` receives every sample, 1 ms apart.
 struct Drive {
   ArmModel arm;
   control::RobotController controller{settings(), arm, home()};
@@ -75,7 +75,7 @@ struct Drive {
   void run(int cycles) {
     run(cycles, [](const control::Knots&) {});
   }
-  /// Runs until nothing moves; returns the seconds that it took.
+  /// Runs until all axes are at rest; returns the duration (s).
   template <class Check>
   double run_to_rest(Check&& check) {
     const std::int64_t start = now;
@@ -106,7 +106,7 @@ struct Drive {
   }
 };
 
-/// Watches speed, acceleration and position limits between samples 1 ms apart.
+/// Checks speed, acceleration and position limits between samples 1 ms apart.
 class LimitWatch {
  public:
   explicit LimitWatch(const Drive& drive) : limits_(settings().motion.axes) {
@@ -121,7 +121,7 @@ class LimitWatch {
     }
     last_ = knots;
   }
-  double speed = 0, acceleration = 0;  // shares of the limits
+  double speed = 0, acceleration = 0;  // fractions of the limits
   bool inside = true;
 
  private:

@@ -1,5 +1,5 @@
-// robotcell-fuzz: random calls of both FMI versions, legal and not, or many instances one after the other.
-// What may not happen is a crash, a hang, a call that answers anything but a status, or memory that grows.
+// robotcell-fuzz: random legal and illegal calls of both FMI versions, or many instances in sequence. Fails
+// on a crash, a hang, an invalid status, or growing memory.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -72,7 +72,7 @@ class Fuzzer {
     while (!subjects_.empty()) drop(0);
   }
 
-  /// One random call; true when it was accepted.
+  /// One random call; true where it succeeded.
   bool call() {
     if (subjects_.size() < 2 || (subjects_.size() < 8 && chance(0.002))) return instantiate();
     const std::size_t index = below(subjects_.size());
@@ -155,7 +155,7 @@ class Fuzzer {
     return bytes;
   }
 
-  /// Any state of the version, also of another instance.
+  /// Any state of this FMI version, also of another instance.
   void* some_state(int version) {
     const Subject& owner = subjects_[below(subjects_.size())];
     if (owner.version != version || owner.states.empty()) return nullptr;
@@ -368,8 +368,8 @@ double fuzz(long calls, unsigned seed, const std::vector<std::string>& resources
   return growth;
 }
 
-/// Instances one after the other, each initialised and stepped; returns the growth of memory (MB) after a
-/// tenth as many to warm up.
+/// Creates, initialises and steps instances in sequence; returns the growth of memory (MB) after a warm-up of
+/// a tenth as many.
 double cycle(long cycles, const std::string& resources) {
   const std::string token = token_of(resources, false);
   double early = 0;

@@ -1,4 +1,4 @@
-"""A cell description for the tests of the FMU, FMUs packed from it, and a plain driver for either version."""
+"""Test cell description, FMUs packed from it, and a driver for both FMI versions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave
 from numpy.typing import NDArray
 
-import orchestrator.cell
+import scancell.cell
+from scancell.cell.mesh_json import mesh_json
 
 Array = NDArray[np.float64]
 LIMITS_DEG = [(-170, 170), (-190, 45), (-29, 256), (-190, 190), (-120, 120), (-360, 360)]
@@ -40,24 +41,24 @@ def pose(position: Sequence[float], quaternion: Sequence[float] = (1, 0, 0, 0)) 
 
 
 def box_hull(x: float, y: float, z: float) -> dict[str, Any]:
-    """Hull of a box that stands on z = 0, centred over the origin."""
+    """Hull of a box with its base at z = 0, centred on the z axis."""
     vertices = [[sx * x / 2, sy * y / 2, h] for h in (0.0, z) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     quads = [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
-    return {"vertices": vertices, "faces": [f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])]}
+    return mesh_json(vertices, [f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])])
 
 
 def box_part(x: float, y: float, z: float, mass: float = 0.5, **part: Any) -> dict[str, Any]:
-    """A box clamped on the table, 20 mm off its axis; keyword arguments change it."""
+    """Description of a box clamped on the table, 20 mm off its axis; keyword arguments override keys."""
     inertia = np.diag([y**2 + z**2, x**2 + z**2, x**2 + y**2]) * mass / 12
     return {
         "name": "box", "fixture": "clamped", "stands_on": "table", "support_from_part": pose([0.02, 0, 0]),
-        "mass": mass, "friction": 0.5, "soft": None, "hull": box_hull(x, y, z), "centre_of_mass": [0, 0, z / 2],
-        "inertia": inertia.tolist(), **part,
+        "friction": 0.5, "soft": None, "hull": box_hull(x, y, z),
+        "inertial": {"mass": mass, "centre_of_mass": [0, 0, z / 2], "inertia": inertia.tolist()}, **part,
     }  # fmt: skip
 
 
 def conveyor(**changes: Any) -> dict[str, Any]:
-    """A belt of 1.2 m along the world's x axis; keyword arguments change it."""
+    """Description of a belt of 1.2 m along the world's x axis; keyword arguments override keys."""
     return {
         "name": "belt", "world_from_belt": pose([0, -1, 0.2]), "length": 1.2, "width": 0.3, "thickness": 0.05,
         "max_speed": 1.0, "max_acceleration": 2.0, "friction": 0.5, **changes,
@@ -65,7 +66,7 @@ def conveyor(**changes: Any) -> dict[str, Any]:
 
 
 def cell_description(**part: Any) -> dict[str, Any]:
-    """The default arm at a table with a box, encoders free of error; keyword arguments go into the box."""
+    """Default arm, table and a box, with ideal encoders; keyword arguments override keys of the box."""
     joints = [
         {
             "a": a / 1000, "d": d / 1000, "alpha": np.radians(alpha), "theta": 0.0,
@@ -76,7 +77,7 @@ def cell_description(**part: Any) -> dict[str, Any]:
         for (a, d, alpha), (low, high), start in zip(DH_MM_DEG, LIMITS_DEG, START_DEG, strict=True)
     ]  # fmt: skip
     return {
-        "format": 1, "name": "test cell", "time_step_us": 1000, "controller_cycle_us": 16000,
+        "format": 2, "name": "test cell", "time_step_us": 1000, "controller_cycle_us": 16000,
         "gravity": [0.0, 0.0, -9.80665], "seed": 0,
         "robot": {"world_from_base": pose([0, 0, 0]), "joints": joints, "motion": MOTION, "dynamics": None},
         "tool": {"flange_from_sensor": pose([0.01, -0.02, 0.08], [0.5, 0.5, 0.5, 0.5])},
@@ -95,9 +96,9 @@ def cell_description(**part: Any) -> dict[str, Any]:
 
 
 def runtime_folder() -> Path:
-    """The native runtime: of the build folder that the environment names, or of the installed package."""
+    """Folder of the native runtime: of the build folder named in the environment, or of the installed package."""
     named = os.environ.get("SCANCELL_FMU_RUNTIME")
-    folders = [Path(named)] if named else [Path(p) / "runtime" for p in orchestrator.cell.__path__]
+    folders = [Path(named)] if named else [Path(p) / "runtime" for p in scancell.cell.__path__]
     for folder in folders:
         if (folder / "RobotCell.so").is_file():
             return folder
@@ -105,7 +106,7 @@ def runtime_folder() -> Path:
 
 
 def write_fmu(cell: dict[str, Any], version: int, folder: Path) -> Path:
-    """Writes the files of an FMU around a cell description, as they are when it has been unpacked."""
+    """Write the unpacked files of an FMU for a cell description."""
     runtime, text = runtime_folder(), json.dumps(cell)
     command = [str(runtime / "robotcell-describe"), "-", "--fmi", str(version)]
     xml = subprocess.run(command, input=text.encode(), check=True, capture_output=True).stdout
@@ -120,7 +121,7 @@ def write_fmu(cell: dict[str, Any], version: int, folder: Path) -> Path:
 
 
 def pack(folder: Path, target: Path) -> Path:
-    """Makes an FMU of its unpacked files."""
+    """Pack an FMU from its unpacked files."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for file in sorted(path for path in folder.rglob("*") if path.is_file()):
             archive.write(file, file.relative_to(folder))
@@ -132,7 +133,7 @@ _LOADING = threading.Lock()
 
 
 class CellFmu:
-    """One instance of a cell, driven by names; `messages` and `log` hold what it logged."""
+    """One FMU instance with access to variables by name; `messages` and `log` hold its log."""
 
     def __init__(
         self,
@@ -141,7 +142,7 @@ class CellFmu:
         stop_time: float | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        """`options` go to `instantiate`: eventModeUsed and the like."""
+        """`options` are passed to `instantiate`, for example eventModeUsed."""
         self.description = fmpy.read_model_description(str(folder))
         self.version = int(self.description.fmiVersion[0])
         self.variables = {v.name: v for v in self.description.modelVariables}
@@ -164,15 +165,15 @@ class CellFmu:
 
     def _callbacks(self) -> dict[str, Any]:
         if self.version == 3:
-            return {"logMessage": lambda _env, *message: self._heard(*message)}
+            return {"logMessage": lambda _env, *message: self._on_message(*message)}
         callbacks = fmi2CallbackFunctions()
-        self.logger = fmi2CallbackLoggerTYPE(lambda _env, _name, *message: self._heard(*message))
+        self.logger = fmi2CallbackLoggerTYPE(lambda _env, _name, *message: self._on_message(*message))
         callbacks.logger = self.logger
         callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
         callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
         return {"callbacks": callbacks}
 
-    def _heard(self, status: int, category: bytes, text: bytes) -> None:
+    def _on_message(self, status: int, category: bytes, text: bytes) -> None:
         self.messages.append(text.decode())
         self.log.append((status, category.decode()))
 
@@ -213,11 +214,11 @@ class CellFmu:
         return int(getattr(self.slave, getter)(self._references([name]))[0])
 
     def vector(self, prefix: str, count: int) -> Array:
-        """Values of prefix[1] ... prefix[count]."""
+        """Values of prefix[1] to prefix[count]."""
         return self.get(*(f"{prefix}[{i}]" for i in range(1, count + 1)))
 
     def command(self, q: Array | None = None, table: float | None = None, mode: int = 1) -> None:
-        """Servo set-points; joints stay at their start where not given."""
+        """Set servo set-points; joints without a value keep their start position."""
         self.set("command.mode", mode)
         joints = np.radians(START_DEG) if q is None else q
         for i, value in enumerate(joints, start=1):
@@ -239,7 +240,7 @@ class CellFmu:
             self.time_us += size_us
 
     def records(self, step_us: int, until_us: int) -> dict[int, Array]:
-        """Steps on, switches the trigger off and collects every record: time, exposure, measured axes, all truth."""
+        """Step, switch the trigger off and collect every record: time, exposure, measured axes, all true values."""
         names = [n for n, v in self.variables.items() if n.startswith("trigger.") and v.type in {"Real", "Float64"}]
         found: dict[int, Array] = {}
         while self.time_us < until_us or len(found) < self.get_int("trigger.count"):
@@ -252,7 +253,7 @@ class CellFmu:
         return found
 
     def body(self, name: str, prefix: str = "truth.") -> Array:
-        """World pose (4, 4) of a body."""
+        """``world_from_body`` (4, 4) of a body."""
         w, x, y, z = self.vector(f"{prefix}{name}.orientation", 4)
         matrix = np.eye(4)
         matrix[:3, :3] = [
@@ -284,14 +285,14 @@ class CellFmu:
 
 
 class FmuFolders:
-    """FMUs by version and cell; the same one is made once."""
+    """Cache of FMUs by version and cell description."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
         self._known: list[tuple[int, dict[str, Any], Path]] = []
 
     def unpacked(self, version: int, cell: dict[str, Any]) -> Path:
-        """Folder with the files of the FMU."""
+        """Folder with the unpacked files of an FMU."""
         for known_version, known_cell, folder in self._known:
             if known_version == version and known_cell == cell:
                 return folder
@@ -300,7 +301,7 @@ class FmuFolders:
         return folder
 
     def packed(self, version: int, cell: dict[str, Any]) -> Path:
-        """The FMU."""
+        """Path of a packed FMU."""
         folder = self.unpacked(version, cell)
         file = folder.with_suffix(".fmu")
         return file if file.exists() else pack(folder, file)
@@ -310,12 +311,12 @@ Build = Callable[..., CellFmu]
 
 
 def all_reals(cell: CellFmu) -> Array:
-    """Every real variable, in the order of the table."""
+    """Values of all real variables, in the order of the table."""
     return cell.get(*(n for n, v in cell.variables.items() if v.type in {"Real", "Float64"}))
 
 
 def continue_motion(cell: CellFmu) -> None:
-    """A motion that goes on from wherever the cell is, with exposures, ending inside a dynamics step."""
+    """Continue a motion from the present state, with exposures, ending within a dynamics step."""
     for k in range(40):
         cell.command(np.radians(START_DEG) + 0.1 * np.sin(0.1 * k), 3.0 + 0.02 * k)
         cell.step(CYCLE_US // 2)

@@ -20,14 +20,14 @@ _REFERENCE = "extra/org.fmi-standard.fmi-ls-ref/reference_{}.csv"
 
 
 def read_rows(file: Path) -> tuple[list[str], list[list[float]]]:
-    """Names and rows of a table; the first column is the time."""
+    """Column names and rows of a table; the first column is the time."""
     with file.open() as lines:
         names, *rows = list(csv.reader(lines))
     return names[1:], [[float(value) for value in row] for row in rows]
 
 
-def greatest_difference(fmu: Path) -> float:
-    """Repeats the reference trajectory; the greatest difference of any output at any time."""
+def largest_difference(fmu: Path) -> float:
+    """Repeat the reference trajectory; return the largest difference of any output."""
     import fmpy  # noqa: PLC0415
     from fmpy.fmi2 import FMU2Slave  # noqa: PLC0415
     from fmpy.fmi3 import FMU3Slave  # noqa: PLC0415
@@ -67,7 +67,7 @@ def greatest_difference(fmu: Path) -> float:
 
 
 def step_in_empty_environment(fmus: list[Path], package: str) -> str:
-    """What this program prints in an environment that holds FMPy alone."""
+    """Output of this program in an environment with FMPy only."""
     with tempfile.TemporaryDirectory() as folder:
         python = Path(folder) / "venv/bin/python"
         subprocess.run([sys.executable, "-m", "venv", python.parents[1]], check=True)
@@ -90,7 +90,7 @@ def main() -> int:
         return 0
     worst = 0.0
     for fmu in options.fmus:
-        difference = greatest_difference(fmu)
+        difference = largest_difference(fmu)
         print(f"{fmu.name}: greatest difference from the reference {difference:g}")
         worst = max(worst, difference)
     return 0 if worst <= TOLERANCE else 1

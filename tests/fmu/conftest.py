@@ -1,4 +1,4 @@
-"""FMUs of the test cell, packed and unpacked once."""
+"""Fixtures: FMUs of the test cell, packed and unpacked once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> FmuFolders:
 
 @pytest.fixture
 def build(folders: FmuFolders) -> Iterator[Build]:
-    """Starts instances, and frees them after the test."""
+    """Start instances and free them after the test."""
     running: list[CellFmu] = []
 
     def start(

@@ -1,6 +1,6 @@
-// Contact with one solver or another, for the page on contact: prints one JSON object.
+// Contact benchmarks with different solvers, for docs/fmu/contact.md: prints one JSON object.
 //
-// Solvers: "cone" (this project's), "stock" (the engine's own, Dantzig's method with a pyramid), "pgs".
+// Solvers: "cone" (this project's), "stock" (DART's Dantzig solver with a friction pyramid), "pgs".
 #include <cstdio>
 #include <dart/constraint/PgsBoxedLcpSolver.hpp>
 #include <functional>
@@ -28,7 +28,7 @@ BoxedLcpSolverPtr solver_named(const std::string& name) {
   return std::make_shared<dart::constraint::PgsBoxedLcpSolver>();
 }
 
-/// Share of Coulomb's limit at which `slips` begins.
+/// Load relative to Coulomb's limit at which `slips` begins.
 double onset(const std::function<bool(double)>& slips) {
   double low = 0, high = 1.6;
   while (high - low > 5e-4) {
@@ -71,10 +71,10 @@ json onsets(bool (*slips)(const std::string&, double, double)) {
   return table;
 }
 
-/// Turn in the grasp (rad), step by step, of a bar held 50 mm from its centre of mass.
+/// Rotation in the grasp (rad) per step of a bar held 50 mm from its centre of mass.
 json turn_of_a_bar(const std::string& solver, std::size_t points) {
   GripperWorld cell(solver_named(solver), a_gripper(), {0.03, 0.03, 0.16}, {0, 0, 0.08});
-  cell.set_most_contacts(points);
+  cell.set_max_contacts(points);
   cell.grip(40);
   const Isometry3d before = cell.flange_from_part();
   cell.world->setGravity({0, -kGravity, 0});
@@ -86,7 +86,7 @@ json turn_of_a_bar(const std::string& solver, std::size_t points) {
   return turns;
 }
 
-/// Slip in the grasp (m), step by step, at nine tenths of Coulomb's limit, across the fingers.
+/// Slip in the grasp (m) per step at 0.9 of Coulomb's limit, across the fingers.
 json slip_below_the_limit(const std::string& solver) {
   GripperWorld cell(solver_named(solver));
   cell.grip(kForce);
@@ -99,7 +99,7 @@ json slip_below_the_limit(const std::string& solver) {
   return slips;
 }
 
-/// Height (m) of the topmost of six boxes, each heavier than the one below, step by step.
+/// Height (m) per step of the topmost of six boxes, each heavier than the one below.
 json height_of_a_stack(const std::string& solver) {
   const auto world = make_world(solver_named(solver));
   add_floor(world, kFriction);

@@ -21,7 +21,7 @@ from cell_fixture import Array, CellFmu, all_reals
 def continued_in_new_process(
     cell: CellFmu, state: Any, time_us: int, motion: Callable[[CellFmu], None], scratch: Path
 ) -> Array:
-    """All real variables after a motion (a function of a module) from a state of the cell, in a new process."""
+    """Values of all real variables after a motion (function of a module) from a state of the cell, in a new process."""
     (scratch / "state").write_bytes(cell.serialize(state))
     folder, output = str(Path(cell.slave.unzipDirectory)), scratch / "reals.npy"
     command = [sys.executable, __file__, folder, str(scratch / "state"), str(time_us)]

@@ -54,7 +54,7 @@ inline SkeletonPtr add_floor(const dart::simulation::WorldPtr& world, double fri
   return floor;
 }
 
-/// A free box of uniform density, by the place of its centre.
+/// A free box of uniform density at the given centre.
 inline SkeletonPtr add_free_box(const dart::simulation::WorldPtr& world, const std::string& name,
                                 const Vector3d& size, double mass, double friction, const Isometry3d& pose) {
   SkeletonPtr box = Skeleton::create(name);

@@ -1,4 +1,4 @@
-"""A cell with a gripper over a table with a box, and moves of its arm."""
+"""A cell with a gripper and a box on the table, and moves of its arm."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from cell_fixture import CYCLE_US, DH_MM_DEG, LIMITS_DEG, Array, CellFmu, box_part, cell_description, pose
 
-from orchestrator.geometry.arm import Arm, Joint
+from scancell.geometry.arm import Arm, Joint
 
 CYCLE = CYCLE_US * 1e-6
 GRAVITY = 9.80665
@@ -33,7 +33,7 @@ def gripper(**keys: float) -> dict[str, Any]:
 
 
 def joints_at(tip: Array, yaw: float = 0.0) -> Array:
-    """Joint angles (6,) with the fingers' tips at a point (3,) in the world, pointing down."""
+    """Joint angles (6,) for which the finger tips are at a point (3,) in the world, pointing down."""
     world_from_flange = np.eye(4)
     c, s = np.cos(yaw), np.sin(yaw)
     world_from_flange[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.diag([1.0, -1.0, -1.0])
@@ -46,7 +46,7 @@ OVER_BOX = joints_at(np.array([*PLACE, TABLE[2] + 0.02]))
 
 
 def grasp_cell(start: Array = OVER_BOX, contact: dict[str, Any] | None = None, **part: Any) -> dict[str, Any]:
-    """The arm stands with the open gripper around a box on the table."""
+    """Description with the arm at home around the box on the table, gripper open."""
     cell = cell_description()
     box = box_part(*BOX, MASS, fixture="free", friction=1.0, support_from_part=pose([*(PLACE - TABLE[:2]), 0]), **part)
     cell.update(parts=[box], gripper=gripper(), contact=contact or cell["contact"])
@@ -56,12 +56,12 @@ def grasp_cell(start: Array = OVER_BOX, contact: dict[str, Any] | None = None, *
 
 
 def smooth(share: Array) -> Array:
-    """Fifth-degree profile from 0 to 1 with neither speed nor acceleration at its ends."""
+    """Quintic profile from 0 to 1 with zero speed and acceleration at its ends."""
     return np.asarray(share**3 * (10 - 15 * share + 6 * share**2))
 
 
 def move(cell: CellFmu, start: Array, end: Array, duration: float) -> None:
-    """A smooth joint move by set-points."""
+    """Stream set-points of a smooth joint move."""
     cycles = round(duration / CYCLE)
     for share in smooth(np.arange(1, cycles + 1) / cycles):
         cell.command(start + share * (end - start))

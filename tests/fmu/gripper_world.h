@@ -1,4 +1,4 @@
-// A gripper on a carriage that is moved as a robot would move it.
+// A gripper on a carriage with prescribed motion.
 #pragma once
 
 #include <dart/dynamics/PrismaticJoint.hpp>
@@ -26,7 +26,8 @@ inline GripperDescription a_gripper() {
   return gripper;
 }
 
-/// The gripper's axes are the world's at the start; a cube floats between the pads. No gravity unless set.
+/// The gripper frame is aligned with the world at the start; a cube floats between the pads. No gravity by
+/// default.
 class GripperWorld {
  public:
   explicit GripperWorld(const dart::constraint::BoxedLcpSolverPtr& solver = std::make_shared<CoulombSolver>(),
@@ -51,11 +52,11 @@ class GripperWorld {
         add_free_box(world, "part", part_size, kPartMass, 1.0, Isometry3d(Eigen::Translation3d(part_place)));
   }
 
-  void set_most_contacts(std::size_t most) {
+  void set_max_contacts(std::size_t most) {
     auto* detector =
         static_cast<CappedCollisionDetector*>(world->getConstraintSolver()->getCollisionDetector().get());
     for (std::size_t i = 0; i < 2; ++i) {
-      detector->set_most_contacts(gripper->pad(i), body()->getShapeNode(0), most);
+      detector->set_max_contacts(gripper->pad(i), body()->getShapeNode(0), most);
     }
   }
 

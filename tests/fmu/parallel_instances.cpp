@@ -1,7 +1,7 @@
-// robotcell-parallel: instances in parallel threads, each of which must give the bits that it gives alone.
+// robotcell-parallel: instances in parallel threads must be bit-identical to serial ones.
 //
-// robotcell-parallel THREADS ROUNDS RESOURCES...   each thread makes, steps and frees ROUNDS instances of
-// each folder of resources. The exit code tells of a difference; a sanitizer tells of a race.
+// robotcell-parallel THREADS ROUNDS RESOURCES...   every thread creates, steps and frees ROUNDS instances of
+// each resource folder. The exit code reports a difference; races are reported by a sanitizer.
 #include <atomic>
 #include <cstdio>
 #include <cstdlib>
@@ -22,14 +22,14 @@ using Values = std::vector<double>;
 
 void no_log(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String) {}
 
-/// What the importer of an FMU reads from its model description.
+/// Data that an importer reads from the model description.
 struct Fmu {
   std::string resources, token;
   std::map<std::string, fmi3ValueReference> references;
   std::vector<fmi3ValueReference> outputs;
 
   explicit Fmu(const std::string& folder) : resources(folder) {
-    const auto layout = robotcell::layout_of(robotcell::fmi::load_cell(folder + "/cell.json").description);
+    const auto layout = robotcell::layout_of(robotcell::fmi::load_cell(folder + "/cell.json")->description);
     robotcell::fmi::Values values(layout);
     const robotcell::fmi::VariableTable table(layout, values);
     token = table.token(false);
@@ -51,7 +51,7 @@ void require(fmi3Status status, const char* call) {
   }
 }
 
-/// The table turns, the sensor fires; all real outputs at the end.
+/// Rotates the table and fires the sensor; returns all real outputs at the end.
 Values run(const Fmu& fmu) {
   fmi3Instance cell = fmi3InstantiateCoSimulation("cell", fmu.token.c_str(), fmu.resources.c_str(), false,
                                                   true, false, false, nullptr, 0, nullptr, no_log, nullptr);

@@ -1,8 +1,7 @@
-// Processor time of one dynamics step: of the cell's world, and of the bare engine with the same bodies.
+// Processor time of one dynamics step of the cell's world, and of the bare engine with the same bodies.
 //
-// usage: robotcell-step-cost CELL.json STEPS: prints {"bare_us": .., "held_us": ..}; the bare world has the
-// engine's own Dantzig solver, the cell's adds its drives, friction the same in all directions, and the stick
-// anchors.
+// usage: robotcell-step-cost CELL.json STEPS: prints {"bare_us": .., "held_us": ..}. The bare world has
+// DART's Dantzig solver; the cell's world adds drives, isotropic friction and stick constraints.
 #include <ctime>
 
 #include <algorithm>
@@ -23,8 +22,8 @@ namespace {
 
 using namespace robotcell;
 
-/// A thread that waits until the end. Importers have several threads, and then the reference counts, of which
-/// the engine has many, are atomic: 15 % of a step.
+/// A thread that waits until the end. Importers are multi-threaded, which makes the engine's many reference
+/// counts atomic: 15 % of a step.
 class OtherThread {
  public:
   ~OtherThread() {
@@ -51,26 +50,26 @@ double processor_us() {
   return 1e6 * static_cast<double>(now.tv_sec) + 1e-3 * static_cast<double>(now.tv_nsec);
 }
 
-Imposed motion(const CellDescription& cell, int step) {
+PrescribedMotion motion(const CellDescription& cell, int step) {
   const double t = step * static_cast<double>(cell.time_step_us) * 1e-6;
-  Imposed imposed;
+  PrescribedMotion prescribed;
   for (std::size_t i = 0; i < kJoints; ++i) {
-    imposed.axes.position[i] = cell.joints[i].start + kJointRate * t;
-    imposed.axes.rate[i] = kJointRate;
+    prescribed.axes.position[i] = cell.joints[i].start + kJointRate * t;
+    prescribed.axes.rate[i] = kJointRate;
   }
-  imposed.axes.position[kTableAxis] = kTableRate * t;
-  imposed.axes.rate[kTableAxis] = kTableRate;
-  imposed.belts.assign(cell.conveyors.size(), {kBeltSpeed * t, kBeltSpeed, kBeltSpeed});
-  return imposed;
+  prescribed.axes.position[kTableAxis] = kTableRate * t;
+  prescribed.axes.rate[kTableAxis] = kTableRate;
+  prescribed.belts.assign(cell.conveyors.size(), {kBeltSpeed * t, kBeltSpeed, kBeltSpeed});
+  return prescribed;
 }
 
-Imposed at_rest(const CellDescription& cell) {
-  Imposed imposed = motion(cell, 0);
-  imposed.axes.rate = {};
-  return imposed;
+PrescribedMotion at_rest(const CellDescription& cell) {
+  PrescribedMotion prescribed = motion(cell, 0);
+  prescribed.axes.rate = {};
+  return prescribed;
 }
 
-/// Fewest microseconds per step of several runs.
+/// Minimum of several runs, microseconds per step.
 template <class Step>
 double cost(int steps, const Step& step) {
   double best = 1e300;
@@ -83,8 +82,8 @@ double cost(int steps, const Step& step) {
   return best;
 }
 
-/// The engine's world with the bodies of the cell and nothing of ours but the cap on contacts, which ODE's
-/// meshes need.
+/// The engine's world with the bodies of the cell. Only the limit of contacts is ours, which ODE's meshes
+/// need.
 class BareWorld {
  public:
   explicit BareWorld(const CellDescription& cell) : cell_(cell), kinematics_(cell, AsBuilt{}) {
@@ -95,7 +94,7 @@ class BareWorld {
     world_->getConstraintSolver()->setCollisionDetector(CappedCollisionDetector::create(4));
     world_->addSkeleton(arm_);
     world_->addSkeleton(table_);
-    impose(motion(cell, 0));
+    prescribe(motion(cell, 0));
     for (const ConveyorDescription& conveyor : cell.conveyors) {
       world_->addSkeleton(make_belt(conveyor.name, conveyor));
       world_->getSkeleton(world_->getNumSkeletons() - 1)->setVelocity(0, kBeltSpeed);
@@ -104,15 +103,15 @@ class BareWorld {
   }
 
   void step(int number) {
-    impose(motion(cell_, number));
+    prescribe(motion(cell_, number));
     world_->step();
   }
 
  private:
-  void impose(const Imposed& imposed) {
-    arm_->setPositions(Eigen::Map<const Eigen::Matrix<double, kJoints, 1>>(imposed.axes.position.data()));
+  void prescribe(const PrescribedMotion& prescribed) {
+    arm_->setPositions(Eigen::Map<const Eigen::Matrix<double, kJoints, 1>>(prescribed.axes.position.data()));
     auto* joint = static_cast<FreeJoint*>(table_->getJoint(0));
-    const double angle = imposed.axes.position[kTableAxis];
+    const double angle = prescribed.axes.position[kTableAxis];
     joint->setRelativeTransform(kinematics_.platter(angle, 0).pose);
     joint->setAngularVelocity({0, 0, kTableRate});
   }

@@ -1,11 +1,12 @@
-// Rays and boxes against bodies; collisions and distances of pairs, against closed forms.
+// Ray casts, box overlap, collisions and distances of bodies against closed forms.
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <random>
 
 #include "fmu/proximity/body_set.h"
-#include "fmu/proximity/pair_watch.h"
+#include "fmu/proximity/pair_monitor.h"
+#include "tests/fmu/box_mesh.h"
 
 namespace robotcell::proximity {
 namespace {
@@ -13,76 +14,67 @@ namespace {
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
 
-TriangleMesh box(double x, double y, double z) {
-  TriangleMesh mesh;
-  for (int i = 0; i < 8; ++i) {
-    mesh.vertices.emplace_back((i & 1 ? x : -x) / 2, (i & 2 ? y : -y) / 2, (i & 4 ? z : -z) / 2);
-  }
-  mesh.faces = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
-                {2, 6, 7}, {2, 7, 3}, {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
-  return mesh;
+Isometry3d at(double x, double y, double z, double rotation = 0) {
+  return Eigen::Translation3d(x, y, z) * Eigen::AngleAxisd(rotation, Vector3d(1, 2, 3).normalized());
 }
 
-Isometry3d at(double x, double y, double z, double turn = 0) {
-  return Eigen::Translation3d(x, y, z) * Eigen::AngleAxisd(turn, Vector3d(1, 2, 3).normalized());
-}
-
-TEST(BodySet, RayMeetsTheNearestSelectedFace) {
+TEST(BodySet, RayHitsNearestSelectedFace) {
   BodySet bodies({box(0.2, 0.2, 0.2), box(0.4, 0.4, 0.1)});
-  bodies.place(0, at(0, 0, 1));
-  bodies.place(1, at(0, 0, 2));
+  bodies.set_pose(0, at(0, 0, 1));
+  bodies.set_pose(1, at(0, 0, 2));
   const Vector3d up = Vector3d::UnitZ();
-  const auto both = bodies.cast({0.03, 0.02, 0}, up, 0, 10, {true, true});
+  const auto both = bodies.cast_ray({0.03, 0.02, 0}, up, 0, 10, {true, true});
   ASSERT_TRUE(both);
   EXPECT_EQ(both->body, 0u);
   EXPECT_NEAR(both->distance, 0.9, 1e-15);
-  EXPECT_NEAR(bodies.cast({0.03, 0.02, 0}, up, 0, 10, {false, true})->distance, 1.95, 1e-15);
-  EXPECT_NEAR(bodies.cast({0.03, 0.02, 0}, up, 0.95, 10, {true, true})->distance, 1.1, 1e-15);  // from inside
-  EXPECT_FALSE(bodies.cast({0.3, 0, 0}, up, 0, 10, {true, true}));
-  EXPECT_FALSE(bodies.cast({0, 0, 0}, up, 0, 0.5, {true, true}));
+  EXPECT_NEAR(bodies.cast_ray({0.03, 0.02, 0}, up, 0, 10, {false, true})->distance, 1.95, 1e-15);
+  EXPECT_NEAR(bodies.cast_ray({0.03, 0.02, 0}, up, 0.95, 10, {true, true})->distance, 1.1,
+              1e-15);  // from inside
+  EXPECT_FALSE(bodies.cast_ray({0.3, 0, 0}, up, 0, 10, {true, true}));
+  EXPECT_FALSE(bodies.cast_ray({0, 0, 0}, up, 0, 0.5, {true, true}));
 }
 
-TEST(BodySet, RayOnATurnedPlaneHasTheClosedForm) {
+TEST(BodySet, RayDistanceToRotatedPlaneMatchesClosedForm) {
   BodySet bodies({box(2, 2, 0.1)});
   const Isometry3d pose = at(0.1, -0.2, 1.5, 0.6);
-  bodies.place(0, pose);
+  bodies.set_pose(0, pose);
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform(-0.2, 0.2);
   for (int i = 0; i < 100; ++i) {
     const Vector3d direction = Vector3d(uniform(random), uniform(random), 1).normalized();
-    // The near face lies at -0.05 along the body's z axis, or at +0.05 where that looks towards the ray.
+    // The near face is at -0.05 along the body's z axis, or at +0.05 where z points towards the ray.
     const Vector3d normal = pose.linear().col(2);
     const double side = normal.dot(direction) > 0 ? -0.05 : 0.05;
     const double expected = (normal.dot(pose.translation()) + side) / normal.dot(direction);
-    const auto hit = bodies.cast(Vector3d::Zero(), direction, 0, 10, {true});
+    const auto hit = bodies.cast_ray(Vector3d::Zero(), direction, 0, 10, {true});
     ASSERT_TRUE(hit);
     EXPECT_NEAR(hit->distance, expected, 1e-13);
   }
 }
 
-TEST(BodySet, BodyReachesIntoABoxFromEverySideAndSize) {
+TEST(BodySet, BodyIntersectsBoxFromEverySideAndSize) {
   for (const double size : {0.01, 0.1, 3.0}) {
     BodySet bodies({box(size, size, size)});
     const Vector3d volume(0.2, 0.1, 0.05);
     for (int axis = 0; axis < 3; ++axis) {
       for (const double sign : {-1.0, 1.0}) {
         const double limit = (size + volume[axis]) / 2;
-        Vector3d shift = Vector3d::Zero();
-        shift[axis] = sign * (limit - 1e-6);
-        bodies.place(0, at(shift.x(), shift.y(), shift.z()));
-        EXPECT_TRUE(bodies.reaches_into(0, Isometry3d::Identity(), volume));
-        shift[axis] = sign * (limit + 1e-6);
-        bodies.place(0, at(shift.x(), shift.y(), shift.z()));
-        EXPECT_FALSE(bodies.reaches_into(0, Isometry3d::Identity(), volume));
+        Vector3d translation = Vector3d::Zero();
+        translation[axis] = sign * (limit - 1e-6);
+        bodies.set_pose(0, at(translation.x(), translation.y(), translation.z()));
+        EXPECT_TRUE(bodies.intersects_box(0, Isometry3d::Identity(), volume));
+        translation[axis] = sign * (limit + 1e-6);
+        bodies.set_pose(0, at(translation.x(), translation.y(), translation.z()));
+        EXPECT_FALSE(bodies.intersects_box(0, Isometry3d::Identity(), volume));
       }
     }
-    bodies.place(0, Isometry3d::Identity());  // one inside the other, whichever is larger
-    EXPECT_TRUE(bodies.reaches_into(0, Isometry3d::Identity(), volume));
+    bodies.set_pose(0, Isometry3d::Identity());  // one inside the other, in either order
+    EXPECT_TRUE(bodies.intersects_box(0, Isometry3d::Identity(), volume));
   }
 }
 
-TEST(BodySet, HollowOfABodyIsOutsideIt) {
-  // Four walls around a shaft: its middle is inside the convex hull, but not inside the body.
+TEST(BodySet, CavityOfABodyIsOutside) {
+  // Four walls around a shaft, whose middle is inside the convex hull but outside the body.
   TriangleMesh walls;
   for (const auto& [x, y, dx, dy] : {std::array{0.1, 0.0, 0.02, 0.22}, std::array{-0.1, 0.0, 0.02, 0.22},
                                      std::array{0.0, 0.1, 0.18, 0.02}, std::array{0.0, -0.1, 0.18, 0.02}}) {
@@ -94,15 +86,15 @@ TEST(BodySet, HollowOfABodyIsOutsideIt) {
     }
   }
   BodySet bodies({walls});
-  EXPECT_FALSE(bodies.reaches_into(0, Isometry3d::Identity(), {0.05, 0.05, 0.05}));
-  EXPECT_TRUE(bodies.reaches_into(0, Isometry3d::Identity(), {0.19, 0.05, 0.05}));
+  EXPECT_FALSE(bodies.intersects_box(0, Isometry3d::Identity(), {0.05, 0.05, 0.05}));
+  EXPECT_TRUE(bodies.intersects_box(0, Isometry3d::Identity(), {0.19, 0.05, 0.05}));
 }
 
-TEST(PairWatch, DistanceOfBoxesIsExactBelowTheBound) {
+TEST(PairMonitor, BoxDistanceIsExactBelowBound) {
   BodySet bodies({box(0.1, 0.1, 0.1), box(0.1, 0.1, 0.1), box(0.1, 0.1, 0.1)});
-  PairWatch watch({{0, 1}, {0, 2}, {1, 2}});
-  bodies.place(1, at(0.13, 0, 0));
-  bodies.place(2, at(0, 0.12, 0));
+  PairMonitor watch({{0, 1}, {0, 2}, {1, 2}});
+  bodies.set_pose(1, at(0.13, 0, 0));
+  bodies.set_pose(2, at(0, 0.12, 0));
   for (const std::size_t pair : {0u, 1u, 2u}) {
     const Nearest last{pair, {3, 5}, 0};
     const auto nearest = watch.nearest(bodies, 0.05, last);
@@ -113,22 +105,22 @@ TEST(PairWatch, DistanceOfBoxesIsExactBelowTheBound) {
   }
 }
 
-/// Whatever is remembered of earlier questions: a watch that was asked all along answers as a new one does.
-TEST(PairWatch, WhatItRemembersDoesNotChangeTheAnswer) {
+/// A monitor with cached bounds gives the same results as a new one.
+TEST(PairMonitor, CachedBoundsDoNotChangeResult) {
   BodySet bodies({box(0.1, 0.1, 0.1), box(0.2, 0.05, 0.1), box(0.05, 0.1, 0.3), box(0.3, 0.3, 0.01)});
-  const std::vector<PairWatch::Pair> pairs{{0, 1}, {0, 2}, {1, 2}, {0, 3}, {1, 3}};
-  PairWatch all_along(pairs);
+  const std::vector<PairMonitor::Pair> pairs{{0, 1}, {0, 2}, {1, 2}, {0, 3}, {1, 3}};
+  PairMonitor all_along(pairs);
   std::optional<Nearest> last;
   std::size_t changes = 0;
   for (int k = 0; k < 2000; ++k) {
     const double t = 0.004 * k;
-    bodies.place(1, at(0.25 + 0.1 * std::sin(t), 0.05 * std::cos(3 * t), 0) *
-                        Eigen::AngleAxisd(t, Vector3d(1, 2, 3).normalized()));
-    bodies.place(2, at(0.1 * std::sin(2 * t), 0.25 + 0.1 * std::cos(t), 0) *
-                        Eigen::AngleAxisd(2 * t, Vector3d::UnitY()));
-    bodies.place(3, at(0, 0, -0.2 - 0.1 * std::cos(0.7 * t)));
+    bodies.set_pose(1, at(0.25 + 0.1 * std::sin(t), 0.05 * std::cos(3 * t), 0) *
+                           Eigen::AngleAxisd(t, Vector3d(1, 2, 3).normalized()));
+    bodies.set_pose(2, at(0.1 * std::sin(2 * t), 0.25 + 0.1 * std::cos(t), 0) *
+                           Eigen::AngleAxisd(2 * t, Vector3d::UnitY()));
+    bodies.set_pose(3, at(0, 0, -0.2 - 0.1 * std::cos(0.7 * t)));
     const auto found = all_along.nearest(bodies, 0.1, last);
-    const auto fresh = PairWatch(pairs).nearest(bodies, 0.1, last);
+    const auto fresh = PairMonitor(pairs).nearest(bodies, 0.1, last);
     ASSERT_EQ(found.has_value(), fresh.has_value()) << k;
     if (found) {
       ASSERT_EQ(found->distance, fresh->distance) << k;
@@ -141,12 +133,12 @@ TEST(PairWatch, WhatItRemembersDoesNotChangeTheAnswer) {
   EXPECT_GT(changes, 3u);
 }
 
-TEST(PairWatch, DepthOfABoxInAPlate) {
+TEST(PairMonitor, PenetrationDepthOfBoxInPlate) {
   BodySet bodies({box(1, 1, 0.1), box(0.06, 0.05, 0.04), box(0.1, 0.1, 0.1)});
-  PairWatch watch({{0, 1}, {0, 2}});
-  bodies.place(2, at(0, 0, 3));
+  PairMonitor watch({{0, 1}, {0, 2}});
+  bodies.set_pose(2, at(0, 0, 3));
   for (const double depth : {1e-5, 0.002, 0.01}) {
-    bodies.place(1, at(0.013, 0.021, 0.05 + 0.02 - depth));
+    bodies.set_pose(1, at(0.013, 0.021, 0.05 + 0.02 - depth));
     const auto found = watch.collisions(bodies);
     ASSERT_EQ(found.size(), 1u);
     EXPECT_EQ(found[0].pair, 0u);
@@ -156,7 +148,7 @@ TEST(PairWatch, DepthOfABoxInAPlate) {
     EXPECT_NEAR(found[0].point.z(), 0.05, depth + 1e-9);
     EXPECT_EQ(watch.nearest(bodies, 0.05, std::nullopt)->distance, 0);
   }
-  bodies.place(1, at(0.013, 0.021, 0.05 + 0.02 + 1e-6));
+  bodies.set_pose(1, at(0.013, 0.021, 0.05 + 0.02 + 1e-6));
   EXPECT_TRUE(watch.collisions(bodies).empty());
 }
 

@@ -1,4 +1,5 @@
-// Real drives against closed forms: one joint swings, sags, rubs, slips and plays.
+// Dynamic drives against closed forms: deflection, oscillation, friction, saturation and backlash of a single
+// joint.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -17,9 +18,9 @@ constexpr double kMass = 4;
 constexpr double kLever = 0.3;  // m, of the centre of mass
 constexpr double kOwnInertia = 0.05;
 constexpr double kInertia = kOwnInertia + kMass * kLever * kLever;
-constexpr double kNothing = 1e-9;
+constexpr double kNoSupport = 1e-9;
 
-/// Six joints about one axis, the world's z; all mass is on the first link, gravity points along -y.
+/// Six joints about the world's z axis; all mass is in the first link, gravity points along -y.
 class OneJoint {
  public:
   explicit OneJoint(const DriveDescription& drive, double step = 1e-3, double gravity = kGravity)
@@ -27,8 +28,8 @@ class OneJoint {
     ArmDynamicsDescription description;
     description.drives.fill({0.01, 1e3, 1e6, 0, 0, 0, 0});
     description.drives[0] = drive;
-    for (LinkInertia& link : description.links)
-      link = {kNothing, {0, 0, 0}, Eigen::Vector3d::Constant(kNothing).asDiagonal()};
+    for (RigidInertia& link : description.links)
+      link = {kNoSupport, {0, 0, 0}, Eigen::Vector3d::Constant(kNoSupport).asDiagonal()};
     description.links[0] = {kMass, {kLever, 0, 0}, Eigen::Vector3d::Constant(kOwnInertia).asDiagonal()};
     auto skeleton = dart::dynamics::Skeleton::create("arm");
     dart::dynamics::BodyNode* parent = nullptr;
@@ -79,7 +80,7 @@ class OneJoint {
 /// motor inertia, torque, stiffness, damping, backlash, Coulomb, viscous
 DriveDescription stiff() { return {0.4, 500, 2e4, 20, 0, 0, 0}; }
 
-TEST(DynamicArm, SagsByTorqueOverStiffnessWhichTheMotorDoesNotSee) {
+TEST(DynamicArm, DeflectsByTorqueOverStiffnessUnseenByMotor) {
   OneJoint joint(stiff());
   const double expected = -kMass * kGravity * kLever / 2e4;
   for (int i = 0; i < 500; ++i) {
@@ -90,7 +91,7 @@ TEST(DynamicArm, SagsByTorqueOverStiffnessWhichTheMotorDoesNotSee) {
   EXPECT_NEAR(joint.motor().torque, kMass * kGravity * kLever, 1e-3 * kMass * kGravity * kLever);
 }
 
-TEST(DynamicArm, SwingsAtTheNaturalFrequencyOfItsGear) {
+TEST(DynamicArm, OscillatesAtNaturalFrequencyOfGear) {
   DriveDescription drive = stiff();
   drive.gear_damping = 0;
   OneJoint joint(drive, 1e-4, 0);
@@ -109,19 +110,19 @@ TEST(DynamicArm, SwingsAtTheNaturalFrequencyOfItsGear) {
   EXPECT_NEAR(frequency, std::sqrt(2e4 / kInertia), 1e-3 * frequency);
 }
 
-TEST(DynamicArm, FrictionStopsACoastingJoint) {
+TEST(DynamicArm, CoulombFrictionStopsCoastingJoint) {
   DriveDescription drive = stiff();
-  drive.max_torque = 0;  // switched off: the motor coasts with the link
+  drive.max_torque = 0;  // unpowered: the motor coasts with the link
   drive.coulomb_friction = 3;
   OneJoint joint(drive, 1e-3, 0);
   ArmDynamicsState coasting = joint.state();
   coasting.rate[0] = coasting.motors[0].rate = 1.0;
-  coasting.motors[0].lags = true;
+  coasting.motors[0].catching_up = true;
   joint.restore(coasting);
   const double deceleration = 3 / (kInertia + 0.4);
   for (double t = 1e-3; t < 1 / deceleration - 0.02; t += 1e-3) {
     joint.step();
-    // Link and motor swing against each other; friction alone takes from their momentum.
+    // Link and motor oscillate against each other; only friction reduces their momentum.
     const double together = (kInertia * joint.rate() + 0.4 * joint.motor().rate) / (kInertia + 0.4);
     ASSERT_NEAR(together, 1 - deceleration * t, 3e-3);
   }
@@ -132,20 +133,20 @@ TEST(DynamicArm, FrictionStopsACoastingJoint) {
   EXPECT_NEAR(joint.link(), stopped, 1e-9);
 }
 
-TEST(DynamicArm, ViscousFrictionSlowsACoastingJointExponentially) {
+TEST(DynamicArm, ViscousFrictionSlowsCoastingJointExponentially) {
   DriveDescription drive = stiff();
   drive.max_torque = 0;
   drive.viscous_friction = 5;
   OneJoint joint(drive, 1e-3, 0);
   ArmDynamicsState coasting = joint.state();
   coasting.rate[0] = coasting.motors[0].rate = 1.0;
-  coasting.motors[0].lags = true;
+  coasting.motors[0].catching_up = true;
   joint.restore(coasting);
   joint.run(0.1);
   EXPECT_NEAR(joint.motor().rate, std::exp(-5 / (kInertia + 0.4) * 0.1), 0.02);
 }
 
-TEST(DynamicArm, CoulombFrictionHoldsASmallLoad) {
+TEST(DynamicArm, CoulombFrictionHoldsSmallLoad) {
   DriveDescription drive = stiff();
   drive.coulomb_friction = 20;
   OneJoint joint(drive, 1e-3, 0);
@@ -154,28 +155,28 @@ TEST(DynamicArm, CoulombFrictionHoldsASmallLoad) {
   EXPECT_NEAR(joint.link(), 0, 1e-9);
 }
 
-TEST(DynamicArm, TheMotorGivesNoMoreThanItsTorque) {
+TEST(DynamicArm, MotorTorqueSaturates) {
   DriveDescription drive = stiff();
   drive.max_torque = 30;
   OneJoint joint(drive, 1e-3, 0);
-  const double asked = 100;  // rad/s^2: some 84 N m
+  const double commanded = 100;  // rad/s^2: needs about 84 N m
   double time = 0;
   for (int i = 1; i <= 60; ++i) {
     time = 1e-3 * i;
-    joint.step({asked * time * time / 2, asked * time});
+    joint.step({commanded * time * time / 2, commanded * time});
     ASSERT_LE(std::abs(joint.motor().torque), 30);
   }
-  // The whole torque accelerates motor and link.
+  // The full torque accelerates motor and link.
   const double acceleration = 30 / (kInertia + 0.4);
   EXPECT_NEAR(joint.motor().position, acceleration * time * time / 2, 0.05 * acceleration * time * time / 2);
-  EXPECT_TRUE(joint.motor().lags);
+  EXPECT_TRUE(joint.motor().catching_up);
   const MotorCommand end{0.2, 0};
   for (int i = 0; i < 3000; ++i) joint.step(end);
-  EXPECT_FALSE(joint.motor().lags);
+  EXPECT_FALSE(joint.motor().catching_up);
   EXPECT_EQ(joint.motor().position, 0.2);
 }
 
-TEST(DynamicArm, BacklashIsLostMotionWhenTheLoadTurnsRound) {
+TEST(DynamicArm, BacklashIsLostMotionAtLoadReversal) {
   DriveDescription drive = stiff();
   drive.backlash = 2e-3;
   drive.gear_damping = 200;
@@ -189,7 +190,7 @@ TEST(DynamicArm, BacklashIsLostMotionWhenTheLoadTurnsRound) {
   EXPECT_EQ(joint.motor().position, 0);
 }
 
-TEST(DynamicArm, NeverLeavesItsLimits) {
+TEST(DynamicArm, StaysWithinPositionLimits) {
   DriveDescription drive = stiff();
   drive.gear_stiffness = 200;
   OneJoint joint(drive, 1e-3, 0);
@@ -202,7 +203,7 @@ TEST(DynamicArm, NeverLeavesItsLimits) {
   EXPECT_EQ(highest, 1);
 }
 
-TEST(DynamicArm, RestoredStateGoesOnToTheLastBit) {
+TEST(DynamicArm, RestoredStateContinuesBitExactly) {
   DriveDescription drive = stiff();
   drive.backlash = 1e-3;
   drive.coulomb_friction = 2;

@@ -1,10 +1,11 @@
-"""Motion of the arm by variables alone: moves, lines, jogs, emergency stop; latency, jitter and vibration."""
+"""Motion of the arm through FMU variables: moves, lines, jogs, emergency stop; latency, jitter and vibration."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from cell_fixture import CYCLE_US, START_DEG, Array, CellFmu, Parameters, all_reals, cell_description
+
 from conftest import Build
 
 START = np.radians(START_DEG)
@@ -18,9 +19,9 @@ def start_joints(cell: CellFmu, target: Array, table: float = 0.0, speed: float 
     cell.set("command.start", 1)
 
 
-def start_line(cell: CellFmu, shift: Array, speed: float = 0.2) -> None:
-    """Moves the sensor by `shift` (m, world), its orientation as it is."""
-    for i, value in enumerate(cell.vector("truth.sensor.position", 3) + shift, 1):
+def start_line(cell: CellFmu, displacement: Array, speed: float = 0.2) -> None:
+    """Start a line move of the sensor by `shift` (m, world) with constant orientation."""
+    for i, value in enumerate(cell.vector("truth.sensor.position", 3) + displacement, 1):
         cell.set(f"command.target.position[{i}]", float(value))
     for i, value in enumerate(cell.vector("truth.sensor.orientation", 4), 1):
         cell.set(f"command.target.orientation[{i}]", float(value))
@@ -37,7 +38,7 @@ def run_to_rest(cell: CellFmu, step_us: int = CYCLE_US) -> None:
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_a_joint_move_ends_exactly_where_it_should(build: Build, version: int) -> None:
+def test_joint_move_ends_exactly_at_target(build: Build, version: int) -> None:
     cell = build(version)
     start_joints(cell, TARGET, 0.5)
     cell.step(CYCLE_US)
@@ -50,23 +51,25 @@ def test_a_joint_move_ends_exactly_where_it_should(build: Build, version: int) -
     assert cell.get("controller.progress")[0] == 1.0
 
 
-def test_a_straight_line_is_straight(build: Build) -> None:
+def test_line_move_is_straight(build: Build) -> None:
     cell = build()
-    shift = np.array([0.04, -0.1, 0.06])
+    displacement = np.array([0.04, -0.1, 0.06])
     start, turn = cell.vector("truth.sensor.position", 3), cell.vector("truth.sensor.orientation", 4)
-    start_line(cell, shift)
+    start_line(cell, displacement)
     worst = 0.0
     cell.step(CYCLE_US)
     while cell.get_int("controller.moving"):
         cell.step(700)
         way = cell.vector("truth.sensor.position", 3) - start
-        worst = max(worst, float(np.linalg.norm(way - way @ shift / (shift @ shift) * shift)))
+        worst = max(
+            worst, float(np.linalg.norm(way - way @ displacement / (displacement @ displacement) * displacement))
+        )
         np.testing.assert_allclose(cell.vector("truth.sensor.orientation", 4), turn, atol=1e-6)
-    np.testing.assert_allclose(way, shift, atol=1e-10)
+    np.testing.assert_allclose(way, displacement, atol=1e-10)
     assert worst < 1e-7
 
 
-def test_moves_do_not_depend_on_the_communication_step(build: Build) -> None:
+def test_moves_are_independent_of_communication_step(build: Build) -> None:
     ends = []
     for step_us in (40, 1000, CYCLE_US, 160_000):
         cell = build()
@@ -78,7 +81,7 @@ def test_moves_do_not_depend_on_the_communication_step(build: Build) -> None:
         np.testing.assert_array_equal(end, ends[0])
 
 
-def test_the_reason_of_a_refusal_is_told(build: Build) -> None:
+def test_rejected_moves_report_error_and_axis(build: Build) -> None:
     cell = build()
     cell.set("command.operation", 0)
     start_joints(cell, TARGET)
@@ -97,7 +100,7 @@ def test_the_reason_of_a_refusal_is_told(build: Build) -> None:
     np.testing.assert_array_equal(cell.vector("truth.q", 6), START)
 
 
-def test_an_emergency_stop_is_bounded_and_latched(build: Build) -> None:
+def test_emergency_stop_is_bounded_and_latched(build: Build) -> None:
     cell = build()
     start_joints(cell, TARGET)
     cell.step(CYCLE_US, 8)
@@ -118,7 +121,7 @@ def test_an_emergency_stop_is_bounded_and_latched(build: Build) -> None:
 
 
 @pytest.mark.parametrize("mode", [JOINT_MOVE, LINE_MOVE, CARTESIAN_JOG])
-def test_states_are_exact_in_the_middle_of_a_motion(build: Build, mode: int) -> None:
+def test_state_during_motion_restores_exactly(build: Build, mode: int) -> None:
     description = cell_description()
     for joint in description["robot"]["joints"]:
         joint["encoder_latency"] = 0.0037
@@ -139,7 +142,7 @@ def test_states_are_exact_in_the_middle_of_a_motion(build: Build, mode: int) -> 
     np.testing.assert_array_equal(all_reals(cell), all_reals(other))
 
 
-def test_commands_that_make_no_sense_are_refused(build: Build) -> None:
+def test_invalid_commands_are_rejected_by_name(build: Build) -> None:
     for name, value in (("speed", 0.0), ("monitor_speed", 1.5), ("jog[3]", -2.0), ("max_age", -1.0)):
         cell = build()
         cell.set(f"command.{name}", value)
@@ -148,7 +151,7 @@ def test_commands_that_make_no_sense_are_refused(build: Build) -> None:
         assert name.split("[")[0] in cell.messages[-1]
 
 
-def test_an_encoder_with_latency_tells_the_past(build: Build) -> None:
+def test_encoder_latency_delays_readings(build: Build) -> None:
     latency = 0.0043
     description = cell_description()
     for axis in [*description["robot"]["joints"], description["table"]]:
@@ -169,7 +172,7 @@ def test_an_encoder_with_latency_tells_the_past(build: Build) -> None:
 
 
 def light_delays(build: Build, step_us: int, parameters: Parameters) -> Array:
-    """By how much the light came after the middle of each exposure: the table turns evenly and tells."""
+    """Delay of the light after the middle of each exposure, from the angle of a table with constant speed."""
     cell = build(3, parameters=parameters)
     cell.command(table=1e4)
     cell.step(10 * CYCLE_US)
@@ -182,7 +185,7 @@ def light_delays(build: Build, step_us: int, parameters: Parameters) -> Array:
     return np.asarray((turn + np.pi) % (2 * np.pi) - np.pi) / 10.0
 
 
-def test_trigger_jitter_has_its_standard_deviation_and_repeats(build: Build) -> None:
+def test_trigger_jitter_standard_deviation_and_repeatability(build: Build) -> None:
     parameters: Parameters = {"as_built.trigger.latency": 0.0005, "as_built.trigger.jitter": 0.00005, "seed": 4}
     delays = light_delays(build, 1000, parameters)
     assert len(delays) >= 250
@@ -192,7 +195,7 @@ def test_trigger_jitter_has_its_standard_deviation_and_repeats(build: Build) -> 
     assert not np.allclose(light_delays(build, 1000, {**parameters, "seed": 5}), delays, atol=1e-6)
 
 
-def test_the_light_never_comes_before_the_sensor_fires(build: Build) -> None:
+def test_light_never_precedes_firing(build: Build) -> None:
     delays = light_delays(build, 1000, {"as_built.trigger.jitter": 0.003})
     assert delays.min() == pytest.approx(-0.001, abs=1e-6)  # half the exposure
 
@@ -206,26 +209,26 @@ SHAKEN = {
 
 
 @pytest.mark.parametrize("place", list(SHAKEN))
-def test_vibration_displaces_what_is_true_by_its_closed_form(build: Build, place: str) -> None:
+def test_vibration_displaces_true_poses_by_closed_form(build: Build, place: str) -> None:
     still = build()
-    shaking = build(parameters={f"as_built.vibration.{place}.{k}": v for k, v in SINE.items()})
+    vibrating = build(parameters={f"as_built.vibration.{place}.{k}": v for k, v in SINE.items()})
     axes = still.body("link[6]")[:3, :3] if place == "flange" else np.eye(3)
     names = ["link[1]", "link[5]", "link[6]", "sensor", "table", "part[1]"]
     for _ in range(50):
         still.step(1300)
-        shaking.step(1300)
+        vibrating.step(1300)
         angle = 2 * np.pi * 23.0 * still.time_us * 1e-6 + 0.7
         amplitude = axes @ [1e-4, -2e-4, 3e-4]
         for name in names:
             moved = 1.0 if name in SHAKEN[place] or (place == "base" and "link" in name) else 0.0
-            shift = shaking.vector(f"truth.{name}.position", 3) - still.vector(f"truth.{name}.position", 3)
-            speed = shaking.vector(f"truth.{name}.velocity", 3)
-            np.testing.assert_allclose(shift, moved * amplitude * np.sin(angle), atol=1e-14)
+            displacement = vibrating.vector(f"truth.{name}.position", 3) - still.vector(f"truth.{name}.position", 3)
+            speed = vibrating.vector(f"truth.{name}.velocity", 3)
+            np.testing.assert_allclose(displacement, moved * amplitude * np.sin(angle), atol=1e-14)
             np.testing.assert_allclose(speed, moved * amplitude * 2 * np.pi * 23.0 * np.cos(angle), atol=1e-12)
-        np.testing.assert_array_equal(shaking.vector("measured.q", 6), still.vector("measured.q", 6))
+        np.testing.assert_array_equal(vibrating.vector("measured.q", 6), still.vector("measured.q", 6))
 
 
-def test_the_twist_of_a_shaken_sensor_is_the_rate_of_its_pose_while_the_arm_moves(build: Build) -> None:
+def test_sensor_twist_is_pose_derivative_with_vibration(build: Build) -> None:
     parameters = {f"as_built.vibration.{place}.{k}": v for place in ("base", "flange") for k, v in SINE.items()}
     cell = build(parameters=parameters)
     start_joints(cell, TARGET)
@@ -238,7 +241,7 @@ def test_the_twist_of_a_shaken_sensor_is_the_rate_of_its_pose_while_the_arm_move
     np.testing.assert_allclose((after - before) / 40e-6, speed, atol=1e-5)
 
 
-def test_random_vibration_has_its_root_mean_square_at_any_step(build: Build) -> None:
+def test_random_vibration_rms_at_any_step(build: Build) -> None:
     group = "as_built.vibration.table."
     parameters: Parameters = {group + "random_rms": 5e-6, group + "random_low": 30.0, group + "random_width": 100.0}
     samples: dict[int, list[Array]] = {1000: [], 700: []}

@@ -1,4 +1,4 @@
-"""The variant of the FMI 3 FMU with arrays: the same values as the scalars, in FMPy."""
+"""FMI 3 variant with arrays: same values as the scalars, with FMPy."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pytest
 from cell_fixture import START_DEG, Array, CellFmu, cell_description
 from fmpy.validation import validate_fmu
 
-from orchestrator.cell.fmu_file import build_fmu
-from orchestrator.cell.fmu_package.contents import FmuOptions
+from scancell.cell.fmu_file import build_fmu
+from scancell.cell.fmu_package.contents import FmuOptions
 
 
 @pytest.fixture(scope="module")
@@ -29,14 +29,14 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def read(cell: CellFmu, name: str) -> Array:
-    """A variable of any type and size."""
+    """Value of a variable of any type and size."""
     variable = cell.variables[name]
     getter = {"Float64": "getFloat64", "Int32": "getInt32", "Boolean": "getBoolean"}[variable.type]
     size = int(np.prod([int(d.start) for d in variable.dimensions]))
     return np.array(getattr(cell.slave, getter)([variable.valueReference], nValues=size), dtype=float)
 
 
-def test_arrays_and_scalars_are_the_same_variables(folders: tuple[Path, Path]) -> None:
+def test_arrays_and_scalars_describe_same_variables(folders: tuple[Path, Path]) -> None:
     scalars, arrays = (fmpy.read_model_description(str(folder)) for folder in folders)
     assert scalars.guid != arrays.guid
     by_name = {v.name: v for v in scalars.modelVariables}
@@ -67,7 +67,7 @@ def test_arrays_and_scalars_are_the_same_variables(folders: tuple[Path, Path]) -
     assert shapes["as_built.dh[1].a"] == []
 
 
-def test_initial_dependencies_name_the_arrays(folders: tuple[Path, Path]) -> None:
+def test_initial_dependencies_refer_to_arrays(folders: tuple[Path, Path]) -> None:
     scalars, arrays = (fmpy.read_model_description(str(folder)) for folder in folders)
 
     def named(names: set[str]) -> set[str]:
@@ -81,7 +81,7 @@ def test_initial_dependencies_name_the_arrays(folders: tuple[Path, Path]) -> Non
     assert merged == {u.variable.name: {d.name for d in u.dependencies} for u in arrays.initialUnknowns}
 
 
-def test_a_run_reads_the_same_values(folders: tuple[Path, Path]) -> None:
+def test_arrays_read_same_values_as_scalars(folders: tuple[Path, Path]) -> None:
     plain, cell = CellFmu(folders[0]), CellFmu(folders[1])
     for k in range(30):
         q = np.radians(START_DEG) + 0.05 * np.sin(0.1 * k)
@@ -112,8 +112,8 @@ def test_a_run_reads_the_same_values(folders: tuple[Path, Path]) -> None:
 
 
 @pytest.mark.parametrize(("element", "room"), [(0, 5), (0, 7), (0, 1), (1, 1), (1, 6)])
-def test_room_for_other_than_the_whole_array_is_an_error(folders: tuple[Path, Path], element: int, room: int) -> None:
-    """And nothing is written behind the room that there is."""
+def test_wrong_number_of_array_values_is_an_error(folders: tuple[Path, Path], element: int, room: int) -> None:
+    """Nothing is written beyond the buffer."""
     cell = CellFmu(folders[1])
     reference = (c_uint32 * 1)(cell.variables["measured.q"].valueReference + element)
     values = (c_double * 8)(*[7.0] * 8)
@@ -126,7 +126,7 @@ def test_room_for_other_than_the_whole_array_is_an_error(folders: tuple[Path, Pa
     cell.close()
 
 
-def test_states_pass_between_the_variants(folders: tuple[Path, Path]) -> None:
+def test_states_are_shared_between_variants(folders: tuple[Path, Path]) -> None:
     plain, cell = CellFmu(folders[0]), CellFmu(folders[1])
     plain.command(table=1.0)
     plain.step(200_000)

@@ -1,4 +1,4 @@
-"""What lies in an FMU beside binary and description: terminals, documentation, licences, reference trajectory."""
+"""Contents of an FMU besides binary and description: terminals, documentation, licences, reference trajectory."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from cell_fixture import Array, CellFmu, cell_description
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-from orchestrator.cell.fmu_file import build_fmu
-from orchestrator.cell.fmu_package.contents import FmuOptions
+from scancell.cell.fmu_file import build_fmu
+from scancell.cell.fmu_package.contents import FmuOptions
 
 VERSIONS = (2, 3)
 TOLERANCE = 1e-9
@@ -31,8 +31,8 @@ REFERENCE = "extra/org.fmi-standard.fmi-ls-ref"
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
-    """Unpacked FMUs as they are given to people."""
+def unpacked_fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """Unpacked FMUs with all additional files."""
     root = tmp_path_factory.mktemp("whole")
     folders = {}
     for version in VERSIONS:
@@ -44,7 +44,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
 
 @pytest.mark.parametrize("clock", [False, True])
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_validator_finds_nothing(tmp_path: Path, version: int, clock: bool) -> None:
+def test_fmpy_validator_reports_no_problems(tmp_path: Path, version: int, clock: bool) -> None:
     file = tmp_path / "RobotCell.fmu"
     build_fmu(cell_description(), file, 2 if version == 2 else 3, FmuOptions(clock=clock))
     assert validate_fmu(str(file)) == []
@@ -56,39 +56,39 @@ def variables(folder: Path) -> list[Any]:
     return list(fmpy.read_model_description(str(folder)).modelVariables)
 
 
-def members(terminal: ET.Element, path: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
-    """(variable, path of the terminals with the member's name) of every member."""
+def terminal_members(terminal: ET.Element, path: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
+    """(variable, terminal path and member name) of every member."""
     for member in terminal.findall("TerminalMemberVariable"):
         yield member.attrib["variableName"], ".".join([*path, member.attrib["memberName"]])
     for inner in terminal.findall("Terminal"):
-        yield from members(inner, (*path, inner.attrib["name"]))
+        yield from terminal_members(inner, (*path, inner.attrib["name"]))
 
 
-def test_terminals_hold_every_input_and_output_once(whole: dict[int, Path]) -> None:
-    file = whole[3] / "terminalsAndIcons/terminalsAndIcons.xml"
+def test_terminals_contain_every_input_and_output_once(unpacked_fmus: dict[int, Path]) -> None:
+    file = unpacked_fmus[3] / "terminalsAndIcons/terminalsAndIcons.xml"
     schema = etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "schema/fmi3/fmi3TerminalsAndIcons.xsd"))
     schema.assertValid(etree.parse(str(file)))
     top = ET.parse(file).getroot().find("Terminals")
     assert top is not None
-    found = list(members(top))
+    found = list(terminal_members(top))
     assert all(variable == path for variable, path in found)
-    expected = [v.name for v in variables(whole[3]) if v.causality in ("input", "output")]
+    expected = [v.name for v in variables(unpacked_fmus[3]) if v.causality in ("input", "output")]
     assert Counter(variable for variable, _ in found) == Counter(expected)
     assert {t.attrib["name"] for t in top} >= {"command", "measured", "truth", "trigger"}
 
 
-def test_icons_lie_where_each_version_wants_them(whole: dict[int, Path]) -> None:
-    for icon in (whole[2] / "model.png", whole[3] / "terminalsAndIcons/icon.png"):
+def test_icons_are_at_standard_locations(unpacked_fmus: dict[int, Path]) -> None:
+    for icon in (unpacked_fmus[2] / "model.png", unpacked_fmus[3] / "terminalsAndIcons/icon.png"):
         head = icon.read_bytes()[:24]
         assert head.startswith(b"\x89PNG\r\n\x1a\n")
         assert struct.unpack(">II", head[16:]) == (256, 256)
-    assert ET.parse(whole[3] / "terminalsAndIcons/icon.svg").getroot().tag.endswith("svg")
-    assert not (whole[2] / "terminalsAndIcons").exists()
-    assert not (whole[3] / "model.png").exists()
+    assert ET.parse(unpacked_fmus[3] / "terminalsAndIcons/icon.svg").getroot().tag.endswith("svg")
+    assert not (unpacked_fmus[2] / "terminalsAndIcons").exists()
+    assert not (unpacked_fmus[3] / "model.png").exists()
 
 
 class Page(HTMLParser):
-    """Text, links and ids of a page; complains about tags that are not closed in order."""
+    """Text, links and ids of a page; rejects tags that are not closed in order."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -116,15 +116,15 @@ class Page(HTMLParser):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_documentation_tells_of_every_variable_without_a_network(whole: dict[int, Path], version: int) -> None:
-    file = whole[version] / "documentation/index.html"
+def test_documentation_covers_every_variable_offline(unpacked_fmus: dict[int, Path], version: int) -> None:
+    file = unpacked_fmus[version] / "documentation/index.html"
     source = file.read_text(encoding="utf-8")
     page = Page(source)
     assert "http" not in source.replace("http-equiv", "")
     for link in page.links:
         assert link.removeprefix("#") in page.ids if link.startswith("#") else (file.parent / link).is_file(), link
     lines = set(page.text.split("\n"))
-    for variable in variables(whole[version]):
+    for variable in variables(unpacked_fmus[version]):
         assert variable.name in lines
         assert variable.description in lines
         if variable.declaredType is not None:
@@ -134,7 +134,7 @@ def test_the_documentation_tells_of_every_variable_without_a_network(whole: dict
 
 
 def needed_versions(folder: Path, name: str) -> set[tuple[int, ...]]:
-    """Symbol versions that the binaries bind to, from their undefined dynamic symbols."""
+    """Symbol versions required by the binaries, from their undefined dynamic symbols."""
     found = set()
     for library in next((folder / "binaries").iterdir()).iterdir():
         symbols = subprocess.run(["objdump", "-T", library], check=True, capture_output=True, text=True).stdout
@@ -144,8 +144,8 @@ def needed_versions(folder: Path, name: str) -> set[tuple[int, ...]]:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_glibc_floor_is_stated_and_true(whole: dict[int, Path], version: int) -> None:
-    folder = whole[version]
+def test_documented_glibc_version_matches_binaries(unpacked_fmus: dict[int, Path], version: int) -> None:
+    folder = unpacked_fmus[version]
     floor = ".".join(map(str, max(needed_versions(folder, "GLIBC"))))
     description = fmpy.read_model_description(str(folder)).description
     page = Page((folder / "documentation/index.html").read_text()).text
@@ -159,11 +159,12 @@ def test_the_glibc_floor_is_stated_and_true(whole: dict[int, Path], version: int
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_licence_of_everything_bundled_is_there(whole: dict[int, Path], version: int) -> None:
-    folder = whole[version] / "documentation/licenses"
+def test_licences_of_all_bundled_files_are_present(unpacked_fmus: dict[int, Path], version: int) -> None:
+    folder = unpacked_fmus[version] / "documentation/licenses"
     lines = (folder / "license.txt").read_text().split("\n\n")[1].strip().split("\n")
     rows = [re.split(r": |; ", line) for line in lines]
-    assert {file for file, *_ in rows} == {f.name for f in next((whole[version] / "binaries").iterdir()).iterdir()}
+    binaries = next((unpacked_fmus[version] / "binaries").iterdir())
+    assert {file for file, *_ in rows} == {f.name for f in binaries.iterdir()}
     assert {text for *_, text in rows} | {"license.txt"} == {f.name for f in folder.iterdir()}
     compiled_in = {source.split()[0] for file, source, *_ in rows if file == "RobotCell.so"}
     assert compiled_in == {"scancell", "fmi", "libeigen3-dev", "nlohmann-json3-dev"}
@@ -180,8 +181,8 @@ def read_table(file: Path) -> tuple[list[str], Array]:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_reference_trajectory_repeats(whole: dict[int, Path], version: int) -> None:
-    folder = whole[version]
+def test_reference_trajectory_is_reproduced(unpacked_fmus: dict[int, Path], version: int) -> None:
+    folder = unpacked_fmus[version]
     input_names, inputs = read_table(folder / REFERENCE / "reference_inputs.csv")
     names, outputs = read_table(folder / REFERENCE / "reference_outputs.csv")
     cell = CellFmu(folder)
@@ -205,8 +206,8 @@ def test_the_reference_trajectory_repeats(whole: dict[int, Path], version: int) 
     assert moved["trigger.index"] > 30
 
 
-def test_the_manifest_names_the_reference(whole: dict[int, Path]) -> None:
-    for folder in whole.values():
+def test_manifest_refers_to_reference_files(unpacked_fmus: dict[int, Path]) -> None:
+    for folder in unpacked_fmus.values():
         manifest = ET.parse(folder / REFERENCE / "fmi-ls-manifest.xml").getroot()
         space = "{http://fmi-standard.org/fmi-ls-manifest}"
         assert manifest.attrib[f"{space}fmi-ls-name"] == "org.fmi-standard.fmi-ls-ref"
@@ -216,7 +217,7 @@ def test_the_manifest_names_the_reference(whole: dict[int, Path]) -> None:
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_packing_twice_gives_the_same_bytes(tmp_path: Path, version: int) -> None:
+def test_packing_is_reproducible(tmp_path: Path, version: int) -> None:
     files = [tmp_path / f"{k}.fmu" for k in range(2)]
     for file in files:
         build_fmu(cell_description(), file, 2 if version == 2 else 3)
@@ -226,8 +227,8 @@ def test_packing_twice_gives_the_same_bytes(tmp_path: Path, version: int) -> Non
         assert all(entry.compress_type in (zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED) for entry in archive.infolist())
 
 
-def test_the_reference_repeats_without_any_environment(tmp_path: Path) -> None:
-    """No variable, no LD_LIBRARY_PATH, another working directory; FMPy and the standard library alone."""
+def test_reference_is_reproduced_in_clean_environment(tmp_path: Path) -> None:
+    """Empty environment, other working directory, FMPy and the standard library only."""
     files = [tmp_path / f"RobotCell{version}.fmu" for version in VERSIONS]
     for version, file in zip(VERSIONS, files, strict=True):
         build_fmu(cell_description(), file, 2 if version == 2 else 3)

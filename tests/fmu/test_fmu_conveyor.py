@@ -1,4 +1,4 @@
-"""Conveyors: the belt's motion, parts that it carries, and parts that change their support."""
+"""Conveyors: motion of the belt, parts on it, and transfers to another support."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ GRAVITY = 9.80665
 MAX_ACCELERATION = 2.0
 
 
-def turned(angle: float) -> list[float]:
+def quaternion_about_z(angle: float) -> list[float]:
     x, y, z, w = Rotation.from_euler("z", angle).as_quat()
     return [w, x, y, z]
 
 
 def belt_cell(yaw: float = 0.0, **changes: Any) -> dict[str, Any]:
-    """A belt beside the table with a free box on it, 300 mm behind the belt's middle."""
+    """A belt beside the table with a free box, 300 mm before the middle of the belt."""
     cell = cell_description()
-    cell["conveyors"] = [conveyor(world_from_belt=pose([0, -1, 0.2], turned(yaw)), **changes)]
-    place = pose([-0.3, 0, 0], turned(0.2))
+    cell["conveyors"] = [conveyor(world_from_belt=pose([0, -1, 0.2], quaternion_about_z(yaw)), **changes)]
+    place = pose([-0.3, 0, 0], quaternion_about_z(0.2))
     cell["parts"] = [box_part(0.06, 0.04, 0.05, fixture="free", stands_on="conveyor[1]", support_from_part=place)]
     return cell
 
 
 def transfer_cell(onto: str) -> dict[str, Any]:
-    """A belt that ends 2 mm before the table, or before a plate in the world, at the same height."""
+    """A belt that ends 2 mm before the table, or before a fixed plate, at the same height."""
     cell = cell_description()
     edge = 0.45 - 0.12 if onto == "table" else 0.0
     cell["conveyors"] = [conveyor(world_from_belt=pose([edge - 0.302, 0, 0.1]), length=0.6)]
@@ -43,8 +43,8 @@ def transfer_cell(onto: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("step_us", [370, 1000, CYCLE_US, 64_000])
-def test_the_belt_moves_as_its_closed_form_says(build: Build, step_us: int) -> None:
-    """0.31 m/s, then 0.7 m/s backwards, with even acceleration; at any communication step."""
+def test_belt_motion_matches_closed_form(build: Build, step_us: int) -> None:
+    """0.31 m/s, then -0.7 m/s, with constant acceleration, at several communication steps."""
     cell = build(3, belt_cell())
     switch = 64_000 * 10
     times, found = [], []
@@ -72,7 +72,7 @@ def test_the_belt_moves_as_its_closed_form_says(build: Build, step_us: int) -> N
     assert values[-1, 1] == -0.7
 
 
-def test_the_belt_keeps_to_its_largest_speed(build: Build) -> None:
+def test_belt_speed_is_clamped(build: Build) -> None:
     cell = build(2, belt_cell(max_speed=0.25))
     cell.set("command.conveyor[1].speed", 3.0)
     cell.step(CYCLE_US, 30)
@@ -81,8 +81,8 @@ def test_the_belt_keeps_to_its_largest_speed(build: Build) -> None:
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, np.pi / 4])
 @pytest.mark.parametrize("friction", [0.2, 0.4])
-def test_friction_brings_a_part_to_the_belts_speed(build: Build, yaw: float, friction: float) -> None:
-    """A belt that is fast at once: time v / (mu g) and slip v^2 / (2 mu g), straight along the belt."""
+def test_friction_accelerates_part_to_belt_speed(build: Build, yaw: float, friction: float) -> None:
+    """With a belt at speed immediately: duration v / (mu g) and slip v^2 / (2 mu g), straight along the belt."""
     speed = 0.8
     cell = build(3, belt_cell(yaw, max_acceleration=1e4, friction=friction))
     along = np.array([np.cos(yaw), np.sin(yaw), 0])
@@ -103,9 +103,7 @@ def test_friction_brings_a_part_to_the_belts_speed(build: Build, yaw: float, fri
 
 @pytest.mark.parametrize(("acceleration", "holds"), [(0.97, True), (1.03, False)])
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
-def test_a_part_stays_on_its_place_of_the_belt_up_to_coulombs_limit(
-    build: Build, yaw: float, acceleration: float, holds: bool
-) -> None:
+def test_part_sticks_to_belt_up_to_friction_limit(build: Build, yaw: float, acceleration: float, holds: bool) -> None:
     cell = build(3, belt_cell(yaw, max_acceleration=acceleration * 0.5 * GRAVITY, max_speed=2.0))
     along = np.array([np.cos(yaw), np.sin(yaw), 0])
     start = cell.vector("truth.part[1].position", 3)
@@ -117,8 +115,8 @@ def test_a_part_stays_on_its_place_of_the_belt_up_to_coulombs_limit(
 
 
 @pytest.mark.parametrize("onto", ["table", "plate"])
-def test_a_part_is_handed_over_and_comes_to_rest(build: Build, onto: str) -> None:
-    """It leaves the belt at its speed and stops within the braking distance behind the edge; the table takes it on."""
+def test_part_transfers_from_belt_and_comes_to_rest(build: Build, onto: str) -> None:
+    """The part leaves the belt at belt speed and stops within the braking distance after the edge."""
     cell = build(3, transfer_cell(onto))
     speed = 0.4
     cell.set("command.conveyor[1].speed", speed)
@@ -147,10 +145,8 @@ def run_transfer(cell: CellFmu) -> None:
 
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("time_us", [100_250, 560_250, 610_250])
-def test_a_state_in_the_middle_of_a_transfer_restores_to_the_bit(
-    build: Build, version: int, time_us: int, tmp_path: Path
-) -> None:
-    """While the belt speeds the part up, at the edge, and on both; here and in a new process."""
+def test_state_during_transfer_restores_bit_exactly(build: Build, version: int, time_us: int, tmp_path: Path) -> None:
+    """While the belt accelerates the part, at the edge, and on both supports; in the same and in a new process."""
     cell = build(version, transfer_cell("table"))
     cell.set("command.conveyor[1].speed", 0.4)
     cell.step(10_250)
@@ -168,10 +164,10 @@ def test_a_state_in_the_middle_of_a_transfer_restores_to_the_bit(
     cell.free_state(state)
 
 
-def test_a_part_cannot_be_clamped_to_a_belt(build: Build) -> None:
+def test_part_clamped_to_belt_is_rejected(build: Build) -> None:
     cell = belt_cell()
     cell["parts"][0]["fixture"] = "clamped"
     with pytest.raises(subprocess.CalledProcessError) as caught:
         build(3, cell)
     assert b"parts[0].stands_on: expected" in caught.value.stderr
-    assert b"nothing can be clamped to a belt" in caught.value.stderr
+    assert b"a part cannot be clamped to a belt" in caught.value.stderr

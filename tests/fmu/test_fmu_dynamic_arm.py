@@ -1,4 +1,4 @@
-"""The arm with masses and real drives: sag, swing, torque, state; kinematic drives beside it."""
+"""Dynamic drives: deflection, oscillation, torque, state; compared with kinematic drives."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STIFFNESS = np.array([6e4, 6e4, 3e4, 6e3, 6e3, 4e3])
 
 
 def dynamic_cell(**drive: float) -> dict[str, Any]:
-    """The test cell with masses; keyword arguments go into every drive."""
+    """The test cell with dynamic drives; keyword arguments override keys of every drive."""
     cell = cell_description()
     cell["robot"]["dynamics"] = {
         "links": [
@@ -35,7 +35,7 @@ def dynamic_cell(**drive: float) -> dict[str, Any]:
 
 
 def gravity_torques(cell: CellFmu) -> Array:
-    """Torques (6,) that hold the arm, by the lever of each link's centre of mass about each axis."""
+    """Holding torques (6,) from the lever arms of the links' centres of mass."""
     links = [cell.body(f"link[{i}]") for i in range(1, 7)]
     axes = [np.eye(4), *links[:-1]]
     torques = np.zeros(6)
@@ -48,7 +48,7 @@ def gravity_torques(cell: CellFmu) -> Array:
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_every_joint_sags_by_its_load_and_the_encoders_do_not_see_it(build: Build, version: int) -> None:
+def test_joints_deflect_by_load_unseen_by_encoders(build: Build, version: int) -> None:
     cell = build(version, dynamic_cell())
     sag = cell.vector("truth.q", 6) - START
     np.testing.assert_allclose(sag, -gravity_torques(cell) / STIFFNESS, atol=1e-9)
@@ -59,7 +59,7 @@ def test_every_joint_sags_by_its_load_and_the_encoders_do_not_see_it(build: Buil
     np.testing.assert_allclose(cell.vector("truth.q", 6) - START, sag, atol=1e-9)
 
 
-def test_motors_follow_a_move_exactly_and_links_swing_about_it(build: Build) -> None:
+def test_motors_follow_move_exactly_and_links_oscillate(build: Build) -> None:
     cell, ideal = build(3, dynamic_cell()), build()
     target = START + np.array([0.3, 0.2, -0.3, 0.5, -0.2, 0.8])
     for each in (cell, ideal):
@@ -75,7 +75,7 @@ def test_motors_follow_a_move_exactly_and_links_swing_about_it(build: Build) -> 
     np.testing.assert_allclose(cell.vector("truth.q", 6) - target, -gravity_torques(cell) / STIFFNESS, atol=2e-6)
 
 
-def test_a_weak_motor_gives_its_torque_and_arrives_late(build: Build) -> None:
+def test_weak_motor_saturates_and_arrives_late(build: Build) -> None:
     cell = build(3, dynamic_cell(max_torque=60.0))
     target = START.copy()
     target[1] -= 0.6
@@ -90,7 +90,7 @@ def test_a_weak_motor_gives_its_torque_and_arrives_late(build: Build) -> None:
     assert lags[-1] < 1e-6
 
 
-def test_friction_leaves_the_arm_where_it_does_not_pull_enough(build: Build) -> None:
+def test_static_friction_holds_deflected_arm(build: Build) -> None:
     ends = []
     for friction in (0.0, 3.0):
         cell = build(3, dynamic_cell(coulomb_friction=friction))
@@ -103,13 +103,13 @@ def test_friction_leaves_the_arm_where_it_does_not_pull_enough(build: Build) -> 
             ways.append(cell.vector("truth.q", 6))
         ends.append(np.abs(ways[0] - ways[1]))
     assert (ends[0] < 1e-6).all()
-    # Static friction can hold a gear wound up by friction over stiffness, from either side.
+    # Static friction can hold a gear deflection of friction over stiffness in either direction.
     assert (ends[1] <= 2 * 3.0 / STIFFNESS + 1e-9).all()
     assert ends[1].max() > 2e-5
 
 
 def inertia_about_joint_1(cell: CellFmu) -> float:
-    """Of all links about the vertical axis, by Huygens and Steiner (kg m^2)."""
+    """Moment of inertia of all links about the vertical axis (parallel axis theorem), kg m^2."""
     total = 0.0
     for i, (mass, centre) in enumerate(zip(MASSES, CENTRES, strict=True), 1):
         link = cell.body(f"link[{i}]")
@@ -119,7 +119,7 @@ def inertia_about_joint_1(cell: CellFmu) -> float:
 
 
 def ringing_cell(stiffness: float) -> dict[str, Any]:
-    """The test cell with a soft gear in joint 1, undamped, and all others rigid for practical purposes."""
+    """The test cell with a soft, undamped gear in joint 1 and practically rigid others."""
     cell = dynamic_cell(gear_stiffness=1e9, motor_inertia=1e4, gear_damping=1e5, max_torque=1e6)
     cell["time_step_us"] = 500
     cell["robot"]["dynamics"]["drives"][0] |= {"gear_stiffness": stiffness, "gear_damping": 0.0}
@@ -127,7 +127,7 @@ def ringing_cell(stiffness: float) -> dict[str, Any]:
 
 
 def ringing_frequency(cell: CellFmu) -> float:
-    """Frequency (Hz) with which link 1 swings after a move, by zero crossings."""
+    """Oscillation frequency (Hz) of link 1 after a move, from zero crossings."""
     target = START + np.array([0.2, 0, 0, 0, 0, 0])
     cell.command(target, mode=2)
     cell.set("command.start", 1)
@@ -146,15 +146,15 @@ def ringing_frequency(cell: CellFmu) -> float:
 
 
 @pytest.mark.parametrize("stiffness", [2e3, 8e3])
-def test_a_link_rings_at_the_resonance_of_its_gear(build: Build, stiffness: float) -> None:
+def test_link_oscillates_at_gear_resonance(build: Build, stiffness: float) -> None:
     cell = build(3, ringing_cell(stiffness))
     expected = np.sqrt(stiffness / inertia_about_joint_1(cell)) / (2 * np.pi)
     assert ringing_frequency(cell) == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize("backlash", [0.0, 2e-3])
-def test_play_is_lost_motion_where_the_load_turns_round(build: Build, backlash: float) -> None:
-    """Joint 2 carries the arm over its highest point: the load changes sides, and the link crosses the play."""
+def test_backlash_is_lost_motion_at_load_reversal(build: Build, backlash: float) -> None:
+    """Joint 2 moves the arm over its highest point: the load reverses and the link crosses the backlash."""
     cell = build(3, dynamic_cell(backlash=backlash, gear_damping=100.0))
     sags, loads = [], []
     for angle in (-0.5, -2.6):
@@ -171,7 +171,7 @@ def test_play_is_lost_motion_where_the_load_turns_round(build: Build, backlash: 
     assert sags[0] - sags[1] == pytest.approx(backlash + (loads[1] - loads[0]) / STIFFNESS[1], abs=2e-7)
 
 
-def test_encoders_sit_on_the_motors_and_read_late_and_coarsely(build: Build) -> None:
+def test_motor_encoders_have_latency_and_resolution(build: Build) -> None:
     description, step = dynamic_cell(), np.radians(0.01)
     for joint in description["robot"]["joints"]:
         joint |= {"encoder_resolution": step, "encoder_latency": 0.005}
@@ -190,14 +190,14 @@ def test_encoders_sit_on_the_motors_and_read_late_and_coarsely(build: Build) -> 
     assert np.abs(motor - link).max() > 3 * step
 
 
-def test_any_communication_step_gives_the_same_motion_of_dynamic_drives(build: Build) -> None:
-    """From 40 us to 1 s, with play, friction and a motor at the end of its torque; to the last bit."""
+def test_dynamic_drives_are_independent_of_communication_step(build: Build) -> None:
+    """From 40 us to 1 s, with backlash, friction and a saturated motor; bit-identical."""
     ends = []
     for step_us in (40, 1000, CYCLE_US, 1_000_000):
         cell = build(3, dynamic_cell(backlash=3e-4, coulomb_friction=1.0, max_torque=60.0))
         cell.command(START + 0.4, 0.4, mode=2)
         cell.set("command.start", 1)
-        # The cycle does not divide a second: the last step of such a run is shorter.
+        # The cycle does not divide a second: the last step is shorter.
         while cell.time_us < 1_000_000:
             cell.step(min(step_us, 1_000_000 - cell.time_us))
         ends.append(all_reals(cell)[1:])
@@ -205,7 +205,7 @@ def test_any_communication_step_gives_the_same_motion_of_dynamic_drives(build: B
         np.testing.assert_array_equal(end, ends[0])
 
 
-def test_a_state_in_the_middle_of_a_swing_restores_exactly(build: Build) -> None:
+def test_state_during_oscillation_restores_exactly(build: Build) -> None:
     description = dynamic_cell(backlash=3e-4, coulomb_friction=1.0, max_torque=90.0)
     cell, other = build(3, description), build(3, description)
     cell.command(START + 0.2, 0.4, mode=2)
@@ -218,7 +218,7 @@ def test_a_state_in_the_middle_of_a_swing_restores_exactly(build: Build) -> None
     np.testing.assert_array_equal(all_reals(other)[1:], all_reals(cell)[1:])
 
 
-def test_initial_values_of_a_sagging_arm_depend_on_its_geometry(build: Build) -> None:
+def test_initial_values_of_dynamic_arm_depend_on_geometry(build: Build) -> None:
     cell = build(3, dynamic_cell())
     names = [n for n, v in cell.variables.items() if v.type == "Float64" and v.causality == "output"]
     before = cell.get(*names)
@@ -231,7 +231,7 @@ def test_initial_values_of_a_sagging_arm_depend_on_its_geometry(build: Build) ->
         assert [name for name in sorted(moved) if parameter not in declared[name]] == []
 
 
-def test_a_gear_too_stiff_for_the_steps_is_refused(build: Build) -> None:
+def test_gear_too_stiff_for_time_step_is_rejected(build: Build) -> None:
     with pytest.raises(subprocess.CalledProcessError) as refused:
         build(3, dynamic_cell(motor_inertia=1e-3))
     assert b"robot.dynamics.drives[0].motor_inertia" in refused.value.stderr

@@ -20,12 +20,12 @@ LATENCY = 0.0004
 
 
 def clock(cell: CellFmu) -> bool:
-    """The clock comes behind all variables, whether the model description names it or not."""
+    """The clock has the reference after all variables, described or not."""
     return bool(cell.slave.getClock([len(cell.description.modelVariables)])[0])
 
 
-def test_the_clock_is_described_on_demand(tmp_path: Path) -> None:
-    """On demand alone: importers that know no clocks crash on its description."""
+def test_clock_is_described_only_on_request(tmp_path: Path) -> None:
+    """Off by default: importers without support for clocks crash on its description."""
     file = tmp_path / "cell.json"
     file.write_text(json.dumps(cell_description()))
     command = [str(runtime_folder() / "robotcell-describe"), str(file), "--fmi", "3"]
@@ -50,7 +50,7 @@ def command_scan(cell: CellFmu) -> None:
 
 
 def run_events(cell: CellFmu, until_us: int, step_us: int) -> list[tuple[int, bool, int, float]]:
-    """Steps in event mode; (time of the event, early, record index, record time) of every event."""
+    """Step in event mode; return (time of the event, early, record index, record time) of every event."""
     cell.slave.updateDiscreteStates()
     command_scan(cell)
     cell.slave.enterStepMode()
@@ -73,8 +73,8 @@ def run_events(cell: CellFmu, until_us: int, step_us: int) -> list[tuple[int, bo
 
 
 @pytest.mark.parametrize("step_us", [CYCLE_US, 100_000])
-def test_steps_return_at_the_instant_of_each_record(build: Build, step_us: int) -> None:
-    """At the middle of the exposure plus the latency, and the trajectory is that of plain stepping to the last bit."""
+def test_early_return_at_the_instant_of_each_record(build: Build, step_us: int) -> None:
+    """Events are at mid-exposure plus latency, and the trajectory is bit-identical to plain stepping."""
     until_us = 40 * CYCLE_US
     parameters = {"as_built.trigger.latency": LATENCY}
     plain = build(3, FREE, parameters)
@@ -88,12 +88,12 @@ def test_steps_return_at_the_instant_of_each_record(build: Build, step_us: int) 
     for time_us, early, _, record_time in events:
         assert time_us == round((record_time + LATENCY) * 1e6)
         assert early or time_us % 1000 == 0
-    # What is on display differs, the cell itself does not.
+    # The current record differs, the cell itself does not.
     present = [n for n, v in cell.variables.items() if v.type == "Float64" and n.split(".")[0] in ("measured", "truth")]
     np.testing.assert_array_equal(cell.get(*present), plain.get(*present))
 
 
-def test_without_early_return_the_event_comes_with_the_end_of_the_step(build: Build) -> None:
+def test_event_is_reported_at_step_end_without_early_return(build: Build) -> None:
     cell = build(3, eventModeUsed=True)
     events = run_events(cell, 40 * CYCLE_US, CYCLE_US)
     assert len(events) > 20
@@ -101,7 +101,7 @@ def test_without_early_return_the_event_comes_with_the_end_of_the_step(build: Bu
     assert all(time_us % CYCLE_US == 0 for time_us, _, _, _ in events)
 
 
-def test_an_instance_without_event_mode_reports_no_events(build: Build) -> None:
+def test_no_events_without_event_mode(build: Build) -> None:
     cell = build(3, earlyReturnAllowed=True)
     command_scan(cell)
     flags = [cell.slave.doStep(k * 0.016, 0.016) for k in range(20)]
@@ -110,7 +110,7 @@ def test_an_instance_without_event_mode_reports_no_events(build: Build) -> None:
 
 
 @pytest.mark.parametrize(
-    ("provoke", "said"),
+    ("provoke", "expected"),
     [
         (lambda c: c.slave.doStep(0.0, 0.001), "in event mode"),
         (lambda c: c.slave.enterEventMode(), "in event mode"),
@@ -118,26 +118,28 @@ def test_an_instance_without_event_mode_reports_no_events(build: Build) -> None:
         (lambda c: (c.slave.enterStepMode(), c.slave.enterStepMode()), "entering step mode"),
         (lambda c: (c.slave.enterStepMode(), c.slave.updateDiscreteStates()), "updating discrete states"),
         (lambda c: (c.slave.enterStepMode(), clock(c)), "reading a clock"),
-        (lambda c: c.slave.getClock([1]), "no clock"),
+        (lambda c: c.slave.getClock([1]), "not a clock"),
     ],
 )
-def test_event_mode_has_its_order(build: Build, provoke: Callable[[CellFmu], Any], said: str) -> None:
+def test_calls_out_of_order_in_event_mode_are_errors(
+    build: Build, provoke: Callable[[CellFmu], Any], expected: str
+) -> None:
     cell = build(3, eventModeUsed=True)
     with pytest.raises(Exception, match="fmi3"):
         provoke(cell)
-    assert said in cell.messages[-1]
+    assert expected in cell.messages[-1]
     cell.slave.reset()
     cell.initialize()
     cell.slave.enterStepMode()
     cell.step(1000)
 
 
-def test_event_mode_is_an_error_where_it_was_not_asked_for(build: Build) -> None:
+def test_entering_event_mode_without_event_mode_used_is_an_error(build: Build) -> None:
     with pytest.raises(Exception, match="fmi3EnterEventMode"):
         build(3).slave.enterEventMode()
 
 
-def test_a_state_keeps_the_event(build: Build) -> None:
+def test_state_contains_pending_event(build: Build) -> None:
     cell = build(3, FREE, eventModeUsed=True, earlyReturnAllowed=True)
     run_events(cell, 8 * CYCLE_US, CYCLE_US)  # the table still turns
     event, _, _, reached = cell.slave.doStep(cell.time_us * 1e-6, 0.016)
@@ -157,7 +159,7 @@ def test_a_state_keeps_the_event(build: Build) -> None:
 
 
 class Intermediate:
-    """Reads an output at every intermediate update, and asks for an early return at one of them."""
+    """Reads an output at every intermediate update, and requests an early return at one of them."""
 
     def __init__(self, stop_at: float = np.inf, stop_until: float = 0.0) -> None:
         self.cell: CellFmu | None = None
@@ -180,7 +182,7 @@ class Intermediate:
             ctypes.cast(until, ctypes.POINTER(ctypes.c_double))[0] = self.stop_until
 
 
-def test_outputs_can_be_read_inside_a_step(build: Build) -> None:
+def test_outputs_can_be_read_in_intermediate_update(build: Build) -> None:
     watch = Intermediate()
     watch.cell = build(3, intermediateUpdate=watch)
     watch.cell.command(table=2.0)
@@ -198,7 +200,7 @@ def test_outputs_can_be_read_inside_a_step(build: Build) -> None:
 
 
 @pytest.mark.parametrize(("until", "end"), [(0.0, 0.032), (0.032, 0.032), (0.05, 0.05), (9.0, 0.1)])
-def test_the_importer_may_end_a_step_early(build: Build, until: float, end: float) -> None:
+def test_importer_can_request_early_return(build: Build, until: float, end: float) -> None:
     watch = Intermediate(stop_at=0.032, stop_until=until)
     watch.cell = build(3, intermediateUpdate=watch, earlyReturnAllowed=True)
     watch.cell.command(table=2.0)
@@ -208,13 +210,13 @@ def test_the_importer_may_end_a_step_early(build: Build, until: float, end: floa
     watch.cell.slave.doStep(reached, 0.004)
 
 
-def test_early_return_that_is_not_allowed_is_not_taken(build: Build) -> None:
+def test_early_return_request_is_ignored_where_not_allowed(build: Build) -> None:
     watch = Intermediate(stop_at=0.032)
     watch.cell = build(3, intermediateUpdate=watch)
     assert watch.cell.slave.doStep(0.0, 0.1)[2:] == (False, 0.1)
 
 
-def test_nothing_may_be_set_inside_a_step(build: Build) -> None:
+def test_setting_in_intermediate_update_is_an_error(build: Build) -> None:
     watch = Intermediate()
     watch.set_in_between = True
     watch.cell = build(3, intermediateUpdate=watch)

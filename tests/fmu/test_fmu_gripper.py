@@ -1,4 +1,4 @@
-"""The gripper of the FMU: it picks a part from the table, keeps it on smooth moves and loses it on a jump."""
+"""Gripper of the FMU: picking a part from the table, smooth moves, and loss in a step move."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ def with_drives(drives: str) -> dict[str, Any]:
 
 
 def velocity_on_flange(cell: CellFmu, body: str) -> np.ndarray:
-    """Velocity (3,) of a point of the flange where a body is."""
+    """Velocity (3,) of the flange at the origin of a body."""
     arm = cell.body(body)[:3, 3] - cell.body("link[6]")[:3, 3]
     turn = cell.vector("truth.link[6].angular_velocity", 3)
     return np.asarray(cell.vector("truth.link[6].velocity", 3) + np.cross(turn, arm))
 
 
-def turned(joint: int, angle: float) -> np.ndarray:
+def rotated_joint(joint: int, angle: float) -> np.ndarray:
     q = LIFTED.copy()
     q[joint] += angle
     return q
 
 
-def test_it_opens_and_closes_to_a_width(build: Build) -> None:
+def test_gripper_moves_to_commanded_width(build: Build) -> None:
     cell = build(3, grasp_cell())
     assert cell.get("measured.gripper.width")[0] == pytest.approx(0.06, abs=1e-12)
     cell.command(OVER_BOX)
@@ -66,7 +66,7 @@ def test_it_opens_and_closes_to_a_width(build: Build) -> None:
     assert np.linalg.norm(fingers[0] - fingers[1]) == pytest.approx(0.08, abs=1e-6)
 
 
-def test_it_grips_with_the_force_that_it_is_told(build: Build) -> None:
+def test_gripper_closes_with_commanded_force(build: Build) -> None:
     cell = build(3, grasp_cell())
     assert not cell.get_int("measured.gripper.gripped")
     grip(cell, 30.0)
@@ -78,7 +78,7 @@ def test_it_grips_with_the_force_that_it_is_told(build: Build) -> None:
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_it_lifts_a_part_and_holds_its_weight(build: Build, version: int) -> None:
+def test_gripper_lifts_part_and_holds_its_weight(build: Build, version: int) -> None:
     cell = build(version, grasp_cell())
     grip(cell, 30.0)
     before = part_in_gripper(cell)
@@ -90,12 +90,12 @@ def test_it_lifts_a_part_and_holds_its_weight(build: Build, version: int) -> Non
     np.testing.assert_allclose(force, [0, 0, MASS * GRAVITY], atol=1e-3 * MASS * GRAVITY)
 
 
-def test_a_part_in_the_gripper_creeps_less_than_a_micrometre_in_a_swing(build: Build) -> None:
+def test_gripped_part_creeps_less_than_a_micrometre_in_a_swing(build: Build) -> None:
     cell = build(3, grasp_cell())
     grip(cell, 50.0)
     move(cell, OVER_BOX, LIFTED, 0.8)
     before = part_in_gripper(cell)
-    move(cell, LIFTED, turned(0, np.pi / 2), 1.2)
+    move(cell, LIFTED, rotated_joint(0, np.pi / 2), 1.2)
     cell.step(CYCLE_US, 5)
     change = part_in_gripper(cell) - before
     assert np.abs(change[:3, 3]).max() < 1e-6
@@ -104,8 +104,8 @@ def test_a_part_in_the_gripper_creeps_less_than_a_micrometre_in_a_swing(build: B
 
 
 @pytest.mark.parametrize("drives", ["ideal", "dynamic"])
-def test_nothing_loosens_the_grip_while_the_part_is_swung_about(build: Build, drives: str) -> None:
-    """No step of a move in all joints, nor of the rest after it, takes a pad off the part or the part out of place."""
+def test_both_pads_keep_contact_during_fast_moves(build: Build, drives: str) -> None:
+    """In every step of a move of all joints and afterwards both pads keep contact and the part its pose."""
     cell = build(3, with_drives(drives))
     grip(cell, 30.0)
     move(cell, OVER_BOX, LIFTED, 0.8)
@@ -118,7 +118,7 @@ def test_nothing_loosens_the_grip_while_the_part_is_swung_about(build: Build, dr
             for _ in range(CYCLE_US // 1000):
                 cell.step(1000)
                 assert cell.get_int("measured.gripper.gripped")
-                # The part's inertia along the closing takes from one pad what it gives to the other.
+                # The inertia of the part along the closing direction shifts force from one pad to the other.
                 pressed = [cell.get(f"truth.finger[{i}].normal_force")[0] for i in (1, 2)]
                 assert pressed == pytest.approx([30.0, 30.0], abs=1.5)
     change = np.linalg.inv(before) @ part_in_gripper(cell)
@@ -127,7 +127,7 @@ def test_nothing_loosens_the_grip_while_the_part_is_swung_about(build: Build, dr
 
 
 @pytest.mark.parametrize("place", ["base", "flange"])
-def test_a_part_in_the_gripper_shakes_with_it(build: Build, place: str) -> None:
+def test_gripped_part_vibrates_with_the_gripper(build: Build, place: str) -> None:
     """Also between the points of the dynamics grid, while the arm moves."""
     cell = build(3, grasp_cell(), parameters={f"as_built.vibration.{place}.{k}": v for k, v in SINE.items()})
     grip(cell, 30.0)
@@ -135,7 +135,7 @@ def test_a_part_in_the_gripper_shakes_with_it(build: Build, place: str) -> None:
     before = part_in_gripper(cell)
     places = []
     for share in smooth(np.arange(1, 51) / 50):
-        cell.command(LIFTED + share * (turned(0, 0.3) - LIFTED))
+        cell.command(LIFTED + share * (rotated_joint(0, 0.3) - LIFTED))
         cell.step(CYCLE_US // 2 + 330)
         places.append(part_in_gripper(cell) - before)
         np.testing.assert_allclose(
@@ -144,17 +144,17 @@ def test_a_part_in_the_gripper_shakes_with_it(build: Build, place: str) -> None:
         cell.step(CYCLE_US // 2 - 330)
     along, *across = np.array(places)[:, :3, 3].T
     assert np.abs(across).max() < 1e-12
-    assert np.abs(along).max() < 1e-5  # the spring between the fingers yields to the arm's acceleration
+    assert np.abs(along).max() < 1e-5  # the centring spring deflects by the arm's acceleration
 
 
 @pytest.mark.parametrize("height", [0.0, 2e-4])
-def test_fingers_that_open_do_not_take_the_part_along(build: Build, height: float) -> None:
-    """From full force at once, the part standing on the table or a little above it."""
+def test_opening_fingers_leave_part_in_place(build: Build, height: float) -> None:
+    """Opening at once from full force, with the part on the table or slightly above it."""
     cell = build(3, grasp_cell())
     grip(cell, 30.0)
     move(cell, OVER_BOX, LIFTED, 0.8)
-    move(cell, LIFTED, turned(0, 0.3), 0.8)
-    move(cell, turned(0, 0.3), LIFTED, 0.8)
+    move(cell, LIFTED, rotated_joint(0, 0.3), 0.8)
+    move(cell, rotated_joint(0, 0.3), LIFTED, 0.8)
     let_go = joints_at(np.array([*PLACE, TABLE[2] + 0.02 + height]))
     move(cell, LIFTED, let_go, 0.8)
     before = cell.body("part[1]")
@@ -166,15 +166,15 @@ def test_fingers_that_open_do_not_take_the_part_along(build: Build, height: floa
     assert np.abs(shift[:2]).max() < 5e-6
 
 
-def test_a_smooth_move_keeps_the_part_that_a_jump_tears_away(build: Build) -> None:
-    """The jump takes the drives' full acceleration, more than friction can give the part."""
+def test_part_is_kept_in_smooth_move_and_lost_in_step_move(build: Build) -> None:
+    """A step of the set-points uses the full acceleration of the drives, more than friction can transmit."""
     slips = []
     for duration in (0.9, CYCLE):
         cell = build(3, grasp_cell())
         grip(cell, 8.0)
         move(cell, OVER_BOX, LIFTED, 0.8)
         before = part_in_gripper(cell)
-        move(cell, LIFTED, turned(0, np.pi / 2), duration)
+        move(cell, LIFTED, rotated_joint(0, np.pi / 2), duration)
         cell.step(CYCLE_US, round((1.2 - duration) / CYCLE))
         slips.append(np.linalg.norm((part_in_gripper(cell) - before)[:3, 3]))
     assert slips[0] < 1e-5
@@ -183,7 +183,7 @@ def test_a_smooth_move_keeps_the_part_that_a_jump_tears_away(build: Build) -> No
 
 @pytest.mark.parametrize(("share", "slips"), [(0.98, False), (1.02, True)])
 @pytest.mark.parametrize("tilt_deg", [0, 20, 45, 70])
-def test_the_weight_slips_where_coulomb_says(build: Build, share: float, slips: bool, tilt_deg: float) -> None:
+def test_gripped_part_slips_at_coulomb_limit(build: Build, share: float, slips: bool, tilt_deg: float) -> None:
     """The weight along several directions of the pads' plane, the grip loosened to a share of what it needs.
 
     The pads hold the box evenly about its centre of mass, so that its weight makes no moment.
@@ -193,7 +193,7 @@ def test_the_weight_slips_where_coulomb_says(build: Build, share: float, slips: 
     grip(cell, 50.0, start)
     move(cell, start, lifted, 0.8)
     tilted = lifted.copy()
-    tilted[4] += np.radians(tilt_deg)  # this joint's axis lies along the closing
+    tilted[4] += np.radians(tilt_deg)  # the axis of this joint is along the closing direction
     move(cell, lifted, tilted, 0.8)
     assert cell.body("link[6]")[2, 0] == pytest.approx(0.0, abs=1e-6)
     before = part_in_gripper(cell)
@@ -201,33 +201,31 @@ def test_the_weight_slips_where_coulomb_says(build: Build, share: float, slips: 
     assert (np.linalg.norm((part_in_gripper(cell) - before)[:3, 3]) > 1e-3) == slips
 
 
-def swing(cell: CellFmu) -> None:
+def run_swing(cell: CellFmu) -> None:
     for k in range(20):
-        cell.command(turned(0, 0.3 * np.sin(0.2 * k)))
+        cell.command(rotated_joint(0, 0.3 * np.sin(0.2 * k)))
         cell.step(CYCLE_US)
     cell.step(330)
 
 
 @pytest.mark.parametrize("drives", ["ideal", "dynamic"])
-def test_a_state_in_the_middle_of_a_grasp_goes_on_bit_by_bit_also_in_a_new_process(
-    build: Build, tmp_path: Path, drives: str
-) -> None:
+def test_state_during_grasp_continues_bit_exactly_in_a_new_process(build: Build, tmp_path: Path, drives: str) -> None:
     cell = build(3, with_drives(drives))
     grip(cell, 30.0)
     move(cell, OVER_BOX, LIFTED, 0.8)
-    move(cell, LIFTED, turned(0, 0.2), 0.16)
+    move(cell, LIFTED, rotated_joint(0, 0.2), 0.16)
     state, time_us = cell.save(), cell.time_us
-    swing(cell)
+    run_swing(cell)
     expected = all_reals(cell)
     cell.restore(state, time_us)
-    swing(cell)
+    run_swing(cell)
     np.testing.assert_array_equal(all_reals(cell), expected)
-    elsewhere = continued_in_new_process(cell, state, time_us, swing, tmp_path)
+    elsewhere = continued_in_new_process(cell, state, time_us, run_swing, tmp_path)
     np.testing.assert_array_equal(elsewhere, expected)
     cell.free_state(state)
 
 
-def test_the_communication_step_does_not_matter(build: Build) -> None:
+def test_grasp_is_independent_of_communication_step(build: Build) -> None:
     final = []
     for size in (1000, 16000):
         cell = build(3, grasp_cell())
@@ -239,12 +237,12 @@ def test_the_communication_step_does_not_matter(build: Build) -> None:
     np.testing.assert_array_equal(final[0], final[1])
 
 
-def test_a_cell_without_gripper_has_none_of_its_variables(build: Build) -> None:
+def test_cell_without_gripper_has_no_gripper_variables(build: Build) -> None:
     assert not [name for name in build(3).variables if "gripper" in name or "finger" in name]
 
 
 @pytest.mark.parametrize(("key", "value"), [("stroke", 0.0), ("start", 0.2), ("friction", -1.0), ("max_force", None)])
-def test_a_wrong_gripper_is_refused(tmp_path: Path, key: str, value: float | None) -> None:
+def test_invalid_gripper_is_rejected(tmp_path: Path, key: str, value: float | None) -> None:
     file = tmp_path / "cell.json"
     file.write_text(json.dumps({**cell_description(), "gripper": {**gripper(), key: value}}))
     command = [str(runtime_folder() / "robotcell-describe"), str(file), "--fmi", "3"]

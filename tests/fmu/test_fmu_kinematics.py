@@ -10,27 +10,27 @@ from cell_fixture import BODIES, CYCLE_US, START_DEG, Array, Build, CellFmu, cel
 from scipy.spatial.transform import Rotation
 
 
-def shift(x: float = 0, y: float = 0, z: float = 0) -> Array:
+def translation(x: float = 0, y: float = 0, z: float = 0) -> Array:
     matrix = np.eye(4)
     matrix[:3, 3] = x, y, z
     return matrix
 
 
-def turn(axis: str, angle: float) -> Array:
+def rotation(axis: str, angle: float) -> Array:
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_euler(axis, angle).as_matrix()
     return matrix
 
 
 def from_json(pose_json: dict[str, list[float]]) -> Array:
-    matrix = shift(*pose_json["position"])
+    matrix = translation(*pose_json["position"])
     w, x, y, z = pose_json["quaternion"]
     matrix[:3, :3] = Rotation.from_quat([x, y, z, w]).as_matrix()
     return matrix
 
 
 def expected_poses(cell: dict[str, Any], q: Array, table: float, delta: dict[str, float]) -> dict[str, Array]:
-    """World poses of all bodies from the definition of the cell's geometry."""
+    """World poses of all bodies from the definition of the geometry."""
 
     def deviation(name: str) -> float:
         return delta.get(f"as_built.{name}", 0.0)
@@ -39,19 +39,20 @@ def expected_poses(cell: dict[str, Any], q: Array, table: float, delta: dict[str
     poses = {}
     for i, joint in enumerate(cell["robot"]["joints"], start=1):
         row = {key: joint[key] + deviation(f"dh[{i}].{key}") for key in ("a", "d", "alpha", "theta")}
-        here = here @ turn("z", q[i - 1] + row["theta"]) @ shift(row["a"], 0, row["d"]) @ turn("x", row["alpha"])
-        here = here @ turn("y", deviation(f"dh[{i}].beta"))
+        here = here @ rotation("z", q[i - 1] + row["theta"])
+        here = here @ translation(row["a"], 0, row["d"]) @ rotation("x", row["alpha"])
+        here = here @ rotation("y", deviation(f"dh[{i}].beta"))
         poses[f"link[{i}]"] = here
-    tool = shift(*(deviation(f"tool.{k}") for k in "xyz"))
+    tool = translation(*(deviation(f"tool.{k}") for k in "xyz"))
     for axis in "xyz":
-        tool = tool @ turn(axis, deviation(f"tool.r{axis}"))
+        tool = tool @ rotation(axis, deviation(f"tool.r{axis}"))
     poses["sensor"] = here @ from_json(cell["tool"]["flange_from_sensor"]) @ tool
-    axis = from_json(cell["table"]["world_from_table"]) @ shift(*(deviation(f"table.{k}") for k in "xyz"))
-    axis = axis @ turn("x", deviation("table.rx")) @ turn("y", deviation("table.ry"))
+    axis = from_json(cell["table"]["world_from_table"]) @ translation(*(deviation(f"table.{k}") for k in "xyz"))
+    axis = axis @ rotation("x", deviation("table.rx")) @ rotation("y", deviation("table.ry"))
     wobble = deviation("table.wobble_amplitude") * np.cos(table + deviation("table.wobble_phase"))
-    direction = turn("z", deviation("table.wobble_direction"))
-    axis = axis @ direction @ turn("x", wobble) @ np.linalg.inv(direction)
-    platter = axis @ turn("z", table) @ shift(deviation("platter.x"), deviation("platter.y"))
+    direction = rotation("z", deviation("table.wobble_direction"))
+    axis = axis @ direction @ rotation("x", wobble) @ np.linalg.inv(direction)
+    platter = axis @ rotation("z", table) @ translation(deviation("platter.x"), deviation("platter.y"))
     poses["table"] = platter
     poses["part[1]"] = platter @ from_json(cell["parts"][0]["support_from_part"])
     return poses
@@ -93,7 +94,7 @@ def command_motion(cell: CellFmu) -> None:
 
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("deviates", [False, True])
-def test_poses_are_the_product_of_the_geometry(build: Build, version: int, deviates: bool) -> None:
+def test_poses_match_denavit_hartenberg_product(build: Build, version: int, deviates: bool) -> None:
     rng = np.random.default_rng(7)
     delta = {name: float(rng.normal(0, 0.01)) for name in as_built_names()} if deviates else {}
     description = tilted_cell()
@@ -105,7 +106,7 @@ def test_poses_are_the_product_of_the_geometry(build: Build, version: int, devia
             np.testing.assert_allclose(cell.body(name), expected, atol=1e-12, err_msg=name)
 
 
-def test_joint_zero_error_is_not_seen_by_the_encoder(build: Build) -> None:
+def test_joint_zero_error_is_invisible_to_encoder(build: Build) -> None:
     nominal = build()
     offset = build(parameters={"as_built.dh[3].theta": np.radians(0.05)})
     np.testing.assert_array_equal(offset.vector("measured.q", 6), nominal.vector("measured.q", 6))
@@ -117,7 +118,7 @@ def test_joint_zero_error_is_not_seen_by_the_encoder(build: Build) -> None:
 
 
 @pytest.mark.parametrize("fixture", ["clamped", "free"])
-def test_twists_are_the_derivatives_of_the_poses(build: Build, fixture: str) -> None:
+def test_twists_are_pose_derivatives(build: Build, fixture: str) -> None:
     wobble = {"as_built.table.wobble_amplitude": 0.002, "as_built.table.wobble_direction": 0.4}
     cell = build(3, cell_description(fixture=fixture), wobble)
     move(cell, 800_000)

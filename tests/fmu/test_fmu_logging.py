@@ -1,4 +1,4 @@
-"""Messages by category: what is heard with logging on, off and filtered."""
+"""Log messages by category, with logging on, off and filtered."""
 
 from __future__ import annotations
 
@@ -11,45 +11,45 @@ from cell_fixture import START_DEG, Build, CellFmu
 OK, WARNING, ERROR = 0, 1, 3
 
 
-def live(cell: CellFmu) -> None:
-    """Exposures, and a joint that a limit keeps from its set-point."""
+def run_scan(cell: CellFmu) -> None:
+    """Fire exposures, and command a joint beyond its limit."""
     cell.command(np.radians(START_DEG) + np.array([0, 0, 0, 0, 0, 50.0]), table=1.0)
     cell.trigger(1, 0.05)
     cell.step(16_000, 20)
 
 
-def offend(cell: CellFmu) -> None:
-    """A call that is refused."""
+def make_illegal_call(cell: CellFmu) -> None:
+    """Make an illegal call."""
     with contextlib.suppress(Exception):
         cell.slave.doStep(-5.0, 0.001)
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_with_logging_off_errors_alone_are_heard(build: Build, version: int) -> None:
+def test_only_errors_are_logged_with_logging_off(build: Build, version: int) -> None:
     cell = build(version)
-    live(cell)
+    run_scan(cell)
     assert cell.messages == []
-    offend(cell)
+    make_illegal_call(cell)
     assert cell.log == [(ERROR, "logStatusError")]
-    assert "is not where the last step ended" in cell.messages[0]
+    assert "differs from the end of the last step" in cell.messages[0]
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_with_logging_on_events_are_heard(build: Build, version: int) -> None:
+def test_events_are_logged_with_logging_on(build: Build, version: int) -> None:
     cell = build(version, loggingOn=True)
-    live(cell)
+    run_scan(cell)
     cell.slave.terminate()
     assert set(cell.log) == {(OK, "logEvents")}
-    said = "\n".join(cell.messages)
-    for words in ("cell is made from", "exposure 1, whose middle", "a limit keeps axis 6", "terminated at 0.32"):
-        assert said.count(words) == 1, words
-    exposures = [m for m in cell.messages if m.startswith("exposure ")]
+    text = "\n".join(cell.messages)
+    for words in ("cell loaded from", "record of exposure 1 ", "axis 6 is at a limit", "terminated at 0.32"):
+        assert text.count(words) == 1, words
+    exposures = [m for m in cell.messages if m.startswith("record of exposure ")]
     assert len(exposures) == cell.get_int("trigger.index")
 
 
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize(
-    ("categories", "heard"),
+    ("categories", "logged"),
     [
         (["logStatusError"], set()),
         (["logStatusWarning"], set()),
@@ -59,55 +59,53 @@ def test_with_logging_on_events_are_heard(build: Build, version: int) -> None:
         ([], {"logEvents"}),
     ],
 )
-def test_categories_are_switched_on_one_by_one(
-    build: Build, version: int, categories: list[str], heard: set[str]
-) -> None:
+def test_log_categories_are_selected(build: Build, version: int, categories: list[str], logged: set[str]) -> None:
     cell = build(version)
     cell.slave.setDebugLogging(True, categories)
-    live(cell)
-    assert {category for _, category in cell.log} == heard
-    offend(cell)
+    run_scan(cell)
+    assert {category for _, category in cell.log} == logged
+    make_illegal_call(cell)
     assert cell.log[-1] == (ERROR, "logStatusError")
 
 
 @pytest.mark.parametrize(
-    ("version", "on", "categories", "heard"),
+    ("version", "on", "categories", "logged"),
     [
         (2, False, [], False),
-        (2, False, ["logStatusWarning"], False),  # FMI 2: off is off, whatever the categories
-        (2, True, ["logStatusWarning"], False),  # only those that are named
+        (2, False, ["logStatusWarning"], False),  # FMI 2: off applies to all categories
+        (2, True, ["logStatusWarning"], False),  # only the named categories
         (3, False, [], False),
         (3, False, ["logAll"], False),
         (3, False, ["logEvents"], False),
-        (3, False, ["logStatusWarning"], True),  # FMI 3: the switch is that of the named ones
+        (3, False, ["logStatusWarning"], True),  # FMI 3: the switch applies to the named categories
         (3, True, ["logStatusWarning"], True),
     ],
 )
-def test_switching_follows_the_version(
-    build: Build, version: int, on: bool, categories: list[str], heard: bool
+def test_set_debug_logging_follows_fmi_version(
+    build: Build, version: int, on: bool, categories: list[str], logged: bool
 ) -> None:
     cell = build(version, loggingOn=True)
     cell.log.clear()
     cell.slave.setDebugLogging(on, categories)
-    live(cell)
-    assert any(category == "logEvents" for _, category in cell.log) == heard
-    offend(cell)
+    run_scan(cell)
+    assert any(category == "logEvents" for _, category in cell.log) == logged
+    make_illegal_call(cell)
     assert cell.log[-1] == (ERROR, "logStatusError")
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_an_unknown_category_is_a_warning(build: Build, version: int) -> None:
-    """What is known among the names counts, and the instance goes on."""
+def test_unknown_log_category_is_a_warning(build: Build, version: int) -> None:
+    """Known names are applied, and the instance continues."""
     cell = build(version)
     cell.slave.setDebugLogging(True, ["logStatusWarning", "logNothing%s", "logEvents"])
     assert cell.log == [(WARNING, "logStatusWarning")]
     assert "logNothing%" in cell.messages[0]
-    live(cell)
+    run_scan(cell)
     assert "logEvents" in {category for _, category in cell.log}
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_the_description_names_the_categories(build: Build, version: int) -> None:
+def test_model_description_lists_log_categories(build: Build, version: int) -> None:
     cell = build(version)
     named = [category.name for category in cell.description.logCategories]
     assert named == ["logStatusError", "logStatusWarning", "logEvents", "logAll"]

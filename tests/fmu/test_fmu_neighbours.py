@@ -1,4 +1,4 @@
-"""FMUs beside each other in one process: of one build in two folders, and of two builds."""
+"""Several FMUs in one process: of one build in two folders, and of two builds."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 ROUNDS = 5
 
 
-def run(folder: Path) -> Array:
-    """A part rides on the turning table; all values at the end."""
+def run_fmu(folder: Path) -> Array:
+    """Rotate the table with a free part on it; return all values at the end."""
     cell = CellFmu(folder)
     cell.command(table=0.0)
     continue_motion(cell)
@@ -25,32 +25,32 @@ def run(folder: Path) -> Array:
     return end
 
 
-def loaded(name: str) -> set[str]:
-    """Paths of the libraries in this process whose name begins so; their files may be gone since."""
+def loaded_libraries(name: str) -> set[str]:
+    """Paths of the loaded libraries whose name starts with `name`; the files may have been deleted."""
     lines = [line for line in Path("/proc/self/maps").read_text().splitlines() if "r-xp" in line]
     paths = {line[line.index("/") :].removesuffix(" (deleted)") for line in lines if "/" in line}
     return {path for path in paths if Path(path).name.startswith(name)}
 
 
-def packed(folder: Path, name: str) -> set[str]:
-    """Names of the libraries in an unpacked FMU that begin so."""
+def bundled_libraries(folder: Path, name: str) -> set[str]:
+    """Names of the libraries in an unpacked FMU that start with `name`."""
     return {path.name for path in (folder / "binaries").glob("*/*") if path.name.startswith(name)}
 
 
-def homes() -> set[Path]:
-    """Unpacked FMUs whose own binary is loaded; the libraries that it needs may come from another of its build."""
-    return {Path(path).parents[2] for path in loaded("RobotCell.so")}
+def loaded_fmu_folders() -> set[Path]:
+    """Folders of FMUs whose own binary is loaded; its libraries may come from another folder of the same build."""
+    return {Path(path).parents[2] for path in loaded_libraries("RobotCell.so")}
 
 
 @pytest.fixture(scope="module")
 def two_folders(folders: FmuFolders) -> tuple[Path, Path]:
-    """One build, packed for either version."""
+    """One build, packed for both FMI versions."""
     return folders.unpacked(2, FREE), folders.unpacked(3, FREE)
 
 
 @pytest.fixture(scope="module")
 def two_builds(folders: FmuFolders, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The FMU, and it with the libraries named as those of another build are."""
+    """An FMU, and a copy whose libraries are named as those of another build."""
     first = folders.unpacked(3, FREE)
     second = tmp_path_factory.mktemp("other") / "build"
     shutil.copytree(first, second)
@@ -62,16 +62,14 @@ def two_builds(folders: FmuFolders, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.mark.parametrize("neighbours", ["two_folders", "two_builds"])
-def test_in_parallel_threads_each_gives_the_bits_it_gives_alone(
-    neighbours: str, request: pytest.FixtureRequest
-) -> None:
-    """ODE's state for the whole process must be kept apart, whichever binaries share it."""
+def test_parallel_instances_are_bit_identical_to_serial_ones(neighbours: str, request: pytest.FixtureRequest) -> None:
+    """ODE's process-wide state must be protected, whichever binaries share it."""
     pair: tuple[Path, Path] = request.getfixturevalue(neighbours)
-    alone = run(pair[0])
+    alone = run_fmu(pair[0])
     results: list[Array] = []
 
     def work(folder: Path) -> None:
-        results.extend(run(folder) for _ in range(ROUNDS))
+        results.extend(run_fmu(folder) for _ in range(ROUNDS))
 
     threads = [threading.Thread(target=work, args=(folder,)) for folder in pair]
     for thread in threads:
@@ -83,14 +81,14 @@ def test_in_parallel_threads_each_gives_the_bits_it_gives_alone(
         np.testing.assert_array_equal(result, alone)
 
 
-def test_two_builds_step_in_turn_without_disturbing_each_other(two_builds: tuple[Path, Path]) -> None:
-    alone = run(two_builds[0])
+def test_two_builds_step_alternately_without_interference(two_builds: tuple[Path, Path]) -> None:
+    alone = run_fmu(two_builds[0])
     cells = [CellFmu(folder) for folder in two_builds]
-    assert set(two_builds) <= homes()
+    assert set(two_builds) <= loaded_fmu_folders()
     for library in ("libdart-", "libode-", "librobotcell_locks-"):
-        first, second = (packed(folder, library) for folder in two_builds)
+        first, second = (bundled_libraries(folder, library) for folder in two_builds)
         assert first.isdisjoint(second)
-        assert first | second <= {Path(path).name for path in loaded(library)}  # each has its own
+        assert first | second <= {Path(path).name for path in loaded_libraries(library)}  # each build has its own
     for cell in cells:
         cell.command(table=0.0)
     for k in range(40):
@@ -101,17 +99,17 @@ def test_two_builds_step_in_turn_without_disturbing_each_other(two_builds: tuple
         cell.step(330)
         np.testing.assert_array_equal(all_reals(cell), alone)
         cell.close()
-    # When one has gone, the other still works.
-    np.testing.assert_array_equal(run(two_builds[1]), alone)
+    # After one is freed, the other still works.
+    np.testing.assert_array_equal(run_fmu(two_builds[1]), alone)
 
 
-def test_one_build_in_two_folders_shares_the_engine_and_its_locks(two_folders: tuple[Path, Path]) -> None:
-    """Sharing all or nothing: the locks guard what is shared."""
+def test_one_build_in_two_folders_shares_engine_and_locks(two_folders: tuple[Path, Path]) -> None:
+    """Libraries are shared together with the locks that protect them."""
     cells = [CellFmu(folder) for folder in two_folders]
-    assert set(two_folders) <= homes()
+    assert set(two_folders) <= loaded_fmu_folders()
     for library in ("libode-", "librobotcell_locks-"):
-        (name,) = packed(two_folders[0], library)
-        assert packed(two_folders[1], library) == {name}
-        assert sum(Path(path).name == name for path in loaded(library)) == 1
+        (name,) = bundled_libraries(two_folders[0], library)
+        assert bundled_libraries(two_folders[1], library) == {name}
+        assert sum(Path(path).name == name for path in loaded_libraries(library)) == 1
     for cell in cells:
         cell.close()

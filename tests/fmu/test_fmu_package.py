@@ -1,4 +1,4 @@
-"""The package: model descriptions, binary, closure."""
+"""Package: model descriptions, binary, library closure."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench.peers.attributes import ATTRIBUTES, misspelt_attributes
 from cell_fixture import Array, Build, FmuFolders, box_part, cell_description, conveyor, pose, runtime_folder
 from fmpy.validation import validate_fmu
 from grasp_fixture import gripper
+
+from bench.peers.attributes import ATTRIBUTES, misspelt_attributes
 
 SYSTEM = ("linux-vdso", "ld-linux", "libc.so", "libm.so", "libpthread.so", "libdl.so", "libstdc++.so", "libgcc_s.so")
 
@@ -27,7 +28,7 @@ def description_of(folder: Path) -> ET.Element:
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_fmpy_finds_nothing_to_complain_about(folders: FmuFolders, version: int) -> None:
+def test_fmpy_validates_model_description(folders: FmuFolders, version: int) -> None:
     file = folders.packed(version, {**cell_description(), "gripper": gripper()})
     assert validate_fmu(str(file)) == []
 
@@ -35,7 +36,7 @@ def test_fmpy_finds_nothing_to_complain_about(folders: FmuFolders, version: int)
 @pytest.mark.parametrize(
     ("version", "variant"), [(2, []), (3, []), (3, ["--clock"]), (3, ["--arrays"]), (3, ["--arrays", "--clock"])]
 )
-def test_attributes_are_spelled_as_the_version_wants(tmp_path: Path, version: int, variant: list[str]) -> None:
+def test_attributes_are_those_of_the_fmi_version(tmp_path: Path, version: int, variant: list[str]) -> None:
     file = tmp_path / "cell.json"
     file.write_text(json.dumps(cell_description()))
     words = ["--fmi", str(version), "--needs", 'a "machine" & more', *variant]
@@ -49,7 +50,7 @@ def test_attributes_are_spelled_as_the_version_wants(tmp_path: Path, version: in
     assert ("instantiationToken" in root.attrib) == (version == 3)
 
 
-def test_both_versions_describe_the_same_variables(build: Build) -> None:
+def test_both_fmi_versions_describe_same_variables(build: Build) -> None:
     tables = [
         [(v.name, v.valueReference, v.causality, v.variability, v.description, v.start, v.declaredType and (
             v.declaredType.name, v.declaredType.quantity, v.declaredType.unit, v.declaredType.displayUnit))
@@ -82,8 +83,8 @@ def test_model_structure_is_sorted(folders: FmuFolders, version: int) -> None:
 
 
 @pytest.mark.parametrize("devices", ["one part", "several"])
-def test_initial_values_depend_on_what_the_structure_says_and_on_nothing_else(build: Build, devices: str) -> None:
-    """Every parameter moved on its own, from a cell with no symmetry, moves exactly what names it."""
+def test_initial_dependencies_are_complete_and_minimal(build: Build, devices: str) -> None:
+    """Changing one parameter of a cell without symmetry changes exactly the outputs that declare it."""
     description = cell_description()
     if devices == "several":
         description["conveyors"] = [conveyor()]
@@ -110,12 +111,12 @@ def test_initial_values_depend_on_what_the_structure_says_and_on_nothing_else(bu
         named = {
             u.variable.name for u in cell.description.initialUnknowns if parameter in {d.name for d in u.dependencies}
         }
-        # A change along x may leave y as it is: what is declared for a vector holds for it as a whole.
+        # A change along x may leave y unchanged: dependencies are declared for whole vectors.
         moved_vectors = {name.rsplit("[", 1)[0] for name, m in zip(outputs, moved, strict=True) if m}
         assert moved_vectors == {name.rsplit("[", 1)[0] for name in named}, parameter
 
 
-def test_the_library_exports_fmi_functions_alone() -> None:
+def test_library_exports_only_fmi_functions() -> None:
     symbols = run("nm", "-D", "--defined-only", runtime_folder() / "RobotCell.so").split("\n")
     names = [line.split()[-1] for line in symbols if line]
     assert len(names) > 80
@@ -123,7 +124,7 @@ def test_the_library_exports_fmi_functions_alone() -> None:
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_the_closure_travels_along(folders: FmuFolders, version: int) -> None:
+def test_fmu_contains_library_closure(folders: FmuFolders, version: int) -> None:
     folder = folders.unpacked(version, cell_description())
     binaries = next((folder / "binaries").iterdir())
     for library in binaries.iterdir():
@@ -132,12 +133,12 @@ def test_the_closure_travels_along(folders: FmuFolders, version: int) -> None:
             if name != "statically linked" and not Path(name).name.startswith(SYSTEM):
                 assert Path(place.split(" (")[0]).resolve().parent == binaries.resolve(), line
         symbols = run("readelf", "--dyn-syms", "--wide", library)
-        assert " UNIQUE " not in symbols  # would tie it to other copies in the process
+        assert " UNIQUE " not in symbols  # would be merged with other copies in the process
     sonames = [library.name for library in binaries.iterdir() if library.name != "RobotCell.so"]
     assert all(re.match(r".*-[0-9a-f]{8}\.so", name) for name in sonames)
 
 
-def test_every_bundled_library_brings_its_licence() -> None:
+def test_every_bundled_library_has_a_licence() -> None:
     texts = {file.stem: file.read_text(errors="replace") for file in (runtime_folder() / "licenses").iterdir()}
     assert "fmi" in texts
     assert all("copyright" in text.lower() for text in texts.values())
@@ -147,12 +148,12 @@ def test_every_bundled_library_brings_its_licence() -> None:
         assert any(origins.get(stem, stem) in name for name in texts), library.name
 
 
-def test_the_package_is_small(folders: FmuFolders) -> None:
+def test_package_size(folders: FmuFolders) -> None:
     file = folders.packed(3, cell_description())
     assert file.stat().st_size < 12e6
 
 
-def test_numbers_in_the_description_read_back(build: Build) -> None:
+def test_start_values_round_trip(build: Build) -> None:
     cell = build(2)
     units = {u.name: {d.name: d.factor for d in u.displayUnits} for u in cell.description.unitDefinitions}
     assert float(units["rad"]["deg"]) == np.degrees(1)

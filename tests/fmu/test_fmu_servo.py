@@ -1,4 +1,4 @@
-"""The controller: tracking, limits, hold."""
+"""Servo controller: tracking, limits, hold."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def quadratic(t: float) -> Array:
     return np.append(START, 0.0) + rates * t + accelerations * t * t / 2
 
 
-def test_a_quadratic_trajectory_is_reproduced_one_cycle_later(build: Build) -> None:
+def test_quadratic_trajectory_is_reproduced_one_cycle_later(build: Build) -> None:
     cell = build()
     for k in range(12):
         target = quadratic(k * CYCLE)
@@ -34,7 +34,7 @@ def test_a_quadratic_trajectory_is_reproduced_one_cycle_later(build: Build) -> N
             np.testing.assert_allclose(cell.get("measured.table_rate"), slope[6], atol=1e-9)
 
 
-def test_speed_is_continuous_and_limited_whatever_is_commanded(build: Build) -> None:
+def test_speed_is_continuous_and_limited_for_random_set_points(build: Build) -> None:
     cell = build()
     rng = np.random.default_rng(3)
     speeds, angles = [], []
@@ -54,7 +54,7 @@ def test_speed_is_continuous_and_limited_whatever_is_commanded(build: Build) -> 
 
 
 @pytest.mark.parametrize("joint", [1, 3, 6])
-def test_position_limits_clamp_and_are_named(build: Build, joint: int) -> None:
+def test_position_limits_clamp_and_are_reported(build: Build, joint: int) -> None:
     cell = build()
     limit = cell_description()["robot"]["joints"][joint - 1]["max"]
     target = START.copy()
@@ -70,7 +70,7 @@ def test_position_limits_clamp_and_are_named(build: Build, joint: int) -> None:
     assert cell.get_int("controller.limit") == joint
 
 
-def test_the_speed_limit_of_the_table_is_named_and_the_table_arrives(build: Build) -> None:
+def test_table_speed_limit_is_reported_and_table_arrives(build: Build) -> None:
     cell = build()
     cell.command(table=1.0)
     cell.step(CYCLE_US)
@@ -82,7 +82,7 @@ def test_the_speed_limit_of_the_table_is_named_and_the_table_arrives(build: Buil
     assert cell.get_int("controller.moving") == 0
 
 
-def test_hold_brakes_with_the_acceleration_of_the_description(build: Build) -> None:
+def test_hold_brakes_with_maximum_acceleration(build: Build) -> None:
     cell = build()
     speed = 4.0
     for k in range(20):
@@ -101,7 +101,7 @@ def test_hold_brakes_with_the_acceleration_of_the_description(build: Build) -> N
     assert cell.get("truth.table")[0] == here
 
 
-def test_at_rest_nothing_moves_at_all(build: Build) -> None:
+def test_axes_at_rest_do_not_move(build: Build) -> None:
     cell = build()
     cell.command(START, 0.0)
     poses = cell.body("sensor")

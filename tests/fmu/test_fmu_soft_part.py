@@ -1,4 +1,4 @@
-"""A soft part in the FMU: the gripper squeezes, lifts and loses it, and its state is saved to the last bit."""
+"""Soft parts in the FMU: squeezing, lifting, slip, and exact states."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def slip(before: np.ndarray, cell: CellFmu) -> float:
     return float(np.linalg.norm((part_in_gripper(cell) - before)[:3, 3]))
 
 
-def lifted(build: Build, tilt: float = 0.0) -> CellFmu:
-    """The part hangs between the pads, its weight at an angle (rad) to the fingers."""
+def lifted_part(build: Build, tilt: float = 0.0) -> CellFmu:
+    """Hang the part between the pads, with its weight at an angle (rad) to the fingers."""
     start, high = (joints_at(np.array([*PLACE, TABLE[2] + z]), np.pi / 2) for z in (0.005, 0.12))
     cell = build(3, grasp_cell(start, soft=SOFT))
     grip(cell, FORCE, start)
@@ -52,15 +52,15 @@ def lifted(build: Build, tilt: float = 0.0) -> CellFmu:
     return cell
 
 
-def test_it_stands_on_its_points(build: Build) -> None:
-    """It sinks by its weight over the springs of the points below, which are at least its corners."""
+def test_soft_part_stands_on_its_points(build: Build) -> None:
+    """The part compresses by its weight over the stiffness of the supporting points, at least its corners."""
     pose = build(3, soft_cell()).body("part[1]")
     np.testing.assert_allclose(pose[:2, 3], PLACE, atol=1e-9)
     np.testing.assert_allclose(pose[:3, :3], np.eye(3), atol=1e-6)
     assert 0 < TABLE[2] - pose[2, 3] < MASS * GRAVITY / (4 * SOFT["stiffness"])
 
 
-def test_it_yields_to_the_pads_in_proportion_to_their_force(build: Build) -> None:
+def test_compression_is_proportional_to_grip_force(build: Build) -> None:
     cell = build(3, soft_cell())
     squeeze = []
     for force in (5.0, 10.0):
@@ -74,7 +74,7 @@ def test_it_yields_to_the_pads_in_proportion_to_their_force(build: Build) -> Non
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_it_is_lifted_and_creeps_by_micrometres_a_second(build: Build, version: int) -> None:
+def test_lifted_soft_part_creeps_by_micrometres_per_second(build: Build, version: int) -> None:
     cell = build(version, soft_cell())
     grip(cell, FORCE)
     move(cell, OVER_BOX, LIFTED, 0.8)
@@ -89,8 +89,8 @@ def test_it_is_lifted_and_creeps_by_micrometres_a_second(build: Build, version: 
 
 @pytest.mark.parametrize(("share", "slips"), [(0.98, False), (1.02, True)])
 @pytest.mark.parametrize("tilt_deg", [0, 30, 45])
-def test_its_weight_slips_where_coulomb_says(build: Build, share: float, slips: bool, tilt_deg: float) -> None:
-    cell = lifted(build, np.radians(tilt_deg))
+def test_soft_part_slips_at_coulomb_limit(build: Build, share: float, slips: bool, tilt_deg: float) -> None:
+    cell = lifted_part(build, np.radians(tilt_deg))
     before = part_in_gripper(cell)
     needed = MASS * GRAVITY / (2 * PAD_FRICTION)
     for force in np.linspace(FORCE, needed / share, 60):  # gently: the part follows the springs
@@ -101,30 +101,30 @@ def test_its_weight_slips_where_coulomb_says(build: Build, share: float, slips: 
     assert moved > 2e-3 if slips else moved < 1e-5
 
 
-def swing(cell: CellFmu) -> None:
+def run_swing(cell: CellFmu) -> None:
     for k in range(20):
         cell.command(LIFTED + np.array([0.3 * np.sin(0.2 * k), 0, 0, 0, 0, 0]))
         cell.step(CYCLE_US)
     cell.step(330)
 
 
-def test_its_state_goes_on_bit_by_bit_also_in_a_new_process(build: Build, tmp_path: Path) -> None:
+def test_state_continues_bit_exactly_in_a_new_process(build: Build, tmp_path: Path) -> None:
     cell = build(3, soft_cell())
     grip(cell, FORCE)
     move(cell, OVER_BOX, LIFTED, 0.8)
     state, time_us = cell.save(), cell.time_us
-    swing(cell)
+    run_swing(cell)
     expected = all_reals(cell)
     cell.restore(state, time_us)
-    swing(cell)
+    run_swing(cell)
     np.testing.assert_array_equal(all_reals(cell), expected)
-    elsewhere = continued_in_new_process(cell, state, time_us, swing, tmp_path)
+    elsewhere = continued_in_new_process(cell, state, time_us, run_swing, tmp_path)
     np.testing.assert_array_equal(elsewhere, expected)
     cell.free_state(state)
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_the_log_says_what_a_soft_part_costs(build: Build, version: int) -> None:
+def test_log_warns_of_soft_part_limitations(build: Build, version: int) -> None:
     cell = build(version, soft_cell(), loggingOn=True)
     warnings = [text for text, (_, kind) in zip(cell.messages, cell.log, strict=True) if kind == "logStatusWarning"]
     assert len(warnings) == 1
@@ -132,23 +132,23 @@ def test_the_log_says_what_a_soft_part_costs(build: Build, version: int) -> None
         assert words in warnings[0]
 
 
-def test_points_that_are_too_stiff_or_too_many_are_refused(build: Build) -> None:
+def test_too_stiff_or_too_many_points_are_rejected(build: Build) -> None:
     with pytest.raises(RuntimeError, match=r"part 'box': soft\.stiffness must be at most [0-9.]+ N/m"):
         build(3, soft_cell(stiffness=1e6))
-    with pytest.raises(RuntimeError, match=r"part 'box': soft\.longest_edge = [0-9.]+ m makes more than 400 points"):
+    with pytest.raises(RuntimeError, match=r"part 'box': soft\.longest_edge = [0-9.]+ m needs more than 400 points"):
         build(3, soft_cell(longest_edge=1e-3))
 
 
 @pytest.mark.parametrize(("key", "value"), [("stiffness", 0.0), ("damping_ratio", -1.0), ("longest_edge", None)])
-def test_a_wrong_key_is_named(tmp_path: Path, key: str, value: float | None) -> None:
-    assert f"parts[0].soft.{key}" in refusal(tmp_path, soft_cell(**{key: value}))
+def test_invalid_soft_key_is_named(tmp_path: Path, key: str, value: float | None) -> None:
+    assert f"parts[0].soft.{key}" in describe_error(tmp_path, soft_cell(**{key: value}))
 
 
-def test_a_clamped_part_cannot_be_soft(tmp_path: Path) -> None:
-    assert "parts[0].soft" in refusal(tmp_path, cell_description(soft=SOFT))
+def test_soft_clamped_part_is_rejected(tmp_path: Path) -> None:
+    assert "parts[0].soft" in describe_error(tmp_path, cell_description(soft=SOFT))
 
 
-def refusal(tmp_path: Path, description: dict[str, Any]) -> str:
+def describe_error(tmp_path: Path, description: dict[str, Any]) -> str:
     file = tmp_path / "cell.json"
     file.write_text(json.dumps(description))
     command = [str(runtime_folder() / "robotcell-describe"), str(file), "--fmi", "3"]

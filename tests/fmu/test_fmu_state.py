@@ -1,4 +1,4 @@
-"""FMU states: saved and restored to the last bit, here and in another process; foreign bytes refused."""
+"""FMU states: saved and restored bit-exactly, in the same and in another process; invalid bytes rejected."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from grasp_fixture import grasp_cell
 FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 
 
-def bring_into_motion(cell: CellFmu) -> None:
-    """The part rides on the turning table, records wait, an exposure is under way, a dynamics step is half done."""
+def start_motion(cell: CellFmu) -> None:
+    """A free part on the rotating table, queued records, an exposure in progress, within a dynamics step."""
     for k in range(60):
         cell.command(np.radians(START_DEG) + 0.1 * np.sin(0.1 * k), 0.05 * k)
         cell.step(CYCLE_US)
@@ -35,9 +35,9 @@ def bring_into_motion(cell: CellFmu) -> None:
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_restoring_repeats_the_future_exactly(build: Build, version: int) -> None:
+def test_restored_state_repeats_trajectory_exactly(build: Build, version: int) -> None:
     cell = build(version, FREE, {"seed": 3, "as_built.tool.x": 1e-4})
-    bring_into_motion(cell)
+    start_motion(cell)
     time_us, state = cell.time_us, cell.save()
     futures: list[Array] = []
     for _ in range(2):
@@ -58,9 +58,9 @@ def test_restoring_repeats_the_future_exactly(build: Build, version: int) -> Non
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_a_new_process_goes_on_from_the_bytes(build: Build, version: int, tmp_path: Path) -> None:
+def test_serialized_state_continues_in_a_new_process(build: Build, version: int, tmp_path: Path) -> None:
     cell = build(version, FREE)
-    bring_into_motion(cell)
+    start_motion(cell)
     state, time_us = cell.save(), cell.time_us
     continue_motion(cell)
     elsewhere = continued_in_new_process(cell, state, time_us, continue_motion, tmp_path)
@@ -69,9 +69,9 @@ def test_a_new_process_goes_on_from_the_bytes(build: Build, version: int, tmp_pa
 
 
 @pytest.mark.parametrize("damage", ["cut", "altered", "foreign", "empty", "longer"])
-def test_damaged_bytes_are_refused_and_the_instance_recovers(build: Build, damage: str) -> None:
+def test_damaged_bytes_are_rejected_and_instance_recovers(build: Build, damage: str) -> None:
     cell = build(3, FREE)
-    bring_into_motion(cell)
+    start_motion(cell)
     state, time_us = cell.save(), cell.time_us
     whole = cell.serialize(state)
     altered = bytearray(whole)
@@ -92,25 +92,25 @@ def test_damaged_bytes_are_refused_and_the_instance_recovers(build: Build, damag
     cell.step(1000)
 
 
-def test_a_state_of_another_cell_is_refused(build: Build) -> None:
+def test_state_of_another_cell_is_rejected(build: Build) -> None:
     here, there = build(3, FREE), build(3)
     there.step(1000)
     foreign = there.serialize(there.save())
     with pytest.raises(Exception, match="fmi3SetFMUState"):
         here.restore(here.deserialize(foreign), 1000)
-    assert "another description" in here.messages[-1]
+    assert "another cell description" in here.messages[-1]
 
 
 @pytest.mark.parametrize("value", [1e12, -1e300])
-def test_a_state_is_read_back_whatever_an_importer_has_set(build: Build, value: float) -> None:
-    """Huge numbers mean "never" and "no limit" to some."""
+def test_state_with_extreme_inputs_is_restored(build: Build, value: float) -> None:
+    """Some importers use huge numbers for "never" and "no limit"."""
     description = {**grasp_cell(), "conveyors": [conveyor()]}
     variables = build(3, description).description.modelVariables
     inputs = [v.name for v in variables if v.causality == "input" and v.type == "Float64"]
     assert {"command.max_age", "command.gripper.force", "command.trigger.period"} <= set(inputs)
     for name in inputs:
         cell = build(3, description)
-        with suppress(Exception):  # the cell may refuse the value, and is then to be restored
+        with suppress(Exception):  # the cell may reject the value; the state must restore it
             cell.set(name, value)
             cell.step(8000)
         cell.restore(cell.deserialize(cell.serialize(cell.save())), cell.time_us)

@@ -1,4 +1,4 @@
-"""Any communication step gives the same trajectory."""
+"""Trajectories at different communication steps."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from cell_fixture import START_DEG, Array, Build, CellFmu, cell_description, pos
 
 FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 STEPS_US = (40, 1000, 16_000, 1_000_000)
-PHASE_US = 2_000_000  # the shortest time that all steps divide
-# Nothing depends on the communication step but the sum that makes `time`: states and records agree to the last bit.
+PHASE_US = 2_000_000  # the shortest duration that is a multiple of all steps
+# Only the sum that gives `time` depends on the communication step: states and records are bit-identical.
 TOLERANCE = 0.0
 
 
-def live(cell: CellFmu, step_us: int) -> tuple[Array, Array, dict[int, Array]]:
-    """Arm, table and a free part in motion, an exposure every 0.15 s; what is read at the end of two phases.
+def run_phases(cell: CellFmu, step_us: int) -> tuple[Array, Array, dict[int, Array]]:
+    """Arm, table and a free part in motion, an exposure every 0.15 s; values at the end of two phases.
 
     The inputs change where all step sizes have a communication point. The records that wait at the end are shown
     one by one.
@@ -43,11 +43,11 @@ def live(cell: CellFmu, step_us: int) -> tuple[Array, Array, dict[int, Array]]:
     return seen[0], seen[1], records
 
 
-def test_any_communication_step_gives_the_same_trajectory(build: Build) -> None:
-    """From 40 us to 1 s, for servo motion, timed exposures and a part held by friction alone."""
-    runs = [live(build(3, FREE), step_us) for step_us in STEPS_US]
+def test_trajectory_is_independent_of_communication_step(build: Build) -> None:
+    """From 40 us to 1 s, for servo motion, timed exposures and a part held by friction."""
+    runs = [run_phases(build(3, FREE), step_us) for step_us in STEPS_US]
     first, second, records = runs[0]
-    assert np.abs(second - first).max() > 0.1  # things move
+    assert np.abs(second - first).max() > 0.1  # nonzero motion
     assert sorted(records) == list(range(1, len(records) + 1))
     assert len(records) >= 26
     for step_us, (one, two, other) in zip(STEPS_US[1:], runs[1:], strict=True):

@@ -1,4 +1,4 @@
-"""The trigger device: instants, records, order, latency."""
+"""Trigger device: instants, records, order, latency."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ SPEED = 10.0  # rad/s, the table's limit
 FAR = 1e4
 
 
-def turn_steadily(cell: CellFmu) -> None:
-    """Table at its speed limit, whatever the communication steps are; past the start it turns evenly."""
+def rotate_table_at_constant_speed(cell: CellFmu) -> None:
+    """Table at its speed limit at any communication step; constant speed after the start."""
     cell.command(table=FAR)
     cell.step(10 * CYCLE_US)
 
 
 def times(records: dict[int, Array]) -> Array:
-    """Middles of the exposures in microseconds; the records must be complete and in order."""
+    """Middles of the exposures in microseconds; asserts that records are complete and in order."""
     assert list(records) == list(range(1, len(records) + 1))
     return np.array([record[0] for record in records.values()]) * 1e6
 
@@ -35,9 +35,9 @@ def test_time_mode_fires_on_exact_multiples(build: Build, step_us: int) -> None:
 
 
 @pytest.mark.parametrize("step_us", [40, 700, CYCLE_US])
-def test_angle_mode_fires_where_the_table_crosses(build: Build, step_us: int) -> None:
+def test_angle_mode_fires_at_interval_crossings(build: Build, step_us: int) -> None:
     cell = build()
-    turn_steadily(cell)
+    rotate_table_at_constant_speed(cell)
     cell.step(330)
     entered_us = cell.time_us
     angle = np.radians(0.7)
@@ -45,20 +45,20 @@ def test_angle_mode_fires_where_the_table_crosses(build: Build, step_us: int) ->
     records = cell.records(step_us, 400_000)
     crossings = entered_us + np.arange(len(records)) * angle / SPEED * 1e6
     late = times(records) - 250 - crossings
-    assert (late > -1e-3).all()  # the first whole microsecond behind the crossing
+    assert (late > -1e-3).all()  # the first whole microsecond after the crossing
     assert (late < 1 + 1e-3).all()
     assert len(records) > 150
 
 
 @pytest.mark.parametrize("step_us", [40, 700, CYCLE_US])
-def test_distance_mode_measures_along_the_part(build: Build, step_us: int) -> None:
+def test_distance_mode_measures_path_over_table(build: Build, step_us: int) -> None:
     cell = build()
-    turn_steadily(cell)
+    rotate_table_at_constant_speed(cell)
     entered_us = cell.time_us
     distance = 0.001
     cell.trigger(3, distance)
     records = cell.records(step_us, 300_000)
-    # The robot stands still: the sensor's origin runs on a circle about the table's axis.
+    # The robot is at rest: the sensor origin moves on a circle in the table frame.
     sensor = cell.body("sensor")[:3, 3]
     radius = np.hypot(sensor[0] - 0.45, sensor[1])
     crossings = entered_us + np.arange(len(records)) * distance / (radius * SPEED) * 1e6
@@ -67,7 +67,7 @@ def test_distance_mode_measures_along_the_part(build: Build, step_us: int) -> No
     assert len(records) > 100
 
 
-def test_reversing_over_a_crossing_fires_once(build: Build) -> None:
+def test_reversal_over_a_crossing_fires_once(build: Build) -> None:
     cell = build()
     cell.trigger(2, 0.05)
     for target in (0.06, 0.0, 0.06, 0.11):
@@ -76,14 +76,14 @@ def test_reversing_over_a_crossing_fires_once(build: Build) -> None:
     assert cell.get_int("trigger.count") == 3
 
 
-def test_requests_fire_once_each(build: Build) -> None:
+def test_each_request_fires_once(build: Build) -> None:
     cell = build()
     cell.set("command.trigger.request", 1)
     cell.step(1000)
-    assert cell.get_int("trigger.count") == 0  # off: not even requests
+    assert cell.get_int("trigger.count") == 0  # off: requests are ignored, too
     cell.trigger(4, exposure=0.0, segment=7)
     cell.step(1000)
-    assert cell.get_int("trigger.count") == 0  # the request of before is gone
+    assert cell.get_int("trigger.count") == 0  # the earlier request has expired
     cell.set("command.trigger.request", 2)
     cell.step(1000)
     cell.step(1000)
@@ -93,7 +93,7 @@ def test_requests_fire_once_each(build: Build) -> None:
     cell.trigger(1, 0.5)
     cell.set("command.trigger.request", 3)
     cell.step(1000)
-    assert cell.get_int("trigger.count") == 3  # the mode's first and the requested one
+    assert cell.get_int("trigger.count") == 3  # the first of the mode and the requested one
 
 
 def test_two_exposures_in_one_step_are_both_delivered(build: Build) -> None:
@@ -106,10 +106,10 @@ def test_two_exposures_in_one_step_are_both_delivered(build: Build) -> None:
     assert (cell.get_int("trigger.index"), cell.get_int("trigger.queued")) == (2, 0)
     assert cell.get("trigger.time")[0] == pytest.approx(0.007, abs=1e-12)
     cell.step(10)
-    assert cell.get_int("trigger.index") == 2  # stays on display
+    assert cell.get_int("trigger.index") == 2  # stays the current record
 
 
-def test_a_record_comes_when_its_light_has_come(build: Build) -> None:
+def test_record_is_complete_after_its_light(build: Build) -> None:
     cell = build(parameters={"as_built.trigger.latency": 0.002})
     cell.trigger(1, 1.0, exposure=0.004)
     cell.step(1000, 3)
@@ -119,10 +119,10 @@ def test_a_record_comes_when_its_light_has_come(build: Build) -> None:
     cell.trigger(0)
 
 
-def test_latency_parts_the_truth_from_the_measurement(build: Build) -> None:
+def test_trigger_latency_separates_truth_from_measurement(build: Build) -> None:
     latency = 0.001
     cell = build(parameters={"as_built.trigger.latency": latency})
-    turn_steadily(cell)
+    rotate_table_at_constant_speed(cell)
     cell.trigger(1, 0.003, exposure=0.002)
     begin = cell.time_us
     cell.step(40_000)
@@ -134,8 +134,8 @@ def test_latency_parts_the_truth_from_the_measurement(build: Build) -> None:
     assert np.angle(np.exp(1j * (true - measured))) == pytest.approx(SPEED * latency, abs=1e-9)
 
 
-def test_records_do_not_depend_on_the_communication_step(build: Build) -> None:
-    """The same inputs at 40 us, 1 ms, 16 ms and 100 ms: all records of all modes, to the last bit."""
+def test_records_are_independent_of_communication_step(build: Build) -> None:
+    """The same inputs at 40 us, 1 ms, 16 ms and 100 ms: records of all modes are bit-identical."""
     description = cell_description()
     for joint in [*description["robot"]["joints"], description["table"]]:
         joint["encoder_noise"], joint["encoder_resolution"] = 1e-5, 1e-6
@@ -153,7 +153,7 @@ def test_records_do_not_depend_on_the_communication_step(build: Build) -> None:
                 np.testing.assert_array_equal(record, runs[0][index])
 
 
-def test_both_versions_run_the_same_trajectory(build: Build) -> None:
+def test_both_fmi_versions_run_same_trajectory(build: Build) -> None:
     cells = [build(2), build(3)]
     for cell in cells:
         cell.command(np.radians(START_DEG) + 1.0, FAR)
@@ -166,7 +166,7 @@ def test_both_versions_run_the_same_trajectory(build: Build) -> None:
     np.testing.assert_array_equal(cells[0].get(*names), cells[1].get(*names))
 
 
-def test_encoder_noise_has_its_size_and_depends_on_the_seed(build: Build) -> None:
+def test_encoder_noise_standard_deviation_and_seed(build: Build) -> None:
     description = cell_description()
     for joint in description["robot"]["joints"]:
         joint["encoder_noise"] = 1e-4

@@ -1,4 +1,4 @@
-// Friction obeys Coulomb's law in every direction: closed forms of a box on a floor.
+// Coulomb friction in every direction: closed forms of a box on a floor.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -29,7 +29,7 @@ struct OnFloor {
     for (int i = 0; i < steps; ++i) world->step();
   }
   Vector3d velocity() const { return level(box->getBodyNode(0)->getLinearVelocity()); }
-  Vector3d place() const { return level(box->getBodyNode(0)->getWorldTransform().translation()); }
+  Vector3d part_position() const { return level(box->getBodyNode(0)->getWorldTransform().translation()); }
   static Vector3d level(const Vector3d& v) { return {v.x(), v.y(), 0}; }
 
   dart::simulation::WorldPtr world;
@@ -51,14 +51,14 @@ class Friction : public ::testing::TestWithParam<int> {
   double angle() const { return GetParam() * M_PI / 180; }
 };
 
-TEST_P(Friction, HoldsBelowTheLimit) {
+TEST_P(Friction, SticksBelowCoulombLimit) {
   OnFloor cell;
-  const Vector3d before = cell.place();
+  const Vector3d before = cell.part_position();
   EXPECT_LT(pulled(cell, angle(), 0.995).norm(), 1e-6);
-  EXPECT_LT((cell.place() - before).norm(), 1e-6);
+  EXPECT_LT((cell.part_position() - before).norm(), 1e-6);
 }
 
-TEST_P(Friction, SlipsAboveItWithTheExcessAndAlongThePull) {
+TEST_P(Friction, SlipsAboveLimitWithExcessForceAlongPull) {
   OnFloor cell;
   const Vector3d velocity = pulled(cell, angle(), 1.02);
   const double expected = 0.02 * kFriction * kGravity * 0.2;
@@ -66,15 +66,15 @@ TEST_P(Friction, SlipsAboveItWithTheExcessAndAlongThePull) {
   EXPECT_LT(velocity.cross(along(angle())).norm(), 0.01 * expected);
 }
 
-TEST_P(Friction, StopsASlidingBoxOnAStraightLine) {
+TEST_P(Friction, StopsSlidingBoxOnStraightLine) {
   OnFloor cell;
-  const Vector3d before = cell.place();
+  const Vector3d before = cell.part_position();
   Vector6d twist = Vector6d::Zero();
   twist.tail<3>() = along(angle());
   cell.box->setVelocities(twist);
   cell.run(300);
   const double distance = 1 / (2 * kFriction * kGravity);
-  const Vector3d travel = cell.place() - before;
+  const Vector3d travel = cell.part_position() - before;
   EXPECT_NEAR(travel.dot(along(angle())), distance, 0.01 * distance);
   EXPECT_LT(travel.cross(along(angle())).norm(), 0.001 * distance);
   EXPECT_LT(cell.velocity().norm(), 1e-6);
@@ -83,7 +83,7 @@ TEST_P(Friction, StopsASlidingBoxOnAStraightLine) {
 INSTANTIATE_TEST_SUITE_P(Directions, Friction,
                          ::testing::Values(0, 10, 20, 30, 45, 60, 75, 90, 135, 200, 315));
 
-TEST(FrictionMoment, SlowsASpinningBoxThatStandsOnItsCorners) {
+TEST(FrictionMoment, SlowsSpinningBoxOnItsCorners) {
   OnFloor cell;
   Vector6d twist = Vector6d::Zero();
   twist[2] = 20;
@@ -96,8 +96,8 @@ TEST(FrictionMoment, SlowsASpinningBoxThatStandsOnItsCorners) {
   EXPECT_LT(cell.velocity().norm(), 1e-3);
 }
 
-/// Why the cone: the engine's own solver holds 1.41 times the limit along the diagonal.
-TEST(FrictionPyramid, IsTooStrongAlongItsEdges) {
+/// Reason for the cone: DART's own solver sticks up to 1.41 times the limit along the diagonal.
+TEST(FrictionPyramid, ExceedsConeAlongEdges) {
   OnFloor pyramid(std::make_shared<dart::constraint::DantzigBoxedLcpSolver>());
   EXPECT_LT(pulled(pyramid, M_PI / 4, 1.40).norm(), 1e-6);
 }

@@ -1,4 +1,4 @@
-// The gripper against closed forms: opening, force, slip in any direction, centring.
+// Gripper against closed forms: width, force, slip in any direction, centring.
 #include "fmu/model/gripper.h"
 
 #include <gtest/gtest.h>
@@ -14,9 +14,10 @@ using namespace robotcell;
 using namespace robotcell::testing;
 
 constexpr double kForce = 20;
-constexpr double kLimit = 2 * kPadFriction * kForce / kPartMass;  // m/s^2 that two pads can give the part
+constexpr double kLimit =
+    2 * kPadFriction * kForce / kPartMass;  // m/s^2, maximum acceleration of the part by friction of two pads
 
-TEST(Gripper, OpensToAWidthAtItsSpeed) {
+TEST(Gripper, OpensToWidthAtMaximumSpeed) {
   GripperWorld cell;
   cell.gripper->command({GripperMode::kWidth, 0.08, 0});
   cell.run(50);  // 5 mm for each finger
@@ -25,19 +26,19 @@ TEST(Gripper, OpensToAWidthAtItsSpeed) {
   EXPECT_NEAR(cell.gripper->width(), 0.08, 1e-6);
 }
 
-TEST(Gripper, ClosesOnNothingWithoutGripping) {
+TEST(Gripper, ClosedEmptyGripperIsNotGripping) {
   GripperWorld cell(std::make_shared<CoulombSolver>(), a_gripper(), kPartSize, {0, 0, 1});
   cell.grip(kForce);
   EXPECT_NEAR(cell.gripper->width(), 0, 1e-6);
-  EXPECT_FALSE(cell.gripper->grips());
+  EXPECT_FALSE(cell.gripper->is_gripping());
 }
 
-TEST(Gripper, PressesWithTheCommandedForce) {
+TEST(Gripper, PressesWithCommandedForce) {
   GripperWorld cell;
-  EXPECT_FALSE(cell.gripper->grips());
+  EXPECT_FALSE(cell.gripper->is_gripping());
   for (const double force : {5.0, 20.0, 60.0}) {
     cell.grip(force);
-    EXPECT_TRUE(cell.gripper->grips());
+    EXPECT_TRUE(cell.gripper->is_gripping());
     EXPECT_NEAR(cell.gripper->force(), force, 1e-6);
     EXPECT_NEAR(cell.gripper->width(), kPartSize.x(), 2e-5);
     EXPECT_NEAR(cell.body()->getConstraintImpulse().norm(), 0, 1e-6);
@@ -46,10 +47,11 @@ TEST(Gripper, PressesWithTheCommandedForce) {
   EXPECT_NEAR(cell.gripper->force(), a_gripper().max_force, 1e-6);
 }
 
-TEST(Gripper, CentresThePartAndYieldsToItsWeightAsItsSpringSays) {
+TEST(Gripper, CentresPartAndDeflectsUnderWeightByCentringStiffness) {
   GripperWorld cell(std::make_shared<CoulombSolver>(), a_gripper(), kPartSize, {0.004, 0, 0.04});
   cell.grip(kForce);
-  EXPECT_NEAR(cell.part_in_gripper().x(), 0, 5e-6);  // the pads' depths of contact differ by microns
+  EXPECT_NEAR(cell.part_in_gripper().x(), 0,
+              5e-6);  // the penetration depths of the pads differ by micrometres
   cell.world->setGravity({-kGravity, 0, 0});
   cell.run(400);
   const double weight = (kPartMass + 2 * a_gripper().finger_mass) * kGravity;
@@ -65,7 +67,7 @@ class Grasp : public ::testing::TestWithParam<int> {
   }
 };
 
-TEST_P(Grasp, HoldsBelowTheCoulombLimit) {
+TEST_P(Grasp, SticksBelowCoulombLimit) {
   GripperWorld cell;
   cell.grip(kForce);
   const Vector3d before = cell.part_in_gripper();
@@ -73,7 +75,7 @@ TEST_P(Grasp, HoldsBelowTheCoulombLimit) {
   EXPECT_LT((cell.part_in_gripper() - before).norm(), 2e-6);
 }
 
-TEST_P(Grasp, SlipsAboveItWithTheExcess) {
+TEST_P(Grasp, SlipsAboveLimitWithExcessForce) {
   GripperWorld cell;
   cell.grip(kForce);
   cell.run(30, 1.02 * kLimit * direction());
@@ -83,10 +85,10 @@ TEST_P(Grasp, SlipsAboveItWithTheExcess) {
 
 INSTANTIATE_TEST_SUITE_P(Directions, Grasp, ::testing::Values(0, 15, 30, 45, 60, 90, 120, 225, 315));
 
-/// A bar held 50 mm from its centre of mass, its weight across the pads: how far it turns in the grasp.
+/// Rotation in the grasp of a bar held 50 mm from its centre of mass, with its weight across the pads.
 double turn_of_a_bar(const dart::constraint::BoxedLcpSolverPtr& solver, std::size_t contacts) {
   GripperWorld cell(solver, a_gripper(), {0.03, 0.03, 0.16}, {0, 0, 0.08});
-  cell.set_most_contacts(contacts);
+  cell.set_max_contacts(contacts);
   cell.grip(40);
   const Isometry3d before = cell.flange_from_part();
   cell.world->setGravity({0, -kGravity, 0});
@@ -94,16 +96,16 @@ double turn_of_a_bar(const dart::constraint::BoxedLcpSolverPtr& solver, std::siz
   return Eigen::AngleAxisd((before.inverse() * cell.flange_from_part()).linear()).angle();
 }
 
-TEST(ContactPoints, FourPerPadHoldABarAgainstItsMoment) {
+TEST(ContactPoints, FourPerPadHoldBarAgainstMoment) {
   EXPECT_LT(turn_of_a_bar(std::make_shared<CoulombSolver>(), 4), 2e-6);
 }
 
-TEST(ContactPoints, OnePerPadLetsItSwingAboutTheLineThroughThem) {
+TEST(ContactPoints, OnePerPadLetsBarRotateAboutLineThroughThem) {
   EXPECT_GT(turn_of_a_bar(std::make_shared<CoulombSolver>(), 1), 0.2);
 }
 
-/// Projected Gauss-Seidel stops before the forces are balanced.
-TEST(GaussSeidel, LetsABarCreepThatDantzigHolds) {
+/// Projected Gauss-Seidel stops before convergence.
+TEST(GaussSeidel, LetsBarCreepThatDantzigHolds) {
   const double exact = turn_of_a_bar(std::make_shared<CoulombSolver>(), 4);
   EXPECT_GT(turn_of_a_bar(std::make_shared<dart::constraint::PgsBoxedLcpSolver>(), 4), 10 * exact);
 }
@@ -127,7 +129,7 @@ TEST(StackOfBoxes, StandsWithDantzigAndFallsWithGaussSeidel) {
   EXPECT_GT(fall_of_a_stack(std::make_shared<dart::constraint::PgsBoxedLcpSolver>()), 0.05);
 }
 
-TEST(Gripper, GoesOnBitByBitFromAStateInTheMiddleOfAGrasp) {
+TEST(Gripper, RestoredStateDuringGraspContinuesBitExactly) {
   const Vector3d acceleration(3, 20, 30);
   GripperWorld cell;
   cell.grip(kForce);

@@ -1,4 +1,4 @@
-// Joint moves and straight lines: where they lead, how they get there, and what stops them.
+// Joint and linear moves: target, path, limits and stops.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -26,19 +26,19 @@ Eigen::Isometry3d target_of_line(const Drive& drive) {
   return target;
 }
 
-/// Distance of a pose from the straight way between two others: m off the line, rad off the turn.
+/// Distance of a pose from the straight path between two others: m off the line, rad off the rotation.
 struct OffLine {
   double distance, angle;
 };
 OffLine off_line(const Eigen::Isometry3d& from, const Eigen::Isometry3d& to, const Eigen::Isometry3d& pose) {
-  const Vector6 way = way_between(from, to);
-  const Eigen::Vector3d shift = way.head<3>();
-  const double s = shift.dot(pose.translation() - from.translation()) / shift.squaredNorm();
-  const Vector6 error = way_between(along(from, way, s), pose);
+  const Vector6 difference = pose_difference(from, to);
+  const Eigen::Vector3d translation = difference.head<3>();
+  const double s = translation.dot(pose.translation() - from.translation()) / translation.squaredNorm();
+  const Vector6 error = pose_difference(interpolate_pose(from, difference, s), pose);
   return {error.head<3>().norm(), error.tail<3>().norm()};
 }
 
-TEST(SmoothProfile, StaysWithinItsLimitsAndTouchesOne) {
+TEST(SmoothProfile, StaysWithinLimitsAndReachesOne) {
   const ProfileLimits limits{2.0, 5.0, 60.0};
   for (const double distance : {1e-4, 0.01, 0.3, 5.0}) {
     const SmoothProfile profile = SmoothProfile::over(distance, limits);
@@ -60,7 +60,7 @@ TEST(SmoothProfile, StaysWithinItsLimitsAndTouchesOne) {
   }
 }
 
-TEST(JointMove, EndsExactlyAtTheTargetAtTheSameInstantForAllAxes) {
+TEST(JointMove, AllAxesEndExactlyAtTargetSimultaneously) {
   Drive drive;
   const Axes target = moved(home(), kChange);
   drive.start_joints(target);
@@ -94,11 +94,11 @@ TEST(JointMove, AccelerationIsContinuous) {
     before = acceleration;
     last = knots;
   });
-  // A step of the acceleration would show as some 20 / 1e-3.
+  // A discontinuity of the acceleration would appear as about 20 / 1e-3.
   EXPECT_LT(greatest, 1.1 * 400);
 }
 
-TEST(JointMove, SpeedIsAShareOfTheFullSpeed) {
+TEST(JointMove, SpeedIsFractionOfFullSpeed) {
   Drive drive;
   drive.command.speed = 0.1;
   Axes target = home();
@@ -109,7 +109,7 @@ TEST(JointMove, SpeedIsAShareOfTheFullSpeed) {
   EXPECT_NEAR(watch.speed, 0.1, 2e-4);
 }
 
-TEST(JointMove, MonitorSpeedScalesTheMotionWithoutLeavingThePath) {
+TEST(JointMove, MonitorSpeedScalesMotionOnPath) {
   Drive drive;
   const Axes target = moved(home(), kChange);
   drive.start_joints(target);
@@ -130,7 +130,7 @@ TEST(JointMove, MonitorSpeedScalesTheMotionWithoutLeavingThePath) {
   EXPECT_LE(watch.acceleration, 1);
 }
 
-TEST(JointMove, HalfTheMonitorSpeedTakesTwiceTheTime) {
+TEST(JointMove, HalfMonitorSpeedDoublesDuration) {
   double seconds[2];
   for (int i = 0; i < 2; ++i) {
     Drive drive;
@@ -141,7 +141,7 @@ TEST(JointMove, HalfTheMonitorSpeedTakesTwiceTheTime) {
   EXPECT_NEAR(seconds[1], 2 * seconds[0], 2 * kCycleSeconds);
 }
 
-TEST(JointMove, PausesAtMonitorSpeedZeroAndGoesOn) {
+TEST(JointMove, PausesAtZeroMonitorSpeedAndResumes) {
   Drive drive;
   drive.start_joints(moved(home(), kChange));
   drive.run(10);
@@ -156,21 +156,21 @@ TEST(JointMove, PausesAtMonitorSpeedZeroAndGoesOn) {
   EXPECT_EQ(drive.position(), moved(home(), kChange));
 }
 
-TEST(JointMove, IsRefusedBeyondALimitAndNamesTheAxis) {
+TEST(JointMove, BeyondLimitIsRejectedWithAxis) {
   Drive drive;
   Axes target = home();
   target[2] = 4.5;
   drive.start_joints(target);
   drive.run(20);
   EXPECT_EQ(drive.position(), home());
-  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kTargetOutOfLimits);
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kTargetOutOfLimits);
   EXPECT_EQ(drive.controller.report(drive.now).limit, 3);
   drive.start_joints(moved(home(), kChange));
   drive.run(1);
-  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kNone);
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kNone);
 }
 
-TEST(JointMove, ToWhereTheAxesAreIsDoneAtOnce) {
+TEST(JointMove, ToPresentPositionIsDoneImmediately) {
   Drive drive;
   drive.start_joints(home());
   drive.run(2);
@@ -178,7 +178,7 @@ TEST(JointMove, ToWhereTheAxesAreIsDoneAtOnce) {
   EXPECT_EQ(drive.position(), home());
 }
 
-TEST(JointMove, ANewStartStopsTheFormerMoveOnItsPathFirst) {
+TEST(JointMove, NewStartFirstStopsRunningMoveOnPath) {
   Drive drive;
   drive.start_joints(moved(home(), kChange));
   LimitWatch watch(drive);
@@ -192,7 +192,7 @@ TEST(JointMove, ANewStartStopsTheFormerMoveOnItsPathFirst) {
   EXPECT_LE(watch.acceleration, 1);
 }
 
-TEST(LineMove, KeepsTheToolOnTheStraightWay) {
+TEST(LineMove, KeepsToolOnStraightLine) {
   for (const double speed : {0.25, 1.0}) {
     Drive drive;
     const Eigen::Isometry3d from = drive.arm.tool(home()).pose;
@@ -207,7 +207,7 @@ TEST(LineMove, KeepsTheToolOnTheStraightWay) {
       const OffLine off = off_line(from, to, drive.arm.tool(Drive::axes(knots)).pose);
       worst = {std::max(worst.distance, off.distance), std::max(worst.angle, off.angle)};
     });
-    const Vector6 rest = way_between(drive.arm.tool(drive.position()).pose, to);
+    const Vector6 rest = pose_difference(drive.arm.tool(drive.position()).pose, to);
     EXPECT_LT(rest.norm(), 1e-10);
     EXPECT_EQ(drive.position()[6], 0.4);
     EXPECT_LE(watch.speed, 1);
@@ -219,7 +219,7 @@ TEST(LineMove, KeepsTheToolOnTheStraightWay) {
   }
 }
 
-TEST(LineMove, CruisesAtTheSpeedOfTheTool) {
+TEST(LineMove, CruisesAtToolSpeedLimit) {
   Drive drive;
   drive.command.speed = 0.1;
   Eigen::Isometry3d to = drive.arm.tool(home()).pose;
@@ -236,7 +236,7 @@ TEST(LineMove, CruisesAtTheSpeedOfTheTool) {
   EXPECT_LT(*std::max_element(speeds.begin(), speeds.end()), 0.1 * 1.002);
 }
 
-TEST(LineMove, StaysOnTheLineWhileTheMonitorSpeedChangesAndInAnEmergencyStop) {
+TEST(LineMove, StaysOnLineDuringMonitorSpeedChangesAndEmergencyStop) {
   Drive drive;
   const Eigen::Isometry3d from = drive.arm.tool(home()).pose;
   const Eigen::Isometry3d to = target_of_line(drive);
@@ -260,32 +260,32 @@ TEST(LineMove, StaysOnTheLineWhileTheMonitorSpeedChangesAndInAnEmergencyStop) {
   EXPECT_LE(watch.acceleration, 1);
 }
 
-TEST(LineMove, OutOfReachOrThroughASingularPositionDoesNotStart) {
+TEST(LineMove, OutOfReachOrThroughSingularityDoesNotStart) {
   Drive drive;
   Eigen::Isometry3d far = drive.arm.tool(home()).pose;
   far.pretranslate(Eigen::Vector3d(1.5, 0, 0));
   drive.start_line(far);
   drive.run(5);
   EXPECT_EQ(drive.position(), home());
-  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kSingular);
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kSingular);
 
-  // Half way along, the wrist would be stretched.
+  // Halfway the wrist would be singular.
   Axes bent = home(), stretched = home();
   bent[4] = 0.3;
   stretched[4] = 0;
   drive.start_joints(bent);
   drive.run_to_rest();
   const Eigen::Isometry3d from = drive.arm.tool(bent).pose;
-  const Vector6 way = way_between(from, drive.arm.tool(stretched).pose);
-  drive.start_line(along(from, way, 2));
+  const Vector6 difference = pose_difference(from, drive.arm.tool(stretched).pose);
+  drive.start_line(interpolate_pose(from, difference, 2));
   drive.run(5);
   EXPECT_EQ(drive.position(), bent);
-  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kSingular);
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kSingular);
 }
 
-TEST(LineMove, BeyondAJointLimitNamesTheAxis) {
+TEST(LineMove, BeyondJointLimitReportsAxis) {
   Drive drive;
-  // Joint 6 beyond its limit is a small turn of the tool.
+  // Joint 6 beyond its limit is a small rotation of the tool.
   Axes near_limit = home();
   near_limit[5] = 6.0;
   drive.start_joints(near_limit);
@@ -298,7 +298,7 @@ TEST(LineMove, BeyondAJointLimitNamesTheAxis) {
   EXPECT_EQ(drive.controller.report(drive.now).limit, 6);
 }
 
-TEST(ProgrammedMove, GoesOnFromARestoredState) {
+TEST(ProgrammedMove, ContinuesFromRestoredState) {
   for (const bool line : {false, true}) {
     Drive drive;
     if (line) {

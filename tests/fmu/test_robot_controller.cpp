@@ -1,4 +1,4 @@
-// Operation, jogs, emergency stop, old messages.
+// Operation, jogs, emergency stop, watchdog.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -23,7 +23,7 @@ double greatest_speed(const Knots& knots) {
   return speed;
 }
 
-TEST(Operation, ManualRefusesProgramsAndAutomaticRefusesJogs) {
+TEST(Operation, ManualRejectsProgramsAndAutomaticRejectsJogs) {
   Drive drive;
   Axes target = home();
   target[0] += 0.5;
@@ -34,7 +34,7 @@ TEST(Operation, ManualRefusesProgramsAndAutomaticRefusesJogs) {
     ++drive.command.start;
     drive.run(20);
     EXPECT_EQ(drive.position(), home());
-    EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kManualOperation);
+    EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kManualOperation);
     EXPECT_EQ(drive.controller.report(drive.now).mode, Mode::kHold);
   }
   drive.command.operation = Operation::kAutomatic;
@@ -43,11 +43,11 @@ TEST(Operation, ManualRefusesProgramsAndAutomaticRefusesJogs) {
     drive.command.jog.fill(1);
     drive.run(20);
     EXPECT_EQ(drive.position(), home());
-    EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kAutomaticOperation);
+    EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kAutomaticOperation);
   }
 }
 
-TEST(Operation, ToManualStopsTheProgramOnItsPath) {
+TEST(Operation, SwitchToManualStopsMoveOnPath) {
   Drive drive;
   Axes target = home();
   for (std::size_t i = 0; i < kAxes; ++i) target[i] += 0.1 * static_cast<double>(i + 1);
@@ -74,7 +74,7 @@ class JogTest : public ::testing::Test {
   Drive drive_;
 };
 
-TEST_F(JogTest, AJointTurnsAloneAndStopsWhenLetGo) {
+TEST_F(JogTest, JointJogMovesOneJointAndStopsWhenReleased) {
   drive_.command.mode = Mode::kJointJog;
   drive_.command.jog[5] = -0.5;
   LimitWatch watch(drive_);
@@ -89,7 +89,7 @@ TEST_F(JogTest, AJointTurnsAloneAndStopsWhenLetGo) {
   EXPECT_TRUE(drive_.controller.report(drive_.now).at_destination);
 }
 
-TEST_F(JogTest, TheToolNeverExceedsItsSpeedInManualOperation) {
+TEST_F(JogTest, ToolSpeedIsLimitedInManualOperation) {
   for (const Mode mode : {Mode::kJointJog, Mode::kCartesianJog}) {
     Drive drive;
     drive.command.operation = Operation::kManual;
@@ -102,7 +102,7 @@ TEST_F(JogTest, TheToolNeverExceedsItsSpeedInManualOperation) {
   }
 }
 
-TEST_F(JogTest, AJointStopsInFrontOfItsLimitAndNamesIt) {
+TEST_F(JogTest, JointJogStopsBeforeLimitAndReportsIt) {
   drive_.command.mode = Mode::kJointJog;
   drive_.command.jog[1] = -1;
   drive_.command.jog[2] = 1;
@@ -112,16 +112,16 @@ TEST_F(JogTest, AJointStopsInFrontOfItsLimitAndNamesIt) {
   EXPECT_LE(watch.acceleration, 1);
   EXPECT_NEAR(drive_.position()[1], -3.3, 1e-9);
   EXPECT_NEAR(drive_.position()[2], 4.46, 1e-9);
-  EXPECT_EQ(drive_.controller.report(drive_.now).refusal, Refusal::kPathOutOfLimits);
+  EXPECT_EQ(drive_.controller.report(drive_.now).error, ControllerError::kPathOutOfLimits);
   EXPECT_EQ(drive_.controller.report(drive_.now).limit, 2);
   drive_.command.jog[1] = 1;
   drive_.command.jog[2] = 0;
   drive_.run(50, watch);
   EXPECT_GT(drive_.position()[1], -3.2);
-  EXPECT_EQ(drive_.controller.report(drive_.now).refusal, Refusal::kNone);
+  EXPECT_EQ(drive_.controller.report(drive_.now).error, ControllerError::kNone);
 }
 
-TEST_F(JogTest, CartesianGoesStraightAlongTheAxisOfItsFrame) {
+TEST_F(JogTest, CartesianJogMovesStraightAlongAxisOfFrame) {
   for (const JogFrame frame : {JogFrame::kWorld, JogFrame::kTool}) {
     Drive drive;
     drive.command.operation = Operation::kManual;
@@ -134,10 +134,10 @@ TEST_F(JogTest, CartesianGoesStraightAlongTheAxisOfItsFrame) {
     LimitWatch watch(drive);
     const auto check = [&](const Knots& knots) {
       watch(knots);
-      const Vector6 way = way_between(start, drive.arm.tool(Drive::axes(knots)).pose);
-      const Eigen::Vector3d shift = way.head<3>();
-      EXPECT_LT((shift - along_axis.dot(shift) * along_axis).norm(), 1e-7);
-      EXPECT_LT(way.tail<3>().norm(), 1e-7);
+      const Vector6 difference = pose_difference(start, drive.arm.tool(Drive::axes(knots)).pose);
+      const Eigen::Vector3d translation = difference.head<3>();
+      EXPECT_LT((translation - along_axis.dot(translation) * along_axis).norm(), 1e-7);
+      EXPECT_LT(difference.tail<3>().norm(), 1e-7);
     };
     drive.run(40, check);
     EXPECT_NEAR(tool_speed(drive, drive.controller.sample(drive.now)), 0.2, 1e-6);
@@ -147,19 +147,19 @@ TEST_F(JogTest, CartesianGoesStraightAlongTheAxisOfItsFrame) {
   }
 }
 
-TEST_F(JogTest, CartesianTurnsAboutTheToolsOrigin) {
+TEST_F(JogTest, CartesianJogRotatesAboutToolOrigin) {
   drive_.command.mode = Mode::kCartesianJog;
   drive_.command.jog_frame = JogFrame::kTool;
   drive_.command.jog[3] = 1;
   const Eigen::Isometry3d start = drive_.arm.tool(home()).pose;
   drive_.run(20);
-  const Vector6 way = way_between(start, drive_.arm.tool(drive_.position()).pose);
-  EXPECT_LT(way.head<3>().norm(), 1e-9);
-  EXPECT_LT(way.tail<3>().normalized().cross(start.linear().col(0)).norm(), 1e-9);
-  EXPECT_GT(way.tail<3>().norm(), 0.1);
+  const Vector6 difference = pose_difference(start, drive_.arm.tool(drive_.position()).pose);
+  EXPECT_LT(difference.head<3>().norm(), 1e-9);
+  EXPECT_LT(difference.tail<3>().normalized().cross(start.linear().col(0)).norm(), 1e-9);
+  EXPECT_GT(difference.tail<3>().norm(), 0.1);
 }
 
-TEST_F(JogTest, CartesianStopsInFrontOfTheEndOfReachWithinAllLimitsAndComesBack) {
+TEST_F(JogTest, CartesianJogStopsBeforeSingularityAndReturns) {
   drive_.command.mode = Mode::kCartesianJog;
   for (const std::size_t direction : {0u, 1u, 2u}) {
     for (const double sign : {-1.0, 1.0}) {
@@ -170,7 +170,7 @@ TEST_F(JogTest, CartesianStopsInFrontOfTheEndOfReachWithinAllLimitsAndComesBack)
       drive.run(600, watch);
       const Report report = drive.controller.report(drive.now);
       EXPECT_FALSE(report.moving);
-      EXPECT_NE(report.refusal, Refusal::kNone);
+      EXPECT_NE(report.error, ControllerError::kNone);
       EXPECT_TRUE(watch.inside);
       EXPECT_LE(watch.speed, 1);
       EXPECT_LE(watch.acceleration, 1) << direction << " " << sign;
@@ -186,7 +186,7 @@ TEST_F(JogTest, CartesianStopsInFrontOfTheEndOfReachWithinAllLimitsAndComesBack)
   }
 }
 
-TEST(EmergencyStop, StopsServoMotionOfAllAxesTogetherAsFastAsTheLimitsAllow) {
+TEST(EmergencyStop, StopsServoMotionOfAllAxesInProportionAtAccelerationLimit) {
   Drive drive;
   drive.command.mode = Mode::kServo;
   const Axes rates{0.8, -0.4, 0.4, 1.0, -0.6, 2.0, 1.5};
@@ -208,7 +208,7 @@ TEST(EmergencyStop, StopsServoMotionOfAllAxesTogetherAsFastAsTheLimitsAllow) {
   EXPECT_EQ(drive.controller.report(drive.now).phase, Phase::kEmergencyStop);
 }
 
-TEST(EmergencyStop, StaysUntilItIsResetInHoldAndWhatItStoppedDoesNotGoOn) {
+TEST(EmergencyStop, IsLatchedUntilResetInHoldAndMotionIsNotResumed) {
   Drive drive;
   Axes target = home();
   target[0] += 1;
@@ -219,8 +219,8 @@ TEST(EmergencyStop, StaysUntilItIsResetInHoldAndWhatItStoppedDoesNotGoOn) {
   const Axes stopped = drive.position();
   drive.command.emergency_stop = false;
   drive.run(10);
-  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kEmergencyStop);
-  ++drive.command.reset;  // refused: a move is still commanded
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kEmergencyStop);
+  ++drive.command.reset;  // rejected: a move is still commanded
   drive.run(10);
   ++drive.command.start;
   drive.run(10);
@@ -228,7 +228,7 @@ TEST(EmergencyStop, StaysUntilItIsResetInHoldAndWhatItStoppedDoesNotGoOn) {
   drive.command.mode = Mode::kHold;
   ++drive.command.reset;
   drive.run(1);
-  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kNone);
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kNone);
   drive.command.mode = Mode::kJointMove;
   drive.run(10);
   EXPECT_EQ(drive.position(), stopped);
@@ -237,7 +237,7 @@ TEST(EmergencyStop, StaysUntilItIsResetInHoldAndWhatItStoppedDoesNotGoOn) {
   EXPECT_EQ(drive.position(), target);
 }
 
-TEST(EmergencyStop, StopsAJogInItsDirection) {
+TEST(EmergencyStop, StopsJogInItsDirection) {
   Drive drive;
   drive.command.operation = Operation::kManual;
   drive.command.mode = Mode::kCartesianJog;
@@ -247,12 +247,12 @@ TEST(EmergencyStop, StopsAJogInItsDirection) {
   drive.command.emergency_stop = true;
   LimitWatch watch(drive);
   drive.run_to_rest(watch);
-  const Eigen::Vector3d way = drive.arm.tool(drive.position()).pose.translation() - from;
-  EXPECT_LT(way.head<2>().norm(), 0.02 * way.z());
+  const Eigen::Vector3d difference = drive.arm.tool(drive.position()).pose.translation() - from;
+  EXPECT_LT(difference.head<2>().norm(), 0.02 * difference.z());
   EXPECT_LE(watch.acceleration, 1);
 }
 
-TEST(MessageAge, AServoStreamWithoutHeartbeatIsHeldAndTakenUpAgain) {
+TEST(MessageAge, ServoWithoutHeartbeatBrakesAndResumes) {
   Drive drive;
   drive.command.mode = Mode::kServo;
   drive.command.max_age = 0.1;
@@ -264,19 +264,19 @@ TEST(MessageAge, AServoStreamWithoutHeartbeatIsHeldAndTakenUpAgain) {
     }
   };
   stream(20, true);
-  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kNone);
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kNone);
   stream(6, false);
-  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kNone) << "96 ms are not too old";
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kNone) << "96 ms are not too old";
   stream(2, false);
-  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kTooOld);
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kHeartbeatTimeout);
   stream(30, false);
   EXPECT_EQ(greatest_speed(drive.controller.sample(drive.now)), 0);
   stream(40, true);
-  EXPECT_EQ(drive.controller.report(drive.now).refusal, Refusal::kNone);
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kNone);
   EXPECT_EQ(drive.position()[0], drive.command.position[0]);
 }
 
-TEST(MessageAge, AProgrammedMoveNeedsNoHeartbeat) {
+TEST(MessageAge, ProgrammedMoveNeedsNoHeartbeat) {
   Drive drive;
   drive.command.max_age = 0.1;
   Axes target = home();
@@ -286,7 +286,7 @@ TEST(MessageAge, AProgrammedMoveNeedsNoHeartbeat) {
   EXPECT_EQ(drive.position(), target);
 }
 
-TEST(RobotController, RestoredStateGoesOnWithAJog) {
+TEST(RobotController, RestoredStateContinuesJog) {
   Drive drive;
   drive.command.operation = Operation::kManual;
   drive.command.mode = Mode::kCartesianJog;

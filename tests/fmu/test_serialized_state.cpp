@@ -1,4 +1,4 @@
-// Bytes of a state whose checksum is right and whose values are not: refused, and the instance goes on.
+// States with a valid checksum and invalid values are rejected, and the instance recovers.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -21,7 +21,7 @@ namespace {
 constexpr double kStep = 1e-3;
 const std::string kResources = std::string(SCANCELL_TEST_CELLS) + "/free";
 
-/// A member of a state that has values from 0 to `last` alone.
+/// A member of a state with values from 0 to `last`.
 struct Choice {
   const char* name;
   std::int32_t last;
@@ -38,44 +38,46 @@ Choice choice(const char* name, T last, Member member) {
 
 std::vector<Choice> choices() {
   using S = Snapshot;
-  using control::Refusal;
+  using control::ControllerError;
   return {
       choice(
           "phase", Phase::kEvent, [](S & s) -> auto& { return s.phase; }),
       choice(
-          "mode asked for", control::Mode::kCartesianJog,
-          [](S & s) -> auto& { return s.inputs.motion.mode; }),
+          "mode command", control::Mode::kCartesianJog, [](S & s) -> auto& { return s.inputs.motion.mode; }),
       choice(
-          "operation asked for", control::Operation::kAutomatic,
+          "operation command", control::Operation::kAutomatic,
           [](S & s) -> auto& { return s.inputs.motion.operation; }),
       choice(
-          "jog frame asked for", control::JogFrame::kTool,
+          "jog frame command", control::JogFrame::kTool,
           [](S & s) -> auto& { return s.inputs.motion.jog_frame; }),
       choice(
-          "trigger asked for", TriggerMode::kRequest, [](S & s) -> auto& { return s.inputs.trigger.mode; }),
+          "trigger command", TriggerMode::kRequest, [](S & s) -> auto& { return s.inputs.trigger.mode; }),
       choice(
-          "grip asked for", GripperMode::kForce, [](S & s) -> auto& { return s.inputs.gripper.mode; }),
+          "gripper command", GripperMode::kForce, [](S & s) -> auto& { return s.inputs.gripper.mode; }),
       choice(
           "trigger", TriggerMode::kRequest, [](S & s) -> auto& { return s.cell->trigger.command.mode; }),
       choice(
-          "grip", GripperMode::kForce, [](S & s) -> auto& { return s.cell->grasp.gripper.command.mode; }),
+          "gripper mode", GripperMode::kForce,
+          [](S & s) -> auto& { return s.cell->grasp.gripper.command.mode; }),
       choice(
-          "carrier before", Carrier::kFlange, [](S & s) -> auto& { return s.cell->from.parts[0].carrier; }),
+          "supporting body before", SupportingBody::kFlange,
+          [](S & s) -> auto& { return s.cell->from.parts[0].supporting_body; }),
       choice(
-          "carrier after", Carrier::kFlange, [](S & s) -> auto& { return s.cell->to.parts[0].carrier; }),
+          "supporting body after", SupportingBody::kFlange,
+          [](S & s) -> auto& { return s.cell->to.parts[0].supporting_body; }),
       choice(
           "mode", control::Mode::kCartesianJog, [](S & s) -> auto& { return s.cell->controller.mode; }),
       choice(
           "phase of the controller", control::Phase::kEmergencyStop,
           [](S & s) -> auto& { return s.cell->controller.phase; }),
       choice(
-          "refusal", Refusal::kSingular, [](S & s) -> auto& { return s.cell->controller.refusal; }),
+          "error", ControllerError::kSingular, [](S & s) -> auto& { return s.cell->controller.error; }),
       choice(
-          "fault of the path", Refusal::kSingular,
-          [](S & s) -> auto& { return s.cell->controller.path_fault; }),
+          "error of the path", ControllerError::kSingular,
+          [](S & s) -> auto& { return s.cell->controller.path_error; }),
       choice(
-          "refusal of the jog", Refusal::kSingular,
-          [](S & s) -> auto& { return s.cell->controller.jog.refusal; }),
+          "error of the jog", ControllerError::kSingular,
+          [](S & s) -> auto& { return s.cell->controller.jog.error; }),
       choice(
           "limit of the jog", kAxes, [](S & s) -> auto& { return s.cell->controller.jog.limit; }),
       choice(
@@ -91,7 +93,7 @@ std::string token() {
   return VariableTable(layout, values).token(false);
 }
 
-/// The few calls that a state needs, in one version of FMI; true for OK.
+/// Calls that a state needs, in one FMI version; true for OK.
 class Importer2 {
  public:
   Importer2()
@@ -148,13 +150,13 @@ class SerializedState : public testing::Test {};
 using Importers = testing::Types<Importer2, Importer3>;
 TYPED_TEST_SUITE(SerializedState, Importers);
 
-TYPED_TEST(SerializedState, RefusesWhatIsNoMemberOfAnEnumeration) {
+TYPED_TEST(SerializedState, RejectsInvalidEnumerationValues) {
   TypeParam importer;
   ASSERT_TRUE(importer.step(0));
   void* good = nullptr;
   ASSERT_TRUE(importer.get(&good));
-  constexpr std::int32_t kLeast = std::numeric_limits<std::int32_t>::min();
-  constexpr std::int32_t kMost = std::numeric_limits<std::int32_t>::max();
+  constexpr std::int32_t kMin = std::numeric_limits<std::int32_t>::min();
+  constexpr std::int32_t kMax = std::numeric_limits<std::int32_t>::max();
   for (const Choice& choice : choices()) {
     SCOPED_TRACE(choice.name);
     const auto bytes_with = [&](std::int32_t value) {
@@ -167,10 +169,10 @@ TYPED_TEST(SerializedState, RefusesWhatIsNoMemberOfAnEnumeration) {
       EXPECT_TRUE(importer.read(bytes_with(value), &state)) << value;
       EXPECT_TRUE(importer.free(&state));
     }
-    for (const std::int32_t value : {-1, choice.last + 1, kLeast, kMost}) {
+    for (const std::int32_t value : {-1, choice.last + 1, kMin, kMax}) {
       EXPECT_FALSE(importer.read(bytes_with(value), &state)) << value;
       EXPECT_EQ(state, nullptr);
-      EXPECT_FALSE(importer.step(kStep)) << "after an error only a state or a reset help";
+      EXPECT_FALSE(importer.step(kStep)) << "after an error only a state or a reset helps";
       EXPECT_TRUE(importer.set(good));
       EXPECT_TRUE(importer.step(kStep));
     }
@@ -178,7 +180,7 @@ TYPED_TEST(SerializedState, RefusesWhatIsNoMemberOfAnEnumeration) {
   EXPECT_TRUE(importer.free(&good));
 }
 
-/// A change that makes a state impossible.
+/// A change that makes a state invalid.
 struct Fault {
   const char* name;
   std::function<void(Snapshot&)> make;
@@ -188,22 +190,23 @@ std::vector<Fault> faults() {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   return {
-      {"no time", [](Snapshot& s) { s.communication_time = kNan; }},
-      {"no stop time", [](Snapshot& s) { s.stop_time = kNan; }},
-      {"another time than the cell's", [](Snapshot& s) { s.communication_time += 1; }},
-      {"a cell that is far behind", [](Snapshot& s) { s.cell->time_us = -1'000'000'000'000; }},
-      {"a time outside its step", [](Snapshot& s) { s.cell->to.time_us += 1'000'000; }},
-      {"a part nowhere", [](Snapshot& s) { s.cell->parts[0].position[4] = kNan; }},
-      {"a part too far", [](Snapshot& s) { s.cell->parts[0].position[5] = -1e8; }},
-      {"a part too fast", [](Snapshot& s) { s.cell->parts[0].velocity[3] = 1e300; }},
-      {"an endless joint", [](Snapshot& s) { s.cell->to.imposed.axes.position[2] = kInfinity; }},
-      {"an anchor that bends",
-       [](Snapshot& s) { s.cell->parts[0].anchors[0].support_from_body(0, 1) = 0.1; }},
-      {"a turn that stretches", [](Snapshot& s) { s.cell->controller.jog.turn.w() = 2; }},
+      {"communication time that is not a number", [](Snapshot& s) { s.communication_time = kNan; }},
+      {"stop time that is not a number", [](Snapshot& s) { s.stop_time = kNan; }},
+      {"communication time other than that of the cell", [](Snapshot& s) { s.communication_time += 1; }},
+      {"a cell time far in the past", [](Snapshot& s) { s.cell->time_us = -1'000'000'000'000; }},
+      {"a time outside the dynamics step", [](Snapshot& s) { s.cell->to.time_us += 1'000'000; }},
+      {"a part position that is not a number", [](Snapshot& s) { s.cell->parts[0].position[4] = kNan; }},
+      {"a part position out of range", [](Snapshot& s) { s.cell->parts[0].position[5] = -1e8; }},
+      {"a part velocity out of range", [](Snapshot& s) { s.cell->parts[0].velocity[3] = 1e300; }},
+      {"an infinite joint position", [](Snapshot& s) { s.cell->to.prescribed.axes.position[2] = kInfinity; }},
+      {"a stick constraint with shear",
+       [](Snapshot& s) { s.cell->parts[0].stick_constraints[0].support_from_body(0, 1) = 0.1; }},
+      {"an orientation that is not normalized",
+       [](Snapshot& s) { s.cell->controller.jog.orientation.w() = 2; }},
   };
 }
 
-TYPED_TEST(SerializedState, RefusesWhatNoCellCanBeIn) {
+TYPED_TEST(SerializedState, RejectsInconsistentOrNonFiniteValues) {
   TypeParam importer;
   ASSERT_TRUE(importer.step(0));
   void* good = nullptr;

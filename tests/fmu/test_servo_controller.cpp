@@ -1,4 +1,4 @@
-// Properties of the controller's motion between its cycles, for arbitrary set-points.
+// Properties of servo motion between cycles for random set-points.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -26,7 +26,7 @@ std::array<AxisLimits, kAxes> limits() {
   return all;
 }
 
-/// Feeds random commands and hands every sample, 250 microseconds apart, to a check.
+/// Feeds random commands and passes every sample, 250 microseconds apart, to a check.
 template <class Check>
 void drive_at_random(ServoController& servo, double spread, const Check& check) {
   std::mt19937 random(11);
@@ -55,7 +55,7 @@ TEST(ServoController, NeverExceedsSpeedOrPosition) {
   EXPECT_GT(fastest, 2.99);
 }
 
-TEST(ServoController, VelocityIsContinuousAndTheDerivativeOfPosition) {
+TEST(ServoController, VelocityIsContinuousDerivativeOfPosition) {
   ServoController servo(limits(), kCycle, {});
   Knots before{};
   // Within one cycle a velocity parabola between +-3 changes by at most 16 * 3 / T per second; inside the
@@ -71,7 +71,7 @@ TEST(ServoController, VelocityIsContinuousAndTheDerivativeOfPosition) {
   });
 }
 
-TEST(ServoController, ReachesASetPointThatIsNearEnoughInOneCycle) {
+TEST(ServoController, ReachesNearSetPointInOneCycle) {
   ServoController servo(limits(), kCycle, {});
   ServoCommand command{true, {}};
   command.position.fill(0.01);
@@ -80,7 +80,7 @@ TEST(ServoController, ReachesASetPointThatIsNearEnoughInOneCycle) {
   EXPECT_EQ(servo.state().limit, 0);
 }
 
-TEST(ServoController, NamesTheFirstAxisThatIsKeptBack) {
+TEST(ServoController, ReportsFirstLimitedAxis) {
   ServoController servo(limits(), kCycle, {});
   ServoCommand command{true, {}};
   command.position[3] = 1.0;  // 62 rad/s away
@@ -90,7 +90,7 @@ TEST(ServoController, NamesTheFirstAxisThatIsKeptBack) {
   EXPECT_TRUE(servo.moving(0));
 }
 
-TEST(ServoController, RestoredStateRepeatsTheMotion) {
+TEST(ServoController, RestoredStateRepeatsMotion) {
   ServoController servo(limits(), kCycle, {});
   ServoCommand command{true, {}};
   command.position.fill(0.02);

@@ -1,4 +1,4 @@
-// Soft parts against closed forms: springs of the points that bear, and Coulomb's limit.
+// Soft parts against closed forms: spring compression and Coulomb's limit.
 #include "fmu/model/soft_body.h"
 
 #include <gtest/gtest.h>
@@ -18,13 +18,13 @@ constexpr double kEdge = 0.03;
 constexpr double kMass = 0.1;
 constexpr double kForce = 4;
 
-/// A cube that stands on z = 0, of uniform density.
+/// A cube on z = 0, of uniform density.
 PartDescription soft_cube(const SoftDescription& soft) {
   PartDescription part;
-  part.mass = kMass;
+  part.inertial.mass = kMass;
   part.friction = 1.0;
-  part.centre_of_mass = {0, 0, kEdge / 2};
-  part.inertia = BoxShape::computeInertia({kEdge, kEdge, kEdge}, kMass);
+  part.inertial.centre_of_mass = {0, 0, kEdge / 2};
+  part.inertial.inertia = BoxShape::computeInertia({kEdge, kEdge, kEdge}, kMass);
   part.soft = soft;
   for (const double z : {0.0, kEdge}) {
     for (const auto& [x, y] : {std::pair(-1, -1), {1, -1}, {1, 1}, {-1, 1}}) {
@@ -56,7 +56,7 @@ std::size_t contacts_in(const dart::simulation::World& world) {
   return world.getConstraintSolver()->getLastCollisionResult().getNumContacts();
 }
 
-/// Length of the longest edge, and the sum of the faces as vectors, which is zero for a closed surface.
+/// Length of the longest edge, and the vector sum of the face areas, zero for a closed surface.
 std::pair<double, double> longest_and_gap(const Hull& hull) {
   double longest = 0;
   Vector3d gap = Vector3d::Zero();
@@ -69,10 +69,10 @@ std::pair<double, double> longest_and_gap(const Hull& hull) {
   return {longest, gap.norm()};
 }
 
-TEST(SoftSurface, IsRefinedWithoutGapsAndKeepsEulersNumber) {
+TEST(SoftSurface, RefinementIsWatertightAndKeepsEulerCharacteristic) {
   const PartDescription part = soft_cube({100, 1, 1});
   for (const double limit : {0.05, 0.025, 0.012, 0.009}) {
-    const Hull fine = refined(hull_of(part), limit);
+    const Hull fine = refine(hull_of(part), limit);
     const auto [longest, gap] = longest_and_gap(fine);
     EXPECT_LE(longest, limit);
     EXPECT_LT(gap, 1e-15);
@@ -84,12 +84,12 @@ TEST(SoftSurface, IsRefinedWithoutGapsAndKeepsEulersNumber) {
   }
 }
 
-/// Inertia of a mass at a place about the origin.
+/// Inertia of a point mass about the origin.
 Eigen::Matrix3d about_origin(double mass, const Vector3d& r) {
   return mass * (r.squaredNorm() * Eigen::Matrix3d::Identity() - r * r.transpose());
 }
 
-TEST(ASoftPart, HasMassAndInertiaOfTheDescription) {
+TEST(SoftPartBody, HasMassAndInertiaOfDescription) {
   const PartDescription part = soft_cube({100, 1, 0.02});
   const SkeletonPtr cube = make_soft_part("soft", part, hull_of(part), kStep);
   const auto* body = cube->getBodyNode(0)->asSoftBodyNode();
@@ -103,11 +103,12 @@ TEST(ASoftPart, HasMassAndInertiaOfTheDescription) {
     inertia += about_origin(point->getMass(), point->getRestingPosition());
   }
   EXPECT_NEAR(mass, kMass, 1e-15);
-  EXPECT_LT((moment - kMass * part.centre_of_mass).norm(), 1e-15);
-  EXPECT_LT((inertia - part.inertia - about_origin(kMass, part.centre_of_mass)).norm(), 1e-15);
+  EXPECT_LT((moment - kMass * part.inertial.centre_of_mass).norm(), 1e-15);
+  EXPECT_LT((inertia - part.inertial.inertia - about_origin(kMass, part.inertial.centre_of_mass)).norm(),
+            1e-15);
 }
 
-TEST(ASoftPart, TooStiffAndTooFineAreRefused) {
+TEST(SoftPartBody, TooStiffAndTooFineAreRejected) {
   EXPECT_THROW(make_soft_part("soft", soft_cube({1e6, 1, 0.02}), hull_of(soft_cube({1, 1, 1})), kStep),
                DescriptionError);
   EXPECT_THROW(make_soft_part("soft", soft_cube({1, 1, 1e-4}), hull_of(soft_cube({1, 1, 1})), kStep),
@@ -119,8 +120,8 @@ class SoftPart : public ::testing::TestWithParam<std::pair<double, double>> {
   SoftDescription description() const { return {GetParam().first, 1.0, GetParam().second}; }
 };
 
-/// On n points the part sinks by its weight over n springs. Part of the weight of these points themselves
-/// rests on the floor: between none and all of it.
+/// On n points the part compresses by its weight over n springs. Between none and all of the weight of these
+/// points rests directly on the floor.
 TEST_P(SoftPart, ComesToRestOnItsSprings) {
   auto world = make_world(std::make_shared<CoulombSolver>());
   const auto detector = SoftCollisionDetector::create(4);
@@ -142,7 +143,7 @@ TEST_P(SoftPart, ComesToRestOnItsSprings) {
   EXPECT_LT(body->getLinearVelocity().norm(), 1e-9);
 }
 
-/// A soft cube between pads that are wider than it.
+/// A soft cube between pads wider than the cube.
 struct SoftGrasp : GripperWorld {
   explicit SoftGrasp(const SoftDescription& description)
       : GripperWorld(std::make_shared<CoulombSolver>(), wide(), kPartSize, {0, 0, 5}) {
@@ -158,7 +159,7 @@ struct SoftGrasp : GripperWorld {
     gripper.finger.y() = 0.04;
     return gripper;
   }
-  Vector3d place() const {
+  Vector3d part_position() const {
     return flange()->getWorldTransform().inverse() * soft->getBodyNode(0)->getWorldTransform().translation();
   }
   double slip_speed() const {
@@ -170,24 +171,24 @@ struct SoftGrasp : GripperWorld {
 
 constexpr double kSoftLimit = 2 * kPadFriction * kForce / kMass;
 
-TEST_P(SoftPart, IsSqueezedAsItsSpringsSay) {
+TEST_P(SoftPart, CompressionMatchesSpringStiffness) {
   SoftGrasp cell(description());
   const double squeeze =
       kForce / (static_cast<double>(contacts_in(*cell.world)) / 2 * description().stiffness);
   EXPECT_NEAR((kEdge - cell.gripper->width()) / 2, squeeze, 0.01 * squeeze + 2e-5);
-  EXPECT_TRUE(cell.gripper->grips());
+  EXPECT_TRUE(cell.gripper->is_gripping());
 }
 
-/// Its points yield, and then no more than creep is left.
-TEST_P(SoftPart, IsHeldBelowTheCoulombLimit) {
+/// Its points deflect, and then only creep is left.
+TEST_P(SoftPart, SticksBelowCoulombLimit) {
   SoftGrasp cell(description());
   cell.run(200, {0, 0, 0.98 * kSoftLimit});
-  const Vector3d before = cell.place();
+  const Vector3d before = cell.part_position();
   cell.run(200, {0, 0, 0.98 * kSoftLimit});
-  EXPECT_LT((cell.place() - before).norm(), 5e-6);
+  EXPECT_LT((cell.part_position() - before).norm(), 5e-6);
 }
 
-TEST_P(SoftPart, SlipsAboveItWithTheExcess) {
+TEST_P(SoftPart, SlipsAboveLimitWithExcessForce) {
   SoftGrasp cell(description());
   cell.run(60, {0, 0, 1.02 * kSoftLimit});
   const double before = cell.slip_speed();
@@ -201,7 +202,7 @@ INSTANTIATE_TEST_SUITE_P(StiffnessAndEdge, SoftPart,
                                            std::pair(300.0, 0.025), std::pair(700.0, 0.025),
                                            std::pair(300.0, 0.016)));
 
-TEST(ASoftGrasp, GoesOnBitByBitFromAState) {
+TEST(SoftGrasp, RestoredStateContinuesBitExactly) {
   const Vector3d acceleration(1, 5, 8);
   const SoftDescription description{500, 1, 0.025};
   SoftGrasp cell(description);

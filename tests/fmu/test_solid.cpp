@@ -1,4 +1,4 @@
-// Depth of points in convex bodies against closed forms.
+// Penetration depth of points in convex bodies against closed forms.
 #include "fmu/model/solid.h"
 
 #include <gtest/gtest.h>
@@ -33,7 +33,7 @@ Hull box_hull() {
   return hull;
 }
 
-TEST(Solid, BoxesAndTheirMeshesAgreeWithTheNearestFace) {
+TEST(Solid, BoxAndItsMeshMatchNearestFace) {
   const Solid box{dart::dynamics::BoxShape(2 * kHalf)};
   const Solid mesh(*make_mesh_shape(box_hull()).shape);
   std::mt19937 random(1);
@@ -46,13 +46,13 @@ TEST(Solid, BoxesAndTheirMeshesAgreeWithTheNearestFace) {
       const std::optional<Depth> found = solid->depth(point);
       ASSERT_EQ(found.has_value(), expected >= 0);
       if (!found) continue;
-      EXPECT_NEAR(found->depth, expected, 1e-9);  // a mesh has corners in single precision
+      EXPECT_NEAR(found->depth, expected, 1e-9);  // mesh vertices are in single precision
       EXPECT_NEAR(found->normal[axis], point[axis] < 0 ? -1 : 1, 1e-9);
     }
   }
 }
 
-TEST(Solid, ACylinderHasAMantleAndTwoEnds) {
+TEST(Solid, CylinderHasLateralAndEndFaces) {
   const Solid cylinder{dart::dynamics::CylinderShape(0.1, 0.04)};
   const std::optional<Depth> under_the_top = cylinder.depth({0.03, -0.04, 0.019});
   ASSERT_TRUE(under_the_top);
@@ -67,7 +67,7 @@ TEST(Solid, ACylinderHasAMantleAndTwoEnds) {
   EXPECT_TRUE(cylinder.depth({0.0, 0.0, 0.02}));
 }
 
-TEST(Solid, OtherShapesAreRefused) {
+TEST(Solid, OtherShapesAreRejected) {
   EXPECT_THROW(Solid{dart::dynamics::SphereShape(1)}, std::invalid_argument);
 }
 

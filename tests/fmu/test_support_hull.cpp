@@ -1,4 +1,4 @@
-// The reduced hull is a closed convex hull of the body's own vertices that stands where the body stands.
+// The reduced hull is a closed convex hull of original vertices with the same base.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -14,7 +14,7 @@ using Eigen::Vector3d;
 using robotcell::Hull;
 using robotcell::support_hull;
 
-/// A ball of radius 25 mm on a foot of radius 3 mm, as dense rings of vertices.
+/// A sphere of radius 25 mm on a foot of radius 3 mm, as dense rings of vertices.
 std::vector<Vector3d> ball_on_foot() {
   std::vector<Vector3d> vertices;
   for (int k = 0; k < 200; ++k) {
@@ -51,10 +51,10 @@ void expect_closed_and_convex(const Hull& hull) {
     for (const Vector3d& vertex : hull.vertices) EXPECT_LT(normal.dot(vertex - at(0)), 1e-6);
   }
   for (const auto& edge : edges) EXPECT_EQ(edges.count({edge.second, edge.first}), 1u);
-  EXPECT_EQ(used.size() + hull.faces.size(), edges.size() / 2 + 2);  // Euler
+  EXPECT_EQ(used.size() + hull.faces.size(), edges.size() / 2 + 2);  // Euler characteristic
 }
 
-TEST(SupportHull, IsSmallClosedConvexAndNearlyAsLarge) {
+TEST(SupportHull, IsSmallClosedConvexAndSimilarInVolume) {
   const auto vertices = ball_on_foot();
   const Hull hull = support_hull(vertices, Vector3d::UnitZ());
   expect_closed_and_convex(hull);
@@ -65,12 +65,12 @@ TEST(SupportHull, IsSmallClosedConvexAndNearlyAsLarge) {
   }
 }
 
-TEST(SupportHull, StandsOnTheWholeBase) {
+TEST(SupportHull, KeepsWholeBase) {
   const Hull hull = support_hull(ball_on_foot(), Vector3d::UnitZ());
   int corners = 0;
   for (const Vector3d& vertex : hull.vertices) corners += vertex.z() < 1e-9 ? 1 : 0;
   EXPECT_GE(corners, 8);
-  // Every direction in the plane has a corner nearly as far out as the foot's rim.
+  // In every direction in the plane a vertex is nearly as far out as the rim of the foot.
   for (int k = 0; k < 36; ++k) {
     const Vector3d direction(std::cos(k * M_PI / 18), std::sin(k * M_PI / 18), 0);
     double reach = 0;
@@ -81,7 +81,7 @@ TEST(SupportHull, StandsOnTheWholeBase) {
   }
 }
 
-TEST(SupportHull, HandlesManyVerticesInFewPlanes) {
+TEST(SupportHull, HandlesManyCoplanarVertices) {
   std::vector<Vector3d> grid;
   for (int i = 0; i <= 10; ++i) {
     for (int j = 0; j <= 10; ++j) {
@@ -93,7 +93,7 @@ TEST(SupportHull, HandlesManyVerticesInFewPlanes) {
   EXPECT_NEAR(volume(hull), 0.1 * 0.05 * 0.02, 1e-9);
 }
 
-TEST(SupportHull, RefusesWhatHasNoVolume) {
+TEST(SupportHull, RejectsVerticesWithoutVolume) {
   std::vector<Vector3d> flat;
   for (int i = 0; i < 20; ++i) flat.emplace_back(0.01 * i, 0.001 * i * i, 0);
   EXPECT_THROW(support_hull(flat, Vector3d::UnitZ()), std::invalid_argument);

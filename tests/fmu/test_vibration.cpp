@@ -1,4 +1,4 @@
-// Vibration: the sine is a sine, the random part has its power and its band.
+// Vibration: the sine in closed form, power and band of the random part.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -22,7 +22,7 @@ VibrationParameters random_only() {
   return parameters;
 }
 
-TEST(Vibration, TheSineIsTheClosedForm) {
+TEST(Vibration, SineMatchesClosedForm) {
   const Vibration vibration({{1e-5, -2e-5, 3e-5}, 37, 0.4}, "base", 1);
   for (std::int64_t t = 0; t < 200'000; t += 777) {
     const double angle = 2 * M_PI * 37 * 1e-6 * static_cast<double>(t) + 0.4;
@@ -32,19 +32,19 @@ TEST(Vibration, TheSineIsTheClosedForm) {
   }
 }
 
-TEST(Vibration, TheRandomPartHasItsRootMeanSquareAlongEveryAxis) {
+TEST(Vibration, RandomPartHasRmsAlongEveryAxis) {
   const Vibration vibration(random_only(), "base", 7);
   Eigen::Vector3d square = Eigen::Vector3d::Zero();
   constexpr int kSamples = 200'000;
   for (int i = 0; i < kSamples; ++i) square += vibration.at(i * 997).position.cwiseAbs2();
   const Eigen::Vector3d rms = (square / kSamples).cwiseSqrt();
-  // Neighbouring waves beat, which a mean over 200 s averages out but for a rest.
+  // Neighbouring sines beat; the mean over 200 s removes most of it.
   for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(rms[axis], 2e-5, 0.01 * 2e-5);
 }
 
-TEST(Vibration, TheRandomPartStaysInItsBand) {
+TEST(Vibration, RandomPartIsWithinBand) {
   const Vibration vibration(random_only(), "table", 7);
-  constexpr int kSamples = 20'000;  // 1 ms apart, with a window that lets little leak
+  constexpr int kSamples = 20'000;  // 1 ms apart, with a low-leakage window
   std::vector<double> windowed(kSamples);
   for (int i = 0; i < kSamples; ++i) {
     windowed[i] = (1 - std::cos(2 * M_PI * i / kSamples)) * vibration.at(i * 1000).position.x();
@@ -60,7 +60,7 @@ TEST(Vibration, TheRandomPartStaysInItsBand) {
   EXPECT_LT(outside, 1e-8 * inside);
 }
 
-TEST(Vibration, VelocityIsTheDerivative) {
+TEST(Vibration, VelocityIsDerivativeOfPosition) {
   const Vibration vibration(random_only(), "flange", 3);
   for (std::int64_t t = 1000; t < 100'000; t += 1700) {
     const Eigen::Vector3d slope = (vibration.at(t + 1).position - vibration.at(t - 1).position) / 2e-6;
@@ -68,13 +68,13 @@ TEST(Vibration, VelocityIsTheDerivative) {
   }
 }
 
-TEST(Vibration, AnotherKeyIsAnotherVibrationAndTheSameKeyTheSame) {
+TEST(Vibration, DependsOnKeyAndIsRepeatable) {
   const Vibration a(random_only(), "base", 1), b(random_only(), "base", 2), c(random_only(), "base", 1);
   EXPECT_NE(a.at(1000).position, b.at(1000).position);
   EXPECT_EQ(a.at(1000).position, c.at(1000).position);
 }
 
-TEST(Vibration, RefusesABandWithoutWidthAndDoesNothingByDefault) {
+TEST(Vibration, RejectsBandWithoutWidthAndIsInactiveByDefault) {
   VibrationParameters parameters = random_only();
   parameters.random_width = 0;
   EXPECT_THROW(Vibration(parameters, "base", 1), std::invalid_argument);

@@ -1,4 +1,4 @@
-// The dynamics world is where the exact kinematics says.
+// The dynamics world against the kinematics.
 #include <gtest/gtest.h>
 
 #include "fmu/model/cell_description.h"
@@ -29,14 +29,14 @@ CellDescription a_cell() {
   return cell;
 }
 
-Imposed somewhere(double t) {
-  Imposed imposed;
-  AxesState& axes = imposed.axes;
+PrescribedMotion somewhere(double t) {
+  PrescribedMotion prescribed;
+  AxesState& axes = prescribed.axes;
   for (std::size_t i = 0; i < kAxes; ++i) axes.position[i] = 0.3 * std::sin(t * static_cast<double>(i + 1));
-  return imposed;
+  return prescribed;
 }
 
-TEST(World, LinksAreWhereTheKinematicsPutsThem) {
+TEST(World, LinkPosesMatchKinematics) {
   AsBuilt as_built;
   as_built.dh[1] = {0.001, -0.002, 0.003, 0.004, 0.005};
   as_built.dh[4] = {-0.001, 0.002, -0.003, 0.004, 0};
@@ -44,7 +44,7 @@ TEST(World, LinksAreWhereTheKinematicsPutsThem) {
   const Kinematics kinematics(cell, as_built);
   World world(cell, kinematics, somewhere(0));
   for (int k = 0; k < 50; ++k) {
-    const Imposed to = somewhere(0.01 * (k + 1));
+    const PrescribedMotion to = somewhere(0.01 * (k + 1));
     world.step(somewhere(0.01 * k), to);
     const auto links = kinematics.arm(to.axes.position, to.axes.rate);
     for (int i = 0; i < kJoints; ++i) {
@@ -54,9 +54,9 @@ TEST(World, LinksAreWhereTheKinematicsPutsThem) {
   }
 }
 
-TEST(World, APartThatFallsForEverComesToRestFarAway) {
+TEST(World, FallingPartIsStoppedAtMaximumDistance) {
   const CellDescription cell = parse_cell(read_text_file(SCANCELL_TEST_CELLS "/free/cell.json"));
-  Imposed still;
+  PrescribedMotion still;
   for (std::size_t i = 0; i < kJoints; ++i) still.axes.position[i] = cell.joints[i].start;
   World world(cell, Kinematics(cell, AsBuilt{}), still);
   const auto parts = world.free_parts();
@@ -64,19 +64,19 @@ TEST(World, APartThatFallsForEverComesToRestFarAway) {
     auto moved = parts;
     moved[0].position[5] = height;
     moved[0].velocity[5] = speed;
-    moved[0].anchors.clear();
+    moved[0].stick_constraints.clear();
     world.restore(still, world.arm(), moved, world.grasp());
   };
   const auto height_after = [&](int steps) {
     for (int i = 0; i < steps; ++i) world.step(still, still);
-    return world.place(0).carrier_from_part.translation().z();
+    return world.placement(0).body_from_part.translation().z();
   };
   put(-9999, -440);
   const double rest = height_after(10);
   EXPECT_NEAR(rest, -10000, 1);
   EXPECT_EQ(height_after(100), rest);
   EXPECT_EQ(world.free_parts()[0].velocity[5], 0);
-  // A state from before the fall brings it back.
+  // A state from before the fall restores the part.
   put(2, 0);
   EXPECT_NEAR(height_after(100), 2 - 0.5 * 9.80665 * 0.1 * 0.1, 0.01);
 }

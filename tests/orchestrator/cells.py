@@ -1,13 +1,13 @@
-"""The default cell with a part of the test's choice."""
+"""The default cell with parts made for tests."""
 
 import numpy as np
 import trimesh
 
-from orchestrator.cell.nominal import nominal_cell
-from orchestrator.config.loading import load_setup
-from orchestrator.geometry import pose
-from orchestrator.geometry.mesh import Mesh
-from orchestrator.planning.model import PlanningCell, SensorRange
+from scancell.config.loading import load_setup
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.nominal.cell import nominal_cell
+from scancell.planning.model import PlanningCell, SensorRange
 
 CYCLE = 0.016
 _A, _TILT, _GAMMA, _ASPECT = 0.060, np.radians(29.3), np.radians(9.34), 1280 / 1024

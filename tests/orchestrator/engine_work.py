@@ -1,4 +1,4 @@
-"""Work for tests of the engine, importable by name in worker processes."""
+"""Tasks for tests of the study engine, importable by worker processes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def open_counter(spec):
-    """Notes each run of a task in a log that all workers share, and obeys the orders in the payload."""
+    """Task that logs each run to a file shared by all workers, and sleeps, fails or dies if its payload says so."""
     log = Path(spec["log"])
 
     def perform(payload, folder: Path) -> None:

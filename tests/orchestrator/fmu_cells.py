@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 from cells import ball
 
-from orchestrator.cell.fmu_file import build_fmu, cell_json
-from orchestrator.cell.fmu_package.contents import THROWN_AWAY
-from orchestrator.cell.nominal import NominalCell, nominal_cell
-from orchestrator.cell.program import Program, Segment, TriggerKind, TriggerRule
-from orchestrator.config.loading import load_setup
-from orchestrator.planning import trajectory
+from scancell.cell.fmu_file import cell_json, make_temporary_fmu
+from scancell.cell.program import Program, Segment, TriggerKind, TriggerRule
+from scancell.config.loading import load_setup
+from scancell.nominal.cell import NominalCell, nominal_cell
+from scancell.planning import trajectory
 
 CYCLE_US = 16_000
 CYCLE = CYCLE_US * 1e-6
@@ -24,11 +23,10 @@ def default_cell() -> NominalCell:
 
 
 def build(folder: Path, version: int, ideal: bool = True) -> Path:
-    path = folder / f"RobotCell{version}.fmu"
+    """Folder of an unpacked FMU."""
     setup = load_setup(ideal=ideal)
     description = cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0)
-    build_fmu(description, path, 2 if version == 2 else 3, THROWN_AWAY)
-    return path
+    return make_temporary_fmu(description, folder / f"RobotCell{version}", 2 if version == 2 else 3)
 
 
 def segment(number: int, q: np.ndarray, table: np.ndarray, rule: TriggerRule, start=0.0, end=0.0) -> Segment:
@@ -36,7 +34,7 @@ def segment(number: int, q: np.ndarray, table: np.ndarray, rule: TriggerRule, st
 
 
 def turn_of_table(home: np.ndarray, kind: TriggerKind, interval: float, count: int = 20) -> Program:
-    """The arm rests at home while the table runs at 40 deg/s past `count` exposures a degree apart."""
+    """Arm at rest at `home`, table at 40 deg/s over `count` degrees of exposures."""
     run = trajectory.run(count, np.radians(1.0), np.radians(40.0), 2.0, CYCLE)
     arm = np.tile(home, (len(run.path), 1))
     start = run.path - run.path[0]
@@ -45,7 +43,7 @@ def turn_of_table(home: np.ndarray, kind: TriggerKind, interval: float, count: i
 
 
 def moves_with_stops(home: np.ndarray, stops: int = 3) -> Program:
-    """Joint moves of all axes, an exposure on request after each."""
+    """Moves of all joints, each followed by a requested exposure."""
     segments, q, table = [], home, 0.0
     for number in range(1, stops + 1):
         goal, further = q + np.radians([5.0, -4.0, 3.0, 6.0, -5.0, 8.0]), table + np.radians(20.0)

@@ -1,12 +1,13 @@
-"""Arm kinematics: forward against plain matrix products, differential against differences, inverse against forward."""
+"""Arm kinematics: forward against matrix products, Jacobian against finite differences, inverse against forward."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from eaik.IK_DH import DhRobot
 
-from orchestrator.geometry import pose
-from orchestrator.geometry.arm import BRANCH_NAMES, Arm, Joint
+from scancell.geometry import pose
+from scancell.geometry.arm import BRANCH_NAMES, Arm, Joint
 
 ROWS = [
     (0.075, 0.335, -90, -170, 170),
@@ -25,17 +26,17 @@ def _random_joints(arm: Arm, count: int) -> np.ndarray:
     return RNG.uniform(lower, upper, (count, 6))
 
 
-def _relative(signs: tuple[int, int, int, int], place: np.ndarray | None = None) -> Arm:
-    """Another arm of the closed-form family: twists of other signs, a shoulder offset, zero offsets, a moved base."""
+def _arm_variant(signs: tuple[int, int, int, int], world_from_base: np.ndarray | None = None) -> Arm:
+    """Another arm with a closed form: signs of the twists, a shoulder offset, zero offsets, a displaced base."""
     alphas = [signs[0] * 90, 0, signs[1] * 90, signs[2] * 90, signs[3] * 90, 37]
     a = [0.15, 0.6, 0.12, 0.0, 0.0, 0.01]
     d = [0.45, 0.08, -0.03, -0.64, 0.0, 0.2]
     joints = [Joint(a[i], d[i], np.radians(alphas[i]), 0.3 * i - 0.8, -3.0, 3.0, 3.0, 9.0) for i in range(6)]
-    return Arm(joints, np.eye(4) if place is None else place)
+    return Arm(joints, np.eye(4) if world_from_base is None else world_from_base)
 
 
-RELATIVES = [_relative(s) for s in [(1, 1, 1, 1), (-1, -1, 1, -1), (1, -1, -1, -1), (-1, 1, -1, 1)]]
-RELATIVES.append(_relative((-1, 1, -1, 1), pose.exp_twist((0.3, -0.2, 0.1, 0.2, 0.5, -0.4))))
+VARIANTS = [_arm_variant(s) for s in [(1, 1, 1, 1), (-1, -1, 1, -1), (1, -1, -1, -1), (-1, 1, -1, 1)]]
+VARIANTS.append(_arm_variant((-1, 1, -1, 1), pose.from_euler_xyz((0.3, -0.2, 0.1), (0.2, 0.5, -0.4))))
 
 
 def _matrix(joint: Joint, q: float) -> np.ndarray:
@@ -46,8 +47,8 @@ def _matrix(joint: Joint, q: float) -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize("arm", [ARM, *RELATIVES])
-def test_forward_kinematics_is_the_product_of_textbook_matrices(arm):
+@pytest.mark.parametrize("arm", [ARM, *VARIANTS])
+def test_fk_matches_product_of_dh_matrices(arm):
     for q in _random_joints(arm, 5):
         expected = [arm.world_from_base]
         for joint, angle in zip(arm.joints, q, strict=True):
@@ -56,7 +57,7 @@ def test_forward_kinematics_is_the_product_of_textbook_matrices(arm):
         assert np.abs(arm.fk(q) - expected[-1]).max() < 1e-14
 
 
-def test_hayati_angle_turns_about_the_new_y_axis():
+def test_hayati_parameter_rotates_about_y():
     joints = list(ARM.joints)
     joints[1] = replace(joints[1], beta=0.02)
     q = _random_joints(ARM, 1)[0]
@@ -66,8 +67,8 @@ def test_hayati_angle_turns_about_the_new_y_axis():
     assert not Arm(joints).has_closed_form
 
 
-@pytest.mark.parametrize("arm", [ARM, RELATIVES[-1]])
-def test_jacobian_is_the_derivative_of_the_forward_kinematics(arm):
+@pytest.mark.parametrize("arm", [ARM, VARIANTS[-1]])
+def test_jacobian_matches_finite_differences(arm):
     q = _random_joints(arm, 20)
     jacobian = arm.jacobian(q)
     h = 1e-6
@@ -75,13 +76,13 @@ def test_jacobian_is_the_derivative_of_the_forward_kinematics(arm):
         step = np.eye(6)[i] * h
         before, after = arm.fk(q - step), arm.fk(q + step)
         linear = (after[:, :3, 3] - before[:, :3, 3]) / (2 * h)
-        angular = pose.angular_velocity(before, after, 2 * h)
+        angular = pose.log_rotation(after[:, :3, :3] @ np.swapaxes(before[:, :3, :3], 1, 2)) / (2 * h)
         assert np.abs(jacobian[:, :3, i] - linear).max() < 1e-9
         assert np.abs(jacobian[:, 3:, i] - angular).max() < 1e-9
 
 
-@pytest.mark.parametrize("arm", [ARM, *RELATIVES])
-def test_every_branch_reaches_its_target_and_one_is_the_origin(arm):
+@pytest.mark.parametrize("arm", [ARM, *VARIANTS])
+def test_ik_branches_reach_target_and_include_original(arm):
     q = _random_joints(arm, 2000)
     target = arm.fk(q)
     found = arm.ik(target, filtered=False)
@@ -90,20 +91,20 @@ def test_every_branch_reaches_its_target_and_one_is_the_origin(arm):
     assert np.abs(reached - target[:, None])[exists].max() < 1e-12
     gap = np.abs(np.remainder(found - q[:, None] + np.pi, 2 * np.pi) - np.pi).max(-1)
     assert np.nanmin(gap, axis=1).max() < 1e-8
-    # Both wrists of an existing arm posture always exist.
+    # Both wrist branches of an existing arm branch always exist.
     assert (exists[:, 0::2] == exists[:, 1::2]).all()
 
 
-def test_filtered_solutions_keep_the_limits_and_lose_nothing():
+def test_filtered_ik_keeps_limits_and_all_solutions():
     q = _random_joints(ARM, 2000)
     found = ARM.ik(ARM.fk(q))
     exists = np.isfinite(found).all(-1)
     assert ARM.within_limits(found[exists]).all()
     gap = np.abs(np.remainder(found - q[:, None] + np.pi, 2 * np.pi) - np.pi).max(-1)
-    assert np.nanmin(gap, axis=1).max() < 1e-8  # the posture it was made from is within limits, hence never lost
+    assert np.nanmin(gap, axis=1).max() < 1e-8  # the original joints are within limits
 
 
-def test_branches_are_named_after_what_the_arm_looks_like():
+def test_branch_names_match_geometry():
     q = _random_joints(ARM, 500)
     found = ARM.ik(ARM.fk(q), filtered=False)
     frames = ARM.link_poses(np.nan_to_num(found))
@@ -113,7 +114,7 @@ def test_branches_are_named_after_what_the_arm_looks_like():
     reach = wrist - shoulder
     along = ((elbow - shoulder) * reach).sum(-1) / (reach**2).sum(-1)
     off_line = elbow - shoulder - along[..., None] * reach
-    # "Up" for the elbow is the direction across the line from shoulder to wrist that an arm lying forwards calls up.
+    # Upwards is perpendicular to the line from shoulder to wrist, as seen with the arm stretched forwards.
     across = np.cross(reach, np.where(front[..., None], 1.0, -1.0) * frames[..., 1, :3, 2])
     above = (off_line * across).sum(-1) > 0
     exists = np.isfinite(found).all(-1)
@@ -122,7 +123,7 @@ def test_branches_are_named_after_what_the_arm_looks_like():
         assert (front[exists[:, k], k] == (lateral == "lefty")).all()
         assert (above[exists[:, k], k] == (vertical == "above")).all()
         assert ((found[exists[:, k], k, 4] > 0) == (flip == "noflip")).all()
-    # A pose in plain sight: arm stretched forwards with a raised elbow is "above".
+    # Simple case: arm stretched forwards with the elbow raised is "above".
     plain = np.radians([0.0, -60.0, 150.0, 0.0, 30.0, 0.0])
     k = BRANCH_NAMES.index("lefty-above-noflip")
     assert ARM.link_poses(plain)[2, 2, 3] > 0.5
@@ -130,7 +131,7 @@ def test_branches_are_named_after_what_the_arm_looks_like():
 
 
 @pytest.mark.parametrize("bend", [0.0, 1e-13, 1e-9, 1e-6])
-def test_straight_wrist_still_round_trips(bend):
+def test_ik_round_trips_at_wrist_singularity(bend):
     q = np.array([0.2, -0.9, 2.5, 0.7, bend, 0.4])
     found = ARM.ik(ARM.fk(q)[None], filtered=False)[0]
     exists = np.isfinite(found).all(-1)
@@ -138,7 +139,7 @@ def test_straight_wrist_still_round_trips(bend):
     assert np.abs(ARM.fk(found[exists]) - ARM.fk(q)).max() < 1e-12
 
 
-def test_wrist_centre_on_the_base_axis_round_trips():
+def test_ik_round_trips_at_shoulder_singularity():
     base_from_wrist = pose.from_euler_xyz((0.0, 0.0, 0.7), (0.3, 0.4, 0.5))
     target = base_from_wrist @ pose.translation((0, 0, 0.08))
     found = ARM.ik(target[None], filtered=False)[0]
@@ -147,34 +148,34 @@ def test_wrist_centre_on_the_base_axis_round_trips():
     assert np.abs(ARM.fk(found[exists]) - target).max() < 1e-12
 
 
-def test_whole_turns_go_to_the_reference_but_never_outside():
+def test_nearest_turn_keeps_limits():
     q = np.radians([10.0, -60.0, 190.0, -170.0, 40.0, 100.0])
     near = np.radians([10.0, -60.0, 190.0, 185.0, 40.0, -250.0])
     turned = ARM.nearest_turn(q, near)
     assert np.allclose(np.degrees(turned), [10, -60, 190, 190, 40, -260])
-    # 190 would be nearer to 185 still, but past the limit of 190 nothing may turn:
+    # 195 would be nearer to the reference of 185 but exceeds the limit of 190:
     beyond = ARM.nearest_turn(np.radians([10.0, -60.0, 190.0, -165.0, 40.0, 100.0]), near)
     assert np.allclose(np.degrees(beyond)[3], -165)
 
 
-def test_targets_out_of_reach_have_no_branch_and_say_by_how_much():
+def test_ik_and_distance_outside_reach():
     reach = 0.270 + np.hypot(0.090, 0.295)
     direction = np.array([0.6, 0.0, 0.8])
     for beyond in (-1e-6, 1e-6, 0.05):
         centre = np.array([0.075, 0.0, 0.335]) + (reach + beyond) * direction
         target = pose.translation(centre + np.array([0.0, 0.0, 0.080]))[None]
         assert np.isfinite(ARM.ik(target, filtered=False)).any() == (beyond < 0)
-        assert ARM.shortfall(target)[0] == pytest.approx(max(0.0, beyond), abs=1e-12)
+        assert ARM.distance_outside_reach(target)[0] == pytest.approx(max(0.0, beyond), abs=1e-12)
 
 
-def test_excess_is_zero_inside_and_the_distance_outside():
+def test_limit_violation():
     lower, upper = ARM.limits
-    assert (ARM.excess((lower + upper) / 2) == 0).all()
-    assert np.allclose(ARM.excess(upper + 0.1), 0.1)
-    assert np.allclose(ARM.excess(lower - 0.2), 0.2)
+    assert (ARM.limit_violation((lower + upper) / 2) == 0).all()
+    assert np.allclose(ARM.limit_violation(upper + 0.1), 0.1)
+    assert np.allclose(ARM.limit_violation(lower - 0.2), 0.2)
 
 
-def test_an_as_built_arm_is_solved_by_iteration_near_its_nominal_branches():
+def test_numerical_ik_of_as_built_arm():
     q = _random_joints(ARM, 60)
     joints = [
         replace(j, a=j.a + RNG.normal(0, 2e-4), d=j.d + RNG.normal(0, 2e-4), alpha=j.alpha + RNG.normal(0, 1e-3))
@@ -187,11 +188,11 @@ def test_an_as_built_arm_is_solved_by_iteration_near_its_nominal_branches():
     exists = np.isfinite(found).all(-1)
     assert np.abs(built.fk(np.nan_to_num(found)) - target[:, None])[exists].max() < 1e-9
     gap = np.abs(np.remainder(found - q[:, None] + np.pi, 2 * np.pi) - np.pi).max(-1)
-    # Near a singular posture the nominal branch may not exist at the as-built pose; elsewhere it must be found.
+    # Near a singularity the nominal branch may not exist at the as-built pose; elsewhere it must be found.
     assert (np.nanmin(gap, axis=1) < 1e-5).mean() > 0.9
 
 
-def test_an_arm_of_another_kind_is_solved_from_scattered_seeds():
+def test_numerical_ik_without_spherical_wrist():
     offset_wrist = [replace(j, d=0.09) if i == 4 else j for i, j in enumerate(ARM.joints)]
     arm = Arm([replace(j, alpha=j.alpha + (0.5 if i == 1 else 0.0)) for i, j in enumerate(offset_wrist)])
     q = _random_joints(arm, 30)
@@ -202,10 +203,9 @@ def test_an_arm_of_another_kind_is_solved_from_scattered_seeds():
     assert np.abs(reached - arm.fk(q)[:, None])[solved].max() < 1e-9
 
 
-def test_an_independent_solver_finds_the_same_set():
-    eaik = pytest.importorskip("eaik.IK_DH", reason="EAIK is not installed: pip install EAIK")
-    # EAIK's convention for the DH columns is the same; its zero is ours.
-    peer = eaik.DhRobot(*(np.array([getattr(j, name) for j in ARM.joints]) for name in ("alpha", "a", "d")))
+def test_ik_matches_eaik():
+    # EAIK uses the same DH convention and zero position.
+    peer = DhRobot(*(np.array([getattr(j, name) for j in ARM.joints]) for name in ("alpha", "a", "d")))
     for q in _random_joints(ARM, 50):
         target = ARM.fk(q)
         answer = peer.IK(target)

@@ -1,4 +1,4 @@
-"""Masses and drives of the arm: from the description to the FMU, and what gravity does to it there."""
+"""Masses and drives of the arm: conversion of the description for the FMU, deflection under gravity."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from cells import ball
 
-from orchestrator.cell.arm_dynamics import RigidBody
-from orchestrator.cell.fmu_file import build_fmu, cell_json
-from orchestrator.cell.fmu_package.contents import THROWN_AWAY
-from orchestrator.cell.instance import CellInstance
-from orchestrator.cell.nominal import nominal_cell
-from orchestrator.config.loading import load_setup
-from orchestrator.errors import DescriptionError
-from orchestrator.geometry import pose
-from orchestrator.geometry.mesh import box_mesh, load_mesh, mass_properties
+from scancell.cell.arm_dynamics import RigidBody
+from scancell.cell.fmu_file import cell_json, make_temporary_fmu
+from scancell.cell.instance import CellInstance
+from scancell.config.loading import load_setup
+from scancell.errors import DescriptionError
+from scancell.geometry import pose
+from scancell.geometry.mesh import box_mesh, load_mesh, mass_properties
+from scancell.nominal.cell import nominal_cell
 
 DYNAMIC = ['cell.robot.drive="dynamic"']
 DENSITY = 2000.0
@@ -27,7 +26,7 @@ def box(x: float, y: float, z: float) -> RigidBody:
     return RigidBody(properties.mass, properties.centre_of_mass, properties.inertia)
 
 
-def test_two_halves_of_a_box_make_the_box() -> None:
+def test_combined_inertia_of_two_halves() -> None:
     half, whole = box(0.1, 0.06, 0.04), box(0.2, 0.06, 0.04)
     joined = half.seen_from(pose.translation((-0.05, 0, 0))).joined_with(half.seen_from(pose.translation((0.05, 0, 0))))
     assert joined.mass == pytest.approx(whole.mass)
@@ -35,17 +34,17 @@ def test_two_halves_of_a_box_make_the_box() -> None:
     np.testing.assert_allclose(joined.inertia, whole.inertia, rtol=1e-12, atol=1e-15)
 
 
-def test_a_turned_box_has_turned_moments() -> None:
+def test_inertia_of_rotated_box() -> None:
     turned = box(0.1, 0.06, 0.04).seen_from(pose.from_rotation(pose.rotation_about(2, np.pi / 2)))
     np.testing.assert_allclose(turned.inertia, box(0.06, 0.1, 0.04).inertia, rtol=1e-12, atol=1e-18)
 
 
-def test_drives_are_kinematic_unless_the_description_says_otherwise() -> None:
+def test_drives_are_kinematic_by_default() -> None:
     setup = load_setup()
     assert cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0)["robot"]["dynamics"] is None
 
 
-def test_masses_follow_from_the_meshes_and_the_flange_carries_its_tools() -> None:
+def test_link_masses_from_meshes_and_tools() -> None:
     gripper = [
         "cell.gripper.pose={ x_mm = 60.0, z_mm = 50.0 }", "cell.gripper.stroke_mm=50",
         "cell.gripper.finger_length_mm=40", "cell.gripper.finger_width_mm=16", "cell.gripper.housing_mm=[70, 40, 45]",
@@ -61,7 +60,7 @@ def test_masses_follow_from_the_meshes_and_the_flange_carries_its_tools() -> Non
     assert dynamics["drives"][0]["backlash"] == pytest.approx(np.radians(0.002))
 
 
-def test_a_described_inertia_takes_the_place_of_the_mesh() -> None:
+def test_described_inertia_overrides_mesh() -> None:
     inertia = "{ mass_kg = 3.0, centre_of_mass_mm = [10, 0, -20], inertia_kg_m2 = [0.01, 0.02, 0.03] }"
     setup = load_setup(overrides=[*DYNAMIC, f"cell.robot.joint[2].inertia={inertia}"])
     link = cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0)["robot"]["dynamics"]["links"][1]
@@ -70,7 +69,7 @@ def test_a_described_inertia_takes_the_place_of_the_mesh() -> None:
     np.testing.assert_allclose(link["inertia"], np.diag([0.01, 0.02, 0.03]))
 
 
-def test_a_robot_without_drives_cannot_be_dynamic(tmp_path) -> None:
+def test_dynamic_robot_requires_drives(tmp_path) -> None:
     setup = load_setup()
     joints = [joint.model_dump(exclude={"drive"}) for joint in setup.cell.robot.joint]
     robot = setup.cell.robot.model_dump() | {"joint": joints, "drive": "dynamic"}
@@ -79,20 +78,18 @@ def test_a_robot_without_drives_cannot_be_dynamic(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("word", ['cell.robot.drive="hydraulic"', "cell.robot.joint[1].drive.max_torque_n_m=-1"])
-def test_a_drive_that_makes_no_sense_is_refused(word: str) -> None:
+def test_invalid_drive_is_rejected(word: str) -> None:
     with pytest.raises(DescriptionError, match="drive"):
         load_setup(overrides=[word])
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_the_default_arm_sags_by_the_load_of_its_meshes(tmp_path, version) -> None:
-    """Joint 2 at rest: the moment of all that hangs on it, over the stiffness, and half the play."""
+def test_default_arm_sags_under_gravity(tmp_path, version) -> None:
+    """Deflection of joint 2 at rest: gravity moment over gear stiffness, plus half the backlash."""
     setup = load_setup(overrides=DYNAMIC, ideal=True)
     nominal = nominal_cell(setup.cell, ball())
     description = cell_json(setup.cell, nominal, 0)
-    fmu = tmp_path / "cell.fmu"
-    build_fmu(description, fmu, version, THROWN_AWAY)
-    with CellInstance(fmu) as cell:
+    with CellInstance(make_temporary_fmu(description, tmp_path / "fmu", version)) as cell:
         cell.step_to(160_000)
         truth = cell.get(cell.real_group([f"truth.q[{i}]" for i in range(1, 7)])).copy()
         measured = cell.get(cell.real_group([f"measured.q[{i}]" for i in range(1, 7)])).copy()
@@ -106,7 +103,7 @@ def test_the_default_arm_sags_by_the_load_of_its_meshes(tmp_path, version) -> No
     moment = axis @ np.cross(centres[1:] - origin, weights).sum(0)
     drive = description["robot"]["dynamics"]["drives"][1]
     expected = moment / drive["gear_stiffness"] + np.sign(moment) * drive["backlash"] / 2
-    # Friction may hold the last of it.
+    # Friction limits the accuracy.
     assert truth[1] - nominal.home[1] == pytest.approx(
         expected, abs=drive["coulomb_friction"] / drive["gear_stiffness"]
     )

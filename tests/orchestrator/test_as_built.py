@@ -1,4 +1,4 @@
-"""Perturbations by name."""
+"""Parsing of perturbations given as ``key=value``."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import math
 
 import pytest
 
-from orchestrator.cell.as_built import expected_keys, parse_as_built
-from orchestrator.errors import DescriptionError
+from scancell.cell.as_built import expected_keys, parse_as_built
+from scancell.errors import DescriptionError
 
 UNITS = {"as_built.dh[3].theta": "rad", "as_built.tool.x": "m", "as_built.trigger.latency": "s", "as_built.gain": None}
 
 
-def test_values_arrive_in_si_under_the_name_of_the_parameter() -> None:
+def test_values_are_converted_to_si() -> None:
     parsed = parse_as_built(["dh[3].theta_deg=0.05", "tool.x_mm=0.1", "trigger.latency_ms=1", "gain=2"], UNITS)
     assert parsed["as_built.dh[3].theta"] == pytest.approx(math.radians(0.05))
     assert parsed["as_built.tool.x"] == pytest.approx(1e-4)
@@ -31,11 +31,11 @@ def test_values_arrive_in_si_under_the_name_of_the_parameter() -> None:
         ("tool.x_mm=true", "finite number"),
     ],
 )
-def test_wrong_words_are_refused(word: str, fragment: str) -> None:
+def test_invalid_words_are_rejected(word: str, fragment: str) -> None:
     with pytest.raises(DescriptionError, match=fragment):
         parse_as_built([word], UNITS)
 
 
-def test_expected_keys_parse_back() -> None:
+def test_expected_keys_round_trip() -> None:
     words = [f"{key}=1" for key in expected_keys(UNITS)]
     assert set(parse_as_built(words, UNITS)) == set(UNITS)

@@ -1,33 +1,42 @@
-"""One instance of the FMU by names: values, integers, parameters, errors in words, nothing left behind."""
+"""FMU instances accessed by variable names: values, parameters, error messages, removal of temporary files."""
 
 from __future__ import annotations
 
+import os
 import tempfile
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fmu_cells import build
 
-from orchestrator.cell.as_built import parse_as_built
-from orchestrator.cell.fmu_info import describe_fmu
-from orchestrator.cell.instance import CellInstance
-from orchestrator.errors import CellError, DescriptionError
+from scancell.cell.as_built import parse_as_built
+from scancell.cell.fmu_info import describe_fmu
+from scancell.cell.instance import CellInstance
+from scancell.errors import CellError, DescriptionError
 
 
 @pytest.fixture(scope="module", params=[2, 3], ids=["FMI 2", "FMI 3"])
 def fmu(request, tmp_path_factory):
-    return build(tmp_path_factory.mktemp("fmu"), request.param)
+    """An FMU file."""
+    folder = build(tmp_path_factory.mktemp("fmu"), request.param)
+    file = folder.with_suffix(".fmu")
+    with zipfile.ZipFile(file, "w") as archive:
+        for path, _, names in os.walk(folder, followlinks=True):
+            for name in names:
+                archive.write(Path(path) / name, (Path(path) / name).relative_to(folder))
+    return file
 
 
 @pytest.fixture
 def scratch(tmp_path, monkeypatch):
-    """Where instances unpack their FMU."""
+    """Folder into which instances unpack their FMU."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     return tmp_path
 
 
-def test_values_are_set_and_got_in_the_order_of_their_names(fmu) -> None:
+def test_values_keep_order_of_names(fmu) -> None:
     names = [f"command.q[{i}]" for i in (3, 1, 2)]
     with CellInstance(fmu) as cell:
         group = cell.real_group(names)
@@ -37,14 +46,14 @@ def test_values_are_set_and_got_in_the_order_of_their_names(fmu) -> None:
         assert cell.get_integer("command.segment") == 42
 
 
-def test_time_is_counted_in_whole_microseconds(fmu) -> None:
+def test_time_is_integer_microseconds(fmu) -> None:
     with CellInstance(fmu) as cell:
         for k in range(1, 301):
             cell.step_to(k * 3333)
         assert cell.time_us == 999_900
 
 
-def test_cell_holds_still_without_a_command(fmu) -> None:
+def test_cell_is_stationary_without_command(fmu) -> None:
     with CellInstance(fmu) as cell:
         group = cell.real_group([f"measured.q[{i}]" for i in range(1, 7)])
         before = cell.get(group).copy()
@@ -53,19 +62,19 @@ def test_cell_holds_still_without_a_command(fmu) -> None:
         assert cell.get_integer("trigger.count") == 0
 
 
-def test_perturbation_moves_the_truth_and_not_the_measured(fmu) -> None:
+def test_perturbation_changes_truth_only(fmu) -> None:
     names = [f"truth.sensor.position[{i}]" for i in (1, 2, 3)]
-    places, joints = [], []
+    positions, joints = [], []
     for words in ((), ("tool.z_mm=1.0",)):
         with CellInstance(fmu, parameters=lambda units, words=words: parse_as_built(words, units)) as cell:
             cell.step_to(16_000)
-            places.append(cell.get(cell.real_group(names)).copy())
+            positions.append(cell.get(cell.real_group(names)).copy())
             joints.append(cell.get(cell.real_group([f"measured.q[{i}]" for i in range(1, 7)])).copy())
-    assert np.linalg.norm(places[1] - places[0]) == pytest.approx(1e-3, abs=1e-12)
+    assert np.linalg.norm(positions[1] - positions[0]) == pytest.approx(1e-3, abs=1e-12)
     assert np.array_equal(joints[0], joints[1])
 
 
-def test_units_of_perturbations_are_known(fmu) -> None:
+def test_perturbations_have_units(fmu) -> None:
     with CellInstance(fmu) as cell:
         units = cell.units()
     assert units["as_built.tool.x"] == "m"
@@ -73,31 +82,31 @@ def test_units_of_perturbations_are_known(fmu) -> None:
     assert units["as_built.trigger.latency"] == "s"
 
 
-def test_unknown_variable_is_named(fmu) -> None:
+def test_unknown_variable_error(fmu) -> None:
     with CellInstance(fmu) as cell, pytest.raises(CellError, match=r"no variable 'command\.warp'"):
         cell.set_integer("command.warp", 9)
 
 
-def test_error_of_the_fmu_comes_with_its_message(fmu) -> None:
+def test_fmu_error_includes_message(fmu) -> None:
     with CellInstance(fmu) as cell, pytest.raises(CellError, match=r"command\.mode"):
         cell.set_integer("command.mode", 99)
         cell.step_to(16_000)
 
 
-def test_nothing_is_left_behind(fmu, scratch) -> None:
+def test_close_removes_files(fmu, scratch) -> None:
     with CellInstance(fmu) as cell:
         assert list(scratch.iterdir())
         cell.step_to(16_000)
     assert not list(scratch.iterdir())
 
 
-def test_unknown_perturbation_leaves_nothing_behind(fmu, scratch) -> None:
+def test_unknown_perturbation_removes_files(fmu, scratch) -> None:
     with pytest.raises(DescriptionError, match="warp"):
         CellInstance(fmu, parameters=lambda units: parse_as_built(["warp_mm=1"], units))
     assert not list(scratch.iterdir())
 
 
-def test_interrupt_at_the_start_leaves_nothing_behind(fmu, scratch) -> None:
+def test_interrupt_at_start_removes_files(fmu, scratch) -> None:
     def interrupted(_units):
         raise KeyboardInterrupt
 
@@ -106,13 +115,13 @@ def test_interrupt_at_the_start_leaves_nothing_behind(fmu, scratch) -> None:
     assert not list(scratch.iterdir())
 
 
-def test_cell_file_that_does_not_exist_is_named(fmu, scratch) -> None:
+def test_missing_cell_file_error(fmu, scratch) -> None:
     with pytest.raises(CellError, match=r"gone\.json"):
         CellInstance(fmu, cell_file=Path("/gone.json"))
     assert not list(scratch.iterdir())
 
 
-def test_file_that_is_no_fmu(tmp_path) -> None:
+def test_invalid_fmu_error(tmp_path) -> None:
     (tmp_path / "thing.fmu").write_text("no")
     with pytest.raises(CellError, match=r"thing\.fmu"):
         CellInstance(tmp_path / "thing.fmu")
@@ -120,10 +129,34 @@ def test_file_that_is_no_fmu(tmp_path) -> None:
         describe_fmu(tmp_path / "thing.fmu")
 
 
-def test_info_tells_what_the_fmu_is(fmu) -> None:
+def test_fmu_info(fmu) -> None:
     info = describe_fmu(fmu)
     assert info.name == "RobotCell"
     assert info.fmi_version[0] == fmu.stem[-1]
     assert info.platforms == ["linux64"]
     assert info.causalities["input"] >= 38
     assert any(info.token in line for line in info.lines())
+
+
+def test_info_shows_every_variable_with_unit_start_and_description(fmu) -> None:
+    info = describe_fmu(fmu)
+    lines = info.lines()
+    for variable in info.variables:
+        assert variable.description
+        line = next(line for line in lines if line.split()[:1] == [variable.name])
+        assert line.endswith(variable.description)
+        assert (f"= {variable.start} " in line) == (variable.causality in {"parameter", "input"})
+    latency = next(v for v in info.variables if v.name == "as_built.trigger.latency")
+    assert (latency.causality, latency.unit, float(latency.start)) == ("parameter", "s", 0.0)
+
+
+def test_info_filters_variables_by_prefix(fmu) -> None:
+    info = describe_fmu(fmu)
+    figures = info.figures("command.trigger.")
+    names = [variable["name"] for variable in figures["variables"]]
+    assert names == [f"command.trigger.{name}" for name in ("mode", "period", "angle", "distance", "request")]
+    assert figures["causalities"] == info.causalities
+    shown = {line.split()[0] for line in info.lines("command.trigger.") if line.startswith("  command")}
+    assert shown == set(names)
+    with pytest.raises(CellError, match=r"no variable starts with 'warp'; groups of variables: .*command"):
+        info.lines("warp")

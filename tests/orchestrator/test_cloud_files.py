@@ -1,4 +1,4 @@
-"""Point-cloud files: what is written comes back, others can read it, and failures leave nothing behind."""
+"""PLY files and atomic writing: round trip, other readers, failed writes."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from orchestrator.errors import MeshError, OutputError
-from orchestrator.files import atomic_write
-from orchestrator.reconstruction import Cloud, read_ply, write_ply
+from scancell.errors import MeshError, OutputError
+from scancell.files import atomic_write
+from scancell.reconstruction import Cloud, read_ply, write_ply
 
 
 def make_cloud(n: int = 500) -> Cloud:
@@ -35,7 +35,7 @@ def test_round_trip(tmp_path: Path) -> None:
     cloud = make_cloud()
     write_ply(tmp_path / "cloud.ply", cloud)
     back = read_ply(tmp_path / "cloud.ply")
-    assert np.abs(back.points_in_part - cloud.points_in_part).max() < 1e-14  # doubles, though 10 m from the origin
+    assert np.abs(back.points_in_part - cloud.points_in_part).max() < 1e-14  # double precision, 10 m from the origin
     assert np.array_equal(back.time, cloud.time)
     for name in ("camera", "profile", "segment"):
         assert np.array_equal(getattr(back, name), getattr(cloud, name))
@@ -43,7 +43,7 @@ def test_round_trip(tmp_path: Path) -> None:
         assert getattr(back, name) == pytest.approx(getattr(cloud, name), rel=1e-6)
 
 
-def test_another_program_reads_millimetres(tmp_path: Path) -> None:
+def test_trimesh_reads_millimetres(tmp_path: Path) -> None:
     cloud = make_cloud()
     write_ply(tmp_path / "cloud.ply", cloud, comments=("part: a block\nof steel",))
     seen = trimesh.load(tmp_path / "cloud.ply")
@@ -58,14 +58,14 @@ def test_empty_cloud(tmp_path: Path) -> None:
     assert len(read_ply(tmp_path / "cloud.ply")) == 0
 
 
-def test_equal_clouds_make_equal_bytes(tmp_path: Path) -> None:
+def test_files_of_equal_clouds_are_identical(tmp_path: Path) -> None:
     write_ply(tmp_path / "a.ply", make_cloud())
     write_ply(tmp_path / "b.ply", make_cloud())
     assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
 
 
 @pytest.mark.parametrize("damage", ["missing", "empty", "other", "short"])
-def test_broken_files_are_named(tmp_path: Path, damage: str) -> None:
+def test_invalid_file_error(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "cloud.ply"
     if damage != "missing":
         write_ply(path, make_cloud())
@@ -75,7 +75,7 @@ def test_broken_files_are_named(tmp_path: Path, damage: str) -> None:
         read_ply(path)
 
 
-def test_selection_and_concatenation_keep_rows_together() -> None:
+def test_selection_and_concatenation() -> None:
     cloud = make_cloud()
     even = np.arange(len(cloud)) % 2 == 0
     parts = [cloud[even], cloud[~even]]
@@ -85,7 +85,7 @@ def test_selection_and_concatenation_keep_rows_together() -> None:
         assert np.array_equal(getattr(back, field.name), getattr(cloud, field.name))
 
 
-def test_a_failed_write_keeps_the_old_file_and_leaves_nothing(tmp_path: Path) -> None:
+def test_failed_write_keeps_existing_file(tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     path.write_text("old")
     with pytest.raises(ZeroDivisionError), atomic_write(path) as temporary:
@@ -98,7 +98,7 @@ def test_a_failed_write_keeps_the_old_file_and_leaves_nothing(tmp_path: Path) ->
     assert [entry.name for entry in tmp_path.iterdir()] == ["figures.json"]
 
 
-def test_a_good_write_replaces_the_old_file(tmp_path: Path) -> None:
+def test_write_replaces_existing_file(tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     path.write_text("old")
     with atomic_write(path) as temporary:
@@ -109,7 +109,7 @@ def test_a_good_write_replaces_the_old_file(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["figures.json"]
 
 
-def test_an_unwritable_place_is_an_output_error(tmp_path: Path) -> None:
+def test_unwritable_path_raises_output_error(tmp_path: Path) -> None:
     (tmp_path / "folder.ply").mkdir()
     (tmp_path / "file").write_text("mine")
     with pytest.raises(OutputError, match="file"):

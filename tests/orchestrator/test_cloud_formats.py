@@ -1,4 +1,4 @@
-"""Clouds in all formats, read back by programs of other people."""
+"""Clouds in all formats, read by independent libraries."""
 
 from __future__ import annotations
 
@@ -10,40 +10,40 @@ import pye57
 import pytest
 from test_cloud_files import make_cloud
 
-from orchestrator.errors import DescriptionError, OutputError
-from orchestrator.reconstruction.cloud_files import FORMATS, parse_formats, write_cloud
+from scancell.errors import DescriptionError, OutputError
+from scancell.reconstruction.cloud_files import FORMATS, parse_formats, write_cloud
 
 SAME = ("intensity", "quality", "camera", "column", "segment", "profile")
 
 
 def near(cloud):
-    """Everyone's cloud within the reach of single precision: 10 cm about the origin."""
+    """The cloud moved to the origin, within 10 cm, for formats of single precision."""
     values = {name: getattr(cloud, name) for name in cloud.__dataclass_fields__}
     return type(cloud)(**{**values, "points_in_part": cloud.points_in_part - 10.0})
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_equal_clouds_make_equal_bytes(tmp_path: Path, suffix: str) -> None:
+def test_files_of_equal_clouds_are_identical(tmp_path: Path, suffix: str) -> None:
     for name in ("a", "b"):
         write_cloud(tmp_path / f"{name}.{suffix}", make_cloud(), ("a block",))
     assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_a_cloud_without_points_is_a_file_all_the_same(tmp_path: Path, suffix: str) -> None:
+def test_empty_cloud_is_written(tmp_path: Path, suffix: str) -> None:
     write_cloud(tmp_path / f"a.{suffix}", make_cloud(0))
     assert (tmp_path / f"a.{suffix}").stat().st_size > 0
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_a_failed_write_is_named_and_leaves_nothing(tmp_path: Path, suffix: str) -> None:
+def test_failed_write_leaves_no_file(tmp_path: Path, suffix: str) -> None:
     (tmp_path / "file").write_text("mine")
     with pytest.raises(OutputError, match="file"):
         write_cloud(tmp_path / "file" / f"a.{suffix}", make_cloud(5))
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
-def test_laz_by_laspy(tmp_path: Path) -> None:
+def test_laz_with_laspy(tmp_path: Path) -> None:
     cloud = make_cloud()
     write_cloud(tmp_path / "a.laz", cloud)
     back = laspy.read(tmp_path / "a.laz")
@@ -60,7 +60,7 @@ def test_laz_by_laspy(tmp_path: Path) -> None:
 
 
 def read_e57(path: Path) -> dict[str, np.ndarray]:
-    """Every field, those of extensions too, which the short way of pye57 passes over."""
+    """All fields, including extensions, which `pye57.E57.read_scan` ignores."""
     with pye57.E57(str(path)) as file:
         header = file.get_header(0)
         buffers, data = pye57.libe57.VectorSourceDestBuffer(), {}
@@ -73,7 +73,7 @@ def read_e57(path: Path) -> dict[str, np.ndarray]:
     return data
 
 
-def test_e57_by_pye57(tmp_path: Path) -> None:
+def test_e57_with_pye57(tmp_path: Path) -> None:
     cloud = make_cloud()
     write_cloud(tmp_path / "a.e57", cloud)
     with pye57.E57(str(tmp_path / "a.e57")) as file:
@@ -91,7 +91,7 @@ def test_e57_by_pye57(tmp_path: Path) -> None:
     assert data["intensity"] == pytest.approx(cloud.intensity, rel=1e-6)
 
 
-def test_npz_keeps_every_bit(tmp_path: Path) -> None:
+def test_npz_is_lossless(tmp_path: Path) -> None:
     cloud = make_cloud()
     write_cloud(tmp_path / "a.npz", cloud)
     back = np.load(tmp_path / "a.npz")
@@ -102,7 +102,7 @@ def test_npz_keeps_every_bit(tmp_path: Path) -> None:
         assert np.array_equal(back[name], getattr(cloud, name))
 
 
-def test_xyz_as_a_table(tmp_path: Path) -> None:
+def test_xyz_table(tmp_path: Path) -> None:
     cloud = make_cloud()
     write_cloud(tmp_path / "a.xyz", cloud, ("of a block",))
     first, units, remark = (tmp_path / "a.xyz").read_text().splitlines()[:3]
@@ -118,7 +118,7 @@ def test_xyz_as_a_table(tmp_path: Path) -> None:
         assert table[name] == pytest.approx(getattr(cloud, name), rel=1e-6)
 
 
-def test_pcd_field_by_field(tmp_path: Path) -> None:
+def test_pcd_fields(tmp_path: Path) -> None:
     cloud = near(make_cloud())
     write_cloud(tmp_path / "a.pcd", cloud)
     head, _, body = (tmp_path / "a.pcd").read_bytes().partition(b"DATA binary\n")
@@ -137,12 +137,13 @@ def test_pcd_field_by_field(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", ["ply", "pcd", "xyz"])
 def test_open3d_reads_points_and_normals(tmp_path: Path, suffix: str) -> None:
-    open3d = pytest.importorskip("open3d", reason="Open3D is not installed: pip install open3d-cpu")
+    import open3d  # noqa: PLC0415  (takes seconds to import)
+
     cloud = near(make_cloud())
     write_cloud(tmp_path / f"a.{suffix}", cloud)
     seen = open3d.io.read_point_cloud(str(tmp_path / f"a.{suffix}"))
     assert np.asarray(seen.points) == pytest.approx(cloud.points_in_part * 1e3, abs=1e-5)
-    if suffix != "xyz":  # its reader looks at three numbers of each line
+    if suffix != "xyz":  # the reader uses three numbers per line
         assert np.asarray(seen.normals) == pytest.approx(cloud.normals, abs=1e-6)
         fields = open3d.t.io.read_point_cloud(str(tmp_path / f"a.{suffix}")).point
         for name in ("intensity", "quality", "sigma", "time") if suffix == "ply" else ("intensity", "quality"):
@@ -151,7 +152,7 @@ def test_open3d_reads_points_and_normals(tmp_path: Path, suffix: str) -> None:
             )
 
 
-def test_an_unknown_format_is_named() -> None:
+def test_unknown_format_is_rejected() -> None:
     with pytest.raises(DescriptionError, match="--format: 'las': expected ply, npz, laz, e57, pcd or xyz"):
         parse_formats("ply, las", "--format")
     assert parse_formats("laz,PLY,laz", "--format") == ("laz", "ply")

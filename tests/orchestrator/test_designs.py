@@ -1,19 +1,19 @@
-"""Distributions and designs have the properties that their names promise."""
+"""Properties of distributions and designs."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from orchestrator.config.variation import (
+from scancell.config.variation import (
     DesignDescription,
     DiscreteDescription,
     NormalDescription,
     TruncatedNormalDescription,
     UniformDescription,
 )
-from orchestrator.studies.designs import design, trial_seed
-from orchestrator.studies.distributions import correlated_normal, extremes, middles, quantiles
+from scancell.studies.designs import design, trial_seed
+from scancell.studies.distributions import correlated_normal, extremes, middles, quantiles
 
 EVEN = (np.arange(100_000) + 0.5) / 100_000
 KINDS = ["monte_carlo", "latin_hypercube", "sobol", "full_factorial", "one_at_a_time", "morris"]
@@ -112,8 +112,8 @@ def test_morris_moves_one_factor_per_step() -> None:
     assert np.all((np.abs(steps) > 1e-12).sum(1) == 1), "every factor once in a trajectory"
 
 
-def test_seeds_of_trials_are_a_fixed_function_of_their_number() -> None:
+def test_seeds_of_trials_are_a_function_of_their_number() -> None:
     seeds = [trial_seed(1, n) for n in range(10_000)]
-    assert len(set(seeds)) > 9_990, "31 bits, so hardly any two alike"
+    assert len(set(seeds)) > 9_990, "31 bits: hardly any duplicates"
     assert max(seeds) < 2**31
     assert trial_seed(2, 5) != trial_seed(1, 5) == seeds[5]

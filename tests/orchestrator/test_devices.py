@@ -1,21 +1,21 @@
-"""Further parts and conveyors: from the description through the FMU to records and bodies."""
+"""Further parts and conveyors: conversion for the FMU, recorded poses, bodies of the scene."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from orchestrator.cell.driver import DriveOptions, Driver
-from orchestrator.cell.fmu_file import build_fmu, cell_json
-from orchestrator.cell.fmu_package.contents import THROWN_AWAY
-from orchestrator.cell.instance import CellInstance
-from orchestrator.cell.nominal import nominal_cell
-from orchestrator.cell.program import Program, Segment, TriggerRule
-from orchestrator.cell.recording import read_recording, write_recording
-from orchestrator.config.loading import load_setup
-from orchestrator.errors import DescriptionError
-from orchestrator.geometry.mesh import box_mesh
-from orchestrator.scanning.exposures import exposures_from_truth, visible_bodies
+from scancell.cell.driver import DriveOptions, Driver
+from scancell.cell.fmu_file import cell_json, make_temporary_fmu
+from scancell.cell.instance import CellInstance
+from scancell.cell.mesh_json import read_mesh_json
+from scancell.cell.program import Program, Segment, TriggerRule
+from scancell.cell.recording import read_recording, write_recording
+from scancell.config.loading import load_setup
+from scancell.errors import DescriptionError
+from scancell.geometry.mesh import box_mesh
+from scancell.nominal.cell import nominal_cell
+from scancell.scanning.exposures import exposures_from_truth, visible_bodies
 
 BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
 DEVICES = """
@@ -41,35 +41,36 @@ pose = { y_mm = 60.0, z_mm = 10.0, rz_deg = 30.0 }
 
 @pytest.fixture
 def cell_file(tmp_path):
-    """The default cell with a belt and two parts more, beside the meshes that it names."""
+    """The default cell with a conveyor and two further parts, in the folder of their mesh."""
     import trimesh  # noqa: PLC0415
 
-    from orchestrator.config.loading import assets_dir  # noqa: PLC0415
+    from scancell.config.loading import assets_dir  # noqa: PLC0415
 
     trimesh.Trimesh(BLOCK.vertices * 1e3, BLOCK.faces).export(tmp_path / "block.stl")
     default = (assets_dir() / "cells" / "default.toml").read_text()
     file = tmp_path / "cell.toml"
-    file.write_text(default.replace("../", f"{assets_dir()}/") + DEVICES)
+    file.write_text(default + DEVICES)
     return file
 
 
-def test_devices_reach_the_fmu_in_si_units(cell_file) -> None:
+def test_devices_json_is_in_si_units(cell_file) -> None:
     setup = load_setup(cell_file)
     data = cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)
     assert [part["name"] for part in data["parts"]] == ["part", "rider", "bracket"]
     assert [part["stands_on"] for part in data["parts"]] == ["table", "conveyor[1]", "table"]
     assert data["parts"][1]["support_from_part"]["position"] == [0.1, 0.0, 0.01]
-    assert data["parts"][1]["mass"] == pytest.approx(2700 * 0.04 * 0.03 * 0.02)
+    assert data["parts"][1]["inertial"]["mass"] == pytest.approx(2700 * 0.04 * 0.03 * 0.02)
+    assert data["parts"][0]["inertial"] is None  # clamped
+    assert all(len(read_mesh_json(part["hull"])[0]) == 8 for part in data["parts"])  # the free one can touch all
     belt = data["conveyors"][0]
     assert (belt["length"], belt["max_speed"], belt["max_acceleration"]) == (0.6, 0.5, 1.0)
 
 
-def test_every_part_is_recorded_and_drawn_where_it_is(cell_file, tmp_path) -> None:
-    """The clamped part turns with the table, and the one on the belt moves with the belt."""
+def test_recorded_part_poses_move_bodies(cell_file, tmp_path) -> None:
+    """The clamped part rotates with the table, the other one moves with the belt."""
     setup = load_setup(cell_file, ideal=True)
     nominal = nominal_cell(setup.cell, BLOCK)
-    fmu = tmp_path / "cell.fmu"
-    build_fmu(cell_json(setup.cell, nominal, 0), fmu, 3, THROWN_AWAY)
+    fmu = make_temporary_fmu(cell_json(setup.cell, nominal, 0), tmp_path / "fmu", 3)
     n = 60
     segment = Segment(
         1,
@@ -93,7 +94,7 @@ def test_every_part_is_recorded_and_drawn_where_it_is(cell_file, tmp_path) -> No
     travelled = np.ptp(rider, axis=0)
     assert travelled[1] > 0.04
     assert travelled[[0, 2]].max() < 1e-6
-    # At the start everything is where the nominal cell has it.
+    # At the start all parts are at their nominal poses.
     first = nominal.frame_poses(nominal.home, 0.0)
     assert np.abs(rider[0, [0, 2]] - first["part[2]"][[0, 2], 3]).max() < 1e-6
     bodies = visible_bodies(nominal)
@@ -109,13 +110,13 @@ def test_every_part_is_recorded_and_drawn_where_it_is(cell_file, tmp_path) -> No
     ("words", "said"),
     [
         (["cell.further_part[1].stands_on='conveyor[2]'"], "there are 1 conveyors"),
-        (["cell.further_part[1].fixture='clamped'"], "nothing can be clamped to conveyor"),
+        (["cell.further_part[1].fixture='clamped'"], "cannot be clamped"),
         (["cell.further_part[2].name='rider'"], "the name 'rider' is taken"),
         (["cell.conveyor[1].name='table'"], "the name 'table' is taken"),
         (["cell.conveyor[1].length_mm=0"], "length_mm"),
     ],
 )
-def test_wrong_devices_are_refused(cell_file, words, said) -> None:
+def test_invalid_devices_are_rejected(cell_file, words, said) -> None:
     with pytest.raises(DescriptionError, match=said):
         load_setup(cell_file, overrides=words)
 
@@ -130,8 +131,8 @@ pose = { x_mm = -100.0, z_mm = 10.0 }
 """
 
 
-def test_the_scanned_part_may_arrive_on_a_belt(cell_file) -> None:
-    """The FMU has it there; planning and reconstruction know it where it is to be scanned."""
+def test_scanned_part_starts_on_conveyor(cell_file) -> None:
+    """The FMU starts with the part on the conveyor; planning and reconstruction use its pose on the table."""
     cell_file.write_text(cell_file.read_text() + ARRIVAL)
     setup = load_setup(cell_file)
     nominal = nominal_cell(setup.cell, BLOCK)
@@ -149,7 +150,7 @@ def test_the_scanned_part_may_arrive_on_a_belt(cell_file) -> None:
         ('[part.arrival]\nstands_on = "conveyor[1]"', '[part.arrival]\nstands_on = "table"', "stands_on"),
     ],
 )
-def test_an_arrival_that_makes_no_sense_is_refused(cell_file, old, new, message) -> None:
+def test_invalid_arrival_is_rejected(cell_file, old, new, message) -> None:
     cell_file.write_text(cell_file.read_text() + ARRIVAL.replace(old, new))
     with pytest.raises(DescriptionError, match=message):
         load_setup(cell_file)

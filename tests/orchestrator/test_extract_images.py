@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
-import sensor_rt
-from orchestrator.cli import app
-from orchestrator.config.loading import assets_dir, load_setup
-from orchestrator.errors import ImageError
-from orchestrator.evaluation.extract_images import ExtractionRequest, extract_to_folder
-from orchestrator.evaluation.image_files import ImageSet
-from orchestrator.reconstruction.cloud_files import read_ply
+from scancell import sensor as sensor_rt
+from scancell.cli import app
+from scancell.config.loading import assets_dir, load_setup
+from scancell.errors import ImageError
+from scancell.output.extract_images import ExtractionRequest, extract_to_folder
+from scancell.output.image_files import ImageSet
+from scancell.reconstruction.cloud_files import read_ply
 
 HEIGHT, WIDTH = 1024, 1280
 
@@ -175,8 +175,8 @@ def test_of_a_folder_with_an_index_only_its_frames_are_taken(tmp_path):
     rows = table(tmp_path / "out" / "profiles.csv")
     assert {(row["name"], round(float(row["row_px"]))) for row in rows} == {("shot 1", 400), ("shot 2", 420)}
     aside = ["dark_1_minus.png", "dark_1_plus.png", "mask_1_minus.png", "mask_1_plus.png", "plus_minus.tif"]
-    assert report.figures["left_aside"] == [str(tmp_path / name) for name in [*aside, "profile_1.png"]]
-    assert "left aside 6 files that frames.csv does not list with the laser on: dark_1_minus.png" in report.lines[1]
+    assert report.figures["ignored_files"] == [str(tmp_path / name) for name in [*aside, "profile_1.png"]]
+    assert "ignored 6 files that frames.csv does not list with the laser on: dark_1_minus.png" in report.lines[1]
     dark = ImageSet.from_files([tmp_path], ["plus", "minus"], "off")
     assert (dark.names, [file.name for file in dark.files[0]]) == (("shot 1",), ["dark_1_plus.png", "dark_1_minus.png"])
 
@@ -220,22 +220,22 @@ def test_the_command_speaks_json(tmp_path, capsys):
 
 def test_images_with_the_laser_off_are_taken_away(tmp_path):
     """A second, brighter stripe that stays when the laser is off: gone, and the right one is found."""
-    lit, unlit = tmp_path / "lit", tmp_path / "unlit"
-    for folder in (lit, unlit):
+    lit, background = tmp_path / "lit", tmp_path / "background"
+    for folder in (lit, background):
         folder.mkdir()
     for camera in ("plus", "minus"):
         strange = stripe_image(700.0, 180.0).astype(int) - 4
         assert cv2.imwrite(str(lit / f"a_{camera}.png"), (stripe_image(400.3, 60.0) + strange).astype(np.uint8))
-        assert cv2.imwrite(str(unlit / f"a_{camera}.png"), (strange + 4).astype(np.uint8))
+        assert cv2.imwrite(str(background / f"a_{camera}.png"), (strange + 4).astype(np.uint8))
     run([lit], tmp_path / "wrong")
-    run([lit], tmp_path / "right", laser_off=[unlit])
+    run([lit], tmp_path / "right", laser_off=[background])
     wrong, right = (
         np.array([float(r["row_px"]) for r in table(tmp_path / n / "profiles.csv")]) for n in ("wrong", "right")
     )
     assert np.abs(wrong - 700.0).max() < 0.02
     assert len(right) > 2500
     assert np.abs(right - 400.3).max() < 0.02
-    (unlit / "a_plus.png").rename(unlit / "b_plus.png")
-    (unlit / "a_minus.png").rename(unlit / "b_minus.png")
+    (background / "a_plus.png").rename(background / "b_plus.png")
+    (background / "a_minus.png").rename(background / "b_minus.png")
     with pytest.raises(ImageError, match="exposure 'a' has no image of that name with the laser off"):
-        run([lit], tmp_path / "none", laser_off=[unlit])
+        run([lit], tmp_path / "none", laser_off=[background])

@@ -1,4 +1,4 @@
-"""The gripper: from the description through the FMU to records, bodies and what the planner keeps clear."""
+"""Gripper: conversion for the FMU, recorded poses, bodies of the scene, collision checks of the planner."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 from cells import CYCLE, RANGE
 
-from orchestrator.cell.driver import DriveOptions, Driver
-from orchestrator.cell.fmu_file import build_fmu, cell_json
-from orchestrator.cell.fmu_package.contents import THROWN_AWAY
-from orchestrator.cell.instance import CellInstance
-from orchestrator.cell.nominal import nominal_cell
-from orchestrator.cell.program import Program, Segment, TriggerRule
-from orchestrator.config.loading import load_setup
-from orchestrator.errors import DescriptionError
-from orchestrator.geometry.mesh import box_mesh
-from orchestrator.planning.model import PlanningCell
-from orchestrator.scanning.exposures import exposures_from_truth, visible_bodies
+from scancell.cell.driver import DriveOptions, Driver
+from scancell.cell.fmu_file import cell_json, make_temporary_fmu
+from scancell.cell.instance import CellInstance
+from scancell.cell.program import Program, Segment, TriggerRule
+from scancell.config.loading import load_setup
+from scancell.errors import DescriptionError
+from scancell.geometry.mesh import box_mesh
+from scancell.nominal.cell import nominal_cell
+from scancell.planning.model import PlanningCell
+from scancell.scanning.exposures import exposures_from_truth, visible_bodies
 
 BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
 GRIPPER = [
@@ -29,7 +28,7 @@ GRIPPER = [
 ]
 
 
-def test_it_reaches_the_fmu_in_si_units() -> None:
+def test_gripper_json_is_in_si_units() -> None:
     setup = load_setup(overrides=GRIPPER)
     gripper = cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)["gripper"]
     assert gripper["flange_from_gripper"]["position"] == [0.06, 0.0, 0.05]
@@ -38,18 +37,17 @@ def test_it_reaches_the_fmu_in_si_units() -> None:
     assert (gripper["centring_stiffness"], gripper["max_force"], gripper["finger_mass"]) == (20e3, 60.0, 0.1)
 
 
-def test_a_cell_has_none_unless_it_says_so() -> None:
+def test_gripper_is_optional() -> None:
     setup = load_setup()
     nominal = nominal_cell(setup.cell, BLOCK)
     assert cell_json(setup.cell, nominal, 0)["gripper"] is None
     assert "finger[1]" not in nominal.frame_poses(nominal.home, 0.0)
 
 
-def test_fingers_are_recorded_and_drawn_where_the_description_has_them(tmp_path) -> None:
+def test_finger_poses_match_description(tmp_path) -> None:
     setup = load_setup(overrides=GRIPPER, ideal=True)
     nominal = nominal_cell(setup.cell, BLOCK)
-    fmu = tmp_path / "cell.fmu"
-    build_fmu(cell_json(setup.cell, nominal, 0), fmu, 3, THROWN_AWAY)
+    fmu = make_temporary_fmu(cell_json(setup.cell, nominal, 0), tmp_path / "fmu", 3)
     times = np.arange(12) * 0.016
     segment = Segment(
         1, times, np.tile(nominal.home, (12, 1)), np.zeros(12), TriggerRule("time", 0.05), times[2], times[-2]
@@ -67,15 +65,15 @@ def test_fingers_are_recorded_and_drawn_where_the_description_has_them(tmp_path)
     assert exposures_from_truth(truth, recording.measured.index, bodies) is not None
 
 
-def test_the_planner_keeps_fingers_clear_of_table_and_part() -> None:
-    """A finger that reaches into the table is seen, and tools of one flange do not count as near each other."""
+def test_planner_checks_fingers_against_table_and_part() -> None:
+    """A finger inside the table is a collision; tools on the same flange are not checked against each other."""
     setup = load_setup(overrides=GRIPPER)
     cell = PlanningCell(nominal_cell(setup.cell, BLOCK), RANGE, CYCLE)
     pairs = {frozenset(pair) for pair in cell.proximity.pairs}
     for around in ("table", "part", "base"):
         assert frozenset(("finger1", around)) in pairs
     q = cell.nominal.home
-    assert not cell.too_near(q[None], np.zeros(1), 0.01)
+    assert not cell.clearance_violations(q[None], np.zeros(1), 0.01)
     world_from_finger = cell.nominal.frame_poses(q, 0.0)["finger[1]"]
     target = np.eye(4)
     target[:3, :3] = np.diag([1.0, -1.0, -1.0])
@@ -84,19 +82,22 @@ def test_the_planner_keeps_fingers_clear_of_table_and_part() -> None:
     reached = cell.nominal.arm.ik(target @ np.linalg.inv(flange_from_finger))[0]
     reached = reached[~np.isnan(reached).any(1)]
     assert len(reached)
-    clashes = cell.too_near(reached[:1], np.zeros(1), 0.001)
+    clashes = cell.clearance_violations(reached[:1], np.zeros(1), 0.001)
     assert {"finger1", "table"} in [{c.body_a, c.body_b} for c in clashes]
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["cell.gripper.start_mm=60"], "must not be above stroke_mm"),
+        (
+            ["cell.gripper.start_mm=60"],
+            "with --set cell.gripper.stroke_mm=50 with --set cell.gripper.start_mm=60: gripper: start_mm",
+        ),
         (["cell.gripper.stroke_mm=0"], "stroke_mm"),
         (["cell.gripper.housing_mm=[1, 2]"], "housing_mm"),
         (["cell.gripper.grip=1"], "grip"),
     ],
 )
-def test_a_wrong_gripper_is_refused(words, said) -> None:
+def test_invalid_gripper_is_rejected(words, said) -> None:
     with pytest.raises(DescriptionError, match=said):
         load_setup(overrides=[*GRIPPER, *words])

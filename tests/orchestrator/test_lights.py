@@ -1,4 +1,4 @@
-"""Lamps of a cell: description, passage to the renderer, refusals."""
+"""Lamps of a cell: description, conversion for the renderer, invalid values."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import pytest
 from cells import ball
 from numpy.testing import assert_allclose
 
-import sensor_rt
-from orchestrator.cell.nominal import Lamp, nominal_cell
-from orchestrator.config import load_setup
-from orchestrator.config.description import validate
-from orchestrator.config.light import LightDescription
-from orchestrator.config.resolved import sensor_json
-from orchestrator.errors import DescriptionError
-from orchestrator.scanning.exposures import build_scene, visible_bodies
+from scancell import sensor as sensor_rt
+from scancell.config.description import validate
+from scancell.config.light import LightDescription
+from scancell.config.loading import load_setup
+from scancell.config.resolved import sensor_json
+from scancell.errors import DescriptionError
+from scancell.nominal.cell import Lamp, nominal_cell
+from scancell.scanning.exposures import build_scene, visible_bodies
 
 DISC: dict[str, Any] = {"kind": "disc", "power_mw": 500.0, "diameter_mm": 40.0, "in_band": 0.25}
 
 
-def test_lamps_reach_the_scene_in_si_and_their_frames() -> None:
+def test_lamps_are_added_in_si_units() -> None:
     light = 'cell.light=[{kind="disc", frame="table", pose={z_mm=300}, power_mw=500, diameter_mm=40, in_band=0.25}]'
     cell = nominal_cell(load_setup(overrides=[light]).cell, ball())
     (lamp,) = cell.lamps
@@ -36,8 +36,8 @@ def test_lamps_reach_the_scene_in_si_and_their_frames() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"diameter_mm": None}, "give diameter_mm for a disc"),
-        ({"width_mm": 3.0}, "leave out width_mm for a disc"),
+        ({"diameter_mm": None}, "diameter_mm is missing"),
+        ({"width_mm": 3.0}, "width_mm is not used"),
         ({"in_band": None}, "give either in_band, or wavelength_nm and bandwidth_nm"),
         ({"wavelength_nm": 600.0, "bandwidth_nm": 20.0}, "give either in_band"),
         ({"in_band": None, "wavelength_nm": 600.0}, "give either in_band"),
@@ -45,18 +45,18 @@ def test_lamps_reach_the_scene_in_si_and_their_frames() -> None:
         ({"frame": "moon"}, "frame = 'moon'"),
     ],
 )
-def test_incomplete_lamps_are_refused(change: dict[str, Any], message: str) -> None:
+def test_incomplete_lamps_are_rejected(change: dict[str, Any], message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
         validate(LightDescription, DISC | change, "cell.toml")
 
 
-def test_filter_sits_on_the_laser_unless_told_otherwise() -> None:
+def test_filter_defaults_to_laser_wavelength() -> None:
     for words, centre in (([], 660e-9), (["sensor.band_pass.centre_nm=655"], 655e-9)):
         data = sensor_json(load_setup(overrides=words).sensor, seed=0)
         assert data["band_pass"] == pytest.approx({"centre": centre, "width": 20e-9})
 
 
-def test_bad_filter_is_refused_by_the_library() -> None:
+def test_library_rejects_invalid_filter() -> None:
     data = sensor_json(load_setup().sensor, seed=0)
     data["band_pass"]["width"] = 0.0
     with pytest.raises(ValueError, match=r"band_pass\.width"):

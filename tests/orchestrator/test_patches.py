@@ -1,4 +1,4 @@
-"""Materials by region of a part, and what a step of reflectance does to the rendered stripe."""
+"""Materials by region of a part, and the stripe displacement at a reflectance step."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-import sensor_rt
-from orchestrator.cell.nominal import Body
-from orchestrator.cell.patches import part_patches
-from orchestrator.config import load_setup
-from orchestrator.config.cell import PartDescription
-from orchestrator.config.material import Material
-from orchestrator.config.resolved import sensor_json
-from orchestrator.errors import CellError
-from orchestrator.geometry.mesh import Mesh
-from orchestrator.scanning.exposures import build_scene
+from scancell import sensor as sensor_rt
+from scancell.config.cell import PartDescription
+from scancell.config.loading import load_setup
+from scancell.config.material import Material
+from scancell.config.resolved import sensor_json
+from scancell.errors import CellError
+from scancell.geometry.mesh import Mesh
+from scancell.nominal.cell import Body
+from scancell.nominal.patches import part_patches
+from scancell.scanning.exposures import build_scene
 
 Z = 0.12
 QUIET = ["sensor.render.noise=false", "sensor.laser.sheet_sigma_mm=0.15", "sensor.laser.divergence_mrad=0"]
@@ -33,7 +33,7 @@ def plate(edge: float) -> Mesh:
 
 
 def stripe(edge: float, ratio: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Per column of the first camera, row of the centre of gravity and light; reflectance 0.6 and `ratio` times it."""
+    """Centroid row and total light per column of the first camera, with reflectances 0.6 and 0.6 `ratio`."""
     step = {"min_mm": (edge * 1e3, -100, -1), "material": {"model": "lambert", "reflectance": 0.6 * ratio}}
     description = PartDescription.model_validate({"reflectance": 0.6, "material_region": [step]})
     mesh = plate(edge)
@@ -48,8 +48,8 @@ def stripe(edge: float, ratio: float) -> tuple[NDArray[np.float64], NDArray[np.f
 
 
 @pytest.mark.parametrize(("offset", "ratio"), [(0.0, 0.25), (0.5, 0.25), (-0.8, 0.5), (0.3, 0.0)])
-def test_a_step_of_reflectance_pulls_the_stripe_as_by_the_closed_form(offset: float, ratio: float) -> None:
-    """Step 1:r at e from the middle: -sigma (1 - r) phi(e/sigma) / (Phi(e/sigma) + r (1 - Phi(e/sigma)))."""
+def test_reflectance_step_shifts_stripe_by_closed_form(offset: float, ratio: float) -> None:
+    """Step 1:r at e from the line centre: -sigma (1 - r) phi(e/sigma) / (Phi(e/sigma) + r (1 - Phi(e/sigma)))."""
     sigma = 0.15e-3
     even, light = stripe(offset * sigma, 1.0)
     pulled, rest = stripe(offset * sigma, ratio)
@@ -61,7 +61,7 @@ def test_a_step_of_reflectance_pulls_the_stripe_as_by_the_closed_form(offset: fl
     np.testing.assert_allclose(np.mean(pulled - even), rows[0] - rows[1], rtol=0.02)
 
 
-def test_boxes_and_files_choose_faces(tmp_path: Path) -> None:
+def test_patches_by_box_and_by_file(tmp_path: Path) -> None:
     paint, rubber = {"preset": "painted_plastic"}, {"preset": "black_rubber"}
     regions = [{"material": paint, "max_mm": (0, 100, 100)}, {"material": rubber}]
     file = tmp_path / "faces.csv"
@@ -74,7 +74,7 @@ def test_boxes_and_files_choose_faces(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("text", "message"), [("0\n1\n", "2 numbers"), ("0\n0\n0\n7\n", "1 to 0"), ("a", "numbers")])
-def test_files_that_do_not_fit_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_mismatched_patch_files_are_rejected(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "faces.csv"
     file.write_text(text)
     with pytest.raises(CellError, match=message):

@@ -1,16 +1,16 @@
-"""Scan paths: what must be seen lies in the trapezoid, whatever the part; the budget is kept."""
+"""Scan paths: visibility of the surface for parts of various shapes, geometry of sweeps and passes, profile budget."""
 
 import numpy as np
 import pytest
 import trimesh
 from cells import RANGE, ball, block, mesh_of
 
-from orchestrator.errors import PlanningError
-from orchestrator.geometry import pose
-from orchestrator.planning import paths, surface
-from orchestrator.planning.model import SensorRange
-from orchestrator.planning.options import RasterOptions, SweepOptions
-from orchestrator.planning.surface import MIN_COSINE
+from scancell.errors import PlanningError
+from scancell.geometry import pose
+from scancell.planning import paths, surface
+from scancell.planning.model import SensorRange
+from scancell.planning.options import RasterOptions, SweepOptions
+from scancell.planning.surface import MIN_COSINE
 
 SWEEP = SweepOptions(tuple(np.radians((30.0, 60.0))), np.radians(105), 0.08, 0.03, np.radians(1), 0.7)
 RASTER = RasterOptions(0.08, 0.0005, 0.004, 0.05)
@@ -31,13 +31,13 @@ def on_table(mesh, x=0.0):
     return surface.sample(mesh, pose.translation((x, 0.0, -mesh.bounds[0, 2])))
 
 
-def test_range_widens_from_near_to_far():
+def test_range_trapezoid():
     made = SensorRange(0.075, 0.165, 0.0195, 0.036, np.zeros((1, 3)))
     assert made.half_line(0.12) == pytest.approx((0.0195 + 0.036) / 2)
-    assert made.holds([0.0, 0.02, 0.035, 0.0], [0.08, 0.0751, 0.165, 0.166]).tolist() == [True, False, True, False]
+    assert made.contains([0.0, 0.02, 0.035, 0.0], [0.08, 0.0751, 0.165, 0.166]).tolist() == [True, False, True, False]
 
 
-def test_samples_lie_on_the_surface_and_spread_by_area():
+def test_surface_samples_are_proportional_to_area():
     part = on_table(block(0.04, 0.06, 0.1))
     assert np.abs(np.linalg.norm(part.normals, axis=1) - 1).max() < 1e-12
     top = np.abs(part.points[:, 2] - 0.1) < 1e-12
@@ -46,7 +46,7 @@ def test_samples_lie_on_the_surface_and_spread_by_area():
     assert top.mean() == pytest.approx(share, abs=0.002)
 
 
-def test_inside_out_parts_are_turned_over_and_open_ones_have_two_sides():
+def test_surface_sample_handles_inverted_and_open_meshes():
     good = block(0.04, 0.06, 0.1)
     turned = type(good)(good.vertices, good.faces[:, ::-1], "inside out")
     assert np.allclose(on_table(turned).normals, on_table(good).normals)
@@ -54,16 +54,16 @@ def test_inside_out_parts_are_turned_over_and_open_ones_have_two_sides():
     assert len(on_table(lidless).points) == 2 * len(on_table(good).points)
 
 
-def test_light_falls_on_what_faces_the_sensor_within_range():
+def test_lit_cosine():
     looking_down = pose.from_rotation(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 0.1))
     points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -0.07], [0.0, 0.03, 0.0], [0.0, 0.0, 0.03]])
     slope = np.array([np.sin(1.0), 0.0, np.cos(1.0)])
     normals = np.array([[0, 0, 1.0], slope, [0, 0, 1], [0, 0, 1], [0, 0, -1]])
     cosine = surface.lit_cosine(RANGE, looking_down, points, normals)
-    assert np.allclose(cosine, [1.0, np.cos(1.0), 0.0, 0.0, 0.0])  # out of range, beside the line, facing away
+    assert np.allclose(cosine, [1.0, np.cos(1.0), 0.0, 0.0, 0.0])  # zeros: out of range, outside the line, back-facing
 
 
-def test_sweep_pose_looks_at_its_target_and_its_sheet_holds_the_axis():
+def test_sweep_pose_faces_target_with_axis_in_sheet():
     target = np.array([0.03, 0.0, 0.05])
     for elevation in np.radians((0.0, 30.0, 85.0)):
         at = paths.sweep_pose(target, elevation, 0.08)
@@ -79,7 +79,7 @@ def test_sweep_pose_looks_at_its_target_and_its_sheet_holds_the_axis():
 @pytest.mark.parametrize(
     ("low", "high", "half", "step"), [(0, 0.01, 0.02, 0.03), (-0.1, 0.13, 0.02, 0.03), (0, 1, 0.02, 0.5)]
 )
-def test_tiles_cover_the_span_with_steps_as_asked(low, high, half, step):
+def test_tiles_cover_span(low, high, half, step):
     centres = paths.tile(low, high, half, step)
     points = np.linspace(low, high, 1001)
     assert (np.abs(points[:, None] - centres).min(1) <= half + 1e-12).all()
@@ -99,17 +99,17 @@ def test_tiles_cover_the_span_with_steps_as_asked(low, high, half, step):
     ],
     ids=["ball", "ball off the axis", "small ball far off", "tall cylinder", "disc", "cone", "speck"],
 )
-def test_sweeps_see_convex_parts_wherever_the_light_can_fall(part):
+def test_views_cover_convex_parts(part):
     seen = seen_by([*paths.sweeps(part, RANGE, SWEEP), *paths.passes(part, RANGE, RASTER)], part)
     seen |= seen_by(paths.side_sweeps(part, RANGE, SWEEP, seen), part)
-    # From every side at 30 to 90 degrees of elevation, light within 70 degrees of the normal reaches these.
+    # Samples with less than 65 degrees of incidence from some azimuth at 30 degrees of elevation, or from above.
     horizontal = np.hypot(part.normals[:, 0], part.normals[:, 1])
     best = horizontal * np.cos(np.radians(30)) + part.normals[:, 2] * np.sin(np.radians(30))
     visible = (best > np.cos(np.radians(65))) | (part.normals[:, 2] > np.cos(np.radians(65)))
     assert seen[visible].mean() > 0.95
 
 
-def test_walls_that_point_at_the_axis_need_a_sheet_beside_it():
+def test_side_sweeps_cover_radial_walls():
     wings = [trimesh.creation.box((0.004, 0.1, 0.04)), trimesh.creation.box((0.1, 0.004, 0.04))]
     part = on_table(mesh_of(trimesh.boolean.union(wings, engine="manifold")))
     walls = (np.abs(part.normals[:, 2]) < 0.1) & (np.hypot(part.points[:, 0], part.points[:, 1]) > 0.03)
@@ -121,7 +121,7 @@ def test_walls_that_point_at_the_axis_need_a_sheet_beside_it():
     assert {np.sign(view.target[1]) for view in beside} == {1.0, -1.0}
 
 
-def test_points_cross_the_sheet_twice_where_it_reaches_them():
+def test_points_cross_sheet_twice_per_turn():
     points = np.random.default_rng(2).uniform(-0.05, 0.05, (200, 3))
     for offset in (0.0, 0.02, -0.02):
         turned = (surface.crossings(points, offset) @ points[..., None])[..., 0]
@@ -133,7 +133,7 @@ def test_points_cross_the_sheet_twice_where_it_reaches_them():
         assert np.abs(turned[:, crossing, 2] - points[crossing, 2]).max() < 1e-15
 
 
-def test_passes_see_everything_that_faces_up_at_every_level():
+def test_passes_cover_upward_surfaces_at_all_levels():
     lower = trimesh.creation.box((0.16, 0.1, 0.01), pose.translation((0, 0, 0.005)))
     upper = trimesh.creation.box((0.03, 0.03, 0.12), pose.translation((-0.04, 0, 0.07)))
     part = on_table(mesh_of(trimesh.util.concatenate([lower, upper])))
@@ -143,7 +143,7 @@ def test_passes_see_everything_that_faces_up_at_every_level():
     assert seen_by(views, part)[up].all()
 
 
-def test_passes_run_along_the_long_side_and_turn_round_each_time():
+def test_passes_follow_long_side_in_alternating_directions():
     part = on_table(block(0.09, 0.03, 0.02))
     views = paths.passes(part, RANGE, RASTER)
     assert len(views) == 1
@@ -154,7 +154,7 @@ def test_passes_run_along_the_long_side_and_turn_round_each_time():
     assert (np.diff(travel) != 0).all()
 
 
-def test_budget_is_kept_and_thins_everything_alike():
+def test_budget_thins_all_views_uniformly():
     part = on_table(ball())
     views = [*paths.sweeps(part, RANGE, SWEEP), *paths.passes(part, RANGE, RASTER)]
     free = paths.fit_budget(views, np.radians(1), 0.0005, 100_000)

@@ -1,4 +1,4 @@
-"""Plans: from home to home within every limit, clear of everything, exposures where they were planned."""
+"""Plans: continuity from home to home, joint limits, collision freedom, exposures, error messages."""
 
 from itertools import pairwise
 
@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 import trimesh
 from cells import CYCLE, RANGE, ball, block, mesh_of, planning_cell
+from fcl_collisions import colliding
 
-from orchestrator.config.scan import ScanDescription
-from orchestrator.errors import PlanningError
-from orchestrator.geometry import pose
-from orchestrator.geometry.mesh import Mesh
-from orchestrator.planning import constraints, surface, trajectory
-from orchestrator.planning.connection import Connector
-from orchestrator.planning.options import scan_options
-from orchestrator.planning.planner import Plan, plan
+from scancell.config.scan import ScanDescription
+from scancell.errors import PlanningError
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.planning import constraints, surface, trajectory
+from scancell.planning.connection import Connector
+from scancell.planning.model import PlanningCell
+from scancell.planning.options import scan_options
+from scancell.planning.planner import Plan, plan
 
 
 def scan(**changes) -> ScanDescription:
@@ -45,12 +47,17 @@ def any_plan(request, off_axis):
 
 
 def all_setpoints(result: Plan) -> np.ndarray:
-    """(n, 7) of the whole program."""
-    parts = [np.column_stack([s.q, s.table]) for s in result.program.segments]
-    return np.concatenate(parts)
+    """Joints and table angle (n, 7) of all segments."""
+    return np.concatenate([np.column_stack([s.q, s.table]) for s in result.program.segments])
 
 
-def test_segments_join_from_home_to_home(any_plan):
+def collisions(cell: PlanningCell, path: np.ndarray) -> set[tuple[int, str, str]]:
+    """Colliding pairs of the cell along a path (n, 7)."""
+    meshes = {body.name: body.mesh for body in cell.nominal.bodies}
+    return colliding(meshes, cell.proximity.pairs, cell.nominal.body_poses(path[:, :6], path[:, 6]))
+
+
+def test_segments_are_continuous_from_home_to_home(any_plan):
     cell, result = any_plan
     segments = result.program.segments
     assert np.abs(segments[0].q[0] - cell.nominal.home).max() < 1e-12
@@ -64,7 +71,7 @@ def test_segments_join_from_home_to_home(any_plan):
         assert np.abs(s.times - CYCLE * np.arange(len(s.q))).max() < 1e-9
 
 
-def test_joints_and_table_keep_their_limits(any_plan):
+def test_segments_keep_axis_limits(any_plan):
     cell, result = any_plan
     nominal = cell.nominal
     speed = np.append(nominal.arm.max_speed, nominal.table_max_speed)
@@ -73,18 +80,17 @@ def test_joints_and_table_keep_their_limits(any_plan):
     for s in result.program.segments:
         path = np.column_stack([s.q, s.table])
         at_rest = np.concatenate([path[:1], path, path[-1:]])
-        used = trajectory.share_of_limits(at_rest, speed, acceleration, CYCLE)
+        used = trajectory.limit_fractions(at_rest, speed, acceleration, CYCLE)
         assert max(used[0].max(), used[1].max()) <= 1.0 + 1e-9, s.id
 
 
-def test_nothing_hits_anything_at_any_setpoint(any_plan):
+def test_setpoints_are_collision_free(any_plan):
     cell, result = any_plan
-    path = all_setpoints(result)
-    # FCL here, coal in the planner; the clearance of 5 mm leaves room for what happens between set-points.
-    assert cell.proximity.clashes(cell.nominal.body_poses(path[:, :6], path[:, 6])) == []
+    # The planned clearance of 5 mm covers the motion between set-points.
+    assert collisions(cell, all_setpoints(result)) == set()
 
 
-def test_the_trigger_rules_fire_the_planned_exposures(any_plan):
+def test_trigger_rules_reproduce_planned_exposures(any_plan):
     cell, result = any_plan
     for s in result.program.segments:
         mine = result.segment == s.id
@@ -104,12 +110,12 @@ def test_the_trigger_rules_fire_the_planned_exposures(any_plan):
                 origin = cell.nominal.world_from_sensor(q)[:, :3, 3]
                 travelled = np.linalg.norm(origin - origin[0], axis=1)
             fired = [np.searchsorted(travelled, k * s.trigger.interval) for k in range(mine.sum() + 1)]
-            assert fired[-1] == len(fine)  # one more would not come before the gate closes
+            assert fired[-1] == len(fine)  # no further trigger before `trigger_to`
             poses = cell.nominal.part_from_sensor(q[fired[:-1]], table[fired[:-1]])
-            assert np.abs(poses - result.part_from_sensor[mine]).max() < 2e-4
+            assert np.abs(poses - exposed(cell, result)[mine]).max() < 2e-4
 
 
-def test_exposures_fire_at_constant_speed(off_axis):
+def test_speed_is_constant_during_exposures(off_axis):
     cell, result = off_axis
     for s in result.program.segments:
         if s.trigger.kind == "off":
@@ -128,7 +134,7 @@ def test_exposures_fire_at_constant_speed(off_axis):
             assert np.abs(rate).max() < 1e-12
 
 
-def test_passes_look_straight_down_and_do_not_turn(off_axis):
+def test_passes_keep_vertical_orientation(off_axis):
     cell, result = off_axis
     for s in result.program.segments:
         if s.trigger.kind == "path_distance":
@@ -137,61 +143,66 @@ def test_passes_look_straight_down_and_do_not_turn(off_axis):
             assert np.abs(poses[:, :3, :3] - poses[0, :3, :3]).max() < 1e-12
 
 
-def test_sweeps_turn_once_with_the_sheet_upright(off_axis):
-    _, result = off_axis
+def exposed(cell, result) -> np.ndarray:
+    """Planned poses ``part_from_sensor`` (m, 4, 4) of all exposures."""
+    return cell.nominal.part_from_sensor(result.q, result.table)
+
+
+def test_sweeps_make_one_turn_with_vertical_sheet(off_axis):
+    cell, result = off_axis
     kinds = {s.id: s.trigger for s in result.program.segments}
     for number in np.unique(result.segment):
         if kinds[number].kind == "table_angle":
             table = result.table[result.segment == number]
             assert kinds[number].interval * len(table) == pytest.approx(2 * np.pi)
-            x_axis = result.part_from_sensor[result.segment == number][:, :3, 0]
+            x_axis = exposed(cell, result)[result.segment == number][:, :3, 0]
             assert np.abs(x_axis[:, 2]).max() < 1e-12
 
 
-def test_the_part_is_in_the_trapezoid_when_the_sensor_fires(off_axis):
+def test_part_is_in_range_at_exposures(off_axis):
     cell, result = off_axis
     part = surface.sample(cell.nominal.part, np.eye(4))
     meets = []
-    # A sheet beside the axis misses a part off the axis for some of the turn.
-    beside = [number for number, name in result.views.items() if "beside" in name]
-    for at in result.part_from_sensor[~np.isin(result.segment, beside)]:
+    # A sheet offset from the axis misses an off-axis part during some of the turn.
+    beside = [number for number, name in result.program.names.items() if "beside" in name]
+    for at in exposed(cell, result)[~np.isin(result.segment, beside)]:
         x, y, z = pose.transform_points(pose.inverse(at), part.points).T
         near_sheet = np.abs(x) < 1e-3
-        meets.append(RANGE.holds(y[near_sheet], z[near_sheet]).any())
+        meets.append(RANGE.contains(y[near_sheet], z[near_sheet]).any())
     assert np.mean(meets) > 0.97
     assert result.coverage is not None
-    # A ball lit from 30 degrees up, up to 78 degrees from the normal, can show this much at most.
+    # Upper limit for a sphere lit at 30 degrees of elevation, with incidence up to 78 degrees.
     assert 0.9 * (1 + np.sin(np.radians(48))) / 2 < result.coverage <= (1 + np.sin(np.radians(48.5))) / 2
 
 
-def test_the_budget_is_kept_and_nearly_used(off_axis):
+def test_exposure_count_meets_budget(off_axis):
     _, result = off_axis
     assert 1250 <= len(result.segment) <= 1300
-    assert len(result.part_from_sensor) == len(result.q) == len(result.table) == len(result.segment)
-    assert set(np.unique(result.segment)) <= set(result.views)
+    assert len(result.q) == len(result.table) == len(result.segment)
+    assert set(np.unique(result.segment)) <= set(result.program.names)
 
 
-def test_both_modes_expose_at_the_same_poses():
-    _, moving = planned(ball(), scan(max_profiles=80), x_mm=20.0)
+def test_scan_modes_share_exposure_poses():
+    cell, moving = planned(ball(), scan(max_profiles=80), x_mm=20.0)
     _, still = planned(ball(), scan(mode="stop-and-look", max_profiles=80), x_mm=20.0)
-    assert np.abs(moving.part_from_sensor - still.part_from_sensor).max() < 1e-9
+    assert np.abs(exposed(cell, moving) - exposed(cell, still)).max() < 1e-9
     assert moving.program.settle == 0.0
     assert still.program.settle == pytest.approx(0.1)
     assert sum(s.trigger.kind == "request" for s in still.program.segments) == len(still.segment)
 
 
-def test_given_poses_are_taken_exactly():
+def test_given_poses_are_reached_exactly():
     down = {"rx_deg": 180.0, "z_mm": 130.0}
-    aslant = {"x_mm": 100.0, "z_mm": 90.0, "ry_deg": -130.0}
-    cell, result = planned(ball(), scan(pose=[down, aslant, down]))
-    wanted = np.stack(
+    inclined = {"x_mm": 100.0, "z_mm": 90.0, "ry_deg": -130.0}
+    cell, result = planned(ball(), scan(pose=[down, inclined, down]))
+    expected = np.stack(
         [
             pose.from_euler_xyz((0, 0, 0.13), (np.pi, 0, 0)),
             pose.from_euler_xyz((0.1, 0, 0.09), (0, np.radians(-130), 0)),
             pose.from_euler_xyz((0, 0, 0.13), (np.pi, 0, 0)),
         ]
     )
-    assert np.abs(result.part_from_sensor - wanted).max() < 1e-12
+    assert np.abs(exposed(cell, result) - expected).max() < 1e-12
     assert result.coverage is None
     assert [s.trigger.kind for s in result.program.segments].count("request") == 3
     assert cell.nominal.arm.within_limits(result.q).all()
@@ -218,25 +229,25 @@ def test_given_poses_are_taken_exactly():
         ),
     ],
 )
-def test_what_cannot_be_done_is_refused_in_words(description, placement, message):
+def test_infeasible_scan_is_rejected(description, placement, message):
     with pytest.raises(PlanningError, match=message) as caught:
         planned(ball(), scan(**description), **placement)
     assert "\n" not in str(caught.value)
 
 
-def test_a_part_too_tall_for_the_arm_is_refused_with_how_much():
+def test_error_states_loss_for_too_tall_part():
     with pytest.raises(PlanningError, match=r"% of the surface .* out of reach.*(by \d+ mm|outside its limits|hits)"):
         planned(mesh_of(trimesh.creation.cylinder(0.03, 1.5)))
 
 
-def test_views_that_collide_are_replaced_and_reported():
+def test_colliding_views_are_replaced_with_warning():
     stem = trimesh.creation.cylinder(0.01, 0.06, transform=pose.translation((0, 0, 0.03)))
     cap = trimesh.creation.cylinder(0.08, 0.01, transform=pose.translation((0, 0, 0.065)))
     _, result = planned(mesh_of(trimesh.util.concatenate([stem, cap])))
-    assert any("sensor hits part; done instead" in warning for warning in result.warnings)
+    assert any("sensor hits part; replaced by the sweep" in warning for warning in result.warnings)
 
 
-def test_connections_go_round_what_stands_in_the_way():
+def test_connection_avoids_obstacle():
     cell, result = planned(mesh_of(trimesh.creation.cylinder(0.03, 0.2)), scan(pose=[{"rx_deg": 180.0, "z_mm": 300.0}]))
     down = cell.ik(pose.from_euler_xyz((0.0, 0.08, 0.1), (np.pi, 0, 0))[None], result.q[0])[0]
     other = cell.ik(pose.from_euler_xyz((0.0, -0.08, 0.1), (np.pi, 0, 0))[None], result.q[0])[0]
@@ -245,13 +256,13 @@ def test_connections_go_round_what_stands_in_the_way():
     )
     start, end = np.append(down[branch], 0.0), np.append(other[branch], 0.0)
     straight = np.linspace(start, end, 100)
-    assert cell.too_near(straight[:, :6], straight[:, 6], 0.0025)
-    way = Connector(cell, 0.005).connect(start, end, "the other side")
-    assert len(way) > 1
-    path = np.concatenate(way)
+    assert cell.clearance_violations(straight[:, :6], straight[:, 6], 0.0025)
+    motions = Connector(cell, 0.005).connect(start, end, "the other side")
+    assert len(motions) > 1
+    path = np.concatenate(motions)
     assert np.abs(path[0] - start).max() < 1e-12
     assert np.abs(path[-1] - end).max() < 1e-12
-    assert cell.proximity.clashes(cell.nominal.body_poses(path[:, :6], path[:, 6])) == []
+    assert collisions(cell, path) == set()
 
 
 def test_joint_range_metric():
@@ -263,7 +274,7 @@ def test_joint_range_metric():
         assert constraints.joint_range(outside, lower, upper, 0.5) == 0.0
 
 
-def test_two_joints_outside_do_not_make_a_good_pose():
+def test_metric_is_zero_with_two_joints_outside_limits():
     lower, upper = np.full(6, -1.0), np.full(6, 1.0)
     q = np.array([1.5, -1.5, 0.0, 0.0, 0.0, 0.0])
     assert constraints.product(*constraints.joint_range(q, lower, upper)) == 0.0

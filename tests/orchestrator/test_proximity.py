@@ -1,14 +1,16 @@
-"""Clashes and distances against closed forms, against each other, and in batches."""
+"""Distances, closest points and collisions of bodies against closed forms and FCL; batches, paths, threads, input."""
 
+import fcl
 import numpy as np
 import pytest
 import trimesh
+from cells import ball, planning_cell
+from fcl_collisions import colliding, collision_object
 
-from orchestrator.geometry import pose
-from orchestrator.geometry.mesh import Mesh
-from orchestrator.proximity.bounds import SphereBounds, cover
-from orchestrator.proximity.pairs import always_touching, cell_pairs
-from orchestrator.proximity.scene import ProximityScene
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.proximity.cell_scene import cell_pairs, intersecting_pairs
+from scancell.proximity.scene import ProximityScene
 
 
 def _mesh(made: trimesh.Trimesh) -> Mesh:
@@ -26,14 +28,7 @@ def _placed(*positions: np.ndarray) -> np.ndarray:
     return np.stack([pose.translation(np.broadcast_to(p, (len(positions[-1]), 3))) for p in positions], 1)
 
 
-def test_boxes_clash_exactly_when_their_faces_overlap():
-    scene = ProximityScene({"a": BOX, "b": BOX}, [("a", "b")])
-    gaps = np.array([-0.05, -1e-6, 1e-6, 0.01])
-    poses = _placed(np.zeros(3), np.column_stack([0.2 + gaps, np.full(4, 0.03), np.full(4, 0.07)]))
-    assert [(c.index, c.body_a, c.body_b) for c in scene.clashes(poses)] == [(0, "a", "b"), (1, "a", "b")]
-
-
-def test_distance_between_boxes_is_exact_below_the_bound_and_the_bound_beyond():
+def test_box_distance_is_clipped_to_bound():
     scene = ProximityScene({"a": BOX, "b": BOX}, [("a", "b")])
     gaps = np.array([-0.05, 0.001, 0.02, 0.049, 0.051, 0.5])
     poses = _placed(np.zeros(3), np.column_stack([0.2 + gaps, np.zeros(6), np.zeros(6)]))
@@ -41,79 +36,56 @@ def test_distance_between_boxes_is_exact_below_the_bound_and_the_bound_beyond():
     assert np.abs(scene.distances(poses, 0.05)[:, 0] - expected).max() < 1e-12
 
 
-def test_corner_to_face_distance_of_a_turned_box():
-    turn = pose.rotation_about(2, np.pi / 4) @ pose.rotation_about(0, 0.3)
-    lowest = (BOX.vertices @ turn.T)[:, 2].min()
-    poses = np.stack([np.eye(4)[None], pose.from_rotation(turn, (0.0, 0.0, 0.01 - lowest + 0.0123))[None]], 1)
+def test_corner_to_face_distance():
+    rotation = pose.rotation_about(2, np.pi / 4) @ pose.rotation_about(0, 0.3)
+    lowest = (BOX.vertices @ rotation.T)[:, 2].min()
+    poses = np.stack([np.eye(4)[None], pose.from_rotation(rotation, (0.0, 0.0, 0.01 - lowest + 0.0123))[None]], 1)
     scene = ProximityScene({"plate": PLATE, "box": BOX}, [("plate", "box")])
     assert scene.distances(poses, 0.05)[0, 0] == pytest.approx(0.0123, abs=1e-12)
 
 
-def test_clash_and_distance_agree_on_random_poses():
-    scene = ProximityScene({"plate": PLATE, "ball": BALL}, [("plate", "ball")])
+def test_zero_distance_matches_fcl_collision():
+    meshes, pairs = {"plate": PLATE, "ball": BALL}, [("plate", "ball")]
     count = 300
     plate = pose.pose(np.zeros((count, 3)), RNG.normal(size=(count, 4)))
     ball = pose.translation(RNG.uniform(-0.3, 0.3, (count, 3)))
     poses = np.stack([plate, ball], 1)
-    hit = {clash.index for clash in scene.clashes(poses)}
-    distance = scene.distances(poses, 0.2)[:, 0]
+    hit = {index for index, _, _ in colliding(meshes, pairs, poses)}
+    distance = ProximityScene(meshes, pairs).distances(poses, 0.2)[:, 0]
     assert hit == set(np.flatnonzero(distance == 0))
     assert 0 < len(hit) < count
 
 
-def test_too_near_names_bodies_and_distance():
+def test_clearance_violation_names_bodies_and_distance():
     scene = ProximityScene({"a": BOX, "b": BOX, "ball": BALL}, [("a", "b"), ("a", "ball"), ("b", "ball")])
     poses = _placed(np.zeros(3), (0.203, 0.0, 0.0), np.array([[0.0, 0.0, 0.9]]))
-    (near,) = scene.too_near(poses, 0.005)
+    (near,) = scene.clearance_violations(poses, 0.005)
     assert (near.index, near.body_a, near.body_b) == (0, "a", "b")
     assert near.distance == pytest.approx(0.003)
 
 
-def test_pairs_that_were_not_asked_for_are_not_checked():
+def test_unlisted_pairs_are_not_checked():
     scene = ProximityScene({"a": BOX, "b": BOX}, [])
     poses = _placed(np.zeros(3), np.zeros((2, 3)))
-    assert scene.clashes(poses) == []
+    assert scene.clearance_violations(poses, 0.1) == []
     assert scene.distances(poses, 0.1).shape == (2, 0)
     both = ProximityScene({"a": BOX, "b": BOX}, [("a", "b")])
     assert both.without({frozenset(("b", "a"))}).pairs == ()
 
 
-def test_answers_do_not_depend_on_what_else_is_in_the_batch():
+def test_batch_distances_match_single_queries():
     scene = ProximityScene({"plate": PLATE, "ball": BALL}, [("plate", "ball")])
-    # Repeats and returns: the answer of a pair that has not moved is reused.
+    # Repeated and recurring poses: the distance of a pair that has not moved is reused.
     heights = np.array([0.15, 0.15, 0.13, 0.15, 0.13, 0.13, 0.11])
     poses = _placed(np.zeros(3), np.column_stack([np.zeros((7, 2)), heights]))
     batch = scene.distances(poses, 0.1)
     single = np.concatenate([scene.distances(p[None], 0.1) for p in poses])
-    assert (batch == single).all()
-    # The polyhedral ball may hang a little short of the sphere around it.
+    assert np.abs(batch - single).max() < 1e-12
+    # Facets of the polyhedral ball lie inside its circumscribed sphere.
     assert np.abs(batch[:, 0] - (heights - 0.11)).max() < 1e-3
 
 
-@pytest.mark.parametrize("pieces", [1, 5, 24])
-def test_covers_hold_every_point_of_the_surface(pieces):
-    for mesh in (BOX, PLATE, BALL):
-        spheres = cover(mesh, pieces)
-        assert len(spheres) <= pieces
-        weights = RNG.dirichlet(np.ones(3), size=(len(mesh.faces), 5))
-        points = np.einsum("mki,mij->mkj", weights, mesh.vertices[mesh.faces]).reshape(-1, 3)
-        inside = np.linalg.norm(points[:, None] - spheres[:, :3], axis=-1) <= spheres[:, 3] + 1e-12
-        assert inside.any(1).all()
-
-
-def test_bounds_never_drop_a_near_pair():
-    scene = ProximityScene({"plate": PLATE, "box": BOX}, [("plate", "box")])
-    count = 200
-    poses = np.stack([pose.pose(RNG.uniform(-0.2, 0.2, (count, 3)), RNG.normal(size=(count, 4))) for _ in range(2)], 1)
-    poses[:, 1, :3, 3] *= 3
-    # With a bound beyond every distance, no case is dropped.
-    exact = scene.distances(poses, 10.0)[:, 0]
-    named, _ = SphereBounds([PLATE, BOX], np.array([[0, 1]])).possibly_within(poses, 0.05)
-    assert set(np.flatnonzero(exact < 0.05)) <= set(named)
-    assert len(named) < count
-
-
-def test_cell_pairs_leave_out_neighbours_and_what_stands_on_each_other():
+def test_cell_pairs_exclude_neighbours_and_resting_bodies():
     pairs = {frozenset(p) for p in cell_pairs(["base", "link1", "link2", "sensor"], ["table", "part"])}
     assert frozenset(("base", "link1")) not in pairs
     assert frozenset(("table", "part")) not in pairs
@@ -122,8 +94,217 @@ def test_cell_pairs_leave_out_neighbours_and_what_stands_on_each_other():
     } <= pairs
 
 
-def test_bodies_drawn_into_each_other_are_found():
+def test_intersecting_pairs():
     scene = ProximityScene({"a": BOX, "b": BOX, "ball": BALL}, [("a", "b"), ("a", "ball")])
     ball = np.column_stack([np.zeros((20, 2)), np.where(np.arange(20) < 10, 0.15, 0.5)])
     poses = _placed(np.zeros(3), (0.1, 0.0, 0.0), ball)
-    assert always_touching(scene, poses) == {frozenset(("a", "b"))}
+    assert intersecting_pairs(scene, poses) == {frozenset(("a", "b"))}
+
+
+def test_edge_to_edge_distance():
+    quarter = pose.rotation_about(0, np.pi / 4)
+    upper = pose.rotation_about(2, np.pi / 2) @ quarter
+    half_diagonal = 0.1 * np.sqrt(2)
+    gap = 0.0321
+    scene = ProximityScene({"a": BOX, "b": BOX}, [("a", "b")])
+    b = pose.from_rotation(upper, (0.0, 0.0, 2 * half_diagonal + gap))
+    poses = np.stack([pose.from_rotation(quarter, (0.0, 0.0, 0.0)), b])[None]
+    distance, points = scene.closest_points(poses, 1.0)
+    assert distance[0, 0] == pytest.approx(gap, abs=1e-12)
+    expected = np.array([[0, 0, half_diagonal], [0, 0, half_diagonal + gap]])
+    assert np.abs(points[0, 0] - expected).max() < 1e-9
+
+
+def test_ball_distance_is_between_polyhedron_and_sphere():
+    # Two balls of n faces: the spheres are the lower bound; the vertices on the line between the centres attain it.
+    scene = ProximityScene({"a": BALL, "b": BALL}, [("a", "b")])
+    axis = BALL.vertices[0] / np.linalg.norm(BALL.vertices[0])
+    centres = np.outer([0.2001, 0.21, 0.3, 0.4], axis)
+    distance, points = scene.closest_points(_placed(np.zeros(3), centres), 1.0)
+    assert np.abs(distance[:, 0] - (np.array([0.2001, 0.21, 0.3, 0.4]) - 0.2)).max() < 1e-12
+    assert np.abs(points[:, 0, 0] - 0.1 * axis).max() < 1e-9
+    assert np.abs(points[:, 0, 1] - (centres - 0.1 * axis)).max() < 1e-9
+
+
+def test_small_triangles_keep_their_faces():
+    # FCL's kernel ignores the faces of triangles below 0.2 mm and would answer with the distance of their edges.
+    small = _mesh(trimesh.creation.box((1e-4, 1e-4, 1e-4)))
+    needle = Mesh(np.array([[0.0, 0, 0], [1e-5, 0, 1e-3], [0, 1e-5, 1e-3]]), np.array([[0, 1, 2]]))
+    scene = ProximityScene({"small": small, "needle": needle}, [("small", "needle")])
+    poses = _placed(np.zeros(3), np.array([[1e-5, 2e-5, 0.5e-4 + 1e-4]]))
+    assert scene.distances(poses, 1.0)[0, 0] == pytest.approx(1e-4, abs=1e-12)
+
+
+def test_points_are_nan_beyond_bound_and_when_intersecting():
+    scene = ProximityScene({"a": BOX, "b": BOX}, [("a", "b")])
+    centres = np.column_stack([[0.15, 0.21, 0.4], np.zeros(3), np.zeros(3)])
+    distance, points = scene.closest_points(_placed(np.zeros(3), centres), 0.05)
+    assert distance[:, 0] == pytest.approx([0.0, 0.01, 0.05], abs=1e-12)
+    assert np.isnan(points[[0, 2]]).all()
+    assert np.isfinite(points[1]).all()
+
+
+def test_collision_matches_zero_distance():
+    scene = ProximityScene({"plate": PLATE, "ball": BALL, "box": BOX}, [("plate", "ball"), ("ball", "box")])
+    count = 400
+    rotations = RNG.normal(size=(3, count, 4))
+    poses = np.stack([pose.pose(RNG.uniform(-0.15, 0.15, (count, 3)), q) for q in rotations], 1)
+    collision = scene.collisions(poses)
+    assert collision.dtype == bool
+    assert (collision == (scene.distances(poses, 1.0) == 0)).all()
+    assert 0.1 < collision.mean() < 0.9
+    assert (
+        scene.collisions(_placed(np.zeros(3), (0.0, 0.0, 0.1101), np.array([[1.0, 0, 0]])))[0].tolist() == [False] * 2
+    )
+
+
+class Arm:
+    """The default cell with a ball on its table."""
+
+    def __init__(self):
+        self.cell = planning_cell(ball())
+        self.scene = self.cell.proximity
+        self.meshes = {b.name: b.mesh for b in self.cell.nominal.bodies}
+
+    def poses(self, q, table):
+        return self.cell.nominal.body_poses(q, table)
+
+    def random_poses(self, count):
+        lower, upper = self.cell.nominal.arm.limits
+        return self.poses(RNG.uniform(lower, upper, (count, 6)), RNG.uniform(0, 2 * np.pi, count))
+
+    def path(self, count):
+        """From a view of the part down into it, with all joints and the table moving."""
+        direction = np.array([0.1, 1.0, 0.3, -0.2, -0.6, 0.9, 1.0])
+        start = np.append(np.radians([35, -25, 195, -68, 79, -10]), 0.0)
+        points = start + np.arange(count)[:, None] * np.radians(0.5) * direction
+        return self.poses(points[:, :6], points[:, 6])
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return Arm()
+
+
+def _fcl_distances(arm, poses):
+    objects = {name: collision_object(mesh) for name, mesh in arm.meshes.items()}
+    distances = np.empty((len(poses), len(arm.scene.pairs)))
+    for k, placed in enumerate(poses):
+        for name, matrix in zip(arm.scene.names, placed, strict=True):
+            objects[name].setTransform(fcl.Transform(matrix[:3, :3], matrix[:3, 3]))
+        for p, (a, b) in enumerate(arm.scene.pairs):
+            found = fcl.distance(objects[a], objects[b], fcl.DistanceRequest(), fcl.DistanceResult())
+            distances[k, p] = max(found, 0.0)
+    return distances
+
+
+def test_arm_distances_match_fcl(arm):
+    poses = arm.random_poses(12)
+    expected = _fcl_distances(arm, poses)
+    full, points = arm.scene.closest_points(poses, np.inf)
+    assert np.abs(full - expected).max() < 1e-9
+    assert np.abs(arm.scene.distances(poses, 0.05) - np.minimum(expected, 0.05)).max() < 1e-9
+    apart = full > 0
+    assert np.abs(np.linalg.norm(points[..., 0, :] - points[..., 1, :], axis=-1)[apart] - full[apart]).max() < 1e-12
+
+
+def test_arm_collisions_match_fcl(arm):
+    poses = arm.random_poses(150)
+    expected = colliding(arm.meshes, arm.scene.pairs, poses)
+    index, pair = np.nonzero(arm.scene.collisions(poses))
+    assert {(int(i), *arm.scene.pairs[p]) for i, p in zip(index, pair, strict=True)} == expected
+    assert expected
+
+
+@pytest.mark.parametrize("bound", [0.005, 0.05, np.inf])
+def test_path_matches_single_queries(arm, bound):
+    poses = arm.path(150)
+    single = np.concatenate([arm.scene.distances(p[None], bound) for p in poses[::3]])
+    assert np.abs(arm.scene.distances(poses, bound)[::3] - single).max() < 1e-12
+    assert np.ptp(np.minimum(single, 10.0), axis=0).max() > 1e-3
+    collision = np.concatenate([arm.scene.collisions(p[None]) for p in poses[::3]])
+    assert (arm.scene.collisions(poses)[::3] == collision).all()
+
+
+@pytest.mark.parametrize("threads", [0, 2, 3, 7])
+def test_results_do_not_depend_on_threads(arm, threads):
+    poses = np.concatenate([arm.path(300), arm.random_poses(40)])
+    distance, points = arm.scene.closest_points(poses, 0.03, threads=1)
+    again, points_again = arm.scene.closest_points(poses, 0.03, threads=threads)
+    assert (again == distance).all()
+    assert np.array_equal(points_again, points, equal_nan=True)
+    assert (arm.scene.collisions(poses, threads) == arm.scene.collisions(poses, 1)).all()
+
+
+def test_bounds_per_pair(arm):
+    poses = arm.random_poses(20)
+    bounds = RNG.uniform(0.0, 0.2, len(arm.scene.pairs))
+    full = arm.scene.distances(poses, np.inf)
+    assert np.abs(arm.scene.distances(poses, bounds) - np.minimum(full, bounds)).max() < 1e-12
+    assert (arm.scene.distances(poses, 0.0) == 0).all()
+
+
+def test_without_shares_bodies(arm):
+    poses = arm.random_poses(5)
+    excluded = frozenset(arm.scene.pairs[3])
+    rest = arm.scene.without({excluded})
+    kept = [p for p, pair in enumerate(arm.scene.pairs) if frozenset(pair) != excluded]
+    assert rest.pairs == tuple(arm.scene.pairs[p] for p in kept)
+    assert (rest.distances(poses, 0.1) == arm.scene.distances(poses, 0.1)[:, kept]).all()
+
+
+SCENE = ProximityScene({"a": BOX, "b": BALL}, [("a", "b")])
+PLACED = _placed(np.zeros(3), np.array([[1.0, 0, 0]]))
+
+
+def _changed(where, value):
+    poses = PLACED.copy()
+    poses[where] = value
+    return poses
+
+
+@pytest.mark.parametrize(
+    ("poses", "bound", "message"),
+    [
+        (PLACED[0], 0.1, r"poses: expected shape \(n, 2, 4, 4\), got \(2, 4, 4\)"),
+        (PLACED[:, :1], 0.1, r"poses: expected shape \(n, 2, 4, 4\), got \(1, 1, 4, 4\)"),
+        (_changed((0, 1, 0, 3), np.nan), 0.1, r"poses\[0, 1\]: expected a rigid transform"),
+        (_changed((0, 1, 0, 3), np.inf), 0.1, "rigid transform"),
+        (_changed((0, 0, 0, 0), 1.01), 0.1, r"poses\[0, 0\]: expected a rigid transform"),
+        (_changed((0, 0, 2, 2), -1.0), 0.1, "right-handed"),
+        (_changed((0, 0, 3, 0), 0.1), 0.1, "rigid transform"),
+        (PLACED, -0.1, "bound: expected distances >= 0"),
+        (PLACED, np.nan, "bound: expected distances >= 0"),
+        (PLACED, [0.1, 0.1], r"bound: expected a number or shape \(1\), got \(2\)"),
+    ],
+)
+def test_wrong_query_is_refused(poses, bound, message):
+    with pytest.raises(ValueError, match=message):
+        SCENE.distances(poses, bound)
+    with pytest.raises(ValueError, match=message):
+        SCENE.closest_points(poses, bound)
+    if bound == 0.1:
+        with pytest.raises(ValueError, match=message):
+            SCENE.collisions(poses)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "message"),
+    [
+        (Mesh(BOX.vertices, np.zeros((0, 3), np.int64)), r"mesh 1 has no faces"),
+        (Mesh(np.where(BOX.vertices > 0, np.nan, 0.0), BOX.faces), r"meshes\[1\]: vertex \d+ is not finite"),
+        (Mesh(BOX.vertices, BOX.faces + 1), r"meshes\[1\]: face \d+ names vertex 8 of 8"),
+        (Mesh(BOX.vertices[:, :2], BOX.faces), r"meshes\[1\] vertices: expected shape \(n, 3\), got \(8, 2\)"),
+        (Mesh(BOX.vertices, BOX.faces.astype(float)), r"meshes\[1\] faces: expected integers"),
+    ],
+)
+def test_wrong_mesh_is_refused(mesh, message):
+    with pytest.raises(ValueError, match=message):
+        ProximityScene({"a": BOX, "b": mesh}, [("a", "b")])
+
+
+def test_wrong_pair_is_refused():
+    with pytest.raises(ValueError, match=r"expected two different numbers below 2, got \(0, 0\) at pair 1"):
+        ProximityScene({"a": BOX, "b": BALL}, [("a", "b"), ("a", "a")])
+    with pytest.raises(KeyError, match="ghost"):
+        ProximityScene({"a": BOX, "b": BALL}, [("a", "ghost")])

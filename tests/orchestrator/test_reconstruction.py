@@ -1,18 +1,19 @@
-"""Reconstruction against analytic surfaces seen from random joint poses."""
+"""Reconstruction of analytic surfaces measured at random joint positions."""
 
 from __future__ import annotations
 
 import inspect
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from trigger_records import Triggers
 
-from orchestrator.geometry import pose
-from orchestrator.geometry.arm import Arm, Joint
-from orchestrator.reconstruction import Envelope, ProfilePoints, reconstruct
-from orchestrator.reconstruction.normals import estimate_normals
-from orchestrator.reconstruction.reconstruct import points_in_part, quality_of
+from scancell.geometry import pose
+from scancell.geometry.arm import Arm, Joint
+from scancell.reconstruction import Envelope, ProfilePoints, reconstruct
+from scancell.reconstruction.normals import estimate_normals
+from scancell.reconstruction.reconstruct import points_in_part, quality_of
 
 ARM = Arm(
     [
@@ -37,20 +38,9 @@ def part_from_sensor(q: np.ndarray, table: np.ndarray) -> np.ndarray:
     return pose.inverse(world_from_part) @ ARM.fk(q) @ FLANGE_FROM_SENSOR
 
 
-@dataclass(frozen=True)
-class Records:
-    index: np.ndarray
-    segment: np.ndarray
-    time: np.ndarray
-    q: np.ndarray
-    table: np.ndarray
-    qd: np.ndarray
-    table_rate: np.ndarray
-
-
-def records(q: np.ndarray, table: np.ndarray) -> Records:
+def records(q: np.ndarray, table: np.ndarray) -> Triggers:
     n = len(q)
-    return Records(np.arange(1, n + 1), np.ones(n, int), 0.01 * np.arange(n), q, table, np.zeros((n, 6)), np.zeros(n))
+    return Triggers(np.arange(1, n + 1), np.ones(n, int), 0.01 * np.arange(n), q, table, np.zeros((n, 6)), np.zeros(n))
 
 
 def profiles_of(points_in_sensor: np.ndarray, frame: np.ndarray, column: np.ndarray) -> ProfilePoints:
@@ -63,12 +53,12 @@ def profiles_of(points_in_sensor: np.ndarray, frame: np.ndarray, column: np.ndar
         column=column.astype(np.int32),
         frame=frame,
         flags=np.zeros(m, np.uint32),
-        lapse=np.zeros(m),
+        time_offset=np.zeros(m),
     )
 
 
-def sphere_points_under_random_poses(seed: int) -> tuple[ProfilePoints, Records]:
-    """Points of a sphere about the part's origin, expressed in the sensor frame of random arm and table poses."""
+def sphere_points_under_random_poses(seed: int) -> tuple[ProfilePoints, Triggers]:
+    """Points of a sphere at the part's origin, in the sensor frame at random joints and table angles."""
     rng = np.random.default_rng(seed)
     n, per_frame = 40, 50
     q = np.radians([35, -25, 195, -68, 79, -10]) + rng.uniform(-0.5, 0.5, (n, 6))
@@ -80,11 +70,11 @@ def sphere_points_under_random_poses(seed: int) -> tuple[ProfilePoints, Records]
     return profiles_of(in_sensor, frame, np.tile(np.arange(per_frame), n)), records(q, table)
 
 
-def sweep_over_sphere(noise: float = 0.0) -> tuple[ProfilePoints, Records, np.ndarray]:
-    """A sensor looks down and passes over the sphere in 60 frames; returns the sphere's centre in the part too."""
+def sweep_over_sphere(noise: float = 0.0) -> tuple[ProfilePoints, Triggers, np.ndarray]:
+    """Profiles and triggers of 60 frames over a sphere, and the centre of the sphere in the part frame."""
     n, columns = 60, 400
     q = np.tile(np.radians([35, -25, 195, -68, 79, -10]), (n, 1))
-    table = np.linspace(0.0, 0.9, n)  # every frame another pose of the sensor over the part
+    table = np.linspace(0.0, 0.9, n)  # another pose of the sensor relative to the part in every frame
     poses = part_from_sensor(q, table)
     middle = poses[n // 2] @ np.array([0.0, 0.0, 0.12, 1.0])
     centre = middle[:3]
@@ -104,14 +94,14 @@ def sweep_over_sphere(noise: float = 0.0) -> tuple[ProfilePoints, Records, np.nd
     return profiles_of(points, np.concatenate(frame), np.concatenate(column)), records(q, table), centre
 
 
-def test_sphere_comes_back_from_random_poses() -> None:
+def test_sphere_from_random_poses() -> None:
     profiles, triggers = sphere_points_under_random_poses(3)
     cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
     radius = np.linalg.norm(cloud.points_in_part, axis=1)
     assert np.abs(radius - RADIUS).max() < 1e-12
 
 
-def test_every_point_carries_its_trigger() -> None:
+def test_points_carry_trigger_data() -> None:
     profiles, triggers = sphere_points_under_random_poses(4)
     triggers = replace(triggers, index=triggers.index + 100, segment=np.arange(40) // 10 + 1)
     cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
@@ -120,8 +110,8 @@ def test_every_point_carries_its_trigger() -> None:
     assert np.array_equal(cloud.time, triggers.time[profiles.frame])
 
 
-def test_a_joint_error_shows_as_the_jacobian_predicts() -> None:
-    """Measured joints are what counts: an error of joint 3 moves the points as its axis and lever say."""
+def test_joint_error_matches_jacobian() -> None:
+    """An error of measured joint 3 displaces the points by the cross product of its axis and lever arm."""
     profiles, triggers = sphere_points_under_random_poses(5)
     error = 1e-6
     wrong = replace(triggers, q=triggers.q + error * np.eye(6)[2])
@@ -132,13 +122,13 @@ def test_a_joint_error_shows_as_the_jacobian_predicts() -> None:
     world_from_sensor = ARM.fk(triggers.q) @ FLANGE_FROM_SENSOR
     in_world = points_in_part(profiles.points_in_sensor, profiles.frame, world_from_sensor)
     shift = np.cross(axis[profiles.frame], in_world - origin[profiles.frame]) * error
-    turn = pose.from_rotation(pose.rotation_about(2, triggers.table))
-    part_from_world = pose.inverse(WORLD_FROM_TABLE @ turn @ TABLE_FROM_PART)[:, :3, :3]
+    rotation = pose.from_rotation(pose.rotation_about(2, triggers.table))
+    part_from_world = pose.inverse(WORLD_FROM_TABLE @ rotation @ TABLE_FROM_PART)[:, :3, :3]
     expected = np.einsum("mij,mj->mi", part_from_world[profiles.frame], shift)
     assert np.abs(moved.points_in_part - right.points_in_part - expected).max() < 1e-11
 
 
-def test_normals_of_a_swept_sphere_point_outwards() -> None:
+def test_normals_of_swept_sphere() -> None:
     profiles, triggers, centre = sweep_over_sphere()
     cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
     true = (cloud.points_in_part - centre) / RADIUS
@@ -150,7 +140,7 @@ def test_normals_of_a_swept_sphere_point_outwards() -> None:
     assert np.quantile(angle, 0.95) < 2.0
 
 
-def test_normals_stand_noise() -> None:
+def test_normals_with_noise() -> None:
     profiles, triggers, centre = sweep_over_sphere(noise=5e-6)
     cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
     true = (cloud.points_in_part - centre) / RADIUS
@@ -160,7 +150,7 @@ def test_normals_stand_noise() -> None:
     assert np.median(angle) < 2.0
 
 
-def test_scattered_points_get_normals_of_their_neighbourhood() -> None:
+def test_normals_of_scattered_points() -> None:
     rng = np.random.default_rng(8)
     m = 4000
     direction = rng.normal(size=(m, 3))
@@ -172,15 +162,15 @@ def test_scattered_points_get_normals_of_their_neighbourhood() -> None:
     cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
     known = np.isfinite(cloud.normals[:, 0])
     to_light = poses[0, :3, 3] - points
-    edge_on = np.abs((points * to_light).sum(1)) < 0.2 * RADIUS * np.linalg.norm(to_light, axis=1)
-    assert known[~edge_on].all(), "what the light touches within a degree or two has no normal"
+    grazing = np.abs((points * to_light).sum(1)) < 0.2 * RADIUS * np.linalg.norm(to_light, axis=1)
+    assert known[~grazing].all(), "normals are missing at grazing incidence only"
     cosine = np.abs((cloud.normals * points).sum(1))[known] / RADIUS
     assert np.median(cosine) > np.cos(np.radians(5))
     assert ((cloud.normals * to_light).sum(1)[known] > 0).all()
 
 
-def test_lines_too_far_apart_for_a_grid_still_span_a_surface() -> None:
-    """Points 20 µm apart along profiles whose columns share nothing: the nearest twelve lie on one line."""
+def test_normals_of_dense_lines_without_common_columns() -> None:
+    """Points at 20 µm spacing along lines without common columns: the twelve nearest neighbours are collinear."""
     lines, per_line = 30, 1500
     angle = np.repeat(np.linspace(-0.5, 0.5, lines), per_line)
     along = np.tile(np.linspace(-0.015, 0.015, per_line), lines)
@@ -195,8 +185,8 @@ def test_lines_too_far_apart_for_a_grid_still_span_a_surface() -> None:
 
 
 @pytest.mark.parametrize("profiles", [1, 3])
-def test_profiles_far_apart_have_the_normals_of_a_surface_square_to_the_sheet(profiles: int) -> None:
-    """Arcs across a cylinder, 40 mm apart: the plane through an arc's points is the sheet's, no normal of a surface."""
+def test_normals_of_distant_profiles_lie_in_sheet(profiles: int) -> None:
+    """Arcs across a cylinder at 40 mm spacing: the plane through an arc is the laser sheet, not the surface."""
     angle = np.linspace(-1.0, 1.0, 1200)
     arc = np.stack([0 * angle, RADIUS * np.sin(angle), 0.13 - RADIUS * np.cos(angle)], -1)
     frame = np.repeat(np.arange(profiles), len(angle))
@@ -209,13 +199,13 @@ def test_profiles_far_apart_have_the_normals_of_a_surface_square_to_the_sheet(pr
     assert (found * true).sum(1).min() > np.cos(np.radians(0.6)), "six columns to one side, at the ends"
 
 
-def test_points_that_stand_alone_have_no_normal() -> None:
+def test_isolated_points_have_no_normal() -> None:
     points = np.array([[0.0, 0.0, 0.1], [0.05, 0.0, 0.1], [0.1, 0.01, 0.1], [0.2, 0.0, 0.1]])
     rows = np.arange(4)
     assert np.isnan(estimate_normals(points, rows, np.zeros(4, np.int32), 50 * rows, np.zeros((4, 3)))).all()
 
 
-def test_envelope_cuts_by_height_over_the_table_and_distance_from_its_axis() -> None:
+def test_envelope_removes_points_outside() -> None:
     profiles, triggers = sphere_points_under_random_poses(6)
     everything = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
     envelope = Envelope(0.02, 0.045, 0.03)
@@ -227,7 +217,7 @@ def test_envelope_cuts_by_height_over_the_table_and_distance_from_its_axis() -> 
     assert np.array_equal(kept.points_in_part, everything.points_in_part[inside])
 
 
-def test_batches_join() -> None:
+def test_batches_concatenate() -> None:
     profiles, triggers = sphere_points_under_random_poses(7)
     split = int(np.searchsorted(profiles.frame, 25))
     columns = {name: getattr(profiles, name) for name in ProfilePoints.__dataclass_fields__}
@@ -239,57 +229,59 @@ def test_batches_join() -> None:
     assert len(reconstruct(joined, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)) == len(profiles.frame)
 
 
-def test_a_frame_without_trigger_is_refused() -> None:
+def test_frame_without_trigger_is_rejected() -> None:
     profiles, triggers = sphere_points_under_random_poses(7)
-    short = Records(*(getattr(triggers, name)[:30] for name in Records.__dataclass_fields__))
+    short = Triggers(*(getattr(triggers, name)[:30] for name in Triggers.__dataclass_fields__))
     with pytest.raises(ValueError, match="30 trigger records"):
         reconstruct(profiles, short, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
 
 
-def test_no_points_make_an_empty_cloud() -> None:
+def test_empty_profiles_give_empty_cloud() -> None:
     profiles = profiles_of(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0, int))
     triggers = records(np.zeros((2, 6)), np.zeros(2))
     assert len(reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)) == 0
 
 
-def test_quality_falls_with_uncertainty_and_with_warnings() -> None:
+def test_quality_decreases_with_sigma_and_flags() -> None:
     sigma = np.array([0.0, 10e-6, 20e-6, 100e-6])
     clean, warned = quality_of(sigma, np.zeros(4, int)), quality_of(sigma, np.full(4, 8))
     assert clean[0] == 1.0 and clean[2] == pytest.approx(0.5)
     assert (np.diff(clean) < 0).all() and (warned < clean).all() and (warned > 0).all()
 
 
-def test_nothing_true_enters() -> None:
-    """The signature takes what a controller knows and nominal geometry, nothing else."""
+def test_reconstruction_reads_no_truth() -> None:
+    """`reconstruct` takes measured values and nominal geometry only."""
     names = list(inspect.signature(reconstruct).parameters)
     assert names == ["profiles", "triggers", "part_from_sensor", "table_from_part", "envelope", "normals"]
 
-    class Watched(Records):
+    class Watched(Triggers):
         def __getattribute__(self, name: str) -> object:
             assert "truth" not in name
             return super().__getattribute__(name)
 
     profiles, triggers = sphere_points_under_random_poses(9)
-    watched = Watched(*(getattr(triggers, name) for name in Records.__dataclass_fields__))
+    watched = Watched(*(getattr(triggers, name) for name in Triggers.__dataclass_fields__))
     reconstruct(profiles, watched, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
 
 
-def test_points_of_a_rolling_shutter_are_placed_by_the_pose_of_their_time() -> None:
-    """Arm and table in motion: every point has a pose of its own, that of the joints when its row was exposed."""
+def test_rolling_shutter_uses_pose_at_row_time() -> None:
+    """Arm and table in motion: each point is transformed by the joints at the exposure of its row."""
     rng = np.random.default_rng(4)
     n, m = 30, 3000
     _, triggers = sphere_points_under_random_poses(4)
     q, table = triggers.q[:n], triggers.table[:n]
     qd, table_rate = rng.uniform(-0.5, 0.5, (n, 6)), rng.uniform(-1.0, 1.0, n)
-    frame, lapse = np.sort(rng.integers(0, n, m)), rng.uniform(-5e-3, 5e-3, m)
+    frame, time_offset = np.sort(rng.integers(0, n, m)), rng.uniform(-5e-3, 5e-3, m)
     direction = rng.normal(size=(m, 3))
     on_sphere = RADIUS * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    poses = part_from_sensor(q[frame] + qd[frame] * lapse[:, None], table[frame] + table_rate[frame] * lapse)
+    poses = part_from_sensor(
+        q[frame] + qd[frame] * time_offset[:, None], table[frame] + table_rate[frame] * time_offset
+    )
     in_sensor = points_in_part(on_sphere, np.arange(m), pose.inverse(poses))
-    profiles = replace(profiles_of(in_sensor, frame, np.arange(m)), lapse=lapse)
+    profiles = replace(profiles_of(in_sensor, frame, np.arange(m)), time_offset=time_offset)
     triggers = replace(records(q, table), qd=qd, table_rate=table_rate)
     cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE, normals=False)
     assert np.abs(cloud.points_in_part - on_sphere).max() < 0.1e-6
-    late = replace(profiles, lapse=np.zeros(m))
+    late = replace(profiles, time_offset=np.zeros(m))
     wrong = reconstruct(late, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE, normals=False)
     assert np.abs(wrong.points_in_part - on_sphere).max() > 1e-3

@@ -1,11 +1,11 @@
-"""Recordings: files that read back as they were written, poses that follow from twists, truth kept apart."""
+"""Recordings: file round trip, poses during the exposure, separation of the truth, invalid files."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from orchestrator.cell.recording import (
+from scancell.cell.recording import (
     INTEGER_COLUMNS,
     MEASURED_COLUMNS,
     Recording,
@@ -14,8 +14,8 @@ from orchestrator.cell.recording import (
     truth_columns,
     write_recording,
 )
-from orchestrator.errors import DescriptionError, OutputError
-from orchestrator.geometry import pose
+from scancell.errors import DescriptionError, OutputError
+from scancell.geometry import pose
 
 COUNT = 7
 
@@ -30,7 +30,7 @@ def recording(count: int = COUNT) -> Recording:
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "csv"])
-def test_reads_back_every_bit(tmp_path, suffix) -> None:
+def test_file_round_trip_is_lossless(tmp_path, suffix) -> None:
     written = recording()
     path = tmp_path / f"recording.{suffix}"
     write_recording(written, path)
@@ -43,7 +43,7 @@ def test_reads_back_every_bit(tmp_path, suffix) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "csv"])
-def test_lost_truth_survives_a_file(tmp_path, suffix) -> None:
+def test_missing_truth_round_trips(tmp_path, suffix) -> None:
     path = tmp_path / f"recording.{suffix}"
     write_recording(recording().without_truth(), path)
     read = read_recording(path)
@@ -51,7 +51,7 @@ def test_lost_truth_survives_a_file(tmp_path, suffix) -> None:
     assert np.array_equal(read.measured.q, recording().measured.q)
 
 
-def test_rows_without_a_new_trigger_are_passed_over(tmp_path) -> None:
+def test_rows_without_trigger_are_skipped(tmp_path) -> None:
     fired = recording()
     twice = {name: np.repeat(values, 2) for name, values in fired.columns.items()}
     before = {name: np.zeros(3, values.dtype) for name, values in fired.columns.items()}
@@ -62,7 +62,7 @@ def test_rows_without_a_new_trigger_are_passed_over(tmp_path) -> None:
     assert np.array_equal(read.measured.time, fired.measured.time)
 
 
-def test_measured_columns_land_in_their_fields() -> None:
+def test_measured_columns_map_to_fields() -> None:
     given = recording()
     measured = given.measured
     assert measured.q.shape == measured.qd.shape == (COUNT, 6)
@@ -72,7 +72,7 @@ def test_measured_columns_land_in_their_fields() -> None:
     assert np.array_equal(measured.segment, given.columns["trigger.segment"])
 
 
-def test_without_truth_takes_all_truth_and_nothing_else() -> None:
+def test_without_truth_removes_only_truth() -> None:
     given = recording()
     lost = given.without_truth()
     for name, values in lost.columns.items():
@@ -82,8 +82,8 @@ def test_without_truth_takes_all_truth_and_nothing_else() -> None:
             assert values is given.columns[name]
 
 
-def test_poses_at_start_and_end_follow_from_the_twist_at_the_middle() -> None:
-    """A body that turns at a constant rate about a fixed axis while it glides: exact at any exposure."""
+def test_exposure_poses_follow_from_twist() -> None:
+    """Constant rotation rate about a fixed axis and constant velocity: exact for any exposure."""
     given = dict(recording().columns)
     duration, rate, speed = 0.5, np.array([0.3, -0.4, 1.2]), np.array([0.05, 0.0, -0.02])
     middle = pose.pose((0.1, 0.2, 0.3), (0.8, 0.0, 0.6, 0.0))
@@ -99,17 +99,17 @@ def test_poses_at_start_and_end_follow_from_the_twist_at_the_middle() -> None:
     poses = truth.world_from_frame["sensor"]
     assert poses.shape == (COUNT, 2, 4, 4)
     for end, sign in ((0, -1), (1, 1)):
-        lapse = sign * duration / 2
-        assert poses[0, end, :3, 3] == pytest.approx(middle[:3, 3] + lapse * speed, abs=1e-15)
+        time_offset = sign * duration / 2
+        assert poses[0, end, :3, 3] == pytest.approx(middle[:3, 3] + time_offset * speed, abs=1e-15)
         # Rodrigues' formula, written out.
-        angle, axis = lapse * np.linalg.norm(rate), rate / np.linalg.norm(rate)
+        angle, axis = time_offset * np.linalg.norm(rate), rate / np.linalg.norm(rate)
         k = np.cross(np.eye(3), axis)  # k @ v = axis × v
         turn = np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
         assert poses[0, end, :3, :3] == pytest.approx(turn @ middle[:3, :3], abs=1e-14)
 
 
 @pytest.mark.parametrize("name", ["trigger.measured.q[4]", "trigger.truth.table.position[2]", "trigger.index"])
-def test_missing_column_is_named(tmp_path, name) -> None:
+def test_missing_column_error(tmp_path, name) -> None:
     path = tmp_path / "recording.csv"
     write_recording(Recording({n: v for n, v in recording().columns.items() if n != name}), path)
     with pytest.raises(DescriptionError, match=r"recording\.csv.*missing") as caught:
@@ -117,7 +117,7 @@ def test_missing_column_is_named(tmp_path, name) -> None:
     assert name in str(caught.value)
 
 
-def test_measured_value_that_is_no_number_is_named(tmp_path) -> None:
+def test_nan_in_measured_column_error(tmp_path) -> None:
     columns = dict(recording().columns)
     columns["trigger.measured.q[2]"] = np.where(np.arange(COUNT) == 4, np.nan, 0.0)
     path = tmp_path / "recording.parquet"
@@ -127,13 +127,13 @@ def test_measured_value_that_is_no_number_is_named(tmp_path) -> None:
     assert "trigger.measured.q[2]" in str(caught.value)
 
 
-def test_words_in_a_column_are_named(tmp_path) -> None:
+def test_text_in_numeric_column_error(tmp_path) -> None:
     path = tmp_path / "recording.csv"
     write_recording(recording(), path)
     lines = path.read_text().splitlines()
     column = lines[0].split(",").index('"trigger.measured.table"')
     words = lines[3].split(",")
-    words[column] = "often"
+    words[column] = "text"
     path.write_text("\n".join([*lines[:3], ",".join(words), *lines[4:]]))
     with pytest.raises(DescriptionError, match=r"trigger\.measured\.table"):
         read_recording(path)
@@ -145,14 +145,14 @@ def test_missing_file(tmp_path, name) -> None:
         read_recording(tmp_path / name)
 
 
-def test_file_that_is_no_table(tmp_path) -> None:
+def test_invalid_file_error(tmp_path) -> None:
     path = tmp_path / "recording.parquet"
     path.write_bytes(b"PAR1 not really")
     with pytest.raises(DescriptionError, match="expected a Parquet or CSV table"):
         read_recording(path)
 
 
-def test_table_without_a_trigger(tmp_path) -> None:
+def test_recording_without_triggers_is_rejected(tmp_path) -> None:
     path = tmp_path / "recording.csv"
     columns = {**recording().columns, "trigger.index": np.zeros(COUNT, np.int64)}
     write_recording(Recording(columns), path)
@@ -160,7 +160,7 @@ def test_table_without_a_trigger(tmp_path) -> None:
         read_recording(path)
 
 
-def test_place_that_cannot_be_written_is_named(tmp_path) -> None:
+def test_unwritable_path_error(tmp_path) -> None:
     (tmp_path / "taken").write_text("a file")
     with pytest.raises(OutputError, match=r"taken/recording\.csv"):
         write_recording(recording(), tmp_path / "taken" / "recording.csv")

@@ -1,4 +1,4 @@
-"""Results appear whole or not at all."""
+"""Run folders are written atomically."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.errors import OutputError
-from orchestrator.evaluation.run_folder import RunFolder
+from scancell.errors import OutputError
+from scancell.output.run_folder import RunFolder
 
 
-def test_files_appear_at_the_end(tmp_path: Path) -> None:
+def test_files_appear_on_success(tmp_path: Path) -> None:
     target = tmp_path / "a" / "run"
     with RunFolder(target) as folder:
         folder.path("cloud.ply").write_text("x")
@@ -24,7 +24,7 @@ def test_files_appear_at_the_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, ValueError])
-def test_an_interrupted_run_leaves_the_old_results_and_nothing_else(tmp_path: Path, fault: type[BaseException]) -> None:
+def test_interrupted_run_keeps_previous_results(tmp_path: Path, fault: type[BaseException]) -> None:
     target = tmp_path / "run"
     target.mkdir()
     (target / "cloud.ply").write_text("old")
@@ -35,7 +35,7 @@ def test_an_interrupted_run_leaves_the_old_results_and_nothing_else(tmp_path: Pa
     assert os.listdir(tmp_path) == ["run"]
 
 
-def test_a_new_run_replaces_folders_of_the_old_one(tmp_path: Path) -> None:
+def test_run_replaces_existing_folders(tmp_path: Path) -> None:
     target = tmp_path / "run"
     for name in ("one", "two"):
         with RunFolder(target) as folder:
@@ -43,7 +43,7 @@ def test_a_new_run_replaces_folders_of_the_old_one(tmp_path: Path) -> None:
     assert os.listdir(target / "images") == ["two.png"]
 
 
-def test_a_target_that_is_a_file_is_refused_before_work(tmp_path: Path) -> None:
+def test_file_as_target_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "run").write_text("mine")
     with pytest.raises(OutputError, match="expected a folder"), RunFolder(tmp_path / "run"):
         pytest.fail("the block must not start")

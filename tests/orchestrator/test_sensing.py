@@ -1,4 +1,4 @@
-"""Sensors and collision outputs: from the description to the FMU; lighter meshes and what they cost."""
+"""Device sensors and collision outputs of the FMU, and the error of simplified meshes."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import pytest
 import trimesh
 from cells import ball, block, mesh_of
 
-from orchestrator.cell.fmu_file import build_fmu, cell_json
-from orchestrator.cell.fmu_package.contents import THROWN_AWAY
-from orchestrator.cell.instance import CellInstance
-from orchestrator.cell.nominal import nominal_cell
-from orchestrator.cell.sensing import sensing_json, simplified
-from orchestrator.config.loading import assets_dir, load_setup
-from orchestrator.errors import CellError, DescriptionError
-from orchestrator.geometry.decimation import decimated, deviation
+from scancell.cell.fmu_file import cell_json, make_temporary_fmu
+from scancell.cell.instance import CellInstance
+from scancell.cell.mesh_json import read_mesh_json
+from scancell.cell.sensing import sensing_json, simplified
+from scancell.config.loading import assets_dir, load_setup
+from scancell.errors import CellError, DescriptionError
+from scancell.geometry.decimation import decimated, deviation
+from scancell.nominal.cell import nominal_cell
 
 BLOCK = block(0.04, 0.03, 0.02)
 ABOVE_TABLE = "x_mm = 450.0, z_mm = 110.0"
@@ -42,21 +42,20 @@ def setup_of(folder, text: str, *words: str):
 
 
 def opened(setup, folder):
-    fmu = folder / "cell.fmu"
-    build_fmu(cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0), fmu, 3, THROWN_AWAY)
-    return CellInstance(fmu)
+    description = cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)
+    return CellInstance(make_temporary_fmu(description, folder / "fmu", 3))
 
 
-def test_a_flat_body_is_simplified_without_deviation() -> None:
+def test_decimation_of_flat_body_is_exact() -> None:
     dense = mesh_of(trimesh.creation.box((0.1, 0.08, 0.06)).subdivide_loop(0).subdivide().subdivide().subdivide())
     light = decimated(dense, 100)
     assert len(dense.faces) == 12 * 4**3
     assert len(light.faces) <= 100
-    assert deviation(dense, light) < 1e-7  # single precision of the library, about the mesh's centre
+    assert deviation(dense, light) < 1e-7  # single precision of the library
 
 
-def test_triangles_without_common_vertices_are_simplified_as_one_surface() -> None:
-    """An STL file has three vertices a triangle: a sphere of such triangles must stay closed."""
+def test_decimation_welds_triangle_soup() -> None:
+    """Meshes from STL files have three vertices per triangle: a sphere must remain closed."""
     sphere = trimesh.creation.icosphere(4, 0.05)
     soup = mesh_of(trimesh.Trimesh(sphere.triangles.reshape(-1, 3), np.arange(15360).reshape(-1, 3), process=False))
     light = decimated(soup, 1000)
@@ -65,8 +64,8 @@ def test_triangles_without_common_vertices_are_simplified_as_one_surface() -> No
     assert trimesh.Trimesh(light.vertices, light.faces).is_watertight
 
 
-def test_deviation_of_inscribed_spheres_is_their_sagitta() -> None:
-    """Between two icospheres of one radius the coarse one's face centres lie deepest, below the sphere."""
+def test_deviation_of_icospheres_is_sagitta() -> None:
+    """The largest distance between icospheres of equal radius is at the face centres of the coarser one."""
     coarse, fine = mesh_of(trimesh.creation.icosphere(1, 0.05)), mesh_of(trimesh.creation.icosphere(5, 0.05))
     deepest = 0.05 - np.linalg.norm(coarse.vertices[coarse.faces].mean(1), axis=1).min()
     assert deviation(coarse, fine) == pytest.approx(deepest, rel=0.02)
@@ -74,7 +73,7 @@ def test_deviation_of_inscribed_spheres_is_their_sagitta() -> None:
     assert deviation(fine, fine) < 1e-15
 
 
-def test_a_dense_body_tells_what_simplifying_costs(tmp_path) -> None:
+def test_simplification_reports_deviation(tmp_path) -> None:
     setup = setup_of(tmp_path, "", "cell.collision.max_faces=500")
     nominal = nominal_cell(setup.cell, ball())  # 5120 triangles
     changed = {body.body: body for body in simplified(setup.cell, nominal)}
@@ -82,11 +81,11 @@ def test_a_dense_body_tells_what_simplifying_costs(tmp_path) -> None:
     assert (part.faces, part.kept <= 500) == (5120, True)
     assert 1e-5 < part.deviation < 1e-3
     assert "5120 triangles simplified" in part.line()
-    written = {body["name"]: len(body["mesh"]["faces"]) for body in sensing_json(setup.cell, nominal)["bodies"]}
-    assert max(written.values()) < max(len(body.mesh.faces) for body in nominal.bodies) / 4
+    written = [len(read_mesh_json(body["mesh"])[1]) for body in sensing_json(setup.cell, nominal)["bodies"]]
+    assert max(written) < max(len(body.mesh.faces) for body in nominal.bodies) / 4
 
 
-def test_neighbours_on_the_arm_and_the_part_on_the_table_are_no_collisions(tmp_path) -> None:
+def test_adjacent_links_and_resting_part_do_not_collide(tmp_path) -> None:
     setup = setup_of(tmp_path, "")
     pairs = {
         frozenset(pair) for pair in sensing_json(setup.cell, nominal_cell(setup.cell, BLOCK))["collision"]["pairs"]
@@ -98,22 +97,22 @@ def test_neighbours_on_the_arm_and_the_part_on_the_table_are_no_collisions(tmp_p
         assert cell.get_integer("truth.collision.pairs") == 0
 
 
-def test_outputs_may_be_left_out(tmp_path) -> None:
+def test_collision_outputs_are_optional(tmp_path) -> None:
     setup = setup_of(tmp_path, "", "cell.collision.outputs=false")
     sensing = sensing_json(setup.cell, nominal_cell(setup.cell, BLOCK))
     assert (sensing["bodies"], sensing["collision"]["pairs"]) == ([], [])
 
 
 @pytest.mark.parametrize(("pose", "expected"), [(ABOVE_TABLE, True), (ABOVE_TABLE.replace("450", "490"), False)])
-def test_a_described_volume_sees_the_part(tmp_path, pose, expected) -> None:
+def test_presence_sensor_detects_part(tmp_path, pose, expected) -> None:
     setup = setup_of(tmp_path, PRESENCE.format(pose=pose))
     with opened(setup, tmp_path) as cell:
         cell.step_to(50_000)
         assert cell.get_boolean("presence[1].detected") == expected
 
 
-def test_a_described_distance_sensor_measures_the_part(tmp_path) -> None:
-    """From 250 mm down to the top of the part, 20 mm above where its underside stands."""
+def test_distance_sensor_measures_part(tmp_path) -> None:
+    """Distance from z = 250 mm to the top of the part, 20 mm above its underside."""
     setup = setup_of(tmp_path, DISTANCE)
     nominal = nominal_cell(setup.cell, BLOCK)
     with opened(setup, tmp_path) as cell:
@@ -134,13 +133,13 @@ def test_a_described_distance_sensor_measures_the_part(tmp_path) -> None:
         (PRESENCE.format(pose="").replace("x_size_mm = 10.0", "x_size_mm = 0.0"), ("x_size_mm", "0")),
     ],
 )
-def test_errors_name_the_key_and_the_value(tmp_path, text, words) -> None:
+def test_errors_name_key_and_value(tmp_path, text, words) -> None:
     with pytest.raises(DescriptionError) as error:
         setup_of(tmp_path, text)
     assert all(word in str(error.value) for word in (*words, "cell.toml"))
 
 
-def test_a_period_off_the_time_step_is_refused(tmp_path) -> None:
+def test_period_must_be_multiple_of_time_step(tmp_path) -> None:
     setup = setup_of(tmp_path, PRESENCE.format(pose="") + "period_ms = 1.5\n")
     with pytest.raises(CellError, match=r"gate: period_ms = 1.5: expected a multiple of world.time_step_us \(1000\)"):
         sensing_json(setup.cell, nominal_cell(setup.cell, BLOCK))

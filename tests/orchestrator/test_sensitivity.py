@@ -1,13 +1,13 @@
-"""Sensitivities of functions whose answers are known in closed form."""
+"""Sensitivities of functions with closed-form results."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from orchestrator.config.variation import DesignDescription
-from orchestrator.studies.designs import design
-from orchestrator.studies.sensitivity import morris_effects, regression_budget, regressors, sobol_indices
+from scancell.config.variation import DesignDescription
+from scancell.studies.designs import design
+from scancell.studies.sensitivity import morris_effects, one_at_a_time_budget, sobol_indices
 
 
 def sobol_of(function, factors: int, base: int, seed: int = 3):
@@ -48,7 +48,7 @@ def test_sobol_of_the_ishigami_function() -> None:
         assert row["total"] == pytest.approx(t, abs=0.03)
 
 
-def test_a_failed_trial_takes_its_base_sample_along() -> None:
+def test_failed_trial_excludes_its_base_sample() -> None:
     cube = design(DesignDescription(kind="sobol", trials=256), [None] * 2, 0)
     whole = cube @ [3.0, 1.0]
     broken = whole.copy()
@@ -67,15 +67,10 @@ def test_morris_of_a_linear_function_is_its_slopes() -> None:
     assert [row["spread"] for row in rows] == pytest.approx([0, 0, 0], abs=1e-9)
 
 
-def test_budget_of_a_sum_of_a_line_a_square_a_word_and_noise() -> None:
-    rng = np.random.default_rng(0)
-    x, noise = rng.standard_normal((2, 20_000))
-    z = rng.uniform(-np.sqrt(3), np.sqrt(3), len(x))
-    word = rng.choice(["matt", "shiny"], len(x))
-    y = 3 * x + np.sqrt(5) * z**2 + 4 * (word == "shiny") + noise
-    columns = [regressors(values.tolist(), True) for values in (x, z, word)]
-    rows, explained = regression_budget(columns, y, 0.95, 0)
-    variances = np.array([9.0, 4.0, 4.0])  # of 3 x; of sqrt(5) z²: 5 * 9 (1/5 - 1/9); of 4 times a fair coin
-    assert explained == pytest.approx(17 / 18, abs=0.01)
-    assert [row["share"] for row in rows] == pytest.approx(variances / 18, rel=0.05)
-    assert [row["uncertainty"] for row in rows] == pytest.approx(np.sqrt(variances), rel=0.03)
+def test_one_at_a_time_combines_slopes_and_uncertainties() -> None:
+    values = [np.array([0.5, 0.0, 1.0, 0.5, 0.5]), np.array([0.5, 0.5, 0.5, 0.0, 1.0])]
+    outputs = 3 * values[0] - 2 * values[1]
+    rows = one_at_a_time_budget(values, outputs, [2, 2], lambda j: (1.0, 2.0)[j])
+    assert [row["slope"] for row in rows] == pytest.approx([3, -2])
+    assert [row["uncertainty"] for row in rows] == pytest.approx([3, 4])
+    assert [row["share"] for row in rows] == pytest.approx([0.36, 0.64])

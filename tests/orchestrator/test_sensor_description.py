@@ -1,4 +1,4 @@
-"""From the sensor's file to the numbers that the library works with."""
+"""Conversion of the sensor description for the native library."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from orchestrator.config import load_setup
-from orchestrator.config.loading import as_built_sensor
-from orchestrator.config.resolved import sensor_json
-from orchestrator.errors import DescriptionError
-from sensor_rt import Sensor
+from scancell.config.loading import as_built_sensor, load_setup
+from scancell.config.resolved import sensor_json
+from scancell.errors import DescriptionError
+from scancell.sensor import Sensor
 
 
 def sensor(*words: str) -> Sensor:
@@ -20,12 +19,12 @@ def sensor(*words: str) -> Sensor:
 
 
 def irradiance(made: Sensor, angles: Sequence[float], radius: float = 0.12, x: float = 0.0) -> np.ndarray:
-    """In the middle of the nominal sheet at `radius` (m) from the source."""
+    """Irradiance at angles (rad) in the centre of the nominal sheet, `radius` (m) from the source."""
     at = np.asarray(angles)
     return made.laser_irradiance(np.stack([0 * at + x, radius * np.sin(at), radius * np.cos(at)], axis=1))[:, 0]
 
 
-def test_a_gaussian_line_falls_to_its_width_and_keeps_the_power() -> None:
+def test_gaussian_line_width_and_power() -> None:
     words = ['sensor.laser.profile="gaussian"', "sensor.laser.profile_half_width_deg=10"]
     even, uneven = (sensor("sensor.laser.divergence_mrad=0", *extra) for extra in ([], words))
     angles = np.radians(np.linspace(-15.999, 15.999, 641))
@@ -35,8 +34,8 @@ def test_a_gaussian_line_falls_to_its_width_and_keeps_the_power() -> None:
     assert np.trapezoid(ratio, angles) / (angles[-1] - angles[0]) == pytest.approx(1.0, rel=1e-3)
 
 
-def test_straightness_is_an_angle_at_the_ends_of_the_line() -> None:
-    """0.5 mrad at the end of the line: 60 um at 120 mm, where the sheet now is brightest."""
+def test_straightness_displaces_line_ends() -> None:
+    """0.5 mrad at the end of the line displaces the irradiance peak there by 60 um at 120 mm."""
     bent = sensor("sensor.laser.straightness_mrad=[0, 0, 0.5]", "sensor.laser.divergence_mrad=0")
     x = np.linspace(-1e-4, 1e-4, 401)
     end = np.radians(15.9999)
@@ -48,33 +47,37 @@ def test_straightness_is_an_angle_at_the_ends_of_the_line() -> None:
     ("words", "fragment"),
     [
         (['laser.profile="gaussian"'], "profile_half_width_deg"),
-        (["laser.profile_half_width_deg=3"], "belong together"),
-        (['laser.profile="table"'], "belong together"),
-        (['laser.profile="table"', "laser.profile_angle_deg=[1]", "laser.profile_power=[1]"], "two at least"),
-        (['laser.profile="table"', "laser.profile_angle_deg=[1, 0]", "laser.profile_power=[1, 1]"], "ascend"),
+        (["laser.profile_half_width_deg=3"], "given together"),
+        (['laser.profile="table"'], "given together"),
+        (
+            ['laser.profile="table"', "laser.profile_angle_deg=[1]", "laser.profile_power=[1]"],
+            "equal length, at least two",
+        ),
+        (['laser.profile="table"', "laser.profile_angle_deg=[1, 0]", "laser.profile_power=[1, 1]"], "ascending order"),
         (["laser.straightness_mrad=[0, 0, 500]"], "straightness_mrad"),
         (["laser.straightness_mrad=[0, 0, 0, 0, 0, 0, 1]"], "straightness_mrad"),
-        (["laser.opening_mm=-1"], "opening_mm"),
+        (["laser.source_length_mm=-1"], "source_length_mm"),
         (["laser.turn_y_deg=90"], "turn_y_deg"),
         (["camera[1].focus_mm=0.1"], "focus_mm"),
         (["camera[1].psf_sigma_px=-1"], "psf_sigma_px"),
         (['camera[1].psf_sigma_px="airy"'], "psf_sigma_px"),
         (["camera[1].scheimpflug_x_deg=60"], "scheimpflug_x_deg"),
+        (['camera[2].name="plus"'], "2 cameras have the name 'plus'"),
     ],
 )
-def test_a_laser_that_makes_no_sense_is_refused(words: list[str], fragment: str) -> None:
+def test_invalid_sensor_values_are_rejected(words: list[str], fragment: str) -> None:
     with pytest.raises(DescriptionError, match=fragment):
         load_setup(overrides=[f"sensor.{word}" for word in words])
 
 
-def test_diffraction_is_a_width_by_wavelength_and_f_number() -> None:
+def test_diffraction_width() -> None:
     resolved = sensor_json(load_setup(overrides=['sensor.camera[2].psf_sigma_px="diffraction"']).sensor, seed=1)
     assert [camera["psf_sigma_px"] for camera in resolved["cameras"]] == [0.0, pytest.approx(0.42 * 0.66 * 11 / 5)]
     assert [camera["focus"] for camera in resolved["cameras"]] == [0.0, 0.0]
 
 
-def test_a_lens_in_focus_on_the_sheet_can_be_described() -> None:
-    """The angle and distance that the schema's text gives for a Scheimpflug camera."""
+def test_scheimpflug_camera_description() -> None:
+    """Angle and focus distance by the formulas in the schema."""
     image_distance = 512 / np.tan(np.radians(9.34)) * 5e-3
     angle = -np.degrees(np.arctan(image_distance * np.cos(np.radians(29.3)) / 60))
     words = [
@@ -86,7 +89,7 @@ def test_a_lens_in_focus_on_the_sheet_can_be_described() -> None:
     assert angle == pytest.approx(-12.75, abs=0.01)
 
 
-def test_as_built_words_change_a_copy_of_the_sensor() -> None:
+def test_as_built_changes_sensor_copy() -> None:
     nominal = load_setup().sensor
     words = ["sensor.camera[2].baseline_mm=60.05", "tool.x_mm=1", "sensor.laser.straightness_mrad=[0, 0, 0.2]"]
     built = as_built_sensor(nominal, words)
@@ -102,12 +105,12 @@ def test_as_built_words_change_a_copy_of_the_sensor() -> None:
     [
         ("sensor.camera[3].baseline_mm=60", "--as-built .*there are 2"),
         ("sensor.camera[1].base_mm=60", "base_mm: unknown key"),
-        ("sensor.laser.power_mw=-1", "--as-built: sensor: laser.power_mw = -1"),
+        ("sensor.laser.power_mw=-1", "--as-built sensor.laser.power_mw=-1: laser.power_mw = -1"),
         ('sensor.extraction.peak="first"', "sensor.laser, sensor.camera"),
         ("sensor.name=3", "sensor.laser, sensor.camera"),
     ],
 )
-def test_wrong_as_built_words_are_refused(word: str, fragment: str) -> None:
+def test_invalid_as_built_words_are_rejected(word: str, fragment: str) -> None:
     with pytest.raises(DescriptionError, match=fragment):
         as_built_sensor(load_setup().sensor, [word])
 
@@ -115,7 +118,7 @@ def test_wrong_as_built_words_are_refused(word: str, fragment: str) -> None:
 ROLLING = ('sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=12.5")
 
 
-def test_a_rolling_shutter_has_a_readout_time_in_seconds() -> None:
+def test_row_readout_time_is_in_seconds() -> None:
     assert sensor().row_readout == 0.0
     assert sensor(*ROLLING).row_readout == pytest.approx(12.5e-6)
     nominal = load_setup().sensor
@@ -125,12 +128,12 @@ def test_a_rolling_shutter_has_a_readout_time_in_seconds() -> None:
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (ROLLING[:1], "row_readout_us belong together"),
-        (ROLLING[1:], "row_readout_us belong together"),
+        (ROLLING[:1], "row_readout_us must be given together"),
+        (ROLLING[1:], "row_readout_us must be given together"),
         ((ROLLING[0], "sensor.detector.row_readout_us=0"), "greater than 0"),
         ((*ROLLING, "sensor.render.bounces=1"), "render.bounces must be 0"),
     ],
 )
-def test_a_shutter_that_cannot_be_is_refused(words: Sequence[str], complaint: str) -> None:
+def test_inconsistent_shutter_is_rejected(words: Sequence[str], complaint: str) -> None:
     with pytest.raises(DescriptionError, match=complaint):
         load_setup(overrides=words)

@@ -1,4 +1,4 @@
-"""Commands to a running cell from Python: done when they return, and refused in words."""
+"""Interactive commands to a running cell: results, blocking behaviour, error messages."""
 
 from __future__ import annotations
 
@@ -8,26 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import ball
-from fmu_cells import CYCLE_US, turn_of_table
+from fmu_cells import CYCLE_US, moves_with_stops, turn_of_table
 
-from orchestrator.cell.controller import Frame, Operation
-from orchestrator.cell.fmu_file import build_fmu, cell_json
-from orchestrator.cell.fmu_package.contents import THROWN_AWAY
-from orchestrator.cell.instance import CellInstance
-from orchestrator.cell.nominal import NominalCell, nominal_cell
-from orchestrator.cell.session import CellSession
-from orchestrator.cell.signals import SignalLog
-from orchestrator.config.loading import load_setup
-from orchestrator.errors import CommandError
-from orchestrator.geometry import pose
-from orchestrator.geometry.mesh import box_mesh
+from scancell.cell.controller import Frame, Operation
+from scancell.cell.fmu_file import cell_json, make_temporary_fmu
+from scancell.cell.fmu_package.contents import FmiVersion
+from scancell.cell.instance import CellInstance
+from scancell.cell.session import CellSession
+from scancell.cell.signals import SignalLog
+from scancell.config.loading import load_setup
+from scancell.errors import CommandError
+from scancell.geometry import pose
+from scancell.geometry.mesh import box_mesh
+from scancell.nominal.cell import NominalCell, nominal_cell
 
+MOVING_PARTS = ("part[1]", "part[2]", "finger[1]", "finger[2]")
 BLOCK_MM = (40.0, 30.0, 20.0)
 Start = Callable[..., CellSession]
 
 
 def words(part: Path) -> list[str]:
-    """A gripper, and a block that a belt carries along y through a presence sensor, seen from above by another."""
+    """Overrides: a gripper; a belt along y with a block, a presence sensor, and a distance sensor above."""
     return [
         "cell.gripper.pose={ x_mm = 60.0, z_mm = 50.0 }", "cell.gripper.stroke_mm=50",
         "cell.gripper.finger_length_mm=40", "cell.gripper.finger_width_mm=16",
@@ -52,10 +53,8 @@ def cell(tmp_path_factory) -> tuple[NominalCell, dict[int, Path]]:
     setup = load_setup(overrides=words(part), ideal=True)
     nominal = nominal_cell(setup.cell, ball())
     description = cell_json(setup.cell, nominal, 0)
-    fmus = {version: folder / f"RobotCell{version}.fmu" for version in (2, 3)}
-    build_fmu(description, fmus[2], 2, THROWN_AWAY)
-    build_fmu(description, fmus[3], 3, THROWN_AWAY)
-    return nominal, fmus
+    versions: tuple[FmiVersion, ...] = (2, 3)
+    return nominal, {v: make_temporary_fmu(description, folder / f"RobotCell{v}", v) for v in versions}
 
 
 def stl(triangles: np.ndarray) -> str:
@@ -82,7 +81,7 @@ def start(cell) -> Iterator[Start]:
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_a_joint_move_has_arrived_when_it_returns(start: Start, version: int) -> None:
+def test_move_joints_reaches_target(start: Start, version: int) -> None:
     session = start(version)
     goal = session.joints + np.radians([10, 5, -5, 20, -10, 30])
     session.move_joints(goal, 0.5, speed=0.5)
@@ -94,30 +93,30 @@ def test_a_joint_move_has_arrived_when_it_returns(start: Start, version: int) ->
     assert session.table == pytest.approx(0.1, abs=1e-12)
 
 
-def test_speed_is_a_share_of_the_slowest_axis_greatest(start: Start, cell) -> None:
+def test_speed_scales_move_duration(start: Start, cell) -> None:
     session = start()
     session.move_joints(session.joints + 0.8, speed=0.1)
     cruise = 0.8 / (0.1 * cell[0].arm.max_speed.min())
-    assert cruise < session.time < cruise + 0.2  # and the ramps
+    assert cruise < session.time < cruise + 0.2  # plus the ramps
 
 
 @pytest.mark.parametrize("tool", ["sensor", "gripper"])
-def test_a_line_leads_a_tool_straight_to_its_pose(start: Start, tool) -> None:
+def test_move_line_follows_straight_path(start: Start, tool) -> None:
     session = start()
     begin = session.world_from_tool(tool)
     goal = pose.translation((0.02, -0.03, 0.01)) @ begin
-    way: list[np.ndarray] = []
-    session.cell.on_step(lambda: way.append(session.world_from_tool(tool)[:3, 3]))
+    path: list[np.ndarray] = []
+    session.cell.on_step(lambda: path.append(session.world_from_tool(tool)[:3, 3]))
     session.move_line(goal, tool, speed=0.2)
     np.testing.assert_allclose(session.world_from_tool(tool), goal, atol=1e-9)
     direction = (goal - begin)[:3, 3] / np.linalg.norm((goal - begin)[:3, 3])
-    aside = np.array(way) - begin[:3, 3]
-    aside -= np.outer(aside @ direction, direction)
-    assert len(way) > 5
-    assert np.linalg.norm(aside, axis=1).max() < 1e-6
+    lateral = np.array(path) - begin[:3, 3]
+    lateral -= np.outer(lateral @ direction, direction)
+    assert len(path) > 5
+    assert np.linalg.norm(lateral, axis=1).max() < 1e-6
 
 
-def test_joints_for_a_pose_are_those_of_the_nearest_branch(start: Start) -> None:
+def test_ik_selects_nearest_branch(start: Start) -> None:
     session = start()
     q = session.joints + 0.2
     session.move_joints(q)
@@ -127,7 +126,7 @@ def test_joints_for_a_pose_are_those_of_the_nearest_branch(start: Start) -> None
         session.joints_for(pose.translation((5, 0, 0)) @ target, "gripper")
 
 
-def test_jogs_need_manual_operation_and_moves_automatic(start: Start) -> None:
+def test_jog_and_move_require_matching_mode(start: Start) -> None:
     session = start()
     begin = session.joints
     with pytest.raises(CommandError, match=r"jog_joints: .*automatic operation"):
@@ -149,20 +148,20 @@ def test_jogs_need_manual_operation_and_moves_automatic(start: Start) -> None:
 
 
 @pytest.mark.parametrize("frame", list(Frame))
-def test_the_tool_is_jogged_along_an_axis_of_its_frame(start: Start, frame: Frame) -> None:
+def test_jog_moves_along_tool_axis(start: Start, frame: Frame) -> None:
     session = start()
     session.set_operation(Operation.MANUAL)
     begin = session.world_from_tool()
     session.jog_tool([0, 0, 0.4, 0, 0, 0], 0.4, frame)
     end = session.world_from_tool()
-    way = (end - begin)[:3, 3]
+    travel = (end - begin)[:3, 3]
     axis = np.array([0, 0, 1]) if frame == Frame.WORLD else begin[:3, 2]
-    assert way @ axis > 0.01
-    np.testing.assert_allclose(way, (way @ axis) * axis, atol=1e-6)
+    assert travel @ axis > 0.01
+    np.testing.assert_allclose(travel, (travel @ axis) * axis, atol=1e-6)
     np.testing.assert_allclose(end[:3, :3], begin[:3, :3], atol=1e-6)
 
 
-def test_a_limit_and_a_place_out_of_reach_are_named(start: Start) -> None:
+def test_limit_and_unreachable_pose_errors(start: Start) -> None:
     session = start()
     q = session.joints
     beyond = q.copy()
@@ -174,7 +173,7 @@ def test_a_limit_and_a_place_out_of_reach_are_named(start: Start) -> None:
     session.move_joints(q + 0.1)
 
 
-def test_an_emergency_stop_ends_a_move_and_refuses_others_until_it_is_reset(start: Start) -> None:
+def test_emergency_stop_blocks_motion_until_reset(start: Start) -> None:
     session = start()
     goal = session.joints + 1.0
     session.cell.on_step(
@@ -195,7 +194,7 @@ def test_an_emergency_stop_ends_a_move_and_refuses_others_until_it_is_reset(star
     np.testing.assert_allclose(session.joints, goal, atol=1e-12)
 
 
-def test_a_paused_move_says_why_it_is_late(start: Start) -> None:
+def test_paused_move_times_out_with_reason(start: Start) -> None:
     session = start()
     session.set_monitor_speed(0.0)
     with pytest.raises(CommandError, match=r"not at its destination after 1 s \(0% of the way done, monitor speed 0\)"):
@@ -205,7 +204,7 @@ def test_a_paused_move_says_why_it_is_late(start: Start) -> None:
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_a_belt_brings_the_block_to_the_gate_and_the_eye_sees_it(start: Start, version: int) -> None:
+def test_presence_sensor_detects_part_on_belt(start: Start, version: int) -> None:
     session = start(version)
     assert session.distance(1) is None  # before the first reading
     session.wait(0.1)
@@ -215,16 +214,16 @@ def test_a_belt_brings_the_block_to_the_gate_and_the_eye_sees_it(start: Start, v
     session.run_belt(1, 0.1)
     session.wait_until(lambda: session.distance(1) == pytest.approx(0.200, abs=1e-5), "the block below the eye", 5.0)
     session.wait_until(lambda: session.present(1), "the block at the gate", 5.0)
-    # Its front comes from -80 mm to +49 mm along the belt at 0.1 m/s, reached in 0.1 s; looked at once a cycle.
+    # Its front travels from -80 mm to +49 mm at 0.1 m/s, accelerated for 0.1 s; polled once per cycle.
     assert 0 <= session.time - begin - (1.29 + 0.05) < 3 * CYCLE_US * 1e-6
     session.run_belt(1, 0.0)
     session.wait(0.5)
     assert session.value("conveyor[1].speed") == 0
-    with pytest.raises(CommandError, match=r"waited 0\.2 s in vain for: another block"):
+    with pytest.raises(CommandError, match=r"timed out after 0\.2 s waiting for another block; "):
         session.wait_until(lambda: not session.present(1), "another block", 0.2)
 
 
-def test_the_gripper_opens_and_tells_when_it_holds_nothing(start: Start) -> None:
+def test_gripper_opens_and_reports_empty_grip(start: Start) -> None:
     session = start()
     session.open_gripper(0.03)
     assert session.gripper_width == pytest.approx(0.03, abs=1e-4)
@@ -234,7 +233,7 @@ def test_the_gripper_opens_and_tells_when_it_holds_nothing(start: Start) -> None
         session.grip(10.0, timeout=2.0)
 
 
-def test_a_program_runs_between_other_commands(start: Start) -> None:
+def test_program_runs_between_commands(start: Start) -> None:
     session = start()
     session.move_joints(session.joints + 0.1)
     recording = session.run_program(turn_of_table(session.joints, "table_angle", np.radians(1.0)), 2e-3)
@@ -243,7 +242,63 @@ def test_a_program_runs_between_other_commands(start: Start) -> None:
     assert session.table == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_program_must_start_where_the_axes_are(start: Start) -> None:
+@pytest.mark.parametrize("kind", ["table_angle", "request"])
+def test_second_program_records_own_exposures(start: Start, kind) -> None:
+    session = start()
+    home = session.joints
+    program = moves_with_stops(home) if kind == "request" else turn_of_table(home, kind, np.radians(1.0))
+    first = session.run_program(program, 2e-3).measured
+    session.move_joints(home, 0.0)
+    second = session.run_program(program, 2e-3).measured
+    assert second.index.tolist() == (first.index + len(first.index)).tolist()
+    assert second.time.min() > first.time.max()
+    np.testing.assert_allclose(second.q, first.q, atol=1e-12)
+    np.testing.assert_allclose(second.table, first.table, atol=1e-9)
+
+
+def test_session_rejects_true_values(start: Start) -> None:
+    session = start()
+    for name in ("truth.q[1]", "trigger.truth.table.position[1]", "truth.clearance.distance"):
+        with pytest.raises(CommandError, match=r"truth.*: a session reads measured values only.*Recording\.truth"):
+            session.value(name)
+    assert session.value("measured.q[1]") == session.joints[0]
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_snapshot_matches_exposure_record(start: Start, moving: bool) -> None:
+    """Of the same instant as one that the trigger takes."""
+    exposure = 2e-3
+    session = start()
+    cell = session.cell
+    if moving:
+        session.run_belt(1, 0.1)
+        cell.set(cell.real_group(["command.table"]), np.array([1.0]))
+        cell.set_integer("command.mode", 1)
+    session.wait(0.1)
+    cell.set(cell.real_group(["command.exposure"]), np.array([exposure]))
+    cell.set_integer("command.trigger.mode", 4)
+    cell.set_integer("command.trigger.request", 1)
+    cell.step_to(cell.time_us + 1000)  # the middle of that exposure
+    before = cell.time_us
+    taken = session.snapshot(exposure)
+    assert (len(taken), cell.time_us, cell.get_integer("trigger.count")) == (1, before, 1)
+    assert cell.get_integer("trigger.index") == 1
+    for name, values in taken.columns.items():
+        if name not in ("trigger.index", "trigger.segment"):
+            latched = cell.get(cell.real_group([name]))
+            np.testing.assert_allclose(values, latched, atol=1e-12, err_msg=name)
+    assert set(taken.measured.index) & set(session.snapshot(exposure).measured.index) == set()
+    assert list(taken.truth.world_from_frame) == [
+        *(f"link[{i}]" for i in range(1, 7)),
+        "sensor",
+        "table",
+        *MOVING_PARTS,
+    ]
+    with pytest.raises(CommandError, match="exposure = 0 s: expected a positive number"):
+        session.snapshot(0.0)
+
+
+def test_program_must_start_at_current_position(start: Start) -> None:
     session = start()
     program = turn_of_table(session.joints, "table_angle", np.radians(1.0))
     session.move_joints(session.joints + np.radians([0, 0, 2.0, 0, 0, 0]))
@@ -251,7 +306,7 @@ def test_a_program_must_start_where_the_axes_are(start: Start) -> None:
         session.run_program(program, 1e-3)
 
 
-def test_signals_are_kept_from_step_to_step(start: Start) -> None:
+def test_signals_persist_between_steps(start: Start) -> None:
     session = start()
     log = SignalLog(session.cell, ["measured.q[1]", "measured.table"], ["controller.moving"])
     begin, moving = session.joints, session.joints + 0.2

@@ -1,25 +1,25 @@
-"""Soft parts: from the description to the FMU."""
+"""Soft parts: conversion of the description for the FMU, invalid values."""
 
 from __future__ import annotations
 
 import pytest
 
-from orchestrator.cell.fmu_file import cell_json
-from orchestrator.cell.nominal import nominal_cell
-from orchestrator.config.loading import load_setup
-from orchestrator.errors import DescriptionError
-from orchestrator.geometry.mesh import box_mesh
+from scancell.cell.fmu_file import cell_json
+from scancell.config.loading import load_setup
+from scancell.errors import DescriptionError
+from scancell.geometry.mesh import box_mesh
+from scancell.nominal.cell import nominal_cell
 
 BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
 
 
-def test_springs_reach_the_fmu_in_si_units() -> None:
+def test_springs_json_is_in_si_units() -> None:
     setup = load_setup(overrides=['cell.part.fixture="free"', "cell.part.soft={stiffness_n_mm=0.5, longest_edge_mm=8}"])
     part = cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)["parts"][0]
     assert part["soft"] == pytest.approx({"stiffness": 500.0, "damping_ratio": 1.0, "longest_edge": 0.008})
 
 
-def test_a_part_is_rigid_unless_it_says_so() -> None:
+def test_part_is_rigid_by_default() -> None:
     setup = load_setup()
     assert cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)["parts"][0]["soft"] is None
 
@@ -33,6 +33,6 @@ def test_a_part_is_rigid_unless_it_says_so() -> None:
         (['cell.part.fixture="free"', "cell.part.soft={stiffness_n_mm=1, longest_edge_mm=-1}"], "longest_edge_mm"),
     ],
 )
-def test_wrong_springs_are_refused(words: list[str], said: str) -> None:
+def test_invalid_springs_are_rejected(words: list[str], said: str) -> None:
     with pytest.raises(DescriptionError, match=said):
         load_setup(overrides=words)

@@ -1,12 +1,12 @@
-"""What a study file may say, what is refused before anything runs, and what a trial is made with."""
+"""Study files: valid keys, errors found before anything runs, and the inputs of a trial."""
 
 from __future__ import annotations
 
 import pytest
-from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
 
-from orchestrator.errors import DescriptionError, OutputError
-from orchestrator.studies.study import begin, check_same, open_study
+from scancell.errors import DescriptionError, OutputError
+from scancell.studies.study import begin_new, open_study
+from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
 
 UNITS = {"as_built.tool.x": "m", "as_built.vibration.base.frequency": "Hz", "as_built.trigger.latency": "s"}
 
@@ -32,17 +32,17 @@ def discrete(path: str, values: str, mode: str = "absolute") -> str:
         (factor("as_built.sensor.render.bounces"), "sensor.laser"),
         (factor("sensor.camera[3].tilt_deg"), "index \\[3\\] does not exist"),
         (factor("sensor.detector.bit_depth"), "whole number"),
-        (factor("cell.part.fixture"), "is no number"),
+        (factor("cell.part.fixture"), "is not a number"),
         (factor("cell.part.reflectance", "additive", 'kind = "uniform", low = -0.1, high = 0.9'), "less than or equal"),
         (discrete("cell.part.material.preset", '["matt_white", "chrome"]'), "chrome"),
-        (OFFSET + OFFSET, "is there twice"),
+        (OFFSET + OFFSET, "is given twice"),
         (factor("as_built.tool.x_mm", distribution='kind = "normal", std = -1'), "greater than 0"),
         (factor("as_built.tool.x_mm", distribution='kind = "uniform", low = 2, high = 1'), "must be below"),
-        (discrete("as_built.tool.x_mm", '["far"]', "additive"), "is no number"),
+        (discrete("as_built.tool.x_mm", '["far"]', "additive"), "is not a number"),
         ("", "nothing varies"),
     ],
 )
-def test_wrong_factors_are_refused_with_the_file_and_the_reason(tmp_path, factors, fragment) -> None:
+def test_wrong_factors_are_refused_with_file_and_reason(tmp_path, factors, fragment) -> None:
     path = write_study(tmp_path, HEAD, DESIGN, factors)
     with pytest.raises(DescriptionError, match=fragment) as caught:
         open_study(path).factors.check(UNITS)
@@ -91,7 +91,7 @@ def test_a_missing_part_is_named(tmp_path) -> None:
         open_study(write_study(tmp_path, HEAD.split("part")[0], 'part = "none.stl"', DESIGN, OFFSET))
 
 
-def test_a_trial_changes_what_its_factors_name_and_nothing_else(tmp_path) -> None:
+def test_trial_changes_only_what_its_factors_name(tmp_path) -> None:
     shiny = discrete("cell.part.material.preset", '["polished_steel"]')
     turned = factor("as_built.sensor.camera[1].tilt_deg")
     study = open_study(
@@ -108,12 +108,12 @@ def test_a_trial_changes_what_its_factors_name_and_nothing_else(tmp_path) -> Non
     assert float(given["sensor.camera[1].tilt_deg"]) == pytest.approx(nominal.sensor.camera[0].tilt_deg + 0.2)
 
 
-def test_a_vibration_is_a_deviation_like_any_other(tmp_path) -> None:
+def test_vibration_is_a_deviation(tmp_path) -> None:
     study = open_study(write_study(tmp_path, HEAD, DESIGN, factor("as_built.vibration.base.frequency_hz")))
     study.factors.check(UNITS)
 
 
-def test_trials_do_not_depend_on_how_many_there_are(tmp_path) -> None:
+def test_trials_do_not_depend_on_their_number(tmp_path) -> None:
     path = write_study(tmp_path, HEAD, DESIGN, OFFSET)
     few, many = open_study(path).trials, open_study(path, ["design.trials=9"]).trials
     assert many[:4] == few
@@ -131,15 +131,38 @@ def test_trials_with_images_repeat_the_first_ones(tmp_path) -> None:
     assert [(t.seed, t.values) for t in trials[4:]] == [(t.seed, t.values) for t in trials[:2]]
 
 
-def test_a_folder_is_claimed_once_and_for_one_study(tmp_path) -> None:
-    study, out = open_study(write_study(tmp_path, HEAD, DESIGN, OFFSET)), tmp_path / "out"
-    with pytest.raises(DescriptionError, match="holds no study"):
-        check_same(study, out)
-    begin(study, out)
-    check_same(study, out)
+def test_a_folder_is_begun_once_and_for_one_study(tmp_path) -> None:
+    path, out = write_study(tmp_path, HEAD, DESIGN, OFFSET), tmp_path / "out"
+    study = open_study(path)
+    with pytest.raises(DescriptionError, match="no study was begun"):
+        study.check_same(out)
+    begin_new(study, out)
+    study.check_same(out)
     with pytest.raises(OutputError, match="resume"):
-        begin(study, out)
-    begin(study, out, join=True)  # as the shards of a job array do, none of which knows who comes first
-    other = open_study(study.source, ["seed=9"])
+        begin_new(study, out)
+    study.begin(out)  # as the shards of a job array do, any of which may come first
     with pytest.raises(DescriptionError, match=r"study\.seed was 0, is 9"):
-        check_same(other, out)
+        open_study(path, ["seed=9"]).check_same(out)
+
+
+SOBOL = '[design]\nkind = "sobol"\ntrials = 4\n'
+LATIN = '[design]\nkind = "latin_hypercube"\ntrials = 4\n'
+
+
+@pytest.mark.parametrize("design", [DESIGN, SOBOL], ids=["monte_carlo", "sobol"])
+def test_study_with_more_trials_keeps_finished_tasks(tmp_path, design) -> None:
+    path, out = write_study(tmp_path, HEAD, design, OFFSET, GLOSS), tmp_path / "out"
+    short, long = open_study(path), open_study(path, ["design.trials=8"])
+    short.begin(out)
+    assert not long.check_same(out).warnings
+    digests = [[study.job(out).digest_of_task(task) for task in study.tasks] for study in (short, long)]
+    assert digests[1][: len(digests[0])] == digests[0]
+    assert len(digests[1]) == 2 * len(digests[0])
+    assert long.spec["study"]["design"]["trials"] == 8
+
+
+def test_study_with_more_trials_is_refused_if_its_points_move(tmp_path) -> None:
+    path, out = write_study(tmp_path, HEAD, LATIN, OFFSET), tmp_path / "out"
+    open_study(path).begin(out)
+    with pytest.raises(DescriptionError, match=r"trials was 4, is 8 .*only monte_carlo and sobol .*latin_hypercube"):
+        open_study(path, ["design.trials=8"]).check_same(out)

@@ -1,4 +1,4 @@
-"""Images of polished parts with the reflections that a two-camera sensor must not measure, by geometry alone.
+"""Images of polished parts with the ghost reflections that a two-camera sensor must reject, by geometry alone.
 
 Two kinds of reflection: the laser, reflected by one wall, lights a spot on another (``bounced``); and a camera sees the
 stripe in a wall as in a mirror (``mirrored``). Both leave the sheet, so that two cameras place them differently.
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from stripe_images import stripe
 
-from sensor_rt import Camera, Sensor
+from scancell.sensor import Camera, Sensor
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,7 +23,7 @@ SLOPES = np.linspace(-0.11, 0.11, 40_001)  # dy/dz of the laser rays from the or
 
 @dataclass(frozen=True)
 class Wall:
-    """A planar piece: points p with ``normal . (p - origin) = 0`` where ``holds(p)``; the normal looks outwards."""
+    """Planar region: points p with ``normal . (p - origin) = 0`` where ``holds(p)``; the normal points outwards."""
 
     origin: Array
     normal: Array
@@ -44,13 +44,13 @@ class Wall:
 
 
 def first_hit(walls: list[Wall], start: Array, direction: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Distance to the nearest wall and its number."""
+    """Distance to the nearest wall, and its index."""
     distances = np.stack([wall.meet(start, direction) for wall in walls])
     return distances.min(axis=0), distances.argmin(axis=0)
 
 
 def v_groove(yaw: float, depth: float = 0.006, floor: float = 0.124) -> list[Wall]:
-    """A groove of 90 degrees whose axis is turned by `yaw` from X (across the sheet) towards Y, in a flat plate."""
+    """Groove of 90 degrees in a flat plate; its axis is rotated by `yaw` from X (across the sheet) towards Y."""
     across = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
 
     def side(sign: float) -> Wall:
@@ -66,7 +66,7 @@ def v_groove(yaw: float, depth: float = 0.006, floor: float = 0.124) -> list[Wal
 
 
 def step(yaw: float, height: float = 0.01, floor: float = 0.13) -> list[Wall]:
-    """An upright wall through the sensor's axis between a low and a high plane, turned by `yaw` from X."""
+    """Vertical wall through the sensor axis between a low and a high plane, rotated by `yaw` from X."""
     normal = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     down = np.array([0.0, 0.0, -1.0])
     return [
@@ -78,7 +78,7 @@ def step(yaw: float, height: float = 0.01, floor: float = 0.13) -> list[Wall]:
 
 @dataclass
 class Views:
-    """Rows (columns, NaN where there is none) of the stripe and of its reflections in one camera."""
+    """Rows per column (NaN: none) of the stripe and of its reflections in one camera."""
 
     direct: list[Array] = field(default_factory=list)
     bounced: list[Array] = field(default_factory=list)
@@ -90,7 +90,7 @@ class Views:
 
 
 def view(walls: list[Wall], sensor: Sensor, camera: Camera) -> Views:
-    """What a camera sees of the laser: stretches of stripe, one per wall, and of reflections, one per pair of walls."""
+    """Image curves of a camera: stripe segments, one per wall, and reflections, one per pair of walls."""
     views = Views()
     centre = np.asarray(camera.sensor_from_camera)[:3, 3]
     rays = np.stack([np.zeros_like(SLOPES), SLOPES, np.ones_like(SLOPES)], axis=1)
@@ -124,7 +124,7 @@ def _visible(walls: list[Wall], centre: Array, points: Array) -> Mask:
 
 
 def _curves(camera: Camera, present: Mask, points: Array) -> list[Array]:
-    """Rows (columns, NaN where there is none) of the stretches of a curve of points (n, 3) that are `present`.
+    """Rows per column (NaN: none) of the segments of a curve of points (n, 3) that are `present`.
 
     A stretch that turns back over its own columns becomes two.
     """
@@ -144,7 +144,7 @@ def _curves(camera: Camera, present: Mask, points: Array) -> list[Array]:
 
 
 def draw(curves: list[Array], heights: list[Array], sigma: float, height_px: int) -> Array:
-    """Electrons (height, width) of the stretches that lie in the image."""
+    """Electrons (height, width) of the segments within the image."""
     light = np.zeros((height_px, len(curves[0])))
     for rows, height in zip(curves, heights, strict=True):
         seen = np.isfinite(rows) & (rows > -10.0) & (rows < height_px + 10.0)

@@ -1,7 +1,7 @@
 // Times bare Embree on the rays of profiles: `sensor-raw-embree FILE REPEATS`. Single precision, packets, one
 // thread; the mesh is built as the sensor builds it. FILE (tests/bench/raw_embree.py writes it): the numbers
-// of vertices, faces, fans, rays per fan and eyes; the mesh; of each fan its source, its eyes and its
-// directions.
+// of vertices, faces, fans, rays per fan and viewpoints; the mesh; of each fan its source, its viewpoints and
+// its directions.
 #include <time.h>
 
 #include <algorithm>
@@ -73,11 +73,11 @@ void occluded(RTCScene scene, const int* valid, typename Packet<width>::Ray& ray
 #endif
 
 struct Input {
-  std::uint64_t vertices, faces, fans, rays, eyes;
+  std::uint64_t vertices, faces, fans, rays, viewpoints;
   std::vector<double> vertex;
   std::vector<std::uint32_t> face;
   std::vector<float> source;     ///< (fans, 3)
-  std::vector<float> eye;        ///< (fans, eyes, 3)
+  std::vector<float> viewpoint;  ///< (fans, viewpoints, 3)
   std::vector<float> direction;  ///< (fans, rays, 3)
 };
 
@@ -96,7 +96,7 @@ Input read_input(const char* path) {
   input.vertex = read<double>(file, 3 * n[0]);
   input.face = read<std::uint32_t>(file, 3 * n[1]);
   input.source = read<float>(file, 3 * n[2]);
-  input.eye = read<float>(file, 3 * n[2] * n[4]);
+  input.viewpoint = read<float>(file, 3 * n[2] * n[4]);
   input.direction = read<float>(file, 3 * n[2] * n[3]);
   return input;
 }
@@ -146,25 +146,26 @@ void cast(RTCScene scene, const Input& input, std::vector<float>& t, std::vector
   }
 }
 
-/// Rays from every eye to what the laser met; returns how many are cut.
+/// Casts rays from every viewpoint to the laser hits; returns the number of occluded ones.
 template <int width>
-long look(RTCScene scene, const Input& input, const std::vector<float>& t) {
+long count_occluded(RTCScene scene, const Input& input, const std::vector<float>& t) {
   long cut = 0;
   for (std::size_t fan = 0; fan < input.fans; ++fan) {
     const float* source = &input.source[3 * fan];
-    for (std::size_t e = 0; e < input.eyes; ++e) {
-      const float* eye = &input.eye[3 * (fan * input.eyes + e)];
+    for (std::size_t e = 0; e < input.viewpoints; ++e) {
+      const float* viewpoint = &input.viewpoint[3 * (fan * input.viewpoints + e)];
       for (std::size_t first = fan * input.rays; first < (fan + 1) * input.rays; first += width) {
         alignas(64) int valid[width];
         typename Packet<width>::Ray rays;
         for (int l = 0; l < width; ++l) {
           const std::size_t ray = first + static_cast<std::size_t>(l);
-          const float way = t[ray] < kInfinity ? t[ray] : 1.0f;
+          const float distance = t[ray] < kInfinity ? t[ray] : 1.0f;
           float direction[3];
           for (int k = 0; k < 3; ++k)
-            direction[k] = source[k] + way * input.direction[3 * ray + static_cast<std::size_t>(k)] - eye[k];
+            direction[k] =
+                source[k] + distance * input.direction[3 * ray + static_cast<std::size_t>(k)] - viewpoint[k];
           valid[l] = t[ray] < kInfinity ? -1 : 0;
-          set_ray(rays, l, eye, direction, 0.9999f);
+          set_ray(rays, l, viewpoint, direction, 0.9999f);
         }
         occluded<width>(scene, valid, rays);
         for (int l = 0; l < width; ++l) cut += valid[l] != 0 && rays.tfar[l] < 0.0f;
@@ -206,7 +207,7 @@ void run(RTCScene scene, const Input& input, int repeats) {
   std::vector<unsigned> face(t.size());
   long cut = 0;
   const Seconds laser = measure(repeats, [&] { cast<width>(scene, input, t, face); });
-  const Seconds views = measure(repeats, [&] { cut = look<width>(scene, input, t); });
+  const Seconds views = measure(repeats, [&] { cut = count_occluded<width>(scene, input, t); });
   const long hits = std::count_if(t.begin(), t.end(), [](float one) { return one < kInfinity; });
   std::printf(
       "{\"width\": %d, \"laser\": [%.9g, %.9g], \"views\": [%.9g, %.9g], \"hits\": %ld, \"cut\": %ld}\n",
@@ -227,7 +228,7 @@ int main(int argc, char** argv) {
     const Eigen::Vector3d centre = sensor_rt::mesh_centre(mesh);
     const sensor_rt::SceneHandle scene = sensor_rt::build_triangle_scene(mesh, centre);
     shift(centre, input.source);
-    shift(centre, input.eye);
+    shift(centre, input.viewpoint);
     run<8>(scene.get(), input, std::atoi(argv[2]));
     run<16>(scene.get(), input, std::atoi(argv[2]));
   } catch (const std::exception& error) {

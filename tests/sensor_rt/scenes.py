@@ -1,4 +1,4 @@
-"""Scenes, poses and measures that the tests of tracing and rendering share."""
+"""Scenes, poses and metrics shared by the tests of tracing and rendering."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from stripe_images import make_sensor
 
-from sensor_rt import Exposures, Scene, Sensor, expected_electrons
+from scancell.sensor import Exposures, Scene, Sensor, expected_electrons
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def random_pose(rng: np.random.Generator, spread: float = 0.1) -> Array:
 def still(
     *bodies: Array, sensor: Array | None = None, count: int = 1, duration: float = 5e-4, first: int = 0
 ) -> Exposures:
-    """`count` equal exposures in which nothing moves."""
+    """`count` equal exposures without motion."""
     return moving([list(bodies)], [np.eye(4) if sensor is None else sensor], count, duration, first)
 
 
@@ -51,7 +51,7 @@ def probe(cameras: int = 2, **overrides: Any) -> Sensor:
     return make_sensor(cameras=cameras, **{"render": {"noise": False}, "range": {"near": 0.06, "far": 0.2}} | overrides)
 
 
-# The probe's cameras with pixels twice as large: what they see, and how blurred, is the same in mm.
+# The probe's cameras with pixels twice as large: field of view and blur are the same in mm.
 COARSE = {
     "width_px": 640,
     "height_px": 512,
@@ -63,7 +63,7 @@ COARSE = {
 
 
 def stripe_centres(image: NDArray[np.float32]) -> tuple[Array, Array]:
-    """First moment of every column's light (row, NaN in dark columns), and its sum."""
+    """First moment of the light per column (row, NaN in dark columns), and its sum."""
     light = image.astype(np.float64)
     total = light.sum(axis=0)
     rows = np.arange(image.shape[0])[:, None]
@@ -81,7 +81,7 @@ def one_plane(
 
 
 def cluttered() -> tuple[Scene, list[Array]]:
-    """Steps, slots, wires, steep walls, silhouettes against the void, one body hiding another."""
+    """Steps, slots, wires, steep walls, silhouettes without background, and one body that occludes another."""
     scene = Scene()
     scene.add_cylinder("table", np.eye(4), 0.09, 0.01, 0.3)
     for k in range(6):
@@ -109,14 +109,14 @@ def cluttered() -> tuple[Scene, list[Array]]:
 
 
 def cluttered_exposures(moves: bool) -> tuple[Scene, Exposures]:
-    """The cluttered scene, still or turning and shifting during the exposure."""
+    """The cluttered scene, static or rotating and translating during the exposure."""
     scene, poses = cluttered()
     later = [pose((1e-4, -3e-4, 2e-4), (0.004, 0.002, -0.006)) @ p for p in poses]
     return scene, moving([poses, later] if moves else [poses], [np.eye(4)] * (2 if moves else 1))
 
 
 def assert_same_light(band: NDArray[np.float32], whole: NDArray[np.float32]) -> None:
-    """The traced band against every pixel traced."""
+    """Compares the image of the marked pixels with that of all pixels."""
     lit = whole > 0
     assert lit.sum() > 10_000
     np.testing.assert_array_equal(band > 0, lit)

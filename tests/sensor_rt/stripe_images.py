@@ -1,4 +1,4 @@
-"""Stripe images made in NumPy, and the description of a sensor to go with them. Independent of the ray tracer."""
+"""Stripe images computed in NumPy, and a matching sensor description. Independent of the ray tracer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from sensor_rt import Sensor
+from scancell.sensor import Sensor
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def sensor_description(width: int = 1280, height: int = 1024, cameras: int = 1, 
             "sheet_sigma": 55e-6,
             "waist_z": 0.12,
             "divergence": 4e-4,
-            "opening": 0.0,
+            "source_length": 0.0,
             "profile_angle": [],
             "profile_power": [],
             "straightness": [0.0] * 6,
@@ -127,7 +127,7 @@ def stripe(rows: Array, sigma: Array | float, peak: Array | float, height: int) 
 
 
 def cramer_rao(sigma: float, peak: float, offset: float, variance_floor: float) -> float:
-    """Least standard deviation (px) of a stripe's row when row, width, area and background are unknown.
+    """Cramér-Rao bound (px) of a stripe's row when row, width, area and background are unknown.
 
     ``offset`` is the sub-pixel position, ``variance_floor`` the variance (electrons²) that is not shot noise.
     """

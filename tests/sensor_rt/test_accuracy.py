@@ -1,4 +1,4 @@
-"""Without noise, from rendered images to points: how far off is a point that is not flagged?"""
+"""Error of unflagged points from noise-free rendered images."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scenes import pose, probe, still
 
-from sensor_rt import PEAK_REJECTED, Scene, extract, render, triangulate
+from scancell.sensor import PEAK_REJECTED, Scene, extract, render, triangulate
 
 DETECTOR = {"bit_depth": 12, "gain_dn_per_e": 0.36, "black_level_dn": 64.0}
 RANGE = {"near": 0.0751, "far": 0.165}
 
 
 def measure(scene, world_from_body, **extraction):
-    """Points (n, 3) of all peaks that are not flagged, and the share of peaks that are."""
+    """Points (n, 3) of all unflagged peaks, and the fraction of flagged peaks."""
     sensor = probe(detector=DETECTOR, range=RANGE, extraction=extraction)
     peaks = extract(render(scene, sensor, still(world_from_body)), sensor)
     return np.asarray(triangulate(peaks, sensor).points_in_sensor), ((peaks.flags & PEAK_REJECTED) != 0).mean()
@@ -24,8 +24,8 @@ WAYS = [{}, {"peak": "agreement", "fusion": "weighted"}]
 
 @pytest.mark.parametrize("extraction", WAYS, ids=["default", "fused"])
 @pytest.mark.parametrize("z", [0.090, 0.125, 0.160])
-def test_sphere(z, extraction):
-    """A 25 mm sphere near either end of the range and in its middle, the sheet a little off its centre."""
+def test_sphere_error_without_noise(z, extraction):
+    """Sphere of 25 mm near both ends and in the middle of the range, the sheet slightly off its centre."""
     centre, radius = np.array([0.0005, 0.0003, z]), 0.0125
     scene = Scene()
     scene.add_sphere("sphere", [0.0, 0.0, 0.0], radius, 0.5)
@@ -39,8 +39,8 @@ def test_sphere(z, extraction):
 
 @pytest.mark.parametrize("extraction", WAYS, ids=["default", "fused"])
 @pytest.mark.parametrize("z", [0.078, 0.120, 0.161])
-def test_plane(z, extraction):
-    """A plane tilted both ways."""
+def test_tilted_plane_error_without_noise(z, extraction):
+    """Plane tilted about two axes."""
     place = pose([0.0, 0.0, z], [0.08, 0.1, 0.0])
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [0.2, 0.2], 0.5)

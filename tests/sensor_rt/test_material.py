@@ -1,4 +1,4 @@
-"""Reflection of surfaces: reciprocity, energy, the furnace, sampling, limits, and what a camera sees of it."""
+"""BRDFs: reciprocity, energy conservation, white furnace, sampling, limits, and their appearance in images."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import Array, one_plane, pose, probe, still, stripe_centres
 
-from sensor_rt import Material, Scene, expected_electrons
+from scancell.sensor import Material, Scene, expected_electrons
 
 MATERIALS = {
     "lambert": Material(1.0),
@@ -28,7 +28,7 @@ def towards(cosine: Array | float, azimuth: Array | float) -> Array:
 
 
 def sent_back(material: Material, cosine: float) -> float:
-    """Reflected share of light from one direction, by quadrature over the hemisphere.
+    """Reflectance for one direction of incidence, by quadrature over the hemisphere.
 
     Polar coordinates around the mirror direction, so that narrow lobes are resolved: the angle t to it is spread
     by t = pi s^3.
@@ -46,12 +46,12 @@ def sent_back(material: Material, cosine: float) -> float:
     ).reshape(-1, 3)
     weight = np.where(out[:, 2] > 0, weight.ravel() * out[:, 2], 0.0)
     source = np.broadcast_to(towards(cosine, 0.0), out.shape)
-    return float(np.sum(weight * material.diffuse_equivalent(source, out)) / np.pi)
+    return float(np.sum(weight * material.pi_brdf(source, out)) / np.pi)
 
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_white_furnace(name: str) -> None:
-    """A surface that absorbs nothing sends back all light, whatever the direction."""
+    """A lossless surface reflects all light for every direction."""
     for cosine in COSINES:
         assert sent_back(MATERIALS[name], cosine) == pytest.approx(1.0, abs=5e-3)
 
@@ -59,7 +59,7 @@ def test_white_furnace(name: str) -> None:
 @pytest.mark.parametrize("model", ["oren_nayar", "rough_dielectric", "rough_conductor"])
 @pytest.mark.parametrize("roughness", [0.05, 0.3, 0.8])
 @pytest.mark.parametrize("reflectance", [0.0, 0.3, 0.8])
-def test_energy_is_conserved_and_albedo_is_what_is_sent_back(model: str, roughness: float, reflectance: float) -> None:
+def test_energy_is_conserved_and_albedo_matches_reflectance(model: str, roughness: float, reflectance: float) -> None:
     material = Material(reflectance, model, roughness, 1.5)
     measured = np.array([sent_back(material, cosine) for cosine in COSINES])
     assert measured.max() < 1.0
@@ -71,7 +71,7 @@ def test_reciprocity(name: str) -> None:
     rng = np.random.default_rng(3)
     a, b = (towards(rng.uniform(0.01, 1, 500), rng.uniform(0, 2 * np.pi, 500)) for _ in range(2))
     material = MATERIALS[name]
-    forth, back = material.diffuse_equivalent(a, b), material.diffuse_equivalent(b, a)
+    forth, back = material.pi_brdf(a, b), material.pi_brdf(b, a)
     np.testing.assert_allclose(forth, back, rtol=1e-9)
     assert forth.min() >= 0.0
 
@@ -82,10 +82,10 @@ def test_lambert_limits(cosine: float) -> None:
     out = towards(rng.uniform(0.01, 1, 200), rng.uniform(0, 2 * np.pi, 200))
     source = np.broadcast_to(towards(cosine, 0.0), out.shape)
     smooth = Material(0.37, "oren_nayar", 0.0, 1.0)
-    np.testing.assert_allclose(smooth.diffuse_equivalent(source, out), 0.37, rtol=1e-12)
-    np.testing.assert_allclose(Material(0.37).diffuse_equivalent(source, out), 0.37, rtol=1e-12)
+    np.testing.assert_allclose(smooth.pi_brdf(source, out), 0.37, rtol=1e-12)
+    np.testing.assert_allclose(Material(0.37).pi_brdf(source, out), 0.37, rtol=1e-12)
     without_coat = Material(0.37, "rough_dielectric", 0.3, 1.0)
-    np.testing.assert_allclose(without_coat.diffuse_equivalent(source, out), 0.37, rtol=1e-9)
+    np.testing.assert_allclose(without_coat.pi_brdf(source, out), 0.37, rtol=1e-9)
 
 
 @pytest.mark.parametrize("index", [1.3, 1.5, 2.0])
@@ -96,7 +96,7 @@ def test_smooth_coat_reflects_by_fresnel(index: float) -> None:
 
 
 @pytest.mark.parametrize("name", MATERIALS)
-def test_sampling_agrees_with_its_density_and_with_the_albedo(name: str) -> None:
+def test_sampling_matches_pdf_and_albedo(name: str) -> None:
     rng = np.random.default_rng(5)
     n = 40_000
     for cosine in (0.3, 0.9):
@@ -104,24 +104,24 @@ def test_sampling_agrees_with_its_density_and_with_the_albedo(name: str) -> None
         source = np.broadcast_to(towards(cosine, 0.4), (n, 3))
         out, weight, density = material.sample(source, rng.random((n, 3)))
         used = weight > 0
-        brdf = material.diffuse_equivalent(source[used], out[used]) / np.pi
+        brdf = material.pi_brdf(source[used], out[used]) / np.pi
         np.testing.assert_allclose(weight[used], brdf * out[used, 2] / density[used], rtol=1e-9)
         spread = weight.std() / np.sqrt(n)
         assert weight.mean() == pytest.approx(material.albedo([cosine])[0], abs=5 * spread + 1e-3)
-        # The density integrates to 1 over what is used: the mean of 1 / density over a cap is the cap's solid angle.
+        # The pdf integrates to 1: the mean of 1 / pdf over a cap is the cap's solid angle.
         cap = used & (out[:, 2] > 0.5)
         inverse = np.where(cap, 1 / np.maximum(density, 1e-12), 0.0)
         assert inverse.mean() == pytest.approx(np.pi, abs=6 * inverse.std() / np.sqrt(n))
 
 
-def test_mirror_reflects_into_one_direction() -> None:
+def test_mirror_samples_single_direction() -> None:
     out, weight, _ = Material(0.8, "mirror", 0.0, 1.0).sample([towards(0.6, 0.3)], [[0.1, 0.2, 0.3]])
     np.testing.assert_allclose(out[0], towards(0.6, 0.3 + np.pi), atol=1e-12)
     assert weight[0] == 0.8
 
 
-def test_a_camera_sees_the_brdf() -> None:
-    """The light of a lit plane, relative to a Lambertian one, is pi times the brdf between laser and camera."""
+def test_image_brightness_matches_brdf() -> None:
+    """The light of a lit plane relative to a Lambertian one is pi times the BRDF between laser and camera."""
     material = Material(0.6, "rough_conductor", 0.3, 1.0)
     sensor = probe()
     world_from_plane = pose((0, 0, 0.12), (0.0, np.radians(-12.0), 0.0))
@@ -137,12 +137,12 @@ def test_a_camera_sees_the_brdf() -> None:
             (p - [0, 0, 0.12]) @ world_from_plane[:3, :3] for p in (np.zeros(3), camera.sensor_from_camera[:3, 3])
         )
         flip = np.diag([1.0, 1.0, -1.0])  # the plane's normal points away from both
-        expected = material.diffuse_equivalent([to_laser @ flip], [to_camera @ flip])[0] / 0.5
+        expected = material.pi_brdf([to_laser @ flip], [to_camera @ flip])[0] / 0.5
         np.testing.assert_allclose(ratio, expected, rtol=5e-3)
 
 
-def test_even_light_on_a_perfect_surface_hides_its_shape() -> None:
-    """Furnace in the image: under ambient light all loss-free surfaces look alike."""
+def test_uniform_light_on_lossless_surface_hides_shape() -> None:
+    """White furnace in images: under ambient light all lossless surfaces look equal."""
     sensor = probe(laser={"power": 0.0}, ambient={"irradiance": 3.0})
     lambert = one_plane(sensor, pose((0, 0, 0.13)), 1.0)
     for material in (MATERIALS["rough diffuse"], MATERIALS["brushed metal"], MATERIALS["matt paint"]):
@@ -162,6 +162,6 @@ def test_even_light_on_a_perfect_surface_hides_its_shape() -> None:
         ((0.5, "velvet", 0.3, 1.5), "velvet"),
     ],
 )
-def test_impossible_materials_are_refused(arguments: tuple[float, str, float, float], complaint: str) -> None:
+def test_invalid_materials_are_rejected(arguments: tuple[float, str, float, float], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         Material(*arguments)

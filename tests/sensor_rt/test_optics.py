@@ -1,4 +1,4 @@
-"""Cameras, the measuring field and the sensor's description."""
+"""Cameras, measuring field and parsing of the sensor description."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import copy
 import json
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from scenes import Array, probe
 from stripe_images import sensor_description
 
-from sensor_rt import Camera, Sensor
+from scancell.sensor import Camera, Sensor
 
 LENS = [-0.12, 0.05, 0.002, -0.001, 0.03]
 
@@ -24,7 +25,7 @@ def grid(camera: Camera, steps: int = 9) -> Array:
 
 
 @pytest.mark.parametrize("distortion", [[0.0] * 5, LENS])
-def test_projection_undoes_the_view_ray(distortion: list[float]) -> None:
+def test_project_inverts_view_rays(distortion: list[float]) -> None:
     for camera in probe(camera={"distortion": distortion}).cameras:
         pixels = grid(camera)
         centre = camera.sensor_from_camera[:3, 3]
@@ -32,8 +33,7 @@ def test_projection_undoes_the_view_ray(distortion: list[float]) -> None:
         np.testing.assert_allclose(camera.project(points), pixels, atol=1e-9)
 
 
-def test_distortion_agrees_with_opencv() -> None:
-    cv2 = pytest.importorskip("cv2")
+def test_distortion_matches_opencv() -> None:
     camera = probe(camera={"distortion": LENS}).cameras[0]
     rng = np.random.default_rng(5)
     in_camera = rng.uniform([-0.03, -0.02, 0.1], [0.03, 0.02, 0.2], (200, 3))
@@ -44,13 +44,13 @@ def test_distortion_agrees_with_opencv() -> None:
     np.testing.assert_allclose(found, expected[:, 0], atol=1e-9)
 
 
-def test_camera_frames_are_right_handed_and_mirror_images() -> None:
+def test_camera_frames_are_right_handed_and_mirrored() -> None:
     plus, minus = probe().cameras
     for camera in (plus, minus):
         rotation = camera.sensor_from_camera[:3, :3]
         np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-15)
         assert np.linalg.det(rotation) == pytest.approx(1.0)
-        # Rows grow with range, and the optical axis leans towards the sheet.
+        # Rows increase with range, and the optical axis is tilted towards the sheet.
         assert rotation[2, 1] > 0
         assert rotation[0, 2] * camera.side < 0
     mirror = np.diag([-1.0, 1.0, 1.0])
@@ -61,7 +61,7 @@ def test_camera_frames_are_right_handed_and_mirror_images() -> None:
     np.testing.assert_allclose(there[:, 0] - 639.5, 639.5 - here[:, 0], atol=1e-9)
 
 
-def test_paper_coordinates_point_along_y_and_range() -> None:
+def test_paper_coordinates_align_with_y_and_range() -> None:
     for camera in probe().cameras:
         middle = camera.project([[0.0, 0.0, 0.12]])
         aside = camera.project([[0.0, 0.01, 0.12]])
@@ -73,8 +73,8 @@ def test_paper_coordinates_point_along_y_and_range() -> None:
 
 
 @pytest.mark.parametrize("size", [(1280, 1024), (640, 900)])
-def test_trapezoid_is_what_the_image_corners_see(size: tuple[int, int]) -> None:
-    """Eq. 5, corrected, against the intersection of corner rays with the sheet."""
+def test_trapezoid_matches_image_corners(size: tuple[int, int]) -> None:
+    """Corrected Eq. 5 compared with the intersection of corner rays with the sheet."""
     width, height = size
     sensor = Sensor(json.dumps(sensor_description(width, height, cameras=2)))
     for number, camera in enumerate(sensor.cameras):
@@ -89,10 +89,10 @@ def test_trapezoid_is_what_the_image_corners_see(size: tuple[int, int]) -> None:
         assert (np.sign(field[:, 0]) == [-1, 1, 1, -1]).all()
 
 
-def test_a_camera_that_sees_to_infinity_has_no_trapezoid() -> None:
-    with pytest.raises(ValueError, match="infinity"):
+def test_unbounded_field_of_view_is_rejected() -> None:
+    with pytest.raises(ValueError, match="unbounded"):
         probe(camera={"tilt": 0.1}).trapezoid()
-    with pytest.raises(ValueError, match="no camera 2"):
+    with pytest.raises(ValueError, match="index 2 is out of range"):
         probe().trapezoid(2)
 
 
@@ -133,12 +133,12 @@ def change(path: str, value: Any) -> str:
         ("extra", {}, r"sensor\.extra: unknown key"),
     ],
 )
-def test_a_wrong_description_is_refused_by_key(path: str, value: Any, message: str) -> None:
+def test_invalid_description_is_rejected_by_key(path: str, value: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Sensor(change(path, value))
 
 
-def test_text_that_is_not_json_is_refused() -> None:
+def test_invalid_json_is_rejected() -> None:
     with pytest.raises(ValueError, match="not valid JSON"):
         Sensor("{")
     with pytest.raises(ValueError, match="expected an object"):

@@ -1,4 +1,4 @@
-"""Which of several peaks is taken, and all of them on request."""
+"""Selection among several peaks, and extraction of all peaks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from stripe_images import make_sensor, stripe
 
-from sensor_rt import PEAK_FLAGS, PEAK_REJECTED, expose, extract
+from scancell.sensor import PEAK_FLAGS, PEAK_REJECTED, expose, extract
 
 WIDTH, HEIGHT = 1280, 160
 COLUMNS = np.arange(WIDTH)
@@ -27,8 +27,8 @@ def trusted(peaks):
     return (peaks.flags & PEAK_REJECTED) == 0
 
 
-def test_continuity_follows_the_stripe_past_brighter_blobs():
-    """Reflections twice as bright as the stripe over some twenty columns, here and there."""
+def test_continuity_follows_stripe_past_brighter_blobs():
+    """Reflections twice as bright as the stripe over about twenty columns in several places."""
     light = stripe(ARC, 1.3, 4000.0, HEIGHT)
     for start in (100, 430, 800, 1100):
         light += stripe(FLAT, 1.3, np.where((start < COLUMNS) & (start + 20 > COLUMNS), 8000.0, 0.0), HEIGHT)
@@ -40,7 +40,7 @@ def test_continuity_follows_the_stripe_past_brighter_blobs():
     assert trusted(peaks).mean() > 0.98
 
 
-def test_continuity_takes_the_brighter_of_two_long_stripes_and_follows_true_jumps():
+def test_continuity_selects_brighter_stripe_and_follows_jumps():
     rows = np.where(COLUMNS < 500, 40.0, 90.0)
     light = stripe(rows, 1.3, 6000.0, HEIGHT) + stripe(FLAT, 1.3, 2000.0, HEIGHT)
     peaks = peaks_of(light, peak="continuity")
@@ -48,7 +48,7 @@ def test_continuity_takes_the_brighter_of_two_long_stripes_and_follows_true_jump
 
 
 def test_continuity_bridges_dark_columns():
-    """Right behind the gap the other stripe is the brighter one for a while."""
+    """Directly after the gap the other stripe is the brighter one for several columns."""
     gap = (COLUMNS > 300) & (COLUMNS < 420)
     behind = (COLUMNS >= 420) & (COLUMNS < 450)
     other = np.where(gap, 0.0, np.where(behind, 8000.0, 2000.0))
@@ -59,14 +59,14 @@ def test_continuity_bridges_dark_columns():
 
 
 @pytest.mark.parametrize("peak", ["brightest", "first", "last", "continuity"])
-def test_all_peaks_are_given_with_the_chosen_ones_as_without(peak):
+def test_all_peaks_leaves_chosen_peaks_unchanged(peak):
     light = stripe(ARC, 1.3, 4000.0, HEIGHT) + stripe(FLAT, 1.7, 2500.0, HEIGHT)
     every, chosen = peaks_of(light, True, peak=peak), peaks_of(light, peak=peak)
     assert len(every) == 2 * WIDTH
     assert (np.diff(every.column * 1000.0 + every.row) > 0).all()
     taken = (every.flags & PEAK_FLAGS["passed_over"]) == 0
     for name in ("column", "row", "amplitude", "width", "row_sigma", "asymmetry", "flags"):
-        # Fits run in batches until all of a batch have settled.
+        # Fits are iterated in batches until all of a batch have converged.
         np.testing.assert_allclose(getattr(every, name)[taken], getattr(chosen, name), rtol=1e-3, atol=1e-3)
     low = every.row > 100
     assert np.median(every.width[low]) == pytest.approx(1.7, rel=0.01)
@@ -74,7 +74,7 @@ def test_all_peaks_are_given_with_the_chosen_ones_as_without(peak):
     assert np.median(every.amplitude[low]) == pytest.approx(2500 * 0.0225, rel=0.01)
 
 
-def test_saturation_is_told_per_peak():
+def test_saturation_is_flagged_per_peak():
     light = stripe(ARC, 1.3, 4000.0, HEIGHT) + stripe(FLAT, 1.7, 30_000.0, HEIGHT)
     every = peaks_of(light, True)
     saturated = (every.flags & PEAK_FLAGS["saturated"]) != 0

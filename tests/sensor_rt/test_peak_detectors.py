@@ -1,4 +1,4 @@
-"""Every detector on straight stripes: what theory says of its scatter, bias and claims."""
+"""All detectors on straight stripes: scatter, bias and stated uncertainty compared with theory."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from stripe_images import PEAK_E, cramer_rao, make_sensor, stripe
 
-from sensor_rt import PEAK_REJECTED, expose, extract
+from scancell.sensor import PEAK_REJECTED, expose, extract
 
 WIDTH, HEIGHT = 1280, 128
 FLOOR_E2 = 5.0**2 + 1 / (12 * 0.0225**2)
@@ -20,7 +20,7 @@ DETECTORS = [
     "derivative_of_gaussian",
     "steger",
 ]
-# They have no model, so their shape figures are noisy; the limits that judge shapes are not what is tested here.
+# They have no model, so their shape measures are noisy; the shape limits are not tested here.
 OPEN = {
     "max_asymmetry": 9.0,
     "max_residual": 9.0,
@@ -49,7 +49,7 @@ def bound(sigma, peak=PEAK_E):
 
 
 @pytest.mark.parametrize("detector", DETECTORS)
-def test_no_detector_has_a_mean_bias(detector):
+def test_mean_bias_is_zero(detector):
     error, _ = measure(detector, 1.5)
     assert abs(error.mean()) < 4 * error.std() / np.sqrt(error.size) + 0.001
 
@@ -66,12 +66,12 @@ def test_no_detector_has_a_mean_bias(detector):
         ("parabola", 4.0),
     ],
 )
-def test_scatter_against_the_bound(detector, factor):
+def test_scatter_relative_to_cramer_rao_bound(detector, factor):
     error, _ = measure(detector, 1.5)
     assert 0.9 * bound(1.5) < error.std() < factor * bound(1.5)
 
 
-def test_steger_averages_over_neighbouring_columns():
+def test_steger_averages_over_adjacent_columns():
     error, row_sigma = measure("steger", 1.5)
     assert error.std() < 0.6 * bound(1.5)
     assert row_sigma.mean() == pytest.approx(error.std(), rel=0.1)
@@ -83,14 +83,14 @@ def test_steger_averages_over_neighbouring_columns():
     "detector", ["gaussian", "log_parabola", "derivative_of_gaussian", "centre_of_gravity", "steger"]
 )
 @pytest.mark.parametrize("sigma", [1.5, 3.0])
-def test_claimed_scatter_is_the_true_one(detector, sigma):
+def test_stated_sigma_matches_scatter(detector, sigma):
     error, row_sigma = measure(detector, sigma)
     assert np.sqrt(np.mean(row_sigma**2)) == pytest.approx(error.std(), rel=0.1)
 
 
 @pytest.mark.parametrize("detector", ["blais_rioux_4", "blais_rioux_8", "parabola"])
-def test_claimed_scatter_of_wide_stripes(detector):
-    """Narrow ones add an error of interpolation that noise cannot tell."""
+def test_stated_sigma_matches_scatter_of_wide_stripes(detector):
+    """Narrow stripes have an additional interpolation error that is not part of the noise."""
     error, row_sigma = measure(detector, 3.0)
     assert np.sqrt(np.mean(row_sigma**2)) == pytest.approx(error.std(), rel=0.1)
 
@@ -99,13 +99,13 @@ def test_claimed_scatter_of_wide_stripes(detector):
 @pytest.mark.parametrize("sigma", [1.0, 2.0])
 @pytest.mark.parametrize("slope", [0.0, 0.03])
 def test_bias_without_noise(detector, sigma, slope):
-    """What is left is the rounding to whole digital numbers."""
+    """Only quantisation remains."""
     error, _ = measure(detector, sigma, noise=False, frames=1, slope=slope)
     assert np.sqrt(np.mean(error**2)) < 0.004
 
 
 @pytest.mark.parametrize("detector", DETECTORS)
-def test_garbage_gives_finite_numbers(detector):
+def test_random_images_give_finite_values(detector):
     rng = np.random.default_rng(5)
     images = rng.integers(0, 256, (3, 1, 48, 64)).astype(np.uint16)
     images[1] *= rng.integers(0, 2, (1, 48, 64)).astype(np.uint16)
@@ -116,7 +116,7 @@ def test_garbage_gives_finite_numbers(detector):
 
 
 @pytest.mark.parametrize("detector", DETECTORS)
-def test_stripes_at_the_border_and_in_small_images(detector):
+def test_stripes_at_image_border_and_in_small_images(detector):
     sensor = make_sensor(40, 12, extraction={"detector": detector})
     for row in (0.3, 1.4, 6.0, 10.6, 11.0):
         light = stripe(np.full(40, row), 1.2, 6000.0, 12)[None, None].astype(np.float32)

@@ -1,4 +1,4 @@
-"""Which peaks are trusted: stripes that are cut, split, mixed or ended must not become points; good ones must."""
+"""Peak quality flags: clipped, split, merged or ending stripes are rejected; valid ones are kept."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from stripe_images import make_sensor, stripe
 
-from sensor_rt import PEAK_FLAGS, PEAK_REJECTED, expose, extract
+from scancell.sensor import PEAK_FLAGS, PEAK_REJECTED, expose, extract
 
 WIDTH, HEIGHT, FINE = 1280, 128, 32
-TOLERABLE_PX = 0.37  # 60 micrometres at the far end of the range
+TOLERABLE_PX = 0.37  # 60 µm at the far end of the range
 
 
 def peaks_of(light, noise=True, frames=1, **extraction):
@@ -27,7 +27,7 @@ def flagged(peaks, name):
 
 
 def masked_stripe(rows, sigma, peak, visible):
-    """Electrons of a stripe of which only the part ``visible(row, column)`` is seen, by fine sampling."""
+    """Electrons of a stripe that is visible only where ``visible(row, column)``, by supersampling."""
     fine = ((np.arange(HEIGHT * FINE) + 0.5) / FINE - 0.5)[:, None]
     light = peak * np.exp(-0.5 * ((fine - rows) / sigma) ** 2) * visible(fine, np.arange(WIDTH)[None])
     return light.reshape(HEIGHT, FINE, WIDTH).mean(axis=1)
@@ -36,9 +36,9 @@ def masked_stripe(rows, sigma, peak, visible):
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("sigma", [0.8, 1.3, 2.5])
 @pytest.mark.parametrize("peak", [1500.0, 9000.0])
-def test_good_stripes_are_kept(noise, sigma, peak):
+def test_valid_stripes_are_kept(noise, sigma, peak):
     columns = np.arange(WIDTH)
-    arc = 20.0 + 90.0 * (columns / WIDTH - 0.5) ** 2 * 4.0  # a cylinder: slopes up to 0.28, even curvature
+    arc = 20.0 + 90.0 * (columns / WIDTH - 0.5) ** 2 * 4.0  # cylinder: slopes up to 0.28, constant curvature
     peaks = peaks_of(stripe(arc, sigma, peak, HEIGHT), noise, frames=3)
     assert trusted(peaks).mean() > 0.98
     assert len(peaks) == 3 * WIDTH
@@ -47,24 +47,24 @@ def test_good_stripes_are_kept(noise, sigma, peak):
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("sigma", [0.9, 1.3, 2.0])
 @pytest.mark.parametrize("slope", [-0.2, 0.4, 2.0])
-def test_stripe_cut_by_an_oblique_edge(noise, sigma, slope):
-    """An edge crosses the stripe at an angle: over some columns only a part of its width is seen."""
+def test_stripe_cut_by_oblique_edge_is_rejected(noise, sigma, slope):
+    """An oblique edge cuts the stripe: over several columns only part of its width is visible."""
     rows = 60.0 + 0.021 * np.arange(WIDTH)
     light = masked_stripe(rows, sigma, 8000.0, lambda y, x: y < rows + slope * (x - 640.0))
     peaks = peaks_of(light, noise)
     error = np.abs(peaks.row - rows[peaks.column])
     keep = trusted(peaks)
     assert np.isfinite(error).all()
-    assert error.max() > TOLERABLE_PX  # the danger is there ...
-    assert error[keep].max() < TOLERABLE_PX / 2  # ... and averted
+    assert error.max() > TOLERABLE_PX  # without flags the error is large ...
+    assert error[keep].max() < TOLERABLE_PX / 2  # ... with them it is small
     far_inside = np.abs(slope * (peaks.column - 640.0)) > 4 * sigma + 2
     assert keep[far_inside & (peaks.column > 3) & (peaks.column < WIDTH - 4)].mean() > 0.97
 
 
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("shift", [0.7, 2.5, 9.0])
-def test_stripe_split_over_two_levels(noise, shift):
-    """An oblique step: the part of the stripe beyond the edge appears ``shift`` rows further down."""
+def test_stripe_split_over_two_levels_is_rejected(noise, shift):
+    """An oblique step: the stripe beyond the edge is displaced by ``shift`` rows."""
     rows = np.full(WIDTH, 60.0) + 0.013 * np.arange(WIDTH)
     edge = 0.2 * (np.arange(WIDTH) - 640.0)
     light = masked_stripe(rows, 1.3, 8000.0, lambda y, x: y < rows + edge)
@@ -77,10 +77,10 @@ def test_stripe_split_over_two_levels(noise, shift):
 
 
 @pytest.mark.parametrize("jump", [1.0, 4.0, 30.0])
-def test_ends_at_a_jump_between_columns(jump):
+def test_run_ends_at_jump_between_columns_are_rejected(jump):
     rows = np.where(np.arange(WIDTH) < 640, 50.0, 50.0 + jump)
     light = stripe(rows, 1.3, 8000.0, HEIGHT)
-    light[:, 640] = 0.5 * (light[:, 639] + light[:, 641])  # the column that sees both levels
+    light[:, 640] = 0.5 * (light[:, 639] + light[:, 641])  # mixed column
     peaks = peaks_of(light)
     error = np.minimum(np.abs(peaks.row - 50.0), np.abs(peaks.row - 50.0 - jump))
     assert not trusted(peaks)[[639, 640, 641]].any()
@@ -88,7 +88,7 @@ def test_ends_at_a_jump_between_columns(jump):
     assert trusted(peaks).mean() > 0.98
 
 
-def test_ends_of_runs_and_short_runs_are_flagged():
+def test_run_ends_and_short_runs_are_flagged():
     light = stripe(np.full(WIDTH, 64.2), 1.3, 8000.0, HEIGHT)
     light[:, 300:400] = 0.0
     light[:, 404:500] = 0.0  # leaves a run of four columns
@@ -97,7 +97,7 @@ def test_ends_of_runs_and_short_runs_are_flagged():
     np.testing.assert_array_equal(peaks.column[flagged(peaks, "end")], ends)
 
 
-def test_step_of_reflectance_between_columns_is_flagged():
+def test_reflectance_step_between_columns_is_flagged():
     reflectance = np.where(np.arange(WIDTH) < 640, 1.0, 0.4)
     peaks = peaks_of(stripe(np.full(WIDTH, 64.2), 1.3, 8000.0 * reflectance, HEIGHT))
     np.testing.assert_array_equal(peaks.column[flagged(peaks, "step")], [639, 640])
@@ -112,7 +112,7 @@ def test_step_of_reflectance_between_columns_is_flagged():
         (1.3, 700.0, {"min_amplitude_dn": 20.0}, "weak"),
     ],
 )
-def test_limits_of_shape(sigma, peak, option, flag):
+def test_shape_limits_set_flags(sigma, peak, option, flag):
     light = stripe(np.full(WIDTH, 64.2), sigma, peak, HEIGHT)
     assert flagged(peaks_of(light, **option), flag).mean() > 0.99
     assert not flagged(peaks_of(light), flag).any()

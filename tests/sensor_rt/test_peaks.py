@@ -1,4 +1,4 @@
-"""Stripe centres against closed forms and the Cramér-Rao bound, on images made in NumPy."""
+"""Stripe centres compared with closed forms and the Cramér-Rao bound, on images computed in NumPy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 from stripe_images import PEAK_E, cramer_rao, make_sensor, stripe
 
-from sensor_rt import PEAK_FLAGS, PEAK_REJECTED, expose, extract
+from scancell.sensor import PEAK_FLAGS, PEAK_REJECTED, expose, extract
 
 WIDTH, HEIGHT = 1280, 128
 GAIN, READ = 0.0225, 5.0
@@ -15,23 +15,23 @@ FLOOR_E2 = READ**2 + 1 / (12 * GAIN**2)  # read noise and 8-bit quantisation
 
 
 def slanted_rows(frame=0):
-    """Centres that visit all sub-pixel positions."""
+    """Centres that cover all sub-pixel positions."""
     return 60.0 + 0.0137 * np.arange(WIDTH) + 0.29 * frame
 
 
 def digital(sensor, electrons, frames=1, first=0):
-    """Images (frames, 1, height, width) of planes of electrons (height, width) or (frames, height, width)."""
+    """Images (frames, 1, height, width) from electrons (height, width) or (frames, height, width)."""
     light = np.broadcast_to(electrons, (frames, *electrons.shape[-2:]))[:, None].astype(np.float32)
     return expose(light, sensor, np.full(frames, 5e-4), np.arange(first, first + frames))
 
 
 def used(peaks):
-    """Which peaks would become points."""
+    """Mask of the peaks that are triangulated."""
     return (peaks.flags & PEAK_REJECTED) == 0
 
 
 def errors(sensor, sigma, peak, frames=4):
-    """Errors of row of all usable peaks, and how many there were per column."""
+    """Row errors of all usable peaks, and their number per column."""
     light = np.stack([stripe(slanted_rows(f), sigma, peak, HEIGHT) for f in range(frames)])
     peaks = extract(digital(sensor, light, frames), sensor)
     truth = np.stack([slanted_rows(f) for f in range(frames)])[peaks.frame, peaks.column]
@@ -48,19 +48,19 @@ def test_noise_free_bias(sigma):
 
 @pytest.mark.parametrize("sigma", [0.8, 1.0, 1.5, 2.2, 3.0])
 @pytest.mark.parametrize("peak", [PEAK_E, 2500.0])
-def test_scatter_comes_near_the_cramer_rao_bound(sigma, peak):
+def test_scatter_approaches_cramer_rao_bound(sigma, peak):
     error, row_sigma, share = errors(make_sensor(WIDTH, HEIGHT), sigma, peak)
     bound = np.sqrt(np.mean([cramer_rao(sigma, peak, offset, FLOOR_E2) ** 2 for offset in np.linspace(-0.5, 0.5, 8)]))
     scatter = error.std()
     assert scatter < 1.2 * bound
-    assert scatter > 0.95 * bound  # below the bound the simulation would be wrong
+    assert scatter > 0.95 * bound  # less would indicate an error of the simulation
     assert abs(error.mean()) < 4 * scatter / np.sqrt(error.size) + 0.001
     assert np.sqrt(np.mean(row_sigma**2)) == pytest.approx(scatter, rel=0.06)
     assert share > 0.98
 
 
 @pytest.mark.parametrize("bits", [10, 12, 16])
-def test_deeper_images(bits):
+def test_bit_depths_above_eight(bits):
     detector = {"bit_depth": bits, "gain_dn_per_e": 0.0225 * 2 ** (bits - 8)}
     sensor = make_sensor(WIDTH, HEIGHT, detector=detector)
     error, row_sigma, share = errors(sensor, 1.5, PEAK_E)
@@ -70,7 +70,7 @@ def test_deeper_images(bits):
 
 
 @pytest.mark.parametrize("sigma", [0.8, 1.5, 2.2, 3.0])
-def test_saturated_stripe_is_still_located(sigma):
+def test_saturated_stripe_is_located(sigma):
     sensor = make_sensor(WIDTH, HEIGHT, detector={"full_well_e": PEAK_E})
     error, _, share = errors(sensor, sigma, 2.7 * PEAK_E)
     assert np.sqrt(np.mean(error**2)) < 0.01
@@ -78,7 +78,7 @@ def test_saturated_stripe_is_still_located(sigma):
 
 
 @pytest.mark.parametrize("sigma", [0.2, 0.25, 0.3, 0.35])
-def test_stripes_too_narrow_to_show_their_width_are_located_as_well_as_they_claim(sigma):
+def test_stated_sigma_holds_for_narrow_stripes(sigma):
     sensor = make_sensor(WIDTH, HEIGHT, extraction={"min_sigma_px": 0.1})
     error, row_sigma, share = errors(sensor, sigma, 8000.0)
     assert share > 0.6
@@ -94,7 +94,7 @@ def test_saturation_is_flagged():
     assert not (extract(image, sensor).flags & PEAK_FLAGS["saturated"]).any()
 
 
-def test_shape_is_measured():
+def test_amplitude_and_width_are_measured():
     sensor = make_sensor(WIDTH, HEIGHT)
     peaks = extract(digital(sensor, stripe(slanted_rows(), 1.7, 6000.0, HEIGHT)), sensor)
     assert np.median(peaks.width) == pytest.approx(1.7, rel=0.005)
@@ -105,7 +105,7 @@ def test_shape_is_measured():
 
 
 @pytest.mark.parametrize("coefficient", [-0.03, 0.03])
-def test_asymmetry_has_the_sign_and_size_of_the_skewness(coefficient):
+def test_asymmetry_matches_skewness(coefficient):
     """Gram-Charlier stripe: Gaussian times (1 + c He3), tail at larger rows for c > 0. Skewness is 6 c.
 
     The fitted Gaussian absorbs the part of He3 that shifts and widens it. In continuous least squares with even weights
@@ -127,7 +127,7 @@ def test_asymmetry_has_the_sign_and_size_of_the_skewness(coefficient):
 
 @pytest.mark.parametrize("ratio", [0.3, 0.6])
 @pytest.mark.parametrize("edge", [-2.0, 0.0, 1.5])
-def test_reflectance_step_pulls_the_centre_of_gravity_as_predicted(ratio, edge):
+def test_reflectance_step_shifts_centre_of_gravity(ratio, edge):
     """A step 1:r at distance e from the centre shifts the mean by -σ(1-r)φ(e/σ) / [Φ(e/σ) + r(1-Φ(e/σ))]."""
     sigma, centre = 2.0, 64.0 + np.linspace(-0.5, 0.5, WIDTH)
     fine = (np.arange(HEIGHT * 64) + 0.5) / 64 - 0.5
@@ -160,7 +160,7 @@ def test_choice_among_several_peaks(choice, expected):
     assert used(peaks).mean() > 0.98
 
 
-def test_dark_image_with_hot_pixels_gives_nothing():
+def test_dark_image_with_hot_pixels_gives_no_peaks():
     detector = {"dsnu_e": 20.0, "bit_depth": 12, "gain_dn_per_e": 0.36, "black_level_dn": 60.0}
     sensor = make_sensor(1280, 1024, detector=detector)
     hot = np.zeros((1024, 1280))
@@ -171,7 +171,7 @@ def test_dark_image_with_hot_pixels_gives_nothing():
     assert len(extract(digital(sensor, np.zeros((1024, 1280))), sensor)) == 0
 
 
-def test_hot_pixels_do_not_disturb_a_stripe():
+def test_hot_pixels_do_not_affect_stripe():
     sensor = make_sensor(1280, 1024, detector={"bit_depth": 12, "gain_dn_per_e": 0.36})
     rows = np.full(1280, 700.3)
     light = stripe(rows, 1.3, 3000.0, 1024)
@@ -181,7 +181,7 @@ def test_hot_pixels_do_not_disturb_a_stripe():
     assert np.abs(peaks.row[used(peaks)] - 700.3).max() < 0.15
 
 
-def test_stripe_cut_by_the_border_is_flagged():
+def test_stripe_at_image_border_is_flagged():
     sensor = make_sensor(WIDTH, HEIGHT)
     for row in (0.5, HEIGHT - 1.2):
         peaks = extract(digital(sensor, stripe(np.full(WIDTH, row), 1.5, 8000.0, HEIGHT)), sensor)
@@ -199,7 +199,7 @@ def test_uniform_ambient_light_is_removed():
         assert error.std() < 0.05
 
 
-def test_same_result_at_any_thread_count():
+def test_result_does_not_depend_on_threads():
     sensor = make_sensor(WIDTH, HEIGHT)
     light = np.stack([stripe(slanted_rows(f), 1.5, 5000.0, HEIGHT) for f in range(6)])
     images = digital(sensor, light, 6)
@@ -229,31 +229,31 @@ def test_same_result_at_any_thread_count():
         (np.zeros((1, 2, 40, 64), np.uint16), "48 rows"),
     ],
 )
-def test_images_that_do_not_fit_are_refused(images, message):
+def test_invalid_images_are_rejected(images, message):
     with pytest.raises(ValueError, match=message):
         extract(images, make_sensor(64, 48, cameras=2))
 
 
-def test_no_images_no_peaks():
+def test_empty_stack_gives_no_peaks():
     assert len(extract(np.zeros((0, 2, 48, 64), np.uint16), make_sensor(64, 48, cameras=2))) == 0
 
 
 @pytest.mark.parametrize(("key", "value"), [("max_sigma_px", 9.0), ("max_sigma_px", 0.3)])
-def test_options_out_of_bounds_name_their_key(key, value):
+def test_options_out_of_range_are_rejected_by_key(key, value):
     sensor = make_sensor(64, 48, extraction={key: value})
     with pytest.raises(ValueError, match=key):
         extract(np.zeros((1, 1, 48, 64), np.uint16), sensor)
 
 
 @pytest.mark.parametrize("value", [0, 255])
-def test_evenly_lit_images_give_finite_numbers_only(value):
+def test_uniform_images_give_finite_values(value):
     peaks = extract(np.full((1, 1, 48, 64), value, np.uint16), make_sensor(64, 48))
     assert not used(peaks).any()
     for name in ("row", "amplitude", "width", "row_sigma", "asymmetry", "residual"):
         assert np.isfinite(getattr(peaks, name)).all()
 
 
-def test_random_images_give_finite_numbers_only():
+def test_random_images_give_finite_values():
     images = np.random.default_rng(5).integers(0, 256, (4, 1, 48, 64)).astype(np.uint16)
     images[2:] *= np.random.default_rng(6).integers(0, 2, (2, 1, 48, 64)).astype(np.uint16)
     peaks = extract(images, make_sensor(64, 48))

@@ -1,4 +1,4 @@
-"""The photon-transfer curve of rendered flat fields gives back what the detector was told (EMVA 1288, linear model)."""
+"""Photon-transfer curve of rendered flat fields compared with the detector parameters (EMVA 1288, linear model)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from stripe_images import make_sensor
 
-from sensor_rt import Exposures, Scene, render
+from scancell.sensor import Exposures, Scene, render
 
 WIDTH, HEIGHT, PAIRS = 320, 256, 8
 GAIN, READ, FULL, BLACK = 0.35, 5.0, 9_000.0, 100.0
@@ -16,7 +16,7 @@ DEEP = {"bit_depth": 12, "gain_dn_per_e": GAIN, "black_level_dn": BLACK, "full_w
 
 
 def flat_fields(detector: dict[str, Any], irradiance: float, duration: float) -> np.ndarray:
-    """Images (2 * PAIRS, height, width) of a large even plane under even light, fresh noise in each."""
+    """Images (2 * PAIRS, height, width) of a large plane under uniform light, independent noise in each."""
     scene = Scene()
     plane = np.eye(4)
     plane[2, 3] = 0.13
@@ -29,12 +29,12 @@ def flat_fields(detector: dict[str, Any], irradiance: float, duration: float) ->
 
 
 def middle(images: np.ndarray) -> np.ndarray:
-    """The part of the images that is used: cos⁴ of the field angle falls little there."""
+    """Central part of the images, where cos⁴ of the field angle varies little."""
     return images[:, HEIGHT // 2 - 40 : HEIGHT // 2 + 40, WIDTH // 2 - 60 : WIDTH // 2 + 60]
 
 
 def mean_and_variance(images: np.ndarray) -> tuple[float, float]:
-    """Mean, and temporal variance from differences of pairs, which fixed patterns and vignetting leave."""
+    """Mean, and temporal variance from pair differences, which cancel fixed patterns and vignetting."""
     inner = middle(images)
     return float(inner.mean()), float((inner[::2] - inner[1::2]).var() / 2)
 
@@ -52,8 +52,8 @@ def test_photon_transfer_returns_gain_read_noise_and_full_well(pattern: dict[str
     dark = mean_and_variance(flat_fields(detector, 0.0, 5e-4))[1] - 1 / 12
     assert np.sqrt(dark) / GAIN == pytest.approx(READ, rel=0.02)
     assert floor == pytest.approx(dark, abs=0.05 * variance.mean())
-    # Far beyond saturation the signal stops at the full well, and its noise is read noise alone.
+    # Far above saturation the signal is the full well, and its noise is read noise only.
     over = middle(flat_fields(detector | {"prnu": 0.0}, 4 * irradiance, 5e-4))
     assert (over.mean() - BLACK) / GAIN == pytest.approx(FULL, rel=0.02)
-    # Electrons follow the exposure in proportion.
+    # Electrons are proportional to the exposure.
     np.testing.assert_allclose(signal / exposures, (signal / exposures).mean(), rtol=5e-3)

@@ -1,4 +1,4 @@
-"""Light between surfaces: energy against form factors, mirrors, agreement of the fast mode with path tracing."""
+"""Interreflection: energy compared with form factors, mirrors, agreement of the fast mode with path tracing."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from scenes import Array, moving, pose, probe, still
 from stripe_images import make_sensor
 
-from orchestrator.config.material import PRESETS, Preset
-from sensor_rt import Camera, Exposures, Material, Scene, Sensor, expected_electrons, scan
+from scancell.config.material import PRESETS, Preset
+from scancell.sensor import Camera, Exposures, Material, Scene, Sensor, expected_electrons, scan
 
 PLANCK_C = 6.62607015e-34 * 299792458.0
 POWER, HALF_FAN = 1e-3, 0.28
-Z = 0.12  # of the lit line
-EDGE = 0.008  # x of the groove's bottom; the laser meets one wall only, at x = 0
+Z = 0.12  # range of the lit line
+EDGE = 0.008  # x of the bottom of the groove; the laser hits only one wall, at x = 0
 WALL = 0.06  # edge lengths of the walls
 TO_WALL_A, TO_WALL_B = np.array([1.0, 0.0, -1.0]) / np.sqrt(2), np.array([-1.0, 0.0, -1.0]) / np.sqrt(2)
 MIRROR = Material(0.9, "mirror", 0.0, 1.0)
@@ -30,7 +30,7 @@ def small_probe(**overrides: Any) -> Sensor:
 
 
 def groove(wall_a: Material | float, wall_b: Material | float) -> tuple[Scene, list[Array]]:
-    """Right-angled V-groove along y, its walls at 45 degrees to the laser sheet, which meets wall a."""
+    """Right-angled V-groove along y; its walls are at 45 degrees to the laser sheet, which hits wall a."""
     scene = Scene()
     scene.add_plane("a", np.eye(4), [WALL, 0.2], wall_a)
     scene.add_plane("b", np.eye(4), [WALL, 0.2], wall_b)
@@ -41,42 +41,42 @@ def groove(wall_a: Material | float, wall_b: Material | float) -> tuple[Scene, l
 
 
 def line_power(y: Array) -> Array:
-    """Watts per metre that the laser puts on the line at range Z."""
+    """Laser power per metre on the line at range Z, W/m."""
     return POWER / (2 * HALF_FAN) * Z / (y**2 + Z**2)
 
 
 def line() -> tuple[Array, Array]:
-    """Pieces of the lit line: positions (n,) along y and watts (n,)."""
+    """Segments of the lit line: positions (n,) along y and power (n,), W."""
     ends = Z * np.tan(np.linspace(-HALF_FAN, HALF_FAN, 801))
     y = (ends[1:] + ends[:-1]) / 2
     return y, line_power(y) * np.diff(ends)
 
 
 def irradiance_on_b(points: Array, reflectance: float) -> Array:
-    """W/m2 that the lit line on the Lambertian wall a sends to points (n, 3) of wall b."""
+    """Irradiance (W/m²) from the lit line on the Lambertian wall a at points (n, 3) of wall b."""
     y, watts = line()
-    way = points[:, None, :] - np.stack([0 * y, y, 0 * y + Z], axis=1)
-    distance2 = (way**2).sum(axis=2)
-    cosines = (way @ TO_WALL_A) * -(way @ TO_WALL_B) / distance2
+    view_ray = points[:, None, :] - np.stack([0 * y, y, 0 * y + Z], axis=1)
+    distance2 = (view_ray**2).sum(axis=2)
+    cosines = (view_ray @ TO_WALL_A) * -(view_ray @ TO_WALL_B) / distance2
     return (reflectance / np.pi * watts * cosines / distance2).sum(axis=1)
 
 
 def seen_on_b(camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
-    """Points of wall b (h, w, 3) that the pixels show, and which pixels show nothing but wall b."""
+    """Points of wall b (h, w, 3) seen by the pixels, and a mask of the pixels that see only wall b."""
     rows, columns = np.mgrid[: camera.height_px, : camera.width_px]
     rays = camera.view_rays(np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float))
-    eye = camera.sensor_from_camera[:3, 3]
+    viewpoint = camera.sensor_from_camera[:3, 3]
     bottom = np.array([EDGE, 0.0, Z + EDGE])
-    t = ((bottom - eye) @ TO_WALL_B) / (rays @ TO_WALL_B)
-    points = eye + t[:, None] * rays
-    before_a = ((eye - bottom) @ TO_WALL_A > 0) & ((points - bottom) @ TO_WALL_A > 5e-4)
+    t = ((bottom - viewpoint) @ TO_WALL_B) / (rays @ TO_WALL_B)
+    points = viewpoint + t[:, None] * rays
+    before_a = ((viewpoint - bottom) @ TO_WALL_A > 0) & ((points - bottom) @ TO_WALL_A > 5e-4)
     on_b = before_a & ((points - bottom) @ TO_WALL_A < WALL - 5e-4) & (np.abs(points[:, 1]) < 0.0995)
     shape = (camera.height_px, camera.width_px)
     return points.reshape(*shape, 3), on_b.reshape(shape)
 
 
 def electrons_per_irradiance(camera: Camera) -> Array:
-    """Electrons (h, w) in a pixel per W/m2 sent back diffusely."""
+    """Electrons (h, w) per W/m² of diffusely reflected irradiance."""
     rows, columns = np.mgrid[: camera.height_px, : camera.width_px]
     x = (columns - (camera.width_px - 1) / 2) / camera.focal_px
     y = (rows - (camera.height_px - 1) / 2) / camera.focal_px
@@ -85,7 +85,7 @@ def electrons_per_irradiance(camera: Camera) -> Array:
 
 
 def bounced(wall_a: Material | float, wall_b: Material | float, exposures: Exposures, **overrides: Any) -> Array:
-    """Electrons (n, cameras, h, w) of light that was reflected between surfaces, in the fast mode."""
+    """Electrons (n, cameras, h, w) of reflected light in the fast mode."""
     scene, _ = groove(wall_a, wall_b)
     with_bounces = expected_electrons(scene, small_probe(**overrides), exposures)
     overrides["render"] = overrides.get("render", {}) | {"bounces": 0}
@@ -93,8 +93,8 @@ def bounced(wall_a: Material | float, wall_b: Material | float, exposures: Expos
     return np.asarray(with_bounces, float) - direct
 
 
-def test_the_closed_form_itself() -> None:
-    """The wall takes (1 + cos 90°) / 2 of the light of a line in an endless groove."""
+def test_closed_form_of_groove() -> None:
+    """In an infinite groove the wall receives (1 + cos 90°) / 2 of the light of a line."""
     s = np.linspace(0, 1, 120)[1:] ** 3 * 3.0  # along the wall from the bottom
     y = np.linspace(-1, 1, 161) ** 3 * 3.0
     grid_s, grid_y = np.meshgrid(s, y, indexing="ij")
@@ -104,7 +104,7 @@ def test_the_closed_form_itself() -> None:
     assert energy == pytest.approx(POWER / 2, rel=0.02)
 
 
-def test_first_bounce_in_a_groove_has_the_energy_of_the_form_factor() -> None:
+def test_first_bounce_in_groove_matches_form_factor() -> None:
     _, poses = groove(0.8, 0.6)
     images = bounced(0.8, 0.6, still(*poses, count=2)).mean(axis=0)
     for camera, image in zip(small_probe().cameras, images, strict=True):
@@ -122,11 +122,11 @@ def test_first_bounce_in_a_groove_has_the_energy_of_the_form_factor() -> None:
         assert np.abs(ratio - 1).max() < 0.08
 
 
-SIGMA = 8e-4  # a thick sheet is met by more paths
+SIGMA = 8e-4  # a thick sheet is hit by more paths
 
 
 def images_of(scene: Scene, poses: list[Array], **render: Any) -> Array:
-    """Small images (FRAMES, cameras, h, w) without noise."""
+    """Small noise-free images (FRAMES, cameras, h, w)."""
     sensor = make_sensor(
         160,
         128,
@@ -138,11 +138,11 @@ def images_of(scene: Scene, poses: list[Array], **render: Any) -> Array:
 
 
 def assert_agreement(truth: Array, fast: Array) -> None:
-    """Sums of whole images and of blocks of 32 x 32 pixels, within five standard errors of the frames' own spread."""
+    """Sums over images and over blocks of 32 x 32 pixels agree within five standard errors of the frames."""
     shape = (FRAMES, 2, 4, 32, 5, 32)
     for true_sums, fast_sums, slack in (
         (truth.sum(axis=(2, 3)), fast.sum(axis=(2, 3)), 0.005),
-        # Patches of light cross the borders between blocks: a hundredth of the brightest neighbour.
+        # Splats extend across block borders: a hundredth of the brightest neighbour.
         (truth.reshape(shape).sum(axis=(3, 5)), fast.reshape(shape).sum(axis=(3, 5)), 0.01),
     ):
         error = np.hypot(true_sums.std(axis=0, ddof=1), fast_sums.std(axis=0, ddof=1)) / np.sqrt(FRAMES)
@@ -164,7 +164,7 @@ def path_traced(wall_a: Material | float, wall_b: Material | float, bounces: int
         (Material(0.8, "oren_nayar", 0.5, 1.0), Material(0.9, "rough_conductor", 0.3, 1.0)),
     ],
 )
-def test_fast_mode_agrees_with_ground_truth(wall_a: Material | float, wall_b: Material | float, bounces: int) -> None:
+def test_fast_mode_matches_path_tracing(wall_a: Material | float, wall_b: Material | float, bounces: int) -> None:
     truth = path_traced(wall_a, wall_b, bounces)
     fast = images_of(*groove(wall_a, wall_b), bounces=bounces, photons=32_768)
     assert fast.sum() == pytest.approx(truth.sum(), rel=0.01)
@@ -172,8 +172,8 @@ def test_fast_mode_agrees_with_ground_truth(wall_a: Material | float, wall_b: Ma
 
 
 @pytest.mark.parametrize("preset", ["matt_white", "machined_aluminium", "polished_steel", "painted_plastic"])
-def test_presets_in_a_groove(preset: Preset) -> None:
-    """Reflected light alone, which outshines the stripe itself between walls of metal."""
+def test_presets_match_path_tracing_in_groove(preset: Preset) -> None:
+    """Reflected light only, which exceeds the stripe itself between metallic walls."""
     found = PRESETS[preset]
     wall = Material(found.reflectance, found.model, found.roughness, found.refractive_index)
     scene, poses = groove(wall, wall)
@@ -192,11 +192,11 @@ def mirrored(points: Array, through: Array, normal: Array) -> Array:
     return points - 2 * ((points - through) @ normal)[:, None] * normal
 
 
-def test_a_mirror_throws_a_second_stripe_of_known_place_and_energy() -> None:
-    """Laser, mirror, wall, camera: the sheet turns by 90 degrees and meets wall b at x = 2 EDGE."""
+def test_mirror_projects_second_stripe() -> None:
+    """Laser, mirror, wall, camera: the sheet is deflected by 90 degrees and hits wall b at x = 2 EDGE."""
     _, poses = groove(MIRROR, 0.6)
     images = bounced(MIRROR, 0.6, still(*poses, count=2), render={"photons": 262_144}).mean(axis=0)
-    # The walls are endless for the cameras; what they show is where the fan, Z + 2 EDGE long by now, ends.
+    # The walls exceed the fields of view; the stripe ends with the fan, at range Z + 2 EDGE.
     length = Z + 2 * EDGE
     ends = length * np.tan(np.linspace(-HALF_FAN, HALF_FAN, 4001))
     y = (ends[1:] + ends[:-1]) / 2
@@ -204,11 +204,11 @@ def test_a_mirror_throws_a_second_stripe_of_known_place_and_energy() -> None:
     stripe = np.stack([0 * y + 2 * EDGE, y, 0 * y + Z], axis=1)
     for camera, image in zip(small_probe().cameras, images, strict=True):
         pixel = camera.project(stripe)
-        eye, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
-        way = stripe - eye
-        distance = np.linalg.norm(way, axis=1)
-        solid = watts * 0.9 * 0.6 / np.pi * -(way @ TO_WALL_B) / distance / distance**2  # W/sr per m2 of aperture
-        aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (way @ forward) / distance
+        viewpoint, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
+        view_ray = stripe - viewpoint
+        distance = np.linalg.norm(view_ray, axis=1)
+        solid = watts * 0.9 * 0.6 / np.pi * -(view_ray @ TO_WALL_B) / distance / distance**2  # W/sr per m2 of aperture
+        aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (view_ray @ forward) / distance
         expected = solid * aperture * 0.8 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
         for first in range(40, 280, 40):
             inside = (pixel[:, 0] > first - 0.5) & (pixel[:, 0] < first + 39.5)
@@ -219,7 +219,7 @@ def test_a_mirror_throws_a_second_stripe_of_known_place_and_energy() -> None:
 
 
 @pytest.mark.parametrize("mode", ["fast", "path"])
-def test_a_camera_sees_the_stripe_again_in_a_mirror(mode: str) -> None:
+def test_stripe_is_visible_in_mirror(mode: str) -> None:
     _, poses = groove(0.6, MIRROR)
     scene, _ = groove(0.6, MIRROR)
     sensor = small_probe(render={"mode": mode})
@@ -227,7 +227,7 @@ def test_a_camera_sees_the_stripe_again_in_a_mirror(mode: str) -> None:
     y = np.linspace(-0.01, 0.01, 21)
     lit = np.stack([0 * y, y, 0 * y + Z], axis=1)
     ghost = mirrored(lit, np.array([EDGE, 0.0, Z + EDGE]), TO_WALL_B)
-    for camera, image in zip(sensor.cameras[1:], images[1:], strict=True):  # the other looks past the mirror
+    for camera, image in zip(sensor.cameras[1:], images[1:], strict=True):  # the other camera does not see the mirror
         for point in camera.project(ghost):
             column, row = np.round(point).astype(int)
             window = image[row - 6 : row + 7, column]
@@ -235,13 +235,13 @@ def test_a_camera_sees_the_stripe_again_in_a_mirror(mode: str) -> None:
 
 
 @pytest.mark.parametrize("mode", ["fast", "path"])
-def test_a_mirror_shows_the_wall_that_it_has_lit(mode: str) -> None:
-    """Laser, mirror, wall, mirror, camera: the image in the mirror looks as if the sheet ran on behind it.
+def test_mirror_shows_wall_that_it_lights(mode: str) -> None:
+    """Laser, mirror, wall, mirror, camera: the mirror image shows the sheet as if it continued behind the mirror.
 
-    Both cameras see it at one place on the sheet, where a real wall would be seen: nothing tells it from one.
+    Both cameras see it at the same point of the sheet, so that it is indistinguishable from a real wall.
     """
     scene, poses = groove(MIRROR, 0.6)
-    wide = {"sheet_sigma": 2e-4, "divergence": 0.0}  # some pixels, or whole rows of light round its place
+    wide = {"sheet_sigma": 2e-4, "divergence": 0.0}  # several pixels wide, or the row rounding dominates
     sensor = small_probe(render={"mode": mode, "bounces": 2, "photons": 262_144}, laser=wide)
     images = expected_electrons(scene, sensor, still(*poses)).mean(axis=0)
     length = Z + 2 * EDGE
@@ -255,11 +255,11 @@ def test_a_mirror_shows_the_wall_that_it_has_lit(mode: str) -> None:
     facing = mirrored(TO_WALL_B[None] + bottom, bottom, TO_WALL_A)[0] - bottom
     for camera, image in zip(sensor.cameras, images, strict=True):
         pixel = camera.project(seen)
-        eye, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
-        way = seen - eye
-        distance = np.linalg.norm(way, axis=1)
-        solid = watts * 0.9 * 0.6 / np.pi * 0.9 * -(way @ facing) / distance / distance**2
-        aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (way @ forward) / distance
+        viewpoint, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
+        view_ray = seen - viewpoint
+        distance = np.linalg.norm(view_ray, axis=1)
+        solid = watts * 0.9 * 0.6 / np.pi * 0.9 * -(view_ray @ facing) / distance / distance**2
+        aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (view_ray @ forward) / distance
         expected = solid * aperture * 0.8 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
         top = int(pixel[:, 1].mean()) - 12
         for first in range(40, 280, 40):
@@ -271,8 +271,8 @@ def test_a_mirror_shows_the_wall_that_it_has_lit(mode: str) -> None:
 
 
 @pytest.mark.parametrize("thickness", [0.0, 0.01])
-def test_reflected_light_seen_in_a_mirror_agrees_with_ground_truth(thickness: float) -> None:
-    """A mirror, flat or the side of a box, across the end of a groove shows how the walls light each other."""
+def test_reflected_light_in_mirror_matches_path_tracing(thickness: float) -> None:
+    """A mirror (a plane or the side of a box) across the end of a groove shows the interreflection of the walls."""
     scene, poses = groove(0.8, 0.6)
     if thickness > 0.0:
         scene.add_box("mirror", pose((0, 0, -thickness / 2)), [0.2, 0.2, thickness], MIRROR)
@@ -287,7 +287,7 @@ def test_reflected_light_seen_in_a_mirror_agrees_with_ground_truth(thickness: fl
         for n in (1, 2)
     )
     assert_agreement(*twice)
-    # The mirror fills one side of each image; with one reflection it shows the stripe alone.
+    # The mirror fills one side of each image; with one reflection it shows only the stripe.
     reflected = [b - a for a, b in zip(once, twice, strict=True)]
     sums = np.array([i[:, 0, :, :60].sum(axis=(1, 2)) + i[:, 1, :, 100:].sum(axis=(1, 2)) for i in reflected])
     truth, fast = sums.mean(axis=1)
@@ -297,8 +297,8 @@ def test_reflected_light_seen_in_a_mirror_agrees_with_ground_truth(thickness: fl
     assert abs(fast - truth) < 4 * noise + 0.005 * truth
 
 
-def test_furnace_of_path_tracing() -> None:
-    """Loss-free bodies in even light are invisible, however they shadow and light each other."""
+def test_white_furnace_of_path_tracing() -> None:
+    """Lossless bodies under uniform light are invisible, including all shadows and interreflection."""
     scene = Scene()
     scene.add_sphere("ball", [0, 0, 0], 0.012, 1.0)
     scene.add_box("box", np.eye(4), [0.02, 0.03, 0.01], Material(1.0, "rough_conductor", 0.4, 1.0))
@@ -316,7 +316,7 @@ def test_furnace_of_path_tracing() -> None:
         assert np.abs(blocks - 1).max() < 5e-3
 
 
-def test_reflected_light_is_the_same_at_any_number_of_threads_and_differs_between_frames() -> None:
+def test_reflected_light_depends_on_frame_not_on_threads() -> None:
     scene, poses = groove(0.8, Material(0.6, "rough_conductor", 0.2, 1.0))
     later = [pose((1e-4, 0, 2e-4)) @ p for p in poses]
     exposures = moving([poses, later], [np.eye(4)] * 2, count=4)
@@ -327,16 +327,16 @@ def test_reflected_light_is_the_same_at_any_number_of_threads_and_differs_betwee
     assert one.sum(axis=(1, 2, 3)).std() < 2e-3 * one.sum(axis=(1, 2, 3)).mean()
 
 
-def test_direct_light_is_untouched_where_nothing_is_reflected_back() -> None:
-    """A convex body alone: bounces change nothing, to the last bit."""
+def test_bounces_do_not_change_direct_light_of_convex_body() -> None:
+    """A single convex body: bounces do not change a bit."""
     scene = Scene()
     scene.add_sphere("ball", [0, 0, 0], 0.015, 0.8)
     images = [expected_electrons(scene, small_probe(render={"bounces": n}), still(pose((0, 0, 0.13)))) for n in (0, 2)]
     np.testing.assert_array_equal(*images)
 
 
-def test_ghosts_reach_the_profiles() -> None:
-    """With bounces a polished groove shows stripes where there is no surface of the sheet's."""
+def test_bounces_cause_ghost_points() -> None:
+    """With bounces a polished groove shows stripes off the sheet."""
     scene, poses = groove(MIRROR, 0.6)
     found = [len(scan(scene, probe(render={"noise": False, "bounces": n}), still(*poses)).profiles) for n in (0, 1)]
     assert found[0] == 0

@@ -1,4 +1,4 @@
-"""Rendered light against closed forms: radiometry, position of the stripe, shadows, motion."""
+"""Rendered light compared with closed forms: radiometry, stripe position, shadows, motion."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from scenes import (
     stripe_centres,
 )
 
-from sensor_rt import Scene, expected_electrons
+from scancell.sensor import Scene, expected_electrons
 
 PLANCK_C = 6.62607015e-34 * 299792458.0
 
 
 def column_electrons(z: float, reflectance: float, column: Array, side: int, angle: float = 0.28) -> Array:
-    """Electrons that a column collects from a facing plane at range z.
+    """Electrons per column from a frontal plane at range z.
 
     Laser power on the piece of line that the column sees, times the share of its Lambertian reflection (radiance
     per power = reflectance / pi) that the lens' aperture subtends.
     """
     a, tilt, focal, pitch, f_number = 0.06, np.radians(29.3), 1024 / (2 * np.tan(np.radians(9.34))), 5e-6, 11.0
-    depth = a * np.sin(tilt) + z * np.cos(tilt)  # along the optical axis, the same all along the line
+    depth = a * np.sin(tilt) + z * np.cos(tilt)  # along the optical axis, constant along the line
     y = -side * (column - 639.5) * depth / focal
     fan_angle_per_column = depth / focal * z / (y**2 + z**2)
     power = 1e-3 / (2 * angle) * fan_angle_per_column
@@ -42,7 +42,7 @@ def column_electrons(z: float, reflectance: float, column: Array, side: int, ang
 
 
 @pytest.mark.parametrize("z", [0.078, 0.1, 0.13, 0.16])
-def test_light_of_a_facing_plane_is_the_closed_form(z: float) -> None:
+def test_light_of_frontal_plane_matches_closed_form(z: float) -> None:
     images = one_plane(probe(), pose((0, 0, z)), 0.5)
     for image, side in zip(images, (1, -1), strict=True):
         _, total = stripe_centres(image)
@@ -54,14 +54,14 @@ def test_light_of_a_facing_plane_is_the_closed_form(z: float) -> None:
 
 @pytest.mark.parametrize("distortion", [[0.0] * 5, [-0.12, 0.05, 0.002, -0.001, 0.03]])
 @pytest.mark.parametrize("z", [0.078, 0.12, 0.16])
-def test_stripe_lies_where_the_sheet_meets_a_tilted_plane(z: float, distortion: list[float]) -> None:
+def test_stripe_lies_on_intersection_of_sheet_and_plane(z: float, distortion: list[float]) -> None:
     sensor = probe(camera={"distortion": distortion})
     world_from_plane = pose((0, 0, z), (0.25, -0.2, 0.4))
     images = one_plane(sensor, world_from_plane)
     normal = world_from_plane[:3, 2]
     for camera, image in zip(sensor.cameras, images, strict=True):
         rows, total = stripe_centres(image)
-        lit = (total > 0.5 * total.max()) & (np.abs(rows - 511.5) < 490)  # the image does not cut the stripe
+        lit = (total > 0.5 * total.max()) & (np.abs(rows - 511.5) < 490)  # the stripe is not clipped by the image
         columns = np.flatnonzero(lit)
         rays = camera.view_rays(np.stack([columns, rows[lit]], axis=1))
         centre = camera.sensor_from_camera[:3, 3]
@@ -71,13 +71,13 @@ def test_stripe_lies_where_the_sheet_meets_a_tilted_plane(z: float, distortion: 
         landing = np.stack([0 * seen[:, 1], seen[:, 1], z + seen[:, 1] * on_sheet[2]], axis=1)
         expected = camera.project(landing)
         slope = np.gradient(expected[:, 1], expected[:, 0])
-        # Same y on the plane, up to the stripe's slope in the image.
+        # Equal y on the plane, up to the stripe's slope in the image.
         error = rows[lit] - expected[:, 1] - slope * (columns - expected[:, 0])
         assert len(columns) > 600
         assert np.abs(error[5:-5]).max() < 0.01
 
 
-def test_width_of_the_stripe_is_the_width_of_the_sheet() -> None:
+def test_stripe_width_matches_sheet_width() -> None:
     laser = {"sheet_sigma": 80e-6, "divergence": 0.0}
     image = one_plane(probe(laser=laser), pose((0, 0, 0.12)))[0]
     column = image[:, 640].astype(float)
@@ -89,11 +89,11 @@ def test_width_of_the_stripe_is_the_width_of_the_sheet() -> None:
     depth = a * np.sin(tilt) + z * np.cos(tilt)
     height = z * np.sin(tilt) - a * np.cos(tilt)
     px_per_metre = focal * (np.cos(tilt) * depth + np.sin(tilt) * height) / depth**2  # d row / d x on the plane
-    # A pixel's own width adds 1/12; the Gaussian is cut at 4.5 sigma.
+    # The pixel width adds 1/12; the Gaussian is truncated at 4.5 sigma.
     assert variance == pytest.approx((80e-6 * px_per_metre) ** 2 + 1 / 12, rel=2e-3)
 
 
-def test_light_grows_with_cosine_reflectance_and_time() -> None:
+def test_light_is_proportional_to_cosine_reflectance_and_time() -> None:
     sensor = probe()
     base = stripe_centres(one_plane(sensor, pose((0, 0, 0.12)), 0.4)[0])[1]
     twice = stripe_centres(one_plane(sensor, pose((0, 0, 0.12)), 0.8)[0])[1]
@@ -106,7 +106,7 @@ def test_light_grows_with_cosine_reflectance_and_time() -> None:
 
 @pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("distortion", [[0.0] * 5, [-0.12, 0.05, 0.002, -0.001, 0.03]])
-def test_tracing_the_band_finds_all_light_of_the_whole_image(moves: bool, distortion: list[float]) -> None:
+def test_marked_pixels_contain_all_light(moves: bool, distortion: list[float]) -> None:
     scene, exposures = cluttered_exposures(moves)
     sensor = probe(camera={"distortion": distortion})
     band = expected_electrons(scene, sensor, exposures)
@@ -115,7 +115,7 @@ def test_tracing_the_band_finds_all_light_of_the_whole_image(moves: bool, distor
 
 
 def fine_waves(gap: float, facet: float) -> tuple[Array, NDArray[np.uint32]]:
-    """Low waves of facets of about that size (m), in two pieces that end on both sides of a gap."""
+    """Shallow waves with faces of about that size (m), in two pieces separated by a gap."""
     across = np.linspace(-0.004, 0.004, round(0.008 / facet) + 1)
     along = np.linspace(-0.006, 0.006, 2 * round(0.006 / facet))
     beyond = np.tile(along > 0, len(across))
@@ -137,9 +137,9 @@ def fine_waves(gap: float, facet: float) -> tuple[Array, NDArray[np.uint32]]:
 
 @pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("gap", [1e-5, 5e-5])
-@pytest.mark.parametrize("facet", [3e-5, 5e-5])  # a pixel sees 40 micrometres
-def test_facets_finer_than_pixels_give_the_light_of_every_sample_traced(facet: float, gap: float, moves: bool) -> None:
-    """One plane may stand for the facets behind a pixel; it is as good, and bridges no gap between two pieces."""
+@pytest.mark.parametrize("facet", [3e-5, 5e-5])  # the pixel footprint is 40 µm
+def test_planar_proxies_match_tracing_of_every_sample(facet: float, gap: float, moves: bool) -> None:
+    """A planar proxy may replace the faces behind a pixel; it must not bridge the gap."""
     scene = Scene()
     scene.add_mesh("waves", *fine_waves(gap, facet), 0.5)
     place = pose((0, 0, 0.14), (0.1, 0.2, 0.3))
@@ -147,7 +147,7 @@ def test_facets_finer_than_pixels_give_the_light_of_every_sample_traced(facet: f
     exposures = moving([[place], [later]], [np.eye(4)] * 2) if moves else still(place)
     band = expected_electrons(scene, probe(), exposures)[0]
     whole = expected_electrons(scene, probe(), exposures, whole_image=True)[0]
-    assert (band != whole).sum() > 500  # such planes are there
+    assert (band != whole).sum() > 500  # planar proxies are used
     for light, reference in zip(band, whole, strict=True):
         (centre, total), (true_centre, true_total) = stripe_centres(light), stripe_centres(reference)
         np.testing.assert_array_equal(total > 0, true_total > 0)
@@ -158,7 +158,7 @@ def test_facets_finer_than_pixels_give_the_light_of_every_sample_traced(facet: f
 
 
 def boxes_mesh(*boxes: tuple[Array, Array]) -> tuple[Array, NDArray[np.uint32]]:
-    """Closed boxes (centre, size) in one mesh."""
+    """Closed boxes (centre, size) as one mesh."""
     sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     of_one = np.array([face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))])
     corners = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (-0.5, 0.5)])
@@ -168,8 +168,8 @@ def boxes_mesh(*boxes: tuple[Array, Array]) -> tuple[Array, NDArray[np.uint32]]:
 
 
 @pytest.mark.parametrize("inside_out", [False, True])
-def test_a_closed_mesh_throws_the_shadow_of_its_triangles(inside_out: bool) -> None:
-    """On itself, on another body, and on what only the camera sees from outside of both."""
+def test_closed_mesh_casts_shadow_of_its_triangles(inside_out: bool) -> None:
+    """On itself, on another body, and where only the camera is outside of both."""
     slab = (np.array([0.0, 0.0, 0.0]), np.array([0.02, 0.03, 0.004]))
     bars = [(np.array([0.0, y, -0.012]), np.array([0.004, 0.002, 0.001])) for y in (-0.008, 0.003)]
     vertices, faces = boxes_mesh(slab, *bars)
@@ -182,12 +182,12 @@ def test_a_closed_mesh_throws_the_shadow_of_its_triangles(inside_out: bool) -> N
     lit = whole > 0
     assert lit.sum() > 10_000
     np.testing.assert_array_equal(band > 0, lit)
-    # The tip of a bar may lie between the corners of a pixel, which then do not know of it.
+    # The tip of a bar may lie between the corners of a pixel and is then missed.
     assert (band != whole).sum() <= 1e-4 * lit.sum()
 
 
-def test_a_body_in_the_laser_casts_a_shadow_with_sharp_ends() -> None:
-    """A bar across the fan at half the range darkens twice its own width; the cameras look past it from the side."""
+def test_body_in_sheet_casts_sharp_shadow() -> None:
+    """A bar across the fan at half the range shadows twice its own width; the cameras see past it."""
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
     scene.add_box("bar", np.eye(4), [0.002, 0.004, 0.002], 0.0)
@@ -202,12 +202,12 @@ def test_a_body_in_the_laser_casts_a_shadow_with_sharp_ends() -> None:
         dark = total == 0.0
         dark[:100] = dark[-100:] = False
         columns = np.flatnonzero(dark)
-        assert columns.min() == pytest.approx(first, abs=1.5)  # fully dark columns only
+        assert columns.min() == pytest.approx(first, abs=1.5)  # only fully dark columns
         assert columns.max() == pytest.approx(last, abs=1.5)
         assert dark[columns.min() : columns.max() + 1].all()
 
 
-def test_a_body_before_one_camera_hides_the_stripe_from_that_camera_only() -> None:
+def test_occlusion_affects_only_one_camera() -> None:
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
     scene.add_box("screen", np.eye(4), [0.01, 0.05, 0.01], 0.5)
@@ -226,15 +226,15 @@ def test_a_body_before_one_camera_hides_the_stripe_from_that_camera_only() -> No
     assert total[: int(end) - 60].max(initial=0.0) == 0.0
 
 
-def test_only_the_side_of_a_sheet_that_faces_laser_and_camera_is_lit() -> None:
-    """Seen from behind, an open surface stays dark although the laser meets its other side."""
+def test_only_side_facing_laser_and_camera_is_lit() -> None:
+    """Seen from behind, an open surface is dark although the laser hits its other side."""
     images = one_plane(probe(), pose((0, 0, 0.12), (0.0, np.radians(75.0), 0.0)))
     bright = images.reshape(2, -1).max(axis=1)
     assert (bright == 0).sum() == 1
     assert bright.max() > 0
 
 
-def test_a_moving_exposure_is_the_average_of_still_ones() -> None:
+def test_moving_exposure_is_average_of_static_ones() -> None:
     scene = Scene()
     scene.add_sphere("ball", [0, 0, 0], 0.02, 0.6)
     sensor = probe()
@@ -253,7 +253,7 @@ def test_a_moving_exposure_is_the_average_of_still_ones() -> None:
         assert np.abs(rows - expected_rows)[bright].max() < 0.01
 
 
-def test_a_camera_pixel_sees_the_same_whether_sensor_or_body_moves() -> None:
+def test_only_relative_motion_matters() -> None:
     scene, poses = cluttered()
     sensor = probe()
     step = pose((2e-4, 1e-4, -1e-4), (0.003, -0.002, 0.001))
@@ -264,7 +264,7 @@ def test_a_camera_pixel_sees_the_same_whether_sensor_or_body_moves() -> None:
     np.testing.assert_allclose(by_body.sum(axis=(2, 3)), by_sensor.sum(axis=(2, 3)), rtol=1e-3)
 
 
-def test_a_still_exposure_does_not_depend_on_how_often_it_was_sampled() -> None:
+def test_static_exposure_does_not_depend_on_pose_samples() -> None:
     scene, poses = cluttered()
     sensor = probe()
     once = expected_electrons(scene, sensor, still(*poses))
@@ -272,8 +272,8 @@ def test_a_still_exposure_does_not_depend_on_how_often_it_was_sampled() -> None:
     np.testing.assert_array_equal(once, often)
 
 
-def test_ambient_light_of_a_plane_is_the_closed_form() -> None:
-    """Flat field: reflected irradiance through the lens, falling off with the fourth power of the cosine."""
+def test_ambient_light_of_plane_matches_closed_form() -> None:
+    """Flat field: reflected irradiance with cos⁴ falloff."""
     sensor = probe(laser={"power": 0.0}, ambient={"irradiance": 3.0})
     images = one_plane(sensor, pose((0, 0, 0.13)), 0.5, size=2.0)
     focal = sensor.cameras[0].focal_px
@@ -284,7 +284,7 @@ def test_ambient_light_of_a_plane_is_the_closed_form() -> None:
     np.testing.assert_allclose(images, np.broadcast_to(expected, images.shape), rtol=1e-5)
 
 
-def test_ambient_light_shows_bodies_as_every_pixel_traced_does() -> None:
+def test_ambient_light_matches_tracing_of_every_pixel() -> None:
     scene = Scene()
     scene.add_sphere("ball", [0, 0, 0], 0.015, 0.8)
     scene.add_box("box", np.eye(4), [0.02, 0.01, 0.01], 0.3)
@@ -299,7 +299,7 @@ def test_ambient_light_shows_bodies_as_every_pixel_traced_does() -> None:
 
 
 @pytest.mark.parametrize("samples", [1, 4, 16, 64])
-def test_more_samples_converge(samples: int) -> None:
+def test_light_converges_with_samples(samples: int) -> None:
     reference = stripe_centres(one_plane(probe(), pose((0, 0, 0.12), (0.2, 0.1, 0.0)))[0])
     render = {"noise": False, "samples_per_pixel": samples}
     rows, total = stripe_centres(one_plane(probe(render=render), pose((0, 0, 0.12), (0.2, 0.1, 0.0)))[0])
@@ -308,7 +308,7 @@ def test_more_samples_converge(samples: int) -> None:
     np.testing.assert_allclose(total[bright], reference[1][bright], rtol={1: 0.1, 4: 0.02}.get(samples, 0.003))
 
 
-def test_nothing_in_view_gives_dark_images() -> None:
+def test_empty_view_gives_dark_images() -> None:
     sensor = probe()
     assert expected_electrons(Scene(), sensor, still()).max() == 0.0
     scene = Scene()

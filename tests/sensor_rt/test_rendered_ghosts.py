@@ -1,6 +1,6 @@
-"""Reflections on polished parts, rendered with bounces and noise: two cameras must tell them from the stripe.
+"""Rejection of ghost reflections on polished parts by two cameras, on images with bounces and noise.
 
-Truth comes from the geometric mode: where the laser's rays land first, and where each camera sees that.
+The reference is the geometric engine: the closest hits of the laser rays and their projections to the cameras.
 """
 
 from __future__ import annotations
@@ -15,7 +15,19 @@ from scenes import Array, pose, still
 from scipy.spatial import cKDTree
 from stripe_images import make_sensor
 
-from sensor_rt import PEAK_REJECTED, Material, Peaks, Scene, Sensor, extract, render, scan, triangulate_pixels
+from scancell.sensor import (
+    PEAK_REJECTED,
+    Exposures,
+    Material,
+    Peaks,
+    Profiles,
+    Scene,
+    Sensor,
+    extract,
+    render,
+    scan,
+    triangulate_pixels,
+)
 
 POLISHED = Material(0.58, "rough_conductor", 0.08, 1.5)
 MIRRORLIKE = Material(0.58, "rough_conductor", 0.03, 1.5)
@@ -26,7 +38,7 @@ AGREEMENT = {"peak": "agreement", "fusion": "weighted"}
 
 
 def folded(profile: Array, materials: list[Material], yaw: float) -> Scene:
-    """A strip folded along lines parallel to X, which are then turned by `yaw`: `profile` (n, 2) of y and z."""
+    """Strip folded along lines parallel to X, rotated by `yaw`: `profile` (n, 2) of y and z."""
     turn = pose((0, 0, 0), (0, 0, yaw))[:3, :3]
     scene = Scene()
     for (y0, z0), (y1, z1), material in zip(profile, profile[1:], materials, strict=False):
@@ -70,12 +82,19 @@ class Count:
 
 
 def off_truth(columns: NDArray[np.int32], rows: Array, column: NDArray[np.int32], row: Array) -> Array:
-    """Rows (n,) from each peak to the nearest true row within a column; 1e6 where there is none."""
+    """Distance in rows (n,) from each peak to the nearest true row in its column; 1e6: none."""
     order = np.argsort(columns, kind="stable")
     columns, rows = columns[order], rows[order]
     first = np.searchsorted(columns, column - 1, "left")
     last = np.searchsorted(columns, column + 1, "right")
     return np.array([np.abs(rows[a:b] - r).min(initial=1e6) for a, b, r in zip(first, last, row, strict=True)])
+
+
+def true_stripe(scene: Scene, exposures: Exposures) -> Profiles:
+    """Exact closest hits of the laser that a camera sees."""
+    limits = {"near": 0.06, "far": 0.2}
+    exact = make_sensor(cameras=2, render={"noise": False}, range=limits)
+    return scan(scene, exact, exposures, engine="geometric").profiles
 
 
 def of_camera(peaks: Peaks, camera: int) -> tuple[NDArray[np.int32], Array, NDArray[np.bool_]]:
@@ -86,7 +105,7 @@ def of_camera(peaks: Peaks, camera: int) -> tuple[NDArray[np.int32], Array, NDAr
 def count(scene: Scene, total: Count) -> None:
     exposures = still(np.eye(4))
     real, direct = sensor(2), sensor(0)
-    truth = scan(scene, direct, exposures, engine="geometric").profiles
+    truth = true_stripe(scene, exposures)
     scanned = scan(scene, real, exposures, keep_images=True)
     assert scanned.images is not None
     dirty = extract(scanned.images, real, all_peaks=True)
@@ -108,7 +127,7 @@ def count(scene: Scene, total: Count) -> None:
     total.off_surface += int((distance > 2e-4).sum())
 
 
-def test_ghosts_are_rejected_and_the_stripe_is_kept() -> None:
+def test_ghosts_are_rejected_and_stripe_is_kept() -> None:
     total = Count()
     for make in SCENES:
         for yaw in (10, 30, 50, 70):
@@ -123,7 +142,7 @@ def test_ghosts_are_rejected_and_the_stripe_is_kept() -> None:
 
 
 def wall_behind_mirror(yaw: float, bottom: float = 0.124, depth: float = 0.006) -> Array:
-    """Points (n, 3) of the groove's second wall, mirrored in the first, on the laser rays that go on behind that."""
+    """Points (n, 3) of the groove's second wall, mirrored in the first, on the continued laser rays."""
     across, down = np.array([-np.sin(yaw), np.cos(yaw), 0.0]), np.array([0.0, 0.0, 1.0])
     mirror, wall = (across - down) / np.sqrt(2), (across + down) / np.sqrt(2)  # normals
     slope = np.linspace(-0.3, 0.3, 200_001)
@@ -135,18 +154,18 @@ def wall_behind_mirror(yaw: float, bottom: float = 0.124, depth: float = 0.006) 
     return points[on_mirror & (second > first) & (behind > 0) & (behind < np.sqrt(2) * depth)]
 
 
-def test_of_an_ideal_mirrors_ghosts_only_the_image_of_a_wall_on_the_sheet_is_taken_for_one() -> None:
-    """What a mirror both lights and shows lies where the laser's rays would have met it behind the mirror.
+def test_ideal_mirror_ghosts_on_sheet_are_accepted() -> None:
+    """A wall that is both lit and seen via the mirror appears at the continued laser rays behind the mirror.
 
-    The light comes back along its own way, so that every camera sees it on the sheet, in one place: no comparison of
-    cameras tells it from a wall. A mirror sends nothing back itself that would contradict it.
+    The light returns along its own path, so that every camera sees it at the same point of the sheet: comparing the
+    cameras does not distinguish it from a wall. The mirror itself reflects nothing that would contradict it.
     """
     others = accepted_others = images = 0
     for yaw in np.radians((10, 50, 70)):
         profile = np.array([(-0.08, 0.118), (-0.006, 0.118), (0.0, 0.124), (0.006, 0.118), (0.08, 0.118)])
         scene = folded(profile, [WHITE, MIRROR, WHITE, WHITE], yaw)
         exposures, real = still(np.eye(4)), sensor(2)
-        truth = scan(scene, sensor(0), exposures, engine="geometric").profiles
+        truth = true_stripe(scene, exposures)
         peaks = extract(render(scene, real, exposures), real, all_peaks=True)
         image = cKDTree(wall_behind_mirror(yaw))
         for k in (0, 1):

@@ -1,4 +1,4 @@
-"""Rays against meshes and primitives, and closest points, against closed forms and brute force."""
+"""Ray casting on meshes and primitives, and closest points, compared with closed forms and brute force."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from scenes import Array, pose, random_pose
 
-from sensor_rt import Scene, cast_rays, closest_points
+from scancell.sensor import MeshSurface, Scene, cast_rays, closest_points
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def rng() -> np.random.Generator:
 
 
 def rays_towards(rng: np.random.Generator, count: int, distance: float, spread: float) -> tuple[Array, Array]:
-    """Origins on a sphere and directions to points near the centre."""
+    """Origins on a sphere with directions to points near the centre."""
     origins = rng.normal(size=(count, 3))
     origins *= distance / np.linalg.norm(origins, axis=1, keepdims=True)
     directions = rng.uniform(-spread, spread, (count, 3)) - origins
@@ -43,7 +43,7 @@ def test_sphere_hits_are_exact(rng: np.random.Generator) -> None:
     assert (np.isfinite(expected)).sum() > 500
     np.testing.assert_array_equal(np.isfinite(distance)[clear], np.isfinite(expected)[clear])
     hit = clear & np.isfinite(expected)
-    # The distance to a grazed sphere depends steeply on the ray; the point's distance from the centre does not.
+    # The distance to a grazed sphere is sensitive to the ray; the hit's distance from the centre is not.
     points = o[hit] + distance[hit, None] * d[hit]
     np.testing.assert_allclose(np.linalg.norm(points - centre, axis=1), 0.025, rtol=1e-12)
     np.testing.assert_allclose(distance[hit], expected[hit], rtol=1e-9)
@@ -52,8 +52,8 @@ def test_sphere_hits_are_exact(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("shape", ["box", "cylinder", "plane"])
-def test_primitive_agrees_with_its_implicit_form(shape: str, rng: np.random.Generator) -> None:
-    """A hit lies on the surface, and no point of the ray before it lies inside."""
+def test_primitive_hits_match_implicit_form(shape: str, rng: np.random.Generator) -> None:
+    """A hit lies on the surface, and no earlier point of the ray lies inside."""
     scene = Scene()
     body_from_shape = random_pose(rng, 0.02)
     if shape == "box":
@@ -90,7 +90,7 @@ def test_primitive_agrees_with_its_implicit_form(shape: str, rng: np.random.Gene
     assert level(o + steps * end[:, None] * d).min() > -1e-9
 
 
-def test_axis_parallel_rays_meet_primitives() -> None:
+def test_axis_parallel_rays_hit_primitives() -> None:
     scene = Scene()
     scene.add_cylinder("pin", np.eye(4), 0.01, 0.04, 0.5)
     scene.add_box("box", np.eye(4), [0.02, 0.02, 0.02], 0.5)
@@ -120,13 +120,13 @@ def test_mesh_hits_lie_on_their_faces_in_double_precision(rng: np.random.Generat
     facing = np.abs((d * normals).sum(axis=1))
     # The inputs themselves are rounded: 2 m carry 4e-16 m.
     np.testing.assert_array_less(np.abs(distance[hit] - expected) * facing, 1e-12 * 0.2 + 2e-15)
-    # The face is the right one: the ray passes through the triangle.
+    # The face is correct: the ray passes through the triangle.
     points = o + distance[hit, None] * d
     barycentric = trimesh.triangles.points_to_barycentric(corners, points)
     assert barycentric.min() > -1e-3
 
 
-def test_nearest_of_several_bodies_wins() -> None:
+def test_closest_of_several_bodies_is_returned() -> None:
     scene = Scene()
     scene.add_plane("far", np.eye(4), [1, 1], 0.5)
     scene.add_sphere("near", [0, 0, 0], 0.01, 0.5)
@@ -138,7 +138,7 @@ def test_nearest_of_several_bodies_wins() -> None:
     np.testing.assert_array_equal(body, [1, 2, 0])
 
 
-def test_rays_do_not_slip_through_shared_edges(rng: np.random.Generator) -> None:
+def test_meshes_are_watertight_at_shared_edges(rng: np.random.Generator) -> None:
     mesh = trimesh.creation.box((0.1, 0.1, 0.1)).subdivide().subdivide().subdivide()
     scene = Scene()
     scene.add_mesh("box", mesh.vertices, mesh.faces, 0.5)
@@ -150,7 +150,7 @@ def test_rays_do_not_slip_through_shared_edges(rng: np.random.Generator) -> None
     assert np.isfinite(distance).all()
 
 
-def test_moving_everything_changes_nothing(rng: np.random.Generator) -> None:
+def test_hits_are_invariant_under_common_motion(rng: np.random.Generator) -> None:
     mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.03)
     scene = Scene()
     scene.add_mesh("ball", mesh.vertices, mesh.faces, 0.5)
@@ -169,7 +169,7 @@ def test_moving_everything_changes_nothing(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(after[both], before[both], rtol=1e-9)
 
 
-def test_closest_points_against_brute_force(rng: np.random.Generator) -> None:
+def test_closest_points_match_brute_force(rng: np.random.Generator) -> None:
     mesh = trimesh.creation.torus(0.03, 0.01, major_sections=24, minor_sections=16)
     points = rng.uniform(-0.05, 0.05, (400, 3))
     closest, face, signed = closest_points(mesh.vertices, mesh.faces, points)
@@ -188,8 +188,8 @@ def test_closest_points_against_brute_force(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(signed[sure] < 0, ring[sure] < 0.0095)
 
 
-def test_sign_holds_where_the_closest_point_is_an_edge_or_corner(rng: np.random.Generator) -> None:
-    """A needle-shaped tetrahedron, where face normals alone give the wrong sign; vertices are not shared, as in STL."""
+def test_sign_is_correct_at_edges_and_corners(rng: np.random.Generator) -> None:
+    """Needle-shaped tetrahedron, where face normals give the wrong sign; vertices are not shared, as in STL."""
     corners = np.array([[0, 0, 0], [0.1, 0, 0], [0.0, 0.02, 0], [0, 0, 0.01]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     points = rng.uniform(-0.05, 0.15, (3000, 3))
@@ -201,7 +201,7 @@ def test_sign_holds_where_the_closest_point_is_an_edge_or_corner(rng: np.random.
 
 
 def test_closest_points_far_from_the_origin() -> None:
-    """Double precision throughout: 1 µm is told apart 100 m from the origin of the coordinates."""
+    """Double precision throughout: 1 µm is resolved 100 m from the origin."""
     mesh = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
     offset = np.array([100.0, -50.0, 20.0])
     directions = np.random.default_rng(1).normal(size=(200, 3))
@@ -212,7 +212,35 @@ def test_closest_points_far_from_the_origin() -> None:
     np.testing.assert_allclose(far, near, atol=1e-13)
 
 
-def test_threads_do_not_change_results(rng: np.random.Generator) -> None:
+def test_closest_points_do_not_depend_on_point_order(rng: np.random.Generator) -> None:
+    """The search starts from the previous point's face; the lowest face index wins a tie."""
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.03)
+    beside = mesh.vertices[mesh.faces].mean(1) + rng.normal(0, 1e-6, (len(mesh.faces), 3))
+    points = np.concatenate(
+        [beside, mesh.vertices, mesh.vertices[mesh.edges].mean(1), rng.uniform(-0.05, 0.05, (500, 3))]
+    )
+    surface = MeshSurface(mesh.vertices, mesh.faces)
+    signed, face = surface.signed_distances(points)
+    order = rng.permutation(len(points))
+    again, other_face = surface.signed_distances(points[order], threads=1)
+    np.testing.assert_array_equal(again, signed[order])
+    np.testing.assert_array_equal(other_face, face[order])
+    whole = closest_points(mesh.vertices, mesh.faces, points)
+    np.testing.assert_array_equal(whole[1], face)
+    np.testing.assert_array_equal(whole[2], signed)
+    np.testing.assert_allclose(np.linalg.norm(whole[0] - points, axis=1), np.abs(signed), atol=1e-15)
+
+
+def test_mesh_surface_copies_its_mesh() -> None:
+    vertices = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    surface = MeshSurface(vertices, [[0, 1, 2]])
+    vertices += 5.0
+    signed, face = surface.signed_distances([[0.2, 0.2, 0.3]])
+    np.testing.assert_allclose(signed, [0.3])
+    assert face.tolist() == [0]
+
+
+def test_results_do_not_depend_on_threads(rng: np.random.Generator) -> None:
     mesh = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
     points = rng.uniform(-0.05, 0.05, (5000, 3))
     for one, two in zip(
@@ -237,14 +265,14 @@ def test_threads_do_not_change_results(rng: np.random.Generator) -> None:
         (np.eye(3), [0, 1, 2], "shape"),
     ],
 )
-def test_bad_meshes_are_refused(vertices: Array, faces: Array, message: str) -> None:
+def test_invalid_meshes_are_rejected(vertices: Array, faces: Array, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Scene().add_mesh("part", vertices, faces, 0.5)
     with pytest.raises(ValueError, match=message):
         closest_points(vertices, faces, np.zeros((1, 3)))
 
 
-def test_bad_shapes_and_rays_are_refused() -> None:
+def test_invalid_shapes_and_rays_are_rejected() -> None:
     scene = Scene()
     with pytest.raises(ValueError, match="reflectance"):
         scene.add_sphere("ball", [0, 0, 0], 0.01, 1.5)
@@ -272,7 +300,7 @@ def test_bad_shapes_and_rays_are_refused() -> None:
         closest_points(np.eye(3), [[0, 1, 2]], [[0, 0, np.inf]])
 
 
-def test_faces_without_area_do_no_harm() -> None:
+def test_degenerate_faces_are_ignored() -> None:
     vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]]
     faces = [[0, 1, 2], [0, 1, 3], [0, 0, 0], [1, 1, 2]]
     closest, _, signed = closest_points(vertices, faces, [[0.2, 0.2, 0.5], [1.5, -1.0, 0.0]])

@@ -1,4 +1,4 @@
-"""Images of a sensor that is not as believed, read as if it were."""
+"""Images of a sensor that differs from the nominal one, evaluated with the nominal one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scenes import Array, pose, probe, still
 
-from sensor_rt import Exposures, Scene, Sensor, extract, render, scan, triangulate
+from scancell.sensor import Exposures, Scene, Sensor, extract, render, scan, triangulate
 
 Z = 0.12
 
@@ -20,9 +20,9 @@ def plane_at(z: float) -> tuple[Scene, Exposures]:
 
 
 def read_wrongly(sensor: Sensor, true_points: Array, camera: int) -> Array:
-    """Where points (n, 3) seem to lie: the line of sight continued to the plane X = 0."""
-    eye = sensor.cameras[camera].sensor_from_camera[:3, 3]
-    return np.asarray(eye + (true_points - eye) * (eye[0] / (eye[0] - true_points[:, :1])))
+    """Apparent positions of points (n, 3): the line of sight intersected with the plane X = 0."""
+    viewpoint = sensor.cameras[camera].sensor_from_camera[:3, 3]
+    return np.asarray(viewpoint + (true_points - viewpoint) * (viewpoint[0] / (viewpoint[0] - true_points[:, :1])))
 
 
 @pytest.mark.parametrize(("engine", "tolerance"), [("geometric", 1e-9), ("ray-traced", 3e-6)])
@@ -35,7 +35,7 @@ def read_wrongly(sensor: Sensor, true_points: Array, camera: int) -> Array:
     ],
     ids=["turned about y", "shifted and turned about z", "bowed"],
 )
-def test_a_sheet_out_of_place_displaces_points_as_geometry_says(
+def test_misaligned_sheet_displaces_points(
     laser: dict[str, Any], middle: Any, engine: Literal["geometric", "ray-traced"], tolerance: float
 ) -> None:
     sensor, as_built = probe(), probe(laser=laser)
@@ -49,14 +49,14 @@ def test_a_sheet_out_of_place_displaces_points_as_geometry_says(
         expected = np.interp(found[:, 1], seen[:, 1], seen[:, 2])
         assert len(found) > 600
         assert np.sqrt(np.mean((found[:, 2] - expected) ** 2)) < tolerance
-        assert np.abs(expected - Z).max() > 50e-6  # not a small error
-    # Told of it, or not: the images alone decide.
+        assert np.abs(expected - Z).max() > 50e-6  # the error is significant
+    # The result depends only on the images.
     assert np.abs(points.points_in_sensor[:, 0]).max() == 0.0
 
 
 @pytest.mark.parametrize("engine", ["geometric", "ray-traced"])
-def test_a_longer_baseline_than_believed_shrinks_ranges(engine: Literal["geometric", "ray-traced"]) -> None:
-    """Everything triangulated is proportional to the baseline."""
+def test_longer_true_baseline_shrinks_ranges(engine: Literal["geometric", "ray-traced"]) -> None:
+    """All triangulated distances are proportional to the baseline."""
     scene, exposures = plane_at(Z)
     profiles = scan(scene, probe(), exposures, engine, as_built=probe(camera={"baseline": 0.0602})).profiles
     z = profiles.points_in_sensor[:, 2]
@@ -64,8 +64,8 @@ def test_a_longer_baseline_than_believed_shrinks_ranges(engine: Literal["geometr
     assert z.std() < 3e-6
 
 
-def test_extraction_knows_nothing_of_the_sensor_as_built() -> None:
-    """In one go, or from images that have lost where they came from: the same to the last bit."""
+def test_extraction_does_not_use_sensor_as_built() -> None:
+    """A scan and separate extraction from its images agree to the last bit."""
     sensor = probe(render={"noise": True})
     as_built = probe(render={"noise": True}, laser={"turn_y": 0.002}, camera={"tilt": 0.512})
     scene, exposures = plane_at(Z)
@@ -77,7 +77,7 @@ def test_extraction_knows_nothing_of_the_sensor_as_built() -> None:
     assert np.abs(in_one.profiles.points_in_sensor[:, 2] - Z).max() > 100e-6
 
 
-def test_a_sensor_is_as_built_itself_unless_told_otherwise() -> None:
+def test_sensor_as_built_defaults_to_nominal_sensor() -> None:
     scene, exposures = plane_at(Z)
     sensor = probe(render={"noise": True})
     alone, twice = (
@@ -88,7 +88,7 @@ def test_a_sensor_is_as_built_itself_unless_told_otherwise() -> None:
 
 
 @pytest.mark.parametrize("other", [probe(cameras=1), probe(camera={"width_px": 1000})])
-def test_a_sensor_as_built_with_other_images_is_refused(other: Sensor) -> None:
+def test_mismatched_sensor_as_built_is_rejected(other: Sensor) -> None:
     scene, exposures = plane_at(Z)
     with pytest.raises(ValueError, match="as built differs"):
         scan(scene, probe(), exposures, as_built=other)

@@ -1,4 +1,4 @@
-"""A rolling shutter exposes every row at its own time: what that does to images and points, against closed forms."""
+"""Rolling shutter: effect of the row times on images and points, compared with closed forms."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from scenes import Array, assert_same_light, cluttered, moving, pose, probe, still
 from scipy.spatial.transform import Rotation, Slerp
 
-from sensor_rt import Exposures, Scene, Sensor, expected_electrons, render, scan
+from scancell.sensor import Exposures, Scene, Sensor, expected_electrons, render, scan
 
 READOUT, EXPOSURE = 8e-6, 5e-4
 ROWS = 1024
@@ -22,13 +22,13 @@ def rolling(readout: float = READOUT, **overrides: Any) -> Sensor:
     return probe(detector=detector, **overrides)
 
 
-def lapse(row: Array) -> Array:
-    """Seconds from the middle of the frame to that of each row's exposure."""
+def row_time(row: Array) -> Array:
+    """Time from the middle of the frame to the exposure of each row, s."""
     return (row - (ROWS - 1) / 2) * READOUT
 
 
 def at(first: Array, last: Array, share: float) -> Array:
-    """Pose (4, 4) between two, at a share of the way: even motion and turn."""
+    """Pose (4, 4) interpolated between two at a fraction: constant linear and angular velocity."""
     turn = Slerp([0.0, 1.0], Rotation.from_matrix([first[:3, :3], last[:3, :3]]))(share)
     between = np.eye(4)
     between[:3, :3] = turn.as_matrix()
@@ -37,11 +37,11 @@ def at(first: Array, last: Array, share: float) -> Array:
 
 
 @pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.05), (0.0, 0.08, 0.0), (0.06, 0.0, -0.03)], ids=["z", "y", "xz"])
-def test_a_moving_plane_is_sheared_from_row_to_row(velocity: tuple[float, float, float]) -> None:
-    """Points lie where the plane was when their row was exposed: off by its speed along its normal times that time."""
+def test_moving_plane_is_sheared(velocity: tuple[float, float, float]) -> None:
+    """Points are displaced by the plane's normal speed times the row time."""
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [0.4, 0.4], 0.5)
-    middle, angles = np.array([0.0, 0.0, 0.118]), (0.75, 0.12, 0.0)  # steep: the stripe runs over most of the rows
+    middle, angles = np.array([0.0, 0.0, 0.118]), (0.75, 0.12, 0.0)  # steep: the stripe covers most of the rows
     path = np.array(velocity) * SPAN
     places = moving([[pose(middle - path / 2, angles)], [pose(middle + path / 2, angles)]], [np.eye(4)] * 2)
     profiles = scan(scene, rolling(detector=DEEP), places).profiles
@@ -50,43 +50,43 @@ def test_a_moving_plane_is_sheared_from_row_to_row(velocity: tuple[float, float,
     speed = normal @ velocity
     assert np.ptp(profiles.row) > 500
     assert np.abs(off).max() > 10 * 1e-6
-    assert np.sqrt(np.mean((off - speed * lapse(profiles.row)) ** 2)) < 1e-6
+    assert np.sqrt(np.mean((off - speed * row_time(profiles.row)) ** 2)) < 1e-6
     slope = np.polyfit(profiles.row, off, 1)[0]
     assert slope == pytest.approx(speed * READOUT, rel=2e-3)
 
 
-def test_points_of_a_turning_ball_lie_on_it_at_the_time_of_their_row() -> None:
+def test_points_of_rotating_sphere_match_row_time() -> None:
     centre, radius = np.array([0.0, 0.012, 0.004]), 0.015
     scene = Scene()
     scene.add_sphere("ball", centre, radius, 0.5)
     first, last = pose((0.0, -0.012, 0.121)), pose((0.0004, -0.0118, 0.1212), (0.03, 0.02, 0.0))
     profiles = scan(scene, rolling(detector=DEEP), moving([[first], [last]], [np.eye(4)] * 2)).profiles
-    points, shares = profiles.points_in_sensor, 0.5 + lapse(profiles.row) / SPAN
+    points, shares = profiles.points_in_sensor, 0.5 + row_time(profiles.row) / SPAN
     places = np.array([at(first, last, s)[:3, :3] @ centre + at(first, last, s)[:3, 3] for s in shares])
     off = np.linalg.norm(points - places, axis=1) - radius
     mid_frame = at(first, last, 0.5)
     wrong = np.linalg.norm(points - mid_frame[:3, :3] @ centre - mid_frame[:3, 3], axis=1) - radius
     assert len(points) > 800
     assert np.sqrt(np.mean(off**2)) < 1e-6
-    assert np.sqrt(np.mean(wrong**2)) > 10e-6  # one pose for all rows is not good enough
+    assert np.sqrt(np.mean(wrong**2)) > 10e-6  # a single pose for all rows is not sufficient
 
 
 def image_of_row(sensor: Sensor, scene: Scene, first: list[Array], last: list[Array], row: int) -> Array:
-    """The image of a global shutter that is open while that row is."""
+    """Image of a global shutter that is open while that row is exposed."""
     ends = [(row * READOUT + after) / SPAN for after in (0.0, EXPOSURE)]
     bodies = [[at(a, b, share) for a, b in zip(first, last, strict=True)] for share in ends]
     exposures = moving(bodies, [np.eye(4)] * 2)
     return np.asarray(expected_electrons(scene, sensor, exposures, whole_image=True)[0], float)
 
 
-# A stripe is at one place in few rows, ambient light everywhere: the middle half of the columns will do.
+# The stripe covers few rows, ambient light all of them: the middle half of the columns is enough.
 HALF_AS_WIDE = {"width_px": 640, "cx_px": 319.5}
 
 
 @pytest.mark.parametrize(
     "light", [{}, {"ambient": {"irradiance": 0.5}, "camera": HALF_AS_WIDE}], ids=["laser", "ambient"]
 )
-def test_every_row_is_that_of_a_global_shutter_at_its_time(light: dict[str, Any]) -> None:
+def test_each_row_matches_global_shutter_at_row_time(light: dict[str, Any]) -> None:
     scene, first = cluttered()
     last = [pose((1e-4, -8e-4, 9e-4), (0.01, 0.004, -0.015)) @ p for p in first]
     exposures = moving([first, last], [np.eye(4)] * 2)
@@ -95,13 +95,13 @@ def test_every_row_is_that_of_a_global_shutter_at_its_time(light: dict[str, Any]
     assert len(lit) > 6
     for row in lit:
         alone = image_of_row(probe(**light), scene, first, last, row)[:, row]
-        # A sample within rounding of an edge may fall to either side of it.
+        # A sample within rounding of an edge may fall on either side of it.
         differs = np.abs(image[:, row] - alone) > 1e-6 * alone.max()
         assert differs.mean() < 2e-3
 
 
-def test_all_light_of_the_rows_is_found_however_far_things_move() -> None:
-    """Some 60 px during the readout: the band of pixels that are traced must hold all light of all rows."""
+def test_marked_pixels_contain_all_light_of_all_rows() -> None:
+    """About 60 px of motion during the readout: the marked pixels must contain all light of all rows."""
     scene, first = cluttered()
     last = [pose((0.0, -2e-3, 3e-3), (0.02, 0.0, -0.03)) @ p for p in first]
     exposures = moving([first, last], [np.eye(4)] * 2)
@@ -112,7 +112,7 @@ def test_all_light_of_the_rows_is_found_however_far_things_move() -> None:
 @pytest.mark.parametrize(
     "light", [{}, {"speckle": {"contrast": 1.0}, "ambient": {"irradiance": 0.5}}], ids=["laser", "all"]
 )
-def test_a_world_at_rest_looks_the_same(light: dict[str, Any]) -> None:
+def test_static_scene_matches_global_shutter(light: dict[str, Any]) -> None:
     scene, places = cluttered()
     options = {"render": {"noise": True}} | light
     scene.add_light("lamp", "rectangle", pose((0, 0, -0.1)), [0.05, 0.05], 0.01, in_band=1.0)
@@ -122,17 +122,17 @@ def test_a_world_at_rest_looks_the_same(light: dict[str, Any]) -> None:
     assert a.tobytes() == b.tobytes()
 
 
-def test_no_readout_time_is_a_global_shutter() -> None:
+def test_zero_readout_time_is_global_shutter() -> None:
     scene, first = cluttered()
     last = [pose((1e-4, -3e-4, 2e-4), (0.004, 0.002, -0.006)) @ p for p in first]
     exposures = moving([first, last], [np.eye(4)] * 2)
     a, b = render(scene, rolling(0.0), exposures), render(scene, probe(), exposures)
     tiny = render(scene, rolling(1e-12), exposures)
     assert a.tobytes() == b.tobytes()
-    assert (np.abs(tiny.astype(int) - b.astype(int)) > 1).mean() < 1e-5  # by the road of the rolling shutter
+    assert (np.abs(tiny.astype(int) - b.astype(int)) > 1).mean() < 1e-5  # rendered by the rolling-shutter code
 
 
-def test_path_tracing_rolls_too() -> None:
+def test_path_tracing_supports_rolling_shutter() -> None:
     scene = Scene()
     scene.add_plane("plane", np.eye(4), [0.4, 0.4], 0.5)
     ends = [[pose((0.0, 0.0, z), (0.5, 0.1, 0.0))] for z in (0.118, 0.120)]
@@ -147,6 +147,6 @@ def test_path_tracing_rolls_too() -> None:
     assert (fast > 0).sum() > 500
 
 
-def test_reflected_light_is_refused() -> None:
+def test_reflected_light_with_rolling_shutter_is_rejected() -> None:
     with pytest.raises(ValueError, match=r"render\.bounces.*global shutter"):
         rolling(render={"bounces": 1})

@@ -1,4 +1,4 @@
-"""Speckle: contrast and grain against the theory of a circular aperture, motion, repeatability, centroid noise."""
+"""Speckle: contrast and grain size compared with theory, motion, repeatability, centroid noise."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from scenes import Array, moving, one_plane, pose, still, stripe_centres
 from scipy.special import j1
 from stripe_images import make_sensor
 
-from sensor_rt import PEAK_REJECTED, Exposures, Scene, Sensor, expected_electrons, extract, render, scan
+from scancell.sensor import PEAK_REJECTED, Exposures, Scene, Sensor, expected_electrons, extract, render, scan
 
 WAVELENGTH, PITCH = 660e-9, 5e-6
 Z = 0.12
-EVEN = {"sheet_sigma": 8e-3, "divergence": 0.0}  # a sheet so thick that a pixel and its neighbours get the same
+EVEN = {"sheet_sigma": 8e-3, "divergence": 0.0}  # a sheet so thick that neighbouring pixels receive the same light
 
 
 def covariance(grains: ArrayLike) -> Array:
-    """Autocovariance of fully developed speckle behind a circular aperture, at distances in lambda times f-number."""
+    """Autocovariance of fully developed speckle for a circular aperture; distances in wavelength times f-number."""
     v = np.pi * np.abs(np.asarray(grains, float)) + 1e-9
     return np.asarray((2 * j1(v) / v) ** 2)
 
 
 def pixel_covariance(grain_px: float, shift: float = 0.0, travel: float = 0.0) -> float:
-    """Covariance of two pixels `shift` apart along the rows, while the pattern travels along them."""
+    """Covariance of two pixels `shift` rows apart, for a pattern that moves along the rows."""
     step = np.linspace(-1, 1, 161)
-    box = np.maximum(0, 1 - np.abs(step))  # of distances within a pixel
+    box = np.maximum(0, 1 - np.abs(step))  # distribution of distances within a pixel
     box /= box.sum()
     way, share = travel * step, box if travel > 0.0 else np.full(step.size, 1 / step.size)
     along = step[:, None] + shift
@@ -58,13 +58,13 @@ def plane() -> Scene:
 
 @cache
 def without_speckle(options: str) -> Array:
-    """Electrons (cameras, h, w); they are the same wherever a plane is that lies and moves in one plane."""
+    """Electrons (cameras, h, w); constant for planes that lie and move in one plane."""
     images = expected_electrons(plane(), sensor(0.0, **json.loads(options)), still(pose((0, 0, Z))))
     return images[0].astype(float)
 
 
 def speckle(exposures: Exposures, contrast: float = 1.0, **options: Any) -> Array:
-    """Factor of speckle (frames, cameras, h, w), NaN where it is dark; the plane is at z = Z."""
+    """Speckle factor (frames, cameras, h, w), NaN in dark pixels; the plane is at z = Z."""
     without = without_speckle(json.dumps(options))
     with_speckle = expected_electrons(plane(), sensor(contrast, **options), exposures).astype(float)
     return np.where(without > 0.02 * without.max(), with_speckle / np.maximum(without, 1e-9), np.nan)
@@ -75,7 +75,7 @@ def grain_px(f_number: float) -> float:
 
 
 def places(count: int, seed: int = 0) -> list[Array]:
-    """Poses of a flat surface that show other parts of it each time."""
+    """Poses of a flat surface that each show different parts of it."""
     rng = np.random.default_rng(seed)
     return [pose((*rng.uniform(-0.1, 0.1, 2), Z), (0, 0, rng.uniform(-3, 3))) for _ in range(count)]
 
@@ -88,8 +88,8 @@ def test_contrast_of_a_flat_field(contrast: float) -> None:
     assert np.nanmean(fields) == pytest.approx(1.0, abs=0.01)
 
 
-def test_grain_is_wavelength_times_f_number() -> None:
-    """Autocorrelation along and across, and the distance at which it has halved."""
+def test_grain_size_is_wavelength_times_f_number() -> None:
+    """Autocorrelation along and across the stripe, and its width at half maximum."""
     grain = grain_px(44.0)
     fields = np.concatenate([speckle(still(place), f_number=44.0) for place in places(6, 1)]).reshape(-1, 256, 320) - 1
     shifts = np.arange(9)
@@ -102,8 +102,8 @@ def test_grain_is_wavelength_times_f_number() -> None:
         assert half == pytest.approx(np.interp(-0.5, -expected / expected[0], shifts), rel=0.03)
 
 
-def test_surface_in_motion_averages_its_grains() -> None:
-    """Contrast as of the mean over the way, in the end as 1 over the root of the number of grains passed."""
+def test_motion_averages_speckle() -> None:
+    """Contrast of the average over the travel; in the limit 1 over the root of the number of grains passed."""
     grain = grain_px(22.0)
     metres_per_px = np.hypot(0.06, Z) / (256 / (2 * np.tan(np.radians(9.34))))
     length = 2 * np.trapezoid(covariance(np.linspace(0, 50, 5001)), np.linspace(0, 50, 5001))  # grains per grain
@@ -121,7 +121,7 @@ def test_surface_in_motion_averages_its_grains() -> None:
             assert measured == pytest.approx((travel_px / (length * grain)) ** -0.5, rel=0.08)
 
 
-def test_pattern_belongs_to_the_surface() -> None:
+def test_pattern_is_fixed_to_surface() -> None:
     base = places(1, 3)[0]
     metres_per_px = Z / np.cos(np.radians(29.3)) / (256 / (2 * np.tan(np.radians(9.34))))
     other = speckle(still(pose((0, -7 * metres_per_px, 0)) @ base))[0, 0] - 1
@@ -137,10 +137,10 @@ def test_pattern_belongs_to_the_surface() -> None:
     assert abs(np.delete(reach, np.arange(14, 21))).max() < 0.15
     elsewhere = speckle(still(places(1, 4)[0]))[0, 0] - 1
     assert abs(np.nanmean(first[0] * elsewhere)) < 0.05
-    assert abs(np.nanmean(np.multiply(*(speckle(still(base))[0] - 1)))) < 0.05  # the two cameras
+    assert abs(np.nanmean(np.multiply(*(speckle(still(base))[0] - 1)))) < 0.05  # independent between the cameras
 
 
-def test_speckle_is_the_same_at_any_number_of_threads_and_absent_by_default() -> None:
+def test_speckle_does_not_depend_on_threads_and_is_off_by_default() -> None:
     ends = [[place] for place in (pose((0, 0, Z)), pose((0, 3e-5, Z)))]
     exposures = moving(ends, [np.eye(4)] * 2, count=4)
     one, many = (expected_electrons(plane(), sensor(0.7), exposures, threads=t) for t in (1, 3))
@@ -148,7 +148,7 @@ def test_speckle_is_the_same_at_any_number_of_threads_and_absent_by_default() ->
     assert np.any(one != expected_electrons(plane(), sensor(0.7, seed=2), exposures))
 
 
-def test_path_tracing_shows_the_same_grains() -> None:
+def test_path_tracing_shows_same_speckle() -> None:
     images = []
     for mode in ("fast", "path"):
         render = {"noise": False, "mode": mode}
@@ -158,11 +158,11 @@ def test_path_tracing_shows_the_same_grains() -> None:
 
 
 def summed_patterns(contrast: float, rng: np.random.Generator, per_grain: int = 8, size: int = 1024) -> Array:
-    """Intensity (size, size) of the mean of 1 / contrast^2 independent speckle patterns, by Fourier optics."""
-    frequency = np.fft.fftfreq(size) * per_grain  # per grain; the aperture is one wide
+    """Intensity (size, size) of the mean of 1 / contrast² independent speckle patterns, by Fourier optics."""
+    frequency = np.fft.fftfreq(size) * per_grain  # per grain; the aperture has diameter 1
     aperture = frequency[:, None] ** 2 + frequency**2 <= 0.25
     phases = rng.random((round(1 / contrast**2), size, size))
-    passing = np.flatnonzero(aperture.any(axis=1))  # few: the others' transforms are zero
+    passing = np.flatnonzero(aperture.any(axis=1))  # the transforms of the other rows are zero
     waves = np.zeros(phases.shape, complex)
     waves[:, passing] = np.fft.ifft(aperture[passing] * np.exp(2j * np.pi * phases[:, passing]), axis=-1)
     intensity = (np.abs(np.fft.ifft(waves, axis=-2)) ** 2).mean(axis=0)
@@ -170,7 +170,7 @@ def summed_patterns(contrast: float, rng: np.random.Generator, per_grain: int = 
 
 
 def centre_noise(width: float, contrast: float, per_grain: int = 8) -> float:
-    """Standard deviation in grains of the centre of gravity of stripes of sigma `width` grains, simulated."""
+    """Simulated standard deviation, in grains, of the centre of gravity of stripes of sigma `width` grains."""
     rng = np.random.default_rng(5)
     across = (np.arange(12 * per_grain * width) - 6 * per_grain * width + 0.5) / per_grain
     profile = np.exp(-0.5 * (across / width) ** 2)[:, None]
@@ -184,7 +184,7 @@ def centre_noise(width: float, contrast: float, per_grain: int = 8) -> float:
 
 
 @pytest.mark.parametrize("contrast", [1.0, 0.7, 0.5, 0.3])
-def test_less_contrast_is_light_of_more_patterns(contrast: float) -> None:
+def test_lower_contrast_is_mean_of_more_patterns(contrast: float) -> None:
     """The mean of n fully developed patterns is gamma distributed: contrast 1 / sqrt(n), skewness 2 / sqrt(n)."""
     fields = np.concatenate([speckle(still(place), contrast, f_number=44.0) for place in places(12, 5)])
     deviation = (fields - np.nanmean(fields)) / np.nanstd(fields)
@@ -194,15 +194,15 @@ def test_less_contrast_is_light_of_more_patterns(contrast: float) -> None:
     assert np.nanmean(deviation**3) == pytest.approx(2 * contrast, rel=0.15)
 
 
-def test_noise_of_the_stripes_centre() -> None:
+def test_stripe_centre_noise_matches_theory() -> None:
     """C lambda / (2 pi sin u), of a stripe whose sigma is one grain.
 
     Dorsch, Häusler & Herrmann ("Laser triangulation: fundamental uncertainty in distance measurement", Appl. Opt. 33,
-    1994). lambda = 660 nm, sin u = 0.02: 5.3 um for C = 1. It grows with the root of the stripe's width:
-    the first moment has the double integral of the stripe's profile and the covariance for its variance. The centre
-    of gravity divides it by light that fluctuates as well, which a simulation of independent patterns shows.
+    1994). lambda = 660 nm, sin u = 0.02: 5.3 um for C = 1. It is proportional to the root of the stripe width:
+    the variance of the first moment is the double integral of the stripe profile and the covariance. The centre
+    of gravity divides it by the total light, which fluctuates as well; a simulation gives this effect.
     """
-    z = 0.06 / np.tan(np.radians(29.3))  # where the axes of the cameras meet the sheet
+    z = 0.06 / np.tan(np.radians(29.3))  # intersection of the camera axes with the sheet
     distance, sine, grain = np.hypot(0.06, z), 0.02, 4.0
     f_number = grain * PITCH / WAVELENGTH
     focal_px = 2 * distance * np.tan(np.arcsin(sine)) * f_number / PITCH
@@ -241,8 +241,8 @@ def test_noise_of_the_stripes_centre() -> None:
 
 
 @pytest.mark.parametrize("z", [0.08, 0.12, 0.16])
-def test_a_stripe_with_speckle_is_a_normal_stripe(z: float) -> None:
-    """Nearly all points are kept, the noise of their rows is that of a centre of gravity, and is known point by point.
+def test_speckled_stripe_is_measured_with_stated_sigma(z: float) -> None:
+    """Nearly all points are kept; their row noise is that of a centre of gravity and matches the stated sigma.
 
     The first moment of a stripe s has the variance sum s_i s_j x_i x_j cov(i - j) over the square of the sum of s.
     """

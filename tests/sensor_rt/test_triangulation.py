@@ -1,4 +1,4 @@
-"""Triangulation against independent ray-plane geometry, and the published form against its known error."""
+"""Triangulation compared with independent ray-plane geometry, and the published form with its known error."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from stripe_images import make_sensor, stripe
 
-from sensor_rt import PEAK_REJECTED, expose, extract, triangulate, triangulate_pixels
+from scancell.sensor import PEAK_REJECTED, expose, extract, triangulate, triangulate_pixels
 
 DISTORTION = [-0.12, 0.05, 1e-3, -5e-4, 0.01]
 OFF_CENTRE = {"cx_px": 601.3, "cy_px": 533.7, "height": -0.004}
 
 
 def pixels():
-    """A grid over the whole image, sub-pixel."""
+    """Sub-pixel grid over the entire image."""
     column, row = np.meshgrid(np.linspace(0.0, 1279.0, 23), np.linspace(0.0, 1023.0, 29))
     return np.stack([column.ravel(), row.ravel()], axis=1)
 
@@ -41,7 +41,7 @@ def focal_of(height):
 @pytest.mark.parametrize("camera", [0, 1])
 @pytest.mark.parametrize("optics", [{}, OFF_CENTRE])
 @pytest.mark.parametrize("form", ["exact", "ray"])
-def test_points_are_where_the_rays_meet_the_sheet(camera, optics, form):
+def test_points_lie_on_intersection_of_ray_and_sheet(camera, optics, form):
     sensor = make_sensor(cameras=2, camera=optics)
     expected = rays_meet_sheet(
         pixels(),
@@ -66,7 +66,7 @@ def test_closed_form_and_ray_form_agree_with_distortion(camera):
 
 
 @pytest.mark.parametrize("camera", [0, 1])
-def test_projection_is_undone(camera):
+def test_triangulation_inverts_projection(camera):
     sensor = make_sensor(cameras=2, camera={"distortion": DISTORTION})
     points = np.array([[0.0, y, z] for y in np.linspace(-0.015, 0.015, 7) for z in np.linspace(0.08, 0.16, 9)])
     seen = np.asarray(sensor.cameras[camera].project(points))
@@ -74,7 +74,7 @@ def test_projection_is_undone(camera):
 
 
 @pytest.mark.parametrize("camera", [0, 1])
-def test_printed_form_stretches_y_by_its_known_factor(camera):
+def test_printed_form_has_known_y_scale_error(camera):
     sensor = make_sensor(cameras=2)
     exact = triangulate_pixels(pixels(), sensor, camera, "exact")
     printed = triangulate_pixels(pixels(), sensor, camera, "eq4_as_printed")
@@ -85,7 +85,7 @@ def test_printed_form_stretches_y_by_its_known_factor(camera):
     assert factor.max() == pytest.approx(1 / np.cos(np.radians(9.34)), rel=1e-4)
 
 
-def test_mirrored_cameras_see_a_point_in_mirrored_columns():
+def test_mirrored_cameras_have_mirrored_columns():
     sensor = make_sensor(cameras=2)
     point = np.array([[0.0, 0.004, 0.12]])
     plus, minus = (np.asarray(camera.project(point))[0] for camera in sensor.cameras)
@@ -103,7 +103,7 @@ def profile(sensor, frames, rows, peak=3000.0, **options):
 
 @pytest.mark.parametrize("row", [60.2, 512.4, 960.7])
 def test_covariance_matches_monte_carlo(row):
-    """Scatter of points over many noisy images of one stripe, in every direction."""
+    """Scatter of points over many noisy images of one stripe, in all directions."""
     sensor = make_sensor(camera={"distortion": DISTORTION})
     profiles = profile(sensor, 24, np.full(1280, row))
     truth = triangulate_pixels(np.stack([profiles.column, np.full(len(profiles), row)], axis=1), sensor, 0, "exact")
@@ -117,7 +117,7 @@ def test_covariance_matches_monte_carlo(row):
 
 
 def two_views(sensor, frames, z, jitter=0.0):
-    """Images of a flat at sensor height z (jitter apart between the cameras, px) in both cameras."""
+    """Images of a plane at sensor height z in both cameras (independent jitter, px)."""
     light = []
     for k, camera in enumerate(sensor.cameras):
         row = np.asarray(camera.project(np.array([[0.0, 0.0, z]])))[0, 1] + (jitter if k else 0.0)
@@ -127,17 +127,15 @@ def two_views(sensor, frames, z, jitter=0.0):
 
 
 @pytest.mark.parametrize("z", [0.09, 0.15])
-def test_fusion_weighs_the_cameras_by_their_variances(z):
-    """A flat, three times dimmer in one camera: fused points scatter as the harmonic mean of the variances says."""
+def test_fusion_weights_by_inverse_variance(z):
+    """Plane, three times dimmer in one camera: inverse variances of the cameras add up in the fused points."""
     plain, fused = make_sensor(cameras=2), make_sensor(cameras=2, extraction={"fusion": "weighted"})
     peaks = extract(two_views(plain, 6, z), plain)
     apart, together = triangulate(peaks, plain), triangulate(peaks, fused)
     assert len(together) < 0.52 * len(apart)
     variance = [apart.points_in_sensor[apart.camera == k, 2].var() for k in (0, 1)]
     assert variance[1] > 2.0 * variance[0]
-    expected = 1.0 / (
-        1.0 / variance[0] + 1.0 / (variance[1] * 2.0 / 3.0)
-    )  # two columns, between which one interpolates
+    expected = 1.0 / (1.0 / variance[0] + 1.0 / (variance[1] * 2.0 / 3.0))  # two adjacent columns for interpolation
     best = 1.0 / sum(1.0 / v for v in variance)
     scatter = together.points_in_sensor[:, 2].var()
     assert 0.85 * expected < scatter < 1.1 * best
@@ -148,14 +146,14 @@ def test_fusion_weighs_the_cameras_by_their_variances(z):
     np.testing.assert_allclose(together.sigma, np.sqrt(np.linalg.eigvalsh(together.covariance).max(axis=1)), rtol=1e-4)
 
 
-def test_points_that_cameras_place_apart_are_not_fused():
+def test_disagreeing_points_are_not_fused():
     fused = make_sensor(cameras=2, extraction={"fusion": "weighted"})
     peaks = extract(two_views(fused, 1, 0.12, jitter=3.0), fused)
     profiles = triangulate(peaks, fused)
     assert (profiles.camera == 0).sum() == (profiles.camera == 1).sum() > 1200
 
 
-def test_what_one_camera_alone_sees_survives_fusion():
+def test_points_of_single_camera_survive_fusion():
     fused = make_sensor(cameras=2, extraction={"fusion": "weighted"})
     images = two_views(fused, 1, 0.12)
     images[0, 0, :, :400] = 4
@@ -163,12 +161,12 @@ def test_what_one_camera_alone_sees_survives_fusion():
     profiles = triangulate(extract(images, fused), fused)
     column, camera = profiles.column, profiles.camera
     assert set(column[camera == 0]) >= set(range(405, 1270))
-    assert (camera == 1).sum() > 390  # the columns that mirror those that are dark in camera 0
+    assert (camera == 1).sum() > 390  # the columns that correspond to the dark ones of camera 0
     assert len(profiles) == (camera == 0).sum() + (camera == 1).sum()
 
 
 @pytest.mark.parametrize("camera", [0, 1])
-def test_distorted_cameras_place_their_uncertainty_as_finite_differences_do(camera):
+def test_covariance_with_distortion_matches_finite_differences(camera):
     sensor = make_sensor(cameras=2, camera=OFF_CENTRE | {"distortion": DISTORTION})
     profiles = triangulate(extract(two_views(sensor, 1, 0.15), sensor), sensor)
     mine = profiles.camera == camera
@@ -182,7 +180,7 @@ def test_distorted_cameras_place_their_uncertainty_as_finite_differences_do(came
     np.testing.assert_allclose(direction, profiles.sigma[mine] ** 2 * (slope**2).sum(axis=1), rtol=1e-4)
 
 
-def test_points_outside_the_range_are_left_out():
+def test_points_outside_range_are_discarded():
     rows = np.linspace(30.0, 990.0, 1280)
     everything = profile(make_sensor(), 1, rows)
     limited = profile(make_sensor(range={"near": 0.1, "far": 0.13}), 1, rows)
@@ -192,7 +190,7 @@ def test_points_outside_the_range_are_left_out():
     np.testing.assert_array_equal(limited.points_in_sensor, everything.points_in_sensor[inside])
 
 
-def test_rejected_peaks_are_left_out_unless_wanted():
+def test_rejected_peaks_are_skipped_unless_kept():
     sensor, rows = make_sensor(), np.full(1280, 300.2)
     rows[600:] += 40.0
     kept = profile(sensor, 1, rows)
@@ -204,14 +202,14 @@ def test_rejected_peaks_are_left_out_unless_wanted():
     assert np.abs(everything.points_in_sensor[:, 0]).max() == 0.0
 
 
-def test_profiles_outlive_their_arrays_owner():
+def test_arrays_keep_profiles_alive():
     points = profile(make_sensor(), 1, np.full(1280, 300.2)).points_in_sensor
     assert np.isfinite(points).all()
     with pytest.raises(ValueError, match="read-only"):
         points[0] = 0.0
 
 
-def test_unknown_form_and_camera_are_refused():
+def test_unknown_form_and_camera_are_rejected():
     sensor = make_sensor()
     with pytest.raises(ValueError, match="eq4_as_printed"):
         triangulate_pixels(pixels(), sensor, 0, "magic")

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import sensor_rt
-from orchestrator import cli
-from orchestrator.config.loading import assets_dir
+from scancell import cli
+from scancell import sensor as sensor_rt
+from scancell.config.loading import assets_dir
 
 PARTS = assets_dir() / "parts"
-COMMAND = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from scancell.cli import main; main()"]
 PATIENCE_S = 300  # a busy machine takes long; only a hang takes longer
 # Small, fast, and a scan all the same.
 QUICK = ("--engine", "geometric", "--ideal", "--set", "scan.max_profiles=60")

@@ -1,4 +1,4 @@
-"""The project's real line for a test: descriptions, plan, FMU, sensor, reconstruction, evaluation; nothing replaced."""
+"""Scans for tests: one `Scanner` per part, planned once, driven and sensed with other perturbations and engines."""
 
 from __future__ import annotations
 
@@ -6,28 +6,25 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
-import sensor_rt
-from orchestrator.cell.nominal import NominalCell, nominal_cell
-from orchestrator.cell.recording import Recording
-from orchestrator.config.loading import Setup, assets_dir, load_setup
-from orchestrator.config.resolved import sensor_json
-from orchestrator.evaluation.coverage import Coverage, SensorView
-from orchestrator.evaluation.deviation import DeviationFigures, deviation_from_mesh
-from orchestrator.evaluation.job import cloud_of
-from orchestrator.evaluation.report import surface_coverage
-from orchestrator.geometry.mesh import load_mesh
-from orchestrator.planning.planner import Plan
-from orchestrator.progress import Silent
-from orchestrator.reconstruction.cloud import Cloud
-from orchestrator.reconstruction.cloud_files import write_ply
-from orchestrator.reconstruction.reconstruct import ProfilePoints
-from orchestrator.scanning.drive import drive
-from orchestrator.scanning.exposures import visible_bodies
-from orchestrator.scanning.prepare import make_plan
-from orchestrator.scanning.sense import make_sensor, sense
+import scancell
+from scancell import sensor as sensor_rt
+from scancell.cell.recording import Recording
+from scancell.config.choices import Engine
+from scancell.config.loading import Setup, assets_dir, load_setup
+from scancell.evaluation.deviation import DeviationFigures, deviation_from_mesh
+from scancell.nominal.cell import NominalCell
+from scancell.planning.planner import Plan
+from scancell.progress import NullProgress
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.cloud_files import write_ply
+from scancell.reconstruction.reconstruct import ProfilePoints
+from scancell.scanning.drive import DriveRequest
+from scancell.scanning.pipeline import LoadedCell
+from scancell.scanning.sense import Sensors, make_sensors
 
 PARTS = assets_dir() / "parts"
 OFF_AXIS = "cell.part.x_mm=20"
@@ -35,27 +32,44 @@ OFF_AXIS = "cell.part.x_mm=20"
 
 @dataclass
 class Line:
-    """One part in one cell, planned once; `drive` and `sense` may be repeated with other perturbations and engines."""
+    """One part in one cell; `drive` and `sense` may be repeated with other perturbations and engines."""
 
-    setup: Setup
-    nominal: NominalCell
-    sensor: sensor_rt.Sensor
+    scanner: scancell.Scanner
+    loaded: LoadedCell
+    sensors: Sensors
     plan: Plan
     seed: int = 0
     _drives: dict[tuple[str, ...], Recording] = field(default_factory=dict)
 
+    @property
+    def setup(self) -> Setup:
+        return self.scanner.setup
+
+    @property
+    def nominal(self) -> NominalCell:
+        return self.loaded.nominal
+
+    @property
+    def sensor(self) -> sensor_rt.Sensor:
+        return self.sensors.nominal
+
     def drive(self, *as_built: str) -> Recording:
-        """Recording of the planned program on a cell that is perturbed so; the same request is driven once."""
+        """Recording of the planned program on a perturbed cell; the same request is driven once."""
         if as_built not in self._drives:
-            driven = drive(self.setup, self.nominal, self.plan.program, as_built, self.seed, Silent())
-            self._drives[as_built] = driven.recording
+            request = DriveRequest(self.setup, self.nominal, self.loaded.for_fmu(self.seed), as_built)
+            self._drives[as_built] = self.scanner.pipeline.drive(request, self.plan, NullProgress())
         return self._drives[as_built]
 
-    def sense(self, recording: Recording, engine: str, threads: int = 0) -> ProfilePoints:
-        return sense(recording, visible_bodies(self.nominal), self.sensor, engine, threads, Silent()).points
+    def sense(
+        self, recording: Recording, engine: str, threads: int = 0, sensors: Sensors | None = None
+    ) -> ProfilePoints:
+        pipeline = self.scanner.pipeline
+        pipeline.threads = threads
+        chosen = sensors or self.sensors
+        return pipeline.sense(self.loaded, recording, chosen, cast(Engine, engine), NullProgress()).profiles
 
-    def cloud(self, recording: Recording, points: ProfilePoints) -> Cloud:
-        return cloud_of(self.nominal, recording, points, self.setup)
+    def cloud(self, recording: Recording, points: ProfilePoints, normals: bool = True) -> Cloud:
+        return self.scanner.pipeline.reconstruct(self.nominal, recording, points, self.setup, normals)[0]
 
     def scan(self, engine: str, *as_built: str) -> Cloud:
         recording = self.drive(*as_built)
@@ -63,20 +77,16 @@ class Line:
 
     def signed(self, cloud: Cloud) -> np.ndarray:
         """Signed distance (n,) of every point of the cloud to the mesh, m."""
-        return deviation_from_mesh(cloud, self.nominal.part, sensor_rt.closest_points).signed
-
-    def coverage(self, cloud: Cloud) -> Coverage:
-        view = SensorView.from_resolved(sensor_json(self.setup.sensor, self.seed))
-        return surface_coverage(self.nominal, self.drive(), cloud, view)
+        return deviation_from_mesh(cloud, self.nominal.part).signed
 
 
 def make_line(part: str | Path, *overrides: str, ideal: bool = True, seed: int = 0) -> Line:
     """The line for a part of the assets (by name) or a mesh file in mm."""
-    setup = load_setup(overrides=overrides, ideal=ideal)
+    scanner = scancell.Scanner.from_setup(load_setup(overrides=overrides, ideal=ideal))
     path = part if isinstance(part, Path) else PARTS / f"{part}.stl"
-    nominal = nominal_cell(setup.cell, load_mesh(path))
-    sensor = make_sensor(setup.sensor, seed)
-    return Line(setup, nominal, sensor, make_plan(nominal, sensor, setup), seed)
+    loaded = scanner.pipeline.load(scanner.setup.cell, scanner.mesh(path))
+    sensors = make_sensors(scanner.setup.sensor, (), seed)
+    return Line(scanner, loaded, sensors, scanner.pipeline.plan(loaded, scanner.setup, sensors.nominal), seed)
 
 
 def figures_um(signed: np.ndarray) -> dict[str, float]:

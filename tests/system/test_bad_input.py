@@ -72,7 +72,7 @@ def test_unknown_unit(tmp_path) -> None:
     assert "mm, m" in message
 
 
-def test_part_too_large_for_the_table_says_by_how_much(tmp_path) -> None:
+def test_part_too_large_for_table(tmp_path) -> None:
     trimesh.creation.box((400.0, 300.0, 20.0)).export(tmp_path / "plate.stl")
     message = refused(scan(tmp_path, "plate.stl"), tmp_path, "plate.stl")
     # Half the diagonal is 250 mm, the table's radius 120 mm.
@@ -81,7 +81,7 @@ def test_part_too_large_for_the_table_says_by_how_much(tmp_path) -> None:
     assert "130.0 mm beyond" in message
 
 
-def test_part_too_tall_for_the_reach_says_so(tmp_path) -> None:
+def test_part_too_tall(tmp_path) -> None:
     trimesh.creation.box((60.0, 60.0, 900.0)).export(tmp_path / "mast.stl")
     message = refused(scan(tmp_path, "mast.stl", "--set", "scan.max_profiles=1300"), tmp_path, "mast.stl")
     print(message)
@@ -92,7 +92,7 @@ def test_part_too_tall_for_the_reach_says_so(tmp_path) -> None:
 # --- descriptions ---------------------------------------------------------------------------------------------------
 
 
-def test_unknown_key_says_which_and_where(tmp_path) -> None:
+def test_unknown_key(tmp_path) -> None:
     (tmp_path / "my_scan.toml").write_text('mode = "dynamic"\n[sweep]\nelevation_deg = [30]\n')
     message = refused(scan(tmp_path, SPHERE, "--scan", "my_scan.toml"), tmp_path, "my_scan.toml")
     assert "my_scan.toml" in message
@@ -100,13 +100,13 @@ def test_unknown_key_says_which_and_where(tmp_path) -> None:
     assert "elevations_deg" in message
 
 
-def test_value_out_of_bounds_says_which_and_what_is_allowed(tmp_path) -> None:
+def test_value_out_of_bounds(tmp_path) -> None:
     message = refused(scan(tmp_path, SPHERE, "--set", "sensor.detector.quantum_efficiency=1.5"), tmp_path)
     assert "detector.quantum_efficiency = 1.5" in message
     assert "less than or equal to 1" in message
 
 
-def test_broken_toml_says_where(tmp_path) -> None:
+def test_invalid_toml(tmp_path) -> None:
     (tmp_path / "cell.toml").write_text("name = \n")
     message = refused(scan(tmp_path, SPHERE, "--cell", "cell.toml"), tmp_path, "cell.toml")
     assert "cell.toml" in message
@@ -130,27 +130,27 @@ def test_missing_description(tmp_path, option) -> None:
         (("--set", 'scan.mode="sideways"'), ["mode", "sideways", "'dynamic' or 'stop-and-look'"]),
     ],
 )
-def test_wrong_word_on_the_command_line(tmp_path, words, expected) -> None:
+def test_invalid_option_value(tmp_path, words, expected) -> None:
     message = refused(scan(tmp_path, SPHERE, *words), tmp_path)
     for word in expected:
         assert word in message
 
 
-def test_refusal_leaves_no_empty_folder_above_the_results(tmp_path) -> None:
+def test_error_leaves_no_parent_folders(tmp_path) -> None:
     refused(scan(tmp_path, "gone.stl", "--out", "a/b/run"), tmp_path)
 
 
 # --- places and paths -----------------------------------------------------------------------------------------------
 
 
-def test_output_folder_that_is_a_file(tmp_path) -> None:
+def test_output_is_a_file(tmp_path) -> None:
     (tmp_path / "taken").write_text("mine")
     message = refused(scan(tmp_path, SPHERE, "--out", "taken"), tmp_path, "taken")
     assert "taken" in message
     assert (tmp_path / "taken").read_text() == "mine"
 
 
-def test_output_folder_below_a_file(tmp_path) -> None:
+def test_output_below_a_file(tmp_path) -> None:
     (tmp_path / "taken").write_text("mine")
     message = refused(scan(tmp_path, SPHERE, "--out", "taken/run"), tmp_path, "taken")
     assert "taken" in message
@@ -158,13 +158,13 @@ def test_output_folder_below_a_file(tmp_path) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is unwritable for root")
-def test_output_folder_without_permission(tmp_path) -> None:
+def test_output_without_permission(tmp_path) -> None:
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o555)
     assert "Permission denied" in refused(scan(tmp_path, SPHERE, "--out", "locked/run"), tmp_path, "locked")
 
 
-def test_output_folder_in_a_read_only_place(tmp_path) -> None:
+def test_output_in_read_only_folder(tmp_path) -> None:
     """/proc takes no new folders, not even from root."""
     message = refused(scan(tmp_path, SPHERE, "--out", "/proc/scancell/run"), tmp_path)
     assert "/proc/scancell" in message
@@ -176,7 +176,7 @@ def write_poses(folder: Path, *poses: str) -> str:
     return "poses.toml"
 
 
-def test_unreachable_poses_are_named(tmp_path) -> None:
+def test_unreachable_poses(tmp_path) -> None:
     good = "z_mm = 150.0\nrx_deg = 180.0"
     file = write_poses(tmp_path, good, "x_mm = 3000.0\nz_mm = 100.0\nrx_deg = 180.0", good)
     message = refused(scan(tmp_path, SPHERE, "--scan", file), tmp_path, file)
@@ -190,7 +190,7 @@ def test_unreachable_poses_are_named(tmp_path) -> None:
     assert 0 < missing == pytest.approx(wanted, rel=0.35)
 
 
-def test_colliding_pose_says_what_hits_what(tmp_path) -> None:
+def test_colliding_pose(tmp_path) -> None:
     file = write_poses(tmp_path, "z_mm = 20.0\nrx_deg = 180.0")
     message = refused(scan(tmp_path, SPHERE, "--scan", file), tmp_path, file)
     assert "pose 1" in message
@@ -198,19 +198,19 @@ def test_colliding_pose_says_what_hits_what(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("pose", ["1,2,3", "a,b,c,d,e,f", "0,0,nan,0,0,0"])
-def test_shot_wants_six_numbers(tmp_path, pose) -> None:
+def test_shot_requires_six_numbers(tmp_path, pose) -> None:
     message = refused(scancell_here("shot", SPHERE, "--pose", pose, "--out", "run", "--json", cwd=tmp_path), tmp_path)
     assert "--pose" in message
 
 
-def test_render_wants_a_recording(tmp_path) -> None:
+def test_render_requires_recording(tmp_path) -> None:
     (tmp_path / "table.csv").write_text("time,q\n1,2\n")
     for name, word in {"gone.csv": "no such file", "table.csv": "columns are missing"}.items():
         done = scancell_here("render", name, SPHERE, "--out", "run", "--json", cwd=tmp_path)
         assert word in refused(done, tmp_path, "table.csv")
 
 
-def test_shot_and_render_take_deviations_of_the_sensor_alone(tmp_path) -> None:
+def test_shot_and_render_accept_sensor_perturbations_only(tmp_path) -> None:
     (tmp_path / "table.csv").write_text("time,q\n1,2\n")
     for command in (("shot", SPHERE, "--pose", "0,0,130,180,0,0"), ("render", "table.csv", SPHERE)):
         done = scancell_here(*command, "--as-built", "tool.x_mm=0.1", "--out", "run", "--json", cwd=tmp_path)
@@ -219,7 +219,7 @@ def test_shot_and_render_take_deviations_of_the_sensor_alone(tmp_path) -> None:
         assert "sensor." in message
 
 
-def test_fmu_info_wants_an_fmu(tmp_path) -> None:
+def test_fmu_info_requires_fmu(tmp_path) -> None:
     (tmp_path / "thing.fmu").write_text("no zip")
     for name, word in {"gone.fmu": "no such file", "thing.fmu": "not a readable FMU"}.items():
         assert word in refused(scancell_here("fmu", "info", name, "--json", cwd=tmp_path), tmp_path, "thing.fmu")
@@ -237,7 +237,7 @@ def test_fmu_info_wants_an_fmu(tmp_path) -> None:
         (("sacn",), "sacn"),
     ],
 )
-def test_command_line_that_is_not_understood(tmp_path, words, expected) -> None:
+def test_usage_error(tmp_path, words, expected) -> None:
     done = scancell_here(*words, "--json", cwd=tmp_path)
     assert done.code == 2
     assert "Traceback" not in done.err

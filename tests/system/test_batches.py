@@ -16,11 +16,11 @@ import pytest
 import trimesh
 from commands import COMMAND, PARTS, PATIENCE_S, environment, scancell_here
 
-import sensor_rt
-from orchestrator.evaluation.build import build_version
-from orchestrator.geometry import pose
-from orchestrator.reconstruction.cloud_files import read_ply
-from orchestrator.studies.task import close_workers
+from scancell import sensor as sensor_rt
+from scancell.geometry import pose
+from scancell.output.build import build_version
+from scancell.reconstruction.cloud_files import read_ply
+from scancell.studies.task import close_workers
 
 DESCRIPTION = """
 images = true
@@ -82,7 +82,7 @@ def scans(made):
                 yield row, place, measured, truth["truth"]
 
 
-def test_the_index_tells_what_is_there(made) -> None:
+def test_index_matches_files(made) -> None:
     folder, report, rows = made
     assert [row["scan"] for row in rows] == [
         f"{part}-{n:06d}" for part in ("broken", "free_form", "step_block") for n in (1, 2)
@@ -109,7 +109,7 @@ def test_the_index_tells_what_is_there(made) -> None:
     assert {row["scancell"] for row in rows} == {build_version()}
 
 
-def test_every_point_of_the_truth_lies_on_its_triangle(made) -> None:
+def test_true_points_lie_on_triangles(made) -> None:
     for row, _, _, truth in scans(made):
         mesh = trimesh.load(made[0] / "parts" / f"{row['part']}.stl", process=False)
         part = list(truth.attrs["bodies"]).index("part")
@@ -126,7 +126,7 @@ def test_every_point_of_the_truth_lies_on_its_triangle(made) -> None:
         assert (truth["cloud/body"][:] == part).mean() > 0.99, "what was taken for the part is the part"
 
 
-def test_the_true_stripe_is_where_the_true_laser_and_cameras_have_it(made) -> None:
+def test_true_stripe_matches_laser_and_cameras(made) -> None:
     """Carried into the true sensor, its points lie in the sheet, and the camera sees them in their pixel."""
     for _, _, _, truth in scans(made):
         stripe, sensor = truth["stripe"], sensor_rt.Sensor(truth.attrs["sensor_json"])
@@ -142,7 +142,7 @@ def test_the_true_stripe_is_where_the_true_laser_and_cameras_have_it(made) -> No
             assert np.quantile(np.abs(seen - expected), 0.999) < 1e-6
 
 
-def test_cloud_and_truth_differ_by_what_is_out_of_place(made) -> None:
+def test_cloud_error_matches_perturbation(made) -> None:
     """The sensor is shifted by a tenth of a millimetre: with measured poses and tilt the true place is taken amiss."""
     for row, place, measured, truth in scans(made):
         cloud = read_ply(place / "cloud.ply")
@@ -166,7 +166,7 @@ def test_cloud_and_truth_differ_by_what_is_out_of_place(made) -> None:
             assert np.median(moved) > 0.9e-3 * row["as_built.tool.x_mm"]
 
 
-def test_images_read_back_give_the_cloud_again(made) -> None:
+def test_stored_images_reproduce_cloud(made) -> None:
     for _, place, measured, _ in scans(made):
         cloud, sensor = read_ply(place / "cloud.ply"), sensor_rt.Sensor(measured.attrs["sensor_json"])
         images = measured["images"][:]
@@ -180,7 +180,7 @@ def test_images_read_back_give_the_cloud_again(made) -> None:
         np.testing.assert_allclose([again[tuple(key)] for key in wanted], cloud.points_in_part, atol=1e-9)
 
 
-def test_masks_hold_the_laser_light_of_the_images(made) -> None:
+def test_masks_contain_laser_light(made) -> None:
     for _, _, measured, truth in scans(made):
         images, mask = measured["images"][:], truth["mask"][:].astype(bool)
         assert mask.shape == images.shape
@@ -196,14 +196,14 @@ def test_masks_hold_the_laser_light_of_the_images(made) -> None:
         assert images[mask].mean() > np.median(dark) + 5
 
 
-def test_the_number_of_workers_does_not_change_a_byte(made, tmp_path) -> None:
+def test_results_are_independent_of_workers(made, tmp_path) -> None:
     folder, _, _ = made
     words = ("batch", folder / "parts", "--config", folder / "batch.toml", "--variants", "2", "--workers", "2")
     assert scancell_here(*words, "--out", tmp_path / "out", cwd=tmp_path).code == 0
     assert contents(tmp_path / "out") == contents(folder / "out")
 
 
-def test_a_rerun_makes_what_is_missing_and_new(tmp_path) -> None:
+def test_rerun_adds_missing_and_new_scans(tmp_path) -> None:
     parts(tmp_path, "free_form")
     batch(tmp_path, *QUICK)
     before = contents(tmp_path / "out" / "scans")
@@ -221,7 +221,7 @@ def test_a_rerun_makes_what_is_missing_and_new(tmp_path) -> None:
     assert contents(tmp_path / "out" / "scans")["z-000001/cloud.ply"] != after["z-000001/cloud.ply"]
 
 
-def test_parts_and_results_that_were_moved_are_the_same(tmp_path) -> None:
+def test_moved_parts_and_results_are_reused(tmp_path) -> None:
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
     parts(here, "step_block")
@@ -233,7 +233,7 @@ def test_parts_and_results_that_were_moved_are_the_same(tmp_path) -> None:
     assert after == {**before, "mesh": str(there / "parts" / "step_block.stl")}
 
 
-def test_shards_and_a_last_call_make_the_whole(tmp_path) -> None:
+def test_shards_complete_batch(tmp_path) -> None:
     parts(tmp_path, "step_block")
     for shard in ("1/2", "2/2"):
         assert batch(tmp_path, *QUICK, "--variants", "3", shard=shard)[1] == []
@@ -242,7 +242,7 @@ def test_shards_and_a_last_call_make_the_whole(tmp_path) -> None:
     assert len(rows) == 3
 
 
-def test_when_nothing_can_be_made_the_command_fails_and_says_why(tmp_path) -> None:
+def test_batch_fails_if_all_scans_fail(tmp_path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "empty.obj").write_text("")
     done = scancell_here("batch", "parts", "--out", "out", "--shard", "1/1", "--json", cwd=tmp_path)
@@ -254,16 +254,16 @@ def test_when_nothing_can_be_made_the_command_fails_and_says_why(tmp_path) -> No
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory) -> tuple[tuple[str | Path, ...], dict[str, bytes]]:
-    """A batch of eight scans, and what it leaves when nobody kills it."""
+    """A batch of 24 scans, which takes seconds after the first have finished, and what it leaves when not killed."""
     folder = tmp_path_factory.mktemp("undisturbed")
     parts(folder, "free_form", "step_block")
-    words = ("batch", folder / "parts", *QUICK, "--format", "ply,npz", "--variants", "4")
+    words = ("batch", folder / "parts", *QUICK, "--format", "ply,npz", "--variants", "12")
     assert scancell_here(*words, "--out", "out", "--shard", "1/1", cwd=folder).code == 0
     return words, contents(folder / "out")
 
 
 @pytest.mark.parametrize("shot", [signal.SIGKILL, signal.SIGINT])
-def test_a_batch_that_is_killed_goes_on_to_the_same_bytes(tmp_path, undisturbed, shot) -> None:
+def test_killed_batch_resumes_identically(tmp_path, undisturbed, shot) -> None:
     words, expected = undisturbed
     command = [*COMMAND, *words, "--out", "out", "--workers", "2"]
     running = subprocess.Popen(command, cwd=tmp_path, env=environment(), stderr=subprocess.PIPE, text=True)
@@ -273,12 +273,12 @@ def test_a_batch_that_is_killed_goes_on_to_the_same_bytes(tmp_path, undisturbed,
     os.kill(running.pid, shot)
     _, said = running.communicate(timeout=PATIENCE_S)
     finished = list((tmp_path / "out" / "scans").glob("[!.]*"))
-    assert 2 <= len(finished) < 8
+    assert 2 <= len(finished) < 24
     for place in finished:
         assert set(json.loads((place / "done.json").read_text())["files"]) <= {path.name for path in place.iterdir()}
     if shot == signal.SIGINT:
         assert running.returncode == 130
-        assert "the same command goes on" in said
+        assert "the same command resumes" in said
         assert not list((tmp_path / "out" / "scans").glob(".*")), "no half file"
     again = scancell_here(*words, "--out", "out", "--shard", "1/1", cwd=tmp_path)
     assert again.code == 0, again.err

@@ -15,10 +15,10 @@ from itertools import product
 import numpy as np
 import pytest
 
-import sensor_rt
-from orchestrator.config.loading import load_setup
-from orchestrator.config.resolved import sensor_json
-from orchestrator.geometry import pose
+from scancell import sensor as sensor_rt
+from scancell.config.loading import load_setup
+from scancell.config.resolved import sensor_json
+from scancell.geometry import pose
 
 # Dimensions of the default probe.
 BASELINE, TILT, GAMMA = 0.060, np.radians(29.3), np.radians(9.34)
@@ -115,7 +115,7 @@ def errors_px(planes, sensor, images) -> tuple[np.ndarray, sensor_rt.Profiles]:
     return error, found
 
 
-def test_every_point_comes_back_within_a_fiftieth_of_a_pixel() -> None:
+def test_round_trip_within_fiftieth_of_pixel() -> None:
     planes, sensor, images = look(*FINE)
     error, found = errors_px(planes, sensor, images)
     frame, camera = np.asarray(found.frame), np.asarray(found.camera)
@@ -131,13 +131,13 @@ def test_every_point_comes_back_within_a_fiftieth_of_a_pixel() -> None:
     assert error.max() <= LIMIT_PX
 
 
-def test_eight_bits_take_hardly_any_point_past_the_limit(looked_at) -> None:
+def test_eight_bit_images_keep_accuracy(looked_at) -> None:
     error, _ = errors_px(*looked_at)
     assert np.sqrt(np.mean(error**2)) <= LIMIT_PX / 2
     assert (error > LIMIT_PX).mean() < 1e-3
 
 
-def test_printed_equation_4_is_off_by_the_stated_factor(looked_at) -> None:
+def test_printed_equation_4_error_factor(looked_at) -> None:
     _, sensor, images = looked_at
     printed = make_sensor('sensor.extraction.triangulation="eq4_as_printed"')
     peaks = sensor_rt.extract(images, sensor)
@@ -152,7 +152,7 @@ def test_printed_equation_4_is_off_by_the_stated_factor(looked_at) -> None:
     assert factor.max() == pytest.approx(1 / np.cos(GAMMA), rel=1e-3)
 
 
-def test_printed_equation_4_misses_rendered_points_by_the_stated_factor(looked_at) -> None:
+def test_printed_equation_4_error_on_rendered_points(looked_at) -> None:
     planes, _, images = looked_at
     printed = make_sensor('sensor.extraction.triangulation="eq4_as_printed"')
     found = sensor_rt.triangulate(sensor_rt.extract(images, printed), printed)

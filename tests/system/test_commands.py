@@ -14,8 +14,8 @@ import pyarrow.parquet
 import pytest
 from commands import PARTS, QUICK, Finished, scancell, scancell_here
 
-from orchestrator.config.loading import assets_dir
-from orchestrator.reconstruction.cloud_files import read_ply
+from scancell.config.loading import assets_dir
+from scancell.reconstruction.cloud_files import read_ply
 
 PART = PARTS / "free_form.stl"
 SENSOR = assets_dir() / "sensors" / "two_camera_probe.toml"
@@ -44,7 +44,7 @@ def scanned(tmp_path_factory):
     return folder, succeeded(scancell("scan", PART, *NOISY, "--out", "run", "--json", cwd=folder), "scan")
 
 
-def test_scan_reports_figures_and_stations(scanned) -> None:
+def test_scan_reports_figures_and_timings(scanned) -> None:
     folder, report = scanned
     deviation = json.loads((folder / "run" / "deviation.json").read_text())
     assert deviation["all"] == report["figures"]["deviation"]
@@ -54,7 +54,7 @@ def test_scan_reports_figures_and_stations(scanned) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "csv"])
-def test_rendering_the_recording_gives_the_same_cloud(scanned, suffix, tmp_path) -> None:
+def test_render_reproduces_cloud(scanned, suffix, tmp_path) -> None:
     folder, _ = scanned
     table = pyarrow.parquet.read_table(folder / "run" / "recording.parquet")
     recording = tmp_path / f"recording.{suffix}"
@@ -68,7 +68,7 @@ def test_rendering_the_recording_gives_the_same_cloud(scanned, suffix, tmp_path)
     assert again.read_bytes() == (folder / "run" / "cloud.ply").read_bytes()
 
 
-def test_rendering_takes_the_outputs_of_any_fmi_tool(scanned, tmp_path) -> None:
+def test_render_accepts_fmpy_output(scanned, tmp_path) -> None:
     """A tool that logs every communication step repeats each record; rows before the first trigger hold zeros."""
     folder, _ = scanned
     table = pyarrow.parquet.read_table(folder / "run" / "recording.parquet").to_pydict()
@@ -97,7 +97,8 @@ def test_stop_and_look_scan_with_images(tmp_path) -> None:
     words = ("--sensor", SENSOR, "--set", "sensor.render.noise=false", "--out", "again", "--json")
     extracted = succeeded(scancell("extract", "run/images", *words, cwd=tmp_path), "extract")
     assert extracted["figures"]["exposures"] == report["figures"]["profiles"]
-    assert len(extracted["figures"]["left_aside"]) == len(list((tmp_path / "run" / "images").glob("profile_*.png"))) > 0
+    kept = list((tmp_path / "run" / "images").glob("profile_*.png"))
+    assert len(extracted["figures"]["ignored_files"]) == len(kept) > 0
     cloud = read_ply(tmp_path / "run" / "cloud.ply")
     places = {place for place, _ in rows_by_place(tmp_path / "again" / "profiles.csv", "row_px")}
     assert len(places) == extracted["figures"]["points"] >= len(cloud) > 1000
@@ -105,7 +106,7 @@ def test_stop_and_look_scan_with_images(tmp_path) -> None:
     assert {(name, int(camera), int(column)) for name, camera, column in found} <= places
 
 
-def test_given_poses_are_visited(tmp_path) -> None:
+def test_scan_of_given_poses(tmp_path) -> None:
     poses = [(0.0, 0.0, 130.0), (5.0, 0.0, 135.0), (10.0, 2.0, 140.0)]
     text = "".join(f"[[pose]]\nx_mm = {x}\ny_mm = {y}\nz_mm = {z}\nrx_deg = 180.0\n" for x, y, z in poses)
     (tmp_path / "poses.toml").write_text(text)
@@ -115,7 +116,7 @@ def test_given_poses_are_visited(tmp_path) -> None:
     assert report["figures"]["deviation"]["rms_um"] <= 10.0
 
 
-def test_people_get_a_summary(tmp_path) -> None:
+def test_text_summary(tmp_path) -> None:
     done = scancell("scan", PART, *QUICK, "--out", "run", cwd=tmp_path)
     assert done.code == 0, done.err
     assert "profiles" in done.out
@@ -127,7 +128,7 @@ def test_people_get_a_summary(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
-def test_shot_gives_images_and_one_profile(tmp_path, engine) -> None:
+def test_shot_writes_images_and_profile(tmp_path, engine) -> None:
     words = ("--pose", "0,0,130,180,0,0", "--engine", engine, "--ideal", "--out", "one", "--json")
     report = succeeded(scancell_here("shot", PART, *words, cwd=tmp_path), "shot")
     with (tmp_path / "one" / "profile.csv").open() as stream:
@@ -144,14 +145,14 @@ def test_shot_gives_images_and_one_profile(tmp_path, engine) -> None:
         assert image.dtype == np.uint8
 
 
-def test_images_of_a_shot_give_its_profile_again(tmp_path) -> None:
-    """Lit and unlit images lie in one folder with others; the index keeps them apart."""
+def test_extract_reproduces_shot_profile(tmp_path) -> None:
+    """Laser-on and background images lie in one folder with others; the index keeps them apart."""
     changed = ("--set", "sensor.detector.laser_off_frame=true")
     words = ("--pose", "0,0,130,180,0,0", *changed, "--out", "one", "--json")
     succeeded(scancell_here("shot", PART, *words, cwd=tmp_path), "shot")
     words = ("--laser-off", tmp_path / "one", "--sensor", SENSOR, *changed, "--out", "again", "--json")
     report = succeeded(scancell_here("extract", tmp_path / "one", *words, cwd=tmp_path), "extract")
-    aside = sorted(file.rpartition("/")[2] for file in report["figures"]["left_aside"])
+    aside = sorted(file.rpartition("/")[2] for file in report["figures"]["ignored_files"])
     assert aside == ["laser_off_minus.png", "laser_off_plus.png", "stripes.png"]
     shot = {place[1:]: row for place, row in rows_by_place(tmp_path / "one" / "profile.csv", "row_px")}
     again = {place[1:]: row for place, row in rows_by_place(tmp_path / "again" / "profiles.csv", "row_px")}
@@ -166,7 +167,7 @@ def rows_by_place(path, value: str) -> list[tuple[tuple[str, int, int], float]]:
     return [((row.get("name", ""), int(row["camera"]), int(row["column_px"])), float(row[value])) for row in rows]
 
 
-def test_shot_of_a_sensor_out_of_adjustment(tmp_path) -> None:
+def test_shot_with_sensor_perturbation(tmp_path) -> None:
     """A sheet 0.1 mm off its place: x z / baseline of error in range, of opposite sign in the two cameras."""
     words = ("--pose", "0,0,130,180,0,0", "--engine", "geometric", "--json")
     medians = {}
@@ -182,23 +183,23 @@ def test_shot_of_a_sensor_out_of_adjustment(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("offset_mm", [0.0, 0.1, -0.05])
-def test_two_cameras_tell_how_far_the_sheet_is_off(tmp_path, offset_mm) -> None:
+def test_extract_reports_sheet_offset(tmp_path, offset_mm) -> None:
     """A laser that was moved across the sheet: extraction by the nominal sensor finds by how far."""
     words = ("--pose", "0,0,130,180,0,0", "--ideal", "--out", "one", "--json")
     built = ("--as-built", f"sensor.laser.offset_x_mm={offset_mm}") if offset_mm else ()
     succeeded(scancell_here("shot", PART, *words, *built, cwd=tmp_path), "shot")
     words = ("--sensor", SENSOR, "--sheet-um", "20", "--out", "again", "--json")
     report = succeeded(scancell_here("extract", tmp_path / "one", *words, cwd=tmp_path), "extract")
-    sheet = report["figures"]["off_sheet"]
+    sheet = report["figures"]["sheet_deviation"]
     assert sheet["compared"] > 0.9 * report["figures"]["points"]
     assert sheet["median_um"] == pytest.approx(1e3 * offset_mm, abs=1.0)
     assert bool(report["warnings"]) == bool(offset_mm)
     with (tmp_path / "again" / "profiles.csv").open() as stream:
-        rows = [row for row in csv.DictReader(stream) if row["off_sheet_mm"]]
-    flagged = sum("off_sheet" in row["flags"] for row in rows)
+        rows = [row for row in csv.DictReader(stream) if row["sheet_deviation_mm"]]
+    flagged = sum("sheet_deviation" in row["flags"] for row in rows)
     assert (len(rows), flagged) == (sheet["compared"], sheet["beyond"])
     assert flagged > 0.99 * len(rows) if offset_mm else flagged < 0.01 * len(rows)
-    errors = np.array([float(row["off_sheet_mm"]) for row in rows]) - offset_mm
+    errors = np.array([float(row["sheet_deviation_mm"]) for row in rows]) - offset_mm
     assert np.quantile(np.abs(errors), 0.9) < 0.003 + 0.02 * abs(offset_mm)
 
 
@@ -215,7 +216,7 @@ def test_fmu_build_and_info(tmp_path) -> None:
             assert any(entry.startswith(f"binaries/{folder}/") for entry in archive.namelist())
 
 
-def test_schema_fits_the_shipped_descriptions(tmp_path) -> None:
+def test_shipped_descriptions_validate(tmp_path) -> None:
     report = succeeded(scancell_here("schema", "--out", "schemas", "--json", cwd=tmp_path), "schema")
     kinds = {"cell", "robot", "sensor", "scan", "study", "batch"}
     assert {f"schemas/{kind}.schema.json" for kind in kinds} == set(report["files"])

@@ -15,7 +15,7 @@ def line(planned):
 
 
 @pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
-def test_threads_do_not_change_the_cloud(line, engine, tmp_path) -> None:
+def test_cloud_is_independent_of_threads(line, engine, tmp_path) -> None:
     recording = line.drive()
     sums = {
         threads: ply_sha256(line.cloud(recording, line.sense(recording, engine, threads)), tmp_path)
@@ -24,7 +24,7 @@ def test_threads_do_not_change_the_cloud(line, engine, tmp_path) -> None:
     assert len(set(sums.values())) == 1, sums
 
 
-def test_two_runs_from_scratch_give_the_same_cloud(line, tmp_path) -> None:
+def test_repeated_runs_give_equal_clouds(line, tmp_path) -> None:
     again = make_line("free_form", FEWER, ideal=False)
     first, second = line.drive(), again.drive()
     assert first is not second
@@ -33,6 +33,6 @@ def test_two_runs_from_scratch_give_the_same_cloud(line, tmp_path) -> None:
     assert ply_sha256(line.scan("ray-traced"), tmp_path) == ply_sha256(again.scan("ray-traced"), tmp_path)
 
 
-def test_another_seed_gives_another_cloud(line, tmp_path) -> None:
+def test_seed_changes_cloud(line, tmp_path) -> None:
     other = make_line("free_form", FEWER, ideal=False, seed=1)
     assert ply_sha256(other.scan("ray-traced"), tmp_path) != ply_sha256(line.scan("ray-traced"), tmp_path)

@@ -13,7 +13,7 @@ import pytest
 from commands import COMMAND, PARTS, PATIENCE_S, environment
 
 # Long enough at every stage to be met in it.
-SCAN = ("scan", str(PARTS / "free_form.stl"), "--out", "run", "--json")
+SCAN = ("scan", str(PARTS / "free_form.stl"), "--out", "run", "--json", "--images")
 
 
 def wait_for(what: Callable[[], bool], process: subprocess.Popen[str]) -> None:
@@ -29,7 +29,11 @@ def staged(folder: Path) -> bool:
 
 
 def driving(folder: Path) -> bool:
-    return any((folder / "tmp").glob("scancell-fmu-*/binaries"))
+    return any((folder / "tmp").glob("scancell-fmu-*"))
+
+
+def sensing(folder: Path) -> bool:
+    return any(folder.glob(".run.partial-*/images/*"))
 
 
 @pytest.mark.parametrize(
@@ -41,7 +45,7 @@ def driving(folder: Path) -> bool:
         ("planning", signal.SIGTERM),
     ],
 )
-def test_interrupted_scan_leaves_a_clean_folder(tmp_path, stage, number) -> None:
+def test_interrupted_scan_removes_files(tmp_path, stage, number) -> None:
     (tmp_path / "tmp").mkdir()
     process = subprocess.Popen(
         [*COMMAND, *SCAN],
@@ -53,11 +57,10 @@ def test_interrupted_scan_leaves_a_clean_folder(tmp_path, stage, number) -> None
     )
     try:
         wait_for(lambda: staged(tmp_path), process)
-        if stage != "planning":
-            wait_for(lambda: driving(tmp_path), process)
-        if stage == "sensing":
-            wait_for(lambda: not driving(tmp_path), process)
-        time.sleep(0.2)
+        if stage == "planning":
+            time.sleep(0.2)
+        else:
+            wait_for(lambda: {"driving": driving, "sensing": sensing}[stage](tmp_path), process)
         begun = time.monotonic()
         process.send_signal(number)
         out, err = process.communicate(timeout=PATIENCE_S)
@@ -78,7 +81,7 @@ def test_interrupted_scan_leaves_a_clean_folder(tmp_path, stage, number) -> None
     assert [path.name for path in (tmp_path / "tmp").iterdir() if path.name.startswith("scancell")] == []
 
 
-def test_interrupted_scan_leaves_an_earlier_result_as_it_was(tmp_path) -> None:
+def test_interrupted_scan_keeps_previous_result(tmp_path) -> None:
     earlier = tmp_path / "run"
     earlier.mkdir()
     (earlier / "cloud.ply").write_text("earlier")

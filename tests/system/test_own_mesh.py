@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from commands import scancell
 
-from orchestrator.reconstruction.cloud_files import read_ply
+from scancell.reconstruction.cloud_files import read_ply
 
 MM_PER_UNIT = {"mm": 1.0, "m": 1000.0, "inch": 25.4}
 # Nobody's default place: the cloud must come out in these coordinates.

@@ -14,9 +14,9 @@ import pytest
 import trimesh
 from line import Line
 
-import sensor_rt
-from orchestrator.cell.recording import TriggerRecords
-from orchestrator.reconstruction.cloud import Cloud
+from scancell import sensor as sensor_rt
+from scancell.cell.recording import TriggerRecords
+from scancell.reconstruction.cloud import Cloud
 
 LINKS = [  # a, d (m), alpha (rad)
     (0.075, 0.335, -np.pi / 2),
@@ -165,7 +165,7 @@ CASES = {
 
 @pytest.mark.parametrize("part", ["sphere_on_foot", "free_form"])
 @pytest.mark.parametrize("case", CASES)
-def test_perturbation_shows_as_predicted_in_geometric_scans(planned, case, part) -> None:
+def test_geometric_scan_error_matches_prediction(planned, case, part) -> None:
     word, displacement, words = CASES[case]
     slope, spread, rest = regress(planned(part, FEWER, *words), "geometric", word, displacement)
     assert spread > 10e-6
@@ -174,7 +174,7 @@ def test_perturbation_shows_as_predicted_in_geometric_scans(planned, case, part)
 
 
 @pytest.mark.parametrize("case", ["table axis", "trigger latency"])
-def test_perturbation_shows_as_predicted_in_ray_traced_scans(planned, case) -> None:
+def test_ray_traced_scan_error_matches_prediction(planned, case) -> None:
     word, displacement, words = CASES[case]
     slope, spread, _ = regress(planned("free_form", "scan.max_profiles=100", *words), "ray-traced", word, displacement)
     assert spread > 10e-6

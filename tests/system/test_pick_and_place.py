@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from orchestrator.config.loading import assets_dir, load_setup
+from scancell.config.loading import assets_dir, load_setup
 
 SCRIPT = Path(__file__).parents[2] / "docs/examples/pick_and_place.py"
 SPARSE = ["scan.max_profiles=60", "scan.raster.enabled=false"]
@@ -44,7 +44,7 @@ def between(task, name: str) -> slice:
     return slice(int(rows[0]), int(rows[-1]) + 1)
 
 
-def test_the_belt_runs_until_the_gate_sees_the_part_and_then_stands(ran, example) -> None:
+def test_belt_stops_at_gate(ran, example) -> None:
     task, _ = ran
     seen = task.log["presence[1].detected"]
     first = int(np.flatnonzero(seen)[0])
@@ -60,7 +60,7 @@ def test_the_belt_runs_until_the_gate_sees_the_part_and_then_stands(ran, example
     )
 
 
-def test_the_gripper_carries_the_part_by_friction(ran, example) -> None:
+def test_gripper_holds_part_by_friction(ran, example) -> None:
     task, _ = ran
     height, force, width = (
         task.log[name] for name in ("truth.part[1].position[3]", "measured.gripper.force", "measured.gripper.width")
@@ -74,7 +74,7 @@ def test_the_gripper_carries_the_part_by_friction(ran, example) -> None:
     assert not aloft[between(task, "home")].any()
 
 
-def test_the_part_lies_where_the_scan_expects_it(ran, example) -> None:
+def test_part_is_at_scan_pose(ran, example) -> None:
     task, _ = ran
     away, turn = example.placing_error(task)
     assert away < 1e-6
@@ -85,12 +85,12 @@ def test_the_part_lies_where_the_scan_expects_it(ran, example) -> None:
     assert np.ptp(task.log["measured.table"][scan]) > 2 * np.pi
 
 
-def test_nothing_collides(ran) -> None:
+def test_cell_is_collision_free(ran) -> None:
     task, _ = ran
     assert task.log["truth.clearance.distance"][1:].min() > 1e-3
 
 
-def test_the_cloud_shows_the_part_as_it_was_placed(ran, example) -> None:
+def test_cloud_matches_placed_part(ran, example) -> None:
     task, out = ran
     deviation = json.loads((out / "deviation.json").read_text())
     assert deviation["all"]["count"] > 10_000

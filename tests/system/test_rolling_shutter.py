@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from line import figures_um
 
-from orchestrator.cell.recording import Recording
-from orchestrator.config.loading import load_setup
-from orchestrator.evaluation.job import cloud_of
-from orchestrator.progress import Silent
-from orchestrator.scanning.exposures import readout_time, visible_bodies
-from orchestrator.scanning.sense import make_sensor, sense
+from scancell.cell.recording import Recording
+from scancell.config.loading import load_setup
+from scancell.errors import SensorError
+from scancell.scanning.exposures import readout_time
+from scancell.scanning.sense import Sensors, make_sensor
 
 FEWER = "scan.max_profiles=90"
 ROLLING = ('sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=20")
@@ -29,15 +28,14 @@ def rolling():
     return make_sensor(load_setup(overrides=ROLLING, ideal=True).sensor, 0)
 
 
-def figures(line, recording: Recording, believed, as_built, engine: str = "ray-traced") -> dict[str, float]:
-    bodies = visible_bodies(line.nominal)
-    points = sense(recording, bodies, believed, engine, 0, Silent(), as_built=as_built).points
-    cloud = cloud_of(line.nominal, recording, points, line.setup, normals=False)
+def figures(line, recording: Recording, nominal, true, engine: str = "ray-traced") -> dict[str, float]:
+    points = line.sense(recording, engine, sensors=Sensors(nominal, true))
+    cloud = line.cloud(recording, points, normals=False)
     assert len(cloud) > 30_000
     return figures_um(line.signed(cloud))
 
 
-def test_points_are_placed_by_the_time_of_their_row(line, rolling) -> None:
+def test_points_use_row_time(line, rolling) -> None:
     recording = line.drive()
     ideal = figures(line, recording, line.sensor, line.sensor)
     known = figures(line, recording, rolling, rolling)
@@ -48,7 +46,7 @@ def test_points_are_placed_by_the_time_of_their_row(line, rolling) -> None:
     assert unknown["rms"] > 10 * ideal["rms"]
 
 
-def test_the_error_of_an_unknown_shutter_grows_with_the_speed(line, rolling) -> None:
+def test_unmodelled_shutter_error_grows_with_speed(line, rolling) -> None:
     recording = line.drive()
     slow = {n: 0.25 * v if "velocity" in n and "truth" in n else v for n, v in recording.columns.items()}
     fast, slower = (
@@ -57,11 +55,13 @@ def test_the_error_of_an_unknown_shutter_grows_with_the_speed(line, rolling) -> 
     assert slower == pytest.approx(0.25 * fast, rel=0.15)
 
 
-def test_the_geometric_engine_knows_no_shutter(line, rolling) -> None:
-    assert figures(line, line.drive(), rolling, rolling, "geometric")["rms"] < 0.1
+def test_geometric_engine_rejects_rolling_shutter(line, rolling) -> None:
+    for nominal, true in ((rolling, rolling), (line.sensor, rolling)):
+        with pytest.raises(SensorError, match=r"sensor\.detector\.shutter"):
+            figures(line, line.drive(), nominal, true, "geometric")
 
 
-def test_truth_of_all_rows_reaches_from_the_first_to_the_last(line) -> None:
+def test_truth_spans_all_rows(line) -> None:
     recording = line.drive()
     one, all_rows = recording.truth, recording.truth_for_rows(0.02)
     turned = [np.linalg.norm(np.diff(t.world_from_frame["table"], axis=1)[:, 0], axis=(1, 2)) for t in (one, all_rows)]

@@ -1,4 +1,4 @@
-"""Studies end to end: the same rows however they are made, failures told, errors as theory predicts."""
+"""Studies end to end: equal rows however they are run, failures reported, errors as theory predicts."""
 
 from __future__ import annotations
 
@@ -10,20 +10,19 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 from commands import scancell_here
-from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
 from test_perturbations import geometry, smooth_points, surface_normals, thinned
 
-import sensor_rt
-from orchestrator.evaluation.build import build_version
-from orchestrator.evaluation.deviation import deviation_from_mesh
-from orchestrator.evaluation.stopwatch import Stopwatch
-from orchestrator.progress import Silent
-from orchestrator.studies import run_record
-from orchestrator.studies.report import write_report
-from orchestrator.studies.scan_worker import Trial
-from orchestrator.studies.study import begin, open_study, replay, run_study
-from orchestrator.studies.task import Where, close_workers
-from orchestrator.studies.trial import TrialWorker
+from scancell.evaluation.deviation import deviation_from_mesh
+from scancell.output.build import build_version
+from scancell.progress import NullProgress
+from scancell.stopwatch import Stopwatch
+from scancell.studies import run_record
+from scancell.studies.report import write_report
+from scancell.studies.scan_worker import Trial
+from scancell.studies.study import open_study, replay
+from scancell.studies.task import ExecutionTarget, close_workers
+from scancell.studies.trial import TrialWorker
+from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
 
 LATENCY = '[[factor]]\npath = "as_built.trigger.latency_ms"\ndistribution = { kind = "uniform", low = 0, high = 1 }\n'
 # A reflectance above 1 is refused: with a wide distribution some trials fail, others do not.
@@ -48,14 +47,14 @@ def made(small, tmp_path_factory):
     study, folders = open_study(small), []
     for workers in (1, 2):
         out = tmp_path_factory.mktemp(f"workers{workers}") / "out"
-        begin(study, out)
-        run_study(study, out, Where(workers=workers), Silent())
+        study.begin(out)
+        study.run(out, ExecutionTarget(workers=workers), NullProgress())
         write_report(study, out)
         folders.append(out)
     return study, *folders
 
 
-def test_the_number_of_workers_does_not_change_the_results(made) -> None:
+def test_results_are_independent_of_workers(made) -> None:
     _, one, two = made
     assert (one / "results.parquet").read_bytes() == (two / "results.parquet").read_bytes()
     table = pyarrow.parquet.read_table(one / "results.parquet").to_pydict()
@@ -65,33 +64,33 @@ def test_the_number_of_workers_does_not_change_the_results(made) -> None:
 
 
 @pytest.mark.parametrize("number", [3, 5])
-def test_a_single_trial_made_alone_is_the_same(made, number) -> None:
+def test_single_trial_reproduces_row(made, number) -> None:
     study, one, _ = made
     row, _ = replay(study, number)
     rows = json.loads((one / "tasks" / f"trial-{number:07d}" / "rows.json").read_text())
     assert json.dumps(rows, indent=1) == json.dumps([row], indent=1)
 
 
-def test_a_folder_of_a_version_that_knew_fewer_keys_is_resumed(made, small, tmp_path) -> None:
+def test_folder_with_fewer_keys_is_resumed(made, small, tmp_path) -> None:
     study, one, _ = made
     out = tmp_path / "out"
-    begin(study, out)
+    study.begin(out)
     record = out / "description.json"
     older = json.loads(record.read_text())
     del older["setup"]["sensor"]["render"]["bounces"]
     record.write_text(json.dumps(older))
-    run_study(study, out, Where(shard=(1, 2)), Silent())
+    study.run(out, ExecutionTarget(shard=(1, 2)), NullProgress())
     done = scancell_here("study", "resume", small, "--out", out, "--shard", "1/1", "--json", cwd=tmp_path)
     assert done.code == 0, done.err
-    assert "setup.sensor.render.bounces: taken at their defaults" in done.err
+    assert "setup.sensor.render.bounces: their defaults are assumed" in done.err
     marks = [json.loads(file.read_text())["digest"] for file in sorted(out.glob("tasks/*/done.json"))]
     assert len(marks) == 5
     assert (out / "results.parquet").read_bytes() == (one / "results.parquet").read_bytes()
-    made_twice = run_study(study, out, Where(shard=(1, 1)), Silent())
+    made_twice = study.run(out, ExecutionTarget(shard=(1, 1)), NullProgress())
     assert (len(made_twice.present), made_twice.done) == (5, [])
 
 
-def test_shards_of_a_job_array_give_the_same_results(made, small, tmp_path) -> None:
+def test_shards_give_equal_results(made, small, tmp_path) -> None:
     _, one, _ = made
     for shard in ("1/2", "2/2"):
         done = scancell_here("study", "run", small, "--shard", shard, "--out", tmp_path / "out", cwd=tmp_path)
@@ -100,7 +99,7 @@ def test_shards_of_a_job_array_give_the_same_results(made, small, tmp_path) -> N
     assert (tmp_path / "out" / "results.parquet").read_bytes() == (one / "results.parquet").read_bytes()
 
 
-def test_a_study_that_is_moved_half_way_gives_the_same_results(made, small, tmp_path) -> None:
+def test_moved_study_resumes(made, small, tmp_path) -> None:
     _, one, _ = made
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
@@ -112,11 +111,11 @@ def test_a_study_that_is_moved_half_way_gives_the_same_results(made, small, tmp_
     here.rename(there)
     done = scancell_here("study", "resume", small.name, "--out", "out", "--shard", "1/1", "--json", cwd=there)
     assert done.code == 0, done.err
-    assert done.last_line["warnings"] == []
+    assert all("too few for reliable shares" in warning for warning in done.last_line["warnings"])
     assert (there / "out" / "results.parquet").read_bytes() == (one / "results.parquet").read_bytes()
 
 
-def test_resuming_makes_what_is_missing(made, small, tmp_path) -> None:
+def test_resume_runs_missing_trials(made, small, tmp_path) -> None:
     _, one, _ = made
     out = tmp_path / "out"
     shutil.copytree(one, out)
@@ -127,15 +126,47 @@ def test_resuming_makes_what_is_missing(made, small, tmp_path) -> None:
     assert (out / "results.parquet").read_bytes() == (one / "results.parquet").read_bytes()
 
 
-def test_trials_of_another_build_are_told(made, small, tmp_path, monkeypatch) -> None:
+def test_extended_study_keeps_finished_trials(tmp_path) -> None:
+    path = write_study(tmp_path, HEAD, "trials_per_task = 2", DESIGN, OFFSET)
+    alone = ("--shard", "1/1", "--out", "out", "--json")
+    assert scancell_here("study", "run", path, "--set", "design.trials=2", *alone, cwd=tmp_path).code == 0
+    before = (tmp_path / "out" / "tasks" / "trial-0000001" / "rows.json").stat()
+    shown = scancell_here("study", "show", path, "--out", "out", "--json", cwd=tmp_path)
+    assert (shown.last_line["figures"]["finished"], shown.last_line["figures"]["trials"]) == (2, 4)
+    done = scancell_here("study", "resume", path, *alone, cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert (tmp_path / "out" / "tasks" / "trial-0000001" / "rows.json").stat() == before
+    row, _ = replay(open_study(path), 4)
+    table = pyarrow.parquet.read_table(tmp_path / "out" / "results.parquet").to_pydict()
+    assert table["trial"] == [1, 2, 3, 4]
+    assert table["rms_um"][3] == row["figures"]["rms_um"]
+
+
+def test_factor_without_effect_is_reported(tmp_path) -> None:
+    """Samples per pixel concern rendered images only."""
+    values = 'kind = "discrete", values = [4, 16, 64]'
+    inert = f'[[factor]]\npath = "sensor.render.samples_per_pixel"\nmode = "absolute"\ndistribution = {{ {values} }}\n'
+    heights = OFFSET.replace("tool.x", "table.z")
+    head = HEAD.replace("max_profiles=20", "max_profiles=16").replace('"small"', '"two heights"')
+    path = write_study(tmp_path, head, DESIGN.replace("4", "20"), heights, inert)
+    done = scancell_here("study", "run", path, "--shard", "1/1", "--json", cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert done.last_line["warnings"] == ["no effect on any result (geometric engine): sensor.render.samples_per_pixel"]
+    found = json.loads((tmp_path / "out" / "two-heights" / "study.json").read_text())
+    assert found["without_effect"] == ["sensor.render.samples_per_pixel"]
+    assert "no effect on any result" in (tmp_path / "out" / "two-heights" / "report.html").read_text()
+
+
+def test_mixed_build_warning(made, small, tmp_path, monkeypatch) -> None:
     shutil.copytree(made[1], tmp_path / "out")
     monkeypatch.setattr(run_record, "build_version", lambda: "0.1.0+another")
     done = scancell_here("study", "report", small, "--out", tmp_path / "out", "--json", cwd=tmp_path)
-    (told,) = done.last_line["warnings"]
-    assert told.endswith(f"than this one (0.1.0+another): 5 by {build_version()}")
+    mixed, *few = done.last_line["warnings"]
+    assert all("too few for reliable shares" in warning for warning in few)
+    assert mixed.endswith(f"than this one (0.1.0+another): 5 by {build_version()}")
 
 
-def test_the_report_needs_nothing_from_the_network(made) -> None:
+def test_report_is_self_contained(made) -> None:
     _, one, _ = made
     page = (one / "report.html").read_text()
     outside = [word for word in ("src=", 'href="http', "@import", "url(http", "<script", "<link") if word in page]
@@ -145,11 +176,11 @@ def test_the_report_needs_nothing_from_the_network(made) -> None:
     assert said["engines"]["geometric"]["figures"]["rms_um"]["trials"] == 4
 
 
-def test_a_trial_that_fails_is_a_row_with_seed_and_message(tmp_path) -> None:
+def test_failed_trial_row_has_seed_and_message(tmp_path) -> None:
     study = open_study(write_study(tmp_path, HEAD, DESIGN, WIDE))
     out = tmp_path / "out"
-    begin(study, out)
-    run_study(study, out, Where(shard=(1, 1)), Silent())
+    study.begin(out)
+    study.run(out, ExecutionTarget(shard=(1, 1)), NullProgress())
     write_report(study, out)
     table = pyarrow.parquet.read_table(out / "results.parquet").to_pydict()
     values = np.array(table["cell.part.reflectance"])
@@ -161,14 +192,14 @@ def test_a_trial_that_fails_is_a_row_with_seed_and_message(tmp_path) -> None:
     assert [row["seed"] for row in failed] == np.array(table["seed"])[wrong].tolist()
 
 
-def test_each_trial_of_a_tool_offset_shows_as_first_order_theory_predicts(tmp_path) -> None:
+def test_tool_offset_error_matches_first_order_theory(tmp_path) -> None:
     """The slope of measured on predicted distances is 1 within 1 % in every trial."""
     offsets = "\n".join(OFFSET.replace("tool.x", f"tool.{axis}") for axis in "xyz")
     head = HEAD.replace('"scan.max_profiles=20", "scan.raster.enabled=false"', '"scan.max_profiles=150"')
     study = open_study(write_study(tmp_path, head, "ideal = true", 'unit = "mm"', DESIGN, offsets))
     worker = TrialWorker(study.description, study.setup, study.part)
     try:
-        slopes = [_slope(worker.scan(trial, Stopwatch()), np.array(trial.values) * 1e-3) for trial in study.trials]
+        slopes = [_slope(worker.scan(trial), np.array(trial.values) * 1e-3) for trial in study.trials]
     finally:
         worker.close()
     print("slopes", slopes)
@@ -176,9 +207,9 @@ def test_each_trial_of_a_tool_offset_shows_as_first_order_theory_predicts(tmp_pa
 
 
 def _slope(scan, offset: np.ndarray) -> float:
-    """The sensor is farther along its own axes by `offset` (3,) m than believed: points shift the other way."""
+    """The sensor is farther along its own axes by `offset` (3,) m than nominal: points shift the other way."""
     cloud, measured = scan.cloud, scan.recording.measured
-    signed = deviation_from_mesh(cloud, scan.nominal.part, sensor_rt.closest_points).signed
+    signed = deviation_from_mesh(cloud, scan.nominal.part).signed
     chosen = thinned(cloud)
     chosen = chosen[smooth_points(scan, cloud.points_in_part[chosen])]
     points, row = cloud.points_in_part[chosen], np.searchsorted(measured.index, cloud.profile[chosen])
@@ -210,7 +241,7 @@ def figures_one_by_one(folder: Path, head: str, changes: dict[str, float]) -> li
     return [row["figures"] for row in rows]
 
 
-def test_an_old_reading_of_the_table_shifts_the_part_as_far_as_it_goes_meanwhile(tmp_path) -> None:
+def test_encoder_latency_shifts_part_by_table_travel(tmp_path) -> None:
     """A ball 20 mm off the axis of a table at 40 degrees per second: 14 um for a millisecond."""
     head = HEAD.replace('"scan.max_profiles=20"', '"scan.max_profiles=60", "cell.part.x_mm=20"')
     right, late = figures_one_by_one(tmp_path, head, {"cell.table.encoder_latency_ms": 1.0})
@@ -220,7 +251,7 @@ def test_an_old_reading_of_the_table_shifts_the_part_as_far_as_it_goes_meanwhile
     assert np.abs(shift[[0, 2]]).max() < 0.5
 
 
-def test_vibrations_triggers_and_drives_reach_the_scan(tmp_path) -> None:
+def test_vibration_trigger_and_drive_perturbations_affect_scan(tmp_path) -> None:
     band = '"vibration.table.random_low_hz=5", "vibration.table.random_width_hz=45"'
     fast = f'as_built = ["vibration.flange.frequency_hz=20", {band}]'
     words = '"scan.max_profiles=20", "cell.part.x_mm=20", "cell.robot.drive=dynamic"'
@@ -252,18 +283,18 @@ above_mm = 25
 """
 
 
-def test_indices_of_scans_are_those_of_the_linear_case(tmp_path) -> None:
+def test_sobol_indices_match_linear_model(tmp_path) -> None:
     """Seen from above, the height of a ball is raised by the table and lowered by the sensor: 9 and 16 parts of 25."""
     # Clearances, which every step of the cell would work out, do not matter.
     fewer = 'scan.max_profiles=12", "cell.collision.outputs=false'
     head = HEAD.replace("scan.max_profiles=20", fewer).replace("raster", "sweep")
     design = '[design]\nkind = "sobol"\ntrials = 32\n'
     study = open_study(write_study(tmp_path, head, "ideal = true", "trials_per_task = 16", design, HEIGHTS))
-    begin(study, tmp_path / "out")
-    run_study(study, tmp_path / "out", Where(shard=(1, 1)), Silent())
+    study.begin(tmp_path / "out")
+    study.run(tmp_path / "out", ExecutionTarget(shard=(1, 1)), NullProgress())
     report = write_report(study, tmp_path / "out")
     said = report.analysis["engines"]["geometric"]
-    for row, exact in zip(said["closer"]["ball.z_um"]["sobol"], (0.36, 0.64), strict=True):
+    for row, exact in zip(said["sensitivity"]["ball.z_um"]["sobol"], (0.36, 0.64), strict=True):
         print(row)
         for name in ("first", "total"):
             low, high = row[f"{name}_interval"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
+
 from bench.study_kills import TRIALS, VICTIMS, Campaign
 
 
@@ -14,7 +15,7 @@ def campaign(tmp_path_factory):
 
 
 @pytest.mark.parametrize("victim", VICTIMS)
-def test_a_killed_study_resumes_to_the_same_bytes(campaign, victim) -> None:
+def test_killed_study_resumes_identically(campaign, victim) -> None:
     # By what is finished, for a neighbour's load changes how long that takes.
     trials = random.Random(VICTIMS.index(victim)).randint(TRIALS // 4, 3 * TRIALS // 4)
     attempt = campaign.attempt(victim, 0.0, trials)

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from line import ply_sha256, rows
 
-import sensor_rt
-from orchestrator.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, Recording, truth_columns
-from orchestrator.config.loading import as_built_sensor
-from orchestrator.progress import Silent
-from orchestrator.scanning.exposures import build_scene, exposures_from_truth, visible_bodies
-from orchestrator.scanning.sense import make_sensor, sense
+from scancell import sensor as sensor_rt
+from scancell.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, Recording, truth_columns
+from scancell.scanning.exposures import build_scene, exposures_from_truth, visible_bodies
+from scancell.scanning.sense import make_sensors
 
 FEWER = "scan.max_profiles=60"
 
@@ -22,7 +20,7 @@ def line(planned):
 
 
 @pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
-def test_cloud_does_not_change_when_truth_is_lost_after_rendering(line, engine, tmp_path) -> None:
+def test_cloud_is_independent_of_truth_after_rendering(line, engine, tmp_path) -> None:
     recording = line.drive()
     points = line.sense(recording, engine)
     lost = recording.without_truth()
@@ -30,7 +28,7 @@ def test_cloud_does_not_change_when_truth_is_lost_after_rendering(line, engine, 
     assert ply_sha256(line.cloud(lost, points), tmp_path) == ply_sha256(line.cloud(recording, points), tmp_path)
 
 
-def test_cloud_changes_with_what_was_measured(line, tmp_path) -> None:
+def test_cloud_depends_on_measured_values(line, tmp_path) -> None:
     recording = line.drive()
     points = line.sense(recording, "geometric")
     name = "trigger.measured.table"
@@ -39,12 +37,11 @@ def test_cloud_changes_with_what_was_measured(line, tmp_path) -> None:
 
 
 @pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
-def test_sensor_as_built_changes_points_by_way_of_its_light_alone(line, engine, tmp_path) -> None:
-    """Images by the true sensor, everything after them by what is believed: no truth is left to lose."""
+def test_as_built_sensor_affects_rendering_only(line, engine, tmp_path) -> None:
+    """Images by the true sensor, everything after them by the nominal one: no truth is left to lose."""
     recording = rows(line.drive(), slice(0, None, 10))
-    built = as_built_sensor(line.setup.sensor, ["sensor.laser.turn_y_deg=0.2"])
-    bodies, true_sensor = visible_bodies(line.nominal), make_sensor(built, line.seed)
-    points = sense(recording, bodies, line.sensor, engine, 0, Silent(), as_built=true_sensor).points
+    sensors = make_sensors(line.setup.sensor, ["sensor.laser.turn_y_deg=0.2"], line.seed)
+    points = line.sense(recording, engine, sensors=sensors)
     cloud = ply_sha256(line.cloud(recording, points), tmp_path)
     assert ply_sha256(line.cloud(recording.without_truth(), points), tmp_path) == cloud
     assert ply_sha256(line.cloud(recording, line.sense(recording, engine)), tmp_path) != cloud
@@ -59,7 +56,7 @@ def images(line, recording: Recording) -> np.ndarray:
 @pytest.mark.parametrize(
     "word", ["tool.x_mm=0.1", "table.x_mm=0.2", "dh[3].theta_deg=0.05", "platter.x_mm=0.1", "trigger.latency_ms=1"]
 )
-def test_as_built_cell_changes_images_and_nothing_that_reconstruction_reads(line, word) -> None:
+def test_as_built_cell_affects_images_only(line, word) -> None:
     nominal, perturbed = line.drive(), line.drive(word)
     for name in (*INTEGER_COLUMNS, *MEASURED_COLUMNS):
         if name != "trigger.index":

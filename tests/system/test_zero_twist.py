@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from line import rows
 
-import sensor_rt
-from orchestrator.cell.recording import Recording
-from orchestrator.scanning.exposures import build_scene, exposures_from_truth, visible_bodies
+from scancell import sensor as sensor_rt
+from scancell.cell.recording import Recording
+from scancell.scanning.exposures import build_scene, exposures_from_truth, visible_bodies
 
 FEWER = "scan.max_profiles=60"
 STOP = 'scan.mode="stop-and-look"'
@@ -31,7 +31,7 @@ def at_rest(recording: Recording) -> Recording:
 
 
 @pytest.mark.parametrize("ideal", [True, False], ids=["ideal", "with noise"])
-def test_without_twist_both_modes_make_the_same_image(planned, ideal) -> None:
+def test_modes_render_equal_images_without_motion(planned, ideal) -> None:
     line = planned("free_form", FEWER, ideal=ideal)
     recording = rows(line.drive(), slice(0, None, 12))
     moving, stopped = images(line, at_rest(recording)), images(line, at_rest(recording), still=True)
@@ -41,7 +41,7 @@ def test_without_twist_both_modes_make_the_same_image(planned, ideal) -> None:
 
 
 @pytest.mark.parametrize("ideal", [True, False], ids=["ideal", "with noise"])
-def test_stop_and_look_exposes_a_world_at_rest(planned, ideal) -> None:
+def test_stop_and_look_exposures_are_at_rest(planned, ideal) -> None:
     line = planned("free_form", FEWER, STOP, ideal=ideal)
     recording = rows(line.drive(), slice(0, None, 12))
     twists = np.array([v for n, v in recording.columns.items() if "velocity" in n])
@@ -50,7 +50,7 @@ def test_stop_and_look_exposes_a_world_at_rest(planned, ideal) -> None:
     assert images(line, at_rest(recording)).tobytes() == images(line, at_rest(recording), still=True).tobytes()
 
 
-def test_the_latched_pose_is_that_of_mid_exposure(planned) -> None:
+def test_latched_pose_is_at_mid_exposure(planned) -> None:
     """In motion the table turns during the exposure; what it said at the trigger is the middle of that turn."""
     line = planned("free_form", FEWER)
     recording = rows(line.drive(), line.drive().measured.table_rate > 0.1)

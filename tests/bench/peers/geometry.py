@@ -9,11 +9,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-import sensor_rt
-from orchestrator.cell.nominal import nominal_cell
-from orchestrator.config import load_setup
-from orchestrator.config.loading import assets_dir
-from orchestrator.geometry.mesh import load_mesh
+from scancell import sensor as sensor_rt
+from scancell.config.loading import assets_dir, load_setup
+from scancell.geometry.mesh import load_mesh
+from scancell.nominal.cell import nominal_cell
 
 from ..raw_embree import turning_fans
 from ..ray_speed import import_open3d, open3d_scene

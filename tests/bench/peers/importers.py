@@ -240,11 +240,10 @@ def _difference(rows: Array, reference: Array) -> float:
 
 def importer_checks() -> Iterator[Check]:
     """Build the FMUs of the default cell, and have all importers and validators look at them."""
-    from orchestrator.cell.fmu_file import FmiVersion, build_fmu, cell_json  # noqa: PLC0415  (needs the native part)
-    from orchestrator.cell.nominal import nominal_cell  # noqa: PLC0415
-    from orchestrator.config import load_setup  # noqa: PLC0415
-    from orchestrator.config.loading import assets_dir  # noqa: PLC0415
-    from orchestrator.geometry.mesh import load_mesh  # noqa: PLC0415
+    from scancell.cell.fmu_file import FmiVersion, build_fmu, cell_json  # noqa: PLC0415  (needs the native part)
+    from scancell.config.loading import assets_dir, load_setup  # noqa: PLC0415
+    from scancell.geometry.mesh import load_mesh  # noqa: PLC0415
+    from scancell.nominal.cell import nominal_cell  # noqa: PLC0415
 
     tools = ImporterTools(Path(os.environ.get("SCANCELL_IMPORTERS", "build/importers")))
     setup = load_setup()

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-import sensor_rt
-from orchestrator.geometry import pose
+from scancell import sensor as sensor_rt
+from scancell.geometry import pose
 
 from ..scenes import PART_TRIANGLES, PART_Z, Array, Faces, bumpy_part
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-import sensor_rt
+from scancell import sensor as sensor_rt
 
 from ..scenes import FAITHFUL_DETECTOR, make_sensor, sensor_description, still_exposure
 from ..timing import measure

@@ -1,0 +1,54 @@
+// Readings of presence sensors, distance sensors and the collision monitor.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "fmu/model/cell_description.h"
+#include "fmu/model/cell_values.h"
+#include "fmu/proximity/body_set.h"
+#include "fmu/proximity/pair_monitor.h"
+
+namespace robotcell {
+
+/// Latest readings of all devices.
+struct Readings {
+  std::vector<PresenceReading> presence;
+  std::vector<DistanceReading> distance;
+  CollisionReading collision;
+};
+
+/// Each device reads at the multiples of its period, for the first time after one period, and holds its
+/// reading in between. The collision monitor reads once per controller cycle. Readings depend on poses and
+/// time only.
+class Sensing {
+ public:
+  /// `bodies` in the order of the description.
+  Sensing(const CellDescription& cell, const proximity::BodySet& bodies, std::int32_t instance_seed);
+
+  /// Values before the first reading.
+  Readings initial_readings() const;
+
+  /// Whether any device reads at this instant.
+  bool due(std::int64_t time_us) const;
+
+  /// Updates the devices that read at this instant; `truth` holds the poses of all bodies then.
+  void read(std::int64_t time_us, const Bodies& truth, Readings& readings);
+
+ private:
+  Eigen::Isometry3d frame_pose(const FrameRef& frame, const Bodies& truth) const;
+  PresenceReading read_presence(const PresenceSensorDescription& sensor, const Bodies& truth) const;
+  DistanceReading read_distance(std::size_t number, std::int64_t time_us, const Bodies& truth) const;
+  std::optional<proximity::Nearest> nearest_of(const CollisionReading& reading) const;
+  void read_collisions(CollisionReading& reading);
+
+  SensingDescription description_;
+  std::int64_t collision_period_us_;
+  std::uint64_t key_;
+  proximity::BodySet bodies_;
+  proximity::PairMonitor pair_monitor_;
+  std::vector<proximity::Selection> visible_;  // bodies visible to each distance sensor
+};
+
+}  // namespace robotcell

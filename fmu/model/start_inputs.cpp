@@ -1,0 +1,29 @@
+#include "fmu/model/start_inputs.h"
+
+#include "fmu/model/kinematics.h"
+
+namespace robotcell {
+
+std::array<double*, kHomeInputs> home_inputs(CellInputs& inputs) {
+  std::array<double*, kHomeInputs> members;
+  std::size_t count = 0;
+  for (double& axis : inputs.motion.position) members[count++] = &axis;
+  for (double& coordinate : inputs.motion.target_position) members[count++] = &coordinate;
+  for (double& coordinate : inputs.motion.target_orientation) members[count++] = &coordinate;
+  members[count] = &inputs.gripper.width;
+  return members;
+}
+
+CellInputs start_inputs(const CellDescription& cell) {
+  CellInputs inputs(layout_of(cell));
+  for (std::size_t i = 0; i < kJoints; ++i) inputs.motion.position[i] = cell.joints[i].start;
+  inputs.motion.position[kTableAxis] = cell.table.start;
+  const Kinematics nominal(cell, AsBuilt{});
+  const BodyState sensor = body_state(nominal.sensor(nominal.arm(inputs.motion.position, {}).back()));
+  inputs.motion.target_position = sensor.position;
+  inputs.motion.target_orientation = sensor.orientation;
+  if (cell.gripper) inputs.gripper.width = cell.gripper->start;
+  return inputs;
+}
+
+}  // namespace robotcell

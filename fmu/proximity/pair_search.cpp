@@ -1,0 +1,195 @@
+#include "fmu/proximity/pair_search.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "fmu/proximity/face_distance.h"
+#include "fmu/proximity/motion_bound.h"
+
+namespace robotcell::proximity {
+namespace {
+
+using Eigen::Isometry3d;
+using Eigen::Vector3d;
+
+/// A pair is searched this many times farther than it moved since its last search, so that the result holds
+/// for a few poses.
+constexpr double kPosesAhead = 3;
+
+/// Surfaces this close (m) touch: rounding decides whether they intersect.
+constexpr double kTouch = 1e-12;
+
+/// A front is built anew from the roots when it has grown by this factor.
+constexpr std::size_t kLargestGrowth = 3;
+
+/// Larger fronts are not kept: 1.5 MB per pair.
+constexpr std::size_t kLargestFront = 1 << 16;
+
+/// Largest distance beyond the bound that is searched for the sake of later poses (m).
+constexpr double kFarthestAhead = 0.02;
+
+/// Upper bound on the relative motion of two bodies since the last search.
+double relative_motion(const SearchBody& a, const SearchBody& b, const Isometry3d& before,
+                       const Isometry3d& now) {
+  const BoundingSphere& of_a = a.tree.sphere(0);
+  const BoundingSphere& of_b = b.tree.sphere(0);
+  return std::min(motion_bound(of_b.centre, of_b.radius, before, now),
+                  motion_bound(of_a.centre, of_a.radius, before.inverse(), now.inverse()));
+}
+
+}  // namespace
+
+std::optional<ClosestFaces> PairSearch::closest(const SearchBody& a, const SearchBody& b,
+                                                const Isometry3d& a_from_b, double bound,
+                                                PairMemory& memory) {
+  double ahead = 0;
+  double moved = 0;
+  if (memory.at_least >= 0) {
+    moved = relative_motion(a, b, memory.a_from_b, a_from_b);
+    if (memory.at_least - moved >= bound) return std::nullopt;
+    ahead = std::min(kPosesAhead * moved, kFarthestAhead);
+  }
+  a_ = &a;
+  b_ = &b;
+  rotation_ = a_from_b.linear();
+  translation_ = a_from_b.translation();
+  faces_.reset();
+  planes_.reset();
+  best_ = bound + ahead;
+  at_least_ = std::numeric_limits<double>::infinity();
+  if (memory.faces) compare(*memory.faces);
+  slack_ = ahead;
+  begin(moved, memory);
+  search();
+  memory.a_from_b = a_from_b;
+  memory.at_least = faces_ ? closest_.distance : at_least_;
+  if (faces_) memory.faces = faces_;
+  memory.travelled = travelled_;
+  if (front_.size() >= kLargestFront) front_.clear();  // not all of it was stored
+  if (travelled_ == 0) memory.first_size = front_.size();
+  memory.front.swap(front_);
+  if (!faces_ || closest_.distance >= bound) return std::nullopt;
+  return closest_;
+}
+
+/// Puts the nodes to search on the stack: those of the last front that may have come near enough since, or
+/// the roots.
+void PairSearch::begin(double moved, PairMemory& memory) {
+  stack_.clear();
+  front_.clear();
+  if (memory.front.empty() || memory.front.size() > kLargestGrowth * memory.first_size) {
+    travelled_ = 0;
+    visit(0, 0);
+    return;
+  }
+  travelled_ = memory.travelled + moved;
+  for (const FrontNode& node : memory.front) {
+    const double at_least = node.at_least - travelled_;
+    if (at_least >= limit()) {
+      at_least_ = std::min(at_least_, at_least);
+      front_.push_back(node);
+    } else {
+      visit(node.a, node.b);
+    }
+  }
+}
+
+void PairSearch::leave_out(double at_least, int node_a, int node_b) {
+  at_least_ = std::min(at_least_, at_least);
+  if (front_.size() < kLargestFront) front_.push_back({at_least + travelled_, node_a, node_b});
+}
+
+void PairSearch::search() {
+  while (!stack_.empty() && best_ > 0) {
+    const Node node = stack_.back();
+    stack_.pop_back();
+    if (node.at_least >= limit()) {
+      leave_out(node.at_least, node.a, node.b);
+      continue;
+    }
+    const BoundingTree& a = a_->tree;
+    const BoundingTree& b = b_->tree;
+    if (a.is_leaf(node.a) && b.is_leaf(node.b)) {
+      leave_out(compare({a.face(node.a), b.face(node.b)}), node.a, node.b);
+      continue;
+    }
+    const std::size_t first = stack_.size();
+    if (split_first(node)) {
+      visit(a.first_child(node.a), node.b);
+      visit(a.first_child(node.a) + 1, node.b);
+    } else {
+      visit(node.a, b.first_child(node.b));
+      visit(node.a, b.first_child(node.b) + 1);
+    }
+    // The nearer one is next.
+    if (stack_.size() == first + 2 && stack_[first].at_least < stack_[first + 1].at_least) {
+      std::swap(stack_[first], stack_[first + 1]);
+    }
+  }
+  for (const Node& node : stack_) leave_out(node.at_least, node.a, node.b);
+}
+
+void PairSearch::visit(int node_a, int node_b) {
+  const double at_least = distance_bound(node_a, node_b);
+  if (at_least < limit()) {
+    stack_.push_back({at_least, node_a, node_b});
+  } else {
+    leave_out(at_least, node_a, node_b);
+  }
+}
+
+double PairSearch::distance_bound(int node_a, int node_b) const {
+  const BoundingSphere& sphere_a = a_->tree.sphere(node_a);
+  const BoundingSphere& sphere_b = b_->tree.sphere(node_b);
+  const Vector3d between = rotation_ * sphere_b.centre + translation_ - sphere_a.centre;
+  const double by_spheres = between.norm() - sphere_a.radius - sphere_b.radius;
+  const double enough = limit() + slack_;
+  if (by_spheres >= enough) return by_spheres;
+  const BoundingBox& box_a = a_->tree.box(node_a);
+  const BoundingBox& box_b = b_->tree.box(node_b);
+  double by_planes = 0;
+  if (planes_) {
+    by_planes = planes_->normal_in_a.dot(between) - box_a.half_extent(planes_->normal_in_a) -
+                box_b.half_extent(planes_->normal_in_b);
+    if (by_planes >= enough) return by_planes;
+  }
+  return std::max({by_spheres, by_planes, box_distance(box_a, box_b, rotation_, between, enough)});
+}
+
+/// Whether to split the node of the first body. Where only one of the nodes crosses its plane it is that one:
+/// the planes may then separate its children from the other node.
+bool PairSearch::split_first(const Node& node) const {
+  const BoundingTree& a = a_->tree;
+  const BoundingTree& b = b_->tree;
+  if (a.is_leaf(node.a) || b.is_leaf(node.b)) return b.is_leaf(node.b);
+  if (planes_) {
+    const double highest_a =
+        planes_->normal_in_a.dot(a.sphere(node.a).centre) + a.box(node.a).half_extent(planes_->normal_in_a);
+    const double lowest_b =
+        planes_->normal_in_b.dot(b.sphere(node.b).centre) - b.box(node.b).half_extent(planes_->normal_in_b);
+    const bool crosses_a = highest_a > planes_->offset_a + kTolerance;
+    const bool crosses_b = lowest_b < planes_->offset_b - kTolerance;
+    if (crosses_a != crosses_b) return crosses_a;
+  }
+  return a.sphere(node.a).radius > b.sphere(node.b).radius;
+}
+
+/// Distance of two faces, which become the closest ones if it is below all others.
+double PairSearch::compare(const FacePair& faces) {
+  const FaceDistance found =
+      face_distance(corners(a_->shape->mesh, faces.first), corners(b_->shape->mesh, faces.second), rotation_,
+                    translation_, kFine);
+  if (!(found.distance < best_)) {
+    return found.distance;
+  }
+  best_ = found.distance < kTouch ? 0 : found.distance;
+  faces_ = faces;
+  closest_ = {best_, found.on_a, found.on_b};
+  if (best_ == 0) return 0;
+  const Vector3d normal = (found.on_b - found.on_a).normalized();
+  planes_ = Planes{normal, rotation_.transpose() * normal, normal.dot(found.on_a),
+                   normal.dot(found.on_b - translation_)};
+  return best_;
+}
+
+}  // namespace robotcell::proximity

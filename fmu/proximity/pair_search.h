@@ -1,0 +1,97 @@
+// Search for the closest faces of two bodies.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "fmu/proximity/bounding_tree.h"
+#include "fmu/proximity/collision_body.h"
+#include "fmu/proximity/triangle.h"
+
+namespace robotcell::proximity {
+
+/// A mesh prepared for `PairSearch`.
+struct SearchBody {
+  explicit SearchBody(TriangleMesh mesh) : shape(std::make_shared<Shape>(std::move(mesh))), tree(*shape) {}
+
+  std::shared_ptr<const Shape> shape;
+  BoundingTree tree;
+};
+
+struct ClosestFaces {
+  double distance = 0;         // m; 0 where the surfaces intersect or touch
+  Eigen::Vector3d on_a, on_b;  // closest points, frame of a; undefined where the distance is 0
+};
+
+/// Two nodes that a search left out or compared.
+struct FrontNode {
+  /// Lower bound on their distance when it was computed, plus the `travelled` of that moment, m.
+  double at_least;
+  int a, b;
+};
+
+/// What earlier searches of a pair established.
+struct PairMemory {
+  Eigen::Isometry3d a_from_b = Eigen::Isometry3d::Identity();
+  double at_least = -1;           // lower bound on the distance at that pose, m; negative: none
+  std::optional<FacePair> faces;  // the closest ones
+  std::vector<FrontNode> front;   // covers all pairs of faces; empty: none
+  double travelled = 0;           // upper bound on the relative motion since the front began, m
+  std::size_t first_size = 0;     // of the front when it began
+};
+
+/// Branch and bound over two bounding trees. A search ends with a front: pairs of nodes that together contain
+/// all pairs of faces, each with a lower bound on its distance. The next search begins with those whose
+/// bound, less the motion since, does not rule them out. One object serves one thread and any number of
+/// pairs.
+class PairSearch {
+ public:
+  /// Closest faces of two bodies where their distance is below `bound`. `memory` belongs to the pair; it
+  /// reduces the work and changes the distance by less than `kTolerance`.
+  std::optional<ClosestFaces> closest(const SearchBody& a, const SearchBody& b,
+                                      const Eigen::Isometry3d& a_from_b, double bound, PairMemory& memory);
+
+  /// Nodes are left out unless they can reduce the distance by more than this (m). Parallel faces have as
+  /// many closest pairs of triangles as they have triangles: one of them is enough.
+  static constexpr double kTolerance = 5e-13;
+
+ private:
+  struct Node {
+    double at_least;
+    int a, b;
+  };
+  /// Planes through the closest points found so far, perpendicular to the line between them; in both frames.
+  struct Planes {
+    Eigen::Vector3d normal_in_a, normal_in_b;
+    double offset_a, offset_b;  // of the first body's plane in its frame, of the second one's in its own, m
+  };
+
+  void begin(double moved, PairMemory& memory);
+  void search();
+  void leave_out(double at_least, int node_a, int node_b);
+  void visit(int node_a, int node_b);
+  double distance_bound(int node_a, int node_b) const;
+  bool split_first(const Node& node) const;
+  double compare(const FacePair& faces);
+
+  /// Distance below which a node is of interest.
+  double limit() const { return best_ - kTolerance; }
+
+  const SearchBody* a_ = nullptr;
+  const SearchBody* b_ = nullptr;
+  Eigen::Matrix3d rotation_;     // a_from_b
+  Eigen::Vector3d translation_;  // a_from_b
+  std::vector<Node> stack_;
+  std::optional<Planes> planes_;
+  std::optional<FacePair> faces_;
+  ClosestFaces closest_;
+  double best_ = 0;       // distances from here on are of no interest
+  double at_least_ = 0;   // smallest lower bound of all nodes left out
+  double slack_ = 0;      // lower bounds are refined up to the limit and this, for the sake of later poses
+  double travelled_ = 0;  // as in the memory
+  std::vector<FrontNode> front_;
+};
+
+}  // namespace robotcell::proximity

@@ -1,1 +1,0 @@
-"""Plans, drives, scans, reconstructs and evaluates with the simulated robot cell."""

@@ -1,1 +1,0 @@
-"""Figures and pictures that say how good a cloud is."""

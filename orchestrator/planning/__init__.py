@@ -1,1 +1,0 @@
-"""From a part to a checked motion: scan paths, constraints, trajectories, programs."""

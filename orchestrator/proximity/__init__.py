@@ -1,1 +1,0 @@
-"""Clash checks and bounded distances between the bodies of the cell."""

@@ -1,0 +1,100 @@
+"""Masses and drives of an arm with dynamic drives, as the FMU reads them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.config.cell import CellDescription
+from scancell.config.drives import DriveDescription, InertiaDescription
+from scancell.config.units import to_si
+from scancell.geometry.mesh import Mesh, load_mesh, mass_properties
+from scancell.nominal.gripper import housing_mesh
+from scancell.nominal.poses import pose_matrix, tool_matrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """Mass (kg), centre of mass (3,) in metres, and inertia (3, 3) about it, in kg m²; all in one frame."""
+
+    mass: float
+    centre_of_mass: Array
+    inertia: Array
+
+    def seen_from(self, frame_from_body: Array) -> RigidBody:
+        """The same body in another frame."""
+        rotation = frame_from_body[:3, :3]
+        centre = rotation @ self.centre_of_mass + frame_from_body[:3, 3]
+        return RigidBody(self.mass, centre, rotation @ self.inertia @ rotation.T)
+
+    def joined_with(self, other: RigidBody) -> RigidBody:
+        """Both as one rigid body; Huygens and Steiner's theorem moves the inertias to the common centre of mass."""
+        mass = self.mass + other.mass
+        centre = (self.mass * self.centre_of_mass + other.mass * other.centre_of_mass) / mass
+        return RigidBody(mass, centre, self._inertia_about(centre) + other._inertia_about(centre))
+
+    def _inertia_about(self, point: Array) -> Array:
+        arm = self.centre_of_mass - point
+        return np.asarray(self.inertia + self.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
+
+    def json(self) -> dict[str, Any]:
+        """As the FMU reads it."""
+        return {
+            "mass": self.mass,
+            "centre_of_mass": self.centre_of_mass.tolist(),
+            "inertia": self.inertia.tolist(),
+        }
+
+
+def dynamics_json(cell: CellDescription) -> dict[str, Any]:
+    """Links and drives of a cell whose robot has dynamic drives; the last link carries sensor and gripper.
+
+    Raises
+    ------
+    MeshError
+        If a mesh that tells of masses cannot be used.
+    """
+    robot = cell.robot
+    links = [_body(joint.inertia, _mesh(joint.mesh), robot.link_density_kg_m3) for joint in robot.joint]
+    for load in _loads(cell):
+        if links[-1] is not None:
+            links[-1] = links[-1].joined_with(load)
+    drives = [joint.drive for joint in robot.joint]
+    return {
+        "links": [link.json() for link in links if link is not None],
+        "drives": [to_si(drive.model_dump()) for drive in drives if isinstance(drive, DriveDescription)],
+    }
+
+
+def _loads(cell: CellDescription) -> list[RigidBody]:
+    """What is fixed to the flange, in its frame; the gripper's fingers are bodies of their own."""
+    density = cell.robot.link_density_kg_m3
+    sensor = _body(cell.tool.inertia, _mesh(cell.sensor_mesh), density)
+    loads = [] if sensor is None else [sensor.seen_from(tool_matrix(cell.tool))]
+    housing = None if cell.gripper is None else housing_mesh(cell.gripper)
+    if cell.gripper is not None and housing is not None:
+        loads.append(_of_mesh(housing, density).seen_from(pose_matrix(cell.gripper.pose)))
+    return loads
+
+
+def _mesh(path: str | None) -> Mesh | None:
+    return None if path is None else load_mesh(Path(path))
+
+
+def _body(inertia: InertiaDescription | None, mesh: Mesh | None, density: float) -> RigidBody | None:
+    """By its description, else by its mesh; None where neither is known."""
+    if inertia is not None:
+        si = to_si(inertia.model_dump())
+        return RigidBody(si["mass"], np.array(si["centre_of_mass"]), np.diag(si["inertia"]))
+    return None if mesh is None else _of_mesh(mesh, density)
+
+
+def _of_mesh(mesh: Mesh, density: float) -> RigidBody:
+    properties = mass_properties(mesh, density)
+    return RigidBody(properties.mass, properties.centre_of_mass, properties.inertia)

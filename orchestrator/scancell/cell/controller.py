@@ -1,0 +1,68 @@
+"""The robot controller of a running cell in Python's words: its modes, and why it does not do what it was told."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from scancell.cell.instance import CellInstance
+
+
+class Mode(IntEnum):
+    """Numbers of ``command.mode`` and ``controller.mode``."""
+
+    HOLD = 0
+    SERVO = 1
+    JOINT_MOVE = 2
+    LINE_MOVE = 3
+    JOINT_JOG = 4
+    TOOL_JOG = 5
+
+
+class Operation(IntEnum):
+    """Numbers of ``command.operation``: by hand jogs alone move the robot, in automatic operation programs alone do."""
+
+    MANUAL = 0
+    AUTOMATIC = 1
+
+
+class Frame(IntEnum):
+    """Numbers of ``command.jog_frame``: whose axes a Cartesian jog follows."""
+
+    WORLD = 0
+    TOOL = 1
+
+
+class Grip(IntEnum):
+    """Numbers of ``command.gripper.mode``: go on as before, bring the pads apart, close with a force."""
+
+    KEEP = 0
+    WIDTH = 1
+    FORCE = 2
+
+
+_REFUSALS = {
+    1: "the cell is in manual operation, where no program moves the robot: change to automatic operation first",
+    2: "the cell is in automatic operation, where nobody jogs the robot: change to manual operation first",
+    3: "an emergency stop is in force: release it and reset the controller first",
+    4: "no heartbeat came within command.max_age",
+    5: "the target of {axis} is outside its limits",
+    6: "the way leads {axis} beyond its limits",
+    7: "the target is out of reach, or the way leads through a singular position",
+}
+
+
+def refusal(cell: CellInstance) -> str | None:
+    """Why the controller does not carry out its command; None where it does."""
+    reason = cell.get_integer("controller.error")
+    if reason == 0:
+        return None
+    number = cell.get_integer("controller.limit")
+    axis = {0: "an axis", 7: "the table"}.get(number, f"joint {number}")
+    return _REFUSALS[reason].format(axis=axis)
+
+
+def state_in_words(cell: CellInstance) -> str:
+    """What the controller does at the present instant, for messages."""
+    state = ("at rest", "moving", "braking", "in an emergency stop")[cell.get_integer("controller.state")]
+    mode = Mode(cell.get_integer("controller.mode")).name.lower().replace("_", " ")
+    return f"the controller is {state} (mode {mode})"

@@ -1,0 +1,175 @@
+"""Packs the native robot cell and a cell description into an FMU."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import scancell.cell
+from scancell.cell.arm_dynamics import dynamics_json
+from scancell.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_contents, write_archive, write_unpacked
+from scancell.cell.mesh_json import mesh_json
+from scancell.cell.sensing import sensing_json
+from scancell.config.cell import CellDescription, PartDescription
+from scancell.config.contact import ContactDescription
+from scancell.config.devices import ConveyorDescription, FurtherPartDescription
+from scancell.config.gripper import GripperDescription
+from scancell.config.units import to_si
+from scancell.errors import CellError
+from scancell.files import atomic_write
+from scancell.geometry.mesh import Mesh, mass_properties
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.gripper import start_width
+from scancell.nominal.poses import pose_json, pose_matrix
+
+Array = NDArray[np.float64]
+
+
+def runtime_dir() -> Path:
+    """Folder with the native library, its closure and the description printer.
+
+    Raises
+    ------
+    CellError
+        If the native part was not built.
+    """
+    for folder in scancell.cell.__path__:
+        candidate = Path(folder) / "runtime"
+        if (candidate / "robotcell-describe").is_file():
+            return candidate
+    raise CellError("the native robot cell is not installed; run `make setup`")
+
+
+def cell_json(
+    cell: CellDescription, nominal: NominalCell, seed: int, *, collision_outputs: bool = True
+) -> dict[str, Any]:
+    """Complete SI description of the cell as the FMU reads it.
+
+    Parameters
+    ----------
+    collision_outputs
+        False leaves out the outputs of collisions and clearances even where the cell describes them: nothing in a scan
+        reads them, and their meshes and distance queries cost most of a run.
+    """
+    robot = [to_si(joint.model_dump(exclude={"mesh", "drive", "inertia"})) for joint in cell.robot.joint]
+    for joint, start in zip(robot, nominal.home, strict=True):
+        joint["start"] = float(start)
+    table = to_si(cell.table.model_dump(exclude={"pose", "reflectance", "material", "platter_mesh", "base_mesh"}))
+    return {
+        "format": 2,
+        "name": cell.name,
+        "time_step_us": cell.world.time_step_us,
+        "controller_cycle_us": cell.world.controller_cycle_us,
+        "gravity": [0.0, 0.0, -cell.world.gravity_m_s2],
+        "seed": seed,
+        "robot": {
+            "world_from_base": pose_json(nominal.arm.world_from_base),
+            "joints": robot,
+            "motion": to_si(cell.robot.motion.model_dump()),
+            "dynamics": dynamics_json(cell) if cell.robot.drive == "dynamic" else None,
+        },
+        "tool": {"flange_from_sensor": pose_json(nominal.flange_from_sensor)},
+        "table": {"world_from_table": pose_json(nominal.world_from_table), "start": 0.0, **table},
+        "conveyors": [_conveyor_json(conveyor) for conveyor in cell.conveyor],
+        "parts": _parts_json(cell, nominal),
+        "gripper": None if cell.gripper is None else _gripper_json(cell.gripper),
+        "contact": _contact_json(cell.contact),
+        **sensing_json(cell, nominal, collision_outputs=collision_outputs),
+    }
+
+
+def _parts_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, Any]]:
+    """The scanned part first. Where no part is free nothing can touch, and hulls are left out."""
+    further = [(part.description, part.mesh) for part in nominal.further_parts]
+    hulls = "free" in (cell.part.fixture, *(described.fixture for described, _ in further))
+    arrival = cell.part.arrival
+    support_from_part = nominal.table_from_part if arrival is None else pose_matrix(arrival.pose)
+    scanned = {"name": "part", "stands_on": "table" if arrival is None else arrival.stands_on}
+    return [
+        {**scanned, **_part_json(cell.part, nominal.part, support_from_part, hull=hulls)},
+        *(
+            {
+                "name": described.name,
+                "stands_on": described.stands_on,
+                **_part_json(described, mesh, pose_matrix(described.pose), hull=hulls),
+            }
+            for described, mesh in further
+        ),
+    ]
+
+
+def _part_json(
+    part: PartDescription | FurtherPartDescription, mesh: Mesh, support_from_part: Array, *, hull: bool
+) -> dict[str, Any]:
+    return {
+        "fixture": part.fixture,
+        "support_from_part": pose_json(support_from_part),
+        "friction": part.friction,
+        "soft": None if part.soft is None else to_si(part.soft.model_dump()),
+        "inertial": _inertial_json(mesh, part.density_kg_m3) if part.fixture == "free" else None,
+        "hull": mesh_json(mesh.hull.vertices, mesh.hull.faces) if hull else None,
+    }
+
+
+def _inertial_json(mesh: Mesh, density: float) -> dict[str, Any]:
+    properties = mass_properties(mesh, density)
+    return {
+        "mass": properties.mass,
+        "centre_of_mass": properties.centre_of_mass.tolist(),
+        "inertia": properties.inertia.tolist(),
+    }
+
+
+def _conveyor_json(conveyor: ConveyorDescription) -> dict[str, Any]:
+    si = to_si(conveyor.model_dump(exclude={"pose", "reflectance", "material"}))
+    return {"world_from_belt": pose_json(pose_matrix(conveyor.pose)), **si}
+
+
+def _gripper_json(gripper: GripperDescription) -> dict[str, Any]:
+    drawn = {"pose", "start_mm", "housing_mm", "housing_mesh", "finger_mesh", "reflectance", "material"}
+    return {
+        "flange_from_gripper": pose_json(pose_matrix(gripper.pose)),
+        "start": start_width(gripper),
+        **to_si(gripper.model_dump(exclude=drawn)),
+    }
+
+
+def _contact_json(contact: ContactDescription) -> dict[str, Any]:
+    pairs = [{"bodies": list(pair.bodies), "points": pair.points} for pair in contact.pair]
+    return {"solver": contact.solver, "points": contact.points, "pairs": pairs}
+
+
+def build_fmu(
+    description: Mapping[str, Any], path: Path, version: FmiVersion, options: FmuOptions | None = None
+) -> None:
+    """Write the FMU of a cell (`cell_json`) to `path`; it appears whole or not at all.
+
+    Raises
+    ------
+    CellError
+        If the native part is missing or refuses the description, or the cell cannot make its reference trajectory.
+    OutputError
+        If the file cannot be written.
+    """
+    contents = fmu_contents(runtime_dir(), json.dumps(description, indent=1), version, options or FmuOptions())
+    with atomic_write(path) as temporary:
+        write_archive(temporary, contents)
+
+
+def make_temporary_fmu(description: Mapping[str, Any], folder: Path, version: FmiVersion = 2) -> Path:
+    """Unpacked FMU of a cell (`cell_json`) in the new folder `folder`, for `CellInstance` in this process.
+
+    It holds what an instance needs and no documentation; its libraries are a link to those of this installation.
+
+    Raises
+    ------
+    CellError
+        If the native part is missing or refuses the description.
+    """
+    write_unpacked(folder, runtime_dir(), json.dumps(description), version)
+    return folder

@@ -1,0 +1,144 @@
+"""The files of an FMU, by their path in the archive."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import fmpy
+
+from scancell.cell.fmu_package.bundle import Bundle, dependencies_text, license_text, read_bundle
+from scancell.cell.fmu_package.pages import index_page
+from scancell.cell.fmu_package.reference import Reference, record_reference
+from scancell.cell.fmu_package.terminals import terminals_xml
+from scancell.config.loading import assets_dir
+from scancell.errors import CellError
+
+FmiVersion = Literal[2, 3]
+_PLATFORM = {2: "linux64", 3: "x86_64-linux"}
+# Zip entries carry a fixed date, so that the same cell gives the same bytes.
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True)
+class FmuOptions:
+    """Variants of an FMU.
+
+    Attributes
+    ----------
+    clock
+        Describe the clock of the exposures (FMI 3). Several importers fail on any clock (ecos frees memory twice,
+        fmi-sim reads it as a Boolean), so it is off by default; event mode works without.
+    arrays
+        Merge indexed scalars into arrays (FMI 3): `measured.q` instead of `measured.q[1]` to `measured.q[6]`. Few
+        importers read arrays.
+    """
+
+    clock: bool = False
+    arrays: bool = False
+
+
+def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions) -> dict[str, bytes]:
+    """All files of the FMU.
+
+    Parameters
+    ----------
+    runtime
+        Folder with the native library, its closure and the description printer.
+    cell
+        Description of the cell (JSON).
+
+    Raises
+    ------
+    CellError
+        If the native part refuses the description, or the cell cannot make its reference trajectory.
+    """
+    bundle = read_bundle(runtime)
+    contents = {
+        "modelDescription.xml": _describe(runtime, cell, version, options, bundle),
+        "resources/cell.json": cell.encode(),
+        "documentation/licenses/license.txt": license_text(bundle).encode(),
+        "documentation/externalDependencies.txt": dependencies_text(bundle).encode(),
+    }
+    for library in sorted(runtime.glob("*.so*")):
+        contents[f"binaries/{_PLATFORM[version]}/{library.name}"] = library.read_bytes()
+    for text in sorted((runtime / "licenses").iterdir()):
+        contents[f"documentation/licenses/{text.name}"] = text.read_bytes()
+    with tempfile.TemporaryDirectory(prefix="scancell-") as folder:
+        fmu = Path(folder) / "RobotCell"
+        write_unpacked(fmu, runtime, cell, version)
+        reference = record_reference(fmu)
+    return {**contents, **_documents(contents["modelDescription.xml"], version, bundle, reference)}
+
+
+def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) -> None:
+    """Make a folder with what an instance needs of an FMU, its libraries linked.
+
+    Raises
+    ------
+    CellError
+        If the native part refuses the description.
+    """
+    description = _describe(runtime, cell, version, FmuOptions(), read_bundle(runtime))
+    (folder / "resources").mkdir(parents=True)
+    (folder / "binaries").mkdir()
+    (folder / "modelDescription.xml").write_bytes(description)
+    (folder / "resources" / "cell.json").write_text(cell)
+    (folder / "binaries" / _PLATFORM[version]).symlink_to(runtime.resolve(), target_is_directory=True)
+
+
+def _documents(model_description: bytes, version: FmiVersion, bundle: Bundle, reference: Reference) -> dict[str, bytes]:
+    """Files for people and tools, which an instance does not need."""
+    description = _read(model_description)
+    icon = assets_dir() / "fmu" / "icon.png"
+    documents = {name: text.encode() for name, text in reference.files().items()}
+    documents["documentation/index.html"] = index_page(description, bundle, reference).encode()
+    if version == 2:
+        return {**documents, "model.png": icon.read_bytes()}
+    return {
+        **documents,
+        "terminalsAndIcons/terminalsAndIcons.xml": terminals_xml(description.modelVariables),
+        "terminalsAndIcons/icon.png": icon.read_bytes(),
+        "terminalsAndIcons/icon.svg": icon.with_suffix(".svg").read_bytes(),
+    }
+
+
+def _read(model_description: bytes) -> Any:
+    """As FMPy reads it; it wants an archive."""
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("modelDescription.xml", model_description)
+    return fmpy.read_model_description(archive, validate=False)
+
+
+def write_archive(path: Path, contents: Mapping[str, bytes]) -> None:
+    """Zip the contents; the same contents give the same bytes.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in contents.items():
+            entry = zipfile.ZipInfo(name, _EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
+            archive.writestr(entry, content)
+
+
+def _describe(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions, bundle: Bundle) -> bytes:
+    """The model description, printed by the same variable table that the library answers from."""
+    needs = f"64-bit x86 Linux with glibc {bundle.glibc} or later"
+    command = [str(runtime / "robotcell-describe"), "-", "--fmi", str(version), "--needs", needs]
+    command += [word for word, wanted in (("--clock", options.clock), ("--arrays", options.arrays)) if wanted]
+    result = subprocess.run(command, input=cell.encode(), capture_output=True, check=False)
+    if result.returncode:
+        raise CellError(f"the native robot cell refuses the description: {result.stderr.decode().strip()}")
+    return result.stdout

@@ -1,0 +1,271 @@
+"""One instance of the robot cell FMU, by variable name, for FMI 2 and FMI 3 alike."""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from ctypes import POINTER, c_double, c_size_t, c_uint32
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy import fmi2
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi3 import FMU3Slave
+from numpy.typing import NDArray
+
+from scancell.closing import Closing
+from scancell.errors import CellError, DescriptionError
+
+_STATUS_WARNING = 1
+_DOUBLES = POINTER(c_double)
+
+
+# Chooses values (SI) of fixed parameters, knowing the names and units of those that the FMU has.
+Parameters = Callable[[Mapping[str, str | None]], Mapping[str, float]]
+
+
+class RealGroup:
+    """Value references of some real variables, with a buffer for their values."""
+
+    def __init__(self, references: Sequence[int]) -> None:
+        self.count = len(references)
+        self.references = (c_uint32 * self.count)(*references)
+        self.values: NDArray[np.float64] = np.zeros(self.count)
+        self.pointer = self.values.ctypes.data_as(_DOUBLES)
+
+
+class CellInstance(Closing):
+    """An initialised robot cell. Use it as a context manager; times are whole microseconds.
+
+    Parameters
+    ----------
+    fmu
+        An FMU file, or the folder of an unpacked one (`make_temporary_fmu`).
+    cell_file
+        Description of the cell (JSON) to use in place of the FMU's own, with as many devices of each kind.
+    parameters
+        Chooses values of fixed parameters.
+    folder
+        Where an FMU file is unpacked; the system's folder for temporary files if not given.
+
+    Attributes
+    ----------
+    token
+        Identifies the FMU's table of variables.
+
+    Raises
+    ------
+    CellError
+        If the FMU cannot be loaded or refuses a call, with the message that it logged.
+    """
+
+    def __init__(
+        self,
+        fmu: Path,
+        cell_file: Path | None = None,
+        parameters: Parameters | None = None,
+        folder: Path | None = None,
+    ) -> None:
+        self._messages: list[str] = []
+        self._listeners: list[Callable[[], None]] = []
+        self._unpacked: Path | None = None
+        self._time_us = 0
+        try:
+            self._load(fmu if fmu.is_dir() else self._unpack(fmu, folder))
+            self._initialise(cell_file, parameters(self.units()) if parameters else {})
+        except BaseException as error:  # an interrupt, too, must leave no unpacked files
+            self._remove_unpacked()
+            if isinstance(error, DescriptionError) or not isinstance(error, Exception):
+                raise
+            raise CellError(self._explain(f"the cell cannot be started from {fmu.name}", error)) from error
+
+    def _unpack(self, fmu: Path, folder: Path | None) -> Path:
+        self._unpacked = Path(tempfile.mkdtemp(prefix="scancell-fmu-", dir=folder))
+        # An interrupt may hit the removal itself; the end of the process tries once more.
+        atexit.register(self._remove_unpacked)
+        fmpy.extract(str(fmu), str(self._unpacked))
+        return self._unpacked
+
+    def _remove_unpacked(self) -> None:
+        if self._unpacked is None:
+            return
+        shutil.rmtree(self._unpacked, ignore_errors=True)
+        atexit.unregister(self._remove_unpacked)
+
+    def _load(self, unpacked: Path) -> None:
+        description = fmpy.read_model_description(str(unpacked), validate=False)
+        self.token = str(description.guid)
+        self._variables = {variable.name: variable for variable in description.modelVariables}
+        self._is_fmi2 = description.fmiVersion.startswith("2")
+        slave = FMU2Slave if self._is_fmi2 else FMU3Slave
+        self._fmu: Any = slave(
+            guid=description.guid,
+            unzipDirectory=str(unpacked),
+            modelIdentifier=description.coSimulation.modelIdentifier,
+            instanceName="cell",
+        )
+
+    def _initialise(self, cell_file: Path | None, parameters: Mapping[str, float]) -> None:
+        self._fmu.instantiate(**self._callbacks())
+        self._enter(cell_file, parameters)
+
+    def reset(self, cell_file: Path | None = None, parameters: Mapping[str, float] | None = None) -> None:
+        """Begin anew at time 0, with another cell (its JSON) or other fixed parameters, without loading again.
+
+        Raises
+        ------
+        CellError
+            If the FMU refuses; the instance is of no further use then.
+        """
+        self._call(self._fmu.reset)
+        self._time_us = 0
+        self._call(self._enter, cell_file, parameters or {})
+
+    def _enter(self, cell_file: Path | None, parameters: Mapping[str, float]) -> None:
+        if cell_file is not None:
+            reference = [self._variables["cell.file"].valueReference]
+            self._fmu.setString(reference, [str(cell_file)])
+        self._set_parameters(parameters)
+        if self._is_fmi2:
+            self._fmu.setupExperiment(startTime=0.0)
+            self._fmu.enterInitializationMode()
+        else:
+            self._fmu.enterInitializationMode(startTime=0.0)
+        self._fmu.exitInitializationMode()
+
+    def _callbacks(self) -> dict[str, Any]:
+        if self._is_fmi2:
+            callbacks = fmi2CallbackFunctions()
+            callbacks.logger = fmi2CallbackLoggerTYPE(self._log_fmi2)
+            callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+            callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+            return {"callbacks": callbacks}
+        return {"logMessage": self._log_fmi3}
+
+    def _log_fmi2(self, _environment: Any, _name: Any, status: int, _category: Any, message: bytes) -> None:
+        if status > _STATUS_WARNING:
+            self._messages.append(message.decode(errors="replace"))
+
+    def _log_fmi3(self, _environment: Any, status: int, _category: Any, message: bytes) -> None:
+        if status > _STATUS_WARNING:
+            self._messages.append(message.decode(errors="replace"))
+
+    def _explain(self, what: str, error: Exception) -> str:
+        reason = "; ".join(self._messages) or str(error)
+        self._messages.clear()
+        return f"{what}: {reason}"
+
+    def _set_parameters(self, parameters: Mapping[str, float]) -> None:
+        for name, value in parameters.items():
+            variable = self._variables[name]
+            setter = self._fmu.setReal if self._is_fmi2 else self._fmu.setFloat64
+            if variable.type.startswith("Int"):
+                setter = self._fmu.setInteger if self._is_fmi2 else self._fmu.setInt32
+            setter([variable.valueReference], [value])
+
+    def units(self) -> dict[str, str | None]:
+        """Unit of every ``as_built.*`` parameter."""
+        return {
+            name: v.declaredType.unit if v.declaredType is not None else v.unit
+            for name, v in self._variables.items()
+            if name.startswith("as_built.")
+        }
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all variables."""
+        return list(self._variables)
+
+    def real_group(self, names: Iterable[str]) -> RealGroup:
+        """A group of real variables for `get` and `set`, in the order of `names`."""
+        return RealGroup([self._reference(name) for name in names])
+
+    def _reference(self, name: str) -> int:
+        if name not in self._variables:
+            raise CellError(f"the FMU has no variable '{name}'")
+        return int(self._variables[name].valueReference)
+
+    def get(self, group: RealGroup) -> NDArray[np.float64]:
+        """Values of the group; the array is overwritten by the next call."""
+        self._call(self._get_reals, group)
+        return group.values
+
+    def set(self, group: RealGroup, values: NDArray[np.float64]) -> None:
+        """Set the inputs of the group."""
+        group.values[:] = values
+        self._call(self._set_reals, group)
+
+    def get_integer(self, name: str) -> int:
+        """Value of an integer variable."""
+        return self.get_integers([name])[0]
+
+    def get_integers(self, names: Iterable[str]) -> list[int]:
+        """Values of integer variables."""
+        getter = self._fmu.getInteger if self._is_fmi2 else self._fmu.getInt32
+        return list(self._call(getter, [self._reference(name) for name in names]))
+
+    def get_boolean(self, name: str) -> bool:
+        """Value of a Boolean variable."""
+        return bool(self._call(self._fmu.getBoolean, [self._reference(name)])[0])
+
+    def set_integer(self, name: str, value: int) -> None:
+        """Set an integer input."""
+        setter = self._fmu.setInteger if self._is_fmi2 else self._fmu.setInt32
+        self._call(setter, [self._reference(name)], [value])
+
+    def set_boolean(self, name: str, value: bool) -> None:
+        """Set a Boolean input."""
+        self._call(self._fmu.setBoolean, [self._reference(name)], [value])
+
+    def on_step(self, listener: Callable[[], None]) -> None:
+        """Call `listener` after every communication step from now on."""
+        self._listeners.append(listener)
+
+    @property
+    def time_us(self) -> int:
+        """Simulated time."""
+        return self._time_us
+
+    def step_to(self, time_us: int) -> None:
+        """Advance to `time_us` in one communication step."""
+        start, size = self._time_us * 1e-6, (time_us - self._time_us) * 1e-6
+        self._call(self._fmu.doStep, start, size)
+        self._time_us = time_us
+        for listener in self._listeners:
+            listener()
+
+    def _get_reals(self, group: RealGroup) -> None:
+        if self._is_fmi2:
+            self._fmu.fmi2GetReal(self._fmu.component, group.references, c_size_t(group.count), group.pointer)
+        else:
+            count = c_size_t(group.count)
+            self._fmu.fmi3GetFloat64(self._fmu.component, group.references, count, group.pointer, count)
+
+    def _set_reals(self, group: RealGroup) -> None:
+        if self._is_fmi2:
+            self._fmu.fmi2SetReal(self._fmu.component, group.references, c_size_t(group.count), group.pointer)
+        else:
+            count = c_size_t(group.count)
+            self._fmu.fmi3SetFloat64(self._fmu.component, group.references, count, group.pointer, count)
+
+    def _call(self, function: Any, *arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except Exception as error:
+            raise CellError(self._explain("the robot cell FMU reported an error", error)) from error
+
+    def close(self) -> None:
+        """Free the instance and its unpacked files."""
+        try:
+            # After an error an FMU may refuse to terminate; what is left is to free it, and the first error counts.
+            with suppress(FMICallException):
+                self._fmu.terminate()
+            self._fmu.freeInstance()
+        finally:
+            self._remove_unpacked()

@@ -1,0 +1,78 @@
+"""What the planner hands to the cell: segments of set-points with the rule that fires the sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+TriggerKind = Literal["off", "time", "table_angle", "path_distance", "request"]
+
+
+@dataclass(frozen=True)
+class TriggerRule:
+    """When the sensor fires.
+
+    `interval` is in seconds (``time``), radians (``table_angle``) or metres (``path_distance``);
+    it is 0 for ``off`` and ``request`` (one exposure on demand, as stop-and-look needs).
+    """
+
+    kind: TriggerKind = "off"
+    interval: float = 0.0
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One uninterrupted motion.
+
+    Attributes
+    ----------
+    id
+        Number that the trigger records of this segment carry, >= 1 and unique in the program.
+    times
+        (n,) seconds from the start of the segment, starting at 0, one per controller cycle.
+    q
+        (n, 6) joint set-points in radians.
+    table
+        (n,) table set-points in radians (not wrapped).
+    trigger
+        Rule in force between `trigger_from` and `trigger_to`.
+    trigger_from, trigger_to
+        Seconds from the start of the segment; the first exposure fires at `trigger_from`, and so approach and
+        run-out stay dark.
+    name
+        What the segment scans, or where it leads, for people.
+    """
+
+    id: int
+    times: NDArray[np.float64]
+    q: NDArray[np.float64]
+    table: NDArray[np.float64]
+    trigger: TriggerRule = TriggerRule()
+    trigger_from: float = 0.0
+    trigger_to: float = 0.0
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Program:
+    """A checked motion from rest to rest; each segment starts where the one before ends.
+
+    `stop_and_look` programs request one exposure at the end of every segment whose rule is ``request``,
+    after `settle` seconds at rest.
+    """
+
+    segments: tuple[Segment, ...]
+    settle: float = 0.0
+
+    @property
+    def names(self) -> dict[int, str]:
+        """Segment id → name."""
+        return {segment.id: segment.name for segment in self.segments}
+
+    @property
+    def duration(self) -> float:
+        """Seconds of motion, without settling."""
+        return float(sum(segment.times[-1] for segment in self.segments))

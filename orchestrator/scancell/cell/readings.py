@@ -1,0 +1,120 @@
+"""What sensors and encoders of a running cell say, in Python's words."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.cell.instance import CellInstance
+from scancell.errors import CommandError
+from scancell.geometry import pose
+from scancell.nominal.cell import NominalCell
+
+Array = NDArray[np.float64]
+Tool = Literal["sensor", "gripper"]
+
+JOINTS = tuple(f"[{i}]" for i in range(1, 7))
+
+
+class CellReadings:
+    """Reads a running cell; SI units and radians, truth excluded."""
+
+    def __init__(self, cell: CellInstance, nominal: NominalCell) -> None:
+        self._cell, self._nominal = cell, nominal
+        self._position = cell.real_group([*(f"measured.q{i}" for i in JOINTS), "measured.table"])
+        self._destination = cell.real_group(
+            [*(f"controller.destination.q{i}" for i in JOINTS), "controller.destination.table"]
+        )
+
+    @property
+    def cell(self) -> CellInstance:
+        """The running instance."""
+        return self._cell
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self._cell.time_us * 1e-6
+
+    @property
+    def joints(self) -> Array:
+        """Measured joint angles (6,), rad."""
+        return self._cell.get(self._position)[:6].copy()
+
+    @property
+    def table(self) -> float:
+        """Measured angle of the table, rad."""
+        return float(self._cell.get(self._position)[6])
+
+    @property
+    def destination(self) -> tuple[Array, float]:
+        """Joint angles (6,) and table angle to which the motion in force, or the last one, leads; rad."""
+        values = self._cell.get(self._destination)
+        return values[:6].copy(), float(values[6])
+
+    def world_from_tool(self, tool: Tool = "sensor") -> Array:
+        """Pose (4, 4) of a tool by the measured joints and the nominal geometry."""
+        return np.asarray(self._nominal.arm.fk(self.joints) @ self.flange_from(tool))
+
+    def present(self, sensor: int) -> bool:
+        """Whether presence sensor number `sensor` (from 1) sees a part."""
+        return self._cell.get_boolean(f"presence[{sensor}].detected")
+
+    def distance(self, sensor: int) -> float | None:
+        """What distance sensor number `sensor` (from 1) reads, m; None where its measurement was discarded."""
+        if not self._cell.get_boolean(f"distance[{sensor}].valid"):
+            return None
+        return self.value(f"distance[{sensor}].value")
+
+    @property
+    def gripper_width(self) -> float:
+        """Distance between the pads, m."""
+        return self.value("measured.gripper.width")
+
+    def value(self, name: str) -> float:
+        """Value of a real variable of the FMU, SI units.
+
+        Raises
+        ------
+        CommandError
+            If it is a true value (``truth.*``, ``trigger.truth.*``), which no real cell provides.
+        CellError
+            If there is no such variable.
+        """
+        if "truth" in name.split("."):
+            raise CommandError(
+                f"{name}: a session reads measured values only; true values are in the recording (Recording.truth)"
+            )
+        return float(self._cell.get(self._cell.real_group([name]))[0])
+
+    def joints_for(self, world_from_tool: ArrayLike, tool: Tool = "sensor", near: ArrayLike | None = None) -> Array:
+        """Joint angles (6,) that bring a tool to a pose (4, 4): of all branches those nearest to `near`.
+
+        Without `near` (6,) the nearest to the present joints count; nearness is the largest difference of any joint.
+
+        Raises
+        ------
+        CommandError
+            If no branch within the joint limits reaches the pose.
+        """
+        reference = self.joints if near is None else np.asarray(near, float)
+        target = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from(tool))
+        branches = self._nominal.arm.ik(target, reference)[0]
+        found = branches[np.isfinite(branches).all(-1)]
+        if not len(found):
+            place = ", ".join(f"{x * 1e3:.1f}" for x in np.asarray(world_from_tool, float)[:3, 3])
+            raise CommandError(f"the {tool} cannot be brought to ({place}) mm in this orientation within joint limits")
+        return np.asarray(found[np.argmin(np.abs(found - reference).max(-1))])
+
+    def flange_from(self, tool: Tool) -> Array:
+        """Pose (4, 4) of a tool on the flange; the gripper's origin lies between the pads."""
+        if tool == "sensor":
+            return self._nominal.flange_from_sensor
+        fingers = self._nominal.flange_from_finger
+        if fingers is None:
+            raise CommandError("the cell has no gripper")
+        flange_from_gripper = fingers[0].copy()
+        flange_from_gripper[:3, 3] = fingers[:, :3, 3].mean(0)
+        return np.asarray(flange_from_gripper)

@@ -1,0 +1,221 @@
+"""What the cell said at every trigger, measured and true kept apart, and its files.
+
+A recording is a table whose columns are named like the FMU's variables, so that a table made by any FMI tool works.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+from numpy.typing import NDArray
+
+from scancell.errors import DescriptionError
+from scancell.files import atomic_write
+from scancell.geometry import pose
+
+Array = NDArray[np.float64]
+
+_PARTS_OF_POSE = (("position", 3), ("orientation", 4), ("velocity", 3), ("angular_velocity", 3))
+_TRUTH = "trigger.truth."
+
+
+def _indexed(name: str, count: int) -> list[str]:
+    return [f"{name}[{i}]" for i in range(1, count + 1)]
+
+
+MEASURED_COLUMNS = (
+    "trigger.time",
+    "trigger.exposure",
+    *_indexed("trigger.measured.q", 6),
+    *_indexed("trigger.measured.qd", 6),
+    "trigger.measured.table",
+    "trigger.measured.table_rate",
+)
+INTEGER_COLUMNS = ("trigger.index", "trigger.segment")
+
+
+def moving_frames(parts: int, fingers: int = 0) -> tuple[str, ...]:
+    """Frames whose true pose a record holds, in a cell with so many parts and fingers of a gripper."""
+    return (*_indexed("link", 6), "sensor", "table", *_indexed("part", parts), *_indexed("finger", fingers))
+
+
+def truth_columns(parts: int, fingers: int = 0) -> tuple[str, ...]:
+    """Columns of a record that hold truth."""
+    return tuple(
+        column
+        for frame in moving_frames(parts, fingers)
+        for part, count in _PARTS_OF_POSE
+        for column in _indexed(f"{_TRUTH}{frame}.{part}", count)
+    )
+
+
+def count_moving(columns: Iterable[str]) -> tuple[int, int]:
+    """Numbers of parts (at least 1) and of fingers that columns, or variables of an FMU, tell of."""
+    names = set(columns)
+
+    def count(kind: str, least: int) -> int:
+        return next(n for n in itertools.count(least) if f"{_TRUTH}{kind}[{n + 1}].position[1]" not in names)
+
+    return count("part", 1), count("finger", 0)
+
+
+@dataclass(frozen=True)
+class TriggerRecords:
+    """What a real controller would hand over, one row per exposure (n rows).
+
+    `q`, `qd` (n, 6) and `table`, `table_rate` (n,) were latched at mid-exposure `time` (n,) s; `exposure` in s.
+    """
+
+    index: NDArray[np.int64]
+    segment: NDArray[np.int64]
+    time: Array
+    exposure: Array
+    q: Array
+    qd: Array
+    table: Array
+    table_rate: Array
+
+
+@dataclass(frozen=True)
+class ExposureTruth:
+    """Where things truly were while the shutter was open; only the renderer, evaluation and tests may look.
+
+    `duration` (n,) is the exposure of a pixel, s. `world_from_frame` maps a frame's name to (n, 2, 4, 4) poses at start
+    and end of each exposure (of all rows together, when the shutter rolls), which follow from the pose and twist
+    latched at its middle.
+    """
+
+    duration: Array
+    world_from_frame: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """All trigger records of a run, by column name; every column has one row per exposure."""
+
+    columns: Mapping[str, NDArray[np.float64] | NDArray[np.int64]]
+
+    def __len__(self) -> int:
+        return len(self.columns["trigger.index"])
+
+    @property
+    def measured(self) -> TriggerRecords:
+        """The part of the recording that reconstruction may use."""
+        return TriggerRecords(
+            index=self.columns["trigger.index"].astype(np.int64),
+            segment=self.columns["trigger.segment"].astype(np.int64),
+            time=self._stack(["trigger.time"])[:, 0],
+            exposure=self._stack(["trigger.exposure"])[:, 0],
+            q=self._stack(_indexed("trigger.measured.q", 6)),
+            qd=self._stack(_indexed("trigger.measured.qd", 6)),
+            table=self._stack(["trigger.measured.table"])[:, 0],
+            table_rate=self._stack(["trigger.measured.table_rate"])[:, 0],
+        )
+
+    @property
+    def truth(self) -> ExposureTruth:
+        """The part of the recording that the renderer uses, with a global shutter."""
+        return self.truth_for_rows(0.0)
+
+    def truth_at_middle(self, frame: str) -> Array:
+        """``world_from_frame`` (n, 4, 4) of one of the moving frames in the middle of every exposure."""
+        position, orientation = (
+            self._stack(_indexed(f"{_TRUTH}{frame}.{part}", count)) for part, count in _PARTS_OF_POSE[:2]
+        )
+        return np.asarray(pose.from_rotation(pose.rotation_from_quaternion(orientation), position))
+
+    def truth_for_rows(self, readout: float) -> ExposureTruth:
+        """The same for a rolling shutter, whose last row is exposed `readout` seconds after the first one."""
+        duration = self._stack(["trigger.exposure"])[:, 0]
+        frames = moving_frames(*count_moving(self.columns))
+        return ExposureTruth(duration, {frame: self._poses(frame, duration + readout) for frame in frames})
+
+    def _poses(self, frame: str, span: Array) -> Array:
+        position, orientation, velocity, rate = (
+            self._stack(_indexed(f"{_TRUTH}{frame}.{part}", count)) for part, count in _PARTS_OF_POSE
+        )
+        middle = pose.rotation_from_quaternion(orientation)
+        ends = []
+        for side in (-0.5, 0.5):
+            time_offset = (side * span)[:, None]
+            ends.append(
+                pose.from_rotation(pose.exp_rotation(rate * time_offset) @ middle, position + velocity * time_offset)
+            )
+        return np.stack(ends, 1)
+
+    def _stack(self, names: list[str]) -> Array:
+        return np.stack([np.asarray(self.columns[name], float) for name in names], -1)
+
+    def without_truth(self) -> Recording:
+        """A copy in which every truth column is NaN."""
+        return Recording(
+            {name: np.full(len(self), np.nan) if name.startswith(_TRUTH) else v for name, v in self.columns.items()}
+        )
+
+
+def write_recording(recording: Recording, path: Path) -> None:
+    """Write Parquet (or CSV by suffix); the file appears whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    table = pa.table({name: pa.array(values) for name, values in recording.columns.items()})
+    with atomic_write(path) as temporary:
+        if path.suffix.lower() == ".csv":
+            pyarrow.csv.write_csv(table, temporary)
+        else:
+            pyarrow.parquet.write_table(table, temporary)
+
+
+def read_recording(path: Path) -> Recording:
+    """Read Parquet or CSV; rows without a new trigger (same or zero ``trigger.index``) are passed over.
+
+    Raises
+    ------
+    DescriptionError
+        If the file is missing, not a table, lacks a column or holds values that are not finite numbers.
+    """
+    table = _read_table(path)
+    wanted = (*INTEGER_COLUMNS, *MEASURED_COLUMNS, *truth_columns(*count_moving(table.column_names)))
+    missing = [name for name in wanted if name not in table.column_names]
+    if missing:
+        raise DescriptionError(f"{path}: {len(missing)} columns are missing, the first is '{missing[0]}'")
+    columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
+    for name in wanted:
+        columns[name] = _numbers(table, name, path)
+    index = columns["trigger.index"].astype(np.int64)
+    fresh = (index > 0) & (np.diff(index, prepend=0) != 0)
+    kept = {name: values[fresh] for name, values in columns.items()}
+    kept.update({name: kept[name].astype(np.int64) for name in INTEGER_COLUMNS})
+    if not len(kept["trigger.index"]):
+        raise DescriptionError(f"{path}: holds no trigger (trigger.index is 0 in all {len(index)} rows)")
+    return Recording(kept)
+
+
+def _read_table(path: Path) -> pa.Table:
+    if not path.is_file():
+        raise DescriptionError(f"{path}: no such file")
+    try:
+        return pyarrow.csv.read_csv(path) if path.suffix.lower() == ".csv" else pyarrow.parquet.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        raise DescriptionError(f"{path}: expected a Parquet or CSV table: {error}") from None
+
+
+def _numbers(table: pa.Table, name: str, path: Path) -> NDArray[np.float64]:
+    try:
+        values = np.asarray(table.column(name).to_numpy(), float)
+    except (ValueError, TypeError):
+        raise DescriptionError(f"{path}: column '{name}' holds values that are not numbers") from None
+    if not name.startswith(_TRUTH) and not np.isfinite(values).all():
+        row = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise DescriptionError(f"{path}: column '{name}', row {row + 1}: {values[row]} is not a finite number")
+    return values

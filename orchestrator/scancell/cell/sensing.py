@@ -1,0 +1,129 @@
+"""Sensors, collision outputs and the bodies that they see, as the FMU reads them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from scancell.cell.mesh_json import mesh_json
+from scancell.config.cell import CellDescription
+from scancell.config.description import Description
+from scancell.config.sensing import DistanceSensorDescription, PresenceSensorDescription
+from scancell.config.units import si_value, to_si
+from scancell.errors import CellError
+from scancell.geometry.decimation import decimated, deviation
+from scancell.geometry.mesh import Mesh
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.poses import pose_json, pose_matrix
+from scancell.proximity.cell_scene import cell_scene
+
+_Sensor = PresenceSensorDescription | DistanceSensorDescription
+
+
+@dataclass(frozen=True)
+class Simplified:
+    """A body whose mesh was simplified for the FMU: triangles before and after, largest deviation in metres."""
+
+    body: str
+    faces: int
+    kept: int
+    deviation: float
+
+    def line(self) -> str:
+        """For people."""
+        off = f"{self.deviation * 1e6:.1f} µm"
+        return f"{self.body}: {self.faces} triangles simplified to {self.kept}, off by at most {off}"
+
+
+def collision_meshes(cell: CellDescription, nominal: NominalCell) -> dict[str, Mesh]:
+    """Mesh of each body with no more triangles than the description allows.
+
+    Raises
+    ------
+    MeshError
+        If a mesh cannot be simplified.
+    """
+    return {body.name: decimated(body.mesh, cell.collision.max_faces) for body in nominal.bodies}
+
+
+def simplified(cell: CellDescription, nominal: NominalCell) -> list[Simplified]:
+    """What simplifying changed."""
+    light = collision_meshes(cell, nominal)
+    return [
+        Simplified(body.name, len(body.mesh.faces), len(light[body.name].faces), deviation(body.mesh, light[body.name]))
+        for body in nominal.bodies
+        if light[body.name] is not body.mesh
+    ]
+
+
+def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outputs: bool = True) -> dict[str, Any]:
+    """The keys ``bodies``, ``presence_sensors``, ``distance_sensors`` and ``collision`` of the FMU's description.
+
+    `collision_outputs` False leaves these outputs out, whatever the cell describes.
+
+    Raises
+    ------
+    CellError
+        If a sensor's period does not fit the time step.
+    MeshError
+        If a mesh cannot be simplified.
+    """
+    collision_outputs = collision_outputs and cell.collision.outputs
+    needed = collision_outputs or cell.presence_sensor or cell.distance_sensor
+    meshes = collision_meshes(cell, nominal) if needed else {}
+    pairs = _watched(nominal, meshes) if collision_outputs else ()
+    return {
+        "bodies": [
+            {
+                "name": body.name,
+                "frame": body.fmu_frame,
+                "mesh": mesh_json(meshes[body.name].vertices, meshes[body.name].faces),
+            }
+            for body in nominal.bodies
+            if body.name in meshes
+        ],
+        "presence_sensors": [_presence_json(cell, sensor) for sensor in cell.presence_sensor],
+        "distance_sensors": [_distance_json(cell, sensor) for sensor in cell.distance_sensor],
+        "collision": {
+            "outputs": collision_outputs,
+            "range": si_value(cell.collision, "range_mm"),
+            "pairs": [list(pair) for pair in pairs],
+        },
+    }
+
+
+def _watched(nominal: NominalCell, meshes: dict[str, Mesh]) -> list[tuple[str, str]]:
+    """Fingers are there to touch parts."""
+    frame = {body.name: body.moves_with.partition("[")[0] for body in nominal.bodies}
+    pairs = cell_scene(nominal, meshes).pairs
+    return [(a, b) for a, b in pairs if {frame[a], frame[b]} != {"finger", "part"}]
+
+
+def _sensor_json(cell: CellDescription, sensor: _Sensor) -> dict[str, Any]:
+    period_us = round(sensor.period_ms * 1e3)
+    if period_us <= 0 or period_us % cell.world.time_step_us or abs(sensor.period_ms * 1e3 - period_us) > 1e-6:
+        raise CellError(
+            f"{sensor.name}: period_ms = {sensor.period_ms:g}: expected a multiple of world.time_step_us "
+            f"({cell.world.time_step_us})"
+        )
+    return {
+        "name": sensor.name,
+        "frame": sensor.moves_with,
+        "frame_from_sensor": pose_json(pose_matrix(sensor.pose)),
+        "period_us": period_us,
+    }
+
+
+def _lengths(description: Description) -> dict[str, Any]:
+    lengths: dict[str, Any] = to_si(description.model_dump(exclude={"name", "moves_with", "pose", "period_ms"}))
+    return lengths
+
+
+def _presence_json(cell: CellDescription, sensor: PresenceSensorDescription) -> dict[str, Any]:
+    size = _lengths(sensor)
+    return {**_sensor_json(cell, sensor), "size": [size["x_size"], size["y_size"], size["z_size"]]}
+
+
+def _distance_json(cell: CellDescription, sensor: DistanceSensorDescription) -> dict[str, Any]:
+    lengths = _lengths(sensor)
+    return {**_sensor_json(cell, sensor), "lens": [lengths.pop("lens_x"), 0.0, 0.0], **lengths}

@@ -1,0 +1,313 @@
+"""Commands to a running cell, as a person scripts them: each steps the cell until it is done, or says why it is not.
+
+::
+
+    with CellInstance(fmu) as cell:
+        session = CellSession(cell, nominal, cycle_us)
+        session.run_belt(1, 0.1)
+        session.wait_until(lambda: session.present(1), "part in front of presence sensor 1", timeout=10)
+        session.run_belt(1, 0.0)
+        session.move_joints(session.joints_for(world_from_gripper, tool="gripper"))
+        session.grip(20.0)
+
+Times are simulated seconds, everything else SI units and radians. What sensors and encoders say is all that a session
+knows of the cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scancell.cell.controller import Frame, Grip, Mode, Operation, refusal, state_in_words
+from scancell.cell.driver import DriveOptions, Driver
+from scancell.cell.instance import CellInstance
+from scancell.cell.program import Program
+from scancell.cell.readings import JOINTS, CellReadings, Tool
+from scancell.cell.recording import Recording
+from scancell.cell.snapshot import snapshot
+from scancell.errors import CommandError
+from scancell.geometry import pose
+from scancell.nominal.cell import NominalCell
+
+_AXES = 7
+_AT_START = 1e-6  # rad
+_MOST_STOPPING = 5.0  # s; the slowest axis of any sensible cell brakes faster
+
+
+class CellSession(CellReadings):
+    """A running cell that takes one command after another.
+
+    Parameters
+    ----------
+    cell
+        Running instance; it may be at any time, at rest.
+    nominal
+        Its nominal geometry.
+    cycle_us
+        The controller's cycle, the grain of a session: commands are taken and answers looked at once a cycle.
+    """
+
+    def __init__(self, cell: CellInstance, nominal: NominalCell, cycle_us: int) -> None:
+        super().__init__(cell, nominal)
+        self._cycle_us = cycle_us
+        self._snapshots = 0
+        self._targets = cell.real_group([*(f"command.q{i}" for i in JOINTS), "command.table"])
+        self._line = cell.real_group(
+            [*(f"command.target.position[{i}]" for i in (1, 2, 3)),
+             *(f"command.target.orientation[{i}]" for i in (1, 2, 3, 4))]
+        )  # fmt: skip
+        self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, _AXES + 1)])
+
+    # Motion
+
+    def move_joints(
+        self, q: ArrayLike, table: float | None = None, *, speed: float = 1.0, timeout: float = 60.0
+    ) -> None:
+        """Move all joints to `q` (6,) and the table to `table` (where given), all axes from start to end together.
+
+        `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
+
+        Raises
+        ------
+        CommandError
+            If the controller refuses or stops the move, or it takes longer than `timeout`.
+        """
+        end = self.destination[1] if table is None else table
+        self._cell.set(self._targets, np.append(np.asarray(q, float), end))
+        self._run_move(Mode.JOINT_MOVE, "move_joints", speed, timeout)
+
+    def move_table(self, angle: float, *, speed: float = 1.0, timeout: float = 60.0) -> None:
+        """Turn the table to `angle` (not wrapped); errors as in `move_joints`."""
+        self.move_joints(self.destination[0], angle, speed=speed, timeout=timeout)
+
+    def move_line(
+        self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0, timeout: float = 60.0
+    ) -> None:
+        """Move a tool straight to a pose (4, 4), turning evenly, by the arm's nominal geometry; the table rests.
+
+        The controller leads the sensor along a straight line; the gripper's way is straight as long as it keeps its
+        orientation. `speed` is the share of the line speed of the robot's description.
+
+        Raises
+        ------
+        CommandError
+            If the controller refuses or stops the move, or it takes longer than `timeout`.
+        """
+        flange = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from(tool))
+        sensor = flange @ self._nominal.flange_from_sensor
+        self._cell.set(self._targets, np.append(self.destination[0], self.destination[1]))
+        self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
+        self._run_move(Mode.LINE_MOVE, "move_line", speed, timeout)
+
+    def jog_joints(self, deflections: ArrayLike, duration: float) -> None:
+        """Jog joints and table by hand for `duration`, then come to rest; needs manual operation.
+
+        `deflections` (7,) are -1 to 1 of the speed that the description allows each axis by hand.
+
+        Raises
+        ------
+        CommandError
+            If the controller refuses; stopping before a limit is no error.
+        """
+        self._run_jog(Mode.JOINT_JOG, "jog_joints", deflections, duration)
+
+    def jog_tool(self, deflections: ArrayLike, duration: float, frame: Frame = Frame.WORLD) -> None:
+        """Jog the sensor along and about the axes of `frame` for `duration`, then come to rest; needs manual operation.
+
+        `deflections` (6,) are along x, y, z and about x, y, z, -1 to 1 of the speeds that the description allows.
+
+        Raises
+        ------
+        CommandError
+            If the controller refuses; stopping before a limit is no error.
+        """
+        self._cell.set_integer("command.jog_frame", frame)
+        self._run_jog(Mode.TOOL_JOG, "jog_tool", np.append(np.asarray(deflections, float), 0.0), duration)
+
+    def run_program(self, program: Program, exposure: float) -> Recording:
+        """Stream a program, which must start where the axes are, with exposures of `exposure` seconds.
+
+        Raises
+        ------
+        CommandError
+            If the controller refuses to follow programs, or the axes are not where the program starts.
+        CellError
+            If the FMU reports an error, or a requested exposure never comes.
+        """
+        self.check_start(program)
+        recording = Driver(self._cell, DriveOptions(self._cycle_us, exposure)).run(program)
+        self._refuse("run_program")
+        self._cell.set_integer("command.mode", Mode.HOLD)
+        return recording
+
+    def check_start(self, program: Program) -> None:
+        """Raise `CommandError` where the controller would not follow a program from its first set-point on."""
+        self._cell.set(self._targets, np.append(*self.destination))
+        self._cell.set_integer("command.mode", Mode.SERVO)
+        self.wait(0.0)
+        self._refuse("run_program")
+        first = program.segments[0]
+        away = np.abs(np.append(*self.destination) - np.append(first.q[0], first.table[0]))
+        axis = int(away.argmax())
+        if away[axis] > _AT_START:
+            name = "the table" if axis == _AXES - 1 else f"joint {axis + 1}"
+            raise CommandError(f"the program starts elsewhere: {name} is off by {np.degrees(away[axis]):.3f} deg")
+
+    def snapshot(self, exposure: float) -> Recording:
+        """The present poses as a recording of one exposure of `exposure` seconds, whose middle is now.
+
+        It costs no simulated time and takes no trigger record; the cell may be moving.
+
+        Raises
+        ------
+        CommandError
+            If `exposure` is not a positive number.
+        """
+        if not (exposure > 0.0 and np.isfinite(exposure)):
+            raise CommandError(f"snapshot: exposure = {exposure:g} s: expected a positive number")
+        self._snapshots += 1
+        return snapshot(self._cell, exposure, self._snapshots)
+
+    # Operation and emergency stop
+
+    def set_operation(self, operation: Operation) -> None:
+        """Change between manual and automatic operation; whatever moves comes to rest."""
+        self._cell.set_integer("command.mode", Mode.HOLD)
+        self._cell.set_integer("command.operation", operation)
+        self._wait_for_rest("set_operation")
+
+    def set_monitor_speed(self, share: float) -> None:
+        """Slow programmed moves down to a share (0 to 1) of their speed while they go; 0 pauses them."""
+        self._cell.set(self._cell.real_group(["command.monitor_speed"]), np.array([share]))
+
+    def emergency_stop(self) -> None:
+        """Press the button and wait until all axes rest; the stop stays in force until `reset`."""
+        self._cell.set_boolean("command.emergency_stop", True)
+        self._wait_for_rest("emergency_stop")
+
+    def reset(self) -> None:
+        """Release the emergency stop; what it stopped does not go on.
+
+        Raises
+        ------
+        CommandError
+            If the controller stays in the emergency stop.
+        """
+        self._cell.set_boolean("command.emergency_stop", False)
+        self._cell.set_integer("command.mode", Mode.HOLD)
+        self._cell.set_integer("command.reset", self._count("command.reset"))
+        self.wait(0.0)
+        self._refuse("reset")
+
+    # Devices
+
+    def run_belt(self, conveyor: int, speed: float) -> None:
+        """Give conveyor number `conveyor` (from 1) another speed, m/s; its belt accelerates while the cell steps."""
+        self._cell.set(self._cell.real_group([f"command.conveyor[{conveyor}].speed"]), np.array([speed]))
+
+    def open_gripper(self, width: float, *, timeout: float = 5.0) -> None:
+        """Bring the pads `width` apart.
+
+        Raises
+        ------
+        CommandError
+            If they do not get there (the stroke is too short, or something is in between).
+        """
+        self._cell.set(self._cell.real_group(["command.gripper.width"]), np.array([width]))
+        self._cell.set_integer("command.gripper.mode", Grip.WIDTH)
+        self.wait_until(lambda: abs(self.gripper_width - width) < 1e-4, f"pads {width * 1e3:.1f} mm apart", timeout)
+
+    def grip(self, force: float, *, timeout: float = 5.0) -> None:
+        """Close the fingers with `force` (N, each) until they hold something.
+
+        Raises
+        ------
+        CommandError
+            If they close on nothing.
+        """
+        self._cell.set(self._cell.real_group(["command.gripper.force"]), np.array([force]))
+        self._cell.set_integer("command.gripper.mode", Grip.FORCE)
+        self.wait_until(
+            lambda: self._cell.get_boolean("measured.gripper.gripped"), "something between the pads", timeout
+        )
+
+    # Time
+
+    def wait(self, duration: float) -> None:
+        """Step on for `duration`, at least one cycle."""
+        for _ in range(max(1, round(duration * 1e6 / self._cycle_us))):
+            self._step()
+
+    def wait_until(self, condition: Callable[[], bool], what: str, timeout: float) -> None:
+        """Step on until `condition` holds, looked at once a cycle; `what` names it.
+
+        Raises
+        ------
+        CommandError
+            If it does not hold within `timeout`.
+        """
+        end = self._end(timeout)
+        while not condition():
+            if self._cell.time_us >= end:
+                raise CommandError(f"timed out after {timeout:g} s waiting for {what}; {state_in_words(self._cell)}")
+            self._step()
+
+    # How it is done
+
+    def _step(self) -> None:
+        """One controller cycle. A program may end inside a cycle: commands are taken at the start of the next one."""
+        started = -(-self._cell.time_us // self._cycle_us)
+        self._cell.step_to((started + 1) * self._cycle_us)
+
+    def _end(self, timeout: float) -> int:
+        return self._cell.time_us + round(timeout * 1e6)
+
+    def _count(self, name: str) -> int:
+        """Next value of a counter."""
+        return self._cell.get_integer(name) + 1
+
+    def _refuse(self, command: str) -> None:
+        reason = refusal(self._cell)
+        if reason is not None:
+            raise CommandError(f"{command}: {reason}")
+
+    def _wait_for_rest(self, command: str) -> None:
+        self.wait(0.0)
+        still = f"rest after {command}"
+        self.wait_until(lambda: not self._cell.get_boolean("controller.moving"), still, _MOST_STOPPING)
+
+    def _run_move(self, mode: Mode, command: str, speed: float, timeout: float) -> None:
+        self._cell.set(self._cell.real_group(["command.speed"]), np.array([speed]))
+        self._cell.set_integer("command.mode", mode)
+        self._cell.set_integer("command.start", self._count("command.start"))
+        end = self._end(timeout)
+        while True:
+            self._step()
+            self._refuse(command)
+            if self._cell.get_boolean("controller.at_destination"):
+                return
+            if self._cell.time_us >= end:
+                done = self.value("controller.progress")
+                monitor = self.value("command.monitor_speed")
+                raise CommandError(
+                    f"{command}: not at its destination after {timeout:g} s ({done:.0%} of the way done, monitor speed "
+                    f"{monitor:g}); {state_in_words(self._cell)}"
+                )
+
+    def _run_jog(self, mode: Mode, command: str, deflections: ArrayLike, duration: float) -> None:
+        self._cell.set(self._jog, np.asarray(deflections, float))
+        self._cell.set_integer("command.mode", mode)
+        end = self._end(duration)
+        try:
+            while self._cell.time_us < end:
+                self._cell.set_integer("command.heartbeat", self._count("command.heartbeat"))
+                self._step()
+                if refusal(self._cell) is not None and self._cell.get_integer("controller.mode") != mode:
+                    self._refuse(command)
+        finally:
+            self._cell.set(self._jog, np.zeros(_AXES))
+            self._cell.set_integer("command.mode", Mode.HOLD)
+        self._wait_for_rest(command)

@@ -1,0 +1,44 @@
+"""What chosen variables of a running cell were, at every communication step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.instance import CellInstance
+
+Array = NDArray[np.float64]
+
+
+class SignalLog:
+    """Listens to a cell from now on; Boolean variables count 0 and 1.
+
+    Raises
+    ------
+    CellError
+        If the cell has no such variable.
+    """
+
+    def __init__(self, cell: CellInstance, reals: Sequence[str], booleans: Sequence[str] = ()) -> None:
+        self._cell = cell
+        self._reals, self._booleans = tuple(reals), tuple(booleans)
+        self._group = cell.real_group(self._reals)
+        self._rows: list[Array] = []
+        self._listen()
+        cell.on_step(self._listen)
+
+    def _listen(self) -> None:
+        seen = [float(self._cell.get_boolean(name)) for name in self._booleans]
+        self._rows.append(np.concatenate([[self._cell.time_us * 1e-6], self._cell.get(self._group), seen]))
+
+    @property
+    def time(self) -> Array:
+        """Instants (n,) in s, the present one at the beginning first."""
+        return np.array([row[0] for row in self._rows])
+
+    def __getitem__(self, name: str) -> Array:
+        """Values (n,) of a variable, SI."""
+        column = 1 + (*self._reals, *self._booleans).index(name)
+        return np.array([row[column] for row in self._rows])

@@ -1,0 +1,325 @@
+"""Description of the robot cell: arm, tool, rotary table, part, simulation steps."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from scancell.config.contact import ContactDescription
+from scancell.config.description import (
+    Description,
+    FileDescription,
+    Finite,
+    Fraction,
+    NonNegative,
+    PoseDescription,
+    Positive,
+)
+from scancell.config.devices import (
+    ArrivalDescription,
+    ConveyorDescription,
+    FurtherPartDescription,
+    PartDensity,
+    PartFriction,
+    PartMaterial,
+    PartReflectance,
+    PartSprings,
+    check_devices,
+)
+from scancell.config.drives import DriveDescription, InertiaDescription, MotionDescription
+from scancell.config.gripper import GripperDescription
+from scancell.config.light import LightDescription
+from scancell.config.material import MaterialDescription
+from scancell.config.sensing import CollisionDescription, DistanceSensorDescription, PresenceSensorDescription
+from scancell.config.soft import check_soft
+
+# Keys of every encoder, of the joints and of the table.
+EncoderResolution = Annotated[
+    NonNegative, Field(description="quantisation step of the measured angle, deg; 0: continuous")
+]
+EncoderNoise = Annotated[NonNegative, Field(description="standard deviation of the measured angle's noise, deg")]
+EncoderLatency = Annotated[float, Field(ge=0.0, le=100.0, description="age of the measured angle when it is read, ms")]
+
+
+class JointDescription(Description):
+    """One revolute joint and the link that it moves, standard Denavit-Hartenberg.
+
+    ``T = Rz(q + theta) T(a, 0, d) Rx(alpha)``; the frame of a link lies at its far end, with z along the next axis.
+    """
+
+    a_mm: Finite = Field(description="Denavit-Hartenberg a: distance from this joint's axis to the next along x, mm")
+    d_mm: Finite = Field(description="Denavit-Hartenberg d: offset along this joint's axis, mm")
+    alpha_deg: Finite = Field(
+        description="Denavit-Hartenberg alpha: angle from this joint's axis to the next about x, deg"
+    )
+    theta_deg: Finite = Field(default=0.0, description="offset added to the joint angle, deg")
+    min_deg: Finite = Field(description="lower limit of the joint angle, deg")
+    max_deg: Finite = Field(description="upper limit of the joint angle, deg")
+    max_speed_deg_s: Positive = Field(description="speed limit of the joint, deg/s")
+    max_acceleration_deg_s2: Positive = Field(description="acceleration limit of the joint, deg/s²")
+    max_jerk_deg_s3: Positive = Field(
+        default=20_000.0, description="jerk limit of programmed motion at monitor speed 1, deg/s³"
+    )
+    encoder_resolution_deg: EncoderResolution = 0.0
+    encoder_noise_deg: EncoderNoise = 0.0
+    encoder_latency_ms: EncoderLatency = 0.0
+    drive: DriveDescription | None = Field(
+        default=None, description='motor and gear of the joint; required where robot.drive = "dynamic"'
+    )
+    inertia: InertiaDescription | None = Field(
+        default=None,
+        description="mass properties of the link, link frame; default: from its mesh and robot.link_density_kg_m3",
+    )
+    mesh: str | None = Field(default=None, description="file of the link's mesh, link frame, mm; default: none")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.min_deg >= self.max_deg:
+            raise ValueError(f"min_deg ({self.min_deg:g}) must be below max_deg ({self.max_deg:g})")
+        return self
+
+
+class RobotDescription(FileDescription):
+    """A six-axis arm with a spherical wrist."""
+
+    kind: ClassVar[str] = "robot"
+    shipped: ClassVar[str] = "robots/six_axis.toml"
+
+    name: str = Field(description="name of the arm")
+    base: PoseDescription = Field(default=PoseDescription(), description="world_from_base: pose of the arm's base")
+    base_mesh: str | None = Field(
+        default=None, description="file of the fixed base's mesh, base frame, mm; default: none"
+    )
+    joint: Annotated[tuple[JointDescription, ...], Field(min_length=6, max_length=6)] = Field(
+        description="the six joints with their links, from the base to the flange"
+    )
+    drive: Literal["kinematic", "dynamic"] = Field(
+        default="kinematic",
+        description="kinematic: joints follow their set-points exactly; dynamic: motors, gears and inertia act",
+    )
+    link_density_kg_m3: Positive = Field(
+        default=2000.0, description="mean density of the volume inside a link's mesh, motors and cavities included"
+    )
+    motion: MotionDescription = Field(default=MotionDescription(), description="limits of straight lines and jogging")
+    home_deg: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)] = Field(
+        description="joint angles at the start and end of every program, deg"
+    )
+
+    @model_validator(mode="after")
+    def _dynamics_known(self) -> Self:
+        for number, joint in enumerate(self.joint, start=1):
+            if self.drive == "dynamic" and joint.drive is None:
+                raise ValueError(f'joint[{number}].drive is missing: drive = "dynamic" needs the drive of every joint')
+            if self.drive == "dynamic" and joint.inertia is None and joint.mesh is None:
+                raise ValueError(f'joint[{number}]: drive = "dynamic" needs an inertia, or a mesh to compute it from')
+        return self
+
+    @model_validator(mode="after")
+    def _home_within_limits(self) -> Self:
+        for number, (angle, joint) in enumerate(zip(self.home_deg, self.joint, strict=True), start=1):
+            if not joint.min_deg <= angle <= joint.max_deg:
+                limits = f"joint[{number}].min_deg ({joint.min_deg:g}) and max_deg ({joint.max_deg:g})"
+                raise ValueError(f"home_deg[{number}] = {angle:g}: expected an angle between {limits}")
+        return self
+
+
+class FixtureDescription(Description):
+    """The bracket between flange and sensor, by its dimensions.
+
+    ``flange_from_sensor = Rz(rotation) T(offset, 0, plate + reach) Ry(tilt)``: a plate on the flange, an arm of
+    length `reach` along the flange axis, displaced sideways by `offset`, the sensor tilted about its own Y axis.
+    """
+
+    plate_mm: NonNegative = Field(description="thickness of the plate on the flange, along flange z, mm")
+    reach_mm: NonNegative = Field(description="distance from the plate to the sensor's origin along flange z, mm")
+    offset_mm: Finite = Field(default=0.0, description="sideways offset of the sensor, along the rotated x, mm")
+    tilt_deg: Finite = Field(default=0.0, description="tilt of the sensor about its own Y axis, deg")
+    rotation_deg: Finite = Field(default=0.0, description="rotation of the whole fixture about flange z, deg")
+
+
+class ToolDescription(Description):
+    """Pose of the sensor on the flange: given directly, or by the dimensions of its fixture."""
+
+    flange_from_sensor: PoseDescription | None = Field(
+        default=None, description="pose of the sensor in the flange frame; excludes fixture"
+    )
+    fixture: FixtureDescription | None = Field(
+        default=None, description="dimensions of the bracket that holds the sensor; excludes flange_from_sensor"
+    )
+    inertia: InertiaDescription | None = Field(
+        default=None,
+        description="mass properties of the sensor, sensor frame; default: from sensor_mesh and"
+        " robot.link_density_kg_m3",
+    )
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> Self:
+        if (self.flange_from_sensor is None) == (self.fixture is None):
+            raise ValueError("give exactly one of flange_from_sensor and fixture")
+        return self
+
+
+class TableDescription(Description):
+    """Rotary table. The origin of its frame is where the axis meets the top face, z along the axis."""
+
+    pose: PoseDescription = Field(description="world_from_table at table angle 0")
+    radius_mm: Positive = Field(description="radius of the platter, mm")
+    thickness_mm: Positive = Field(description="thickness of the platter below its top face, mm")
+    max_speed_deg_s: Positive = Field(description="speed limit of the table, deg/s")
+    max_acceleration_deg_s2: Positive = Field(description="acceleration limit of the table, deg/s²")
+    max_jerk_deg_s3: Positive = Field(
+        default=7200.0, description="jerk limit of programmed motion at monitor speed 1, deg/s³"
+    )
+    friction: NonNegative = Field(
+        default=0.6, description="Coulomb friction coefficient of the platter; the smaller one of a contact counts"
+    )
+    encoder_resolution_deg: EncoderResolution = 0.0
+    encoder_noise_deg: EncoderNoise = 0.0
+    encoder_latency_ms: EncoderLatency = 0.0
+    reflectance: Fraction = Field(
+        default=0.05, description="Lambertian reflectance of platter and base at the laser's wavelength, 0..1"
+    )
+    material: MaterialDescription | None = Field(
+        default=None, description="material of platter and base; overrides reflectance"
+    )
+    platter_mesh: str | None = Field(
+        default=None, description="file of the rotating platter's mesh, table frame, mm; default: none"
+    )
+    base_mesh: str | None = Field(
+        default=None, description="file of the fixed base's mesh, table frame at angle 0, mm; default: none"
+    )
+
+
+_Corner = Annotated[tuple[Finite, ...], Field(min_length=3, max_length=3)]
+
+
+class MaterialRegionDescription(Description):
+    """A region of the part with a material of its own: faces with their centre in a box, or listed in a file."""
+
+    material: MaterialDescription = Field(description="material of the faces in this region")
+    min_mm: _Corner | None = Field(
+        default=None, description="lower corner of the box, mesh coordinates, mm; default: unbounded below"
+    )
+    max_mm: _Corner | None = Field(
+        default=None, description="upper corner of the box, mesh coordinates, mm; default: unbounded above"
+    )
+
+
+class PartDescription(Description):
+    """Position and material of the part on the table.
+
+    The part is placed with its bounding box centred on the table axis and its lowest point on the top face;
+    `x_mm`, `y_mm`, `z_mm` and the angles move it from there.
+    """
+
+    fixture: Literal["clamped", "free"] = Field(
+        default="clamped", description="clamped: rigid on the platter; free: held by gravity and friction"
+    )
+    x_mm: Finite = Field(default=0.0, description="bounding-box centre along x of the table frame, mm")
+    y_mm: Finite = Field(default=0.0, description="bounding-box centre along y of the table frame, mm")
+    z_mm: Finite = Field(default=0.0, description="height of the lowest point above the table's top face, mm")
+    rx_deg: Finite = Field(
+        default=0.0, description="rotation of the mesh before it is placed: first angle of XYZ', about x, deg"
+    )
+    ry_deg: Finite = Field(default=0.0, description="second angle of XYZ', about the rotated y, deg")
+    rz_deg: Finite = Field(default=0.0, description="third angle of XYZ', about the twice rotated z, deg")
+    arrival: ArrivalDescription | None = Field(
+        default=None, description="start position of a part that is brought to the table; default: on the table"
+    )
+    density_kg_m3: PartDensity = 2700.0
+    friction: PartFriction = 0.6
+    soft: PartSprings = None
+    reflectance: PartReflectance = 0.5
+    material: PartMaterial = None
+    material_region: tuple[MaterialRegionDescription, ...] = Field(
+        default=(), description="regions with other materials; the last one counts where boxes overlap"
+    )
+    face_materials: str | None = Field(
+        default=None,
+        description="text file or .npy with one integer per face: number of its material_region from 1, or 0 for none",
+    )
+
+    @model_validator(mode="after")
+    def _soft_part_is_free(self) -> Self:
+        check_soft(self.soft, self.fixture)
+        return self
+
+    @model_validator(mode="after")
+    def _arriving_part_is_free(self) -> Self:
+        if self.arrival is not None and self.fixture == "clamped":
+            raise ValueError('fixture "clamped": a part that is brought to the table (arrival) must be "free"')
+        return self
+
+
+class WorldDescription(Description):
+    """Time steps of the simulation, and gravity."""
+
+    time_step_us: Annotated[int, Field(ge=10, le=10_000)] = Field(
+        default=1000, description="step of the dynamics simulation, µs"
+    )
+    controller_cycle_us: Annotated[int, Field(ge=1000, le=100_000)] = Field(
+        default=16_000, description="cycle of the robot controller's set-points, µs; a multiple of time_step_us"
+    )
+    gravity_m_s2: NonNegative = Field(default=9.80665, description="gravity along world -z, m/s²")
+
+    @model_validator(mode="after")
+    def _whole_cycles(self) -> Self:
+        if self.controller_cycle_us % self.time_step_us:
+            cycle, step = self.controller_cycle_us, self.time_step_us
+            raise ValueError(f"controller_cycle_us ({cycle}) must be a multiple of time_step_us ({step})")
+        return self
+
+
+class CellDescription(FileDescription):
+    """The robot cell. In a file, `robot` may also be the path of a robot file.
+
+    Paths of files are relative to the file that names them; what does not exist there is looked up in the folder
+    of the shipped descriptions (cells, robots), so that a copied sample works in any folder.
+    """
+
+    kind: ClassVar[str] = "cell"
+    shipped: ClassVar[str] = "cells/default.toml"
+
+    name: str = Field(description="name of the cell")
+    world: WorldDescription = Field(default=WorldDescription(), description="time steps of the simulation, gravity")
+    robot: RobotDescription = Field(description="the arm")
+    robot_reflectance: Fraction = Field(
+        default=0.3, description="Lambertian reflectance of arm and sensor housing at the laser's wavelength, 0..1"
+    )
+    robot_material: MaterialDescription | None = Field(
+        default=None, description="material of arm and sensor housing; overrides robot_reflectance"
+    )
+    tool: ToolDescription = Field(description="pose of the sensor on the flange")
+    sensor_mesh: str | None = Field(
+        default=None, description="file of the sensor housing's mesh, sensor frame, mm; default: none"
+    )
+    table: TableDescription = Field(description="the rotary table")
+    part: PartDescription = Field(
+        default=PartDescription(), description="position and material of the part that is scanned"
+    )
+    further_part: tuple[FurtherPartDescription, ...] = Field(
+        default=(), description="parts beside the one that is scanned, numbered from part[2]"
+    )
+    conveyor: tuple[ConveyorDescription, ...] = Field(default=(), description="conveyor belts")
+    gripper: GripperDescription | None = Field(default=None, description="gripper on the flange; default: none")
+    contact: ContactDescription = Field(
+        default=ContactDescription(), description="contact solver and number of contact points"
+    )
+    light: Annotated[tuple[LightDescription, ...], Field(max_length=64)] = Field(
+        default=(), description="external lights that the cameras see"
+    )
+    presence_sensor: tuple[PresenceSensorDescription, ...] = Field(
+        default=(), description="presence sensors (light barriers)"
+    )
+    distance_sensor: tuple[DistanceSensorDescription, ...] = Field(
+        default=(), description="triangulating distance sensors with a single ray"
+    )
+    collision: CollisionDescription = Field(
+        default=CollisionDescription(), description="collision and clearance outputs of the FMU"
+    )
+
+    @model_validator(mode="after")
+    def _devices_fit(self) -> Self:
+        check_devices(self.part.arrival, self.further_part, self.conveyor)
+        return self

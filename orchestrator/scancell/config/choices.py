@@ -1,0 +1,9 @@
+"""Words that descriptions and command lines choose from; without dependencies, so that the command starts fast."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Engine = Literal["ray-traced", "geometric"]
+Mode = Literal["dynamic", "stop-and-look"]
+Frame = Literal["part", "table", "base", "world"]

@@ -1,0 +1,215 @@
+"""Base classes of all descriptions: immutable, unknown keys refused, errors that name file, key and value."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from scancell.config.files import assets_dir, plain_data, read_description, resolve_files, toml_text
+from scancell.config.keys import KeyPath, Origin, join_path, set_value, split_path
+from scancell.errors import DescriptionError
+from scancell.files import atomic_write
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class Description(BaseModel):
+    """A typed table of a TOML file, in the units that its keys name."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, validate_default=True)
+
+    def replace(self, changes: Mapping[str, Any] | None = None, /, **values: Any) -> Self:
+        """Return a copy with some values changed, checked like a file.
+
+        Parameters
+        ----------
+        changes
+            Values by key; ``table.key`` and ``list[2].key`` (indices from 1) lead into the description:
+            ``cell.replace({"part.x_mm": 20, "robot.joint[2].max_deg": 40})``. Tables that the description lacks are
+            created. Relative paths of files are relative to the current folder.
+        values
+            The same for keys without a dot: ``camera.replace(tilt_deg=30)``.
+
+        Raises
+        ------
+        DescriptionError
+            Naming each wrong key, its value and what was expected.
+        """
+        source = f"{type(self).__name__}.replace"
+        raw = plain_data(self)
+        for key, value in {**(changes or {}), **values}.items():
+            set_value(raw, split_path(key), plain_data(value), source)
+        return checked(type(self), raw, source)
+
+
+Model = TypeVar("Model", bound=Description)
+
+
+class FileDescription(Description):
+    """A description with a TOML file of its own."""
+
+    kind: ClassVar[str]
+    shipped: ClassVar[str]
+
+    @classmethod
+    def default(cls) -> Self:
+        """Read the shipped description that commands use when none is given."""
+        return cls.from_toml(assets_dir() / cls.shipped)
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Self:
+        """Read and check a file, or the section of its kind of a run's ``resolved.toml``.
+
+        Relative paths of meshes are relative to the file, else to the folder of the shipped descriptions.
+
+        Raises
+        ------
+        DescriptionError
+            Naming file, key, value and what was expected.
+        """
+        return checked(cls, *read_description(cls.kind, Path(path)))
+
+    def to_toml(self, path: str | Path) -> None:
+        """Write a file that `from_toml` reads as an equal description; values equal to their defaults are left out.
+
+        Paths of meshes become absolute, or relative to the file if they lie below its folder.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
+        with atomic_write(path) as temporary:
+            text = toml_text(self.model_dump(exclude_defaults=True), Path(path).parent)
+            temporary.write_text(text, encoding="utf-8")
+
+
+class PoseDescription(Description):
+    """Pose `target_from_source`: translation, then rotation XYZ' (intrinsic) or Adept's yaw-pitch-roll ZYZ'."""
+
+    x_mm: Finite = Field(default=0.0, description="translation along x of the target frame, mm")
+    y_mm: Finite = Field(default=0.0, description="translation along y of the target frame, mm")
+    z_mm: Finite = Field(default=0.0, description="translation along z of the target frame, mm")
+    rx_deg: Finite = Field(default=0.0, description="first angle of the intrinsic XYZ' rotation, about x, deg")
+    ry_deg: Finite = Field(default=0.0, description="second angle of XYZ', about the rotated y, deg")
+    rz_deg: Finite = Field(default=0.0, description="third angle of XYZ', about the twice rotated z, deg")
+    yaw_deg: Finite | None = Field(
+        default=None, description="first angle of ZYZ', about z, deg; with pitch_deg and roll_deg instead of XYZ'"
+    )
+    pitch_deg: Finite | None = Field(default=None, description="second angle of ZYZ', about the rotated y, deg")
+    roll_deg: Finite | None = Field(default=None, description="third angle of ZYZ', about the twice rotated z, deg")
+
+    @model_validator(mode="after")
+    def _one_convention(self) -> Self:
+        zyz = [angle is not None for angle in (self.yaw_deg, self.pitch_deg, self.roll_deg)]
+        if any(zyz) and not all(zyz):
+            raise ValueError("yaw_deg, pitch_deg and roll_deg must be given together")
+        if any(zyz) and (self.rx_deg or self.ry_deg or self.rz_deg):
+            raise ValueError("give either rx_deg, ry_deg, rz_deg or yaw_deg, pitch_deg, roll_deg")
+        return self
+
+
+def checked(model: type[Model], data: dict[str, Any], source: str, origins: Sequence[Origin] = ()) -> Model:
+    """`validate`, after the paths of files that are still relative became absolute from the current folder."""
+    resolve_files(data, lambda path: _origin(path, source, origins)[0], [Path()])
+    return validate(model, data, source, origins)
+
+
+def validate(model: type[Model], data: Any, source: str, origins: Sequence[Origin] = ()) -> Model:
+    """Check `data` against `model`.
+
+    Parameters
+    ----------
+    source
+        Name of the file or object for messages.
+    origins
+        Values that came from elsewhere; a later one counts before an earlier one of the same path.
+
+    Raises
+    ------
+    DescriptionError
+        Naming the source of each wrong value, its key, the value and what was expected.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise DescriptionError("\n".join(_messages(model, data, error, source, origins))) from None
+
+
+def _messages(
+    model: type[Description], data: Any, error: ValidationError, source: str, origins: Sequence[Origin]
+) -> list[str]:
+    """One line per wrong key, where the alternatives of a key with several types are joined."""
+    expected: dict[str, list[str]] = {}
+    for item in error.errors():
+        path = _path_in(data, item["loc"], item["type"] == "missing")
+        name, hidden = _origin(path, source, origins, item["msg"])
+        key = join_path(path[hidden:])
+        named = item["type"] in ("extra_forbidden", "missing") or isinstance(item["input"], dict | list | tuple)
+        value = key if named else f"{key} = {item['input']!r}"
+        subject = f"{name}: {value}" if key else name
+        expected.setdefault(subject, []).append(_expectation(model, item))
+    return [f"{subject}: {' or '.join(dict.fromkeys(texts))}" for subject, texts in expected.items()]
+
+
+def _expectation(model: type[Description], item: Any) -> str:
+    if item["type"] == "extra_forbidden":
+        known = _known_keys(model, item["loc"][:-1])
+        near = difflib.get_close_matches(str(item["loc"][-1]), known, n=1)
+        return f"unknown key; did you mean '{near[0]}'?" if near else f"unknown key; known here: {', '.join(known)}"
+    if item["type"] == "missing":
+        return "missing, and it has no default"
+    return str(item["msg"]).removeprefix("Value error, ").replace("Input should", "must", 1)
+
+
+def _path_in(data: Any, location: KeyPath, missing: bool) -> KeyPath:
+    """Path in the data of an error's location, which also names validators and the types of alternatives."""
+    path: list[str | int] = []
+    for part in location:
+        is_item = isinstance(part, int) and isinstance(data, list | tuple) and part < len(data)
+        if is_item or (isinstance(data, Mapping) and part in data):
+            path.append(part)
+            data = data[part]
+    return (*path, location[-1]) if missing else tuple(path)
+
+
+def _origin(path: KeyPath, source: str, origins: Sequence[Origin], message: str = "") -> tuple[str, int]:
+    """Source of the value or table at `path`, and how many leading parts of its key the source implies."""
+    above = [Origin((), source), *(origin for origin in origins if origin.path == path[: len(origin.path)])]
+    nearest = max(reversed(above), key=lambda origin: len(origin.path))
+    # Values that conflict inside a table may have come from elsewhere; the message names their keys.
+    below = {
+        origin.path: origin.source
+        for origin in origins
+        if len(origin.path) > len(path) and origin.path[: len(path)] == path and str(origin.path[-1]) in message
+    }
+    return " with ".join([nearest.source, *below.values()]), nearest.hidden
+
+
+def _known_keys(model: type[Description], location: KeyPath) -> list[str]:
+    """Keys of the table at `location`, where a part of it may be the kind that chooses between several tables."""
+    tables: list[type[Description]] = [model]
+    for part in location:
+        if isinstance(part, int):
+            continue
+        fields = [table.model_fields[part] for table in tables if part in table.model_fields]
+        tables = _descriptions_in(fields[0].annotation) if fields else [t for t in tables if part in _kinds(t)]
+    return list(tables[0].model_fields) if tables else []
+
+
+def _kinds(table: type[Description]) -> tuple[Any, ...]:
+    field = table.model_fields.get("kind")
+    return getattr(field.annotation, "__args__", ()) if field else ()
+
+
+def _descriptions_in(annotation: Any) -> list[type[Description]]:
+    if isinstance(annotation, type) and issubclass(annotation, Description):
+        return [annotation]
+    return [found for argument in getattr(annotation, "__args__", ()) for found in _descriptions_in(argument)]

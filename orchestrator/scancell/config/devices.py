@@ -1,0 +1,143 @@
+"""Descriptions of further parts and conveyors, and of where the scanned part arrives."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, StringConstraints, model_validator
+
+from scancell.config.description import Description, Fraction, NonNegative, PoseDescription, Positive
+from scancell.config.material import MaterialDescription
+from scancell.config.soft import SoftDescription, check_soft
+
+Name = Annotated[str, StringConstraints(min_length=1, pattern=r"^[A-Za-z][A-Za-z0-9_ -]*$")]
+
+# Keys of every part, the scanned one and further ones.
+PartDensity = Annotated[Positive, Field(description="density of the part, for mass and inertia")]
+PartFriction = Annotated[
+    NonNegative, Field(description="Coulomb friction coefficient of the part; the smaller one of a contact counts")
+]
+PartSprings = Annotated[SoftDescription | None, Field(description="springs of a soft part; default: rigid")]
+PartReflectance = Annotated[
+    Fraction, Field(description="Lambertian reflectance of the part at the laser's wavelength, 0..1")
+]
+PartMaterial = Annotated[MaterialDescription | None, Field(description="material of the part; overrides reflectance")]
+
+
+class FurtherPartDescription(Description):
+    """A part beside the scanned one, which is ``part[1]``; these are numbered from 2 in the order of the file."""
+
+    name: Name = Field(description="unique name of the part")
+    mesh: str = Field(description="file of the part's mesh, part frame")
+    unit: Literal["mm", "m", "inch"] = Field(default="mm", description="length unit of the mesh file")
+    stands_on: str = Field(
+        default="table",
+        pattern=r"^(table|world|conveyor\[[1-9][0-9]*\])$",
+        description="support of the part: table, world or conveyor[i]",
+    )
+    pose: PoseDescription = Field(
+        default=PoseDescription(),
+        description="support_from_part at the start; frame of the table at angle 0, of the world, or of the belt",
+    )
+    fixture: Literal["clamped", "free"] = Field(
+        default="free", description="clamped: rigid on its support; free: held by gravity and friction"
+    )
+    density_kg_m3: PartDensity = 2700.0
+    friction: PartFriction = 0.6
+    soft: PartSprings = None
+    reflectance: PartReflectance = 0.5
+    material: PartMaterial = None
+
+    @model_validator(mode="after")
+    def _part_on_belt_is_free(self) -> Self:
+        if self.fixture == "clamped" and self.stands_on.startswith("conveyor"):
+            raise ValueError(f'fixture "clamped": a part on {self.stands_on} cannot be clamped; expected "free"')
+        return self
+
+    @model_validator(mode="after")
+    def _soft_part_is_free(self) -> Self:
+        check_soft(self.soft, self.fixture)
+        return self
+
+    @property
+    def conveyor(self) -> int | None:
+        """Number, from 1, of the conveyor that supports the part."""
+        return _conveyor(self.stands_on)
+
+
+class ConveyorDescription(Description):
+    """A conveyor belt. Its frame has the origin in the centre of the top face, x along the travel and z up."""
+
+    name: Name = Field(description="unique name of the conveyor")
+    pose: PoseDescription = Field(description="world_from_belt: pose of the belt frame")
+    length_mm: Positive = Field(description="length of the belt along its travel, mm")
+    width_mm: Positive = Field(description="width of the belt, mm")
+    thickness_mm: Positive = Field(default=50.0, description="thickness of the belt below its top face, mm")
+    max_speed_mm_s: Positive = Field(default=500.0, description="speed limit of the belt, mm/s")
+    max_acceleration_mm_s2: Positive = Field(default=1000.0, description="acceleration limit of the belt, mm/s²")
+    friction: NonNegative = Field(
+        default=0.6, description="Coulomb friction coefficient of the belt; the smaller one of a contact counts"
+    )
+    reflectance: Fraction = Field(
+        default=0.05, description="Lambertian reflectance of the belt at the laser's wavelength, 0..1"
+    )
+    material: MaterialDescription | None = Field(
+        default=None, description="material of the belt; overrides reflectance"
+    )
+
+
+# Names of the cell's own bodies.
+RESERVED_NAMES = frozenset(
+    {
+        "base",
+        *(f"link{i}" for i in range(1, 7)),
+        "sensor",
+        "table",
+        "table_base",
+        "part",
+        "gripper",
+        "finger1",
+        "finger2",
+    }
+)
+
+
+class ArrivalDescription(Description):
+    """Start position of a scanned part that is brought to the table."""
+
+    stands_on: str = Field(
+        pattern=r"^(world|conveyor\[[1-9][0-9]*\])$", description="support of the part: world or conveyor[i]"
+    )
+    pose: PoseDescription = Field(
+        default=PoseDescription(),
+        description="support_from_part at the start: in the frame of the world, or of the belt",
+    )
+
+    @property
+    def conveyor(self) -> int | None:
+        """Number, from 1, of the conveyor that supports the part."""
+        return _conveyor(self.stands_on)
+
+
+def _conveyor(stands_on: str) -> int | None:
+    return int(stands_on[9:-1]) if stands_on.startswith("conveyor") else None
+
+
+def check_devices(
+    arrival: ArrivalDescription | None,
+    parts: tuple[FurtherPartDescription, ...],
+    conveyors: tuple[ConveyorDescription, ...],
+) -> None:
+    """Raise `ValueError` for a name that is used twice, or a part on a conveyor that does not exist."""
+    seen = set(RESERVED_NAMES)
+    for name in [*(part.name for part in parts), *(conveyor.name for conveyor in conveyors)]:
+        if name in seen:
+            raise ValueError(f"the name '{name}' is taken; names of parts and conveyors must be unique")
+        seen.add(name)
+    standing: list[tuple[str, ArrivalDescription | FurtherPartDescription]]
+    standing = [(f"part '{part.name}'", part) for part in parts]
+    if arrival is not None:
+        standing.append(("part.arrival", arrival))
+    for who, part in standing:
+        if part.conveyor is not None and part.conveyor > len(conveyors):
+            raise ValueError(f"{who}: stands_on = '{part.stands_on}', but there are {len(conveyors)} conveyors")

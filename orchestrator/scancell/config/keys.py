@@ -1,0 +1,120 @@
+"""Key paths such as ``camera[1].tilt_deg``, and ``key=value`` words that change plain data."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from scancell.errors import DescriptionError
+
+KeyPath = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Source of the value at `path`, where it is not the file of the whole description.
+
+    Attributes
+    ----------
+    path
+        Table, list item or value; everything below it has the same source.
+    source
+        Name for messages: another file, or a command-line word such as ``--set cell.part.x_mm=20``.
+    hidden
+        Number of leading parts of `path` that messages leave out, because `source` implies them.
+    """
+
+    path: KeyPath
+    source: str
+    hidden: int = 0
+
+
+def parse_assignment(word: str) -> tuple[str, Any]:
+    """Split ``key=value``; the value is read as TOML, and as plain text where it is not TOML.
+
+    Raises
+    ------
+    DescriptionError
+        If there is no ``=`` or no key.
+    """
+    key, equals, text = word.partition("=")
+    if not equals or not key.strip():
+        raise DescriptionError(f"'{word}': expected key=value, for example cell.part.x_mm=20")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    return key.strip(), value
+
+
+def split_path(key: str) -> list[str | int]:
+    """``camera[1].tilt_deg`` becomes ``["camera", 0, "tilt_deg"]`` (indices in keys count from 1).
+
+    Raises
+    ------
+    DescriptionError
+        If an index is not a positive integer.
+    """
+    parts: list[str | int] = []
+    for piece in key.split("."):
+        name, bracket, rest = piece.partition("[")
+        parts.append(name)
+        if bracket:
+            digits = rest.removesuffix("]")
+            if not rest.endswith("]") or not digits.isdigit() or int(digits) < 1:
+                raise DescriptionError(f"'{key}': expected an index like [1], counting from 1, in '{piece}'")
+            parts.append(int(digits) - 1)
+    return parts
+
+
+def join_path(path: Sequence[str | int]) -> str:
+    """Key of a path, the inverse of `split_path`."""
+    text = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in path)
+    return text.removeprefix(".")
+
+
+def override(raw: dict[str, Any], word: str, option: str) -> Origin:
+    """Change plain data by the ``key=value`` word of a command-line option; the key is not checked against a schema.
+
+    Returns
+    -------
+    Origin
+        The value or table that the word has set or created; for the messages of `validate`.
+
+    Raises
+    ------
+    DescriptionError
+        If the key leads through something that is neither a table nor an item of a list.
+    """
+    key, value = parse_assignment(word)
+    source = f"{option} {word}"
+    return Origin(set_value(raw, split_path(key), value, source), source)
+
+
+def set_value(raw: dict[str, Any], path: Sequence[str | int], value: Any, source: str) -> KeyPath:
+    """Set the value at a path, creating missing tables on the way; return the shortest path that was set or created.
+
+    Raises
+    ------
+    DescriptionError
+        If the path leads through something that is neither a table nor an item of a list; names `source`.
+    """
+    node: Any = raw
+    changed = len(path)
+    for position, part in enumerate(path):
+        if isinstance(part, int):
+            count = len(node) if isinstance(node, list) else 0
+            if part >= count:
+                raise DescriptionError(f"{source}: index [{part + 1}] does not exist, there are {count}")
+        elif not isinstance(node, dict):
+            raise DescriptionError(f"{source}: '{part}' is not inside a table")
+        elif part not in node and position + 1 < len(path):
+            node[part] = [] if isinstance(path[position + 1], int) else {}
+            changed = min(changed, position + 1)
+        if position + 1 == len(path):
+            node[part] = value
+        else:
+            node = node[part]
+    return tuple(path[:changed])

@@ -1,0 +1,176 @@
+"""From TOML files, descriptions and ``key=value`` words to the checked descriptions of a scan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from scancell.config.cell import CellDescription
+from scancell.config.description import FileDescription, checked, validate
+from scancell.config.files import FILE_KEYS, assets_dir, plain_data, read_description, read_toml
+from scancell.config.keys import Origin, override, parse_assignment, split_path
+from scancell.config.scan import ScanDescription
+from scancell.config.sensor import SensorDescription
+from scancell.errors import DescriptionError
+
+__all__ = [
+    "FILE_KEYS",
+    "Setup",
+    "as_built_sensor",
+    "assets_dir",
+    "load_resolved",
+    "load_setup",
+    "override",
+    "parse_assignment",
+    "read_toml",
+    "require_sensor_words",
+    "sensor_words",
+    "split_path",
+]
+
+_MODELS: tuple[type[FileDescription], ...] = (CellDescription, SensorDescription, ScanDescription)
+_SECTIONS = tuple(model.kind for model in _MODELS)
+_BUILT = ("laser", "camera", "detector", "ambient")  # properties of the sensor's hardware
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The nominal descriptions of a scan: everything that planning and reconstruction know beside the part's mesh.
+
+    Attributes
+    ----------
+    cell
+        Arm, tool, rotary table, position of the part, further devices.
+    sensor
+        Laser, cameras, detector, extraction.
+    scan
+        Views, spacing and speed.
+    """
+
+    cell: CellDescription
+    sensor: SensorDescription
+    scan: ScanDescription
+
+
+def load_setup(
+    cell: CellDescription | str | Path | None = None,
+    sensor: SensorDescription | str | Path | None = None,
+    scan: ScanDescription | str | Path | None = None,
+    overrides: Sequence[str] = (),
+    ideal: bool = False,
+) -> Setup:
+    """Read, override and check the descriptions.
+
+    Parameters
+    ----------
+    cell, sensor, scan
+        A description, or the path of a file of that kind or of a run's ``resolved.toml``; None: the shipped default.
+    overrides
+        Words like ``cell.part.x_mm=20`` or ``sensor.camera[1].tilt_deg=29.4``; the value is read as TOML. Paths of
+        files are relative to the current folder.
+    ideal
+        Switch off all noise of sensor and encoders.
+
+    Raises
+    ------
+    DescriptionError
+        Naming the file or the override, key, value and what was expected.
+    """
+    read = [_raw(model, item) for model, item in zip(_MODELS, (cell, sensor, scan), strict=True)]
+    raw = {section: data for section, (data, _, _) in zip(_SECTIONS, read, strict=True)}
+    words = [_apply_override(raw, word, "--set") for word in overrides]
+    if ideal:
+        _switch_off_noise(raw)
+    sections = {}
+    for model, (data, source, origins) in zip(_MODELS, read, strict=True):
+        own = [Origin(word.path[1:], word.source) for word in words if word.path[0] == model.kind]
+        sections[model.kind] = checked(model, data, source, [*origins, *own])
+    return Setup(**sections)  # type: ignore[arg-type]
+
+
+def load_resolved(path: str | Path) -> tuple[Setup, dict[str, Any]]:
+    """Read the ``resolved.toml`` of a run folder.
+
+    Returns
+    -------
+    setup
+        The nominal descriptions that the run used.
+    run
+        Its other inputs: part, unit, engine, as_built, seed, command line.
+
+    Raises
+    ------
+    DescriptionError
+        Naming file, key, value and what was expected.
+    """
+    run = read_toml(Path(path)).get("run")
+    if not isinstance(run, dict):
+        raise DescriptionError(f"{path}: expected a section [run], as in the resolved.toml of a run folder")
+    return load_setup(path, path, path), run
+
+
+def _raw(
+    model: type[FileDescription], item: FileDescription | str | Path | None
+) -> tuple[dict[str, Any], str, list[Origin]]:
+    """Plain data that may be changed, its name for messages, and other sources."""
+    if isinstance(item, FileDescription):
+        return plain_data(item), f"{type(item).__name__} '{getattr(item, 'name', '')}'", []
+    return read_description(model.kind, assets_dir() / model.shipped if item is None else Path(item))
+
+
+def as_built_sensor(nominal: SensorDescription, words: Sequence[str]) -> SensorDescription:
+    """Sensor as built: the nominal one changed by those of `words` that begin with ``sensor.``.
+
+    Raises
+    ------
+    DescriptionError
+        If a key is unknown, is no property of the hardware, or its value is out of bounds.
+    """
+    words = sensor_words(words)
+    if not words:
+        return nominal
+    raw = {"sensor": plain_data(nominal)}
+    origins = []
+    for word in words:
+        section = str(split_path(parse_assignment(word)[0])[1])
+        if section not in _BUILT:
+            raise DescriptionError(f"--as-built {word}: expected a key of sensor.{', sensor.'.join(_BUILT)}")
+        changed = _apply_override(raw, word, "--as-built")
+        origins.append(Origin(changed.path[1:], changed.source))
+    return validate(SensorDescription, raw["sensor"], "--as-built: sensor", origins)
+
+
+def sensor_words(as_built: Sequence[str]) -> list[str]:
+    """Those of the ``--as-built`` words that change the sensor; the others change the cell."""
+    return [word for word in as_built if word.startswith("sensor.")]
+
+
+def require_sensor_words(as_built: Sequence[str], why: str) -> None:
+    """Refuse ``--as-built`` words of the cell where only those of the sensor apply; `why` explains it.
+
+    Raises
+    ------
+    DescriptionError
+        Naming the word.
+    """
+    for word in as_built:
+        if word not in sensor_words([word]):
+            raise DescriptionError(f"--as-built {word}: {why}; expected a key of the sensor (sensor.…)")
+
+
+def _apply_override(raw: dict[str, Any], word: str, option: str) -> Origin:
+    parts = split_path(parse_assignment(word)[0])
+    if parts[0] not in _SECTIONS or len(parts) < 2:
+        raise DescriptionError(f"{option} {word}: the key must begin with one of {', '.join(_SECTIONS)}")
+    return override(raw, word, option)
+
+
+def _switch_off_noise(raw: dict[str, Any]) -> None:
+    raw["sensor"].setdefault("render", {})["noise"] = False
+    owners: list[Mapping[str, Any]] = [raw["cell"].get("table", {}), *raw["cell"].get("robot", {}).get("joint", [])]
+    for owner in owners:
+        if isinstance(owner, dict):
+            owner["encoder_resolution_deg"] = 0.0
+            owner["encoder_noise_deg"] = 0.0

@@ -1,0 +1,79 @@
+"""Description of a scan: views, spacing, speed."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Self
+
+from pydantic import Field, model_validator
+
+from scancell.config.choices import Mode
+from scancell.config.description import Description, FileDescription, Finite, NonNegative, PoseDescription, Positive
+
+_Elevation = Annotated[float, Field(ge=0.0, le=85.0)]
+
+
+class SweepDescription(Description):
+    """Full turns of the table under a fixed sensor."""
+
+    enabled: bool = Field(default=True, description="whether the scan contains sweeps")
+    elevations_deg: tuple[_Elevation, ...] = Field(
+        default=(30.0, 60.0), description="angles of the viewing direction above the horizontal, deg; sweeps at each"
+    )
+    azimuth_deg: Finite = Field(
+        default=105.0, description="direction from the table axis to the sensor, from world +x about z, deg"
+    )
+    standoff_mm: Positive = Field(
+        default=80.0, description="distance along sensor Z to the nearest surface of the part, also in passes, mm"
+    )
+    height_step_mm: Positive = Field(
+        default=30.0, description="distance between neighbouring sweeps along the laser line, mm"
+    )
+    angle_step_deg: Annotated[float, Field(ge=0.01, le=30.0)] = Field(
+        default=1.0, description="table angle between exposures, deg; increased to stay within max_profiles"
+    )
+    speed_deg_s: Positive = Field(default=40.0, description="table speed during exposures, deg/s")
+
+
+class RasterDescription(Description):
+    """Straight passes over the top of the part, sensor pointing down."""
+
+    enabled: bool = Field(default=True, description="whether the scan contains passes")
+    pitch_mm: Positive = Field(
+        default=0.5, description="distance between exposures along the pass, mm; increased to stay within max_profiles"
+    )
+    overlap_mm: NonNegative = Field(default=4.0, description="overlap of neighbouring passes along the laser line, mm")
+    speed_mm_s: Positive = Field(default=50.0, description="speed of the sensor along the pass, mm/s")
+
+
+class ScanDescription(FileDescription):
+    """Views of a scan: with `pose` these poses only, otherwise planned sweeps and passes around the part."""
+
+    kind: ClassVar[str] = "scan"
+    shipped: ClassVar[str] = "scans/default.toml"
+
+    mode: Mode = Field(
+        default="dynamic",
+        description="dynamic: exposures while moving; stop-and-look: the cell is at rest during every exposure",
+    )
+    max_profiles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
+        default=1300, description="largest number of exposures; spacing is increased to stay within it"
+    )
+    settle_ms: NonNegative = Field(
+        default=100.0, description="waiting time at rest before each exposure in stop-and-look mode, ms"
+    )
+    clearance_mm: NonNegative = Field(default=5.0, description="smallest distance allowed between bodies, mm")
+    table_margin_mm: Finite = Field(
+        default=0.5,
+        description="points less than this above the nominal top face of the table are removed as table points, mm",
+    )
+    sweep: SweepDescription = Field(default=SweepDescription(), description="turns of the table under a fixed sensor")
+    raster: RasterDescription = Field(default=RasterDescription(), description="straight passes over the part's top")
+    pose: tuple[PoseDescription, ...] = Field(
+        default=(), description="part_from_sensor of single exposures; replaces sweeps and passes"
+    )
+
+    @model_validator(mode="after")
+    def _has_views(self) -> Self:
+        if not (self.sweep.enabled or self.raster.enabled or self.pose):
+            raise ValueError("nothing to scan: enable sweep or raster, or give at least one pose")
+        return self

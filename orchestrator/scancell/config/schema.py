@@ -1,0 +1,32 @@
+"""JSON Schemas of the description files, for completion and checks in editors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from scancell.config.batch import BatchDescription
+from scancell.config.cell import CellDescription, RobotDescription
+from scancell.config.scan import ScanDescription
+from scancell.config.sensor import SensorDescription
+from scancell.config.study import StudyDescription
+
+_DRAFT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def json_schemas() -> dict[str, dict[str, Any]]:
+    """Schemas by kind of file: ``cell``, ``robot``, ``sensor``, ``scan``, ``study``, ``batch``."""
+    schemas = {
+        "cell": CellDescription.model_json_schema(),
+        "robot": RobotDescription.model_json_schema(),
+        "sensor": SensorDescription.model_json_schema(),
+        "scan": ScanDescription.model_json_schema(),
+        "batch": BatchDescription.model_json_schema(),
+        "study": StudyDescription.model_json_schema(),
+    }
+    # A cell file may name a robot file instead of holding the robot.
+    robot = schemas["cell"]["properties"]["robot"]
+    schemas["cell"]["properties"]["robot"] = {
+        "anyOf": [{"$ref": robot["$ref"]}, {"type": "string"}],
+        "description": f"{robot['description']}, or the path of a robot file",
+    }
+    return {kind: {"$schema": _DRAFT, **schema} for kind, schema in schemas.items()}

@@ -1,0 +1,63 @@
+"""Descriptions of presence and distance sensors, and of the collision outputs."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from scancell.config.description import Description, NonNegative, PoseDescription, Positive
+
+Frame = Annotated[str, Field(pattern=r"^(world|sensor|table|link\[[1-6]\]|part\[[1-9][0-9]*\]|finger\[[12]\])$")]
+FramedPose = Field(
+    default=PoseDescription(), description="frame_from_sensor: pose of the sensor in the frame that it moves with"
+)
+MovesWith = Field(default="world", description="frame that the sensor moves with")
+Period = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
+
+
+class PresenceSensorDescription(Description):
+    """A box that detects whether any part intersects it. The origin of its frame is the box's centre."""
+
+    name: str = Field(description="name of the sensor")
+    moves_with: Frame = MovesWith
+    pose: PoseDescription = FramedPose
+    x_size_mm: Positive = Field(description="size of the box along its x, mm")
+    y_size_mm: Positive = Field(description="size of the box along its y, mm")
+    z_size_mm: Positive = Field(description="size of the box along its z, mm")
+    period_ms: Period = Field(default=1.0, description="time between two readings, ms")
+
+
+class DistanceSensorDescription(Description):
+    """Triangulating distance sensor: a ray along its z axis, and a lens beside the origin that sees the spot.
+
+    A reading is invalid when the path from spot to lens is occluded or the spot is out of range.
+    """
+
+    name: str = Field(description="name of the sensor")
+    moves_with: Frame = MovesWith
+    pose: PoseDescription = FramedPose
+    nearest_mm: NonNegative = Field(default=0.0, description="start of the measuring range along z, mm")
+    farthest_mm: Positive = Field(description="end of the measuring range along z, mm")
+    lens_x_mm: Positive = Field(default=20.0, description="position of the lens on the sensor's x axis, mm")
+    noise_mm: NonNegative = Field(default=0.0, description="standard deviation of a reading's noise, mm")
+    resolution_mm: NonNegative = Field(default=0.0, description="quantisation step of a reading, mm; 0: continuous")
+    period_ms: Period = Field(default=1.0, description="time between two readings, ms")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.nearest_mm >= self.farthest_mm:
+            raise ValueError(f"nearest_mm ({self.nearest_mm:g}) must be below farthest_mm ({self.farthest_mm:g})")
+        return self
+
+
+class CollisionDescription(Description):
+    """Outputs of the FMU for collisions and clearances between the cell's bodies."""
+
+    outputs: bool = Field(default=True, description="whether the FMU has outputs for collision and clearance")
+    range_mm: Positive = Field(
+        default=20.0, description="largest clearance that is computed, mm; larger values cost time"
+    )
+    max_faces: Annotated[int, Field(ge=4)] = Field(
+        default=5000, description="meshes with more triangles are decimated to about this number"
+    )

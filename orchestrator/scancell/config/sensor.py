@@ -1,0 +1,387 @@
+"""Description of the laser profile sensor: laser, cameras, detector, rendering, extraction."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from scancell.config.description import Description, FileDescription, Finite, Fraction, NonNegative, Positive
+
+_Pixels = Annotated[int, Field(ge=16, le=16_384)]
+_Lean = Annotated[float, Field(ge=-40.0, le=40.0)]
+_Small = Annotated[float, Field(ge=-10.0, le=10.0)]
+
+
+class LaserDescription(Description):
+    """Laser sheet, nominally in the sensor's YZ plane, from a point or line source.
+
+    Images contain the sheet as described, with its curvature, rotation and shift; triangulation assumes the nominal
+    plane. The out-of-plane angle of the sheet is a polynomial c0 + c1 s + c2 s² + ... of the position s along the line,
+    -1 and 1 at its ends: ``straightness_mrad = [0, 0, 0.5]`` displaces both ends by 60 µm at 120 mm.
+    """
+
+    wavelength_nm: Annotated[float, Field(ge=200.0, le=2000.0)] = Field(description="wavelength of the laser, nm")
+    power_mw: NonNegative = Field(description="optical power of the whole line, mW")
+    fan_half_angle_deg: Annotated[float, Field(gt=0.0, lt=80.0)] = Field(
+        description="half of the fan angle: the line covers -angle..angle from sensor Z in the YZ plane, deg"
+    )
+    source_z_mm: Finite = Field(
+        default=0.0, description="Z of the source, which lies at (0, 0, source_z) in the sensor frame, mm"
+    )
+    sheet_sigma_mm: Positive = Field(
+        description="standard deviation of the irradiance across the sheet at its waist, mm"
+    )
+    waist_z_mm: Finite = Field(description="sensor Z where the sheet is thinnest, mm")
+    divergence_mrad: NonNegative = Field(
+        default=0.0, description="increase of the sheet's standard deviation per distance, far from the waist, mrad"
+    )
+    source_length_mm: Annotated[float, Field(ge=0.0, le=20.0)] = Field(
+        default=0.0, description="length of the source along the line, mm; blurs the edges of shadows along the line"
+    )
+    profile: Literal["uniform", "gaussian", "table"] = Field(
+        default="uniform", description="power per angle along the line; its integral is power_mw"
+    )
+    profile_half_width_deg: Annotated[float, Field(gt=0.0, lt=180.0)] | None = Field(
+        default=None, description="gaussian: angle from the centre where power per angle is 1/e² of its maximum, deg"
+    )
+    profile_angle_deg: Annotated[tuple[Finite, ...], Field(max_length=1000)] = Field(
+        default=(), description="table: angles from sensor Z in ascending order, deg"
+    )
+    profile_power: Annotated[tuple[NonNegative, ...], Field(max_length=1000)] = Field(
+        default=(), description="table: relative power per angle at these angles; linear between them, 0 outside"
+    )
+    straightness_mrad: Annotated[tuple[Annotated[float, Field(ge=-100.0, le=100.0)], ...], Field(max_length=6)] = Field(
+        default=(),
+        description="coefficients c0, c1, ... of the sheet's out-of-plane angle as a polynomial of the position along"
+        " the line (-1..1), mrad",
+    )
+    offset_x_mm: _Small = Field(default=0.0, description="displacement of the sheet along sensor X, mm")
+    turn_y_deg: _Small = Field(default=0.0, description="rotation of the sheet about sensor Y through the source, deg")
+    turn_z_deg: _Small = Field(
+        default=0.0, description="rotation of the sheet about sensor Z through the source, after turn_y_deg, deg"
+    )
+
+    @model_validator(mode="after")
+    def _profile_is_complete(self) -> Self:
+        if (self.profile == "gaussian") != (self.profile_half_width_deg is not None):
+            raise ValueError('profile = "gaussian" and profile_half_width_deg must be given together')
+        if (self.profile == "table") != bool(self.profile_angle_deg or self.profile_power):
+            raise ValueError('profile = "table", profile_angle_deg and profile_power must be given together')
+        angles = self.profile_angle_deg
+        if len(angles) != len(self.profile_power) or len(angles) == 1:
+            counts = f"{len(angles)} and {len(self.profile_power)}"
+            raise ValueError(f"profile_angle_deg and profile_power must have equal length, at least two, not {counts}")
+        if any(a >= b for a, b in pairwise(angles)):
+            raise ValueError(f"profile_angle_deg must be in ascending order: {list(angles)}")
+        return self
+
+
+class RangeDescription(Description):
+    """Measuring range along sensor Z; points outside it are discarded."""
+
+    near_mm: Positive = Field(description="start of the measuring range, sensor Z, mm")
+    far_mm: Positive = Field(description="end of the measuring range, sensor Z, mm")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.near_mm >= self.far_mm:
+            raise ValueError(f"near_mm ({self.near_mm:g}) must be below far_mm ({self.far_mm:g})")
+        return self
+
+
+class CameraDescription(Description):
+    """One camera at distance `baseline` (the paper's a) from the sheet and sensor height `height` (b).
+
+    Its optical axis is tilted by `tilt` (phi) from sensor Z towards the sheet; `half_angle` (gamma) is half the
+    vertical field of view, so that the focal length is ``height_px / (2 tan gamma)`` pixels.
+    """
+
+    name: str = Field(description="unique name of the camera, used in results")
+    side: Literal[1, -1] = Field(description="1: at sensor X = +baseline; -1: its mirror image")
+    baseline_mm: Positive = Field(description="distance of the optical centre from the laser sheet (a), mm")
+    height_mm: Finite = Field(default=0.0, description="sensor Z of the optical centre (b), mm")
+    tilt_deg: Annotated[float, Field(gt=0.0, lt=90.0)] = Field(
+        description="angle of the optical axis from sensor Z towards the sheet (phi), deg"
+    )
+    half_angle_deg: Annotated[float, Field(gt=0.1, lt=60.0)] = Field(
+        description="half of the field of view along the image's height (gamma), deg; must be below tilt_deg"
+    )
+    width_px: _Pixels = Field(description="image width: columns along the laser line, px")
+    height_px: _Pixels = Field(description="image height: rows along the range, px")
+    cx_px: Finite | None = Field(
+        default=None, description="column of the principal point, px; default: image centre (width_px - 1) / 2"
+    )
+    cy_px: Finite | None = Field(
+        default=None, description="row of the principal point, px; default: image centre (height_px - 1) / 2"
+    )
+    distortion: Annotated[tuple[float, ...], Field(min_length=5, max_length=5)] = Field(
+        default=(0.0, 0.0, 0.0, 0.0, 0.0), description="Brown-Conrady coefficients k1, k2, p1, p2, k3 (OpenCV order)"
+    )
+    f_number: Positive = Field(
+        description="working f-number: image distance over aperture diameter; sets light, defocus and speckle size"
+    )
+    pixel_pitch_um: Positive = Field(description="distance between pixel centres, µm")
+    transmission: Fraction = Field(description="transmittance of lens and band-pass filter at the laser, 0..1")
+    scheimpflug_x_deg: _Lean = Field(
+        default=0.0,
+        description="tilt of the image sensor about camera x, deg; the whole laser sheet is in focus where its tangent"
+        " is -image distance * cos(tilt) / baseline and focus_mm is baseline / sin(tilt)",
+    )
+    scheimpflug_y_deg: _Lean = Field(
+        default=0.0, description="tilt of the image sensor about camera y, after scheimpflug_x_deg, deg"
+    )
+    focus_mm: Annotated[float, Field(ge=10.0, allow_inf_nan=False)] | None = Field(
+        default=None, description="distance from the lens along its axis that is in focus, mm; default: no defocus"
+    )
+    psf_sigma_px: Annotated[float, Field(ge=0.0, le=20.0)] | Literal["diffraction"] = Field(
+        default=0.0,
+        description="standard deviation of the point spread function in focus, px; diffraction: from 0.42 * wavelength"
+        " * f_number",
+    )
+    offset_y_mm: _Small = Field(default=0.0, description="displacement of the optical centre along sensor Y, mm")
+    pan_deg: _Small = Field(default=0.0, description="rotation of the camera about its y, deg")
+    roll_deg: _Small = Field(default=0.0, description="rotation of the camera about its z, before pan_deg, deg")
+
+    @model_validator(mode="after")
+    def _sees_a_bounded_range(self) -> Self:
+        if self.half_angle_deg >= self.tilt_deg:
+            raise ValueError(
+                f"half_angle_deg ({self.half_angle_deg:g}) must be below tilt_deg ({self.tilt_deg:g}),"
+                " otherwise the range has no far end"
+            )
+        return self
+
+
+class DetectorDescription(Description):
+    """Image sensor in EMVA 1288 terms.
+
+    A rolling shutter exposes row after row, each for `exposure_ms`; as with a global shutter, the middle of the image
+    is exposed around the trigger's latch instant.
+    """
+
+    exposure_ms: Annotated[float, Field(gt=0.0, le=1000.0)] = Field(description="exposure time of a pixel, ms")
+    quantum_efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        description="electrons per photon at the laser's wavelength, 0..1"
+    )
+    full_well_e: Positive = Field(description="saturation capacity of a pixel, electrons")
+    read_noise_e: NonNegative = Field(description="standard deviation of the temporal dark noise, electrons")
+    dark_current_e_per_s: NonNegative = Field(default=0.0, description="dark current of a pixel, electrons/s")
+    gain_dn_per_e: Positive = Field(description="system gain, digital numbers per electron")
+    bit_depth: Annotated[int, Field(ge=8, le=16)] = Field(description="bits per pixel of the digital image")
+    black_level_dn: NonNegative = Field(description="digital number without light")
+    prnu: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(
+        default=0.0, description="photo response non-uniformity: relative standard deviation of gain between pixels"
+    )
+    dsnu_e: NonNegative = Field(
+        default=0.0, description="dark signal non-uniformity: standard deviation of offset between pixels, electrons"
+    )
+    shutter: Literal["global", "rolling"] = Field(
+        default="global", description="global: all rows at once; rolling: row after row"
+    )
+    row_readout_us: Annotated[float, Field(gt=0.0, le=1000.0)] | None = Field(
+        default=None, description="rolling: delay between the exposures of neighbouring rows, µs"
+    )
+
+    laser_off_frame: bool = Field(
+        default=False,
+        description="take a second (background) image with the laser off after each exposure and extract from the"
+        " difference",
+    )
+
+    @model_validator(mode="after")
+    def _shutter_is_complete(self) -> Self:
+        if (self.shutter == "rolling") != (self.row_readout_us is not None):
+            raise ValueError('shutter = "rolling" and row_readout_us must be given together')
+        return self
+
+
+class AmbientDescription(Description):
+    """Uniform external light within the band of the filter."""
+
+    irradiance_w_m2: NonNegative = Field(
+        default=0.0, description="irradiance from all directions that passes the band-pass filter, W/m²"
+    )
+
+
+class BandPassDescription(Description):
+    """Gaussian band-pass filter of every camera: its transmittance of external light relative to the laser."""
+
+    centre_nm: Annotated[float, Field(ge=200.0, le=2000.0)] | None = Field(
+        default=None, description="centre wavelength, nm; default: the laser's wavelength"
+    )
+    width_nm: Positive = Field(default=20.0, description="full width at half maximum, nm")
+
+
+class SpeckleDescription(Description):
+    """Speckle of laser light on rough surfaces; its grain size in the image is wavelength times f-number.
+
+    Images contain it, and extraction expects it: it enters the limits of a normal stripe shape and the standard
+    deviation of every point.
+    """
+
+    contrast: Fraction = Field(
+        default=0.0, description="contrast of resolved grains, 0..1; 1: bare metal, 0.5: volume scattering, 0: none"
+    )
+
+
+class RenderDescription(Description):
+    """Quality of rendered camera images."""
+
+    mode: Literal["fast", "path"] = Field(
+        default="fast", description="fast: pixels near the laser line; path: path tracing of every pixel, slow"
+    )
+    samples_per_pixel: Literal[4, 16, 64, 256, 1024] = Field(
+        default=16, description="rays (fast) or paths (path) per pixel; more reduce the noise of rendering"
+    )
+    noise: bool = Field(default=True, description="photon, dark, read and fixed-pattern noise of the images")
+    rays_across_fan: Annotated[int, Field(ge=64, le=65_536)] = Field(
+        default=2560, description="laser rays that find the pixels near the laser line (fast mode)"
+    )
+    bounces: Annotated[int, Field(ge=0, le=64)] = Field(
+        default=0, description="largest number of interreflections between surfaces; 0: direct light only"
+    )
+    photons: Annotated[int, Field(ge=16, le=67_108_864)] = Field(
+        default=65_536, description="light paths from the laser per exposure for interreflections in the fast mode"
+    )
+
+
+class ExtractionDescription(Description):
+    """From images to stripe peaks and points."""
+
+    detector: Literal[
+        "gaussian",
+        "centre_of_gravity",
+        "parabola",
+        "log_parabola",
+        "blais_rioux_4",
+        "blais_rioux_8",
+        "derivative_of_gaussian",
+        "steger",
+    ] = Field(default="gaussian", description="method that finds the sub-pixel centre of the stripe in a column")
+    peak: Literal["brightest", "first", "last", "continuity", "agreement"] = Field(
+        default="brightest",
+        description="which of several peaks in a column is used; continuity: nearest to the neighbouring columns;"
+        " agreement: confirmed by two cameras or more",
+    )
+    continuity_px: Positive = Field(
+        default=4.0, description="peak = continuity: row difference between columns that counts as a jump, px"
+    )
+    agreement_px: Positive = Field(
+        default=0.5, description="peak = agreement: largest row difference between cameras beyond noise, px"
+    )
+    triangulation: Literal["exact", "eq4_as_printed"] = Field(
+        default="exact", description="exact, or the published Eq. 4 of Dumitrache & Borangiu for comparison"
+    )
+    fusion: Literal["none", "weighted"] = Field(
+        default="none", description="weighted: points seen by two cameras become one, weighted by their variances"
+    )
+    threshold_sigma: Positive = Field(
+        default=6.0, description="detection threshold above the background, in standard deviations of its noise"
+    )
+    min_amplitude_dn: NonNegative = Field(
+        default=4.0, description="smallest height of a peak above the background, digital numbers"
+    )
+    min_sigma_px: Positive = Field(default=0.4, description="smallest standard deviation of a stripe, px")
+    max_sigma_px: Annotated[float, Field(gt=0.0, le=8.0)] = Field(
+        default=6.0, description="largest standard deviation of a stripe, px"
+    )
+    max_asymmetry: Positive = Field(
+        default=0.05, description="largest asymmetry (skewness / 6) of a stripe beyond noise; more is rejected"
+    )
+    max_residual: Positive = Field(
+        default=0.05, description="largest RMS misfit of the stripe model beyond noise, relative to the amplitude"
+    )
+    max_row_jump_px: Positive = Field(
+        default=0.1, description="largest deviation of a row from the extrapolated neighbours within a run, px"
+    )
+    max_amplitude_jump: Positive = Field(
+        default=0.3, description="largest relative change of amplitude between columns; more rejects both peaks"
+    )
+    max_width_jump: Positive = Field(
+        default=0.15, description="largest relative change of width between columns; more rejects both peaks"
+    )
+    end_columns: Annotated[int, Field(ge=0, le=100)] = Field(
+        default=1, description="number of columns rejected at each end of a run of neighbouring peaks"
+    )
+    min_run_columns: Annotated[int, Field(ge=1, le=1000)] = Field(
+        default=8, description="smallest length of a run of neighbouring peaks, columns; shorter ones are rejected"
+    )
+
+
+class GeometricDescription(Description):
+    """The geometric engine: laser rays instead of images."""
+
+    rays: Annotated[int, Field(ge=2, le=65_536)] = Field(
+        default=1280, description="laser rays per profile, at equal angles across the fan"
+    )
+
+
+IMAGE_ONLY_KEYS = (
+    "laser.source_length_mm",
+    "render.samples_per_pixel",
+    "render.rays_across_fan",
+    "render.photons",
+    "extraction.peak",
+    "extraction.continuity_px",
+    "extraction.max_asymmetry",
+    "extraction.max_residual",
+    "extraction.max_row_jump_px",
+    "extraction.max_amplitude_jump",
+    "extraction.max_width_jump",
+)
+"""Keys of a sensor that act on images alone: they change nothing in the geometric engine."""
+
+
+class SensorDescription(FileDescription):
+    """A laser profile sensor with one or more cameras."""
+
+    kind: ClassVar[str] = "sensor"
+    shipped: ClassVar[str] = "sensors/two_camera_probe.toml"
+
+    name: str = Field(description="name of the sensor")
+    laser: LaserDescription = Field(description="laser and shape of its sheet")
+    range: RangeDescription = Field(description="measuring range along sensor Z")
+    camera: Annotated[tuple[CameraDescription, ...], Field(min_length=1, max_length=8)] = Field(
+        description="the cameras, with unique names"
+    )
+    detector: DetectorDescription = Field(description="image sensor of every camera")
+    ambient: AmbientDescription = Field(default=AmbientDescription(), description="uniform external light")
+    band_pass: BandPassDescription = Field(default=BandPassDescription(), description="filter of every camera")
+    speckle: SpeckleDescription = Field(default=SpeckleDescription(), description="speckle of the laser light")
+    render: RenderDescription = Field(default=RenderDescription(), description="quality of rendered camera images")
+    extraction: ExtractionDescription = Field(
+        default=ExtractionDescription(), description="stripe extraction and triangulation"
+    )
+    geometric: GeometricDescription = Field(
+        default=GeometricDescription(), description="settings of the geometric engine"
+    )
+
+    @model_validator(mode="after")
+    def _camera_names_are_unique(self) -> Self:
+        for name, count in Counter(camera.name for camera in self.camera).items():
+            if count > 1:
+                raise ValueError(f"camera: {count} cameras have the name '{name}'; names must be unique")
+        return self
+
+    @model_validator(mode="after")
+    def _rows_see_direct_light(self) -> Self:
+        if self.detector.shutter == "rolling" and self.render.bounces:
+            raise ValueError(
+                f'detector.shutter = "rolling" supports direct light only: render.bounces must be 0, not'
+                f" {self.render.bounces}"
+            )
+        return self
+
+
+def ignored_by_geometric_engine(sensor: SensorDescription) -> list[str]:
+    """Keys of `sensor` that differ from their defaults and that the geometric engine has no use for."""
+    found = []
+    for key in IMAGE_ONLY_KEYS:
+        section, name = key.split(".")
+        values = getattr(sensor, section)
+        if getattr(values, name) != type(values).model_fields[name].default:
+            found.append(f"sensor.{key}")
+    return found

@@ -1,0 +1,1 @@
+"""Evaluation of clouds: deviation from the mesh, coverage, ground truth."""

@@ -1,0 +1,41 @@
+"""Atomic writing of files, and conversion of text to file names."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from scancell.errors import OutputError
+
+
+@contextmanager
+def atomic_write(path: str | Path) -> Iterator[Path]:
+    """Context manager: yields a temporary path in the folder of `path`, renamed to `path` when the block succeeds.
+
+    Missing folders are created. The temporary name keeps the suffix, from which many writers choose the format. If the
+    block raises (keyboard interrupts included), the temporary file is removed and an older file at `path` remains.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        with suppress(OSError):  # the folder may not exist
+            temporary.unlink(missing_ok=True)
+
+
+def name_for_file(text: str) -> str:
+    """File name made from text: other characters than letters, digits and ``_.+-`` become ``-``; may be empty."""
+    return re.sub(r"[^\w.+-]+", "-", text).strip(".-")

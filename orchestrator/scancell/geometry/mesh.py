@@ -1,0 +1,295 @@
+"""Triangle meshes: reading them with every fault named, and the properties of the solids they bound."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.errors import MeshError
+from scancell.geometry import orientation, pose
+from scancell.geometry.mesh_files import FORMATS, Vertices, read_mesh, weld
+from scancell.geometry.orientation import Orientation, Winding
+
+__all__ = [
+    "FORMATS",
+    "METRES_PER_UNIT",
+    "MassProperties",
+    "Mesh",
+    "box_mesh",
+    "clustered",
+    "is_stable_pose",
+    "load_mesh",
+    "mass_properties",
+]
+
+Array = NDArray[np.float64]
+
+METRES_PER_UNIT = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
+
+_USABLE = (0.5e-3, 5.0)  # m: largest extent of meshes that are accepted
+_EXPECTED = (5e-3, 2.0)  # m: largest extent of meshes that are accepted without a remark
+_MANY_POINTS = 50_000  # from which on the hull is an approximation
+_HULL_ERROR = 1e-4  # of the largest extent by which points may lie outside an approximated hull
+_BLOCK = 1 << 14  # faces worked on at a time, which stay in the cache
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Vertices (n, 3) in metres, faces (m, 3) of vertex numbers; `source` is the file or a name.
+
+    `warnings` are sentences for people about what was found, and repaired, when the file was read.
+    """
+
+    vertices: Array
+    faces: NDArray[np.int64]
+    source: str = ""
+    warnings: tuple[str, ...] = ()
+
+    @cached_property
+    def bounds(self) -> Array:
+        """(2, 3) lower and upper corner of the vertices that faces use."""
+        used = self._used_vertices
+        return np.stack([used.min(0), used.max(0)])
+
+    @cached_property
+    def areas(self) -> Array:
+        """(m,) area of each face, m²."""
+        return np.asarray(np.linalg.norm(self._cross, axis=-1) / 2)
+
+    @cached_property
+    def normals(self) -> Array:
+        """(m, 3) unit normals, right-hand rule; zero for a face without area."""
+        length = np.linalg.norm(self._cross, axis=-1, keepdims=True)
+        return np.asarray(self._cross / np.where(length > 0, length, 1.0))
+
+    @cached_property
+    def is_closed(self) -> bool:
+        """Whether the faces are wound alike and leave no rim, so that the mesh has an inside.
+
+        Where it is not, signed distances from the mesh mean nothing.
+        """
+        return orientation.is_closed(self.faces) or orientation.is_closed(self._welded_faces)
+
+    @cached_property
+    def orientation(self) -> Orientation:
+        """``outward``, ``inward``, ``open`` or ``inconsistent``; a mesh from `load_mesh` is never ``inward``."""
+        return orientation.orientation_of(self.vertices, self._welded_faces)
+
+    @cached_property
+    def _welded_faces(self) -> NDArray[np.int64]:
+        """Faces by the first vertex at each position."""
+        first, number = weld(self.vertices)
+        return first[number][self.faces]
+
+    @cached_property
+    def _used_vertices(self) -> Array:
+        used = np.zeros(len(self.vertices), bool)
+        used[self.faces] = True
+        return self.vertices if used.all() else self.vertices[used]
+
+    @cached_property
+    def _cross(self) -> Array:
+        a, b, c = np.moveaxis(self.vertices[self.faces], 1, 0)
+        return np.cross(b - a, c - a)
+
+    def transformed(self, target_from_part: ArrayLike) -> Mesh:
+        """The mesh in another frame."""
+        return Mesh(pose.transform_points(target_from_part, self.vertices), self.faces, self.source, self.warnings)
+
+    @cached_property
+    def hull(self) -> Mesh:
+        """Convex hull, faces outwards; `MeshError` when the vertices have no volume.
+
+        Of more than 50 000 vertices it is an approximation: some may lie outside by 1e-4 of the largest extent.
+        """
+        from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415  (a third of a second)
+
+        points = self._used_vertices
+        extent = np.ptp(points, axis=0)
+        options = "QbB Pp Qt"
+        if len(points) > _MANY_POINTS:
+            options = f"Pp Qt W{_HULL_ERROR * extent.max():.3g}"
+        try:
+            hull = ConvexHull(points, qhull_options=options)
+        except (QhullError, ValueError) as error:
+            raise MeshError(f"{self.source}: all vertices lie in one plane, the part has no volume") from error
+        corner = np.sort(hull.vertices)
+        faces = np.searchsorted(corner, hull.simplices)
+        shell = Mesh(points[corner], faces.astype(np.int64), self.source)
+        # Qhull's own normals know which side is outside; QbB scales the points by their extents.
+        outside = hull.equations[:, :3] * (extent if options.startswith("QbB") else 1.0) ** -1
+        inward = np.einsum("mi,mi->m", shell._cross, outside) < 0
+        return Mesh(shell.vertices, np.where(inward[:, None], faces[:, ::-1], faces).astype(np.int64), self.source)
+
+
+def box_mesh(size: ArrayLike, source: str = "box") -> Mesh:
+    """A box with edges `size` (3,) along its axes, centred on the origin, metres."""
+    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    # Two triangles for each of the sides -x, -y, -z, +z, +y, +x; corner 4 i + 2 j + k has signs i, j, k.
+    quads = [(0, 1, 3, 2), (0, 4, 5, 1), (0, 2, 6, 4), (1, 5, 7, 3), (2, 3, 7, 6), (4, 6, 7, 5)]
+    faces = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
+    return Mesh(corners * np.asarray(size, float), np.array(faces, np.int64), source)
+
+
+def clustered(mesh: Mesh, grid: float) -> Mesh:
+    """The mesh with all vertices in a cube of the grid (m) drawn together into one of them; coarser by < 2 `grid`.
+
+    The hull may shrink or grow by that much. Meant for proximity checks on scans of millions of triangles.
+    """
+    cell = np.floor((mesh.vertices - mesh.vertices.min(0)) / grid).astype(np.int64)
+    size = cell.max(0) + 1
+    _, first, place = np.unique(
+        (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2], return_index=True, return_inverse=True
+    )
+    faces = place[mesh.faces]
+    a, b, c = faces.T
+    whole = faces[(a != b) & (b != c) & (c != a)]
+    # A part smaller than the grid would vanish: leave it as it is.
+    return Mesh(mesh.vertices[first], whole, mesh.source) if len(whole) else mesh
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Mass (kg), centre of mass (3,) and inertia (3, 3) about it, in the mesh's own axes."""
+
+    mass: float
+    centre_of_mass: Array
+    inertia: Array
+
+
+def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
+    """Read an STL, OBJ or PLY file whose coordinates are in `unit` (mm, m or inch).
+
+    Equal vertices are joined and faces that certainly look the wrong way are turned over; `Mesh.warnings` says so.
+    The order of the faces is that of the file.
+
+    Raises
+    ------
+    MeshError
+        With the file and the fault: missing, not a mesh, empty, NaN or infinite vertices, a face index out of range,
+        no face with an area, or a size that cannot be meant.
+    """
+    path = Path(path)
+    if unit not in METRES_PER_UNIT:
+        raise MeshError(f"{path}: unit {unit!r} is not known; expected one of {', '.join(METRES_PER_UNIT)}")
+    vertices, faces = read_mesh(path)
+    _check_mesh(vertices, faces, str(path))
+    first, number = weld(vertices)
+    used = np.zeros(len(first), bool)
+    used[number[faces]] = True
+    faces = (np.cumsum(used) - 1)[number][faces]
+    metres = vertices[first[used]].astype(float) * METRES_PER_UNIT[unit]
+    remarks = _size_remarks(float(np.ptp(metres, axis=0).max()), unit, str(path))
+    winding = orientation.wind_outwards(metres, faces)
+    return Mesh(metres, winding.faces, str(path), (*remarks, *_winding_remarks(winding, str(path))))
+
+
+def _check_mesh(vertices: Vertices, faces: NDArray[np.int64], source: str) -> None:
+    """Raise `MeshError` unless the mesh is a finite, non-empty set of faces of which at least one has an area."""
+    if len(vertices) == 0 or len(faces) == 0:
+        raise MeshError(f"{source}: no triangles ({len(vertices)} vertices, {len(faces)} faces)")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        face = int(np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(1))[0])
+        raise MeshError(
+            f"{source}: face {face} uses vertex {faces[face].tolist()}, but the vertices are 0 to {len(vertices) - 1}"
+        )
+    finite = np.isfinite(vertices)
+    if not finite.all():
+        wrong = np.flatnonzero(~finite.all(1))
+        row = int(wrong[0])
+        raise MeshError(f"{source}: vertex {row} is {vertices[row].tolist()}; {len(wrong)} are NaN or infinite")
+    blocks = (vertices[faces[start : start + _BLOCK]].astype(float) for start in range(0, len(faces), _BLOCK))
+    if not any(np.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]).any() for b in blocks):
+        raise MeshError(f"{source}: all {len(faces)} triangles are degenerate (no area)")
+
+
+def _size_remarks(extent: float, unit: str, source: str) -> tuple[str, ...]:
+    """Warnings about an unlikely largest extent (m); raises `MeshError` for an impossible one."""
+    if _EXPECTED[0] <= extent <= _EXPECTED[1]:
+        return ()
+    in_unit = extent / METRES_PER_UNIT[unit]
+    others = [
+        f"--unit {other} makes it {_length(in_unit * metres)}"
+        for other, metres in METRES_PER_UNIT.items()
+        if _EXPECTED[0] <= in_unit * metres <= _EXPECTED[1]
+    ]
+    hint = f"is its unit really {unit}? ({'; '.join(others) or 'scale the file'})"
+    found = f"{source}: the largest extent is {_length(extent)}"
+    if not _USABLE[0] <= extent <= _USABLE[1]:
+        raise MeshError(f"{found}, expected {_length(_USABLE[0])} to {_length(_USABLE[1])}: {hint}")
+    return (f"{found}: {hint}",)
+
+
+def _length(metres: float) -> str:
+    return f"{metres:.3g} m" if metres >= 1.0 else f"{metres * 1e3:.3g} mm"
+
+
+def _winding_remarks(winding: Winding, source: str) -> tuple[str, ...]:
+    total, remarks = len(winding.faces), []
+    if winding.turned == total:
+        remarks.append(f"{source}: all {total} faces pointed into the material and were turned over")
+    elif winding.turned:
+        remarks.append(f"{source}: {winding.turned} of {total} faces pointed to the wrong side and were turned over")
+    if winding.orientation == "inconsistent":
+        remarks.append(
+            f"{source}: {winding.contradictory} of {total} faces form one-sided surfaces and cannot be oriented: "
+            "signs of deviations mean nothing there"
+        )
+    elif winding.orientation == "open":
+        rim = f"{winding.rim} edges belong to one face only" if winding.rim else "edges belong to more than two faces"
+        remarks.append(f"{source}: the surface is not closed ({rim}): signs of deviations depend on the winding")
+    return tuple(remarks)
+
+
+def mass_properties(mesh: Mesh, density: float) -> MassProperties:
+    """Mass properties of the solid of uniform `density` (kg/m³) inside the mesh.
+
+    A mesh that is not closed has no inside: its convex hull is used instead.
+    """
+    solid = mesh if mesh.is_closed else mesh.hull
+    volume, first, second = _moments(solid)
+    if abs(volume) < 1e-18:
+        volume, first, second = _moments(mesh.hull)
+    # An inside-out mesh has the negative of all three.
+    centre = first / volume
+    about_centre = (second - volume * np.outer(centre, centre)) * np.sign(volume)
+    inertia = density * (np.trace(about_centre) * np.eye(3) - about_centre)
+    return MassProperties(abs(volume) * density, centre + solid.bounds.mean(0), inertia)
+
+
+def _moments(mesh: Mesh) -> tuple[float, Array, Array]:
+    """∫ dV, ∫ x dV (3,) and ∫ x xᵀ dV (3, 3), x from the middle of the bounds.
+
+    Sums over the tetrahedra from the middle to each face (closed form: Tonon 2004).
+    """
+    local = mesh.vertices - mesh.bounds.mean(0)
+    volume, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
+    for start in range(0, len(mesh.faces), _BLOCK):
+        corners = local[mesh.faces[start : start + _BLOCK].T]
+        a, b, c = corners
+        volumes = np.einsum("mi,mi->m", a, np.cross(b, c)) / 6
+        total = corners.sum(0)
+        volume += float(volumes.sum())
+        first += volumes @ total / 4
+        for points in (*corners, total):
+            second += (points * volumes[:, None]).T @ points / 20
+    return volume, first, second
+
+
+def is_stable_pose(mesh: Mesh, table_from_part: ArrayLike, tolerance: float = 1e-5) -> bool:
+    """Whether the part, standing by gravity on the plane z = 0 of the table, stays as it is.
+
+    Stable: the vertices of the hull within `tolerance` (m) of the lowest one enclose the centre of mass,
+    seen from above, with a margin of `tolerance`.
+    """
+    hull = pose.transform_points(table_from_part, mesh.hull.vertices)
+    centre = pose.transform_points(table_from_part, mass_properties(mesh, 1.0).centre_of_mass[None])[0]
+    feet = hull[hull[:, 2] <= hull[:, 2].min() + tolerance][:, :2] - centre[:2]
+    # In every direction the farthest foot must lie beyond the centre; 720 directions miss the narrowest by 1e-5.
+    angle = np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
+    support = (feet @ np.stack([np.cos(angle), np.sin(angle)])).max(0)
+    return bool(support.min() > tolerance)

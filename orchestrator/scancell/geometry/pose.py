@@ -1,0 +1,188 @@
+"""Rigid transforms as homogeneous matrices ``(..., 4, 4)``, named ``target_from_source``.
+
+All functions broadcast over leading axes. Positions are in metres, angles in radians, quaternions w, x, y, z.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_SMALL = 1e-4  # rad: below, the truncated series are exact to machine precision
+
+_BLOCK = 1 << 14  # points that are transformed at a time
+
+
+def from_rotation(rotation: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """Pose (..., 4, 4) of a rotation matrix (..., 3, 3) and a position (..., 3) in metres."""
+    rotation = np.asarray(rotation, float)
+    position = np.asarray(position, float)
+    shape = np.broadcast_shapes(rotation.shape[:-2], position.shape[:-1])
+    result = np.zeros((*shape, 4, 4))
+    result[..., :3, :3] = rotation
+    result[..., :3, 3] = position
+    result[..., 3, 3] = 1.0
+    return result
+
+
+def translation(position: ArrayLike) -> Array:
+    """Pose (..., 4, 4) of identity rotation at `position` (..., 3)."""
+    return from_rotation(np.eye(3), position)
+
+
+def pose(position: ArrayLike, quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Array:
+    """Pose (..., 4, 4) from a position (..., 3) and a quaternion (..., 4), see `rotation_from_quaternion`."""
+    return from_rotation(rotation_from_quaternion(quaternion), position)
+
+
+def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4), which are normalized first.
+
+    Raises
+    ------
+    ValueError
+        If a quaternion has zero length.
+    """
+    q = np.asarray(quaternion, float)
+    length = np.linalg.norm(q, axis=-1, keepdims=True)
+    if not np.all(length > 0):
+        raise ValueError("a quaternion of zero length has no direction")
+    w, x, y, z = np.moveaxis(q / length, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def quaternion_from_rotation(rotation: ArrayLike) -> Array:
+    """Quaternions (..., 4) with w >= 0 of rotation matrices (..., 3, 3).
+
+    Shepperd's method: the one of four equivalent forms with the largest divisor, accurate at every angle.
+    """
+    r = np.asarray(rotation, float)
+    trace = np.trace(r, axis1=-2, axis2=-1)
+    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
+    # Each row is one component's multiple of the whole quaternion: 4 w q, 4 x q, 4 y q, 4 z q.
+    wx, wy, wz = (r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1])
+    xy, xz, yz = (r[..., 0, 1] + r[..., 1, 0], r[..., 0, 2] + r[..., 2, 0], r[..., 1, 2] + r[..., 2, 1])
+    forms = np.stack(
+        [
+            np.stack([1 + trace, wx, wy, wz], -1),
+            np.stack([wx, 1 + 2 * xx - trace, xy, xz], -1),
+            np.stack([wy, xy, 1 + 2 * yy - trace, yz], -1),
+            np.stack([wz, xz, yz, 1 + 2 * zz - trace], -1),
+        ],
+        -2,
+    )
+    best = np.argmax(np.diagonal(forms, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(forms, best[..., None, None], -2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.asarray(np.where(q[..., :1] < 0, -q, q))
+
+
+def rotation_about(axis: int, angle: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) by `angle` (...,) about coordinate axis 0, 1 or 2."""
+    angle = np.asarray(angle, float)
+    result = np.zeros((*angle.shape, 3, 3))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    result[..., axis, axis] = 1.0
+    result[..., i, i] = result[..., j, j] = np.cos(angle)
+    result[..., j, i] = np.sin(angle)
+    result[..., i, j] = -np.sin(angle)
+    return result
+
+
+def rotation_from_euler_xyz(angles: ArrayLike) -> Array:
+    """Rotations (..., 3, 3) of intrinsic X, Y', Z'' angles (..., 3): R = Rx(a) Ry(b) Rz(c)."""
+    a = np.asarray(angles, float)
+    return rotation_about(0, a[..., 0]) @ rotation_about(1, a[..., 1]) @ rotation_about(2, a[..., 2])
+
+
+def rotation_from_euler_zyz(angles: ArrayLike) -> Array:
+    """Rotations (..., 3, 3) of intrinsic Z, Y', Z'' angles (..., 3) (yaw, pitch, roll): R = Rz(a) Ry(b) Rz(c)."""
+    a = np.asarray(angles, float)
+    return rotation_about(2, a[..., 0]) @ rotation_about(1, a[..., 1]) @ rotation_about(2, a[..., 2])
+
+
+def from_euler_xyz(position: ArrayLike, angles: ArrayLike) -> Array:
+    """Pose (..., 4, 4) from a position (..., 3) and intrinsic X, Y', Z'' angles (..., 3)."""
+    return from_rotation(rotation_from_euler_xyz(angles), position)
+
+
+def inverse(target_from_source: ArrayLike) -> Array:
+    """Inverse ``source_from_target`` (..., 4, 4) of rigid poses (..., 4, 4)."""
+    t = np.asarray(target_from_source, float)
+    rotation = np.swapaxes(t[..., :3, :3], -1, -2)
+    return from_rotation(rotation, -(rotation @ t[..., :3, 3:])[..., 0])
+
+
+def transform_points(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Array:
+    """Points (..., n, 3) in the target frame of points (..., n, 3) in the source frame; poses (..., 4, 4)."""
+    t = np.asarray(target_from_source, float)
+    points = np.asarray(points_in_source, float)
+    rotation, shift = np.swapaxes(t[..., :3, :3], -1, -2), t[..., None, :3, 3]
+    if t.ndim > 2 or points.ndim != 2:
+        return np.asarray(points @ rotation + shift)
+    result = np.empty_like(points)
+    for start in range(0, len(points), _BLOCK):  # blocks stay in the cache
+        rows = slice(start, start + _BLOCK)
+        np.matmul(points[rows], rotation, out=result[rows])
+        result[rows] += shift
+    return result
+
+
+def transform_each(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Array:
+    """Points (n, 3) in the target frames, point i transformed by pose i of (n, 4, 4)."""
+    t, points = np.asarray(target_from_source, float), np.asarray(points_in_source, float)
+    return np.asarray(np.einsum("nij,nj->ni", t[:, :3, :3], points) + t[:, :3, 3])
+
+
+def _skew(vector: Array) -> Array:
+    """Matrices (..., 3, 3) with ``_skew(v) @ u == cross(v, u)``."""
+    x, y, z = np.moveaxis(vector, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
+
+
+def exp_rotation(vector: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), by Rodrigues' formula."""
+    vector = np.asarray(vector, float)
+    a, b = _rodrigues_coefficients(np.linalg.norm(vector, axis=-1))
+    k = _skew(vector)
+    return np.asarray(np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k))
+
+
+def log_rotation(rotation: ArrayLike) -> Array:
+    """Rotation vectors (..., 3), of length in [0, pi], of rotation matrices (..., 3, 3)."""
+    q = quaternion_from_rotation(rotation)
+    sine = np.linalg.norm(q[..., 1:], axis=-1)
+    angle = 2 * np.arctan2(sine, q[..., 0])
+    safe = np.where(sine > 1e-12, sine, 1.0)
+    return np.asarray(q[..., 1:] * np.where(sine > 1e-12, angle / safe, 2.0)[..., None])
+
+
+def interpolate_straight(start: ArrayLike, end: ArrayLike, fraction: ArrayLike) -> Array:
+    """Poses (n, 4, 4) at `fraction` (n,) from `start` to `end` (4, 4): straight line, constant rate of rotation.
+
+    Fractions outside [0, 1] extrapolate.
+    """
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    fraction = np.asarray(fraction, float)
+    rotation_vector = log_rotation(np.swapaxes(start[..., :3, :3], -1, -2) @ end[..., :3, :3])
+    rotation = start[..., :3, :3] @ exp_rotation(fraction[..., None] * rotation_vector)
+    position = start[..., :3, 3] + fraction[..., None] * (end[..., :3, 3] - start[..., :3, 3])
+    return from_rotation(rotation, position)
+
+
+def _rodrigues_coefficients(angle: Array) -> tuple[Array, Array]:
+    """sin(t)/t and (1-cos t)/t², without cancellation near zero."""
+    small = angle < _SMALL
+    t = np.where(small, 1.0, angle)
+    half = np.sin(t / 2)
+    a = np.where(small, 1 - angle**2 / 6, np.sin(t) / t)
+    b = np.where(small, 0.5 - angle**2 / 24, 2 * half * half / t**2)
+    return a, b

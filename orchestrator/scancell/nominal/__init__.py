@@ -1,0 +1,1 @@
+"""The cell as its descriptions say it is: bodies, frames and kinematics."""

@@ -1,0 +1,271 @@
+"""The cell as its description says it is: what planning and reconstruction may know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.config.cell import CellDescription, PartDescription
+from scancell.config.devices import FurtherPartDescription
+from scancell.config.gripper import GripperDescription
+from scancell.config.light import LightDescription
+from scancell.config.material import Material, MaterialDescription
+from scancell.config.units import si_value, to_si
+from scancell.errors import CellError
+from scancell.geometry import pose
+from scancell.geometry.arm import Arm, Joint
+from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
+from scancell.nominal.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
+from scancell.nominal.patches import Patch, part_patches
+from scancell.nominal.poses import lay_down, pose_matrix, tool_matrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid thing that can occlude, be lit, or be hit.
+
+    `moves_with` names the frame that carries it: ``world``, ``link[1]`` … ``link[6]``, ``sensor``, ``table``, ``part``
+    and, for further parts, ``part[2]`` …, for a gripper ``finger[1]`` and ``finger[2]``; the mesh is given in that
+    frame, metres. Faces of `patches` have materials of their own.
+    """
+
+    name: str
+    moves_with: str
+    mesh: Mesh
+    material: Material
+    patches: tuple[Patch, ...] = ()
+
+    @property
+    def fmu_frame(self) -> str:
+        """Name of the frame that carries it in the FMU, which counts its parts."""
+        return "part[1]" if self.moves_with == "part" else self.moves_with
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """An external light, W and metres, at a pose (4, 4) in the frame that `moves_with` names.
+
+    Either `in_band` or `spectrum` (wavelength, full width at half maximum) says what filters pass.
+    """
+
+    name: str
+    moves_with: str
+    kind: Literal["point", "rectangle", "disc"]
+    frame_from_lamp: Array
+    size: tuple[float, float]
+    power: float
+    in_band: float | None
+    spectrum: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class FurtherPart:
+    """A part beside the one that is scanned.
+
+    `carrier` is ``table`` or ``world``, and `carrier_from_part` (4, 4) where the part starts (a belt stands in the
+    world).
+    """
+
+    description: FurtherPartDescription
+    mesh: Mesh
+    carrier: str
+    carrier_from_part: Array
+
+
+@dataclass(frozen=True)
+class NominalCell:
+    """Nominal geometry of arm, tool, table and part; poses are (4, 4) ``target_from_source``, metres.
+
+    `flange_from_finger` (2, 4, 4) holds the gripper's fingers as they start, where the cell has one.
+    """
+
+    arm: Arm
+    flange_from_sensor: Array
+    world_from_table: Array
+    table_from_part: Array
+    home: Array
+    table_radius: float
+    table_max_speed: float
+    table_max_acceleration: float
+    part: Mesh
+    bodies: tuple[Body, ...]
+    lamps: tuple[Lamp, ...] = ()
+    further_parts: tuple[FurtherPart, ...] = ()
+    flange_from_finger: Array | None = None
+
+    def world_from_sensor(self, q: ArrayLike) -> Array:
+        """(..., 4, 4) for joint angles q (..., 6)."""
+        return np.asarray(self.arm.fk(q) @ self.flange_from_sensor)
+
+    def world_from_part(self, table: ArrayLike) -> Array:
+        """(..., 4, 4) for table angles (...,)."""
+        turn = pose.from_rotation(pose.rotation_about(2, table))
+        return np.asarray(self.world_from_table @ turn @ self.table_from_part)
+
+    def part_from_sensor(self, q: ArrayLike, table: ArrayLike) -> Array:
+        """(..., 4, 4) for joint angles q (..., 6) and table angles (...,)."""
+        return np.asarray(pose.inverse(self.world_from_part(table)) @ self.world_from_sensor(q))
+
+    def frame_poses(self, q: ArrayLike, table: ArrayLike) -> dict[str, Array]:
+        """``world_from_frame`` (..., 4, 4) of every frame that a body can move with."""
+        links = self.arm.link_poses(q)
+        frames = {f"link[{i}]": links[..., i, :, :] for i in range(1, links.shape[-3])}
+        turn = pose.from_rotation(pose.rotation_about(2, table))
+        frames["world"] = np.broadcast_to(np.eye(4), (*links.shape[:-3], 4, 4))
+        frames["sensor"] = links[..., -1, :, :] @ self.flange_from_sensor
+        frames["table"] = self.world_from_table @ turn
+        frames["part"] = frames["table"] @ self.table_from_part
+        for number, further in enumerate(self.further_parts, start=2):
+            frames[f"part[{number}]"] = frames[further.carrier] @ further.carrier_from_part
+        if self.flange_from_finger is not None:
+            for number, flange_from_finger in enumerate(self.flange_from_finger, start=1):
+                frames[f"finger[{number}]"] = frames["link[6]"] @ flange_from_finger
+        return frames
+
+    def body_poses(self, q: ArrayLike, table: ArrayLike) -> Array:
+        """(..., bodies, 4, 4) in the order of `bodies`."""
+        frames = self.frame_poses(q, table)
+        return np.stack([frames[body.moves_with] for body in self.bodies], -3)
+
+
+def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
+    """Assemble the nominal cell around a part whose mesh (metres) is in its own coordinate system.
+
+    Raises
+    ------
+    MeshError
+        If a mesh that the description names cannot be used.
+    CellError
+        If the part is to stand freely and would not stay as it lies.
+    """
+    robot = cell.robot
+    table_from_part = lay_down(part, cell.part)
+    if cell.part.fixture == "free":
+        _refuse_unstable(part, table_from_part, cell.part)
+    further = tuple(_further_part(part_, cell) for part_ in cell.further_part)
+    joints = [Joint(**_joint_fields(joint.model_dump())) for joint in robot.joint]
+    return NominalCell(
+        arm=Arm(joints, pose_matrix(robot.base)),
+        flange_from_sensor=tool_matrix(cell.tool),
+        world_from_table=pose_matrix(cell.table.pose),
+        table_from_part=table_from_part,
+        home=np.radians(robot.home_deg),
+        table_radius=si_value(cell.table, "radius_mm"),
+        table_max_speed=si_value(cell.table, "max_speed_deg_s"),
+        table_max_acceleration=si_value(cell.table, "max_acceleration_deg_s2"),
+        part=part,
+        lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
+        bodies=(*_bodies(cell, part), *_device_bodies(cell, further), *_gripper_bodies(cell.gripper)),
+        flange_from_finger=None if cell.gripper is None else _flange_from_finger(cell.gripper),
+        further_parts=further,
+    )
+
+
+def _further_part(description: FurtherPartDescription, cell: CellDescription) -> FurtherPart:
+    support_from_part = pose_matrix(description.pose)
+    mesh = load_mesh(Path(description.mesh), description.unit)
+    if description.conveyor is None:
+        return FurtherPart(description, mesh, description.stands_on, support_from_part)
+    world_from_belt = pose_matrix(cell.conveyor[description.conveyor - 1].pose)
+    return FurtherPart(description, mesh, "world", world_from_belt @ support_from_part)
+
+
+def _device_bodies(cell: CellDescription, further: tuple[FurtherPart, ...]) -> tuple[Body, ...]:
+    belts = [
+        Body(
+            belt.name,
+            "world",
+            box_mesh((si["length"], si["width"], si["thickness"]), belt.name).transformed(
+                pose_matrix(belt.pose) @ pose.translation((0.0, 0.0, -si["thickness"] / 2))
+            ),
+            _material(belt.material, belt.reflectance),
+        )
+        for belt in cell.conveyor
+        for si in [to_si(belt.model_dump(include={"length_mm", "width_mm", "thickness_mm"}))]
+    ]
+    parts = [
+        Body(
+            part.description.name,
+            f"part[{number}]",
+            part.mesh,
+            _material(part.description.material, part.description.reflectance),
+        )
+        for number, part in enumerate(further, start=2)
+    ]
+    return (*belts, *parts)
+
+
+def _flange_from_finger(gripper: GripperDescription) -> Array:
+    return np.asarray(pose_matrix(gripper.pose) @ gripper_from_finger(start_width(gripper)))
+
+
+def _gripper_bodies(gripper: GripperDescription | None) -> tuple[Body, ...]:
+    if gripper is None:
+        return ()
+    material = _material(gripper.material, gripper.reflectance)
+    housing, finger = housing_mesh(gripper), finger_mesh(gripper)
+    bodies = [Body(f"finger{i}", f"finger[{i}]", finger, material) for i in (1, 2)]
+    if housing is None:
+        return tuple(bodies)
+    return (Body("gripper", "link[6]", housing.transformed(pose_matrix(gripper.pose)), material), *bodies)
+
+
+def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescription) -> None:
+    """A free part that rolls, tips over or falls would not be where the plan has it."""
+    hint = 'turn it with part.rx_deg, part.ry_deg, part.rz_deg, or clamp it (part.fixture = "clamped")'
+    if description.z_mm != 0.0:
+        raise CellError(f"part.z_mm = {description.z_mm:g}: a free part must touch the table (0); {hint}")
+    if not is_stable_pose(part, table_from_part):
+        raise CellError(f"{part.source}: does not stand by itself in this pose; {hint}")
+
+
+def _joint_fields(joint: dict[str, float]) -> dict[str, float]:
+    si = to_si(joint)
+    names = ("a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration")
+    return {name: si[name] for name in names}
+
+
+def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
+    table = cell.table
+    robot_material = _material(cell.robot_material, cell.robot_reflectance)
+    table_material = _material(table.material, table.reflectance)
+    files = [
+        ("base", "world", cell.robot.base_mesh, robot_material),
+        *((f"link{i}", f"link[{i}]", joint.mesh, robot_material) for i, joint in enumerate(cell.robot.joint, 1)),
+        ("sensor", "sensor", cell.sensor_mesh, robot_material),
+        ("table", "table", table.platter_mesh, table_material),
+        ("table_base", "world", table.base_mesh, table_material),
+    ]
+    bodies = [
+        Body(name, frame, _placed(load_mesh(Path(path)), name, cell), material)
+        for name, frame, path, material in files
+        if path is not None
+    ]
+    material = _material(cell.part.material, cell.part.reflectance)
+    return (*bodies, Body("part", "part", part, material, part_patches(part, cell.part)))
+
+
+def _lamp(name: str, light: LightDescription) -> Lamp:
+    si = to_si(light.model_dump(exclude={"pose"}))
+    size = {"point": (0.0, 0.0), "rectangle": (si["width"], si["height"]), "disc": (si["diameter"], si["diameter"])}
+    spectrum = None if si["wavelength"] is None else (si["wavelength"], si["bandwidth"])
+    place = pose_matrix(light.pose)
+    return Lamp(name, light.frame, light.kind, place, size[light.kind], si["power"], si["in_band"], spectrum)
+
+
+def _material(description: MaterialDescription | None, reflectance: float) -> Material:
+    return Material(reflectance) if description is None else description.resolved()
+
+
+def _placed(mesh: Mesh, name: str, cell: CellDescription) -> Mesh:
+    """Meshes of standing bodies are drawn in the frame they stand in; move them to the world."""
+    frames = {"base": cell.robot.base, "table_base": cell.table.pose}
+    if name not in frames:
+        return mesh
+    return mesh.transformed(pose_matrix(frames[name]))

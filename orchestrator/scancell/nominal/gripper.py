@@ -1,0 +1,57 @@
+"""The gripper's frames and bodies as described."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.config.gripper import GripperDescription
+from scancell.config.units import si_value, to_si
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh, box_mesh, load_mesh
+
+Array = NDArray[np.float64]
+
+
+def start_width(gripper: GripperDescription) -> float:
+    """Distance between the pads at the start, m."""
+    return si_value(gripper, "stroke_mm" if gripper.start_mm is None else "start_mm")
+
+
+def gripper_from_finger(width: float) -> Array:
+    """Frames (2, 4, 4) of the fingers with the pads `width` (m) apart."""
+    first = pose.translation((width / 2, 0.0, 0.0))
+    return np.stack([first, pose.from_rotation(pose.rotation_about(2, np.pi)) @ first])
+
+
+def finger_mesh(gripper: GripperDescription) -> Mesh:
+    """A finger in its own frame, metres.
+
+    Raises
+    ------
+    MeshError
+        If a described mesh cannot be used.
+    """
+    if gripper.finger_mesh is not None:
+        return load_mesh(Path(gripper.finger_mesh))
+    si = to_si(gripper.model_dump(include={"finger_thickness_mm", "finger_width_mm", "finger_length_mm"}))
+    size = (si["finger_thickness"], si["finger_width"], si["finger_length"])
+    return box_mesh(size, "finger").transformed(pose.translation((size[0] / 2, 0.0, size[2] / 2)))
+
+
+def housing_mesh(gripper: GripperDescription) -> Mesh | None:
+    """What carries the fingers, in the gripper's frame, metres; None if nothing is described.
+
+    Raises
+    ------
+    MeshError
+        If a described mesh cannot be used.
+    """
+    if gripper.housing_mesh is not None:
+        return load_mesh(Path(gripper.housing_mesh))
+    if gripper.housing_mm is None:
+        return None
+    size = to_si({"housing_mm": gripper.housing_mm})["housing"]
+    return box_mesh(size, "gripper").transformed(pose.translation((0.0, 0.0, -size[2] / 2)))

@@ -1,0 +1,201 @@
+"""Plausibility of descriptions that are valid one by one: link meshes, camera views, exposure timing."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.config.cell import JointDescription, RobotDescription
+from scancell.config.loading import Setup
+from scancell.config.resolved import sensor_json
+from scancell.config.sensor import CameraDescription, SensorDescription
+from scancell.config.units import si_value
+from scancell.errors import DescriptionError
+from scancell.geometry import pose
+from scancell.geometry.arm import Arm, Joint
+from scancell.geometry.mesh import Mesh, load_mesh
+from scancell.sensor import Camera, Sensor
+
+Array = NDArray[np.float64]
+
+_GAP_MM = 10.0  # links of real arms meet closer than this at their joints
+_DH_TOLERANCE = {"a_mm": 1.0, "d_mm": 1.0, "alpha_deg": 0.5}
+_MIN_SHARE = 0.5
+_DEPTHS, _ANGLES = 200, 41  # samples of the laser sheet
+
+
+def setup_warnings(setup: Setup) -> list[str]:
+    """Sentences about descriptions that are valid but unlikely to be meant, each naming the keys to check.
+
+    Raises
+    ------
+    DescriptionError
+        If a camera cannot see the laser line anywhere in the measuring range.
+    MeshError
+        If the mesh of a link cannot be read.
+    """
+    return [*_link_warnings(setup.cell.robot), *_camera_warnings(setup.sensor), *_motion_warnings(setup)]
+
+
+def _link_warnings(robot: RobotDescription) -> list[str]:
+    """Links whose mesh was made for other Denavit-Hartenberg parameters."""
+    warnings = []
+    previous = None if robot.base_mesh is None else load_mesh(Path(robot.base_mesh))
+    for number, joint in enumerate(robot.joint, start=1):
+        mesh = None if joint.mesh is None else load_mesh(Path(joint.mesh))
+        reason = "" if mesh is None else _other_parameters(joint) or _misfit(joint, number, mesh, previous)
+        if reason:
+            name = f"cell.robot.joint[{number}]: mesh {Path(joint.mesh or '').name} does not fit the link"
+            warnings.append(f"{name}: {reason}; give another mesh, or none")
+        previous = mesh
+    return warnings
+
+
+def _other_parameters(joint: JointDescription) -> str:
+    """Difference from the robot file beside the mesh's folder (``six_axis.toml`` for ``six_axis/link2.stl``)."""
+    file = Path(joint.mesh or "").parent.with_suffix(".toml")
+    owners: list[JointDescription] = []
+    with suppress(DescriptionError):  # not a robot file
+        owners = [other for other in RobotDescription.from_toml(file).joint if other.mesh == joint.mesh]
+    for owner in owners:
+        for key, tolerance in _DH_TOLERANCE.items():
+            here, there = getattr(joint, key), getattr(owner, key)
+            if abs(here - there) > tolerance:
+                return f"{key} is {here:g}, the mesh was made for {there:g} ({file.name})"
+    return ""
+
+
+def _misfit(joint: JointDescription, number: int, mesh: Mesh, previous: Mesh | None) -> str:
+    """What separates the link's bounding box from its joint axes or from the link before it."""
+    si = {name: si_value(joint, key) for name, key in (("a", "a_mm"), ("d", "d_mm"), ("alpha", "alpha_deg"))}
+    previous_from_link = Arm([Joint(**si)]).fk([0.0])
+    link_from_previous = pose.inverse(previous_from_link)
+    # Joint i turns about z of frame i - 1; the next joint, or the flange, lies on z of the link's own frame.
+    own = _distance_from_axis(mesh.bounds, link_from_previous[:3, 3], link_from_previous[:3, 2])
+    if own > _GAP_MM:
+        return f"it ends {own:.0f} mm from the axis of joint {number}"
+    following = f"joint {number + 1}" if number < 6 else "the flange"
+    further = _distance_from_axis(mesh.bounds, np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    if further > _GAP_MM:
+        return f"it ends {further:.0f} mm from the axis of {following}"
+    if previous is not None:
+        low, high = mesh.transformed(previous_from_link).bounds[:, 2]
+        gap = 1e3 * max(low - previous.bounds[1, 2], previous.bounds[0, 2] - high)
+        if gap > _GAP_MM:
+            before = f"link {number - 1}" if number > 1 else "the base"
+            return f"there is a gap of {gap:.0f} mm between it and {before} along the axis of joint {number}"
+    return ""
+
+
+def _distance_from_axis(bounds: Array, point: Array, direction: Array) -> float:
+    """Millimetres between a box (2, 3) and the infinite line through `point`; the distance is convex along it."""
+    centre = (bounds[0] + bounds[1]) / 2 - point
+    reach = float(np.linalg.norm(bounds[1] - bounds[0]))
+    low, high = centre @ direction - reach, centre @ direction + reach
+
+    def distance(at: float) -> float:
+        position = point + at * direction
+        return float(np.linalg.norm(np.maximum(0.0, np.maximum(bounds[0] - position, position - bounds[1]))))
+
+    for _ in range(60):
+        third = (high - low) / 3
+        if distance(low + third) < distance(high - third):
+            high -= third
+        else:
+            low += third
+    return 1e3 * distance((low + high) / 2)
+
+
+def _camera_warnings(sensor: SensorDescription) -> list[str]:
+    """Cameras that see the laser line in less than half of the measuring range."""
+    native = Sensor(json.dumps(sensor_json(sensor, seed=0)))
+    warnings = []
+    for number, (camera, described) in enumerate(zip(native.cameras, sensor.camera, strict=True), start=1):
+        share = _share_of_range(sensor, camera)
+        if share >= _MIN_SHARE:
+            continue
+        near, far = (f"{value:g}" for value in (sensor.range.near_mm, sensor.range.far_mm))
+        seen = (
+            f"of the measuring range from {near} to {far} mm (its image centre column sees {_view(camera, described)})"
+        )
+        hint = "check its tilt_deg, half_angle_deg, baseline_mm and height_mm, and sensor.range"
+        name = f"sensor.camera[{number}] '{described.name}'"
+        if share == 0.0:
+            raise DescriptionError(f"{name}: sees the laser line nowhere {seen}; {hint}")
+        warnings.append(f"{name}: sees the laser line in {share:.0%} {seen}; {hint}")
+    return warnings
+
+
+def _share_of_range(sensor: SensorDescription, camera: Camera) -> float:
+    """Share of depths in the measuring range at which the camera sees any point of the laser line."""
+    z = np.linspace(si_value(sensor.range, "near_mm"), si_value(sensor.range, "far_mm"), _DEPTHS)
+    half = si_value(sensor.laser, "fan_half_angle_deg")
+    beyond_source = z - si_value(sensor.laser, "source_z_mm")
+    y = beyond_source[:, None] * np.tan(np.linspace(-half, half, _ANGLES))
+    points = np.stack([np.zeros_like(y), y, np.broadcast_to(z[:, None], y.shape)], -1).reshape(-1, 3)
+    ahead = pose.transform_points(pose.inverse(camera.sensor_from_camera), points)[:, 2] > 0
+    ahead &= np.repeat(beyond_source > 0, _ANGLES)
+    seen = np.zeros(len(points), bool)
+    pixels = camera.project(points[ahead])
+    inside = ((pixels > -0.5) & (pixels < np.array([camera.width_px, camera.height_px]) - 0.5)).all(1)
+    # Distortion may fold points from far outside into the image: the ray of the pixel tells.
+    rays = camera.view_rays(pixels[inside])
+    towards = points[ahead][inside] - camera.sensor_from_camera[:3, 3]
+    cosine = (rays * towards).sum(1) / (np.linalg.norm(rays, axis=1) * np.linalg.norm(towards, axis=1))
+    seen[np.flatnonzero(ahead)[inside]] = cosine > np.cos(1e-3)
+    return float(seen.reshape(y.shape).any(1).mean())
+
+
+def _view(camera: Camera, described: CameraDescription) -> str:
+    """Range of sensor Z on the laser sheet between the first and last row of the image."""
+    column = (camera.width_px - 1) / 2 if described.cx_px is None else described.cx_px
+    rays = camera.view_rays(np.array([[column, -0.5], [column, camera.height_px - 0.5]]))
+    origin = camera.sensor_from_camera[:3, 3]
+    with np.errstate(divide="ignore"):
+        along = -origin[0] / rays[:, 0]
+    z = [
+        f"{1e3 * (origin[2] + t * ray[2]):.1f} mm" if np.isfinite(t) and t > 0 else "infinity"
+        for t, ray in zip(along, rays, strict=True)
+    ]
+    return " to ".join(z)
+
+
+def _motion_warnings(setup: Setup) -> list[str]:
+    """Exposures that overlap, speeds beyond the table's and a standoff outside the measuring range."""
+    scan, sensor, table = setup.scan, setup.sensor, setup.cell.table
+    if scan.pose:
+        return []
+    warnings = []
+    standoff, near, far = scan.sweep.standoff_mm, sensor.range.near_mm, sensor.range.far_mm
+    if not near <= standoff <= far:
+        where = f"the measuring range of the sensor ({near:g} to {far:g} mm)"
+        warnings.append(f"scan.sweep.standoff_mm = {standoff:g}: outside {where}, the nearest surface is not measured")
+    if scan.mode != "dynamic":
+        return warnings
+    sweep, raster = scan.sweep, scan.raster
+    if sweep.enabled and sweep.speed_deg_s > table.max_speed_deg_s:
+        limit = f"cell.table.max_speed_deg_s = {table.max_speed_deg_s:g}"
+        warnings.append(f"scan.sweep.speed_deg_s = {sweep.speed_deg_s:g}: sweeps are slower, limited by {limit}")
+    speed = min(sweep.speed_deg_s, table.max_speed_deg_s)
+    periods = [
+        (sweep.enabled, "sweep", "angle_step_deg", "speed_deg_s", 1e3 * sweep.angle_step_deg / speed),
+        (raster.enabled, "raster", "pitch_mm", "speed_mm_s", 1e3 * raster.pitch_mm / raster.speed_mm_s),
+    ]
+    needed = _exposure_ms(sensor)
+    for enabled, name, step, key, period in periods:
+        if enabled and needed > period:
+            asked = f"scan.{name}.{step} and {key} ask for an exposure every {period:.3g} ms"
+            warnings.append(f"{asked}, but one takes {needed:.3g} ms: reduce scan.{name}.{key} or the exposure time")
+    return warnings
+
+
+def _exposure_ms(sensor: SensorDescription) -> float:
+    """Time from the start of an exposure to the earliest start of the next, ms."""
+    detector = sensor.detector
+    rows = max(camera.height_px for camera in sensor.camera)
+    readout = 1e-3 * (detector.row_readout_us or 0.0) * (rows - 1)
+    return (detector.exposure_ms + readout) * (2 if detector.laser_off_frame else 1)

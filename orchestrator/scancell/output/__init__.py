@@ -1,0 +1,1 @@
+"""Run folders, manifests, image files, tables and pictures on disk."""

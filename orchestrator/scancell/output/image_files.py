@@ -1,0 +1,185 @@
+"""Image files of several cameras: grouping by exposure, and reading."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.errors import ImageError
+from scancell.output.frame_index import INDEX, Laser, read_index
+
+SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
+
+
+@dataclass(frozen=True)
+class ImageSet:
+    """Image files grouped by exposure, in natural order.
+
+    Attributes
+    ----------
+    names
+        (n,) names of the exposures.
+    files
+        (n, cameras) image files.
+    ignored_files
+        Ignored images: in a folder with an index that does not list them with the requested laser state.
+    """
+
+    names: tuple[str, ...]
+    files: tuple[tuple[Path, ...], ...]
+    ignored_files: tuple[Path, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @classmethod
+    def from_files(cls, given: Sequence[Path], cameras: Sequence[str], laser: Laser = "on") -> ImageSet:
+        """Group files, and the images in folders, by exposure and camera.
+
+        In a folder with an index (``frames.csv``) the index decides. Otherwise the file name contains the name of the
+        camera as a word (``scan_007_plus.png`` for camera ``plus``), and the rest of the name is the exposure; with a
+        single camera the whole name is.
+
+        Parameters
+        ----------
+        given
+            Image files and folders.
+        cameras
+            Names of the cameras.
+        laser
+            Laser state of the frames to take from an index.
+
+        Raises
+        ------
+        ImageError
+            If a file is missing, matches no camera or several, is given twice, or an exposure lacks a camera.
+        """
+        found: dict[str, dict[str, Path]] = {}
+        ignored: list[Path] = []
+        for path, camera, exposure in _classified(given, cameras, laser, ignored):
+            others = found.setdefault(exposure, {})
+            if camera in others:
+                raise ImageError(f"{path}: exposure '{exposure}' of camera '{camera}' is {others[camera]} already")
+            others[camera] = path
+        names = sorted(found, key=_natural)
+        for name in names:
+            for camera in cameras:
+                if camera not in found[name]:
+                    other = next(iter(found[name].values()))
+                    raise ImageError(f"{other}: exposure '{name}' has no image of camera '{camera}'")
+        files = tuple(tuple(found[name][camera] for camera in cameras) for name in names)
+        return cls(tuple(names), files, tuple(ignored))
+
+    def matching(self, others: ImageSet) -> ImageSet:
+        """The exposures of `others` (laser off) with the names of this set, in its order.
+
+        Raises
+        ------
+        ImageError
+            If one is missing.
+        """
+        files = dict(zip(others.names, others.files, strict=True))
+        for name, (first, *_) in zip(self.names, self.files, strict=True):
+            if name not in files:
+                raise ImageError(f"{first}: exposure '{name}' has no image of that name with the laser off")
+        return ImageSet(self.names, tuple(files[name] for name in self.names), others.ignored_files)
+
+
+def read_images(sets: ImageSet, rows: range, sensor: sensor_rt.Sensor, bit_depth: int) -> NDArray[np.uint16]:
+    """Images (exposures, cameras, height, width) of the exposures `rows`, digital numbers.
+
+    Raises
+    ------
+    ImageError
+        If a file is not a greyscale image of the camera's size and bit depth, or the cameras differ in size.
+    """
+    sizes = {(camera.height_px, camera.width_px) for camera in sensor.cameras}
+    if len(sizes) > 1:
+        raise ImageError(f"cameras of different sizes ({sorted(sizes)}) cannot be read together")
+    (size,) = sizes
+    images = np.empty((len(rows), len(sensor.cameras), *size), np.uint16)
+    for i, row in enumerate(rows):
+        for k, path in enumerate(sets.files[row]):
+            images[i, k] = _read(path, size, sensor.cameras[k].name, bit_depth)
+    return images
+
+
+def _read(path: Path, size: tuple[int, int], camera: str, bit_depth: int) -> NDArray[np.uint16]:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ImageError(f"{path}: cannot be read as an image")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise ImageError(f"{path}: expected 8 or 16 bits per pixel, found {image.dtype}")
+    if image.ndim == 3:  # grey values stored as colours
+        colours = image[:, :, :3]
+        if (colours != colours[:, :, :1]).any():
+            raise ImageError(f"{path}: expected a grey image, found colours")
+        image = colours[:, :, 0]
+    if image.shape != size:
+        found, expected = (f"{shape[1]} x {shape[0]}" for shape in (image.shape, size))
+        raise ImageError(f"{path}: is {found} pixels, camera '{camera}' has {expected}")
+    highest, limit = int(image.max()), (1 << bit_depth) - 1
+    if highest > limit:
+        raise ImageError(f"{path}: holds the value {highest}, but detector.bit_depth = {bit_depth} ends at {limit}")
+    return np.asarray(image, np.uint16)
+
+
+def _classified(
+    given: Sequence[Path], cameras: Sequence[str], laser: Laser, ignored: list[Path]
+) -> Iterator[tuple[Path, str, str]]:
+    """File, camera and exposure of the files and of the images in folders; appends unlisted images to `ignored`."""
+    for path in given:
+        if path.is_dir():
+            inside = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
+            if (path / INDEX).exists():
+                frames = list(_indexed(path / INDEX, cameras, laser))
+                indexed = {file for file, _, _ in frames}
+                ignored.extend(file for file in inside if file not in indexed)
+                yield from frames
+                continue
+            if not inside:
+                raise ImageError(f"{path}: holds no image ({', '.join(SUFFIXES)})")
+            yield from ((file, *_camera_and_exposure(file, cameras)) for file in inside)
+        elif path.is_file():
+            yield path, *_camera_and_exposure(path, cameras)
+        else:
+            raise ImageError(f"{path}: no such file")
+
+
+def _indexed(index: Path, cameras: Sequence[str], laser: Laser) -> Iterator[tuple[Path, str, str]]:
+    """File, camera and exposure of the frames in an index with the given laser state."""
+    frames = [frame for frame in read_index(index) if frame.laser == laser]
+    if not frames:
+        raise ImageError(f"{index}: lists no image with the laser {laser}")
+    for frame in frames:
+        if frame.camera not in cameras:
+            raise ImageError(f"{index}: camera '{frame.camera}' is none of the sensor's ({', '.join(cameras)})")
+        file = index.parent / frame.file
+        if not file.is_file():
+            raise ImageError(f"{index}: lists {frame.file}: no such file")
+        yield file, frame.camera, frame.exposure
+
+
+def _camera_and_exposure(path: Path, cameras: Sequence[str]) -> tuple[str, str]:
+    """Camera and exposure by the file name."""
+    if len(cameras) == 1:
+        return cameras[0], path.stem
+    matches = [(camera, re.search(rf"(?<![^\W_]){re.escape(camera)}(?![^\W_])", path.stem)) for camera in cameras]
+    named = [(camera, match) for camera, match in matches if match]
+    if len(named) != 1:
+        reason = "names several cameras" if named else "names no camera"
+        raise ImageError(f"{path}: {reason}; expected one of the words {', '.join(cameras)} in the name")
+    camera, match = named[0]
+    return camera, (path.stem[: match.start()] + path.stem[match.end() :]).strip("_-. ")
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Sort key for natural order: scan_2 before scan_10."""
+    return [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in re.split(r"(\d+)", name)]

@@ -1,0 +1,152 @@
+"""Files of a scan in its run folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scancell.cell.program import Program
+from scancell.cell.recording import write_recording
+from scancell.config.choices import Frame
+from scancell.evaluation.coverage import Coverage
+from scancell.evaluation.deviation import Deviation
+from scancell.geometry.mesh import Mesh
+from scancell.output.deviation_picture import deviation_picture
+from scancell.output.frames import draw_stripes
+from scancell.output.manifest import manifest, resolved_toml
+from scancell.output.run_folder import RunFolder
+from scancell.reconstruction.cloud_files import write_cloud
+from scancell.scanning.result import ScanData
+from scancell.stopwatch import Stopwatch
+
+_ROWS = 1 << 18  # of a table written at a time, which bounds the memory
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """Inputs and output options of a run.
+
+    Attributes
+    ----------
+    inputs
+        Files read: the mesh of the part, a recording.
+    run
+        Part, unit, engine, perturbations, seed and command line, for the manifest.
+    formats, frame
+        Formats of the cloud files, and the frame of their points.
+    """
+
+    inputs: Sequence[Path]
+    run: dict[str, Any]
+    formats: Sequence[str] = ("ply",)
+    frame: Frame = "part"
+
+
+def write_run(
+    data: ScanData, deviation: Deviation, coverage: Coverage, record: RunRecord, folder: RunFolder, watch: Stopwatch
+) -> None:
+    """Write all files of a scan: cloud, profiles, plan, recording, figures, pictures, descriptions, manifest.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    with watch.measure("write"):
+        comments = (f"scancell scan of {data.part}", f"frame {record.frame}")
+        pose = data.frame_from_part(record.frame)
+        for suffix in record.formats:
+            write_cloud(folder.path(f"cloud.{suffix}"), data.cloud, comments, pose)
+        write_recording(data.recording, folder.path("recording.parquet"))
+        write_profiles(data, folder.path("profiles.parquet"))
+        if data.plan is not None:
+            write_json(folder.path("plan.json"), plan_json(data.plan.program))
+        figures = deviation.as_json(data.camera_names, data.segment_names)
+        write_json(folder.path("deviation.json"), {**figures, "coverage": coverage.as_json()})
+        folder.path("resolved.toml").write_text(resolved_toml(data.setup, record.run))
+        run = {**record.run, "fmu_token": data.fmu_token, "warnings": list(data.warnings)}
+        write_json(folder.path("manifest.json"), manifest(data.setup, record.inputs, run))
+    with watch.measure("draw"):
+        write_pictures(data, data.nominal.part, deviation, coverage, folder)
+
+
+def write_pictures(data: ScanData, part: Mesh, deviation: Deviation, coverage: Coverage, folder: RunFolder) -> None:
+    """Write ``deviation.png`` and the sample images with the extracted stripe."""
+    deviation_picture(
+        folder.path("deviation.png"),
+        data.cloud,
+        deviation,
+        part,
+        name=data.part,
+        coverage_fraction=coverage.fraction,
+    )
+    for sample in data.sample_images:
+        file = folder.path(f"images/profile_{sample.trigger:05d}.png")
+        title = f"profile {sample.trigger}"
+        draw_stripes(sample.images, data.sensors.nominal, file, title, sample.background)
+
+
+def plan_json(program: Program) -> dict[str, Any]:
+    """A program as plain data for JSON, SI units: segments with their set-points, without loss of precision."""
+    return {
+        "format": 1,
+        "units": {"time": "s", "q": "rad", "table": "rad", "interval": "s, rad or m by kind"},
+        "settle": program.settle,
+        "segments": [
+            {
+                "id": segment.id,
+                "name": segment.name,
+                "trigger": {"kind": segment.trigger.kind, "interval": segment.trigger.interval},
+                "trigger_from": segment.trigger_from,
+                "trigger_to": segment.trigger_to,
+                "time": segment.times.tolist(),
+                "q": segment.q.tolist(),
+                "table": segment.table.tolist(),
+            }
+            for segment in program.segments
+        ],
+    }
+
+
+def write_profiles(data: ScanData, path: Path) -> None:
+    """Write all points in the sensor frame as Parquet: lengths in mm; `profile` is the trigger index."""
+    import pyarrow as pa  # noqa: PLC0415  (takes 0.1 s to import)
+    import pyarrow.parquet  # noqa: PLC0415
+
+    profiles, index = data.profiles, data.recording.measured.index.astype(np.int32)
+    few_values = ["profile", "camera", "x_mm", "flags", "time_offset_s"]
+    writer = None
+    try:
+        for start in range(0, max(len(profiles.frame), 1), _ROWS):
+            rows = slice(start, start + _ROWS)
+            points = 1e3 * np.asarray(profiles.points_in_sensor[rows], float)
+            columns = {
+                "profile": index[profiles.frame[rows]],
+                "camera": np.asarray(profiles.camera[rows], np.uint8),
+                "column": np.asarray(profiles.column[rows], np.int32),
+                **{f"{axis}_mm": np.ascontiguousarray(points[:, i]) for i, axis in enumerate("xyz")},
+                "sigma_mm": 1e3 * np.asarray(profiles.sigma[rows], np.float32),
+                "intensity_dn": np.asarray(profiles.intensity[rows], np.float32),
+                "flags": np.asarray(profiles.flags[rows], np.uint32),
+                "time_offset_s": np.asarray(profiles.time_offset[rows], np.float32),
+            }
+            table = pa.table({name: pa.array(values) for name, values in columns.items()})
+            table = table.replace_schema_metadata({"frame": "sensor", "cameras": ",".join(data.camera_names)})
+            writer = writer or pyarrow.parquet.ParquetWriter(
+                path, table.schema, compression="none", use_dictionary=few_values, write_statistics=False
+            )
+            writer.write_table(table)
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write plain data as JSON, indented up to 100 000 characters."""
+    text = json.dumps(content, indent=1)
+    path.write_text((text if len(text) < 100_000 else json.dumps(content)) + "\n")

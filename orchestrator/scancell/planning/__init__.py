@@ -1,0 +1,1 @@
+"""Scan planning: views and paths, kinematic constraints, collision-free trajectories and scan programs."""

@@ -1,0 +1,130 @@
+"""Assembly of placed views into one scan program: connecting motions, triggered runs and exposures at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.program import Program, Segment, TriggerRule
+from scancell.planning import trajectory
+from scancell.planning.connection import Connector
+from scancell.planning.model import PlanningCell
+from scancell.planning.options import ScanOptions
+from scancell.planning.placement import LIMIT_FRACTION, PlacedPass, PlacedPose, PlacedSweep
+
+Array = NDArray[np.float64]
+Parts = tuple[Program, NDArray[np.int64], Array, Array]
+
+_SMALL_MOVE = np.radians(0.5)  # joint moves up to this need no collision check: they stay within the clearance
+
+
+class Assembly:
+    """Builds a program segment by segment; each segment starts at the set-point where the previous one ended.
+
+    Parameters
+    ----------
+    cell
+        Nominal cell; the program starts at its home position.
+    options
+        Scan mode, speeds and clearance.
+    """
+
+    def __init__(self, cell: PlanningCell, options: ScanOptions) -> None:
+        self._cell = cell
+        self._options = options
+        self._connector = Connector(cell, options.clearance)
+        self._at = np.append(cell.nominal.home, cell.table_start)
+        self._segments: list[Segment] = []
+        self._exposures: list[tuple[int, Array]] = []
+
+    def add_sweep(self, placed: PlacedSweep, count: int) -> None:
+        """Append a full table turn with `count` exposures, the first at table angle 0 (modulo 2 pi)."""
+        step = 2 * np.pi / count
+        first = 2 * np.pi * np.round(self._at[6] / (2 * np.pi))
+        angles = first + step * np.arange(count)
+        points = np.column_stack([np.tile(placed.q, (count, 1)), angles])
+        if not self._options.dynamic:
+            self._expose_at_rest(points, placed.view.name)
+            return
+        assert self._options.sweep is not None
+        acceleration = LIMIT_FRACTION * self._cell.nominal.table_max_acceleration
+        speed = min(self._options.sweep.speed, LIMIT_FRACTION * self._cell.nominal.table_max_speed)
+        run = trajectory.run(count, step, speed, acceleration, self._cell.cycle)
+        setpoints = np.column_stack([np.tile(placed.q, (len(run.path), 1)), first + run.path])
+        self._run(setpoints, run, TriggerRule("table_angle", step), points, placed.view.name)
+
+    def add_pass(self, placed: PlacedPass) -> None:
+        """Append a straight pass: at constant speed in dynamic mode, exposure by exposure otherwise."""
+        table = self._nearest_table(placed.table)
+        points = np.column_stack([placed.exposures, np.full(len(placed.exposures), table)])
+        if not self._options.dynamic:
+            self._expose_at_rest(points, placed.view.name)
+            return
+        setpoints = np.column_stack([placed.q, np.full(len(placed.q), table)])
+        interval = placed.view.length / (len(points) - 1)
+        self._run(setpoints, placed.run, TriggerRule("path_distance", interval), points, placed.view.name)
+
+    def add_pose(self, placed: PlacedPose) -> None:
+        """Append one exposure at rest."""
+        point = np.append(placed.q, self._nearest_table(placed.table))
+        self._expose_at_rest(point[None], placed.name)
+
+    def finish(self) -> Parts:
+        """Append the motion home and return the result.
+
+        Returns
+        -------
+        program
+            All segments.
+        segment
+            (m,) segment id of each exposure.
+        q, table
+            (m, 6), (m,) joints and table angle of each exposure, rad.
+
+        Raises
+        ------
+        PlanningError
+            If no collision-free path home is found.
+        """
+        self._go(np.append(self._cell.nominal.home, self._at[6]), "home")
+        program = Program(tuple(self._segments), 0.0 if self._all_moving() else self._options.settle)
+        ids = np.array([number for number, _ in self._exposures], np.int64)
+        points = np.concatenate([points for _, points in self._exposures])
+        return program, ids, points[:, :6], points[:, 6]
+
+    def _all_moving(self) -> bool:
+        return all(segment.trigger.kind != "request" for segment in self._segments)
+
+    def _nearest_table(self, angle: float) -> float:
+        turn = 2 * np.pi
+        return float(angle + turn * np.round((self._at[6] - angle) / turn))
+
+    def _go(self, goal: Array, purpose: str) -> None:
+        for setpoints in self._connector.connect(self._at, goal, purpose):
+            self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {purpose}")
+
+    def _run(self, setpoints: Array, run: trajectory.Run, rule: TriggerRule, points: Array, name: str) -> None:
+        self._go(setpoints[0], name)
+        number = self._append(setpoints, rule, run.trigger_from, run.trigger_to, name)
+        self._exposures += [(number, point[None]) for point in points]
+
+    def _expose_at_rest(self, points: Array, name: str) -> None:
+        """Append exposures at rest at points (m, 7) in order; larger arm moves go by collision-free paths.
+
+        Moves of the table alone need no check: the full turn was checked when the view was placed.
+        """
+        for point in points:
+            far = np.abs(point[:6] - self._at[:6]).max() > _SMALL_MOVE
+            motions = self._connector.connect(self._at, point, name) if far else []
+            for setpoints in motions[:-1]:
+                self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {name}")
+            last = motions[-1] if motions else self._connector.move(self._at, point)
+            number = self._append(last, TriggerRule("request"), 0.0, 0.0, name)
+            self._exposures.append((number, point[None]))
+
+    def _append(self, setpoints: Array, rule: TriggerRule, start: float, end: float, name: str) -> int:
+        number = len(self._segments) + 1
+        times: Array = np.arange(len(setpoints), dtype=np.float64) * self._cell.cycle
+        self._segments.append(Segment(number, times, setpoints[:, :6], setpoints[:, 6], rule, start, end, name))
+        self._at = setpoints[-1]
+        return number

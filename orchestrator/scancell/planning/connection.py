@@ -1,0 +1,113 @@
+"""Collision-free joint motions between views: direct, through retreat points, or through the home position."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.errors import PlanningError
+from scancell.geometry import pose
+from scancell.planning import trajectory
+from scancell.planning.model import PlanningCell
+from scancell.planning.placement import LIMIT_FRACTION
+from scancell.planning.reasons import describe
+from scancell.proximity.scene import Clash
+
+Array = NDArray[np.float64]
+
+_CHECK_STEP = np.radians(0.5)  # of the joint with the largest travel: about 7 mm at full reach
+_RETREAT_DISTANCES = (0.06, 0.12, 0.2)  # m
+_MAX_BRANCH_CHANGE = np.radians(60)  # joint travel to a retreat point; more means another inverse-kinematics branch
+
+
+class Connector:
+    """Finds collision-free motions of the six joints and the table.
+
+    Parameters
+    ----------
+    cell
+        Nominal cell.
+    clearance
+        Distance (m) between bodies to which views were checked; connections keep 80 % of it.
+    """
+
+    def __init__(self, cell: PlanningCell, clearance: float) -> None:
+        self._cell = cell
+        # Views are checked at discrete poses: between them bodies may come slightly nearer.
+        self._clearance = 0.8 * clearance
+        arm, nominal = cell.nominal.arm, cell.nominal
+        self._speed = LIMIT_FRACTION * np.append(arm.max_speed, nominal.table_max_speed)
+        self._acceleration = LIMIT_FRACTION * np.append(arm.max_acceleration, nominal.table_max_acceleration)
+
+    def move(self, start: Array, end: Array) -> Array:
+        """Set-points (n, 7), rad, of the straight joint motion from `start` to `end` (7,), without collision check."""
+        return trajectory.move(start, end, self._speed, self._acceleration, self._cell.cycle)
+
+    def connect(self, start: Array, end: Array, purpose: str) -> list[Array]:
+        """Set-points of a collision-free path as rest-to-rest motions.
+
+        Parameters
+        ----------
+        start, end
+            (7,) joints and table angle, rad.
+        purpose
+            Name of the goal for error messages.
+
+        Returns
+        -------
+        list of (n, 7) arrays
+            One per motion, rad; empty when `start` and `end` coincide.
+
+        Raises
+        ------
+        PlanningError
+            If every candidate path collides, naming `purpose` and the bodies that collide on the direct path.
+        """
+        if np.abs(end - start).max() < 1e-9:
+            return []
+        checked: dict[tuple[bytes, bytes], list[Clash]] = {}
+        direct: list[Clash] = []
+        for path in self._candidate_paths(start, end):
+            legs = [(a, b) for a, b in pairwise(path) if np.abs(b - a).max() > 0]
+            for a, b in legs:
+                key = (a.tobytes(), b.tobytes())
+                if key not in checked:
+                    checked[key] = self._check(a, b)
+                if checked[key]:
+                    direct = direct or checked[key]
+                    break
+            else:
+                return [self.move(a, b) for a, b in legs]
+        reason = describe(direct[0], self._clearance)
+        raise PlanningError(f"no collision-free path to {purpose}: {reason} on the direct path")
+
+    def _check(self, start: Array, end: Array) -> list[Clash]:
+        steps = int(np.ceil(np.abs(end - start).max() / _CHECK_STEP)) + 1
+        path = np.linspace(start, end, max(2, steps))
+        return self._cell.clearance_violations(path[:, :6], path[:, 6], self._clearance)
+
+    def _candidate_paths(self, start: Array, end: Array) -> Iterator[list[Array]]:
+        """Lists of waypoints (7,), simplest first: direct, through retreat points at either end, through home."""
+        yield [start, end]
+        starts, ends = self._retreat_points(start), self._retreat_points(end)
+        pairs = sorted(product(range(len(starts)), range(len(ends))), key=sum)
+        yield from ([start, starts[i], ends[k], end] for i, k in pairs)
+        home = self._cell.nominal.home
+        for i, k in pairs:
+            yield [start, starts[i], np.append(home, start[6]), np.append(home, end[6]), ends[k], end]
+
+    def _retreat_points(self, at: Array) -> list[Array]:
+        """`at` (7,) itself, then points with the sensor retracted along its Z or raised along the table's axis."""
+        table_from_sensor = self._cell.table_from_sensor(at[:6])
+        targets = []
+        for distance in _RETREAT_DISTANCES:
+            targets.append(table_from_sensor @ pose.translation((0.0, 0.0, -distance)))
+            targets.append(pose.translation((0.0, 0.0, distance)) @ table_from_sensor)
+        q = self._cell.ik(np.array(targets), reference=at[:6])
+        travel = np.nan_to_num(np.abs(q - at[:6]).max(-1), nan=np.inf)
+        best = np.argmin(travel, axis=1)
+        near = [q[i, k] for i, k in enumerate(best) if travel[i, k] < _MAX_BRANCH_CHANGE]
+        return [at, *(np.append(joints, at[6]) for joints in near)]

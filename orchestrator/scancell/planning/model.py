@@ -1,0 +1,111 @@
+"""Planning model: the nominal cell with the sensor's measuring range and clearance queries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh, clustered
+from scancell.nominal.cell import NominalCell
+from scancell.proximity.cell_scene import arm_chain, cell_scene
+from scancell.proximity.scene import Clash, ProximityScene
+
+Array = NDArray[np.float64]
+
+_SELF_CLEARANCE = 2e-3  # m between links of the arm
+_MAX_FACES = 100_000  # meshes with more are simplified
+_CLUSTER = 3e-4  # m: grid of the simplification, well below any clearance
+
+
+@dataclass(frozen=True)
+class SensorRange:
+    """Measuring range of the sensor: a trapezoid in the laser sheet (sensor frame, m).
+
+    Attributes
+    ----------
+    near, far
+        Limits of z.
+    half_near, half_far
+        Half-widths of the visible laser line at `near` and `far`; linear in z between.
+    cameras
+        (k, 3) centres of projection.
+    """
+
+    near: float
+    far: float
+    half_near: float
+    half_far: float
+    cameras: Array
+
+    def half_line(self, z: ArrayLike) -> Array:
+        """Half-width (...,), m, of the visible laser line at ranges `z` (...,), m."""
+        slope = (self.half_far - self.half_near) / (self.far - self.near)
+        return np.asarray(self.half_near + slope * (np.asarray(z, float) - self.near))
+
+    def contains(self, y: ArrayLike, z: ArrayLike) -> NDArray[np.bool_]:
+        """Whether points (y, z) of the laser sheet (m, any shape) lie in the trapezoid."""
+        y, z = np.asarray(y, float), np.asarray(z, float)
+        return np.asarray((z >= self.near) & (z <= self.far) & (np.abs(y) <= self.half_line(z)))
+
+
+def _simplified(mesh: Mesh) -> Mesh:
+    return clustered(mesh, _CLUSTER) if len(mesh.faces) > _MAX_FACES else mesh
+
+
+@dataclass(frozen=True)
+class PlanningCell:
+    """Nominal cell, measuring range and controller cycle.
+
+    Attributes
+    ----------
+    nominal
+        Kinematics and bodies; every program starts and ends at its `home`.
+    range
+        Measuring range of the sensor.
+    cycle
+        Controller cycle: time between set-points, s.
+    table_start
+        Table angle at the start, rad.
+    threads
+        Threads of the clearance queries, which do not change them; 0 uses all cores.
+    """
+
+    nominal: NominalCell
+    range: SensorRange
+    cycle: float
+    table_start: float = 0.0
+    threads: int = 0
+
+    @cached_property
+    def _chain(self) -> list[str]:
+        return arm_chain(self.nominal)
+
+    @cached_property
+    def proximity(self) -> ProximityScene:
+        """Bodies of the cell, simplified, and the pairs to check for collision."""
+        return cell_scene(self.nominal, {body.name: _simplified(body.mesh) for body in self.nominal.bodies})
+
+    def clearance_violations(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
+        """Pairs of bodies nearer than `clearance` (m) at joints (n, 6) and table angles (n,), rad.
+
+        Links of the arm are close to each other by design and need 2 mm only.
+        """
+        near = self.proximity.clearance_violations(self.nominal.body_poses(q, table), clearance, self.threads)
+        return [c for c in near if c.distance < _SELF_CLEARANCE or not {c.body_a, c.body_b} <= set(self._chain)]
+
+    def table_from_sensor(self, q: ArrayLike) -> Array:
+        """Sensor poses (..., 4, 4), m, in the frame of the table at angle 0, for joints (..., 6), rad."""
+        return np.asarray(pose.inverse(self.nominal.world_from_table) @ self.nominal.world_from_sensor(q))
+
+    def ik(self, table_from_sensor: ArrayLike, reference: ArrayLike | None = None, filtered: bool = True) -> Array:
+        """Joints (n, 8, 6), rad, of all branches for sensor poses (n, 4, 4) in the frame of the table at angle 0.
+
+        `reference` and `filtered` as in `Arm.ik`.
+        """
+        world_from_sensor = self.nominal.world_from_table @ np.asarray(table_from_sensor, float)
+        flange = world_from_sensor @ pose.inverse(self.nominal.flange_from_sensor)
+        return self.nominal.arm.ik(flange, reference, filtered)

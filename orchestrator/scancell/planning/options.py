@@ -1,0 +1,79 @@
+"""Scan options for planning, in SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.config.scan import ScanDescription
+from scancell.config.units import to_si
+from scancell.nominal.poses import pose_matrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SweepOptions:
+    """Full turns of the table under a stationary sensor (m, rad, rad/s)."""
+
+    elevations: tuple[float, ...]
+    azimuth: float
+    standoff: float
+    height_step: float
+    angle_step: float
+    speed: float
+
+
+@dataclass(frozen=True)
+class RasterOptions:
+    """Straight passes over the top of the part (m, m/s)."""
+
+    standoff: float
+    pitch: float
+    overlap: float
+    speed: float
+
+
+@dataclass(frozen=True)
+class ScanOptions:
+    """Options of a scan: m, rad, s.
+
+    `poses` (n, 4, 4) is ``part_from_sensor`` of single exposures; when not empty, sweeps and passes are ignored.
+    """
+
+    dynamic: bool
+    max_profiles: int
+    settle: float
+    clearance: float
+    sweep: SweepOptions | None
+    raster: RasterOptions | None
+    poses: Array
+
+
+def scan_options(scan: ScanDescription) -> ScanOptions:
+    """Options of a validated description, converted to SI units."""
+    si = to_si(scan.model_dump())
+    sweep, raster = si["sweep"], si["raster"]
+    poses = np.array([pose_matrix(p) for p in scan.pose]).reshape(-1, 4, 4)
+    return ScanOptions(
+        dynamic=scan.mode == "dynamic",
+        max_profiles=scan.max_profiles,
+        settle=si["settle"],
+        clearance=si["clearance"],
+        sweep=SweepOptions(
+            tuple(sweep["elevations"]),
+            sweep["azimuth"],
+            sweep["standoff"],
+            sweep["height_step"],
+            sweep["angle_step"],
+            sweep["speed"],
+        )
+        if scan.sweep.enabled
+        else None,
+        raster=RasterOptions(sweep["standoff"], raster["pitch"], raster["overlap"], raster["speed"])
+        if scan.raster.enabled
+        else None,
+        poses=poses,
+    )

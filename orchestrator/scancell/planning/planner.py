@@ -1,0 +1,200 @@
+"""Planning of a complete scan: from the part in the cell to a collision-free program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.program import Program
+from scancell.errors import PlanningError
+from scancell.planning import paths, surface
+from scancell.planning.assembly import Assembly
+from scancell.planning.model import PlanningCell
+from scancell.planning.options import ScanOptions
+from scancell.planning.paths import Pass, Sweep
+from scancell.planning.placement import Infeasible, PlacedPass, PlacedSweep, Placer
+from scancell.planning.reasons import describe, join_reasons
+from scancell.planning.surface import MIN_COSINE, Surface
+
+Array = NDArray[np.float64]
+
+# Largest fraction of the surface seen by all views that infeasible views may lose.
+_MAX_LOSS = 0.2
+# Replacements of an infeasible sweep: changes of elevation (rad) and of distance (m).
+_ALTERNATIVES = ((0.0, 0.015), (0.0, 0.03), *((np.radians(k), 0.0) for k in (15, 30, 45)))
+_DEFAULT_AZIMUTH = np.radians(105.0)  # preferred azimuth of single poses when the scan has no sweeps
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A program and its exposures.
+
+    Attributes
+    ----------
+    program
+        From home to home, checked for reach, joint limits and collisions.
+    segment
+        (m,) segment id of each exposure, in order of time.
+    q, table
+        (m, 6), (m,) planned joints and table angle of each exposure, rad.
+    coverage
+        Fraction of the part's surface that the views see, self-occlusion ignored; None for given poses.
+    warnings
+        Views that were omitted or replaced, and why.
+    """
+
+    program: Program
+    segment: NDArray[np.int64]
+    q: Array
+    table: Array
+    coverage: float | None
+    warnings: tuple[str, ...]
+
+
+def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
+    """Plan a scan.
+
+    Raises
+    ------
+    PlanningError
+        If the part does not fit on the table or poses are infeasible, naming them with the distance out of reach, the
+        angle outside the joint limits, or the bodies that collide.
+    """
+    check_part(cell)
+    azimuth = options.sweep.azimuth if options.sweep else _DEFAULT_AZIMUTH
+    placer = Placer(cell, azimuth, options.clearance)
+    assembly = Assembly(cell, options)
+    coverage: float | None = None
+    warnings: list[str] = []
+    if len(options.poses):
+        _plan_poses(options, placer, assembly)
+    else:
+        coverage, warnings = _plan_views(cell, options, placer, assembly)
+    return Plan(*assembly.finish(), coverage, tuple(warnings))
+
+
+def check_part(cell: PlanningCell) -> None:
+    """Check that the part lies on the table and that nothing collides at the home position.
+
+    Raises
+    ------
+    PlanningError
+        Otherwise, with the distance by which the part protrudes or the bodies that collide.
+    """
+    nominal = cell.nominal
+    used = nominal.part.vertices[np.unique(nominal.part.faces)]
+    on_table = used @ nominal.table_from_part[:3, :3].T + nominal.table_from_part[:3, 3]
+    radius = float(np.hypot(on_table[:, 0], on_table[:, 1]).max())
+    if radius > nominal.table_radius + 1e-9:
+        raise PlanningError(
+            f"{nominal.part.source}: too large for the table: it extends to {1e3 * radius:.1f} mm from the axis, "
+            f"{1e3 * (radius - nominal.table_radius):.1f} mm beyond the table's radius"
+        )
+    if on_table[:, 2].min() < -1e-6:
+        raise PlanningError(
+            f"{nominal.part.source}: its lowest point is {-1e3 * on_table[:, 2].min():.3f} mm below the table's top"
+        )
+    hit = cell.clearance_violations(nominal.home[None], np.array([cell.table_start]), 1e-4)
+    if hit:
+        raise PlanningError(f"at the home position: {describe(hit[0], 1e-4)}")
+
+
+def _plan_poses(options: ScanOptions, placer: Placer, assembly: Assembly) -> None:
+    if len(options.poses) > options.max_profiles:
+        raise PlanningError(f"{len(options.poses)} poses are given, max_profiles allows {options.max_profiles}")
+    found = placer.poses(options.poses)
+    reasons = [item.reason for item in found if isinstance(item, Infeasible)]
+    if reasons:
+        raise PlanningError(join_reasons("infeasible poses", reasons))
+    for item in found:
+        if not isinstance(item, Infeasible):
+            assembly.add_pose(item)
+
+
+def _plan_views(
+    cell: PlanningCell, options: ScanOptions, placer: Placer, assembly: Assembly
+) -> tuple[float, list[str]]:
+    part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
+    sweep_views = paths.sweeps(part, cell.range, options.sweep) if options.sweep else []
+    pass_views = paths.passes(part, cell.range, options.raster) if options.raster else []
+    if not (sweep_views or pass_views):
+        raise PlanningError("no view sees the part: no surface faces the sensor")
+    if options.sweep:
+        seen = _seen(cell, part, [*sweep_views, *pass_views])
+        sweep_views += paths.side_sweeps(part, cell.range, options.sweep, seen)
+    warnings: list[str] = []
+    sweeps = _reach_sweeps(placer, sweep_views, warnings)
+    kept: list[Sweep | Pass] = [*(s.view for s in sweeps), *pass_views]
+    counts = paths.fit_budget(
+        kept,
+        options.sweep.angle_step if options.sweep else np.inf,
+        options.raster.pitch if options.raster else np.inf,
+        options.max_profiles,
+    )
+    passes: list[PlacedPass] = []
+    if options.raster:
+        branch = sweeps[0].branch if sweeps else None
+        for item in placer.passes(pass_views, counts[len(sweeps) :], options.raster.speed, branch):
+            if isinstance(item, Infeasible):
+                warnings.append(f"omitted: {item.reason}")
+            else:
+                passes.append(item)
+    coverage = _check_loss(cell, part, [*sweep_views, *pass_views], [*sweeps, *passes], warnings)
+    for sweep, count in zip(sweeps, counts, strict=False):
+        assembly.add_sweep(sweep, count)
+    for placed in passes:
+        assembly.add_pass(placed)
+    return coverage, warnings
+
+
+def _reach_sweeps(placer: Placer, views: list[Sweep], warnings: list[str]) -> list[PlacedSweep]:
+    """Place sweeps; an infeasible one is replaced by one from farther or higher, else omitted, with a warning."""
+    result: list[PlacedSweep] = []
+    for view, item in zip(views, placer.sweeps(views), strict=True):
+        if not isinstance(item, Infeasible):
+            result.append(item)
+            continue
+        others = [view.moved(*change) for change in _ALTERNATIVES]
+        tried = (placer.sweeps([other])[0] for other in others if other.elevation <= np.radians(85))
+        replacement = next((other for other in tried if not isinstance(other, Infeasible)), None)
+        if replacement is None:
+            warnings.append(f"omitted: {item.reason}")
+        else:
+            warnings.append(
+                f"{item.reason}; replaced by the sweep {replacement.view.name.removeprefix(f'{view.name}, ')}"
+            )
+            result.append(replacement)
+    return result
+
+
+def _check_loss(
+    cell: PlanningCell,
+    part: Surface,
+    wanted: list[Sweep | Pass],
+    placed: list[PlacedSweep | PlacedPass],
+    warnings: list[str],
+) -> float:
+    """Fraction of the surface that the placed views see; `PlanningError` when they lose more than `_MAX_LOSS`."""
+    ideal = _seen(cell, part, wanted)
+    real = _seen(cell, part, [item.view for item in placed])
+    lost = float((ideal & ~real).mean() / max(ideal.mean(), 1e-12))
+    if lost > _MAX_LOSS:
+        title = f"{100 * lost:.0f} % of the surface seen by the requested views is out of reach"
+        raise PlanningError(join_reasons(title, warnings))
+    return float(real.mean())
+
+
+def _seen(cell: PlanningCell, part: Surface, views: Sequence[Sweep | Pass]) -> NDArray[np.bool_]:
+    """Whether any of the views sees each surface sample, (n,)."""
+    seen = np.zeros(len(part.points), bool)
+    for view in views:
+        if isinstance(view, Sweep):
+            cosine = surface.best_cosine_of_sweep(cell.range, view.at_azimuth_zero, part)
+        else:
+            turned = part.turned(-view.direction)
+            cosine = surface.best_cosine_of_passes(cell.range, view.start, view.end, turned)
+        seen |= cosine > MIN_COSINE
+    return seen

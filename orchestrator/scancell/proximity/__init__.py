@@ -1,0 +1,1 @@
+"""Collision checks and bounded distance queries between the bodies of the cell."""

@@ -1,0 +1,59 @@
+"""Point cloud of a scan in the part frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Point cloud of n points in the part frame (the coordinate system of the mesh file), m and s.
+
+    Attributes
+    ----------
+    points_in_part, normals
+        (n, 3); unit normals point out of the surface, towards the sensor. NaN without neighbours near enough.
+    sigma
+        (n,) standard deviation along the direction of largest uncertainty, m.
+    intensity
+        (n,) amplitude of the stripe in the image, digital numbers; 0 from the geometric engine.
+    quality
+        (n,) 0 … 1, see `reconstruct.quality_of`.
+    camera
+        (n,) index of the camera.
+    column
+        (n,) image column, px; the nearest one for points at a fractional column.
+    profile, segment, time
+        (n,) index, segment and mid-exposure time (s) of the trigger.
+    """
+
+    points_in_part: Array
+    normals: Array
+    sigma: NDArray[np.floating[Any]]
+    intensity: NDArray[np.floating[Any]]
+    quality: NDArray[np.floating[Any]]
+    camera: NDArray[np.int32]
+    column: NDArray[np.int32]
+    profile: NDArray[np.int32]
+    segment: NDArray[np.int32]
+    time: Array
+
+    def __len__(self) -> int:
+        return len(self.points_in_part)
+
+    def __getitem__(self, chosen: NDArray[Any] | slice) -> Self:
+        """The cloud of the points selected by a mask, index array or slice."""
+        return type(self)(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
+
+    @classmethod
+    def concatenate(cls, clouds: Sequence[Cloud]) -> Self:
+        """Concatenation of several clouds."""
+        names = [field.name for field in fields(cls)]
+        return cls(**{name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in names})

@@ -1,0 +1,98 @@
+"""Point-cloud files: one writer for all formats.
+
+Coordinates are millimetres in the coordinate system of the scanned mesh file (E57: metres, by its standard); normals
+point out of the surface, towards the sensor; times are seconds since the start of the run.
+
+======  =============================================================================================================
+ply     all fields; positions and times in double precision, the others as floats and integers
+npz     all fields at full precision, units in the names of the arrays
+laz     all fields, extra dimensions for those not in LAS 1.4; positions rounded to 10 nm
+e57     all fields, extension ``scancell`` for those not in the standard; organised: rows are exposures, columns pixels
+pcd     all fields; positions in single precision (8 nm at 100 mm), because other programs accept no doubles
+xyz     all fields as text, names in the first line; positions rounded to 1 nm
+======  =============================================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.errors import DescriptionError
+from scancell.files import atomic_write
+from scancell.geometry import pose
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.cloud_files.ply import read_ply, write_ply
+
+# Writes a cloud with comments to a path; `write_cloud` makes the result atomic.
+_Write = Callable[[Path, Cloud, Sequence[str]], None]
+FORMATS = ("ply", "npz", "laz", "e57", "pcd", "xyz")
+
+__all__ = ["FORMATS", "parse_formats", "read_ply", "write_cloud", "write_ply"]
+
+
+def write_cloud(
+    path: Path, cloud: Cloud, comments: Sequence[str] = (), frame_from_part: NDArray[np.float64] | None = None
+) -> None:
+    """Write a cloud atomically in the format given by the suffix of `path`.
+
+    Parameters
+    ----------
+    comments
+        Lines of text for the header of the file.
+    frame_from_part
+        Transform (4, 4) applied to points and normals; identity by default.
+
+    Raises
+    ------
+    DescriptionError
+        If the suffix is not in `FORMATS`.
+    OutputError
+        If the file cannot be written.
+    """
+    write = _writer(parse_formats(path.suffix.removeprefix(".").lower(), str(path))[0])
+    if frame_from_part is not None and not np.array_equal(frame_from_part, np.eye(4)):
+        points = pose.transform_points(frame_from_part, cloud.points_in_part)
+        cloud = replace(cloud, points_in_part=points, normals=cloud.normals @ frame_from_part[:3, :3].T)
+    with atomic_write(path) as temporary:
+        write(temporary, cloud, comments)
+
+
+def parse_formats(text: str, option: str) -> tuple[str, ...]:
+    """Distinct formats of a comma-separated list such as ``ply,laz``.
+
+    Raises
+    ------
+    DescriptionError
+        Naming `option`, the unknown word and the known ones.
+    MissingExtraError
+        If the package that writes a format is not installed.
+    """
+    words = tuple(dict.fromkeys(word.strip().lower() for word in text.split(",")))
+    for word in words:
+        if word not in FORMATS:
+            raise DescriptionError(f"{option}: '{word}': expected {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
+        _writer(word)
+    return words
+
+
+def _writer(name: str) -> _Write:
+    """Writer of a format; imported on demand, because the libraries are slow to import."""
+    match name:
+        case "ply":
+            return lambda path, cloud, comments: write_ply(path, cloud, tuple(comments))
+        case "laz":
+            from scancell.reconstruction.cloud_files.laz import write_laz  # noqa: PLC0415
+
+            return write_laz
+        case "e57":
+            from scancell.reconstruction.cloud_files.e57 import write_e57  # noqa: PLC0415
+
+            return write_e57
+    from scancell.reconstruction.cloud_files import plain  # noqa: PLC0415
+
+    return {"npz": plain.write_npz, "pcd": plain.write_pcd, "xyz": plain.write_xyz}[name]

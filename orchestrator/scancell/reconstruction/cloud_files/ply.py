@@ -1,0 +1,75 @@
+"""Binary PLY files: millimetres, in the coordinate system of the scanned mesh file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from scancell.errors import MeshError
+from scancell.files import atomic_write
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.cloud_files.record import RECORD, UNITS, cloud_of_record, record_of
+
+_BLOCK = 1 << 16  # points written at a time, which bounds the memory
+_PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar", "<i4": "int"}
+
+
+def write_ply(path: str | Path, cloud: Cloud, comments: tuple[str, ...] = ()) -> None:
+    """Write a binary little-endian PLY file atomically; x, y, z and sigma in mm, time in s.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    with atomic_write(path) as temporary, temporary.open("wb") as stream:
+        stream.write(_header(len(cloud), comments))
+        for start in range(0, len(cloud), _BLOCK):
+            stream.write(record_of(cloud[start : start + _BLOCK]).tobytes())  # `tofile` hides the cause of write errors
+
+
+def read_ply(path: str | Path) -> Cloud:
+    """Read a cloud written by `write_ply`.
+
+    Raises
+    ------
+    MeshError
+        If the file is missing, has other properties, or is truncated.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file")
+    with path.open("rb") as stream:
+        count, known = _read_header(stream.read(65536))
+        if count is None:
+            raise MeshError(f"{path}: expected a binary point cloud written by scancell")
+        stream.seek(known)
+        record = np.fromfile(stream, RECORD, count)
+    if len(record) < count:
+        raise MeshError(f"{path}: file is truncated: {len(record)} of {count} points")
+    return cloud_of_record(record)
+
+
+def _properties() -> list[str]:
+    return [f"property {_PLY_NAMES[RECORD[name].str]} {name}" for name in RECORD.names or ()]
+
+
+def _header(count: int, comments: tuple[str, ...]) -> bytes:
+    notes = (f"units: {UNITS}", *comments)
+    lines = ["ply", "format binary_little_endian 1.0"]
+    lines += [f"comment {' '.join(note.split())}" for note in notes]
+    lines += [f"element vertex {count}", *_properties(), "end_header"]
+    return ("\n".join(lines) + "\n").encode("utf-8")
+
+
+def _read_header(start: bytes) -> tuple[int | None, int]:
+    """Number of points, None for another kind of PLY, and the byte offset of the points."""
+    head, mark, _ = start.partition(b"end_header\n")
+    lines = head.decode("utf-8", errors="replace").splitlines()
+    properties = [line for line in lines if line.startswith("property")]
+    elements = [line.split() for line in lines if line.startswith("element")]
+    ours = mark and lines[:2] == ["ply", "format binary_little_endian 1.0"] and properties == _properties()
+    if not ours or len(elements) != 1 or not elements[0][-1].isdigit():
+        return None, 0
+    return int(elements[0][-1]), len(head) + len(mark)

@@ -1,0 +1,62 @@
+"""Structured array with one record per point, the common basis of the file formats."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.reconstruction.cloud import Cloud
+
+MM = 1e3
+UNITS = "x y z sigma in mm, time in s; normals towards the sensor"
+
+# Positions in double precision: far from the origin single precision would lose micrometres.
+RECORD = np.dtype(
+    [
+        ("x", "<f8"),
+        ("y", "<f8"),
+        ("z", "<f8"),
+        ("nx", "<f4"),
+        ("ny", "<f4"),
+        ("nz", "<f4"),
+        ("sigma", "<f4"),
+        ("intensity", "<f4"),
+        ("quality", "<f4"),
+        ("camera", "u1"),
+        ("column", "<i4"),
+        ("segment", "<i4"),
+        ("profile", "<i4"),
+        ("time", "<f8"),
+    ]
+)
+_SAME = ("intensity", "quality", "camera", "column", "segment", "profile", "time")
+
+
+def record_of(cloud: Cloud) -> NDArray[Any]:
+    """Records (n,) of type `RECORD` of a cloud, mm and s."""
+    record = np.zeros(len(cloud), RECORD)
+    for axis, name in enumerate("xyz"):
+        record[name] = cloud.points_in_part[:, axis] * MM
+        record[f"n{name}"] = cloud.normals[:, axis]
+    record["sigma"] = cloud.sigma * MM
+    for name in _SAME:
+        record[name] = getattr(cloud, name)
+    return record
+
+
+def cloud_of_record(record: NDArray[Any]) -> Cloud:
+    """Cloud of records (n,), see `record_of`."""
+    return Cloud(
+        points_in_part=np.stack([record[name] for name in "xyz"], -1) / MM,
+        normals=np.stack([record[f"n{name}"] for name in "xyz"], -1).astype(float),
+        sigma=record["sigma"] / MM,
+        intensity=record["intensity"].astype(float),
+        quality=record["quality"].astype(float),
+        camera=record["camera"].astype(np.int32),
+        column=record["column"].astype(np.int32),
+        profile=record["profile"].astype(np.int64),
+        segment=record["segment"].astype(np.int32),
+        time=record["time"].astype(float),
+    )

@@ -1,0 +1,270 @@
+"""Results of scans and shots: evaluation, files, pictures."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.config.choices import Frame
+from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
+from scancell.evaluation.deviation import Deviation, deviation_from_mesh
+from scancell.evaluation.measurable import COVERAGE_SAMPLES, MeasurableSurface, cache_folder, measurable_surface
+from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
+from scancell.scanning.result import ScanData
+from scancell.scanning.sense import ExposureImages
+from scancell.stopwatch import Stopwatch
+
+if TYPE_CHECKING:
+    from scancell.output.run_folder import RunFolder
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ScanResult(ScanData):
+    """A scan with its evaluation, which is worked out when first asked for.
+
+    See `ScanData` for the attributes. In a notebook it shows a picture and a table.
+    """
+
+    inputs: tuple[Path, ...] = ()
+    unit: str = "mm"
+    threads: int = 0
+    part_surface: sensor_rt.MeshSurface | None = field(default=None, repr=False)
+
+    @cached_property
+    def deviation(self) -> Deviation:
+        """Signed distance of every point of the cloud to the mesh of the part, with figures in metres."""
+        with Stopwatch(self.timings).measure("evaluate"):
+            part = self.nominal.part
+            surface = self.part_surface or sensor_rt.MeshSurface(part.vertices, part.faces)
+            return deviation_from_mesh(self.cloud, surface, self.threads, signed=part.is_closed)
+
+    @cached_property
+    def coverage(self) -> Coverage:
+        """Share of the measurable surface that the cloud covers."""
+        return self.coverage_of(COVERAGE_SAMPLES)
+
+    def coverage_of(self, samples: int, surface: MeasurableSurface | None = None) -> Coverage:
+        """Coverage by a number of surface samples, at most 20 000.
+
+        Parameters
+        ----------
+        surface
+            Measurable surface of the part in another cell, such as the cell that a study starts from.
+        """
+        measured, surface = self.recording.measured, surface or self.measurable
+        with Stopwatch(self.timings).measure("evaluate"):
+            poses = self.nominal.part_from_sensor(measured.q, measured.table)
+            spacing = profile_spacing(surface.samples, poses, measured.segment)
+            return coverage(self.cloud.points_in_part, surface.thinned(samples), spacing, self.cloud.normals)
+
+    @cached_property
+    def measurable(self) -> MeasurableSurface:
+        """What the sensor could measure of the part from any pose that the arm reaches; cached on disk."""
+        return self._find_measurable(NullProgress())
+
+    def _find_measurable(self, progress: Progress) -> MeasurableSurface:
+        with Stopwatch(self.timings).measure("measurable surface"):
+            return measurable_surface(
+                self.nominal, self.setup.sensor, COVERAGE_SAMPLES, progress, cache_folder(), self.threads
+            )
+
+    def evaluate(self, progress: Progress | ProgressCallback | None = None) -> Self:
+        """Work out deviation and coverage now, with progress; without this call, when they are first asked for.
+
+        Raises
+        ------
+        CancelledError
+            When `progress` cancels.
+        """
+        heard = as_progress(progress)
+        if "measurable" not in self.__dict__:
+            self.__dict__["measurable"] = self._find_measurable(heard)
+        heard.stage("evaluating", 2, "steps")
+        _ = self.deviation
+        heard.advance(1)
+        _ = self.coverage
+        heard.advance(1)
+        return self
+
+    @property
+    def points_without_normal(self) -> int:
+        """Number of points whose normal could not be estimated."""
+        return int(np.isnan(self.cloud.normals[:, 0]).sum())
+
+    def figures(self) -> dict[str, Any]:
+        """Plain figures, lengths in the unit that their names state."""
+        covered = self.coverage
+        return {
+            "profiles": len(self.recording),
+            "points": len(self.cloud),
+            "points_without_normal": self.points_without_normal,
+            "points_on_neighbours": dict(self.dropped.foreign),
+            "deviation": self.deviation.figures.as_um(),
+            "coverage": None if np.isnan(covered.fraction) else covered.fraction,
+            "stations_s": self.render_seconds,
+        }
+
+    def summary(self) -> list[str]:
+        """The figures as lines of text."""
+        figures, bare = self.deviation.figures, self.points_without_normal
+        signed = "" if self.deviation.is_signed else " (unsigned: the mesh is not closed)"
+        um = 1e6
+        return [
+            f"{self.part}: {len(self.recording)} profiles, {len(self.cloud)} points"
+            + (f", {bare} of them without a normal (isolated, or seen at grazing incidence)" if bare else ""),
+            f"  deviation  mean {figures.mean * um:+.2f} um, RMS {figures.rms * um:.2f} um, "
+            f"95 % within {figures.d95 * um:.1f} um, 99.9 % within {figures.d99_9 * um:.1f} um, "
+            f"max {figures.max_abs * um:.1f} um{signed}",
+            *(f"  dropped    {count} points on '{name}'" for name, count in self.dropped.foreign.items()),
+            f"  coverage   {self.coverage.fraction:.1%} of the measurable surface, "
+            f"{self.coverage.surface_fraction:.1%} of the whole",
+        ]
+
+    def save(
+        self,
+        folder: str | Path,
+        formats: Sequence[str] = ("ply",),
+        *,
+        frame: Frame = "part",
+        command_line: Sequence[str] | None = None,
+    ) -> list[Path]:
+        """Write the run folder, whole or not at all, and return its files.
+
+        Parameters
+        ----------
+        formats
+            Formats of the cloud: ply, npz, laz, e57, pcd, xyz.
+        frame
+            Frame of the points in the cloud files: part, table, base or world (with the table at 0).
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written.
+        DescriptionError
+            If a format or frame is unknown.
+        """
+        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
+
+        with RunFolder(Path(folder)) as run:
+            self.save_into(run, formats, frame=frame, command_line=command_line)
+        return [Path(folder) / name for name in run.names]
+
+    def save_into(
+        self,
+        folder: RunFolder,
+        formats: Sequence[str],
+        *,
+        frame: Frame = "part",
+        command_line: Sequence[str] | None = None,
+    ) -> None:
+        """Write the files of the run into an open `RunFolder`."""
+        from scancell.output.run_files import RunRecord, write_run  # noqa: PLC0415
+        from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
+
+        run = {
+            "part": str(self.inputs[0].absolute()) if self.inputs else self.part,
+            "unit": self.unit,
+            "engine": self.engine,
+            "as_built": list(self.as_built),
+            "seed": self.seed,
+            "command_line": list(sys.argv[1:] if command_line is None else command_line),
+        }
+        if len(self.inputs) > 1:
+            run["recording"] = str(self.inputs[1].absolute())
+        record = RunRecord(self.inputs, run, parse_formats(",".join(formats), "formats"), frame)
+        write_run(self, self.deviation, self.coverage, record, folder, Stopwatch(self.timings))
+
+    def picture(self) -> bytes:
+        """The deviation picture as PNG."""
+        import tempfile  # noqa: PLC0415
+
+        from scancell.output.deviation_picture import deviation_picture  # noqa: PLC0415
+
+        with tempfile.TemporaryDirectory(prefix="scancell-") as folder:
+            path = Path(folder) / "deviation.png"
+            deviation_picture(
+                path,
+                self.cloud,
+                self.deviation,
+                self.nominal.part,
+                name=self.part,
+                coverage_fraction=self.coverage.fraction,
+            )
+            return path.read_bytes()
+
+    def _repr_png_(self) -> bytes:
+        return self.picture()
+
+    def _repr_html_(self) -> str:
+        import base64  # noqa: PLC0415
+        import html  # noqa: PLC0415
+
+        figures = self.deviation.figures.as_um()
+        rows: dict[str, Any] = {"profiles": len(self.recording), "points": len(self.cloud), **figures}
+        rows["coverage"] = f"{self.coverage.fraction:.1%}"
+        cells = "".join(
+            f"<tr><th>{html.escape(str(k))}</th><td>{html.escape(_short(v))}</td></tr>" for k, v in rows.items()
+        )
+        image = base64.b64encode(self.picture()).decode()
+        return f'<img width="800" src="data:image/png;base64,{image}"><table>{cells}</table>'
+
+    def __str__(self) -> str:
+        return "\n".join(self.summary())
+
+
+def _short(value: Any) -> str:
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class ShotResult:
+    """One exposure from a given pose.
+
+    Attributes
+    ----------
+    profiles
+        Points in the sensor frame with camera, column and row.
+    points_in_part
+        (m, 3) the same points in the part frame, m.
+    images
+        Camera images, ray-traced engine only.
+    """
+
+    part: str
+    profiles: sensor_rt.Profiles
+    points_in_part: Array
+    images: ExposureImages | None
+    sensor: sensor_rt.Sensor
+    warnings: tuple[str, ...]
+
+    @property
+    def camera_counts(self) -> dict[str, int]:
+        """Number of points by camera name."""
+        camera = np.asarray(self.profiles.camera)
+        return {one.name: int((camera == k).sum()) for k, one in enumerate(self.sensor.cameras)}
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write ``profile.csv`` and the images, whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written.
+        """
+        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
+        from scancell.output.shot_files import write_shot  # noqa: PLC0415
+
+        with RunFolder(Path(folder)) as run:
+            write_shot(run, self.profiles, self.points_in_part, self.images, self.sensor)
+        return [Path(folder) / name for name in run.names]

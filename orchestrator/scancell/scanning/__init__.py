@@ -1,0 +1,1 @@
+"""Execution of a scan: drive the cell, render its exposures, reconstruct the cloud."""

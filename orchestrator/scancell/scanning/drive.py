@@ -1,0 +1,108 @@
+"""Execution of scan programs on the simulated cell, with an FMU instance that is reused between runs."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from scancell.cell.driver import DriveOptions, Driver
+from scancell.cell.instance import CellInstance
+from scancell.cell.program import Program
+from scancell.cell.recording import Recording
+from scancell.cell.reusable import ReusableCell
+from scancell.cell.session import CellSession
+from scancell.closing import Closing
+from scancell.config.loading import Setup
+from scancell.nominal.cell import NominalCell
+from scancell.progress import Progress
+
+FOLDER_PREFIX = "scancell-fmu-"
+
+
+@dataclass(frozen=True)
+class DriveRequest:
+    """Inputs of a run of the cell.
+
+    Attributes
+    ----------
+    description
+        The cell as the FMU reads it (`cell_json`).
+    as_built
+        Perturbations as ``key=value`` words; those of the sensor are ignored here.
+    """
+
+    setup: Setup
+    nominal: NominalCell
+    description: Mapping[str, Any]
+    as_built: Sequence[str] = ()
+
+
+# Commands to the cell before the program starts, such as loading the part.
+PreScanHook = Callable[[CellSession], None]
+
+
+class FmuRunner(Closing):
+    """Runs programs on one FMU instance, which is reset for each run."""
+
+    def __init__(self) -> None:
+        self._folder: Path | None = None
+        self._cell: ReusableCell | None = None
+        self.token = ""
+
+    def start(self, request: DriveRequest) -> CellInstance:
+        """The initialised instance at time 0, with the requested cell and perturbations.
+
+        Raises
+        ------
+        DescriptionError
+            If a perturbation is unknown.
+        CellError
+            If the FMU cannot be built or reports an error.
+        """
+        if self._cell is None:
+            # The process id in the name lets others remove what a killed process leaves.
+            self._folder = Path(tempfile.mkdtemp(prefix=f"{FOLDER_PREFIX}{os.getpid()}-"))
+            self._cell = ReusableCell(self._folder)
+        instance = self._cell.start(request.description, request.as_built)
+        self.token = instance.token
+        return instance
+
+    def run(
+        self, request: DriveRequest, program: Program, progress: Progress, hook: PreScanHook | None = None
+    ) -> Recording:
+        """Recording of `program`, executed after the commands of `hook`.
+
+        Raises
+        ------
+        DescriptionError
+            If a perturbation is unknown.
+        CellError
+            If the FMU cannot be built or reports an error, or its controller rejects a command of `hook`.
+        """
+        progress.stage("driving", program.duration, "s")
+        options = DriveOptions.of(request.setup)
+        try:
+            cell = self.start(request)
+            if hook is not None:
+                session = CellSession(cell, request.nominal, options.cycle_us)
+                hook(session)
+                session.check_start(program)
+            return Driver(cell, options).run(program, progress.advance)
+        except BaseException:
+            if self._cell is not None:
+                self._cell.discard()  # the state of the instance is unknown
+            raise
+
+    def close(self) -> None:
+        """Free the instance and its files."""
+        cell, self._cell = self._cell, None
+        if cell is not None:
+            cell.close()
+        folder, self._folder = self._folder, None
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,101 @@
+"""Inputs of the ray tracer from the nominal cell and the recorded truth: scene and poses of its bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.cell.recording import ExposureTruth, Recording
+from scancell.nominal.cell import Body, Lamp, NominalCell
+from scancell.nominal.patches import Patch
+
+Array = NDArray[np.float64]
+
+# The housing of the sensor blocks neither its light nor its view.
+_INVISIBLE = frozenset({"sensor"})
+# Frame of the scanned part in the FMU, which numbers its parts.
+_RECORDED_NAME = {"part": "part[1]"}
+
+
+def visible_bodies(cell: NominalCell) -> tuple[Body | Lamp, ...]:
+    """Bodies that reflect or block light, then lamps, in the order of the scene."""
+    return (*(body for body in cell.bodies if body.name not in _INVISIBLE), *cell.lamps)
+
+
+def build_scene(bodies: Sequence[Body | Lamp]) -> sensor_rt.Scene:
+    """Ray-tracing scene of bodies, with one mesh per material, and lamps."""
+    scene = sensor_rt.Scene()
+    for body in bodies:
+        if isinstance(body, Lamp):
+            power = (body.power, body.in_band, body.spectrum)
+            scene.add_light(body.name, body.kind, body.frame_from_lamp, body.size, *power)
+            continue
+        _add_body(scene, body)
+    return scene
+
+
+def _add_body(scene: sensor_rt.Scene, body: Body) -> None:
+    """Add one mesh per material of the body, all under its name, so that they move together."""
+    patched = np.zeros(len(body.mesh.faces), bool)
+    for patch in body.patches:
+        patched[patch.faces] = True
+    for patch in (Patch(np.flatnonzero(~patched), body.material), *body.patches):
+        if len(patch.faces) == 0:
+            continue
+        m = patch.material
+        material = sensor_rt.Material(m.reflectance, m.model, m.roughness, m.refractive_index)
+        if len(patch.faces) == len(patched):
+            scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material)
+        else:
+            used, faces = np.unique(body.mesh.faces[patch.faces], return_inverse=True)
+            scene.add_mesh(body.name, body.mesh.vertices[used], faces.reshape(-1, 3), material)
+
+
+def exposures_from_truth(
+    truth: ExposureTruth, index: NDArray[np.int64], bodies: Sequence[Body | Lamp], rows: slice = slice(None)
+) -> sensor_rt.Exposures:
+    """Exposures with the true poses of sensor and bodies at start and end of each.
+
+    Parameters
+    ----------
+    truth
+        Recorded truth; with a rolling shutter `Recording.truth_for_rows` of the sensor's `readout_time`.
+    index
+        (n,) trigger indices, which select the random numbers of each exposure.
+    bodies
+        Bodies and lamps in the order of the scene.
+    rows
+        Rows of the recording to convert.
+    """
+    world_from_sensor = truth.world_from_frame["sensor"][rows]
+    identity = np.broadcast_to(np.eye(4), world_from_sensor.shape)
+    poses = [
+        identity if body.moves_with == "world" else truth.world_from_frame[_recorded(body.moves_with)][rows]
+        for body in bodies
+    ]
+    return sensor_rt.Exposures(world_from_sensor, np.stack(poses, 1), truth.duration[rows], index[rows])
+
+
+def true_poses(recording: Recording, frames: Sequence[str]) -> list[Array]:
+    """True ``world_from_frame`` (n, 4, 4) at the middle of every exposure, for each of `frames` (`Body.moves_with`)."""
+    identity = np.broadcast_to(np.eye(4), (len(recording), 4, 4))
+    return [identity if frame == "world" else recording.truth_at_middle(_recorded(frame)) for frame in frames]
+
+
+def readout_time(sensor: sensor_rt.Sensor) -> float:
+    """Time (s) between the exposures of the first and the last image row; 0 with a global shutter."""
+    return float(sensor.row_readout * (max(camera.height_px for camera in sensor.cameras) - 1))
+
+
+def still_exposure(world_from_sensor: Array, world_from_body: Array, duration: float) -> sensor_rt.Exposures:
+    """One exposure of `duration` (s) without motion: pose of the sensor (4, 4), of the bodies (bodies, 4, 4)."""
+    return sensor_rt.Exposures(
+        world_from_sensor[None, None], world_from_body[None, :, None], np.array([duration]), np.array([1], np.int64)
+    )
+
+
+def _recorded(frame: str) -> str:
+    return _RECORDED_NAME.get(frame, frame)

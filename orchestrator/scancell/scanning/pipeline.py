@@ -1,0 +1,221 @@
+"""The scan pipeline: load, plan, drive, sense, reconstruct.
+
+This is the only place that composes these steps. Nominal cells with their ray-tracing scenes, plans and the FMU
+instance are cached between scans.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+
+from scancell import sensor as sensor_rt
+from scancell.cell.fmu_file import cell_json
+from scancell.cell.recording import Recording
+from scancell.closing import Closing
+from scancell.config.cell import CellDescription
+from scancell.config.choices import Engine
+from scancell.config.loading import Setup
+from scancell.config.units import si_value
+from scancell.geometry.mesh import Mesh
+from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell
+from scancell.planning.model import PlanningCell
+from scancell.planning.options import scan_options
+from scancell.planning.planner import Plan, plan
+from scancell.progress import Progress
+from scancell.proximity.cell_check import check_cell
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.foreign import neighbours_of
+from scancell.reconstruction.reconstruct import Dropped, Envelope, ProfilePoints, reconstruct_and_count
+from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
+from scancell.scanning.exposures import build_scene, visible_bodies
+from scancell.scanning.sense import OnImages, Sensing, SensingResult, Sensors, sense
+from scancell.scanning.sensor_range import sensor_range
+
+_MAX_CELLS = 2
+_MAX_PLANS = 16
+_ENVELOPE_HEIGHT = 0.5  # m above the table: beyond the reach of the sensor
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class LoadedCell:
+    """A nominal cell around a part, and the bodies that light can meet in the order of `scene`."""
+
+    nominal: NominalCell
+    bodies: tuple[Body | Lamp, ...]
+    scene: sensor_rt.Scene
+    description: CellDescription
+
+    @cached_property
+    def part_surface(self) -> sensor_rt.MeshSurface:
+        """The mesh of the part, prepared for distance queries."""
+        part = self.nominal.part
+        return sensor_rt.MeshSurface(part.vertices, part.faces)
+
+    def for_fmu(self, seed: int, collision_outputs: bool = False) -> dict[str, Any]:
+        """The cell as the FMU reads it; collision outputs cost most of a run, and no scan reads them."""
+        return cell_json(self.description, self.nominal, seed, collision_outputs=collision_outputs)
+
+
+class ScanPipeline(Closing):
+    """Runs the steps of scans with cached objects; a context manager that releases them.
+
+    Parameters
+    ----------
+    threads
+        Threads of the ray tracer; 0 uses all cores. Results do not depend on it.
+
+    Attributes
+    ----------
+    builds
+        Number of nominal cells built so far.
+    """
+
+    def __init__(self, threads: int = 0) -> None:
+        self.threads = threads
+        self._cells: OrderedDict[str, tuple[Mesh, LoadedCell]] = OrderedDict()
+        self._plans: OrderedDict[str, Plan] = OrderedDict()
+        self.runner = FmuRunner()
+        self.builds = 0
+
+    def load(self, cell: CellDescription, part: Mesh) -> LoadedCell:
+        """The nominal cell with `part`, and its scene; the two used last are cached.
+
+        Raises
+        ------
+        MeshError
+            If a mesh of the description cannot be used.
+        CellError
+            If the description of the cell is inconsistent.
+        """
+
+        def make() -> tuple[Mesh, LoadedCell]:
+            self.builds += 1
+            nominal = nominal_cell(cell, part)
+            check_cell(nominal)
+            bodies = visible_bodies(nominal)
+            return part, LoadedCell(nominal, bodies, build_scene(bodies), cell)
+
+        # The cached reference to the mesh prevents reuse of its id.
+        return _kept(self._cells, f"{id(part)} {cell.model_dump_json()}", _MAX_CELLS, make)[1]
+
+    def plan(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor) -> Plan:
+        """The plan of the scan description, cached by a digest of all inputs of planning.
+
+        Raises
+        ------
+        PlanningError
+            Naming the poses that cannot be reached, or the bodies that collide.
+        """
+        cycle = setup.cell.world.controller_cycle_us * 1e-6
+        cell = PlanningCell(loaded.nominal, sensor_range(sensor), cycle, threads=self.threads)
+        key = _digest([_without_optics(loaded.nominal), cell.range, cell.cycle, setup.scan.model_dump_json()])
+        return _kept(self._plans, key, _MAX_PLANS, lambda: plan(cell, scan_options(setup.scan)))
+
+    def drive(
+        self,
+        request: DriveRequest,
+        plan: Plan,
+        progress: Progress,
+        hook: PreScanHook | None = None,
+    ) -> Recording:
+        """Recording of the planned program on the simulated cell with its perturbations.
+
+        Raises
+        ------
+        DescriptionError
+            If a perturbation is unknown.
+        CellError
+            If the FMU reports an error, or its controller rejects a command of `hook`.
+        """
+        return self.runner.run(request, plan.program, progress, hook)
+
+    def sense(
+        self,
+        loaded: LoadedCell,
+        recording: Recording,
+        sensors: Sensors,
+        engine: Engine,
+        progress: Progress,
+        on_images: OnImages | None = None,
+        image_rows: Sequence[int] | None = None,
+    ) -> SensingResult:
+        """Profiles of all exposures of a recording, see `scancell.scanning.sense.sense`."""
+        task = Sensing(recording, loaded.bodies, loaded.scene, sensors, engine, self.threads)
+        return sense(task, progress, on_images, image_rows)
+
+    def reconstruct(
+        self, nominal: NominalCell, recording: Recording, profiles: ProfilePoints, setup: Setup, normals: bool = True
+    ) -> tuple[Cloud, Dropped]:
+        """Cloud from measured joints and nominal geometry alone, and the points that are not the part's.
+
+        `nominal` may be an estimated (calibrated) cell.
+        """
+        return reconstruct_and_count(
+            profiles,
+            recording.measured,
+            nominal.part_from_sensor,
+            nominal.table_from_part,
+            envelope_of(nominal, setup),
+            normals,
+            neighbours_of(nominal),
+            self.threads,
+        )
+
+    def close(self) -> None:
+        """Release the FMU, its files and the cached scenes."""
+        self.runner.close()
+        self._cells.clear()
+        self._plans.clear()
+
+
+def envelope_of(nominal: NominalCell, setup: Setup) -> Envelope:
+    """Room above the nominal table in which points are kept."""
+    lowest = si_value(setup.scan, "table_margin_mm")
+    return Envelope(lowest=lowest, highest=_ENVELOPE_HEIGHT, radius=nominal.table_radius)
+
+
+def _kept(store: OrderedDict[str, T], key: str, limit: int, make: Callable[[], T]) -> T:
+    """The value for `key`, made when missing; the least recently used value is dropped beyond `limit`."""
+    if key not in store:
+        store[key] = make()
+    store.move_to_end(key)
+    while len(store) > limit:
+        store.popitem(last=False)
+    return store[key]
+
+
+def _without_optics(nominal: NominalCell) -> list[Any]:
+    """The inputs of planning from a nominal cell: all fields but lamps and materials."""
+    values = [getattr(nominal, field.name) for field in fields(nominal) if field.name not in {"bodies", "lamps"}]
+    return [*values, [(body.name, body.moves_with, body.mesh) for body in nominal.bodies]]
+
+
+def _digest(value: Any) -> str:
+    """Hexadecimal digest of nested dataclasses, sequences, arrays and plain values."""
+    digest = hashlib.blake2b(digest_size=16)
+    _update(digest, value)
+    return digest.hexdigest()
+
+
+def _update(digest: Any, value: Any) -> None:
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).data)
+    elif is_dataclass(value):
+        digest.update(type(value).__name__.encode())
+        _update(digest, [getattr(value, field.name) for field in fields(value)])
+    elif isinstance(value, list | tuple):
+        digest.update(f"[{len(value)}".encode())
+        for item in value:
+            _update(digest, item)
+    else:
+        digest.update(repr(value).encode())

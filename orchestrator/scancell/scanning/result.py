@@ -1,0 +1,115 @@
+"""Data of a scan, before evaluation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.recording import Recording
+from scancell.config.choices import Engine, Frame
+from scancell.config.loading import Setup
+from scancell.geometry import pose
+from scancell.nominal.cell import NominalCell
+from scancell.planning.planner import Plan
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.reconstruct import Dropped, ProfilePoints
+from scancell.scanning.sense import ExposureImages, Sensors
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ScanData:
+    """Inputs, recording and cloud of a scan.
+
+    Attributes
+    ----------
+    part
+        Name of the part: its file, or the name of its mesh.
+    setup
+        Nominal descriptions.
+    engine, seed, as_built
+        Rendering engine, random seed, and perturbations as ``key=value`` words.
+    nominal, estimated
+        Nominal cell, SI units, and the estimated (calibrated) cell used for reconstruction; equal without calibration.
+    sensors
+        The sensors that interpret and render the images.
+    plan
+        The plan; None when an existing recording was rendered.
+    recording
+        Trigger records: measured and, separately, true values.
+    profiles
+        All points in the sensor frame.
+    cloud
+        Points of the part in the part frame.
+    dropped
+        Counts of the measured points that are not the part's: table, neighbours, beyond the envelope.
+    sample_images
+        Images of a few exposures; ray-traced engine only.
+    render_seconds
+        Processor time of the ray tracer by step, s.
+    timings
+        Wall time by pipeline step, s; evaluation adds to it later.
+    warnings
+        Warnings about descriptions, meshes and the plan.
+    fmu_token
+        Instantiation token of the FMU; empty when an existing recording was rendered.
+    """
+
+    part: str
+    setup: Setup
+    engine: Engine
+    seed: int
+    as_built: tuple[str, ...]
+    nominal: NominalCell
+    estimated: NominalCell
+    sensors: Sensors
+    plan: Plan | None
+    recording: Recording
+    profiles: ProfilePoints
+    cloud: Cloud
+    dropped: Dropped
+    sample_images: tuple[ExposureImages, ...] = ()
+    render_seconds: dict[str, float] = field(default_factory=dict)
+    timings: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    fmu_token: str = ""
+
+    @property
+    def segment_names(self) -> dict[int, str]:
+        """Names of the segments by id; the ids as text when an existing recording was rendered."""
+        if self.plan is not None:
+            return self.plan.program.names
+        return {int(number): str(number) for number in np.unique(self.recording.measured.segment)}
+
+    @property
+    def camera_names(self) -> list[str]:
+        """Names of the cameras, by camera index."""
+        return [camera.name for camera in self.sensors.nominal.cameras]
+
+    def frame_from_part(self, frame: Frame, table_angle: float = 0.0) -> Array:
+        """Estimated pose (4, 4) of the part in a frame, with the table at `table_angle` (rad).
+
+        Raises
+        ------
+        ValueError
+            If `frame` is not part, table, base or world.
+        """
+        cell = self.estimated
+        match frame:
+            case "part":
+                return np.eye(4)
+            case "table":
+                return cell.table_from_part
+            case "world":
+                return cell.world_from_part(table_angle)
+            case "base":
+                return np.asarray(pose.inverse(cell.arm.world_from_base) @ cell.world_from_part(table_angle))
+        raise ValueError(f"frame = {frame!r}: expected {', '.join(get_args(Frame))}")
+
+    def points_in(self, frame: Frame, table_angle: float = 0.0) -> Array:
+        """Points (n, 3) of the cloud in a frame, m, with the table at `table_angle` rad; see `frame_from_part`."""
+        return pose.transform_points(self.frame_from_part(frame, table_angle), self.cloud.points_in_part)

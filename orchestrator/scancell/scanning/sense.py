@@ -1,0 +1,219 @@
+"""Sensing: from recorded exposures to profiles by rendering, peak extraction and triangulation, in batches."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.cell.recording import Recording
+from scancell.config.choices import Engine
+from scancell.config.loading import as_built_sensor
+from scancell.config.resolved import sensor_json
+from scancell.config.sensor import SensorDescription
+from scancell.errors import SensorError
+from scancell.nominal.cell import Body, Lamp
+from scancell.progress import Progress
+from scancell.reconstruction.reconstruct import ProfilePoints
+from scancell.scanning.exposures import exposures_from_truth, readout_time
+
+# Exposures per call: enough to use all cores, few enough for responsive interrupts and progress.
+_BATCH = 64
+
+
+@dataclass(frozen=True)
+class ExposureImages:
+    """Camera images of one exposure.
+
+    Attributes
+    ----------
+    trigger
+        Index of the trigger record.
+    images
+        (cameras, height, width) digital numbers.
+    background
+        Laser-off images of the same shape to subtract; None unless the sensor takes them.
+    bit_depth
+        Bit depth of the digital numbers.
+    """
+
+    trigger: int
+    images: NDArray[np.uint16]
+    background: NDArray[np.uint16] | None
+    bit_depth: int = 16
+
+    @property
+    def pixel_type(self) -> type[np.uint8] | type[np.uint16]:
+        """The smallest integer type that holds the digital numbers."""
+        return np.uint8 if self.bit_depth <= 8 else np.uint16
+
+
+OnImages = Callable[[ExposureImages], None]
+
+
+@dataclass(frozen=True)
+class SensingResult:
+    """Points of all exposures in the sensor frame, and processor time (s) by step of the ray tracer."""
+
+    profiles: ProfilePoints
+    timings: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Sensor models: `nominal` (or calibrated) interprets the images, `true` renders them; one object if equal."""
+
+    nominal: sensor_rt.Sensor
+    true: sensor_rt.Sensor
+    bit_depth: int = 16
+
+
+def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:
+    """Native sensor model of a description.
+
+    Raises
+    ------
+    SensorError
+        If the library rejects the description.
+    """
+    try:
+        return sensor_rt.Sensor(json.dumps(sensor_json(description, seed)))
+    except (ValueError, RuntimeError) as error:
+        raise SensorError(f"sensor '{description.name}': {error}") from error
+
+
+def make_sensors(
+    nominal: SensorDescription, as_built: Sequence[str], seed: int, estimated: SensorDescription | None = None
+) -> Sensors:
+    """Native sensor models of a nominal description and its perturbations.
+
+    Parameters
+    ----------
+    as_built
+        Perturbations as ``key=value`` words; those of the cell are ignored.
+    estimated
+        Calibrated description; interprets the images instead of `nominal`.
+
+    Raises
+    ------
+    DescriptionError
+        If a perturbation is invalid.
+    SensorError
+        If the library rejects a description.
+    """
+    interpreting = make_sensor(nominal if estimated is None else estimated, seed)
+    true = as_built_sensor(nominal, as_built)
+    same = estimated is None and true is nominal
+    return Sensors(interpreting, interpreting if same else make_sensor(true, seed), true.detector.bit_depth)
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """Inputs of sensing: recording, bodies in the order of the scene, scene, sensors, engine and threads (0: all)."""
+
+    recording: Recording
+    bodies: tuple[Body | Lamp, ...]
+    scene: sensor_rt.Scene
+    sensors: Sensors
+    engine: Engine = "ray-traced"
+    threads: int = 0
+
+
+def sense(
+    task: Sensing, progress: Progress, on_images: OnImages | None = None, image_rows: Collection[int] | None = None
+) -> SensingResult:
+    """Profiles of all exposures; `frame` is the row of the recording.
+
+    Parameters
+    ----------
+    on_images
+        Called with the camera images of each exposure, in order; never with the geometric engine.
+    image_rows
+        Rows of the recording whose images are passed on; None for all.
+
+    Raises
+    ------
+    SensorError
+        If the library reports an error.
+    """
+    timings: Counter[str] = Counter()
+    progress.stage("sensing", len(task.recording), "profiles")
+    try:
+        profiles = ProfilePoints.concatenate(_sensed(task, progress, timings, on_images, image_rows))
+    except (ValueError, RuntimeError) as error:
+        raise SensorError(str(error)) from error
+    # The library numbers exposures by trigger index, which selects their noise; reconstruction by row.
+    frame = np.searchsorted(task.recording.measured.index, profiles.frame).astype(np.int32)
+    return SensingResult(replace(profiles, frame=frame), dict(timings))
+
+
+def _sensed(
+    task: Sensing,
+    progress: Progress,
+    timings: Counter[str],
+    on_images: OnImages | None,
+    image_rows: Collection[int] | None,
+) -> Iterator[ProfilePoints]:
+    """Points of successive batches of exposures; adds the processor time of each to `timings`."""
+    recording, sensors = task.recording, task.sensors
+    truth, index = recording.truth_for_rows(readout_time(sensors.true)), recording.measured.index
+    if task.engine == "geometric":
+        on_images = None
+    for rows, keep in _batches(len(recording), None if on_images is None else image_rows, on_images is not None):
+        exposures = exposures_from_truth(truth, index, task.bodies, rows)
+        result = sensor_rt.scan(
+            task.scene,
+            sensors.nominal,
+            exposures,
+            task.engine,
+            task.threads,
+            keep_images=keep,
+            as_built=sensors.true,
+        )
+        if keep and on_images is not None and result.images is not None:
+            for i, trigger in enumerate(index[rows]):
+                background = None if result.background is None else result.background[i]
+                on_images(ExposureImages(int(trigger), result.images[i], background, sensors.bit_depth))
+        yield _points(result.profiles, sensors.nominal, task.engine)
+        timings.update(result.timings)
+        progress.advance(rows.stop - rows.start)
+
+
+def _batches(count: int, image_rows: Collection[int] | None, images: bool) -> Iterator[tuple[slice, bool]]:
+    """Batches of exposures and whether to keep their images; each of `image_rows` is a batch by itself."""
+    singles = sorted(image_rows) if image_rows is not None else []
+    start = 0
+    for stop, single in [*((row, True) for row in singles), (count, False)]:
+        for first in range(start, stop, _BATCH):
+            yield slice(first, min(first + _BATCH, stop)), images and image_rows is None
+        if single:
+            yield slice(stop, stop + 1), images
+        start = stop + single
+
+
+def _points(profiles: sensor_rt.Profiles, sensor: sensor_rt.Sensor, engine: Engine) -> ProfilePoints:
+    """Points with the time offsets of their image rows from the latch, by the nominal `sensor`."""
+    time_offset = np.zeros(len(profiles))
+    if engine == "ray-traced" and sensor.row_readout > 0.0:
+        middle = np.array([(camera.height_px - 1) / 2 for camera in sensor.cameras])
+        time_offset = sensor.row_readout * (profiles.row - middle[profiles.camera])
+    return ProfilePoints(
+        points_in_sensor=profiles.points_in_sensor,
+        sigma=profiles.sigma,
+        intensity=profiles.intensity,
+        camera=profiles.camera,
+        column=profiles.column,
+        frame=profiles.frame,
+        flags=profiles.flags,
+        time_offset=time_offset,
+    )
+
+
+def sample_rows(count: int, samples: int) -> list[int]:
+    """At most `samples` equally spaced rows of `count`, ascending."""
+    return sorted({int(row) for row in np.linspace(0, count - 1, min(samples, count)).round()})

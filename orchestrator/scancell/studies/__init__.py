@@ -1,0 +1,1 @@
+"""Series of many scans: designs, execution on a cluster, sensitivity analysis, reports."""

@@ -1,0 +1,194 @@
+"""A batch: many scans of every mesh of a folder, as clouds with their ground truth.
+
+Besides the files of every `ScanSeries`, its folder holds:
+
+OUT/index.parquet      a row per scan: part, variant, seed, values of the factors, figures, files
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from scancell.config.batch import BatchDescription
+from scancell.errors import DescriptionError
+from scancell.extras import require
+from scancell.files import name_for_file
+from scancell.geometry.mesh import FORMATS, box_mesh
+from scancell.output.manifest import sha256
+from scancell.reconstruction.cloud_files import parse_formats
+from scancell.studies.batch_worker import ROW, open_batch_worker
+from scancell.studies.designs import trial_seed
+from scancell.studies.factors import Factors, nominal_setup
+from scancell.studies.results import INDEX_KEYS, index_table, write_table
+from scancell.studies.scan_worker import ScanWorker
+from scancell.studies.series import ScanSeries
+from scancell.studies.task import OpenWorker, Task
+
+INDEX = "index.parquet"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A mesh file and the name of its results; an unreadable file has an empty checksum."""
+
+    name: str
+    mesh: Path
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Batch(ScanSeries):
+    """A checked batch with the descriptions that it names, of these parts."""
+
+    description: BatchDescription
+    parts: tuple[Part, ...]
+
+    kind = "batch"
+    unit = "scan"
+    folder = "scans"
+
+    @property
+    def open_worker(self) -> OpenWorker:
+        """Prepares a worker process from `spec`."""
+        return open_batch_worker
+
+    def worker(self) -> ScanWorker:
+        """A worker for a small box, which is enough for checks."""
+        return ScanWorker(self.description, self.setup, box_mesh((0.05, 0.05, 0.05)), self.source)
+
+    def check(self) -> None:
+        """Also requires the packages that write the files, before hours of scans."""
+        require("h5py", "formats")
+        parse_formats(",".join(self.description.formats), f"{self.source}: formats")
+        if self.description.labels or self.description.as_built:
+            super().check()
+
+    @cached_property
+    def tasks(self) -> list[Task]:
+        """The scans, part by part; those of a part do not depend on the other parts."""
+        return [task for part in self.parts for task in self._tasks_of(part)]
+
+    def _tasks_of(self, part: Part) -> list[Task]:
+        seed = _part_seed(self.description.seed, part.name)
+        varying = self.description.model_copy(update={"seed": seed})
+        shared = {"part": part.name, "mesh_sha256": part.sha256, "engine": self.description.engine}
+        tasks = []
+        for number, values in enumerate(Factors(varying, self.setup, self.source).draw(), 1):
+            own = {"number": number, "seed": trial_seed(seed, number), "values": list(values)}
+            request = {**shared, **own}
+            tasks.append(Task(f"{part.name}-{number:06d}", {**request, "mesh": str(part.mesh)}, request))
+        return tasks
+
+
+def open_batch(description: BatchDescription, file: Path | None, given: Sequence[Path], out: Path) -> Batch:
+    """A batch of the meshes `given` (files, or folders that are searched), without those in `out`.
+
+    Parameters
+    ----------
+    file
+        Of the description; the paths in it are relative to its folder.
+
+    Raises
+    ------
+    ScancellError
+        Naming file, key, value and what was expected.
+    """
+    source = "batch" if file is None else str(file)
+    setup = nominal_setup(description, Path() if file is None else file.parent, source)
+    taken = [label for label in description.labels if label in INDEX_KEYS]
+    if taken:
+        raise DescriptionError(f"{source}: factor {taken[0]}: the index has a column of this name; set another `name`")
+    return Batch(source, description, setup, find_parts(given, out))
+
+
+def find_parts(given: Sequence[Path], out: Path) -> tuple[Part, ...]:
+    """Meshes by name: the path from the given folder, without suffix.
+
+    Raises
+    ------
+    DescriptionError
+        If a path does not exist, a folder holds no mesh, or two meshes would have the same name.
+    """
+    meshes: dict[str, Path] = {}
+    for path in given:
+        for name, mesh in _meshes(path, out.resolve()):
+            other = meshes.setdefault(name, mesh)
+            if other != mesh:
+                raise DescriptionError(f"{mesh}: has the same name '{name}' as {other}; rename one of the two")
+    return tuple(Part(name, mesh, _checksum(mesh)) for name, mesh in meshes.items())
+
+
+def _meshes(path: Path, out: Path) -> list[tuple[str, Path]]:
+    if path.is_file():
+        return [(_name(path.name), path.resolve())]
+    if not path.is_dir():
+        raise DescriptionError(f"{path}: no such file or folder")
+    files = [file for file in sorted(path.rglob("*")) if file.suffix.lower() in FORMATS and file.is_file()]
+    inside = [(file.relative_to(path), file.resolve()) for file in files]
+    wanted = [
+        (_name(str(short)), file)
+        for short, file in inside
+        if out not in file.parents and not any(piece.startswith(".") for piece in short.parts)
+    ]
+    if not wanted:
+        raise DescriptionError(f"{path}: holds no mesh ({', '.join(FORMATS)})")
+    return wanted
+
+
+def _name(relative: str) -> str:
+    """Name of the results of a mesh, by its path without the suffix."""
+    return name_for_file(relative.rpartition(".")[0] or relative) or "part"
+
+
+def _checksum(mesh: Path) -> str:
+    try:
+        return sha256(mesh)
+    except OSError:  # reported where the mesh is read
+        return ""
+
+
+def _part_seed(seed: int, name: str) -> int:
+    """31 bits that depend only on the batch's seed and the part's name."""
+    return int.from_bytes(hashlib.sha256(f"scancell {seed} part {name}".encode()).digest()[:8], "big") >> 33
+
+
+@dataclass(frozen=True)
+class Collected:
+    """Rows of the scans that are finished, or that failed for good, and names of those that are missing."""
+
+    rows: list[dict[str, Any]]
+    missing: list[str]
+
+    @property
+    def failed(self) -> list[dict[str, Any]]:
+        """Rows of the scans that failed."""
+        return [row for row in self.rows if row["status"] != "ok"]
+
+
+def write_index(batch: Batch, out: Path, failed: Mapping[str, str]) -> Collected:
+    """Collect the finished scans in the index. Those of `failed` tasks (by name, with message) get rows that say so.
+
+    Raises
+    ------
+    OutputError
+        If the index cannot be written.
+    """
+    rows: list[dict[str, Any]] = []
+    missing: list[str] = []
+    for task, folder in batch.results(out):
+        if folder is not None:
+            row = json.loads((folder / ROW).read_text())
+            rows.append({**row, "scan": task.name, "mesh": task.payload["mesh"]})
+        elif task.name in failed:
+            said = {"status": "failed", "message": failed[task.name], "as_built": [], "figures": {}, "files": []}
+            rows.append({**task.payload, **said, "scan": task.name, "scancell": None})
+        else:
+            missing.append(task.name)
+    write_table(index_table(rows, batch.description.labels, batch.folder), out / INDEX)
+    return Collected(rows, missing)

@@ -1,0 +1,121 @@
+"""The files of a study's results: tables, ``study.json``, ``report.html``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scancell.errors import OutputError
+from scancell.files import atomic_write
+from scancell.output.manifest import versions
+from scancell.studies.analysis import analyse
+from scancell.studies.control_scans import factors_without_effect
+from scancell.studies.results import results_table, timings_table, write_table
+from scancell.studies.study import Collected, Study, collect
+from scancell.studies.task import ExecutionTarget
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """The analysis of a study, the rows behind it, and the files written."""
+
+    analysis: dict[str, Any]
+    collected: Collected
+    files: list[str]
+
+    def lines(self) -> list[str]:
+        """Text for the terminal."""
+        made, missing = self.analysis["trials"], len(self.collected.missing)
+        lines = [f"{self.analysis['name']}: {made} trials" + (f", {missing} missing" if missing else "")]
+        for engine, said in self.analysis["engines"].items():
+            for name, found in said["sensitivity"].items():
+                lines.append(_line(engine, name, said["figures"][name], found))
+        lines.extend(
+            f"  failed     trial {f['trial']} (seed {f['seed']}): {f['message']}" for f in self.analysis["failed"][:5]
+        )
+        return [*lines, *(f"  {file}" for file in self.files)]
+
+
+def write_report(
+    study: Study, out: Path, failed: Mapping[str, str] | None = None, target: ExecutionTarget | None = None
+) -> StudyReport:
+    """Collect all finished trials of the folder in its tables, ``study.json`` and ``report.html``.
+
+    Parameters
+    ----------
+    failed
+        Messages of tasks that failed, by name.
+    target
+        Where to run control scans of factors without detectable effect, see `factors_without_effect`; None: run none.
+
+    Raises
+    ------
+    OutputError
+        If no trial is finished, or a file cannot be written.
+    """
+    from scancell.studies.page import study_page  # noqa: PLC0415  (needs the extra "studies")
+
+    collected = collect(study, out, failed)
+    if not collected.rows:
+        raise OutputError(f"{out}: contains no finished trial yet")
+    analysis = analyse(study.description, study.factors.labels, collected.rows)
+    _note_effects(study, out, collected, analysis, target)
+    write_table(results_table(collected.rows, study.factors.labels), out / "results.parquet")
+    write_table(timings_table(collected.timings), out / "timings.parquet")
+    content = {**analysis, "missing": len(collected.missing), "timing": _timing(collected), "versions": versions()}
+    about = {"study": study.source, "part": str(study.part), "seed": str(study.description.seed), **versions()}
+    for name, text in (
+        ("study.json", json.dumps(content, indent=1, allow_nan=False) + "\n"),
+        ("report.html", study_page(analysis, collected.rows, about)),
+    ):
+        with atomic_write(out / name) as temporary:
+            temporary.write_text(text)
+    names = ("results.parquet", "timings.parquet", "study.json", "report.html")
+    return StudyReport(analysis, collected, [str(out / name) for name in names])
+
+
+def _note_effects(
+    study: Study, out: Path, collected: Collected, analysis: dict[str, Any], target: ExecutionTarget | None
+) -> None:
+    """Add the factors that change no figure to `analysis`, and notes about factors without detectable effect."""
+    engine = study.description.engine
+    undetected = analysis["engines"].get(engine, {}).get("undetected", [])
+    rows = [row for row in collected.rows if row["engine"] == engine]
+    none = factors_without_effect(study, out, rows, undetected, target)
+    weak = [label for label in undetected if label not in none]
+    analysis["without_effect"] = none
+    if none:
+        analysis["notes"].append(f"no effect on any result ({engine} engine): {', '.join(none)}")
+    if weak:
+        analysis["notes"].append(f"no detectable effect on any result: {', '.join(weak)}")
+
+
+def _timing(collected: Collected) -> dict[str, Any]:
+    """Seconds per trial by station, number of workers, and their memory."""
+    timings = collected.timings
+    stations = list(dict.fromkeys(name for row in timings for name in row["seconds"]))
+    return {
+        "workers": len({(row["host"], row["worker"]) for row in timings}),
+        "largest_memory_mb": max((row["memory_mb"] for row in timings), default=None),
+        "seconds_per_trial": {
+            name: float(np.mean([row["seconds"].get(name, 0.0) for row in timings])) for name in stations
+        },
+    }
+
+
+def _line(engine: str, name: str, statistics: dict[str, Any], found: dict[str, Any]) -> str:
+    ends = statistics["interval_symmetric"]
+    interval = f" [{ends[0]:.4g}, {ends[1]:.4g}]" if ends else ""
+    if found.get("budget"):
+        leaders = ", ".join(f"{row['factor']} {row['share']:.0%}" for row in found["budget"][:2])
+        explained = f" (explained: {found['explained']:.0%})" if "explained" in found else ""
+    else:
+        leaders = ", ".join(f"{row['factor']} {row['mean_magnitude']:.3g}" for row in found.get("morris", [])[:2])
+        explained = ""
+    main = f"   main contributors: {leaders}{explained}" if leaders else ""
+    return f"  {engine:<10} {name:<24} {statistics['mean'] or 0:.4g}{interval}{main}"

@@ -1,0 +1,117 @@
+"""One trial: a whole scan with the drawn values, as one row of figures."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scancell.config.description import validate
+from scancell.config.loading import Setup
+from scancell.config.study import SphereDescription, StudyDescription
+from scancell.config.units import to_si
+from scancell.evaluation.measurable import MeasurableSurface, cache_folder, measurable_surface
+from scancell.evaluation.sphere_fit import Sphere, fit_sphere
+from scancell.geometry.mesh import load_mesh
+from scancell.output.build import build_version
+from scancell.reconstruction.cloud import Cloud
+from scancell.results import ScanResult
+from scancell.stopwatch import Stopwatch
+from scancell.studies.scan_worker import ScanWorker, Trial, setup_of, sweep_temporary, trial_of
+from scancell.studies.task_store import disk_error
+
+ROWS = "rows.json"
+TIMINGS = "timings.json"
+
+
+class TrialWorker(ScanWorker):
+    """Runs trials of one study in this process."""
+
+    def __init__(self, study: StudyDescription, setup: Setup, part: Path) -> None:
+        super().__init__(study, setup, load_mesh(part, study.unit), study.name)
+        self._study = study
+
+    @cached_property
+    def _measurable(self) -> MeasurableSurface:
+        """What is measurable in the cell that the study starts from: the same denominator in all trials."""
+        return measurable_surface(self.nominal, self.setup.sensor, cache=cache_folder(), threads=1)
+
+    def __call__(self, payload: Sequence[Mapping[str, Any]], folder: Path) -> None:
+        """Make the trials of a task and leave their rows, and beside them what took how long, in `folder`."""
+        rows, timings = [], []
+        for plain in payload:
+            watch, start = Stopwatch(), time.process_time()
+            rows.append(self.row(trial_of(plain), watch))
+            spent = time.process_time() - start
+            timings.append({"trial": plain["number"], **_process(), "processor_s": spent, "seconds": watch.seconds})
+        (folder / ROWS).write_text(json.dumps(rows, indent=1, allow_nan=False) + "\n")
+        (folder / TIMINGS).write_text(json.dumps(timings, indent=1) + "\n")
+
+    def row(self, trial: Trial, watch: Stopwatch) -> dict[str, Any]:
+        """Figures of a trial; one that cannot be done has a message instead."""
+        plain = {**asdict(trial), "values": list(trial.values)}
+        try:
+            with watch.measure("all"):
+                scan = self.scan(trial)
+                figures = self._figures(scan)
+            watch.seconds.update(scan.timings)
+        except Exception as error:  # a trial that fails is a result, too; the others go on
+            if disk_error(error):
+                raise
+            return {**plain, "status": "failed", "message": f"{type(error).__name__}: {error}", "figures": {}}
+        return {**plain, "status": "ok", "message": "", "figures": figures}
+
+    def _figures(self, scan: ScanResult) -> dict[str, Any]:
+        figures = deviation_figures(scan)
+        if self._study.coverage_samples:
+            covered = scan.coverage_of(self._study.coverage_samples, self._measurable).fraction
+            figures["coverage"] = None if np.isnan(covered) else covered
+        for sphere in self._study.sphere:
+            figures.update(_sphere_figures(sphere, scan.cloud))
+        return figures
+
+
+def deviation_figures(scan: ScanResult) -> dict[str, Any]:
+    """Numbers of profiles and points, and the deviation from the mesh in um."""
+    in_um = {name: value for name, value in scan.deviation.figures.as_um().items() if name != "count"}
+    return {"profiles": len(scan.recording), "points": len(scan.cloud), **in_um}
+
+
+def open_trials(spec: Mapping[str, Any]) -> TrialWorker:
+    """A worker from plain data, see `Study.spec`."""
+    sweep_temporary()
+    study = validate(StudyDescription, spec["study"], "study")
+    return TrialWorker(study, setup_of(spec["setup"]), Path(spec["part"]))
+
+
+def _sphere_figures(description: SphereDescription, cloud: Cloud) -> dict[str, Any]:
+    si = to_si(description.model_dump(exclude={"name"}))
+    lowest = -np.inf if si["above"] is None else si["above"]
+    found = fit_sphere(cloud.points_in_part, Sphere(np.array(si["centre"]), si["radius"], si["reach"], lowest))
+    named = {
+        "points": found.points,
+        **{f"{axis}_um": 1e6 * shift for axis, shift in zip("xyz", found.shift.tolist(), strict=True)},
+        "diameter_error_um": 1e6 * found.diameter_error,
+        "form_um": 1e6 * found.form,
+        "rms_um": 1e6 * found.rms,
+    }
+    return {f"{description.name}.{key}": None if np.isnan(value) else value for key, value in named.items()}
+
+
+def _process() -> dict[str, Any]:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    memory_mb = pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+    return {
+        "host": socket.gethostname(),
+        "worker": os.getpid(),
+        "memory_mb": memory_mb,
+        "scancell": build_version(),
+    }

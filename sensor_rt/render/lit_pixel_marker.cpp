@@ -1,0 +1,252 @@
+#include "sensor_rt/render/lit_pixel_marker.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "sensor_rt/render/pixel_cover.h"
+
+namespace sensor_rt {
+namespace {
+
+constexpr std::size_t kSlopes = 5;  ///< grid rays through the thickness of the sheet
+constexpr float kCloseGap = 4.0f;   ///< px: largest distance of neighbours that bound a piece of surface
+constexpr float kMargin = 1.0f;     ///< px around a hit: half the pixel size, and the curvature between hits
+constexpr float kJustOutside = 1.05f;  ///< of the half width of the sheet: tolerance for rounding
+// Largest number of bisections of a gap:
+constexpr int kSteepDepth = 20;  ///< on one surface: sufficient for any wall
+constexpr int kVoidDepth = 14;   ///< far apart on two surfaces: a missed feature receives 1e-4 of the light
+constexpr int kEdgeDepth = 5;    ///< close together on two surfaces: all pixels in between are marked anyway
+
+bool in_sheet(const Landing& landing) { return landing.hit() && std::abs(landing.across) <= kJustOutside; }
+
+/// Returns true when both hits are on the same side outside the sheet.
+bool beside_sheet(const Landing& a, const Landing& b) {
+  return (a.across > kJustOutside && b.across > kJustOutside) ||
+         (a.across < -kJustOutside && b.across < -kJustOutside);
+}
+
+bool beyond(float a, float b, int size, float margin) {
+  const float last = static_cast<float>(size) + margin;
+  return (a < -margin - 1.0f && b < -margin - 1.0f) || (a > last && b > last);
+}
+
+}  // namespace
+
+LitPixelMarker::LitPixelMarker(const RenderPlan& plan)
+    : plan_(plan),
+      grid_(plan),
+      cameras_(plan.settings.model.cameras.size()),
+      angles_(static_cast<std::size_t>(plan.settings.rays_across_fan)),
+      slopes_(kSlopes) {
+  const double half = plan.settings.model.laser.fan_half_angle;
+  for (std::size_t i = 0; i < angles_; ++i) {
+    const double angle = half * (2.0 * static_cast<double>(i) / static_cast<double>(angles_ - 1) - 1.0);
+    across_fan_.emplace_back(std::sin(angle), std::cos(angle));
+  }
+}
+
+void LitPixelMarker::mark(const Scene& scene, const PoseTrack& track, std::vector<PixelMask>& masks) {
+  grid_.set(scene, track);
+  if (grid_.shapes().empty()) return;
+  lay_grid(track);
+  grid_.cast(rays_, landings_);
+  gaps_.clear();
+  visit_grid(masks);
+  while (!gaps_.empty()) refine(masks);
+}
+
+std::vector<std::size_t> LitPixelMarker::choose_instants(const PoseTrack& track) const {
+  const std::size_t last = track.instants() - 1;
+  if (last == 0) return {0};
+  const double farthest_px = max_motion_px(plan_.settings.model, track, grid_.shapes());
+  constexpr double kStep = 3.0;  // px between neighbouring instants of the grid
+  const auto steps =
+      static_cast<std::size_t>(std::clamp(std::ceil(farthest_px / kStep), 1.0, static_cast<double>(last)));
+  std::vector<std::size_t> chosen;
+  for (std::size_t i = 0; i <= steps; ++i) chosen.push_back(i * last / steps);
+  return chosen;
+}
+
+void LitPixelMarker::lay_grid(const PoseTrack& track) {
+  const std::vector<std::size_t> chosen = choose_instants(track);
+  instants_ = chosen.size();
+  rays_.clear();
+  for (const std::size_t instant : chosen) {
+    for (std::size_t line = 0; line < grid_.sources() * slopes_; ++line) {
+      const std::size_t j = line % slopes_;
+      const double slope =
+          plan_.slope * (2.0 * static_cast<double>(j) / static_cast<double>(slopes_ - 1) - 1.0);
+      for (std::size_t i = 0; i < angles_; ++i) {
+        rays_.push_back({across_fan_[i].x(), across_fan_[i].y(), slope, instant, line / slopes_});
+      }
+      // All rays of a packet share an instant and a source.
+      while (rays_.size() % kLanes != 0) rays_.push_back(rays_.back());
+    }
+  }
+}
+
+void LitPixelMarker::visit_grid(std::vector<PixelMask>& masks) {
+  const std::size_t row = (angles_ + kLanes - 1) / kLanes * kLanes;
+  const std::size_t to_source = slopes_ * row;
+  const std::size_t to_instant = grid_.sources() * to_source;
+  const auto pair = [&](std::size_t a, std::size_t b, bool along_sheet = true) {
+    visit({rays_[a], rays_[b], a, b, 0, along_sheet}, masks);
+  };
+  for (std::size_t instant = 0; instant < instants_; ++instant) {
+    for (std::size_t source = 0; source < grid_.sources(); ++source) {
+      for (std::size_t j = 0; j < slopes_; ++j) {
+        for (std::size_t i = 0; i < angles_; ++i) {
+          const std::size_t here = instant * to_instant + source * to_source + j * row + i;
+          if (i + 1 < angles_) pair(here, here + 1);
+          if (j + 1 < slopes_) pair(here, here + row, false);
+          if (source + 1 < grid_.sources()) pair(here, here + to_source);
+          if (instant + 1 < instants_) pair(here, here + to_instant);
+        }
+      }
+    }
+  }
+}
+
+bool LitPixelMarker::adjacent_in_images(const Gap& gap) const {
+  for (std::size_t c = 0; c < cameras_; ++c) {
+    const std::size_t p = gap.from_index * cameras_ + c;
+    const std::size_t q = gap.to_index * cameras_ + c;
+    if (std::abs(landings_.column[p] - landings_.column[q]) > kMargin) return false;
+    if (std::abs(landings_.row[p] - landings_.row[q]) > kMargin) return false;
+  }
+  return true;
+}
+
+bool LitPixelMarker::share_surface(const Gap& gap) const {
+  const Landing& from = landings_.landing[gap.from_index];
+  const Landing& to = landings_.landing[gap.to_index];
+  constexpr float kParallel = 0.99f;
+  if (gap.from.instant != gap.to.instant) {
+    return from.shape == to.shape && std::abs(from.normal.dot(to.normal)) > kParallel;
+  }
+  constexpr double kFlat = 0.25;  // px: distance from the other's tangent plane
+  const auto tolerance = static_cast<float>(kFlat * plan_.pixel_size);
+  const Eigen::Vector3f step = to.point - from.point;
+  return std::abs(step.dot(from.normal)) < tolerance && std::abs(step.dot(to.normal)) < tolerance;
+}
+
+LitPixelMarker::Relation LitPixelMarker::relate(const Gap& gap) const {
+  const Landing& from = landings_.landing[gap.from_index];
+  const Landing& to = landings_.landing[gap.to_index];
+  if (!from.hit() && !to.hit()) return Relation::kDark;
+  if (!from.hit() || !to.hit()) return Relation::kVoid;
+  const bool same_surface = share_surface(gap);
+  if (same_surface && beside_sheet(from, to)) return Relation::kDark;
+  bool in_view = false;
+  for (std::size_t c = 0; c < cameras_; ++c) {
+    const Camera& camera = plan_.settings.model.cameras[c];
+    const std::size_t p = gap.from_index * cameras_ + c;
+    const std::size_t q = gap.to_index * cameras_ + c;
+    const float around = margin(c, p, q);
+    if (beyond(landings_.column[p], landings_.column[q], camera.width_px, around)) continue;
+    if (beyond(landings_.row[p], landings_.row[q], camera.height_px, around)) continue;
+    in_view = true;
+    const bool apart = std::abs(landings_.column[p] - landings_.column[q]) > kCloseGap ||
+                       std::abs(landings_.row[p] - landings_.row[q]) > kCloseGap;
+    if (apart) return same_surface ? Relation::kSteep : Relation::kVoid;
+  }
+  if (!in_view) return Relation::kDark;
+  return same_surface ? Relation::kSameSurface : Relation::kEdge;
+}
+
+bool LitPixelMarker::should_subdivide(const Gap& gap, Relation relation) {
+  if (gap.from.source != gap.to.source) return false;
+  if (gap.from.instant != gap.to.instant) return gap.to.instant > gap.from.instant + 1;
+  if (relation == Relation::kSteep) return gap.depth < kSteepDepth;
+  return gap.depth < (relation == Relation::kVoid ? kVoidDepth : kEdgeDepth);
+}
+
+void LitPixelMarker::visit(const Gap& gap, std::vector<PixelMask>& masks) {
+  const Relation relation = relate(gap);
+  if (relation == Relation::kDark) return;
+  if (relation != Relation::kSameSurface && should_subdivide(gap, relation)) {
+    gaps_.push_back(gap);
+  } else if (relation == Relation::kSameSurface || relation == Relation::kEdge) {
+    if (gap.along_sheet && adjacent_in_images(gap)) return;
+    mark_between(gap.from_index, gap.to_index, masks);
+  } else {
+    mark_alone(gap.from_index, masks);
+    mark_alone(gap.to_index, masks);
+  }
+}
+
+void LitPixelMarker::refine(std::vector<PixelMask>& masks) {
+  // The rays of a packet share an instant and a source: the gaps are sorted accordingly, keeping neighbours
+  // together.
+  std::stable_sort(gaps_.begin(), gaps_.end(), [](const Gap& a, const Gap& b) {
+    return std::make_pair(a.from.instant + a.to.instant, a.from.source) <
+           std::make_pair(b.from.instant + b.to.instant, b.from.source);
+  });
+  middle_.clear();
+  next_gaps_.clear();
+  for (const Gap& gap : gaps_) {
+    const FanRay ray = FanRay::middle(gap.from, gap.to);
+    while (middle_.size() % kLanes != 0 && !middle_.back().shares_packet_with(ray)) {
+      middle_.push_back(middle_.back());
+      next_gaps_.push_back(next_gaps_.back());
+    }
+    middle_.push_back(ray);
+    next_gaps_.push_back(gap);
+  }
+  grid_.cast(middle_, middle_landings_);
+  const std::size_t base = landings_.landing.size();
+  landings_.landing.insert(landings_.landing.end(), middle_landings_.landing.begin(),
+                           middle_landings_.landing.end());
+  landings_.column.insert(landings_.column.end(), middle_landings_.column.begin(),
+                          middle_landings_.column.end());
+  landings_.row.insert(landings_.row.end(), middle_landings_.row.begin(), middle_landings_.row.end());
+  landings_.blur.insert(landings_.blur.end(), middle_landings_.blur.begin(), middle_landings_.blur.end());
+  gaps_.clear();
+  for (std::size_t k = 0; k < middle_.size(); ++k) {
+    const Gap& gap = next_gaps_[k];
+    visit({gap.from, middle_[k], gap.from_index, base + k, gap.depth + 1}, masks);
+    visit({middle_[k], gap.to, base + k, gap.to_index, gap.depth + 1}, masks);
+  }
+}
+
+float LitPixelMarker::margin(std::size_t camera, std::size_t p, std::size_t q) const {
+  return kMargin + static_cast<float>(plan_.pixel_reach[camera]) +
+         std::max(landings_.blur[p], landings_.blur[q]);
+}
+
+void LitPixelMarker::mark_between(std::size_t a, std::size_t b, std::vector<PixelMask>& masks) const {
+  // Only the surface between the edges of the sheet is lit.
+  const float from = landings_.landing[a].across;
+  const float to = landings_.landing[b].across;
+  float start = 0.0f;
+  float end = 1.0f;
+  if (std::abs(to - from) > 1e-6f) {
+    const float low = (-kJustOutside - from) / (to - from);
+    const float high = (kJustOutside - from) / (to - from);
+    start = std::clamp(std::min(low, high), 0.0f, 1.0f);
+    end = std::clamp(std::max(low, high), 0.0f, 1.0f);
+  }
+  for (std::size_t c = 0; c < cameras_; ++c) {
+    const std::size_t p = a * cameras_ + c;
+    const std::size_t q = b * cameras_ + c;
+    const float columns = landings_.column[q] - landings_.column[p];
+    const float rows = landings_.row[q] - landings_.row[p];
+    const auto [left, right] =
+        std::minmax({landings_.column[p] + start * columns, landings_.column[p] + end * columns});
+    const auto [top, bottom] = std::minmax({landings_.row[p] + start * rows, landings_.row[p] + end * rows});
+    const Camera& camera = plan_.settings.model.cameras[c];
+    const float around = margin(c, p, q);
+    if (beyond(left, right, camera.width_px, around) || beyond(top, bottom, camera.height_px, around))
+      continue;
+    masks[c].mark(static_cast<int>(std::lround(left - around)), static_cast<int>(std::lround(right + around)),
+                  static_cast<int>(std::lround(top - around)),
+                  static_cast<int>(std::lround(bottom + around)));
+  }
+}
+
+void LitPixelMarker::mark_alone(std::size_t a, std::vector<PixelMask>& masks) const {
+  if (in_sheet(landings_.landing[a])) mark_between(a, a, masks);
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,150 @@
+"""The public Python API: results, what a `Scanner` keeps, frames, estimated cells, cancellation, sessions."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import scancell
+from scancell.cell.program import Program
+from scancell.errors import CancelledError, DescriptionError, EmptyScanError
+from scancell.geometry import pose
+from scancell.geometry.mesh import box_mesh
+from scancell.reconstruction.cloud_files import read_ply
+
+PART = Path(__file__).parents[2] / "assets/parts/step_block.stl"
+FEW = {"scan.max_profiles": 60}
+
+
+@pytest.fixture(scope="module")
+def scanner():
+    with scancell.Scanner(settings=FEW, ideal=True) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def result(scanner):
+    return scanner.scan(PART, engine="geometric", as_built={"tool.x_mm": 0.1}, seed=3)
+
+
+def test_public_names_exist() -> None:
+    assert all(getattr(scancell, name) is not None for name in scancell.__all__)
+    assert set(scancell.__all__) <= set(dir(scancell))
+    with pytest.raises(AttributeError, match="no attribute 'orchestrate'"):
+        _ = scancell.orchestrate
+
+
+def test_result_has_cloud_deviation_and_coverage(result) -> None:
+    assert result.cloud.points_in_part.shape == (len(result.cloud), 3)
+    # The tool is 0.1 mm off along the sensor's X, so faces across it appear shifted by up to that.
+    assert 1e-6 < result.deviation.rms < 0.1e-3
+    assert 0.0 < result.coverage.fraction <= 1.0
+    assert {"load", "plan", "drive", "sense", "reconstruct", "evaluate"} <= set(result.timings)
+
+
+def test_second_scan_reuses_plan_scene_and_fmu(scanner, result) -> None:
+    builds, token = scanner.pipeline.builds, scanner.pipeline.runner.token
+    again = scanner.scan(PART, engine="geometric", as_built={"tool.x_mm": 0.1}, seed=3)
+    assert again.plan is result.plan
+    assert scanner.pipeline.builds == builds
+    assert scanner.pipeline.runner.token == token
+    np.testing.assert_array_equal(again.cloud.points_in_part, result.cloud.points_in_part)
+
+
+def test_plan_follows_the_descriptions_that_it_depends_on(scanner, result) -> None:
+    placed = scancell.Setup(scanner.setup.cell.replace({"part.x_mm": 5.0}), scanner.setup.sensor, scanner.setup.scan)
+    assert scanner.plan(PART, setup=placed) is not result.plan
+    lit = scancell.Setup(
+        scanner.setup.cell.replace({"part.reflectance": 0.4}), scanner.setup.sensor, scanner.setup.scan
+    )
+    assert scanner.plan(PART, setup=lit).program.duration == result.plan.program.duration
+
+
+def test_saved_run_holds_every_file_and_reads_back(result, tmp_path) -> None:
+    files = {path.name for path in result.save(tmp_path / "run", ["ply", "npz"], command_line=[])}
+    assert files == {
+        *("cloud.ply", "cloud.npz", "profiles.parquet", "plan.json", "recording.parquet"),
+        *("deviation.json", "deviation.png", "resolved.toml", "manifest.json"),
+    }
+    plan = json.loads((tmp_path / "run/plan.json").read_text())
+    assert [segment["name"] for segment in plan["segments"]] == list(result.plan.program.names.values())
+    assert all(segment["name"] for segment in plan["segments"])
+    assert np.array_equal(plan["segments"][0]["q"], result.plan.program.segments[0].q)
+    figures = json.loads((tmp_path / "run/deviation.json").read_text())
+    assert set(figures["by_camera"]) == set(result.camera_names)
+
+
+def test_clouds_in_other_frames_are_rigid_copies(result, tmp_path) -> None:
+    nominal = result.nominal
+    result.save(tmp_path / "run", ["ply"], frame="base", command_line=[])
+    written = read_ply(tmp_path / "run/cloud.ply").points_in_part
+    base_from_part = pose.inverse(nominal.arm.world_from_base) @ nominal.world_from_table @ nominal.table_from_part
+    expected = pose.transform_points(base_from_part, result.cloud.points_in_part)
+    assert np.abs(written - expected).max() < 1e-9
+    assert np.abs(result.points_in("base") - expected).max() < 1e-12
+    with pytest.raises(ValueError, match="expected part, table, base, world"):
+        result.points_in("moon")
+
+
+def test_estimated_cell_removes_a_known_error(scanner) -> None:
+    plain = scanner.scan(PART, engine="geometric", as_built={"tool.z_mm": 0.2})
+    reach = scanner.setup.cell.tool.fixture.reach_mm
+    calibrated = scanner.setup.cell.replace({"tool.fixture.reach_mm": reach + 0.2})
+    known = scanner.scan(PART, engine="geometric", as_built={"tool.z_mm": 0.2}, estimated_cell=calibrated)
+    assert plain.deviation.rms > 50e-6
+    assert known.deviation.rms < 0.05 * plain.deviation.rms
+
+
+def test_callback_receives_stages_and_cancels(scanner) -> None:
+    stages: list[str] = []
+
+    def hear(stage: str, done: float, total: float) -> bool:
+        assert 0 <= done <= total + 1e-9
+        stages.append(stage)
+        return stage != "driving" or done == 0
+
+    with pytest.raises(CancelledError, match="cancelled while driving"):
+        scanner.scan(PART, engine="geometric", progress=hear)
+    assert dict.fromkeys(stages).keys() >= {"loading", "planning", "driving"}
+    assert len(scanner.scan(PART, engine="geometric").cloud) > 1000, "the scanner works after a cancelled scan"
+
+
+def test_part_thinner_than_the_table_margin_is_an_error_that_names_the_key(scanner) -> None:
+    plate = box_mesh((0.06, 0.04, 0.0004), "plate")
+    with pytest.raises(EmptyScanError, match=r"scan\.table_margin_mm = 0\.5"):
+        scanner.scan(plate, engine="geometric")
+
+
+def test_images_of_the_geometric_engine_are_refused(scanner) -> None:
+    with pytest.raises(DescriptionError, match="makes no images"):
+        scanner.scan(PART, engine="geometric", on_images=lambda images: None)
+
+
+def test_session_measures_where_the_sensor_stands(scanner, result) -> None:
+    assert isinstance(result.plan.program, Program)
+    exposed = len(result.plan.q) // 2
+    q, table = result.plan.q[exposed], float(result.plan.table[exposed])
+    with scanner.session(PART) as session:
+        session.move_joints(q, table)
+        found = session.profile("geometric")
+        assert len(found.points_in_base) > 50
+        assert session.profile("geometric").profile.points_in_sensor.shape == found.profile.points_in_sensor.shape
+        world_from_base = scanner.plan(PART) and result.nominal.arm.world_from_base
+        world = pose.transform_points(world_from_base, found.points_in_base)
+        part = pose.transform_points(pose.inverse(result.nominal.world_from_part(table)), world)
+        assert np.abs(part - found.points_in_part).max() < 1e-6
+        from_mesh = scancell.sensor.closest_points(
+            result.nominal.part.vertices, result.nominal.part.faces, found.points_in_part
+        )[2]
+        on_part = found.points_in_part[:, 2] > 1e-3
+        assert np.abs(from_mesh[on_part]).max() < 1e-5
+
+
+def test_notebook_display_has_a_picture_and_figures(result) -> None:
+    page = result._repr_html_()
+    assert "data:image/png;base64," in page
+    assert "rms_um" in page
+    assert result.picture().startswith(b"\x89PNG")
