@@ -15,7 +15,7 @@ from scancell.errors import MeshError, ScancellError
 def call(monkeypatch, capsys, *words: str) -> tuple[int, str, str]:
     """Exit code, standard output and standard error of a command run in this process."""
     monkeypatch.setattr(sys, "argv", ["scancell", *words])
-    monkeypatch.setattr(cli.signal, "signal", lambda *_: None)
+    monkeypatch.setattr(cli.INTERRUPTS, "install", lambda: None)
     with pytest.raises(SystemExit) as ended:
         cli.main()
     streams = capsys.readouterr()

@@ -72,8 +72,9 @@ def scancell(*words: str | Path, cwd: Path, **changes: str) -> Finished:
 def scancell_here(*words: str | Path, cwd: Path) -> Finished:
     """The same in this process. An exception other than the end of a command reaches the test."""
     out, err = io.StringIO(), io.StringIO()
-    arguments, on_terminate = sys.argv, signal.getsignal(signal.SIGTERM)
+    arguments, handlers = sys.argv, {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     sys.argv = ["scancell", *map(str, words)]
+    on_dropped = sys.unraisablehook
     code: Any = 0
     try:
         with contextlib.chdir(cwd), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -81,6 +82,7 @@ def scancell_here(*words: str | Path, cwd: Path) -> Finished:
     except SystemExit as ended:
         code = ended.code or 0
     finally:
-        sys.argv = arguments
-        signal.signal(signal.SIGTERM, on_terminate)
+        sys.argv, sys.unraisablehook = arguments, on_dropped
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
     return Finished(int(code), out.getvalue(), err.getvalue())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -79,6 +80,41 @@ def test_interrupted_scan_removes_files(tmp_path, stage, number) -> None:
     }
     assert [path.name for path in tmp_path.iterdir()] == ["tmp"]
     assert [path.name for path in (tmp_path / "tmp").iterdir() if path.name.startswith("scancell")] == []
+
+
+# Python prints and drops what a weak reference's callback raises; `import` has such callbacks.
+INTERRUPTED_IN_A_CALLBACK = """
+import os, signal, weakref
+from scancell.cli import main
+from scancell.scanning.drive import FmuRunner
+
+class Referent:
+    pass
+
+def start(runner, request):
+    referent = Referent()
+    reference = weakref.ref(referent, lambda _: os.kill(os.getpid(), signal.SIGINT))
+    del referent
+    return original(runner, request)
+
+original, FmuRunner.start = FmuRunner.start, start
+main()
+"""
+
+
+def test_interrupt_during_a_callback_is_not_lost(tmp_path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_IN_A_CALLBACK, *SCAN],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 130
+    assert done.stderr.strip() == "scancell: interrupted"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_interrupted_scan_keeps_previous_result(tmp_path) -> None:

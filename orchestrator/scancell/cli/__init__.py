@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -14,6 +12,7 @@ import typer
 from scancell.cli.batch import batch
 from scancell.cli.common import JsonOption, Outcome, ScanOption, SetOption, ThreadsOption, run, show_progress
 from scancell.cli.fmu import fmu_app
+from scancell.cli.interrupts import INTERRUPTS
 from scancell.cli.options import CellOptions, CloudOptions, with_options
 from scancell.cli.study import study_app
 from scancell.config.choices import Mode
@@ -237,8 +236,8 @@ def _numbers(text: str, count: int, option: str) -> tuple[float, ...]:
 
 
 def main() -> None:
-    """Entry point; a second Ctrl-C during clean-up still ends the process."""
-    signal.signal(signal.SIGTERM, lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    """Entry point of the command line."""
+    INTERRUPTS.install()
     try:
         code = app(standalone_mode=False)
     except _UsageError as error:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from scancell.cli.interrupts import InterruptibleProgress
 from scancell.errors import ScancellError
 from scancell.progress import NullProgress, Progress
 
@@ -85,9 +86,9 @@ def _fail(command: str, as_json: bool, message: str, kind: str, code: int) -> No
 
 
 def show_progress(as_json: bool) -> AbstractContextManager[Progress]:
-    """Bars on a terminal; silence where nobody looks."""
+    """Bars on a terminal; silence where nobody looks.  Every report of progress is a place where Ctrl-C acts."""
     if as_json or not sys.stderr.isatty():
-        return NullProgress()
+        return InterruptibleProgress(NullProgress())
     from scancell.cli.terminal import TerminalProgress  # noqa: PLC0415  (rich takes 0.1 s to import)
 
-    return TerminalProgress()
+    return InterruptibleProgress(TerminalProgress())
