@@ -23,6 +23,7 @@ struct Command {
   Operation operation = Operation::kAutomatic;
   std::int32_t start = 0;  // an increase starts a move
   bool emergency_stop = false;
+  bool collision = false;      // its beginning starts an emergency stop
   std::int32_t reset = 0;      // an increase ends an emergency stop
   std::int32_t heartbeat = 0;  // any change restarts the watchdog
   double max_age = 0;          // s, timeout of the watchdog; 0 disables it

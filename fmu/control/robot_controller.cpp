@@ -65,7 +65,9 @@ void RobotController::latch_inputs(std::int64_t now_us, const Command& command) 
   state_.heartbeat = command.heartbeat;
   state_.start = command.start;
   state_.reset = command.reset;
-  if (command.emergency_stop) {
+  const bool collides = command.collision && !state_.collision;
+  state_.collision = command.collision;
+  if (command.emergency_stop || collides) {
     state_.stopped = true;
   } else if (resets && at_rest() && command.mode == Mode::kHold) {
     state_.stopped = false;

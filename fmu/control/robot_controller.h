@@ -36,6 +36,7 @@ struct ControllerState {
   Mode mode = Mode::kHold;  // active mode
   Phase phase = Phase::kRest;
   bool stopped = false;                                 // emergency stop active
+  bool collision = false;                               // at the last cycle
   ControllerError error = ControllerError::kNone;       // of the current command
   ControllerError path_error = ControllerError::kNone;  // of the last requested move
   std::int32_t path_limit = 0;

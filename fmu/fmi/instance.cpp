@@ -256,6 +256,10 @@ Cell& Instance::cell() {
   log_.write(LogCategory::kEvent, "cell loaded from " + path);
   const std::string warning = soft_part_warning(description.parts);
   if (!warning.empty()) log_.write(LogCategory::kWarning, warning);
+  if (!cell_->intersecting_bodies().empty()) {
+    log_.write(LogCategory::kWarning,
+               "contact shapes that intersect at the start do not touch: " + cell_->intersecting_bodies());
+  }
   return *cell_;
 }
 

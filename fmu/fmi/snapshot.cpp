@@ -200,8 +200,8 @@ void exchange(A& a, PendingMove& v) {
 }
 template <class A>
 void exchange(A& a, ControllerState& v) {
-  fmi::exchange_all(a, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.error,
-                    v.path_error, v.start, v.reset, v.heartbeat, v.heartbeat_us, v.destination);
+  fmi::exchange_all(a, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.collision,
+                    v.error, v.path_error, v.start, v.reset, v.heartbeat, v.heartbeat_us, v.destination);
   fmi::exchange_up_to(a, v.path_limit, kAxes);
 }
 template <class A>

@@ -101,7 +101,9 @@ std::int64_t Cell::next_event(Events wanted, std::int64_t to_us) const {
 
 /// Reads the commands at an instant of the controller cycle.
 void Cell::take_commands(const CellInputs& inputs) {
-  controller_.cycle(to_.time_us, command_of(inputs.motion));
+  control::Command command = command_of(inputs.motion);
+  command.collision = description_.sensing.collision.stops_arm && collides(to_.readings);
+  controller_.cycle(to_.time_us, command);
   for (std::size_t i = 0; i < description_.conveyors.size(); ++i) {
     const double limit = description_.conveyors[i].max_speed;
     to_.prescribed.belts[i].target = std::clamp(inputs.conveyors[i].speed, -limit, limit);

@@ -86,6 +86,9 @@ class Cell : private MotionView {
   /// Writes the outputs at the present instant.
   void write_outputs(CellOutputs& outputs) const;
 
+  /// Pairs of bodies that intersect at the start and therefore do not touch each other, as text; empty: none.
+  const std::string& intersecting_bodies() const { return world_.intersecting_bodies(); }
+
   CellState state() const;
   /// Throws std::invalid_argument where the state belongs to another cell.
   void restore(const CellState& state);

@@ -70,7 +70,7 @@ TableDescription parse_table(const JsonReader& json) {
   return table;
 }
 
-/// Names of the bodies that can be in contact.
+/// Names of the bodies in contact beside `contact.bodies`.
 std::vector<std::string> touching_bodies(const CellDescription& cell) {
   std::vector<std::string> names{"table"};
   for (const ConveyorDescription& conveyor : cell.conveyors) names.push_back(conveyor.name);

@@ -1,8 +1,10 @@
 #include "fmu/model/contact_description.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "fmu/model/json_reader.h"
+#include "fmu/model/value_limits.h"
 
 namespace robotcell {
 namespace {
@@ -19,18 +21,27 @@ std::string parse_body(const JsonReader& json, const std::vector<std::string>& b
 
 }  // namespace
 
-ContactDescription parse_contact(const JsonReader& json, const std::vector<std::string>& bodies) {
-  json.expect_keys({"solver", "points", "pairs"});
+ContactDescription parse_contact(const JsonReader& json, std::vector<std::string> others) {
+  json.expect_keys({"solver", "points", "friction", "bodies", "pairs"});
   ContactDescription contact;
   const std::string solver = json.at("solver").text();
   if (solver != "dantzig" && solver != "pgs") json.at("solver").fail("\"dantzig\" or \"pgs\"");
   contact.gauss_seidel = solver == "pgs";
   contact.points = parse_points(json.at("points"));
+  contact.friction = json.at("friction").number(0, kMaxFriction);
+  std::vector<std::string> names = std::move(others);
+  for (const JsonReader& body : json.at("bodies").items()) {
+    body.expect_keys({"name", "frame", "hull"});
+    contact.bodies.push_back(
+        {body.at("name").text(), parse_frame(body.at("frame"), FrameCounts{}), parse_hull(body.at("hull"))});
+    names.push_back(contact.bodies.back().name);
+  }
   for (const JsonReader& pair : json.at("pairs").items()) {
-    pair.expect_keys({"bodies", "points"});
-    const auto names = pair.at("bodies").items(2);
-    contact.pairs.push_back(
-        {{parse_body(names[0], bodies), parse_body(names[1], bodies)}, parse_points(pair.at("points"))});
+    pair.expect_keys({"bodies", "points", "response"});
+    const auto bodies = pair.at("bodies").items(2);
+    contact.pairs.push_back({{parse_body(bodies[0], names), parse_body(bodies[1], names)},
+                             parse_points(pair.at("points")),
+                             pair.at("response").boolean()});
   }
   return contact;
 }

@@ -6,24 +6,37 @@
 #include <string>
 #include <vector>
 
+#include "fmu/model/frame_ref.h"
+#include "fmu/model/hull.h"
+
 namespace robotcell {
 
 class JsonReader;
 
-/// Two bodies by name ("table", "gripper", of a conveyor or a part), and their maximum number of contact
-/// points.
+/// Contact of two bodies by name.
 struct ContactPair {
   std::array<std::string, 2> bodies;
-  std::size_t points = 0;
+  std::size_t points = 0;  // maximum number of contact points
+  bool response = true;    // false: the bodies pass through each other
+};
+
+/// A rigid body of the cell, attached to a link, the sensor, the table or the world, with its convex hull as
+/// contact shape.
+struct ContactBody {
+  std::string name;
+  FrameRef frame;
+  Hull hull;  // in this frame
 };
 
 struct ContactDescription {
   bool gauss_seidel = false;  // projected Gauss-Seidel instead of Dantzig's method
   std::size_t points = 0;     // maximum number of contact points of pairs that are not listed
+  double friction = 0;        // coefficient, of `bodies`
+  std::vector<ContactBody> bodies;
   std::vector<ContactPair> pairs;
 };
 
-/// `bodies` holds the names that pairs may use. Throws DescriptionError.
-ContactDescription parse_contact(const JsonReader& json, const std::vector<std::string>& bodies);
+/// `others` holds the names of further bodies that pairs may use. Throws DescriptionError.
+ContactDescription parse_contact(const JsonReader& json, std::vector<std::string> others);
 
 }  // namespace robotcell

@@ -36,6 +36,7 @@ class Kinematics {
   /// Motion of the stationary base.
   Motion base() const;
 
+  const Eigen::Isometry3d& flange_from_sensor() const { return flange_from_sensor_; }
   Motion sensor(const Motion& flange) const { return attached(flange, flange_from_sensor_); }
 
   /// Motion of the platter: the rotating frame at the platter's centre, with the axis tilted by the wobble.

@@ -8,13 +8,6 @@ namespace {
 
 constexpr double kMaxDampingRatio = 1e6;
 
-void parse_hull(const JsonReader& json, PartDescription& part) {
-  json.expect_keys({"vertices", "faces"});
-  part.hull_vertices = json.at("vertices").vertices();
-  part.hull_faces = json.at("faces").faces(part.hull_vertices.size());
-  if (part.hull_faces.size() < 4) json.at("faces").fail("at least 4 faces");
-}
-
 StandsOn parse_support(const JsonReader& json, std::size_t conveyors) {
   const std::string text = json.text();
   if (text == "table") return {StandsOn::Kind::kTable, 0};
@@ -67,7 +60,7 @@ PartDescription parse_part(const JsonReader& json, std::size_t conveyors) {
     if (part.free && json.at(key).is_null()) json.at(key).fail("an object for a free part");
   }
   if (!json.at("inertial").is_null()) part.inertial = parse_inertia(json.at("inertial"));
-  if (!json.at("hull").is_null()) parse_hull(json.at("hull"), part);
+  if (!json.at("hull").is_null()) part.hull = parse_hull(json.at("hull"));
   return part;
 }
 

@@ -2,12 +2,12 @@
 #pragma once
 
 #include <Eigen/Geometry>
-#include <array>
 #include <cstddef>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "fmu/model/hull.h"
 #include "fmu/model/rigid_inertia.h"
 
 namespace robotcell {
@@ -34,10 +34,9 @@ struct PartDescription {
   StandsOn stands_on;
   Eigen::Isometry3d support_from_part;  // at the start
   double friction = 0;
-  std::optional<SoftDescription> soft;         // empty: a rigid part
-  RigidInertia inertial;                       // part frame; zero for a clamped part without inertia
-  std::vector<Eigen::Vector3d> hull_vertices;  // part frame; empty for a clamped part without collision shape
-  std::vector<std::array<int, 3>> hull_faces;
+  std::optional<SoftDescription> soft;  // empty: a rigid part
+  RigidInertia inertial;                // part frame; zero for a clamped part without inertia
+  Hull hull;                            // part frame; empty for a clamped part without contact shape
 };
 
 /// Limitations of a cell with soft parts, as text for the log; empty without soft parts.

@@ -1,7 +1,5 @@
 #include "fmu/model/sensing_description.h"
 
-#include <tuple>
-
 #include "fmu/model/json_reader.h"
 #include "fmu/model/value_limits.h"
 
@@ -9,24 +7,6 @@ namespace robotcell {
 namespace {
 
 constexpr std::int64_t kMaxPeriodUs = 1000000;
-constexpr std::size_t kLinks = 6;
-
-FrameRef parse_frame(const JsonReader& json, const FrameCounts& counts) {
-  using Kind = FrameRef::Kind;
-  const std::string text = json.text();
-  if (text == "world") return {Kind::kWorld, 0};
-  if (text == "sensor") return {Kind::kSensor, 0};
-  if (text == "table") return {Kind::kTable, 0};
-  for (const auto& [name, kind, count] :
-       {std::tuple{"link[", Kind::kLink, kLinks}, std::tuple{"part[", Kind::kPart, counts.parts},
-        std::tuple{"finger[", Kind::kFinger, counts.fingers}}) {
-    for (std::size_t i = 0; i < count; ++i) {
-      if (text == name + std::to_string(i + 1) + "]") return {kind, i};
-    }
-  }
-  json.fail(
-      "\"world\", \"sensor\", \"table\", \"link[i]\", \"part[i]\" or \"finger[i]\" that exists in this cell");
-}
 
 proximity::TriangleMesh parse_mesh(const JsonReader& json) {
   json.expect_keys({"vertices", "faces"});
@@ -82,9 +62,10 @@ std::size_t body_number(const JsonReader& json, const std::vector<BodyDescriptio
 }
 
 CollisionDescription parse_collision(const JsonReader& json, const std::vector<BodyDescription>& bodies) {
-  json.expect_keys({"outputs", "range", "pairs"});
+  json.expect_keys({"outputs", "stops_arm", "range", "pairs"});
   CollisionDescription collision;
   collision.outputs = json.at("outputs").boolean();
+  collision.stops_arm = json.at("stops_arm").boolean();
   collision.range = json.at("range").positive();
   for (const JsonReader& pair : json.at("pairs").items()) {
     const auto names = pair.items(2);

@@ -7,25 +7,12 @@
 #include <utility>
 #include <vector>
 
+#include "fmu/model/frame_ref.h"
 #include "fmu/proximity/body_set.h"
 
 namespace robotcell {
 
 class JsonReader;
-
-/// Frame of the cell to which bodies and sensors are attached.
-struct FrameRef {
-  enum class Kind { kWorld, kLink, kSensor, kTable, kPart, kFinger };
-  Kind kind = Kind::kWorld;
-  std::size_t index = 0;  // of the link, part or finger, zero-based
-
-  bool operator==(const FrameRef& other) const { return kind == other.kind && index == other.index; }
-};
-
-/// Number of frames of each kind.
-struct FrameCounts {
-  std::size_t parts = 0, fingers = 0;
-};
 
 /// A body that is visible to sensors and collision outputs.
 struct BodyDescription {
@@ -56,6 +43,7 @@ struct DistanceSensorDescription {
 /// Pairs of bodies monitored for collisions and smallest distance.
 struct CollisionDescription {
   bool outputs = false;
+  bool stops_arm = false;                                  // emergency stop when a collision begins
   double range = 0;                                        // m, maximum distance that is reported
   std::vector<std::pair<std::size_t, std::size_t>> pairs;  // zero-based body numbers
 };

@@ -1,5 +1,6 @@
 #include "fmu/model/soft_collision_detector.h"
 
+#include <dart/collision/CollisionFilter.hpp>
 #include <dart/collision/CollisionObject.hpp>
 #include <dart/collision/CollisionResult.hpp>
 #include <dart/dynamics/PointMass.hpp>
@@ -51,7 +52,11 @@ bool SoftCollisionDetector::collide(dart::collision::CollisionGroup* group,
   const bool found_contact = CappedCollisionDetector::collide(group, option, result);
   if (result == nullptr) return found_contact;
   for (const SoftBody& soft : soft_) {
-    for (const Obstacle& obstacle : obstacles_) add_contacts(soft, obstacle, *result);
+    for (const Obstacle& obstacle : obstacles_) {
+      const auto& filter = option.collisionFilter;
+      if (filter && filter->ignoresCollision(soft.object.get(), obstacle.object.get())) continue;
+      add_contacts(soft, obstacle, *result);
+    }
   }
   return found_contact || result->isCollision();
 }

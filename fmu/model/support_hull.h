@@ -2,15 +2,11 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <vector>
 
-namespace robotcell {
+#include "fmu/model/hull.h"
 
-struct Hull {
-  std::vector<Eigen::Vector3d> vertices;
-  std::vector<std::array<int, 3>> faces;  // counter-clockwise from outside
-};
+namespace robotcell {
 
 /// A hull of at most about 230 faces inside a convex hull, spanned by some of its vertices: the extreme
 /// points in evenly distributed directions, and the corners of the lowest face along `up`, on which the body

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <dart/collision/CollisionFilter.hpp>
 #include <dart/dynamics/BodyNode.hpp>
 #include <dart/dynamics/FreeJoint.hpp>
 #include <dart/simulation/World.hpp>
@@ -31,6 +30,9 @@ bool any_free(const CellDescription& cell) {
   return std::any_of(cell.parts.begin(), cell.parts.end(), [](const PartDescription& p) { return p.free; });
 }
 
+/// Whether any body that others can touch moves by forces.
+bool contacts_occur(const CellDescription& cell) { return any_free(cell) || cell.dynamics; }
+
 /// Static compression of a soft part that stands on three of its points.
 double static_compression(const PartDescription& part, double gravity) {
   return part.soft ? part.inertial.mass * gravity / (3 * part.soft->stiffness) : 0;
@@ -56,9 +58,12 @@ World::World(const CellDescription& cell, const Kinematics& kinematics, const Pr
   add_dynamics(cell, start);
   if (cell.gripper) add_gripper(*cell.gripper);
   prescribe(start);
+  if (contacts_occur(cell)) add_contact_bodies(cell);
   add_parts(cell);
   if (soft) engine_->connect_soft_parts(*soft_detector);
-  for (const ContactPair& pair : cell.contact.pairs) engine_->set_max_contacts(pair);
+  engine_->exclude_contacts();
+  for (const ContactPair& pair : cell.contact.pairs) engine_->apply(pair);
+  intersecting_bodies_ = engine_->exclude_intersecting_bodies();
   const GraspState initial_grasp = grasp();
   const ArmDynamicsState initial_arm = arm();
   if (any_free(cell)) settle(cell, start);
@@ -70,9 +75,9 @@ World::~World() {
   engine_.reset();
 }
 
-/// Adds the driven bodies; they get collision shapes only where parts can touch them.
+/// Adds the driven bodies; they get contact shapes only where something can touch them.
 void World::add_supports(const CellDescription& cell) {
-  const bool collides = any_free(cell);
+  const bool collides = contacts_occur(cell);
   Engine& engine = *engine_;
   engine.arm = make_arm(kinematics_, cell.gripper.has_value());
   engine.table = make_table(cell.table, collides);
@@ -92,22 +97,34 @@ void World::add_supports(const CellDescription& cell) {
   }
 }
 
-/// Adds the gripper. Fingers collide with free parts only: contacts with kinematic bodies have no effect on
-/// them.
 void World::add_gripper(const GripperDescription& description) {
   Engine& engine = *engine_;
   engine.gripper = std::make_unique<Gripper>(description, engine.arm->getBodyNode(kJoints - 1), time_step_);
   engine.gripper->connect(engine.world);
-  const auto filter = std::make_shared<dart::collision::BodyNodeCollisionFilter>();
-  for (std::size_t i = 0; i < 2; ++i) {
-    BodyNode* finger = engine.gripper->finger(i);
-    for (const Support& support : engine.supports) filter->addBodyNodePairToBlackList(finger, support.body);
-    filter->addBodyNodePairToBlackList(finger, engine.ground->getBodyNode(0));
-  }
-  engine.world->getConstraintSolver()->getCollisionOption().collisionFilter = filter;
   for (std::size_t i = 0; i < 2; ++i) {
     engine.add_support(
         {"gripper", engine.gripper->pad(i), engine.gripper->finger(i), description.friction, false});
+  }
+}
+
+/// Adds contact shapes to links, sensor, gripper, table and surroundings.
+void World::add_contact_bodies(const CellDescription& cell) {
+  Engine& engine = *engine_;
+  for (const ContactBody& contact_body : cell.contact.bodies) {
+    Isometry3d body_from_frame = Isometry3d::Identity();
+    BodyNode* body = engine.ground->getBodyNode(0);
+    if (contact_body.frame.kind == FrameRef::Kind::kTable) body = engine.platter();
+    if (contact_body.frame.kind == FrameRef::Kind::kLink) {
+      body = engine.arm->getBodyNode(contact_body.frame.index);
+    }
+    if (contact_body.frame.kind == FrameRef::Kind::kSensor) {
+      body = engine.arm->getBodyNode(kJoints - 1);
+      body_from_frame = kinematics_.flange_from_sensor();
+    }
+    const bool prescribed = body->getSkeleton() != engine.arm || !engine.dynamic_arm;
+    ShapeNode* shape =
+        add_contact_shape(body, body_from_frame, contact_body.hull, cell.contact.friction, prescribed);
+    engine.add_support({contact_body.name, shape, body, cell.contact.friction, false});
   }
 }
 
@@ -142,7 +159,7 @@ void World::add_parts(const CellDescription& cell) {
     }
     BodyNode* body = part.free ? added.body() : engine.body_of(stands_on);
     ShapeNode* shape = part.free ? body->getShapeNode(0) : nullptr;
-    if (!part.free && any_free(cell) && !part.hull_faces.empty()) {
+    if (!part.free && contacts_occur(cell) && !part.hull.faces.empty()) {
       shape = add_hull(body, part.support_from_part, part);
     }
     engine.parts.push_back(added);
@@ -192,8 +209,10 @@ void World::prescribe_velocities(const PrescribedMotion& from, const PrescribedM
     std::array<MotorCommand, kJoints> motors;
     for (std::size_t i = 0; i < kJoints; ++i) motors[i] = {to.axes.position[i], to.axes.rate[i]};
     engine_->dynamic_arm->before_step(motors, time_step_);
-  } else {
+  } else if (engine_->gripper) {
     for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setCommand(i, speed[static_cast<int>(i)]);
+  } else {
+    for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setVelocity(i, speed[static_cast<int>(i)]);
   }
   const Motion platter = kinematics_.platter(from.axes.position[kTableAxis], speed[kTableAxis]);
   Eigen::Vector6d twist;

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "fmu/control/belt_drive.h"
@@ -77,6 +78,9 @@ class World {
   GripperPoint gripper() const;
   GraspState grasp() const;
 
+  /// Pairs of bodies that intersect at the start and therefore do not touch each other, as text; empty: none.
+  const std::string& intersecting_bodies() const { return intersecting_bodies_; }
+
   /// One state for each part; empty for clamped parts.
   std::vector<FreePartState> free_parts() const;
   /// Throws std::invalid_argument where the states belong to another cell.
@@ -89,6 +93,7 @@ class World {
   void add_supports(const CellDescription& cell);
   void add_dynamics(const CellDescription& cell, const PrescribedMotion& start);
   void add_gripper(const GripperDescription& description);
+  void add_contact_bodies(const CellDescription& cell);
   void add_parts(const CellDescription& cell);
   void settle(const CellDescription& cell, const PrescribedMotion& start);
   void prescribe(const PrescribedMotion& prescribed);
@@ -96,6 +101,7 @@ class World {
 
   double time_step_;
   Kinematics kinematics_;
+  std::string intersecting_bodies_;
   std::unique_ptr<Engine> engine_;
 };
 

@@ -19,15 +19,27 @@ using Eigen::Vector3d;
 
 constexpr std::size_t kMaxFaces = 60;
 
-/// The hull of the part, or a reduced one where it has too many faces for the collision detector.
+/// The hull, or a reduced one where it has too many faces for the collision detector.
+Hull contact_hull(const Hull& hull, const Vector3d& up) {
+  return hull.faces.size() <= kMaxFaces ? hull : support_hull(hull.vertices, up);
+}
+
 Hull contact_hull(const PartDescription& part) {
-  if (part.hull_faces.size() <= kMaxFaces) return {part.hull_vertices, part.hull_faces};
-  return support_hull(part.hull_vertices, part.support_from_part.linear().row(2).transpose());
+  return contact_hull(part.hull, part.support_from_part.linear().row(2).transpose());
 }
 
 ShapeNode* add_shape(BodyNode* body, const ShapePtr& shape, double friction) {
   ShapeNode* node = body->createShapeNodeWith<CollisionAspect, DynamicsAspect>(shape);
   node->getDynamicsAspect()->setFrictionCoeff(friction);
+  return node;
+}
+
+/// The hull as a shape of a body that moves by forces, or is prescribed.
+ShapeNode* add_shape(BodyNode* body, const Eigen::Isometry3d& body_from_hull, const Hull& hull,
+                     double friction, bool prescribed) {
+  const PlacedShape placed = prescribed ? make_obstacle_shape(hull) : make_mesh_shape(hull);
+  ShapeNode* node = add_shape(body, placed.shape, friction);
+  node->setRelativeTransform(body_from_hull * placed.hull_from_shape);
   return node;
 }
 
@@ -97,11 +109,12 @@ SkeletonPtr make_free_part(const std::string& name, const PartDescription& part,
 }
 
 ShapeNode* add_hull(BodyNode* body, const Eigen::Isometry3d& body_from_part, const PartDescription& part) {
-  const Hull reduced = contact_hull(part);
-  const PlacedShape hull = part.free ? make_mesh_shape(reduced) : make_obstacle_shape(reduced);
-  ShapeNode* node = add_shape(body, hull.shape, part.friction);
-  node->setRelativeTransform(body_from_part * hull.hull_from_shape);
-  return node;
+  return add_shape(body, body_from_part, contact_hull(part), part.friction, !part.free);
+}
+
+ShapeNode* add_contact_shape(BodyNode* body, const Eigen::Isometry3d& body_from_frame, const Hull& hull,
+                             double friction, bool prescribed) {
+  return add_shape(body, body_from_frame, contact_hull(hull, Vector3d::UnitZ()), friction, prescribed);
 }
 
 }  // namespace robotcell

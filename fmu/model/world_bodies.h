@@ -27,4 +27,10 @@ dart::dynamics::SkeletonPtr make_free_part(const std::string& name, const PartDe
 dart::dynamics::ShapeNode* add_hull(dart::dynamics::BodyNode* body, const Eigen::Isometry3d& body_from_part,
                                     const PartDescription& part);
 
+/// Adds a hull, given in a frame of the body, as a contact shape; `prescribed`: the body does not move by
+/// forces.
+dart::dynamics::ShapeNode* add_contact_shape(dart::dynamics::BodyNode* body,
+                                             const Eigen::Isometry3d& body_from_frame, const Hull& hull,
+                                             double friction, bool prescribed);
+
 }  // namespace robotcell

@@ -96,18 +96,69 @@ SupportingBody World::Engine::supporting_body_of(std::int32_t support) const {
     }
     const BodyNode* body = body_of(support);
     if (body == platter()) return SupportingBody::kPlatter;
-    return body->getSkeleton() == arm ? SupportingBody::kFlange : SupportingBody::kWorld;
+    const BodyNode* flange = arm->getBodyNode(kJoints - 1);
+    const bool on_flange = body == flange || body->getParentBodyNode() == flange;
+    return on_flange ? SupportingBody::kFlange : SupportingBody::kWorld;
   }
   return SupportingBody::kWorld;
 }
 
-void World::Engine::set_max_contacts(const ContactPair& pair) {
+bool World::Engine::moves_by_forces(const Support& support) const {
+  const auto skeleton = support.body->getSkeleton();
+  return skeleton == arm ? dynamic_arm != nullptr : skeleton->isMobile();
+}
+
+int World::Engine::number_in_chain(const BodyNode* body) {
+  int number = -1;
+  for (; body != nullptr; body = body->getParentBodyNode()) ++number;
+  return number;
+}
+
+bool World::Engine::can_touch(const Support& a, const Support& b) const {
+  if (a.body == b.body || !(moves_by_forces(a) || moves_by_forces(b))) return false;
+  const bool both_in_arm = a.body->getSkeleton() == arm && b.body->getSkeleton() == arm;
+  return !both_in_arm || std::abs(number_in_chain(a.body) - number_in_chain(b.body)) > 1;
+}
+
+void World::Engine::exclude_contacts() {
+  filter = std::make_shared<ContactFilter>();
+  world->getConstraintSolver()->getCollisionOption().collisionFilter = filter;
+  for (const Support& a : supports) {
+    for (const Support& b : supports) {
+      if (!can_touch(a, b)) filter->ignore(a.shape, b.shape);
+    }
+  }
+}
+
+void World::Engine::apply(const ContactPair& pair) {
   for (const Support& a : supports) {
     for (const Support& b : supports) {
       if (a.name != pair.bodies[0] || b.name != pair.bodies[1]) continue;
       detector->set_max_contacts(a.shape, b.shape, pair.points);
+      if (!pair.response) filter->ignore(a.shape, b.shape);
     }
   }
+}
+
+std::string World::Engine::exclude_intersecting_bodies() {
+  const auto solver = world->getConstraintSolver();
+  dart::collision::CollisionResult result;
+  solver->getCollisionGroup()->collide(solver->getCollisionOption(), &result);
+  const std::size_t first_part = supports.size() - parts.size();
+  std::string names;
+  for (const dart::collision::Contact& contact : result.getContacts()) {
+    const auto* shape_a = contact.collisionObject1->getShapeFrame();
+    const auto* shape_b = contact.collisionObject2->getShapeFrame();
+    const auto a = static_cast<std::size_t>(support_of_shape_.at(shape_a));
+    const auto b = static_cast<std::size_t>(support_of_shape_.at(shape_b));
+    if (a >= first_part || b >= first_part || filter->ignores(shape_a, shape_b)) continue;
+    filter->ignore(shape_a, shape_b);
+    const BodyNode *body_a = supports[a].body, *body_b = supports[b].body, *base = ground->getBodyNode(0);
+    const BodyNode* link1 = arm->getBodyNode(0);
+    if ((body_a == base && body_b == link1) || (body_a == link1 && body_b == base)) continue;
+    names += (names.empty() ? "" : ", ") + supports[a].name + " and " + supports[b].name;
+  }
+  return names;
 }
 
 void World::Engine::connect_soft_parts(SoftCollisionDetector& soft) const {

@@ -7,10 +7,12 @@
 #include <dart/dynamics/Skeleton.hpp>
 #include <dart/simulation/World.hpp>
 #include <memory>
+#include <string>
 #include <unordered_map>
 #include <vector>
 
 #include "fmu/model/capped_collision_detector.h"
+#include "fmu/model/contact_filter.h"
 #include "fmu/model/dynamic_arm.h"
 #include "fmu/model/gripper.h"
 #include "fmu/model/soft_collision_detector.h"
@@ -21,11 +23,11 @@ namespace robotcell {
 constexpr std::int32_t kNoSupport = -1;  // no support; also the number of the stationary environment
 constexpr std::int32_t kTableSupport = 0;
 
-/// A body that can support a free part. Number 0 is the table, then the belts, the gripper's fingers, and all
-/// parts.
+/// A body that can be in contact, and so support a free part. Number 0 is the table, then the belts, the
+/// gripper's fingers, links and other bodies of the cell, and all parts.
 struct Support {
   std::string name;
-  dart::dynamics::ShapeNode* shape = nullptr;  // null where parts cannot touch it
+  dart::dynamics::ShapeNode* shape = nullptr;  // null where nothing can touch it
   dart::dynamics::BodyNode* body = nullptr;
   double friction = 0;
   bool flat = false;  // the top face is a plane normal to the body's z axis
@@ -73,6 +75,7 @@ struct Part {
 struct World::Engine {
   dart::simulation::WorldPtr world;
   std::shared_ptr<CappedCollisionDetector> detector;
+  std::shared_ptr<ContactFilter> filter;
   dart::dynamics::SkeletonPtr arm, table, ground;
   std::unique_ptr<DynamicArm> dynamic_arm;  // null with kinematic drives
   std::vector<dart::dynamics::SkeletonPtr> belts;
@@ -86,8 +89,13 @@ struct World::Engine {
   bool has_free_motion() const;
 
   void add_support(const Support& support);
-  /// Limits the contacts between all shapes of two names.
-  void set_max_contacts(const ContactPair& pair);
+  /// Excludes contacts between bodies that are joined, that do not move by forces, or that share a body.
+  void exclude_contacts();
+  /// Limits or excludes the contacts between all shapes of two names.
+  void apply(const ContactPair& pair);
+  /// Excludes contacts between bodies, other than parts, that intersect in the present poses. Returns their
+  /// names, except those of link 1 and the base that carries it.
+  std::string exclude_intersecting_bodies();
   /// Registers soft parts, and everything else as their obstacles.
   void connect_soft_parts(SoftCollisionDetector& soft) const;
   static std::int32_t support_number(const StandsOn& stands_on);
@@ -128,6 +136,10 @@ struct World::Engine {
   Eigen::Isometry3d relative_pose_after_step(const Part& part, const SupportPose& support_pose,
                                              double time_step) const;
   bool is_soft(std::int32_t support) const;
+  bool moves_by_forces(const Support& support) const;
+  bool can_touch(const Support& a, const Support& b) const;
+  /// Number of a body in the chain of links from the base, from 0; fingers follow the last link.
+  static int number_in_chain(const dart::dynamics::BodyNode* body);
   void classify_contacts(Part& part, double time_step);
   Eigen::Vector3d slip_velocity(const Part& part, const PairContact& contact) const;
   double spin_rate(const Part& part, const PairContact& contact) const;

@@ -86,9 +86,10 @@ def _three_parts(folder: Path, *words: str) -> dict[str, Any]:
 
 def _three_part_rows(folder: Path) -> Iterator[Row]:
     """Three free parts and a belt, by processor time, against the bare engine in C++ with the same bodies."""
-    data = _three_parts(folder, "cell.collision.outputs=false")
-    costs = _dynamics_us(data, folder)
-    if costs is None:
+    data = _three_parts(folder, "cell.collision.outputs=false", "cell.contact.cell_bodies=false")
+    touchable = _three_parts(folder, "cell.collision.outputs=false")
+    costs, touchable_costs = _dynamics_us(data, folder), _dynamics_us(touchable, folder)
+    if costs is None or touchable_costs is None:
         return
     bare, held = costs
     yield Row(
@@ -99,6 +100,8 @@ def _three_part_rows(folder: Path) -> Iterator[Row]:
         bare,
         clock="processor",
     )
+    name = "three parts: contact shapes of arm, sensor, table base and floor"
+    yield Row(name, touchable_costs[1] - held, "us/step", "the world without", held, clock="processor")
     fmu = folder / "three.fmu"
     build_fmu(data, fmu, 2)
     with CellInstance(fmu) as cell:

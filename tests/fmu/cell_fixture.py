@@ -89,9 +89,9 @@ def cell_description(**part: Any) -> dict[str, Any]:
         "conveyors": [],
         "parts": [{**box_part(0.06, 0.04, 0.05), **part}],
         "gripper": None,
-        "contact": {"solver": "dantzig", "points": 4, "pairs": []},
+        "contact": {"solver": "dantzig", "points": 4, "friction": 0.3, "bodies": [], "pairs": []},
         "bodies": [], "presence_sensors": [], "distance_sensors": [],
-        "collision": {"outputs": False, "range": 0.05, "pairs": []},
+        "collision": {"outputs": False, "stops_arm": False, "range": 0.05, "pairs": []},
     }  # fmt: skip
 
 

@@ -185,7 +185,10 @@ def collision_cell(**collision: Any) -> dict[str, Any]:
     cell["bodies"].append(
         body("post", "world", placed_box((0.02, 0.02, POST_TOP - POST_FOOT), [*POST, (POST_TOP + POST_FOOT) / 2]))
     )
-    return {**cell, "collision": {"outputs": True, "range": 0.05, "pairs": [["part", "post"]], **collision}}
+    return {
+        **cell,
+        "collision": {"outputs": True, "stops_arm": False, "range": 0.05, "pairs": [["part", "post"]], **collision},
+    }
 
 
 POST = beside_table(0, 0.06, 0)[:2]
@@ -351,8 +354,12 @@ OUTLIERS = [np.vstack([np.eye(3), [0, worst, 0]]) for worst in (1001.0, np.nan)]
         ("presence_sensors", [presence([0, 0, 0], (0.1, 0.0, 0.1))], "presence_sensors[0].size"),
         ("presence_sensors", [presence([0, 0, 0], (1, 1, 1), frame="part[2]")], "presence_sensors[0].frame"),
         ("distance_sensors", [distance([0, 0, 0], period_us=1500)], "distance_sensors[0].period_us"),
-        ("collision", {"outputs": True, "range": 0.05, "pairs": [["part", "nobody"]]}, "collision.pairs[0][1]"),
-        ("collision", {"outputs": True, "range": 0.05, "pairs": []}, "collision.pairs"),
+        (
+            "collision",
+            {"outputs": True, "stops_arm": False, "range": 0.05, "pairs": [["part", "nobody"]]},
+            "collision.pairs[0][1]",
+        ),
+        ("collision", {"outputs": True, "stops_arm": False, "range": 0.05, "pairs": []}, "collision.pairs"),
         (
             "bodies",
             [body("part", "part[1]", mesh_json(np.zeros((1, 3)), []))],

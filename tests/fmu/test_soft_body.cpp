@@ -28,24 +28,23 @@ PartDescription soft_cube(const SoftDescription& soft) {
   part.soft = soft;
   for (const double z : {0.0, kEdge}) {
     for (const auto& [x, y] : {std::pair(-1, -1), {1, -1}, {1, 1}, {-1, 1}}) {
-      part.hull_vertices.emplace_back(x * kEdge / 2, y * kEdge / 2, z);
+      part.hull.vertices.emplace_back(x * kEdge / 2, y * kEdge / 2, z);
     }
   }
   const std::array<std::array<int, 4>, 6> quads{
       {{3, 2, 1, 0}, {4, 5, 6, 7}, {0, 1, 5, 4}, {1, 2, 6, 5}, {2, 3, 7, 6}, {3, 0, 4, 7}}};
   for (const auto& q : quads) {
-    part.hull_faces.push_back({q[0], q[1], q[2]});
-    part.hull_faces.push_back({q[0], q[2], q[3]});
+    part.hull.faces.push_back({q[0], q[1], q[2]});
+    part.hull.faces.push_back({q[0], q[2], q[3]});
   }
   return part;
 }
 
-Hull hull_of(const PartDescription& part) { return {part.hull_vertices, part.hull_faces}; }
 
 SkeletonPtr add_soft_cube(const dart::simulation::WorldPtr& world, SoftCollisionDetector& detector,
                           const SoftDescription& soft, const Vector3d& place) {
   const PartDescription part = soft_cube(soft);
-  SkeletonPtr cube = make_soft_part("soft", part, hull_of(part), kStep);
+  SkeletonPtr cube = make_soft_part("soft", part, part.hull, kStep);
   cube->setPositions(FreeJoint::convertToPositions(Isometry3d(Eigen::Translation3d(place))));
   world->addSkeleton(cube);
   detector.add_soft(soft_surface(cube->getBodyNode(0)));
@@ -72,7 +71,7 @@ std::pair<double, double> longest_and_gap(const Hull& hull) {
 TEST(SoftSurface, RefinementIsWatertightAndKeepsEulerCharacteristic) {
   const PartDescription part = soft_cube({100, 1, 1});
   for (const double limit : {0.05, 0.025, 0.012, 0.009}) {
-    const Hull fine = refine(hull_of(part), limit);
+    const Hull fine = refine(part.hull, limit);
     const auto [longest, gap] = longest_and_gap(fine);
     EXPECT_LE(longest, limit);
     EXPECT_LT(gap, 1e-15);
@@ -91,7 +90,7 @@ Eigen::Matrix3d about_origin(double mass, const Vector3d& r) {
 
 TEST(SoftPartBody, HasMassAndInertiaOfDescription) {
   const PartDescription part = soft_cube({100, 1, 0.02});
-  const SkeletonPtr cube = make_soft_part("soft", part, hull_of(part), kStep);
+  const SkeletonPtr cube = make_soft_part("soft", part, part.hull, kStep);
   const auto* body = cube->getBodyNode(0)->asSoftBodyNode();
   const auto& core = body->getInertia();
   double mass = core.getMass();
@@ -109,9 +108,9 @@ TEST(SoftPartBody, HasMassAndInertiaOfDescription) {
 }
 
 TEST(SoftPartBody, TooStiffAndTooFineAreRejected) {
-  EXPECT_THROW(make_soft_part("soft", soft_cube({1e6, 1, 0.02}), hull_of(soft_cube({1, 1, 1})), kStep),
+  EXPECT_THROW(make_soft_part("soft", soft_cube({1e6, 1, 0.02}), soft_cube({1, 1, 1}).hull, kStep),
                DescriptionError);
-  EXPECT_THROW(make_soft_part("soft", soft_cube({1, 1, 1e-4}), hull_of(soft_cube({1, 1, 1})), kStep),
+  EXPECT_THROW(make_soft_part("soft", soft_cube({1, 1, 1e-4}), soft_cube({1, 1, 1}).hull, kStep),
                DescriptionError);
 }
 

@@ -108,3 +108,44 @@ def test_default_arm_sags_under_gravity(tmp_path, version) -> None:
         expected, abs=drive["coulomb_friction"] / drive["gear_stiffness"]
     )
     assert abs(expected) > 1e-4
+
+
+def test_contact_shapes_only_where_something_moves_by_forces() -> None:
+    def shapes(*words: str) -> set[str]:
+        setup = load_setup(overrides=[f"cell.{word}" for word in words])
+        contact = cell_json(setup.cell, nominal_cell(setup.cell, box_mesh((0.05, 0.05, 0.05))), 0)["contact"]
+        return {body["name"] for body in contact["bodies"]}
+
+    whole = {"base", "table_base", "sensor", "floor", *(f"link{i}" for i in range(1, 7))}
+    assert shapes() == set()
+    assert shapes('robot.drive="dynamic"') == whole
+    assert shapes("part.fixture=free", "part.z_mm=0") == whole
+    assert shapes("part.fixture=free", "contact.cell_bodies=false") == set()
+
+
+@pytest.mark.parametrize("response", [True, False])
+def test_table_under_the_sensor_stops_it(tmp_path, response: bool) -> None:
+    """Jogged down with dynamic drives, the sensor comes to rest on the table; without response it passes through."""
+    table_height = 0.25
+    setup = load_setup(
+        overrides=[
+            *DYNAMIC,
+            f"cell.table.pose={{ x_mm = 292, y_mm = 228, z_mm = {1e3 * table_height} }}",
+            "cell.table.radius_mm=600",
+            f'cell.contact.pair=[{{ bodies = ["sensor", "table"], response = {str(response).lower()} }}]',
+        ],
+        ideal=True,
+    )
+    nominal = nominal_cell(setup.cell, ball())
+    hull = next(body.mesh.hull.vertices for body in nominal.bodies if body.name == "sensor")
+    with CellInstance(make_temporary_fmu(cell_json(setup.cell, nominal, 0), tmp_path / "fmu")) as cell:
+        cell.set_integer("command.mode", 5)  # Cartesian jog
+        cell.set_integer("command.operation", 0)  # manual
+        cell.set(cell.real_group(["command.jog[3]"]), np.array([-1.0]))
+        cell.step_to(1_008_000)
+        truth = cell.get(cell.real_group([f"truth.q[{i}]" for i in range(1, 7)])).copy()
+    height = pose.transform_points(nominal.world_from_sensor(truth), hull)[:, 2].min()
+    if response:
+        assert height == pytest.approx(table_height, abs=2e-3)
+    else:
+        assert height < table_height - 0.05

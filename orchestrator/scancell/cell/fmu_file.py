@@ -16,18 +16,22 @@ from scancell.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_conte
 from scancell.cell.mesh_json import mesh_json
 from scancell.cell.sensing import sensing_json
 from scancell.config.cell import CellDescription, PartDescription
-from scancell.config.contact import ContactDescription
 from scancell.config.devices import ConveyorDescription, FurtherPartDescription
 from scancell.config.gripper import GripperDescription
-from scancell.config.units import to_si
+from scancell.config.units import si_value, to_si
 from scancell.errors import CellError
 from scancell.files import atomic_write
-from scancell.geometry.mesh import Mesh, mass_properties
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh, box_mesh, mass_properties
 from scancell.nominal.cell import NominalCell
 from scancell.nominal.gripper import start_width
 from scancell.nominal.poses import pose_json, pose_matrix
 
 Array = NDArray[np.float64]
+
+# Bodies that get contact shapes from their meshes; table, belts, parts and fingers have contact shapes of their own.
+_CELL_BODIES = frozenset({"base", *(f"link{i}" for i in range(1, 7)), "sensor", "table_base", "gripper"})
+_FLOOR_SIZE = (200.0, 200.0, 1.0)  # m
 
 
 def runtime_dir() -> Path:
@@ -78,15 +82,21 @@ def cell_json(
         "conveyors": [_conveyor_json(conveyor) for conveyor in cell.conveyor],
         "parts": _parts_json(cell, nominal),
         "gripper": None if cell.gripper is None else _gripper_json(cell.gripper),
-        "contact": _contact_json(cell.contact),
+        "contact": _contact_json(cell, nominal),
         **sensing_json(cell, nominal, collision_outputs=collision_outputs),
     }
 
 
+def _contacts_occur(cell: CellDescription) -> bool:
+    """Whether anything that moves by forces can touch another body; if not, contact shapes are left out."""
+    fixtures = (cell.part.fixture, *(part.fixture for part in cell.further_part))
+    return "free" in fixtures or cell.robot.drive == "dynamic"
+
+
 def _parts_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, Any]]:
-    """The scanned part first. Where no part is free nothing can touch, and hulls are left out."""
+    """The scanned part first."""
     further = [(part.description, part.mesh) for part in nominal.further_parts]
-    hulls = "free" in (cell.part.fixture, *(described.fixture for described, _ in further))
+    hulls = _contacts_occur(cell)
     arrival = cell.part.arrival
     support_from_part = nominal.table_from_part if arrival is None else pose_matrix(arrival.pose)
     scanned = {"name": "part", "stands_on": "table" if arrival is None else arrival.stands_on}
@@ -139,9 +149,31 @@ def _gripper_json(gripper: GripperDescription) -> dict[str, Any]:
     }
 
 
-def _contact_json(contact: ContactDescription) -> dict[str, Any]:
-    pairs = [{"bodies": list(pair.bodies), "points": pair.points} for pair in contact.pair]
-    return {"solver": contact.solver, "points": contact.points, "pairs": pairs}
+def _contact_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]:
+    contact = cell.contact
+    occurs = _contacts_occur(cell)
+    unused = frozenset() if occurs else _CELL_BODIES | {"floor"}
+    return {
+        "solver": contact.solver,
+        "points": contact.points,
+        "friction": contact.friction,
+        "bodies": _contact_bodies_json(cell, nominal) if occurs and contact.cell_bodies else [],
+        "pairs": [
+            {"bodies": list(pair.bodies), "points": pair.points or contact.points, "response": pair.response}
+            for pair in contact.pair
+            if unused.isdisjoint(pair.bodies)
+        ],
+    }
+
+
+def _contact_bodies_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, Any]]:
+    """Convex hulls of the cell's bodies, and the floor."""
+    bodies = [(body.name, body.fmu_frame, body.mesh.hull) for body in nominal.bodies if body.name in _CELL_BODIES]
+    below = pose.translation((0.0, 0.0, si_value(cell.world, "floor_z_mm") - _FLOOR_SIZE[2] / 2))
+    bodies.append(("floor", "world", box_mesh(_FLOOR_SIZE, "floor").transformed(below)))
+    return [
+        {"name": name, "frame": frame, "hull": mesh_json(hull.vertices, hull.faces)} for name, frame, hull in bodies
+    ]
 
 
 def build_fmu(

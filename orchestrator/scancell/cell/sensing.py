@@ -86,6 +86,7 @@ def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outpu
         "distance_sensors": [_distance_json(cell, sensor) for sensor in cell.distance_sensor],
         "collision": {
             "outputs": collision_outputs,
+            "stops_arm": collision_outputs and cell.collision.stops_arm,
             "range": si_value(cell.collision, "range_mm"),
             "pairs": [list(pair) for pair in pairs],
         },

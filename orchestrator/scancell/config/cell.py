@@ -253,7 +253,7 @@ class PartDescription(Description):
 
 
 class WorldDescription(Description):
-    """Time steps of the simulation, and gravity."""
+    """Time steps of the simulation, gravity and floor."""
 
     time_step_us: Annotated[int, Field(ge=10, le=10_000)] = Field(
         default=1000, description="step of the dynamics simulation, µs"
@@ -262,6 +262,7 @@ class WorldDescription(Description):
         default=16_000, description="cycle of the robot controller's set-points, µs; a multiple of time_step_us"
     )
     gravity_m_s2: NonNegative = Field(default=9.80665, description="gravity along world -z, m/s²")
+    floor_z_mm: Finite = Field(default=0.0, description="height of the floor, on which falling parts come to rest, mm")
 
     @model_validator(mode="after")
     def _whole_cycles(self) -> Self:

@@ -1,4 +1,4 @@
-"""Contact solver and number of contact points between bodies."""
+"""Contact solver, bodies with contact shapes, and contacts between pairs of bodies."""
 
 from __future__ import annotations
 
@@ -6,22 +6,30 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from scancell.config.description import Description
+from scancell.config.description import Description, NonNegative
 
 Points = Annotated[int, Field(ge=1, le=100)]
 
 
 class ContactPairDescription(Description):
-    """Number of contact points for one pair of bodies."""
+    """Contact of one pair of bodies."""
 
     bodies: tuple[str, str] = Field(
-        description='names of the two bodies: "table", "gripper", or the name of a conveyor or a part'
+        description='names of the two bodies: "table", "gripper", the name of a conveyor or a part, and with'
+        ' contact.cell_bodies "base", "link1" … "link6", "sensor", "table_base", "floor"'
     )
-    points: Points = Field(description="largest number of contact points between the two")
+    points: Points | None = Field(
+        default=None, description="largest number of contact points between the two; default: contact.points"
+    )
+    response: bool = Field(
+        default=True,
+        description="whether the two act on each other; if not, they pass through each other, and only the collision"
+        " outputs tell",
+    )
 
 
 class ContactDescription(Description):
-    """Solver of contact forces, and the number of contact points of a pair of bodies."""
+    """Solver of contact forces, bodies with contact shapes, and the contact points of a pair of bodies."""
 
     solver: Literal["dantzig", "pgs"] = Field(
         default="dantzig",
@@ -32,4 +40,12 @@ class ContactDescription(Description):
         default=4,
         description="largest number of contact points of a pair of bodies: the deepest, then those farthest apart",
     )
-    pair: tuple[ContactPairDescription, ...] = Field(default=(), description="pairs of bodies with another number")
+    cell_bodies: bool = Field(
+        default=True,
+        description="whether arm, sensor, gripper housing, table base and floor have contact shapes (convex hulls);"
+        " they act on free parts, and on an arm with dynamic drives",
+    )
+    friction: NonNegative = Field(
+        default=0.3, description="friction coefficient of these bodies; the smaller one of two bodies applies"
+    )
+    pair: tuple[ContactPairDescription, ...] = Field(default=(), description="pairs of bodies with other values")

@@ -55,6 +55,9 @@ class CollisionDescription(Description):
     """Outputs of the FMU for collisions and clearances between the cell's bodies."""
 
     outputs: bool = Field(default=True, description="whether the FMU has outputs for collision and clearance")
+    stops_arm: bool = Field(
+        default=False, description="whether the controller makes an emergency stop when a collision begins"
+    )
     range_mm: Positive = Field(
         default=20.0, description="largest clearance that is computed, mm; larger values cost time"
     )
