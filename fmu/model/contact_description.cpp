@@ -20,12 +20,13 @@ std::string parse_body(const JsonReader& json, const std::vector<std::string>& b
 }  // namespace
 
 ContactDescription parse_contact(const JsonReader& json, const std::vector<std::string>& bodies) {
-  json.expect_keys({"solver", "points", "pairs"});
+  json.expect_keys({"solver", "points", "stick", "pairs"});
   ContactDescription contact;
   const std::string solver = json.at("solver").text();
   if (solver != "dantzig" && solver != "pgs") json.at("solver").fail("\"dantzig\" or \"pgs\"");
   contact.gauss_seidel = solver == "pgs";
   contact.points = parse_points(json.at("points"));
+  contact.stick = json.at("stick").boolean();
   for (const JsonReader& pair : json.at("pairs").items()) {
     pair.expect_keys({"bodies", "points"});
     const auto names = pair.at("bodies").items(2);

@@ -19,6 +19,7 @@ struct ContactPair {
 
 struct ContactDescription {
   bool gauss_seidel = false;  // projected Gauss-Seidel instead of Dantzig's method
+  bool stick = true;          // stick constraints keep sticking parts from creeping
   std::size_t points = 0;     // maximum number of contact points of pairs that are not listed
   std::vector<ContactPair> pairs;
 };

@@ -141,7 +141,7 @@ def _gripper_json(gripper: GripperDescription) -> dict[str, Any]:
 
 def _contact_json(contact: ContactDescription) -> dict[str, Any]:
     pairs = [{"bodies": list(pair.bodies), "points": pair.points} for pair in contact.pair]
-    return {"solver": contact.solver, "points": contact.points, "pairs": pairs}
+    return {"solver": contact.solver, "points": contact.points, "stick": contact.stick, "pairs": pairs}
 
 
 def build_fmu(
