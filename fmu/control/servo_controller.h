@@ -16,7 +16,8 @@ struct ServoCommand {
 /// Complete state of the servo controller.
 struct ServoState {
   std::int64_t start_us = 0;  // of the current cycle
-  Axes before{};              // positions one cycle before `start`
+  Axes set_point{};           // at the end of the current cycle, within the position limits
+  Axes set_point_before{};    // one cycle before
   Knots start{};
   Knots end{};
   std::int32_t limit = 0;  // first axis kept from its set-point, counted from 1 (7: table); 0: none
@@ -24,10 +25,11 @@ struct ServoState {
 
 /// Latches a command every cycle and reaches it one cycle later.
 ///
-/// Between knots an axis follows a cubic with continuous velocity. The velocity at a new knot is that of the
-/// parabola through the last three knots, so that a quadratic trajectory is reproduced exactly, one cycle
-/// late. Set-points are clamped to the position limits. A cubic that would exceed the speed limit is replaced
-/// by a parabola within it, and the axis lags behind its set-point.
+/// Between knots an axis follows a cubic with continuous velocity. The velocity at a set-point is that of the
+/// parabola through the last three, so that a quadratic trajectory is reproduced exactly, one cycle late.
+/// Where no cubic within the limits of speed and acceleration reaches the set-point, the axis approaches it
+/// with constant acceleration in each cycle and lags behind until it has caught up. Set-points are clamped to
+/// the position limits, and an axis always remains able to stop before these.
 class ServoController {
  public:
   ServoController(const Limits& limits, std::int64_t cycle_us, const Axes& start);
@@ -47,12 +49,17 @@ class ServoController {
   void restore(const ServoState& state) { state_ = state; }
 
  private:
-  Knot servo_knot(std::size_t axis, double set_point, bool& limited) const;
+  Knot servo_knot(std::size_t axis, double target) const;
+  bool reaches(std::size_t axis, const Knot& set_point, Knot& end) const;
+  bool can_stop_within_limits(std::size_t axis, const Knot& end) const;
+  Knot approach_knot(std::size_t axis, const Knot& set_point) const;
   Knot braking_knot(std::size_t axis) const;
   void begin_cycle(std::int64_t now_us);
+  void shift_set_points(std::size_t axis, double next);
 
   Limits limits_;
   std::int64_t cycle_us_;
+  double duration_;  // s, of a cycle
   ServoState state_;
 };
 

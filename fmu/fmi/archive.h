@@ -1,4 +1,5 @@
-// Serialization of a state. One function per structure lists its members for both directions.
+// Serialization of a state. One function per structure lists its members for both directions, and for the
+// fingerprint of their names and types.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -29,6 +30,7 @@ constexpr double kNoLimit = std::numeric_limits<double>::max();
 class Writer {
  public:
   static constexpr bool kReads = false;
+  static constexpr bool kDescribes = false;
 
   template <class T>
   void raw(T& value) {
@@ -47,6 +49,7 @@ class Writer {
 class Reader {
  public:
   static constexpr bool kReads = true;
+  static constexpr bool kDescribes = false;
 
   Reader(const std::uint8_t* bytes, std::size_t size) : next_(bytes), left_(size) {}
 
@@ -72,6 +75,31 @@ class Reader {
  private:
   const std::uint8_t* next_;
   std::size_t left_;
+};
+
+/// FNV-1a hash of the names and types of all members of a state, which tells layouts from each other.
+class LayoutHash {
+ public:
+  static constexpr bool kReads = false;
+  static constexpr bool kDescribes = true;
+
+  template <class T>
+  void raw(T& /*value*/) {
+    static_assert(std::is_arithmetic_v<T>);
+    feed(std::is_floating_point_v<T> ? 'f' : std::is_same_v<T, bool> ? 'b' : std::is_signed_v<T> ? 'i' : 'u');
+    feed(static_cast<char>('0' + sizeof(T)));
+  }
+
+  void text(const char* characters) {
+    while (*characters != '\0') feed(*characters++);
+  }
+
+  std::uint64_t value() const { return hash_; }
+
+ private:
+  void feed(char byte) { hash_ = (hash_ ^ static_cast<unsigned char>(byte)) * 0x100000001b3u; }
+
+  std::uint64_t hash_ = 0xcbf29ce484222325u;
 };
 
 template <class Archive, class T>
@@ -100,6 +128,7 @@ void exchange_unless_infinite(Archive& archive, double& value) {
 template <class Archive>
 void exchange_up_to(Archive& archive, std::int32_t& number, std::int32_t last) {
   archive.raw(number);
+  if constexpr (Archive::kDescribes) archive.text(std::to_string(last).c_str());
   if (Archive::kReads && (number < 0 || number > last)) reject_value();
 }
 
@@ -154,6 +183,11 @@ std::uint64_t exchange_length(Archive& archive, std::uint64_t length) {
 /// Reads element by element, so that a wrong length cannot allocate more memory than there are bytes.
 template <class Archive, class Container, class Element>
 void exchange_sequence(Archive& archive, Container& values, const Element& empty) {
+  if constexpr (Archive::kDescribes) {
+    Element element = empty;
+    archive.text("[");
+    return exchange(archive, element);
+  }
   const std::uint64_t length = exchange_length(archive, values.size());
   if constexpr (Archive::kReads) values.clear();
   for (std::uint64_t i = 0; i < length; ++i) {
@@ -170,6 +204,11 @@ void exchange(Archive& archive, std::vector<T>& values) {
 /// The length is that of the layout; the bytes must agree.
 template <class Archive, class T>
 void exchange(Archive& archive, PerDevice<T>& values) {
+  if constexpr (Archive::kDescribes) {
+    T element{};
+    archive.text("[");
+    return exchange(archive, element);
+  }
   if (exchange_length(archive, values.size()) != values.size()) {
     throw std::invalid_argument("the serialized state belongs to a cell with other devices");
   }
@@ -181,17 +220,26 @@ void exchange(Archive& archive, std::string& text) {
   exchange_sequence(archive, text, char());
 }
 
+/// `names` are those of the values, for the fingerprint.
 template <class Archive, class... T>
-void exchange_all(Archive& archive, T&... values) {
+void exchange_named(Archive& archive, const char* names, T&... values) {
+  if constexpr (Archive::kDescribes) archive.text(names);
   (exchange(archive, values), ...);
 }
 
+/// Serializes members of a structure, which are named in the fingerprint of the layout.
+#define ROBOTCELL_EXCHANGE(archive, ...) ::robotcell::fmi::exchange_named(archive, #__VA_ARGS__, __VA_ARGS__)
+
 /// Serializes values whose numbers must not exceed `max_magnitude`.
 template <class Archive, class... T>
-void exchange_within(Archive& archive, [[maybe_unused]] double max_magnitude, T&... values) {
+void exchange_within(Archive& archive, [[maybe_unused]] double max_magnitude, const char* names,
+                     T&... values) {
   if constexpr (Archive::kReads) std::swap(archive.max_magnitude, max_magnitude);
-  exchange_all(archive, values...);
+  exchange_named(archive, names, values...);
   if constexpr (Archive::kReads) std::swap(archive.max_magnitude, max_magnitude);
 }
+
+#define ROBOTCELL_EXCHANGE_WITHIN(archive, max_magnitude, ...) \
+  ::robotcell::fmi::exchange_within(archive, max_magnitude, #__VA_ARGS__, __VA_ARGS__)
 
 }  // namespace robotcell::fmi

@@ -14,17 +14,20 @@ void add_trigger_commands(TableBuilder& table, TriggerCommand& trigger) {
             "mode is "
             "entered or its interval is changed, and at every interval from there",
             trigger.mode);
-  table.limit_integer(0, 4);
+  table.bound(0, 4);
   table.add("command.trigger.period", input, discrete, kSecond,
             "Time between two exposures in trigger mode 1; at least 1 microsecond", trigger.period);
+  table.bound(0);
   table.add("command.trigger.angle", input, discrete, kRadian,
             "Rotation of the table, in either direction, between two exposures in trigger mode 2; above 0",
             trigger.angle);
+  table.bound(0);
   table.add(
       "command.trigger.distance", input, discrete, kMetre,
       "Path length of the sensor origin in the rotating frame of the table between two exposures in trigger "
       "mode 3; above 0",
       trigger.distance);
+  table.bound(0);
   table.add("command.trigger.request", input, discrete, kNone,
             "Counter: every increase fires one exposure, in any trigger mode but 0", trigger.request);
 }
@@ -38,6 +41,7 @@ void add_commands(TableBuilder& table, CellInputs& in) {
   add_trigger_commands(table, in.trigger);
   table.add("command.exposure", Causality::kInput, Variability::kDiscrete, kSecond,
             "Duration of exposures fired from now on; not negative", in.exposure);
+  table.bound(0);
 }
 
 }  // namespace robotcell::fmi

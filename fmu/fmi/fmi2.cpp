@@ -58,14 +58,16 @@ fmi2Status get_values(fmi2Component c, const char* function, const fmi2ValueRefe
 template <class T, class Value>
 fmi2Status set_values(fmi2Component c, const char* function, const fmi2ValueReference vr[], size_t n,
                       const Value values[]) {
-  return status_of(c, function, [&] {
+  bool unchanged = true;
+  const fmi2Status status = status_of(c, function, [&] {
     require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for (size_t i = 0; i < n; ++i) {
       if constexpr (std::is_same_v<T, std::string>)
         require(values[i] != nullptr, "a string is a null pointer");
-      instance_of(c)->set<T>(vr[i], static_cast<T>(values[i]));
+      unchanged = instance_of(c)->set<T>(vr[i], static_cast<T>(values[i])) && unchanged;
     }
   });
+  return status == fmi2OK && !unchanged ? fmi2Warning : status;
 }
 
 fmi2Status unsupported(fmi2Component c, const char* function) {

@@ -53,14 +53,16 @@ fmi3Status get_values(fmi3Instance instance, const char* function, const fmi3Val
 template <class T, class Value>
 fmi3Status set_values(fmi3Instance instance, const char* function, const fmi3ValueReference vr[], size_t n,
                       const Value values[], size_t n_values) {
-  return status_of(instance, function, [&] {
+  bool unchanged = true;
+  const fmi3Status status = status_of(instance, function, [&] {
     require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for_each_value(*instance_of(instance), vr, n, n_values, [&](std::uint32_t reference, size_t at) {
       if constexpr (std::is_same_v<T, std::string>)
         require(values[at] != nullptr, "a string is a null pointer");
-      instance_of(instance)->set<T>(reference, static_cast<T>(values[at]));
+      unchanged = instance_of(instance)->set<T>(reference, static_cast<T>(values[at])) && unchanged;
     });
   });
+  return status == fmi3OK && !unchanged ? fmi3Warning : status;
 }
 
 std::function<std::optional<double>(double)> make_intermediate(fmi3IntermediateUpdateCallback callback,

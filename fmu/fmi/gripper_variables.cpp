@@ -11,15 +11,17 @@ void add_commands(TableBuilder& table, GripperCommandInputs& in) {
             "Gripper mode, read at the next controller cycle: 0 keep the last command (at the start: hold "
             "the width), 1 move to command.gripper.width, 2 close with command.gripper.force",
             in.mode);
-  table.limit_integer(0, 2);
+  table.bound(0, 2);
   table.add("command.gripper.width", input, discrete, kMetre,
             "Commanded distance between the pads in gripper mode 1, clamped to the stroke; the fingers move "
             "at their maximum speed with up to their maximum force",
             in.width);
+  table.bound(0);
   table.add("command.gripper.force", input, discrete, kNewton,
             "Commanded grip force of each finger in gripper mode 2, clamped to the maximum force; the "
             "fingers close at their maximum speed",
             in.force);
+  table.bound(0);
 }
 
 void add_contact_forces(TableBuilder& table, GripperOutputs& out) {

@@ -134,6 +134,7 @@ StepResult Instance::do_step(double current, double step) {
   std::int64_t end = planned;
   const Events wanted = options_.event_mode && options_.early_return ? kAllEvents : 0;
   Cell& running = cell();
+  const bool approximate_before = running.solver_fallbacks() > 0;
   running.begin_step(values_.inputs);
   std::int64_t reached = running.time_us();
   while (reached < end) {
@@ -150,6 +151,12 @@ StepResult Instance::do_step(double current, double step) {
     communication_time_ = current + step;
   }
   outputs_fresh_ = false;
+  if (!approximate_before && running.solver_fallbacks() > 0) {
+    log_.write(
+        LogCategory::kWarning,
+        "contact forces are approximate from " + std::to_string(communication_time_) +
+            " s on: the contact solver did not converge; truth.contact.solver_fallbacks counts how often");
+  }
   if (log_.wants(LogCategory::kEvent)) log_step(happened, reached < planned);
   return {events_ != 0, reached < planned};
 }
@@ -287,6 +294,7 @@ void Instance::restore(const Snapshot& snapshot) {
   const CellParameters before = values_.parameters;
   values_.parameters = snapshot.parameters;
   values_.inputs = snapshot.inputs;
+  check_bounds();
   home_inputs_set_ = snapshot.home_inputs_set;
   outputs_fresh_ = false;
   if (!snapshot.cell || !same_parameters(before, snapshot.parameters)) cell_.reset();

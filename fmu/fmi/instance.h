@@ -80,8 +80,9 @@ class Instance {
   /// T is double, std::int32_t, bool or std::string.
   template <class T>
   T& get(std::uint32_t reference);
+  /// Returns false where an input was clamped to its bounds, with a warning.
   template <class T>
-  void set(std::uint32_t reference, const T& value);
+  bool set(std::uint32_t reference, const T& value);
 
   Snapshot snapshot() const;
   void restore(const Snapshot& snapshot);
@@ -89,6 +90,9 @@ class Instance {
  private:
   const Variable& variable(std::uint32_t reference, Type type) const;
   void check_settable(const Variable& variable) const;
+  double within_bounds(const Variable& variable, double value) const;
+  /// Throws std::invalid_argument where an input or parameter is out of range.
+  void check_bounds() const;
   std::size_t array_size(std::uint32_t reference) const;
   void refresh_outputs();
   Cell& cell();

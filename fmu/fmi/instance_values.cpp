@@ -1,6 +1,9 @@
 // Getting and setting the variables of an instance.
 #include <algorithm>
 #include <cmath>
+#include <iomanip>
+#include <locale>
+#include <sstream>
 #include <stdexcept>
 
 #include "fmu/fmi/instance.h"
@@ -36,7 +39,7 @@ const Variable& Instance::variable(std::uint32_t reference, Type type) const {
 
 template <class T>
 T& Instance::get(std::uint32_t reference) {
-  const Variable& found = variable(reference, type_of<T>());
+  const Variable& found = variable(reference, TypeOf<T>::value);
   if (!outputs_fresh_ &&
       (found.causality == Causality::kOutput || found.causality == Causality::kIndependent)) {
     refresh_outputs();
@@ -49,7 +52,7 @@ T& Instance::get(std::uint32_t reference) {
 void Instance::check_settable(const Variable& variable) const {
   const bool early = phase_ == Phase::kInstantiated || phase_ == Phase::kInitialization;
   const bool input = variable.causality == Causality::kInput;
-  if (!input && variable.causality != Causality::kParameter) {
+  if (!is_settable(variable)) {
     throw std::invalid_argument(variable.name + " is neither an input nor a parameter");
   }
   // All inputs are discrete: importers that use event mode set them there.
@@ -57,22 +60,36 @@ void Instance::check_settable(const Variable& variable) const {
   if (!early && !(input && phase_ == open)) reject_call("setting " + variable.name, phase_);
 }
 
+/// Input values of type Real are clamped to their bounds with a warning, since a sum that should be 1 may be
+/// 1 + 1e-16; any other value out of range is an error.
+double Instance::within_bounds(const Variable& variable, double value) const {
+  const double inside = std::clamp(value, variable.min, variable.max);
+  if (inside == value) return value;
+  const bool clamps = variable.type == Type::kReal && variable.causality == Causality::kInput;
+  std::ostringstream text;
+  text.imbue(std::locale::classic());
+  text << variable.name << " must be from " << variable.min << " to " << variable.max << " "
+       << variable.unit.name << (*variable.unit.name == '\0' ? "" : ", ") << "not " << std::setprecision(17)
+       << value;
+  if (!clamps) throw std::invalid_argument(text.str());
+  log_.write(LogCategory::kWarning, text.str() + ": clamped");
+  return inside;
+}
+
 template <class T>
-void Instance::set(std::uint32_t reference, const T& value) {
-  const Variable& found = variable(reference, type_of<T>());
+bool Instance::set(std::uint32_t reference, const T& value) {
+  const Variable& found = variable(reference, TypeOf<T>::value);
   check_settable(found);
+  T accepted = value;
   if constexpr (std::is_same_v<T, double>) {
     if (!std::isfinite(value)) {
       throw std::invalid_argument(found.name + " must be a finite number, not " + std::to_string(value));
     }
   }
-  if constexpr (std::is_same_v<T, std::int32_t>) {
-    if (found.max > found.min && (value < found.min || value > found.max)) {
-      throw std::invalid_argument(found.name + " must be from " + std::to_string(found.min) + " to " +
-                                  std::to_string(found.max) + ", not " + std::to_string(value));
-    }
+  if constexpr (std::is_same_v<T, double> || std::is_same_v<T, std::int32_t>) {
+    accepted = static_cast<T>(within_bounds(found, value));
   }
-  member<T>(found) = value;
+  member<T>(found) = accepted;
   if constexpr (std::is_same_v<T, double>) {
     const auto homes = home_inputs(values_.inputs);
     const auto home = std::find(homes.begin(), homes.end(), &member<T>(found));
@@ -82,21 +99,38 @@ void Instance::set(std::uint32_t reference, const T& value) {
     cell_.reset();
     outputs_fresh_ = false;
   }
+  return accepted == value;
+}
+
+void Instance::check_bounds() const {
+  for (const Variable& variable : table_.variables()) {
+    if (!is_settable(variable)) continue;
+    double value = 0;
+    if (variable.type == Type::kReal) value = member<double>(variable);
+    if (variable.type == Type::kInteger) value = member<std::int32_t>(variable);
+    const bool number = variable.type == Type::kReal || variable.type == Type::kInteger;
+    if (!number || (value >= variable.min && value <= variable.max)) continue;
+    throw std::invalid_argument("the state holds a value of " + variable.name + " that is out of range");
+  }
 }
 
 template double& Instance::get(std::uint32_t);
 template std::int32_t& Instance::get(std::uint32_t);
 template bool& Instance::get(std::uint32_t);
 template std::string& Instance::get(std::uint32_t);
-template void Instance::set(std::uint32_t, const double&);
-template void Instance::set(std::uint32_t, const std::int32_t&);
-template void Instance::set(std::uint32_t, const bool&);
-template void Instance::set(std::uint32_t, const std::string&);
+template bool Instance::set(std::uint32_t, const double&);
+template bool Instance::set(std::uint32_t, const std::int32_t&);
+template bool Instance::set(std::uint32_t, const bool&);
+template bool Instance::set(std::uint32_t, const std::string&);
 
 void Instance::refresh_outputs() {
   if (phase_ == Phase::kInstantiated) reject_call("getting an output", phase_);
   cell().write_outputs(values_.outputs);
-  if (values_.outputs.trigger.index > 0) values_.outputs.trigger.time += start_time_;
+  for (const Variable& variable : table_.variables()) {
+    if (!variable.instant) continue;
+    double& time = member<double>(variable);
+    time = time == kNoInstant ? 0 : time + start_time_;
+  }
   values_.time = communication_time_;
   outputs_fresh_ = true;
 }

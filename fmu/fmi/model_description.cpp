@@ -1,6 +1,7 @@
 #include "fmu/fmi/model_description.h"
 
 #include <charconv>
+#include <cmath>
 #include <locale>
 #include <sstream>
 
@@ -111,9 +112,8 @@ std::string type_attributes(const Variable& variable, int version) {
   if (*unit.quantity != '\0') text += std::string(" declaredType=\"") + unit.quantity + "\"";
   if (version == 2 && *unit.name != '\0') text += std::string(" unit=\"") + unit.name + "\"";
   if (version == 2 && *unit.display != '\0') text += std::string(" displayUnit=\"") + unit.display + "\"";
-  if (variable.max > variable.min) {
-    text += " min=\"" + std::to_string(variable.min) + "\" max=\"" + std::to_string(variable.max) + "\"";
-  }
+  if (std::isfinite(variable.min)) text += " min=\"" + number(variable.min) + "\"";
+  if (std::isfinite(variable.max)) text += " max=\"" + number(variable.max) + "\"";
   return text;
 }
 

@@ -8,6 +8,8 @@ constexpr auto kInput = Causality::kInput;
 constexpr auto kOutput = Causality::kOutput;
 constexpr auto kDiscrete = Variability::kDiscrete;
 
+constexpr double kMinSpeed = 1e-6;  // fraction of the full speed: a move ends
+
 std::string axis_name(std::size_t axis) {
   return axis == kTableAxis ? "the rotary table" : "joint " + std::to_string(axis + 1);
 }
@@ -34,6 +36,7 @@ void add_targets(TableBuilder& table, MotionCommand& motion) {
               std::string("Target of the next linear move: ") + kParts[i] +
                   " of the unit quaternion world_from_sensor, by the nominal geometry of the arm",
               motion.target_orientation[i]);
+    table.bound(-1, 1);
   }
 }
 
@@ -43,13 +46,15 @@ void add_move_commands(TableBuilder& table, MotionCommand& motion) {
             "first stops on its path",
             motion.start);
   table.add("command.speed", kInput, kDiscrete, kNone,
-            "Speed of the next move as a fraction, above 0 and at most 1: in mode 2 of the axis speed "
+            "Speed of the next move as a fraction, at most 1: in mode 2 of the axis speed "
             "limits, in mode 3 of the linear and angular speed limits of the tool",
             motion.speed);
+  table.bound(kMinSpeed, 1);
   table.add("command.monitor_speed", kInput, kDiscrete, kNone,
             "Speed override of running moves, 0 to 1, without leaving the path; 0 pauses. Streamed "
             "set-points and jogs are not scaled",
             motion.monitor_speed);
+  table.bound(0, 1);
 }
 
 void add_jog_commands(TableBuilder& table, MotionCommand& motion) {
@@ -61,10 +66,11 @@ void add_jog_commands(TableBuilder& table, MotionCommand& motion) {
         indexed("command.jog", i), kInput, kDiscrete, kNone,
         "Jog speed as a fraction of the jog speed limit, -1 to 1: in mode 4 " + axis_name(i) + cartesian,
         motion.jog[i]);
+    table.bound(-1, 1);
   }
   table.add("command.jog_frame", kInput, kDiscrete, kNone, "Frame of a Cartesian jog: 0 world, 1 sensor",
             motion.jog_frame);
-  table.limit_integer(0, 1);
+  table.bound(0, 1);
 }
 
 void add_safety_commands(TableBuilder& table, MotionCommand& motion) {
@@ -72,7 +78,7 @@ void add_safety_commands(TableBuilder& table, MotionCommand& motion) {
             "Operation: 0 manual, where only jogs (modes 4 and 5) move the robot; 1 automatic, where modes 1 "
             "to 3 move it and jogs are rejected",
             motion.operation);
-  table.limit_integer(0, 1);
+  table.bound(0, 1);
   table.add("command.emergency_stop", kInput, kDiscrete, kNone,
             "Emergency stop: true stops all axes as fast as their acceleration limits allow, a move on its "
             "path. Latched until command.reset",
@@ -87,6 +93,7 @@ void add_safety_commands(TableBuilder& table, MotionCommand& motion) {
             "Timeout of the watchdog: without a change of command.heartbeat for this time, set-points and "
             "jogs (modes 1, 4, 5) are rejected and the axes brake; 0 disables it",
             motion.max_age);
+  table.bound(0);
 }
 
 }  // namespace
@@ -97,7 +104,7 @@ void add_motion_commands(TableBuilder& table, MotionCommand& motion) {
             "linear move of the sensor, 4 joint jog, 5 Cartesian jog of the sensor. Except between modes 0 "
             "and 1, a change waits until the axes are at rest",
             motion.mode);
-  table.limit_integer(0, 5);
+  table.bound(0, 5);
   add_targets(table, motion);
   add_move_commands(table, motion);
   add_jog_commands(table, motion);
@@ -124,6 +131,7 @@ void add_controller(TableBuilder& table, ControllerOutputs& controller, const De
             controller.limit);
   table.add("controller.progress", kOutput, kDiscrete, kNone,
             "Completed fraction of the path of the running or last move, 0 to 1", controller.progress);
+  table.bound(0, 1);
   table.add("controller.at_destination", kOutput, kDiscrete, kNone,
             "True while all axes are at rest exactly at controller.destination", controller.at_destination);
   for (std::size_t i = 0; i < kJoints; ++i) {

@@ -18,6 +18,14 @@ void add_truth(TableBuilder& table, Truth& truth, const Dependencies& dependenci
   table.add_bodies("truth.", "", continuous, truth.bodies, dependencies.bodies);
 }
 
+void add_solver(TableBuilder& table, CellOutputs& out) {
+  table.add(
+      "truth.contact.solver_fallbacks", Causality::kOutput, Variability::kDiscrete, kNone,
+      "Number of contact problems since the start whose forces are approximate: Dantzig's method failed, "
+      "or the iteration on the friction cone did not converge",
+      out.solver_fallbacks);
+}
+
 void add_record(TableBuilder& table, CellOutputs& out) {
   const auto output = Causality::kOutput;
   const auto discrete = Variability::kDiscrete;
@@ -31,7 +39,9 @@ void add_record(TableBuilder& table, CellOutputs& out) {
   table.add("trigger.queued", output, discrete, kNone,
             "Number of complete records in the queue behind the current one", out.trigger_queued);
   table.add("trigger.time", output, discrete, kSecond,
-            "Simulation time at the middle of the exposure of the current record", record.time);
+            "Simulation time at the middle of the exposure of the current record; 0 before the first record",
+            record.time);
+  table.mark_instant();
   table.add("trigger.exposure", output, discrete, kSecond, "Duration of the exposure of the current record",
             record.exposure);
   table.add("trigger.segment", output, discrete, kNone,
@@ -59,6 +69,7 @@ void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies
 void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies) {
   table.add_measurement("measured.", "", out.measured, dependencies.measured);
   add_truth(table, out.truth, dependencies);
+  add_solver(table, out);
   add_record(table, out);
   add_controller(table, out.controller, dependencies);
 }

@@ -121,6 +121,7 @@ VibrationDependencies add_vibration(TableBuilder& table, const std::string& plac
   }
   const auto frequency =
       table.add_deviation(name + ".frequency", kHertz, what + "frequency of the sine", vibration.frequency);
+  table.bound(0);
   both.push_back(
       table.add_deviation(name + ".phase", kRadian, what + "phase of the sine at time 0", vibration.phase));
   both.push_back(
@@ -128,13 +129,16 @@ VibrationDependencies add_vibration(TableBuilder& table, const std::string& plac
                           what + "root mean square displacement along each axis of the random part, a sum of "
                                  "sines in a frequency band that depends on the seed",
                           vibration.random_rms));
+  table.bound(0);
   const auto low =
       table.add_deviation(name + ".random_low", kHertz,
                           what + "lower frequency of the band of the random part", vibration.random_low);
+  table.bound(0);
   const auto width = table.add_deviation(
       name + ".random_width", kHertz,
       what + "width of the frequency band of the random part; above 0 where random_rms is",
       vibration.random_width);
+  table.bound(0);
   both.push_back(seed);
   VibrationDependencies dependencies{both, both};
   dependencies.velocity.insert(dependencies.velocity.end(), {frequency, low, width});
@@ -203,10 +207,12 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
       "trigger.latency", kSecond,
       "mean delay of the light of an exposure after its middle, where the encoders are latched; not negative",
       parameters.as_built.trigger.latency);
+  table.bound(0);
   table.add_deviation("trigger.jitter", kSecond,
                       "standard deviation of the delay of the light from exposure to exposure; not negative. "
                       "The light never precedes the instant of firing",
                       parameters.as_built.trigger.jitter);
+  table.bound(0);
   return dependencies;
 }
 

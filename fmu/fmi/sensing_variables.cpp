@@ -62,8 +62,11 @@ void add_sensing(TableBuilder& table, const CellLayout& layout, CellOutputs& out
         name + ".value", kOutput, kDiscrete, kMetre,
         "Distance along the ray at the last reading of " + sensor + ", from its origin; 0 where invalid",
         out.distance[i].distance);
+    table.bound(0);
     table.add(name + ".time", kOutput, kDiscrete, kSecond,
-              "Time of the last reading of " + sensor + ", since the start", out.distance[i].time);
+              "Simulation time of the last reading of " + sensor + "; 0 before the first reading",
+              out.distance[i].time);
+    table.mark_instant();
   }
   if (layout.collision_outputs) add_collision(table, layout, out.collision, dependencies.file);
 }

@@ -28,213 +28,213 @@ constexpr control::ControllerError kLast<control::ControllerError> = control::Co
 // Found by argument-dependent lookup, so each function is in the namespace of its structure.
 namespace robotcell {
 
-using fmi::exchange_all;
 using fmi::exchange_choice;
 
 template <class A>
 void exchange(A& a, DhDeviation& v) {
-  exchange_all(a, v.a, v.d, v.alpha, v.theta, v.beta);
+  ROBOTCELL_EXCHANGE(a, v.a, v.d, v.alpha, v.theta, v.beta);
 }
 template <class A>
 void exchange(A& a, TableWobble& v) {
-  exchange_all(a, v.amplitude, v.phase, v.direction);
+  ROBOTCELL_EXCHANGE(a, v.amplitude, v.phase, v.direction);
 }
 template <class A>
 void exchange(A& a, TriggerErrors& v) {
-  exchange_all(a, v.latency, v.jitter);
+  ROBOTCELL_EXCHANGE(a, v.latency, v.jitter);
 }
 template <class A>
 void exchange(A& a, VibrationParameters& v) {
-  exchange_all(a, v.amplitude, v.frequency, v.phase, v.random_rms, v.random_low, v.random_width);
+  ROBOTCELL_EXCHANGE(a, v.amplitude, v.frequency, v.phase, v.random_rms, v.random_low, v.random_width);
 }
 template <class A>
 void exchange(A& a, AsBuilt& v) {
-  exchange_all(a, v.dh, v.tool, v.table, v.platter, v.wobble, v.trigger, v.base_vibration, v.flange_vibration,
-               v.table_vibration);
+  ROBOTCELL_EXCHANGE(a, v.dh, v.tool, v.table, v.platter, v.wobble, v.trigger, v.base_vibration,
+                     v.flange_vibration, v.table_vibration);
 }
 template <class A>
 void exchange(A& a, CellParameters& v) {
-  exchange_all(a, v.cell_file, v.seed, v.as_built);
+  ROBOTCELL_EXCHANGE(a, v.cell_file, v.seed, v.as_built);
 }
 template <class A>
 void exchange(A& a, TriggerCommand& v) {
   exchange_choice<TriggerMode>(a, v.mode);
-  exchange_all(a, v.period, v.angle, v.distance, v.request);
+  ROBOTCELL_EXCHANGE(a, v.period, v.angle, v.distance, v.request);
 }
 template <class A>
 void exchange(A& a, ConveyorCommand& v) {
-  exchange_all(a, v.speed);
+  ROBOTCELL_EXCHANGE(a, v.speed);
 }
 template <class A>
 void exchange(A& a, MotionCommand& v) {
   exchange_choice<control::Mode>(a, v.mode);
   exchange_choice<control::JogFrame>(a, v.jog_frame);
   exchange_choice<control::Operation>(a, v.operation);
-  exchange_all(a, v.position, v.target_position, v.target_orientation, v.start, v.speed, v.monitor_speed,
-               v.jog, v.emergency_stop, v.reset, v.heartbeat, v.max_age);
+  ROBOTCELL_EXCHANGE(a, v.position, v.target_position, v.target_orientation, v.start, v.speed,
+                     v.monitor_speed, v.jog, v.emergency_stop, v.reset, v.heartbeat, v.max_age);
 }
 template <class A>
 void exchange(A& a, GripperCommandInputs& v) {
   exchange_choice<GripperMode>(a, v.mode);
-  exchange_all(a, v.width, v.force);
+  ROBOTCELL_EXCHANGE(a, v.width, v.force);
 }
 template <class A>
 void exchange(A& a, CellInputs& v) {
-  exchange_all(a, v.motion, v.segment, v.trigger, v.exposure, v.conveyors, v.gripper);
+  ROBOTCELL_EXCHANGE(a, v.motion, v.segment, v.trigger, v.exposure, v.conveyors, v.gripper);
 }
 template <class A>
 void exchange(A& a, BodyState& v) {
-  exchange_all(a, v.position, v.orientation, v.velocity, v.angular_velocity);
+  ROBOTCELL_EXCHANGE(a, v.position, v.orientation, v.velocity, v.angular_velocity);
 }
 template <class A>
 void exchange(A& a, Bodies& v) {
-  exchange_all(a, v.links, v.sensor, v.table, v.parts, v.fingers);
+  ROBOTCELL_EXCHANGE(a, v.links, v.sensor, v.table, v.parts, v.fingers);
 }
 template <class A>
 void exchange(A& a, Measurement& v) {
-  exchange_all(a, v.position, v.rate);
+  ROBOTCELL_EXCHANGE(a, v.position, v.rate);
 }
 template <class A>
 void exchange(A& a, TriggerRecord& v) {
-  exchange_all(a, v.index, v.segment, v.time, v.exposure, v.measured, v.truth);
+  ROBOTCELL_EXCHANGE(a, v.index, v.segment, v.time, v.exposure, v.measured, v.truth);
 }
 template <class A>
 void exchange(A& a, PendingRecord& v) {
-  exchange_all(a, v.middle_us, v.light_us, v.measured, v.illuminated, v.record);
+  ROBOTCELL_EXCHANGE(a, v.middle_us, v.light_us, v.measured, v.illuminated, v.record);
 }
 template <class A>
 void exchange(A& a, TriggerState& v) {
-  exchange_all(a, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry, v.entry_angle,
-               v.path, v.path_reference, v.incomplete, v.current_record);
+  ROBOTCELL_EXCHANGE(a, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry,
+                     v.entry_angle, v.path, v.path_reference, v.incomplete, v.current_record);
   // The current record has the layout of all others.
   PendingRecord empty(v.current_record);
   fmi::exchange_sequence(a, v.pending, empty);
 }
 template <class A>
 void exchange(A& a, AxesState& v) {
-  exchange_all(a, v.position, v.rate);
+  ROBOTCELL_EXCHANGE(a, v.position, v.rate);
 }
 template <class A>
 void exchange(A& a, PartPose& v) {
-  exchange_all(a, v.supporting_body, v.position, v.orientation);
+  ROBOTCELL_EXCHANGE(a, v.supporting_body, v.position, v.orientation);
 }
 template <class A>
 void exchange(A& a, StickConstraint& v) {
-  exchange_all(a, v.support, v.normal, v.support_from_body);
+  ROBOTCELL_EXCHANGE(a, v.support, v.normal, v.support_from_body);
 }
 template <class A>
 void exchange(A& a, GripperCommand& v) {
-  exchange_all(a, v.mode);
-  exchange_within(a, fmi::kNoLimit, v.width, v.force);  // as set by the importer
+  ROBOTCELL_EXCHANGE(a, v.mode);
+  ROBOTCELL_EXCHANGE_WITHIN(a, fmi::kNoLimit, v.width, v.force);  // as set by the importer
 }
 template <class A>
 void exchange(A& a, GripperState& v) {
-  exchange_all(a, v.command, v.opening, v.speed, v.drive_force);
+  ROBOTCELL_EXCHANGE(a, v.command, v.opening, v.speed, v.drive_force);
 }
 template <class A>
 void exchange(A& a, GripperPoint& v) {
-  exchange_all(a, v.opening, v.normal_force, v.contact_force, v.force, v.gripped);
+  ROBOTCELL_EXCHANGE(a, v.opening, v.normal_force, v.contact_force, v.force, v.gripped);
 }
 template <class A>
 void exchange(A& a, GraspState& v) {
-  exchange_all(a, v.gripper, v.arm_speed);
+  ROBOTCELL_EXCHANGE(a, v.gripper, v.arm_speed);
 }
 template <class A>
 void exchange(A& a, SoftPoint& v) {
-  exchange_all(a, v.displacement, v.velocity);
+  ROBOTCELL_EXCHANGE(a, v.displacement, v.velocity);
 }
 template <class A>
 void exchange(A& a, FreePartState& v) {
-  exchange_all(a, v.position, v.velocity, v.main_support, v.stick_constraints, v.points);
+  ROBOTCELL_EXCHANGE(a, v.position, v.velocity, v.main_support, v.stick_constraint, v.points);
 }
 
 template <class A>
 void exchange(A& a, PresenceReading& v) {
-  exchange_all(a, v.detected);
+  ROBOTCELL_EXCHANGE(a, v.detected);
 }
 template <class A>
 void exchange(A& a, DistanceReading& v) {
-  exchange_all(a, v.valid, v.distance, v.time);
+  ROBOTCELL_EXCHANGE(a, v.valid, v.distance, v.time);
 }
 template <class A>
 void exchange(A& a, CollisionReading& v) {
-  exchange_all(a, v.pairs, v.body_a, v.body_b, v.depth, v.point, v.clearance, v.near_a, v.near_b,
-               v.near_faces);
+  ROBOTCELL_EXCHANGE(a, v.pairs, v.body_a, v.body_b, v.depth, v.point, v.clearance, v.near_a, v.near_b,
+                     v.near_faces);
 }
 template <class A>
 void exchange(A& a, Readings& v) {
-  exchange_all(a, v.presence, v.distance, v.collision);
+  ROBOTCELL_EXCHANGE(a, v.presence, v.distance, v.collision);
 }
 
 namespace control {
 template <class A>
 void exchange(A& a, Knot& v) {
-  fmi::exchange_all(a, v.position, v.velocity);
+  ROBOTCELL_EXCHANGE(a, v.position, v.velocity);
 }
 template <class A>
 void exchange(A& a, ServoState& v) {
-  fmi::exchange_all(a, v.start_us, v.before, v.start, v.end);
+  ROBOTCELL_EXCHANGE(a, v.start_us, v.set_point, v.set_point_before, v.start, v.end);
   fmi::exchange_up_to(a, v.limit, kAxes);
 }
 template <class A>
 void exchange(A& a, MotionPath& v) {
-  fmi::exchange_all(a, v.line, v.from, v.to, v.start_position, v.start_orientation, v.translation,
-                    v.rotation_vector);
+  ROBOTCELL_EXCHANGE(a, v.line, v.from, v.to, v.start_position, v.start_orientation, v.translation,
+                     v.rotation_vector);
 }
 template <class A>
 void exchange(A& a, SmoothProfile& v) {
-  fmi::exchange_all(a, v.distance, v.speed, v.ramp);
+  ROBOTCELL_EXCHANGE(a, v.distance, v.speed, v.ramp);
 }
 template <class A>
 void exchange(A& a, MoveState& v) {
-  fmi::exchange_all(a, v.active, v.path, v.profile, v.clock, v.rate);
+  ROBOTCELL_EXCHANGE(a, v.active, v.path, v.profile, v.clock, v.rate);
 }
 template <class A>
 void exchange(A& a, JogState& v) {
-  fmi::exchange_all(a, v.blocked, v.error, v.twist, v.position, v.orientation);
+  ROBOTCELL_EXCHANGE(a, v.blocked, v.error, v.twist, v.position, v.orientation);
   fmi::exchange_up_to(a, v.limit, kAxes);
 }
 template <class A>
 void exchange(A& a, PendingMove& v) {
-  fmi::exchange_all(a, v.pending, v.line, v.position, v.tool_position, v.tool_orientation, v.speed);
+  ROBOTCELL_EXCHANGE(a, v.pending, v.line, v.position, v.tool_position, v.tool_orientation, v.speed);
 }
 template <class A>
 void exchange(A& a, ControllerState& v) {
-  fmi::exchange_all(a, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.collision,
-                    v.error, v.path_error, v.start, v.reset, v.heartbeat, v.heartbeat_us, v.destination);
+  ROBOTCELL_EXCHANGE(a, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.collision,
+                     v.error, v.path_error, v.start, v.reset, v.heartbeat, v.heartbeat_us, v.destination);
   fmi::exchange_up_to(a, v.path_limit, kAxes);
 }
 template <class A>
 void exchange(A& a, BeltState& v) {
-  fmi::exchange_all(a, v.travel, v.speed);
-  fmi::exchange_within(a, fmi::kNoLimit, v.target);  // as set by the importer
+  ROBOTCELL_EXCHANGE(a, v.travel, v.speed);
+  ROBOTCELL_EXCHANGE_WITHIN(a, fmi::kNoLimit, v.target);  // as set by the importer
 }
 }  // namespace control
 
 template <class A>
 void exchange(A& a, PrescribedMotion& v) {
-  exchange_all(a, v.axes, v.belts);
+  ROBOTCELL_EXCHANGE(a, v.axes, v.belts);
 }
 template <class A>
 void exchange(A& a, MotorState& v) {
-  exchange_all(a, v.position, v.rate, v.torque, v.catching_up);
+  ROBOTCELL_EXCHANGE(a, v.position, v.rate, v.torque, v.catching_up);
 }
 template <class A>
 void exchange(A& a, ArmDynamicsState& v) {
-  exchange_all(a, v.position, v.rate, v.gear_torque, v.motors);
+  ROBOTCELL_EXCHANGE(a, v.position, v.rate, v.gear_torque, v.motors);
 }
 template <class A>
 void exchange(A& a, GridPoint& v) {
-  exchange_all(a, v.time_us, v.prescribed, v.true_axes, v.encoders, v.parts, v.gripper, v.readings);
+  ROBOTCELL_EXCHANGE(a, v.time_us, v.prescribed, v.true_axes, v.encoders, v.parts, v.gripper, v.readings,
+                     v.solver_fallbacks);
 }
 template <class A>
 void exchange(A& a, TimedAxes& v) {
-  exchange_all(a, v.time_us, v.axes);
+  ROBOTCELL_EXCHANGE(a, v.time_us, v.axes);
 }
 template <class A>
 void exchange(A& a, CellState& v) {
-  exchange_all(a, v.time_us, v.controller, v.trigger);
-  exchange_within(a, fmi::kMaxMagnitude, v.from, v.to, v.history, v.arm, v.parts, v.grasp);
+  ROBOTCELL_EXCHANGE(a, v.time_us, v.controller, v.trigger);
+  ROBOTCELL_EXCHANGE_WITHIN(a, fmi::kMaxMagnitude, v.from, v.to, v.history, v.arm, v.parts, v.grasp);
 }
 
 }  // namespace robotcell
@@ -246,13 +246,18 @@ constexpr std::size_t kChecksumSize = sizeof(std::uint64_t);
 
 template <class Archive>
 void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& layout) {
-  exchange_all(archive, snapshot.phase, snapshot.start_time, snapshot.communication_time, snapshot.events,
-               snapshot.parameters, snapshot.inputs, snapshot.home_inputs_set, snapshot.description_hash);
+  ROBOTCELL_EXCHANGE(archive, snapshot.phase, snapshot.start_time, snapshot.communication_time,
+                     snapshot.events, snapshot.parameters, snapshot.inputs, snapshot.home_inputs_set,
+                     snapshot.description_hash);
   exchange_unless_infinite(archive, snapshot.stop_time);
   bool has_cell = snapshot.cell.has_value();
   exchange(archive, has_cell);
   if constexpr (Archive::kReads) {
     if (has_cell) snapshot.cell.emplace(layout);
+  }
+  if constexpr (Archive::kDescribes) {
+    has_cell = true;
+    snapshot.cell.emplace(layout);
   }
   if (has_cell) exchange(archive, *snapshot.cell);
 }
@@ -265,6 +270,13 @@ std::vector<std::uint8_t> bytes_of(CellParameters& parameters) {
 
 }  // namespace
 
+std::uint64_t state_layout() {
+  LayoutHash archive;
+  Snapshot empty({});
+  exchange_snapshot(archive, empty, {});
+  return archive.value();
+}
+
 bool same_parameters(CellParameters a, CellParameters b) { return bytes_of(a) == bytes_of(b); }
 
 std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size) {
@@ -275,7 +287,9 @@ std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size) {
 
 std::vector<std::uint8_t> serialize(Snapshot& snapshot, std::string token) {
   Writer writer;
+  std::uint64_t state_version = state_layout();
   exchange(writer, token);
+  exchange(writer, state_version);
   exchange_snapshot(writer, snapshot, {});
   std::vector<std::uint8_t> bytes = writer.take();
   const std::uint64_t checksum = hash_of(bytes.data(), bytes.size());
@@ -301,6 +315,12 @@ Snapshot deserialize(const std::uint8_t* bytes, std::size_t size, const CellLayo
   if (token != own_token) {
     throw std::invalid_argument("the serialized state belongs to another FMU: its token is '" + token +
                                 "', expected '" + own_token + "'");
+  }
+  std::uint64_t state_version = 0;
+  exchange(reader, state_version);
+  if (state_version != state_layout()) {
+    throw std::invalid_argument(
+        "the serialized state has another layout: it was written by another version of this FMU");
   }
   Snapshot snapshot(layout);
   exchange_snapshot(reader, snapshot, layout);

@@ -31,10 +31,13 @@ struct Snapshot {
   std::optional<CellState> cell;
 };
 
+/// Identifies the layout of serialized states: a hash of the names and types of all members.
+std::uint64_t state_layout();
+
 std::vector<std::uint8_t> serialize(Snapshot& snapshot, std::string token);
 
-/// Throws std::invalid_argument where the bytes are not a complete, unaltered state of an FMU with this
-/// token.
+/// Throws std::invalid_argument where the bytes are not a complete, unaltered state of an FMU with this token
+/// and layout of states.
 Snapshot deserialize(const std::uint8_t* bytes, std::size_t size, const CellLayout& layout,
                      const std::string& token);
 

@@ -1,5 +1,9 @@
 #include "fmu/fmi/table_builder.h"
 
+#include <string_view>
+
+#include "fmu/model/value_limits.h"
+
 namespace robotcell::fmi {
 namespace {
 
@@ -11,15 +15,17 @@ std::string indexed(const std::string& name, std::size_t index_from_0) {
   return name + "[" + std::to_string(index_from_0 + 1) + "]";
 }
 
-void TableBuilder::limit_integer(std::int32_t min, std::int32_t max) {
+void TableBuilder::bound(double min, double max) {
   table_.back().min = min;
   table_.back().max = max;
 }
 
 std::uint32_t TableBuilder::add_deviation(const std::string& name, Unit unit, const std::string& text,
                                           double& value) {
-  return add("as_built." + name, Causality::kParameter, Variability::kFixed, unit,
-             "Deviation as built from nominal: " + text, value);
+  const std::uint32_t reference = add("as_built." + name, Causality::kParameter, Variability::kFixed, unit,
+                                      "Deviation as built from nominal: " + text, value);
+  if (std::string_view(unit.name) == kMetre.name) bound(-kMaxCoordinate, kMaxCoordinate);
+  return reference;
 }
 
 void TableBuilder::add_measurement(const std::string& prefix, const std::string& suffix, Measurement& value,

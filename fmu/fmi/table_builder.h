@@ -60,13 +60,16 @@ class TableBuilder {
                     const std::string& description, T& value, Refs dependencies = {}) {
     std::sort(dependencies.begin(), dependencies.end());
     dependencies.erase(std::unique(dependencies.begin(), dependencies.end()), dependencies.end());
-    table_.push_back(
-        {name, type_of<T>(), causality, variability, unit, description, &value, 0, 0, dependencies});
+    table_.push_back({name, TypeOf<T>::value, causality, variability, unit, description, &value, -kUnbounded,
+                      kUnbounded, dependencies, false});
     return static_cast<std::uint32_t>(table_.size() - 1);
   }
 
-  /// Sets the bounds of the integer that was added last.
-  void limit_integer(std::int32_t min, std::int32_t max);
+  /// Sets the bounds of the number that was added last.
+  void bound(double min, double max = kUnbounded);
+
+  /// Marks the variable that was added last as an instant of simulation time.
+  void mark_instant() { table_.back().instant = true; }
 
   /// Adds a fixed parameter "as_built.<name>".
   std::uint32_t add_deviation(const std::string& name, Unit unit, const std::string& text, double& value);

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <type_traits>
 #include <vector>
@@ -22,14 +23,17 @@ struct Values {
 };
 
 enum class Type { kReal, kInteger, kBoolean, kString };
-/// Variable type of a C++ type.
+/// Variable type of a C++ type; a variable of any other type does not compile.
 template <class T>
-constexpr Type type_of() {
-  if constexpr (std::is_same_v<T, double>) return Type::kReal;
-  if constexpr (std::is_same_v<T, std::int32_t>) return Type::kInteger;
-  if constexpr (std::is_same_v<T, bool>) return Type::kBoolean;
-  return Type::kString;
-}
+struct TypeOf;
+template <>
+struct TypeOf<double> : std::integral_constant<Type, Type::kReal> {};
+template <>
+struct TypeOf<std::int32_t> : std::integral_constant<Type, Type::kInteger> {};
+template <>
+struct TypeOf<bool> : std::integral_constant<Type, Type::kBoolean> {};
+template <>
+struct TypeOf<std::string> : std::integral_constant<Type, Type::kString> {};
 
 enum class Causality { kIndependent, kParameter, kInput, kOutput };
 enum class Variability { kFixed, kDiscrete, kContinuous };
@@ -40,6 +44,8 @@ struct Unit {
   const char* quantity;  // name of the declared type; "" for none
 };
 
+constexpr double kUnbounded = std::numeric_limits<double>::infinity();
+
 /// A variable; its index in the table is its value reference.
 struct Variable {
   std::string name;
@@ -48,11 +54,17 @@ struct Variable {
   Variability variability;
   Unit unit;
   std::string description;
-  void* value;                    // pointer to its member of Values
-  std::int32_t min = 0, max = 0;  // of an integer, used where max > min
+  void* value;               // pointer to its member of Values
+  double min = -kUnbounded;  // bounds of a number
+  double max = kUnbounded;
   std::vector<std::uint32_t>
       initial_dependencies;  // parameters on which the initial value of an output depends
+  bool instant = false;      // a simulation time; the model counts it from the start
 };
+
+inline bool is_settable(const Variable& variable) {
+  return variable.causality == Causality::kInput || variable.causality == Causality::kParameter;
+}
 
 /// The variables of a cell with a given layout, bound to the values of one instance.
 class VariableTable {

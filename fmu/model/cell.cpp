@@ -125,7 +125,9 @@ void Cell::step_dynamics(const CellInputs& inputs) {
   for (std::size_t i = 0; i < to_.prescribed.belts.size(); ++i) {
     to_.prescribed.belts[i] = belt_at(i, to_.time_us);
   }
+  const std::int32_t fallbacks = world_.solver_fallbacks();
   world_.step(from_.prescribed, to_.prescribed);
+  to_.solver_fallbacks += world_.solver_fallbacks() - fallbacks;
   read_axes(to_);
   read_world();
   update_supporting_bodies();

@@ -33,6 +33,7 @@ struct GridPoint {
   std::vector<PartPose> parts;
   GripperPoint gripper;
   Readings readings;
+  std::int32_t solver_fallbacks = 0;  // since the start, up to the step that ends here
 };
 
 /// Events that are reported to importers in event mode: one bit for each source.
@@ -82,6 +83,9 @@ class Cell : private MotionView {
 
   std::int64_t time_us() const { return time_us_; }
   std::int64_t controller_cycle_us() const { return description_.controller_cycle_us; }
+
+  /// Number of contact problems since the start that were not solved as intended.
+  std::int32_t solver_fallbacks() const { return to_.solver_fallbacks; }
 
   /// Writes the outputs at the present instant.
   void write_outputs(CellOutputs& outputs) const;

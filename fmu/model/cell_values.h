@@ -15,6 +15,8 @@ constexpr int kJoints = 6;
 constexpr int kAxes = kJoints + 1;  // joints of the arm, then the table
 constexpr int kTableAxis = kJoints;
 
+constexpr double kNoInstant = -1;  // time of something that has not happened yet
+
 /// Deviation of one Denavit-Hartenberg row from nominal; `beta` is Hayati's rotation about y after alpha.
 struct DhDeviation {
   double a = 0, d = 0, alpha = 0, theta = 0, beta = 0;
@@ -133,8 +135,8 @@ struct TriggerRecord {
 
   std::int32_t index = 0;  // counted from 1; 0: no record yet
   std::int32_t segment = 0;
-  double time = 0;      // middle of the exposure, s
-  double exposure = 0;  // s
+  double time = kNoInstant;  // middle of the exposure, s from the start
+  double exposure = 0;       // s
   Measurement measured;
   Bodies truth;
 };
@@ -170,8 +172,8 @@ struct PresenceReading {
 
 struct DistanceReading {
   bool valid = false;
-  double distance = 0;  // m; 0 where invalid
-  double time = 0;      // s, instant of the measurement
+  double distance = 0;       // m; 0 where invalid
+  double time = kNoInstant;  // s from the start, instant of the measurement
 };
 
 /// Bodies are numbered in the order of the description, from 1; 0: none.
@@ -205,6 +207,7 @@ struct CellOutputs {
   PerDevice<PresenceReading> presence;
   PerDevice<DistanceReading> distance;
   CollisionReading collision;
+  std::int32_t solver_fallbacks = 0;  // contact problems that were not solved as intended
 };
 
 }  // namespace robotcell

@@ -6,7 +6,6 @@
 #include "fmu/model/cell.h"
 
 namespace robotcell {
-namespace {}  // namespace
 
 double Cell::step_fraction(std::int64_t time_us) const {
   const auto span = static_cast<double>(to_.time_us - from_.time_us);
@@ -124,6 +123,7 @@ void Cell::write_outputs(CellOutputs& outputs) const {
   std::copy(read.presence.begin(), read.presence.end(), outputs.presence.begin());
   std::copy(read.distance.begin(), read.distance.end(), outputs.distance.begin());
   outputs.collision = read.collision;
+  outputs.solver_fallbacks = solver_fallbacks();
 }
 
 /// Forces are those of the current dynamics step.

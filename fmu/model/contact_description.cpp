@@ -22,12 +22,13 @@ std::string parse_body(const JsonReader& json, const std::vector<std::string>& b
 }  // namespace
 
 ContactDescription parse_contact(const JsonReader& json, std::vector<std::string> others) {
-  json.expect_keys({"solver", "points", "friction", "bodies", "pairs"});
+  json.expect_keys({"solver", "points", "stick", "friction", "bodies", "pairs"});
   ContactDescription contact;
   const std::string solver = json.at("solver").text();
   if (solver != "dantzig" && solver != "pgs") json.at("solver").fail("\"dantzig\" or \"pgs\"");
   contact.gauss_seidel = solver == "pgs";
   contact.points = parse_points(json.at("points"));
+  contact.stick = json.at("stick").boolean();
   contact.friction = json.at("friction").number(0, kMaxFriction);
   std::vector<std::string> names = std::move(others);
   for (const JsonReader& body : json.at("bodies").items()) {

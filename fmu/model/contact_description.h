@@ -30,6 +30,7 @@ struct ContactBody {
 
 struct ContactDescription {
   bool gauss_seidel = false;  // projected Gauss-Seidel instead of Dantzig's method
+  bool stick = true;          // stick constraints keep sticking parts from creeping
   std::size_t points = 0;     // maximum number of contact points of pairs that are not listed
   double friction = 0;        // coefficient, of `bodies`
   std::vector<ContactBody> bodies;

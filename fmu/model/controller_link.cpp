@@ -10,10 +10,6 @@ namespace {
 
 static_assert(kAxes == control::kAxes, "the controller moves the arm's joints and the table");
 
-[[noreturn]] void reject(const std::string& name, double value, const char* expected) {
-  throw std::invalid_argument("command." + name + " must be " + expected + ", not " + std::to_string(value));
-}
-
 }  // namespace
 
 control::ToolState NominalArm::tool(const control::Axes& position) const {
@@ -65,16 +61,6 @@ control::Command command_of(const MotionCommand& motion) {
                                 std::to_string(orientation.norm()));
   }
   command.pose = Eigen::Translation3d(p[0], p[1], p[2]) * orientation.normalized();
-  if (!(motion.speed > 0 && motion.speed <= 1)) reject("speed", motion.speed, "above 0 and at most 1");
-  if (!(motion.monitor_speed >= 0 && motion.monitor_speed <= 1)) {
-    reject("monitor_speed", motion.monitor_speed, "from 0 to 1");
-  }
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    if (!(std::abs(motion.jog[i]) <= 1)) {
-      reject("jog[" + std::to_string(i + 1) + "]", motion.jog[i], "from -1 to 1");
-    }
-  }
-  if (!(motion.max_age >= 0)) reject("max_age", motion.max_age, "at least 0");
   command.speed = motion.speed;
   command.monitor_speed = motion.monitor_speed;
   command.jog = motion.jog;

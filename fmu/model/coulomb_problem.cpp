@@ -74,7 +74,7 @@ double CoulombProblem::violation(const Eigen::VectorXd& x) const {
   return largest;
 }
 
-void CoulombProblem::run_gauss_seidel(Eigen::VectorXd& x) const {
+bool CoulombProblem::run_gauss_seidel(Eigen::VectorXd& x) const {
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
     const Eigen::VectorXd before = x;
     for (const Bounded& bounded : bounded_) x[bounded.row] = bounded_update(bounded, x);
@@ -82,8 +82,9 @@ void CoulombProblem::run_gauss_seidel(Eigen::VectorXd& x) const {
       x[contact.row] = normal_update(contact, x);
       x.segment<2>(contact.row + 1) = friction_update(contact, x);
     }
-    if ((x - before).cwiseAbs().maxCoeff() <= kConvergenceTolerance * x.cwiseAbs().maxCoeff()) return;
+    if ((x - before).cwiseAbs().maxCoeff() <= kConvergenceTolerance * x.cwiseAbs().maxCoeff()) return true;
   }
+  return false;
 }
 
 }  // namespace robotcell

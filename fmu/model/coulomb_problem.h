@@ -19,7 +19,7 @@ class CoulombProblem {
   double violation(const Eigen::VectorXd& x) const;
 
   /// Refines x by projected Gauss-Seidel sweeps over all contacts and rows until convergence.
-  void run_gauss_seidel(Eigen::VectorXd& x) const;
+  bool run_gauss_seidel(Eigen::VectorXd& x) const;
 
  private:
   struct Contact {

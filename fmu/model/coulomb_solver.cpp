@@ -3,8 +3,7 @@
 namespace robotcell {
 namespace {
 
-/// Violation of the cone, relative to the largest impulse, up to which the result of Dantzig's method is
-/// kept.
+/// Violation of the cone, relative to the largest impulse, up to which a result is a solution.
 constexpr double kTolerance = 1e-6;
 
 }  // namespace
@@ -22,10 +21,19 @@ bool CoulombSolver::solve(int n, double* A, double* x, double* b, int nub, doubl
   if (!DantzigBoxedLcpSolver::solve(n, A, x, b, nub, lo, hi, findex, earlyTermination)) return false;
   Eigen::VectorXd impulses = Eigen::Map<Eigen::VectorXd>(x, n);
   if (!impulses.allFinite()) return true;  // the engine detects it and uses its secondary solver
-  if (problem_.violation(impulses) <= kTolerance * impulses.cwiseAbs().maxCoeff()) return true;
-  problem_.run_gauss_seidel(impulses);
+  const auto solved = [&] {
+    return problem_.violation(impulses) <= kTolerance * impulses.cwiseAbs().maxCoeff();
+  };
+  if (solved()) return true;
+  if (!problem_.run_gauss_seidel(impulses) && !solved()) ++*fallbacks_;
   Eigen::Map<Eigen::VectorXd>(x, n) = impulses;
   return true;
+}
+
+bool FallbackSolver::solve(int n, double* A, double* x, double* b, int nub, double* lo, double* hi,
+                           int* findex, bool earlyTermination) {
+  ++*fallbacks_;
+  return PgsBoxedLcpSolver::solve(n, A, x, b, nub, lo, hi, findex, earlyTermination);
 }
 
 }  // namespace robotcell

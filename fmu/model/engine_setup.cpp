@@ -5,8 +5,6 @@
 #include <dart/constraint/BoxedLcpConstraintSolver.hpp>
 #include <dart/constraint/PgsBoxedLcpSolver.hpp>
 
-#include "fmu/model/coulomb_solver.h"
-
 namespace robotcell {
 namespace {
 
@@ -28,11 +26,14 @@ void prepare_thread() {
   static_cast<void>(prepared);
 }
 
-std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDescription& contact) {
+std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDescription& contact,
+                                                                const FallbackCount& fallbacks) {
   using namespace dart::constraint;
-  const auto gauss_seidel = std::make_shared<PgsBoxedLcpSolver>();
-  if (contact.gauss_seidel) return std::make_unique<BoxedLcpConstraintSolver>(gauss_seidel, nullptr);
-  return std::make_unique<BoxedLcpConstraintSolver>(std::make_shared<CoulombSolver>(), gauss_seidel);
+  if (contact.gauss_seidel) {
+    return std::make_unique<BoxedLcpConstraintSolver>(std::make_shared<PgsBoxedLcpSolver>(), nullptr);
+  }
+  return std::make_unique<BoxedLcpConstraintSolver>(std::make_shared<CoulombSolver>(fallbacks),
+                                                    std::make_shared<FallbackSolver>(fallbacks));
 }
 
 }  // namespace robotcell

@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "fmu/model/contact_description.h"
+#include "fmu/model/coulomb_solver.h"
 
 namespace robotcell {
 
@@ -14,7 +15,9 @@ void prepare_engine();
 /// Initialises ODE's per-thread collision caches; an importer may step an instance from any thread.
 void prepare_thread();
 
-/// Creates the contact solver. Projected Gauss-Seidel is the fallback where Dantzig's method fails.
-std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDescription& contact);
+/// Creates the contact solver. Projected Gauss-Seidel is the fallback where Dantzig's method fails;
+/// `fallbacks` counts these, and sweeps that do not converge.
+std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDescription& contact,
+                                                                const FallbackCount& fallbacks);
 
 }  // namespace robotcell

@@ -1,10 +1,6 @@
 #include "fmu/model/kinematics.h"
 
 #include <cmath>
-#include <stdexcept>
-#include <string>
-
-#include "fmu/model/value_limits.h"
 
 namespace robotcell {
 namespace {
@@ -13,26 +9,6 @@ using Eigen::AngleAxisd;
 using Eigen::Isometry3d;
 using Eigen::Translation3d;
 using Eigen::Vector3d;
-
-void check_length(const std::string& name, double value) {
-  if (std::abs(value) <= kMaxCoordinate) return;
-  throw std::invalid_argument("as_built." + name + " must be from -1000 to 1000 m, not " +
-                              std::to_string(value));
-}
-
-void check_lengths(const AsBuilt& as_built) {
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    const std::string row = "dh[" + std::to_string(i + 1) + "].";
-    check_length(row + "a", as_built.dh[i].a);
-    check_length(row + "d", as_built.dh[i].d);
-  }
-  for (std::size_t i = 0; i < 3; ++i) {
-    const std::string axis = std::string(".") + "xyz"[i];
-    check_length("tool" + axis, as_built.tool[i]);
-    check_length("table" + axis, as_built.table[i]);
-    if (i < as_built.platter.size()) check_length("platter" + axis, as_built.platter[i]);
-  }
-}
 
 Isometry3d rotation_about_z(double angle) { return Isometry3d(AngleAxisd(angle, Vector3d::UnitZ())); }
 
@@ -73,7 +49,6 @@ Kinematics::Kinematics(const CellDescription& cell, const AsBuilt& as_built)
     : world_from_base_(cell.world_from_base),
       wobble_(as_built.wobble),
       axis_from_platter_(Isometry3d::Identity()) {
-  check_lengths(as_built);
   for (std::size_t i = 0; i < kJoints; ++i) {
     joint_from_link_[i] = fixed_part(cell.joints[i], as_built.dh[i]);
   }

@@ -39,10 +39,6 @@ double interval(const TriggerCommand& command) {
 
 void check(const CellInputs& inputs) {
   const TriggerMode mode = mode_of(inputs.trigger);
-  if (inputs.exposure < 0) {
-    throw std::invalid_argument("command.exposure must not be negative, but is " +
-                                std::to_string(inputs.exposure));
-  }
   if (mode == TriggerMode::kTime && microseconds(inputs.trigger.period) < 1) {
     throw std::invalid_argument("command.trigger.period must be at least 1 microsecond, not " +
                                 std::to_string(inputs.trigger.period) + " s");
@@ -54,19 +50,10 @@ void check(const CellInputs& inputs) {
   }
 }
 
-void check_not_negative(const std::string& name, double value) {
-  if (value >= 0) return;
-  throw std::invalid_argument("as_built.trigger." + name + " must not be negative, but is " +
-                              std::to_string(value));
-}
-
 }  // namespace
 
 Trigger::Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uint64_t key)
-    : layout_(layout), errors_(errors), key_(key), state_(layout) {
-  check_not_negative("latency", errors.latency);
-  check_not_negative("jitter", errors.jitter);
-}
+    : layout_(layout), errors_(errors), key_(key), state_(layout) {}
 
 void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view) {
   check(inputs);

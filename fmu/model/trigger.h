@@ -54,7 +54,6 @@ struct TriggerState {
 /// fires at that instant. Later ones fire at the first whole microsecond at which the interval is complete.
 class Trigger {
  public:
-  /// Throws std::invalid_argument for invalid errors.
   Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uint64_t key);
 
   /// Reads commands at a communication point; may fire there. Throws std::invalid_argument.

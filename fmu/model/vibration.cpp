@@ -15,13 +15,6 @@ constexpr int kRandomWaves = 32;  // per axis
 
 void check(const VibrationParameters& parameters, const std::string& name) {
   const std::string group = "as_built.vibration." + name;
-  const auto check_not_negative = [&group](const char* key, double value) {
-    if (value >= 0) return;
-    throw std::invalid_argument(group + key + " must not be negative, but is " + std::to_string(value));
-  };
-  check_not_negative(".frequency", parameters.frequency);
-  check_not_negative(".random_rms", parameters.random_rms);
-  check_not_negative(".random_low", parameters.random_low);
   if (parameters.random_rms > 0 && parameters.random_width <= 0) {
     throw std::invalid_argument(group + ".random_width must be positive where .random_rms is, but is " +
                                 std::to_string(parameters.random_width));

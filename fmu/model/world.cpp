@@ -22,7 +22,7 @@ using namespace dart::dynamics;
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
 
-constexpr int kSettlingSteps = 1000;
+constexpr double kSettlingTime = 1;         // s
 constexpr double kMaxSettlingTilt = 0.02;   // rad, and
 constexpr double kMaxSettlingShift = 1e-3;  // m: maximum motion while a standing part settles
 
@@ -45,6 +45,7 @@ World::World(const CellDescription& cell, const Kinematics& kinematics, const Pr
   const std::lock_guard<std::mutex> lock(building_mutex());
   prepare_engine();
   engine_ = std::make_unique<Engine>();
+  engine_->stick = cell.contact.stick;
   engine_->world = dart::simulation::World::create();
   engine_->world->setGravity(cell.gravity);
   engine_->world->setTimeStep(time_step_);
@@ -52,7 +53,7 @@ World::World(const CellDescription& cell, const Kinematics& kinematics, const Pr
       std::any_of(cell.parts.begin(), cell.parts.end(), [](const auto& part) { return part.soft; });
   const auto soft_detector = soft ? SoftCollisionDetector::create(cell.contact.points) : nullptr;
   engine_->detector = soft ? soft_detector : CappedCollisionDetector::create(cell.contact.points);
-  engine_->world->setConstraintSolver(make_solver(cell.contact));
+  engine_->world->setConstraintSolver(make_solver(cell.contact, engine_->solver_fallbacks));
   engine_->world->getConstraintSolver()->setCollisionDetector(engine_->detector);
   add_supports(cell);
   add_dynamics(cell, start);
@@ -173,7 +174,8 @@ void World::settle(const CellDescription& cell, const PrescribedMotion& start) {
   still.axes.rate = {};
   std::vector<Isometry3d> before;
   for (const Part& part : engine_->parts) before.push_back(part.free ? part.pose() : Isometry3d::Identity());
-  for (int i = 0; i < kSettlingSteps; ++i) step(still, still);
+  const auto steps = static_cast<int>(std::ceil(kSettlingTime / time_step_));
+  for (int i = 0; i < steps; ++i) step(still, still);
   for (std::size_t i = 0; i < engine_->parts.size(); ++i) {
     if (!engine_->parts[i].free) continue;
     const Isometry3d change = before[i].inverse() * engine_->parts[i].pose();
@@ -235,7 +237,7 @@ void World::step(const PrescribedMotion& from, const PrescribedMotion& to) {
   if (engine_->dynamic_arm) engine_->dynamic_arm->after_step();
   prescribe(to);
   if (engine_->gripper) engine_->gripper->end_step();
-  engine_->apply_stick_constraints(time_step_);
+  engine_->end_step(time_step_);
 }
 
 PartPlacement World::placement(std::size_t index) const {
@@ -250,6 +252,8 @@ PartPlacement World::placement(std::size_t index) const {
       return {body, part.pose()};
   }
 }
+
+std::int32_t World::solver_fallbacks() const { return *engine_->solver_fallbacks; }
 
 ArmDynamicsState World::arm() const {
   return engine_->dynamic_arm ? engine_->dynamic_arm->state() : ArmDynamicsState();
@@ -294,7 +298,7 @@ std::vector<FreePartState> World::free_parts() const {
     Eigen::Map<Eigen::Matrix<double, 6, 1>>(state.position.data()) = part.skeleton->getPositions();
     Eigen::Map<Eigen::Matrix<double, 6, 1>>(state.velocity.data()) = part.skeleton->getVelocities();
     state.main_support = part.main_support;
-    state.stick_constraints = part.stick_constraints;
+    state.stick_constraint = part.stick.constraint;
     state.points = soft_points(part.body());
   }
   return states;
@@ -316,7 +320,7 @@ void World::restore(const PrescribedMotion& prescribed, const ArmDynamicsState& 
     part.skeleton->setPositions(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.position.data()));
     part.skeleton->setVelocities(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.velocity.data()));
     part.main_support = state.main_support;
-    part.stick_constraints = state.stick_constraints;
+    part.stick.constraint = state.stick_constraint;
     restore_soft_points(part.body(), state.points);
   }
 }

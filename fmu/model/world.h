@@ -38,7 +38,7 @@ struct FreePartState {
   std::array<double, 6> position{};  // of the free joint
   std::array<double, 6> velocity{};
   std::int32_t main_support = -1;  // support with the largest normal force; -1: none
-  std::vector<StickConstraint> stick_constraints;
+  StickConstraint stick_constraint;
   std::vector<SoftPoint> points;  // surface points of a soft part
 };
 
@@ -54,6 +54,8 @@ struct GraspState {
 /// is fixed to its support; a free part moves by gravity, contact and friction.
 class World {
  public:
+  struct Engine;  // world_engine.h
+
   World(const CellDescription& cell, const Kinematics& kinematics, const PrescribedMotion& start);
   ~World();
   World(const World&) = delete;
@@ -74,6 +76,10 @@ class World {
   /// Pose of a link of the arm (0 to 5) in the dynamics engine.
   Eigen::Isometry3d link_pose(int link) const;
 
+  /// Number of contact problems since the construction for which Dantzig's method failed or the sweeps on the
+  /// friction cone did not converge, so that the contact forces were approximate.
+  std::int32_t solver_fallbacks() const;
+
   /// Default values in a cell without gripper.
   GripperPoint gripper() const;
   GraspState grasp() const;
@@ -88,8 +94,6 @@ class World {
                const std::vector<FreePartState>& parts, const GraspState& grasp);
 
  private:
-  struct Engine;
-
   void add_supports(const CellDescription& cell);
   void add_dynamics(const CellDescription& cell, const PrescribedMotion& start);
   void add_gripper(const GripperDescription& description);

@@ -17,9 +17,6 @@ using Eigen::Isometry3d;
 using Eigen::Vector3d;
 using Eigen::Vector6d;
 
-/// A part sticks while its slip velocity is below what friction stops within this number of steps.
-constexpr double kStepsToStop = 2;
-
 /// m. A falling part is stopped here: further away its coordinates would overflow in the collision engine.
 constexpr double kMaxDistance = 1e4;
 /// m/s, rad/s; larger than any fall within kMaxDistance can produce.
@@ -31,18 +28,7 @@ void stop_if_out_of_range(Part& part) {
   part.skeleton->setMobile(!out_of_range);
 }
 
-Vector3d velocity_at(const BodyNode* body, const Vector3d& point) {
-  return body->getLinearVelocity(body->getWorldTransform().inverse() * point);
-}
-
 }  // namespace
-
-const PairContact* Part::sticking_contact(std::int32_t support) const {
-  const auto found = std::find_if(contacts.begin(), contacts.end(), [support](const PairContact& contact) {
-    return contact.support == support && contact.sticks;
-  });
-  return found == contacts.end() ? nullptr : &*found;
-}
 
 bool World::Engine::has_free_motion() const {
   return dynamic_arm || gripper ||
@@ -187,56 +173,45 @@ std::pair<double, Vector3d> World::Engine::pad_force(std::size_t finger) const {
 
 void World::Engine::begin_step() {
   for (Part& part : parts) {
-    part.support_poses.clear();
-    if (!part.free) continue;
-    stop_if_out_of_range(part);
-    part.before = part.pose();
-    for (const StickConstraint& constraint : part.stick_constraints) {
-      part.support_poses.push_back(
-          {constraint.support, pose_of(constraint.support).inverse() * part.pose(), {}});
-      if (free_part(constraint.support) == nullptr) {
-        part.support_poses.back().jacobian = body_of(constraint.support)->getJacobian();
-      }
-    }
+    if (part.free) stop_if_out_of_range(part);
   }
+  if (stick) begin_stick_step(*this);
 }
 
-void World::Engine::apply_stick_constraints(double time_step) {
-  for (Part& part : parts) {
-    part.contacts.clear();
-    part.updated = !part.free;
-    if (part.free) part.displacement = FreeJoint::convertToPositions(part.before.inverse() * part.pose());
-  }
+void World::Engine::end_step(double time_step) {
   read_contacts();
-  for (Part& part : parts) update_stick_constraints(part, time_step);
+  for (Part& part : parts) split_forces(part);
+  if (stick) apply_stick_constraints(*this, time_step);
 }
 
 void World::Engine::read_contacts() {
+  point_contacts.clear();
+  for (Part& part : parts) part.contacts.clear();
   for (const auto& contact : world->getConstraintSolver()->getLastCollisionResult().getContacts()) {
     const std::int32_t first = support_of_shape_.at(contact.collisionObject1->getShapeFrame());
     const std::int32_t second = support_of_shape_.at(contact.collisionObject2->getShapeFrame());
-    add_contact(first, second, contact.force, contact.normal);
-    add_contact(second, first, -contact.force, -contact.normal);
+    add_contact({first, second, contact.point, contact.force}, contact.normal);
+    add_contact({second, first, contact.point, -contact.force}, -contact.normal);
   }
 }
 
-void World::Engine::add_contact(std::int32_t on, std::int32_t by, const Vector3d& force,
-                                const Vector3d& normal) {
-  Part* part = free_part(on);
+void World::Engine::add_contact(const PointContact& contact, const Vector3d& normal) {
+  Part* part = free_part(contact.on);
   if (part == nullptr) return;
+  point_contacts.push_back(contact);
   auto& contacts = part->contacts;
-  auto pair =
-      std::find_if(contacts.begin(), contacts.end(), [by](const PairContact& c) { return c.support == by; });
+  auto pair = std::find_if(contacts.begin(), contacts.end(),
+                           [&contact](const PairContact& c) { return c.support == contact.by; });
   if (pair == contacts.end()) {
     pair = contacts.insert(contacts.end(), PairContact());
-    pair->support = by;
+    pair->support = contact.by;
   }
-  pair->force += force;
+  pair->force += contact.force;
   pair->normal += normal;
 }
 
-/// Splits the contact forces of a part, finds those within the friction cone, and the main support.
-void World::Engine::classify_contacts(Part& part, double time_step) {
+/// Splits the contact forces of a part, and finds its main support.
+void World::Engine::split_forces(Part& part) const {
   part.main_support = kNoSupport;
   double max_normal_force = 0;
   for (PairContact& contact : part.contacts) {
@@ -244,104 +219,15 @@ void World::Engine::classify_contacts(Part& part, double time_step) {
     contact.normal =
         support.flat ? support.body->getWorldTransform().linear().col(2) : contact.normal.normalized();
     contact.split = split(contact.force, contact.normal);
-    const double friction = std::min(part.friction, support.friction);
-    const double stopping_speed =
-        kStepsToStop * friction * contact.split.normal / part.body()->getMass() * time_step;
-    // The points of a soft part have friction of their own; its core has no defined rest pose.
-    contact.sticks = !part.soft && !is_soft(contact.support) &&
-                     within_friction_cone(contact.split, friction) &&
-                     slip_velocity(part, contact).norm() < stopping_speed &&
-                     spin_rate(part, contact) * part.radius_of_gyration < stopping_speed;
     if (contact.split.normal <= max_normal_force) continue;
     max_normal_force = contact.split.normal;
     part.main_support = contact.support;
   }
 }
 
-/// Tangential velocity of a part's centre of mass relative to a support.
-Vector3d World::Engine::slip_velocity(const Part& part, const PairContact& contact) const {
-  const BodyNode* support = body_of(contact.support);
-  const Vector3d slip = part.body()->getCOMLinearVelocity() - velocity_at(support, part.body()->getCOM());
-  return slip - slip.dot(contact.normal) * contact.normal;
-}
-
-double World::Engine::spin_rate(const Part& part, const PairContact& contact) const {
-  const Vector3d relative_rate =
-      part.body()->getAngularVelocity() - body_of(contact.support)->getAngularVelocity();
-  return std::abs(relative_rate.dot(contact.normal));
-}
-
 bool World::Engine::is_soft(std::int32_t support) const {
   const Part* part = free_part(support);
   return part != nullptr && part->soft;
-}
-
-/// Pose of a sticking part relative to its support after the step.
-///
-/// The engine moves every body along its own velocity. A part with the velocity of a rotating support leaves
-/// it in one step by half the square of the rotation angle times the radius, and so loses contact with one of
-/// two fingers, or tilts. The motion relative to the support has no such error, because both velocities
-/// belong to the poses at the start of the step.
-Isometry3d World::Engine::relative_pose_after_step(const Part& part, const SupportPose& support_pose,
-                                                   double time_step) const {
-  const BodyNode* body = body_of(support_pose.support);
-  Vector6d support_moved = Vector6d::Zero();
-  if (const Part* main_support = free_part(support_pose.support)) {
-    support_moved = main_support->displacement;
-  } else {
-    for (std::size_t i = 0; i < body->getNumDependentGenCoords(); ++i) {
-      const double speed = body->getDependentDof(i)->getVelocity();
-      support_moved += support_pose.jacobian.col(static_cast<Eigen::Index>(i)) * (speed * time_step);
-    }
-  }
-  const Vector6d displacement =
-      part.displacement - dart::math::AdInvT(support_pose.support_from_part, support_moved);
-  return support_pose.support_from_part * FreeJoint::convertToTransform(displacement);
-}
-
-/// Releases constraints outside the friction cone, projects the part onto that with the largest normal force
-/// (after the parts that support it), and engages new ones where it has come to rest.
-void World::Engine::update_stick_constraints(Part& part, double time_step) {
-  if (part.updated) return;
-  part.updated = true;
-  classify_contacts(part, time_step);
-  if (Part* main_support = free_part(part.main_support)) update_stick_constraints(*main_support, time_step);
-  auto& stick_constraints = part.stick_constraints;
-  stick_constraints.erase(std::remove_if(stick_constraints.begin(), stick_constraints.end(),
-                                         [&](const StickConstraint& constraint) {
-                                           return part.sticking_contact(constraint.support) == nullptr;
-                                         }),
-                          stick_constraints.end());
-  project_to_stick_constraint(part, time_step);
-  engage_stick_constraints(part);
-}
-
-void World::Engine::project_to_stick_constraint(Part& part, double time_step) const {
-  const auto weaker = [&part](const StickConstraint& a, const StickConstraint& b) {
-    return part.sticking_contact(a.support)->split.normal < part.sticking_contact(b.support)->split.normal;
-  };
-  const auto strongest =
-      std::max_element(part.stick_constraints.begin(), part.stick_constraints.end(), weaker);
-  if (strongest == part.stick_constraints.end()) return;
-  const auto support_pose =
-      std::find_if(part.support_poses.begin(), part.support_poses.end(),
-                   [&](const SupportPose& r) { return r.support == strongest->support; });
-  const Isometry3d projected =
-      pose_of(strongest->support) *
-      project_pose(*strongest, relative_pose_after_step(part, *support_pose, time_step));
-  part.skeleton->setPositions(FreeJoint::convertToPositions(projected));
-}
-
-void World::Engine::engage_stick_constraints(Part& part) const {
-  for (const PairContact& contact : part.contacts) {
-    const bool known = std::any_of(
-        part.stick_constraints.begin(), part.stick_constraints.end(),
-        [&contact](const StickConstraint& constraint) { return constraint.support == contact.support; });
-    if (!contact.sticks || known) continue;
-    const Isometry3d support = pose_of(contact.support);
-    part.stick_constraints.push_back(
-        {contact.support, support.linear().transpose() * contact.normal, support.inverse() * part.pose()});
-  }
 }
 
 void World::Engine::check(const std::vector<FreePartState>& states) const {
@@ -352,10 +238,8 @@ void World::Engine::check(const std::vector<FreePartState>& states) const {
   for (std::size_t i = 0; fits && i < states.size(); ++i) {
     const FreePartState& state = states[i];
     const std::size_t points = parts[i].soft ? soft_points(parts[i].body()).size() : 0;
-    fits = known(state.main_support) && state.points.size() == points;
-    for (const StickConstraint& constraint : state.stick_constraints) {
-      fits = fits && known(constraint.support);
-    }
+    fits =
+        known(state.main_support) && known(state.stick_constraint.support) && state.points.size() == points;
   }
   if (!fits) throw std::invalid_argument("the state belongs to a cell with other parts");
   for (const FreePartState& state : states) {

@@ -1,4 +1,4 @@
-// Bodies of a world in the dynamics engine, supports of parts, and stick constraints.
+// Bodies of a world in the dynamics engine, supports of parts, and contacts.
 #pragma once
 
 #include <dart/dynamics/BodyNode.hpp>
@@ -13,6 +13,7 @@
 
 #include "fmu/model/capped_collision_detector.h"
 #include "fmu/model/contact_filter.h"
+#include "fmu/model/coulomb_solver.h"
 #include "fmu/model/dynamic_arm.h"
 #include "fmu/model/gripper.h"
 #include "fmu/model/soft_collision_detector.h"
@@ -39,14 +40,15 @@ struct PairContact {
   Eigen::Vector3d force = Eigen::Vector3d::Zero();   // N, on the part, world axes
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // mean, towards the part, world axes
   ContactForce split;
-  bool sticks = false;  // within the friction cone and at rest on the support
+  bool sticks =
+      false;  // set by the stick constraints: friction holds, and the part is at rest on the support
 };
 
-/// Pose of a part relative to a support on which it sticks, at the start of a step.
-struct SupportPose {
-  std::int32_t support = 0;
-  Eigen::Isometry3d support_from_part = Eigen::Isometry3d::Identity();
-  dart::math::Jacobian jacobian;  // of the support's body; empty where that is a free part
+/// Force of one contact point on a free part in the last step (world axes).
+struct PointContact {
+  std::int32_t on = 0, by = 0;                      // support numbers of the part and of the other body
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // m, world
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();  // N
 };
 
 struct Part {
@@ -57,19 +59,11 @@ struct Part {
   double friction = 0;
   double radius_of_gyration = 0;  // m
   std::int32_t main_support = kNoSupport;
-  std::vector<StickConstraint> stick_constraints;
   std::vector<PairContact> contacts;
-  std::vector<SupportPose> support_poses;
-  Eigen::Isometry3d before = Eigen::Isometry3d::Identity();  // pose at the start of the step
-  Eigen::Vector6d displacement =
-      Eigen::Vector6d::Zero();  // integrated by the engine in the step: twist times time step
-  bool updated = false;         // stick constraints already applied in this step
+  StickState stick;
 
   dart::dynamics::BodyNode* body() const { return skeleton->getBodyNode(0); }
   const Eigen::Isometry3d& pose() const { return body()->getWorldTransform(); }
-
-  /// Sticking contact with a support; null if there is none.
-  const PairContact* sticking_contact(std::int32_t support) const;
 };
 
 struct World::Engine {
@@ -83,6 +77,9 @@ struct World::Engine {
   std::unique_ptr<Gripper> gripper;  // null in a cell without gripper
   std::vector<Part> parts;
   std::vector<Support> supports;
+  std::vector<PointContact> point_contacts;  // of free parts in the last step
+  FallbackCount solver_fallbacks = std::make_shared<std::int32_t>(0);
+  bool stick = true;  // stick constraints are on
 
   /// Whether any body moves by forces: a free part, the gripper, an arm with dynamic drives. Otherwise all
   /// poses are prescribed, and the engine need not step.
@@ -117,34 +114,32 @@ struct World::Engine {
   /// Force of a finger's pad on all parts in the last step (N): sum of normal forces, and total force vector.
   std::pair<double, Eigen::Vector3d> pad_force(std::size_t finger) const;
 
-  /// Call before a step: records the poses of sticking parts relative to their supports.
-  void begin_step();
+  /// Whether a support is a soft part.
+  bool is_soft(std::int32_t support) const;
 
-  /// Call after a step: reads the contacts and projects sticking parts onto their stick constraints.
-  void apply_stick_constraints(double time_step);
+  /// Call before and after a step of the engine: reads the contacts, and applies the stick constraints.
+  void begin_step();
+  void end_step(double time_step);
 
   /// Throws std::invalid_argument where the states belong to other parts.
   void check(const std::vector<FreePartState>& states) const;
 
  private:
   void read_contacts();
-  void add_contact(std::int32_t on, std::int32_t by, const Eigen::Vector3d& force,
-                   const Eigen::Vector3d& normal);
-  void update_stick_constraints(Part& part, double time_step);
-  void project_to_stick_constraint(Part& part, double time_step) const;
-  void engage_stick_constraints(Part& part) const;
-  Eigen::Isometry3d relative_pose_after_step(const Part& part, const SupportPose& support_pose,
-                                             double time_step) const;
-  bool is_soft(std::int32_t support) const;
+  void add_contact(const PointContact& contact, const Eigen::Vector3d& normal);
+  void split_forces(Part& part) const;
   bool moves_by_forces(const Support& support) const;
   bool can_touch(const Support& a, const Support& b) const;
   /// Number of a body in the chain of links from the base, from 0; fingers follow the last link.
   static int number_in_chain(const dart::dynamics::BodyNode* body);
-  void classify_contacts(Part& part, double time_step);
-  Eigen::Vector3d slip_velocity(const Part& part, const PairContact& contact) const;
-  double spin_rate(const Part& part, const PairContact& contact) const;
 
   std::unordered_map<const dart::dynamics::ShapeFrame*, std::int32_t> support_of_shape_;
 };
+
+/// Records the poses of sticking parts relative to their supports. Call before a step of the engine.
+void begin_stick_step(World::Engine& engine);
+
+/// Projects sticking parts onto their stick constraints. Call after a step, when the contacts are read.
+void apply_stick_constraints(World::Engine& engine, double time_step);
 
 }  // namespace robotcell

@@ -89,7 +89,9 @@ def onset(folders: FmuFolders, tilt: float) -> float:
 def swing(folders: FmuFolders, duration: float) -> tuple[Array, Array]:
     """Times (n,) and slip (n,) in mm of a part while the arm turns a quarter within a duration."""
     turned = LIFTED + np.array([np.pi / 2, 0, 0, 0, 0, 0])
-    cell = CellFmu(folders.packed(3, grasp_cell())[1])
+    description = grasp_cell()
+    description["robot"]["joints"][0]["max_acceleration"] = 50.0
+    cell = CellFmu(folders.packed(3, description)[1])
     grip(cell, 8.0)
     follow(cell, path(OVER_BOX, LIFTED, 0.8))
     before = part_in_gripper(cell)[:3, 3] * 1e3

@@ -89,7 +89,9 @@ def cell_description(**part: Any) -> dict[str, Any]:
         "conveyors": [],
         "parts": [{**box_part(0.06, 0.04, 0.05), **part}],
         "gripper": None,
-        "contact": {"solver": "dantzig", "points": 4, "friction": 0.3, "bodies": [], "pairs": []},
+        "contact": {
+            "solver": "dantzig", "points": 4, "stick": True, "friction": 0.3, "bodies": [], "pairs": [],
+        },
         "bodies": [], "presence_sensors": [], "distance_sensors": [],
         "collision": {"outputs": False, "stops_arm": False, "range": 0.05, "pairs": []},
     }  # fmt: skip
@@ -177,13 +179,15 @@ class CellFmu:
         self.messages.append(text.decode())
         self.log.append((status, category.decode()))
 
-    def initialize(self, parameters: Parameters | None = None, stop_time: float | None = None) -> None:
+    def initialize(
+        self, parameters: Parameters | None = None, stop_time: float | None = None, start_time: float = 0.0
+    ) -> None:
         self.time_us = 0
         if self.version == 2:
-            self.slave.setupExperiment(startTime=0.0, stopTime=stop_time)
+            self.slave.setupExperiment(startTime=start_time, stopTime=stop_time)
             self.slave.enterInitializationMode()
         else:
-            self.slave.enterInitializationMode(startTime=0.0, stopTime=stop_time)
+            self.slave.enterInitializationMode(startTime=start_time, stopTime=stop_time)
         for name, value in (parameters or {}).items():
             self.set(name, value)
         self.slave.exitInitializationMode()

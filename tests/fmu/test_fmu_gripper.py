@@ -167,10 +167,12 @@ def test_opening_fingers_leave_part_in_place(build: Build, height: float) -> Non
 
 
 def test_part_is_kept_in_smooth_move_and_lost_in_step_move(build: Build) -> None:
-    """A step of the set-points uses the full acceleration of the drives, more than friction can transmit."""
+    """A step of the set-points uses the full acceleration of the drive, more than friction can transmit."""
     slips = []
+    description = grasp_cell()
+    description["robot"]["joints"][0]["max_acceleration"] = 50.0
     for duration in (0.9, CYCLE):
-        cell = build(3, grasp_cell())
+        cell = build(3, description)
         grip(cell, 8.0)
         move(cell, OVER_BOX, LIFTED, 0.8)
         before = part_in_gripper(cell)
@@ -199,6 +201,46 @@ def test_gripped_part_slips_at_coulomb_limit(build: Build, share: float, slips: 
     before = part_in_gripper(cell)
     grip(cell, MASS * GRAVITY / (2 * PAD_FRICTION) / share, tilted)
     assert (np.linalg.norm((part_in_gripper(cell) - before)[:3, 3]) > 1e-3) == slips
+
+
+def test_approximate_contact_forces_are_counted_and_reported_once(build: Build) -> None:
+    """Lifting the part is solved exactly; pressing it between pads and table is not."""
+    cell = build(3, grasp_cell(), loggingOn=True)
+    grip(cell, 30.0)
+    move(cell, OVER_BOX, LIFTED, 0.8)
+    assert cell.get_int("truth.contact.solver_fallbacks") == 0
+    move(cell, LIFTED, joints_at(np.array([*PLACE, TABLE[2] + 0.018])), 0.8)
+    state, time_us = cell.save(), cell.time_us
+    count = cell.get_int("truth.contact.solver_fallbacks")
+    cell.step(CYCLE_US, 20)
+    assert cell.get_int("truth.contact.solver_fallbacks") >= count > 0
+    warnings = [text for (status, _), text in zip(cell.log, cell.messages, strict=True) if status == 1]
+    assert len(warnings) == 1
+    assert "truth.contact.solver_fallbacks" in warnings[0]
+    cell.restore(state, time_us)
+    assert cell.get_int("truth.contact.solver_fallbacks") == count
+
+
+def test_part_does_not_move_when_its_supporting_body_changes(build: Build) -> None:
+    """From the table to the gripper and back, step by step: it follows the gripper, or it rests."""
+    cell = build(3, grasp_cell())
+    cell.set("command.gripper.mode", 2)
+    cell.set("command.gripper.force", 30.0)
+    lower = OVER_BOX
+    upper = joints_at(np.array([*PLACE, TABLE[2] + 0.021]))
+    path = [lower] * 40 + [lower + s * (upper - lower) for s in smooth(np.linspace(0, 1, 10))]
+    before, bodies = cell.body("part[1]"), [cell.body("part[1]"), part_in_gripper(cell)]
+    for k, q in enumerate([*path, *path[:39:-1], *path[40::-1]]):
+        cell.command(q)
+        if k == len(path) + 10:
+            cell.set("command.gripper.mode", 1)
+        for _ in range(CYCLE_US // 1000):
+            cell.step(1000)
+            now = [cell.body("part[1]"), part_in_gripper(cell)]
+            across = [np.abs((a - b)[:2, 3]).max() for a, b in zip(now, bodies, strict=True)]
+            assert min(across) < 2e-6
+            bodies = now
+    assert np.abs((cell.body("part[1]") - before)[:2, 3]).max() < 2e-5
 
 
 def run_swing(cell: CellFmu) -> None:

@@ -179,6 +179,21 @@ def test_distance_sensor_noise_resolution_and_period(build: Build) -> None:
     assert cell.get("distance[2].value")[0] == pytest.approx(0.17, abs=1e-12)
 
 
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("start", [-3.0, 5.0])
+def test_times_of_readings_and_records_include_the_start_time(build: Build, version: int, start: float) -> None:
+    sensor = distance(beside_table(-0.2, 0, 0.02), ALONG_X, period_us=4000)
+    cell = build(version, sensing_cell(0.0, distance_sensors=[sensor]))
+    cell.slave.reset()
+    cell.initialize(start_time=start)
+    assert cell.get("distance[1].time", "trigger.time").tolist() == [0.0, 0.0]
+    cell.trigger(1, 1.0)
+    cell.slave.doStep(start, 0.002)
+    assert cell.get("distance[1].time", "trigger.time") == pytest.approx([0.0, start], abs=1e-12)  # no reading yet
+    cell.slave.doStep(start + 0.002, 0.008)
+    assert cell.get("distance[1].time", "trigger.time") == pytest.approx([start + 0.008, start], abs=1e-12)
+
+
 def collision_cell(**collision: Any) -> dict[str, Any]:
     """A cell with a post in the path of the box."""
     cell = sensing_cell()

@@ -190,7 +190,7 @@ TEST(EmergencyStop, StopsServoMotionOfAllAxesInProportionAtAccelerationLimit) {
   Drive drive;
   drive.command.mode = Mode::kServo;
   const Axes rates{0.8, -0.4, 0.4, 1.0, -0.6, 2.0, 1.5};
-  for (int k = 0; k < 12; ++k) {
+  for (int k = 0; k < 40; ++k) {
     for (std::size_t i = 0; i < kAxes; ++i) drive.command.position[i] = home()[i] + rates[i] * k * 0.016;
     drive.run(1);
   }

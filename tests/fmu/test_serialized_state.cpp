@@ -1,11 +1,13 @@
 // States with a valid checksum and invalid values are rejected, and the instance recovers.
 #include <gtest/gtest.h>
 
+#include <cstring>
 #include <functional>
 #include <limits>
 #include <string>
 #include <vector>
 
+#include "fmu/fmi/archive.h"
 #include "fmu/fmi/snapshot.h"
 #include "fmu/fmi/variable_table.h"
 #include "fmu/model/cell_description.h"
@@ -200,7 +202,7 @@ std::vector<Fault> faults() {
       {"a part velocity out of range", [](Snapshot& s) { s.cell->parts[0].velocity[3] = 1e300; }},
       {"an infinite joint position", [](Snapshot& s) { s.cell->to.prescribed.axes.position[2] = kInfinity; }},
       {"a stick constraint with shear",
-       [](Snapshot& s) { s.cell->parts[0].stick_constraints[0].support_from_body(0, 1) = 0.1; }},
+       [](Snapshot& s) { s.cell->parts[0].stick_constraint.support_from_body(0, 1) = 0.1; }},
       {"an orientation that is not normalized",
        [](Snapshot& s) { s.cell->controller.jog.orientation.w() = 2; }},
   };
@@ -223,6 +225,72 @@ TYPED_TEST(SerializedState, RejectsInconsistentOrNonFiniteValues) {
   }
   EXPECT_TRUE(importer.free(&good));
 }
+
+/// Two versions of a structure in a state: the names, order and types of the members make the fingerprint.
+struct Version1 {
+  double position = 0;
+  std::int32_t count = 0;
+};
+struct Version2 {
+  double velocity = 0;
+  std::int32_t count = 0;
+};
+struct Version3 {
+  double position = 0;
+  std::int64_t count = 0;
+};
+template <class A>
+void exchange(A& a, Version1& v) {
+  ROBOTCELL_EXCHANGE(a, v.position, v.count);
+}
+template <class A>
+void exchange(A& a, Version2& v) {
+  ROBOTCELL_EXCHANGE(a, v.velocity, v.count);
+}
+template <class A>
+void exchange(A& a, Version3& v) {
+  ROBOTCELL_EXCHANGE(a, v.position, v.count);
+}
+
+template <class T>
+std::uint64_t fingerprint() {
+  LayoutHash hash;
+  std::vector<T> empty;
+  exchange(hash, empty);
+  return hash.value();
+}
+
+TEST(StateLayout, FingerprintDependsOnNamesAndTypes) {
+  EXPECT_EQ(fingerprint<Version1>(), fingerprint<Version1>());
+  EXPECT_NE(fingerprint<Version1>(), fingerprint<Version2>());
+  EXPECT_NE(fingerprint<Version1>(), fingerprint<Version3>());
+}
+
+TEST(StateLayout, StateOfAnotherLayoutIsRejected) {
+  Snapshot snapshot({});
+  std::vector<std::uint8_t> bytes = serialize(snapshot, "token");
+  EXPECT_NO_THROW(deserialize(bytes.data(), bytes.size(), {}, "token"));
+  const std::size_t at = sizeof(std::uint64_t) + 5;  // after the length and the characters of the token
+  bytes[at] ^= 1u;
+  const std::size_t body = bytes.size() - sizeof(std::uint64_t);
+  const std::uint64_t checksum = hash_of(bytes.data(), body);
+  std::memcpy(bytes.data() + body, &checksum, sizeof checksum);
+  try {
+    deserialize(bytes.data(), bytes.size(), {}, "token");
+    FAIL() << "accepted";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_NE(std::string(error.what()).find("another layout"), std::string::npos) << error.what();
+  }
+}
+
+/// A member of another type does not become a variable.
+template <class T, class = void>
+struct HasType : std::false_type {};
+template <class T>
+struct HasType<T, std::void_t<decltype(TypeOf<T>::value)>> : std::true_type {};
+static_assert(HasType<double>::value && HasType<std::int32_t>::value && HasType<bool>::value &&
+              HasType<std::string>::value);
+static_assert(!HasType<std::int64_t>::value && !HasType<float>::value && !HasType<const char*>::value);
 
 }  // namespace
 }  // namespace robotcell::fmi

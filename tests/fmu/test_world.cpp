@@ -64,7 +64,7 @@ TEST(World, FallingPartIsStoppedAtMaximumDistance) {
     auto moved = parts;
     moved[0].position[5] = height;
     moved[0].velocity[5] = speed;
-    moved[0].stick_constraints.clear();
+    moved[0].stick_constraint = {};
     world.restore(still, world.arm(), moved, world.grasp());
   };
   const auto height_after = [&](int steps) {
@@ -79,6 +79,21 @@ TEST(World, FallingPartIsStoppedAtMaximumDistance) {
   // A state from before the fall restores the part.
   put(2, 0);
   EXPECT_NEAR(height_after(100), 2 - 0.5 * 9.80665 * 0.1 * 0.1, 0.01);
+}
+
+/// A box that balances on an edge, 1 mrad off: it falls within a second of simulated time.
+TEST(World, SlowlyTippingPartIsRejectedAtAnyTimeStep) {
+  for (const std::int64_t step_us : {100, 1000}) {
+    CellDescription cell = parse_cell(read_text_file(SCANCELL_TEST_CELLS "/free/cell.json"));
+    cell.time_step_us = step_us;
+    const double tilt = std::atan2(0.03, 0.025) + 1e-3;  // the centre of mass is above the edge at x = 0.03
+    cell.parts[0].support_from_part = Eigen::Translation3d(0, 0, 0.03 * std::sin(tilt)) *
+                                      Eigen::AngleAxisd(tilt, Eigen::Vector3d::UnitY()) *
+                                      Eigen::Quaterniond::Identity();
+    PrescribedMotion still;
+    for (std::size_t i = 0; i < kJoints; ++i) still.axes.position[i] = cell.joints[i].start;
+    EXPECT_THROW(World(cell, Kinematics(cell, AsBuilt{}), still), DescriptionError) << step_us;
+  }
 }
 
 }  // namespace

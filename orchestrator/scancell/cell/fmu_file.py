@@ -156,6 +156,7 @@ def _contact_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]
     return {
         "solver": contact.solver,
         "points": contact.points,
+        "stick": contact.stick,
         "friction": contact.friction,
         "bodies": _contact_bodies_json(cell, nominal) if occurs and contact.cell_bodies else [],
         "pairs": [

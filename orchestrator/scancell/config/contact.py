@@ -40,6 +40,11 @@ class ContactDescription(Description):
         default=4,
         description="largest number of contact points of a pair of bodies: the deepest, then those farthest apart",
     )
+    stick: bool = Field(
+        default=True,
+        description="stick constraints: a part that friction holds follows its support exactly; false: friction of the"
+        " dynamics engine alone, with which a resting part creeps",
+    )
     cell_bodies: bool = Field(
         default=True,
         description="whether arm, sensor, gripper housing, table base and floor have contact shapes (convex hulls);"

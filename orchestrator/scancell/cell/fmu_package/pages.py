@@ -135,8 +135,8 @@ def _limits(bundle: Bundle) -> str:
         "of inputs or outputs.",
         "Times are whole microseconds inside; the parts below are carried from step to step. Times stay under "
         "10<sup>9</sup> s.",
-        "Values that are not finite are refused.",
-        "A state belongs to the description of the cell and to the build of the FMU from which it was taken.",
+        "Values that are not finite are rejected. A Real input out of its range is clamped, with a warning.",
+        "A state belongs to one cell description and one layout of states; an FMU with another layout rejects it.",
         "Needed from the machine: " + "; ".join(escape(line) for line in bundle.dependencies()) + ".",
     ]
     return "<h2>Limits</h2>" + _list(items)
