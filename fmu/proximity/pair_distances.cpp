@@ -85,7 +85,8 @@ void search_block(const std::vector<std::shared_ptr<const SearchBody>>& bodies,
     for (std::size_t k = 0; k < pairs.size(); ++k) {
       const auto& [a, b] = pairs[k];
       const Isometry3d a_from_b = poses[a].inverse() * poses[b];
-      found(i, k, poses[a], search.closest(*bodies[a], *bodies[b], a_from_b, bounds[k], memory[k]));
+      const double bound = bounds[i * pairs.size() + k];
+      found(i, k, poses[a], search.closest(*bodies[a], *bodies[b], a_from_b, bound, memory[k]));
     }
   }
 }
@@ -113,7 +114,7 @@ void PairDistances::distances(const PoseBatch& poses, const double* bounds, unsi
   const auto store = [&](std::size_t pose, std::size_t pair, const Isometry3d& world_from_a,
                          const std::optional<ClosestFaces>& closest) {
     const std::size_t at = pose * pairs_.size() + pair;
-    distances[at] = closest ? closest->distance : bounds[pair];
+    distances[at] = closest ? closest->distance : bounds[at];
     if (closest_points == nullptr) return;
     double* points = closest_points + 6 * at;
     if (closest && closest->distance > 0) {
@@ -129,7 +130,7 @@ void PairDistances::distances(const PoseBatch& poses, const double* bounds, unsi
 }
 
 void PairDistances::collisions(const PoseBatch& poses, unsigned threads, bool* intersecting) const {
-  const std::vector<double> bounds(pairs_.size(), kContact);
+  const std::vector<double> bounds(poses.count * pairs_.size(), kContact);
   const auto store = [&](std::size_t pose, std::size_t pair, const Isometry3d&,
                          const std::optional<ClosestFaces>& closest) {
     intersecting[pose * pairs_.size() + pair] = closest && closest->distance == 0;

@@ -37,10 +37,10 @@ class PairDistances {
   std::size_t bodies() const { return bodies_.size(); }
   std::size_t pairs() const { return pairs_.size(); }
 
-  /// Distances (count, pairs), m, exact below the pair's bound and equal to it otherwise; 0 where surfaces
+  /// Distances (count, pairs), m, exact below their bound and equal to it otherwise; 0 where surfaces
   /// intersect.
   ///
-  /// `bounds` (pairs,), m. `closest_points`, unless null, receives (count, pairs, 2, 3), m: the closest
+  /// `bounds` (count, pairs), m. `closest_points`, unless null, receives (count, pairs, 2, 3), m: the closest
   /// points of the first and second body in the world, NaN where the distance is 0 or not below the bound.
   void distances(const PoseBatch& poses, const double* bounds, unsigned threads, double* distances,
                  double* closest_points = nullptr) const;

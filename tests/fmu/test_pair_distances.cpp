@@ -152,7 +152,8 @@ TEST(PairDistances, BoxesHaveTheClosedForm) {
   std::vector<double> distances(gaps.size());
   std::vector<double> points(6 * gaps.size());
   const double bound = 0.05;
-  pair.distances({poses.data(), gaps.size()}, &bound, 1, distances.data(), points.data());
+  const std::vector<double> bounds(gaps.size(), bound);
+  pair.distances({poses.data(), gaps.size()}, bounds.data(), 1, distances.data(), points.data());
   for (std::size_t i = 0; i < gaps.size(); ++i) {
     EXPECT_NEAR(distances[i], std::min(std::max(gaps[i], 0.0), bound), 1e-12) << i;
     const bool found = gaps[i] > 0 && gaps[i] < bound;
@@ -169,7 +170,7 @@ TEST(PairDistances, AgreeWithTheWatchOfTheCell) {
   const PairDistances batch(meshes, pairs);
   constexpr std::size_t kCount = 300;
   const std::vector<double> poses = path(kCount, 0.02);
-  const std::vector<double> bounds(3, 0.03);
+  const std::vector<double> bounds(3 * kCount, 0.03);
   std::vector<double> distances(3 * kCount);
   batch.distances({poses.data(), kCount}, bounds.data(), 1, distances.data());
   BodySet bodies(meshes);
@@ -193,11 +194,22 @@ TEST(PairDistances, AgreeWithTheWatchOfTheCell) {
   EXPECT_GT(near - hit, 50u);
 }
 
+/// Bounds that differ from pair to pair and from pose to pose.
+std::vector<double> three_bounds(std::size_t poses) {
+  std::vector<double> bounds;
+  for (std::size_t i = 0; i < poses; ++i) {
+    for (const double bound : {0.02, 0.05, std::numeric_limits<double>::infinity()}) {
+      bounds.push_back(bound * static_cast<double>(1 + i % 3));
+    }
+  }
+  return bounds;
+}
+
 TEST(PairDistances, ThreadsDoNotChangeAByte) {
   const PairDistances bodies = three_bodies();
   constexpr std::size_t kCount = 700;  // several blocks, the last one not full
   const std::vector<double> poses = path(kCount, 0.03);
-  const std::vector<double> bounds{0.02, 0.05, std::numeric_limits<double>::infinity()};
+  const std::vector<double> bounds = three_bounds(kCount);
   const auto query = [&](unsigned threads) {
     std::vector<double> result(3 * kCount + 18 * kCount);
     bodies.distances({poses.data(), kCount}, bounds.data(), threads, result.data(),
@@ -218,13 +230,13 @@ TEST(PairDistances, ThreadsDoNotChangeAByte) {
 TEST(PairDistances, EarlierPosesDoNotChangeTheDistance) {
   const PairDistances bodies = three_bodies();
   constexpr std::size_t kCount = 500;
-  const std::vector<double> bounds{0.02, 0.05, std::numeric_limits<double>::infinity()};
+  const std::vector<double> bounds = three_bounds(kCount);
   for (const double step : {1e-4, 0.01, 0.3}) {
     const std::vector<double> poses = path(kCount, step);
     std::vector<double> distances(3 * kCount), single(3);
     bodies.distances({poses.data(), kCount}, bounds.data(), 1, distances.data());
     for (std::size_t i = 0; i < kCount; ++i) {
-      bodies.distances({&poses[48 * i], 1}, bounds.data(), 1, single.data());
+      bodies.distances({&poses[48 * i], 1}, &bounds[3 * i], 1, single.data());
       for (std::size_t k = 0; k < 3; ++k) ASSERT_NEAR(distances[3 * i + k], single[k], 1e-12);
     }
   }
@@ -234,7 +246,7 @@ TEST(PairDistances, OtherPairsOfTheSameBodies) {
   const PairDistances all = three_bodies();
   const PairDistances one(all, {{2, 1}});
   const std::vector<double> poses = path(20, 0.1);
-  const std::vector<double> bounds(3, 1);
+  const std::vector<double> bounds(60, 1);
   std::vector<double> of_all(60), of_one(20);
   all.distances({poses.data(), 20}, bounds.data(), 1, of_all.data());
   one.distances({poses.data(), 20}, bounds.data(), 1, of_one.data());

@@ -275,7 +275,7 @@ def _changed(where, value):
         (_changed((0, 0, 3, 0), 0.1), 0.1, "rigid transform"),
         (PLACED, -0.1, "bound: expected distances >= 0"),
         (PLACED, np.nan, "bound: expected distances >= 0"),
-        (PLACED, [0.1, 0.1], r"bound: expected a number or shape \(1\), got \(2\)"),
+        (PLACED, [0.1, 0.1], r"bound: expected a number, shape \(1\) or \(1, 1\), got \(2\)"),
     ],
 )
 def test_wrong_query_is_refused(poses, bound, message):

@@ -108,16 +108,23 @@ PoseBatch to_poses(const PairDistances& scene, const Doubles& poses) {
   return {poses.data(), static_cast<std::size_t>(poses.shape(0))};
 }
 
-std::vector<double> to_bounds(const PairDistances& scene, const Doubles& bound) {
+/// Bounds (count, pairs) from one number, one for each pair, or one for each pair and pose.
+std::vector<double> to_bounds(const PairDistances& scene, const PoseBatch& poses, const Doubles& bound) {
   const auto pairs = static_cast<py::ssize_t>(scene.pairs());
-  if (bound.ndim() != 0 && !(bound.ndim() == 1 && bound.shape(0) == pairs)) {
-    throw std::invalid_argument("bound: expected a number or shape (" + std::to_string(pairs) + "), got " +
+  const auto count = static_cast<py::ssize_t>(poses.count);
+  const bool per_pair = bound.ndim() == 1 && bound.shape(0) == pairs;
+  const bool per_pose = bound.ndim() == 2 && bound.shape(0) == count && bound.shape(1) == pairs;
+  if (bound.ndim() != 0 && !per_pair && !per_pose) {
+    throw std::invalid_argument("bound: expected a number, shape (" + std::to_string(pairs) + ") or (" +
+                                std::to_string(count) + ", " + std::to_string(pairs) + "), got " +
                                 shape_text(bound));
   }
-  std::vector<double> bounds(scene.pairs(), bound.ndim() == 0 ? *bound.data() : 0.0);
-  if (bound.ndim() == 1) std::copy(bound.data(), bound.data() + pairs, bounds.begin());
   for (py::ssize_t i = 0; i < bound.size(); ++i) {
     if (!(bound.data()[i] >= 0)) throw std::invalid_argument("bound: expected distances >= 0");
+  }
+  std::vector<double> bounds(poses.count * scene.pairs());
+  for (std::size_t i = 0; i < bounds.size(); ++i) {
+    bounds[i] = bound.ndim() == 0 ? *bound.data() : bound.data()[i % static_cast<std::size_t>(bound.size())];
   }
   return bounds;
 }
@@ -135,7 +142,7 @@ std::unique_ptr<PairDistances> make_scene(const std::vector<std::pair<Doubles, p
 py::array_t<double> distances(const PairDistances& scene, const Doubles& poses, const Doubles& bound,
                               unsigned threads) {
   const PoseBatch batch = to_poses(scene, poses);
-  const std::vector<double> bounds = to_bounds(scene, bound);
+  const std::vector<double> bounds = to_bounds(scene, batch, bound);
   py::array_t<double> result({poses.shape(0), static_cast<py::ssize_t>(scene.pairs())});
   double* values = result.mutable_data();
   const py::gil_scoped_release release;
@@ -146,7 +153,7 @@ py::array_t<double> distances(const PairDistances& scene, const Doubles& poses, 
 py::tuple closest_points(const PairDistances& scene, const Doubles& poses, const Doubles& bound,
                          unsigned threads) {
   const PoseBatch batch = to_poses(scene, poses);
-  const std::vector<double> bounds = to_bounds(scene, bound);
+  const std::vector<double> bounds = to_bounds(scene, batch, bound);
   const auto pairs = static_cast<py::ssize_t>(scene.pairs());
   py::array_t<double> result({poses.shape(0), pairs});
   py::array_t<double> points({poses.shape(0), pairs, py::ssize_t{2}, py::ssize_t{3}});

@@ -1,4 +1,4 @@
-"""Collision-free joint motions between views: direct, through retreat points, or through the home position."""
+"""Motions between views, proved free of collision: direct, through retreat points, or through the home position."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from scancell.proximity.scene import Clash
 
 Array = NDArray[np.float64]
 
-_CHECK_STEP = np.radians(0.5)  # of the joint with the largest travel: about 7 mm at full reach
 _RETREAT_DISTANCES = (0.06, 0.12, 0.2)  # m
 _MAX_BRANCH_CHANGE = np.radians(60)  # joint travel to a retreat point; more means another inverse-kinematics branch
 
@@ -38,6 +37,7 @@ class Connector:
         self._cell = cell
         # Views are checked at discrete poses: between them bodies may come slightly nearer.
         self._clearance = 0.8 * clearance
+        self._motions = cell.motion_check(self._clearance)
         arm, nominal = cell.nominal.arm, cell.nominal
         self._speed = LIMIT_FRACTION * np.append(arm.max_speed, nominal.table_max_speed)
         self._acceleration = LIMIT_FRACTION * np.append(arm.max_acceleration, nominal.table_max_acceleration)
@@ -68,26 +68,22 @@ class Connector:
         """
         if np.abs(end - start).max() < 1e-9:
             return []
-        checked: dict[tuple[bytes, bytes], list[Clash]] = {}
-        direct: list[Clash] = []
+        checked: dict[tuple[bytes, bytes], Clash | None] = {}
+        direct: Clash | None = None
         for path in self._candidate_paths(start, end):
             legs = [(a, b) for a, b in pairwise(path) if np.abs(b - a).max() > 0]
             for a, b in legs:
                 key = (a.tobytes(), b.tobytes())
                 if key not in checked:
-                    checked[key] = self._check(a, b)
-                if checked[key]:
+                    (checked[key],) = self._motions.first_clashes(a, b)
+                if checked[key] is not None:
                     direct = direct or checked[key]
                     break
             else:
                 return [self.move(a, b) for a, b in legs]
-        reason = describe(direct[0], self._clearance)
+        assert direct is not None  # the direct path is the first candidate
+        reason = describe(direct, self._clearance)
         raise PlanningError(f"no collision-free path to {purpose}: {reason} on the direct path")
-
-    def _check(self, start: Array, end: Array) -> list[Clash]:
-        steps = int(np.ceil(np.abs(end - start).max() / _CHECK_STEP)) + 1
-        path = np.linspace(start, end, max(2, steps))
-        return self._cell.clearance_violations(path[:, :6], path[:, 6], self._clearance)
 
     def _candidate_paths(self, start: Array, end: Array) -> Iterator[list[Array]]:
         """Lists of waypoints (7,), simplest first: direct, through retreat points at either end, through home."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, clustered
 from scancell.nominal.cell import NominalCell
+from scancell.planning.motion_check import MotionCheck
 from scancell.proximity.cell_scene import arm_chain, cell_scene
 from scancell.proximity.scene import Clash, ProximityScene
 
@@ -88,6 +89,12 @@ class PlanningCell:
     def proximity(self) -> ProximityScene:
         """Bodies of the cell, simplified, and the pairs to check for collision."""
         return cell_scene(self.nominal, {body.name: _simplified(body.mesh) for body in self.nominal.bodies})
+
+    def motion_check(self, clearance: float) -> MotionCheck:
+        """Check that motions keep `clearance` (m); pairs as in `clearance_violations`."""
+        chain = set(self._chain)
+        clearances = [min(clearance, _SELF_CLEARANCE) if set(p) <= chain else clearance for p in self.proximity.pairs]
+        return MotionCheck(self.nominal, self.proximity, clearances, self.threads)
 
     def clearance_violations(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
         """Pairs of bodies nearer than `clearance` (m) at joints (n, 6) and table angles (n,), rad.

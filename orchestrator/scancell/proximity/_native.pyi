@@ -24,7 +24,7 @@ class PairDistances:
     def with_pairs(self, pairs: ArrayLike) -> PairDistances:
         """The same bodies with other pairs."""
     def distances(self, poses: ArrayLike, bound: ArrayLike, threads: int = 0) -> NDArray[np.float64]:
-        """Distances (n, pairs), m, exact below `bound` (a number or (pairs,), m) and equal to it otherwise.
+        """Distances (n, pairs), m, exact below `bound` (a number, (pairs,) or (n, pairs), m) and equal to it otherwise.
 
         `poses` (n, bodies, 4, 4) are ``world_from_body``. The distance is 0 where surfaces intersect.
         """

@@ -80,7 +80,8 @@ class ProximityScene:
         poses
             (n, bodies, 4, 4)
         bound
-            One for all pairs or (pairs,), m; the smaller, the faster. ``inf`` gives the distance of any two bodies.
+            One for all pairs, (pairs,) or (n, pairs), m; the smaller, the faster. ``inf`` gives the distance of any
+            two bodies.
 
         Raises
         ------

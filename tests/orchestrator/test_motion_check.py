@@ -1,0 +1,152 @@
+"""Continuous collision check of joint motions: bounds on the motion, thin obstacles, brute force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scancell.config.loading import load_setup
+from scancell.config.material import Material
+from scancell.geometry.mesh import Mesh, box_mesh
+from scancell.geometry.pose import transform_points, translation
+from scancell.nominal.cell import Body, NominalCell, nominal_cell
+from scancell.planning.motion_check import MotionCheck
+from scancell.proximity.cell_scene import cell_scene
+from scancell.proximity.scene import ProximityScene
+
+BLOCK = box_mesh((0.06, 0.04, 0.05)).transformed(translation((0.02, 0.0, 0.025)))
+
+
+def small_box(mesh: Mesh) -> Mesh:
+    """A box of half the size of the mesh, so that neighbouring links do not overlap."""
+    lower, upper = mesh.bounds
+    return box_mesh(tuple((upper - lower) / 2)).transformed(translation((lower + upper) / 2))
+
+
+@pytest.fixture(scope="module")
+def cell() -> NominalCell:
+    """The default cell with a box in place of each body, so that brute force is cheap."""
+    nominal = nominal_cell(load_setup().cell, BLOCK)
+    return replace(nominal, bodies=tuple(replace(b, mesh=small_box(b.mesh)) for b in nominal.bodies))
+
+
+def scene_of(cell: NominalCell) -> ProximityScene:
+    return cell_scene(cell, {body.name: body.mesh for body in cell.bodies})
+
+
+def random_motions(cell: NominalCell, count: int, travel: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Ends (count, 7) of motions in which every axis moves by at most `travel`, rad."""
+    rng = np.random.default_rng(seed)
+    lower, upper = cell.arm.limits
+    start = np.column_stack([rng.uniform(lower, upper, (count, 6)), rng.uniform(-np.pi, np.pi, count)])
+    return start, start + rng.uniform(-travel, travel, (count, 7))
+
+
+def with_body(cell: NominalCell, name: str, mesh) -> NominalCell:
+    return replace(cell, bodies=(*cell.bodies, Body(name, "world", mesh, Material(0.5))))
+
+
+def test_distances_change_by_no_more_than_the_motion_bound(cell):
+    scene = scene_of(cell)
+    start, end = random_motions(cell, 20, 0.6, 1)
+    middle, half = (start + end) / 2, np.abs(end - start) / 2
+    bound = MotionCheck(cell, scene, 0.0)._motion(middle, half)
+    before = scene.distances(cell.body_poses(middle[:, :6], middle[:, 6]), np.inf)
+    largest = np.zeros_like(bound)
+    for fraction in np.linspace(0, 1, 9):
+        at = start + fraction * (end - start)
+        change = np.abs(scene.distances(cell.body_poses(at[:, :6], at[:, 6]), np.inf) - before)
+        largest = np.maximum(largest, change)
+    assert (largest <= bound + 1e-12).all()
+    moving = bound > 0
+    assert np.median(largest[moving] / bound[moving]) > 0.1  # not true only because the bound is huge
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.01])
+def test_verdicts_match_fine_sampling(cell, clearance):
+    scene = scene_of(cell)
+    start, end = random_motions(cell, 200, 0.5, 2)
+    clashes = MotionCheck(cell, scene, clearance).first_clashes(start, end)
+    verdicts = {True: 0, False: 0}
+    for i, clash in enumerate(clashes):
+        steps = int(np.ceil(np.abs(end[i] - start[i]).max() / np.radians(0.05))) + 1
+        path = np.linspace(start[i], end[i], steps)
+        sampled = scene.distances(cell.body_poses(path[:, :6], path[:, 6]), max(clearance, 1e-3))
+        nearest = sampled.min()
+        verdicts[clash is None] += 1
+        if clash is None:
+            assert nearest >= clearance
+            assert clearance > 0 or nearest > 0
+        else:
+            assert clash.index == i
+            assert nearest <= clearance + 1e-3
+            at = start[i] + clash.fraction * (end[i] - start[i])
+            pair = scene.pairs.index((clash.body_a, clash.body_b))
+            there = scene.distances(cell.body_poses(at[None, :6], at[6:]), 0.05)[0, pair]
+            assert there == pytest.approx(clash.distance, abs=1e-9)
+    assert min(verdicts.values()) > 5
+
+
+def test_thin_obstacle_between_samples_is_found(cell):
+    """A foil of 0.5 mm across the path of the sensor: the ends of the motion, and coarse samples, are free."""
+    home = np.append(cell.home, 0.0)
+    away = home.copy()
+    away[0] += np.radians(40)
+    between = cell.world_from_sensor(((home + away) / 2)[:6])[:3, 3]
+    direction = np.arctan2(between[1], between[0])
+    foil = box_mesh((0.3, 0.0005, 0.3)).transformed(
+        translation(between) @ np.block([[rotation(direction), np.zeros((3, 1))], [np.zeros((1, 3)), 1.0]])
+    )
+    blocked = with_body(cell, "foil", foil)
+    scene = scene_of(blocked)
+    (clash,) = MotionCheck(blocked, scene, 0.0).first_clashes(home, away)
+    assert clash is not None
+    assert "foil" in (clash.body_a, clash.body_b)
+    free = MotionCheck(cell, scene_of(cell), 0.0).first_clashes(home, away)
+    assert free == [None]
+
+
+def rotation(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+
+def test_table_turns_its_part_into_an_obstacle(cell):
+    """A pin beside the table, in reach of the block's corner only at some table angles."""
+    part = next(body.mesh for body in cell.bodies if body.name == "part")
+    on_table = transform_points(cell.table_from_part, part.vertices)
+    corner = np.linalg.norm(on_table[:, :2], axis=1).max()
+    pin = box_mesh((0.0005, 0.0005, 0.02)).transformed(
+        translation(cell.world_from_table[:3, 3] + np.array([0.0, corner - 0.001, 0.02]))
+    )
+    blocked = with_body(cell, "pin", pin)
+    scene = ProximityScene({body.name: body.mesh for body in blocked.bodies}, [("part", "pin")])
+    start, end = np.append(cell.home, np.radians(-20)), np.append(cell.home, np.radians(200))
+    (clash,) = MotionCheck(blocked, scene, 0.0).first_clashes(start, end)
+    assert clash is not None
+    angles = np.radians(np.arange(-20, 200, 0.05))
+    hit = scene.collisions(blocked.body_poses(np.broadcast_to(cell.home, (len(angles), 6)), angles))[:, 0]
+    free = angles[: int(np.argmax(hit))]
+    (clear,) = MotionCheck(blocked, scene, 0.0).first_clashes(start, np.append(cell.home, free[-2]))
+    assert clear is None
+
+
+def test_clearance_per_pair_and_deviation(cell):
+    """A motion that keeps 10 mm is refused when it may deviate by as much as brings the bodies nearer."""
+    scene = scene_of(cell)
+    start, end = random_motions(cell, 60, 0.2, 3)
+    plain = MotionCheck(cell, scene, 0.01).first_clashes(start, end)
+    deviating = MotionCheck(cell, scene, 0.01).first_clashes(start, end, deviation=0.02)
+    assert all(b is not None for a, b in zip(plain, deviating, strict=True) if a is not None)
+    assert sum(b is not None for b in deviating) > sum(a is not None for a in plain)
+    only = np.where([pair == ("sensor", "part") for pair in scene.pairs], 0.01, 0.0)
+    assert sum(c is not None for c in MotionCheck(cell, scene, only).first_clashes(start, end)) <= sum(
+        c is not None for c in plain
+    )
+
+
+def test_motion_without_travel_is_a_static_check(cell):
+    home = np.append(cell.home, 0.0)
+    assert MotionCheck(cell, scene_of(cell), 0.001).first_clashes(home, home) == [None]
