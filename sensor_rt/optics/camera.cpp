@@ -41,6 +41,7 @@ void Camera::tilt_sensor(double about_x, double about_y) {
   from_axis(1, 2) = -axes(1, 2);
   tilted_from_plane_ = from_axis * axes;
   plane_from_tilted_ = tilted_from_plane_.inverse();
+  is_tilted_ = true;
   lean_[0] = axes(2, 0) / axes(2, 2);
   lean_[1] = axes(2, 1) / axes(2, 2);
 }

@@ -36,7 +36,7 @@ struct Camera {
   double roll = 0.0;          ///< rotation about camera z, applied before the pan, rad
 
   bool is_distorted() const { return distortion != std::array<double, 5>{}; }
-  bool is_tilted() const { return !tilted_from_plane_.isIdentity(0.0); }
+  bool is_tilted() const { return is_tilted_; }
   /// True for a pinhole camera: no distortion, no sensor tilt.
   bool is_plain() const { return !is_distorted() && !is_tilted(); }
   /// True when the camera pose fulfils the assumptions of the paper's formulas.
@@ -88,6 +88,7 @@ struct Camera {
   Eigen::Vector2d untilted(const Eigen::Vector2d& on_sensor) const;
 
   // Homographies between the plane normal to the axis at distance 1 and coordinates on the tilted sensor.
+  bool is_tilted_ = false;
   Eigen::Matrix3d tilted_from_plane_ = Eigen::Matrix3d::Identity();
   Eigen::Matrix3d plane_from_tilted_ = Eigen::Matrix3d::Identity();
   double lean_[2] = {0.0, 0.0};  ///< x and y of the sensor's normal over its z

@@ -164,12 +164,14 @@ std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& senso
 }
 
 std::vector<float> expected_electrons(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
-                                      bool whole_image, unsigned threads) {
+                                      bool whole_image, bool closed_form, unsigned threads) {
   validate(scene, exposures);
   const ImageSize size = common_size(sensor);
   const std::size_t cameras = sensor.cameras.size();
   std::vector<float> images(exposures.count * cameras * size.pixels(), 0.0f);
-  const RenderPlan plan(render_settings(sensor, whole_image));
+  RenderSettings settings = render_settings(sensor, whole_image);
+  settings.closed_form = closed_form;
+  const RenderPlan plan(settings);
   run_workers<ImageRenderer>(
       exposures.count, threads, [&] { return std::make_unique<ImageRenderer>(plan); },
       [&](ImageRenderer& renderer, std::size_t e) {

@@ -42,6 +42,7 @@ ImageRenderer::ImageRenderer(const RenderPlan& plan)
       rows_(plan),
       marker_(plan),
       cover_(plan),
+      filled_(plan),
       tracer_(plan),
       reflected_lamps_(plan),
       path_tracer_(plan, PathTracer::Mode::kAllBounces),
@@ -67,6 +68,7 @@ void ImageRenderer::render(const Scene& scene, const Exposures& exposures, std::
   views_.set(plan_, scene, track_);
   tracer_.set(views_, rows);
   cover_.set(scene, track_);
+  filled_.set(views_);
   const std::int64_t frame = frame_number(exposures, exposure, plan_.settings.laser_on);
   path_tracer_.set(views_, frame, rows);
   mirror_tracer_.set(views_, frame, nullptr);
@@ -142,13 +144,26 @@ void ImageRenderer::trace_marked(std::size_t number, double duration, SparseImag
     mark_mirrors(number);
   }
   const bool covers = !plan_.settings.whole_image && !is_rolling_ && cover_.select_camera(number);
+  const bool fills = covers && plan_.settings.closed_form && filled_.select_camera(number);
+  const auto add_lit = [&](int column, int row, double electrons_per_second) {
+    if (electrons_per_second > 0.0) add(column, row, electrons_per_second);
+  };
+  const auto sample = [&](int column, int row, const Patch& patch) {
+    add_lit(column, row, tracer_.trace(column, row, patch));
+  };
+  const auto add_filled = [&](int column, int row, double electrons_per_second, const Patch* edge) {
+    const double beyond = edge != nullptr ? tracer_.beyond_first_face(column, row, *edge) : 0.0;
+    add_lit(column, row, electrons_per_second + beyond);
+  };
   masks_[number].for_each([&](int column, int row) {
     const Patch patch = covers ? cover_.patch(column, row, masks_[number]) : Patch{};
-    const bool mirror = mirrors && mirror_mask_.test(column, row);
-    const double electrons_per_second =
-        mirror ? mirror_tracer_.trace(column, row) : tracer_.trace(column, row, patch);
-    if (electrons_per_second > 0.0) add(column, row, electrons_per_second);
+    if (mirrors && mirror_mask_.test(column, row)) {
+      add_lit(column, row, mirror_tracer_.trace(column, row));
+    } else if (!fills || !filled_.add(column, row, patch, add_filled, sample)) {
+      sample(column, row, patch);
+    }
   });
+  if (fills) filled_.finish(add_filled, sample);
   const double ambient = plan_.settings.model.ambient_irradiance;
   if (ambient > 0.0) {
     ambient_.fill(tracer_, camera.width_px, camera.height_px, masks_[number], ambient, add);

@@ -6,6 +6,7 @@
 
 #include "sensor_rt/render/ambient.h"
 #include "sensor_rt/render/exposure_views.h"
+#include "sensor_rt/render/filled_pixels.h"
 #include "sensor_rt/render/lamp_filler.h"
 #include "sensor_rt/render/light_tracer.h"
 #include "sensor_rt/render/lit_pixel_marker.h"
@@ -61,6 +62,7 @@ class ImageRenderer {
   RowViews rows_;
   LitPixelMarker marker_;
   PixelCover cover_;
+  FilledPixels filled_;
   PixelTracer tracer_;
   AmbientFiller ambient_;
   LampFiller lamps_;

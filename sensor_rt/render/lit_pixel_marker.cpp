@@ -11,7 +11,9 @@ namespace {
 
 constexpr std::size_t kSlopes = 5;  ///< grid rays through the thickness of the sheet
 constexpr float kCloseGap = 4.0f;   ///< px: largest distance of neighbours that bound a piece of surface
-constexpr float kMargin = 1.0f;     ///< px around a hit: half the pixel size, and the curvature between hits
+constexpr float kCloseAcross =
+    8.0f;                        ///< the same across the sheet, where the grid is coarse: a stripe's width
+constexpr float kMargin = 1.0f;  ///< px around a hit: half the pixel size, and the curvature between hits
 constexpr float kJustOutside = 1.05f;  ///< of the half width of the sheet: tolerance for rounding
 // Largest number of bisections of a gap:
 constexpr int kSteepDepth = 20;  ///< on one surface: sufficient for any wall
@@ -91,7 +93,7 @@ void LitPixelMarker::visit_grid(std::vector<PixelMask>& masks) {
   const std::size_t to_source = slopes_ * row;
   const std::size_t to_instant = grid_.sources() * to_source;
   const auto pair = [&](std::size_t a, std::size_t b, bool along_sheet = true) {
-    visit({rays_[a], rays_[b], a, b, 0, along_sheet}, masks);
+    visit({rays_[a], rays_[b], a, b, 0, !along_sheet, along_sheet}, masks);
   };
   for (std::size_t instant = 0; instant < instants_; ++instant) {
     for (std::size_t source = 0; source < grid_.sources(); ++source) {
@@ -138,6 +140,7 @@ LitPixelMarker::Relation LitPixelMarker::relate(const Gap& gap) const {
   if (!from.hit() || !to.hit()) return Relation::kVoid;
   const bool same_surface = share_surface(gap);
   if (same_surface && beside_sheet(from, to)) return Relation::kDark;
+  const float close = gap.across_sheet ? kCloseAcross : kCloseGap;
   bool in_view = false;
   for (std::size_t c = 0; c < cameras_; ++c) {
     const Camera& camera = plan_.settings.model.cameras[c];
@@ -147,8 +150,8 @@ LitPixelMarker::Relation LitPixelMarker::relate(const Gap& gap) const {
     if (beyond(landings_.column[p], landings_.column[q], camera.width_px, around)) continue;
     if (beyond(landings_.row[p], landings_.row[q], camera.height_px, around)) continue;
     in_view = true;
-    const bool apart = std::abs(landings_.column[p] - landings_.column[q]) > kCloseGap ||
-                       std::abs(landings_.row[p] - landings_.row[q]) > kCloseGap;
+    const bool apart = std::abs(landings_.column[p] - landings_.column[q]) > close ||
+                       std::abs(landings_.row[p] - landings_.row[q]) > close;
     if (apart) return same_surface ? Relation::kSteep : Relation::kVoid;
   }
   if (!in_view) return Relation::kDark;
@@ -168,7 +171,7 @@ void LitPixelMarker::visit(const Gap& gap, std::vector<PixelMask>& masks) {
   if (relation != Relation::kSameSurface && should_subdivide(gap, relation)) {
     gaps_.push_back(gap);
   } else if (relation == Relation::kSameSurface || relation == Relation::kEdge) {
-    if (gap.along_sheet && adjacent_in_images(gap)) return;
+    if (gap.in_grid && adjacent_in_images(gap)) return;
     mark_between(gap.from_index, gap.to_index, masks);
   } else {
     mark_alone(gap.from_index, masks);
@@ -205,8 +208,8 @@ void LitPixelMarker::refine(std::vector<PixelMask>& masks) {
   gaps_.clear();
   for (std::size_t k = 0; k < middle_.size(); ++k) {
     const Gap& gap = next_gaps_[k];
-    visit({gap.from, middle_[k], gap.from_index, base + k, gap.depth + 1}, masks);
-    visit({middle_[k], gap.to, base + k, gap.to_index, gap.depth + 1}, masks);
+    visit({gap.from, middle_[k], gap.from_index, base + k, gap.depth + 1, gap.across_sheet}, masks);
+    visit({middle_[k], gap.to, base + k, gap.to_index, gap.depth + 1, gap.across_sheet}, masks);
   }
 }
 

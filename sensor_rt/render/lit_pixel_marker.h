@@ -34,7 +34,8 @@ class LitPixelMarker {
     std::size_t from_index = 0;  ///< into landings_
     std::size_t to_index = 0;
     int depth = 0;
-    bool along_sheet = false;  ///< false: the gap is across the thickness of the sheet
+    bool across_sheet = false;  ///< the gap is across the thickness of the sheet
+    bool in_grid = false;       ///< between neighbours of the grid along the sheet, source or exposure
   };
   enum class Relation {
     kDark,         ///< no light between the two, or not visible to any camera

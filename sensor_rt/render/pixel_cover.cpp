@@ -145,12 +145,13 @@ Patch PixelCover::patch(int column, int row, const PixelMask& mask) {
       patch.in_light = patch.in_light && corner->in_light;
     }
   }
-  if (few && patch.count == 1) return patch;
+  if (few && patch.count <= 2) return patch;
   patch.is_flat = flatten(shape, row, patch);
   // Three or four small faces often enclose another one: the planar proxy is preferred.
   const bool many = patch.is_flat && patch.count > 2 && is_fine(shape, patch.face[0]);
-  if (!few || many) patch.count = 0;
-  return few || patch.is_flat ? patch : Patch{};
+  if (patch.is_flat && (!few || many)) patch.count = 0;
+  patch.is_open = !few && !patch.is_flat;
+  return patch;
 }
 
 std::array<const PixelCover::Corner*, 4> PixelCover::around(int row, std::size_t instant) const {

@@ -33,8 +33,8 @@ class PixelCover {
   /// too large.
   bool select_camera(std::size_t camera);
 
-  /// Returns the patch that fills a marked pixel; patch.shape < 0 when it is unknown. Must be called in the
-  /// order of the mask.
+  /// Returns the patch that fills a marked pixel; patch.shape < 0 when several shapes or sides do. Must be
+  /// called in the order of the mask.
   Patch patch(int column, int row, const PixelMask& mask);
 
  private:

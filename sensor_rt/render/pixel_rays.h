@@ -11,10 +11,17 @@ namespace sensor_rt {
 /// Generates the rays through the samples of a pixel, with their radiometric weights.
 class PixelRays {
  public:
+  struct PixelRay {
+    double x, y;                        ///< direction (x, y, 1) in the camera frame at the pixel's centre
+    double dx_du, dx_dv, dy_du, dy_dv;  ///< its change per pixel
+  };
+
   explicit PixelRays(const RenderPlan& plan);
 
   void select_camera(std::size_t camera);
   std::size_t camera() const { return number_; }
+
+  PixelRay pixel_ray(int column, int row) const;
 
   /// Computes the directions (sensor frame, any length) of the `packet`-th sixteen samples of a pixel.
   void through_samples(int column, int row, std::size_t packet, Lanes3& direction) const;
@@ -31,17 +38,12 @@ class PixelRays {
   /// Whether all rays start at the lens centre (no depth of field).
   bool share_viewpoint() const { return !camera_->has_depth_of_field(); }
   const double* viewpoint() const { return viewpoint_; }
+  /// Returns the camera's x, y and z axes in the reference frame.
+  const double* axes() const { return axes_; }
   /// Returns the ray origins of the `packet`-th sixteen samples.
   const Lanes3& viewpoints(std::size_t packet) const { return viewpoints_[packet]; }
 
  private:
-  struct PixelRay {
-    double x, y;                        ///< direction (x, y, 1) in the camera frame at the pixel's centre
-    double dx_du, dx_dv, dy_du, dy_dv;  ///< its change per pixel
-  };
-
-  PixelRay pixel_ray(int column, int row) const;
-
   const RenderPlan& plan_;
   /// Sample offsets shared by all pixels of a camera, padded to full packets.
   struct Samples {

@@ -54,25 +54,18 @@ double PixelTracer::brightness(const PacketHits& hits, int l, const Lanes3& dire
   return sum;
 }
 
-double PixelTracer::sum_packet(int column, int row, std::size_t packet, const Lanes3& direction,
-                               const int* valid, const Patch& patch) {
-  PacketHits hits;
-  const RayView& view = views_->cameras[rays_.camera()];
-  const bool met = patch.shape >= 0 && view.meet(packet, patch, direction, valid, hits);
-  if (!met) view.intersect(packet, direction, valid, kInfinity, hits);
-  Lanes3 from_source;
-  alignas(64) double irradiance[kLanes];
-  alignas(64) int lit[kLanes];
+void PixelTracer::light(std::size_t packet, const Lanes3& direction, const PacketHits& hits,
+                        Lanes3& from_source, double* irradiance, int* lit) const {
   if (sheet_.is_simple() && rays_.share_viewpoint()) {
     sheet_.light(rays_.viewpoint(), direction, hits, from_source, irradiance, lit);
   } else {
     sheet_.light(rays_.viewpoints(packet), sources_[packet], direction, hits, from_source, irradiance, lit);
   }
-  const bool any = std::any_of(lit, lit + kLanes, [](int lane) { return lane != 0; });
-  if (any && !(met && patch.in_light)) views_->laser.occlude(packet, from_source, kShadowRayEnd, lit);
+}
+
+double PixelTracer::sum_reflected(const PacketHits& hits, const Lanes3& direction, const int* valid,
+                                  const Lanes3& from_source, const double* irradiance, const int* lit) const {
   const double ambient = plan_.settings.model.ambient_irradiance;
-  if (!any && ambient == 0.0) return 0.0;
-  if (any && speckle_.enabled()) speckle_.modulate(column, row, packet, direction, hits, lit, irradiance);
   double sum = 0.0;
   for (int l = 0; l < kLanes; ++l) {
     if (valid[l] == 0 || hits.shape[l] < 0) continue;
@@ -82,6 +75,53 @@ double PixelTracer::sum_packet(int column, int row, std::size_t packet, const La
                                    : brightness(hits, l, direction, from_source, laser);
   }
   return sum;
+}
+
+double PixelTracer::sum_packet(int column, int row, std::size_t packet, const Lanes3& direction,
+                               const int* valid, const Patch& patch) {
+  PacketHits hits;
+  const RayView& view = views_->cameras[rays_.camera()];
+  const bool met = patch.shape >= 0 && view.meet(packet, patch, direction, valid, hits);
+  if (!met) view.intersect(packet, direction, valid, kInfinity, hits);
+  Lanes3 from_source;
+  alignas(64) double irradiance[kLanes];
+  alignas(64) int lit[kLanes];
+  light(packet, direction, hits, from_source, irradiance, lit);
+  const bool any = std::any_of(lit, lit + kLanes, [](int lane) { return lane != 0; });
+  if (any && !(met && patch.in_light)) views_->laser.occlude(packet, from_source, kShadowRayEnd, lit);
+  if (!any && plan_.settings.model.ambient_irradiance == 0.0) return 0.0;
+  if (any && speckle_.enabled()) speckle_.modulate(column, row, packet, direction, hits, lit, irradiance);
+  return sum_reflected(hits, direction, valid, from_source, irradiance, lit);
+}
+
+double PixelTracer::beyond_first_face(int column, int row, const Patch& patch) {
+  const RayView& view = views_->cameras[rays_.camera()];
+  Patch first = patch;
+  first.count = 1;
+  first.is_open = false;
+  const std::size_t samples = plan_.pattern.size();
+  double sum = 0.0;
+  for (std::size_t packet = 0; packet * kLanes < samples; ++packet) {
+    Lanes3 direction;
+    rays_.through_samples(column, row, packet, direction);
+    alignas(64) int valid[kLanes];
+    for (std::size_t l = 0; l < kLanes; ++l) valid[l] = packet * kLanes + l < samples ? -1 : 0;
+    PacketHits hits;
+    PacketHits on_first;
+    if (!view.meet(packet, patch, direction, valid, hits))
+      view.intersect(packet, direction, valid, kInfinity, hits);
+    if (!view.meet(packet, first, direction, valid, on_first)) continue;
+    for (const PacketHits* side : {&hits, &on_first}) {
+      Lanes3 from_source;
+      alignas(64) double irradiance[kLanes];
+      alignas(64) int lit[kLanes];
+      light(packet, direction, *side, from_source, irradiance, lit);
+      const double light = sum_reflected(*side, direction, valid, from_source, irradiance, lit);
+      sum += side == &hits ? light : -light;
+    }
+  }
+  if (sum == 0.0) return 0.0;
+  return rays_.electrons(column, row, sum / static_cast<double>(samples));
 }
 
 double PixelTracer::trace(int column, int row, const Patch& patch) {
@@ -134,7 +174,7 @@ LampView PixelTracer::lamp_light(int column, int row) {
   if (hits.shape[l] < 0) return {};
   Lanes3 origin;
   set_lane(origin, l, lane(rays_.viewpoints(0), l));
-  const SurfacePoint at(origin, direction, hits, l);
+  const SurfacePoint at(*views_->scene, origin, direction, hits, l);
   const std::size_t instant = views_->lane_instants[static_cast<std::size_t>(l)];
   const double light = lamps_.brightness(at, views_->brdf(hits.shape[l]), instant);
   return {light > 0.0 ? electrons(column, row, light) : 0.0, hits.shape[l], at.normal};

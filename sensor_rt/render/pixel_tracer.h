@@ -37,6 +37,10 @@ class PixelTracer {
   /// the surface that fills the pixel, if known.
   double trace(int column, int row, const Patch& patch = {});
 
+  /// Returns the electrons per second in a pixel beyond those that it would have if the first face of the
+  /// unshadowed patch filled it. Little depends on the samples where the faces form small angles.
+  double beyond_first_face(int column, int row, const Patch& patch);
+
   /// Returns the directional albedo seen through the centre of a pixel at mid-exposure; 0 without a hit.
   double reflectance(int column, int row);
 
@@ -60,6 +64,11 @@ class PixelTracer {
   /// white diffuse surface.
   double brightness(const PacketHits& hits, int l, const Lanes3& direction, const Lanes3& from_source,
                     double irradiance) const;
+  /// Computes the irradiance at the hits of a packet, without shadows.
+  void light(std::size_t packet, const Lanes3& direction, const PacketHits& hits, Lanes3& from_source,
+             double* irradiance, int* lit) const;
+  double sum_reflected(const PacketHits& hits, const Lanes3& direction, const int* valid,
+                       const Lanes3& from_source, const double* irradiance, const int* lit) const;
   double sum_packet(int column, int row, std::size_t packet, const Lanes3& direction, const int* valid,
                     const Patch& patch);
   /// Traces the ray through the pixel centre; returns its lane.

@@ -16,6 +16,7 @@ struct RenderSettings : RenderOptions {
   SensorModel model;
   double quantum_efficiency = 0.0;
   bool whole_image = false;  ///< trace every pixel instead of those that the laser can light
+  bool closed_form = true;   ///< integrate pixels that one plane fills without samples, see FilledPixels
   bool laser_on = true;      ///< false: a background frame, taken directly after the one with the laser on
 };
 

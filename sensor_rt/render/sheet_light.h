@@ -27,10 +27,12 @@ class SheetLight {
   /// Whether the first overload applies, for rays that share their viewpoint.
   bool is_simple() const { return laser_.is_straight() && laser_.is_even() && laser_.source_length == 0.0; }
 
+  /// Constants of the first overload.
   struct Constants {
     double source_z, waist_depth, sigma2, divergence2, reach2, tangent, power_per_radian;
     std::array<double, LaserSheet::kStraightness> straightness;
   };
+  const Constants& constants() const { return constants_; }
 
  private:
   LaserSheet laser_;

@@ -18,11 +18,6 @@ void require(const std::string& what, const char* name, double value, double lea
                               std::to_string(most) + ", got " + std::to_string(value));
 }
 
-bool has_microfacets(const Material& material) {
-  return material.model == MaterialModel::kRoughDielectric ||
-         material.model == MaterialModel::kRoughConductor;
-}
-
 double fujii_scale(double roughness) { return 1.0 / (1.0 + (0.5 - 2.0 / (3.0 * M_PI)) * roughness); }
 
 /// Returns the directional albedo of Fujii's Oren-Nayar model for a white surface, in closed form.
@@ -44,12 +39,12 @@ double look_up(const std::vector<double>& table, double cosine) {
 
 void validate_material(const Material& material, const std::string& what) {
   require(what, "reflectance", material.reflectance, 0.0, 1.0);
-  require(what, "roughness", material.roughness, has_microfacets(material) ? 0.01 : 0.0, 1.0);
+  require(what, "roughness", material.roughness, material.has_microfacets() ? 0.01 : 0.0, 1.0);
   require(what, "refractive_index", material.refractive_index, 1.0, 3.0);
 }
 
 Brdf::Brdf(const Material& material) : material_(material) {
-  if (has_microfacets(material_)) {
+  if (material_.has_microfacets()) {
     tabulate();
   } else if (material_.model == MaterialModel::kOrenNayar) {
     const double r = material_.roughness;
@@ -123,7 +118,7 @@ double Brdf::pi_brdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& a,
   const double cos_b = normal.dot(b);
   if (!(cos_a > 0.0) || !(cos_b > 0.0)) return 0.0;
   const double diffuse = diffuse_pi(cos_a, cos_b, a.dot(b));
-  if (!has_microfacets(material_)) return diffuse;
+  if (!material_.has_microfacets()) return diffuse;
   const Eigen::Vector3d half = (a + b).normalized();
   return diffuse + specular_pi(cos_a, cos_b, normal.dot(half), half.dot(a));
 }
@@ -148,7 +143,7 @@ double Brdf::albedo(double cosine) const {
 }
 
 double Brdf::specular_share(double cosine) const {
-  if (!has_microfacets(material_)) return 0.0;
+  if (!material_.has_microfacets()) return 0.0;
   const double single = specular_albedo(cosine);
   const double rest = rest_ * (1.0 - single) * (1.0 - mean_albedo_);
   return std::clamp(single / std::max(single + rest, kTiny), 0.1, 0.99);

@@ -22,6 +22,9 @@ struct Material {
 
   bool is_mirror() const { return model == MaterialModel::kMirror; }
   bool is_lambert() const { return model == MaterialModel::kLambert; }
+  bool has_microfacets() const {
+    return model == MaterialModel::kRoughDielectric || model == MaterialModel::kRoughConductor;
+  }
 };
 
 /// Throws std::invalid_argument, naming `what` and the parameter, when one is out of its range.

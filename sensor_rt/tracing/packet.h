@@ -40,6 +40,7 @@ struct Patch {
   int count = 0;            ///< 0: the planar proxy replaces all faces, of which face[0] is one
   std::uint32_t face[kCapacity] = {};
   bool in_light = false;  ///< known to be entirely unshadowed
+  bool is_open = false;   ///< other faces of the shape may be visible too: rays must be traced
   bool is_flat = false;   ///< `plane` is a valid proxy
   FacePlane plane = {};
 };

@@ -134,6 +134,7 @@ void RayView::intersect(const PoseTrack& track, const Eigen::Vector3d& viewpoint
 
 bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
                    PacketHits& hits) const {
+  if (patch.is_open) return false;
   const auto number = static_cast<std::size_t>(patch.shape);
   const auto in_view = std::lower_bound(shapes_.begin(), shapes_.end(), number) - shapes_.begin();
   const LaneTransform& transform = transforms_[static_cast<std::size_t>(in_view) * packets_ + packet];

@@ -33,7 +33,7 @@ class RayView {
                  std::vector<PacketHits>& hits) const;
 
   /// Computes the hits of rays that are known to hit nothing before `patch`, of a shape in view. Returns
-  /// false when a ray misses it.
+  /// false when a ray misses it or the patch is open.
   bool meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
             PacketHits& hits) const;
 

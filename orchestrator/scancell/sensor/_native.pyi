@@ -311,11 +311,17 @@ def render(
     """
 
 def expected_electrons(
-    scene: Scene, sensor: Sensor, exposures: Exposures, whole_image: bool = False, threads: int = 0
+    scene: Scene,
+    sensor: Sensor,
+    exposures: Exposures,
+    whole_image: bool = False,
+    closed_form: bool = True,
+    threads: int = 0,
 ) -> NDArray[np.float32]:
     """Return the expected photo-electrons (n, cameras, height, width) without noise.
 
-    `whole_image` traces every pixel instead of those that the laser can light: slow, with bit-identical results.
+    `whole_image` traces every pixel instead of those that the laser can light: slow, without closed forms.
+    `closed_form` false takes samples in all pixels: bit-identical to `whole_image` where light falls.
     """
 
 def tree_builds() -> int:
