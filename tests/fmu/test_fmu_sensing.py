@@ -44,13 +44,14 @@ def sensing_cell(offset: float = OFFSET, **keys: Any) -> dict[str, Any]:
 
 def presence(position: Any, size: Any, **keys: Any) -> dict[str, Any]:
     where = {"frame": "world", "frame_from_sensor": pose(position)}
-    return {"name": "presence", **where, "size": list(size), "period_us": 1000, **keys}
+    edges = {f"{axis}_size": float(edge) for axis, edge in zip("xyz", size, strict=True)}
+    return {"name": "presence", **where, **edges, "period_us": 1000, **keys}
 
 
 def distance(position: Any, quaternion: Any = (1, 0, 0, 0), **keys: Any) -> dict[str, Any]:
     return {
         "name": "distance", "frame": "world", "frame_from_sensor": pose(position, quaternion),
-        "lens": [0.02, 0, 0], "nearest": 0.01, "farthest": 0.5, "noise": 0.0, "resolution": 0.0, "period_us": 1000,
+        "lens_x": 0.02, "nearest": 0.01, "farthest": 0.5, "noise": 0.0, "resolution": 0.0, "period_us": 1000,
         **keys,
     }  # fmt: skip
 
@@ -128,7 +129,7 @@ def test_blocked_return_path_invalidates_measurement(build: Build) -> None:
     sensors, bars = [], []
     for k, shade in enumerate(shades):
         y = (k - 50) * apart
-        sensors.append(distance(beside_table(-away, y, 0.02), ALONG_X, name=f"distance {k}", lens=[-0.02, 0, 0]))
+        sensors.append(distance(beside_table(-away, y, 0.02), ALONG_X, name=f"distance {k}", lens_x=-0.02))
         bar = placed_box((0.004, 0.9 * apart, 0.004), beside_table(-away + path / 2, y, 0.02 + shade))
         bars.append(body(f"bar {k}", "world", bar))
     cell = sensing_cell(0.0, distance_sensors=sensors)
@@ -363,7 +364,7 @@ OUTLIERS = [np.vstack([np.eye(3), [0, worst, 0]]) for worst in (1001.0, np.nan)]
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("presence_sensors", [presence([0, 0, 0], (0.1, 0.0, 0.1))], "presence_sensors[0].size"),
+        ("presence_sensors", [presence([0, 0, 0], (0.1, 0.0, 0.1))], "presence_sensors[0].y_size"),
         ("presence_sensors", [presence([0, 0, 0], (1, 1, 1), frame="part[2]")], "presence_sensors[0].frame"),
         ("distance_sensors", [distance([0, 0, 0], period_us=1500)], "distance_sensors[0].period_us"),
         ("collision", {"outputs": True, "range": 0.05, "pairs": [["part", "nobody"]]}, "collision.pairs[0][1]"),
