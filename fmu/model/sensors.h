@@ -8,12 +8,13 @@
 #include <vector>
 
 #include "fmu/model/distance_sensor.h"
+#include "fmu/model/light_curtain.h"
 #include "fmu/model/per_device.h"
 #include "fmu/model/presence_sensor.h"
 
 namespace robotcell {
 
-using SensorKinds = std::tuple<PresenceSensor, DistanceSensor>;
+using SensorKinds = std::tuple<PresenceSensor, DistanceSensor, LightCurtain>;
 
 constexpr std::size_t kSensorKinds = std::tuple_size_v<SensorKinds>;
 template <std::size_t kind>

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 from scancell.cell.mesh_json import mesh_json
 from scancell.config.cell import CellDescription
@@ -17,7 +17,11 @@ from scancell.nominal.poses import pose_json, pose_matrix
 from scancell.proximity.cell_scene import cell_scene
 
 # Keys of the cell's description that list sensors; the FMU reads each from a key in the plural.
-SENSOR_KEYS = ("presence_sensor", "distance_sensor")
+SENSOR_KEYS = tuple(
+    name
+    for name, field in CellDescription.model_fields.items()
+    if any(isinstance(item, type) and issubclass(item, SensorDescription) for item in get_args(field.annotation))
+)
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,23 @@ class DistanceSensorDescription(SensorDescription):
         return self
 
 
+class LightCurtainDescription(SensorDescription):
+    """Parallel beams between two posts. The first beam runs along z from the origin, the others beside it along x."""
+
+    width_mm: Positive = Field(description="distance between the posts along z, mm")
+    height_mm: Positive = Field(description="distance from the first beam along x up to which there are beams, mm")
+    beam_spacing_mm: Positive = Field(description="distance between two beams, mm; at most 1000 beams")
+
+    @model_validator(mode="after")
+    def _number_of_beams(self) -> Self:
+        if self.height_mm / self.beam_spacing_mm >= 1000:
+            raise ValueError(
+                f"beam_spacing_mm ({self.beam_spacing_mm:g}) must give at most 1000 beams over"
+                f" height_mm ({self.height_mm:g})"
+            )
+        return self
+
+
 class CollisionDescription(Description):
     """Outputs of the FMU for collisions and clearances between the cell's bodies."""
 
