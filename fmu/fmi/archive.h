@@ -10,11 +10,13 @@
 #include <limits>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "fmu/model/cell_layout.h"
+#include "fmu/model/fields.h"
 
 namespace robotcell::fmi {
 
@@ -220,26 +222,106 @@ void exchange(Archive& archive, std::string& text) {
   exchange_sequence(archive, text, char());
 }
 
-/// `names` are those of the values, for the fingerprint.
-template <class Archive, class... T>
-void exchange_named(Archive& archive, const char* names, T&... values) {
+/// A member that is serialized by a function of its own.
+template <class T, class Function>
+struct Special {
+  using Member = T;
+  Function function;
+};
+template <class T, class Function>
+Special<T, Function> special(T& /*member*/, Function function) {
+  return {std::move(function)};
+}
+
+/// An integer member that holds a member of an enumeration.
+template <class Enumeration, class Archive>
+auto choice(Archive& archive, std::int32_t& number) {
+  return special(number, [&] { exchange_choice<Enumeration>(archive, number); });
+}
+
+/// An integer member from 0 to `last`.
+template <class Archive>
+auto up_to(Archive& archive, std::int32_t last, std::int32_t& number) {
+  return special(number, [&archive, &number, last] { exchange_up_to(archive, number, last); });
+}
+
+/// A member whose numbers must not exceed `max_magnitude`.
+template <class Archive, class T>
+auto within(Archive& archive, double max_magnitude, T& value) {
+  return special(value, [&archive, &value, max_magnitude] {
+    [[maybe_unused]] double limit = max_magnitude;
+    if constexpr (Archive::kReads) std::swap(archive.max_magnitude, limit);
+    exchange(archive, value);
+    if constexpr (Archive::kReads) std::swap(archive.max_magnitude, limit);
+  });
+}
+
+template <class T>
+struct MemberOf {
+  using Type = T;
+  static constexpr bool kSpecial = false;
+};
+template <class T, class Function>
+struct MemberOf<Special<T, Function>> {
+  using Type = T;
+  static constexpr bool kSpecial = true;
+};
+template <class T>
+using MemberTraits = MemberOf<std::remove_cv_t<std::remove_reference_t<T>>>;
+
+template <class Archive, class T>
+void exchange_member(Archive& archive, T& value) {
+  if constexpr (MemberTraits<T>::kSpecial) {
+    value.function();
+  } else {
+    exchange(archive, value);
+  }
+}
+
+/// `names` are those of the members, for the fingerprint.
+template <class Archive, class Structure, class... T>
+void exchange_members(Archive& archive, Structure& /*structure*/, const char* names, T&&... members) {
+  static_assert(has_all_members<Structure, typename MemberTraits<T>::Type...>(),
+                "list all members, in the order of their declaration");
   if constexpr (Archive::kDescribes) archive.text(names);
-  (exchange(archive, values), ...);
+  (exchange_member(archive, members), ...);
 }
 
-/// Serializes members of a structure, which are named in the fingerprint of the layout.
-#define ROBOTCELL_EXCHANGE(archive, ...) ::robotcell::fmi::exchange_named(archive, #__VA_ARGS__, __VA_ARGS__)
+/// Serializes all members of a structure; does not compile where one is missing. Their names are part of the
+/// fingerprint.
+#define ROBOTCELL_EXCHANGE(archive, structure, ...) \
+  ::robotcell::fmi::exchange_members(archive, structure, #__VA_ARGS__, __VA_ARGS__)
 
-/// Serializes values whose numbers must not exceed `max_magnitude`.
+/// Visits the members that a structure declares (fields.h).
+template <class Archive>
+struct FieldArchive {
+  Archive& archive;
+
+  template <class Structure, class... T>
+  void operator()(Structure& structure, const Declared<T>&... members) {
+    static_assert(has_all_members<Structure, T...>(), "declare all members");
+    static_cast<void>(structure);
+    (visit(members), ...);
+  }
+
+ private:
+  template <class T>
+  void visit(const Declared<T>& member) {
+    if constexpr (Archive::kDescribes) archive.text(member.field.name);
+    exchange(archive, member.value);
+  }
+};
+
+template <class Archive, class T>
+auto exchange(Archive& archive, T& structure)
+    -> decltype(T::declare(std::declval<FieldArchive<Archive>&>(), structure)) {
+  FieldArchive<Archive> visit{archive};
+  T::declare(visit, structure);
+}
+
 template <class Archive, class... T>
-void exchange_within(Archive& archive, [[maybe_unused]] double max_magnitude, const char* names,
-                     T&... values) {
-  if constexpr (Archive::kReads) std::swap(archive.max_magnitude, max_magnitude);
-  exchange_named(archive, names, values...);
-  if constexpr (Archive::kReads) std::swap(archive.max_magnitude, max_magnitude);
+void exchange(Archive& archive, std::tuple<T...>& values) {
+  std::apply([&archive](T&... value) { (exchange(archive, value), ...); }, values);
 }
-
-#define ROBOTCELL_EXCHANGE_WITHIN(archive, max_magnitude, ...) \
-  ::robotcell::fmi::exchange_within(archive, max_magnitude, #__VA_ARGS__, __VA_ARGS__)
 
 }  // namespace robotcell::fmi

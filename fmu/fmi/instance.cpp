@@ -169,10 +169,11 @@ void Instance::log_step(Events happened, bool early) {
                                         " (middle at " + std::to_string(out.trigger.time) + " s)");
   }
   if ((happened & kCollisionChanged) != 0) {
-    log_.write(LogCategory::kEvent, out.collision.pairs == 0
+    log_.write(LogCategory::kEvent, out.readings.collision.pairs == 0
                                         ? "no collision any more"
-                                        : "body " + std::to_string(out.collision.body_a) +
-                                              " collides with body " + std::to_string(out.collision.body_b));
+                                        : "body " + std::to_string(out.readings.collision.body_a) +
+                                              " collides with body " +
+                                              std::to_string(out.readings.collision.body_b));
   }
   if (out.controller.limit != logged_limit_) {
     logged_limit_ = out.controller.limit;

@@ -1,4 +1,4 @@
-// Outputs of presence sensors, distance sensors and the collision monitor.
+// Outputs of the sensors and the collision monitor.
 #include "fmu/fmi/table_groups.h"
 
 namespace robotcell::fmi {
@@ -44,31 +44,15 @@ void add_collision(TableBuilder& table, const CellLayout& layout, CollisionReadi
 
 void add_sensing(TableBuilder& table, const CellLayout& layout, CellOutputs& out,
                  const Dependencies& dependencies) {
-  for (std::size_t i = 0; i < out.presence.size(); ++i) {
-    table.add(indexed("presence", i) + ".detected", kOutput, kDiscrete, kNone,
-              "True if any part intersected the volume of presence sensor " + std::to_string(i + 1) +
-                  " at its last reading; false before the first reading",
-              out.presence[i].detected);
-  }
-  for (std::size_t i = 0; i < out.distance.size(); ++i) {
-    const std::string name = indexed("distance", i);
-    const std::string sensor = "distance sensor " + std::to_string(i + 1);
-    table.add(name + ".valid", kOutput, kDiscrete, kNone,
-              "True if the last reading of " + sensor +
-                  " found a surface within its range and the return path to the lens was free; false before "
-                  "the first reading",
-              out.distance[i].valid);
-    table.add(
-        name + ".value", kOutput, kDiscrete, kMetre,
-        "Distance along the ray at the last reading of " + sensor + ", from its origin; 0 where invalid",
-        out.distance[i].distance);
-    table.bound(0);
-    table.add(name + ".time", kOutput, kDiscrete, kSecond,
-              "Simulation time of the last reading of " + sensor + "; 0 before the first reading",
-              out.distance[i].time);
-    table.mark_instant();
-  }
-  if (layout.collision_outputs) add_collision(table, layout, out.collision, dependencies.file);
+  for_each_sensor_kind([&](auto kind) {
+    using Kind = SensorKind<kind>;
+    auto& readings = std::get<kind>(out.readings.sensors);
+    for (std::size_t i = 0; i < readings.size(); ++i) {
+      table.add_declared(indexed(Kind::kVariables, i) + ".", Kind::kName + (" " + std::to_string(i + 1)),
+                         kOutput, readings[i]);
+    }
+  });
+  if (layout.collision_outputs) add_collision(table, layout, out.readings.collision, dependencies.file);
 }
 
 }  // namespace robotcell::fmi

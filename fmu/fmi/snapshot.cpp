@@ -28,213 +28,205 @@ constexpr control::ControllerError kLast<control::ControllerError> = control::Co
 // Found by argument-dependent lookup, so each function is in the namespace of its structure.
 namespace robotcell {
 
-using fmi::exchange_choice;
+using fmi::within;
 
 template <class A>
 void exchange(A& a, DhDeviation& v) {
-  ROBOTCELL_EXCHANGE(a, v.a, v.d, v.alpha, v.theta, v.beta);
+  ROBOTCELL_EXCHANGE(a, v, v.a, v.d, v.alpha, v.theta, v.beta);
 }
 template <class A>
 void exchange(A& a, TableWobble& v) {
-  ROBOTCELL_EXCHANGE(a, v.amplitude, v.phase, v.direction);
+  ROBOTCELL_EXCHANGE(a, v, v.amplitude, v.phase, v.direction);
 }
 template <class A>
 void exchange(A& a, TriggerErrors& v) {
-  ROBOTCELL_EXCHANGE(a, v.latency, v.jitter);
+  ROBOTCELL_EXCHANGE(a, v, v.latency, v.jitter);
 }
 template <class A>
 void exchange(A& a, VibrationParameters& v) {
-  ROBOTCELL_EXCHANGE(a, v.amplitude, v.frequency, v.phase, v.random_rms, v.random_low, v.random_width);
+  ROBOTCELL_EXCHANGE(a, v, v.amplitude, v.frequency, v.phase, v.random_rms, v.random_low, v.random_width);
 }
 template <class A>
 void exchange(A& a, AsBuilt& v) {
-  ROBOTCELL_EXCHANGE(a, v.dh, v.tool, v.table, v.platter, v.wobble, v.trigger, v.base_vibration,
+  ROBOTCELL_EXCHANGE(a, v, v.dh, v.tool, v.table, v.platter, v.wobble, v.trigger, v.base_vibration,
                      v.flange_vibration, v.table_vibration);
 }
 template <class A>
 void exchange(A& a, CellParameters& v) {
-  ROBOTCELL_EXCHANGE(a, v.cell_file, v.seed, v.as_built);
+  ROBOTCELL_EXCHANGE(a, v, v.cell_file, v.seed, v.as_built);
 }
 template <class A>
 void exchange(A& a, TriggerCommand& v) {
-  exchange_choice<TriggerMode>(a, v.mode);
-  ROBOTCELL_EXCHANGE(a, v.period, v.angle, v.distance, v.request);
+  ROBOTCELL_EXCHANGE(a, v, fmi::choice<TriggerMode>(a, v.mode), v.period, v.angle, v.distance, v.request);
 }
 template <class A>
 void exchange(A& a, ConveyorCommand& v) {
-  ROBOTCELL_EXCHANGE(a, v.speed);
+  ROBOTCELL_EXCHANGE(a, v, v.speed);
 }
 template <class A>
 void exchange(A& a, MotionCommand& v) {
-  exchange_choice<control::Mode>(a, v.mode);
-  exchange_choice<control::JogFrame>(a, v.jog_frame);
-  exchange_choice<control::Operation>(a, v.operation);
-  ROBOTCELL_EXCHANGE(a, v.position, v.target_position, v.target_orientation, v.start, v.speed,
-                     v.monitor_speed, v.jog, v.emergency_stop, v.reset, v.heartbeat, v.max_age);
+  ROBOTCELL_EXCHANGE(
+      a, v, fmi::choice<control::Mode>(a, v.mode), v.position, v.target_position, v.target_orientation,
+      v.start, v.speed, v.monitor_speed, v.jog, fmi::choice<control::JogFrame>(a, v.jog_frame),
+      fmi::choice<control::Operation>(a, v.operation), v.emergency_stop, v.reset, v.heartbeat, v.max_age);
 }
 template <class A>
 void exchange(A& a, GripperCommandInputs& v) {
-  exchange_choice<GripperMode>(a, v.mode);
-  ROBOTCELL_EXCHANGE(a, v.width, v.force);
+  ROBOTCELL_EXCHANGE(a, v, fmi::choice<GripperMode>(a, v.mode), v.width, v.force);
 }
 template <class A>
 void exchange(A& a, CellInputs& v) {
-  ROBOTCELL_EXCHANGE(a, v.motion, v.segment, v.trigger, v.exposure, v.conveyors, v.gripper);
+  ROBOTCELL_EXCHANGE(a, v, v.motion, v.segment, v.trigger, v.exposure, v.conveyors, v.gripper);
 }
 template <class A>
 void exchange(A& a, BodyState& v) {
-  ROBOTCELL_EXCHANGE(a, v.position, v.orientation, v.velocity, v.angular_velocity);
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.orientation, v.velocity, v.angular_velocity);
 }
 template <class A>
 void exchange(A& a, Bodies& v) {
-  ROBOTCELL_EXCHANGE(a, v.links, v.sensor, v.table, v.parts, v.fingers);
+  ROBOTCELL_EXCHANGE(a, v, v.links, v.sensor, v.table, v.parts, v.fingers);
 }
 template <class A>
 void exchange(A& a, Measurement& v) {
-  ROBOTCELL_EXCHANGE(a, v.position, v.rate);
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.rate);
 }
 template <class A>
 void exchange(A& a, TriggerRecord& v) {
-  ROBOTCELL_EXCHANGE(a, v.index, v.segment, v.time, v.exposure, v.measured, v.truth);
+  ROBOTCELL_EXCHANGE(a, v, v.index, v.segment, v.time, v.exposure, v.measured, v.truth);
 }
 template <class A>
 void exchange(A& a, PendingRecord& v) {
-  ROBOTCELL_EXCHANGE(a, v.middle_us, v.light_us, v.measured, v.illuminated, v.record);
+  ROBOTCELL_EXCHANGE(a, v, v.middle_us, v.light_us, v.measured, v.illuminated, v.record);
 }
 template <class A>
 void exchange(A& a, TriggerState& v) {
-  ROBOTCELL_EXCHANGE(a, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry,
-                     v.entry_angle, v.path, v.path_reference, v.incomplete, v.current_record);
   // The current record has the layout of all others.
-  PendingRecord empty(v.current_record);
-  fmi::exchange_sequence(a, v.pending, empty);
+  const auto pending =
+      fmi::special(v.pending, [&] { fmi::exchange_sequence(a, v.pending, PendingRecord(v.current_record)); });
+  ROBOTCELL_EXCHANGE(a, v, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry,
+                     v.entry_angle, v.path, v.path_reference, pending, v.incomplete, v.current_record);
 }
 template <class A>
 void exchange(A& a, AxesState& v) {
-  ROBOTCELL_EXCHANGE(a, v.position, v.rate);
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.rate);
 }
 template <class A>
 void exchange(A& a, PartPose& v) {
-  ROBOTCELL_EXCHANGE(a, v.supporting_body, v.position, v.orientation);
+  ROBOTCELL_EXCHANGE(a, v, v.supporting_body, v.position, v.orientation);
 }
 template <class A>
 void exchange(A& a, StickConstraint& v) {
-  ROBOTCELL_EXCHANGE(a, v.support, v.normal, v.support_from_body);
+  ROBOTCELL_EXCHANGE(a, v, v.support, v.normal, v.support_from_body);
 }
 template <class A>
 void exchange(A& a, GripperCommand& v) {
-  ROBOTCELL_EXCHANGE(a, v.mode);
-  ROBOTCELL_EXCHANGE_WITHIN(a, fmi::kNoLimit, v.width, v.force);  // as set by the importer
+  ROBOTCELL_EXCHANGE(a, v, v.mode, within(a, fmi::kNoLimit, v.width), within(a, fmi::kNoLimit, v.force));
 }
 template <class A>
 void exchange(A& a, GripperState& v) {
-  ROBOTCELL_EXCHANGE(a, v.command, v.opening, v.speed, v.drive_force);
+  ROBOTCELL_EXCHANGE(a, v, v.command, v.opening, v.speed, v.drive_force);
 }
 template <class A>
 void exchange(A& a, GripperPoint& v) {
-  ROBOTCELL_EXCHANGE(a, v.opening, v.normal_force, v.contact_force, v.force, v.gripped);
+  ROBOTCELL_EXCHANGE(a, v, v.opening, v.normal_force, v.contact_force, v.force, v.gripped);
 }
 template <class A>
 void exchange(A& a, GraspState& v) {
-  ROBOTCELL_EXCHANGE(a, v.gripper, v.arm_speed);
+  ROBOTCELL_EXCHANGE(a, v, v.gripper, v.arm_speed);
 }
 template <class A>
 void exchange(A& a, SoftPoint& v) {
-  ROBOTCELL_EXCHANGE(a, v.displacement, v.velocity);
+  ROBOTCELL_EXCHANGE(a, v, v.displacement, v.velocity);
 }
 template <class A>
 void exchange(A& a, FreePartState& v) {
-  ROBOTCELL_EXCHANGE(a, v.position, v.velocity, v.main_support, v.stick_constraint, v.points);
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.velocity, v.main_support, v.stick_constraint, v.points);
 }
 
 template <class A>
-void exchange(A& a, PresenceReading& v) {
-  ROBOTCELL_EXCHANGE(a, v.detected);
-}
-template <class A>
-void exchange(A& a, DistanceReading& v) {
-  ROBOTCELL_EXCHANGE(a, v.valid, v.distance, v.time);
-}
-template <class A>
 void exchange(A& a, CollisionReading& v) {
-  ROBOTCELL_EXCHANGE(a, v.pairs, v.body_a, v.body_b, v.depth, v.point, v.clearance, v.near_a, v.near_b,
+  ROBOTCELL_EXCHANGE(a, v, v.pairs, v.body_a, v.body_b, v.depth, v.point, v.clearance, v.near_a, v.near_b,
                      v.near_faces);
 }
 template <class A>
 void exchange(A& a, Readings& v) {
-  ROBOTCELL_EXCHANGE(a, v.presence, v.distance, v.collision);
+  ROBOTCELL_EXCHANGE(a, v, v.sensors, v.collision);
 }
 
 namespace control {
+
+using fmi::up_to;
+using fmi::within;
+
 template <class A>
 void exchange(A& a, Knot& v) {
-  ROBOTCELL_EXCHANGE(a, v.position, v.velocity);
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.velocity);
 }
 template <class A>
 void exchange(A& a, ServoState& v) {
-  ROBOTCELL_EXCHANGE(a, v.start_us, v.set_point, v.set_point_before, v.start, v.end);
-  fmi::exchange_up_to(a, v.limit, kAxes);
+  ROBOTCELL_EXCHANGE(a, v, v.start_us, v.set_point, v.set_point_before, v.start, v.end,
+                     up_to(a, kAxes, v.limit));
 }
 template <class A>
 void exchange(A& a, MotionPath& v) {
-  ROBOTCELL_EXCHANGE(a, v.line, v.from, v.to, v.start_position, v.start_orientation, v.translation,
+  ROBOTCELL_EXCHANGE(a, v, v.line, v.from, v.to, v.start_position, v.start_orientation, v.translation,
                      v.rotation_vector);
 }
 template <class A>
 void exchange(A& a, SmoothProfile& v) {
-  ROBOTCELL_EXCHANGE(a, v.distance, v.speed, v.ramp);
+  ROBOTCELL_EXCHANGE(a, v, v.distance, v.speed, v.ramp);
 }
 template <class A>
 void exchange(A& a, MoveState& v) {
-  ROBOTCELL_EXCHANGE(a, v.active, v.path, v.profile, v.clock, v.rate);
+  ROBOTCELL_EXCHANGE(a, v, v.active, v.path, v.profile, v.clock, v.rate);
 }
 template <class A>
 void exchange(A& a, JogState& v) {
-  ROBOTCELL_EXCHANGE(a, v.blocked, v.error, v.twist, v.position, v.orientation);
-  fmi::exchange_up_to(a, v.limit, kAxes);
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.orientation, v.twist, v.blocked, v.error, up_to(a, kAxes, v.limit));
 }
 template <class A>
 void exchange(A& a, PendingMove& v) {
-  ROBOTCELL_EXCHANGE(a, v.pending, v.line, v.position, v.tool_position, v.tool_orientation, v.speed);
+  ROBOTCELL_EXCHANGE(a, v, v.pending, v.line, v.position, v.tool_position, v.tool_orientation, v.speed);
 }
 template <class A>
 void exchange(A& a, ControllerState& v) {
-  ROBOTCELL_EXCHANGE(a, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.collision,
-                     v.error, v.path_error, v.start, v.reset, v.heartbeat, v.heartbeat_us, v.destination);
-  fmi::exchange_up_to(a, v.path_limit, kAxes);
+  ROBOTCELL_EXCHANGE(a, v, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.collision,
+                     v.error, v.path_error, up_to(a, kAxes, v.path_limit), v.start, v.reset, v.heartbeat,
+                     v.heartbeat_us, v.destination);
 }
 template <class A>
 void exchange(A& a, BeltState& v) {
-  ROBOTCELL_EXCHANGE(a, v.travel, v.speed);
-  ROBOTCELL_EXCHANGE_WITHIN(a, fmi::kNoLimit, v.target);  // as set by the importer
+  ROBOTCELL_EXCHANGE(a, v, v.travel, v.speed, within(a, fmi::kNoLimit, v.target));
 }
 }  // namespace control
 
 template <class A>
 void exchange(A& a, PrescribedMotion& v) {
-  ROBOTCELL_EXCHANGE(a, v.axes, v.belts);
+  ROBOTCELL_EXCHANGE(a, v, v.axes, v.belts);
 }
 template <class A>
 void exchange(A& a, MotorState& v) {
-  ROBOTCELL_EXCHANGE(a, v.position, v.rate, v.torque, v.catching_up);
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.rate, v.torque, v.catching_up);
 }
 template <class A>
 void exchange(A& a, ArmDynamicsState& v) {
-  ROBOTCELL_EXCHANGE(a, v.position, v.rate, v.gear_torque, v.motors);
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.rate, v.gear_torque, v.motors);
 }
 template <class A>
 void exchange(A& a, GridPoint& v) {
-  ROBOTCELL_EXCHANGE(a, v.time_us, v.prescribed, v.true_axes, v.encoders, v.parts, v.gripper, v.readings,
+  ROBOTCELL_EXCHANGE(a, v, v.time_us, v.prescribed, v.true_axes, v.encoders, v.parts, v.gripper, v.readings,
                      v.solver_fallbacks);
 }
 template <class A>
 void exchange(A& a, TimedAxes& v) {
-  ROBOTCELL_EXCHANGE(a, v.time_us, v.axes);
+  ROBOTCELL_EXCHANGE(a, v, v.time_us, v.axes);
 }
 template <class A>
 void exchange(A& a, CellState& v) {
-  ROBOTCELL_EXCHANGE(a, v.time_us, v.controller, v.trigger);
-  ROBOTCELL_EXCHANGE_WITHIN(a, fmi::kMaxMagnitude, v.from, v.to, v.history, v.arm, v.parts, v.grasp);
+  constexpr double kMax = fmi::kMaxMagnitude;
+  ROBOTCELL_EXCHANGE(a, v, v.time_us, within(a, kMax, v.from), within(a, kMax, v.to),
+                     within(a, kMax, v.history), v.controller, within(a, kMax, v.arm),
+                     within(a, kMax, v.parts), within(a, kMax, v.grasp), v.trigger);
 }
 
 }  // namespace robotcell
@@ -246,20 +238,17 @@ constexpr std::size_t kChecksumSize = sizeof(std::uint64_t);
 
 template <class Archive>
 void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& layout) {
-  ROBOTCELL_EXCHANGE(archive, snapshot.phase, snapshot.start_time, snapshot.communication_time,
-                     snapshot.events, snapshot.parameters, snapshot.inputs, snapshot.home_inputs_set,
-                     snapshot.description_hash);
-  exchange_unless_infinite(archive, snapshot.stop_time);
-  bool has_cell = snapshot.cell.has_value();
-  exchange(archive, has_cell);
-  if constexpr (Archive::kReads) {
-    if (has_cell) snapshot.cell.emplace(layout);
-  }
-  if constexpr (Archive::kDescribes) {
-    has_cell = true;
-    snapshot.cell.emplace(layout);
-  }
-  if (has_cell) exchange(archive, *snapshot.cell);
+  const auto stop_time =
+      special(snapshot.stop_time, [&] { exchange_unless_infinite(archive, snapshot.stop_time); });
+  const auto cell = special(snapshot.cell, [&] {
+    bool has_cell = Archive::kDescribes || snapshot.cell.has_value();
+    exchange(archive, has_cell);
+    if (has_cell && !snapshot.cell) snapshot.cell.emplace(layout);
+    if (has_cell) exchange(archive, *snapshot.cell);
+  });
+  ROBOTCELL_EXCHANGE(archive, snapshot, snapshot.phase, snapshot.start_time, stop_time,
+                     snapshot.communication_time, snapshot.events, snapshot.parameters, snapshot.inputs,
+                     snapshot.home_inputs_set, snapshot.description_hash, cell);
 }
 
 std::vector<std::uint8_t> bytes_of(CellParameters& parameters) {
@@ -271,10 +260,13 @@ std::vector<std::uint8_t> bytes_of(CellParameters& parameters) {
 }  // namespace
 
 std::uint64_t state_layout() {
-  LayoutHash archive;
-  Snapshot empty({});
-  exchange_snapshot(archive, empty, {});
-  return archive.value();
+  static const std::uint64_t layout = [] {
+    LayoutHash archive;
+    Snapshot empty({});
+    exchange_snapshot(archive, empty, {});
+    return archive.value();
+  }();
+  return layout;
 }
 
 bool same_parameters(CellParameters a, CellParameters b) { return bytes_of(a) == bytes_of(b); }

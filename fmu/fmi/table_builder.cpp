@@ -15,6 +15,16 @@ std::string indexed(const std::string& name, std::size_t index_from_0) {
   return name + "[" + std::to_string(index_from_0 + 1) + "]";
 }
 
+/// The text of a field with the name of the device for {}.
+std::string FieldTable::text_of(const Field& field) const {
+  std::string text = field.text;
+  for (std::size_t at = text.find("{}"); at != std::string::npos; at = text.find("{}", at)) {
+    text.replace(at, 2, device_);
+    at += device_.size();
+  }
+  return text;
+}
+
 void TableBuilder::bound(double min, double max) {
   table_.back().min = min;
   table_.back().max = max;

@@ -13,15 +13,6 @@ namespace robotcell::fmi {
 
 using Refs = std::vector<std::uint32_t>;
 
-constexpr Unit kNone{"", "", ""};
-constexpr Unit kSecond{"s", "ms", "Time"};
-constexpr Unit kMetre{"m", "mm", "Length"};
-constexpr Unit kRadian{"rad", "deg", "Angle"};
-constexpr Unit kNewton{"N", "N", "Force"};
-constexpr Unit kMetrePerSecond{"m/s", "mm/s", "Velocity"};
-constexpr Unit kNewtonMetre{"N.m", "N.cm", "Torque"};
-constexpr Unit kHertz{"Hz", "1/min", "Frequency"};
-constexpr Unit kRadianPerSecond{"rad/s", "deg/s", "AngularVelocity"};
 constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
 
 /// "name[1]" for index 0.
@@ -82,6 +73,12 @@ class TableBuilder {
   void add_bodies(const std::string& prefix, const std::string& suffix, Variability variability,
                   Bodies& value, const BodiesDependencies& dependencies);
 
+  /// Adds the members that a structure declares. `prefix` precedes their names, and `device` is its name in
+  /// texts.
+  template <class Structure>
+  void add_declared(const std::string& prefix, const std::string& device, Causality causality,
+                    Structure& structure, const Dependencies& dependencies = {});
+
   std::vector<Variable> take() { return std::move(table_); }
 
  private:
@@ -90,5 +87,48 @@ class TableBuilder {
 
   std::vector<Variable> table_;
 };
+
+/// Visits the members that a structure declares (fields.h).
+class FieldTable {
+ public:
+  FieldTable(TableBuilder& table, std::string prefix, std::string device, Causality causality,
+             const Dependencies& dependencies)
+      : table_(table),
+        prefix_(std::move(prefix)),
+        device_(std::move(device)),
+        causality_(causality),
+        dependencies_(dependencies) {}
+
+  template <class Structure, class... T>
+  void operator()(Structure& structure, const Declared<T>&... members) {
+    static_assert(has_all_members<Structure, T...>(), "declare all members");
+    static_cast<void>(structure);
+    (add(members), ...);
+  }
+
+ private:
+  template <class T>
+  void add(const Declared<T>& member) {
+    const Field& field = member.field;
+    if (field.text == nullptr) return;
+    table_.add(prefix_ + field.name, causality_, field.variability, field.unit, text_of(field), member.value,
+               field.from_file ? dependencies_.file : Refs());
+    table_.bound(field.min, field.max);
+    if (field.instant) table_.mark_instant();
+  }
+  std::string text_of(const Field& field) const;
+
+  TableBuilder& table_;
+  std::string prefix_, device_;
+  Causality causality_;
+  const Dependencies& dependencies_;
+};
+
+template <class Structure>
+void TableBuilder::add_declared(const std::string& prefix, const std::string& device, Causality causality,
+                                Structure& structure, const Dependencies& dependencies) {
+  FieldTable visit(*this, prefix, device, causality, dependencies);
+  Structure::declare(visit, structure);
+}
 
 }  // namespace robotcell::fmi

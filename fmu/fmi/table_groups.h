@@ -18,7 +18,7 @@ void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out);
 /// Inputs and outputs of the gripper.
 void add_gripper(TableBuilder& table, GripperCommandInputs& in, GripperOutputs& out,
                  const Dependencies& dependencies);
-/// Outputs of presence sensors, distance sensors and the collision monitor.
+/// Outputs of the sensors and the collision monitor.
 void add_sensing(TableBuilder& table, const CellLayout& layout, CellOutputs& out,
                  const Dependencies& dependencies);
 

@@ -3,12 +3,12 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <string>
 #include <type_traits>
 #include <vector>
 
 #include "fmu/model/cell_values.h"
+#include "fmu/model/fields.h"
 
 namespace robotcell::fmi {
 
@@ -36,16 +36,6 @@ template <>
 struct TypeOf<std::string> : std::integral_constant<Type, Type::kString> {};
 
 enum class Causality { kIndependent, kParameter, kInput, kOutput };
-enum class Variability { kFixed, kDiscrete, kContinuous };
-
-struct Unit {
-  const char* name;      // "" for a dimensionless number
-  const char* display;   // "" for none
-  const char* quantity;  // name of the declared type; "" for none
-};
-
-constexpr double kUnbounded = std::numeric_limits<double>::infinity();
-
 /// A variable; its index in the table is its value reference.
 struct Variable {
   std::string name;

@@ -41,10 +41,12 @@ Cell::Cell(const CellDescription& description, const proximity::BodySet& bodies,
       sensing_(description, bodies, parameters.seed),
       trigger_(layout_of(description), parameters.as_built.trigger,
                key_of_seeds(description.seed, parameters.seed) + kTriggerKey),
+      from_(layout_of(description)),
+      to_(from_),
       history_(encoders_.max_latency_us()) {
   to_.prescribed = start_of(description);
   to_.parts.resize(description.parts.size());
-  to_.readings = sensing_.initial_readings();
+  sensing_.initialize(to_.readings);
   read_axes(to_);
   read_world();
   from_ = to_;
@@ -192,9 +194,7 @@ CellState Cell::state() const {
 void Cell::restore(const CellState& state) {
   for (const GridPoint* point : {&state.from, &state.to}) {
     if (point->parts.size() != to_.parts.size() ||
-        point->prescribed.belts.size() != to_.prescribed.belts.size() ||
-        point->readings.presence.size() != to_.readings.presence.size() ||
-        point->readings.distance.size() != to_.readings.distance.size()) {
+        point->prescribed.belts.size() != to_.prescribed.belts.size()) {
       throw std::invalid_argument("the state belongs to a cell with other devices");
     }
   }

@@ -26,6 +26,8 @@ struct PartPose {
 
 /// State of the cell at a point of the dynamics grid.
 struct GridPoint {
+  explicit GridPoint(const CellLayout& layout) : readings(layout) {}
+
   std::int64_t time_us = 0;
   PrescribedMotion prescribed;
   AxesState true_axes;  // of the links and the table
@@ -44,7 +46,7 @@ constexpr Events kAllEvents = ~Events{0};
 
 /// Complete state of a running cell.
 struct CellState {
-  explicit CellState(const CellLayout& layout) : trigger(layout) {}
+  explicit CellState(const CellLayout& layout) : from(layout), to(layout), trigger(layout) {}
 
   std::int64_t time_us = 0;
   GridPoint from;  // ends of the current dynamics step: from <= time <= to

@@ -80,9 +80,11 @@ std::vector<std::string> touching_bodies(const CellDescription& cell) {
 }
 
 CellDescription parse_root(const JsonReader& json) {
+  std::vector<const char*> sensor_keys;
+  for_each_sensor_kind([&](auto kind) { sensor_keys.push_back(SensorKind<kind>::kKey); });
   json.expect_keys({"format", "name", "time_step_us", "controller_cycle_us", "gravity", "seed", "robot",
-                    "tool", "table", "conveyors", "parts", "gripper", "contact", "bodies", "presence_sensors",
-                    "distance_sensors", "collision"});
+                    "tool", "table", "conveyors", "parts", "gripper", "contact", "bodies", "collision"},
+                   sensor_keys);
   json.at("format").integer(2, 2);
   CellDescription cell;
   cell.name = json.at("name").text();
@@ -115,7 +117,7 @@ CellDescription parse_root(const JsonReader& json) {
   if (parts.empty()) json.at("parts").fail("at least one part");
   for (const JsonReader& part : parts) cell.parts.push_back(parse_part(part, cell.conveyors.size()));
   if (!json.at("gripper").is_null()) cell.gripper = parse_gripper(json.at("gripper"));
-  cell.sensing = parse_sensing(json, {cell.parts.size(), cell.gripper ? 2u : 0u}, cell.time_step_us);
+  cell.sensing = parse_sensing(json, {cell.parts.size(), cell.gripper ? 2u : 0u, cell.time_step_us});
   cell.contact = parse_contact(json.at("contact"), touching_bodies(cell));
   return cell;
 }
@@ -129,8 +131,8 @@ CellLayout layout_of(const CellDescription& cell) {
   }
   layout.conveyors = cell.conveyors.size();
   layout.gripper = cell.gripper.has_value();
-  layout.presence_sensors = cell.sensing.presence.size();
-  layout.distance_sensors = cell.sensing.distance.size();
+  for_each_sensor_kind(
+      [&](auto kind) { layout.sensors[kind] = std::get<kind>(cell.sensing.sensors).size(); });
   layout.collision_outputs = cell.sensing.collision.outputs;
   if (layout.collision_outputs) {
     for (const BodyDescription& body : cell.sensing.bodies) layout.bodies.push_back(body.name);

@@ -16,8 +16,10 @@ std::string difference(const CellLayout& layout, const CellLayout& expected) {
   compare(text, "parts", layout.parts.size(), expected.parts.size());
   compare(text, "conveyors", layout.conveyors, expected.conveyors);
   compare(text, "grippers", layout.gripper ? 1 : 0, expected.gripper ? 1 : 0);
-  compare(text, "presence sensors", layout.presence_sensors, expected.presence_sensors);
-  compare(text, "distance sensors", layout.distance_sensors, expected.distance_sensors);
+  for_each_sensor_kind([&](auto kind) {
+    const std::string devices = SensorKind<kind>::kName + std::string("s");
+    compare(text, devices.c_str(), layout.sensors[kind], expected.sensors[kind]);
+  });
   if (layout.collision_outputs != expected.collision_outputs) {
     text +=
         (text.empty() ? "" : ", ") + std::string(layout.collision_outputs ? "" : "no ") + "collision outputs";

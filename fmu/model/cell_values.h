@@ -15,8 +15,6 @@ constexpr int kJoints = 6;
 constexpr int kAxes = kJoints + 1;  // joints of the arm, then the table
 constexpr int kTableAxis = kJoints;
 
-constexpr double kNoInstant = -1;  // time of something that has not happened yet
-
 /// Deviation of one Denavit-Hartenberg row from nominal; `beta` is Hayati's rotation about y after alpha.
 struct DhDeviation {
   double a = 0, d = 0, alpha = 0, theta = 0, beta = 0;
@@ -166,16 +164,6 @@ struct GripperOutputs {
       contact_force{};  // N, of each pad on the parts, friction included, world axes
 };
 
-struct PresenceReading {
-  bool detected = false;
-};
-
-struct DistanceReading {
-  bool valid = false;
-  double distance = 0;       // m; 0 where invalid
-  double time = kNoInstant;  // s from the start, instant of the measurement
-};
-
 /// Bodies are numbered in the order of the description, from 1; 0: none.
 struct CollisionReading {
   std::int32_t pairs = 0;  // number of colliding pairs
@@ -187,13 +175,17 @@ struct CollisionReading {
   std::array<std::int32_t, 2> near_faces{};  // internal: closest faces, from which the next search starts
 };
 
+/// Latest readings of all sensors and of the collision monitor.
+struct Readings {
+  explicit Readings(const CellLayout& layout) : sensors(make_readings(layout.sensors)) {}
+
+  SensorReadings sensors;
+  CollisionReading collision;
+};
+
 struct CellOutputs {
   explicit CellOutputs(const CellLayout& layout)
-      : truth(layout),
-        trigger(layout),
-        conveyors(layout.conveyors),
-        presence(layout.presence_sensors),
-        distance(layout.distance_sensors) {}
+      : truth(layout), trigger(layout), conveyors(layout.conveyors), readings(layout) {}
 
   Measurement measured;
   Truth truth;
@@ -204,9 +196,7 @@ struct CellOutputs {
   std::array<double, kJoints> motor_torque{};  // N m, with dynamic drives
   PerDevice<ConveyorOutputs> conveyors;
   GripperOutputs gripper;
-  PerDevice<PresenceReading> presence;
-  PerDevice<DistanceReading> distance;
-  CollisionReading collision;
+  Readings readings;
   std::int32_t solver_fallbacks = 0;  // contact problems that were not solved as intended
 };
 

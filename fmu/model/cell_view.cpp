@@ -119,10 +119,7 @@ void Cell::write_outputs(CellOutputs& outputs) const {
     const double laps = std::floor(belt.travel / length);
     outputs.conveyors[i] = {belt.speed, belt.travel, belt.travel - laps * length};
   }
-  const Readings& read = readings();
-  std::copy(read.presence.begin(), read.presence.end(), outputs.presence.begin());
-  std::copy(read.distance.begin(), read.distance.end(), outputs.distance.begin());
-  outputs.collision = read.collision;
+  outputs.readings = readings();
   outputs.solver_fallbacks = solver_fallbacks();
 }
 

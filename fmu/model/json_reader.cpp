@@ -61,17 +61,23 @@ void JsonReader::fail(const std::string& expected) const {
                          ", got " + formatted);
 }
 
-void JsonReader::expect_keys(std::initializer_list<const char*> keys) const {
+void JsonReader::expect_keys(const std::vector<const char*>& keys,
+                             const std::vector<const char*>& optional) const {
   if (!node_.is_object()) fail("an object");
   const std::string prefix = path_.empty() ? "" : path_ + ".";
   for (const char* key : keys) {
     if (!node_.contains(key)) throw DescriptionError(prefix + key + ": missing key");
   }
   for (const auto& item : node_.items()) {
-    const bool known =
-        std::any_of(keys.begin(), keys.end(), [&item](const char* key) { return item.key() == key; });
+    const auto is_this = [&item](const char* key) { return item.key() == key; };
+    const bool known = std::any_of(keys.begin(), keys.end(), is_this) ||
+                       std::any_of(optional.begin(), optional.end(), is_this);
     if (!known) throw DescriptionError(prefix + item.key() + ": unknown key");
   }
+}
+
+std::vector<JsonReader> JsonReader::items_at(const char* key) const {
+  return node_.contains(key) ? at(key).items() : std::vector<JsonReader>();
 }
 
 JsonReader JsonReader::at(const char* key) const {
@@ -108,6 +114,12 @@ double JsonReader::number(double min, double max) const {
 }
 
 double JsonReader::mass() const { return number(kMinMass, kMaxMass); }
+
+double JsonReader::length() const {
+  const double value = positive();
+  if (value > kMaxCoordinate) fail("a number above 0 and at most 1000");
+  return value;
+}
 
 double JsonReader::positive() const {
   const double value = number();

@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
-#include <initializer_list>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -15,17 +14,21 @@ class JsonReader {
  public:
   JsonReader(const nlohmann::json& node, std::string path) : node_(node), path_(std::move(path)) {}
 
-  /// Requires an object with exactly these keys.
-  void expect_keys(std::initializer_list<const char*> keys) const;
+  /// Requires an object with these keys and, where present, the optional ones, but no others.
+  void expect_keys(const std::vector<const char*>& keys, const std::vector<const char*>& optional = {}) const;
 
   bool is_null() const { return node_.is_null(); }
   JsonReader at(const char* key) const;
+  /// Elements of the array with this key; none where the key is absent.
+  std::vector<JsonReader> items_at(const char* key) const;
   std::vector<JsonReader> items() const;
   std::vector<JsonReader> items(std::size_t count) const;
 
   double number() const;
   double number(double min, double max) const;
   double positive() const;
+  /// A number above 0 and at most kMaxCoordinate.
+  double length() const;
   double mass() const;
   std::int64_t integer(std::int64_t min, std::int64_t max) const;
   bool boolean() const;

@@ -12,21 +12,20 @@ namespace {
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
 
-/// The return ray starts this far from the surface (m), to avoid hitting it again.
-constexpr double kOffSurface = 1e-7;
-
 Isometry3d pose_of(const BodyState& body) {
   const auto& q = body.orientation;
   return Eigen::Translation3d(body.position[0], body.position[1], body.position[2]) *
          Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
 }
 
+/// Numbers between the random keys of two kinds of sensors.
+constexpr std::uint64_t kSensorKeys = 1u << 20;
+
 /// Bodies visible to a sensor: all but those in its own frame; a sensor fixed in the world sees all.
-proximity::Selection visible_bodies(const DistanceSensorDescription& sensor,
-                                    const std::vector<BodyDescription>& bodies) {
+proximity::Selection visible_bodies(const SensorMount& mount, const std::vector<BodyDescription>& bodies) {
   proximity::Selection visible;
   for (const BodyDescription& body : bodies) {
-    visible.push_back(sensor.frame.kind == FrameRef::Kind::kWorld || !(body.frame == sensor.frame));
+    visible.push_back(mount.frame.kind == FrameRef::Kind::kWorld || !(body.frame == mount.frame));
   }
   return visible;
 }
@@ -35,44 +34,83 @@ std::int32_t one_based(std::size_t body) { return static_cast<std::int32_t>(body
 
 }  // namespace
 
+/// What one sensor sees at an instant.
+class Sensing::View : public SensorView {
+ public:
+  View(const Sensing& sensing, const proximity::Selection& visible, const Isometry3d& world_from_sensor,
+       std::uint64_t key, std::int64_t time_us)
+      : sensing_(sensing),
+        visible_(visible),
+        world_from_sensor_(world_from_sensor),
+        key_(key),
+        time_us_(time_us) {}
+
+  Isometry3d world_from_sensor() const override { return world_from_sensor_; }
+  double time() const override { return static_cast<double>(time_us_) * kSecondsPerMicrosecond; }
+  double noise() const override { return normal(mixed(mixed(key_) ^ static_cast<std::uint64_t>(time_us_))); }
+  bool part_in_box(const Isometry3d& world_from_box, const Vector3d& size) const override {
+    for (std::size_t i = 0; i < sensing_.bodies_.size(); ++i) {
+      if (sensing_.description_.bodies[i].frame.kind != FrameRef::Kind::kPart) continue;
+      if (sensing_.bodies_.intersects_box(i, world_from_box, size)) return true;
+    }
+    return false;
+  }
+  std::optional<double> cast_ray(const Vector3d& origin, const Vector3d& direction, double nearest,
+                                 double farthest) const override {
+    const auto hit = sensing_.bodies_.cast_ray(origin, direction, nearest, farthest, visible_);
+    return hit ? std::optional<double>(hit->distance) : std::nullopt;
+  }
+
+ private:
+  const Sensing& sensing_;
+  const proximity::Selection& visible_;
+  const Isometry3d& world_from_sensor_;
+  std::uint64_t key_;
+  std::int64_t time_us_;
+};
+
 Sensing::Sensing(const CellDescription& cell, const proximity::BodySet& bodies, std::int32_t instance_seed)
     : description_(cell.sensing),
       collision_period_us_(cell.controller_cycle_us),
       key_(mixed(key_of_seeds(cell.seed, instance_seed) ^ mixed(0x5e45e5u))),
       bodies_(bodies),
       pair_monitor_(cell.sensing.collision.pairs) {
-  for (const DistanceSensorDescription& sensor : description_.distance) {
-    visible_.push_back(visible_bodies(sensor, description_.bodies));
-  }
+  for_each_sensor_kind([this](auto kind) {
+    for (const auto& sensor : std::get<kind>(description_.sensors)) {
+      visible_[kind].push_back(visible_bodies(sensor.mount, description_.bodies));
+    }
+  });
 }
 
-Readings Sensing::initial_readings() const {
-  Readings readings;
-  readings.presence.resize(description_.presence.size());
-  readings.distance.resize(description_.distance.size());
+void Sensing::initialize(Readings& readings) const {
   if (description_.collision.outputs) readings.collision.clearance = description_.collision.range;
-  return readings;
 }
 
 bool Sensing::due(std::int64_t time_us) const {
-  const auto reads = [time_us](const auto& sensor) { return time_us % sensor.period_us == 0; };
-  return (description_.collision.outputs && time_us % collision_period_us_ == 0) ||
-         std::any_of(description_.presence.begin(), description_.presence.end(), reads) ||
-         std::any_of(description_.distance.begin(), description_.distance.end(), reads);
+  bool due = description_.collision.outputs && time_us % collision_period_us_ == 0;
+  for_each_sensor_kind([&](auto kind) {
+    for (const auto& sensor : std::get<kind>(description_.sensors)) {
+      due = due || time_us % sensor.mount.period_us == 0;
+    }
+  });
+  return due;
 }
 
 void Sensing::read(std::int64_t time_us, const Bodies& truth, Readings& readings) {
   for (std::size_t i = 0; i < bodies_.size(); ++i) {
     bodies_.set_pose(i, frame_pose(description_.bodies[i].frame, truth));
   }
-  for (std::size_t i = 0; i < description_.presence.size(); ++i) {
-    if (time_us % description_.presence[i].period_us != 0) continue;
-    readings.presence[i] = read_presence(description_.presence[i], truth);
-  }
-  for (std::size_t i = 0; i < description_.distance.size(); ++i) {
-    if (time_us % description_.distance[i].period_us != 0) continue;
-    readings.distance[i] = read_distance(i, time_us, truth);
-  }
+  for_each_sensor_kind([&](auto kind) {
+    const auto& sensors = std::get<kind>(description_.sensors);
+    for (std::size_t i = 0; i < sensors.size(); ++i) {
+      const SensorMount& mount = sensors[i].mount;
+      if (time_us % mount.period_us != 0) continue;
+      const Isometry3d world_from_sensor = frame_pose(mount.frame, truth) * mount.frame_from_sensor;
+      const std::uint64_t key = key_ + kSensorKeys * kind + i;
+      std::get<kind>(readings.sensors)[i] =
+          sensors[i].read(View(*this, visible_[kind][i], world_from_sensor, key, time_us));
+    }
+  });
   if (description_.collision.outputs && time_us % collision_period_us_ == 0) {
     read_collisions(readings.collision);
   }
@@ -94,41 +132,6 @@ Isometry3d Sensing::frame_pose(const FrameRef& frame, const Bodies& truth) const
       break;
   }
   return Isometry3d::Identity();
-}
-
-PresenceReading Sensing::read_presence(const PresenceSensorDescription& sensor, const Bodies& truth) const {
-  const Isometry3d world_from_box = frame_pose(sensor.frame, truth) * sensor.frame_from_sensor;
-  for (std::size_t i = 0; i < bodies_.size(); ++i) {
-    if (description_.bodies[i].frame.kind != FrameRef::Kind::kPart) continue;
-    if (bodies_.intersects_box(i, world_from_box, sensor.size)) return {true};
-  }
-  return {false};
-}
-
-DistanceReading Sensing::read_distance(std::size_t number, std::int64_t time_us, const Bodies& truth) const {
-  const DistanceSensorDescription& sensor = description_.distance[number];
-  DistanceReading reading;
-  reading.time = static_cast<double>(time_us) * kSecondsPerMicrosecond;
-  const Isometry3d world_from_sensor = frame_pose(sensor.frame, truth) * sensor.frame_from_sensor;
-  const Vector3d origin = world_from_sensor.translation();
-  const Vector3d direction = world_from_sensor.linear().col(2);
-  const auto hit = bodies_.cast_ray(origin, direction, 0, sensor.farthest, visible_[number]);
-  if (!hit || hit->distance < sensor.nearest) return reading;
-  const Vector3d hit_point = origin + hit->distance * direction;
-  const Vector3d to_lens = world_from_sensor * sensor.lens - hit_point;
-  const double return_distance = to_lens.norm();
-  if (bodies_.cast_ray(hit_point, to_lens / return_distance, kOffSurface, return_distance,
-                       visible_[number])) {
-    return reading;
-  }
-  double measured = hit->distance;
-  if (sensor.noise > 0) {
-    measured += sensor.noise * normal(mixed(mixed(key_ + number) ^ static_cast<std::uint64_t>(time_us)));
-  }
-  if (sensor.resolution > 0) measured = sensor.resolution * std::nearbyint(measured / sensor.resolution);
-  reading.valid = true;
-  reading.distance = measured;
-  return reading;
 }
 
 /// The closest pair and faces of the last reading, as the start of the next search.

@@ -1,6 +1,7 @@
-// Readings of presence sensors, distance sensors and the collision monitor.
+// Readings of all sensors and of the collision monitor.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -12,13 +13,6 @@
 
 namespace robotcell {
 
-/// Latest readings of all devices.
-struct Readings {
-  std::vector<PresenceReading> presence;
-  std::vector<DistanceReading> distance;
-  CollisionReading collision;
-};
-
 /// Each device reads at the multiples of its period, for the first time after one period, and holds its
 /// reading in between. The collision monitor reads once per controller cycle. Readings depend on poses and
 /// time only.
@@ -27,8 +21,8 @@ class Sensing {
   /// `bodies` in the order of the description.
   Sensing(const CellDescription& cell, const proximity::BodySet& bodies, std::int32_t instance_seed);
 
-  /// Values before the first reading.
-  Readings initial_readings() const;
+  /// Sets values before the first reading.
+  void initialize(Readings& readings) const;
 
   /// Whether any device reads at this instant.
   bool due(std::int64_t time_us) const;
@@ -37,9 +31,9 @@ class Sensing {
   void read(std::int64_t time_us, const Bodies& truth, Readings& readings);
 
  private:
+  class View;
+
   Eigen::Isometry3d frame_pose(const FrameRef& frame, const Bodies& truth) const;
-  PresenceReading read_presence(const PresenceSensorDescription& sensor, const Bodies& truth) const;
-  DistanceReading read_distance(std::size_t number, std::int64_t time_us, const Bodies& truth) const;
   std::optional<proximity::Nearest> nearest_of(const CollisionReading& reading) const;
   void read_collisions(CollisionReading& reading);
 
@@ -48,7 +42,7 @@ class Sensing {
   std::uint64_t key_;
   proximity::BodySet bodies_;
   proximity::PairMonitor pair_monitor_;
-  std::vector<proximity::Selection> visible_;  // bodies visible to each distance sensor
+  std::array<std::vector<proximity::Selection>, kSensorKinds> visible_;  // bodies, by kind and sensor
 };
 
 }  // namespace robotcell

@@ -1,4 +1,4 @@
-// Description of presence sensors, distance sensors and collision outputs, and of the bodies they detect.
+// Description of sensors and collision outputs, and of the bodies they detect.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "fmu/model/frame_ref.h"
+#include "fmu/model/sensors.h"
 #include "fmu/proximity/body_set.h"
 
 namespace robotcell {
@@ -18,26 +18,6 @@ class JsonReader;
 struct BodyDescription {
   std::string name;
   FrameRef frame;
-};
-
-/// A box that detects whether any part intersects it; the frame is in its centre.
-struct PresenceSensorDescription {
-  std::string name;
-  FrameRef frame;
-  Eigen::Isometry3d frame_from_sensor;
-  Eigen::Vector3d size;
-  std::int64_t period_us = 0;
-};
-
-/// The ray starts at the origin along z; light returns to the lens.
-struct DistanceSensorDescription {
-  std::string name;
-  FrameRef frame;
-  Eigen::Isometry3d frame_from_sensor;
-  Eigen::Vector3d lens;  // sensor frame
-  double nearest = 0, farthest = 0;
-  double noise = 0, resolution = 0;  // m; standard deviation, and step (0: not quantized)
-  std::int64_t period_us = 0;
 };
 
 /// Pairs of bodies monitored for collisions and smallest distance.
@@ -51,13 +31,11 @@ struct CollisionDescription {
 struct SensingDescription {
   std::vector<BodyDescription> bodies;
   std::vector<proximity::TriangleMesh> meshes;  // of the bodies, each in the frame it is attached to
-  std::vector<PresenceSensorDescription> presence;
-  std::vector<DistanceSensorDescription> distance;
+  Sensors sensors;
   CollisionDescription collision;
 };
 
-/// Reads the keys "bodies", "presence_sensors", "distance_sensors" and "collision"; throws DescriptionError.
-SensingDescription parse_sensing(const JsonReader& cell, const FrameCounts& counts,
-                                 std::int64_t time_step_us);
+/// Reads the keys "bodies" and "collision", and those of the sensors; throws DescriptionError.
+SensingDescription parse_sensing(const JsonReader& cell, const SensorContext& context);
 
 }  // namespace robotcell

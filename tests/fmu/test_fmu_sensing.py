@@ -44,13 +44,14 @@ def sensing_cell(offset: float = OFFSET, **keys: Any) -> dict[str, Any]:
 
 def presence(position: Any, size: Any, **keys: Any) -> dict[str, Any]:
     where = {"frame": "world", "frame_from_sensor": pose(position)}
-    return {"name": "presence", **where, "size": list(size), "period_us": 1000, **keys}
+    edges = {f"{axis}_size": float(edge) for axis, edge in zip("xyz", size, strict=True)}
+    return {"name": "presence", **where, **edges, "period_us": 1000, **keys}
 
 
 def distance(position: Any, quaternion: Any = (1, 0, 0, 0), **keys: Any) -> dict[str, Any]:
     return {
         "name": "distance", "frame": "world", "frame_from_sensor": pose(position, quaternion),
-        "lens": [0.02, 0, 0], "nearest": 0.01, "farthest": 0.5, "noise": 0.0, "resolution": 0.0, "period_us": 1000,
+        "lens_x": 0.02, "nearest": 0.01, "farthest": 0.5, "noise": 0.0, "resolution": 0.0, "period_us": 1000,
         **keys,
     }  # fmt: skip
 
@@ -98,6 +99,34 @@ def test_presence_depends_on_height_and_detects_larger_parts(build: Build, heigh
     assert bool(cell.get_int("presence[1].detected")) == expected
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_light_curtain_counts_beams_through_rotating_box(build: Build, version: int) -> None:
+    """Beams along the world's x axis, one above the other, at y = 40 mm from the table's axis."""
+    spacing, first, width, y = 0.004, -0.009, 0.3, 0.04
+    up_and_along = [0.5, 0.5, 0.5, 0.5]  # turns z into x and x into y
+    upright = [QUARTER, 0, -QUARTER, 0]  # turns x into z and z into -x
+    mount = {"frame": "world", "frame_from_sensor": pose(beside_table(width / 2, y, first), upright)}
+    curtain = {"name": "gate", **mount, "width": width, "height": 0.1, "beam_spacing": spacing, "period_us": 1000}
+    level = {**curtain, "frame_from_sensor": pose(beside_table(-width / 2, -0.05, Z / 2), up_and_along)}
+    cell = build(version, sensing_cell(light_curtains=[curtain, level]))
+    assert not cell.get_int("light_curtain[1].interrupted")  # no reading yet
+    heights = first + spacing * np.arange(26)
+    through = int(np.sum((heights > 0) & (heights < Z)))
+    counts = []
+    for k in range(1, 120):
+        rotate_table(cell, k * CYCLE_US)
+        angle = float(cell.get("truth.table")[0])
+        corners = np.array([[sx * X / 2 + OFFSET, sy * Y / 2] for sx in (-1, 1) for sy in (-1, 1)])
+        across = corners @ [np.sin(angle), np.cos(angle)]
+        expected = through if across.min() < y < across.max() else 0
+        assert cell.get_int("light_curtain[1].beams") == expected, angle
+        assert cell.get_int("light_curtain[1].interrupted") == (expected > 0)
+        rows = -0.05 + spacing * np.arange(26)
+        assert cell.get_int("light_curtain[2].beams") == np.sum((rows > across.min()) & (rows < across.max()))
+        counts.append(expected)
+    assert {0, through} == set(counts)
+
+
 def test_distance_to_rotating_face(build: Build) -> None:
     """A ray towards the axis hits the face at x = -X/2 of a box rotating about it: D - (X/2) / cos(angle)."""
     away = 0.2
@@ -128,7 +157,7 @@ def test_blocked_return_path_invalidates_measurement(build: Build) -> None:
     sensors, bars = [], []
     for k, shade in enumerate(shades):
         y = (k - 50) * apart
-        sensors.append(distance(beside_table(-away, y, 0.02), ALONG_X, name=f"distance {k}", lens=[-0.02, 0, 0]))
+        sensors.append(distance(beside_table(-away, y, 0.02), ALONG_X, name=f"distance {k}", lens_x=-0.02))
         bar = placed_box((0.004, 0.9 * apart, 0.004), beside_table(-away + path / 2, y, 0.02 + shade))
         bars.append(body(f"bar {k}", "world", bar))
     cell = sensing_cell(0.0, distance_sensors=sensors)
@@ -363,12 +392,19 @@ def mesh_of(vertices: Array) -> dict[str, Any]:
 OUTLIERS = [np.vstack([np.eye(3), [0, worst, 0]]) for worst in (1001.0, np.nan)]
 
 
+TOO_DENSE = {
+    "name": "gate", "frame": "world", "frame_from_sensor": pose([0, 0, 0]), "period_us": 1000,
+    "width": 1.0, "height": 1.0, "beam_spacing": 1e-3,
+}  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("presence_sensors", [presence([0, 0, 0], (0.1, 0.0, 0.1))], "presence_sensors[0].size"),
+        ("presence_sensors", [presence([0, 0, 0], (0.1, 0.0, 0.1))], "presence_sensors[0].y_size"),
         ("presence_sensors", [presence([0, 0, 0], (1, 1, 1), frame="part[2]")], "presence_sensors[0].frame"),
         ("distance_sensors", [distance([0, 0, 0], period_us=1500)], "distance_sensors[0].period_us"),
+        ("light_curtains", [TOO_DENSE], "light_curtains[0].beam_spacing: expected at most 1000 beams"),
         (
             "collision",
             {"outputs": True, "stops_arm": False, "range": 0.05, "pairs": [["part", "nobody"]]},

@@ -241,15 +241,15 @@ struct Version3 {
 };
 template <class A>
 void exchange(A& a, Version1& v) {
-  ROBOTCELL_EXCHANGE(a, v.position, v.count);
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.count);
 }
 template <class A>
 void exchange(A& a, Version2& v) {
-  ROBOTCELL_EXCHANGE(a, v.velocity, v.count);
+  ROBOTCELL_EXCHANGE(a, v, v.velocity, v.count);
 }
 template <class A>
 void exchange(A& a, Version3& v) {
-  ROBOTCELL_EXCHANGE(a, v.position, v.count);
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.count);
 }
 
 template <class T>
@@ -282,6 +282,19 @@ TEST(StateLayout, StateOfAnotherLayoutIsRejected) {
     EXPECT_NE(std::string(error.what()).find("another layout"), std::string::npos) << error.what();
   }
 }
+
+/// A list that misses a member does not compile: by number in an aggregate, by size in another structure.
+struct WithConstructor {
+  explicit WithConstructor(int n) : values(static_cast<std::size_t>(n)) {}
+  bool flag = false;
+  std::vector<double> values;
+  double last = 0;
+};
+static_assert(has_all_members<Version1, double, std::int32_t>());
+static_assert(!has_all_members<Version1, double>());
+static_assert(!has_all_members<Version1, double, std::int32_t, std::int32_t>());
+static_assert(has_all_members<WithConstructor, bool, std::vector<double>, double>());
+static_assert(!has_all_members<WithConstructor, bool, std::vector<double>>());
 
 /// A member of another type does not become a variable.
 template <class T, class = void>

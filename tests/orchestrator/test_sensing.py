@@ -34,6 +34,16 @@ farthest_mm = 300.0
 """
 
 
+CURTAIN = """
+[[light_curtain]]
+name = "gate"
+pose = { x_mm = 450.0, y_mm = -300.0, z_mm = 101.0, rx_deg = -90.0, rz_deg = -90.0 }
+width_mm = 600.0
+height_mm = 60.0
+beam_spacing_mm = 3.0
+"""
+
+
 def setup_of(folder, text: str, *words: str):
     default = (assets_dir() / "cells" / "default.toml").read_text()
     file = folder / "cell.toml"
@@ -125,11 +135,25 @@ def test_distance_sensor_measures_part(tmp_path) -> None:
     assert measured == pytest.approx(0.25 - top, abs=1e-9)
 
 
+def test_light_curtain_measures_height_of_part(tmp_path) -> None:
+    """Beams along y through the part, 3 mm above each other, the first 1 mm above the table."""
+    setup = setup_of(tmp_path, CURTAIN)
+    with opened(setup, tmp_path) as cell:
+        cell.step_to(50_000)
+        bottom = cell.get(cell.real_group(["truth.part[1].position[3]"]))[0]
+        beams = cell.get_integer("light_curtain[1].beams")
+        assert cell.get_boolean("light_curtain[1].interrupted")
+    heights = 0.101 + 0.003 * np.arange(21)
+    assert bottom == pytest.approx(0.1, abs=1e-6)
+    assert beams == np.sum(heights < bottom + 0.02)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         (DISTANCE + "nearest_mm = 400.0\n", ("distance_sensor", "nearest_mm (400)", "farthest_mm (300)")),
         (PRESENCE.format(pose="") + 'moves_with = "link[9]"\n', ("presence_sensor", "moves_with", "link[9]")),
+        (CURTAIN.replace("spacing_mm = 3.0", "spacing_mm = 0.01"), ("light_curtain", "0.01", "at most 1000 beams")),
         (PRESENCE.format(pose="").replace("x_size_mm = 10.0", "x_size_mm = 0.0"), ("x_size_mm", "0")),
     ],
 )

@@ -220,7 +220,11 @@ def test_large_mesh_casts_no_shadow_on_itself(edge: float, mode: str) -> None:
     floor_from_plane = pose((0, 0, 0), (0.2, 0.1, 0.3))  # coordinates of the mesh are not exact
     at = pose((0, 0, Z))
     lamp = pose((0.1, 0.05, -0.1))
-    corners = edge * (np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]) + [0.31, 0.17, 0.0]) @ floor_from_plane[:3, :3].T
+    corners = (
+        edge
+        * np.add([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]], [0.31, 0.17, 0.0])
+        @ floor_from_plane[:3, :3].T
+    )
     images = []
     for mesh in (False, True):
         scene = Scene()

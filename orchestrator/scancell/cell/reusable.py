@@ -13,6 +13,7 @@ from typing import Any
 from scancell.cell.as_built import parse_as_built
 from scancell.cell.fmu_file import make_temporary_fmu
 from scancell.cell.instance import CellInstance
+from scancell.cell.sensing import SENSOR_KEYS
 from scancell.closing import Closing
 
 
@@ -76,7 +77,7 @@ def _layout(description: Mapping[str, Any]) -> tuple[Any, ...]:
     collisions = description["collision"]["outputs"]
     return (
         [part["stands_on"] == "table" for part in description["parts"]],
-        *(len(description[devices]) for devices in ("conveyors", "presence_sensors", "distance_sensors")),
+        *(len(description[devices]) for devices in ("conveyors", *(f"{key}s" for key in SENSOR_KEYS))),
         description["gripper"] is None,
         description["robot"]["dynamics"] is None,
         [body["name"] for body in description["bodies"]] if collisions else None,

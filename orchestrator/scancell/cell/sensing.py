@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 from scancell.cell.mesh_json import mesh_json
 from scancell.config.cell import CellDescription
-from scancell.config.description import Description
-from scancell.config.sensing import DistanceSensorDescription, PresenceSensorDescription
+from scancell.config.sensing import SensorDescription
 from scancell.config.units import si_value, to_si
 from scancell.errors import CellError
 from scancell.geometry.decimation import decimated, deviation
@@ -17,7 +16,12 @@ from scancell.nominal.cell import NominalCell
 from scancell.nominal.poses import pose_json, pose_matrix
 from scancell.proximity.cell_scene import cell_scene
 
-_Sensor = PresenceSensorDescription | DistanceSensorDescription
+# Keys of the cell's description that list sensors; the FMU reads each from a key in the plural.
+SENSOR_KEYS = tuple(
+    name
+    for name, field in CellDescription.model_fields.items()
+    if any(isinstance(item, type) and issubclass(item, SensorDescription) for item in get_args(field.annotation))
+)
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,7 @@ def simplified(cell: CellDescription, nominal: NominalCell) -> list[Simplified]:
 
 
 def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outputs: bool = True) -> dict[str, Any]:
-    """The keys ``bodies``, ``presence_sensors``, ``distance_sensors`` and ``collision`` of the FMU's description.
+    """The keys ``bodies``, ``collision`` and those of the sensors in the FMU's description.
 
     `collision_outputs` False leaves these outputs out, whatever the cell describes.
 
@@ -69,7 +73,8 @@ def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outpu
         If a mesh cannot be simplified.
     """
     collision_outputs = collision_outputs and cell.collision.outputs
-    needed = collision_outputs or cell.presence_sensor or cell.distance_sensor
+    sensors = {f"{key}s": [_sensor_json(cell, sensor) for sensor in getattr(cell, key)] for key in SENSOR_KEYS}
+    needed = collision_outputs or any(sensors.values())
     meshes = collision_meshes(cell, nominal) if needed else {}
     pairs = _watched(nominal, meshes) if collision_outputs else ()
     return {
@@ -82,8 +87,7 @@ def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outpu
             for body in nominal.bodies
             if body.name in meshes
         ],
-        "presence_sensors": [_presence_json(cell, sensor) for sensor in cell.presence_sensor],
-        "distance_sensors": [_distance_json(cell, sensor) for sensor in cell.distance_sensor],
+        **sensors,
         "collision": {
             "outputs": collision_outputs,
             "stops_arm": collision_outputs and cell.collision.stops_arm,
@@ -100,7 +104,8 @@ def _watched(nominal: NominalCell, meshes: dict[str, Mesh]) -> list[tuple[str, s
     return [(a, b) for a, b in pairs if {frame[a], frame[b]} != {"finger", "part"}]
 
 
-def _sensor_json(cell: CellDescription, sensor: _Sensor) -> dict[str, Any]:
+def _sensor_json(cell: CellDescription, sensor: SensorDescription) -> dict[str, Any]:
+    """The mount, and all other keys of a sensor in SI units."""
     period_us = round(sensor.period_ms * 1e3)
     if period_us <= 0 or period_us % cell.world.time_step_us or abs(sensor.period_ms * 1e3 - period_us) > 1e-6:
         raise CellError(
@@ -112,19 +117,5 @@ def _sensor_json(cell: CellDescription, sensor: _Sensor) -> dict[str, Any]:
         "frame": sensor.moves_with,
         "frame_from_sensor": pose_json(pose_matrix(sensor.pose)),
         "period_us": period_us,
+        **to_si(sensor.model_dump(exclude=set(SensorDescription.model_fields))),
     }
-
-
-def _lengths(description: Description) -> dict[str, Any]:
-    lengths: dict[str, Any] = to_si(description.model_dump(exclude={"name", "moves_with", "pose", "period_ms"}))
-    return lengths
-
-
-def _presence_json(cell: CellDescription, sensor: PresenceSensorDescription) -> dict[str, Any]:
-    size = _lengths(sensor)
-    return {**_sensor_json(cell, sensor), "size": [size["x_size"], size["y_size"], size["z_size"]]}
-
-
-def _distance_json(cell: CellDescription, sensor: DistanceSensorDescription) -> dict[str, Any]:
-    lengths = _lengths(sensor)
-    return {**_sensor_json(cell, sensor), "lens": [lengths.pop("lens_x"), 0.0, 0.0], **lengths}

@@ -31,7 +31,12 @@ from scancell.config.drives import DriveDescription, InertiaDescription, MotionD
 from scancell.config.gripper import GripperDescription
 from scancell.config.light import LightDescription
 from scancell.config.material import MaterialDescription
-from scancell.config.sensing import CollisionDescription, DistanceSensorDescription, PresenceSensorDescription
+from scancell.config.sensing import (
+    CollisionDescription,
+    DistanceSensorDescription,
+    LightCurtainDescription,
+    PresenceSensorDescription,
+)
 from scancell.config.soft import check_soft
 
 # Keys of every encoder, of the joints and of the table.
@@ -316,6 +321,7 @@ class CellDescription(FileDescription):
     distance_sensor: tuple[DistanceSensorDescription, ...] = Field(
         default=(), description="triangulating distance sensors with a single ray"
     )
+    light_curtain: tuple[LightCurtainDescription, ...] = Field(default=(), description="light curtains")
     collision: CollisionDescription = Field(
         default=CollisionDescription(), description="collision and clearance outputs of the FMU"
     )

@@ -16,38 +16,56 @@ MovesWith = Field(default="world", description="frame that the sensor moves with
 Period = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
 
 
-class PresenceSensorDescription(Description):
-    """A box that detects whether any part intersects it. The origin of its frame is the box's centre."""
+class SensorDescription(Description):
+    """What all sensors have in common. The FMU reads the further keys of a sensor in SI units, by the same names."""
 
     name: str = Field(description="name of the sensor")
     moves_with: Frame = MovesWith
     pose: PoseDescription = FramedPose
-    x_size_mm: Positive = Field(description="size of the box along its x, mm")
-    y_size_mm: Positive = Field(description="size of the box along its y, mm")
-    z_size_mm: Positive = Field(description="size of the box along its z, mm")
     period_ms: Period = Field(default=1.0, description="time between two readings, ms")
 
 
-class DistanceSensorDescription(Description):
+class PresenceSensorDescription(SensorDescription):
+    """A box that detects whether any part intersects it. The origin of its frame is the box's centre."""
+
+    x_size_mm: Positive = Field(description="size of the box along its x, mm")
+    y_size_mm: Positive = Field(description="size of the box along its y, mm")
+    z_size_mm: Positive = Field(description="size of the box along its z, mm")
+
+
+class DistanceSensorDescription(SensorDescription):
     """Triangulating distance sensor: a ray along its z axis, and a lens beside the origin that sees the spot.
 
     A reading is invalid when the path from spot to lens is occluded or the spot is out of range.
     """
 
-    name: str = Field(description="name of the sensor")
-    moves_with: Frame = MovesWith
-    pose: PoseDescription = FramedPose
     nearest_mm: NonNegative = Field(default=0.0, description="start of the measuring range along z, mm")
     farthest_mm: Positive = Field(description="end of the measuring range along z, mm")
     lens_x_mm: Positive = Field(default=20.0, description="position of the lens on the sensor's x axis, mm")
     noise_mm: NonNegative = Field(default=0.0, description="standard deviation of a reading's noise, mm")
     resolution_mm: NonNegative = Field(default=0.0, description="quantisation step of a reading, mm; 0: continuous")
-    period_ms: Period = Field(default=1.0, description="time between two readings, ms")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.nearest_mm >= self.farthest_mm:
             raise ValueError(f"nearest_mm ({self.nearest_mm:g}) must be below farthest_mm ({self.farthest_mm:g})")
+        return self
+
+
+class LightCurtainDescription(SensorDescription):
+    """Parallel beams between two posts. The first beam runs along z from the origin, the others beside it along x."""
+
+    width_mm: Positive = Field(description="distance between the posts along z, mm")
+    height_mm: Positive = Field(description="distance from the first beam along x up to which there are beams, mm")
+    beam_spacing_mm: Positive = Field(description="distance between two beams, mm; at most 1000 beams")
+
+    @model_validator(mode="after")
+    def _number_of_beams(self) -> Self:
+        if self.height_mm / self.beam_spacing_mm >= 1000:
+            raise ValueError(
+                f"beam_spacing_mm ({self.beam_spacing_mm:g}) must give at most 1000 beams over"
+                f" height_mm ({self.height_mm:g})"
+            )
         return self
 
 

@@ -1,0 +1,35 @@
+// Presence sensor: a box that detects parts.
+#pragma once
+
+#include "fmu/model/fields.h"
+#include "fmu/model/sensor_mount.h"
+
+namespace robotcell {
+
+/// The frame of the sensor is in the centre of the box.
+struct PresenceSensor {
+  static constexpr const char* kKey = "presence_sensors";
+  static constexpr const char* kVariables = "presence";
+  static constexpr const char* kName = "presence sensor";
+
+  struct Reading {
+    bool detected = false;
+
+    template <class Visitor>
+    static void declare(Visitor& visit, Reading& reading) {
+      visit(reading,
+            field(reading.detected,
+                  {"detected", kNone,
+                   "True if any part intersected the volume of {} at its last reading; false before the "
+                   "first reading"}));
+    }
+  };
+
+  PresenceSensor(const JsonReader& json, const SensorContext& context);
+  Reading read(const SensorView& view) const;
+
+  SensorMount mount;
+  Eigen::Vector3d size;  // m, edges of the box
+};
+
+}  // namespace robotcell
