@@ -10,9 +10,10 @@ namespace sensor_rt {
 
 /// Calls add(column, row, electrons per second) for every unmarked pixel that sees a surface.
 ///
-/// Ambient light is uniform, so that the image is constant wherever one reflectance fills the view. One ray
-/// is traced at each corner of a grid of 8 x 8 pixels. Blocks whose corners agree are filled; in all others
-/// every pixel gets a ray through its centre, at mid-exposure. A detail within one block is missed.
+/// Ambient light is uniform and has no occlusion here (path tracing has it), so that the image is constant
+/// wherever one reflectance fills the view. One ray is traced at each corner of a grid of 8 x 8 pixels.
+/// Blocks whose corners agree are filled; in all others every pixel gets a ray through its centre, at
+/// mid-exposure. A detail within one block is missed.
 class AmbientFiller {
  public:
   template <typename Add>

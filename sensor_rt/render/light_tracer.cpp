@@ -125,7 +125,7 @@ bool LightTracer::reflect(Packet& packet, int depth) const {
     for (int k = 0; depth == 0 && k < 3; ++k) {
       u[static_cast<std::size_t>(k)] = wrap(recurrence(photon, 2 + k) + shift[static_cast<std::size_t>(k)]);
     }
-    const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+    const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
     const Brdf& brdf = views_->brdf(packet.hits.shape[l]);
     const BrdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
     if (!(out.weight > 0.0)) continue;
@@ -227,7 +227,7 @@ void LightTracer::show(const Packet& packet, std::size_t number, const Lanes3& s
         !(row[l] > -0.5) || !(row[l] < camera.height_px - 0.5)) {
       continue;
     }
-    const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+    const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
     const Eigen::Vector3d to_image = lane(seen, l) - lane(viewpoints, l);
     const double distance = to_image.norm();
     const std::size_t instant = views_->lane_instants[packet.number * kLanes + static_cast<std::size_t>(l)];

@@ -45,7 +45,7 @@ double PathTracer::laser_light(Packet& packet, int depth) {
     unoccluded[l] = 0;
     set_lane(from_source, l, Eigen::Vector3d::UnitZ());
     if (packet.alive[l] == 0) continue;
-    const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+    const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
     const Eigen::Vector3d source = plan_.source(packet.number, l);
     const Eigen::Vector3d segment = at.position - source;
     const double facing = -at.normal.dot(segment);
@@ -81,7 +81,7 @@ double PathTracer::ambient_light(const Packet& packet, int depth) const {
       sum += depth > 0 ? packet.carried[l] * ambient : 0.0;  // a primary ray without a hit sees no light
     } else if (mode_ == Mode::kMirrorsOnly) {
       const Brdf& brdf = views_->brdf(packet.hits.shape[l]);
-      const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+      const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
       if (!brdf.material().is_mirror())
         sum += packet.carried[l] * ambient * brdf.albedo(at.normal.dot(at.back));
     }
@@ -102,7 +102,7 @@ double PathTracer::lamp_light(const Packet& packet, int depth) const {
       set_lane(origin, l, Eigen::Vector3d::Zero());
       set_lane(segment, l, Eigen::Vector3d::UnitZ());
       if (packet.alive[l] == 0) continue;
-      const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+      const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
       const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
       const auto u = random.at(packet.pixel, sample,
                                256 * static_cast<std::uint32_t>(number) + static_cast<std::uint32_t>(depth));
@@ -129,7 +129,7 @@ void PathTracer::reflect(Packet& packet, int depth) {
     const bool is_mirror = brdf.material().is_mirror();
     if (mode_ == Mode::kMirrorsOnly && !is_mirror) continue;
     if (mode_ == Mode::kReflectedLamps && depth == 0 && is_mirror) continue;
-    const SurfacePoint at(packet.origin, packet.direction, packet.hits, l);
+    const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
     const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
     const auto u = random.at(packet.pixel, sample, static_cast<std::uint32_t>(depth));
     const BrdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);

@@ -11,10 +11,11 @@
 
 namespace sensor_rt {
 
-/// Unbiased path tracing of single pixels, one path per sample of the pixel (Kajiya 1986), with next-event
-/// estimation: every hit is connected to the laser source and to a sample of every lamp. Ambient light is
-/// uniform environment light, collected by paths that leave the scene. Laser light that hits a mirror before
-/// the surface cannot be sampled this way; LightTracer covers it.
+/// Path tracing of single pixels, one path per sample of the pixel (Kajiya 1986), with next-event estimation;
+/// unbiased for light of at most `bounces` reflections between surfaces, longer paths are left out: every hit
+/// is connected to the laser source and to a sample of every lamp. Ambient light is uniform environment
+/// light, collected by paths that leave the scene. Laser light that hits a mirror before the surface cannot
+/// be sampled this way; LightTracer covers it.
 class PathTracer {
  public:
   enum class Mode {

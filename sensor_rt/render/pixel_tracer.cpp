@@ -174,7 +174,7 @@ LampView PixelTracer::lamp_light(int column, int row) {
   if (hits.shape[l] < 0) return {};
   Lanes3 origin;
   set_lane(origin, l, lane(rays_.viewpoints(0), l));
-  const SurfacePoint at(origin, direction, hits, l);
+  const SurfacePoint at(*views_->scene, origin, direction, hits, l);
   const std::size_t instant = views_->lane_instants[static_cast<std::size_t>(l)];
   const double light = lamps_.brightness(at, views_->brdf(hits.shape[l]), instant);
   return {light > 0.0 ? electrons(column, row, light) : 0.0, hits.shape[l], at.normal};

@@ -39,8 +39,11 @@ void PlanarMirrors::add_mesh(std::size_t shape) {
   for (const FacePlane& face : views_->scene->shapes()[shape].planes) {
     const Eigen::Vector3d normal(face.normal[0], face.normal[1], face.normal[2]);
     if (normal.isZero()) continue;
+    // Faces of either winding reflect on both sides.
     const auto same = [&](const Plane& known) {
-      return known.normal.dot(normal) > kSameNormal && std::abs(known.offset - face.offset) < kSamePlane;
+      const double cosine = known.normal.dot(normal);
+      const double offset = cosine < 0.0 ? -face.offset : face.offset;
+      return std::abs(cosine) > kSameNormal && std::abs(known.offset - offset) < kSamePlane;
     };
     if (std::any_of(planes_.begin() + static_cast<std::ptrdiff_t>(before), planes_.end(), same)) continue;
     if (planes_.size() == before + kMaxPlanes) {
@@ -69,11 +72,12 @@ bool PlanarMirrors::reflect(const Plane& plane, const Placed& placed, const Pack
                             Eigen::Vector3d& origin, Eigen::Vector3d& to_image, double& share) const {
   if (hits.shape[l] != static_cast<std::int32_t>(plane.shape) || !(hits.t[l] < 1.0)) return false;
   const Eigen::Vector3d at = origin + hits.t[l] * to_image;
+  const double offset = views_->scene->shapes()[plane.shape].ray_offset();
   if (std::abs(lane(hits.normal, l).dot(placed.normal)) < kSameNormal ||
-      std::abs(placed.normal.dot(at) - placed.offset) > kSamePlane)
+      std::abs(placed.normal.dot(at) - placed.offset) > offset)
     return false;
   const Eigen::Vector3d target = mirrored(placed.normal, placed.offset, origin + to_image);
-  const double side = placed.normal.dot(to_image) < 0.0 ? 1e-6 : -1e-6;
+  const double side = placed.normal.dot(to_image) < 0.0 ? offset : -offset;
   origin = at + side * placed.normal;
   to_image = target - origin;
   share *= views_->brdf(hits.shape[l]).material().reflectance;

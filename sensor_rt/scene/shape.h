@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -32,6 +33,10 @@ struct Shape {
   BackFaceTree back_faces;          ///< meshes only
   FanTree fan_tree;                 ///< fine meshes only
   SceneHandle embree;               ///< meshes only
+  /// Returns the distance, m, by which secondary rays start above the surface so as not to hit it again: 1
+  /// µm, or some units in the last place of single precision at the rim of a large shape.
+  double ray_offset() const { return std::max(1e-6, 1e-6 * half_size.norm()); }
+
   /// Embree's buffers, in the frame of the shape: three indices per face, three coordinates per vertex.
   const std::uint32_t* faces = nullptr;
   const float* vertices = nullptr;

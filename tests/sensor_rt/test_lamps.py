@@ -210,3 +210,46 @@ def test_reflected_lamp_light_matches_path_tracing(wall: Material) -> None:
         difference.max() / brightest,
     )
     np.testing.assert_array_less(difference, 5 * noise + 0.03 * brightest)  # the bottom of the groove is smoothed
+
+
+@pytest.mark.parametrize("mode", ["fast", "path"])
+@pytest.mark.parametrize("edge", [1.0, 100.0, 1000.0])
+def test_large_mesh_casts_no_shadow_on_itself(edge: float, mode: str) -> None:
+    """Rays start above a surface by more than the rounding of its coordinates in single precision."""
+    tracing = sensor(mode)
+    floor_from_plane = pose((0, 0, 0), (0.2, 0.1, 0.3))  # coordinates of the mesh are not exact
+    at = pose((0, 0, Z))
+    lamp = pose((0.1, 0.05, -0.1))
+    across, along = np.array([-0.19, 0.81, 0.81, -0.19]), np.array([-0.33, -0.33, 0.67, 0.67])
+    corners = edge * np.stack([across, along, 0 * across], axis=1) @ floor_from_plane[:3, :3].T
+    images = []
+    for mesh in (False, True):
+        scene = Scene()
+        if mesh:
+            scene.add_mesh("floor", corners, np.array([[0, 1, 2], [0, 2, 3]], np.uint32), REFLECTANCE)
+        else:
+            scene.add_plane("floor", floor_from_plane, [1.0, 1.0], REFLECTANCE)
+        scene.add_light("lamp", "point", np.eye(4), [0.0, 0.0], 2.0, in_band=1.0)
+        images.append(expected_electrons(scene, tracing, still(at, lamp))[0])
+    np.testing.assert_allclose(images[1], images[0], rtol=2e-3)
+
+
+@pytest.mark.parametrize("distance", [100.0, 1000.0])
+def test_cell_far_from_world_origin_looks_the_same(distance: float) -> None:
+    """The laser's light, lamps and reflected light depend on relative poses alone."""
+    scene = Scene()
+    scene.add_sphere("ball", [0, 0, 0], 0.01, 0.6)
+    scene.add_box("box", np.eye(4), [0.05, 0.05, 0.01], 0.5)
+    scene.add_light("lamp", "point", np.eye(4), [0.0, 0.0], 2.0, in_band=1.0)
+    tracing = make_sensor(160, 128, cameras=2, render={"noise": False, "bounces": 1, "photons": 4096})
+    poses = [pose((0, 0.002, Z)), pose((0, 0, Z + 0.012), (0.1, 0.2, 0.3)), pose((0.1, 0.05, -0.1))]
+    away = pose((0.8 * distance, -0.6 * distance, 0.1 * distance))
+    near, far = (
+        expected_electrons(scene, tracing, still(*(place @ p for p in poses), sensor=place))[0].astype(float)
+        for place in (np.eye(4), away)
+    )
+    assert near.sum() > 0.0
+    difference = np.abs(far - near)
+    # A photon that meets a silhouette may go another way; the poses are rounded at 1e-13 m.
+    assert np.quantile(difference, 0.999) < 1e-3 * near.max()
+    assert far.sum() == pytest.approx(near.sum(), rel=1e-4)

@@ -270,6 +270,72 @@ def test_mirror_shows_wall_that_it_lights(mode: str) -> None:
             assert row == pytest.approx(np.average(pixel[inside, 1], weights=expected[inside]), abs=0.1)
 
 
+def sheet_of_triangles(*flipped: bool) -> tuple[Array, NDArray[np.uint32]]:
+    """A wall as a mesh with one pair of triangles for each two of `flipped`, which reverses their winding."""
+    x, y = WALL / 2, 0.1
+    corners = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]])
+    halves = ([0, 1, 2], [0, 2, 3])
+    faces = [halves[i % 2][::-1] if flip else halves[i % 2] for i, flip in enumerate(flipped)]
+    return corners, np.array(faces, np.uint32)
+
+
+@pytest.mark.parametrize(
+    "flipped",
+    [(False, False), (False, True), (False, False, True, True)],
+    ids=["consistent", "mixed winding", "doubled sheet"],
+)
+def test_mirror_mesh_reflects_like_rectangle(flipped: tuple[bool, ...]) -> None:
+    """Whatever the winding of its faces, a flat mesh is one mirror."""
+    scene, poses = groove(MIRROR, 0.6)
+    meshed = Scene()
+    meshed.add_mesh("a", *sheet_of_triangles(*flipped), MIRROR)
+    meshed.add_plane("b", np.eye(4), [WALL, 0.2], 0.6)
+    sensor = small_probe(render={"bounces": 2})
+    expected, light = (expected_electrons(s, sensor, still(*poses)).astype(float) for s in (scene, meshed))
+    np.testing.assert_allclose(light.sum(axis=(0, 2, 3)), expected.sum(axis=(0, 2, 3)), rtol=2e-3)
+
+
+@pytest.mark.parametrize("mode", ["fast", "path"])
+def test_chain_of_two_mirrors_matches_image_method(mode: str) -> None:
+    """Laser, mirror a, wall b, two mirrors, camera: mirror a and one across its end form a right angle.
+
+    Together they show the lit line at its image in both, in either order of reflection.
+    """
+    scene, poses = groove(MIRROR, 0.6)
+    side, fan = 0.018, 0.1
+    scene.add_plane("end", np.eye(4), [0.4, 0.4], MIRROR)
+    poses = [*poses, pose((0.0, side, Z), (np.radians(90), 0.0, 0.0))]
+    wide = {"sheet_sigma": 2e-4, "divergence": 0.0, "fan_half_angle": fan}
+    sensor = small_probe(render={"mode": mode, "bounces": 3, "photons": 262_144}, laser=wide)
+    images = expected_electrons(scene, sensor, still(*poses)).mean(axis=0)
+    length = Z + 2 * EDGE
+    ends = length * np.tan(np.linspace(-fan, fan, 4001))
+    y = (ends[1:] + ends[:-1]) / 2
+    watts = POWER / (2 * fan) * length / (y**2 + length**2) * np.diff(ends)
+    bottom = np.array([EDGE, 0.0, Z + EDGE])
+    in_a = mirrored(np.stack([0 * y + 2 * EDGE, y, 0 * y + Z], axis=1), bottom, TO_WALL_A)
+    seen = mirrored(in_a, np.array([0.0, side, 0.0]), np.array([0.0, 1.0, 0.0]))
+    facing = mirrored(TO_WALL_B[None] + bottom, bottom, TO_WALL_A)[0] - bottom
+    for camera, image in zip(sensor.cameras, images, strict=True):
+        pixel = camera.project(seen)
+        viewpoint, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
+        view_ray = seen - viewpoint
+        distance = np.linalg.norm(view_ray, axis=1)
+        solid = watts * 0.9 * 0.6 / np.pi * 0.9**2 * -(view_ray @ facing) / distance / distance**2
+        aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (view_ray @ forward) / distance
+        expected = solid * aperture * 0.8 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
+        inside = (pixel[:, 0] > -0.5) & (pixel[:, 0] < image.shape[1] - 0.5)
+        edge = round(float(np.abs(pixel[inside, 0] - (image.shape[1] - 1) / 2).min())) - 4
+        beyond = np.abs(np.arange(image.shape[1]) - (image.shape[1] - 1) / 2) > edge
+        beyond &= np.sign(np.arange(image.shape[1]) - image.shape[1] / 2) == np.sign(pixel[inside, 0].mean() - 160)
+        top = int(pixel[:, 1].mean()) - 12
+        strip = image[top : top + 25, beyond]
+        assert inside.sum() > 100
+        assert strip.sum() == pytest.approx(expected[inside].sum(), rel=0.03)
+        row = (strip.sum(axis=1) * np.arange(top, top + 25)).sum() / strip.sum()
+        assert row == pytest.approx(np.average(pixel[inside, 1], weights=expected[inside]), abs=0.1)
+
+
 @pytest.mark.parametrize("thickness", [0.0, 0.01])
 def test_reflected_light_in_mirror_matches_path_tracing(thickness: float) -> None:
     """A mirror (a plane or the side of a box) across the end of a groove shows the interreflection of the walls."""
