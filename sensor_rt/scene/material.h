@@ -12,7 +12,7 @@ namespace sensor_rt {
 struct Material {
   std::string model = "lambert";  ///< name of a BsdfModel
   /// Reflectance, 0..1: of the diffuse base for Lambert, Oren-Nayar and the rough dielectric; at normal
-  /// incidence for the conductor; at every angle for the mirror.
+  /// incidence for the conductor; at every angle for mirror and retro-reflective foil.
   double reflectance = 0.0;
   /// Oren-Nayar: 0..1, standard deviation of the microfacet slope angle over pi/2. Models with a lobe: GGX
   /// alpha, 0.01..1.
