@@ -1,7 +1,5 @@
 #include <pybind11/stl.h>
 
-#include <algorithm>
-#include <cmath>
 #include <stdexcept>
 #include <string>
 
@@ -14,33 +12,11 @@ namespace py = pybind11;
 namespace sensor_rt {
 namespace {
 
-constexpr struct {
-  const char* name;
-  MaterialModel model;
-} kModels[] = {{"lambert", MaterialModel::kLambert},
-               {"oren_nayar", MaterialModel::kOrenNayar},
-               {"rough_dielectric", MaterialModel::kRoughDielectric},
-               {"rough_conductor", MaterialModel::kRoughConductor},
-               {"mirror", MaterialModel::kMirror}};
-
 Material make_material(double reflectance, const std::string& model, double roughness,
                        double refractive_index) {
-  const auto* found = std::find_if(std::begin(kModels), std::end(kModels),
-                                   [&](const auto& entry) { return model == entry.name; });
-  if (found == std::end(kModels)) {
-    std::string expected;
-    for (const auto& entry : kModels) expected += (expected.empty() ? "" : ", ") + std::string(entry.name);
-    throw std::invalid_argument("material: model: expected one of " + expected + ", got " + model);
-  }
-  const Material material{found->model, reflectance, roughness, refractive_index};
+  const Material material{model, reflectance, roughness, refractive_index};
   validate_material(material, "material");
   return material;
-}
-
-std::string model_name(const Material& material) {
-  return std::find_if(std::begin(kModels), std::end(kModels),
-                      [&](const auto& entry) { return entry.model == material.model; })
-      ->name;
 }
 
 /// Returns row i of an (n, 3) array as a unit vector.
@@ -51,19 +27,19 @@ Eigen::Vector3d unit_row(const Doubles& rows, py::ssize_t i) {
 py::array_t<double> pi_brdf(const Material& material, const Doubles& a, const Doubles& b) {
   require_shape(a, "a", {-1, 3});
   require_shape(b, "b", {a.shape(0), 3});
-  const Brdf brdf(material);
+  const auto bsdf = make_bsdf(material);
   py::array_t<double> result(a.shape(0));
   for (py::ssize_t i = 0; i < a.shape(0); ++i) {
-    result.mutable_at(i) = brdf.pi_brdf(Eigen::Vector3d::UnitZ(), unit_row(a, i), unit_row(b, i));
+    result.mutable_at(i) = bsdf->pi_brdf(Eigen::Vector3d::UnitZ(), unit_row(a, i), unit_row(b, i));
   }
   return result;
 }
 
 py::array_t<double> albedo(const Material& material, const Doubles& cosine) {
   require_shape(cosine, "cosine", {-1});
-  const Brdf brdf(material);
+  const auto bsdf = make_bsdf(material);
   py::array_t<double> result(cosine.shape(0));
-  for (py::ssize_t i = 0; i < cosine.shape(0); ++i) result.mutable_at(i) = brdf.albedo(cosine.at(i));
+  for (py::ssize_t i = 0; i < cosine.shape(0); ++i) result.mutable_at(i) = bsdf->albedo(cosine.at(i));
   return result;
 }
 
@@ -71,13 +47,13 @@ py::tuple sample(const Material& material, const Doubles& from, const Doubles& u
   require_shape(from, "from_direction", {-1, 3});
   const py::ssize_t count = from.shape(0);
   require_shape(uniforms, "uniforms", {count, 3});
-  const Brdf brdf(material);
+  const auto bsdf = make_bsdf(material);
   py::array_t<double> towards({count, py::ssize_t{3}});
   py::array_t<double> weight(count);
   py::array_t<double> pdf(count);
   for (py::ssize_t i = 0; i < count; ++i) {
-    const BrdfSample s = brdf.sample(Eigen::Vector3d::UnitZ(), unit_row(from, i), uniforms.at(i, 0),
-                                     uniforms.at(i, 1), uniforms.at(i, 2));
+    const BsdfSample s = bsdf->sample(Eigen::Vector3d::UnitZ(), unit_row(from, i), uniforms.at(i, 0),
+                                      uniforms.at(i, 1), uniforms.at(i, 2));
     Eigen::Map<Eigen::Vector3d>(towards.mutable_data(i, 0)) = s.towards;
     weight.mutable_at(i) = s.weight;
     pdf.mutable_at(i) = s.pdf;
@@ -104,7 +80,7 @@ void bind_material(py::module_& module) {
            py::arg("reflectance"))
       .def(py::init(&make_material), py::arg("reflectance"), py::arg("model"), py::arg("roughness"),
            py::arg("refractive_index"))
-      .def_property_readonly("model", &model_name)
+      .def_readonly("model", &Material::model)
       .def_readonly("reflectance", &Material::reflectance)
       .def_readonly("roughness", &Material::roughness)
       .def_readonly("refractive_index", &Material::refractive_index)

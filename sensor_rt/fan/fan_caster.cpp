@@ -186,7 +186,7 @@ void FanCaster::land(const Scene& scene) {
     for (int l = 0; l < kLanes; ++l) {
       const Shape* shape =
           hits.shape[l] >= 0 ? &scene.shapes()[static_cast<std::size_t>(hits.shape[l])] : nullptr;
-      const bool shows = shape != nullptr && !shape->surface->material().is_mirror();
+      const bool shows = shape != nullptr && !shape->surface->is_specular();
       landing.used[l] = shows ? landing.used[l] : 0.0;
       landing.brightness[l] =
           shows ? cosine[l] * relative_power_[p * kLanes + static_cast<std::size_t>(l)] * shape->reflectance
@@ -272,7 +272,7 @@ void FanCaster::measure_stripes(const Scene& scene, std::size_t number, std::siz
     const Shape& shape = scene.shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
     double direct = shape.reflectance;
     double even = shape.reflectance;
-    if (!shape.surface->material().is_lambert()) {
+    if (!shape.surface->is_lambert()) {
       const Eigen::Vector3d normal = lane(landing.normal, l);
       const Eigen::Vector3d to_viewpoint = -lane(view.direction, l).normalized();
       direct = shape.surface->pi_brdf(normal, -lane(fan_.directions()[p], l), to_viewpoint);

@@ -20,7 +20,7 @@ struct ExposureViews {
 
   void set(const RenderPlan& plan, const Scene& new_scene, const PoseTrack& new_track);
   std::size_t packets() const { return lane_instants.size() / kLanes; }
-  const Brdf& brdf(std::int32_t shape) const {
+  const Bsdf& brdf(std::int32_t shape) const {
     return *scene->shapes()[static_cast<std::size_t>(shape)].surface;
   }
 };

@@ -13,8 +13,8 @@ namespace {
 constexpr double kMaxBend = 3e-4;
 /// Distance from the origin of a shape's frame within which kMaxBend holds, m.
 constexpr double kArm = 0.3;
-/// Smallest microfacet roughness: the lobe is nearly constant over a pixel.
-constexpr double kMinRoughness = 0.1;
+/// Smallest width of a lobe, rad: it is nearly constant over a pixel.
+constexpr double kMinLobe = 0.1;
 
 struct Constants {
   double axes[9];
@@ -316,9 +316,7 @@ void FilledPixels::set(const ExposureViews& views) {
   is_usable_.clear();
   for (std::size_t s = 0; s < views.scene->shapes().size(); ++s) {
     const Shape& shape = views.scene->shapes()[s];
-    const Material& material = shape.surface->material();
-    const bool sharp =
-        material.is_mirror() || (material.has_microfacets() && material.roughness < kMinRoughness);
+    const bool sharp = shape.surface->lobe_width() < kMinLobe;
     const bool planar = shape.kind == ShapeKind::kMesh || shape.kind == ShapeKind::kRectangle;
     is_usable_.push_back(planar && !sharp && is_linear(track, s, kMaxBend * plan_.pixel_size));
   }
@@ -360,7 +358,7 @@ void FilledPixels::collect(int column, int row, const Patch& patch, Batch& batch
   const FacePlane& other = patch.count > 1 ? shape.planes[patch.face[1]] : plane;
   set_lane(batch.other_normal, l, {other.normal[0], other.normal[1], other.normal[2]});
   batch.other_offset[l] = other.offset;
-  const bool glossy = shape.surface->material().has_microfacets();  // the BRDF may change much at the edge
+  const bool glossy = std::isfinite(shape.surface->lobe_width());  // the BRDF may change much at the edge
   batch.rise[l] =
       patch.count == 2 && !patch.is_open && !glossy ? rise_of(shape, patch.face[0], patch.face[1]) : 0.0;
 }
@@ -385,14 +383,14 @@ void FilledPixels::integrate(Batch& batch) {
 double FilledPixels::electrons_per_second(const Batch& batch, int l) const {
   const auto i = static_cast<std::size_t>(l);
   const double ambient = plan_.settings.model.ambient_irradiance;
-  const Brdf& brdf = views_->brdf(shape_);
+  const Bsdf& brdf = views_->brdf(shape_);
   const bool is_edge = !is_single(batch.patch[i]) && light_.is_edge[l] > 0.0;
   const double share = is_edge ? light_.share[l] : 0.0;
   const double irradiance = (is_edge ? 1.0 + light_.brightening[l] : 1.0) * light_.irradiance[l];
   const double cosines = is_edge ? light_.cosines[l] : 1.0;
   double light = 0.0;
-  if (brdf.material().is_lambert()) {
-    light = brdf.material().reflectance * (irradiance * (1.0 + share * (cosines - 1.0)) + ambient);
+  if (brdf.is_lambert()) {
+    light = brdf.albedo(1.0) * (irradiance * (1.0 + share * (cosines - 1.0)) + ambient);
   } else {
     const Eigen::Vector3d to_viewpoint = -lane(light_.direction, l).normalized();
     const Eigen::Vector3d to_source = -lane(light_.from_source, l).normalized();
@@ -402,7 +400,7 @@ double FilledPixels::electrons_per_second(const Batch& batch, int l) const {
       const double sum = ambient > 0.0 ? ambient * brdf.albedo(normal.dot(to_viewpoint)) : 0.0;
       if (!(laser > 0.0)) return sum;
       const double here = brdf.pi_brdf(normal, to_source, to_viewpoint);
-      if (!brdf.material().has_microfacets()) return sum + laser * here;
+      if (!std::isfinite(brdf.lobe_width())) return sum + laser * here;
       const Eigen::Vector3d other_viewpoint =
           -(lane(light_.direction, l) + lane(light_.change_of_direction, l)).normalized();
       const Eigen::Vector3d other_source =

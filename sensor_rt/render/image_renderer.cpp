@@ -63,7 +63,7 @@ void ImageRenderer::render(const Scene& scene, const Exposures& exposures, std::
   is_rolling_ = place(scene, exposures, exposure);
   RowViews* rows = is_rolling_ ? &rows_ : nullptr;
   has_mirrors_ = std::any_of(scene.shapes().begin(), scene.shapes().end(),
-                             [](const Shape& shape) { return shape.surface->material().is_mirror(); });
+                             [](const Shape& shape) { return shape.surface->is_specular(); });
   find_pixels(scene);
   views_.set(plan_, scene, track_);
   tracer_.set(views_, rows);
@@ -180,7 +180,7 @@ void ImageRenderer::mark_mirrors(std::size_t number) {
     for (int column = 0; column < camera.width_px + kBlock; column += kBlock) {
       const std::int32_t shape =
           tracer_.shape_at(std::min(column, camera.width_px - 1), std::min(row, camera.height_px - 1));
-      if (shape < 0 || !views_.brdf(shape).material().is_mirror()) continue;
+      if (shape < 0 || !views_.brdf(shape).is_specular()) continue;
       mirror_mask_.mark(column - kBlock, column + kBlock, row - kBlock, row + kBlock);
     }
   }

@@ -107,7 +107,7 @@ void LightTracer::land_first(Packet& packet) const {
     const double across = t * t / std::sqrt(1.0 + packet.slope[l] * packet.slope[l]);
     const double y_from_source = at.y() - packet.origin.y[l];
     packet.power[l] *= across * laser.irradiance_at(at.x(), y_from_source, at.z());
-    packet.counts[l] = !mirrors_first_ || views_->brdf(packet.hits.shape[l]).material().is_mirror();
+    packet.counts[l] = !mirrors_first_ || views_->brdf(packet.hits.shape[l]).is_specular();
     packet.alive[l] = packet.power[l] > 0.0 && packet.counts[l] ? -1 : 0;
   }
 }
@@ -126,8 +126,8 @@ bool LightTracer::reflect(Packet& packet, int depth) const {
       u[static_cast<std::size_t>(k)] = wrap(recurrence(photon, 2 + k) + shift[static_cast<std::size_t>(k)]);
     }
     const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
-    const Brdf& brdf = views_->brdf(packet.hits.shape[l]);
-    const BrdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
+    const Bsdf& brdf = views_->brdf(packet.hits.shape[l]);
+    const BsdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
     if (!(out.weight > 0.0)) continue;
     packet.power[l] *= out.weight;
     packet.spacing[l] += packet.cone_spread[l] * (at.position - lane(packet.origin, l)).norm();

@@ -80,10 +80,9 @@ double PathTracer::ambient_light(const Packet& packet, int depth) const {
     if (packet.hits.shape[l] < 0) {
       sum += depth > 0 ? packet.carried[l] * ambient : 0.0;  // a primary ray without a hit sees no light
     } else if (mode_ == Mode::kMirrorsOnly) {
-      const Brdf& brdf = views_->brdf(packet.hits.shape[l]);
+      const Bsdf& brdf = views_->brdf(packet.hits.shape[l]);
       const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
-      if (!brdf.material().is_mirror())
-        sum += packet.carried[l] * ambient * brdf.albedo(at.normal.dot(at.back));
+      if (!brdf.is_specular()) sum += packet.carried[l] * ambient * brdf.albedo(at.normal.dot(at.back));
     }
   }
   return sum;
@@ -125,14 +124,14 @@ void PathTracer::reflect(Packet& packet, int depth) {
   for (int l = 0; l < kLanes; ++l) {
     if (packet.alive[l] == 0) continue;
     packet.alive[l] = 0;
-    const Brdf& brdf = views_->brdf(packet.hits.shape[l]);
-    const bool is_mirror = brdf.material().is_mirror();
+    const Bsdf& brdf = views_->brdf(packet.hits.shape[l]);
+    const bool is_mirror = brdf.is_specular();
     if (mode_ == Mode::kMirrorsOnly && !is_mirror) continue;
     if (mode_ == Mode::kReflectedLamps && depth == 0 && is_mirror) continue;
     const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
     const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
     const auto u = random.at(packet.pixel, sample, static_cast<std::uint32_t>(depth));
-    const BrdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
+    const BsdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
     if (!(out.weight > 0.0)) continue;
     packet.carried[l] *= out.weight;
     packet.alive[l] = -1;

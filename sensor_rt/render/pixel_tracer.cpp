@@ -35,14 +35,14 @@ void PixelTracer::set(const ExposureViews& views, RowViews* rows) {
   use(views);
   surfaces_.clear();
   for (const Shape& shape : views.scene->shapes()) {
-    const bool lambert = shape.surface->material().is_lambert();
+    const bool lambert = shape.surface->is_lambert();
     surfaces_.push_back({shape.reflectance, lambert ? nullptr : shape.surface.get()});
   }
 }
 
 double PixelTracer::brightness(const PacketHits& hits, int l, const Lanes3& direction,
                                const Lanes3& from_source, double irradiance) const {
-  const Brdf& brdf = *surfaces_[static_cast<std::size_t>(hits.shape[l])].brdf;
+  const Bsdf& brdf = *surfaces_[static_cast<std::size_t>(hits.shape[l])].brdf;
   const Eigen::Vector3d to_viewpoint = -lane(direction, l).normalized();
   Eigen::Vector3d normal = lane(hits.normal, l);
   if (normal.dot(to_viewpoint) < 0.0) normal = -normal;

@@ -76,7 +76,7 @@ class PixelTracer {
 
   struct Surface {
     double reflectance;
-    const Brdf* brdf;  ///< null for Lambertian surfaces
+    const Bsdf* brdf;  ///< null for Lambertian surfaces
   };
 
   const RenderPlan& plan_;

@@ -21,7 +21,7 @@ void PlanarMirrors::set(const ExposureViews& views) {
   planes_.clear();
   const std::vector<Shape>& shapes = views.scene->shapes();
   for (std::size_t s = 0; s < shapes.size(); ++s) {
-    if (!shapes[s].surface->material().is_mirror()) continue;
+    if (!shapes[s].surface->is_specular()) continue;
     const Eigen::Vector3d& half = shapes[s].half_size;
     if (shapes[s].kind == ShapeKind::kMesh) add_mesh(s);
     if (shapes[s].kind == ShapeKind::kRectangle) planes_.push_back({s, Eigen::Vector3d::UnitZ(), 0.0});
@@ -80,7 +80,7 @@ bool PlanarMirrors::reflect(const Plane& plane, const Placed& placed, const Pack
   const double side = placed.normal.dot(to_image) < 0.0 ? offset : -offset;
   origin = at + side * placed.normal;
   to_image = target - origin;
-  share *= views_->brdf(hits.shape[l]).material().reflectance;
+  share *= views_->brdf(hits.shape[l]).albedo(1.0);
   return true;
 }
 

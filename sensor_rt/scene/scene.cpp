@@ -56,7 +56,7 @@ void Scene::add_primitive(const std::string& body, ShapeKind kind, const Rigid3&
 
 void Scene::add_shape(const std::string& body, Shape shape, const Material& material) {
   shape.body = body_number(body);
-  shape.surface = std::make_shared<const Brdf>(material);
+  shape.surface = make_bsdf(material);
   shape.reflectance = shape.surface->albedo(1.0);
   shapes_.push_back(std::move(shape));
 }

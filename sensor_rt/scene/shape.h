@@ -23,7 +23,7 @@ struct Shape {
   ShapeKind kind = ShapeKind::kMesh;
   int body = 0;
   double reflectance = 0.0;  ///< directional-hemispherical, at normal incidence
-  std::shared_ptr<const Brdf> surface;
+  std::shared_ptr<const Bsdf> surface;
   Rigid3 shape_from_body;
   /// Half extents of the bounding box. For primitives these are the dimensions: radius of a sphere; radius,
   /// radius and half height of a cylinder along z; a rectangle lies in z = 0.

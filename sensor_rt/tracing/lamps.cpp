@@ -8,7 +8,7 @@ namespace sensor_rt {
 Lamps::Lamps(const Band& filter, double laser_wavelength)
     : filter_(filter), laser_wavelength_(laser_wavelength) {}
 
-double Lamps::received(const LightSample& sample, const SurfacePoint& at, const Brdf& brdf) const {
+double Lamps::received(const LightSample& sample, const SurfacePoint& at, const Bsdf& brdf) const {
   const Eigen::Vector3d to_light = sample.position - at.position;
   const double distance2 = to_light.squaredNorm();
   if (!(distance2 > 0.0)) return 0.0;
@@ -18,7 +18,7 @@ double Lamps::received(const LightSample& sample, const SurfacePoint& at, const 
   return sample.intensity(-towards) * cosine / distance2 * brdf.pi_brdf(at.normal, towards, at.back);
 }
 
-double Lamps::brightness(const SurfacePoint& at, const Brdf& brdf, std::size_t instant) const {
+double Lamps::brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t instant) const {
   const std::vector<Light>& lights = scene_->lights();
   std::size_t instants[kLanes];
   std::fill_n(instants, kLanes, instant);
@@ -48,7 +48,7 @@ double Lamps::brightness(const SurfacePoint& at, const Brdf& brdf, std::size_t i
   return sum;
 }
 
-double Lamps::sample(std::size_t number, const SurfacePoint& at, const Brdf& brdf, std::size_t instant,
+double Lamps::sample(std::size_t number, const SurfacePoint& at, const Bsdf& brdf, std::size_t instant,
                      double u, double v, Eigen::Vector3d& to_light) const {
   const Light& light = scene_->lights()[number];
   const LightSample sample = random_light_sample(light, track_->reference_from_light(number, instant), u, v);

@@ -22,15 +22,15 @@ class Lamps {
 
   /// Returns the light reflected at a point towards the ray's origin, with shadows, as the equivalent
   /// irradiance on a white diffuse surface. Area lights are integrated with 16 samples.
-  double brightness(const SurfacePoint& at, const Brdf& brdf, std::size_t instant) const;
+  double brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t instant) const;
 
   /// Returns the contribution of a random sample of lamp `number`, without shadows, and the vector to the
   /// sample: the caller has to test it for occlusion up to t = 1.
-  double sample(std::size_t number, const SurfacePoint& at, const Brdf& brdf, std::size_t instant, double u,
+  double sample(std::size_t number, const SurfacePoint& at, const Bsdf& brdf, std::size_t instant, double u,
                 double v, Eigen::Vector3d& to_light) const;
 
  private:
-  double received(const LightSample& sample, const SurfacePoint& at, const Brdf& brdf) const;
+  double received(const LightSample& sample, const SurfacePoint& at, const Bsdf& brdf) const;
 
   Band filter_;
   double laser_wavelength_;

@@ -220,11 +220,8 @@ def test_large_mesh_casts_no_shadow_on_itself(edge: float, mode: str) -> None:
     floor_from_plane = pose((0, 0, 0), (0.2, 0.1, 0.3))  # coordinates of the mesh are not exact
     at = pose((0, 0, Z))
     lamp = pose((0.1, 0.05, -0.1))
-    corners = (
-        edge
-        * np.add([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]], [0.31, 0.17, 0.0])
-        @ floor_from_plane[:3, :3].T
-    )
+    across, along = np.array([-0.19, 0.81, 0.81, -0.19]), np.array([-0.33, -0.33, 0.67, 0.67])
+    corners = edge * np.stack([across, along, 0 * across], axis=1) @ floor_from_plane[:3, :3].T
     images = []
     for mesh in (False, True):
         scene = Scene()

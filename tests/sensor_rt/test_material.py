@@ -17,6 +17,7 @@ MATERIALS = {
     "polished metal": Material(1.0, "rough_conductor", 0.1, 1.0),
     "brushed metal": Material(1.0, "rough_conductor", 0.35, 1.0),
     "blasted metal": Material(1.0, "rough_conductor", 1.0, 1.0),
+    "foil": Material(1.0, "retro_reflective", 0.2, 1.0),
 }
 COSINES = np.array([0.08, 0.25, 0.5, 0.8, 0.99])
 
@@ -118,6 +119,21 @@ def test_mirror_samples_single_direction() -> None:
     out, weight, _ = Material(0.8, "mirror", 0.0, 1.0).sample([towards(0.6, 0.3)], [[0.1, 0.2, 0.3]])
     np.testing.assert_allclose(out[0], towards(0.6, 0.3 + np.pi), atol=1e-12)
     assert weight[0] == 0.8
+
+
+@pytest.mark.parametrize("cosine", [0.5, 0.8, 1.0])
+def test_retro_reflective_foil_sends_light_back(cosine: float) -> None:
+    """The lobe surrounds the source whatever the incidence; metal of equal roughness has it at the mirror direction."""
+    foil, metal = (Material(0.7, model, 0.1, 1.0) for model in ("retro_reflective", "rough_conductor"))
+    source, mirror = towards(cosine, 0.3), towards(cosine, 0.3 + np.pi)
+    back, forth = foil.pi_brdf([source, source], [source, mirror])
+    if cosine < 1.0:
+        assert forth < 0.01 * back
+        assert foil.pi_brdf([source], [source])[0] > 100 * metal.pi_brdf([source], [source])[0]
+    # D G2 / (4 cos²) at the top of the lobe, with D = 1 / (pi alpha²), and what the coupled rest adds.
+    peak = 0.7 / (4 * 0.1**2 * cosine**2)
+    assert 0.5 * peak < back < 1.02 * peak + 0.7
+    np.testing.assert_allclose(foil.albedo(COSINES), 0.7, atol=2e-3)
 
 
 def test_image_brightness_matches_brdf() -> None:

@@ -9,7 +9,9 @@ from pydantic import Field, model_validator
 
 from scancell.config.description import Description, Fraction
 
-Model = Literal["lambert", "oren_nayar", "rough_dielectric", "rough_conductor", "mirror"]
+Model = Literal["lambert", "oren_nayar", "rough_dielectric", "rough_conductor", "mirror", "retro_reflective"]
+# Models with a GGX lobe.
+_WITH_LOBE: tuple[Model, ...] = ("rough_dielectric", "rough_conductor", "retro_reflective")
 Preset = Literal["matt_white", "machined_aluminium", "polished_steel", "black_rubber", "painted_plastic"]
 
 _SMOOTHEST_GGX = 0.01
@@ -42,15 +44,16 @@ class MaterialDescription(Description):
     model: Model | None = Field(
         default=None,
         description="BRDF: lambert, oren_nayar (rough diffuse), rough_dielectric (GGX coat on a diffuse base),"
-        " rough_conductor (GGX metal), mirror",
+        " rough_conductor (GGX metal), mirror, retro_reflective (foil with a GGX lobe back to the source)",
     )
     reflectance: Fraction | None = Field(
         default=None,
-        description="0..1: of the diffuse base, of metal at normal incidence, or of a mirror at every angle",
+        description="0..1: of the diffuse base, of metal at normal incidence, or of mirror and foil at every angle",
     )
     roughness: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
         default=None,
-        description="oren_nayar: standard deviation of the slope angle over 90 deg, 0..1; rough_*: GGX alpha, 0.01..1",
+        description="oren_nayar: standard deviation of the slope angle over 90 deg, 0..1; models with a lobe: GGX"
+        " alpha, 0.01..1",
     )
     refractive_index: Annotated[float, Field(ge=1.0, le=3.0)] | None = Field(
         default=None, description="refractive index of the coat of rough_dielectric"
@@ -61,7 +64,7 @@ class MaterialDescription(Description):
         if self.preset is None and (self.model is None or self.reflectance is None):
             raise ValueError(f"give a preset ({', '.join(PRESETS)}), or at least model and reflectance")
         material = self.resolved()
-        if material.model.startswith("rough_") and material.roughness < _SMOOTHEST_GGX:
+        if material.model in _WITH_LOBE and material.roughness < _SMOOTHEST_GGX:
             raise ValueError(
                 f"roughness ({material.roughness:g}) of {material.model} must be at least 0.01; or use mirror"
             )

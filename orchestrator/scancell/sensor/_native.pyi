@@ -70,7 +70,8 @@ class Material:
         0..1: of the diffuse base (lambert, oren_nayar, rough_dielectric), at normal incidence (rough_conductor), at
         every angle (mirror)
     model
-        lambert, oren_nayar, rough_dielectric (GGX coat on a diffuse base), rough_conductor (GGX) or mirror
+        lambert, oren_nayar, rough_dielectric (GGX coat on a diffuse base), rough_conductor (GGX), mirror or
+        retro_reflective
     roughness
         oren_nayar: 0..1, standard deviation of the slope angle over pi/2; GGX alpha: 0.01..1; otherwise unused
     refractive_index

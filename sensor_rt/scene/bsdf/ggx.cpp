@@ -1,4 +1,4 @@
-#include "sensor_rt/scene/ggx.h"
+#include "sensor_rt/scene/bsdf/ggx.h"
 
 namespace sensor_rt {
 namespace {

@@ -1,0 +1,50 @@
+// Interface of surface reflection models.
+#pragma once
+
+#include <Eigen/Dense>
+#include <limits>
+
+namespace sensor_rt {
+
+/// A sampled direction of reflection.
+struct BsdfSample {
+  Eigen::Vector3d towards = Eigen::Vector3d::Zero();
+  double weight = 0.0;  ///< BSDF * cosine / pdf: throughput factor; 0: absorbed
+  double pdf = 0.0;     ///< 1/sr; 0 for a specular surface, whose distribution is a delta function
+};
+
+/// Reflection by an opaque surface. All directions are unit vectors that point away from the surface,
+/// `normal` on the side of the incident and reflected light. Every model is reciprocal and conserves energy.
+class Bsdf {
+ public:
+  virtual ~Bsdf() = default;
+
+  /// Returns pi times the BSDF (1/sr): the reflectance of a Lambertian surface of equal radiance. 0 for
+  /// directions below the surface and for a specular surface.
+  virtual double pi_brdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& a,
+                         const Eigen::Vector3d& b) const = 0;
+
+  /// Returns the directional albedo: the fraction of light reflected at this cosine of incidence, which is
+  /// also the relative radiance under uniform illumination at this viewing cosine.
+  virtual double albedo(double cosine) const = 0;
+
+  /// Samples a direction of reflection for light from `from`, using three uniform numbers. By default with
+  /// the pdf cosine / pi.
+  virtual BsdfSample sample(const Eigen::Vector3d& normal, const Eigen::Vector3d& from, double u0, double u1,
+                            double u2) const;
+
+  /// Returns the pdf (1/sr) with which `sample` chooses `towards`.
+  virtual double pdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& from,
+                     const Eigen::Vector3d& towards) const;
+
+  /// Returns the angle, rad, over which the reflected light changes by its own order of magnitude; infinite
+  /// without a lobe, 0 for a specular surface.
+  virtual double lobe_width() const { return std::numeric_limits<double>::infinity(); }
+
+  bool is_specular() const { return lobe_width() == 0.0; }
+
+  /// Returns true when the light is reflected equally into all directions.
+  virtual bool is_lambert() const { return false; }
+};
+
+}  // namespace sensor_rt

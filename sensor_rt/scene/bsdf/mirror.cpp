@@ -1,0 +1,37 @@
+// Ideal mirror.
+#include "sensor_rt/scene/bsdf/models.h"
+
+namespace sensor_rt {
+namespace {
+
+class Mirror : public Bsdf {
+ public:
+  explicit Mirror(const Material& material) : reflectance_(material.reflectance) {}
+
+  double pi_brdf(const Eigen::Vector3d&, const Eigen::Vector3d&, const Eigen::Vector3d&) const override {
+    return 0.0;
+  }
+  double albedo(double) const override { return reflectance_; }
+  BsdfSample sample(const Eigen::Vector3d& normal, const Eigen::Vector3d& from, double, double,
+                    double) const override {
+    BsdfSample result;
+    const double cosine = normal.dot(from);
+    if (!(cosine > 0.0)) return result;
+    result.towards = 2.0 * cosine * normal - from;
+    result.weight = reflectance_;
+    return result;
+  }
+  double pdf(const Eigen::Vector3d&, const Eigen::Vector3d&, const Eigen::Vector3d&) const override {
+    return 0.0;
+  }
+  double lobe_width() const override { return 0.0; }
+
+ private:
+  double reflectance_;
+};
+
+}  // namespace
+
+extern const BsdfModel bsdf_mirror{"mirror", 0.0, make_bsdf_of<Mirror>};
+
+}  // namespace sensor_rt

@@ -1,0 +1,149 @@
+// Emitters: power over all directions, quadrature of areas, and the two forms of the laser sheet.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "sensor_rt/render/sheet_light.h"
+#include "sensor_rt/scene/light.h"
+
+namespace sensor_rt {
+namespace {
+
+using Vector = Eigen::Vector3d;
+
+LaserSheet make_laser() {
+  LaserSheet laser;
+  laser.wavelength = 660e-9;
+  laser.power = 2e-3;
+  laser.fan_half_angle = 0.28;
+  laser.source_z = 0.01;
+  laser.sheet_sigma = 60e-6;
+  laser.waist_z = 0.12;
+  laser.divergence = 4e-4;
+  return laser;
+}
+
+/// Flux through a cylinder of this radius around the source.
+double flux(const LaserSheet& laser, double radius) {
+  constexpr int kAngles = 400;
+  constexpr int kAcross = 400;
+  double sum = 0.0;
+  for (int i = 0; i < kAngles; ++i) {
+    const double angle = laser.fan_half_angle * (2.0 * (i + 0.5) / kAngles - 1.0);
+    const double y = radius * std::sin(angle);
+    const double z = laser.source_z + radius * std::cos(angle);
+    const double reach = 6.0 * laser.sigma_at(z);
+    for (int k = 0; k < kAcross; ++k) {
+      const double x = reach * (2.0 * (k + 0.5) / kAcross - 1.0);
+      sum += laser.irradiance_at(x, y, z) * 2.0 * reach / kAcross;
+    }
+  }
+  return sum * radius * 2.0 * laser.fan_half_angle / kAngles;
+}
+
+TEST(LaserSheet, FluxThroughEveryCylinderIsPower) {
+  LaserSheet laser = make_laser();
+  for (const double radius : {0.05, 0.11, 0.3})
+    EXPECT_NEAR(flux(laser, radius), laser.power, 1e-4 * laser.power);
+  laser.profile_angle = {-0.3, 0.0, 0.1, 0.3};
+  laser.profile_power = {0.2, 1.0, 0.7, 0.1};
+  laser.normalise_profile();
+  EXPECT_NEAR(flux(laser, 0.1), laser.power, 1e-3 * laser.power);
+}
+
+TEST(LaserSheet, NoLightOutsideFanOrBehindSource) {
+  const LaserSheet laser = make_laser();
+  EXPECT_GT(laser.irradiance_at(0.0, 0.1 * std::tan(0.279), laser.source_z + 0.1), 0.0);
+  EXPECT_EQ(laser.irradiance_at(0.0, 0.1 * std::tan(0.281), laser.source_z + 0.1), 0.0);
+  EXPECT_EQ(laser.irradiance_at(0.0, 0.0, laser.source_z - 0.1), 0.0);
+}
+
+/// The loops of sixteen rays hold the emission a second time, for speed.
+TEST(SheetLight, MatchesLaserSheetTimesCosine) {
+  const LaserSheet laser = make_laser();
+  const SheetLight light(laser);
+  const Vector viewpoint(0.06, 0.001, 0.0);
+  const Vector normal = Vector(0.3, 0.2, -0.9).normalized();
+  Lanes3 direction;
+  Lanes3 origins;
+  Lanes3 sources;
+  PacketHits hits;
+  for (int l = 0; l < kLanes; ++l) {
+    const Vector point(2e-5 * (l - 8), 0.004 * (l - 8), 0.11 + 0.001 * l);
+    set_lane(direction, l, point - viewpoint);
+    set_lane(origins, l, viewpoint);
+    set_lane(sources, l, {0.0, 0.0, laser.source_z});
+    set_lane(hits.normal, l, normal);
+    hits.t[l] = 1.0;
+    hits.shape[l] = 0;
+  }
+  for (const bool general : {false, true}) {
+    Lanes3 from_source;
+    alignas(64) double irradiance[kLanes];
+    alignas(64) int lit[kLanes];
+    if (general) {
+      light.light(origins, sources, direction, hits, from_source, irradiance, lit);
+    } else {
+      light.light(viewpoint.data(), direction, hits, from_source, irradiance, lit);
+    }
+    for (int l = 0; l < kLanes; ++l) {
+      const Vector point = viewpoint + lane(direction, l);
+      const Vector ray = point - Vector(0.0, 0.0, laser.source_z);
+      const double cosine = -normal.dot(ray.normalized());
+      const double expected = cosine * laser.irradiance_at(point.x(), point.y(), point.z());
+      EXPECT_NEAR(irradiance[l], expected, 1e-9 * (expected + 1e-6)) << "lane " << l;
+      EXPECT_EQ(lit[l] != 0, expected > 0.0);
+    }
+  }
+}
+
+TEST(LightSample, IntensityIntegratesToPower) {
+  const LightSample point{Vector::Zero(), Vector::Zero(), 3.0};
+  const LightSample area{Vector::Zero(), Vector(0.6, 0.0, 0.8), 3.0};
+  constexpr int kSteps = 400;
+  double of_point = 0.0;
+  double of_area = 0.0;
+  for (int i = 0; i < kSteps; ++i) {
+    const double z = 2.0 * (i + 0.5) / kSteps - 1.0;
+    for (int k = 0; k < kSteps; ++k) {
+      const double azimuth = 2.0 * M_PI * (k + 0.5) / kSteps;
+      const double r = std::sqrt(1.0 - z * z);
+      const Vector direction(r * std::cos(azimuth), r * std::sin(azimuth), z);
+      const double solid_angle = 4.0 * M_PI / (kSteps * kSteps);
+      of_point += point.intensity(direction) * solid_angle;
+      of_area += area.intensity(direction) * solid_angle;
+    }
+  }
+  EXPECT_NEAR(of_point, 3.0, 1e-9);
+  EXPECT_NEAR(of_area, 3.0, 1e-3);
+}
+
+TEST(Lights, SamplesCarryAllPowerAndLieOnTheLamp) {
+  Rigid3 pose;
+  pose.translation = {0.1, 0.2, 0.3};
+  for (const LightKind kind : {LightKind::kPoint, LightKind::kRectangle, LightKind::kDisc}) {
+    Light light;
+    light.kind = kind;
+    light.size = {0.2, kind == LightKind::kDisc ? 0.2 : 0.1};
+    light.power = 5.0;
+    LightSample samples[kLightSamples];
+    const int count = light_samples(light, pose, samples);
+    double sum = 0.0;
+    Vector centre = Vector::Zero();
+    for (int k = 0; k < count; ++k) {
+      sum += samples[k].power;
+      centre += samples[k].power / light.power * samples[k].position;
+      EXPECT_LE(std::abs(samples[k].position.x() - 0.1), 0.1);
+      EXPECT_LE(std::abs(samples[k].position.y() - 0.2), 0.5 * light.size.y());
+      EXPECT_EQ(samples[k].position.z(), 0.3);
+    }
+    EXPECT_NEAR(sum, light.power, 1e-9);
+    EXPECT_NEAR((centre - pose.translation).norm(), 0.0, 1e-12);
+    const LightSample random = random_light_sample(light, pose, 0.99, 0.99);
+    EXPECT_EQ(random.power, light.power);
+    EXPECT_LE((random.position - pose.translation).norm(), 0.5 * light.size.norm());
+  }
+}
+
+}  // namespace
+}  // namespace sensor_rt

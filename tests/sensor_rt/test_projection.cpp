@@ -1,0 +1,113 @@
+// Geometry and cameras: transforms, random numbers, projection and its inverse.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "sensor_rt/geometry/random.h"
+#include "sensor_rt/geometry/rigid3.h"
+#include "sensor_rt/optics/projector.h"
+
+namespace sensor_rt {
+namespace {
+
+using Vector = Eigen::Vector3d;
+
+Rigid3 make_pose(const Vector& turn, const Vector& shift) {
+  return {Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix(), shift};
+}
+
+TEST(Rigid3, InverseAndProductsAreConsistent) {
+  const Rigid3 a = make_pose({0.3, -0.2, 0.9}, {1.0, 2.0, 3.0});
+  const Rigid3 b = make_pose({-1.0, 0.4, 0.1}, {-0.5, 0.1, 0.2});
+  const Vector point(0.3, 0.4, 0.5);
+  EXPECT_NEAR(((a * b) * point - a * (b * point)).norm(), 0.0, 1e-14);
+  EXPECT_NEAR((a.inverse() * (a * point) - point).norm(), 0.0, 1e-14);
+}
+
+TEST(Rigid3, InterpolationTurnsAtConstantRate) {
+  const Rigid3 from = make_pose({0.1, 0.2, 0.3}, {0.0, 0.0, 1.0});
+  const Rigid3 to = from * make_pose({0.0, 0.0, 0.8}, {0.2, 0.0, 0.0});
+  const Rigid3 quarter = interpolate(from, to, 0.25);
+  const Eigen::AngleAxisd turn(Eigen::Matrix3d(from.rotation.transpose() * quarter.rotation));
+  EXPECT_NEAR(turn.angle(), 0.2, 1e-12);
+  EXPECT_NEAR((quarter.translation - (0.75 * from.translation + 0.25 * to.translation)).norm(), 0.0, 1e-15);
+  EXPECT_TRUE(interpolate(from, from, 0.7) == from);
+}
+
+/// Test vectors of Random123 for Philox4x32-10.
+TEST(Philox, MatchesPublishedTestVectors) {
+  const std::array<std::uint32_t, 4> zeros = {0x6627e8d5u, 0xe169c58du, 0xbc57ac4cu, 0x9b00dbd8u};
+  EXPECT_EQ(philox4x32({0, 0, 0, 0}, {0, 0}), zeros);
+  const std::array<std::uint32_t, 4> ones = {0x408f276du, 0x41c83b0eu, 0xa20bc7c6u, 0x6d5451fdu};
+  EXPECT_EQ(philox4x32({~0u, ~0u, ~0u, ~0u}, {~0u, ~0u}), ones);
+}
+
+Camera make_camera(bool distorted, bool tilted) {
+  Camera camera;
+  camera.width_px = 1280;
+  camera.height_px = 1024;
+  camera.focal_px = 3100.0;
+  camera.cx_px = 639.5;
+  camera.cy_px = 511.5;
+  camera.f_number = 11.0;
+  camera.pixel_pitch = 5e-6;
+  if (distorted) camera.distortion = {-0.12, 0.05, 0.002, -0.001, 0.03};
+  if (tilted) camera.tilt_sensor(0.1, -0.05);
+  camera.sensor_from_camera = make_pose({0.1, 0.5, 0.2}, {0.06, 0.0, 0.01});
+  return camera;
+}
+
+class Cameras : public testing::TestWithParam<std::pair<bool, bool>> {
+ protected:
+  Camera camera = make_camera(GetParam().first, GetParam().second);
+};
+
+TEST_P(Cameras, RayThroughPixelProjectsOntoIt) {
+  for (const double column : {0.0, 300.0, 639.5, 1279.0}) {
+    for (const double row : {0.0, 511.5, 900.0}) {
+      const Vector ray = camera.ray({column, row});
+      EXPECT_EQ(ray.z(), 1.0);
+      const Eigen::Vector2d pixel = camera.project(0.13 * ray);
+      EXPECT_NEAR(pixel.x(), column, 1e-6);
+      EXPECT_NEAR(pixel.y(), row, 1e-6);
+    }
+  }
+}
+
+TEST_P(Cameras, JacobianIsDerivativeOfRay) {
+  constexpr double kStep = 1e-2;
+  const Eigen::Vector2d pixel(300.0, 800.0);
+  const Eigen::Matrix2d slope = camera.ray_jacobian(camera.ray(pixel));
+  for (int k = 0; k < 2; ++k) {
+    const Eigen::Vector2d step = kStep * Eigen::Vector2d::Unit(k);
+    const Vector change = (camera.ray(pixel + step) - camera.ray(pixel - step)) / (2.0 * kStep);
+    EXPECT_NEAR((slope.col(k) - change.head<2>()).norm(), 0.0, 1e-6 * slope.norm());
+  }
+}
+
+TEST_P(Cameras, ProjectorMatchesCamera) {
+  const Projector projector(camera);
+  Lanes3 points;
+  for (int l = 0; l < kLanes; ++l) {
+    set_lane(points, l,
+             camera.sensor_from_camera * Vector(0.002 * (l - 8), 0.0013 * (8 - l), 0.1 + 0.002 * l));
+  }
+  set_lane(points, 0, camera.sensor_from_camera * Vector(0.0, 0.0, -0.1));
+  alignas(64) double column[kLanes];
+  alignas(64) double row[kLanes];
+  projector.project(points, column, row);
+  EXPECT_EQ(column[0], kNotVisible);
+  for (int l = 1; l < kLanes; ++l) {
+    const Eigen::Vector2d pixel = camera.project(camera.sensor_from_camera.inverse() * lane(points, l));
+    EXPECT_NEAR(column[l], pixel.x(), 1e-9);
+    EXPECT_NEAR(row[l], pixel.y(), 1e-9);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Lenses, Cameras,
+                         testing::Values(std::pair(false, false), std::pair(true, false),
+                                         std::pair(false, true), std::pair(true, true)));
+
+}  // namespace
+}  // namespace sensor_rt
