@@ -4,26 +4,6 @@
 namespace robotcell::fmi {
 namespace {
 
-void add_commands(TableBuilder& table, GripperCommandInputs& in) {
-  const auto input = Causality::kInput;
-  const auto discrete = Variability::kDiscrete;
-  table.add("command.gripper.mode", input, discrete, kNone,
-            "Gripper mode, read at the next controller cycle: 0 keep the last command (at the start: hold "
-            "the width), 1 move to command.gripper.width, 2 close with command.gripper.force",
-            in.mode);
-  table.bound(0, 2);
-  table.add("command.gripper.width", input, discrete, kMetre,
-            "Commanded distance between the pads in gripper mode 1, clamped to the stroke; the fingers move "
-            "at their maximum speed with up to their maximum force",
-            in.width);
-  table.bound(0);
-  table.add("command.gripper.force", input, discrete, kNewton,
-            "Commanded grip force of each finger in gripper mode 2, clamped to the maximum force; the "
-            "fingers close at their maximum speed",
-            in.force);
-  table.bound(0);
-}
-
 void add_contact_forces(TableBuilder& table, GripperOutputs& out) {
   const auto output = Causality::kOutput;
   const auto discrete = Variability::kDiscrete;
@@ -48,7 +28,7 @@ void add_gripper(TableBuilder& table, GripperCommandInputs& in, GripperOutputs& 
                  const Dependencies& dependencies) {
   const auto output = Causality::kOutput;
   const auto discrete = Variability::kDiscrete;
-  add_commands(table, in);
+  table.add_declared("command.gripper.", "the gripper", Causality::kInput, in);
   table.add("measured.gripper.width", output, Variability::kContinuous, kMetre,
             "Measured distance between the pads of the two fingers", out.width, dependencies.file);
   table.add("measured.gripper.force", output, discrete, kNewton,

@@ -71,7 +71,7 @@ void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& depe
   add_truth(table, out.truth, dependencies);
   add_solver(table, out);
   add_record(table, out);
-  add_controller(table, out.controller, dependencies);
+  table.add_declared("controller.", "the controller", Causality::kOutput, out.controller, dependencies);
 }
 
 }  // namespace robotcell::fmi

@@ -15,14 +15,29 @@ std::string indexed(const std::string& name, std::size_t index_from_0) {
   return name + "[" + std::to_string(index_from_0 + 1) + "]";
 }
 
-/// The text of a field with the name of the device for {}.
-std::string FieldTable::text_of(const Field& field) const {
+/// The text of a field with the names of the device and of the element of an array.
+std::string FieldTable::text_of(const Field& field, const Element& element) const {
   std::string text = field.text;
-  for (std::size_t at = text.find("{}"); at != std::string::npos; at = text.find("{}", at)) {
-    text.replace(at, 2, device_);
-    at += device_.size();
+  for (const auto& [place, name] :
+       {std::pair<std::string, std::string>{"{}", device_}, {"{e}", element.text}}) {
+    for (std::size_t at = text.find(place); at != std::string::npos;
+         at = text.find(place, at + name.size())) {
+      text.replace(at, place.size(), name);
+    }
   }
   return text;
+}
+
+void TableBuilder::enumerate(const Enumeration& enumeration) {
+  Variable& variable = table_.back();
+  variable.type = Type::kEnumeration;
+  variable.enumeration = &enumeration;
+  bound(0, enumeration.count - 1);
+  for (std::int32_t i = 0; i < enumeration.count; ++i) {
+    const EnumerationItem& item = enumeration.items[i];
+    variable.description +=
+        (i == 0 ? ": " : ", ") + std::to_string(i) + " " + item.name + " (" + item.text + ")";
+  }
 }
 
 void TableBuilder::bound(double min, double max) {

@@ -20,6 +20,12 @@ VariableTable::VariableTable(const CellLayout& layout, Values& values) {
   variables_ = table.take();
 }
 
+void VariableTable::use_integers() {
+  for (Variable& variable : variables_) {
+    if (variable.type == Type::kEnumeration) variable.type = Type::kInteger;
+  }
+}
+
 /// FNV-1a hash of order, names, types and causalities.
 std::string VariableTable::token(bool arrays) const {
   std::uint64_t low = 0xcbf29ce484222325u;
