@@ -133,11 +133,7 @@ template bool Instance::set(std::uint32_t, const std::string&, Type);
 void Instance::refresh_outputs() {
   if (phase_ == Phase::kInstantiated) reject_call("getting an output", phase_);
   cell().write_outputs(values_.outputs);
-  for (const Variable& variable : table_.variables()) {
-    if (!variable.instant) continue;
-    double& time = member<double>(variable);
-    time = time == kNoInstant ? 0 : time + start_time_;
-  }
+  for (double* time : table_.instants()) *time = *time == kNoInstant ? 0 : *time + start_time_;
   values_.time = communication_time_;
   outputs_fresh_ = true;
 }

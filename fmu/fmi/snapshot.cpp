@@ -25,10 +25,6 @@ void exchange(A& a, TableWobble& v) {
   ROBOTCELL_EXCHANGE(a, v, v.amplitude, v.phase, v.direction);
 }
 template <class A>
-void exchange(A& a, TriggerErrors& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.latency, v.jitter);
-}
-template <class A>
 void exchange(A& a, VibrationParameters& v) {
   ROBOTCELL_EXCHANGE(a, v, v.amplitude, v.frequency, v.phase, v.random_rms, v.random_low, v.random_width);
 }
@@ -52,14 +48,6 @@ void exchange(A& a, BodyState& v) {
 template <class A>
 void exchange(A& a, Bodies& v) {
   ROBOTCELL_EXCHANGE(a, v, v.links, v.sensor, v.table, v.parts, v.fingers);
-}
-template <class A>
-void exchange(A& a, Measurement& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.position, v.rate);
-}
-template <class A>
-void exchange(A& a, TriggerRecord& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.index, v.segment, v.time, v.exposure, v.measured, v.truth);
 }
 template <class A>
 void exchange(A& a, PendingRecord& v) {
@@ -110,11 +98,6 @@ void exchange(A& a, FreePartState& v) {
   ROBOTCELL_EXCHANGE(a, v, v.position, v.velocity, v.main_support, v.stick_constraint, v.points);
 }
 
-template <class A>
-void exchange(A& a, CollisionReading& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.pairs, v.body_a, v.body_b, v.depth, v.point, v.clearance, v.near_a, v.near_b,
-                     v.near_faces);
-}
 template <class A>
 void exchange(A& a, Readings& v) {
   ROBOTCELL_EXCHANGE(a, v, v.sensors, v.collision);

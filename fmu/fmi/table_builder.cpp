@@ -28,6 +28,12 @@ std::string FieldTable::text_of(const Field& field, const Element& element) cons
   return text;
 }
 
+const Refs& FieldTable::initial_of(const Field& field) const {
+  static const Refs nothing;
+  if (field.initial == Initial::kDescription) return dependencies_.file;
+  return field.initial == Initial::kEncoders ? dependencies_.measured : nothing;
+}
+
 void TableBuilder::enumerate(const Enumeration& enumeration) {
   Variable& variable = table_.back();
   variable.type = Type::kEnumeration;
@@ -51,26 +57,6 @@ std::uint32_t TableBuilder::add_deviation(const std::string& name, Unit unit, co
                                       "Deviation as built from nominal: " + text, value);
   if (std::string_view(unit.name) == kMetre.name) bound(-kMaxCoordinate, kMaxCoordinate);
   return reference;
-}
-
-void TableBuilder::add_measurement(const std::string& prefix, const std::string& suffix, Measurement& value,
-                                   const Refs& position_dependencies) {
-  const auto output = Causality::kOutput;
-  const auto discrete = Variability::kDiscrete;
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    add(indexed(prefix + "q", i), output, discrete, kRadian,
-        "Measured angle of joint " + std::to_string(i + 1) + " (encoder)" + suffix, value.position[i],
-        position_dependencies);
-  }
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    add(indexed(prefix + "qd", i), output, discrete, kRadianPerSecond,
-        "Measured angular velocity of joint " + std::to_string(i + 1) + suffix, value.rate[i]);
-  }
-  add(prefix + "table", output, discrete, kRadian,
-      "Measured angle of the rotary table, not wrapped (encoder)" + suffix, value.position[kTableAxis],
-      position_dependencies);
-  add(prefix + "table_rate", output, discrete, kRadianPerSecond,
-      "Measured angular velocity of the rotary table" + suffix, value.rate[kTableAxis]);
 }
 
 void TableBuilder::add_body(const std::string& prefix, const std::string& what, const std::string& suffix,

@@ -68,10 +68,6 @@ class TableBuilder {
   /// Adds a fixed parameter "as_built.<name>".
   std::uint32_t add_deviation(const std::string& name, Unit unit, const std::string& text, double& value);
 
-  /// Adds encoder readings: present (with dependencies), or latched in a record.
-  void add_measurement(const std::string& prefix, const std::string& suffix, Measurement& value,
-                       const Refs& position_dependencies);
-
   /// Adds poses and twists of all bodies, present or in a record.
   void add_bodies(const std::string& prefix, const std::string& suffix, Variability variability,
                   Bodies& value, const BodiesDependencies& dependencies);
@@ -90,6 +86,11 @@ class TableBuilder {
 
   std::vector<Variable> table_;
 };
+
+template <class T, class = void>
+struct IsVariable : std::false_type {};
+template <class T>
+struct IsVariable<T, std::void_t<decltype(TypeOf<T>::value)>> : std::true_type {};
 
 /// Visits the members that a structure declares (fields.h).
 class FieldTable {
@@ -112,22 +113,32 @@ class FieldTable {
  private:
   template <class T>
   void add(const Declared<T>& member) {
-    if (member.field.text != nullptr) add(member.field, member.value, {"", ""});
+    if constexpr (IsVariable<T>::value) {
+      if (member.field.text != nullptr) add(member.field, member.value, {"", ""});
+    }
   }
   template <class T, std::size_t n>
   void add(const Declared<std::array<T, n>>& member) {
     if (member.field.text == nullptr) return;
     for (std::size_t i = 0; i < n; ++i) add(member.field, member.value[i], member.field.elements[i]);
   }
+  template <class T, std::size_t n, std::size_t m>
+  void add(const Declared<std::array<std::array<T, m>, n>>& member) {
+    for (std::size_t i = 0; i < n * m; ++i) {
+      add(member.field, member.value[i / m][i % m], member.field.elements[i]);
+    }
+  }
   template <class T>
   void add(const Field& field, T& value, const Element& element) {
-    table_.add(prefix_ + field.name + element.name, causality_, field.variability, field.unit,
-               text_of(field, element), value, field.from_file ? dependencies_.file : Refs());
+    table_.add(prefix_ + field.name + element.name, causality_,
+               causality_ == Causality::kParameter ? Variability::kFixed : field.variability, field.unit,
+               text_of(field, element), value, initial_of(field));
     table_.bound(field.min, field.max);
     if (field.instant) table_.mark_instant();
     if (field.enumeration != nullptr) table_.enumerate(*field.enumeration);
   }
   std::string text_of(const Field& field, const Element& element) const;
+  const Refs& initial_of(const Field& field) const;
 
   TableBuilder& table_;
   std::string prefix_, device_;

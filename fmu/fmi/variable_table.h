@@ -65,6 +65,8 @@ class VariableTable {
   VariableTable(const CellLayout& layout, Values& values);
 
   const std::vector<Variable>& variables() const { return variables_; }
+  /// Values that are simulation times.
+  const std::vector<double*>& instants() const { return instants_; }
 
   /// Makes integers of all enumerations, for model descriptions. Does not change the token of the instance.
   void use_integers();
@@ -78,6 +80,7 @@ class VariableTable {
 
  private:
   std::vector<Variable> variables_;
+  std::vector<double*> instants_;
 };
 
 /// The member that holds the value of a variable.

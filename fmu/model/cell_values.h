@@ -32,6 +32,24 @@ struct TableWobble {
 struct TriggerErrors {
   double latency = 0;  // s, delay of the light against the instant that the device records
   double jitter = 0;   // s, standard deviation of that delay
+
+  template <class Visitor>
+  static void declare(Visitor& visit, TriggerErrors& e) {
+    visit(
+        e,
+        field(
+            e.latency,
+            bounded(
+                {"latency", kSecond,
+                 "Deviation as built from nominal: mean delay of the light of an exposure after its middle, "
+                 "where the encoders are latched"},
+                0)),
+        field(e.jitter,
+              bounded({"jitter", kSecond,
+                       "Deviation as built from nominal: standard deviation of the delay of the light from "
+                       "exposure to exposure. The light never precedes the instant of firing"},
+                      0)));
+  }
 };
 
 /// Deviations of the cell as built from its description. All zero: the nominal cell.
@@ -261,10 +279,39 @@ struct Bodies {
   PerDevice<BodyState> parts, fingers;
 };
 
+constexpr Element kEncoderElements[kAxes] = {
+    {"q[1]", "joint 1"},
+    {"q[2]", "joint 2"},
+    {"q[3]", "joint 3"},
+    {"q[4]", "joint 4"},
+    {"q[5]", "joint 5"},
+    {"q[6]", "joint 6"},
+    {"table", "the rotary table, not wrapped"},
+};
+constexpr Element kEncoderRateElements[kAxes] = {
+    {"qd[1]", "joint 1"},
+    {"qd[2]", "joint 2"},
+    {"qd[3]", "joint 3"},
+    {"qd[4]", "joint 4"},
+    {"qd[5]", "joint 5"},
+    {"qd[6]", "joint 6"},
+    {"table_rate", "the rotary table"},
+};
+
 /// Encoder readings (joints, then table).
 struct Measurement {
   std::array<double, kAxes> position{};
   std::array<double, kAxes> rate{};
+
+  template <class Visitor>
+  static void declare(Visitor& visit, Measurement& m) {
+    visit(m,
+          field(m.position, with_elements(initially(Initial::kEncoders,
+                                                    {"", kRadian, "Measured angle of {e} (encoder){}"}),
+                                          kEncoderElements)),
+          field(m.rate, with_elements({"", kRadianPerSecond, "Measured angular velocity of {e}{}"},
+                                      kEncoderRateElements)));
+  }
 };
 
 struct Truth {
@@ -284,6 +331,29 @@ struct TriggerRecord {
   double exposure = 0;       // s
   Measurement measured;
   Bodies truth;
+
+  template <class Visitor>
+  static void declare(Visitor& visit, TriggerRecord& r) {
+    visit(
+        r,
+        field(r.index,
+              bounded(
+                  {"index", kNone,
+                   "Number of the exposure in the current record, counted from 1; 0 before the first record. "
+                   "At "
+                   "the end of each communication step the oldest queued record, if any, becomes the current "
+                   "one"},
+                  0)),
+        field(r.segment,
+              {"segment", kNone, "Value of command.segment when the exposure of the current record fired"}),
+        field(r.time,
+              instant("time",
+                      "Simulation time at the middle of the exposure of the current record; 0 before the "
+                      "first record")),
+        field(r.exposure,
+              bounded({"exposure", kSecond, "Duration of the exposure of the current record"}, 0)),
+        state(r.measured, "measured"), state(r.truth, "truth"));
+  }
 };
 
 struct ConveyorOutputs {
@@ -325,28 +395,41 @@ struct ControllerOutputs {
 
   template <class Visitor>
   static void declare(Visitor& visit, ControllerOutputs& o) {
-    visit(
-        o,
-        choice_field<control::Mode>(
-            o.mode, {"mode", kNone, "Active controller mode; hold while the command is rejected"}),
-        choice_field<control::Phase>(o.state, {"state", kNone, "Controller state"}),
-        choice_field<control::ControllerError>(o.error,
-                                               {"error", kNone, "Reason for which the command is rejected"}),
-        field(o.moving, {"moving", kNone, "True while any axis moves"}),
-        field(o.limit,
-              bounded({"limit", kNone,
-                       "First axis at a limit of position, speed or (in mode 1) acceleration, or outside "
-                       "its position limits with errors 5 and 6: 1 to 6 joint, 7 table, 0 none"},
-                      0, kAxes)),
-        field(o.progress, bounded({"progress", kNone,
-                                   "Completed fraction of the path of the running or last move, 0 to 1"},
-                                  0, 1)),
-        field(o.at_destination,
-              {"at_destination", kNone, "True while all axes are at rest exactly at controller.destination"}),
-        field(o.destination,
-              with_elements(from_file({"destination.", kRadian, "Target of the running or last motion: {e}"}),
-                            kDestinationElements)));
+    visit(o,
+          choice_field<control::Mode>(
+              o.mode, {"mode", kNone, "Active controller mode; hold while the command is rejected"}),
+          choice_field<control::Phase>(o.state, {"state", kNone, "Controller state"}),
+          choice_field<control::ControllerError>(
+              o.error, {"error", kNone, "Reason for which the command is rejected"}),
+          field(o.moving, {"moving", kNone, "True while any axis moves"}),
+          field(o.limit,
+                bounded({"limit", kNone,
+                         "First axis at a limit of position, speed or (in mode 1) acceleration, or outside "
+                         "its position limits with errors 5 and 6: 1 to 6 joint, 7 table, 0 none"},
+                        0, kAxes)),
+          field(o.progress, bounded({"progress", kNone,
+                                     "Completed fraction of the path of the running or last move, 0 to 1"},
+                                    0, 1)),
+          field(o.at_destination, {"at_destination", kNone,
+                                   "True while all axes are at rest exactly at controller.destination"}),
+          field(o.destination,
+                with_elements(initially(Initial::kDescription, {"destination.", kRadian,
+                                                                "Target of the running or last motion: {e}"}),
+                              kDestinationElements)));
   }
+};
+
+constexpr Element kPadElements[] = {
+    {"truth.finger[1].normal_force", "1"},
+    {"truth.finger[2].normal_force", "2"},
+};
+constexpr Element kPadForceElements[] = {
+    {"truth.finger[1].contact_force[1]", "x component, world frame, of the pad of finger 1"},
+    {"truth.finger[1].contact_force[2]", "y component, world frame, of the pad of finger 1"},
+    {"truth.finger[1].contact_force[3]", "z component, world frame, of the pad of finger 1"},
+    {"truth.finger[2].contact_force[1]", "x component, world frame, of the pad of finger 2"},
+    {"truth.finger[2].contact_force[2]", "y component, world frame, of the pad of finger 2"},
+    {"truth.finger[2].contact_force[3]", "z component, world frame, of the pad of finger 2"},
 };
 
 struct GripperOutputs {
@@ -356,7 +439,36 @@ struct GripperOutputs {
   std::array<double, 2> normal_force{};  // N, of each pad on the parts
   std::array<std::array<double, 3>, 2>
       contact_force{};  // N, of each pad on the parts, friction included, world axes
+
+  template <class Visitor>
+  static void declare(Visitor& visit, GripperOutputs& o) {
+    visit(o,
+          field(o.width, initially(Initial::kDescription,
+                                   continuous({"measured.gripper.width", kMetre,
+                                               "Measured distance between the pads of the two fingers"}))),
+          field(o.force, {"measured.gripper.force", kNewton,
+                          "Measured closing force, mean of the two finger drives; negative while opening"}),
+          field(o.gripped,
+                {"measured.gripper.gripped", kNone,
+                 "True if the gripper holds an object: the fingers press with the commanded force and stand "
+                 "still without being closed"}),
+          field(o.normal_force,
+                with_elements(
+                    {"", kNewton,
+                     "Normal force of the pad of finger {e} on all parts that it touches in the current "
+                     "dynamics step"},
+                    kPadElements)),
+          field(o.contact_force,
+                with_elements(
+                    {"", kNewton,
+                     "Contact force on all parts that it touches, friction included, in the current dynamics "
+                     "step: {e}"},
+                    kPadForceElements)));
+  }
 };
+
+constexpr Element kCollisionPointElements[] = {
+    {"truth.collision.point[1]", "x"}, {"truth.collision.point[2]", "y"}, {"truth.collision.point[3]", "z"}};
 
 /// Bodies are numbered in the order of the description, from 1; 0: none.
 struct CollisionReading {
@@ -367,6 +479,39 @@ struct CollisionReading {
   double clearance = 0;           // m, smallest distance; the range where all distances exceed it
   std::int32_t near_a = 0, near_b = 0;
   std::array<std::int32_t, 2> near_faces{};  // internal: closest faces, from which the next search starts
+
+  /// {} stands for the numbers of the bodies.
+  template <class Visitor>
+  static void declare(Visitor& visit, CollisionReading& r) {
+    visit(
+        r,
+        field(r.pairs,
+              bounded({"truth.collision.pairs", kNone,
+                       "Number of monitored pairs of bodies whose surfaces intersect at the last controller "
+                       "cycle"},
+                      0)),
+        field(r.body_a,
+              bounded({"truth.collision.body_a", kNone, "First body of the deepest collision{}"}, 0)),
+        field(r.body_b,
+              bounded({"truth.collision.body_b", kNone, "Second body of the deepest collision{}"}, 0)),
+        field(r.depth, bounded({"truth.collision.depth", kMetre,
+                                "Penetration depth of the deepest collision at the last controller cycle"},
+                               0)),
+        field(r.point,
+              with_elements({"", kMetre, "Deepest point of the deepest collision: {e} in the world frame"},
+                            kCollisionPointElements)),
+        field(
+            r.clearance,
+            initially(
+                Initial::kDescription,
+                bounded({"truth.clearance.distance", kMetre,
+                         "Smallest distance of all monitored pairs of bodies, 0 during a collision, at most "
+                         "the collision range of the description at the last controller cycle"},
+                        0))),
+        field(r.near_a, bounded({"truth.clearance.body_a", kNone, "First body of the closest pair{}"}, 0)),
+        field(r.near_b, bounded({"truth.clearance.body_b", kNone, "Second body of the closest pair{}"}, 0)),
+        state(r.near_faces, "near_faces"));
+  }
 };
 
 /// Latest readings of all sensors and of the collision monitor.

@@ -44,6 +44,9 @@ constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
 constexpr double kNoInstant = -1;  // time of something that has not happened yet
 
+/// What the initial value of an output depends on.
+enum class Initial { kNothing, kDescription, kEncoders };
+
 /// Name of an element of an array, after that of the array, and what replaces {e} in the text.
 struct Element {
   const char* name;
@@ -61,7 +64,7 @@ struct Field {
   bool instant = false;  // a simulation time, counted from the start; kNoInstant: none yet
   const Enumeration* enumeration = nullptr;  // whose member an integer holds
   const Element* elements = nullptr;         // of an array, one for each element
-  bool from_file = false;                    // the initial value depends on the cell description
+  Initial initial = Initial::kNothing;
 };
 
 constexpr Field bounded(Field field, double min, double max = kUnbounded) {
@@ -80,8 +83,8 @@ constexpr Field continuous(Field field) {
   return field;
 }
 
-constexpr Field from_file(Field field) {
-  field.from_file = true;
+constexpr Field initially(Initial initial, Field field) {
+  field.initial = initial;
   return field;
 }
 
