@@ -5,12 +5,28 @@
 #include <cstdint>
 
 #include "fmu/control/axis.h"
+#include "fmu/control/enumeration.h"
 
 namespace robotcell::control {
 
 enum class Mode : std::int32_t { kHold, kServo, kJointMove, kLineMove, kJointJog, kCartesianJog };
+constexpr EnumerationItem kModeItems[] = {
+    {"hold", "brake and rest"},          {"servo", "follow streamed set-points"},
+    {"joint_move", "move of all axes"},  {"line_move", "linear move of the sensor"},
+    {"joint_jog", "jog of single axes"}, {"cartesian_jog", "Cartesian jog of the sensor"},
+};
+
 enum class Operation : std::int32_t { kManual, kAutomatic };
+constexpr EnumerationItem kOperationItems[] = {
+    {"manual", "only jogs (modes 4 and 5) move the robot"},
+    {"automatic", "modes 1 to 3 move the robot, and jogs are rejected"},
+};
+
 enum class JogFrame : std::int32_t { kWorld, kTool };
+constexpr EnumerationItem kJogFrameItems[] = {
+    {"world", "axes of the world"},
+    {"sensor", "axes of the sensor"},
+};
 
 struct Command {
   Mode mode = Mode::kHold;
@@ -30,6 +46,12 @@ struct Command {
 };
 
 enum class Phase : std::int32_t { kRest, kMoving, kBraking, kEmergencyStop };
+constexpr EnumerationItem kPhaseItems[] = {
+    {"rest", "at rest"},
+    {"moving", "moving as commanded"},
+    {"braking", "braking"},
+    {"emergency_stop", "emergency stop"},
+};
 
 /// Reason for which a command is not executed.
 enum class ControllerError : std::int32_t {
@@ -41,6 +63,17 @@ enum class ControllerError : std::int32_t {
   kTargetOutOfLimits,
   kPathOutOfLimits,
   kSingular,
+};
+
+constexpr EnumerationItem kControllerErrorItems[] = {
+    {"none", "no error"},
+    {"manual_operation", "mode not allowed in manual operation"},
+    {"automatic_operation", "mode not allowed in automatic operation"},
+    {"emergency_stop", "emergency stop"},
+    {"watchdog_timeout", "watchdog timeout"},
+    {"target_out_of_limits", "target outside the position limits"},
+    {"path_out_of_limits", "path outside the position limits"},
+    {"singular", "singularity on the path or target out of reach"},
 };
 
 struct Report {
@@ -55,3 +88,23 @@ struct Report {
 };
 
 }  // namespace robotcell::control
+
+namespace robotcell {
+
+template <>
+inline constexpr Enumeration enumeration_of<control::Mode> = make_enumeration("ControllerMode",
+                                                                              control::kModeItems);
+template <>
+inline constexpr Enumeration enumeration_of<control::Operation> = make_enumeration("Operation",
+                                                                                   control::kOperationItems);
+template <>
+inline constexpr Enumeration enumeration_of<control::JogFrame> = make_enumeration("JogFrame",
+                                                                                  control::kJogFrameItems);
+template <>
+inline constexpr Enumeration enumeration_of<control::Phase> = make_enumeration("ControllerState",
+                                                                               control::kPhaseItems);
+template <>
+inline constexpr Enumeration enumeration_of<control::ControllerError> =
+    make_enumeration("ControllerError", control::kControllerErrorItems);
+
+}  // namespace robotcell

@@ -134,9 +134,9 @@ void exchange_up_to(Archive& archive, std::int32_t& number, std::int32_t last) {
   if (Archive::kReads && (number < 0 || number > last)) reject_value();
 }
 
-/// Last member of an enumeration that begins at 0; must be specialised for every enumeration in a state.
+/// Last member of an enumeration that begins at 0.
 template <class T>
-constexpr T kLast = T::kLastOfThisEnumerationIsNotGiven;
+constexpr T kLast = static_cast<T>(enumeration_of<T>.count - 1);
 
 /// Serializes an integer that holds a member of an enumeration.
 template <class T, class Archive>
@@ -308,6 +308,10 @@ struct FieldArchive {
   template <class T>
   void visit(const Declared<T>& member) {
     if constexpr (Archive::kDescribes) archive.text(member.field.name);
+    if constexpr (std::is_same_v<T, std::int32_t>) {
+      const Enumeration* enumeration = member.field.enumeration;
+      if (enumeration != nullptr) return exchange_up_to(archive, member.value, enumeration->count - 1);
+    }
     exchange(archive, member.value);
   }
 };

@@ -45,7 +45,7 @@ fmi2Status get_values(fmi2Component c, const char* function, const fmi2ValueRefe
   return status_of(c, function, [&] {
     require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for (size_t i = 0; i < n; ++i) {
-      const T& value = instance_of(c)->get<T>(vr[i]);
+      const T& value = instance_of(c)->get<T>(vr[i], accessed_type<T>(*instance_of(c), vr[i]));
       if constexpr (std::is_same_v<T, std::string>) {
         values[i] = value.c_str();
       } else {
@@ -64,7 +64,9 @@ fmi2Status set_values(fmi2Component c, const char* function, const fmi2ValueRefe
     for (size_t i = 0; i < n; ++i) {
       if constexpr (std::is_same_v<T, std::string>)
         require(values[i] != nullptr, "a string is a null pointer");
-      unchanged = instance_of(c)->set<T>(vr[i], static_cast<T>(values[i])) && unchanged;
+      unchanged = instance_of(c)->set<T>(vr[i], static_cast<T>(values[i]),
+                                         accessed_type<T>(*instance_of(c), vr[i])) &&
+                  unchanged;
     }
   });
   return status == fmi2OK && !unchanged ? fmi2Warning : status;

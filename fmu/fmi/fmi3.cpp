@@ -36,11 +36,12 @@ void for_each_value(const Instance& instance, const fmi3ValueReference vr[], siz
 
 template <class T, class Value>
 fmi3Status get_values(fmi3Instance instance, const char* function, const fmi3ValueReference vr[], size_t n,
-                      Value values[], size_t n_values) {
+                      Value values[], size_t n_values, bool enumerations = false) {
   return status_of(instance, function, [&] {
     require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for_each_value(*instance_of(instance), vr, n, n_values, [&](std::uint32_t reference, size_t at) {
-      const T& value = instance_of(instance)->get<T>(reference);
+      const T& value = instance_of(instance)->get<T>(
+          reference, enumerations ? Type::kEnumeration : accessed_type<T>(*instance_of(instance), reference));
       if constexpr (std::is_same_v<T, std::string>) {
         values[at] = value.c_str();
       } else {
@@ -52,14 +53,21 @@ fmi3Status get_values(fmi3Instance instance, const char* function, const fmi3Val
 
 template <class T, class Value>
 fmi3Status set_values(fmi3Instance instance, const char* function, const fmi3ValueReference vr[], size_t n,
-                      const Value values[], size_t n_values) {
+                      const Value values[], size_t n_values, bool enumerations = false) {
   bool unchanged = true;
   const fmi3Status status = status_of(instance, function, [&] {
     require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for_each_value(*instance_of(instance), vr, n, n_values, [&](std::uint32_t reference, size_t at) {
       if constexpr (std::is_same_v<T, std::string>)
         require(values[at] != nullptr, "a string is a null pointer");
-      unchanged = instance_of(instance)->set<T>(reference, static_cast<T>(values[at])) && unchanged;
+      if constexpr (std::is_same_v<Value, fmi3Int64>) {
+        require(values[at] == static_cast<T>(values[at]), "a value is not a member of the enumeration");
+      }
+      unchanged =
+          instance_of(instance)->set<T>(
+              reference, static_cast<T>(values[at]),
+              enumerations ? Type::kEnumeration : accessed_type<T>(*instance_of(instance), reference)) &&
+          unchanged;
     });
   });
   return status == fmi3OK && !unchanged ? fmi3Warning : status;
@@ -181,6 +189,12 @@ fmi3Status fmi3GetInt32(fmi3Instance instance, const fmi3ValueReference vr[], si
   return get_values<std::int32_t>(instance, "fmi3GetInt32", vr, n, values, n_values);
 }
 
+/// In FMI 3 enumerations have 64 bits.
+fmi3Status fmi3GetInt64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Int64 values[],
+                        size_t n_values) {
+  return get_values<std::int32_t>(instance, "fmi3GetInt64", vr, n, values, n_values, true);
+}
+
 fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                           fmi3Boolean values[], size_t n_values) {
   return get_values<bool>(instance, "fmi3GetBoolean", vr, n, values, n_values);
@@ -199,6 +213,11 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], 
 fmi3Status fmi3SetInt32(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                         const fmi3Int32 values[], size_t n_values) {
   return set_values<std::int32_t>(instance, "fmi3SetInt32", vr, n, values, n_values);
+}
+
+fmi3Status fmi3SetInt64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+                        const fmi3Int64 values[], size_t n_values) {
+  return set_values<std::int32_t>(instance, "fmi3SetInt64", vr, n, values, n_values, true);
 }
 
 fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,

@@ -2,62 +2,11 @@
 #include "fmu/fmi/table_groups.h"
 
 namespace robotcell::fmi {
-namespace {
-
-void add_commands(TableBuilder& table, GripperCommandInputs& in) {
-  const auto input = Causality::kInput;
-  const auto discrete = Variability::kDiscrete;
-  table.add("command.gripper.mode", input, discrete, kNone,
-            "Gripper mode, read at the next controller cycle: 0 keep the last command (at the start: hold "
-            "the width), 1 move to command.gripper.width, 2 close with command.gripper.force",
-            in.mode);
-  table.bound(0, 2);
-  table.add("command.gripper.width", input, discrete, kMetre,
-            "Commanded distance between the pads in gripper mode 1, clamped to the stroke; the fingers move "
-            "at their maximum speed with up to their maximum force",
-            in.width);
-  table.bound(0);
-  table.add("command.gripper.force", input, discrete, kNewton,
-            "Commanded grip force of each finger in gripper mode 2, clamped to the maximum force; the "
-            "fingers close at their maximum speed",
-            in.force);
-  table.bound(0);
-}
-
-void add_contact_forces(TableBuilder& table, GripperOutputs& out) {
-  const auto output = Causality::kOutput;
-  const auto discrete = Variability::kDiscrete;
-  for (std::size_t i = 0; i < 2; ++i) {
-    const std::string pad =
-        " of the pad of finger " + std::to_string(i + 1) + " on all parts that it touches";
-    const std::string name = indexed("truth.finger", i);
-    table.add(name + ".normal_force", output, discrete, kNewton,
-              "Normal force" + pad + " in the current dynamics step", out.normal_force[i]);
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      table.add(indexed(name + ".contact_force", axis), output, discrete, kNewton,
-                "Contact force" + pad + ", friction included, in the current dynamics step: " +
-                    kAxisNames[axis] + " component, world frame",
-                out.contact_force[i][axis]);
-    }
-  }
-}
-
-}  // namespace
 
 void add_gripper(TableBuilder& table, GripperCommandInputs& in, GripperOutputs& out,
                  const Dependencies& dependencies) {
-  const auto output = Causality::kOutput;
-  const auto discrete = Variability::kDiscrete;
-  add_commands(table, in);
-  table.add("measured.gripper.width", output, Variability::kContinuous, kMetre,
-            "Measured distance between the pads of the two fingers", out.width, dependencies.file);
-  table.add("measured.gripper.force", output, discrete, kNewton,
-            "Measured closing force, mean of the two finger drives; negative while opening", out.force);
-  table.add("measured.gripper.gripped", output, discrete, kNone,
-            "True if the gripper holds an object: the fingers press with the commanded force and stand still "
-            "without being closed",
-            out.gripped);
-  add_contact_forces(table, out);
+  table.add_declared("command.gripper.", "the gripper", Causality::kInput, in);
+  table.add_declared("", "the gripper", Causality::kOutput, out, dependencies);
 }
 
 }  // namespace robotcell::fmi

@@ -9,6 +9,14 @@
 
 namespace robotcell::fmi {
 
+/// Type of a variable that a function for values of type T accesses: FMI 2 has no other function for
+/// enumerations, and in FMI 3 they may be described as integers.
+template <class T>
+Type accessed_type(const Instance& instance, std::uint32_t reference) {
+  if constexpr (std::is_same_v<T, std::int32_t>) return instance.integer_type(reference);
+  return TypeOf<T>::value;
+}
+
 /// Runs one call of the importer; true on success. An exception is logged, and the instance enters the error
 /// state.
 template <class Call>

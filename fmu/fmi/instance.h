@@ -77,12 +77,15 @@ class Instance {
   bool record_clock() const;
   double last_successful_time() const { return communication_time_; }
 
-  /// T is double, std::int32_t, bool or std::string.
+  /// T is double, std::int32_t (also for an enumeration), bool or std::string.
   template <class T>
-  T& get(std::uint32_t reference);
+  T& get(std::uint32_t reference, Type type = TypeOf<T>::value);
   /// Returns false where an input was clamped to its bounds, with a warning.
   template <class T>
-  bool set(std::uint32_t reference, const T& value);
+  bool set(std::uint32_t reference, const T& value, Type type = TypeOf<T>::value);
+
+  /// Type of an integer or enumeration: the functions for integers serve both.
+  Type integer_type(std::uint32_t reference) const;
 
   Snapshot snapshot() const;
   void restore(const Snapshot& snapshot);

@@ -37,9 +37,15 @@ const Variable& Instance::variable(std::uint32_t reference, Type type) const {
   return found;
 }
 
+Type Instance::integer_type(std::uint32_t reference) const {
+  const bool known = reference < table_.variables().size();
+  return known && table_.variables()[reference].type == Type::kEnumeration ? Type::kEnumeration
+                                                                           : Type::kInteger;
+}
+
 template <class T>
-T& Instance::get(std::uint32_t reference) {
-  const Variable& found = variable(reference, TypeOf<T>::value);
+T& Instance::get(std::uint32_t reference, Type type) {
+  const Variable& found = variable(reference, type);
   if (!outputs_fresh_ &&
       (found.causality == Causality::kOutput || found.causality == Causality::kIndependent)) {
     refresh_outputs();
@@ -77,8 +83,8 @@ double Instance::within_bounds(const Variable& variable, double value) const {
 }
 
 template <class T>
-bool Instance::set(std::uint32_t reference, const T& value) {
-  const Variable& found = variable(reference, TypeOf<T>::value);
+bool Instance::set(std::uint32_t reference, const T& value, Type type) {
+  const Variable& found = variable(reference, type);
   check_settable(found);
   T accepted = value;
   if constexpr (std::is_same_v<T, double>) {
@@ -107,30 +113,27 @@ void Instance::check_bounds() const {
     if (!is_settable(variable)) continue;
     double value = 0;
     if (variable.type == Type::kReal) value = member<double>(variable);
-    if (variable.type == Type::kInteger) value = member<std::int32_t>(variable);
-    const bool number = variable.type == Type::kReal || variable.type == Type::kInteger;
+    const bool whole = variable.type == Type::kInteger || variable.type == Type::kEnumeration;
+    if (whole) value = member<std::int32_t>(variable);
+    const bool number = variable.type == Type::kReal || whole;
     if (!number || (value >= variable.min && value <= variable.max)) continue;
     throw std::invalid_argument("the state holds a value of " + variable.name + " that is out of range");
   }
 }
 
-template double& Instance::get(std::uint32_t);
-template std::int32_t& Instance::get(std::uint32_t);
-template bool& Instance::get(std::uint32_t);
-template std::string& Instance::get(std::uint32_t);
-template bool Instance::set(std::uint32_t, const double&);
-template bool Instance::set(std::uint32_t, const std::int32_t&);
-template bool Instance::set(std::uint32_t, const bool&);
-template bool Instance::set(std::uint32_t, const std::string&);
+template double& Instance::get(std::uint32_t, Type);
+template std::int32_t& Instance::get(std::uint32_t, Type);
+template bool& Instance::get(std::uint32_t, Type);
+template std::string& Instance::get(std::uint32_t, Type);
+template bool Instance::set(std::uint32_t, const double&, Type);
+template bool Instance::set(std::uint32_t, const std::int32_t&, Type);
+template bool Instance::set(std::uint32_t, const bool&, Type);
+template bool Instance::set(std::uint32_t, const std::string&, Type);
 
 void Instance::refresh_outputs() {
   if (phase_ == Phase::kInstantiated) reject_call("getting an output", phase_);
   cell().write_outputs(values_.outputs);
-  for (const Variable& variable : table_.variables()) {
-    if (!variable.instant) continue;
-    double& time = member<double>(variable);
-    time = time == kNoInstant ? 0 : time + start_time_;
-  }
+  for (double* time : table_.instants()) *time = *time == kNoInstant ? 0 : *time + start_time_;
   values_.time = communication_time_;
   outputs_fresh_ = true;
 }

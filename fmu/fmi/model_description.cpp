@@ -1,5 +1,6 @@
 #include "fmu/fmi/model_description.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <locale>
@@ -77,6 +78,8 @@ const char* type_name(Type type, int version) {
       return version == 2 ? "Integer" : "Int32";
     case Type::kBoolean:
       return "Boolean";
+    case Type::kEnumeration:
+      return "Enumeration";
     default:
       return "String";
   }
@@ -92,6 +95,7 @@ std::string start_of(const Variable& variable) {
     case Type::kReal:
       return number(member<double>(variable));
     case Type::kInteger:
+    case Type::kEnumeration:
       return std::to_string(member<std::int32_t>(variable));
     case Type::kBoolean:
       return member<bool>(variable) ? "true" : "false";
@@ -107,6 +111,9 @@ bool has_start(const Variable& variable) {
 /// Attributes of the type: declared type, unit, bounds. FMI 2 importers read the unit from the variable;
 /// strict FMI 3 parsers reject it there, so it is in the declared type only.
 std::string type_attributes(const Variable& variable, int version) {
+  if (variable.type == Type::kEnumeration) {
+    return std::string(" declaredType=\"") + variable.enumeration->name + "\"";
+  }
   std::string text;
   const Unit& unit = variable.unit;
   if (*unit.quantity != '\0') text += std::string(" declaredType=\"") + unit.quantity + "\"";
@@ -232,7 +239,31 @@ constexpr UnitDefinition kUnits[] = {
     {kRadianPerSecond, "rad=\"1\" s=\"-1\"", kDegrees},
 };
 
-void write_units_and_types(std::ostream& xml, int version) {
+/// Enumerations of a table, each once.
+std::vector<const Enumeration*> enumerations_of(const VariableTable& table) {
+  std::vector<const Enumeration*> found;
+  for (const Variable& variable : table.variables()) {
+    const auto same = [&variable](const Enumeration* known) { return known == variable.enumeration; };
+    if (variable.type == Type::kEnumeration && std::none_of(found.begin(), found.end(), same)) {
+      found.push_back(variable.enumeration);
+    }
+  }
+  return found;
+}
+
+void write_enumeration(std::ostream& xml, const Enumeration& enumeration, int version) {
+  const std::string name = std::string(" name=\"") + enumeration.name + "\"";
+  xml << (version == 2 ? "    <SimpleType" + name + "><Enumeration>\n"
+                       : "    <EnumerationType" + name + ">\n");
+  for (std::int32_t i = 0; i < enumeration.count; ++i) {
+    const EnumerationItem& item = enumeration.items[i];
+    xml << "      <Item name=\"" << item.name << "\" value=\"" << i << "\" description=\""
+        << escaped(item.text) << "\"/>\n";
+  }
+  xml << (version == 2 ? "    </Enumeration></SimpleType>\n" : "    </EnumerationType>\n");
+}
+
+void write_units_and_types(std::ostream& xml, const VariableTable& table, int version) {
   xml << "  <UnitDefinitions>\n";
   for (const auto& [unit, base, factor] : kUnits) {
     xml << "    <Unit name=\"" << unit.name << "\"><BaseUnit " << base << "/><DisplayUnit name=\""
@@ -250,6 +281,7 @@ void write_units_and_types(std::ostream& xml, int version) {
       xml << "    <Float64Type" << name << attributes << "\n";
     }
   }
+  for (const Enumeration* enumeration : enumerations_of(table)) write_enumeration(xml, *enumeration, version);
   xml << "  </TypeDefinitions>\n";
 }
 
@@ -283,9 +315,11 @@ std::string model_description(const CellDescription& cell, const DescriptionOpti
   const CellLayout layout = layout_of(cell);
   Values values(layout);
   values.inputs = start_inputs(cell);
-  const VariableTable table(layout, values);
-  write_head(xml, cell, table.token(options.arrays && version == 3), options);
-  write_units_and_types(xml, version);
+  VariableTable table(layout, values);
+  const std::string token = table.token(options.arrays && version == 3);
+  if (options.integers) table.use_integers();
+  write_head(xml, cell, token, options);
+  write_units_and_types(xml, table, version);
   xml << "  <LogCategories>\n";
   for (const auto& [name, description] : kLogCategories) {
     xml << "    <Category name=\"" << name << "\" description=\"" << description << "\"/>\n";

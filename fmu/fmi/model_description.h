@@ -15,6 +15,9 @@ struct DescriptionOptions {
   /// Merge indexed scalars into arrays (FMI 3). Off by default: few importers support arrays, and some read
   /// zeros.
   bool arrays = false;
+  /// Integers instead of enumerations, with the same functions. Off by default; libcosim and ecos do not know
+  /// enumerations.
+  bool integers = false;
   /// System requirements of the binaries, for the description text; may be empty.
   std::string needs;
 };

@@ -32,22 +32,11 @@ void add_record(TableBuilder& table, CellOutputs& out) {
   TriggerRecord& record = out.trigger;
   table.add("trigger.count", output, discrete, kNone, "Number of exposures fired since the start",
             out.trigger_count);
-  table.add("trigger.index", output, discrete, kNone,
-            "Number of the exposure in the current record, counted from 1; 0 before the first record. At the "
-            "end of each communication step the oldest queued record, if any, becomes the current one",
-            record.index);
   table.add("trigger.queued", output, discrete, kNone,
             "Number of complete records in the queue behind the current one", out.trigger_queued);
-  table.add("trigger.time", output, discrete, kSecond,
-            "Simulation time at the middle of the exposure of the current record; 0 before the first record",
-            record.time);
-  table.mark_instant();
-  table.add("trigger.exposure", output, discrete, kSecond, "Duration of the exposure of the current record",
-            record.exposure);
-  table.add("trigger.segment", output, discrete, kNone,
-            "Value of command.segment when the exposure of the current record fired", record.segment);
-  table.add_measurement("trigger.measured.", ", at the middle of the exposure of the current record",
-                        record.measured, {});
+  table.add_declared("trigger.", "the trigger", output, record);
+  table.add_declared("trigger.measured.", ", at the middle of the exposure of the current record", output,
+                     record.measured);
   BodiesDependencies none;
   none.parts.resize(record.truth.parts.size());
   none.fingers.resize(record.truth.fingers.size());
@@ -67,11 +56,11 @@ void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies
 }
 
 void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies) {
-  table.add_measurement("measured.", "", out.measured, dependencies.measured);
+  table.add_declared("measured.", "", Causality::kOutput, out.measured, dependencies);
   add_truth(table, out.truth, dependencies);
   add_solver(table, out);
   add_record(table, out);
-  add_controller(table, out.controller, dependencies);
+  table.add_declared("controller.", "the controller", Causality::kOutput, out.controller, dependencies);
 }
 
 }  // namespace robotcell::fmi

@@ -203,16 +203,7 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
   for (const PartLayout& part : layout.parts) {
     dependencies.bodies.parts.push_back(part.on_table ? dependencies.bodies.table : fixed);
   }
-  table.add_deviation(
-      "trigger.latency", kSecond,
-      "mean delay of the light of an exposure after its middle, where the encoders are latched; not negative",
-      parameters.as_built.trigger.latency);
-  table.bound(0);
-  table.add_deviation("trigger.jitter", kSecond,
-                      "standard deviation of the delay of the light from exposure to exposure; not negative. "
-                      "The light never precedes the instant of firing",
-                      parameters.as_built.trigger.jitter);
-  table.bound(0);
+  table.add_declared("as_built.trigger.", "the trigger", Causality::kParameter, parameters.as_built.trigger);
   return dependencies;
 }
 

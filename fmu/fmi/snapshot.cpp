@@ -8,20 +8,6 @@ template <>
 constexpr Phase kLast<Phase> = Phase::kEvent;  // kIntermediate is never part of a state
 template <>
 constexpr SupportingBody kLast<SupportingBody> = SupportingBody::kFlange;
-template <>
-constexpr GripperMode kLast<GripperMode> = GripperMode::kForce;
-template <>
-constexpr TriggerMode kLast<TriggerMode> = TriggerMode::kRequest;
-template <>
-constexpr control::Mode kLast<control::Mode> = control::Mode::kCartesianJog;
-template <>
-constexpr control::Operation kLast<control::Operation> = control::Operation::kAutomatic;
-template <>
-constexpr control::JogFrame kLast<control::JogFrame> = control::JogFrame::kTool;
-template <>
-constexpr control::Phase kLast<control::Phase> = control::Phase::kEmergencyStop;
-template <>
-constexpr control::ControllerError kLast<control::ControllerError> = control::ControllerError::kSingular;
 
 }  // namespace robotcell::fmi
 
@@ -39,10 +25,6 @@ void exchange(A& a, TableWobble& v) {
   ROBOTCELL_EXCHANGE(a, v, v.amplitude, v.phase, v.direction);
 }
 template <class A>
-void exchange(A& a, TriggerErrors& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.latency, v.jitter);
-}
-template <class A>
 void exchange(A& a, VibrationParameters& v) {
   ROBOTCELL_EXCHANGE(a, v, v.amplitude, v.frequency, v.phase, v.random_rms, v.random_low, v.random_width);
 }
@@ -56,25 +38,6 @@ void exchange(A& a, CellParameters& v) {
   ROBOTCELL_EXCHANGE(a, v, v.cell_file, v.seed, v.as_built);
 }
 template <class A>
-void exchange(A& a, TriggerCommand& v) {
-  ROBOTCELL_EXCHANGE(a, v, fmi::choice<TriggerMode>(a, v.mode), v.period, v.angle, v.distance, v.request);
-}
-template <class A>
-void exchange(A& a, ConveyorCommand& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.speed);
-}
-template <class A>
-void exchange(A& a, MotionCommand& v) {
-  ROBOTCELL_EXCHANGE(
-      a, v, fmi::choice<control::Mode>(a, v.mode), v.position, v.target_position, v.target_orientation,
-      v.start, v.speed, v.monitor_speed, v.jog, fmi::choice<control::JogFrame>(a, v.jog_frame),
-      fmi::choice<control::Operation>(a, v.operation), v.emergency_stop, v.reset, v.heartbeat, v.max_age);
-}
-template <class A>
-void exchange(A& a, GripperCommandInputs& v) {
-  ROBOTCELL_EXCHANGE(a, v, fmi::choice<GripperMode>(a, v.mode), v.width, v.force);
-}
-template <class A>
 void exchange(A& a, CellInputs& v) {
   ROBOTCELL_EXCHANGE(a, v, v.motion, v.segment, v.trigger, v.exposure, v.conveyors, v.gripper);
 }
@@ -85,14 +48,6 @@ void exchange(A& a, BodyState& v) {
 template <class A>
 void exchange(A& a, Bodies& v) {
   ROBOTCELL_EXCHANGE(a, v, v.links, v.sensor, v.table, v.parts, v.fingers);
-}
-template <class A>
-void exchange(A& a, Measurement& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.position, v.rate);
-}
-template <class A>
-void exchange(A& a, TriggerRecord& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.index, v.segment, v.time, v.exposure, v.measured, v.truth);
 }
 template <class A>
 void exchange(A& a, PendingRecord& v) {
@@ -143,11 +98,6 @@ void exchange(A& a, FreePartState& v) {
   ROBOTCELL_EXCHANGE(a, v, v.position, v.velocity, v.main_support, v.stick_constraint, v.points);
 }
 
-template <class A>
-void exchange(A& a, CollisionReading& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.pairs, v.body_a, v.body_b, v.depth, v.point, v.clearance, v.near_a, v.near_b,
-                     v.near_faces);
-}
 template <class A>
 void exchange(A& a, Readings& v) {
   ROBOTCELL_EXCHANGE(a, v, v.sensors, v.collision);

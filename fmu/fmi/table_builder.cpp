@@ -15,14 +15,35 @@ std::string indexed(const std::string& name, std::size_t index_from_0) {
   return name + "[" + std::to_string(index_from_0 + 1) + "]";
 }
 
-/// The text of a field with the name of the device for {}.
-std::string FieldTable::text_of(const Field& field) const {
+/// The text of a field with the names of the device and of the element of an array.
+std::string FieldTable::text_of(const Field& field, const Element& element) const {
   std::string text = field.text;
-  for (std::size_t at = text.find("{}"); at != std::string::npos; at = text.find("{}", at)) {
-    text.replace(at, 2, device_);
-    at += device_.size();
+  for (const auto& [place, name] :
+       {std::pair<std::string, std::string>{"{}", device_}, {"{e}", element.text}}) {
+    for (std::size_t at = text.find(place); at != std::string::npos;
+         at = text.find(place, at + name.size())) {
+      text.replace(at, place.size(), name);
+    }
   }
   return text;
+}
+
+const Refs& FieldTable::initial_of(const Field& field) const {
+  static const Refs nothing;
+  if (field.initial == Initial::kDescription) return dependencies_.file;
+  return field.initial == Initial::kEncoders ? dependencies_.measured : nothing;
+}
+
+void TableBuilder::enumerate(const Enumeration& enumeration) {
+  Variable& variable = table_.back();
+  variable.type = Type::kEnumeration;
+  variable.enumeration = &enumeration;
+  bound(0, enumeration.count - 1);
+  for (std::int32_t i = 0; i < enumeration.count; ++i) {
+    const EnumerationItem& item = enumeration.items[i];
+    variable.description +=
+        (i == 0 ? ": " : ", ") + std::to_string(i) + " " + item.name + " (" + item.text + ")";
+  }
 }
 
 void TableBuilder::bound(double min, double max) {
@@ -36,26 +57,6 @@ std::uint32_t TableBuilder::add_deviation(const std::string& name, Unit unit, co
                                       "Deviation as built from nominal: " + text, value);
   if (std::string_view(unit.name) == kMetre.name) bound(-kMaxCoordinate, kMaxCoordinate);
   return reference;
-}
-
-void TableBuilder::add_measurement(const std::string& prefix, const std::string& suffix, Measurement& value,
-                                   const Refs& position_dependencies) {
-  const auto output = Causality::kOutput;
-  const auto discrete = Variability::kDiscrete;
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    add(indexed(prefix + "q", i), output, discrete, kRadian,
-        "Measured angle of joint " + std::to_string(i + 1) + " (encoder)" + suffix, value.position[i],
-        position_dependencies);
-  }
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    add(indexed(prefix + "qd", i), output, discrete, kRadianPerSecond,
-        "Measured angular velocity of joint " + std::to_string(i + 1) + suffix, value.rate[i]);
-  }
-  add(prefix + "table", output, discrete, kRadian,
-      "Measured angle of the rotary table, not wrapped (encoder)" + suffix, value.position[kTableAxis],
-      position_dependencies);
-  add(prefix + "table_rate", output, discrete, kRadianPerSecond,
-      "Measured angular velocity of the rotary table" + suffix, value.rate[kTableAxis]);
 }
 
 void TableBuilder::add_body(const std::string& prefix, const std::string& what, const std::string& suffix,

@@ -52,22 +52,21 @@ class TableBuilder {
     std::sort(dependencies.begin(), dependencies.end());
     dependencies.erase(std::unique(dependencies.begin(), dependencies.end()), dependencies.end());
     table_.push_back({name, TypeOf<T>::value, causality, variability, unit, description, &value, -kUnbounded,
-                      kUnbounded, dependencies, false});
+                      kUnbounded, dependencies, nullptr, false});
     return static_cast<std::uint32_t>(table_.size() - 1);
   }
 
   /// Sets the bounds of the number that was added last.
   void bound(double min, double max = kUnbounded);
 
+  /// Makes the integer that was added last an enumeration, and appends its members to the text.
+  void enumerate(const Enumeration& enumeration);
+
   /// Marks the variable that was added last as an instant of simulation time.
   void mark_instant() { table_.back().instant = true; }
 
   /// Adds a fixed parameter "as_built.<name>".
   std::uint32_t add_deviation(const std::string& name, Unit unit, const std::string& text, double& value);
-
-  /// Adds encoder readings: present (with dependencies), or latched in a record.
-  void add_measurement(const std::string& prefix, const std::string& suffix, Measurement& value,
-                       const Refs& position_dependencies);
 
   /// Adds poses and twists of all bodies, present or in a record.
   void add_bodies(const std::string& prefix, const std::string& suffix, Variability variability,
@@ -87,6 +86,11 @@ class TableBuilder {
 
   std::vector<Variable> table_;
 };
+
+template <class T, class = void>
+struct IsVariable : std::false_type {};
+template <class T>
+struct IsVariable<T, std::void_t<decltype(TypeOf<T>::value)>> : std::true_type {};
 
 /// Visits the members that a structure declares (fields.h).
 class FieldTable {
@@ -109,14 +113,32 @@ class FieldTable {
  private:
   template <class T>
   void add(const Declared<T>& member) {
-    const Field& field = member.field;
-    if (field.text == nullptr) return;
-    table_.add(prefix_ + field.name, causality_, field.variability, field.unit, text_of(field), member.value,
-               field.from_file ? dependencies_.file : Refs());
+    if constexpr (IsVariable<T>::value) {
+      if (member.field.text != nullptr) add(member.field, member.value, {"", ""});
+    }
+  }
+  template <class T, std::size_t n>
+  void add(const Declared<std::array<T, n>>& member) {
+    if (member.field.text == nullptr) return;
+    for (std::size_t i = 0; i < n; ++i) add(member.field, member.value[i], member.field.elements[i]);
+  }
+  template <class T, std::size_t n, std::size_t m>
+  void add(const Declared<std::array<std::array<T, m>, n>>& member) {
+    for (std::size_t i = 0; i < n * m; ++i) {
+      add(member.field, member.value[i / m][i % m], member.field.elements[i]);
+    }
+  }
+  template <class T>
+  void add(const Field& field, T& value, const Element& element) {
+    table_.add(prefix_ + field.name + element.name, causality_,
+               causality_ == Causality::kParameter ? Variability::kFixed : field.variability, field.unit,
+               text_of(field, element), value, initial_of(field));
     table_.bound(field.min, field.max);
     if (field.instant) table_.mark_instant();
+    if (field.enumeration != nullptr) table_.enumerate(*field.enumeration);
   }
-  std::string text_of(const Field& field) const;
+  std::string text_of(const Field& field, const Element& element) const;
+  const Refs& initial_of(const Field& field) const;
 
   TableBuilder& table_;
   std::string prefix_, device_;

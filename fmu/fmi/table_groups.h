@@ -8,8 +8,6 @@ namespace robotcell::fmi {
 /// Returns the parameters on which initial values depend.
 Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellParameters& parameters);
 void add_commands(TableBuilder& table, CellInputs& in);
-void add_motion_commands(TableBuilder& table, MotionCommand& motion);
-void add_controller(TableBuilder& table, ControllerOutputs& controller, const Dependencies& dependencies);
 /// Motor torques of dynamic drives.
 void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies);
 void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies);

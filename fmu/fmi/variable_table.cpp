@@ -18,6 +18,15 @@ VariableTable::VariableTable(const CellLayout& layout, Values& values) {
   if (layout.gripper) add_gripper(table, values.inputs.gripper, values.outputs.gripper, dependencies);
   add_sensing(table, layout, values.outputs, dependencies);
   variables_ = table.take();
+  for (const Variable& variable : variables_) {
+    if (variable.instant) instants_.push_back(&member<double>(variable));
+  }
+}
+
+void VariableTable::use_integers() {
+  for (Variable& variable : variables_) {
+    if (variable.type == Type::kEnumeration) variable.type = Type::kInteger;
+  }
 }
 
 /// FNV-1a hash of order, names, types and causalities.

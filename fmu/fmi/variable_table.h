@@ -22,7 +22,8 @@ struct Values {
   CellOutputs outputs;
 };
 
-enum class Type { kReal, kInteger, kBoolean, kString };
+/// An enumeration is stored as std::int32_t.
+enum class Type { kReal, kInteger, kBoolean, kString, kEnumeration };
 /// Variable type of a C++ type; a variable of any other type does not compile.
 template <class T>
 struct TypeOf;
@@ -49,7 +50,8 @@ struct Variable {
   double max = kUnbounded;
   std::vector<std::uint32_t>
       initial_dependencies;  // parameters on which the initial value of an output depends
-  bool instant = false;      // a simulation time; the model counts it from the start
+  const Enumeration* enumeration = nullptr;
+  bool instant = false;  // a simulation time; the model counts it from the start
 };
 
 inline bool is_settable(const Variable& variable) {
@@ -63,6 +65,11 @@ class VariableTable {
   VariableTable(const CellLayout& layout, Values& values);
 
   const std::vector<Variable>& variables() const { return variables_; }
+  /// Values that are simulation times.
+  const std::vector<double*>& instants() const { return instants_; }
+
+  /// Makes integers of all enumerations, for model descriptions. Does not change the token of the instance.
+  void use_integers();
 
   /// Value reference of the clock that ticks with every trigger record (FMI 3 only), after all variables.
   std::uint32_t record_clock_reference() const { return static_cast<std::uint32_t>(variables_.size()); }
@@ -73,6 +80,7 @@ class VariableTable {
 
  private:
   std::vector<Variable> variables_;
+  std::vector<double*> instants_;
 };
 
 /// The member that holds the value of a variable.

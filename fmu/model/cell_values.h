@@ -6,7 +6,10 @@
 #include <cstdint>
 #include <string>
 
+#include "fmu/control/command.h"
 #include "fmu/model/cell_layout.h"
+#include "fmu/model/fields.h"
+#include "fmu/model/gripper_state.h"
 #include "fmu/model/vibration_parameters.h"
 
 namespace robotcell {
@@ -29,6 +32,24 @@ struct TableWobble {
 struct TriggerErrors {
   double latency = 0;  // s, delay of the light against the instant that the device records
   double jitter = 0;   // s, standard deviation of that delay
+
+  template <class Visitor>
+  static void declare(Visitor& visit, TriggerErrors& e) {
+    visit(
+        e,
+        field(
+            e.latency,
+            bounded(
+                {"latency", kSecond,
+                 "Deviation as built from nominal: mean delay of the light of an exposure after its middle, "
+                 "where the encoders are latched"},
+                0)),
+        field(e.jitter,
+              bounded({"jitter", kSecond,
+                       "Deviation as built from nominal: standard deviation of the delay of the light from "
+                       "exposure to exposure. The light never precedes the instant of firing"},
+                      0)));
+  }
 };
 
 /// Deviations of the cell as built from its description. All zero: the nominal cell.
@@ -50,6 +71,15 @@ struct CellParameters {
 };
 
 enum class TriggerMode : std::int32_t { kOff, kTime, kTableAngle, kPathDistance, kRequest };
+constexpr EnumerationItem kTriggerModeItems[] = {
+    {"off", "no exposures"},
+    {"time", "periodic in time"},
+    {"table_angle", "periodic in the table angle"},
+    {"path_distance", "periodic in the distance travelled by the sensor over the table"},
+    {"request", "on request only"},
+};
+template <>
+inline constexpr Enumeration enumeration_of<TriggerMode> = make_enumeration("TriggerMode", kTriggerModeItems);
 
 struct TriggerCommand {
   std::int32_t mode = 0;
@@ -57,13 +87,66 @@ struct TriggerCommand {
   double angle = 0;          // rad
   double distance = 0;       // m
   std::int32_t request = 0;  // every increase fires one exposure
+
+  template <class Visitor>
+  static void declare(Visitor& visit, TriggerCommand& c) {
+    visit(c,
+          choice_field<TriggerMode>(
+              c.mode, {"mode", kNone,
+                       "Trigger mode of the sensor. Modes 1 to 3 fire when the mode is entered or "
+                       "its interval is changed, and at every interval from there"}),
+          field(c.period, bounded({"period", kSecond,
+                                   "Time between two exposures in trigger mode 1; at least 1 microsecond"},
+                                  0)),
+          field(c.angle,
+                bounded({"angle", kRadian,
+                         "Rotation of the table, in either direction, between two exposures in trigger mode "
+                         "2; above 0"},
+                        0)),
+          field(c.distance,
+                bounded({"distance", kMetre,
+                         "Path length of the sensor origin in the rotating frame of the table between two "
+                         "exposures in trigger mode 3; above 0"},
+                        0)),
+          field(c.request,
+                {"request", kNone, "Counter: every increase fires one exposure, in any trigger mode but 0"}));
+  }
 };
 
 struct ConveyorCommand {
   double speed = 0;  // m/s
+
+  template <class Visitor>
+  static void declare(Visitor& visit, ConveyorCommand& c) {
+    visit(c, field(c.speed,
+                   {"speed", kMetrePerSecond,
+                    "Commanded speed of the belt of {}, positive along x of the belt frame; clamped to the "
+                    "maximum speed, read at the next controller cycle, approached with constant "
+                    "acceleration"}));
+  }
 };
 
-/// Mode, jog frame and operation are those of control/command.h; the variable table bounds all integers.
+constexpr double kMinSpeed = 1e-6;  // fraction of the full speed: a move ends
+
+constexpr Element kTargetElements[kAxes] = {
+    {"q[1]", "joint 1"},
+    {"q[2]", "joint 2"},
+    {"q[3]", "joint 3"},
+    {"q[4]", "joint 4"},
+    {"q[5]", "joint 5"},
+    {"q[6]", "joint 6"},
+    {"table", "the rotary table, not wrapped"},
+};
+constexpr Element kPositionElements[] = {{"[1]", "x"}, {"[2]", "y"}, {"[3]", "z"}};
+constexpr Element kQuaternionElements[] = {{"[1]", "w"}, {"[2]", "x"}, {"[3]", "y"}, {"[4]", "z"}};
+constexpr Element kJogElements[kAxes] = {
+    {"[1]", "joint 1; in mode 5 the sensor along x"}, {"[2]", "joint 2; in mode 5 the sensor along y"},
+    {"[3]", "joint 3; in mode 5 the sensor along z"}, {"[4]", "joint 4; in mode 5 the sensor about x"},
+    {"[5]", "joint 5; in mode 5 the sensor about y"}, {"[6]", "joint 6; in mode 5 the sensor about z"},
+    {"[7]", "the rotary table, in mode 5, too"},
+};
+
+/// Mode, jog frame and operation are those of control/command.h.
 struct MotionCommand {
   std::int32_t mode = 0;
   std::array<double, kAxes> position{};     // set-points and targets: joints, then table (rad)
@@ -78,12 +161,94 @@ struct MotionCommand {
   std::int32_t reset = 0;
   std::int32_t heartbeat = 0;
   double max_age = 0;  // s
+
+  template <class Visitor>
+  static void declare(Visitor& visit, MotionCommand& c) {
+    visit(
+        c,
+        choice_field<control::Mode>(
+            c.mode,
+            {"mode", kNone,
+             "Controller mode. Except between modes 0 and 1, a change waits until the axes are at rest"}),
+        field(c.position,
+              with_elements({"", kRadian,
+                             "Angle of {e}: in mode 1 streamed set-point, reached one controller cycle "
+                             "after it is read; in mode 2 (the table: and 3) target of the next move"},
+                            kTargetElements)),
+        field(c.target_position,
+              with_elements(
+                  {"target.position", kMetre,
+                   "Target of the next linear move: {e} of the sensor origin, world frame, by the nominal "
+                   "geometry of the arm"},
+                  kPositionElements)),
+        field(c.target_orientation,
+              with_elements(
+                  bounded({"target.orientation", kNone,
+                           "Target of the next linear move: {e} of the unit quaternion world_from_sensor, by "
+                           "the nominal geometry of the arm"},
+                          -1, 1),
+                  kQuaternionElements)),
+        field(c.start,
+              {"start", kNone,
+               "Counter: every increase in mode 2 or 3 starts a move to the present target. A running move "
+               "first stops on its path"}),
+        field(c.speed,
+              bounded({"speed", kNone,
+                       "Speed of the next move as a fraction, at most 1: in mode 2 of the axis speed limits, "
+                       "in mode 3 of the linear and angular speed limits of the tool"},
+                      kMinSpeed, 1)),
+        field(c.monitor_speed,
+              bounded({"monitor_speed", kNone,
+                       "Speed override of running moves, 0 to 1, without leaving the path; 0 pauses. "
+                       "Streamed set-points and jogs are not scaled"},
+                      0, 1)),
+        field(c.jog, with_elements(
+                         bounded({"jog", kNone,
+                                  "Jog speed as a fraction of the jog speed limit, -1 to 1: in mode 4 {e}"},
+                                 -1, 1),
+                         kJogElements)),
+        choice_field<control::JogFrame>(c.jog_frame, {"jog_frame", kNone, "Frame of a Cartesian jog"}),
+        choice_field<control::Operation>(c.operation, {"operation", kNone, "Operation"}),
+        field(c.emergency_stop,
+              {"emergency_stop", kNone,
+               "Emergency stop: true stops all axes as fast as their acceleration limits allow, a "
+               "move on its path. Latched until command.reset"}),
+        field(
+            c.reset,
+            {"reset", kNone,
+             "Counter: every increase clears an emergency stop if command.emergency_stop is false, all axes "
+             "are at rest and command.mode is 0. The stopped motion is not resumed"}),
+        field(c.heartbeat,
+              {"heartbeat", kNone, "Watchdog: any change restarts the timeout of command.max_age"}),
+        field(c.max_age,
+              bounded({"max_age", kSecond,
+                       "Timeout of the watchdog: without a change of command.heartbeat for this time, "
+                       "set-points and jogs (modes 1, 4, 5) are rejected and the axes brake; 0 disables it"},
+                      0)));
+  }
 };
 
 struct GripperCommandInputs {
-  std::int32_t mode = 0;  // 0 keep the last command, 1 width, 2 force
-  double width = 0;       // m
-  double force = 0;       // N
+  std::int32_t mode = 0;
+  double width = 0;  // m
+  double force = 0;  // N
+
+  template <class Visitor>
+  static void declare(Visitor& visit, GripperCommandInputs& c) {
+    visit(
+        c,
+        choice_field<GripperMode>(c.mode, {"mode", kNone, "Gripper mode, read at the next controller cycle"}),
+        field(c.width,
+              bounded({"width", kMetre,
+                       "Commanded distance between the pads in gripper mode 1, clamped to the stroke; the "
+                       "fingers move at their maximum speed with up to their maximum force"},
+                      0)),
+        field(c.force,
+              bounded({"force", kNewton,
+                       "Commanded grip force of each finger in gripper mode 2, clamped to the maximum "
+                       "force; the fingers close at their maximum speed"},
+                      0)));
+  }
 };
 
 struct CellInputs {
@@ -114,10 +279,39 @@ struct Bodies {
   PerDevice<BodyState> parts, fingers;
 };
 
+constexpr Element kEncoderElements[kAxes] = {
+    {"q[1]", "joint 1"},
+    {"q[2]", "joint 2"},
+    {"q[3]", "joint 3"},
+    {"q[4]", "joint 4"},
+    {"q[5]", "joint 5"},
+    {"q[6]", "joint 6"},
+    {"table", "the rotary table, not wrapped"},
+};
+constexpr Element kEncoderRateElements[kAxes] = {
+    {"qd[1]", "joint 1"},
+    {"qd[2]", "joint 2"},
+    {"qd[3]", "joint 3"},
+    {"qd[4]", "joint 4"},
+    {"qd[5]", "joint 5"},
+    {"qd[6]", "joint 6"},
+    {"table_rate", "the rotary table"},
+};
+
 /// Encoder readings (joints, then table).
 struct Measurement {
   std::array<double, kAxes> position{};
   std::array<double, kAxes> rate{};
+
+  template <class Visitor>
+  static void declare(Visitor& visit, Measurement& m) {
+    visit(m,
+          field(m.position, with_elements(initially(Initial::kEncoders,
+                                                    {"", kRadian, "Measured angle of {e} (encoder){}"}),
+                                          kEncoderElements)),
+          field(m.rate, with_elements({"", kRadianPerSecond, "Measured angular velocity of {e}{}"},
+                                      kEncoderRateElements)));
+  }
 };
 
 struct Truth {
@@ -137,15 +331,60 @@ struct TriggerRecord {
   double exposure = 0;       // s
   Measurement measured;
   Bodies truth;
+
+  template <class Visitor>
+  static void declare(Visitor& visit, TriggerRecord& r) {
+    visit(
+        r,
+        field(r.index,
+              bounded(
+                  {"index", kNone,
+                   "Number of the exposure in the current record, counted from 1; 0 before the first record. "
+                   "At "
+                   "the end of each communication step the oldest queued record, if any, becomes the current "
+                   "one"},
+                  0)),
+        field(r.segment,
+              {"segment", kNone, "Value of command.segment when the exposure of the current record fired"}),
+        field(r.time,
+              instant("time",
+                      "Simulation time at the middle of the exposure of the current record; 0 before the "
+                      "first record")),
+        field(r.exposure,
+              bounded({"exposure", kSecond, "Duration of the exposure of the current record"}, 0)),
+        state(r.measured, "measured"), state(r.truth, "truth"));
+  }
 };
 
 struct ConveyorOutputs {
   double speed = 0;           // m/s
   double travel = 0;          // m since the start
   double texture_offset = 0;  // travel modulo the belt length, m
+
+  template <class Visitor>
+  static void declare(Visitor& visit, ConveyorOutputs& o) {
+    visit(
+        o,
+        field(o.speed, continuous({"speed", kMetrePerSecond,
+                                   "Speed of the belt of {}, positive along x of the belt frame"})),
+        field(o.travel,
+              continuous({"travel", kMetre, "Signed distance travelled by the belt of {} since the start"})),
+        field(o.texture_offset,
+              bounded(continuous(
+                          {"texture_offset", kMetre,
+                           "Distance travelled by the belt of {} modulo the belt length: texture offset for "
+                           "visualization"}),
+                      0)));
+  }
 };
 
-/// Status of the controller; numbers are those of the enumerations in control/command.h.
+constexpr Element kDestinationElements[kAxes] = {
+    {"q[1]", "angle of joint 1"},    {"q[2]", "angle of joint 2"}, {"q[3]", "angle of joint 3"},
+    {"q[4]", "angle of joint 4"},    {"q[5]", "angle of joint 5"}, {"q[6]", "angle of joint 6"},
+    {"table", "angle of the table"},
+};
+
+/// Status of the controller.
 struct ControllerOutputs {
   std::int32_t mode = 0, state = 0, error = 0;
   bool moving = false;
@@ -153,6 +392,44 @@ struct ControllerOutputs {
   double progress = 0;
   bool at_destination = true;
   std::array<double, kAxes> destination{};
+
+  template <class Visitor>
+  static void declare(Visitor& visit, ControllerOutputs& o) {
+    visit(o,
+          choice_field<control::Mode>(
+              o.mode, {"mode", kNone, "Active controller mode; hold while the command is rejected"}),
+          choice_field<control::Phase>(o.state, {"state", kNone, "Controller state"}),
+          choice_field<control::ControllerError>(
+              o.error, {"error", kNone, "Reason for which the command is rejected"}),
+          field(o.moving, {"moving", kNone, "True while any axis moves"}),
+          field(o.limit,
+                bounded({"limit", kNone,
+                         "First axis at a limit of position, speed or (in mode 1) acceleration, or outside "
+                         "its position limits with errors 5 and 6: 1 to 6 joint, 7 table, 0 none"},
+                        0, kAxes)),
+          field(o.progress, bounded({"progress", kNone,
+                                     "Completed fraction of the path of the running or last move, 0 to 1"},
+                                    0, 1)),
+          field(o.at_destination, {"at_destination", kNone,
+                                   "True while all axes are at rest exactly at controller.destination"}),
+          field(o.destination,
+                with_elements(initially(Initial::kDescription, {"destination.", kRadian,
+                                                                "Target of the running or last motion: {e}"}),
+                              kDestinationElements)));
+  }
+};
+
+constexpr Element kPadElements[] = {
+    {"truth.finger[1].normal_force", "1"},
+    {"truth.finger[2].normal_force", "2"},
+};
+constexpr Element kPadForceElements[] = {
+    {"truth.finger[1].contact_force[1]", "x component, world frame, of the pad of finger 1"},
+    {"truth.finger[1].contact_force[2]", "y component, world frame, of the pad of finger 1"},
+    {"truth.finger[1].contact_force[3]", "z component, world frame, of the pad of finger 1"},
+    {"truth.finger[2].contact_force[1]", "x component, world frame, of the pad of finger 2"},
+    {"truth.finger[2].contact_force[2]", "y component, world frame, of the pad of finger 2"},
+    {"truth.finger[2].contact_force[3]", "z component, world frame, of the pad of finger 2"},
 };
 
 struct GripperOutputs {
@@ -162,7 +439,36 @@ struct GripperOutputs {
   std::array<double, 2> normal_force{};  // N, of each pad on the parts
   std::array<std::array<double, 3>, 2>
       contact_force{};  // N, of each pad on the parts, friction included, world axes
+
+  template <class Visitor>
+  static void declare(Visitor& visit, GripperOutputs& o) {
+    visit(o,
+          field(o.width, initially(Initial::kDescription,
+                                   continuous({"measured.gripper.width", kMetre,
+                                               "Measured distance between the pads of the two fingers"}))),
+          field(o.force, {"measured.gripper.force", kNewton,
+                          "Measured closing force, mean of the two finger drives; negative while opening"}),
+          field(o.gripped,
+                {"measured.gripper.gripped", kNone,
+                 "True if the gripper holds an object: the fingers press with the commanded force and stand "
+                 "still without being closed"}),
+          field(o.normal_force,
+                with_elements(
+                    {"", kNewton,
+                     "Normal force of the pad of finger {e} on all parts that it touches in the current "
+                     "dynamics step"},
+                    kPadElements)),
+          field(o.contact_force,
+                with_elements(
+                    {"", kNewton,
+                     "Contact force on all parts that it touches, friction included, in the current dynamics "
+                     "step: {e}"},
+                    kPadForceElements)));
+  }
 };
+
+constexpr Element kCollisionPointElements[] = {
+    {"truth.collision.point[1]", "x"}, {"truth.collision.point[2]", "y"}, {"truth.collision.point[3]", "z"}};
 
 /// Bodies are numbered in the order of the description, from 1; 0: none.
 struct CollisionReading {
@@ -173,6 +479,39 @@ struct CollisionReading {
   double clearance = 0;           // m, smallest distance; the range where all distances exceed it
   std::int32_t near_a = 0, near_b = 0;
   std::array<std::int32_t, 2> near_faces{};  // internal: closest faces, from which the next search starts
+
+  /// {} stands for the numbers of the bodies.
+  template <class Visitor>
+  static void declare(Visitor& visit, CollisionReading& r) {
+    visit(
+        r,
+        field(r.pairs,
+              bounded({"truth.collision.pairs", kNone,
+                       "Number of monitored pairs of bodies whose surfaces intersect at the last controller "
+                       "cycle"},
+                      0)),
+        field(r.body_a,
+              bounded({"truth.collision.body_a", kNone, "First body of the deepest collision{}"}, 0)),
+        field(r.body_b,
+              bounded({"truth.collision.body_b", kNone, "Second body of the deepest collision{}"}, 0)),
+        field(r.depth, bounded({"truth.collision.depth", kMetre,
+                                "Penetration depth of the deepest collision at the last controller cycle"},
+                               0)),
+        field(r.point,
+              with_elements({"", kMetre, "Deepest point of the deepest collision: {e} in the world frame"},
+                            kCollisionPointElements)),
+        field(
+            r.clearance,
+            initially(
+                Initial::kDescription,
+                bounded({"truth.clearance.distance", kMetre,
+                         "Smallest distance of all monitored pairs of bodies, 0 during a collision, at most "
+                         "the collision range of the description at the last controller cycle"},
+                        0))),
+        field(r.near_a, bounded({"truth.clearance.body_a", kNone, "First body of the closest pair{}"}, 0)),
+        field(r.near_b, bounded({"truth.clearance.body_b", kNone, "Second body of the closest pair{}"}, 0)),
+        state(r.near_faces, "near_faces"));
+  }
 };
 
 /// Latest readings of all sensors and of the collision monitor.

@@ -18,6 +18,8 @@
 #include <type_traits>
 #include <utility>
 
+#include "fmu/control/enumeration.h"
+
 namespace robotcell {
 
 struct Unit {
@@ -42,6 +44,15 @@ constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
 constexpr double kNoInstant = -1;  // time of something that has not happened yet
 
+/// What the initial value of an output depends on.
+enum class Initial { kNothing, kDescription, kEncoders };
+
+/// Name of an element of an array, after that of the array, and what replaces {e} in the text.
+struct Element {
+  const char* name;
+  const char* text;
+};
+
 /// Properties of a member.
 struct Field {
   const char* name;  // after the name of the device
@@ -50,8 +61,10 @@ struct Field {
   double min = -kUnbounded;    // bounds of a number
   double max = kUnbounded;
   Variability variability = Variability::kDiscrete;
-  bool instant = false;    // a simulation time, counted from the start; kNoInstant: none yet
-  bool from_file = false;  // the initial value depends on the cell description
+  bool instant = false;  // a simulation time, counted from the start; kNoInstant: none yet
+  const Enumeration* enumeration = nullptr;  // whose member an integer holds
+  const Element* elements = nullptr;         // of an array, one for each element
+  Initial initial = Initial::kNothing;
 };
 
 constexpr Field bounded(Field field, double min, double max = kUnbounded) {
@@ -60,13 +73,18 @@ constexpr Field bounded(Field field, double min, double max = kUnbounded) {
   return field;
 }
 
+constexpr Field with_elements(Field field, const Element* elements) {
+  field.elements = elements;
+  return field;
+}
+
 constexpr Field continuous(Field field) {
   field.variability = Variability::kContinuous;
   return field;
 }
 
-constexpr Field from_file(Field field) {
-  field.from_file = true;
+constexpr Field initially(Initial initial, Field field) {
+  field.initial = initial;
   return field;
 }
 
@@ -86,6 +104,15 @@ struct Declared {
 
 template <class T>
 constexpr Declared<T> field(T& value, const Field& properties) {
+  return {value, properties};
+}
+
+/// An integer that holds a member of an enumeration.
+template <class T>
+constexpr Declared<std::int32_t> choice_field(std::int32_t& value, Field properties) {
+  properties.enumeration = &enumeration_of<T>;
+  properties.min = 0;
+  properties.max = enumeration_of<T>.count - 1;
   return {value, properties};
 }
 

@@ -4,9 +4,18 @@
 #include <array>
 #include <cstdint>
 
+#include "fmu/control/enumeration.h"
+
 namespace robotcell {
 
 enum class GripperMode : std::int32_t { kKeep, kWidth, kForce };
+constexpr EnumerationItem kGripperModeItems[] = {
+    {"keep", "keep the last command (at the start: hold the width)"},
+    {"width", "move to command.gripper.width"},
+    {"force", "close with command.gripper.force"},
+};
+template <>
+inline constexpr Enumeration enumeration_of<GripperMode> = make_enumeration("GripperMode", kGripperModeItems);
 
 /// Command to the gripper; force and width are clamped to its range.
 struct GripperCommand {

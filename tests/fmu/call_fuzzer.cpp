@@ -222,6 +222,7 @@ class Fuzzer {
     const std::size_t n = below(3);
     fmi3Float64 reals[2] = {real(), real()};
     fmi3Int32 integers[2] = {integer(), integer()};
+    fmi3Int64 members[2] = {chance(0.9) ? integer() : 1LL << 40, integer()};
     fmi3Boolean booleans[2] = {chance(0.5), chance(0.5)};
     fmi3Boolean flags[5] = {};
     fmi3String strings[2] = {chance(0.9) ? "cell.json" : "none.json", chance(0.8) ? "cell.json" : nullptr};
@@ -237,8 +238,10 @@ class Fuzzer {
       case 3:
         return fmi3GetFloat64(c, vr, n, reals, m) == fmi3OK;
       case 4:
+        if (chance(0.5)) return fmi3SetInt64(c, vr, n, members, m) == fmi3OK;
         return fmi3SetInt32(c, vr, n, integers, m) == fmi3OK;
       case 5:
+        if (chance(0.5)) return fmi3GetInt64(c, vr, n, members, m) == fmi3OK;
         return fmi3GetInt32(c, vr, n, integers, m) == fmi3OK;
       case 6:
         return fmi3SetBoolean(c, vr, n, booleans, m) == fmi3OK;

@@ -107,10 +107,10 @@ def runtime_folder() -> Path:
     raise FileNotFoundError(f"no native runtime in {folders}: build and install the project")
 
 
-def write_fmu(cell: dict[str, Any], version: int, folder: Path) -> Path:
-    """Write the unpacked files of an FMU for a cell description."""
+def write_fmu(cell: dict[str, Any], version: int, folder: Path, *variants: str) -> Path:
+    """Write the unpacked files of an FMU for a cell description; `variants` are options of robotcell-describe."""
     runtime, text = runtime_folder(), json.dumps(cell)
-    command = [str(runtime / "robotcell-describe"), "-", "--fmi", str(version)]
+    command = [str(runtime / "robotcell-describe"), "-", "--fmi", str(version), *variants]
     xml = subprocess.run(command, input=text.encode(), check=True, capture_output=True).stdout
     resources, binaries = folder / "resources", folder / "binaries" / ("linux64" if version == 2 else "x86_64-linux")
     resources.mkdir(parents=True)
@@ -199,7 +199,7 @@ class CellFmu:
         kind = self.variables[name].type
         setter = {
             "Real": "setReal", "Float64": "setFloat64", "Integer": "setInteger", "Int32": "setInt32",
-            "Boolean": "setBoolean",
+            "Boolean": "setBoolean", "Enumeration": "setInteger" if self.version == 2 else "setInt64",
         }  # fmt: skip
         getattr(self.slave, setter.get(kind, "setString"))(self._references([name]), [value])
 
@@ -214,7 +214,10 @@ class CellFmu:
 
     def get_int(self, name: str) -> int:
         kind = self.variables[name].type
-        getter = {"Integer": "getInteger", "Int32": "getInt32", "Boolean": "getBoolean"}[kind]
+        getter = {
+            "Integer": "getInteger", "Int32": "getInt32", "Boolean": "getBoolean",
+            "Enumeration": "getInteger" if self.version == 2 else "getInt64",
+        }[kind]  # fmt: skip
         return int(getattr(self.slave, getter)(self._references([name]))[0])
 
     def vector(self, prefix: str, count: int) -> Array:

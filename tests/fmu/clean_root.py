@@ -42,8 +42,12 @@ def largest_difference(fmu: Path) -> float:
         cell: Any = (FMU2Slave if second else FMU3Slave)(
             guid=description.guid, unzipDirectory=folder, modelIdentifier="RobotCell", instanceName="cell"
         )
-        access = {"Real": (cell.getReal, cell.setReal), "Integer": (cell.getInteger, cell.setInteger)} if second else {
-            "Float64": (cell.getFloat64, cell.setFloat64), "Int32": (cell.getInt32, cell.setInt32)
+        access = {
+            "Real": (cell.getReal, cell.setReal), "Integer": (cell.getInteger, cell.setInteger),
+            "Enumeration": (cell.getInteger, cell.setInteger),
+        } if second else {
+            "Float64": (cell.getFloat64, cell.setFloat64), "Int32": (cell.getInt32, cell.setInt32),
+            "Enumeration": (cell.getInt64, cell.setInt64),
         }  # fmt: skip
         cell.instantiate()
         if second:
@@ -58,7 +62,7 @@ def largest_difference(fmu: Path) -> float:
             if k < len(inputs):
                 for name, value in zip(given, inputs[k][1:], strict=True):
                     _, write = access[variables[name].type]
-                    whole = variables[name].type in ("Integer", "Int32")
+                    whole = variables[name].type in ("Integer", "Int32", "Enumeration")
                     write([variables[name].valueReference], [int(value) if whole else value])
                 cell.doStep(row[0], expected[k + 1][0] - row[0])
         cell.terminate()

@@ -60,8 +60,8 @@ Values run(const Fmu& fmu) {
   require(fmi3ExitInitializationMode(cell), "fmi3ExitInitializationMode");
   const fmi3ValueReference modes[] = {fmu.references.at("command.mode"),
                                       fmu.references.at("command.trigger.mode")};
-  const fmi3Int32 both_on[] = {1, 1};
-  require(fmi3SetInt32(cell, modes, 2, both_on, 2), "fmi3SetInt32");
+  const fmi3Int64 both_on[] = {1, 1};
+  require(fmi3SetInt64(cell, modes, 2, both_on, 2), "fmi3SetInt64");
   const fmi3ValueReference reals[] = {fmu.references.at("command.table"),
                                       fmu.references.at("command.trigger.period")};
   double time = 0;

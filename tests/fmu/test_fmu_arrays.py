@@ -31,7 +31,9 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 def read(cell: CellFmu, name: str) -> Array:
     """Value of a variable of any type and size."""
     variable = cell.variables[name]
-    getter = {"Float64": "getFloat64", "Int32": "getInt32", "Boolean": "getBoolean"}[variable.type]
+    getter = {"Float64": "getFloat64", "Int32": "getInt32", "Boolean": "getBoolean", "Enumeration": "getInt64"}[
+        variable.type
+    ]
     size = int(np.prod([int(d.start) for d in variable.dimensions]))
     return np.array(getattr(cell.slave, getter)([variable.valueReference], nValues=size), dtype=float)
 

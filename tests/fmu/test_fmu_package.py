@@ -10,7 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_fixture import Array, Build, FmuFolders, box_part, cell_description, conveyor, pose, runtime_folder
+from cell_fixture import (
+    Array,
+    Build,
+    CellFmu,
+    FmuFolders,
+    box_part,
+    cell_description,
+    conveyor,
+    pose,
+    runtime_folder,
+    write_fmu,
+)
 from fmpy.validation import validate_fmu
 from grasp_fixture import gripper
 
@@ -34,7 +45,16 @@ def test_fmpy_validates_model_description(folders: FmuFolders, version: int) -> 
 
 
 @pytest.mark.parametrize(
-    ("version", "variant"), [(2, []), (3, []), (3, ["--clock"]), (3, ["--arrays"]), (3, ["--arrays", "--clock"])]
+    ("version", "variant"),
+    [
+        (2, []),
+        (3, []),
+        (3, ["--clock"]),
+        (3, ["--arrays"]),
+        (3, ["--arrays", "--clock"]),
+        (2, ["--integers"]),
+        (3, ["--integers"]),
+    ],
 )
 def test_attributes_are_those_of_the_fmi_version(tmp_path: Path, version: int, variant: list[str]) -> None:
     file = tmp_path / "cell.json"
@@ -64,6 +84,49 @@ def test_both_fmi_versions_describe_same_variables(build: Build) -> None:
     assert units["truth.sensor.position[1]"] == "m"
     assert units["command.q[3]"] == units["as_built.tool.rx"] == "rad"
     assert units["trigger.time"] == "s"
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_enumerations_name_their_members(build: Build, version: int) -> None:
+    """Every choice is an enumeration with named items from 0 on, and its text lists them."""
+    cell = build(version, {**cell_description(), "gripper": gripper()})
+    names = {n: v.declaredType for n, v in cell.variables.items() if v.type == "Enumeration"}
+    assert set(names) == {
+        "command.mode", "command.jog_frame", "command.operation", "command.trigger.mode", "command.gripper.mode",
+        "controller.mode", "controller.state", "controller.error",
+    }  # fmt: skip
+    for name, kind in names.items():
+        assert [int(item.value) for item in kind.items] == list(range(len(kind.items)))
+        for item in kind.items:
+            assert f"{item.value} {item.name} ({item.description})" in cell.variables[name].description
+    assert names["command.mode"].name == names["controller.mode"].name == "ControllerMode"
+    assert [item.name for item in names["command.operation"].items] == ["manual", "automatic"]
+    cell.set("command.trigger.mode", len(names["command.trigger.mode"].items) - 1)
+    assert cell.get_int("command.trigger.mode") == 4
+    with pytest.raises(Exception, match="fmi"):
+        cell.set("command.trigger.mode", 5)
+    assert "command.trigger.mode must be from 0 to 4" in cell.messages[-1]
+
+
+@pytest.mark.parametrize("value", [-1, 6, 2**32 + 1])
+def test_values_beyond_an_enumeration_are_errors(build: Build, value: int) -> None:
+    cell = build(3)
+    with pytest.raises(Exception, match="fmi3SetInt64"):
+        cell.set("command.mode", value)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_variant_with_integers_has_same_token_and_values(build: Build, tmp_path: Path, version: int) -> None:
+    folder = write_fmu(cell_description(), version, tmp_path / "RobotCell", "--integers")
+    cell, usual = CellFmu(folder), build(version)
+    assert cell.description.guid == usual.description.guid
+    assert not [v for v in cell.variables.values() if v.type == "Enumeration"]
+    assert (cell.variables["command.mode"].min, cell.variables["command.mode"].max) == ("0", "5")
+    for each in (cell, usual):
+        each.set("command.mode", 2)
+        each.step(1000)
+    assert cell.get_int("controller.mode") == usual.get_int("controller.mode") == 2
+    cell.close()
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -202,22 +202,30 @@ class CellInstance(Closing):
         self._call(self._set_reals, group)
 
     def get_integer(self, name: str) -> int:
-        """Value of an integer variable."""
+        """Value of an integer or enumeration variable."""
         return self.get_integers([name])[0]
 
     def get_integers(self, names: Iterable[str]) -> list[int]:
-        """Values of integer variables."""
-        getter = self._fmu.getInteger if self._is_fmi2 else self._fmu.getInt32
-        return list(self._call(getter, [self._reference(name) for name in names]))
+        """Values of integer and enumeration variables."""
+        names = list(names)
+        access = {self._integer_access("get", name) for name in names}
+        if len(access) == 1:
+            return list(self._call(getattr(self._fmu, access.pop()), [self._reference(name) for name in names]))
+        return [self.get_integer(name) for name in names]
 
     def get_boolean(self, name: str) -> bool:
         """Value of a Boolean variable."""
         return bool(self._call(self._fmu.getBoolean, [self._reference(name)])[0])
 
     def set_integer(self, name: str, value: int) -> None:
-        """Set an integer input."""
-        setter = self._fmu.setInteger if self._is_fmi2 else self._fmu.setInt32
-        self._call(setter, [self._reference(name)], [value])
+        """Set an integer or enumeration input."""
+        self._call(getattr(self._fmu, self._integer_access("set", name)), [self._reference(name)], [value])
+
+    def _integer_access(self, verb: str, name: str) -> str:
+        """FMPy's function: in FMI 3, enumerations have 64 bits."""
+        self._reference(name)
+        enumeration = self._variables[name].type == "Enumeration"
+        return verb + ("Integer" if self._is_fmi2 else "Int64" if enumeration else "Int32")
 
     def set_boolean(self, name: str, value: bool) -> None:
         """Set a Boolean input."""

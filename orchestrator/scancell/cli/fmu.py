@@ -29,6 +29,9 @@ def fmu_build(
         bool,
         typer.Option("--arrays", help="FMI 3: array variables instead of indexed scalars (few importers read arrays)"),
     ] = False,
+    integers: Annotated[
+        bool, typer.Option("--integers", help="integers instead of enumerations, which libcosim and ecos do not know")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write the co-simulation FMUs of a cell: RobotCell2.fmu (FMI 2.0) and RobotCell3.fmu (FMI 3.0)."""
@@ -48,7 +51,9 @@ def fmu_build(
         files = []
         for version in (fmi,) if fmi else (2, 3):
             path = out / f"RobotCell{version}.fmu"
-            build_fmu(description, path, 2 if version == 2 else 3, FmuOptions(clock=clock, arrays=arrays))
+            build_fmu(
+                description, path, 2 if version == 2 else 3, FmuOptions(clock=clock, arrays=arrays, integers=integers)
+            )
             files.append(str(path))
         sizes = {Path(file).name: Path(file).stat().st_size for file in files}
         lighter = simplified(setup.cell, nominal)

@@ -18,7 +18,7 @@ ATTRIBUTES: dict[int, dict[str, set[str]]] = {
         "ScalarVariable": COMMON,
         "Real": {"declaredType", "quantity", "unit", "displayUnit", "min", "max", "start"},
         "Integer": {"min", "max", "start"}, "Boolean": {"start"}, "String": {"start"},
-        "SimpleType": {"name"}, "Unknown": {"index", "dependencies"},
+        "Enumeration": {"declaredType", "start"}, "SimpleType": {"name"}, "Unknown": {"index", "dependencies"},
     },
     3: {
         "fmiModelDescription": {
@@ -32,7 +32,8 @@ ATTRIBUTES: dict[int, dict[str, set[str]]] = {
         },
         "Float64": {*COMMON, "declaredType", "min", "max", "start"}, "Int32": {*COMMON, "min", "max", "start"},
         "Boolean": {*COMMON, "start"}, "String": COMMON, "Start": {"value"}, "Dimension": {"start"},
-        "Clock": {*COMMON, "intervalVariability"},
+        "Clock": {*COMMON, "intervalVariability"}, "Enumeration": {*COMMON, "declaredType", "start"},
+        "EnumerationType": {"name"},
         "Float64Type": {"name", "quantity", "unit", "displayUnit"},
         "Output": {"valueReference", "dependencies"}, "InitialUnknown": {"valueReference", "dependencies"},
     },
@@ -40,6 +41,7 @@ ATTRIBUTES: dict[int, dict[str, set[str]]] = {
 for known in ATTRIBUTES.values():
     known |= {
         "Unit": {"name"}, "BaseUnit": {"kg", "m", "s", "rad"}, "DisplayUnit": {"name", "factor"},
+        "Item": {"name", "value", "description"},
         "Category": {"name", "description"}, "DefaultExperiment": {"startTime", "stopTime", "stepSize"},
     }  # fmt: skip
 

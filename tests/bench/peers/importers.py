@@ -78,7 +78,9 @@ def run_fmpy(scenario: Scenario) -> Array:
         )
         slave.instantiate()
         for name, value in scenario.inputs.items():
-            kind = {"Real": "Real", "Float64": "Float64", "Integer": "Integer", "Int32": "Int32"}[variables[name].type]
+            kind = variables[name].type
+            if kind == "Enumeration":
+                kind = "Integer" if second else "Int64"
             getattr(slave, f"set{kind}")([variables[name].valueReference], [value])
         if second:
             slave.setupExperiment(startTime=0.0)

@@ -38,10 +38,13 @@ class FmuOptions:
     arrays
         Merge indexed scalars into arrays (FMI 3): `measured.q` instead of `measured.q[1]` to `measured.q[6]`. Few
         importers read arrays.
+    integers
+        Describe modes, states and errors as integers instead of enumerations, which libcosim and ecos do not know.
     """
 
     clock: bool = False
     arrays: bool = False
+    integers: bool = False
 
 
 def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions) -> dict[str, bytes]:
@@ -137,7 +140,8 @@ def _describe(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions
     """The model description, printed by the same variable table that the library answers from."""
     needs = f"64-bit x86 Linux with glibc {bundle.glibc} or later"
     command = [str(runtime / "robotcell-describe"), "-", "--fmi", str(version), "--needs", needs]
-    command += [word for word, wanted in (("--clock", options.clock), ("--arrays", options.arrays)) if wanted]
+    variants = (("--clock", options.clock), ("--arrays", options.arrays), ("--integers", options.integers))
+    command += [word for word, wanted in variants if wanted]
     result = subprocess.run(command, input=cell.encode(), capture_output=True, check=False)
     if result.returncode:
         raise CellError(f"the native robot cell refuses the description: {result.stderr.decode().strip()}")

@@ -99,7 +99,7 @@ def record_reference(fmu: Path) -> Reference:
     step_us = round(float(description.defaultExperiment.stepSize) * 1e6)
     outputs = [v for v in description.modelVariables if v.causality == "output"]
     reals = [v.name for v in outputs if v.type in ("Real", "Float64")]
-    integers = [v.name for v in outputs if v.type in ("Integer", "Int32")]
+    integers = [v.name for v in outputs if v.type in ("Integer", "Int32", "Enumeration")]
     axes = [*(f"command.q[{i}]" for i in range(1, _JOINTS + 1)), "command.table"]
     constant: dict[str, Any] = {"command.mode": 1, "command.trigger.mode": 1, "command.segment": 1}
     timing = {"command.trigger.period": _TRIGGER_PERIOD_S, "command.exposure": _EXPOSURE_S}
