@@ -40,7 +40,6 @@ PartDescription soft_cube(const SoftDescription& soft) {
   return part;
 }
 
-
 SkeletonPtr add_soft_cube(const dart::simulation::WorldPtr& world, SoftCollisionDetector& detector,
                           const SoftDescription& soft, const Vector3d& place) {
   const PartDescription part = soft_cube(soft);
