@@ -6,7 +6,7 @@ namespace {
 
 /// The lobe of rough metal that reflects all light, with one direction mirrored at the normal: the "back
 /// vector" of Belcour, Pacanowski, Delahaie, Laville-Geay & Eupherte ("BRDF measurements and analysis of
-/// retroreflecting materials", 2014). Mirroring keeps reciprocity and albedo.
+/// retroreflective materials", 2014). Mirroring keeps reciprocity and albedo.
 class RetroReflective : public Bsdf {
  public:
   explicit RetroReflective(const Material& material)
