@@ -12,8 +12,9 @@
 namespace robotcell {
 namespace {
 
-/// kg. The engine needs masses whose reciprocals and products are finite.
-constexpr double kMinMass = 1e-9;
+/// kg. The engine needs masses whose reciprocals and products are finite; with parts of 1e-8 kg and forces of
+/// 60 N an assertion of its contact solver ends the process.
+constexpr double kMinMass = 1e-6;
 constexpr double kMaxMass = 1e9;
 
 static_assert(sizeof(std::array<double, 3>) == 24 && sizeof(std::array<std::int32_t, 3>) == 12);

@@ -291,3 +291,16 @@ def test_invalid_gripper_is_rejected(tmp_path: Path, key: str, value: float | No
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode != 0
     assert f"gripper.{key}" in result.stderr
+
+
+def test_lightest_part_survives_full_grip_force(build: Build) -> None:
+    """A part of 1e-8 kg makes an assertion of the contact solver end the process; the smallest mass is far above."""
+    description = grasp_cell()
+    inertial = description["parts"][0]["inertial"]
+    scale = 1e-6 / inertial["mass"]
+    inertial["inertia"] = [[value * scale for value in row] for row in inertial["inertia"]]
+    inertial["mass"] = 1e-6
+    cell = build(3, description)
+    grip(cell, 60.0)
+    cell.step(CYCLE_US, 30)
+    assert np.isfinite(all_reals(cell)).all()

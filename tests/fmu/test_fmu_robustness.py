@@ -106,7 +106,7 @@ def text_for_number(cell: Cell) -> None:
         (table_out_of_range, "table.world_from_table.position[0]: expected a number from -1000 to 1000, got"),
         (huge_gravity, "gravity[2]: expected a number from -1000 to 1000, got"),
         (free_without_hull, "parts[0].hull: expected an object for a free part, got null"),
-        (tiny_mass, "parts[0].inertial.mass: expected a number from 1e-09 to 1e+09, got"),
+        (tiny_mass, "parts[0].inertial.mass: expected a number from 1e-06 to 1e+09, got"),
     ],
 )
 def test_invalid_description_is_rejected_by_key(
