@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from distributed import LocalCluster
 from engine_work import open_counter
 
 from scancell.errors import EngineError, OutputError
@@ -75,6 +76,19 @@ def test_task_that_kills_its_worker_is_reported_and_the_others_finish(tmp_path) 
     assert "died" in outcome.failed["n003"]
     assert len(outcome.done) == 5
     assert not list(job.folder.glob(".*")), "files of killed workers are removed"
+
+
+def test_failure_to_close_the_workers_keeps_the_outcome(tmp_path, monkeypatch) -> None:
+    """Dask fails so when it is just restarting a worker that died."""
+    close = LocalCluster.close
+
+    def failing(cluster, *arguments, **options):
+        close(cluster, *arguments, **options)
+        raise AssertionError("can only join a started process")
+
+    monkeypatch.setattr(LocalCluster, "close", failing)
+    job, tasks = make_job(tmp_path), make_tasks(2)
+    assert sorted(run_tasks(job, tasks, TWO, NullProgress()).done) == ["n000", "n001"]
 
 
 @pytest.mark.parametrize("damage", ["cut", "other request", "no record"])

@@ -102,9 +102,16 @@ def _client(target: ExecutionTarget) -> Iterator[Client]:
         with client:
             yield client
         return
-    with _local_cluster(target) as cluster, Client(cluster, set_as_default=False) as client:
-        client.register_plugin(_IgnoreInterrupts())
-        yield client
+    cluster = _local_cluster(target)
+    try:
+        with Client(cluster, set_as_default=False) as client:
+            client.register_plugin(_IgnoreInterrupts())
+            yield client
+    finally:
+        # All reports are in.  Dask fails to close a worker that it is restarting just then; the end of this process
+        # ends that worker.
+        with suppress(AssertionError, TimeoutError):
+            cluster.close()
 
 
 def _local_cluster(target: ExecutionTarget) -> LocalCluster:
