@@ -480,7 +480,7 @@ struct CollisionReading {
   std::int32_t near_a = 0, near_b = 0;
   std::array<std::int32_t, 2> near_faces{};  // internal: closest faces, from which the next search starts
 
-  /// {} stands for the numbers of the bodies.
+  /// {} is replaced by the numbers of the bodies.
   template <class Visitor>
   static void declare(Visitor& visit, CollisionReading& r) {
     visit(

@@ -40,9 +40,9 @@ def pose(position: Sequence[float], quaternion: Sequence[float] = (1, 0, 0, 0)) 
     return {"position": list(position), "quaternion": list(quaternion)}
 
 
-def box_hull(x: float, y: float, z: float) -> dict[str, Any]:
-    """Hull of a box with its base at z = 0, centred on the z axis."""
-    vertices = [[sx * x / 2, sy * y / 2, h] for h in (0.0, z) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+def box_hull(x: float, y: float, z: float, base: float = 0.0) -> dict[str, Any]:
+    """Hull of a box with its base at a height, centred on the z axis."""
+    vertices = [[sx * x / 2, sy * y / 2, base + h] for h in (0.0, z) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     quads = [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
     return mesh_json(vertices, [f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])])
 

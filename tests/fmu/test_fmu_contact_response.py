@@ -9,8 +9,6 @@ import pytest
 from cell_fixture import CYCLE_US, START_DEG, Array, Build, CellFmu, box_hull, cell_description, conveyor, pose
 from test_fmu_dynamic_arm import dynamic_cell
 
-from scancell.cell.mesh_json import mesh_json
-
 START = np.radians(START_DEG)
 MAX_TORQUE = 150.0
 TOOL_SIZE = (0.04, 0.04, 0.1)
@@ -23,9 +21,7 @@ EMERGENCY_STOP = 3
 
 def slab(top: float) -> dict[str, Any]:
     """A box of 4 m x 4 m x 0.2 m with its top face at this height."""
-    corners = [[x, y, z] for z in (top - 0.2, top) for x, y in ((-2, -2), (2, -2), (2, 2), (-2, 2))]
-    quads = [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
-    return mesh_json(corners, [f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])])
+    return box_hull(4.0, 4.0, 0.2, base=top - 0.2)
 
 
 def tool_height(cell: CellFmu) -> float:
