@@ -2,11 +2,14 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
 namespace robotcell::control {
 namespace {
+
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 constexpr int kMaxIterations = 10;
 constexpr double kTolerance = 1e-11;   // m and rad
@@ -14,9 +17,33 @@ constexpr double kMaxJointStep = 0.5;  // rad of any joint in one correction
 
 }  // namespace
 
-double smallest_singular_value(const Matrix6& jacobian) {
-  const Matrix6 square = jacobian * jacobian.transpose();
-  const Eigen::SelfAdjointEigenSolver<Matrix6> solver(square, Eigen::EigenvaluesOnly);
+Jacobian cartesian_columns(const ArmGeometry& arm, const Jacobian& jacobian) {
+  const std::vector<int>& joints = arm.cartesian_joints();
+  Jacobian columns(6, joints.size());
+  for (std::size_t i = 0; i < joints.size(); ++i) columns.col(static_cast<int>(i)) = jacobian.col(joints[i]);
+  return columns;
+}
+
+Axes resolved_rates(const ArmGeometry& arm, const Jacobian& columns, const Vector6& twist) {
+  Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxJoints, 1> rates;
+  if (columns.cols() == 6) {
+    rates = Matrix6(columns).partialPivLu().solve(twist);
+  } else {
+    rates = columns.colPivHouseholderQr().solve(twist);
+  }
+  Axes axes{};
+  const std::vector<int>& joints = arm.cartesian_joints();
+  for (std::size_t i = 0; i < joints.size(); ++i) {
+    axes[static_cast<std::size_t>(joints[i])] = rates[static_cast<int>(i)];
+  }
+  return axes;
+}
+
+double smallest_singular_value(const Jacobian& jacobian) {
+  using Square = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxJoints, kMaxJoints>;
+  const Square square =
+      jacobian.cols() < 6 ? Square(jacobian.transpose() * jacobian) : Square(jacobian * jacobian.transpose());
+  const Eigen::SelfAdjointEigenSolver<Square> solver(square, Eigen::EigenvaluesOnly);
   return std::sqrt(std::max(0.0, solver.eigenvalues().minCoeff()));
 }
 
@@ -38,15 +65,17 @@ Eigen::Isometry3d interpolate_pose(const Eigen::Isometry3d& from, const Vector6&
 
 std::optional<JointSolution> solve_inverse_kinematics(const ArmGeometry& arm, const Eigen::Isometry3d& pose,
                                                       const Axes& position) {
-  JointSolution solution{position, Matrix6::Zero()};
+  JointSolution solution{position, {}};
   for (int i = 0; i < kMaxIterations; ++i) {
     const ToolState tool = arm.tool(solution.position);
-    solution.jacobian = tool.jacobian;
+    solution.columns = cartesian_columns(arm, tool.jacobian);
     const Vector6 error = pose_difference(tool.pose, pose);
     if (error.norm() < kTolerance) return solution;
-    const Vector6 step = tool.jacobian.partialPivLu().solve(error);
-    if (!(step.cwiseAbs().maxCoeff() < kMaxJointStep)) return std::nullopt;
-    for (int k = 0; k < kArmAxes; ++k) solution.position[static_cast<std::size_t>(k)] += step[k];
+    const Axes step = resolved_rates(arm, solution.columns, error);
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      if (!(std::abs(step[k]) < kMaxJointStep)) return std::nullopt;
+      solution.position[k] += step[k];
+    }
   }
   return std::nullopt;
 }

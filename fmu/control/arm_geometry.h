@@ -3,18 +3,20 @@
 
 #include <Eigen/Geometry>
 #include <optional>
+#include <vector>
 
 #include "fmu/control/axis.h"
 
 namespace robotcell::control {
 
 using Vector6 = Eigen::Matrix<double, 6, 1>;
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
+/// A column for each joint of the arm.
+using Jacobian = Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, kMaxJoints>;
 
 /// Pose and Jacobian of the tool at given joint angles.
 struct ToolState {
   Eigen::Isometry3d pose;  // world_from_tool
-  Matrix6 jacobian;        // rows 0-2: velocity of the tool's origin; 3-5: angular velocity; world axes
+  Jacobian jacobian;       // rows 0-2: velocity of the tool's origin; 3-5: angular velocity; world axes
 };
 
 /// Nominal forward kinematics, without deviations of the arm as built.
@@ -22,14 +24,24 @@ class ArmGeometry {
  public:
   virtual ~ArmGeometry() = default;
   virtual ToolState tool(const Axes& position) const = 0;
+  /// The joints, at most six, that linear moves and Cartesian jogs use. The others keep still, so that an arm
+  /// with more than six joints has one solution near every position.
+  virtual const std::vector<int>& cartesian_joints() const = 0;
 };
+
+/// The columns of a Jacobian that belong to the joints of Cartesian motion.
+Jacobian cartesian_columns(const ArmGeometry& arm, const Jacobian& jacobian);
+
+/// Rates of the axes for a twist of the tool, by the columns of Cartesian motion; those with the least error
+/// where there are fewer than six. Other axes have the rate 0.
+Axes resolved_rates(const ArmGeometry& arm, const Jacobian& columns, const Vector6& twist);
 
 /// Smallest singular value of the Jacobian (rows in m and rad) at which a path still counts as regular. Below
 /// it joint rates grow without bound; it corresponds to a wrist bent by about 0.8 degrees.
 constexpr double kMinSingularValue = 0.01;
 
 /// Smallest singular value of a Jacobian, a measure of the distance to a singularity.
-double smallest_singular_value(const Matrix6& jacobian);
+double smallest_singular_value(const Jacobian& jacobian);
 
 /// Translation and rotation vector, both in world axes, that lead from one pose to another.
 Vector6 pose_difference(const Eigen::Isometry3d& from, const Eigen::Isometry3d& to);
@@ -38,10 +50,10 @@ Vector6 pose_difference(const Eigen::Isometry3d& from, const Eigen::Isometry3d& 
 /// constant axis.
 Eigen::Isometry3d interpolate_pose(const Eigen::Isometry3d& from, const Vector6& difference, double s);
 
-/// Joint positions of a solution of the inverse kinematics, and the Jacobian there.
+/// Joint positions of a solution of the inverse kinematics, and the columns of Cartesian motion there.
 struct JointSolution {
   Axes position;
-  Matrix6 jacobian;
+  Jacobian columns;
 };
 std::optional<JointSolution> solve_inverse_kinematics(const ArmGeometry& arm, const Eigen::Isometry3d& pose,
                                                       const Axes& position);

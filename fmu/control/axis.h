@@ -9,8 +9,11 @@
 
 namespace robotcell::control {
 
-constexpr int kArmAxes = 6;
-constexpr int kAxes = kArmAxes + 1;  // joints of the arm, then the table
+/// The axes are the joints of the arm, then the table at a fixed place. Axes between the last joint of an arm
+/// and the table stand still at 0.
+constexpr int kMaxJoints = 8;
+constexpr int kAxes = kMaxJoints + 1;
+constexpr std::size_t kTableAxis = kMaxJoints;
 
 /// One value per axis.
 using Axes = std::array<double, kAxes>;

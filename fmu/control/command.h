@@ -80,7 +80,7 @@ struct Report {
   Mode mode = Mode::kHold;
   Phase phase = Phase::kRest;
   ControllerError error = ControllerError::kNone;
-  std::int32_t limit = 0;  // axis at its limit, counted from 1 (7: table); 0: none
+  std::int32_t limit = 0;  // axis at its limit, counted from 1; 0: none
   bool moving = false;
   bool at_destination = false;
   double progress = 0;

@@ -1,6 +1,5 @@
 #include "fmu/control/jog.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
@@ -9,7 +8,6 @@ namespace {
 
 constexpr double kAccelerationShare = 0.97;  // the rest is for the overshoot of the cubics between knots
 constexpr double kBrakingShare = 0.999;      // margin for rounding
-constexpr std::size_t kTable = kArmAxes;
 
 /// Largest speed at the end of a cycle towards a limit `distance` away at its start, from which constant
 /// deceleration still stops before the limit.
@@ -108,14 +106,18 @@ Knots Jog::joints(double cycle, const Command& command, const Knots& present) {
   for (std::size_t i = 0; i < kAxes; ++i) {
     wanted[i] = command.jog[i] * jog_.joint_share * limits_[i].max_speed;
   }
-  const Matrix6 jacobian = arm_.tool(positions(present)).jacobian;
-  const double tool_speed = (jacobian.topRows<3>() * Eigen::Map<const Vector6>(wanted.data())).norm();
+  const Jacobian jacobian = arm_.tool(positions(present)).jacobian;
+  Eigen::Vector3d tool_velocity = Eigen::Vector3d::Zero();
+  for (int i = 0; i < jacobian.cols(); ++i) {
+    tool_velocity += wanted[static_cast<std::size_t>(i)] * jacobian.col(i).head<3>();
+  }
+  const double tool_speed = tool_velocity.norm();
   const double scale = std::min(1.0, jog_.line_speed / std::max(tool_speed, 1e-12));
   state_.error = ControllerError::kNone;
   state_.limit = 0;
   Knots knots;
   for (std::size_t i = 0; i < kAxes; ++i) {
-    knots[i] = axis(i, i < kTable ? scale * wanted[i] : wanted[i], cycle, present);
+    knots[i] = axis(i, i < kTableAxis ? scale * wanted[i] : wanted[i], cycle, present);
   }
   return knots;
 }
@@ -123,8 +125,8 @@ Knots Jog::joints(double cycle, const Command& command, const Knots& present) {
 struct Jog::Attempt {
   Vector6 twist;
   Eigen::Isometry3d pose;
-  Matrix6 jacobian;
-  Knots knots{};  // joints of the arm; the table is set later
+  Jacobian columns;  // of Cartesian motion
+  Knots knots{};     // joints of the arm; the table is set later
 };
 
 Vector6 Jog::commanded_twist(const Command& command) const {
@@ -153,11 +155,9 @@ std::optional<Jog::Attempt> Jog::attempt(const Vector6& twist, double cycle, con
   Attempt attempt{twist, interpolate_pose(here, state_.twist + twist, cycle / 2), {}, {}};
   const auto solution = solve_inverse_kinematics(arm_, attempt.pose, positions(present));
   if (!solution) return std::nullopt;
-  attempt.jacobian = solution->jacobian;
-  const Vector6 rates = solution->jacobian.partialPivLu().solve(twist);
-  for (std::size_t i = 0; i < kArmAxes; ++i) {
-    attempt.knots[i] = {solution->position[i], rates[static_cast<int>(i)]};
-  }
+  attempt.columns = solution->columns;
+  const Axes rates = resolved_rates(arm_, solution->columns, twist);
+  for (std::size_t i = 0; i < kMaxJoints; ++i) attempt.knots[i] = {solution->position[i], rates[i]};
   return attempt;
 }
 
@@ -168,13 +168,13 @@ std::optional<Jog::Attempt> Jog::within_limits(double cycle, const Command& comm
   auto found = attempt(ramped(wanted, cycle), cycle, present);
   if (!found) return found;
   double speed_ratio = 1;
-  for (std::size_t i = 0; i < kArmAxes; ++i) {
+  for (std::size_t i = 0; i < kMaxJoints; ++i) {
     speed_ratio = std::max(speed_ratio, std::abs(found->knots[i].velocity) / (0.9 * limits_[i].max_speed));
   }
   if (speed_ratio > 1) found = attempt(ramped(found->twist / speed_ratio, cycle), cycle, present);
   if (!found) return found;
   double acceleration_ratio = 1;
-  for (std::size_t i = 0; i < kArmAxes; ++i) {
+  for (std::size_t i = 0; i < kMaxJoints; ++i) {
     const double acceleration = peak_acceleration(present[i], found->knots[i], cycle);
     acceleration_ratio = std::max(acceleration_ratio, acceleration / (0.8 * limits_[i].max_acceleration));
   }
@@ -186,14 +186,15 @@ std::optional<Jog::Attempt> Jog::within_limits(double cycle, const Command& comm
 
 /// Whether a limit or a singularity ends the jog here; blocks it and records the reason.
 bool Jog::reaches_limit(const Attempt& attempt, double cycle, const Knots& present) {
-  const double before = smallest_singular_value(arm_.tool(positions(present)).jacobian);
-  const double after = smallest_singular_value(attempt.jacobian);
+  const double before =
+      smallest_singular_value(cartesian_columns(arm_, arm_.tool(positions(present)).jacobian));
+  const double after = smallest_singular_value(attempt.columns);
   // Motion away from a singularity is always allowed.
   if (after < 2 * kMinSingularValue && after < before * (1 - 1e-9)) {
     block(ControllerError::kSingular, 0);
     return true;
   }
-  for (std::size_t i = 0; i < kArmAxes; ++i) {
+  for (std::size_t i = 0; i < kMaxJoints; ++i) {
     const Knot& end = attempt.knots[i];
     const bool clear = speed_within_limits(end.velocity, present[i], limits_[i], cycle) == end.velocity;
     if (!clear || std::abs(end.velocity) > limits_[i].max_speed ||
@@ -218,8 +219,8 @@ Knots Jog::cartesian(double cycle, const Command& command, const Knots& present)
   Knots knots = found->knots;
   state_.error = ControllerError::kNone;
   state_.limit = 0;
-  const double table = command.jog[kTable] * jog_.joint_share * limits_[kTable].max_speed;
-  knots[kTable] = axis(kTable, table, cycle, present);
+  const double table = command.jog[kTableAxis] * jog_.joint_share * limits_[kTableAxis].max_speed;
+  knots[kTableAxis] = axis(kTableAxis, table, cycle, present);
   return knots;
 }
 

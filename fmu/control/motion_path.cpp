@@ -1,6 +1,5 @@
 #include "fmu/control/motion_path.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -13,21 +12,18 @@ constexpr double kCheckSpacing = 2e-3;  // m, and rad / 4: spacing of the checke
 constexpr double kMaxPoints = 5000;
 constexpr double kSpeedShare = 0.999;  // margin for the overshoot of the cubics between knots
 constexpr double kAccelerationShare = 0.95;
-constexpr std::size_t kTable = kArmAxes;
 
 /// Derivatives of the axes by s along a linear tool path (resolved rate).
-Axes derivative_of(const MotionPath& path, const Matrix6& jacobian) {
-  Axes derivative{};
-  const Vector6 rates = jacobian.partialPivLu().solve(path.displacement());
-  for (int i = 0; i < kArmAxes; ++i) derivative[static_cast<std::size_t>(i)] = rates[i];
-  derivative[kTable] = path.to[kTable] - path.from[kTable];
+Axes derivative_of(const MotionPath& path, const ArmGeometry& arm, const Jacobian& columns) {
+  Axes derivative = resolved_rates(arm, columns, path.displacement());
+  derivative[kTableAxis] = path.to[kTableAxis] - path.from[kTableAxis];
   return derivative;
 }
 
 Axes second_derivative_of(const MotionPath& path, const ArmGeometry& arm, const PathPoint& point) {
   Axes ahead = point.position;
   for (std::size_t i = 0; i < kAxes; ++i) ahead[i] += kDifferenceStep * point.derivative[i];
-  const Axes derivative = derivative_of(path, arm.tool(ahead).jacobian);
+  const Axes derivative = derivative_of(path, arm, cartesian_columns(arm, arm.tool(ahead).jacobian));
   Axes second_derivative{};
   for (std::size_t i = 0; i < kAxes; ++i) {
     second_derivative[i] = (derivative[i] - point.derivative[i]) / kDifferenceStep;
@@ -86,7 +82,8 @@ PathReport check_line_path(const MotionPath& path, const ArmGeometry& arm, const
   const double points = number_of_points(path);
   for (double k = 0; k <= points; ++k) {
     const auto point = path.at(k / points, arm, near);
-    if (!point || smallest_singular_value(arm.tool(point->position).jacobian) < kMinSingularValue) {
+    if (!point || smallest_singular_value(cartesian_columns(arm, arm.tool(point->position).jacobian)) <
+                      kMinSingularValue) {
       report.fault = PathFault::kSingular;
       return report;
     }
@@ -123,8 +120,8 @@ std::optional<PathPoint> MotionPath::at(double s, const ArmGeometry& arm, const 
       solve_inverse_kinematics(arm, interpolate_pose(start_pose(), displacement(), s), near);
   if (!solution) return std::nullopt;
   point.position = solution->position;
-  point.derivative = derivative_of(*this, solution->jacobian);
-  point.position[kTable] = s == 1 ? to[kTable] : from[kTable] + s * point.derivative[kTable];
+  point.derivative = derivative_of(*this, arm, solution->columns);
+  point.position[kTableAxis] = s == 1 ? to[kTableAxis] : from[kTableAxis] + s * point.derivative[kTableAxis];
   point.second_derivative = second_derivative_of(*this, arm, point);
   return point;
 }
@@ -141,7 +138,7 @@ MotionPath line_path(const ArmGeometry& arm, const Axes& from, const Eigen::Isom
   MotionPath path;
   path.line = true;
   path.from = path.to = from;
-  path.to[kTable] = table_target;
+  path.to[kTableAxis] = table_target;
   const Eigen::Isometry3d start = arm.tool(from).pose;
   path.start_position = start.translation();
   path.start_orientation = Eigen::Quaterniond(start.linear());

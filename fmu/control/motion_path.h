@@ -55,7 +55,7 @@ enum class PathFault { kNone, kTargetOutOfLimits, kPathOutOfLimits, kSingular };
 /// Result of checking a path before it is executed.
 struct PathReport {
   PathFault fault = PathFault::kNone;
-  int axis = 0;  // axis that exceeds its limit, counted from 1 (7: table); 0: none
+  int axis = 0;  // axis that exceeds its limit, counted from 1; 0: none
   ProfileLimits profile;
   Axes end{};
 };

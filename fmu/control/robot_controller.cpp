@@ -156,7 +156,7 @@ void RobotController::plan(const Command& command) {
   const Axes from = present_position();
   const Eigen::Isometry3d target =
       Eigen::Translation3d(pending_move.tool_position) * pending_move.tool_orientation;
-  const MotionPath path = pending_move.line ? line_path(arm_, from, target, pending_move.position[kArmAxes])
+  const MotionPath path = pending_move.line ? line_path(arm_, from, target, pending_move.position[kTableAxis])
                                             : joint_path(from, pending_move.position);
   const PathReport report = check_path(path, arm_, settings_.motion, pending_move.speed);
   state_.path_error = error_of(report.fault);

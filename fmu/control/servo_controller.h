@@ -20,7 +20,7 @@ struct ServoState {
   Axes set_point_before{};    // one cycle before
   Knots start{};
   Knots end{};
-  std::int32_t limit = 0;  // first axis kept from its set-point, counted from 1 (7: table); 0: none
+  std::int32_t limit = 0;  // first axis kept from its set-point, counted from 1; 0: none
 };
 
 /// Latches a command every cycle and reaches it one cycle later.

@@ -7,7 +7,7 @@ namespace {
 void add_truth(TableBuilder& table, Truth& truth, const Dependencies& dependencies) {
   const auto output = Causality::kOutput;
   const auto continuous = Variability::kContinuous;
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < table.joints(); ++i) {
     table.add(indexed("truth.q", i), output, continuous, kRadian,
               "True angle of joint " + std::to_string(i + 1) +
                   " on the link side of the gear, without the zero error as_built.dh[i].theta",
@@ -38,6 +38,7 @@ void add_record(TableBuilder& table, CellOutputs& out) {
   table.add_declared("trigger.measured.", ", at the middle of the exposure of the current record", output,
                      record.measured);
   BodiesDependencies none;
+  none.links.resize(record.truth.links.size());
   none.parts.resize(record.truth.parts.size());
   none.fingers.resize(record.truth.fingers.size());
   table.add_bodies("trigger.truth.", ", at the instant of the light of the current record", discrete,
@@ -47,7 +48,7 @@ void add_record(TableBuilder& table, CellOutputs& out) {
 }  // namespace
 
 void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies) {
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < table.joints(); ++i) {
     table.add(indexed("measured.torque", i), Causality::kOutput, Variability::kDiscrete, kNewtonMetre,
               "Motor torque of joint " + std::to_string(i + 1) +
                   " as reported by its drive, referred to the output side of the gear",

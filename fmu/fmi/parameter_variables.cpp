@@ -4,10 +4,11 @@
 namespace robotcell::fmi {
 namespace {
 
-void add_as_built_arm(TableBuilder& table, AsBuilt& as_built, Dependencies& dependencies) {
+void add_as_built_arm(TableBuilder& table, const CellLayout& layout, AsBuilt& as_built,
+                      Dependencies& dependencies) {
   PoseDependencies before;
   before.position = before.orientation = dependencies.file;
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < layout.joints.size(); ++i) {
     DhDeviation& dh = as_built.dh[i];
     const std::string row = indexed("dh", i);
     const std::string link = " of link " + std::to_string(i + 1) + " (Denavit-Hartenberg)";
@@ -21,16 +22,18 @@ void add_as_built_arm(TableBuilder& table, AsBuilt& as_built, Dependencies& depe
     after.add_length(d);
     after.add_angle(alpha);
     after.add_angle(theta);
-    if (i == 1) {
-      after.add_angle(table.add_deviation(
-          row + ".beta", kRadian,
-          "rotation beta about y after the twist of link 2 (Hayati parameter): the tilt between the parallel "
-          "axes 2 and 3, which Denavit-Hartenberg parameters cannot express",
-          dh.beta));
+    if (layout.joints[i].parallel_to_next) {
+      const std::string axes = std::to_string(i + 1) + " and " + std::to_string(i + 2);
+      after.add_angle(table.add_deviation(row + ".beta", kRadian,
+                                          "rotation beta about y after the twist of link " +
+                                              std::to_string(i + 1) +
+                                              " (Hayati parameter): the tilt between the parallel axes " +
+                                              axes + ", which Denavit-Hartenberg parameters cannot express",
+                                          dh.beta));
     }
     // alpha and beta of a row rotate the link about its origin.
-    dependencies.bodies.links[i] = {before.position, after.orientation, {}};
-    Refs& position = dependencies.bodies.links[i].position;
+    dependencies.bodies.links.push_back({before.position, after.orientation, {}});
+    Refs& position = dependencies.bodies.links.back().position;
     position.insert(position.end(), {a, d, theta});
     before = after;
   }
@@ -193,7 +196,7 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
                               parameters.seed);
   dependencies.file = {file};
   dependencies.measured = {file, seed};
-  add_as_built_arm(table, parameters.as_built, dependencies);
+  add_as_built_arm(table, layout, parameters.as_built, dependencies);
   dependencies.true_axes = dependencies.file;
   if (layout.dynamic_drives) add_gravity_deflection(dependencies);
   add_as_built_tool(table, parameters.as_built, dependencies);

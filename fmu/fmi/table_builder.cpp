@@ -15,11 +15,11 @@ std::string indexed(const std::string& name, std::size_t index_from_0) {
   return name + "[" + std::to_string(index_from_0 + 1) + "]";
 }
 
-/// The text of a field with the names of the device and of the element of an array.
-std::string FieldTable::text_of(const Field& field, const Element& element) const {
-  std::string text = field.text;
-  for (const auto& [place, name] :
-       {std::pair<std::string, std::string>{"{}", device_}, {"{e}", element.text}}) {
+/// A text with the names of the device and of the element of an array, and the number of the table.
+std::string FieldTable::with_names(std::string text, const Element& element) const {
+  for (const auto& [place, name] : {std::pair<std::string, std::string>{"{}", device_},
+                                    {"{e}", element.text},
+                                    {"{t}", std::to_string(table_.joints() + 1)}}) {
     for (std::size_t at = text.find(place); at != std::string::npos;
          at = text.find(place, at + name.size())) {
       text.replace(at, place.size(), name);
@@ -88,7 +88,7 @@ void TableBuilder::add_body(const std::string& prefix, const std::string& what, 
 
 void TableBuilder::add_bodies(const std::string& prefix, const std::string& suffix, Variability variability,
                               Bodies& value, const BodiesDependencies& dependencies) {
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < value.links.size(); ++i) {
     add_body(indexed(prefix + "link", i), "link " + std::to_string(i + 1), suffix, variability,
              value.links[i], dependencies.links[i]);
   }

@@ -31,7 +31,7 @@ struct PoseDependencies {
 };
 
 struct BodiesDependencies {
-  std::array<PoseDependencies, kJoints> links;
+  std::vector<PoseDependencies> links;
   PoseDependencies sensor, table;
   std::vector<PoseDependencies> parts, fingers;
 };
@@ -45,6 +45,11 @@ struct Dependencies {
 
 class TableBuilder {
  public:
+  /// For an arm with this number of joints.
+  explicit TableBuilder(std::size_t joints) : joints_(joints) {}
+
+  std::size_t joints() const { return joints_; }
+
   /// Appends a variable; `value` is its member of an instance's values.
   template <class T>
   std::uint32_t add(const std::string& name, Causality causality, Variability variability, Unit unit,
@@ -84,6 +89,7 @@ class TableBuilder {
   void add_body(const std::string& prefix, const std::string& what, const std::string& suffix,
                 Variability variability, BodyState& value, const PoseDependencies& dependencies);
 
+  std::size_t joints_;
   std::vector<Variable> table_;
 };
 
@@ -120,7 +126,10 @@ class FieldTable {
   template <class T, std::size_t n>
   void add(const Declared<std::array<T, n>>& member) {
     if (member.field.text == nullptr) return;
-    for (std::size_t i = 0; i < n; ++i) add(member.field, member.value[i], member.field.elements[i]);
+    for (std::size_t i = 0; i < n; ++i) {
+      const bool absent = member.field.per_axis && i >= table_.joints() && i != kTableAxis;
+      if (!absent) add(member.field, member.value[i], member.field.elements[i]);
+    }
   }
   template <class T, std::size_t n, std::size_t m>
   void add(const Declared<std::array<std::array<T, m>, n>>& member) {
@@ -130,14 +139,14 @@ class FieldTable {
   }
   template <class T>
   void add(const Field& field, T& value, const Element& element) {
-    table_.add(prefix_ + field.name + element.name, causality_,
+    table_.add(with_names(prefix_ + field.name + element.name, element), causality_,
                causality_ == Causality::kParameter ? Variability::kFixed : field.variability, field.unit,
-               text_of(field, element), value, initial_of(field));
-    table_.bound(field.min, field.max);
+               with_names(field.text, element), value, initial_of(field));
+    table_.bound(field.min, field.axis_number ? static_cast<double>(table_.joints() + 1) : field.max);
     if (field.instant) table_.mark_instant();
     if (field.enumeration != nullptr) table_.enumerate(*field.enumeration);
   }
-  std::string text_of(const Field& field, const Element& element) const;
+  std::string with_names(std::string text, const Element& element) const;
   const Refs& initial_of(const Field& field) const;
 
   TableBuilder& table_;

@@ -7,7 +7,7 @@
 namespace robotcell::fmi {
 
 VariableTable::VariableTable(const CellLayout& layout, Values& values) {
-  TableBuilder table;
+  TableBuilder table(layout.joints.size());
   table.add("time", Causality::kIndependent, Variability::kContinuous, kSecond, "Simulation time",
             values.time);
   const Dependencies dependencies = add_parameters(table, layout, values.parameters);

@@ -29,14 +29,12 @@ DriveDescription parse_drive(const JsonReader& json, double time_step) {
 
 }  // namespace
 
-ArmDynamicsDescription parse_arm_dynamics(const JsonReader& json, double time_step) {
+ArmDynamicsDescription parse_arm_dynamics(const JsonReader& json, std::size_t joints, double time_step) {
   json.expect_keys({"links", "drives"});
   ArmDynamicsDescription dynamics;
-  const auto links = json.at("links").items(kJoints);
-  const auto drives = json.at("drives").items(kJoints);
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    dynamics.links[i] = parse_inertia(links[i]);
-    dynamics.drives[i] = parse_drive(drives[i], time_step);
+  for (const JsonReader& link : json.at("links").items(joints)) dynamics.links.push_back(parse_inertia(link));
+  for (const JsonReader& drive : json.at("drives").items(joints)) {
+    dynamics.drives.push_back(parse_drive(drive, time_step));
   }
   return dynamics;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <vector>
 
 #include "fmu/model/cell_values.h"
 #include "fmu/model/json_reader.h"
@@ -11,17 +12,17 @@
 namespace robotcell {
 
 struct ArmDynamicsDescription {
-  std::array<RigidInertia, kJoints> links;  // in the link frames
-  std::array<DriveDescription, kJoints> drives;
+  std::vector<RigidInertia> links;  // in the link frames
+  std::vector<DriveDescription> drives;
 };
 
 /// `time_step` (s) limits the stiffness of the gears. Throws DescriptionError.
-ArmDynamicsDescription parse_arm_dynamics(const JsonReader& json, double time_step);
+ArmDynamicsDescription parse_arm_dynamics(const JsonReader& json, std::size_t joints, double time_step);
 
 struct ArmDynamicsState {
-  std::array<double, kJoints> position{}, rate{};  // of the links, rad, rad/s
-  std::array<double, kJoints> gear_torque{};       // acting on the links, N m
-  std::array<MotorState, kJoints> motors{};
+  std::array<double, kMaxJoints> position{}, rate{};  // of the links, rad, rad/s
+  std::array<double, kMaxJoints> gear_torque{};       // acting on the links, N m
+  std::array<MotorState, kMaxJoints> motors{};
 };
 
 }  // namespace robotcell

@@ -13,7 +13,7 @@ constexpr std::uint64_t kTriggerKey = 0x7472696767657200;
 
 PrescribedMotion start_of(const CellDescription& cell) {
   PrescribedMotion start;
-  for (std::size_t i = 0; i < kJoints; ++i) start.axes.position[i] = cell.joints[i].start;
+  for (std::size_t i = 0; i < cell.joints.size(); ++i) start.axes.position[i] = cell.joints[i].start;
   start.axes.position[kTableAxis] = cell.table.start;
   start.belts.resize(cell.conveyors.size());
   return start;
@@ -169,7 +169,7 @@ void Cell::read_axes(GridPoint& point) const {
   point.true_axes = point.encoders = point.prescribed.axes;
   if (!description_.dynamics) return;
   const ArmDynamicsState arm = world_.arm();
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < description_.joints.size(); ++i) {
     point.true_axes.position[i] = arm.position[i];
     point.true_axes.rate[i] = arm.rate[i];
     point.encoders.position[i] = arm.motors[i].position;

@@ -1,5 +1,6 @@
 #include "fmu/model/cell_description.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -12,7 +13,9 @@
 namespace robotcell {
 namespace {
 
+constexpr std::size_t kMinJoints = 4;
 constexpr double kMaxJointPosition = 1e6;  // rad
+constexpr double kParallel = 1e-6;         // sine of the angle between parallel axes
 constexpr double kMaxLatency = 0.1;        // s, of an encoder
 
 EncoderDescription parse_encoder(const JsonReader& json) {
@@ -52,6 +55,31 @@ JointDescription parse_joint(const JsonReader& json) {
   joint.start = json.at("start").number(joint.min, joint.max);
   joint.encoder = parse_encoder(json);
   return joint;
+}
+
+/// Joints that keep still in Cartesian motion, so that at most six move; numbers from 1 in the description.
+std::vector<int> parse_held_joints(const JsonReader& json, std::size_t joints) {
+  std::vector<int> held;
+  for (const JsonReader& number : json.items(joints > 6 ? joints - 6 : 0)) {
+    const auto joint = static_cast<int>(number.integer(1, static_cast<std::int64_t>(joints))) - 1;
+    if (std::find(held.begin(), held.end(), joint) != held.end())
+      number.fail("a joint that is not listed twice");
+    held.push_back(joint);
+  }
+  return held;
+}
+
+void parse_robot(const JsonReader& robot, CellDescription& cell) {
+  robot.expect_keys({"world_from_base", "joints", "held_joints", "motion", "dynamics"});
+  cell.motion = parse_motion(robot.at("motion"));
+  cell.world_from_base = robot.at("world_from_base").pose();
+  for (const JsonReader& joint : robot.at("joints").items(kMinJoints, kMaxJoints)) {
+    cell.joints.push_back(parse_joint(joint));
+  }
+  cell.held_joints = parse_held_joints(robot.at("held_joints"), cell.joints.size());
+  if (robot.at("dynamics").is_null()) return;
+  const double time_step = static_cast<double>(cell.time_step_us) / kMicrosecondsPerSecond;
+  cell.dynamics = parse_arm_dynamics(robot.at("dynamics"), cell.joints.size(), time_step);
 }
 
 TableDescription parse_table(const JsonReader& json) {
@@ -96,16 +124,7 @@ CellDescription parse_root(const JsonReader& json) {
   cell.gravity = json.at("gravity").coordinates();
   cell.seed = static_cast<std::int32_t>(json.at("seed").integer(std::numeric_limits<std::int32_t>::min(),
                                                                 std::numeric_limits<std::int32_t>::max()));
-  const JsonReader robot = json.at("robot");
-  robot.expect_keys({"world_from_base", "joints", "motion", "dynamics"});
-  cell.motion = parse_motion(robot.at("motion"));
-  if (!robot.at("dynamics").is_null()) {
-    const double time_step = static_cast<double>(cell.time_step_us) / kMicrosecondsPerSecond;
-    cell.dynamics = parse_arm_dynamics(robot.at("dynamics"), time_step);
-  }
-  cell.world_from_base = robot.at("world_from_base").pose();
-  const auto joints = robot.at("joints").items(kJoints);
-  for (std::size_t i = 0; i < kJoints; ++i) cell.joints[i] = parse_joint(joints[i]);
+  parse_robot(json.at("robot"), cell);
   const JsonReader tool = json.at("tool");
   tool.expect_keys({"flange_from_sensor"});
   cell.flange_from_sensor = tool.at("flange_from_sensor").pose();
@@ -117,8 +136,9 @@ CellDescription parse_root(const JsonReader& json) {
   if (parts.empty()) json.at("parts").fail("at least one part");
   for (const JsonReader& part : parts) cell.parts.push_back(parse_part(part, cell.conveyors.size()));
   if (!json.at("gripper").is_null()) cell.gripper = parse_gripper(json.at("gripper"));
-  cell.sensing = parse_sensing(json, {cell.parts.size(), cell.gripper ? 2u : 0u, cell.time_step_us});
-  cell.contact = parse_contact(json.at("contact"), touching_bodies(cell));
+  cell.sensing =
+      parse_sensing(json, {cell.joints.size(), cell.parts.size(), cell.gripper ? 2u : 0u, cell.time_step_us});
+  cell.contact = parse_contact(json.at("contact"), cell.joints.size(), touching_bodies(cell));
   return cell;
 }
 
@@ -126,6 +146,10 @@ CellDescription parse_root(const JsonReader& json) {
 
 CellLayout layout_of(const CellDescription& cell) {
   CellLayout layout;
+  for (const JointDescription& joint : cell.joints) {
+    const bool last = &joint == &cell.joints.back();
+    layout.joints.push_back({!last && std::abs(std::sin(joint.alpha)) < kParallel});
+  }
   for (const PartDescription& part : cell.parts) {
     layout.parts.push_back({part.stands_on.kind == StandsOn::Kind::kTable});
   }

@@ -61,7 +61,8 @@ struct CellDescription {
   Eigen::Vector3d gravity;
   std::int32_t seed = 0;
   Eigen::Isometry3d world_from_base;
-  std::array<JointDescription, kJoints> joints;
+  std::vector<JointDescription> joints;  // 4 to kMaxJoints
+  std::vector<int> held_joints;          // numbers of the joints, from 0, that Cartesian motion keeps still
   MotionDescription motion;
   std::optional<ArmDynamicsDescription> dynamics;  // empty: kinematic drives
   Eigen::Isometry3d flange_from_sensor;

@@ -13,6 +13,12 @@ void compare(std::string& text, const char* what, std::size_t count, std::size_t
 
 std::string difference(const CellLayout& layout, const CellLayout& expected) {
   std::string text;
+  compare(text, "joints", layout.joints.size(), expected.joints.size());
+  for (std::size_t i = 0; i < std::min(layout.joints.size(), expected.joints.size()); ++i) {
+    if (layout.joints[i].parallel_to_next == expected.joints[i].parallel_to_next) continue;
+    text += (text.empty() ? "" : ", ") + std::string("the axis of joint ") + std::to_string(i + 1) +
+            (layout.joints[i].parallel_to_next ? " parallel" : " not parallel") + " to the next one";
+  }
   compare(text, "parts", layout.parts.size(), expected.parts.size());
   compare(text, "conveyors", layout.conveyors, expected.conveyors);
   compare(text, "grippers", layout.gripper ? 1 : 0, expected.gripper ? 1 : 0);

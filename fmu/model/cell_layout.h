@@ -12,12 +12,17 @@
 
 namespace robotcell {
 
+struct JointLayout {
+  bool parallel_to_next = false;  // its axis is parallel to that of the next joint: a deviation beta exists
+};
+
 struct PartLayout {
   bool on_table = true;  // starts on the rotary table, so its initial pose depends on the table as built
 };
 
 /// Derived from a description; equal layouts have the same variable table.
 struct CellLayout {
+  std::vector<JointLayout> joints;
   std::vector<PartLayout> parts;
   std::size_t conveyors = 0;
   bool gripper = false;

@@ -14,9 +14,9 @@
 
 namespace robotcell {
 
-constexpr int kJoints = 6;
-constexpr int kAxes = kJoints + 1;  // joints of the arm, then the table
-constexpr int kTableAxis = kJoints;
+using control::kAxes;
+using control::kMaxJoints;
+using control::kTableAxis;
 
 /// Deviation of one Denavit-Hartenberg row from nominal; `beta` is Hayati's rotation about y after alpha.
 struct DhDeviation {
@@ -54,7 +54,7 @@ struct TriggerErrors {
 
 /// Deviations of the cell as built from its description. All zero: the nominal cell.
 struct AsBuilt {
-  std::array<DhDeviation, kJoints> dh{};
+  std::array<DhDeviation, kMaxJoints> dh{};
   std::array<double, 6> tool{};   // x, y, z (m), rx, ry, rz (rad, intrinsic XYZ): flange_from_sensor * delta
   std::array<double, 5> table{};  // x, y, z (m), rx, ry (rad): world_from_table * delta
   std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the rotating frame
@@ -129,21 +129,22 @@ struct ConveyorCommand {
 constexpr double kMinSpeed = 1e-6;  // fraction of the full speed: a move ends
 
 constexpr Element kTargetElements[kAxes] = {
-    {"q[1]", "joint 1"},
-    {"q[2]", "joint 2"},
-    {"q[3]", "joint 3"},
-    {"q[4]", "joint 4"},
-    {"q[5]", "joint 5"},
-    {"q[6]", "joint 6"},
-    {"table", "the rotary table, not wrapped"},
+    {"q[1]", "joint 1"}, {"q[2]", "joint 2"}, {"q[3]", "joint 3"},
+    {"q[4]", "joint 4"}, {"q[5]", "joint 5"}, {"q[6]", "joint 6"},
+    {"q[7]", "joint 7"}, {"q[8]", "joint 8"}, {"table", "the rotary table, not wrapped"},
 };
 constexpr Element kPositionElements[] = {{"[1]", "x"}, {"[2]", "y"}, {"[3]", "z"}};
 constexpr Element kQuaternionElements[] = {{"[1]", "w"}, {"[2]", "x"}, {"[3]", "y"}, {"[4]", "z"}};
 constexpr Element kJogElements[kAxes] = {
-    {"[1]", "joint 1; in mode 5 the sensor along x"}, {"[2]", "joint 2; in mode 5 the sensor along y"},
-    {"[3]", "joint 3; in mode 5 the sensor along z"}, {"[4]", "joint 4; in mode 5 the sensor about x"},
-    {"[5]", "joint 5; in mode 5 the sensor about y"}, {"[6]", "joint 6; in mode 5 the sensor about z"},
-    {"[7]", "the rotary table, in mode 5, too"},
+    {"[1]", "joint 1; in mode 5 the sensor along x"},
+    {"[2]", "joint 2; in mode 5 the sensor along y"},
+    {"[3]", "joint 3; in mode 5 the sensor along z"},
+    {"[4]", "joint 4; in mode 5 the sensor about x"},
+    {"[5]", "joint 5; in mode 5 the sensor about y"},
+    {"[6]", "joint 6; in mode 5 the sensor about z"},
+    {"[7]", "joint 7"},
+    {"[8]", "joint 8"},
+    {"[{t}]", "the rotary table, in mode 5, too"},
 };
 
 /// Mode, jog frame and operation are those of control/command.h.
@@ -171,10 +172,10 @@ struct MotionCommand {
             {"mode", kNone,
              "Controller mode. Except between modes 0 and 1, a change waits until the axes are at rest"}),
         field(c.position,
-              with_elements({"", kRadian,
-                             "Angle of {e}: in mode 1 streamed set-point, reached one controller cycle "
-                             "after it is read; in mode 2 (the table: and 3) target of the next move"},
-                            kTargetElements)),
+              with_axes({"", kRadian,
+                         "Angle of {e}: in mode 1 streamed set-point, reached one controller cycle "
+                         "after it is read; in mode 2 (the table: and 3) target of the next move"},
+                        kTargetElements)),
         field(c.target_position,
               with_elements(
                   {"target.position", kMetre,
@@ -202,11 +203,11 @@ struct MotionCommand {
                        "Speed override of running moves, 0 to 1, without leaving the path; 0 pauses. "
                        "Streamed set-points and jogs are not scaled"},
                       0, 1)),
-        field(c.jog, with_elements(
-                         bounded({"jog", kNone,
-                                  "Jog speed as a fraction of the jog speed limit, -1 to 1: in mode 4 {e}"},
-                                 -1, 1),
-                         kJogElements)),
+        field(c.jog,
+              with_axes(bounded({"jog", kNone,
+                                 "Jog speed as a fraction of the jog speed limit, -1 to 1: in mode 4 {e}"},
+                                -1, 1),
+                        kJogElements)),
         choice_field<control::JogFrame>(c.jog_frame, {"jog_frame", kNone, "Frame of a Cartesian jog"}),
         choice_field<control::Operation>(c.operation, {"operation", kNone, "Operation"}),
         field(c.emergency_stop,
@@ -272,30 +273,23 @@ struct BodyState {
 
 /// Poses and twists of all bodies of the cell.
 struct Bodies {
-  explicit Bodies(const CellLayout& layout) : parts(layout.parts.size()), fingers(layout.gripper ? 2 : 0) {}
+  explicit Bodies(const CellLayout& layout)
+      : links(layout.joints.size()), parts(layout.parts.size()), fingers(layout.gripper ? 2 : 0) {}
 
-  std::array<BodyState, kJoints> links{};
+  PerDevice<BodyState> links;
   BodyState sensor, table;
   PerDevice<BodyState> parts, fingers;
 };
 
 constexpr Element kEncoderElements[kAxes] = {
-    {"q[1]", "joint 1"},
-    {"q[2]", "joint 2"},
-    {"q[3]", "joint 3"},
-    {"q[4]", "joint 4"},
-    {"q[5]", "joint 5"},
-    {"q[6]", "joint 6"},
-    {"table", "the rotary table, not wrapped"},
+    {"q[1]", "joint 1"}, {"q[2]", "joint 2"}, {"q[3]", "joint 3"},
+    {"q[4]", "joint 4"}, {"q[5]", "joint 5"}, {"q[6]", "joint 6"},
+    {"q[7]", "joint 7"}, {"q[8]", "joint 8"}, {"table", "the rotary table, not wrapped"},
 };
 constexpr Element kEncoderRateElements[kAxes] = {
-    {"qd[1]", "joint 1"},
-    {"qd[2]", "joint 2"},
-    {"qd[3]", "joint 3"},
-    {"qd[4]", "joint 4"},
-    {"qd[5]", "joint 5"},
-    {"qd[6]", "joint 6"},
-    {"table_rate", "the rotary table"},
+    {"qd[1]", "joint 1"}, {"qd[2]", "joint 2"}, {"qd[3]", "joint 3"},
+    {"qd[4]", "joint 4"}, {"qd[5]", "joint 5"}, {"qd[6]", "joint 6"},
+    {"qd[7]", "joint 7"}, {"qd[8]", "joint 8"}, {"table_rate", "the rotary table"},
 };
 
 /// Encoder readings (joints, then table).
@@ -306,11 +300,11 @@ struct Measurement {
   template <class Visitor>
   static void declare(Visitor& visit, Measurement& m) {
     visit(m,
-          field(m.position, with_elements(initially(Initial::kEncoders,
-                                                    {"", kRadian, "Measured angle of {e} (encoder){}"}),
-                                          kEncoderElements)),
-          field(m.rate, with_elements({"", kRadianPerSecond, "Measured angular velocity of {e}{}"},
-                                      kEncoderRateElements)));
+          field(m.position,
+                with_axes(initially(Initial::kEncoders, {"", kRadian, "Measured angle of {e} (encoder){}"}),
+                          kEncoderElements)),
+          field(m.rate, with_axes({"", kRadianPerSecond, "Measured angular velocity of {e}{}"},
+                                  kEncoderRateElements)));
   }
 };
 
@@ -379,9 +373,9 @@ struct ConveyorOutputs {
 };
 
 constexpr Element kDestinationElements[kAxes] = {
-    {"q[1]", "angle of joint 1"},    {"q[2]", "angle of joint 2"}, {"q[3]", "angle of joint 3"},
-    {"q[4]", "angle of joint 4"},    {"q[5]", "angle of joint 5"}, {"q[6]", "angle of joint 6"},
-    {"table", "angle of the table"},
+    {"q[1]", "angle of joint 1"}, {"q[2]", "angle of joint 2"}, {"q[3]", "angle of joint 3"},
+    {"q[4]", "angle of joint 4"}, {"q[5]", "angle of joint 5"}, {"q[6]", "angle of joint 6"},
+    {"q[7]", "angle of joint 7"}, {"q[8]", "angle of joint 8"}, {"table", "angle of the table"},
 };
 
 /// Status of the controller.
@@ -395,27 +389,28 @@ struct ControllerOutputs {
 
   template <class Visitor>
   static void declare(Visitor& visit, ControllerOutputs& o) {
-    visit(o,
-          choice_field<control::Mode>(
-              o.mode, {"mode", kNone, "Active controller mode; hold while the command is rejected"}),
-          choice_field<control::Phase>(o.state, {"state", kNone, "Controller state"}),
-          choice_field<control::ControllerError>(
-              o.error, {"error", kNone, "Reason for which the command is rejected"}),
-          field(o.moving, {"moving", kNone, "True while any axis moves"}),
-          field(o.limit,
-                bounded({"limit", kNone,
-                         "First axis at a limit of position, speed or (in mode 1) acceleration, or outside "
-                         "its position limits with errors 5 and 6: 1 to 6 joint, 7 table, 0 none"},
-                        0, kAxes)),
-          field(o.progress, bounded({"progress", kNone,
-                                     "Completed fraction of the path of the running or last move, 0 to 1"},
-                                    0, 1)),
-          field(o.at_destination, {"at_destination", kNone,
-                                   "True while all axes are at rest exactly at controller.destination"}),
-          field(o.destination,
-                with_elements(initially(Initial::kDescription, {"destination.", kRadian,
-                                                                "Target of the running or last motion: {e}"}),
-                              kDestinationElements)));
+    visit(
+        o,
+        choice_field<control::Mode>(
+            o.mode, {"mode", kNone, "Active controller mode; hold while the command is rejected"}),
+        choice_field<control::Phase>(o.state, {"state", kNone, "Controller state"}),
+        choice_field<control::ControllerError>(o.error,
+                                               {"error", kNone, "Reason for which the command is rejected"}),
+        field(o.moving, {"moving", kNone, "True while any axis moves"}),
+        field(o.limit,
+              axis_number(
+                  {"limit", kNone,
+                   "First axis at a limit of position, speed or (in mode 1) acceleration, or outside "
+                   "its position limits with errors 5 and 6: a joint by its number, {t} the table, 0 none"})),
+        field(o.progress, bounded({"progress", kNone,
+                                   "Completed fraction of the path of the running or last move, 0 to 1"},
+                                  0, 1)),
+        field(o.at_destination,
+              {"at_destination", kNone, "True while all axes are at rest exactly at controller.destination"}),
+        field(o.destination,
+              with_axes(initially(Initial::kDescription,
+                                  {"destination.", kRadian, "Target of the running or last motion: {e}"}),
+                        kDestinationElements)));
   }
 };
 
@@ -532,7 +527,7 @@ struct CellOutputs {
   std::int32_t trigger_queued = 0;
   TriggerRecord trigger;
   ControllerOutputs controller;
-  std::array<double, kJoints> motor_torque{};  // N m, with dynamic drives
+  std::array<double, kMaxJoints> motor_torque{};  // N m, with dynamic drives
   PerDevice<ConveyorOutputs> conveyors;
   GripperOutputs gripper;
   Readings readings;

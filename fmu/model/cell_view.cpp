@@ -87,7 +87,7 @@ void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   const AxesState axes = true_axes_at(time_us);
   auto links = true_.arm(axes.position, axes.rate, vibration_.base(true_.base(), time_us));
   links.back() = vibration_.flange(links.back(), time_us);
-  for (std::size_t i = 0; i < kJoints; ++i) bodies.links[i] = body_state(links[i]);
+  for (std::size_t i = 0; i < links.count; ++i) bodies.links[i] = body_state(links[i]);
   bodies.sensor = body_state(true_.sensor(links.back()));
   const Motion platter =
       vibration_.platter(true_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]), time_us);
@@ -107,11 +107,11 @@ void Cell::write_outputs(CellOutputs& outputs) const {
   outputs.trigger_count = trigger_.count();
   outputs.trigger_queued = trigger_.queued();
   outputs.trigger = trigger_.current_record();
-  outputs.controller = outputs_of(controller_.report(time_us_));
+  outputs.controller = outputs_of(controller_.report(time_us_), description_.joints.size());
   outputs.gripper = gripper_outputs();
   if (description_.dynamics) {
     const ArmDynamicsState arm = world_.arm();
-    for (std::size_t i = 0; i < kJoints; ++i) outputs.motor_torque[i] = arm.motors[i].torque;
+    for (std::size_t i = 0; i < kMaxJoints; ++i) outputs.motor_torque[i] = arm.motors[i].torque;
   }
   for (std::size_t i = 0; i < outputs.conveyors.size(); ++i) {
     const control::BeltState belt = belt_at(i, time_us_);

@@ -38,6 +38,6 @@ struct ContactDescription {
 };
 
 /// `others` holds the names of further bodies that pairs may use. Throws DescriptionError.
-ContactDescription parse_contact(const JsonReader& json, std::vector<std::string> others);
+ContactDescription parse_contact(const JsonReader& json, std::size_t links, std::vector<std::string> others);
 
 }  // namespace robotcell

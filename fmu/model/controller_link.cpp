@@ -1,23 +1,27 @@
 #include "fmu/model/controller_link.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <string>
 
 namespace robotcell {
-namespace {
 
-static_assert(kAxes == control::kAxes, "the controller moves the arm's joints and the table");
-
-}  // namespace
+NominalArm::NominalArm(const CellDescription& cell) : kinematics_(cell, AsBuilt{}) {
+  const std::vector<int>& held = cell.held_joints;
+  for (int i = 0; i < static_cast<int>(cell.joints.size()); ++i) {
+    if (std::find(held.begin(), held.end(), i) == held.end()) cartesian_joints_.push_back(i);
+  }
+}
 
 control::ToolState NominalArm::tool(const control::Axes& position) const {
   const auto links = kinematics_.arm(position, {});
   control::ToolState tool;
   tool.pose = kinematics_.sensor(links.back()).pose;
+  tool.jacobian.resize(6, static_cast<int>(links.count));
   Eigen::Isometry3d before = kinematics_.world_from_base();
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < links.count; ++i) {
     const Eigen::Vector3d axis = before.linear().col(2);
     tool.jacobian.col(static_cast<int>(i)) << axis.cross(tool.pose.translation() - before.translation()),
         axis;
@@ -30,11 +34,12 @@ control::ControllerSettings settings_of(const CellDescription& cell) {
   control::ControllerSettings settings;
   settings.cycle_us = cell.controller_cycle_us;
   auto& axes = settings.motion.axes;
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  constexpr double kEndless = std::numeric_limits<double>::infinity();
+  axes.fill({-kEndless, kEndless, 1, 1, 1});  // of axes that do not exist and stand still
+  for (std::size_t i = 0; i < cell.joints.size(); ++i) {
     const JointDescription& joint = cell.joints[i];
     axes[i] = {joint.min, joint.max, joint.max_speed, joint.max_acceleration, joint.max_jerk};
   }
-  constexpr double kEndless = std::numeric_limits<double>::infinity();
   axes[kTableAxis] = {-kEndless, kEndless, cell.table.max_speed, cell.table.max_acceleration,
                       cell.table.max_jerk};
   const MotionDescription& motion = cell.motion;
@@ -72,12 +77,13 @@ control::Command command_of(const MotionCommand& motion) {
   return command;
 }
 
-ControllerOutputs outputs_of(const control::Report& report) {
+ControllerOutputs outputs_of(const control::Report& report, std::size_t joints) {
+  const bool table_limited = report.limit == static_cast<std::int32_t>(kTableAxis) + 1;
   return {static_cast<std::int32_t>(report.mode),
           static_cast<std::int32_t>(report.phase),
           static_cast<std::int32_t>(report.error),
           report.moving,
-          report.limit,
+          table_limited ? static_cast<std::int32_t>(joints) + 1 : report.limit,
           report.progress,
           report.at_destination,
           report.destination};

@@ -10,11 +10,13 @@ namespace robotcell {
 /// Nominal kinematics of the arm with the sensor as its tool, for the controller.
 class NominalArm : public control::ArmGeometry {
  public:
-  explicit NominalArm(const CellDescription& cell) : kinematics_(cell, AsBuilt{}) {}
+  explicit NominalArm(const CellDescription& cell);
   control::ToolState tool(const control::Axes& position) const override;
+  const std::vector<int>& cartesian_joints() const override { return cartesian_joints_; }
 
  private:
   Kinematics kinematics_;
+  std::vector<int> cartesian_joints_;
 };
 
 control::ControllerSettings settings_of(const CellDescription& cell);
@@ -22,6 +24,7 @@ control::ControllerSettings settings_of(const CellDescription& cell);
 /// Throws std::invalid_argument for an invalid command.
 control::Command command_of(const MotionCommand& motion);
 
-ControllerOutputs outputs_of(const control::Report& report);
+/// Outputs for an arm with this number of joints.
+ControllerOutputs outputs_of(const control::Report& report, std::size_t joints);
 
 }  // namespace robotcell

@@ -21,9 +21,9 @@ double sign(double x) { return x > 0 ? 1 : x < 0 ? -1 : 0; }
 }  // namespace
 
 DynamicArm::DynamicArm(dart::dynamics::SkeletonPtr arm, const ArmDynamicsDescription& description,
-                       const std::array<std::array<double, 2>, kJoints>& limits)
-    : arm_(std::move(arm)), description_(description), limits_(limits) {
-  for (std::size_t i = 0; i < kJoints; ++i) {
+                       std::vector<std::array<double, 2>> limits)
+    : arm_(std::move(arm)), description_(description), limits_(std::move(limits)) {
+  for (std::size_t i = 0; i < joints(); ++i) {
     const RigidInertia& link = description.links[i];
     arm_->getJoint(i)->setActuatorType(dart::dynamics::Joint::FORCE);
     arm_->getBodyNode(i)->setInertia(dart::dynamics::Inertia(link.mass, link.centre_of_mass, link.inertia));
@@ -32,23 +32,23 @@ DynamicArm::DynamicArm(dart::dynamics::SkeletonPtr arm, const ArmDynamicsDescrip
 }
 
 void DynamicArm::write_engine_state() {
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < joints(); ++i) {
     arm_->setPosition(i, state_.position[i]);
     arm_->setVelocity(i, state_.rate[i]);
   }
 }
 
-void DynamicArm::settle(const std::array<double, kJoints>& motors) {
+void DynamicArm::settle(const std::array<double, kAxes>& axes) {
   state_ = {};
-  for (std::size_t i = 0; i < kJoints; ++i) state_.motors[i].position = state_.position[i] = motors[i];
+  for (std::size_t i = 0; i < joints(); ++i) state_.motors[i].position = state_.position[i] = axes[i];
   // Fixed-point iteration; it converges fast because the deflections are small.
   for (int k = 0; k < kSettlingIterations; ++k) {
     write_engine_state();
     const Eigen::VectorXd gravity = arm_->getGravityForces();
-    for (std::size_t i = 0; i < kJoints; ++i) {
+    for (std::size_t i = 0; i < joints(); ++i) {
       const DriveDescription& drive = description_.drives[i];
       const double load = gravity[static_cast<int>(i)];
-      const double free = motors[i] - load / drive.gear_stiffness - sign(load) * drive.backlash / 2;
+      const double free = axes[i] - load / drive.gear_stiffness - sign(load) * drive.backlash / 2;
       state_.position[i] = std::clamp(free, limits_[i][0], limits_[i][1]);
       state_.gear_torque[i] = load;
       state_.motors[i].torque = load;
@@ -57,9 +57,9 @@ void DynamicArm::settle(const std::array<double, kJoints>& motors) {
   write_engine_state();
 }
 
-void DynamicArm::before_step(const std::array<MotorCommand, kJoints>& command, double step) {
+void DynamicArm::before_step(const std::array<MotorCommand, kMaxJoints>& command, double step) {
   step_ = step;
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < joints(); ++i) {
     const DriveDescription& drive = description_.drives[i];
     state_.motors[i] = next_motor(drive, state_.motors[i], command[i], state_.gear_torque[i], step);
     const MotorState& motor = state_.motors[i];
@@ -72,7 +72,7 @@ void DynamicArm::before_step(const std::array<MotorCommand, kJoints>& command, d
     motor_damping_torque_[i] = gears_[i].damping * motor.rate;
   }
   const Torques friction = friction_torques();
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < joints(); ++i) {
     arm_->getDof(i)->setForce(motor_damping_torque_[i] + friction[static_cast<int>(i)]);
   }
 }
@@ -83,12 +83,12 @@ void DynamicArm::before_step(const std::array<MotorCommand, kJoints>& command, d
 /// f is within its bounds, and at them unless its rate is 0. Solved by projected Gauss-Seidel, which
 /// converges for a positive definite A. The joint friction of the engine ignores the springs in A.
 DynamicArm::Torques DynamicArm::friction_torques() const {
-  Torques bound, push, friction = Torques::Zero();
-  Eigen::Matrix<double, kJoints, kJoints> implicit =
-      arm_->getMassMatrix().topLeftCorner<kJoints, kJoints>();  // the arm without the gripper's fingers
-  const Torques momentum = implicit * arm_->getVelocities().head<kJoints>();
-  const Torques bias = arm_->getCoriolisAndGravityForces().head<kJoints>();
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  const auto n = static_cast<int>(joints());
+  Torques bound(n), push(n), friction = Torques::Zero(n);
+  Inertias implicit = arm_->getMassMatrix().topLeftCorner(n, n);  // the arm without the gripper's fingers
+  const Torques momentum = implicit * arm_->getVelocities().head(n);
+  const Torques bias = arm_->getCoriolisAndGravityForces().head(n);
+  for (std::size_t i = 0; i < joints(); ++i) {
     const auto row = static_cast<int>(i);
     const GearContact& gear = gears_[i];
     const DriveDescription& drive = description_.drives[i];
@@ -97,11 +97,11 @@ DynamicArm::Torques DynamicArm::friction_torques() const {
     implicit(row, row) += step_ * (gear.damping + drive.viscous_friction + step_ * gear.stiffness);
   }
   if (bound.isZero(0)) return friction;
-  const Eigen::Matrix<double, kJoints, kJoints> inverse = implicit.inverse();
+  const Inertias inverse = implicit.inverse();
   const Torques free = inverse * (momentum + step_ * push);
   for (int sweep = 0; sweep < kFrictionSweeps; ++sweep) {
     double change = 0;
-    for (int i = 0; i < kJoints; ++i) {
+    for (int i = 0; i < n; ++i) {
       const double rate = free[i] + step_ * inverse.row(i).dot(friction);
       const double next = std::clamp(friction[i] - rate / (step_ * inverse(i, i)), -bound[i], bound[i]);
       change = std::max(change, std::abs(next - friction[i]));
@@ -113,7 +113,7 @@ DynamicArm::Torques DynamicArm::friction_torques() const {
 }
 
 void DynamicArm::after_step() {
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < joints(); ++i) {
     const GearContact& gear = gears_[i];
     state_.position[i] = arm_->getPosition(i);
     state_.rate[i] = arm_->getVelocity(i);

@@ -9,7 +9,7 @@ namespace robotcell {
 
 Encoders::Encoders(const CellDescription& cell, std::int32_t instance_seed)
     : key_(key_of_seeds(cell.seed, instance_seed)) {
-  for (std::size_t i = 0; i < kJoints; ++i) encoders_[i] = cell.joints[i].encoder;
+  for (std::size_t i = 0; i < cell.joints.size(); ++i) encoders_[i] = cell.joints[i].encoder;
   encoders_[kTableAxis] = cell.table.encoder;
 }
 

@@ -64,6 +64,8 @@ struct Field {
   bool instant = false;  // a simulation time, counted from the start; kNoInstant: none yet
   const Enumeration* enumeration = nullptr;  // whose member an integer holds
   const Element* elements = nullptr;         // of an array, one for each element
+  bool per_axis = false;     // an array with an element for each axis; only those of the cell are variables
+  bool axis_number = false;  // the number of an axis, counted from 1: the joints, then the table
   Initial initial = Initial::kNothing;
 };
 
@@ -76,6 +78,18 @@ constexpr Field bounded(Field field, double min, double max = kUnbounded) {
 constexpr Field with_elements(Field field, const Element* elements) {
   field.elements = elements;
   return field;
+}
+
+/// One element for each axis, the places of all possible joints included. {t} in names and texts is the
+/// number of the table, one more than that of the last joint.
+constexpr Field with_axes(Field field, const Element* elements) {
+  field.per_axis = true;
+  return with_elements(field, elements);
+}
+
+constexpr Field axis_number(Field field) {
+  field.axis_number = true;
+  return bounded(field, 0);
 }
 
 constexpr Field continuous(Field field) {

@@ -3,7 +3,6 @@
 #include <string>
 #include <tuple>
 
-#include "fmu/model/cell_values.h"
 #include "fmu/model/json_reader.h"
 
 namespace robotcell {
@@ -14,9 +13,9 @@ FrameRef parse_frame(const JsonReader& json, const FrameCounts& counts) {
   if (text == "world") return {Kind::kWorld, 0};
   if (text == "sensor") return {Kind::kSensor, 0};
   if (text == "table") return {Kind::kTable, 0};
-  for (const auto& [name, kind, count] : {std::tuple{"link[", Kind::kLink, std::size_t{kJoints}},
-                                          std::tuple{"part[", Kind::kPart, counts.parts},
-                                          std::tuple{"finger[", Kind::kFinger, counts.fingers}}) {
+  for (const auto& [name, kind, count] :
+       {std::tuple{"link[", Kind::kLink, counts.links}, std::tuple{"part[", Kind::kPart, counts.parts},
+        std::tuple{"finger[", Kind::kFinger, counts.fingers}}) {
     for (std::size_t i = 0; i < count; ++i) {
       if (text == name + std::to_string(i + 1) + "]") return {kind, i};
     }

@@ -17,7 +17,7 @@ struct FrameRef {
 
 /// Number of frames of each kind.
 struct FrameCounts {
-  std::size_t parts = 0, fingers = 0;
+  std::size_t links = 0, parts = 0, fingers = 0;
 };
 
 /// Throws DescriptionError where the cell has no such frame.

@@ -101,6 +101,13 @@ std::vector<JsonReader> JsonReader::items(std::size_t count) const {
   return items();
 }
 
+std::vector<JsonReader> JsonReader::items(std::size_t min, std::size_t max) const {
+  if (!node_.is_array() || node_.size() < min || node_.size() > max) {
+    fail("an array of length " + std::to_string(min) + " to " + std::to_string(max));
+  }
+  return items();
+}
+
 double JsonReader::number() const {
   if (!node_.is_number() || !std::isfinite(node_.get<double>())) fail("a finite number");
   return node_.get<double>();

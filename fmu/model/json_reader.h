@@ -23,6 +23,7 @@ class JsonReader {
   std::vector<JsonReader> items_at(const char* key) const;
   std::vector<JsonReader> items() const;
   std::vector<JsonReader> items(std::size_t count) const;
+  std::vector<JsonReader> items(std::size_t min, std::size_t max) const;
 
   double number() const;
   double number(double min, double max) const;

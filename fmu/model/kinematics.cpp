@@ -49,8 +49,8 @@ Kinematics::Kinematics(const CellDescription& cell, const AsBuilt& as_built)
     : world_from_base_(cell.world_from_base),
       wobble_(as_built.wobble),
       axis_from_platter_(Isometry3d::Identity()) {
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    joint_from_link_[i] = fixed_part(cell.joints[i], as_built.dh[i]);
+  for (std::size_t i = 0; i < cell.joints.size(); ++i) {
+    joint_from_link_.push_back(fixed_part(cell.joints[i], as_built.dh[i]));
   }
   const auto& tool = as_built.tool;
   flange_from_sensor_ = cell.flange_from_sensor * Translation3d(tool[0], tool[1], tool[2]) *
@@ -68,13 +68,12 @@ Motion Kinematics::base() const {
   return base;
 }
 
-std::array<Motion, kJoints> Kinematics::arm(const std::array<double, kAxes>& position,
-                                            const std::array<double, kAxes>& rate, const Motion& base) const {
-  std::array<Motion, kJoints> links;
-  Motion previous = base;
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    links[i] = after_joint(previous, position[i], rate[i], joint_from_link_[i]);
-    previous = links[i];
+LinkMotions Kinematics::arm(const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
+                            const Motion& base) const {
+  LinkMotions links;
+  links.count = joints();
+  for (std::size_t i = 0; i < joints(); ++i) {
+    links[i] = after_joint(i == 0 ? base : links[i - 1], position[i], rate[i], joint_from_link_[i]);
   }
   return links;
 }

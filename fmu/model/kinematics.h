@@ -3,6 +3,7 @@
 
 #include <Eigen/Geometry>
 #include <array>
+#include <vector>
 
 #include "fmu/model/cell_description.h"
 #include "fmu/model/cell_values.h"
@@ -16,6 +17,17 @@ struct Motion {
   Eigen::Vector3d angular_velocity = Eigen::Vector3d::Zero();
 };
 
+/// Motions of the links of an arm; only the first `count` places are used.
+struct LinkMotions {
+  std::array<Motion, kMaxJoints> motions;
+  std::size_t count = 0;
+
+  Motion& operator[](std::size_t i) { return motions[i]; }
+  const Motion& operator[](std::size_t i) const { return motions[i]; }
+  Motion& back() { return motions[count - 1]; }
+  const Motion& back() const { return motions[count - 1]; }
+};
+
 /// Motion of a frame that is fixed to a moving body.
 Motion attached(const Motion& body, const Eigen::Isometry3d& body_from_frame);
 
@@ -24,14 +36,15 @@ class Kinematics {
  public:
   Kinematics(const CellDescription& cell, const AsBuilt& as_built);
 
-  /// Motions of links 1 to 6; the frame of link i is the Denavit-Hartenberg frame after joint i.
-  std::array<Motion, kJoints> arm(const std::array<double, kAxes>& position,
-                                  const std::array<double, kAxes>& rate) const {
+  std::size_t joints() const { return joint_from_link_.size(); }
+
+  /// Motions of the links; the frame of link i is the Denavit-Hartenberg frame after joint i.
+  LinkMotions arm(const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate) const {
     return arm(position, rate, base());
   }
   /// The same on a moving base.
-  std::array<Motion, kJoints> arm(const std::array<double, kAxes>& position,
-                                  const std::array<double, kAxes>& rate, const Motion& base) const;
+  LinkMotions arm(const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
+                  const Motion& base) const;
 
   /// Motion of the stationary base.
   Motion base() const;
@@ -43,13 +56,11 @@ class Kinematics {
   Motion platter(double angle, double rate) const;
 
   const Eigen::Isometry3d& world_from_base() const { return world_from_base_; }
-  const Eigen::Isometry3d& joint_from_link(int i) const {
-    return joint_from_link_[static_cast<std::size_t>(i)];
-  }
+  const Eigen::Isometry3d& joint_from_link(std::size_t i) const { return joint_from_link_[i]; }
 
  private:
   Eigen::Isometry3d world_from_base_;
-  std::array<Eigen::Isometry3d, kJoints> joint_from_link_;
+  std::vector<Eigen::Isometry3d> joint_from_link_;
   Eigen::Isometry3d flange_from_sensor_;
   Eigen::Isometry3d world_from_axis_;
   TableWobble wobble_;

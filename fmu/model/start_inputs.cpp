@@ -16,7 +16,7 @@ std::array<double*, kHomeInputs> home_inputs(CellInputs& inputs) {
 
 CellInputs start_inputs(const CellDescription& cell) {
   CellInputs inputs(layout_of(cell));
-  for (std::size_t i = 0; i < kJoints; ++i) inputs.motion.position[i] = cell.joints[i].start;
+  for (std::size_t i = 0; i < cell.joints.size(); ++i) inputs.motion.position[i] = cell.joints[i].start;
   inputs.motion.position[kTableAxis] = cell.table.start;
   const Kinematics nominal(cell, AsBuilt{});
   const BodyState sensor = body_state(nominal.sensor(nominal.arm(inputs.motion.position, {}).back()));

@@ -81,6 +81,7 @@ void World::add_supports(const CellDescription& cell) {
   const bool collides = contacts_occur(cell);
   Engine& engine = *engine_;
   engine.arm = make_arm(kinematics_, cell.gripper.has_value());
+  engine.flange = engine.arm->getBodyNode(kinematics_.joints() - 1);
   engine.table = make_table(cell.table, collides);
   engine.ground = make_ground();
   for (const SkeletonPtr& skeleton : {engine.arm, engine.table, engine.ground}) {
@@ -100,7 +101,7 @@ void World::add_supports(const CellDescription& cell) {
 
 void World::add_gripper(const GripperDescription& description) {
   Engine& engine = *engine_;
-  engine.gripper = std::make_unique<Gripper>(description, engine.arm->getBodyNode(kJoints - 1), time_step_);
+  engine.gripper = std::make_unique<Gripper>(description, engine.flange, time_step_);
   engine.gripper->connect(engine.world);
   for (std::size_t i = 0; i < 2; ++i) {
     engine.add_support(
@@ -119,7 +120,7 @@ void World::add_contact_bodies(const CellDescription& cell) {
       body = engine.arm->getBodyNode(contact_body.frame.index);
     }
     if (contact_body.frame.kind == FrameRef::Kind::kSensor) {
-      body = engine.arm->getBodyNode(kJoints - 1);
+      body = engine.flange;
       body_from_frame = kinematics_.flange_from_sensor();
     }
     const bool prescribed = body->getSkeleton() != engine.arm || !engine.dynamic_arm;
@@ -131,14 +132,10 @@ void World::add_contact_bodies(const CellDescription& cell) {
 
 void World::add_dynamics(const CellDescription& cell, const PrescribedMotion& start) {
   if (!cell.dynamics) return;
-  std::array<std::array<double, 2>, kJoints> limits;
-  std::array<double, kJoints> motors;
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    limits[i] = {cell.joints[i].min, cell.joints[i].max};
-    motors[i] = start.axes.position[i];
-  }
+  std::vector<std::array<double, 2>> limits;
+  for (const JointDescription& joint : cell.joints) limits.push_back({joint.min, joint.max});
   engine_->dynamic_arm = std::make_unique<DynamicArm>(engine_->arm, *cell.dynamics, limits);
-  engine_->dynamic_arm->settle(motors);
+  engine_->dynamic_arm->settle(start.axes.position);
 }
 
 void World::add_parts(const CellDescription& cell) {
@@ -193,7 +190,7 @@ void World::settle(const CellDescription& cell, const PrescribedMotion& start) {
 
 void World::prescribe(const PrescribedMotion& prescribed) {
   const AxesState& axes = prescribed.axes;
-  for (std::size_t i = 0; i < kJoints && !engine_->dynamic_arm; ++i) {
+  for (std::size_t i = 0; i < kinematics_.joints() && !engine_->dynamic_arm; ++i) {
     engine_->arm->setPosition(i, axes.position[i]);
   }
   engine_->table_joint()->setRelativeTransform(kinematics_.platter(axes.position[kTableAxis], 0).pose);
@@ -202,19 +199,18 @@ void World::prescribe(const PrescribedMotion& prescribed) {
 
 /// Prescribes the mean velocities of a step, which starts at the present prescribed poses.
 void World::prescribe_velocities(const PrescribedMotion& from, const PrescribedMotion& to) {
-  Eigen::Matrix<double, kAxes, 1> speed;
-  for (int i = 0; i < kAxes; ++i) {
-    const auto axis = static_cast<std::size_t>(i);
-    speed[i] = (to.axes.position[axis] - from.axes.position[axis]) / time_step_;
+  std::array<double, kAxes> speed;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    speed[i] = (to.axes.position[i] - from.axes.position[i]) / time_step_;
   }
   if (engine_->dynamic_arm) {
-    std::array<MotorCommand, kJoints> motors;
-    for (std::size_t i = 0; i < kJoints; ++i) motors[i] = {to.axes.position[i], to.axes.rate[i]};
+    std::array<MotorCommand, kMaxJoints> motors;
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i) motors[i] = {to.axes.position[i], to.axes.rate[i]};
     engine_->dynamic_arm->before_step(motors, time_step_);
   } else if (engine_->gripper) {
-    for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setCommand(i, speed[static_cast<int>(i)]);
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setCommand(i, speed[i]);
   } else {
-    for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setVelocity(i, speed[static_cast<int>(i)]);
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setVelocity(i, speed[i]);
   }
   const Motion platter = kinematics_.platter(from.axes.position[kTableAxis], speed[kTableAxis]);
   Eigen::Vector6d twist;
@@ -247,7 +243,7 @@ PartPlacement World::placement(std::size_t index) const {
     case SupportingBody::kPlatter:
       return {body, engine_->platter()->getWorldTransform().inverse() * part.pose()};
     case SupportingBody::kFlange:
-      return {body, link_pose(kJoints - 1).inverse() * part.pose()};
+      return {body, engine_->flange->getWorldTransform().inverse() * part.pose()};
     default:
       return {body, part.pose()};
   }
@@ -259,8 +255,8 @@ ArmDynamicsState World::arm() const {
   return engine_->dynamic_arm ? engine_->dynamic_arm->state() : ArmDynamicsState();
 }
 
-Isometry3d World::link_pose(int link) const {
-  return engine_->arm->getBodyNode(static_cast<std::size_t>(link))->getWorldTransform();
+Isometry3d World::link_pose(std::size_t link) const {
+  return engine_->arm->getBodyNode(link)->getWorldTransform();
 }
 
 void World::command_gripper(const GripperCommand& command) {
@@ -286,7 +282,7 @@ GraspState World::grasp() const {
   GraspState state;
   if (!engine_->gripper) return state;
   state.gripper = engine_->gripper->state();
-  for (std::size_t i = 0; i < kJoints; ++i) state.arm_speed[i] = engine_->arm->getVelocity(i);
+  for (std::size_t i = 0; i < kinematics_.joints(); ++i) state.arm_speed[i] = engine_->arm->getVelocity(i);
   return state;
 }
 
@@ -311,7 +307,7 @@ void World::restore(const PrescribedMotion& prescribed, const ArmDynamicsState& 
   prescribe(prescribed);
   if (engine_->gripper) {
     engine_->gripper->restore(grasp.gripper);
-    for (std::size_t i = 0; i < kJoints; ++i) engine_->arm->setVelocity(i, grasp.arm_speed[i]);
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setVelocity(i, grasp.arm_speed[i]);
   }
   for (std::size_t i = 0; i < states.size(); ++i) {
     Part& part = engine_->parts[i];

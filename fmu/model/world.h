@@ -45,7 +45,7 @@ struct FreePartState {
 /// State of the gripper, and of the arm that carries it. Unused without a gripper.
 struct GraspState {
   GripperState gripper;
-  std::array<double, kJoints> arm_speed{};  // joint rates in the last step
+  std::array<double, kMaxJoints> arm_speed{};  // joint rates in the last step
 };
 
 /// Table and belts are kinematic, and so is the arm by default: positions are prescribed at the points of the
@@ -74,7 +74,7 @@ class World {
   ArmDynamicsState arm() const;
 
   /// Pose of a link of the arm (0 to 5) in the dynamics engine.
-  Eigen::Isometry3d link_pose(int link) const;
+  Eigen::Isometry3d link_pose(std::size_t link) const;
 
   /// Number of contact problems since the construction for which Dantzig's method failed or the sweeps on the
   /// friction cone did not converge, so that the contact forces were approximate.

@@ -52,7 +52,7 @@ BodyNode::Properties named(const std::string& name) {
 SkeletonPtr make_arm(const Kinematics& kinematics, bool mobile) {
   SkeletonPtr arm = Skeleton::create("arm");
   BodyNode* parent = nullptr;
-  for (int i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < kinematics.joints(); ++i) {
     RevoluteJoint::Properties joint;
     joint.mName = "joint" + std::to_string(i + 1);
     joint.mAxis = Vector3d::UnitZ();

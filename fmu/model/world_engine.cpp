@@ -82,7 +82,6 @@ SupportingBody World::Engine::supporting_body_of(std::int32_t support) const {
     }
     const BodyNode* body = body_of(support);
     if (body == platter()) return SupportingBody::kPlatter;
-    const BodyNode* flange = arm->getBodyNode(kJoints - 1);
     const bool on_flange = body == flange || body->getParentBodyNode() == flange;
     return on_flange ? SupportingBody::kFlange : SupportingBody::kWorld;
   }

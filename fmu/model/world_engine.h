@@ -71,7 +71,8 @@ struct World::Engine {
   std::shared_ptr<CappedCollisionDetector> detector;
   std::shared_ptr<ContactFilter> filter;
   dart::dynamics::SkeletonPtr arm, table, ground;
-  std::unique_ptr<DynamicArm> dynamic_arm;  // null with kinematic drives
+  dart::dynamics::BodyNode* flange = nullptr;  // last link of the arm
+  std::unique_ptr<DynamicArm> dynamic_arm;     // null with kinematic drives
   std::vector<dart::dynamics::SkeletonPtr> belts;
   std::vector<double> travel;        // m, of each belt
   std::unique_ptr<Gripper> gripper;  // null in a cell without gripper

@@ -8,8 +8,8 @@
 namespace robotcell::testing {
 
 using control::Axes;
-using control::kArmAxes;
 
+constexpr std::size_t kArmJoints = 6;
 constexpr std::int64_t kCycle = 16000;
 constexpr double kCycleSeconds = 0.016;
 
@@ -17,11 +17,11 @@ constexpr double kCycleSeconds = 0.016;
 class ArmModel : public control::ArmGeometry {
  public:
   control::ToolState tool(const Axes& position) const override {
-    const double rows[kArmAxes][3] = {{0.075, 0.335, -90}, {0.27, 0, 0}, {-0.09, 0, 90},
-                                      {0, 0.295, -90},     {0, 0, 90},   {0, 0.08, 0}};
+    const double rows[kArmJoints][3] = {{0.075, 0.335, -90}, {0.27, 0, 0}, {-0.09, 0, 90},
+                                        {0, 0.295, -90},     {0, 0, 90},   {0, 0.08, 0}};
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-    std::array<Eigen::Vector3d, kArmAxes> axes, origins;
-    for (std::size_t i = 0; i < kArmAxes; ++i) {
+    std::array<Eigen::Vector3d, kArmJoints> axes, origins;
+    for (std::size_t i = 0; i < kArmJoints; ++i) {
       axes[i] = pose.linear().col(2);
       origins[i] = pose.translation();
       pose = pose * Eigen::AngleAxisd(position[i], Eigen::Vector3d::UnitZ()) *
@@ -29,24 +29,30 @@ class ArmModel : public control::ArmGeometry {
              Eigen::AngleAxisd(rows[i][2] * 3.14159265358979 / 180, Eigen::Vector3d::UnitX());
     }
     control::ToolState tool;
+    tool.jacobian.resize(6, kArmJoints);
     tool.pose = pose * Eigen::Translation3d(0.02, 0.01, 0.15);
-    for (std::size_t i = 0; i < kArmAxes; ++i) {
+    for (std::size_t i = 0; i < kArmJoints; ++i) {
       tool.jacobian.col(static_cast<int>(i)) << axes[i].cross(tool.pose.translation() - origins[i]), axes[i];
     }
     return tool;
   }
+  const std::vector<int>& cartesian_joints() const override { return joints_; }
+
+ private:
+  std::vector<int> joints_{0, 1, 2, 3, 4, 5};
 };
 
-inline Axes home() { return {0.6, -0.45, 3.4, -1.2, 1.38, -0.17, 0}; }
+inline Axes home() { return {0.6, -0.45, 3.4, -1.2, 1.38, -0.17}; }
 
 inline control::ControllerSettings settings() {
   constexpr double kEndless = std::numeric_limits<double>::infinity();
   control::ControllerSettings all;
   all.cycle_us = kCycle;
-  const double low[kArmAxes] = {-2.97, -3.3, -0.5, -3.3, -2.1, -6.3};
-  const double high[kArmAxes] = {2.97, 0.78, 4.46, 3.3, 2.1, 6.3};
-  for (std::size_t i = 0; i < kArmAxes; ++i) all.motion.axes[i] = {low[i], high[i], 5, 20, 400};
-  all.motion.axes[kArmAxes] = {-kEndless, kEndless, 3, 6, 120};
+  const double low[kArmJoints] = {-2.97, -3.3, -0.5, -3.3, -2.1, -6.3};
+  const double high[kArmJoints] = {2.97, 0.78, 4.46, 3.3, 2.1, 6.3};
+  all.motion.axes.fill({-kEndless, kEndless, 5, 20, 400});
+  for (std::size_t i = 0; i < kArmJoints; ++i) all.motion.axes[i] = {low[i], high[i], 5, 20, 400};
+  all.motion.axes[control::kTableAxis] = {-kEndless, kEndless, 3, 6, 120};
   all.motion.line_speed = 1.0;
   all.motion.line_acceleration = 4.0;
   all.motion.angular_speed = 3.0;

@@ -79,7 +79,10 @@ def cell_description(**part: Any) -> dict[str, Any]:
     return {
         "format": 2, "name": "test cell", "time_step_us": 1000, "controller_cycle_us": 16000,
         "gravity": [0.0, 0.0, -9.80665], "seed": 0,
-        "robot": {"world_from_base": pose([0, 0, 0]), "joints": joints, "motion": MOTION, "dynamics": None},
+        "robot": {
+            "world_from_base": pose([0, 0, 0]), "joints": joints, "held_joints": [],
+            "motion": MOTION, "dynamics": None,
+        },
         "tool": {"flange_from_sensor": pose([0.01, -0.02, 0.08], [0.5, 0.5, 0.5, 0.5])},
         "table": {
             "world_from_table": pose([0.45, 0, 0.1]), "radius": 0.12, "thickness": 0.02, "max_speed": 10.0,

@@ -53,7 +53,7 @@ double processor_us() {
 PrescribedMotion motion(const CellDescription& cell, int step) {
   const double t = step * static_cast<double>(cell.time_step_us) * 1e-6;
   PrescribedMotion prescribed;
-  for (std::size_t i = 0; i < kJoints; ++i) {
+  for (std::size_t i = 0; i < cell.joints.size(); ++i) {
     prescribed.axes.position[i] = cell.joints[i].start + kJointRate * t;
     prescribed.axes.rate[i] = kJointRate;
   }
@@ -109,7 +109,8 @@ class BareWorld {
 
  private:
   void prescribe(const PrescribedMotion& prescribed) {
-    arm_->setPositions(Eigen::Map<const Eigen::Matrix<double, kJoints, 1>>(prescribed.axes.position.data()));
+    const auto joints = static_cast<int>(cell_.joints.size());
+    arm_->setPositions(Eigen::Map<const Eigen::VectorXd>(prescribed.axes.position.data(), joints));
     auto* joint = static_cast<FreeJoint*>(table_->getJoint(0));
     const double angle = prescribed.axes.position[kTableAxis];
     joint->setRelativeTransform(kinematics_.platter(angle, 0).pose);

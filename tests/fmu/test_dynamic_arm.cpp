@@ -13,6 +13,7 @@ namespace {
 
 using namespace robotcell;
 
+constexpr std::size_t kJoints = 6;
 constexpr double kGravity = 9.81;
 constexpr double kMass = 4;
 constexpr double kLever = 0.3;  // m, of the centre of mass
@@ -26,14 +27,15 @@ class OneJoint {
   explicit OneJoint(const DriveDescription& drive, double step = 1e-3, double gravity = kGravity)
       : step_(step), world_(dart::simulation::World::create()) {
     ArmDynamicsDescription description;
-    description.drives.fill({0.01, 1e3, 1e6, 0, 0, 0, 0});
+    description.drives.assign(kJoints, {0.01, 1e3, 1e6, 0, 0, 0, 0});
+    description.links.resize(kJoints);
     description.drives[0] = drive;
     for (RigidInertia& link : description.links)
       link = {kNoSupport, {0, 0, 0}, Eigen::Vector3d::Constant(kNoSupport).asDiagonal()};
     description.links[0] = {kMass, {kLever, 0, 0}, Eigen::Vector3d::Constant(kOwnInertia).asDiagonal()};
     auto skeleton = dart::dynamics::Skeleton::create("arm");
     dart::dynamics::BodyNode* parent = nullptr;
-    for (int i = 0; i < kJoints; ++i) {
+    for (std::size_t i = 0; i < kJoints; ++i) {
       dart::dynamics::RevoluteJoint::Properties joint;
       joint.mName = "joint" + std::to_string(i);
       joint.mAxis = Eigen::Vector3d::UnitZ();
@@ -45,8 +47,7 @@ class OneJoint {
     }
     world_->setTimeStep(step);
     world_->addSkeleton(skeleton);
-    std::array<std::array<double, 2>, kJoints> limits;
-    limits.fill({-1, 1});
+    const std::vector<std::array<double, 2>> limits(kJoints, {-1, 1});
     arm_ = std::make_unique<DynamicArm>(skeleton, description, limits);
     set_gravity(gravity);
     arm_->settle({});
@@ -55,7 +56,7 @@ class OneJoint {
   void set_gravity(double gravity) { world_->setGravity({0, -gravity, 0}); }
 
   void step(const MotorCommand& command = {}) {
-    std::array<MotorCommand, kJoints> all{};
+    std::array<MotorCommand, kMaxJoints> all{};
     all[0] = command;
     arm_->before_step(all, step_);
     world_->step();

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, CellFmu, Parameters, all_reals, cell_description
-
-from conftest import Build
+from cell_fixture import CYCLE_US, START_DEG, Array, Build, CellFmu, Parameters, all_reals, cell_description
 
 START = np.radians(START_DEG)
 TARGET = START + np.array([0.3, 0.2, -0.3, 0.5, -0.2, 0.8])

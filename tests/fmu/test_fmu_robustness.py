@@ -68,8 +68,8 @@ def cycle_not_multiple(cell: Cell) -> None:
     cell["controller_cycle_us"] = 1500
 
 
-def five_joints(cell: Cell) -> None:
-    cell["robot"]["joints"].pop()
+def three_joints(cell: Cell) -> None:
+    del cell["robot"]["joints"][3:]
 
 
 def table_out_of_range(cell: Cell) -> None:
@@ -101,7 +101,7 @@ def text_for_number(cell: Cell) -> None:
         (bad_quaternion, "tool.flange_from_sensor.quaternion"),
         (start_out_of_range, "robot.joints[0].start"),
         (cycle_not_multiple, "controller_cycle_us"),
-        (five_joints, "robot.joints"),
+        (three_joints, "robot.joints"),
         (text_for_number, "table.radius"),
         (table_out_of_range, "table.world_from_table.position[0]: expected a number from -1000 to 1000, got"),
         (huge_gravity, "gravity[2]: expected a number from -1000 to 1000, got"),

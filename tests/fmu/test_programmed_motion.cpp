@@ -198,7 +198,7 @@ TEST(LineMove, KeepsToolOnStraightLine) {
     const Eigen::Isometry3d from = drive.arm.tool(home()).pose;
     const Eigen::Isometry3d to = target_of_line(drive);
     drive.command.speed = speed;
-    drive.command.position[6] = 0.4;
+    drive.command.position[kTableAxis] = 0.4;
     drive.start_line(to);
     LimitWatch watch(drive);
     OffLine worst{0, 0};
@@ -209,7 +209,7 @@ TEST(LineMove, KeepsToolOnStraightLine) {
     });
     const Vector6 rest = pose_difference(drive.arm.tool(drive.position()).pose, to);
     EXPECT_LT(rest.norm(), 1e-10);
-    EXPECT_EQ(drive.position()[6], 0.4);
+    EXPECT_EQ(drive.position()[kTableAxis], 0.4);
     EXPECT_LE(watch.speed, 1);
     EXPECT_LE(watch.acceleration, 1);
     EXPECT_LT(worst.distance, 1e-6) << "at speed " << speed;

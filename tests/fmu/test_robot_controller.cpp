@@ -13,7 +13,7 @@ using namespace robotcell::testing;
 
 double tool_speed(const Drive& drive, const Knots& knots) {
   Vector6 rates;
-  for (std::size_t i = 0; i < kArmAxes; ++i) rates[static_cast<int>(i)] = knots[i].velocity;
+  for (std::size_t i = 0; i < kArmJoints; ++i) rates[static_cast<int>(i)] = knots[i].velocity;
   return (drive.arm.tool(Drive::axes(knots)).jacobian.topRows<3>() * rates).norm();
 }
 
@@ -57,7 +57,8 @@ TEST(Operation, SwitchToManualStopsMoveOnPath) {
   LimitWatch watch(drive);
   drive.run_to_rest([&](const Knots& knots) {
     watch(knots);
-    const double share = (knots[6].position - home()[6]) / (target[6] - home()[6]);
+    const double share =
+        (knots[kTableAxis].position - home()[kTableAxis]) / (target[kTableAxis] - home()[kTableAxis]);
     EXPECT_NEAR(knots[0].position, home()[0] + share * 0.1, 1e-13);
   });
   const Axes stopped = drive.position();
@@ -189,7 +190,8 @@ TEST_F(JogTest, CartesianJogStopsBeforeSingularityAndReturns) {
 TEST(EmergencyStop, StopsServoMotionOfAllAxesInProportionAtAccelerationLimit) {
   Drive drive;
   drive.command.mode = Mode::kServo;
-  const Axes rates{0.8, -0.4, 0.4, 1.0, -0.6, 2.0, 1.5};
+  Axes rates{0.8, -0.4, 0.4, 1.0, -0.6, 2.0};
+  rates[kTableAxis] = 1.5;
   for (int k = 0; k < 40; ++k) {
     for (std::size_t i = 0; i < kAxes; ++i) drive.command.position[i] = home()[i] + rates[i] * k * 0.016;
     drive.run(1);
@@ -199,7 +201,7 @@ TEST(EmergencyStop, StopsServoMotionOfAllAxesInProportionAtAccelerationLimit) {
   const double seconds = drive.run_to_rest([&](const Knots& knots) {
     watch(knots);
     for (std::size_t i = 0; i < kAxes; ++i) {
-      EXPECT_NEAR(knots[i].velocity / rates[i], knots[0].velocity / rates[0], 1e-9);
+      EXPECT_NEAR(knots[i].velocity, rates[i] * knots[0].velocity / rates[0], 1e-9);
     }
   });
   EXPECT_LE(watch.acceleration, 1);

@@ -12,6 +12,7 @@ namespace {
 using robotcell::control::AxisLimits;
 using robotcell::control::kAxes;
 using robotcell::control::Knots;
+using robotcell::control::kTableAxis;
 using robotcell::control::ServoCommand;
 using robotcell::control::ServoController;
 
@@ -21,8 +22,8 @@ constexpr double kSeconds = 1e-6;
 std::array<AxisLimits, kAxes> limits() {
   std::array<AxisLimits, kAxes> all;
   all.fill({-1.0, 2.0, 3.0, 20.0, 400.0});
-  all[6].min = -std::numeric_limits<double>::infinity();
-  all[6].max = std::numeric_limits<double>::infinity();
+  all[kTableAxis].min = -std::numeric_limits<double>::infinity();
+  all[kTableAxis].max = std::numeric_limits<double>::infinity();
   return all;
 }
 
@@ -51,11 +52,11 @@ TEST(ServoController, NeverExceedsSpeedOrPosition) {
   ServoController servo(limits(), kCycle, {});
   double fastest = 0;
   drive_at_random(servo, 4.0, [&fastest](const Knots& knots) {
-    for (int i = 0; i < kAxes; ++i) {
-      const auto& knot = knots[static_cast<std::size_t>(i)];
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      const auto& knot = knots[i];
       ASSERT_LE(std::abs(knot.velocity), kMaxSpeed * (1 + 1e-9));
       const bool inside = knot.position >= -1.0 && knot.position <= 2.0;
-      ASSERT_TRUE(i == 6 || inside) << knot.position;
+      ASSERT_TRUE(i == kTableAxis || inside) << knot.position;
       fastest = std::max(fastest, std::abs(knot.velocity));
     }
   });

@@ -70,7 +70,7 @@ struct OnTable {
     cell.parts[0].support_from_part = Translation3d(radius, 0, 0) * Eigen::Quaterniond::Identity();
     cell.parts[0].friction = friction;
     cell.contact.stick = stick;
-    for (std::size_t i = 0; i < kJoints; ++i) motion.axes.position[i] = cell.joints[i].start;
+    for (std::size_t i = 0; i < cell.joints.size(); ++i) motion.axes.position[i] = cell.joints[i].start;
     world = std::make_unique<World>(cell, Kinematics(cell, AsBuilt{}), motion);
   }
 

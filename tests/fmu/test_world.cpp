@@ -15,12 +15,13 @@ CellDescription a_cell() {
   cell.gravity = {0, 0, -9.80665};
   cell.world_from_base =
       Eigen::Translation3d(0.1, 0.2, 0.3) * Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitY());
-  const double rows[kJoints][3] = {{0.075, 0.335, -1.5708}, {0.27, 0, 0},   {-0.09, 0, 1.5708},
-                                   {0, 0.295, -1.5708},     {0, 0, 1.5708}, {0, 0.08, 0}};
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    cell.joints[i].a = rows[i][0];
-    cell.joints[i].d = rows[i][1];
-    cell.joints[i].alpha = rows[i][2];
+  const double rows[][3] = {{0.075, 0.335, -1.5708}, {0.27, 0, 0},   {-0.09, 0, 1.5708},
+                            {0, 0.295, -1.5708},     {0, 0, 1.5708}, {0, 0.08, 0}};
+  for (const auto& row : rows) {
+    JointDescription& joint = cell.joints.emplace_back();
+    joint.a = row[0];
+    joint.d = row[1];
+    joint.alpha = row[2];
   }
   cell.flange_from_sensor = Eigen::Isometry3d::Identity();
   cell.table.world_from_table = Eigen::Translation3d(0.45, 0, 0.1) * Eigen::Quaterniond::Identity();
@@ -47,8 +48,8 @@ TEST(World, LinkPosesMatchKinematics) {
     const PrescribedMotion to = somewhere(0.01 * (k + 1));
     world.step(somewhere(0.01 * k), to);
     const auto links = kinematics.arm(to.axes.position, to.axes.rate);
-    for (int i = 0; i < kJoints; ++i) {
-      const auto& expected = links[static_cast<std::size_t>(i)].pose;
+    for (std::size_t i = 0; i < links.count; ++i) {
+      const auto& expected = links[i].pose;
       EXPECT_TRUE(world.link_pose(i).isApprox(expected, 1e-12)) << "link " << i + 1;
     }
   }
@@ -57,7 +58,7 @@ TEST(World, LinkPosesMatchKinematics) {
 TEST(World, FallingPartIsStoppedAtMaximumDistance) {
   const CellDescription cell = parse_cell(read_text_file(SCANCELL_TEST_CELLS "/free/cell.json"));
   PrescribedMotion still;
-  for (std::size_t i = 0; i < kJoints; ++i) still.axes.position[i] = cell.joints[i].start;
+  for (std::size_t i = 0; i < cell.joints.size(); ++i) still.axes.position[i] = cell.joints[i].start;
   World world(cell, Kinematics(cell, AsBuilt{}), still);
   const auto parts = world.free_parts();
   const auto put = [&](double height, double speed) {
@@ -91,7 +92,7 @@ TEST(World, SlowlyTippingPartIsRejectedAtAnyTimeStep) {
                                       Eigen::AngleAxisd(tilt, Eigen::Vector3d::UnitY()) *
                                       Eigen::Quaterniond::Identity();
     PrescribedMotion still;
-    for (std::size_t i = 0; i < kJoints; ++i) still.axes.position[i] = cell.joints[i].start;
+    for (std::size_t i = 0; i < cell.joints.size(); ++i) still.axes.position[i] = cell.joints[i].start;
     EXPECT_THROW(World(cell, Kinematics(cell, AsBuilt{}), still), DescriptionError) << step_us;
   }
 }

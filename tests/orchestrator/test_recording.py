@@ -7,22 +7,21 @@ import pytest
 
 from scancell.cell.recording import (
     INTEGER_COLUMNS,
-    MEASURED_COLUMNS,
     Recording,
-    moving_frames,
+    RecordLayout,
     read_recording,
-    truth_columns,
     write_recording,
 )
 from scancell.errors import DescriptionError, OutputError
 from scancell.geometry import pose
 
 COUNT = 7
+LAYOUT = RecordLayout()
 
 
 def recording(count: int = COUNT) -> Recording:
     rng = np.random.default_rng(5)
-    columns = {name: rng.normal(size=count) for name in (*MEASURED_COLUMNS, *truth_columns(1))}
+    columns = {name: rng.normal(size=count) for name in (*LAYOUT.measured, *LAYOUT.truth)}
     columns["trigger.exposure"] = np.full(count, 2e-3)
     columns["trigger.index"] = np.arange(1, count + 1)
     columns["trigger.segment"] = np.repeat([3, 9], [count // 2, count - count // 2])
@@ -47,7 +46,7 @@ def test_missing_truth_round_trips(tmp_path, suffix) -> None:
     path = tmp_path / f"recording.{suffix}"
     write_recording(recording().without_truth(), path)
     read = read_recording(path)
-    assert all(np.isnan(read.columns[name]).all() for name in truth_columns(1))
+    assert all(np.isnan(read.columns[name]).all() for name in LAYOUT.truth)
     assert np.array_equal(read.measured.q, recording().measured.q)
 
 
@@ -95,7 +94,7 @@ def test_exposure_poses_follow_from_twist() -> None:
     for i, value in enumerate((0.8, 0.0, 0.6, 0.0), 1):
         given[f"trigger.truth.sensor.orientation[{i}]"] = np.full(COUNT, value)
     truth = Recording(given).truth
-    assert set(truth.world_from_frame) == set(moving_frames(1))
+    assert set(truth.world_from_frame) == set(LAYOUT.frames)
     poses = truth.world_from_frame["sensor"]
     assert poses.shape == (COUNT, 2, 4, 4)
     for end, sign in ((0, -1), (1, 1)):

@@ -7,7 +7,7 @@ import pytest
 from line import ply_sha256, rows
 
 from scancell import sensor as sensor_rt
-from scancell.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, Recording, truth_columns
+from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
 from scancell.scanning.exposures import build_scene, exposures_from_truth, visible_bodies
 from scancell.scanning.sense import make_sensors
 
@@ -24,7 +24,7 @@ def test_cloud_is_independent_of_truth_after_rendering(line, engine, tmp_path) -
     recording = line.drive()
     points = line.sense(recording, engine)
     lost = recording.without_truth()
-    assert all(np.isnan(lost.columns[name]).all() for name in truth_columns(1))
+    assert all(np.isnan(lost.columns[name]).all() for name in RecordLayout().truth)
     assert ply_sha256(line.cloud(lost, points), tmp_path) == ply_sha256(line.cloud(recording, points), tmp_path)
 
 
@@ -58,7 +58,7 @@ def images(line, recording: Recording) -> np.ndarray:
 )
 def test_as_built_cell_affects_images_only(line, word) -> None:
     nominal, perturbed = line.drive(), line.drive(word)
-    for name in (*INTEGER_COLUMNS, *MEASURED_COLUMNS):
+    for name in (*INTEGER_COLUMNS, *RecordLayout().measured):
         if name != "trigger.index":
             assert np.array_equal(nominal.columns[name], perturbed.columns[name]), name
     moved = slice(0, None, 20)

@@ -57,7 +57,8 @@ def refusal(cell: CellInstance) -> str | None:
     if reason == 0:
         return None
     number = cell.get_integer("controller.limit")
-    axis = {0: "an axis", 7: "the table"}.get(number, f"joint {number}")
+    table = len(cell.axis_names("command."))
+    axis = {0: "an axis", table: "the table"}.get(number, f"joint {number}")
     return _REFUSALS[reason].format(axis=axis)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scancell.cell.controller import Mode
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program, Segment, TriggerKind
-from scancell.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, Recording, count_moving, truth_columns
+from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
 from scancell.config.loading import Setup
 from scancell.config.units import si_value
 from scancell.errors import CellError
@@ -57,8 +57,9 @@ class Driver:
     def __init__(self, cell: CellInstance, options: DriveOptions) -> None:
         self._cell = cell
         self._cycle_us = options.cycle_us
-        self._setpoints = cell.real_group([*(f"command.q[{i}]" for i in range(1, 7)), "command.table"])
-        self._record_columns = (*MEASURED_COLUMNS, *truth_columns(*count_moving(cell.names)))
+        self._setpoints = cell.real_group(cell.axis_names("command."))
+        layout = RecordLayout.of(cell.names)
+        self._record_columns = (*layout.measured, *layout.truth)
         self._record_group = cell.real_group(self._record_columns)
         self._records: list[NDArray[np.float64]] = []
         self._numbers: list[tuple[int, int]] = []

@@ -16,7 +16,7 @@ from scancell.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_conte
 from scancell.cell.mesh_json import mesh_json
 from scancell.cell.sensing import sensing_json
 from scancell.config.cell import CellDescription, PartDescription
-from scancell.config.devices import ConveyorDescription, FurtherPartDescription
+from scancell.config.devices import RESERVED_NAMES, ConveyorDescription, FurtherPartDescription
 from scancell.config.gripper import GripperDescription
 from scancell.config.units import si_value, to_si
 from scancell.errors import CellError
@@ -30,7 +30,7 @@ from scancell.nominal.poses import pose_json, pose_matrix
 Array = NDArray[np.float64]
 
 # Bodies that get contact shapes from their meshes; table, belts, parts and fingers have contact shapes of their own.
-_CELL_BODIES = frozenset({"base", *(f"link{i}" for i in range(1, 7)), "sensor", "table_base", "gripper"})
+_CELL_BODIES = RESERVED_NAMES - {"table", "part", "finger1", "finger2"}
 _FLOOR_SIZE = (200.0, 200.0, 1.0)  # m
 
 
@@ -74,6 +74,7 @@ def cell_json(
         "robot": {
             "world_from_base": pose_json(nominal.arm.world_from_base),
             "joints": robot,
+            "held_joints": [],
             "motion": to_si(cell.robot.motion.model_dump()),
             "dynamics": dynamics_json(cell) if cell.robot.drive == "dynamic" else None,
         },

@@ -111,6 +111,11 @@ class CellInstance(Closing):
             instanceName="cell",
         )
 
+    def axis_names(self, prefix: str) -> list[str]:
+        """Names of the variables of all axes after a prefix such as ``measured.``: joints, then table."""
+        joints = sum(name.startswith("measured.q[") for name in self._variables)
+        return [*(f"{prefix}q[{i}]" for i in range(1, joints + 1)), f"{prefix}table"]
+
     def _initialise(self, cell_file: Path | None, parameters: Mapping[str, float]) -> None:
         self._fmu.instantiate(**self._callbacks())
         self._enter(cell_file, parameters)

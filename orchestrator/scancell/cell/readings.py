@@ -15,18 +15,14 @@ from scancell.nominal.cell import NominalCell
 Array = NDArray[np.float64]
 Tool = Literal["sensor", "gripper"]
 
-JOINTS = tuple(f"[{i}]" for i in range(1, 7))
-
 
 class CellReadings:
     """Reads a running cell; SI units and radians, truth excluded."""
 
     def __init__(self, cell: CellInstance, nominal: NominalCell) -> None:
         self._cell, self._nominal = cell, nominal
-        self._position = cell.real_group([*(f"measured.q{i}" for i in JOINTS), "measured.table"])
-        self._destination = cell.real_group(
-            [*(f"controller.destination.q{i}" for i in JOINTS), "controller.destination.table"]
-        )
+        self._position = cell.real_group(cell.axis_names("measured."))
+        self._destination = cell.real_group(cell.axis_names("controller.destination."))
 
     @property
     def cell(self) -> CellInstance:
@@ -40,19 +36,19 @@ class CellReadings:
 
     @property
     def joints(self) -> Array:
-        """Measured joint angles (6,), rad."""
-        return self._cell.get(self._position)[:6].copy()
+        """Measured joint angles (joints,), rad."""
+        return self._cell.get(self._position)[:-1].copy()
 
     @property
     def table(self) -> float:
         """Measured angle of the table, rad."""
-        return float(self._cell.get(self._position)[6])
+        return float(self._cell.get(self._position)[-1])
 
     @property
     def destination(self) -> tuple[Array, float]:
-        """Joint angles (6,) and table angle to which the motion in force, or the last one, leads; rad."""
+        """Joint angles (joints,) and table angle to which the motion in force, or the last one, leads; rad."""
         values = self._cell.get(self._destination)
-        return values[:6].copy(), float(values[6])
+        return values[:-1].copy(), float(values[-1])
 
     def world_from_tool(self, tool: Tool = "sensor") -> Array:
         """Pose (4, 4) of a tool by the measured joints and the nominal geometry."""
@@ -90,9 +86,9 @@ class CellReadings:
         return float(self._cell.get(self._cell.real_group([name]))[0])
 
     def joints_for(self, world_from_tool: ArrayLike, tool: Tool = "sensor", near: ArrayLike | None = None) -> Array:
-        """Joint angles (6,) that bring a tool to a pose (4, 4): of all branches those nearest to `near`.
+        """Joint angles (joints,) that bring a tool to a pose (4, 4): of all branches those nearest to `near`.
 
-        Without `near` (6,) the nearest to the present joints count; nearness is the largest difference of any joint.
+        Without `near` (joints,) the nearest to the present joints count; nearness is the largest difference of a joint.
 
         Raises
         ------

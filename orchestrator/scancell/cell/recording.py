@@ -30,47 +30,70 @@ def _indexed(name: str, count: int) -> list[str]:
     return [f"{name}[{i}]" for i in range(1, count + 1)]
 
 
-MEASURED_COLUMNS = (
-    "trigger.time",
-    "trigger.exposure",
-    *_indexed("trigger.measured.q", 6),
-    *_indexed("trigger.measured.qd", 6),
-    "trigger.measured.table",
-    "trigger.measured.table_rate",
-)
 INTEGER_COLUMNS = ("trigger.index", "trigger.segment")
 
 
-def moving_frames(parts: int, fingers: int = 0) -> tuple[str, ...]:
-    """Frames whose true pose a record holds, in a cell with so many parts and fingers of a gripper."""
-    return (*_indexed("link", 6), "sensor", "table", *_indexed("part", parts), *_indexed("finger", fingers))
+@dataclass(frozen=True)
+class RecordLayout:
+    """Columns of a record in a cell with so many joints of the arm, parts and fingers of a gripper."""
 
+    joints: int = 6
+    parts: int = 1
+    fingers: int = 0
 
-def truth_columns(parts: int, fingers: int = 0) -> tuple[str, ...]:
-    """Columns of a record that hold truth."""
-    return tuple(
-        column
-        for frame in moving_frames(parts, fingers)
-        for part, count in _PARTS_OF_POSE
-        for column in _indexed(f"{_TRUTH}{frame}.{part}", count)
-    )
+    @classmethod
+    def of(cls, columns: Iterable[str]) -> RecordLayout:
+        """That of columns, or of variables of an FMU; at least 4 joints and 1 part, so that missing ones are named."""
+        names = set(columns)
 
+        def count(first: int, name: str) -> int:
+            return next(n for n in itertools.count(first) if name.format(n + 1) not in names)
 
-def count_moving(columns: Iterable[str]) -> tuple[int, int]:
-    """Numbers of parts (at least 1) and of fingers that columns, or variables of an FMU, tell of."""
-    names = set(columns)
+        return cls(
+            count(4, "trigger.measured.q[{}]"),
+            count(1, _TRUTH + "part[{}].position[1]"),
+            count(0, _TRUTH + "finger[{}].position[1]"),
+        )
 
-    def count(kind: str, least: int) -> int:
-        return next(n for n in itertools.count(least) if f"{_TRUTH}{kind}[{n + 1}].position[1]" not in names)
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Columns of real numbers that a real controller provides."""
+        return (
+            "trigger.time",
+            "trigger.exposure",
+            *_indexed("trigger.measured.q", self.joints),
+            *_indexed("trigger.measured.qd", self.joints),
+            "trigger.measured.table",
+            "trigger.measured.table_rate",
+        )
 
-    return count("part", 1), count("finger", 0)
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames whose true pose a record holds."""
+        return (
+            *_indexed("link", self.joints),
+            "sensor",
+            "table",
+            *_indexed("part", self.parts),
+            *_indexed("finger", self.fingers),
+        )
+
+    @property
+    def truth(self) -> tuple[str, ...]:
+        """Columns that hold truth."""
+        return tuple(
+            column
+            for frame in self.frames
+            for part, count in _PARTS_OF_POSE
+            for column in _indexed(f"{_TRUTH}{frame}.{part}", count)
+        )
 
 
 @dataclass(frozen=True)
 class TriggerRecords:
     """What a real controller would hand over, one row per exposure (n rows).
 
-    `q`, `qd` (n, 6) and `table`, `table_rate` (n,) were latched at mid-exposure `time` (n,) s; `exposure` in s.
+    `q`, `qd` (n, joints) and `table`, `table_rate` (n,) were latched at mid-exposure `time` (n,) s; `exposure` in s.
     """
 
     index: NDArray[np.int64]
@@ -108,13 +131,14 @@ class Recording:
     @property
     def measured(self) -> TriggerRecords:
         """The part of the recording that reconstruction may use."""
+        joints = RecordLayout.of(self.columns).joints
         return TriggerRecords(
             index=self.columns["trigger.index"].astype(np.int64),
             segment=self.columns["trigger.segment"].astype(np.int64),
             time=self._stack(["trigger.time"])[:, 0],
             exposure=self._stack(["trigger.exposure"])[:, 0],
-            q=self._stack(_indexed("trigger.measured.q", 6)),
-            qd=self._stack(_indexed("trigger.measured.qd", 6)),
+            q=self._stack(_indexed("trigger.measured.q", joints)),
+            qd=self._stack(_indexed("trigger.measured.qd", joints)),
             table=self._stack(["trigger.measured.table"])[:, 0],
             table_rate=self._stack(["trigger.measured.table_rate"])[:, 0],
         )
@@ -134,7 +158,7 @@ class Recording:
     def truth_for_rows(self, readout: float) -> ExposureTruth:
         """The same for a rolling shutter, whose last row is exposed `readout` seconds after the first one."""
         duration = self._stack(["trigger.exposure"])[:, 0]
-        frames = moving_frames(*count_moving(self.columns))
+        frames = RecordLayout.of(self.columns).frames
         return ExposureTruth(duration, {frame: self._poses(frame, duration + readout) for frame in frames})
 
     def _poses(self, frame: str, span: Array) -> Array:
@@ -185,7 +209,8 @@ def read_recording(path: Path) -> Recording:
         If the file is missing, not a table, lacks a column or holds values that are not finite numbers.
     """
     table = _read_table(path)
-    wanted = (*INTEGER_COLUMNS, *MEASURED_COLUMNS, *truth_columns(*count_moving(table.column_names)))
+    layout = RecordLayout.of(table.column_names)
+    wanted = (*INTEGER_COLUMNS, *layout.measured, *layout.truth)
     missing = [name for name in wanted if name not in table.column_names]
     if missing:
         raise DescriptionError(f"{path}: {len(missing)} columns are missing, the first is '{missing[0]}'")

@@ -25,14 +25,13 @@ from scancell.cell.controller import Frame, Grip, Mode, Operation, refusal, stat
 from scancell.cell.driver import DriveOptions, Driver
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program
-from scancell.cell.readings import JOINTS, CellReadings, Tool
+from scancell.cell.readings import CellReadings, Tool
 from scancell.cell.recording import Recording
 from scancell.cell.snapshot import snapshot
 from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 
-_AXES = 7
 _AT_START = 1e-6  # rad
 _MOST_STOPPING = 5.0  # s; the slowest axis of any sensible cell brakes faster
 
@@ -54,19 +53,20 @@ class CellSession(CellReadings):
         super().__init__(cell, nominal)
         self._cycle_us = cycle_us
         self._snapshots = 0
-        self._targets = cell.real_group([*(f"command.q{i}" for i in JOINTS), "command.table"])
+        axes = cell.axis_names("command.")
+        self._targets = cell.real_group(axes)
         self._line = cell.real_group(
             [*(f"command.target.position[{i}]" for i in (1, 2, 3)),
              *(f"command.target.orientation[{i}]" for i in (1, 2, 3, 4))]
         )  # fmt: skip
-        self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, _AXES + 1)])
+        self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, len(axes) + 1)])
 
     # Motion
 
     def move_joints(
         self, q: ArrayLike, table: float | None = None, *, speed: float = 1.0, timeout: float = 60.0
     ) -> None:
-        """Move all joints to `q` (6,) and the table to `table` (where given), all axes from start to end together.
+        """Move all joints to `q` (joints,) and the table to `table` (where given), all axes from start to end together.
 
         `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
 
@@ -105,7 +105,7 @@ class CellSession(CellReadings):
     def jog_joints(self, deflections: ArrayLike, duration: float) -> None:
         """Jog joints and table by hand for `duration`, then come to rest; needs manual operation.
 
-        `deflections` (7,) are -1 to 1 of the speed that the description allows each axis by hand.
+        `deflections` (joints + 1,) are -1 to 1 of the speed that the description allows each axis by hand.
 
         Raises
         ------
@@ -122,10 +122,14 @@ class CellSession(CellReadings):
         Raises
         ------
         CommandError
-            If the controller refuses; stopping before a limit is no error.
+            If the arm has fewer than six joints, or the controller refuses; stopping before a limit is no error.
         """
         self._cell.set_integer("command.jog_frame", frame)
-        self._run_jog(Mode.TOOL_JOG, "jog_tool", np.append(np.asarray(deflections, float), 0.0), duration)
+        if self._jog.count <= 6:
+            raise CommandError(f"jog_tool: the arm has {self._jog.count - 1} joints, expected at least 6")
+        tool = np.zeros(self._jog.count)
+        tool[:6] = deflections
+        self._run_jog(Mode.TOOL_JOG, "jog_tool", tool, duration)
 
     def run_program(self, program: Program, exposure: float) -> Recording:
         """Stream a program, which must start where the axes are, with exposures of `exposure` seconds.
@@ -153,7 +157,7 @@ class CellSession(CellReadings):
         away = np.abs(np.append(*self.destination) - np.append(first.q[0], first.table[0]))
         axis = int(away.argmax())
         if away[axis] > _AT_START:
-            name = "the table" if axis == _AXES - 1 else f"joint {axis + 1}"
+            name = "the table" if axis == self._jog.count - 1 else f"joint {axis + 1}"
             raise CommandError(f"the program starts elsewhere: {name} is off by {np.degrees(away[axis]):.3f} deg")
 
     def snapshot(self, exposure: float) -> Recording:
@@ -308,6 +312,6 @@ class CellSession(CellReadings):
                 if refusal(self._cell) is not None and self._cell.get_integer("controller.mode") != mode:
                     self._refuse(command)
         finally:
-            self._cell.set(self._jog, np.zeros(_AXES))
+            self._cell.set(self._jog, np.zeros(self._jog.count))
             self._cell.set_integer("command.mode", Mode.HOLD)
         self._wait_for_rest(command)

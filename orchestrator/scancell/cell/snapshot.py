@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.instance import CellInstance
-from scancell.cell.recording import INTEGER_COLUMNS, MEASURED_COLUMNS, Recording, count_moving, truth_columns
+from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
 
 _OF_EXPOSURE = ("trigger.time", "trigger.exposure")
 _RECORD = "trigger."
@@ -27,7 +27,8 @@ def snapshot(cell: CellInstance, exposure: float, number: int = 0) -> Recording:
     number
         Number of the snapshot, from 0; another number gives other image noise.
     """
-    latched = (*MEASURED_COLUMNS, *truth_columns(*count_moving(cell.names)))
+    layout = RecordLayout.of(cell.names)
+    latched = (*layout.measured, *layout.truth)
     present = [name for name in latched if name not in _OF_EXPOSURE]
     values = cell.get(cell.real_group([name.removeprefix(_RECORD) for name in present]))
     columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {

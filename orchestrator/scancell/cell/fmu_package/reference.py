@@ -21,7 +21,6 @@ _TRIGGER_PERIOD_S = 0.05
 _EXPOSURE_S = 0.002
 _SWING = math.radians(4.0)  # amplitude of the joints
 _TABLE_RATE = 0.8  # rad/s that the table reaches
-_JOINTS = 6
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INPUTS, OUTPUTS = "reference_inputs.csv", "reference_outputs.csv"
@@ -83,8 +82,9 @@ def _swing(time: float) -> float:
 
 def _set_points(start: Sequence[float], time: float) -> list[float]:
     """Joints swing out of their start and back, with growing amplitude from base to wrist; the table gathers speed."""
-    joints = [q + (i + 1) / _JOINTS * _SWING * _swing(time) for i, q in enumerate(start[:_JOINTS])]
-    return [*joints, start[_JOINTS] + 0.5 * _TABLE_RATE / DURATION_S * time * time]
+    joints = len(start) - 1
+    angles = [q + (i + 1) / joints * _SWING * _swing(time) for i, q in enumerate(start[:joints])]
+    return [*angles, start[joints] + 0.5 * _TABLE_RATE / DURATION_S * time * time]
 
 
 def record_reference(fmu: Path) -> Reference:
@@ -100,12 +100,12 @@ def record_reference(fmu: Path) -> Reference:
     outputs = [v for v in description.modelVariables if v.causality == "output"]
     reals = [v.name for v in outputs if v.type in ("Real", "Float64")]
     integers = [v.name for v in outputs if v.type in ("Integer", "Int32", "Enumeration")]
-    axes = [*(f"command.q[{i}]" for i in range(1, _JOINTS + 1)), "command.table"]
     constant: dict[str, Any] = {"command.mode": 1, "command.trigger.mode": 1, "command.segment": 1}
     timing = {"command.trigger.period": _TRIGGER_PERIOD_S, "command.exposure": _EXPOSURE_S}
     with CellInstance(fmu) as cell:
+        axes = cell.axis_names("command.")
         state, inputs = cell.real_group(reals), cell.real_group([*axes, *timing])
-        encoders = cell.real_group([*(f"truth.q[{i}]" for i in range(1, _JOINTS + 1)), "truth.table"])
+        encoders = cell.real_group(cell.axis_names("truth."))
         start = [float(value) for value in cell.get(encoders)]
         for name, value in constant.items():
             cell.set_integer(name, value)
