@@ -84,8 +84,13 @@ class Arm:
 
     @property
     def has_closed_form(self) -> bool:
-        """Whether `ik` is in closed form, and each branch thus has a meaning, rather than numerical."""
+        """Whether `ik` is in closed form rather than numerical."""
         return all(part.dimensions is not None for part in self._parts)
+
+    @property
+    def has_named_branches(self) -> bool:
+        """Whether a branch of `ik` is one configuration at all poses, rather than a number at each."""
+        return all(part.is_named for part in self._parts)
 
     @cached_property
     def branch_names(self) -> tuple[str, ...]:
@@ -225,8 +230,12 @@ class _Part:
         return "".join(f", joint {i + 1} at {np.degrees(value):g} deg" for i, value in self._held.items())
 
     @property
+    def is_named(self) -> bool:
+        return self.dimensions is not None or self._neighbour is not None
+
+    @property
     def branch_names(self) -> tuple[str, ...]:
-        if self.dimensions is not None or self._neighbour is not None:
+        if self.is_named:
             return spherical_wrist.BRANCH_NAMES
         return tuple(str(i) for i in range(1, numeric_ik.number_of_branches(self._chain[0]) + 1))
 
@@ -234,7 +243,7 @@ class _Part:
         """Joints (n, k, branches, joints) of the whole arm along paths (n, k, 4, 4), without regard to limits."""
         targets = paths @ self._flange_from_end
         n, k = paths.shape[:2]
-        if self.dimensions is not None or self._neighbour is not None:
+        if self.is_named:
             q = self._configurations(targets.reshape(-1, 4, 4))
             q = q.reshape(n, k, *q.shape[1:])
         else:
