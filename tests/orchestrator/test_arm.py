@@ -7,7 +7,8 @@ import pytest
 from eaik.IK_DH import DhRobot
 
 from scancell.geometry import pose
-from scancell.geometry.arm import BRANCH_NAMES, Arm, Joint
+from scancell.geometry.arm import Arm, Joint
+from scancell.geometry.spherical_wrist import BRANCH_NAMES
 
 ROWS = [
     (0.075, 0.335, -90, -170, 170),

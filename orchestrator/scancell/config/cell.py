@@ -39,6 +39,8 @@ from scancell.config.sensing import (
 )
 from scancell.config.soft import check_soft
 
+MAX_JOINTS = 8  # of an arm
+
 # Keys of every encoder, of the joints and of the table.
 EncoderResolution = Annotated[
     NonNegative, Field(description="quantisation step of the measured angle, deg; 0: continuous")
@@ -85,8 +87,20 @@ class JointDescription(Description):
         return self
 
 
+class HeldJointDescription(Description):
+    """A joint of an arm of more than six that inverse kinematics holds at given angles while it solves the others."""
+
+    joint: Annotated[int, Field(ge=1, le=MAX_JOINTS)] = Field(description="number of the joint, from 1 at the base")
+    values_deg: Annotated[tuple[Finite, ...], Field(max_length=32)] = Field(
+        default=(), description="joint angles to hold it at, deg; each has branches of its own; default: the home angle"
+    )
+
+
 class RobotDescription(FileDescription):
-    """A six-axis arm with a spherical wrist."""
+    """A serial arm of 4 to 8 revolute joints by its Denavit-Hartenberg parameters.
+
+    `scancell robot from-urdf` writes such a file from a URDF.
+    """
 
     kind: ClassVar[str] = "robot"
     shipped: ClassVar[str] = "robots/six_axis.toml"
@@ -96,8 +110,11 @@ class RobotDescription(FileDescription):
     base_mesh: str | None = Field(
         default=None, description="file of the fixed base's mesh, base frame, mm; default: none"
     )
-    joint: Annotated[tuple[JointDescription, ...], Field(min_length=6, max_length=6)] = Field(
-        description="the six joints with their links, from the base to the flange"
+    joint: Annotated[tuple[JointDescription, ...], Field(min_length=4, max_length=MAX_JOINTS)] = Field(
+        description="the 4 to 8 joints with their links, from the base to the flange"
+    )
+    held: Annotated[tuple[HeldJointDescription, ...], Field(max_length=MAX_JOINTS - 6)] = Field(
+        default=(), description="joints that inverse kinematics holds: one for each joint beyond six"
     )
     drive: Literal["kinematic", "dynamic"] = Field(
         default="kinematic",
@@ -107,8 +124,8 @@ class RobotDescription(FileDescription):
         default=2000.0, description="mean density of the volume inside a link's mesh, motors and cavities included"
     )
     motion: MotionDescription = Field(default=MotionDescription(), description="limits of straight lines and jogging")
-    home_deg: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)] = Field(
-        description="joint angles at the start and end of every program, deg"
+    home_deg: Annotated[tuple[Finite, ...], Field(min_length=4, max_length=MAX_JOINTS)] = Field(
+        description="joint angles at the start and end of every program, one per joint, deg"
     )
 
     @model_validator(mode="after")
@@ -122,11 +139,34 @@ class RobotDescription(FileDescription):
 
     @model_validator(mode="after")
     def _home_within_limits(self) -> Self:
-        for number, (angle, joint) in enumerate(zip(self.home_deg, self.joint, strict=True), start=1):
-            if not joint.min_deg <= angle <= joint.max_deg:
-                limits = f"joint[{number}].min_deg ({joint.min_deg:g}) and max_deg ({joint.max_deg:g})"
-                raise ValueError(f"home_deg[{number}] = {angle:g}: expected an angle between {limits}")
+        if len(self.home_deg) != len(self.joint):
+            raise ValueError(
+                f"home_deg has {len(self.home_deg)} angles: expected one for each of the {len(self.joint)} joints"
+            )
+        for number, angle in enumerate(self.home_deg, start=1):
+            self._check_angle(f"home_deg[{number}]", number, angle)
         return self
+
+    @model_validator(mode="after")
+    def _held_joints_exist(self) -> Self:
+        count, redundant = len(self.joint), max(0, len(self.joint) - 6)
+        numbers = [held.joint for held in self.held]
+        if len(numbers) != redundant:
+            raise ValueError(
+                f"held names {len(numbers)} joints: expected {redundant} for an arm of {count}, one for each beyond six"
+            )
+        for k, held in enumerate(self.held, start=1):
+            if held.joint > count or numbers.count(held.joint) > 1:
+                raise ValueError(f"held[{k}].joint = {held.joint}: expected another joint, 1 to {count}")
+            for i, angle in enumerate(held.values_deg, start=1):
+                self._check_angle(f"held[{k}].values_deg[{i}]", held.joint, angle)
+        return self
+
+    def _check_angle(self, key: str, number: int, angle: float) -> None:
+        joint = self.joint[number - 1]
+        if not joint.min_deg <= angle <= joint.max_deg:
+            limits = f"joint[{number}].min_deg ({joint.min_deg:g}) and max_deg ({joint.max_deg:g})"
+            raise ValueError(f"{key} = {angle:g}: expected an angle between {limits}")
 
 
 class FixtureDescription(Description):
@@ -329,4 +369,20 @@ class CellDescription(FileDescription):
     @model_validator(mode="after")
     def _devices_fit(self) -> Self:
         check_devices(self.part.arrival, self.further_part, self.conveyor)
+        return self
+
+    @model_validator(mode="after")
+    def _links_exist(self) -> Self:
+        sensors = {
+            "presence_sensor": self.presence_sensor,
+            "distance_sensor": self.distance_sensor,
+            "light_curtain": self.light_curtain,
+        }
+        frames = {f"light[{i}].frame": lamp.frame for i, lamp in enumerate(self.light, 1)}
+        for key, devices in sensors.items():
+            frames |= {f"{key}[{i}].moves_with": device.moves_with for i, device in enumerate(devices, 1)}
+        links = {f"link[{i}]" for i in range(1, len(self.robot.joint) + 1)}
+        for key, frame in frames.items():
+            if frame.startswith("link") and frame not in links:
+                raise ValueError(f"{key} = '{frame}': expected link[1] to link[{len(links)}], one for each joint")
         return self

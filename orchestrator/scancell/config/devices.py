@@ -90,7 +90,7 @@ class ConveyorDescription(Description):
 RESERVED_NAMES = frozenset(
     {
         "base",
-        *(f"link{i}" for i in range(1, 7)),
+        *(f"link{i}" for i in range(1, 9)),
         "sensor",
         "table",
         "table_base",

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from scancell.config.description import Description, Fraction, NonNegative, PoseDescription, Positive
 
-Frame = Literal["world", "sensor", "table", "part", "link[1]", "link[2]", "link[3]", "link[4]", "link[5]", "link[6]"]
+Frame = Annotated[str, Field(pattern=r"^(world|sensor|table|part|link\[[1-8]\])$")]
 
 
 class LightDescription(Description):

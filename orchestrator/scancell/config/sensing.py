@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from scancell.config.description import Description, NonNegative, PoseDescription, Positive
 
-Frame = Annotated[str, Field(pattern=r"^(world|sensor|table|link\[[1-6]\]|part\[[1-9][0-9]*\]|finger\[[12]\])$")]
+Frame = Annotated[str, Field(pattern=r"^(world|sensor|table|link\[[1-8]\]|part\[[1-9][0-9]*\]|finger\[[12]\])$")]
 FramedPose = Field(
     default=PoseDescription(), description="frame_from_sensor: pose of the sensor in the frame that it moves with"
 )

@@ -168,7 +168,7 @@ class _Search:
     def digest(self) -> str:
         """SHA-256 of all that decides the result."""
         arm, field = self._nominal.arm, self._field
-        joints = [(j.a, j.d, j.alpha, j.theta, j.beta, j.min, j.max) for j in arm.joints]
+        joints = [*((j.a, j.d, j.alpha, j.theta, j.beta, j.min, j.max) for j in arm.joints), *arm.held]
         sha = hashlib.sha256(f"{_METHOD} {_SEED} {ANGLE_STEP} {POSITION_STEP} {INCIDENCE_LIMIT} {joints}".encode())
         for mesh in (*self._obstacles, *self._fixed):
             _feed(sha, mesh.vertices, mesh.faces)

@@ -1,15 +1,22 @@
-"""Numerical inverse kinematics by damped least squares, for arms without a closed form."""
+"""Numerical inverse kinematics of arms of up to six joints without a closed form."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.geometry import pose
+from scancell.geometry import continuation, pose
+from scancell.geometry.continuation import SixJoints
 
 Array = NDArray[np.float64]
+
+_BLOCK = 128  # poses that are solved at a time: what they need stays in the cache
+_NO_TURN = 0.05  # rad: a joint that the arm does not have must end at 0, up to what refinement mends
+_LEG = np.array([0.02, 0.1])  # m, rad: longest step along a path from one solution to the next
+_LARGEST_CHANGE = 0.5  # rad: of a joint in such a step; more means another branch
 
 
 class Kinematics(Protocol):
@@ -21,7 +28,7 @@ class Kinematics(Protocol):
 
 
 def refine(arm: Kinematics, targets: Array, seeds: Array, iterations: int = 60) -> Array:
-    """Joints (n, 6), rad, whose flange pose is `targets` (n, 4, 4), from `seeds` (n, 6); NaN without convergence.
+    """Joints (n, joints), rad, whose flange pose is `targets` (n, 4, 4), from seeds; NaN without convergence.
 
     Levenberg-Marquardt on the pose error (position in m; rotation vector in rad times 0.3 m, for comparable weight),
     with separate damping for each row.
@@ -50,24 +57,92 @@ def refine(arm: Kinematics, targets: Array, seeds: Array, iterations: int = 60) 
     return q
 
 
-def solve_branches(arm: Kinematics, targets: Array, seeds: Array) -> Array:
-    """Distinct solutions (n, m, 6), rad, for targets (n, 4, 4) from seeds (n, m, 6); NaN: duplicates and failures."""
-    n, m, joints = seeds.shape
-    flat = refine(arm, np.repeat(targets, m, axis=0), seeds.reshape(-1, joints))
-    q = flat.reshape(n, m, joints)
+def number_of_branches(chain: SixJoints) -> int:
+    """Most real solutions that any pose of the chain can have in general position."""
+    return int(continuation.starts(chain)[0].theta.shape[1])
+
+
+def candidates(chain: SixJoints, joints: int, base_from_end: Array) -> Array:
+    """Angles theta (n, m, joints) near all solutions for targets (n, 4, 4), NaN beyond, to be refined.
+
+    The joints of the chain beyond the first `joints` are not the arm's: solutions that turn them are left out. Where a
+    set of solutions may be incomplete, the paths are followed once more from another start.
+    """
+    return np.concatenate(
+        [
+            _candidates(chain, joints, base_from_end[start : start + _BLOCK])
+            for start in range(0, max(1, len(base_from_end)), _BLOCK)
+        ]
+    )
+
+
+def _candidates(chain: SixJoints, joints: int, targets: Array) -> Array:
+    first, second = continuation.starts(chain)
+    theta, complete = continuation.solve(chain, first, targets)
+    again = np.full_like(theta, np.nan)
+    if not complete.all():
+        again[~complete] = continuation.solve(chain, second, targets[~complete])[0]
+    theta = np.concatenate([theta, again], 1)
+    with np.errstate(invalid="ignore"):
+        turned = np.abs(_wrap(theta[..., joints:])).max(-1, initial=0.0) > _NO_TURN
+    theta[turned] = np.nan
+    return theta[..., :joints]
+
+
+def refined(arm: Kinematics, targets: Array, seeds: Array) -> Array:
+    """Distinct solutions (n, m, joints), rad, for targets (n, 4, 4) from seeds (n, m, joints), which may be NaN.
+
+    NaN: duplicates and failures. Solutions nearer than `continuation.SAME` in every joint count as one.
+    """
+    m = seeds.shape[1]
+    q = np.full_like(seeds, np.nan)
+    usable = np.isfinite(seeds).all(-1)
+    q[usable] = refine(arm, np.repeat(targets[:, None], m, axis=1)[usable], seeds[usable])
     for k in range(1, m):
-        gap = np.remainder(q[:, :k] - q[:, k : k + 1] + np.pi, 2 * np.pi) - np.pi
         with np.errstate(invalid="ignore"):
-            repeated = (np.abs(gap).max(-1) < 1e-6).any(-1)
+            repeated = (np.abs(_wrap(q[:, :k] - q[:, k : k + 1])).max(-1) < continuation.SAME).any(-1)
         q[repeated, k] = np.nan
     return q
+
+
+def distinct_solutions(arm: Kinematics, targets: Array, seeds: Array, count: int) -> Array:
+    """The first `count` of the solutions of `refined`, (n, count, joints), NaN after the last."""
+    q = refined(arm, targets, seeds)
+    order = np.argsort(np.isnan(q[..., 0]), axis=1, kind="stable")[:, :count]
+    return np.take_along_axis(q, order[..., None], 1)
+
+
+def continued(arm: Kinematics, path: Array, start: Array) -> Array:
+    """Joints (k, n, joints), rad, along paths of poses (k, n, 4, 4) that begin at joints `start` (n, joints).
+
+    Poses between are straight. NaN from where a path leaves the reach, or passes a singular pose on another branch.
+    """
+    q = [start]
+    for here, there in pairwise(path):
+        at = q[-1].copy()
+        legs = _legs(here, there)
+        for k in range(1, legs + 1):
+            alive = np.isfinite(at).all(-1)
+            between = there if k == legs else pose.interpolate_straight(here, there, np.full(len(here), k / legs))
+            reached = refine(arm, between[alive], at[alive], iterations=12)
+            reached[~(np.abs(reached - at[alive]).max(-1) < _LARGEST_CHANGE)] = np.nan
+            at[alive] = reached
+        q.append(at)
+    return np.stack(q)
+
+
+def _legs(here: Array, there: Array) -> int:
+    distance = np.linalg.norm(there[:, :3, 3] - here[:, :3, 3], axis=-1).max(initial=0.0)
+    turn = pose.log_rotation(np.swapaxes(here[:, :3, :3], -1, -2) @ there[:, :3, :3])
+    return max(1, int(np.ceil((np.array([distance, np.linalg.norm(turn, axis=-1).max(initial=0.0)]) / _LEG).max())))
 
 
 def _error(arm: Kinematics, targets: Array, q: Array) -> Array:
     """Pose error (n, 6), target minus current, in world axes: position (m), rotation vector (rad)."""
     current = arm.fk(q)
     rotation = targets[:, :3, :3] @ np.swapaxes(current[:, :3, :3], -1, -2)
-    # NaN seeds stay NaN: the quaternion's argmax would hide them.
-    finite = np.asarray(np.isfinite(q).all(-1))
-    rotation_vector = np.where(finite[:, None], pose.log_rotation(np.nan_to_num(rotation)), np.nan)
-    return np.concatenate([targets[:, :3, 3] - current[:, :3, 3], rotation_vector], -1)
+    return np.concatenate([targets[:, :3, 3] - current[:, :3, 3], pose.log_rotation(rotation)], -1)
+
+
+def _wrap(angle: Array) -> Array:
+    return np.asarray(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)

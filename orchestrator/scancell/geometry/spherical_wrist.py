@@ -27,6 +27,7 @@ the line from shoulder to wrist centre; noflip: joint 5 is positive (theta offse
 """
 
 _ROUNDING = 1e-11
+_BLOCK = 512  # poses that are solved at a time: what they need stays in the cache
 
 
 def is_supported(a: Array, d: Array, alpha: Array, beta: Array) -> bool:
@@ -38,14 +39,13 @@ def is_supported(a: Array, d: Array, alpha: Array, beta: Array) -> bool:
 
 def solve(a: Array, d: Array, alpha: Array, base_from_flange: Array) -> Array:
     """Joint angles theta (n, 8, 6) in (-pi, pi] of all branches for targets (n, 4, 4); NaN without a solution."""
-    last = pose.from_rotation(pose.rotation_about(0, alpha[5]), (a[5], 0.0, d[5]))
-    base_from_wrist = base_from_flange @ pose.inverse(last)
-    theta = np.full((len(base_from_flange), 8, 6), np.nan)
-    arm_angles = _solve_position(a, d, alpha, base_from_wrist[:, :3, 3])
-    theta[:, :, :3] = np.repeat(arm_angles, 2, axis=1)
-    theta[:, :, 3:] = _solve_wrist(a, d, alpha, base_from_wrist[:, :3, :3], arm_angles)
-    theta[~np.isfinite(theta).all(-1)] = np.nan
-    return np.asarray(np.where(theta <= -np.pi, theta + 2 * np.pi, theta))
+    theta = np.empty((len(base_from_flange), 8, 6))
+    for start in range(0, len(theta), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        rotation = np.ascontiguousarray(base_from_flange[rows, :3, :3].transpose(1, 2, 0))
+        position = np.ascontiguousarray(base_from_flange[rows, :3, 3].T)
+        theta[rows] = _solve_block(a, d, alpha, rotation, position).transpose(3, 0, 1, 2).reshape(-1, 8, 6)
+    return theta
 
 
 def distance_outside_reach(a: Array, d: Array, alpha: Array, base_from_flange: Array) -> Array:
@@ -60,54 +60,75 @@ def distance_outside_reach(a: Array, d: Array, alpha: Array, base_from_flange: A
     return np.asarray(np.maximum(outside, 0.0).min(0))
 
 
+def _solve_block(a: Array, d: Array, alpha: Array, rotation: Array, position: Array) -> Array:
+    """Joint angles (4, 2, 6, m), for arm and wrist branches, of flange rotations (3, 3, m) and positions (3, m)."""
+    c, s = np.cos(alpha[5]), np.sin(alpha[5])
+    x, y, z = rotation[:, 0], c * rotation[:, 1] - s * rotation[:, 2], s * rotation[:, 1] + c * rotation[:, 2]
+    theta = np.empty((4, 2, 6, position.shape[1]))
+    with np.errstate(invalid="ignore"):
+        theta[:, 0, :3] = _solve_position(a, d, alpha, position - a[5] * x - d[5] * z)
+        theta[:, 1, :3] = theta[:, 0, :3]
+        _solve_wrist(alpha, np.stack([x, y, z], 1), theta)
+        theta -= 2 * np.pi * np.rint(theta / (2 * np.pi))
+        theta[theta <= -np.pi] += 2 * np.pi
+    return theta
+
+
 def _solve_position(a: Array, d: Array, alpha: Array, centre: Array) -> Array:
-    """Joints 1-3 (n, 4, 3) of the shoulder and elbow branches for wrist centres (n, 3)."""
+    """Joints 1-3 (4, 3, m) of the shoulder and elbow branches for wrist centres (3, m); NaN out of reach."""
     s1, s3 = np.sign(np.sin(alpha[0])), np.sign(np.sin(alpha[2]))
     offset = d[1] + d[2]
     forearm, psi = np.hypot(a[2], d[3]), np.arctan2(-s3 * d[3], a[2])
-    x, y, z = centre.T
-    front = np.array([1.0, 1.0, -1.0, -1.0])
-    above = np.array([1.0, -1.0, 1.0, -1.0])
-    with np.errstate(invalid="ignore"):
-        radial = _root(x * x + y * y - offset**2)[:, None] * front
-        theta1 = np.arctan2(y, x)[:, None] - np.arctan2(-s1 * offset, radial)
-        across, up = radial - a[0], np.broadcast_to((s1 * (z - d[0]))[:, None], radial.shape)
-        cosine = (across**2 + up**2 - a[1] ** 2 - forearm**2) / (2 * a[1] * forearm)
-        # Tolerates rounding when the arm is fully extended.
-        cosine = np.where(np.abs(cosine) <= 1 + _ROUNDING, np.clip(cosine, -1, 1), np.nan)
-        bend = -s1 * front * above * np.arccos(cosine)
-        theta2 = np.arctan2(up, across) - np.arctan2(forearm * np.sin(bend), a[1] + forearm * np.cos(bend))
-    return _wrap(np.stack([theta1, theta2, bend - psi], -1))
+    x, y, z = centre
+    radial = _root(x * x + y * y - offset**2) * np.array([[1.0], [-1.0]])
+    turn = np.arctan2(y, x) - np.arctan2(-s1 * offset, radial)
+    across, up = radial - a[0], s1 * (z - d[0])
+    cosine = (across * across + up * up - (a[1] ** 2 + forearm**2)) / (2 * a[1] * forearm)
+    # Tolerates rounding when the arm is fully extended.
+    cosine = np.where(np.abs(cosine) <= 1 + _ROUNDING, np.clip(cosine, -1, 1), np.nan)
+    sine = np.sqrt((1 - cosine) * (1 + cosine))
+    bend = np.arctan2(sine, cosine)
+    slope, lead = np.arctan2(up, across), np.arctan2(forearm * sine, a[1] + forearm * cosine)
+    theta = np.empty((4, 3, len(x)))
+    for k, (front, above) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1))):
+        side, sign = (1 - front) // 2, -s1 * front * above
+        theta[k, 1] = slope[side] - sign * lead[side]
+        theta[k, 2] = sign * bend[side] - psi
+        theta[k, 0] = np.where(np.isnan(bend[side]), np.nan, turn[side])
+    return theta
 
 
-def _solve_wrist(a: Array, d: Array, alpha: Array, base_from_wrist: Array, arm_angles: Array) -> Array:
-    """Joints 4-6 (n, 8, 3): noflip, then flip, of each of the four arm branches."""
-    base_from_link3 = np.broadcast_to(np.eye(3), (*arm_angles.shape[:2], 3, 3))
-    for i in range(3):
-        link = pose.rotation_about(2, arm_angles[..., i]) @ pose.rotation_about(0, alpha[i])
-        base_from_link3 = base_from_link3 @ link
-    wrist = np.swapaxes(base_from_link3, -1, -2) @ base_from_wrist[:, None]
-    s4, s5 = np.sign(np.sin(alpha[3])), np.sign(np.sin(alpha[4]))
+def _solve_wrist(alpha: Array, base_from_wrist: Array, theta: Array) -> None:
+    """Fill joints 4-6 of theta (4, 2, 6, m) from joints 1-3, for rotations (3, 3, m): noflip, then flip."""
+    s1, s3, s4, s5 = np.sign(np.sin(alpha[[0, 2, 3, 4]]))
+    sine, cosine = np.sin(theta[::2, 0, 0]), np.cos(theta[::2, 0, 0])
+    first_two = base_from_wrist[:2].swapaxes(0, 1)
+    # The columns of the wrist seen from link 1: (ahead, s1 * up, -s1 * aside), for both shoulders.
+    ahead = cosine[:, None] * first_two[:, 0] + sine[:, None] * first_two[:, 1]
+    aside = cosine[:, None] * first_two[:, 1] - sine[:, None] * first_two[:, 0]
+    up = s1 * base_from_wrist[2]
     # Rx(±90) Rz(t5) Rx(∓90) = Ry(∓t5): ZYZ angles. Equal signs leave Rx(180), which reverses joint 6.
-    if s4 == s5:
-        wrist = wrist @ pose.rotation_about(0, np.pi)
-    sine = np.hypot(wrist[..., 0, 2], wrist[..., 1, 2])
-    straight = sine < 1e-12
-    pitch_sign = -s4 * np.array([1.0, -1.0])
-    first = np.arctan2(wrist[..., 1, 2], wrist[..., 0, 2])[..., None] + np.where(pitch_sign > 0, 0.0, np.pi)
-    first = np.where(straight[..., None], np.array([0.0, np.pi]), first)
-    # With joint 4 known, Rz(-t4) R = Ry(b) Rz(c) gives joints 5 and 6 without division by sin b.
-    rest = pose.rotation_about(2, -first) @ wrist[..., None, :, :]
-    pitch = np.arctan2(rest[..., 0, 2], rest[..., 2, 2])
-    roll = np.arctan2(rest[..., 1, 0], rest[..., 1, 1])
-    angles = np.stack([first, -s4 * pitch, -roll if s4 == s5 else roll], -1)
-    return _wrap(angles.reshape(len(angles), 8, 3))
+    reversed_ = -1.0 if s4 == s5 else 1.0
+    for k in range(4):
+        angle = theta[k, 0, 1] + theta[k, 0, 2]
+        c, s = np.cos(angle), np.sin(angle)
+        row0 = c * ahead[k // 2] + s * up
+        row1 = -s3 * s1 * aside[k // 2]
+        row2_z = reversed_ * s3 * (s * ahead[k // 2, 2] - c * up[2])
+        along, beside = reversed_ * row0[2], reversed_ * row1[2]
+        length = np.sqrt(along * along + beside * beside)
+        straight = length < 1e-12
+        # noflip: joint 5 is positive.
+        scale = -s4 / np.where(straight, 1.0, length)
+        c4, s4_ = np.where(straight, 1.0, scale * along), np.where(straight, 0.0, scale * beside)
+        # With joint 4 known, Rz(-t4) R = Ry(b) Rz(c) gives joints 5 and 6 without division by sin b.
+        pitch = np.arctan2(c4 * along + s4_ * beside, row2_z)
+        roll = np.arctan2(c4 * row1[0] - s4_ * row0[0], reversed_ * (c4 * row1[1] - s4_ * row0[1]))
+        theta[k, 0, 3], theta[k, 0, 4], theta[k, 0, 5] = np.arctan2(s4_, c4), -s4 * pitch, reversed_ * roll
+        theta[k, 1, 3], theta[k, 1, 4] = theta[k, 0, 3] + np.pi, s4 * pitch
+        theta[k, 1, 5] = theta[k, 0, 5] + np.pi
 
 
 def _root(square: Array) -> Array:
     """Square root; 0 for negative values within rounding, NaN below."""
     return np.asarray(np.sqrt(np.where(np.abs(square) < _ROUNDING**2, 0.0, square)))
-
-
-def _wrap(angle: Array) -> Array:
-    return np.asarray(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)

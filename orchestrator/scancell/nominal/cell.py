@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.config.cell import CellDescription, PartDescription
+from scancell.config.cell import CellDescription, PartDescription, RobotDescription
 from scancell.config.devices import FurtherPartDescription
 from scancell.config.gripper import GripperDescription
 from scancell.config.light import LightDescription
@@ -17,7 +17,7 @@ from scancell.config.material import Material, MaterialDescription
 from scancell.config.units import si_value, to_si
 from scancell.errors import CellError
 from scancell.geometry import pose
-from scancell.geometry.arm import Arm, Joint
+from scancell.geometry.arm import Arm, HeldJoint, Joint
 from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
 from scancell.nominal.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
 from scancell.nominal.patches import Patch, part_patches
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 class Body:
     """A rigid thing that can occlude, be lit, or be hit.
 
-    `moves_with` names the frame that carries it: ``world``, ``link[1]`` … ``link[6]``, ``sensor``, ``table``, ``part``
+    `moves_with` names the frame that carries it: ``world``, ``link[1]`` …, ``sensor``, ``table``, ``part``
     and, for further parts, ``part[2]`` …, for a gripper ``finger[1]`` and ``finger[2]``; the mesh is given in that
     frame, metres. Faces of `patches` have materials of their own.
     """
@@ -100,7 +100,7 @@ class NominalCell:
     flange_from_finger: Array | None = None
 
     def world_from_sensor(self, q: ArrayLike) -> Array:
-        """(..., 4, 4) for joint angles q (..., 6)."""
+        """(..., 4, 4) for joint angles q (..., joints)."""
         return np.asarray(self.arm.fk(q) @ self.flange_from_sensor)
 
     def world_from_part(self, table: ArrayLike) -> Array:
@@ -109,7 +109,7 @@ class NominalCell:
         return np.asarray(self.world_from_table @ turn @ self.table_from_part)
 
     def part_from_sensor(self, q: ArrayLike, table: ArrayLike) -> Array:
-        """(..., 4, 4) for joint angles q (..., 6) and table angles (...,)."""
+        """(..., 4, 4) for joint angles q (..., joints) and table angles (...,)."""
         return np.asarray(pose.inverse(self.world_from_part(table)) @ self.world_from_sensor(q))
 
     def frame_poses(self, q: ArrayLike, table: ArrayLike) -> dict[str, Array]:
@@ -125,7 +125,7 @@ class NominalCell:
             frames[f"part[{number}]"] = frames[further.carrier] @ further.carrier_from_part
         if self.flange_from_finger is not None:
             for number, flange_from_finger in enumerate(self.flange_from_finger, start=1):
-                frames[f"finger[{number}]"] = frames["link[6]"] @ flange_from_finger
+                frames[f"finger[{number}]"] = links[..., -1, :, :] @ flange_from_finger
         return frames
 
     def body_poses(self, q: ArrayLike, table: ArrayLike) -> Array:
@@ -149,9 +149,8 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
     if cell.part.fixture == "free":
         _refuse_unstable(part, table_from_part, cell.part)
     further = tuple(_further_part(part_, cell) for part_ in cell.further_part)
-    joints = [Joint(**_joint_fields(joint.model_dump())) for joint in robot.joint]
     return NominalCell(
-        arm=Arm(joints, pose_matrix(robot.base)),
+        arm=arm_of(robot),
         flange_from_sensor=tool_matrix(cell.tool),
         world_from_table=pose_matrix(cell.table.pose),
         table_from_part=table_from_part,
@@ -161,10 +160,20 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         table_max_acceleration=si_value(cell.table, "max_acceleration_deg_s2"),
         part=part,
         lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
-        bodies=(*_bodies(cell, part), *_device_bodies(cell, further), *_gripper_bodies(cell.gripper)),
+        bodies=(*_bodies(cell, part), *_device_bodies(cell, further), *_gripper_bodies(cell)),
         flange_from_finger=None if cell.gripper is None else _flange_from_finger(cell.gripper),
         further_parts=further,
     )
+
+
+def arm_of(robot: RobotDescription) -> Arm:
+    """Kinematics of a described arm; joints that are held without values are held at their home angles."""
+    joints = [Joint(**_joint_fields(joint.model_dump())) for joint in robot.joint]
+    held = [
+        HeldJoint(one.joint - 1, tuple(np.radians(one.values_deg or (robot.home_deg[one.joint - 1],)).tolist()))
+        for one in robot.held
+    ]
+    return Arm(joints, pose_matrix(robot.base), tuple(held))
 
 
 def _further_part(description: FurtherPartDescription, cell: CellDescription) -> FurtherPart:
@@ -205,7 +214,8 @@ def _flange_from_finger(gripper: GripperDescription) -> Array:
     return np.asarray(pose_matrix(gripper.pose) @ gripper_from_finger(start_width(gripper)))
 
 
-def _gripper_bodies(gripper: GripperDescription | None) -> tuple[Body, ...]:
+def _gripper_bodies(cell: CellDescription) -> tuple[Body, ...]:
+    gripper = cell.gripper
     if gripper is None:
         return ()
     material = _material(gripper.material, gripper.reflectance)
@@ -213,7 +223,8 @@ def _gripper_bodies(gripper: GripperDescription | None) -> tuple[Body, ...]:
     bodies = [Body(f"finger{i}", f"finger[{i}]", finger, material) for i in (1, 2)]
     if housing is None:
         return tuple(bodies)
-    return (Body("gripper", "link[6]", housing.transformed(pose_matrix(gripper.pose)), material), *bodies)
+    flange = f"link[{len(cell.robot.joint)}]"
+    return (Body("gripper", flange, housing.transformed(pose_matrix(gripper.pose)), material), *bodies)
 
 
 def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescription) -> None:

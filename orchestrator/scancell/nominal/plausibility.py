@@ -47,7 +47,9 @@ def _link_warnings(robot: RobotDescription) -> list[str]:
     previous = None if robot.base_mesh is None else load_mesh(Path(robot.base_mesh))
     for number, joint in enumerate(robot.joint, start=1):
         mesh = None if joint.mesh is None else load_mesh(Path(joint.mesh))
-        reason = "" if mesh is None else _other_parameters(joint) or _misfit(joint, number, mesh, previous)
+        reason = (
+            "" if mesh is None else _other_parameters(joint) or _misfit(joint, number, len(robot.joint), mesh, previous)
+        )
         if reason:
             name = f"cell.robot.joint[{number}]: mesh {Path(joint.mesh or '').name} does not fit the link"
             warnings.append(f"{name}: {reason}; give another mesh, or none")
@@ -69,7 +71,7 @@ def _other_parameters(joint: JointDescription) -> str:
     return ""
 
 
-def _misfit(joint: JointDescription, number: int, mesh: Mesh, previous: Mesh | None) -> str:
+def _misfit(joint: JointDescription, number: int, joints: int, mesh: Mesh, previous: Mesh | None) -> str:
     """What separates the link's bounding box from its joint axes or from the link before it."""
     si = {name: si_value(joint, key) for name, key in (("a", "a_mm"), ("d", "d_mm"), ("alpha", "alpha_deg"))}
     previous_from_link = Arm([Joint(**si)]).fk([0.0])
@@ -78,7 +80,7 @@ def _misfit(joint: JointDescription, number: int, mesh: Mesh, previous: Mesh | N
     own = _distance_from_axis(mesh.bounds, link_from_previous[:3, 3], link_from_previous[:3, 2])
     if own > _GAP_MM:
         return f"it ends {own:.0f} mm from the axis of joint {number}"
-    following = f"joint {number + 1}" if number < 6 else "the flange"
+    following = f"joint {number + 1}" if number < joints else "the flange"
     further = _distance_from_axis(mesh.bounds, np.zeros(3), np.array([0.0, 0.0, 1.0]))
     if further > _GAP_MM:
         return f"it ends {further:.0f} mm from the axis of {following}"

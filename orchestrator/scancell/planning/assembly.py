@@ -40,7 +40,7 @@ class Assembly:
     def add_sweep(self, placed: PlacedSweep, count: int) -> None:
         """Append a full table turn with `count` exposures, the first at table angle 0 (modulo 2 pi)."""
         step = 2 * np.pi / count
-        first = 2 * np.pi * np.round(self._at[6] / (2 * np.pi))
+        first = 2 * np.pi * np.round(self._at[-1] / (2 * np.pi))
         angles = first + step * np.arange(count)
         points = np.column_stack([np.tile(placed.q, (count, 1)), angles])
         if not self._options.dynamic:
@@ -79,25 +79,25 @@ class Assembly:
         segment
             (m,) segment id of each exposure.
         q, table
-            (m, 6), (m,) joints and table angle of each exposure, rad.
+            (m, joints), (m,) joints and table angle of each exposure, rad.
 
         Raises
         ------
         PlanningError
             If no collision-free path home is found.
         """
-        self._go(np.append(self._cell.nominal.home, self._at[6]), "home")
+        self._go(np.append(self._cell.nominal.home, self._at[-1]), "home")
         program = Program(tuple(self._segments), 0.0 if self._all_moving() else self._options.settle)
         ids = np.array([number for number, _ in self._exposures], np.int64)
         points = np.concatenate([points for _, points in self._exposures])
-        return program, ids, points[:, :6], points[:, 6]
+        return program, ids, points[:, :-1], points[:, -1]
 
     def _all_moving(self) -> bool:
         return all(segment.trigger.kind != "request" for segment in self._segments)
 
     def _nearest_table(self, angle: float) -> float:
         turn = 2 * np.pi
-        return float(angle + turn * np.round((self._at[6] - angle) / turn))
+        return float(angle + turn * np.round((self._at[-1] - angle) / turn))
 
     def _go(self, goal: Array, purpose: str) -> None:
         for setpoints in self._connector.connect(self._at, goal, purpose):
@@ -109,12 +109,12 @@ class Assembly:
         self._exposures += [(number, point[None]) for point in points]
 
     def _expose_at_rest(self, points: Array, name: str) -> None:
-        """Append exposures at rest at points (m, 7) in order; larger arm moves go by collision-free paths.
+        """Append exposures at rest at points (m, axes) in order; larger arm moves go by collision-free paths.
 
         Moves of the table alone need no check: the full turn was checked when the view was placed.
         """
         for point in points:
-            far = np.abs(point[:6] - self._at[:6]).max() > _SMALL_MOVE
+            far = np.abs(point[:-1] - self._at[:-1]).max() > _SMALL_MOVE
             motions = self._connector.connect(self._at, point, name) if far else []
             for setpoints in motions[:-1]:
                 self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {name}")
@@ -125,6 +125,6 @@ class Assembly:
     def _append(self, setpoints: Array, rule: TriggerRule, start: float, end: float, name: str) -> int:
         number = len(self._segments) + 1
         times: Array = np.arange(len(setpoints), dtype=np.float64) * self._cell.cycle
-        self._segments.append(Segment(number, times, setpoints[:, :6], setpoints[:, 6], rule, start, end, name))
+        self._segments.append(Segment(number, times, setpoints[:, :-1], setpoints[:, -1], rule, start, end, name))
         self._at = setpoints[-1]
         return number

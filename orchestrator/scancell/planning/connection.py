@@ -23,7 +23,7 @@ _MAX_BRANCH_CHANGE = np.radians(60)  # joint travel to a retreat point; more mea
 
 
 class Connector:
-    """Finds collision-free motions of the six joints and the table.
+    """Finds collision-free motions of joints and table.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Connector:
         self._acceleration = LIMIT_FRACTION * np.append(arm.max_acceleration, nominal.table_max_acceleration)
 
     def move(self, start: Array, end: Array) -> Array:
-        """Set-points (n, 7), rad, of the straight joint motion from `start` to `end` (7,), without collision check."""
+        """Set-points (n, axes), rad, of the straight motion from `start` to `end` (axes,), without collision check."""
         return trajectory.move(start, end, self._speed, self._acceleration, self._cell.cycle)
 
     def connect(self, start: Array, end: Array, purpose: str) -> list[Array]:
@@ -52,13 +52,13 @@ class Connector:
         Parameters
         ----------
         start, end
-            (7,) joints and table angle, rad.
+            (axes,) joints and table angle, rad.
         purpose
             Name of the goal for error messages.
 
         Returns
         -------
-        list of (n, 7) arrays
+        list of (n, axes) arrays
             One per motion, rad; empty when `start` and `end` coincide.
 
         Raises
@@ -86,24 +86,24 @@ class Connector:
         raise PlanningError(f"no collision-free path to {purpose}: {reason} on the direct path")
 
     def _candidate_paths(self, start: Array, end: Array) -> Iterator[list[Array]]:
-        """Lists of waypoints (7,), simplest first: direct, through retreat points at either end, through home."""
+        """Lists of waypoints (axes,), simplest first: direct, through retreat points at either end, through home."""
         yield [start, end]
         starts, ends = self._retreat_points(start), self._retreat_points(end)
         pairs = sorted(product(range(len(starts)), range(len(ends))), key=sum)
         yield from ([start, starts[i], ends[k], end] for i, k in pairs)
         home = self._cell.nominal.home
         for i, k in pairs:
-            yield [start, starts[i], np.append(home, start[6]), np.append(home, end[6]), ends[k], end]
+            yield [start, starts[i], np.append(home, start[-1]), np.append(home, end[-1]), ends[k], end]
 
     def _retreat_points(self, at: Array) -> list[Array]:
-        """`at` (7,) itself, then points with the sensor retracted along its Z or raised along the table's axis."""
-        table_from_sensor = self._cell.table_from_sensor(at[:6])
+        """`at` (axes,) itself, then points with the sensor retracted along its Z or raised along the table's axis."""
+        table_from_sensor = self._cell.table_from_sensor(at[:-1])
         targets = []
         for distance in _RETREAT_DISTANCES:
             targets.append(table_from_sensor @ pose.translation((0.0, 0.0, -distance)))
             targets.append(pose.translation((0.0, 0.0, distance)) @ table_from_sensor)
-        q = self._cell.ik(np.array(targets), reference=at[:6])
-        travel = np.nan_to_num(np.abs(q - at[:6]).max(-1), nan=np.inf)
+        q = self._cell.ik(np.array(targets), reference=at[:-1])
+        travel = np.nan_to_num(np.abs(q - at[:-1]).max(-1), nan=np.inf)
         best = np.argmin(travel, axis=1)
         near = [q[i, k] for i, k in enumerate(best) if travel[i, k] < _MAX_BRANCH_CHANGE]
-        return [at, *(np.append(joints, at[6]) for joints in near)]
+        return [at, *(np.append(joints, at[-1]) for joints in near)]

@@ -97,7 +97,7 @@ class PlanningCell:
         return MotionCheck(self.nominal, self.proximity, clearances, self.threads)
 
     def clearance_violations(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
-        """Pairs of bodies nearer than `clearance` (m) at joints (n, 6) and table angles (n,), rad.
+        """Pairs of bodies nearer than `clearance` (m) at joints (n, joints) and table angles (n,), rad.
 
         Links of the arm are close to each other by design and need 2 mm only.
         """
@@ -105,14 +105,20 @@ class PlanningCell:
         return [c for c in near if c.distance < _SELF_CLEARANCE or not {c.body_a, c.body_b} <= set(self._chain)]
 
     def table_from_sensor(self, q: ArrayLike) -> Array:
-        """Sensor poses (..., 4, 4), m, in the frame of the table at angle 0, for joints (..., 6), rad."""
+        """Sensor poses (..., 4, 4), m, in the frame of the table at angle 0, for joints (..., joints), rad."""
         return np.asarray(pose.inverse(self.nominal.world_from_table) @ self.nominal.world_from_sensor(q))
 
     def ik(self, table_from_sensor: ArrayLike, reference: ArrayLike | None = None, filtered: bool = True) -> Array:
-        """Joints (n, 8, 6), rad, of all branches for sensor poses (n, 4, 4) in the frame of the table at angle 0.
+        """Joints (n, branches, joints), rad, for sensor poses (n, 4, 4) in the frame of the table at angle 0.
 
-        `reference` and `filtered` as in `Arm.ik`.
+        Parameters as in `Arm.ik`.
         """
+        return self.nominal.arm.ik(self._world_from_flange(table_from_sensor), reference, filtered)
+
+    def ik_along(self, table_from_sensor: ArrayLike, reference: ArrayLike | None = None) -> Array:
+        """Joints (n, k, branches, joints), rad, along paths of sensor poses (n, k, 4, 4), see `Arm.ik_along`."""
+        return self.nominal.arm.ik_along(self._world_from_flange(table_from_sensor), reference)
+
+    def _world_from_flange(self, table_from_sensor: ArrayLike) -> Array:
         world_from_sensor = self.nominal.world_from_table @ np.asarray(table_from_sensor, float)
-        flange = world_from_sensor @ pose.inverse(self.nominal.flange_from_sensor)
-        return self.nominal.arm.ik(flange, reference, filtered)
+        return np.asarray(world_from_sensor @ pose.inverse(self.nominal.flange_from_sensor))

@@ -29,7 +29,7 @@ _MAX_TRIES = 24
 
 @dataclass(frozen=True)
 class PlacedSweep:
-    """A sweep with its joints (6,), rad, and inverse-kinematics branch."""
+    """A sweep with its joints (joints,), rad, and inverse-kinematics branch."""
 
     view: Sweep
     q: Array
@@ -38,7 +38,7 @@ class PlacedSweep:
 
 @dataclass(frozen=True)
 class PlacedPass:
-    """A pass with its table angle (rad), its run, the joints `q` (n, 6) of each cycle and `exposures` (m, 6)."""
+    """A pass with its table angle (rad), its run, the joints `q` (n, joints) of each cycle and at its `exposures`."""
 
     view: Pass
     table: float
@@ -50,7 +50,7 @@ class PlacedPass:
 
 @dataclass(frozen=True)
 class PlacedPose:
-    """One exposure at rest with joints (6,) and table angle, rad."""
+    """One exposure at rest with joints (joints,) and table angle, rad."""
 
     name: str
     q: Array
@@ -98,12 +98,14 @@ class Placer:
             return []
         sides = [(a, roll) for a in azimuths(self._azimuth) for roll in (0.0, np.pi)]
         targets = np.array([[view.at(a, roll) for a, roll in sides] for view in views])
-        q = self._cell.ik(targets.reshape(-1, 4, 4)).reshape(len(views), -1, 6)
+        found = self._cell.ik(targets.reshape(-1, 4, 4))
+        branches = found.shape[1]
+        q = found.reshape(len(views), -1, found.shape[-1])
         metric = constraints.arm_metric(self._cell.nominal.arm, q)
         usable = metric > _MIN_METRIC
-        # A choice is a side (azimuth and roll) and a branch, numbered side * 8 + branch. Choices that serve most views
-        # come first, then those near the preferred azimuth.
-        offset = np.repeat([abs(a - self._azimuth) for a, _ in sides], 8)
+        # A choice is a side (azimuth and roll) and a branch, numbered side * branches + branch. Choices that serve most
+        # views come first, then those near the preferred azimuth.
+        offset = np.repeat([abs(a - self._azimuth) for a, _ in sides], branches)
         order = np.lexsort((-metric.mean(0), offset.round(6), -usable.sum(0)))
         table = np.linspace(0.0, 2 * np.pi, _TURN_CHECKS, endpoint=False)
         result: list[PlacedSweep | Infeasible] = []
@@ -113,11 +115,11 @@ class Placer:
                 joints = np.repeat(q[i, choice][None], len(table), 0)
                 # Most collisions occur at every table angle: check one first.
                 collision = self._collision(joints[:1], table[:1]) or self._collision(joints, table)
-                return collision or PlacedSweep(view, q[i, choice], choice % 8)
+                return collision or PlacedSweep(view, q[i, choice], choice % branches)
 
             choices = order[usable[i][order]]
             # Choices of equal roll have the same pose of the sensor relative to the part.
-            result.append(self._first_feasible(view.name, choices, choices // 8 % 2, attempt, targets[i]))
+            result.append(self._first_feasible(view.name, choices, choices // branches % 2, attempt, targets[i]))
         return result
 
     def passes(
@@ -143,21 +145,29 @@ class Placer:
         ]
         headings = np.radians(np.arange(0.0, 360.0, 15.0))
         turns = pose.from_rotation(pose.rotation_about(2, headings))
-        ends = np.array([view.at(run.path[[0, -1]]) for view, run in zip(views, runs, strict=True)])
-        targets = turns[None, :, None] @ ends[:, None]
-        q = cell.ik(targets.reshape(-1, 4, 4)).reshape(len(views), len(headings), 2, 8, 6)
-        metric = constraints.arm_metric(cell.nominal.arm, q).min(2).reshape(len(views), -1)
+        knots = [
+            view.at(np.array([run.path[0], view.length / 2, run.path[-1]]))
+            for view, run in zip(views, runs, strict=True)
+        ]
+        targets = turns[None, :, None] @ np.array(knots)[:, None]
+        found = cell.ik_along(targets.reshape(-1, 3, 4, 4))
+        branches = found.shape[2]
+        q = found.reshape(len(views), len(headings), *found.shape[1:])
+        metric = constraints.arm_metric(cell.nominal.arm, q[:, :, ::2]).min(2).reshape(len(views), -1)
         usable = metric > _MIN_METRIC
-        other_branch = np.tile(np.arange(8) != branch, len(headings))
+        other_branch = np.tile(np.arange(branches) != branch, len(headings))
         order = np.lexsort((-metric.mean(0), other_branch, -usable.sum(0)))
         result: list[PlacedPass | Infeasible] = []
         for i, view in enumerate(views):
 
             def attempt(choice: int, i: int = i, view: Pass = view) -> PlacedPass | Infeasible:
-                return self._try_pass(view, runs[i], counts[i], float(headings[choice // 8]), choice % 8)
+                heading, number = divmod(choice, branches)
+                middle = q[i, heading, 1, number]
+                return self._try_pass(view, runs[i], counts[i], float(headings[heading]), middle, number)
 
             choices = order[usable[i][order]]
-            result.append(self._first_feasible(view.name, choices, 0 * choices, attempt, targets[i].reshape(-1, 4, 4)))
+            ends = targets[i, :, ::2].reshape(-1, 4, 4)
+            result.append(self._first_feasible(view.name, choices, 0 * choices, attempt, ends))
         return result
 
     def poses(self, part_from_sensor: Array) -> list[PlacedPose | Infeasible]:
@@ -170,17 +180,19 @@ class Placer:
         origin = table_from_sensor[:, :2, 3]
         angle = sides - np.arctan2(origin[:, 1], origin[:, 0])[:, None]
         targets = pose.from_rotation(pose.rotation_about(2, angle)) @ table_from_sensor[:, None]
-        q = self._cell.ik(targets.reshape(-1, 4, 4)).reshape(len(targets), -1, 6)
+        found = self._cell.ik(targets.reshape(-1, 4, 4))
+        branches = found.shape[1]
+        q = found.reshape(len(targets), -1, found.shape[-1])
         metric = constraints.arm_metric(self._cell.nominal.arm, q)
         # Azimuths near the preferred one win over a slightly better metric elsewhere.
-        score = metric / (1 + np.repeat(np.abs(sides - self._azimuth), 8))
+        score = metric / (1 + np.repeat(np.abs(sides - self._azimuth), branches))
         order = np.argsort(-score, axis=1, kind="stable")
         result: list[PlacedPose | Infeasible] = []
         for i in range(len(targets)):
             name = f"pose {i + 1}"
 
             def attempt(choice: int, i: int = i, name: str = name) -> PlacedPose | Infeasible:
-                table = float(angle[i, choice // 8])
+                table = float(angle[i, choice // branches])
                 return self._collision(q[i, choice][None], np.array([table])) or PlacedPose(name, q[i, choice], table)
 
             choices = order[i][metric[i][order[i]] > _MIN_METRIC]
@@ -208,7 +220,7 @@ class Placer:
         return Infeasible(f"{name}: {first.reason if first else out_of_reach(self._cell, targets)}")
 
     def _collision(self, q: Array, table: Array) -> Infeasible | None:
-        """The smallest distance below the clearance at joints (n, 6) and table angles (n,), or None."""
+        """The smallest distance below the clearance at joints (n, joints) and table angles (n,), or None."""
         near = self._cell.clearance_violations(q, table, self._clearance)
         if not near:
             return None
@@ -216,14 +228,16 @@ class Placer:
         return Infeasible(describe(min(near, key=lambda c: c.distance), self._clearance), of_sensor)
 
     def _try_pass(
-        self, view: Pass, run: trajectory.Run, count: int, heading: float, branch: int
+        self, view: Pass, run: trajectory.Run, count: int, heading: float, middle: Array, branch: int
     ) -> PlacedPass | Infeasible:
-        """The pass at one heading (rad) and in one branch: checks joint, speed and acceleration limits, collisions."""
+        """The pass at one heading (rad) and in one branch: checks joint, speed and acceleration limits, collisions.
+
+        The joints (joints,) in its middle tell the turn of those with several.
+        """
         cell, arm = self._cell, self._cell.nominal.arm
         turn = pose.from_rotation(pose.rotation_about(2, heading))
-        middle = cell.ik(turn @ view.at(np.array([view.length / 2])))[0, branch]
         path = np.concatenate([run.path, np.linspace(0.0, view.length, count)])
-        q = cell.ik(turn @ view.at(path), reference=middle)[:, branch]
+        q = cell.ik_along(turn @ view.at(path)[None], reference=middle)[0, :, branch]
         if not np.isfinite(q).all():
             return Infeasible("the path leaves the joint limits")
         moving = q[: len(run.path)]

@@ -39,7 +39,7 @@ class Plan:
     segment
         (m,) segment id of each exposure, in order of time.
     q, table
-        (m, 6), (m,) planned joints and table angle of each exposure, rad.
+        (m, joints), (m,) planned joints and table angle of each exposure, rad.
     coverage
         Fraction of the part's surface that the views see, self-occlusion ignored; None for given poses.
     warnings
@@ -136,7 +136,7 @@ def _plan_views(
     )
     passes: list[PlacedPass] = []
     if options.raster:
-        branch = sweeps[0].branch if sweeps else None
+        branch = sweeps[0].branch if sweeps and cell.nominal.arm.has_named_branches else None
         for item in placer.passes(pass_views, counts[len(sweeps) :], options.raster.speed, branch):
             if isinstance(item, Infeasible):
                 warnings.append(f"omitted: {item.reason}")

@@ -47,7 +47,7 @@ class PointsInSensor(Protocol):
 
 
 class Triggers(Protocol):
-    """Trigger records, one per exposure: joints (n, 6) and table angle (n,), rad, and their rates, rad/s."""
+    """Trigger records, one per exposure: joints (n, joints) and table angle (n,), rad, and their rates, rad/s."""
 
     @property
     def index(self) -> NDArray[np.int64]: ...
@@ -210,7 +210,7 @@ def reconstruct_and_count(
     triggers
         Measured joints and table angle at mid-exposure; their rates are used with a rolling shutter.
     part_from_sensor
-        Nominal or calibrated kinematics: joints (n, 6) and table angles (n,), rad, to poses (n, 4, 4).
+        Nominal or calibrated kinematics: joints (n, joints) and table angles (n,), rad, to poses (n, 4, 4).
     table_from_part
         Nominal pose (4, 4) of the part on the table.
     normals

@@ -10,9 +10,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from scancell import sensor as sensor_rt
-from scancell.config.loading import assets_dir, load_setup
-from scancell.geometry.mesh import load_mesh
-from scancell.nominal.cell import nominal_cell
 
 from ..raw_embree import turning_fans
 from ..ray_speed import import_open3d, open3d_scene
@@ -63,23 +60,11 @@ def open3d_checks() -> Iterator[Check]:
 
 
 def eaik_checks() -> Iterator[Check]:
-    """All branches of the default arm at random poses, without regard to joint limits."""
+    """All branches of the shipped arms at random poses, without regard to joint limits."""
     if importlib.util.find_spec("eaik") is None:
         raise PeerMissingError("EAIK is not installed: pip install EAIK")
-    eaik = importlib.import_module("eaik.IK_DH")
-    part = load_mesh(assets_dir() / "parts" / "free_form.stl")
-    arm = nominal_cell(load_setup().cell, part).arm
-    peer = eaik.DhRobot(*(np.array([getattr(joint, name) for joint in arm.joints]) for name in ("alpha", "a", "d")))
-    rng = np.random.default_rng(5)
-    worst, different = 0.0, 0
-    for _ in range(_POSES):
-        target = arm.fk(rng.uniform(-np.pi, np.pi, 6))
-        answer = peer.IK(target)
-        theirs = np.array([q for q, approximate in zip(answer.Q, answer.is_LS, strict=True) if not approximate])
-        ours = arm.ik(target[None], filtered=False)[0]
-        ours = ours[np.isfinite(ours).all(-1)]
-        gap = np.abs(np.remainder(ours[:, None] - theirs[None] + np.pi, 2 * np.pi) - np.pi).max(-1)
-        worst = max(worst, float(gap.min(1).max()))
-        different += len(ours) != len(theirs)
-    yield Check(f"inverse kinematics, every branch of {_POSES} poses", worst, "rad", ANGLE_LIMIT_RAD)
-    yield Check("poses with another number of branches", float(different), "", 0)
+    judge = importlib.import_module("bench.inverse_kinematics")
+    for name, arm in judge.shipped_arms():
+        found = judge.compare(arm, judge.random_joints(arm, _POSES, seed=5))
+        yield Check(f"{name}: every branch of {_POSES} poses", found.worst, "rad", ANGLE_LIMIT_RAD)
+        yield Check(f"{name}: branches that only one of the two finds", float(found.missing + found.further), "", 0)
