@@ -74,7 +74,7 @@ def cell_json(
         "robot": {
             "world_from_base": pose_json(nominal.arm.world_from_base),
             "joints": robot,
-            "held_joints": [],
+            "held_joints": [held.joint for held in cell.robot.held],
             "motion": to_si(cell.robot.motion.model_dump()),
             "dynamics": dynamics_json(cell) if cell.robot.drive == "dynamic" else None,
         },
