@@ -23,12 +23,13 @@ def joint_range(q: ArrayLike, lower: ArrayLike, upper: ArrayLike, gamma: ArrayLi
     return np.asarray(np.where(inside, sine ** np.asarray(gamma, float), 0.0))
 
 
-def clearance(distance: ArrayLike, low: float, high: float, gamma: float = 1.0) -> Array:
+def clearance(distance: ArrayLike, low: ArrayLike, high: ArrayLike, gamma: float = 1.0) -> Array:
     """Clearance factor of Eq. 8 with pi/2: 0 below `low`, 1 above `high` (m), a quarter period of a sine between.
 
     With the published pi the factor would return to 0 at `high` and then jump to 1.
     """
-    fraction = np.clip((np.asarray(distance, float) - low) / (high - low), 0.0, 1.0)
+    distance, low, high = (np.asarray(x, float) for x in (distance, low, high))
+    fraction = np.clip((distance - low) / (high - low), 0.0, 1.0)
     return np.asarray(np.sin(np.pi / 2 * fraction) ** gamma)
 
 
@@ -38,8 +39,8 @@ def product(*factors: ArrayLike) -> Array:
     return np.asarray(np.nan_to_num(result, nan=0.0))
 
 
-def arm_metric(arm: Arm, q: ArrayLike) -> Array:
+def arm_metric(arm: Arm, q: ArrayLike, gamma: float = 1.0) -> Array:
     """Product (...,) of the joint-range factors of q (..., joints), rad; 0 for NaN."""
     lower, upper = arm.limits
-    factors = joint_range(q, lower, upper)
+    factors = joint_range(q, lower, upper, gamma)
     return product(*np.moveaxis(factors, -1, 0))
