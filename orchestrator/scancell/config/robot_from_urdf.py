@@ -16,7 +16,7 @@ from scancell.config.urdf import UrdfArm, UrdfBody, read_urdf
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 from scancell.geometry import pose
-from scancell.geometry.arm import Arm, Joint
+from scancell.geometry.chain import Chain
 from scancell.geometry.denavit_hartenberg import dh_from_axes
 
 Array = NDArray[np.float64]
@@ -70,21 +70,16 @@ def robot_from_urdf(
     arm, out = read_urdf(urdf, tip), Path(out)
     if not 4 <= len(arm.joints) <= MAX_JOINTS:
         raise DescriptionError(f"{urdf}: {len(arm.joints)} joints from the root to '{tip}'; expected 4 to {MAX_JOINTS}")
-    chain = dh_from_axes(arm.points, arm.axes, arm.tip)
-    rows = np.column_stack([1e3 * chain.a, 1e3 * chain.d, np.degrees(chain.alpha), np.degrees(chain.theta)])
+    chain, last_from_tip = dh_from_axes(arm.points, arm.axes, arm.tip)
+    rows = [(1e3 * one.a, 1e3 * one.d, np.degrees(one.alpha), np.degrees(one.theta)) for one in chain.joints]
     keys = ("a_mm", "d_mm", "alpha_deg", "theta_deg")
     joints: list[dict[str, Any]] = [dict(zip(keys, _rounded(row), strict=True)) for row in rows]
     for row, joint in zip(joints, arm.joints, strict=True):
         low, high, speed = np.degrees([joint.lower, joint.upper, joint.max_speed]).round(6).tolist()
         row |= {"min_deg": low, "max_deg": high, "max_speed_deg_s": speed}
         row["max_acceleration_deg_s2"] = _rounded([speed / RAMP_TIME])[0]
-    bodies = _bodies(
-        arm,
-        Arm(
-            [Joint(*row) for row in zip(chain.a, chain.d, chain.alpha, chain.theta, strict=True)], chain.base_from_first
-        ),
-    )
-    data: dict[str, Any] = {"name": arm.name, "base": _pose_data(chain.base_from_first), "joint": joints}
+    bodies = _bodies(arm, chain)
+    data: dict[str, Any] = {"name": arm.name, "base": _pose_data(chain.world_from_base), "joint": joints}
     data["home_deg"] = list(home_deg) or [min(max(0.0, row["min_deg"]), row["max_deg"]) for row in joints]
     data["held"] = [{"joint": number} for number in hold]
     for row, body in zip(joints, bodies[1:], strict=True):
@@ -99,13 +94,13 @@ def robot_from_urdf(
     for k, file in names.items():
         _write_mesh(file, bodies[k])
     description.to_toml(out)
-    return ConvertedRobot(description, (out, *names.values()), chain.last_from_end, arm.unused)
+    return ConvertedRobot(description, (out, *names.values()), last_from_tip, arm.unused)
 
 
-def _bodies(urdf: UrdfArm, arm: Arm) -> list[UrdfBody]:
+def _bodies(urdf: UrdfArm, chain: Chain) -> list[UrdfBody]:
     """The bodies in the frames of their links."""
     moved = []
-    for body, root_from_link in zip(urdf.bodies, arm.link_poses(np.zeros(len(urdf.joints))), strict=True):
+    for body, root_from_link in zip(urdf.bodies, chain.link_poses(np.zeros(len(urdf.joints))), strict=True):
         link_from_root = pose.inverse(root_from_link)
         turn = link_from_root[:3, :3]
         meshes = [(pose.transform_points(link_from_root, vertices), faces) for vertices, faces in body.meshes]

@@ -21,6 +21,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.errors import DescriptionError
+
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
@@ -83,8 +85,17 @@ class Start:
 
 @lru_cache(maxsize=64)
 def starts(arm: SixJoints) -> tuple[Start, Start]:
-    """Two independent start poses with all of their solutions; the same for every call."""
+    """Two independent start poses with all of their solutions; the same for every call.
+
+    Raises
+    ------
+    DescriptionError
+        If the joints are dependent at every pose, as those of four parallel axes are.
+    """
     rng = np.random.default_rng(0)
+    singular_values = np.linalg.svd(arm.flange(_random_angles(rng, 1))[2][0], compute_uv=False)
+    if singular_values[-1] < 1e-9 * singular_values[0]:
+        raise DescriptionError("robot.joint: inverse kinematics needs joints that are independent at some pose")
     first = _monodromy(arm, rng)
     while True:
         position, rotation, _ = arm.flange(_random_angles(rng, 1))
