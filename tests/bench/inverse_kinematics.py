@@ -15,8 +15,8 @@ import numpy as np
 from eaik.IK_DH import DhRobot
 from numpy.typing import NDArray
 
-from scancell.config.cell import RobotDescription
 from scancell.config.loading import assets_dir
+from scancell.config.robot import RobotDescription
 from scancell.geometry.arm import Arm
 from scancell.nominal.cell import arm_of
 

@@ -10,7 +10,7 @@ import open3d
 import pytest
 import trimesh
 
-from scancell.config.cell import RobotDescription
+from scancell.config.robot import RobotDescription
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, Joint
 from scancell.nominal.cell import arm_of

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.cell import MAX_JOINTS, RobotDescription
 from scancell.config.description import validate
+from scancell.config.robot import MAX_JOINTS, RobotDescription
 from scancell.config.urdf import UrdfArm, UrdfBody, read_urdf
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
