@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.inverse_kinematics import compare, random_joints, shipped_arms
+from bench.inverse_kinematics import compare, random_joints, shipped_arms, skew_arm
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint, Joint
@@ -27,7 +27,7 @@ def arm_of_rows(rows: list[tuple[float, float, float]], limit: float = 3.2, held
 THREE_PARALLEL = arm_of_rows([(0, 0.09, 1), (-0.42, 0, 0), (-0.39, 0, 0), (0, 0.11, 1), (0, 0.095, -1), (0, 0.08, 0)])
 # No known decomposition: an offset between axes 4 and 6, up to 16 solutions.
 OFFSET_WRIST = arm_of_rows([(0, 0.25, -1), (0.54, 0, 0), (0.03, 0, -1), (0, 0.54, 1), (0, 0.15, -1), (0, 0.16, 0)])
-SKEW = Arm([Joint(*row) for row in RNG.uniform([0.1, -0.3, -2, -1], [0.5, 0.3, 2, 1], (6, 4))])
+SKEW = skew_arm()
 SEVEN_ROWS = [(0, 0.34, -1), (0, 0, 1), (0, 0.4, 1), (0, 0, -1), (0, 0.4, -1), (0, 0, 1), (0, 0.13, 0)]
 
 
