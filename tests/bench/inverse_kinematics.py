@@ -10,14 +10,15 @@ import argparse
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from eaik.IK_DH import DhRobot
 from numpy.typing import NDArray
 
-from scancell.config.cell import RobotDescription
 from scancell.config.loading import assets_dir
-from scancell.geometry.arm import Arm
+from scancell.config.robot import RobotDescription
+from scancell.geometry.arm import Arm, Joint
 from scancell.nominal.cell import arm_of
 
 Array = NDArray[np.float64]
@@ -33,7 +34,7 @@ class Comparison:
     Attributes
     ----------
     branches
-        Branches that EAIK finds.
+        Branches that EAIK finds, or we for arms that it cannot decompose.
     missing, further
         Branches of EAIK that we lack, and of ours that EAIK lacks.
     worst
@@ -72,11 +73,17 @@ def compare(arm: Arm, q: Array) -> Comparison:
         joints = q[start : start + _BLOCK]
         targets = arm.fk(joints)
         ours = arm.ik(targets, filtered=False)
-        for answer, mine, made, target in zip(peer.IK_batched(targets, 1), ours, joints, targets, strict=True):
-            exact = np.array([not approximate for approximate in answer.is_LS], bool)
-            theirs = np.array(answer.Q).reshape(-1, len(arm.joints))[exact] - arm.column("theta")
-            total += _compare(arm, mine[np.isfinite(mine).all(-1)], theirs, made, target)
+        answers = peer.IK_batched(targets, 1) if peer.hasKnownDecomposition() else [None] * len(targets)
+        for answer, found, made, target in zip(answers, ours, joints, targets, strict=True):
+            mine = found[np.isfinite(found).all(-1)]
+            total += _compare(arm, mine, mine if answer is None else _exact(answer, arm), made, target)
     return total
+
+
+def _exact(answer: Any, arm: Arm) -> Array:
+    """EAIK's solutions (m, joints) without those that only come as near as possible."""
+    exact = np.array([not approximate for approximate in answer.is_LS], bool)
+    return np.array(answer.Q).reshape(-1, len(arm.joints))[exact] - arm.column("theta")
 
 
 def _compare(arm: Arm, ours: Array, theirs: Array, made: Array, target: Array) -> Comparison:
@@ -112,6 +119,12 @@ def shipped_arms() -> Iterator[tuple[str, Arm]]:
         yield file.stem, replace(arm, world_from_base=np.eye(4))
 
 
+def skew_arm() -> Arm:
+    """An arm whose axes have no special position: no method decomposes it."""
+    rows = np.random.default_rng(8).uniform([0.1, -0.3, -2, 0], [0.5, 0.3, 2, 0], (6, 4))
+    return Arm([Joint(*row) for row in rows.tolist()])
+
+
 def time_per_pose(arm: Arm, count: int) -> float:
     """Seconds of `Arm.ik` for each of `count` poses, best of three."""
     lower, upper = arm.limits
@@ -129,8 +142,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.inverse_kinematics", description=__doc__)
     parser.add_argument("--poses", type=int, default=100_000)
     parser.add_argument("--timed", type=int, default=100_000, help="poses for the time of a closed form")
+    parser.add_argument("--only", help="name of the only arm to measure")
     options = parser.parse_args()
-    for name, arm in shipped_arms():
+    for name, arm in [*shipped_arms(), ("skew axes", skew_arm())]:
+        if options.only and name != options.only:
+            continue
         print(name)
         print(f"  {compare(arm, random_joints(arm, options.poses))}")
         timed = options.timed if arm.has_closed_form else max(1, options.timed // 100)

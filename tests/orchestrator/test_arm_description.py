@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from scancell.config.cell import CellDescription, RobotDescription
+from scancell.config.cell import CellDescription
 from scancell.config.description import plain_data, validate
+from scancell.config.robot import RobotDescription
 from scancell.errors import DescriptionError
 
 

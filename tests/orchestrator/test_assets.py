@@ -10,12 +10,15 @@ import open3d
 import pytest
 import trimesh
 
+from scancell.config.robot import RobotDescription
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, Joint
+from scancell.nominal.cell import arm_of
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 LINKS = [f"robots/six_axis/{name}.stl" for name in ("base", *(f"link{i}" for i in range(1, 7)))]
-MACHINES = [*LINKS, "tables/rotary_table.stl", "tables/table_base.stl", "sensors/profile_probe.stl"]
+OTHER_LINKS = sorted(str(p.relative_to(ASSETS)) for p in ASSETS.glob("robots/*/**/*.stl") if "six_axis" not in str(p))
+MACHINES = [*LINKS, *OTHER_LINKS, "tables/rotary_table.stl", "tables/table_base.stl", "sensors/profile_probe.stl"]
 PARTS = [f"parts/{name}.stl" for name in ("sphere_on_foot", "step_block", "free_form", "machined")]
 
 # In millimetres, like the meshes.
@@ -93,6 +96,19 @@ def test_adjacent_links_touch_and_others_are_separate(q: np.ndarray) -> None:
             assert gap == 0.0, f"gap of {gap:.1f} mm between bodies {i} and {j}"
         else:
             assert gap > 5.0, f"gap of only {gap:.1f} mm between bodies {i} and {j}"
+
+
+@pytest.mark.parametrize("arm", ["offset_wrist", "seven_axis"])
+def test_links_of_other_arms_touch_their_neighbours_only(arm: str) -> None:
+    robot = RobotDescription.from_toml(ASSETS / "robots" / f"{arm}.toml")
+    files = [robot.base_mesh, *(joint.mesh for joint in robot.joint)]
+    bodies = [trimesh.load(str(file)) for file in files]
+    for mesh, world_from_link in zip(bodies, arm_of(robot).link_poses(np.radians(robot.home_deg)), strict=True):
+        mesh.apply_scale(1e-3)
+        mesh.apply_transform(world_from_link)
+    for i, j in itertools.combinations(range(len(bodies)), 2):
+        gap = 1e3 * distance(bodies[i], bodies[j])
+        assert gap == 0.0 if j == i + 1 else gap > 5.0, f"{gap:.1f} mm between bodies {i} and {j}"
 
 
 def test_arm_clears_table_and_part_while_scanning() -> None:

@@ -11,11 +11,12 @@ from typing import Any
 
 import pytest
 
-from scancell.config.cell import CellDescription, RobotDescription
+from scancell.config.cell import CellDescription
 from scancell.config.description import FileDescription, PoseDescription
 from scancell.config.keys import join_path
 from scancell.config.loading import assets_dir, load_resolved, load_setup, parse_assignment, split_path
 from scancell.config.resolved import sensor_json
+from scancell.config.robot import RobotDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.schema import json_schemas
 from scancell.config.sensor import SensorDescription

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.inverse_kinematics import compare, random_joints, shipped_arms
+from bench.inverse_kinematics import compare, random_joints, shipped_arms, skew_arm
+from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint, Joint
 from scancell.geometry.denavit_hartenberg import dh_from_axes
@@ -26,7 +27,7 @@ def arm_of_rows(rows: list[tuple[float, float, float]], limit: float = 3.2, held
 THREE_PARALLEL = arm_of_rows([(0, 0.09, 1), (-0.42, 0, 0), (-0.39, 0, 0), (0, 0.11, 1), (0, 0.095, -1), (0, 0.08, 0)])
 # No known decomposition: an offset between axes 4 and 6, up to 16 solutions.
 OFFSET_WRIST = arm_of_rows([(0, 0.25, -1), (0.54, 0, 0), (0.03, 0, -1), (0, 0.54, 1), (0, 0.15, -1), (0, 0.16, 0)])
-SKEW = Arm([Joint(*row) for row in RNG.uniform([0.1, -0.3, -2, -1], [0.5, 0.3, 2, 1], (6, 4))])
+SKEW = skew_arm()
 SEVEN_ROWS = [(0, 0.34, -1), (0, 0, 1), (0, 0.4, 1), (0, 0, -1), (0, 0.4, -1), (0, 0, 1), (0, 0.13, 0)]
 
 
@@ -138,6 +139,12 @@ def test_arm_of_fewer_joints_attains_its_own_poses_only(joints: int) -> None:
     assert np.isnan(arm.ik(targets @ pose.translation((0.01, 0.02, 0.03)), filtered=False)).all()
 
 
+def test_dependent_joints_are_refused() -> None:
+    planar = arm_of_rows([(0.3, 0, 0), (0.3, 0.1, 0), (0.2, 0, 0), (0.1, 0, 1), (0.1, 0.1, 1), (0, 0.2, 0)])
+    with pytest.raises(DescriptionError, match="joints that are independent"):
+        planar.ik(np.eye(4)[None])
+
+
 def test_held_joints_multiply_branches() -> None:
     values = (-0.3, 0.0, 0.5)
     arm = seven(*values)
@@ -224,14 +231,12 @@ def test_dh_of_axes_moves_like_rotations_about_them(kind: str, end_on_axis: bool
         end = pose.from_rotation(
             np.column_stack([x, np.cross(directions[5], x), directions[5]]), points[5] + 0.1 * directions[5]
         )
-    chain = dh_from_axes(points, directions, end)
-    rows = zip(chain.a, chain.d, chain.alpha, chain.theta, strict=True)
-    arm = Arm([Joint(*row) for row in rows], chain.base_from_first)
+    chain, last_from_end = dh_from_axes(points, directions, end)
     q = RNG.uniform(-np.pi, np.pi, 6)
     expected = np.eye(4)
     for point, direction, angle in zip(points, directions, q, strict=True):
         turn = pose.from_rotation(pose.exp_rotation(angle * direction))
         expected = expected @ pose.translation(point) @ turn @ pose.translation(-point)
-    assert np.abs(arm.fk(q) @ chain.last_from_end - expected @ end).max() < 1e-12
+    assert np.abs(chain.fk(q) @ last_from_end - expected @ end).max() < 1e-12
     if end_on_axis:
-        assert np.abs(chain.last_from_end - np.eye(4)).max() < 1e-12
+        assert np.abs(last_from_end - np.eye(4)).max() < 1e-12

@@ -91,7 +91,9 @@ def _body(inertia: InertiaDescription | None, mesh: Mesh | None, density: float)
     """By its description, else by its mesh; None where neither is known."""
     if inertia is not None:
         si = to_si(inertia.model_dump())
-        return RigidBody(si["mass"], np.array(si["centre_of_mass"]), np.diag(si["inertia"]))
+        xy, xz, yz = si["products"]
+        tensor = np.diag(si["inertia"]) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+        return RigidBody(si["mass"], np.array(si["centre_of_mass"]), tensor)
     return None if mesh is None else _of_mesh(mesh, density)
 
 

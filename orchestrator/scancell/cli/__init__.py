@@ -14,6 +14,7 @@ from scancell.cli.common import JsonOption, Outcome, ScanOption, SetOption, Thre
 from scancell.cli.fmu import fmu_app
 from scancell.cli.interrupts import INTERRUPTS
 from scancell.cli.options import CellOptions, CloudOptions, with_options
+from scancell.cli.robot import robot_app
 from scancell.cli.study import study_app
 from scancell.config.choices import Mode
 
@@ -30,6 +31,7 @@ app = typer.Typer(
 )
 app.command()(batch)
 app.add_typer(fmu_app, name="fmu")
+app.add_typer(robot_app, name="robot")
 app.add_typer(study_app, name="study")
 
 

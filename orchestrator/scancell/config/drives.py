@@ -19,6 +19,9 @@ class InertiaDescription(Description):
     inertia_kg_m2: Vector = Field(
         description="moments of inertia (xx, yy, zz) about the centre of mass, along the axes of the body frame, kg m²"
     )
+    products_kg_m2: Vector = Field(
+        default=(0.0, 0.0, 0.0), description="elements (xy, xz, yz) of the same inertia tensor, kg m²"
+    )
 
 
 class DriveDescription(Description):

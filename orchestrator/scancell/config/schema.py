@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from scancell.config.batch import BatchDescription
-from scancell.config.cell import CellDescription, RobotDescription
+from scancell.config.cell import CellDescription
+from scancell.config.robot import RobotDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.config.study import StudyDescription

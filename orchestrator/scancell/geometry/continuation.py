@@ -21,15 +21,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.errors import DescriptionError
+
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 MOST_SOLUTIONS = 16  # of any arm with six revolute joints (Primrose, 1986)
-SAME = 1e-4  # rad: solutions nearer than this count as one
+_SAME = 1e-4  # rad: ends of paths nearer than this may be one
 
 _LOOPS = 8  # loops of each round of the monodromy
 _ROUNDS = 20
-_FIRST_STEP, _LONGEST_STEP, _SHORTEST_STEP = 0.05, 0.25, 1e-7  # of the path from 0 to 1
+_FIRST_STEP, _LONGEST_STEP, _SHORTEST_STEP = 0.05, 0.25, 1e-10  # of the path from 0 to 1
 _PREDICTION = 1e-2  # rad: error of a prediction up to which a step is accepted
 _NEWTON_STEPS = 2
 _CONTRACTION = 0.1  # by which each Newton step must shrink the error
@@ -83,8 +85,17 @@ class Start:
 
 @lru_cache(maxsize=64)
 def starts(arm: SixJoints) -> tuple[Start, Start]:
-    """Two independent start poses with all of their solutions; the same for every call."""
+    """Two independent start poses with all of their solutions; the same for every call.
+
+    Raises
+    ------
+    DescriptionError
+        If the joints are dependent at every pose, as those of four parallel axes are.
+    """
     rng = np.random.default_rng(0)
+    singular_values = np.linalg.svd(arm.flange(_random_angles(rng, 1))[2][0], compute_uv=False)
+    if singular_values[-1] < 1e-9 * singular_values[0]:
+        raise DescriptionError("robot.joint: inverse kinematics needs joints that are independent at some pose")
     first = _monodromy(arm, rng)
     while True:
         position, rotation, _ = arm.flange(_random_angles(rng, 1))
@@ -99,8 +110,8 @@ def starts(arm: SixJoints) -> tuple[Start, Start]:
 def solve(arm: SixJoints, start: Start, targets: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Candidates theta (n, k, 6) for the real solutions at `targets` (n, 4, 4), and whether each set is complete (n,).
 
-    Candidates are the real parts of the ends of all paths that end near the real angles, NaN for the others. They
-    are to be refined. A set is complete when every path arrived and no two ended in one place.
+    Candidates lie by the ends of all paths that end near the real angles, NaN for the others. They are to be refined.
+    A set is complete when every path arrived and no two ended in one place.
     """
     n, k = len(targets), start.theta.shape[1]
     position = np.repeat(targets[:, :3, 3].T, k, axis=1).astype(complex)
@@ -109,10 +120,11 @@ def solve(arm: SixJoints, start: Start, targets: Array) -> tuple[Array, NDArray[
     ends, done = _follow(arm, np.tile(start.theta, n), line)
     theta = ends.T.reshape(n, k, 6)
     gap = _distance(theta[:, :, None], theta[:, None])
-    repeated = (gap + np.where(np.eye(k, dtype=bool), 1.0, 0.0) < SAME).any((1, 2))
+    repeated = (gap + np.where(np.eye(k, dtype=bool), 1.0, 0.0) < _SAME).any((1, 2))
     done = done.reshape(n, k)
     candidate = np.abs(theta.imag).max(-1) < np.where(done, _REAL, _NEARLY_REAL)
-    real = np.where(candidate[..., None], theta.real, np.nan)
+    # Where two real solutions are about to meet, the real part lies between them; conjugate ends lead to one each.
+    real = np.where(candidate[..., None], theta.real + theta.imag, np.nan)
     return real, np.asarray(done.all(1) & ~repeated)
 
 
@@ -224,7 +236,7 @@ def _distinct(theta: Complex) -> Complex:
     """(k, 6) those of the angles (6, m) that differ from all before them by more than rounding."""
     kept: list[Complex] = []
     for angles in theta.T:
-        if all(_distance(angles, other) > SAME for other in kept):
+        if all(_distance(angles, other) > _SAME for other in kept):
             kept.append(angles)
     return np.array(kept)
 

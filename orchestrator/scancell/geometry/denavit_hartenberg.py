@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.geometry import pose
+from scancell.geometry.chain import Chain, Joint
 
 Array = NDArray[np.float64]
 
@@ -15,23 +14,8 @@ _PARALLEL = 1e-9  # sine of the angle below which two axes count as parallel
 _MEETING = 1e-9  # m: distance below which two axes count as intersecting
 
 
-@dataclass(frozen=True)
-class DhChain:
-    """Rows ``T_i = Rz(q_i + theta_i) T(a_i, 0, d_i) Rx(alpha_i)``, (n,) each, m and rad, between two fixed poses.
-
-    ``base_from_first @ T_1 … T_n @ last_from_end`` is the end of the chain seen from its base.
-    """
-
-    a: Array
-    d: Array
-    alpha: Array
-    theta: Array
-    base_from_first: Array
-    last_from_end: Array
-
-
-def dh_from_axes(points: ArrayLike, directions: ArrayLike, end: ArrayLike) -> DhChain:
-    """Parameters of the chain whose joints turn about lines through `points` (n, 3), m, along `directions` (n, 3).
+def dh_from_axes(points: ArrayLike, directions: ArrayLike, end: ArrayLike) -> tuple[Chain, Array]:
+    """Chain whose joints turn about lines through `points` (n, 3), m, along `directions` (n, 3).
 
     All are given in the base frame with every joint at 0, and so is the pose of the `end` (4, 4).
 
@@ -39,8 +23,14 @@ def dh_from_axes(points: ArrayLike, directions: ArrayLike, end: ArrayLike) -> Dh
     plane; of parallel ones, the normal that leaves d = 0; of coincident ones, the x axis of the frame before. Of its
     two directions the one nearer to the x axis before is taken, so that a may be negative. The first frame lies on
     axis 1 where it is nearest to the base's origin, and has the base's orientation if axis 1 is along the base's z.
-    A row has four parameters: what they cannot express of the pose of the end, a screw along its z, is
-    `last_from_end`. It is the identity for an end whose z is axis n, and whenever the lines allow it.
+
+    Returns
+    -------
+    chain
+        In the base frame.
+    last_from_end
+        (4, 4) what four parameters of the last row cannot express of the pose of the end, a screw along its z: the
+        identity for an end whose z is axis n.
     """
     end = np.asarray(end, float)
     origins = np.vstack([np.asarray(points, float), end[:3, 3]])
@@ -48,14 +38,13 @@ def dh_from_axes(points: ArrayLike, directions: ArrayLike, end: ArrayLike) -> Dh
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     frame = _first_frame(origins[0], axes[0])
     base_from_first = frame
-    rows = []
+    joints = []
     for k in range(1, len(axes)):
         last = k == len(axes) - 1
         x, origin = _common_normal(frame, origins[k], axes[k], end if last else None)
-        rows.append(_row(frame, x, origin, axes[k]))
+        joints.append(_joint(frame, x, origin, axes[k]))
         frame = pose.from_rotation(np.column_stack([x, np.cross(axes[k], x), axes[k]]), origin)
-    a, d, alpha, theta = np.array(rows).T
-    return DhChain(a, d, alpha, theta, base_from_first, pose.inverse(frame) @ end)
+    return Chain(joints, base_from_first), pose.inverse(frame) @ end
 
 
 def _first_frame(point: Array, z: Array) -> Array:
@@ -82,14 +71,14 @@ def _common_normal(frame: Array, point: Array, z: Array, end: Array | None) -> t
     return x, point + t * z
 
 
-def _row(frame: Array, x: Array, origin: Array, z: Array) -> tuple[float, float, float, float]:
-    """(a, d, alpha, theta) from a frame to the next one."""
+def _joint(frame: Array, x: Array, origin: Array, z: Array) -> Joint:
+    """The joint from a frame to the next one."""
     before = frame[:3, 2]
     gap = origin - frame[:3, 3]
     a, d = float(gap @ x), float(gap @ before)
     alpha = np.arctan2(np.cross(before, z) @ x, before @ z)
     theta = np.arctan2(np.cross(frame[:3, 0], x) @ before, frame[:3, 0] @ x)
-    return (0.0 if abs(a) < _MEETING else a, 0.0 if abs(d) < _MEETING else d, float(alpha), float(theta))
+    return Joint(0.0 if abs(a) < _MEETING else a, 0.0 if abs(d) < _MEETING else d, float(alpha), float(theta))
 
 
 def _towards(x: Array, frame: Array) -> Array:

@@ -13,6 +13,8 @@ from scancell.geometry.continuation import SixJoints
 
 Array = NDArray[np.float64]
 
+SAME = 1e-6  # rad: solutions nearer than this count as one
+
 _BLOCK = 128  # poses that are solved at a time: what they need stays in the cache
 _NO_TURN = 0.05  # rad: a joint that the arm does not have must end at 0, up to what refinement mends
 _LEG = np.array([0.02, 0.1])  # m, rad: longest step along a path from one solution to the next
@@ -43,17 +45,19 @@ def refine(arm: Kinematics, targets: Array, seeds: Array, iterations: int = 60) 
         if len(active) == 0:
             break
         jacobian = arm.jacobian(q[active]) * weight[:, None]
-        normal = np.swapaxes(jacobian, -1, -2) @ jacobian
-        normal += damping[active, None, None] * np.eye(q.shape[-1])
-        step = np.linalg.solve(normal, np.swapaxes(jacobian, -1, -2) @ error[active][..., None])[..., 0]
+        # Singular values, because normal equations would square the condition near singular poses.
+        u, value, vt = np.linalg.svd(jacobian, full_matrices=False)
+        along = (np.swapaxes(u, -1, -2) @ error[active][..., None])[..., 0]
+        along *= value / (value**2 + damping[active, None])
+        step = (np.swapaxes(vt, -1, -2) @ along[..., None])[..., 0]
         trial = q[active] + np.clip(step, -0.5, 0.5)
         trial_error = _error(arm, targets[active], trial) * weight
         trial_cost = (trial_error**2).sum(-1)
         better = trial_cost < cost[active]
         accepted = active[better]
         q[accepted], error[accepted], cost[accepted] = trial[better], trial_error[better], trial_cost[better]
-        damping[active] = np.clip(np.where(better, damping[active] * 0.1, damping[active] * 10), 1e-15, 1e2)
-    q[~(cost < 1e-20)] = np.nan
+        damping[active] = np.clip(np.where(better, damping[active] * 0.1, damping[active] * 10), 1e-22, 1e2)
+    q[~(cost < 1e-24)] = np.nan
     return q
 
 
@@ -92,7 +96,7 @@ def _candidates(chain: SixJoints, joints: int, targets: Array) -> Array:
 def refined(arm: Kinematics, targets: Array, seeds: Array) -> Array:
     """Distinct solutions (n, m, joints), rad, for targets (n, 4, 4) from seeds (n, m, joints), which may be NaN.
 
-    NaN: duplicates and failures. Solutions nearer than `continuation.SAME` in every joint count as one.
+    NaN: duplicates and failures. Solutions nearer than `SAME` in every joint count as one.
     """
     m = seeds.shape[1]
     q = np.full_like(seeds, np.nan)
@@ -100,7 +104,7 @@ def refined(arm: Kinematics, targets: Array, seeds: Array) -> Array:
     q[usable] = refine(arm, np.repeat(targets[:, None], m, axis=1)[usable], seeds[usable])
     for k in range(1, m):
         with np.errstate(invalid="ignore"):
-            repeated = (np.abs(_wrap(q[:, :k] - q[:, k : k + 1])).max(-1) < continuation.SAME).any(-1)
+            repeated = (np.abs(_wrap(q[:, :k] - q[:, k : k + 1])).max(-1) < SAME).any(-1)
         q[repeated, k] = np.nan
     return q
 

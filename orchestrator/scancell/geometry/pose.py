@@ -102,6 +102,16 @@ def rotation_from_euler_xyz(angles: ArrayLike) -> Array:
     return rotation_about(0, a[..., 0]) @ rotation_about(1, a[..., 1]) @ rotation_about(2, a[..., 2])
 
 
+def euler_xyz_from_rotation(rotation: ArrayLike) -> Array:
+    """Intrinsic X, Y', Z'' angles (..., 3) of rotations (..., 3, 3); the last is 0 where the middle one is ±90 deg."""
+    r = np.asarray(rotation, float)
+    cosine = np.hypot(r[..., 0, 0], r[..., 0, 1])
+    lost = cosine < 1e-9
+    first = np.where(lost, np.arctan2(r[..., 2, 1], r[..., 1, 1]), np.arctan2(-r[..., 1, 2], r[..., 2, 2]))
+    last = np.where(lost, 0.0, np.arctan2(-r[..., 0, 1], r[..., 0, 0]))
+    return np.stack([first, np.arctan2(r[..., 0, 2], cosine), last], -1)
+
+
 def rotation_from_euler_zyz(angles: ArrayLike) -> Array:
     """Rotations (..., 3, 3) of intrinsic Z, Y', Z'' angles (..., 3) (yaw, pitch, roll): R = Rz(a) Ry(b) Rz(c)."""
     a = np.asarray(angles, float)

@@ -9,11 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.config.cell import CellDescription, PartDescription, RobotDescription
+from scancell.config.cell import CellDescription, PartDescription
 from scancell.config.devices import FurtherPartDescription
 from scancell.config.gripper import GripperDescription
 from scancell.config.light import LightDescription
 from scancell.config.material import Material, MaterialDescription
+from scancell.config.robot import RobotDescription
 from scancell.config.units import si_value, to_si
 from scancell.errors import CellError
 from scancell.geometry import pose

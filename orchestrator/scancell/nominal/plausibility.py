@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.cell import JointDescription, RobotDescription
 from scancell.config.loading import Setup
 from scancell.config.resolved import sensor_json
+from scancell.config.robot import JointDescription, RobotDescription
 from scancell.config.sensor import CameraDescription, SensorDescription
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError

@@ -1,0 +1,253 @@
+"""Serial arms from URDF files: the joints between a root and a tip link, and the bodies that each of them moves.
+
+Angles of origins within 1e-5 rad of a multiple of 90 degrees count as that multiple, because files often round pi.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.errors import DescriptionError
+from scancell.geometry import pose
+from scancell.geometry.mesh_files import FORMATS, read_mesh
+
+Array = NDArray[np.float64]
+
+_ROUNDED = 1e-5  # rad
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A revolute joint; limits in rad and rad/s."""
+
+    name: str
+    lower: float
+    upper: float
+    max_speed: float
+
+
+@dataclass
+class UrdfBody:
+    """Links that are fixed to each other, in the frame of the root link with every joint at 0 (m, kg).
+
+    `vertices` and `faces` of each visual mesh; mass, centre of mass (3,) and inertia (3, 3) about it of each link.
+    """
+
+    meshes: list[tuple[Array, NDArray[np.int64]]] = field(default_factory=list)
+    masses: list[tuple[float, Array, Array]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class UrdfArm:
+    """A serial arm in the frame of its root link with every joint at 0, m.
+
+    Attributes
+    ----------
+    points, axes
+        (n, 3) each: a point on the axis of each joint, and its direction.
+    tip
+        (4, 4) ``root_from_tip``.
+    bodies
+        n + 1: the fixed base, then what each joint moves.
+    unused
+        Joints beside the chain, which were left out with all that they carry.
+    """
+
+    name: str
+    joints: tuple[UrdfJoint, ...]
+    points: Array
+    axes: Array
+    tip: Array
+    bodies: tuple[UrdfBody, ...]
+    unused: tuple[str, ...]
+
+
+def read_urdf(path: str | Path, tip: str) -> UrdfArm:
+    """Read the chain from the root of a URDF file to its link `tip`.
+
+    Raises
+    ------
+    DescriptionError
+        Naming the file, the link or joint and what was expected: not URDF, no such link, a joint that is not revolute,
+        missing limits, a mesh that does not exist or cannot be read.
+    """
+    return _Reader(Path(path)).arm(tip)
+
+
+class _Reader:
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            root = ET.parse(path).getroot()
+        except FileNotFoundError:
+            raise DescriptionError(f"{path}: no such file") from None
+        except (OSError, ET.ParseError) as error:
+            raise DescriptionError(f"{path}: not readable as URDF: {error}") from None
+        if root.tag != "robot":
+            raise DescriptionError(f"{path}: <{root.tag}>: expected <robot>, as in a URDF file")
+        self._name = root.get("name", path.stem)
+        self._links = {str(link.get("name")): link for link in root.findall("link")}
+        self._joints = list(root.findall("joint"))
+        self._above = {self._end(joint, "child"): joint for joint in self._joints}
+
+    def arm(self, tip: str) -> UrdfArm:
+        chain = self._chain(tip)
+        moving = [joint for joint in chain if joint.get("type") != "fixed"]
+        root = self._end(chain[0], "parent") if chain else tip
+        bodies = [UrdfBody() for _ in range(len(moving) + 1)]
+        points, axes, unused = [], [], []
+        frames = {root: np.eye(4)}
+        bodies_of = {root: 0}
+        for link in self._from_root(root):
+            self._add_link(link, frames[link], bodies[bodies_of[link]])
+            for joint in self._joints:
+                if self._end(joint, "parent") != link:
+                    continue
+                child, number = self._end(joint, "child"), bodies_of[link]
+                frame = frames[link] @ self._origin(joint)
+                if joint in moving:
+                    number += 1
+                    points.append(frame[:3, 3])
+                    axes.append(frame[:3, :3] @ self._axis(joint))
+                elif joint.get("type") != "fixed":
+                    unused.append(str(joint.get("name")))
+                    continue
+                frames[child], bodies_of[child] = frame, number
+        joints = tuple(self._joint(joint) for joint in moving)
+        return UrdfArm(self._name, joints, np.array(points), np.array(axes), frames[tip], tuple(bodies), tuple(unused))
+
+    def _from_root(self, root: str) -> list[str]:
+        """Links that fixed joints and those of the chain connect to the root, each after the one that carries it."""
+        order = [root]
+        for link in order:
+            order += [
+                self._end(joint, "child")
+                for joint in self._joints
+                if self._end(joint, "parent") == link and (joint.get("type") == "fixed" or joint in self._on_chain)
+            ]
+        return order
+
+    def _chain(self, tip: str) -> list[ET.Element]:
+        if tip not in self._links:
+            raise DescriptionError(f"{self._path}: no link '{tip}'; expected one of {', '.join(self._links)}")
+        chain: list[ET.Element] = []
+        link = tip
+        while link in self._above:
+            joint = self._above[link]
+            if joint in chain:
+                raise self._fault(joint, "is part of a loop; expected a tree")
+            chain.insert(0, joint)
+            link = self._end(joint, "parent")
+        for joint in chain:
+            kind = joint.get("type")
+            if kind not in ("revolute", "continuous", "fixed") or joint.find("mimic") is not None:
+                raise self._fault(joint, f"type '{kind}' between root and tip; expected revolute, continuous or fixed")
+        self._on_chain = chain
+        return chain
+
+    def _joint(self, joint: ET.Element) -> UrdfJoint:
+        limit = joint.find("limit")
+        speed = self._numbers(limit, "velocity", "nan", 1)[0] if limit is not None else np.nan
+        if limit is None or not speed > 0:
+            raise self._fault(joint, "no <limit> with a velocity above 0")
+        if joint.get("type") == "continuous":
+            lower, upper = -2 * np.pi, 2 * np.pi
+        else:
+            lower, upper = (self._numbers(limit, key, "nan", 1)[0] for key in ("lower", "upper"))
+            if not lower < upper:
+                raise self._fault(joint, f"limits {lower:g} to {upper:g} rad; expected lower below upper")
+        return UrdfJoint(str(joint.get("name")), float(lower), float(upper), float(speed))
+
+    def _axis(self, joint: ET.Element) -> Array:
+        axis = self._numbers(joint.find("axis"), "xyz", "1 0 0", 3)
+        if not np.linalg.norm(axis) > 0:
+            raise self._fault(joint, "an axis of zero length has no direction")
+        return np.asarray(axis / np.linalg.norm(axis))
+
+    def _origin(self, owner: ET.Element) -> Array:
+        origin = owner.find("origin")
+        rpy = self._numbers(origin, "rpy", "0 0 0", 3)
+        right = np.round(rpy / (np.pi / 2)) * (np.pi / 2)
+        r, p, y = np.where(np.abs(rpy - right) < _ROUNDED, right, rpy)
+        rotation = pose.rotation_about(2, y) @ pose.rotation_about(1, p) @ pose.rotation_about(0, r)
+        return pose.from_rotation(rotation, self._numbers(origin, "xyz", "0 0 0", 3))
+
+    def _add_link(self, name: str, root_from_link: Array, body: UrdfBody) -> None:
+        link = self._links[name]
+        inertial = link.find("inertial")
+        if inertial is not None:
+            frame = root_from_link @ self._origin(inertial)
+            mass = self._numbers(inertial.find("mass"), "value", "nan", 1)[0]
+            keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+            xx, xy, xz, yy, yz, zz = (self._numbers(inertial.find("inertia"), key, "nan", 1)[0] for key in keys)
+            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            if not (mass > 0 and np.isfinite(inertia).all()):
+                raise DescriptionError(
+                    f"{self._path}: link '{name}': <inertial>: expected a mass above 0 and an inertia"
+                )
+            body.masses.append((float(mass), frame[:3, 3], frame[:3, :3] @ inertia @ frame[:3, :3].T))
+        for visual in link.findall("visual") or link.findall("collision"):
+            vertices, faces = self._geometry(name, visual)
+            body.meshes.append((pose.transform_points(root_from_link @ self._origin(visual), vertices), faces))
+
+    def _geometry(self, link: str, owner: ET.Element) -> tuple[Array, NDArray[np.int64]]:
+        import trimesh  # noqa: PLC0415  (half a second)
+
+        shape = owner.find("geometry/*")
+        kind = "none" if shape is None else shape.tag
+        if shape is not None and kind == "mesh":
+            file = self._mesh_file(link, shape.get("filename", ""))
+            vertices, faces = read_mesh(file)
+            return np.asarray(vertices, float) * self._numbers(shape, "scale", "1 1 1", 3), faces
+        if kind == "box":
+            made = trimesh.creation.box(self._numbers(shape, "size", "nan nan nan", 3))
+        elif kind == "cylinder":
+            made = trimesh.creation.cylinder(*(self._numbers(shape, key, "nan", 1)[0] for key in ("radius", "length")))
+        elif kind == "sphere":
+            made = trimesh.creation.icosphere(3, self._numbers(shape, "radius", "nan", 1)[0])
+        else:
+            raise DescriptionError(
+                f"{self._path}: link '{link}': geometry '{kind}'; expected mesh, box, cylinder or sphere"
+            )
+        return np.asarray(made.vertices, float), np.asarray(made.faces, np.int64)
+
+    def _mesh_file(self, link: str, name: str) -> Path:
+        """The file of a mesh: beside the URDF file, or for package:// in a folder of that name around it."""
+        folders = [self._path.resolve().parent, *self._path.resolve().parent.parents]
+        if name.startswith("package://"):
+            package, _, rest = name.removeprefix("package://").partition("/")
+            places = [folder / rest if folder.name == package else folder / package / rest for folder in folders]
+        else:
+            places = [folders[0] / name.removeprefix("file://")]
+        subject = f"{self._path}: link '{link}': mesh '{name}'"
+        for place in places:
+            if place.is_file():
+                if place.suffix.lower() not in FORMATS:
+                    raise DescriptionError(f"{subject}: expected a file of {', '.join(FORMATS)}")
+                return place
+        raise DescriptionError(f"{subject}: no such file; tried {' and '.join(map(str, places[:4]))}")
+
+    def _numbers(self, element: ET.Element | None, key: str, default: str, count: int) -> Array:
+        text = default if element is None else element.get(key, default)
+        try:
+            values = np.array([float(word) for word in text.split()])
+        except ValueError:
+            values = np.zeros(0)
+        if len(values) != count:
+            raise DescriptionError(f"{self._path}: {key}='{text}': expected {count} numbers")
+        return values
+
+    def _end(self, joint: ET.Element, which: str) -> str:
+        element = joint.find(which)
+        link = None if element is None else element.get("link")
+        if link not in self._links:
+            raise self._fault(joint, f"{which} '{link}' is no link of the file")
+        return str(link)
+
+    def _fault(self, joint: ET.Element, text: str) -> DescriptionError:
+        return DescriptionError(f"{self._path}: joint '{joint.get('name')}': {text}")

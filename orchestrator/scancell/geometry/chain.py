@@ -1,0 +1,70 @@
+"""Forward and differential kinematics of a serial chain given by Denavit-Hartenberg parameters, vectorised."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.geometry import pose
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Revolute joint by standard Denavit-Hartenberg parameters: m, rad, rad/s, rad/s².
+
+    ``T = Rz(q + theta) T(a, 0, d) Rx(alpha) Ry(beta)``; `theta` is the zero offset and `beta` Hayati's parameter for
+    nearly parallel axes.
+    """
+
+    a: float
+    d: float
+    alpha: float
+    theta: float = 0.0
+    min: float = -np.pi
+    max: float = np.pi
+    max_speed: float = 1.0
+    max_acceleration: float = 1.0
+    beta: float = 0.0
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Joints from the base, at `world_from_base` (4, 4), to the flange."""
+
+    joints: Sequence[Joint]
+    world_from_base: Array = field(default_factory=lambda: np.eye(4))
+
+    def column(self, name: str) -> Array:
+        """One field of all joints, (joints,)."""
+        return np.array([getattr(joint, name) for joint in self.joints], float)
+
+    def link_poses(self, q: ArrayLike) -> Array:
+        """``world_from_link`` (..., joints + 1, 4, 4) at q (..., joints), rad: base first, flange last."""
+        angle = np.asarray(q, float) + self.column("theta")
+        step = np.zeros((*angle.shape, 4, 4))
+        alpha, beta = self.column("alpha"), self.column("beta")
+        step[..., :3, :3] = pose.rotation_about(2, angle) @ pose.rotation_about(0, alpha) @ pose.rotation_about(1, beta)
+        step[..., 0, 3] = self.column("a") * np.cos(angle)
+        step[..., 1, 3] = self.column("a") * np.sin(angle)
+        step[..., 2, 3] = self.column("d")
+        step[..., 3, 3] = 1.0
+        frames = [np.broadcast_to(self.world_from_base, (*angle.shape[:-1], 4, 4))]
+        for i in range(angle.shape[-1]):
+            frames.append(frames[-1] @ step[..., i, :, :])
+        return np.stack(frames, -3)
+
+    def fk(self, q: ArrayLike) -> Array:
+        """Forward kinematics: ``world_from_flange`` (..., 4, 4) at q (..., joints), rad."""
+        return np.asarray(self.link_poses(q)[..., -1, :, :])
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Geometric Jacobian (..., 6, joints) of the flange in world axes: linear velocity, then angular velocity."""
+        frames = self.link_poses(q)
+        axes = frames[..., :-1, :3, 2]
+        lever = frames[..., -1:, :3, 3] - frames[..., :-1, :3, 3]
+        return np.swapaxes(np.concatenate([np.cross(axes, lever), axes], -1), -1, -2)
