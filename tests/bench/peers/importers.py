@@ -131,7 +131,7 @@ class ImporterTools:
     """Installs the other importers and validators into a folder, each when it is first asked for."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self._folder = folder.absolute()  # the tools run in folders of their own
 
     def python(self) -> Path:
         """Interpreter with libcosimpy, ecospy and the FMU manipulation toolbox."""
