@@ -300,7 +300,7 @@ def test_override_words_and_paths() -> None:
 
 def test_schemas_are_complete_and_strict() -> None:
     schemas = json_schemas()
-    assert set(schemas) == {"cell", "robot", "sensor", "scan", "study", "batch"}
+    assert set(schemas) == {"cell", "robot", "sensor", "scan", "path", "study", "batch"}
     assert set(schemas["scan"]["properties"]) == set(ScanDescription.model_fields)
     assert all(schema["additionalProperties"] is False for schema in schemas.values())
 

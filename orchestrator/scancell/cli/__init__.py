@@ -14,6 +14,7 @@ from scancell.cli.common import JsonOption, Outcome, ScanOption, SetOption, Thre
 from scancell.cli.fmu import fmu_app
 from scancell.cli.interrupts import INTERRUPTS
 from scancell.cli.options import CellOptions, CloudOptions, with_options
+from scancell.cli.plan import PathOption, plan
 from scancell.cli.robot import robot_app
 from scancell.cli.study import study_app
 from scancell.config.choices import Mode
@@ -30,6 +31,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(batch)
+app.command()(plan)
 app.add_typer(fmu_app, name="fmu")
 app.add_typer(robot_app, name="robot")
 app.add_typer(study_app, name="study")
@@ -41,6 +43,7 @@ def scan(
     part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
     options: CloudOptions,
     scan: ScanOption = None,
+    path: PathOption = None,
     mode: Annotated[
         Mode | None, typer.Option("--mode", help="how the sensor is moved; overrides the scan description")
     ] = None,
@@ -49,9 +52,10 @@ def scan(
     """Scan a part with the simulated cell: cloud, deviation from the mesh, pictures."""
 
     def work() -> Outcome:
+        from scancell.config.loading import with_path  # noqa: PLC0415
         from scancell.scanner import Scanner  # noqa: PLC0415
 
-        setup = options.setup(scan, [f'scan.mode="{mode}"'] if mode else [])
+        setup = with_path(options.setup(scan, [f'scan.mode="{mode}"'] if mode else []), path)
         with show_progress(options.as_json) as progress, Scanner.from_setup(setup, options.threads) as scanner:
             return options.run_into(out, setup, progress, lambda given: scanner.scan(part, **given))
 

@@ -13,11 +13,20 @@ from pydantic import BaseModel
 from scancell.config.keys import KeyPath, Origin, join_path
 from scancell.errors import DescriptionError
 
-# Keys whose values are paths of files: meshes, and the material numbers of a part's faces.
-FILE_KEYS = ("mesh", "base_mesh", "platter_mesh", "sensor_mesh", "finger_mesh", "housing_mesh", "face_materials")
+# Keys whose values are paths of files: meshes, the material numbers of a part's faces, recorded poses.
+FILE_KEYS = (
+    "mesh",
+    "base_mesh",
+    "platter_mesh",
+    "sensor_mesh",
+    "finger_mesh",
+    "housing_mesh",
+    "face_materials",
+    "recorded",
+)
 # Sections of a file that holds several descriptions, and the folder of the shipped descriptions of that kind.
 _SECTIONS = ("cell", "sensor", "scan")
-_FOLDERS = {"cell": "cells", "robot": "robots", "sensor": "sensors", "scan": "scans"}
+_FOLDERS = {"cell": "cells", "robot": "robots", "sensor": "sensors", "scan": "scans", "path": "paths"}
 
 
 def assets_dir() -> Path:
@@ -47,7 +56,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def read_description(kind: str, path: Path) -> tuple[dict[str, Any], str, list[Origin]]:
-    """Plain data of a cell, robot, sensor or scan file, its name for messages, and sources other than that file.
+    """Plain data of a cell, robot, sensor, scan or path file, its name for messages, and sources other than that file.
 
     A file with sections ``[cell]``, ``[sensor]``, ``[scan]`` (the resolved.toml of a run) gives the one of its kind.
     A robot that a cell names by path is read in. Paths become absolute: relative to the file that names them, else

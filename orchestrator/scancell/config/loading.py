@@ -11,6 +11,7 @@ from scancell.config.cell import CellDescription
 from scancell.config.description import FileDescription, checked, validate
 from scancell.config.files import FILE_KEYS, assets_dir, plain_data, read_description, read_toml
 from scancell.config.keys import Origin, override, parse_assignment, split_path
+from scancell.config.path import PathDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
@@ -28,6 +29,7 @@ __all__ = [
     "require_sensor_words",
     "sensor_words",
     "split_path",
+    "with_path",
 ]
 
 _MODELS: tuple[type[FileDescription], ...] = (CellDescription, SensorDescription, ScanDescription)
@@ -88,6 +90,21 @@ def load_setup(
         own = [Origin(word.path[1:], word.source) for word in words if word.path[0] == model.kind]
         sections[model.kind] = checked(model, data, source, [*origins, *own])
     return Setup(**sections)  # type: ignore[arg-type]
+
+
+def with_path(setup: Setup, path: PathDescription | str | Path | None) -> Setup:
+    """The setup with a sensor path, or the file of one, as the only view of its scan; unchanged where it is None.
+
+    Raises
+    ------
+    DescriptionError
+        Naming the file, key, value and what was expected.
+    """
+    if path is None:
+        return setup
+    described = path if isinstance(path, PathDescription) else PathDescription.from_toml(path)
+    only = {"sweep.enabled": False, "raster.enabled": False, "pose": (), "path": (described,)}
+    return Setup(setup.cell, setup.sensor, setup.scan.replace(only))
 
 
 def load_resolved(path: str | Path) -> tuple[Setup, dict[str, Any]]:

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from scancell.config.choices import Mode
 from scancell.config.description import Description, FileDescription, Finite, NonNegative, PoseDescription, Positive
+from scancell.config.path import PathDescription
 
 _Elevation = Annotated[float, Field(ge=0.0, le=85.0)]
 
@@ -72,8 +73,14 @@ class ScanDescription(FileDescription):
         default=(), description="part_from_sensor of single exposures; replaces sweeps and passes"
     )
 
+    path: tuple[PathDescription, ...] = Field(
+        default=(), description="sensor paths over the part, scanned after sweeps and passes"
+    )
+
     @model_validator(mode="after")
     def _has_views(self) -> Self:
-        if not (self.sweep.enabled or self.raster.enabled or self.pose):
-            raise ValueError("nothing to scan: enable sweep or raster, or give at least one pose")
+        if not (self.sweep.enabled or self.raster.enabled or self.pose or self.path):
+            raise ValueError("nothing to scan: enable sweep or raster, or give at least one path or pose")
+        if self.pose and self.path:
+            raise ValueError("give either pose or path, not both")
         return self

@@ -6,6 +6,7 @@ from typing import Any
 
 from scancell.config.batch import BatchDescription
 from scancell.config.cell import CellDescription
+from scancell.config.path import PathDescription
 from scancell.config.robot import RobotDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
@@ -15,12 +16,13 @@ _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
-    """Schemas by kind of file: ``cell``, ``robot``, ``sensor``, ``scan``, ``study``, ``batch``."""
+    """Schemas by kind of file: ``cell``, ``robot``, ``sensor``, ``scan``, ``path``, ``study``, ``batch``."""
     schemas = {
         "cell": CellDescription.model_json_schema(),
         "robot": RobotDescription.model_json_schema(),
         "sensor": SensorDescription.model_json_schema(),
         "scan": ScanDescription.model_json_schema(),
+        "path": PathDescription.model_json_schema(),
         "batch": BatchDescription.model_json_schema(),
         "study": StudyDescription.model_json_schema(),
     }

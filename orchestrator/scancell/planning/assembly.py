@@ -10,6 +10,7 @@ from scancell.planning import trajectory
 from scancell.planning.connection import Connector
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import ScanOptions
+from scancell.planning.path_planner import PlacedPath
 from scancell.planning.placement import LIMIT_FRACTION, PlacedPass, PlacedPose, PlacedSweep
 
 Array = NDArray[np.float64]
@@ -64,6 +65,17 @@ class Assembly:
         interval = placed.view.length / (len(points) - 1)
         self._run(setpoints, placed.run, TriggerRule("path_distance", interval), points, placed.view.name)
 
+    def add_path(self, placed: PlacedPath) -> None:
+        """Append a sensor path, along which arm and table move together."""
+        turns = 2 * np.pi * np.round((self._at[-1] - placed.table[0]) / (2 * np.pi))
+        points = placed.exposures + np.append(np.zeros(placed.q.shape[1]), turns)
+        if not self._options.dynamic:
+            self._expose_at_rest(points, placed.path.name, table_is_free=False)
+            return
+        setpoints = np.column_stack([placed.q, placed.table + turns])
+        interval = placed.path.length / (len(points) - 1)
+        self._run(setpoints, placed.run, TriggerRule("path_distance", interval), points, placed.path.name)
+
     def add_pose(self, placed: PlacedPose) -> None:
         """Append one exposure at rest."""
         point = np.append(placed.q, self._nearest_table(placed.table))
@@ -108,13 +120,15 @@ class Assembly:
         number = self._append(setpoints, rule, run.trigger_from, run.trigger_to, name)
         self._exposures += [(number, point[None]) for point in points]
 
-    def _expose_at_rest(self, points: Array, name: str) -> None:
-        """Append exposures at rest at points (m, axes) in order; larger arm moves go by collision-free paths.
+    def _expose_at_rest(self, points: Array, name: str, table_is_free: bool = True) -> None:
+        """Append exposures at rest at points (m, axes) in order; larger moves go by collision-free paths.
 
-        Moves of the table alone need no check: the full turn was checked when the view was placed.
+        Moves of the table alone need no check where it is free to turn: the full turn was checked when the view was
+        placed.
         """
+        checked = slice(None, -1 if table_is_free else None)
         for point in points:
-            far = np.abs(point[:-1] - self._at[:-1]).max() > _SMALL_MOVE
+            far = np.abs(point - self._at)[checked].max() > _SMALL_MOVE
             motions = self._connector.connect(self._at, point, name) if far else []
             for setpoints in motions[:-1]:
                 self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {name}")

@@ -117,6 +117,11 @@ class ConfigurationMap:
         self._clearance_of_column = np.full(len(self._path), np.nan)
 
     @property
+    def branch(self) -> int:
+        """Number of the arm branch."""
+        return self._branch
+
+    @property
     def columns(self) -> int:
         """Number of poses."""
         return self.quality.shape[0]
@@ -161,14 +166,15 @@ class ConfigurationMap:
         quality = np.ones(len(q))
         cause = np.zeros(len(q), np.int8)
         # Each constraint judges the cells that all before it allow.
-        for number, judge in (
+        judges: list[tuple[int, Callable[[Indices], Array]]] = [
             (REACH, lambda at: np.isfinite(q[at]).all(-1).astype(float)),
             (JOINT_RANGE, lambda at: constraints.arm_metric(arm, q[at], self._static.joint_range_power)),
             (SINGULARITY, lambda at: self._singularity_and_rates(column[at], row[at], angle[at], q[at])),
             (JOINT_SPEED, lambda at: self._some_rate(column[at], row[at])),
             (CLEARANCE, lambda at: self._clearance(column[at], angle[at], q[at])),
-            *((USER, lambda at, user=user: user(q[at], angle[at])) for user in self._static.user),
-        ):
+            *((USER, _judge(user, q, angle)) for user in self._static.user),
+        ]
+        for number, judge in judges:
             at = np.flatnonzero(quality > 0)
             if not len(at):
                 break
@@ -195,7 +201,7 @@ class ConfigurationMap:
         by_table = (inverse @ turning[..., None])[..., 0]
         by_path = (inverse @ along[..., None])[..., 0]
         with np.errstate(divide="ignore", invalid="ignore"):
-            ends = (np.stack([-arm.max_speed, arm.max_speed]) [:, None] - by_path) / by_table
+            ends = (np.stack([-arm.max_speed, arm.max_speed])[:, None] - by_path) / by_table
             low, high = np.nanmax(ends.min(0), -1), np.nanmin(ends.max(0), -1)
         still = (np.abs(by_path) <= arm.max_speed) | (np.abs(by_table) > 1e-12)
         self.lowest_rate[column, row] = np.where(still.all(-1), low, np.inf)
@@ -227,11 +233,17 @@ class ConfigurationMap:
         )
 
 
+def _judge(user: Judge, q: Array, angle: Array) -> Callable[[Indices], Array]:
+    return lambda at: np.asarray(user(q[at], angle[at]), float)
+
+
 def _split(cell: PlanningCell, limits: Array) -> tuple[tuple[ProximityScene, Array], tuple[ProximityScene, Array]]:
     """Pairs whose distance is the same at every table angle (sensor and table with what they carry), and the others."""
     scene, nominal = cell.proximity, cell.nominal
     last = f"link[{len(nominal.arm.joints)}]"
-    on_flange = {b.name for b in nominal.bodies if b.moves_with in ("sensor", last) or b.moves_with.startswith("finger")}
+    on_flange = {
+        b.name for b in nominal.bodies if b.moves_with in ("sensor", last) or b.moves_with.startswith("finger")
+    }
     here, turned = (nominal.frame_poses(nominal.home, angle) for angle in (0.0, 1.0))
     on_table = {b.name for b in nominal.bodies if not np.allclose(here[b.moves_with], turned[b.moves_with])}
     fixed = np.array([bool({a, b} & on_flange) and bool({a, b} & on_table) for a, b in scene.pairs], bool)
@@ -243,7 +255,7 @@ def _split(cell: PlanningCell, limits: Array) -> tuple[tuple[ProximityScene, Arr
 
 
 def _path_twists(path: Array, period: float) -> Array:
-    """Velocity (n, 6) of the sensor's origin and its angular velocity along the path, table axes; central differences."""
+    """Velocities (n, 6) of the sensor's origin and angular velocities along the path, table axes."""
     if len(path) < 2:
         return np.zeros((len(path), 6))
     linear = np.gradient(path[:, :3, 3], period, axis=0)

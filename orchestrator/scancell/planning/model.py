@@ -96,6 +96,15 @@ class PlanningCell:
         clearances = [min(clearance, _SELF_CLEARANCE) if set(p) <= chain else clearance for p in self.proximity.pairs]
         return MotionCheck(self.nominal, self.proximity, clearances, self.threads)
 
+    def clearance_ranges(self, low: float, high: float, arm_high: float) -> Array:
+        """Distances (pairs, 2), m, of Eq. 8: where a pair's factor leaves 0, and where it reaches 1.
+
+        Links of the arm are close to each other by design: from 2 mm to `arm_high`; all others from `low` to `high`.
+        """
+        chain = set(self._chain)
+        of_arm = np.array([set(pair) <= chain for pair in self.proximity.pairs], bool)[:, None]
+        return np.where(of_arm, (min(low, _SELF_CLEARANCE), arm_high), (low, max(high, 2 * low)))
+
     def clearance_violations(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
         """Pairs of bodies nearer than `clearance` (m) at joints (n, joints) and table angles (n,), rad.
 

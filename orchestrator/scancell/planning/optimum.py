@@ -16,8 +16,8 @@ def best_motion(lattice: Lattice) -> TableMotion | None:
     lattice.map.require_all()
     rates = np.arange(-lattice.rates, lattice.rates + 1)
     cost = np.full((len(rates), lattice.angles), np.inf, np.float32)
-    row, _ = lattice.samples_of(np.arange(lattice.angles), 0, 0)
-    cost[lattice.rates] = np.where(lattice.map.quality[0, row[:, 0]] > 0, 0.0, np.inf)
+    first = lattice.map.quality[0, lattice.row(np.arange(lattice.angles))]
+    cost[lattice.rates] = np.where(first > 0, 0.0, np.inf)
     chosen = np.zeros((lattice.steps, len(rates), lattice.angles), np.int8)
     for step in range(lattice.steps):
         cost = _after_step(lattice, step, cost, chosen[step])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.path import PathDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.units import to_si
 from scancell.nominal.poses import pose_matrix
@@ -41,6 +42,7 @@ class ScanOptions:
     """Options of a scan: m, rad, s.
 
     `poses` (n, 4, 4) is ``part_from_sensor`` of single exposures; when not empty, sweeps and passes are ignored.
+    `paths` are scanned after sweeps and passes.
     """
 
     dynamic: bool
@@ -50,6 +52,7 @@ class ScanOptions:
     sweep: SweepOptions | None
     raster: RasterOptions | None
     poses: Array
+    paths: tuple[PathDescription, ...] = ()
 
 
 def scan_options(scan: ScanDescription) -> ScanOptions:
@@ -76,4 +79,5 @@ def scan_options(scan: ScanDescription) -> ScanOptions:
         if scan.raster.enabled
         else None,
         poses=poses,
+        paths=scan.path,
     )

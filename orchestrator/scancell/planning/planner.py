@@ -14,6 +14,7 @@ from scancell.planning import paths, surface
 from scancell.planning.assembly import Assembly
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import ScanOptions
+from scancell.planning.path_planner import PathPlanner, PlacedPath
 from scancell.planning.paths import Pass, Sweep
 from scancell.planning.placement import Infeasible, PlacedPass, PlacedSweep, Placer
 from scancell.planning.reasons import describe, join_reasons
@@ -44,6 +45,8 @@ class Plan:
         Fraction of the part's surface that the views see, self-occlusion ignored; None for given poses.
     warnings
         Views that were omitted or replaced, and why.
+    paths
+        Sensor paths with the motions of the table that were found for them.
     """
 
     program: Program
@@ -52,6 +55,7 @@ class Plan:
     table: Array
     coverage: float | None
     warnings: tuple[str, ...]
+    paths: tuple[PlacedPath, ...] = ()
 
 
 def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
@@ -67,13 +71,14 @@ def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
     azimuth = options.sweep.azimuth if options.sweep else _DEFAULT_AZIMUTH
     placer = Placer(cell, azimuth, options.clearance)
     assembly = Assembly(cell, options)
-    coverage: float | None = None
-    warnings: list[str] = []
     if len(options.poses):
         _plan_poses(options, placer, assembly)
-    else:
-        coverage, warnings = _plan_views(cell, options, placer, assembly)
-    return Plan(*assembly.finish(), coverage, tuple(warnings))
+        return Plan(*assembly.finish(), None, ())
+    placed = _place_paths(cell, options)
+    coverage, warnings = _plan_views(cell, options, placer, assembly, placed)
+    for item in placed:
+        assembly.add_path(item)
+    return Plan(*assembly.finish(), coverage, tuple(warnings), tuple(placed))
 
 
 def check_part(cell: PlanningCell) -> None:
@@ -114,13 +119,31 @@ def _plan_poses(options: ScanOptions, placer: Placer, assembly: Assembly) -> Non
             assembly.add_pose(item)
 
 
+def _place_paths(cell: PlanningCell, options: ScanOptions) -> list[PlacedPath]:
+    """Motions for the sensor paths of the description; `PlanningError` with all reasons where one has none."""
+    if not options.paths:
+        return []
+    # SciPy's splines take a while to import.
+    from scancell.planning.sensor_paths import sensor_paths  # noqa: PLC0415
+
+    found = [
+        path for item in options.paths for path in sensor_paths(item, cell.nominal.part, cell.nominal.table_from_part)
+    ]
+    planner = PathPlanner(cell, options.clearance)
+    placed = [planner.place(path) for path in found]
+    reasons = [item for item in placed if isinstance(item, str)]
+    if reasons:
+        raise PlanningError(join_reasons("infeasible paths", reasons))
+    return [item for item in placed if isinstance(item, PlacedPath)]
+
+
 def _plan_views(
-    cell: PlanningCell, options: ScanOptions, placer: Placer, assembly: Assembly
+    cell: PlanningCell, options: ScanOptions, placer: Placer, assembly: Assembly, along: Sequence[PlacedPath]
 ) -> tuple[float, list[str]]:
     part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
     sweep_views = paths.sweeps(part, cell.range, options.sweep) if options.sweep else []
     pass_views = paths.passes(part, cell.range, options.raster) if options.raster else []
-    if not (sweep_views or pass_views):
+    if not (sweep_views or pass_views or along):
         raise PlanningError("no view sees the part: no surface faces the sensor")
     if options.sweep:
         seen = _seen(cell, part, [*sweep_views, *pass_views])
@@ -132,7 +155,7 @@ def _plan_views(
         kept,
         options.sweep.angle_step if options.sweep else np.inf,
         options.raster.pitch if options.raster else np.inf,
-        options.max_profiles,
+        options.max_profiles - sum(len(item.exposures) for item in along),
     )
     passes: list[PlacedPass] = []
     if options.raster:
@@ -142,7 +165,8 @@ def _plan_views(
                 warnings.append(f"omitted: {item.reason}")
             else:
                 passes.append(item)
-    coverage = _check_loss(cell, part, [*sweep_views, *pass_views], [*sweeps, *passes], warnings)
+    seen = _seen_along(cell, part, along)
+    coverage = _check_loss(cell, part, [*sweep_views, *pass_views], [*sweeps, *passes], seen, warnings)
     for sweep, count in zip(sweeps, counts, strict=False):
         assembly.add_sweep(sweep, count)
     for placed in passes:
@@ -175,16 +199,29 @@ def _check_loss(
     part: Surface,
     wanted: list[Sweep | Pass],
     placed: list[PlacedSweep | PlacedPass],
+    besides: NDArray[np.bool_],
     warnings: list[str],
 ) -> float:
-    """Fraction of the surface that the placed views see; `PlanningError` when they lose more than `_MAX_LOSS`."""
+    """Fraction of the surface that the placed views, or paths `besides`, see.
+
+    `PlanningError` when the placed views lose more than `_MAX_LOSS` of what was wanted.
+    """
     ideal = _seen(cell, part, wanted)
     real = _seen(cell, part, [item.view for item in placed])
     lost = float((ideal & ~real).mean() / max(ideal.mean(), 1e-12))
     if lost > _MAX_LOSS:
         title = f"{100 * lost:.0f} % of the surface seen by the requested views is out of reach"
         raise PlanningError(join_reasons(title, warnings))
-    return float(real.mean())
+    return float((real | besides).mean())
+
+
+def _seen_along(cell: PlanningCell, part: Surface, along: Sequence[PlacedPath]) -> NDArray[np.bool_]:
+    """Whether any of the paths sees each surface sample, (n,)."""
+    seen = np.zeros(len(part.points), bool)
+    for item in along:
+        poses = item.path.at(np.linspace(0.0, item.path.length, len(item.exposures)))
+        seen |= surface.best_cosine_of_exposures(cell.range, poses, part) > MIN_COSINE
+    return seen
 
 
 def _seen(cell: PlanningCell, part: Surface, views: Sequence[Sweep | Pass]) -> NDArray[np.bool_]:

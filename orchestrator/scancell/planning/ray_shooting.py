@@ -15,8 +15,10 @@ from scancell.planning.table_motion import Lattice, TableMotion
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+_States = tuple[Indices, Indices, Indices]  # angles, speeds, accelerations of rays at the begin of a step
 
 _COARSE_ROWS = 72  # table angles of the coarse map in a turn
+_COARSE_COLUMNS = 60  # about as many columns of it
 _MOST_STARTS = 4
 _MOST_STEPS = 20  # steps made in all before the search gives up, in lengths of the path
 _BLOCKED = 1e3  # cost of a step into a coarse cell that is forbidden: a finer way may lead past it
@@ -36,17 +38,20 @@ def shoot(lattice: Lattice) -> TableMotion | None:
 class _Guide:
     """Cost to go on a coarse map, of a table without inertia, by dynamic programming over its angles.
 
-    The coarse map has one column for each step and `_COARSE_ROWS` rows.
+    The coarse map has a column at the end of every step, or of every few steps of a long path, and `_COARSE_ROWS` rows.
     """
 
     def __init__(self, lattice: Lattice) -> None:
         fine = lattice.map
         self._lattice = lattice
         rows = np.arange(_COARSE_ROWS) * fine.rows // _COARSE_ROWS
-        columns = np.arange(lattice.steps + 1) * lattice.samples
-        column, row = (x.ravel() for x in np.meshgrid(columns, rows, indexing="ij"))
+        stride = max(1, lattice.steps // _COARSE_COLUMNS)
+        steps = np.unique([*range(0, lattice.steps, stride), lattice.steps])
+        column, row = (x.ravel() for x in np.meshgrid(steps * lattice.samples, rows, indexing="ij"))
         fine.require(column, row)
-        quality = fine.quality[column, row].reshape(lattice.steps + 1, _COARSE_ROWS)
+        # A step counts as the coarse column that follows it.
+        following = np.searchsorted(steps, np.arange(lattice.steps + 1))
+        quality = fine.quality[column, row].reshape(len(steps), _COARSE_ROWS)[following]
         with np.errstate(divide="ignore"):
             cost = np.minimum(1.0 / quality - 1.0, _BLOCKED)
         spacing = lattice.angles / _COARSE_ROWS  # lattice angles in a coarse row
@@ -127,10 +132,10 @@ class _Search:
         lattice = self._lattice
         length = min(self._horizon, lattice.steps - step)
         first, states = self._rays(step, angle, rate, length)
-        rows = np.stack([lattice.samples_of(*state)[0] for state in states])  # (length, rays, samples)
-        column = (step + np.arange(length))[:, None, None] * lattice.samples + np.arange(1, lattice.samples + 1)
-        lattice.map.require(np.broadcast_to(column, rows.shape).ravel(), rows.ravel())
-        cost = np.stack([lattice.cost(step + k, *state) for k, state in enumerate(states)])
+        # The first step, which is taken, counts with all its poses, those ahead with their ends.
+        cells = [lattice.cells(step + k, *state, only_end=k > 0)[:2] for k, state in enumerate(states)]
+        lattice.map.require(*(np.concatenate([c[i].ravel() for c in cells]) for i in (0, 1)))
+        cost = np.stack([lattice.cost(step + k, *state, only_end=k > 0) for k, state in enumerate(states)])
         free = np.isfinite(cost).cumprod(0).sum(0)
         end, _ = lattice.after(*states[-1])
         total = np.where(np.isfinite(cost), cost, 0.0).sum(0) + self._guide.to_go(step + length, end)
@@ -138,7 +143,7 @@ class _Search:
         order = np.lexsort((total, -free))
         return [int(first[i]) for i in order if free[i] > 0]
 
-    def _rays(self, step: int, angle: int, rate: int, length: int) -> tuple[Indices, list[tuple[Indices, ...]]]:
+    def _rays(self, step: int, angle: int, rate: int, length: int) -> tuple[Indices, list[_States]]:
         """First accelerations (rays,), and lattice states and accelerations of the rays before each step.
 
         A ray keeps its acceleration as long as the speed limit and the braking at the end of the path allow it.
@@ -147,11 +152,11 @@ class _Search:
         first = np.arange(-lattice.accelerations, lattice.accelerations + 1)
         possible = np.abs(rate + first) <= lattice.rates
         first = first[possible & lattice.can_stop(rate + first, lattice.steps - step - 1)]
-        states = []
-        at, speed = np.full(len(first), angle), np.full(len(first), rate)
+        states: list[_States] = []
+        at, speed = np.full(len(first), angle, np.int64), np.full(len(first), rate, np.int64)
         for k in range(length):
-            fastest = np.minimum(lattice.rates, lattice.accelerations * (lattice.steps - step - k - 1))
-            acceleration = np.clip(speed + first, -fastest, fastest) - speed
+            fastest = min(lattice.rates, lattice.accelerations * (lattice.steps - step - k - 1))
+            acceleration = np.asarray(np.clip(speed + first, -fastest, fastest) - speed, np.int64)
             states.append((at, speed, acceleration))
             at, speed = lattice.after(at, speed, acceleration)
-        return first, states
+        return np.asarray(first, np.int64), states

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # At grazing incidence the stripe is wide and dim: up to 78 degrees from the normal it is usable.
+_MOST_EXPOSURES = 400  # of a path that count for what it sees
 MIN_COSINE = float(np.cos(np.radians(78)))
 
 
@@ -117,6 +118,19 @@ def best_cosine_of_sweep(sensor_range: SensorRange, table_from_sensor: Array, su
         points = (turn @ surface.points[..., None])[..., 0]
         normals = (turn @ surface.normals[..., None])[..., 0]
         best = np.fmax(best, lit_cosine(sensor_range, table_from_sensor, points, normals))
+    return best
+
+
+def best_cosine_of_exposures(sensor_range: SensorRange, table_from_sensor: Array, surface: Surface) -> Array:
+    """Largest `lit_cosine` (n,) of each point near the laser sheet of exposures (m, 4, 4) along a path."""
+    best = np.zeros(len(surface.points))
+    stride = max(1, len(table_from_sensor) // _MOST_EXPOSURES)
+    poses = table_from_sensor[::stride]
+    gap = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    for i, at in enumerate(poses):
+        half = max(gap[max(i - 1, 0)], gap[min(i, len(gap) - 1)])
+        near = np.flatnonzero(np.abs((surface.points - at[:3, 3]) @ at[:3, 0]) <= half)
+        best[near] = np.fmax(best[near], lit_cosine(sensor_range, at, surface.points[near], surface.normals[near]))
     return best
 
 

@@ -62,8 +62,8 @@ class Lattice:
 
     Parameters
     ----------
-    map
-        Configuration map; its number of columns less one must be a multiple of `samples`.
+    configurations
+        The map; its number of columns less one must be a multiple of `samples`.
     samples
         Poses of the path in a step.
     period
@@ -75,6 +75,8 @@ class Lattice:
 
     Attributes
     ----------
+    map
+        The map.
     steps
         Number of steps of time.
     angles
@@ -87,17 +89,17 @@ class Lattice:
 
     def __init__(
         self,
-        map: ConfigurationMap,
+        configurations: ConfigurationMap,
         samples: int,
         period: float,
         max_rate: float,
         max_acceleration: float,
         weights: CostWeights,
     ) -> None:
-        self.map, self.samples, self.weights = map, samples, weights
-        self.steps, rest = divmod(map.columns - 1, samples)
+        self.map, self.samples, self.weights = configurations, samples, weights
+        self.steps, rest = divmod(configurations.columns - 1, samples)
         if rest or not self.steps:
-            raise ValueError(f"columns = {map.columns}: expected a multiple of samples = {samples}, plus 1")
+            raise ValueError(f"columns = {configurations.columns}: expected a multiple of samples = {samples}, plus 1")
         self._period, self._step = period, samples * period
         quantum = min(max_acceleration / _LEVELS, max_rate / (_LEAST_SPEEDS * self._step))
         self.angles = int(np.ceil(2 * np.pi / (quantum * self._step**2 / 2)))
@@ -108,13 +110,26 @@ class Lattice:
         self._max_rate, self._max_acceleration = max_rate, max_acceleration
         self._offset = period * np.arange(1, samples + 1)
 
-    def samples_of(self, angle: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> tuple[Indices, Array]:
-        """Map rows and table speeds (rad/s), (..., samples), of the poses in a step from lattice states (...,)."""
+    def cells(
+        self, step: ArrayLike, angle: ArrayLike, rate: ArrayLike, acceleration: ArrayLike, only_end: bool = False
+    ) -> tuple[Indices, Indices, Array]:
+        """Map columns, rows and table speeds (rad/s), (..., samples), of the poses in steps from lattice states (...,).
+
+        `only_end` leaves out all poses but the last one of a step.
+        """
         angle, rate, acceleration = (np.asarray(x, float)[..., None] for x in (angle, rate, acceleration))
-        speed = self._quantum * (rate * self._step + acceleration * self._offset)
-        turned = self._quantum * (rate * self._step * self._offset + acceleration * self._offset**2 / 2)
-        position = (angle * self._angle + turned) * (self.map.rows / (2 * np.pi))
-        return np.rint(position).astype(np.int64) % self.map.rows, speed
+        number = np.array([self.samples]) if only_end else np.arange(1, self.samples + 1)
+        offset = self._period * number
+        speed = self._quantum * (rate * self._step + acceleration * offset)
+        turned = self._quantum * (rate * self._step * offset + acceleration * offset**2 / 2)
+        row = np.rint((angle * self._angle + turned) * (self.map.rows / (2 * np.pi))).astype(np.int64) % self.map.rows
+        column = np.asarray(step, np.int64)[..., None] * self.samples + number
+        return np.broadcast_to(column, row.shape), row, speed
+
+    def row(self, angle: ArrayLike) -> Indices:
+        """Map rows (...,) of lattice angles (...,)."""
+        place = np.asarray(angle, float) * (self.map.rows / self.angles)
+        return np.asarray(np.rint(place).astype(np.int64) % self.map.rows)
 
     def after(self, angle: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> tuple[Indices, Indices]:
         """Lattice angle and speed, (...,), after a step from lattice states (...,)."""
@@ -125,26 +140,31 @@ class Lattice:
         """Whether a speed can be brought to 0 in the steps that are left, (...,)."""
         return np.asarray(np.abs(rate) <= self.accelerations * np.asarray(steps_left))
 
-    def cost(self, step: ArrayLike, angle: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> Array:
+    def cost(
+        self, step: ArrayLike, angle: ArrayLike, rate: ArrayLike, acceleration: ArrayLike, only_end: bool = False
+    ) -> Array:
         """Cost (...,) of steps from lattice states (...,), whose cells must be evaluated; infinite where forbidden.
 
         The mean over the step's poses of ``1 / f - 1 + k_ω (ω / ω_max)² + k_a (a / a_max)²``, per step of the path.
         """
-        row, speed = self.samples_of(angle, rate, acceleration)
-        column = np.asarray(step, np.int64)[..., None] * self.samples + np.arange(1, self.samples + 1)
+        column, row, speed = self.cells(step, angle, rate, acceleration, only_end)
         quality = self.map.quality[column, row]
         allowed = (self.map.lowest_rate[column, row] <= speed) & (speed <= self.map.highest_rate[column, row])
         with np.errstate(divide="ignore"):
             of_cells = np.where(allowed, 1.0 / quality - 1.0, np.inf)
-        return np.asarray(of_cells.mean(-1) + self.motion_cost(speed, acceleration))
-
-    def motion_cost(self, speed: Array, acceleration: ArrayLike) -> Array:
-        """Cost (...,) of speeds (..., samples), rad/s, and accelerations (...,), quanta."""
         of_speed = self.weights.speed * ((speed / self._max_rate) ** 2).mean(-1)
-        of_acceleration = self.weights.acceleration * (
-            np.asarray(acceleration, float) * self._quantum / self._max_acceleration
-        ) ** 2
-        return np.asarray(of_speed + of_acceleration)
+        fraction = np.asarray(acceleration, float) * (self._quantum / self._max_acceleration)
+        return np.asarray(of_cells.mean(-1) + of_speed + self.weights.acceleration * fraction**2)
+
+    def angle_at(self, motion: TableMotion, time: ArrayLike) -> Array:
+        """Table angles (...,), rad, not wrapped, at times (...,) from the start, s; constant after the end."""
+        now = np.clip(np.asarray(time, float), 0.0, self.steps * self._step)
+        step = np.minimum((now / self._step).astype(np.int64), self.steps - 1)
+        rate = np.concatenate([[0], np.cumsum(motion.accelerations)])[:-1]
+        lattice = motion.start + np.concatenate([[0], np.cumsum(2 * rate + motion.accelerations)])[:-1]
+        since = now - step * self._step
+        turned = self._quantum * (rate[step] * self._step * since + motion.accelerations[step] * since**2 / 2)
+        return np.asarray(lattice[step] * self._angle + turned)
 
     def motion(self, start: int, accelerations: ArrayLike) -> TableMotion:
         """The motion from rest at lattice angle `start` with these accelerations (steps,), quanta."""

@@ -1,0 +1,90 @@
+"""Picture of a configuration map with the motion of the table that was chosen on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.output.drawing import INK, SOFT, Sheet, resized, text_width, ticks
+from scancell.planning.configuration_map import CAUSES, ConfigurationMap
+from scancell.planning.path_planner import PlacedPath
+
+Pixels = NDArray[np.uint8]
+
+_WIDTH, _HEIGHT = 1120, 620
+_LEFT, _TOP, _PLOT_WIDTH, _PLOT_HEIGHT = 84, 64, 1000, 440
+# By number of the constraint: reach, joint range, singularity, joint speed, clearance, user.
+_COLOURS = np.array(
+    [[255, 255, 255], [38, 38, 43], [88, 98, 140], [120, 74, 138], [196, 120, 40], [178, 48, 48], [96, 96, 96]],
+    np.uint8,
+)
+_UNKNOWN = np.array([226, 228, 232], np.uint8)
+_LOW, _HIGH = np.array([232, 245, 220]), np.array([46, 139, 87])
+
+
+def draw_map(placed: PlacedPath, branch: str, file: Path) -> None:
+    """Write a PNG: quality of the free cells in green, forbidden ones by their constraint, the motion as a line.
+
+    Cells that were not evaluated are grey; evaluate the whole map first for a complete picture.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    map_ = placed.lattice.map
+    sheet = Sheet(_WIDTH, _HEIGHT)
+    sheet.text(_LEFT, 28, f"{placed.path.name}: table angle along the path, branch {branch}", 18, bold=True)
+    sheet.text(_LEFT, 50, f"{map_.columns} x {map_.rows} cells, cost of the motion {placed.motion.cost:.3f}", 14, SOFT)
+    sheet.image(resized(_pixels(map_), _PLOT_WIDTH, _PLOT_HEIGHT, sharp=True), _LEFT, _TOP)
+    sheet.rectangle(_LEFT - 1, _TOP - 1, _LEFT + _PLOT_WIDTH, _TOP + _PLOT_HEIGHT, outline=SOFT)
+    _axes(sheet, float(placed.run.times[-1]))
+    _motion(sheet, placed.motion.angle)
+    _legend(sheet, map_)
+    sheet.write(file)
+
+
+def _pixels(map_: ConfigurationMap) -> Pixels:
+    """(rows, columns, 3), the largest table angle first."""
+    quality = np.nan_to_num(map_.quality)[..., None]
+    pixels = np.where(quality > 0, _LOW + quality * (_HIGH - _LOW), _COLOURS[map_.cause]).astype(np.uint8)
+    pixels[np.isnan(map_.quality)] = _UNKNOWN
+    return np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1])
+
+
+def _axes(sheet: Sheet, duration: float) -> None:
+    for degrees in (0, 90, 180, 270, 360):
+        y = _TOP + _PLOT_HEIGHT * (1 - degrees / 360)
+        sheet.line([(_LEFT - 6, y), (_LEFT, y)], INK)
+        sheet.text(_LEFT - 10, y + 5, f"{degrees}", 13, anchor="rs")
+    for value, label in ticks(0.0, duration, 8):
+        x = _LEFT + _PLOT_WIDTH * value / duration
+        sheet.line([(x, _TOP + _PLOT_HEIGHT), (x, _TOP + _PLOT_HEIGHT + 6)], INK)
+        sheet.text(x, _TOP + _PLOT_HEIGHT + 22, label, 13, anchor="ms")
+    sheet.text(_LEFT + _PLOT_WIDTH / 2, _TOP + _PLOT_HEIGHT + 44, "time along the path (s)", 14, anchor="ms")
+    sheet.text_upwards(24, _TOP + _PLOT_HEIGHT / 2, "table angle (deg)", 14)
+
+
+def _motion(sheet: Sheet, angle: NDArray[np.float64]) -> None:
+    turn = np.mod(angle, 2 * np.pi) / (2 * np.pi)
+    x = _LEFT + _PLOT_WIDTH * np.linspace(0.0, 1.0, len(angle))
+    y = _TOP + _PLOT_HEIGHT * (1 - turn)
+    # The line leaves the picture at one edge and comes back at the other.
+    for piece in np.split(np.arange(len(angle)), np.flatnonzero(np.abs(np.diff(turn)) > 0.5) + 1):
+        if len(piece) > 1:
+            sheet.line([(float(x[i]), float(y[i])) for i in piece], INK, 3)
+
+
+def _legend(sheet: Sheet, map_: ConfigurationMap) -> None:
+    shown = [("quality 0", _LOW), ("1", _HIGH)]
+    shown += [(CAUSES[i], _COLOURS[i]) for i in range(1, len(CAUSES)) if (map_.cause == i).any()]
+    if map_.evaluated < map_.quality.size:
+        shown.append(("not evaluated", _UNKNOWN))
+    x = float(_LEFT)
+    for name, colour in shown:
+        red, green, blue = (int(c) for c in colour)
+        sheet.rectangle(x, _HEIGHT - 34, x + 16, _HEIGHT - 18, f"#{red:02x}{green:02x}{blue:02x}", SOFT)
+        sheet.text(x + 22, _HEIGHT - 20, name, 14)
+        x += 22 + text_width(name, 14) + 22

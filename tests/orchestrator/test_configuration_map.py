@@ -1,0 +1,131 @@
+"""Configuration map: constraints by definition, table speeds against finite differences, laziness."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cells import block, planning_cell
+
+from scancell.geometry import pose
+from scancell.planning import constraints
+from scancell.planning.configuration_map import (
+    CLEARANCE,
+    FREE,
+    JOINT_RANGE,
+    REACH,
+    SINGULARITY,
+    USER,
+    ConfigurationMap,
+    StaticConstraints,
+    singularity_distance,
+)
+from scancell.planning.model import PlanningCell
+from scancell.planning.paths import sweep_pose
+
+PERIOD = 0.05
+ROWS = 24
+
+
+@pytest.fixture(scope="module")
+def cell() -> PlanningCell:
+    return planning_cell(block(0.05, 0.04, 0.03))
+
+
+def circle(columns: int = 21, elevation: float = 45.0, distance: float = 0.09) -> np.ndarray:
+    """A quarter turn of the sensor around the table's axis."""
+    start = sweep_pose(np.array([0.02, 0.0, 0.02]), np.radians(elevation), distance)
+    turns = pose.rotation_about(2, np.radians(np.linspace(0, 90, columns)))
+    return np.asarray(pose.from_rotation(turns) @ start)
+
+
+def static(cell: PlanningCell, **changes: object) -> StaticConstraints:
+    return StaticConstraints((0.01, 0.1), cell.clearance_ranges(0.005, 0.05, 0.01), **changes)  # type: ignore[arg-type]
+
+
+def a_map(cell: PlanningCell, branch: int = 0, **changes: object) -> ConfigurationMap:
+    return ConfigurationMap(cell, circle(), PERIOD, branch, ROWS, static(cell, **changes))
+
+
+def test_the_quality_is_the_product_of_all_factors(cell: PlanningCell) -> None:
+    judged = a_map(cell)
+    judged.require_all()
+    checked = 0
+    for column, row in np.argwhere(judged.quality > 0)[::17]:
+        angle = float(judged.angle(row))
+        q = judged.joints([column], [angle])[0]
+        distance = cell.proximity.distances(cell.nominal.body_poses(q[None], np.array([angle])), np.inf)[0]
+        low, high = cell.clearance_ranges(0.005, 0.05, 0.01).T
+        expected = constraints.arm_metric(cell.nominal.arm, q)
+        expected = expected * constraints.clearance(distance, low, high).prod()
+        regular = singularity_distance(np.linalg.inv(cell.nominal.arm.jacobian(q)))
+        expected = expected * constraints.clearance(regular, 0.01, 0.1)
+        assert judged.quality[column, row] == pytest.approx(float(expected), rel=1e-5)
+        checked += 1
+    assert checked > 10
+
+
+def test_the_singularity_distance_bounds_the_smallest_singular_value(cell: PlanningCell) -> None:
+    arm = cell.nominal.arm
+    q = np.random.default_rng(3).uniform(*arm.limits, (200, 6))
+    jacobian = arm.jacobian(q)
+    weights = np.array([1, 1, 1, 0.3, 0.3, 0.3])[:, None]
+    smallest = np.linalg.svd(weights * jacobian)[1][:, -1] / 0.3
+    bound = singularity_distance(np.linalg.inv(jacobian))
+    assert (bound <= smallest * (1 + 1e-9)).all()
+    assert (bound >= smallest / np.sqrt(6) * (1 - 1e-9)).all()
+
+
+def test_table_speeds_beyond_the_interval_make_a_joint_too_fast(cell: PlanningCell) -> None:
+    judged = a_map(cell)
+    judged.require_all()
+    speed = cell.nominal.arm.max_speed
+    checked = 0
+    for column, row in np.argwhere(judged.quality > 0)[::29]:
+        if not 0 < column < judged.columns - 1:
+            continue
+        angle, dt, path = float(judged.angle(row)), 1e-4, circle()
+        low, high = float(judged.lowest_rate[column, row]), float(judged.highest_rate[column, row])
+        reference = judged.joints([column], [angle])[0]
+        for rate, within in ((low, True), (high, True), (low - 0.3, False), (high + 0.3, False)):
+            ends = []
+            for side in (-1, 1):
+                # The sensor a moment earlier and later, between its neighbours on the path.
+                at = np.array([0.5 + side * dt / (4 * PERIOD)])
+                along = pose.interpolate_straight(path[column - 1], path[column + 1], at)
+                turned = pose.from_rotation(pose.rotation_about(2, angle + side * rate * dt / 2)) @ along
+                ends.append(cell.ik(turned, reference=reference)[0, 0])
+            used = np.abs(ends[1] - ends[0]) / dt / speed
+            assert (used.max() < 1.02) == within
+        checked += 1
+    assert checked > 5
+
+
+def test_cells_say_which_constraint_forbids_them(cell: PlanningCell) -> None:
+    far = ConfigurationMap(cell, circle(distance=0.6), PERIOD, 0, ROWS, static(cell))
+    far.require_all()
+    assert (far.cause == REACH).any()
+    low = ConfigurationMap(cell, circle(elevation=0.0, distance=0.03), PERIOD, 0, ROWS, static(cell))
+    low.require_all()
+    assert (low.cause == CLEARANCE).any()
+    never = a_map(cell, user=(lambda q, table: np.where(table < np.pi, 0.0, 1.0),))
+    never.require_all()
+    assert set(np.unique(never.cause[:, : ROWS // 2])) <= {REACH, JOINT_RANGE, SINGULARITY, CLEARANCE, USER}
+    assert (never.quality[:, : ROWS // 2] == 0).all()
+    assert (never.quality[:, ROWS // 2 :] == a_map_all(cell)[:, ROWS // 2 :]).all()
+
+
+def a_map_all(cell: PlanningCell) -> np.ndarray:
+    judged = a_map(cell)
+    judged.require_all()
+    assert (judged.cause[judged.quality > 0] == FREE).all()
+    return judged.quality
+
+
+def test_cells_evaluated_on_demand_are_those_of_the_whole_map(cell: PlanningCell) -> None:
+    lazy = a_map(cell)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        lazy.require(rng.integers(0, lazy.columns, 20), rng.integers(0, ROWS, 20))
+    known = np.isfinite(lazy.quality)
+    assert known.sum() == lazy.evaluated <= 100
+    np.testing.assert_allclose(lazy.quality[known], a_map_all(cell)[known], rtol=0, atol=1e-6)

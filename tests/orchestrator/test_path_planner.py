@@ -1,0 +1,101 @@
+"""Planned sensor paths: they follow the path within all limits, keep all clearances, and say why there is none."""
+
+from __future__ import annotations
+
+import fcl
+import numpy as np
+import pytest
+from cells import CYCLE, RANGE, block, planning_cell
+
+from scancell.config.loading import assets_dir, load_setup
+from scancell.config.path import PathDescription, SpiralDescription, WaypointDescription
+from scancell.nominal.cell import nominal_cell
+from scancell.planning import trajectory
+from scancell.planning.model import PlanningCell
+from scancell.planning.path_planner import PathPlanner, PlacedPath
+from scancell.planning.sensor_paths import sensor_paths
+
+CLEARANCE = 0.005
+
+
+@pytest.fixture(scope="module")
+def cell() -> PlanningCell:
+    return planning_cell(block(0.05, 0.04, 0.03))
+
+
+def placed(cell: PlanningCell, description: PathDescription) -> PlacedPath | str:
+    (path,) = sensor_paths(description, cell.nominal.part, cell.nominal.table_from_part)
+    return PathPlanner(cell, CLEARANCE).place(path)
+
+
+@pytest.fixture(scope="module")
+def spiral(cell: PlanningCell) -> PlacedPath:
+    made = placed(cell, PathDescription(speed_mm_s=100.0, spiral=SpiralDescription(turns=-0.5)))
+    assert isinstance(made, PlacedPath)
+    return made
+
+
+def test_set_points_lead_the_sensor_along_the_path(cell: PlanningCell, spiral: PlacedPath) -> None:
+    world = cell.nominal.world_from_part(spiral.table) @ np.linalg.inv(cell.nominal.table_from_part)
+    table_from_sensor = np.linalg.inv(world) @ cell.nominal.world_from_sensor(spiral.q)
+    np.testing.assert_allclose(table_from_sensor, spiral.path.at(spiral.run.path), atol=1e-9)
+
+
+def test_all_axes_keep_their_limits_at_a_tenth_of_the_cycle(cell: PlanningCell, spiral: PlacedPath) -> None:
+    """Between set-points the controller interpolates by cubics; here by a spline through all of them."""
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415
+
+    arm, nominal = cell.nominal.arm, cell.nominal
+    setpoints = np.column_stack([spiral.q, spiral.table])
+    spline = CubicSpline(spiral.run.times, setpoints)
+    times = np.arange(0.0, spiral.run.times[-1], CYCLE / 10)
+    fine = spline(times)
+    assert (np.abs(spline(times, 1)).max(0) <= np.append(arm.max_speed, nominal.table_max_speed)).all()
+    limits = np.append(arm.max_acceleration, nominal.table_max_acceleration)
+    assert (np.abs(spline(times, 2)).max(0) <= 1.05 * limits).all()  # the spline overshoots where acceleration jumps
+    assert arm.within_limits(fine[:, :-1]).all()
+    assert (trajectory.limit_fractions(setpoints, limits, limits, CYCLE)[1] <= 1.0).all()
+
+
+def test_an_independent_library_finds_no_collision(cell: PlanningCell, spiral: PlacedPath) -> None:
+    """python-fcl at ten poses between every two set-points, all pairs of the scene."""
+    meshes = {body.name: body.mesh for body in cell.nominal.bodies}
+    objects = {}
+    for name, mesh in meshes.items():
+        model = fcl.BVHModel()
+        model.beginModel(len(mesh.vertices), len(mesh.faces))
+        model.addSubModel(mesh.vertices, mesh.faces)
+        model.endModel()
+        objects[name] = fcl.CollisionObject(model, fcl.Transform())
+    at = np.linspace(0, len(spiral.table) - 1, 300)
+    setpoints = np.column_stack([spiral.q, spiral.table])
+    dense = np.stack([np.interp(at, np.arange(len(setpoints)), column) for column in setpoints.T], -1)
+    poses = cell.nominal.body_poses(dense[:, :-1], dense[:, -1])
+    order = {body.name: i for i, body in enumerate(cell.nominal.bodies)}
+    for row in poses:
+        for name, thing in objects.items():
+            matrix = row[order[name]]
+            thing.setTransform(fcl.Transform(matrix[:3, :3], matrix[:3, 3]))
+        for a, b in cell.proximity.pairs:
+            assert not fcl.collide(objects[a], objects[b]), f"{a} hits {b}"
+
+
+def test_a_path_beyond_the_arms_reach_is_refused_with_its_place(cell: PlanningCell) -> None:
+    far = tuple(WaypointDescription(x_mm=x, y_mm=0.0, z_mm=900.0) for x in (-20.0, 20.0))
+    made = placed(cell, PathDescription(name="far", waypoint=far))
+    assert isinstance(made, str)
+    assert made.startswith("far: at 0 % of the way the pose is out of the arm's reach at every table angle")
+
+
+def test_an_arm_without_named_branches_is_refused() -> None:
+    setup = load_setup(assets_dir() / "cells" / "offset_wrist.toml")
+    other = PlanningCell(nominal_cell(setup.cell, block(0.05, 0.04, 0.03)), RANGE, CYCLE)
+    assert "closed form" in str(placed(other, PathDescription(spiral=SpiralDescription())))
+
+
+def test_a_path_through_the_table_is_refused_with_its_cause(cell: PlanningCell) -> None:
+    low = tuple(WaypointDescription(x_mm=x, y_mm=0.0, z_mm=-85.0, elevation_deg=89.0) for x in (-20.0, 20.0))
+    made = placed(cell, PathDescription(name="low", waypoint=low))
+    assert isinstance(made, str)
+    assert "no motion in branch" in made
+    assert "clearance" in made

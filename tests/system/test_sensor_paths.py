@@ -1,0 +1,28 @@
+"""A scan along a sensor path, on which arm and table move together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import scancell
+from scancell.config.loading import assets_dir, load_setup, with_path
+from scancell.config.path import PathDescription, SpiralDescription
+
+PART = assets_dir() / "parts" / "free_form.stl"
+
+
+@pytest.mark.parametrize("mode", ["dynamic", "stop-and-look"])
+def test_points_along_a_path_lie_on_the_mesh(mode: str) -> None:
+    spiral = PathDescription(pitch_mm=4.0, spiral=SpiralDescription(turns=0.5, elevation_deg=(45.0, 50.0)))
+    setup = with_path(load_setup(overrides=[f'scan.mode="{mode}"'], ideal=True), spiral)
+    with scancell.Scanner.from_setup(setup) as scanner:
+        result = scanner.scan(PART, engine="geometric")
+    measured = result.recording.measured
+    assert len(measured.index) == len(result.plan.q)
+    assert np.ptp(measured.table) > 1.0
+    assert np.ptp(measured.q, axis=0).max() > 0.1
+    # Exposures fire where the plan has them, by the distance that the sensor travels over the table.
+    np.testing.assert_allclose(measured.q, result.plan.q, atol=2e-3)
+    np.testing.assert_allclose(measured.table, result.plan.table, atol=2e-3)
+    assert result.deviation.figures.rms < 1e-7
