@@ -63,6 +63,10 @@ class ScanDescription(FileDescription):
         default=100.0, description="waiting time at rest before each exposure in stop-and-look mode, ms"
     )
     clearance_mm: NonNegative = Field(default=5.0, description="smallest distance allowed between bodies, mm")
+    verify: bool = Field(
+        default=True,
+        description="whether python-fcl, an independent library, looks for collisions in the finished plan",
+    )
     table_margin_mm: Finite = Field(
         default=0.5,
         description="points less than this above the nominal top face of the table are removed as table points, mm",

@@ -88,7 +88,12 @@ class PlanningCell:
     @cached_property
     def proximity(self) -> ProximityScene:
         """Bodies of the cell, simplified, and the pairs to check for collision."""
-        return cell_scene(self.nominal, {body.name: _simplified(body.mesh) for body in self.nominal.bodies})
+        return cell_scene(self.nominal, self.proximity_meshes)
+
+    @cached_property
+    def proximity_meshes(self) -> dict[str, Mesh]:
+        """Mesh of each body by name, simplified."""
+        return {body.name: _simplified(body.mesh) for body in self.nominal.bodies}
 
     def motion_check(self, clearance: float) -> MotionCheck:
         """Check that motions keep `clearance` (m); pairs as in `clearance_violations`."""

@@ -52,6 +52,7 @@ class ScanOptions:
     sweep: SweepOptions | None
     raster: RasterOptions | None
     poses: Array
+    verify: bool = True
     paths: tuple[PathDescription, ...] = ()
 
 
@@ -79,5 +80,6 @@ def scan_options(scan: ScanDescription) -> ScanOptions:
         if scan.raster.enabled
         else None,
         poses=poses,
+        verify=scan.verify,
         paths=scan.path,
     )

@@ -1,0 +1,86 @@
+"""Collisions along a motion by python-fcl: an independent judge of motions that our own distances found free."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.geometry.mesh import Mesh
+from scancell.proximity.scene import Clash
+
+Array = NDArray[np.float64]
+
+_STILL = 1e-9  # m and rad: pairs that moved less since they were last checked are not checked again
+
+
+def first_collision(
+    meshes: Mapping[str, Mesh], pairs: Sequence[tuple[str, str]], names: Sequence[str], poses: ArrayLike
+) -> Clash | None:
+    """The first pose at which surfaces of a pair intersect, or None.
+
+    Parameters
+    ----------
+    meshes
+        Mesh of each body by name, in the body's frame, m.
+    pairs
+        Names of the bodies to check.
+    names
+        Bodies in the order of their poses.
+    poses
+        (n, bodies, 4, 4) ``world_from_body``, m.
+    """
+    poses = np.asarray(poses, float)
+    number = {name: i for i, name in enumerate(names)}
+    index = np.array([(number[a], number[b]) for a, b in pairs], np.int64).reshape(-1, 2)
+    near = _near(meshes, names, index, poses) & _moved(index, poses)
+    import fcl  # noqa: PLC0415  (most commands make no plan)
+
+    models = {name: _model(fcl, meshes[name]) for name in {name for pair in pairs for name in pair}}
+    request, result = fcl.CollisionRequest(), fcl.CollisionResult()
+    for i, k in zip(*np.nonzero(near), strict=True):
+        objects = []
+        for name, body in zip(pairs[k], index[k], strict=True):
+            at = poses[i, body]
+            objects.append(fcl.CollisionObject(models[name], fcl.Transform(at[:3, :3], at[:3, 3])))
+        if fcl.collide(*objects, request, result):
+            return Clash(int(i), pairs[k][0], pairs[k][1], 0.0)
+    return None
+
+
+def _model(fcl: object, mesh: Mesh) -> object:
+    model = fcl.BVHModel()  # type: ignore[attr-defined]
+    model.beginModel(len(mesh.vertices), len(mesh.faces))
+    model.addSubModel(mesh.vertices, mesh.faces)
+    model.endModel()
+    return model
+
+
+def _near(
+    meshes: Mapping[str, Mesh], names: Sequence[str], index: NDArray[np.int64], poses: Array
+) -> NDArray[np.bool_]:
+    """Whether the bounding boxes of pairs, each in the frame of the other body, overlap, (n, pairs)."""
+    middle = np.array([meshes[name].bounds.mean(0) for name in names])
+    half = np.array([np.ptp(meshes[name].bounds, axis=0) / 2 for name in names])
+    overlaps = np.ones((len(poses), len(index)), bool)
+    for one, other in (index.T, index[:, ::-1].T):
+        rotation, position = poses[..., :3, :3], poses[..., :3, 3]
+        centre = position + (rotation @ middle[..., None])[..., 0]
+        between = np.swapaxes(rotation[:, one], -1, -2) @ (centre[:, other] - centre[:, one])[..., None]
+        turned = np.swapaxes(rotation[:, one], -1, -2) @ rotation[:, other]
+        reach = half[one] + (np.abs(turned) @ half[other][..., None])[..., 0]
+        overlaps &= (np.abs(between[..., 0]) <= reach).all(-1)
+    return overlaps
+
+
+def _moved(index: NDArray[np.int64], poses: Array) -> NDArray[np.bool_]:
+    """Whether the bodies of a pair moved relative to each other since the pose before, (n, pairs)."""
+    first, second = poses[:, index[:, 0]], poses[:, index[:, 1]]
+    rotation = np.swapaxes(first[..., :3, :3], -1, -2)
+    relative = np.concatenate(
+        [rotation @ second[..., :3, :3], rotation @ (second[..., :3, 3] - first[..., :3, 3])[..., None]], -1
+    )
+    moved = np.ones((len(poses), len(index)), bool)
+    moved[1:] = (np.abs(np.diff(relative, axis=0)) > _STILL).any((-1, -2))
+    return moved
