@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -100,15 +101,24 @@ class PathPlanner:
         reason = ""
         for share in _SLOWER:
             timing = self._timing(path, share * path.speed)
-            branches = self._branches(timing)
-            if not branches:
-                return f"{path.name}: {self._obstacle(timing)}"
-            for branch in branches:
-                placed = self._on_branch(path, timing, branch)
+            for lattice in self._lattices(timing):
+                motion = shoot(lattice)
+                placed = self._blocked(lattice.map) if motion is None else self._followed(path, timing, lattice, motion)
                 if isinstance(placed, PlacedPath):
                     return placed
                 reason = reason or placed
+            if not reason:
+                return f"{path.name}: {self._obstacle(timing)}"
         return f"{path.name}: {reason}"
+
+    def lattices(self, path: SensorPath) -> Iterator[Lattice]:
+        """Lattices on the maps of all arm branches that may follow a path at its speed, in the order of `place`."""
+        return self._lattices(self._timing(path, path.speed))
+
+    def _lattices(self, timing: _Timing) -> Iterator[Lattice]:
+        for branch in self._branches(timing):
+            map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, self._constraints)
+            yield self._lattice(map_, timing)
 
     def _timing(self, path: SensorPath, speed: float) -> _Timing:
         count = int(path.length / path.pitch + 1e-9) + 1
@@ -141,14 +151,6 @@ class PathPlanner:
         )
         best = constraints.arm_metric(self._cell.nominal.arm, q).max(1)
         return [int(b) for b in np.argsort(-best.mean(0), kind="stable") if best[:, b].all()]
-
-    def _on_branch(self, path: SensorPath, timing: _Timing, branch: int) -> PlacedPath | str:
-        map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, self._constraints)
-        lattice = self._lattice(map_, timing)
-        motion = shoot(lattice)
-        if motion is None:
-            return self._blocked(map_)
-        return self._followed(path, timing, lattice, motion)
 
     def _followed(self, path: SensorPath, timing: _Timing, lattice: Lattice, motion: TableMotion) -> PlacedPath | str:
         """Set-points of every cycle, if all axes keep their limits and all bodies provably their clearances."""
