@@ -73,6 +73,23 @@ def test_arm_without_decomposition_has_all_branches(arm: Arm) -> None:
     assert number.max() > 4
 
 
+@pytest.mark.parametrize(("kind", "expected"), [("skew", 16), ("right angles", 16), ("parallel", 8), ("wrist", 8)])
+def test_number_of_complex_solutions(kind: str, expected: int) -> None:
+    """16 in general (Primrose, 1986); 8 with three parallel axes, or three through a point (Pieper, 1968)."""
+    rng = np.random.default_rng(4)
+    for _ in range(3):
+        a, d, alpha = rng.uniform(0.05, 0.5, 6), rng.uniform(-0.3, 0.3, 6), rng.choice([-RIGHT, RIGHT], 6)
+        if kind == "skew":
+            alpha = rng.uniform(-2, 2, 6)
+        elif kind == "parallel":
+            alpha[1:3] = 0
+        elif kind == "wrist":
+            a[3:5], d[4] = 0, 0
+        arm = Arm([Joint(*row) for row in np.column_stack([a, d, alpha]).tolist()])
+        assert len(arm.branch_names) == expected
+        assert not arm.has_closed_form
+
+
 @pytest.mark.parametrize(
     ("arm", "q"),
     [
