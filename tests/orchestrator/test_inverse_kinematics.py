@@ -225,6 +225,21 @@ def test_calibrated_arm_keeps_named_branches() -> None:
     assert np.abs(found - nominal)[both].max() < 0.05
 
 
+def test_calibrated_arm_with_nearly_parallel_axes_has_all_branches() -> None:
+    """The deviations turn the 8 solutions of the ideal arm into 16, half of them almost at infinity."""
+    deviations = np.random.default_rng(2).normal(0, [2e-4, 2e-4, 1e-3], (6, 3))
+    joints = [
+        replace(joint, a=joint.a + a, d=joint.d + d, alpha=joint.alpha + alpha)
+        for joint, (a, d, alpha) in zip(THREE_PARALLEL.joints, deviations, strict=True)
+    ]
+    arm = Arm(joints)
+    q = RNG.uniform(-np.pi, np.pi, (150, 6))
+    targets = arm.fk(q)
+    found = arm.ik(targets, filtered=False)
+    assert reached(arm, targets, found) < 1e-9
+    assert np.nanmin(distance(found, q[:, None]), axis=1).max() < 1e-6
+
+
 def lines(kind: str) -> tuple[np.ndarray, np.ndarray]:
     points, directions = RNG.uniform(-0.5, 0.5, (6, 3)), pose.exp_rotation(RNG.normal(size=(6, 3)))[:, :, 2]
     if kind == "parallel":
