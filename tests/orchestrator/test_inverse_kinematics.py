@@ -213,6 +213,16 @@ def test_branches_along_path_are_continuous(arm: Arm, start: list[float]) -> Non
         assert distance(along[:, None], single[None]).min(1).max() < 1e-6
 
 
+def test_hard_poses_do_not_change_others() -> None:
+    """Poses are solved in blocks, and those that need more starts than others are among them."""
+    q = np.tile([0.3, -1.0, 1.2, 0.4, 0.9, 0.7], (300, 1))
+    q[200:, 4] = 0.0
+    found = THREE_PARALLEL.ik(THREE_PARALLEL.fk(q), filtered=False)
+    assert found.shape == (300, 8, 6)
+    np.testing.assert_allclose(found[:200], np.broadcast_to(found[0], (200, 8, 6)), atol=1e-8)
+    assert np.isfinite(found[200:]).all(-1).any(1).all()
+
+
 def test_calibrated_arm_keeps_named_branches() -> None:
     joints = [replace(j, a=j.a + 2e-4, d=j.d - 3e-4, alpha=j.alpha + 1e-3, beta=5e-4) for j in DEFAULT.joints]
     arm = Arm(joints)

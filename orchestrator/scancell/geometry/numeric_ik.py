@@ -72,11 +72,11 @@ def candidates(chain: SixJoints, joints: int, base_from_end: Array) -> Array:
     The joints of the chain beyond the first `joints` are not the arm's: solutions that turn them are left out. Where a
     set of solutions may be incomplete, paths are followed once more from another start.
     """
+    starts = range(0, max(1, len(base_from_end)), _BLOCK)
+    blocks = [_candidates(chain, joints, base_from_end[start : start + _BLOCK]) for start in starts]
+    most = max(block.shape[1] for block in blocks)
     return np.concatenate(
-        [
-            _candidates(chain, joints, base_from_end[start : start + _BLOCK])
-            for start in range(0, max(1, len(base_from_end)), _BLOCK)
-        ]
+        [np.pad(block, ((0, 0), (0, most - block.shape[1]), (0, 0)), constant_values=np.nan) for block in blocks]
     )
 
 
