@@ -112,8 +112,9 @@ def solve(arm: SixJoints, start: Start, targets: Array) -> tuple[Array, NDArray[
     """Candidates theta (n, k, 6) for the real solutions at `targets` (n, 4, 4), and whether each set is complete (n,).
 
     Candidates lie by the ends of all paths that end near the real angles, NaN for the others. They are to be refined.
-    A set is complete when every path arrived, no two ended in one place, and the conjugate of every end is another: the
-    solutions at a real pose are those of equations with real coefficients.
+    A set counts as complete when every path arrived, no two ended in one place, the conjugate of every end is an end,
+    and the number of real ones is even: the solutions at a real pose are those of equations with real coefficients,
+    whose number is even.
     """
     n, k = len(targets), start.theta.shape[1]
     position = np.repeat(targets[:, :3, 3].T, k, axis=1).astype(complex)
@@ -126,9 +127,10 @@ def solve(arm: SixJoints, start: Start, targets: Array) -> tuple[Array, NDArray[
     paired = (_distance(theta[:, :, None], theta[:, None].conj()).min(2) < _SAME).all(1)
     done = done.reshape(n, k)
     candidate = np.abs(theta.imag).max(-1) < np.where(done, _REAL, _NEARLY_REAL)
+    even = (np.abs(theta.imag).max(-1) < _REAL).sum(1) % 2 == 0
     # Where two real solutions are about to meet, the real part lies between them; conjugate ends lead to one each.
     real = np.where(candidate[..., None], theta.real + theta.imag, np.nan)
-    return real, np.asarray(done.all(1) & ~repeated & paired)
+    return real, np.asarray(done.all(1) & ~repeated & paired & even)
 
 
 @dataclass(frozen=True)
@@ -226,7 +228,8 @@ def _monodromy(arm: SixJoints, rng: np.random.Generator) -> Start:
             moved, done = _follow(arm, moved, _Line.between(*here, *there, _LOOPS * count))
             arrived &= done
         theta = _distinct(np.concatenate([theta, moved[:, arrived]], axis=1)).T
-        if count > 1 and theta.shape[1] in (count, MOST_SOLUTIONS):
+        # The number of all solutions is even.
+        if theta.shape[1] == MOST_SOLUTIONS or (theta.shape[1] == count and count % 2 == 0):
             break
     return Start(position, rotation, theta)
 
