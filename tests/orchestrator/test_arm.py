@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from eaik.IK_DH import DhRobot
 
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, Joint
@@ -191,28 +190,3 @@ def test_numerical_ik_of_as_built_arm():
     gap = np.abs(np.remainder(found - q[:, None] + np.pi, 2 * np.pi) - np.pi).max(-1)
     # Near a singularity the nominal branch may not exist at the as-built pose; elsewhere it must be found.
     assert (np.nanmin(gap, axis=1) < 1e-5).mean() > 0.9
-
-
-def test_numerical_ik_without_spherical_wrist():
-    offset_wrist = [replace(j, d=0.09) if i == 4 else j for i, j in enumerate(ARM.joints)]
-    arm = Arm([replace(j, alpha=j.alpha + (0.5 if i == 1 else 0.0)) for i, j in enumerate(offset_wrist)])
-    q = _random_joints(arm, 30)
-    found = arm.ik(arm.fk(q), filtered=False)
-    solved = np.isfinite(found).all(-1)
-    assert solved.any(1).mean() > 0.9
-    reached = arm.fk(np.nan_to_num(found))
-    assert np.abs(reached - arm.fk(q)[:, None])[solved].max() < 1e-9
-
-
-def test_ik_matches_eaik():
-    # EAIK uses the same DH convention and zero position.
-    peer = DhRobot(*(np.array([getattr(j, name) for j in ARM.joints]) for name in ("alpha", "a", "d")))
-    for q in _random_joints(ARM, 50):
-        target = ARM.fk(q)
-        answer = peer.IK(target)
-        theirs = np.array([s for s, approximate in zip(answer.Q, answer.is_LS, strict=True) if not approximate])
-        ours = ARM.ik(target[None], filtered=False)[0]
-        ours = ours[np.isfinite(ours).all(-1)]
-        gap = np.abs(np.remainder(ours[:, None] - theirs[None] + np.pi, 2 * np.pi) - np.pi).max(-1)
-        assert len(ours) == len(theirs)
-        assert gap.min(1).max() < 1e-6

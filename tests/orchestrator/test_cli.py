@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
 import sys
 
+import numpy as np
 import pytest
 
 from scancell import cli
 from scancell.cli import common
+from scancell.config.loading import assets_dir
+from scancell.config.robot import RobotDescription
 from scancell.errors import MeshError, ScancellError
+from scancell.geometry import pose
+from scancell.nominal.cell import arm_of
 
 
 def call(monkeypatch, capsys, *words: str) -> tuple[int, str, str]:
@@ -123,3 +130,40 @@ def test_pose_option_needs_six_numbers(text) -> None:
 
 def test_pose_option_accepts_signs_and_spaces() -> None:
     assert cli._numbers("1, -2,3e1,0,0,.5", 6, "--pose") == (1.0, -2.0, 30.0, 0.0, 0.0, 0.5)
+
+
+def test_robot_from_urdf(monkeypatch, capsys, tmp_path) -> None:
+    urdf = assets_dir() / "robots" / "seven_axis_urdf" / "seven_axis.urdf"
+    words = ["robot", "from-urdf", "--tip", "flange", "--hold", "3", "--out", str(tmp_path / "arm.toml"), "--json"]
+    code, out, _ = call(monkeypatch, capsys, *words, str(urdf))
+    assert code == 0
+    answer = json.loads(out.splitlines()[-1])
+    assert answer["figures"] == {"joints": 7}
+    assert answer["files"][0] == str(tmp_path / "arm.toml")
+    assert answer["warnings"] == []
+    assert len(RobotDescription.from_toml(tmp_path / "arm.toml").joint) == 7
+
+    lonely = tmp_path / "lonely.urdf"
+    lonely.write_text(urdf.read_text())
+    code, _, err = call(monkeypatch, capsys, *words, str(lonely))
+    assert code == 1
+    assert "link 'link0': mesh 'package://seven_axis_urdf/meshes/link0.stl': no such file" in err
+
+
+def test_tip_that_is_no_flange_is_reported(monkeypatch, capsys, tmp_path) -> None:
+    source = assets_dir() / "robots" / "seven_axis_urdf"
+    folder = tmp_path / "seven_axis_urdf"
+    shutil.copytree(source, folder)
+    urdf = folder / "seven_axis.urdf"
+    urdf.write_text(urdf.read_text().replace('xyz="0 0 0.045" rpy="0 0 0"', 'xyz="0.03 0 0.045" rpy="0 0 0.5"'))
+    words = ["robot", "from-urdf", str(urdf), "--tip", "flange", "--hold", "3", "--out", str(tmp_path / "arm.toml")]
+    code, _, err = call(monkeypatch, capsys, *words)
+    assert code == 0
+    assert "its pose on the flange" in err
+    printed = dict(re.findall(r"(\w+) = (-?[\d.]+)", err))
+    position = np.array([float(printed[key]) for key in ("x_mm", "y_mm", "z_mm")]) * 1e-3
+    angles = np.radians([float(printed[key]) for key in ("rx_deg", "ry_deg", "rz_deg")])
+    flange = arm_of(RobotDescription.from_toml(tmp_path / "arm.toml")).fk(np.zeros(7))
+    tip = flange @ pose.from_euler_xyz(position, angles)
+    expected = pose.from_euler_xyz((0.03, 0.0, 0.34 + 0.4 + 0.4 + 0.08 + 0.045), (0, 0, 0.5))
+    assert np.abs(tip - expected).max() < 1e-7

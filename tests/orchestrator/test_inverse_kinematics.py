@@ -73,6 +73,23 @@ def test_arm_without_decomposition_has_all_branches(arm: Arm) -> None:
     assert number.max() > 4
 
 
+@pytest.mark.parametrize(("kind", "expected"), [("skew", 16), ("right angles", 16), ("parallel", 8), ("wrist", 8)])
+def test_number_of_complex_solutions(kind: str, expected: int) -> None:
+    """16 in general (Primrose, 1986); 8 with three parallel axes, or three through a point (Pieper, 1968)."""
+    rng = np.random.default_rng(4)
+    for _ in range(3):
+        a, d, alpha = rng.uniform(0.05, 0.5, 6), rng.uniform(-0.3, 0.3, 6), rng.choice([-RIGHT, RIGHT], 6)
+        if kind == "skew":
+            alpha = rng.uniform(-2, 2, 6)
+        elif kind == "parallel":
+            alpha[1:3] = 0
+        elif kind == "wrist":
+            a[3:5], d[4] = 0, 0
+        arm = Arm([Joint(*row) for row in np.column_stack([a, d, alpha]).tolist()])
+        assert len(arm.branch_names) == expected
+        assert not arm.has_closed_form
+
+
 @pytest.mark.parametrize(
     ("arm", "q"),
     [
@@ -196,6 +213,16 @@ def test_branches_along_path_are_continuous(arm: Arm, start: list[float]) -> Non
         assert distance(along[:, None], single[None]).min(1).max() < 1e-6
 
 
+def test_hard_poses_do_not_change_others() -> None:
+    """Poses are solved in blocks, and those that need more starts than others are among them."""
+    q = np.tile([0.3, -1.0, 1.2, 0.4, 0.9, 0.7], (300, 1))
+    q[200:, 4] = 0.0
+    found = THREE_PARALLEL.ik(THREE_PARALLEL.fk(q), filtered=False)
+    assert found.shape == (300, 8, 6)
+    np.testing.assert_allclose(found[:200], np.broadcast_to(found[0], (200, 8, 6)), atol=1e-8)
+    assert np.isfinite(found[200:]).all(-1).any(1).all()
+
+
 def test_calibrated_arm_keeps_named_branches() -> None:
     joints = [replace(j, a=j.a + 2e-4, d=j.d - 3e-4, alpha=j.alpha + 1e-3, beta=5e-4) for j in DEFAULT.joints]
     arm = Arm(joints)
@@ -206,6 +233,21 @@ def test_calibrated_arm_keeps_named_branches() -> None:
     both = np.isfinite(found).all(-1) & np.isfinite(nominal).all(-1)
     assert both.any()
     assert np.abs(found - nominal)[both].max() < 0.05
+
+
+def test_calibrated_arm_with_nearly_parallel_axes_has_all_branches() -> None:
+    """The deviations turn the 8 solutions of the ideal arm into 16, half of them almost at infinity."""
+    deviations = np.random.default_rng(2).normal(0, [2e-4, 2e-4, 1e-3], (6, 3))
+    joints = [
+        replace(joint, a=joint.a + a, d=joint.d + d, alpha=joint.alpha + alpha)
+        for joint, (a, d, alpha) in zip(THREE_PARALLEL.joints, deviations, strict=True)
+    ]
+    arm = Arm(joints)
+    q = random_joints(arm, 250, seed=6)  # among them poses that one start alone loses
+    targets = arm.fk(q)
+    found = arm.ik(targets, filtered=False)
+    assert reached(arm, targets, found) < 1e-9
+    assert np.nanmin(distance(found, q[:, None]), axis=1).max() < 1e-6
 
 
 def lines(kind: str) -> tuple[np.ndarray, np.ndarray]:

@@ -31,6 +31,7 @@ _SAME = 1e-4  # rad: ends of paths nearer than this may be one
 
 _LOOPS = 8  # loops of each round of the monodromy
 _ROUNDS = 20
+_STARTS = 3
 _FIRST_STEP, _LONGEST_STEP, _SHORTEST_STEP = 0.05, 0.25, 1e-10  # of the path from 0 to 1
 _PREDICTION = 1e-2  # rad: error of a prediction up to which a step is accepted
 _NEWTON_STEPS = 2
@@ -84,8 +85,8 @@ class Start:
 
 
 @lru_cache(maxsize=64)
-def starts(arm: SixJoints) -> tuple[Start, Start]:
-    """Two independent start poses with all of their solutions; the same for every call.
+def starts(arm: SixJoints) -> tuple[Start, ...]:
+    """Independent start poses with all of their solutions; the same for every call.
 
     Raises
     ------
@@ -96,22 +97,24 @@ def starts(arm: SixJoints) -> tuple[Start, Start]:
     singular_values = np.linalg.svd(arm.flange(_random_angles(rng, 1))[2][0], compute_uv=False)
     if singular_values[-1] < 1e-9 * singular_values[0]:
         raise DescriptionError("robot.joint: inverse kinematics needs joints that are independent at some pose")
-    first = _monodromy(arm, rng)
-    while True:
+    found = [_monodromy(arm, rng)]
+    count = found[0].theta.shape[1]
+    while len(found) < _STARTS:
         position, rotation, _ = arm.flange(_random_angles(rng, 1))
-        count = first.theta.shape[1]
-        theta, done = _follow(
-            arm, first.theta, _Line.between(first.position, first.rotation, position, rotation, count)
-        )
+        line = _Line.between(found[0].position, found[0].rotation, position, rotation, count)
+        theta, done = _follow(arm, found[0].theta, line)
         if done.all() and len(_distinct(theta)) == count:
-            return first, Start(position, rotation, theta)
+            found.append(Start(position, rotation, theta))
+    return tuple(found)
 
 
 def solve(arm: SixJoints, start: Start, targets: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Candidates theta (n, k, 6) for the real solutions at `targets` (n, 4, 4), and whether each set is complete (n,).
 
     Candidates lie by the ends of all paths that end near the real angles, NaN for the others. They are to be refined.
-    A set is complete when every path arrived and no two ended in one place.
+    A set counts as complete when every path arrived, no two ended in one place, the conjugate of every end is an end,
+    and the number of real ones is even: the solutions at a real pose are those of equations with real coefficients,
+    whose number is even.
     """
     n, k = len(targets), start.theta.shape[1]
     position = np.repeat(targets[:, :3, 3].T, k, axis=1).astype(complex)
@@ -121,11 +124,13 @@ def solve(arm: SixJoints, start: Start, targets: Array) -> tuple[Array, NDArray[
     theta = ends.T.reshape(n, k, 6)
     gap = _distance(theta[:, :, None], theta[:, None])
     repeated = (gap + np.where(np.eye(k, dtype=bool), 1.0, 0.0) < _SAME).any((1, 2))
+    paired = (_distance(theta[:, :, None], theta[:, None].conj()).min(2) < _SAME).all(1)
     done = done.reshape(n, k)
     candidate = np.abs(theta.imag).max(-1) < np.where(done, _REAL, _NEARLY_REAL)
+    even = (np.abs(theta.imag).max(-1) < _REAL).sum(1) % 2 == 0
     # Where two real solutions are about to meet, the real part lies between them; conjugate ends lead to one each.
     real = np.where(candidate[..., None], theta.real + theta.imag, np.nan)
-    return real, np.asarray(done.all(1) & ~repeated)
+    return real, np.asarray(done.all(1) & ~repeated & paired & even)
 
 
 @dataclass(frozen=True)
@@ -223,7 +228,8 @@ def _monodromy(arm: SixJoints, rng: np.random.Generator) -> Start:
             moved, done = _follow(arm, moved, _Line.between(*here, *there, _LOOPS * count))
             arrived &= done
         theta = _distinct(np.concatenate([theta, moved[:, arrived]], axis=1)).T
-        if theta.shape[1] in (count, MOST_SOLUTIONS) and count > 1:
+        # The number of all solutions is even.
+        if theta.shape[1] == MOST_SOLUTIONS or (theta.shape[1] == count and count % 2 == 0):
             break
     return Start(position, rotation, theta)
 

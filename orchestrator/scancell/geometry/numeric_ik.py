@@ -70,23 +70,27 @@ def candidates(chain: SixJoints, joints: int, base_from_end: Array) -> Array:
     """Angles theta (n, m, joints) near all solutions for targets (n, 4, 4), NaN beyond, to be refined.
 
     The joints of the chain beyond the first `joints` are not the arm's: solutions that turn them are left out. Where a
-    set of solutions may be incomplete, the paths are followed once more from another start.
+    set of solutions may be incomplete, paths are followed once more from another start.
     """
+    starts = range(0, max(1, len(base_from_end)), _BLOCK)
+    blocks = [_candidates(chain, joints, base_from_end[start : start + _BLOCK]) for start in starts]
+    most = max(block.shape[1] for block in blocks)
     return np.concatenate(
-        [
-            _candidates(chain, joints, base_from_end[start : start + _BLOCK])
-            for start in range(0, max(1, len(base_from_end)), _BLOCK)
-        ]
+        [np.pad(block, ((0, 0), (0, most - block.shape[1]), (0, 0)), constant_values=np.nan) for block in blocks]
     )
 
 
 def _candidates(chain: SixJoints, joints: int, targets: Array) -> Array:
-    first, second = continuation.starts(chain)
-    theta, complete = continuation.solve(chain, first, targets)
-    again = np.full_like(theta, np.nan)
-    if not complete.all():
-        again[~complete] = continuation.solve(chain, second, targets[~complete])[0]
-    theta = np.concatenate([theta, again], 1)
+    found = []
+    pending = np.ones(len(targets), bool)
+    for start in continuation.starts(chain):
+        theta = np.full((len(targets), start.theta.shape[1], 6), np.nan)
+        theta[pending], complete = continuation.solve(chain, start, targets[pending])
+        found.append(theta)
+        pending[pending] = ~complete
+        if not pending.any():
+            break
+    theta = np.concatenate(found, 1)
     with np.errstate(invalid="ignore"):
         turned = np.abs(_wrap(theta[..., joints:])).max(-1, initial=0.0) > _NO_TURN
     theta[turned] = np.nan
