@@ -34,7 +34,7 @@ class Segment:
     times
         (n,) seconds from the start of the segment, starting at 0, one per controller cycle.
     q
-        (n, 6) joint set-points in radians.
+        (n, joints) joint set-points in radians.
     table
         (n,) table set-points in radians (not wrapped).
     trigger
