@@ -68,8 +68,6 @@ def _with_inputs(program: str, inputs: dict[str, float | int], variables: dict[s
     calls = []
     for name, value in inputs.items():
         array, function, count = kinds[type(value)]
-        if third and variables[name].type == "Enumeration":
-            array, function = "cInt64io", "setInt64"
         calls += [
             f"cUintVref[0] = {variables[name].valueReference};",
             f"{array}[0] = {value!r};",
