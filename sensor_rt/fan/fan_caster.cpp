@@ -79,15 +79,13 @@ void face(const double* __restrict viewpoint, const Lanes3& __restrict point, co
   }
 }
 
-/// Viewing axis: the reference frame's +X or -X.
-ViewAxes looks_along(const Camera& camera) { return camera.side > 0 ? ViewAxes::kBackX : ViewAxes::kX; }
-
 /// Returns the angle of ray i from z.
 double angle_of(const FanGeometry& geometry, int i) {
   return geometry.laser.fan_half_angle * (2.0 * (i + 0.5) / geometry.rays - 1.0);
 }
 
-Fan fan_of(const FanGeometry& geometry) {
+/// Returns the directions of all rays in packets of sixteen.
+std::vector<Lanes3> directions_of(const FanGeometry& geometry) {
   const LaserSheet& laser = geometry.laser;
   const int packets = (geometry.rays + kLanes - 1) / kLanes;
   std::vector<Lanes3> directions(static_cast<std::size_t>(packets));
@@ -98,7 +96,7 @@ Fan fan_of(const FanGeometry& geometry) {
     set_lane(directions[static_cast<std::size_t>(i / kLanes)], i % kLanes,
              laser.is_straight() ? way : way.normalized());
   }
-  return {std::move(directions), static_cast<std::size_t>(geometry.rays)};
+  return directions;
 }
 
 }  // namespace
@@ -116,15 +114,14 @@ void FanPoints::resize(std::size_t count) {
 }
 
 FanCaster::FanCaster(const FanGeometry& geometry)
-    : geometry_(geometry), fan_(fan_of(geometry)), instants_{0.5} {
+    : geometry_(geometry), directions_(directions_of(geometry)), instants_{0.5} {
   const LaserSheet& laser = geometry_.laser;
   const Rigid3 sheet_from_sensor = laser.sensor_from_sheet.inverse();
   for (Camera& camera : geometry_.cameras) {
     camera.sensor_from_camera = sheet_from_sensor * camera.sensor_from_camera;
   }
-  hits_.resize(fan_.directions().size());
+  hits_.resize(directions_.size());
   landings_.resize(hits_.size());
-  views_.resize(hits_.size());
   relative_power_.resize(hits_.size() * kLanes, 0.0);
   for (int i = 0; i < geometry_.rays; ++i) {
     relative_power_[static_cast<std::size_t>(i)] = laser.relative_power(angle_of(geometry_, i));
@@ -163,24 +160,22 @@ void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t
   points.resize(geometry_.cameras.size() * landings_.size() * kLanes);
   std::size_t count = 0;
   for (std::size_t k = 0; k < geometry_.cameras.size(); ++k) {
-    const Camera& camera = geometry_.cameras[k];
-    const Eigen::Vector3d viewpoint = camera.sensor_from_camera.translation;
+    const Eigen::Vector3d& viewpoint = geometry_.cameras[k].sensor_from_camera.translation;
     camera_view_.set(scene, track_, {viewpoint}, kOneInstant, camera_regions_[k]);
-    look(k);
-    occlusion_culler_.set(scene, track_, camera_view_.shapes(), {source, viewpoint, looks_along(camera), 0},
-                          bundles_);
     count += see(scene, k, count, points);
   }
   points.resize(count);
 }
 
 void FanCaster::land(const Scene& scene) {
-  laser_view_.intersect(track_, {0.0, 0.0, geometry_.laser.source_z}, fan_, search_, hits_);
   for (std::size_t p = 0; p < hits_.size(); ++p) {
     Landing& landing = landings_[p];
-    const PacketHits& hits = hits_[p];
+    PacketHits& hits = hits_[p];
+    alignas(64) int valid[kLanes];
+    for (int l = 0; l < kLanes; ++l) valid[l] = static_cast<int>(p) * kLanes + l < geometry_.rays ? -1 : 0;
+    laser_view_.intersect(0, directions_[p], valid, kNone, hits);
     alignas(64) double cosine[kLanes];
-    locate(geometry_.laser.source_z, geometry_.near, geometry_.far, fan_.directions()[p], hits, landing.point,
+    locate(geometry_.laser.source_z, geometry_.near, geometry_.far, directions_[p], hits, landing.point,
            landing.normal, cosine, landing.used);
     transform(geometry_.laser.sensor_from_sheet, landing.point, landing.in_sensor);
     for (int l = 0; l < kLanes; ++l) {
@@ -222,34 +217,20 @@ void FanCaster::find_motion(const Scene& scene) {
   }
 }
 
-void FanCaster::look(std::size_t number) {
+void FanCaster::look(std::size_t number, std::size_t p, View& view) const {
   const Camera& camera = geometry_.cameras[number];
-  const Eigen::Vector3d viewpoint = camera.sensor_from_camera.translation;
-  const std::size_t packets_per_bundle =
-      (landings_.size() + ProjectedBoundsSet::kCapacity - 1) / ProjectedBoundsSet::kCapacity;
-  bundles_.clear();
-  ProjectedBounds bundle;
-  for (std::size_t p = 0; p < landings_.size(); ++p) {
-    const Landing& landing = landings_[p];
-    View& view = views_[p];
-    alignas(64) double seen[kLanes];
-    projectors_[number].project(landing.point, view.column, view.row);
-    face(viewpoint.data(), landing.point, landing.normal, landing.used, view.column, view.row,
-         camera.width_px, camera.height_px, view.direction, seen);
-    view.bounds = projected_bounds(view.direction, looks_along(camera), seen);
-    bundle.include(view.bounds);
-    if ((p + 1) % packets_per_bundle == 0 || p + 1 == landings_.size()) {
-      bundles_.add(bundle);
-      bundle = ProjectedBounds();
-    }
-    for (int l = 0; l < kLanes; ++l) view.unoccluded[l] = seen[l] > 0.0 ? -1 : 0;
-  }
+  const Landing& landing = landings_[p];
+  alignas(64) double seen[kLanes];
+  projectors_[number].project(landing.point, view.column, view.row);
+  face(camera.sensor_from_camera.translation.data(), landing.point, landing.normal, landing.used, view.column,
+       view.row, camera.width_px, camera.height_px, view.direction, seen);
+  for (int l = 0; l < kLanes; ++l) view.unoccluded[l] = seen[l] > 0.0 ? -1 : 0;
+  camera_view_.occlude(0, view.direction, kShadowRayEnd, view.unoccluded);
 }
 
-double FanCaster::lamp_light(const Scene& scene, std::size_t p) const {
+double FanCaster::lamp_light(const Scene& scene, std::size_t p, const View& view) const {
   if (!lamps_->any()) return 0.0;
   // Evaluated at one point per packet: lamps only contribute to the background here.
-  const View& view = views_[p];
   const Landing& landing = landings_[p];
   const auto unoccluded = [&](int l) { return view.unoccluded[l] != 0; };
   int l = kLanes / 2;
@@ -260,12 +241,12 @@ double FanCaster::lamp_light(const Scene& scene, std::size_t p) const {
   return lamps_->brightness(at, *shape.surface, 0);
 }
 
-void FanCaster::measure_stripes(const Scene& scene, std::size_t number, std::size_t p, Stripes& stripes) {
-  const View& view = views_[p];
+void FanCaster::measure_stripes(const Scene& scene, std::size_t number, std::size_t p, const View& view,
+                                Stripes& stripes) const {
   const Landing& landing = landings_[p];
   StripeLanes seen;
   optics_[number].see(view.direction, landing.normal, view.column, view.row, landing.light, seen);
-  const double lamps = lamp_light(scene, p);
+  const double lamps = lamp_light(scene, p, view);
   const double ambient = geometry_.stripes->ambient_irradiance;
   for (int l = 0; l < kLanes; ++l) {
     if (view.unoccluded[l] == 0) continue;
@@ -275,7 +256,7 @@ void FanCaster::measure_stripes(const Scene& scene, std::size_t number, std::siz
     if (!shape.surface->is_lambert()) {
       const Eigen::Vector3d normal = lane(landing.normal, l);
       const Eigen::Vector3d to_viewpoint = -lane(view.direction, l).normalized();
-      direct = shape.surface->pi_brdf(normal, -lane(fan_.directions()[p], l), to_viewpoint);
+      direct = shape.surface->pi_brdf(normal, -lane(directions_[p], l), to_viewpoint);
       even = shape.surface->albedo(normal.dot(to_viewpoint));
     }
     const double electrons = seen.responsivity[l] * duration_;
@@ -286,7 +267,8 @@ void FanCaster::measure_stripes(const Scene& scene, std::size_t number, std::siz
   }
 }
 
-std::size_t FanCaster::see(const Scene& scene, std::size_t number, std::size_t first, FanPoints& points) {
+std::size_t FanCaster::see(const Scene& scene, std::size_t number, std::size_t first,
+                           FanPoints& points) const {
   const Camera& camera = geometry_.cameras[number];
   const std::size_t packets = landings_.size();
   std::size_t at = first;
@@ -294,13 +276,11 @@ std::size_t FanCaster::see(const Scene& scene, std::size_t number, std::size_t f
     // Columns increase along -y for side +1 and along +y for side -1.
     const std::size_t p = camera.side > 0 ? packets - 1 - step : step;
     const Landing& landing = landings_[p];
-    View& view = views_[p];
-    if (view.bounds.empty()) continue;
-    occlusion_culler_.occlude(camera_view_, 0, view.direction, view.bounds, kShadowRayEnd, view.unoccluded);
-    const bool any =
-        std::any_of(view.unoccluded, view.unoccluded + kLanes, [](int lane) { return lane != 0; });
+    View view;
+    look(number, p, view);
+    if (std::none_of(view.unoccluded, view.unoccluded + kLanes, [](int lane) { return lane != 0; })) continue;
     Stripes stripes;
-    if (any && lamps_.has_value()) measure_stripes(scene, number, p, stripes);
+    if (lamps_.has_value()) measure_stripes(scene, number, p, view, stripes);
     for (int i = 0; i < kLanes; ++i) {
       const int l = camera.side > 0 ? kLanes - 1 - i : i;
       if (view.unoccluded[l] == 0) continue;

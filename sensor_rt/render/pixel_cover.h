@@ -8,7 +8,6 @@
 
 #include "sensor_rt/render/pixel_mask.h"
 #include "sensor_rt/render/pixel_rays.h"
-#include "sensor_rt/tracing/occlusion_culler.h"
 #include "sensor_rt/tracing/ray_view.h"
 
 namespace sensor_rt {
@@ -56,7 +55,6 @@ class PixelCover {
   bool is_fine(const Shape& shape, std::uint32_t face) const;
   bool is_ring(const Shape& shape, int row) const;
   bool flatten(const Shape& shape, int row, Patch& patch) const;
-  void set_shadow_cullers(const Eigen::Vector3d& viewpoint);
   void trace_edges(int first_edge, const PixelMask& mask);
   void trace_corners(const Place* places, int count);
   std::size_t instants() const { return lane_instants_.size() / kLanes; }
@@ -73,9 +71,6 @@ class PixelCover {
   std::vector<std::size_t> lane_instants_;  ///< packet 0: the first of the exposure, packet 1: the last
   RayView view_;
   RayView laser_;
-  ProjectedBoundsSet sheet_;  ///< the region lit by the laser, as seen from the source
-  std::vector<OcclusionCuller>
-      shadow_cullers_;  ///< shadow tests from the source to visible points, per instant
   /// Packets are four corners wide, for coherent rays.
   static constexpr int kEdgesAtOnce = 4;
   static constexpr int kEdgesKept = 2 * kEdgesAtOnce;

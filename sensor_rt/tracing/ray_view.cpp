@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 
 #include "sensor_rt/geometry/multiversion.h"
@@ -111,25 +110,6 @@ void RayView::intersect_with(std::size_t k, std::size_t packet, const Lanes3& di
   if (nearest_[at] > 0.0 && !any_reaches(nearest_[at], direction, hits.t)) return;
   const auto number = static_cast<std::int32_t>(shapes_[k]);
   intersect_shape(scene_->shapes()[shapes_[k]], number, transforms_[at], direction, valid, hits);
-}
-
-void RayView::intersect(const PoseTrack& track, const Eigen::Vector3d& viewpoint, const Fan& fan,
-                        FanSearch& search, std::vector<PacketHits>& hits) const {
-  for (PacketHits& packet : hits) clear_hits(packet, std::numeric_limits<double>::infinity());
-  for (const std::size_t k : order_) {
-    const Shape& shape = scene_->shapes()[shapes_[k]];
-    const bool searched = search.search(shape.fan_tree, shape.planes.data(), shape.half_size,
-                                        track.shape_from_reference(shapes_[k], 0), viewpoint, fan);
-    for (std::size_t p = 0; p < hits.size(); ++p) {
-      if (searched) {
-        intersect_faces(shape, static_cast<std::int32_t>(shapes_[k]), transforms_[k * packets_],
-                        fan.directions()[p], search.faces() + p * kLanes, search.distances() + p * kLanes,
-                        hits[p]);
-      } else {
-        intersect_with(k, 0, fan.directions()[p], fan.valid(p), hits[p]);
-      }
-    }
-  }
 }
 
 bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,

@@ -5,7 +5,6 @@
 
 #include "sensor_rt/geometry/half_space.h"
 #include "sensor_rt/scene/pose_track.h"
-#include "sensor_rt/tracing/fan_search.h"
 #include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
@@ -26,12 +25,6 @@ class RayView {
   void intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
                  PacketHits& hits) const;
 
-  /// Finds the closest hits of all rays of a fan that starts from `viewpoint`; `search` holds scratch memory.
-  /// One packet of hits per packet of the fan; the view must have been set for one instant of `track` and
-  /// this viewpoint.
-  void intersect(const PoseTrack& track, const Eigen::Vector3d& viewpoint, const Fan& fan, FanSearch& search,
-                 std::vector<PacketHits>& hits) const;
-
   /// Computes the hits of rays that are known to hit nothing before `patch`, of a shape in view. Returns
   /// false when a ray misses it or the patch is open.
   bool meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
@@ -39,10 +32,6 @@ class RayView {
 
   /// Clears unoccluded[lane] for rays that are blocked before t = farthest.
   void occlude(std::size_t packet, const Lanes3& direction, double farthest, int* unoccluded) const;
-
-  /// Clears unoccluded[lane] for rays that the k-th of shapes() blocks before t = farthest.
-  void occlude_by(std::size_t k, std::size_t packet, const Lanes3& direction, double farthest,
-                  int* unoccluded) const;
 
   /// Indices of the shapes in view.
   const std::vector<std::size_t>& shapes() const { return shapes_; }
@@ -53,6 +42,9 @@ class RayView {
   /// Updates the closest hits with the k-th of shapes().
   void intersect_with(std::size_t k, std::size_t packet, const Lanes3& direction, const int* valid,
                       PacketHits& hits) const;
+  /// Clears unoccluded[lane] for rays that it blocks before t = farthest.
+  void occlude_by(std::size_t k, std::size_t packet, const Lanes3& direction, double farthest,
+                  int* unoccluded) const;
 
   const Scene* scene_ = nullptr;
   std::size_t packets_ = 0;
