@@ -41,19 +41,17 @@ void locate(double source_z, double near, double far, const Lanes3& __restrict d
   }
 }
 
-/// Computes the irradiance at the centre of the sheet, and its width there.
+/// Computes the irradiance at the centre of the sheet, and its width there. `distance`: from the source.
 SENSOR_RT_MULTIVERSION
-void illuminate(double power_per_radian, double waist_z, double sigma2, double divergence2,
-                const double* __restrict relative_power, const double* __restrict cosine,
-                const double* __restrict distance, const Lanes3& __restrict point,
-                LandingLight& __restrict light) {
-  constexpr double kInverseSqrtTwoPi = 0.3989422804014327;
+void illuminate(const LaserEmitter& laser, const double* __restrict relative_power,
+                const double* __restrict cosine, const double* __restrict distance,
+                const Lanes3& __restrict point, LandingLight& __restrict light) {
   for (int l = 0; l < kLanes; ++l) {
-    const double from_waist = point.z[l] - waist_z;
-    const double sigma = std::sqrt(sigma2 + divergence2 * from_waist * from_waist);
-    light.sigma[l] = sigma;
-    light.irradiance[l] =
-        kInverseSqrtTwoPi * power_per_radian * relative_power[l] * cosine[l] / (sigma * distance[l]);
+    const double depth = point.z[l] - laser.sheet.source_z;
+    const double variance = laser.variance(depth);
+    light.sigma[l] = std::sqrt(variance);
+    light.irradiance[l] = relative_power[l] * laser.peak_irradiance(cosine[l] * distance[l], variance,
+                                                                    point.x[l], point.y[l], depth);
     light.normal_travel[l] = 0.0;
   }
 }
@@ -86,15 +84,14 @@ double angle_of(const FanGeometry& geometry, int i) {
 
 /// Returns the directions of all rays in packets of sixteen.
 std::vector<Lanes3> directions_of(const FanGeometry& geometry) {
-  const LaserSheet& laser = geometry.laser;
+  const LaserEmitter laser(geometry.laser);
   const int packets = (geometry.rays + kLanes - 1) / kLanes;
   std::vector<Lanes3> directions(static_cast<std::size_t>(packets));
   for (int i = 0; i < packets * kLanes; ++i) {
     const double angle = angle_of(geometry, i);
-    const double bend = laser.bend_at(std::tan(angle) / std::tan(laser.fan_half_angle));
-    const Eigen::Vector3d way(bend * std::cos(angle), std::sin(angle), std::cos(angle));
+    const Eigen::Vector3d way = laser.direction(std::sin(angle), std::cos(angle), 0.0);
     set_lane(directions[static_cast<std::size_t>(i / kLanes)], i % kLanes,
-             laser.is_straight() ? way : way.normalized());
+             laser.sheet.is_straight() ? way : way.normalized());
   }
   return directions;
 }
@@ -114,7 +111,7 @@ void FanPoints::resize(std::size_t count) {
 }
 
 FanCaster::FanCaster(const FanGeometry& geometry)
-    : geometry_(geometry), directions_(directions_of(geometry)), instants_{0.5} {
+    : geometry_(geometry), laser_(geometry.laser), directions_(directions_of(geometry)), instants_{0.5} {
   const LaserSheet& laser = geometry_.laser;
   const Rigid3 sheet_from_sensor = laser.sensor_from_sheet.inverse();
   for (Camera& camera : geometry_.cameras) {
@@ -192,12 +189,9 @@ void FanCaster::land(const Scene& scene) {
 }
 
 void FanCaster::light(std::size_t p, const double* cosine) {
-  const LaserSheet& laser = geometry_.laser;
   Landing& landing = landings_[p];
   const PacketHits& hits = hits_[p];
-  illuminate(laser.power / (2.0 * laser.fan_half_angle), laser.waist_z, laser.sheet_sigma * laser.sheet_sigma,
-             laser.divergence * laser.divergence, &relative_power_[p * kLanes], cosine, hits.t, landing.point,
-             landing.light);
+  illuminate(laser_, &relative_power_[p * kLanes], cosine, hits.t, landing.point, landing.light);
   if (motion_.empty()) return;
   for (int l = 0; l < kLanes; ++l) {
     if (landing.used[l] == 0.0) continue;

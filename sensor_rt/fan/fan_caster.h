@@ -11,7 +11,7 @@
 #include "sensor_rt/geometry/band.h"
 #include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/optics/camera.h"
-#include "sensor_rt/optics/laser_sheet.h"
+#include "sensor_rt/optics/laser_emitter.h"
 #include "sensor_rt/optics/projector.h"
 #include "sensor_rt/tracing/lamps.h"
 #include "sensor_rt/tracing/ray_view.h"
@@ -111,6 +111,7 @@ class FanCaster {
   double lamp_light(const Scene& scene, std::size_t p, const View& view) const;
 
   FanGeometry geometry_;
+  LaserEmitter laser_;
   std::vector<Projector> projectors_;
   std::vector<Lanes3> directions_;  ///< of the rays, in packets of sixteen
   std::vector<PacketHits> hits_;

@@ -36,8 +36,7 @@ void FanGrid::set(const Scene& scene, const PoseTrack& track) {
 }
 
 void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
-  const LaserSheet& laser = plan_.settings.model.laser;
-  const double tangent = std::tan(laser.fan_half_angle);
+  const LaserSheet& laser = plan_.laser.sheet;
   out.resize(rays.size(), projectors_.size());
   for (std::size_t first = 0; first < rays.size(); first += kLanes) {
     const int lanes = static_cast<int>(std::min<std::size_t>(kLanes, rays.size() - first));
@@ -45,10 +44,7 @@ void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
     alignas(64) int valid[kLanes];
     for (int l = 0; l < kLanes; ++l) {
       const FanRay& ray = rays[first + static_cast<std::size_t>(std::min(l, lanes - 1))];
-      direction.y[l] = ray.y;
-      direction.z[l] = ray.z;
-      const double place = direction.y[l] / (direction.z[l] * tangent);
-      direction.x[l] = ray.slope + direction.z[l] * laser.bend_at(place);
+      set_lane(direction, l, plan_.laser.direction(ray.y, ray.z, ray.slope));
       valid[l] = l < lanes ? -1 : 0;
     }
     const double source_y = source_y_[rays[first].source];

@@ -19,7 +19,7 @@ constexpr double kMinLobe = 0.1;
 struct Constants {
   double axes[9];
   double viewpoint[3];
-  SheetLight::Constants sheet;
+  const LaserEmitter& laser;
   double time_scale;
 };
 
@@ -51,9 +51,8 @@ struct PlaneLane {
                                                   double dy, double dz) {
   const double t = (p.offset - p.x * c.viewpoint[0] - p.y * c.viewpoint[1] - p.z * c.viewpoint[2]) /
                    (p.x * dx + p.y * dy + p.z * dz);
-  const double from_waist = c.viewpoint[2] + t * dz - c.sheet.source_z - c.sheet.waist_depth;
-  const double sigma2 = c.sheet.sigma2 + c.sheet.divergence2 * from_waist * from_waist;
-  return (c.viewpoint[0] + t * dx) / std::sqrt(sigma2);
+  const double depth = c.viewpoint[2] + t * dz - c.laser.sheet.source_z;
+  return (c.viewpoint[0] + t * dx) / std::sqrt(c.laser.variance(depth));
 }
 
 /// Mean of exp(-q²/2) over intervals of widths with these sums of squares, fourth and sixth powers.
@@ -80,7 +79,7 @@ void integrate_lanes(const Constants& c, const PlanePose& first, const PlanePose
   constexpr double kMaxWidth2 = 2.25;  // the series then errs by 1e-4 of the peak
   constexpr double kMaxLean = 0.01;    // change of the distance from pixel to pixel
   const double* a = c.axes;
-  const SheetLight::Constants& s = c.sheet;
+  const LaserEmitter& laser = c.laser;
   for (int l = 0; l < kLanes; ++l) {
     const PlaneLane p = place(first, b.normal, b.offset, l);
     const PlaneLane q = place(last, b.normal, b.offset, l);
@@ -99,9 +98,8 @@ void integrate_lanes(const Constants& c, const PlanePose& first, const PlanePose
     const double t = (offset - nx * c.viewpoint[0] - ny * c.viewpoint[1] - nz * c.viewpoint[2]) * inverse;
     const double x = c.viewpoint[0] + t * dx;
     const double y = c.viewpoint[1] + t * dy;
-    const double depth = c.viewpoint[2] + t * dz - s.source_z;
-    const double from_waist = depth - s.waist_depth;
-    const double sigma2 = s.sigma2 + s.divergence2 * from_waist * from_waist;
+    const double depth = c.viewpoint[2] + t * dz - laser.sheet.source_z;
+    const double sigma2 = laser.variance(depth);
     const double inverse_sigma = 1.0 / std::sqrt(sigma2);
     // Derivatives of the ray and of the hit by column (u) and row (v):
     const double ux = a[0] * b.dx_du[l] + a[3] * b.dy_du[l];
@@ -112,7 +110,8 @@ void integrate_lanes(const Constants& c, const PlanePose& first, const PlanePose
     const double vz = a[2] * b.dx_dv[l] + a[5] * b.dy_dv[l];
     const double lean_u = (nx * ux + ny * uy + nz * uz) * inverse;
     const double lean_v = (nx * vx + ny * vy + nz * vz) * inverse;
-    const double widening = s.divergence2 * from_waist * x * inverse_sigma * inverse_sigma;
+    const double widening =
+        laser.divergence2 * (depth - laser.waist_depth) * x * inverse_sigma * inverse_sigma;
     const double in_u = t * inverse_sigma * (ux - lean_u * dx - widening * (uz - lean_u * dz));
     const double in_v = t * inverse_sigma * (vx - lean_v * dx - widening * (vz - lean_v * dz));
     const double in_t = c.time_scale * (at_last - at_first);
@@ -136,10 +135,9 @@ void integrate_lanes(const Constants& c, const PlanePose& first, const PlanePose
     const double facing = slope > 0.0 ? -to_source : to_source;
     const double shine = std::abs(across) - half_width <= kSheetReach ? 1.0 : 0.0;
     const bool simple = (w2 <= kMaxWidth2) & (std::abs(lean_u) <= kMaxLean) & (std::abs(lean_v) <= kMaxLean) &
-                        (t > 0.0) & (facing > 0.0) & (std::abs(y) + half_y < s.tangent * (depth - half_z));
+                        (t > 0.0) & (facing > 0.0) & laser.in_fan(std::abs(y) + half_y, depth - half_z);
     out.needs_samples[l] = simple ? 0.0 : 1.0;
-    const double scale = inverse_sigma / std::sqrt(in_fan2 * (in_fan2 + x * x) + 1e-200);
-    out.irradiance[l] = shine * s.power_per_radian * mean * facing * scale;
+    out.irradiance[l] = shine * mean * laser.peak_irradiance(facing, sigma2, x, y, depth);
     const double slope_of_mean = -across / (1.0 + w2 * (1.0 / 12.0));
     out.per_distance[l] = slope_of_mean * inverse_sigma * (dx - widening * dz);
     out.per_change[l] = slope_of_mean * (1.0 / 12.0);
@@ -304,8 +302,7 @@ bool is_linear(const PoseTrack& track, std::size_t shape, double tolerance) {
 
 }  // namespace
 
-FilledPixels::FilledPixels(const RenderPlan& plan)
-    : plan_(plan), rays_(plan), sheet_(plan.settings.model.laser) {}
+FilledPixels::FilledPixels(const RenderPlan& plan) : plan_(plan), rays_(plan), sheet_(plan.laser) {}
 
 void FilledPixels::set(const ExposureViews& views) {
   views_ = &views;
@@ -364,11 +361,9 @@ void FilledPixels::collect(int column, int row, const Patch& patch, Batch& batch
 }
 
 void FilledPixels::integrate(Batch& batch) {
-  Constants constants;
+  Constants constants{{}, {}, plan_.laser, time_scale_};
   std::copy_n(rays_.axes(), 9, constants.axes);
   std::copy_n(rays_.viewpoint(), 3, constants.viewpoint);
-  constants.sheet = sheet_.constants();
-  constants.time_scale = time_scale_;
   const PoseTrack& track = *views_->track;
   const auto shape = static_cast<std::size_t>(shape_);
   const Rigid3& start = track.shape_from_reference(shape, 0);

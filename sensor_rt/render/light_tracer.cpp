@@ -74,7 +74,7 @@ void LightTracer::trace(const ExposureViews& views, std::int64_t frame, bool mir
 }
 
 void LightTracer::emit(Packet& packet, std::uint32_t first) {
-  const LaserSheet& laser = plan_.settings.model.laser;
+  const LaserSheet& laser = plan_.laser.sheet;
   const PathRandom random(plan_.settings.seed, frame_, PathRandom::kPhotons);
   const auto shift = random.at(0, 0, ~0u);
   const double scale = 0.6 * plan_.slope / kSheetReach;  // the logistic distribution closest to the Gaussian
@@ -84,29 +84,27 @@ void LightTracer::emit(Packet& packet, std::uint32_t first) {
     const std::uint32_t photon = first + static_cast<std::uint32_t>(l);
     const double angle = laser.fan_half_angle * (2.0 * wrap(recurrence(photon, 0) + shift[0]) - 1.0);
     const double u = std::clamp(wrap(recurrence(photon, 1) + shift[1]), 1e-9, 1.0 - 1e-9);
-    const double bend = laser.bend_at(std::tan(angle) / std::tan(laser.fan_half_angle));
-    packet.slope[l] = scale * std::log(u / (1.0 - u)) + bend * std::cos(angle);
+    const Eigen::Vector3d direction =
+        plan_.laser.direction(std::sin(angle), std::cos(angle), scale * std::log(u / (1.0 - u)));
+    packet.slope[l] = direction.x();
     const double pdf = u * (1.0 - u) / scale / (2.0 * laser.fan_half_angle);
     packet.power[l] = 1.0 / (photons_ * pdf);
     packet.alive[l] = photon < photons_ ? -1 : 0;
     packet.spacing[l] = packet.cone_spread[l] = 0.0;
     set_lane(packet.origin, l, plan_.source(packet.number, l));
-    set_lane(packet.direction, l, {packet.slope[l], std::sin(angle), std::cos(angle)});
+    set_lane(packet.direction, l, direction);
   }
 }
 
 /// Converts the pdf to power: a step of angle and slope covers t² / sqrt(1 + slope²) across the ray.
 void LightTracer::land_first(Packet& packet) const {
-  const LaserSheet& laser = plan_.settings.model.laser;
   for (int l = 0; l < kLanes; ++l) {
     if (packet.alive[l] == 0) continue;
     packet.alive[l] = 0;
     if (packet.hits.shape[l] < 0) continue;
     const double t = packet.hits.t[l];
-    const Eigen::Vector3d at = lane(packet.origin, l) + t * lane(packet.direction, l);
     const double across = t * t / std::sqrt(1.0 + packet.slope[l] * packet.slope[l]);
-    const double y_from_source = at.y() - packet.origin.y[l];
-    packet.power[l] *= across * laser.irradiance_at(at.x(), y_from_source, at.z());
+    packet.power[l] *= across * plan_.laser.at(t * lane(packet.direction, l)).irradiance;
     packet.counts[l] = !mirrors_first_ || views_->brdf(packet.hits.shape[l]).is_specular();
     packet.alive[l] = packet.power[l] > 0.0 && packet.counts[l] ? -1 : 0;
   }

@@ -36,7 +36,6 @@ void PathTracer::set(const ExposureViews& views, std::int64_t frame, RowViews* r
 }
 
 double PathTracer::laser_light(Packet& packet, int depth) {
-  const LaserSheet& laser = plan_.settings.model.laser;
   Lanes3 from_source;
   double light[kLanes];
   alignas(64) int unoccluded[kLanes];
@@ -46,15 +45,9 @@ double PathTracer::laser_light(Packet& packet, int depth) {
     set_lane(from_source, l, Eigen::Vector3d::UnitZ());
     if (packet.alive[l] == 0) continue;
     const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
-    const Eigen::Vector3d source = plan_.source(packet.number, l);
-    const Eigen::Vector3d segment = at.position - source;
-    const double facing = -at.normal.dot(segment);
-    if (!(facing > 0.0)) continue;
-    const double irradiance = laser.irradiance_at(segment.x(), segment.y(), at.position.z());
-    if (irradiance == 0.0) continue;
-    const double distance = segment.norm();
-    light[l] = packet.carried[l] * irradiance * (facing / distance) *
-               views_->brdf(packet.hits.shape[l]).pi_brdf(at.normal, -segment / distance, at.back);
+    const Eigen::Vector3d segment = at.position - plan_.source(packet.number, l);
+    light[l] = packet.carried[l] * at.reflected(plan_.laser.at(segment), views_->brdf(packet.hits.shape[l]));
+    if (!(light[l] > 0.0)) continue;
     unoccluded[l] = -1;
     any = true;
     set_lane(from_source, l, segment);

@@ -14,7 +14,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 PixelTracer::PixelTracer(const RenderPlan& plan)
     : plan_(plan),
       rays_(plan),
-      sheet_(plan.settings.model.laser),
+      sheet_(plan.laser),
       speckle_(plan),
       lamps_(plan.settings.model.band_pass, plan.settings.model.laser.wavelength) {
   sources_.resize(plan.pattern.padded_size() / kLanes);

@@ -33,12 +33,13 @@ double largest_slope(const SensorModel& model) {
   return slope * 1.02;  // margin: the depths are sampled
 }
 
-/// Returns the sensor with camera poses in the frame of the sheet.
+/// Returns the settings with camera poses in the frame of the sheet and the power that the laser has.
 RenderSettings in_frame_of_sheet(RenderSettings settings) {
   const Rigid3 sheet_from_sensor = settings.model.laser.sensor_from_sheet.inverse();
   for (Camera& camera : settings.model.cameras) {
     camera.sensor_from_camera = sheet_from_sensor * camera.sensor_from_camera;
   }
+  if (!settings.laser_on) settings.model.laser.power = 0.0;
   return settings;
 }
 
@@ -75,10 +76,10 @@ double reach_beyond_pixel(const Camera& camera, const SamplingPattern& pattern) 
 
 RenderPlan::RenderPlan(const RenderSettings& given)
     : settings(in_frame_of_sheet(given)),
+      laser(settings.model.laser),
       pattern(make_sampling_pattern(static_cast<std::size_t>(given.samples_per_pixel))),
       sensor_from_reference(given.model.laser.sensor_from_sheet),
       lane_sources(spread_sources(given.model.laser, pattern)) {
-  if (!settings.laser_on) settings.model.laser.power = 0.0;
   const SensorModel& model = settings.model;
   slope = largest_slope(model);
   laser_region = sensor_rt::laser_region(model.laser, slope / std::cos(model.laser.fan_half_angle));

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "sensor_rt/geometry/half_space.h"
+#include "sensor_rt/optics/laser_emitter.h"
 #include "sensor_rt/optics/sensor_model.h"
 #include "sensor_rt/render/render_options.h"
 #include "sensor_rt/render/sampling_pattern.h"
@@ -32,6 +33,7 @@ struct RenderPlan {
   explicit RenderPlan(const RenderSettings& settings);
 
   RenderSettings settings;  ///< with camera poses in the reference frame
+  LaserEmitter laser;       ///< without power in a background frame
   SamplingPattern pattern;
   /// The reference frame is the frame of the sheet, so that a misaligned sheet costs no more than an aligned
   /// one.

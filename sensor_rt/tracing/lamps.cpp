@@ -8,16 +8,6 @@ namespace sensor_rt {
 Lamps::Lamps(const Band& filter, double laser_wavelength)
     : filter_(filter), laser_wavelength_(laser_wavelength) {}
 
-double Lamps::received(const LightSample& sample, const SurfacePoint& at, const Bsdf& brdf) const {
-  const Eigen::Vector3d to_light = sample.position - at.position;
-  const double distance2 = to_light.squaredNorm();
-  if (!(distance2 > 0.0)) return 0.0;
-  const Eigen::Vector3d towards = to_light / std::sqrt(distance2);
-  const double cosine = at.normal.dot(towards);
-  if (!(cosine > 0.0)) return 0.0;
-  return sample.intensity(-towards) * cosine / distance2 * brdf.pi_brdf(at.normal, towards, at.back);
-}
-
 double Lamps::brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t instant) const {
   const std::vector<Light>& lights = scene_->lights();
   std::size_t instants[kLanes];
@@ -36,7 +26,7 @@ double Lamps::brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t i
       const LightSample& sample = samples[std::min(l, count - 1)];
       set_lane(origin, l, at.above());
       set_lane(to_light, l, sample.position - at.above());
-      light[l] = l < count ? received(sample, at, brdf) : 0.0;
+      light[l] = l < count ? at.reflected(sample.at(at.position), brdf) : 0.0;
       unoccluded[l] = light[l] > 0.0 ? -1 : 0;
       any = any || unoccluded[l] != 0;
     }
@@ -53,7 +43,7 @@ double Lamps::sample(std::size_t number, const SurfacePoint& at, const Bsdf& brd
   const Light& light = scene_->lights()[number];
   const LightSample sample = random_light_sample(light, track_->reference_from_light(number, instant), u, v);
   to_light = sample.position - at.above();
-  return in_band_share(light, filter_, laser_wavelength_) * received(sample, at, brdf);
+  return in_band_share(light, filter_, laser_wavelength_) * at.reflected(sample.at(at.position), brdf);
 }
 
 }  // namespace sensor_rt

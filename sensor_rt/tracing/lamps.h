@@ -30,8 +30,6 @@ class Lamps {
                 double v, Eigen::Vector3d& to_light) const;
 
  private:
-  double received(const LightSample& sample, const SurfacePoint& at, const Bsdf& brdf) const;
-
   Band filter_;
   double laser_wavelength_;
   const Scene* scene_ = nullptr;
