@@ -12,10 +12,6 @@
 namespace sensor_rt {
 namespace {
 
-/// Rays to a surface point are tested up to this fraction of their length, so that the surface does not
-/// occlude itself.
-constexpr double kShadowRayEnd = 1.0 - 1e-4;
-
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
 /// Computes the hit points with normals towards the light; used[lane] is 1 within near..far.
@@ -132,7 +128,7 @@ FanCaster::FanCaster(const FanGeometry& geometry)
   }
   if (!geometry_.stripes.has_value()) return;
   instants_ = {0.5, 0.0, 1.0};
-  lamps_.emplace(geometry_.stripes->band_pass, laser.wavelength);
+
   for (const Camera& camera : geometry_.cameras) {
     optics_.emplace_back(
         camera, electrons_per_irradiance(camera, laser.wavelength, geometry_.stripes->quantum_efficiency));
@@ -144,27 +140,26 @@ void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t
   static const std::vector<std::size_t> kOneInstant(kLanes, 0);
   track_.set(scene, exposures, exposure, instants_, geometry_.laser.sensor_from_sheet);
   const Eigen::Vector3d source(0.0, 0.0, geometry_.laser.source_z);
-  laser_view_.set(scene, track_, {source}, kOneInstant, laser_region_);
+  const SceneQuery query(scene, track_);
+  laser_view_.set(query, {source}, kOneInstant, laser_region_);
   if (laser_view_.empty()) return points.resize(0);
-  if (lamps_.has_value()) {
+  if (geometry_.stripes.has_value()) {
     duration_ = exposures.duration[exposure];
-    incoherent_rays_.set(scene, track_);
-    lamps_->set(scene, track_, incoherent_rays_);
     motion_.clear();
     if (exposures.samples > 1) find_motion(scene);
   }
-  land(scene);
+  land(query);
   points.resize(geometry_.cameras.size() * landings_.size() * kLanes);
   std::size_t count = 0;
   for (std::size_t k = 0; k < geometry_.cameras.size(); ++k) {
     const Eigen::Vector3d& viewpoint = geometry_.cameras[k].sensor_from_camera.translation;
-    camera_view_.set(scene, track_, {viewpoint}, kOneInstant, camera_regions_[k]);
-    count += see(scene, k, count, points);
+    camera_view_.set(query, {viewpoint}, kOneInstant, camera_regions_[k]);
+    count += see(query, k, count, points);
   }
   points.resize(count);
 }
 
-void FanCaster::land(const Scene& scene) {
+void FanCaster::land(const SceneQuery& query) {
   for (std::size_t p = 0; p < hits_.size(); ++p) {
     Landing& landing = landings_[p];
     PacketHits& hits = hits_[p];
@@ -177,14 +172,14 @@ void FanCaster::land(const Scene& scene) {
     transform(geometry_.laser.sensor_from_sheet, landing.point, landing.in_sensor);
     for (int l = 0; l < kLanes; ++l) {
       const Shape* shape =
-          hits.shape[l] >= 0 ? &scene.shapes()[static_cast<std::size_t>(hits.shape[l])] : nullptr;
+          hits.shape[l] >= 0 ? &query.scene().shapes()[static_cast<std::size_t>(hits.shape[l])] : nullptr;
       const bool shows = shape != nullptr && !shape->surface->is_specular();
       landing.used[l] = shows ? landing.used[l] : 0.0;
       landing.brightness[l] =
           shows ? cosine[l] * relative_power_[p * kLanes + static_cast<std::size_t>(l)] * shape->reflectance
                 : 0.0;
     }
-    if (lamps_.has_value()) light(p, cosine);
+    if (geometry_.stripes.has_value()) light(p, cosine);
   }
 }
 
@@ -219,32 +214,33 @@ void FanCaster::look(std::size_t number, std::size_t p, View& view) const {
   face(camera.sensor_from_camera.translation.data(), landing.point, landing.normal, landing.used, view.column,
        view.row, camera.width_px, camera.height_px, view.direction, seen);
   for (int l = 0; l < kLanes; ++l) view.unoccluded[l] = seen[l] > 0.0 ? -1 : 0;
-  camera_view_.occlude(0, view.direction, kShadowRayEnd, view.unoccluded);
+  camera_view_.occlude(0, view.direction, view.unoccluded);
 }
 
-double FanCaster::lamp_light(const Scene& scene, std::size_t p, const View& view) const {
-  if (!lamps_->any()) return 0.0;
+double FanCaster::lamp_light(const SceneQuery& query, std::size_t p, const View& view) const {
+  const Lamps lamps(query, geometry_.stripes->band_pass, geometry_.laser.wavelength);
+  if (!lamps.any()) return 0.0;
   // Evaluated at one point per packet: lamps only contribute to the background here.
   const Landing& landing = landings_[p];
   const auto unoccluded = [&](int l) { return view.unoccluded[l] != 0; };
   int l = kLanes / 2;
   for (int k = 0; k < kLanes && !unoccluded(l); ++k) l = (l + 1) % kLanes;
-  const Shape& shape = scene.shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
+  const Shape& shape = query.scene().shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
   const SurfacePoint at(lane(landing.point, l), lane(landing.normal, l),
                         -lane(view.direction, l).normalized());
-  return lamps_->brightness(at, *shape.surface, 0);
+  return lamps.brightness(at, *shape.surface, 0);
 }
 
-void FanCaster::measure_stripes(const Scene& scene, std::size_t number, std::size_t p, const View& view,
+void FanCaster::measure_stripes(const SceneQuery& query, std::size_t number, std::size_t p, const View& view,
                                 Stripes& stripes) const {
   const Landing& landing = landings_[p];
   StripeLanes seen;
   optics_[number].see(view.direction, landing.normal, view.column, view.row, landing.light, seen);
-  const double lamps = lamp_light(scene, p, view);
+  const double lamps = lamp_light(query, p, view);
   const double ambient = geometry_.stripes->ambient_irradiance;
   for (int l = 0; l < kLanes; ++l) {
     if (view.unoccluded[l] == 0) continue;
-    const Shape& shape = scene.shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
+    const Shape& shape = query.scene().shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
     double direct = shape.reflectance;
     double even = shape.reflectance;
     if (!shape.surface->is_lambert()) {
@@ -261,7 +257,7 @@ void FanCaster::measure_stripes(const Scene& scene, std::size_t number, std::siz
   }
 }
 
-std::size_t FanCaster::see(const Scene& scene, std::size_t number, std::size_t first,
+std::size_t FanCaster::see(const SceneQuery& query, std::size_t number, std::size_t first,
                            FanPoints& points) const {
   const Camera& camera = geometry_.cameras[number];
   const std::size_t packets = landings_.size();
@@ -274,7 +270,7 @@ std::size_t FanCaster::see(const Scene& scene, std::size_t number, std::size_t f
     look(number, p, view);
     if (std::none_of(view.unoccluded, view.unoccluded + kLanes, [](int lane) { return lane != 0; })) continue;
     Stripes stripes;
-    if (lamps_.has_value()) measure_stripes(scene, number, p, view, stripes);
+    if (geometry_.stripes.has_value()) measure_stripes(query, number, p, view, stripes);
     for (int i = 0; i < kLanes; ++i) {
       const int l = camera.side > 0 ? kLanes - 1 - i : i;
       if (view.unoccluded[l] == 0) continue;
@@ -284,7 +280,7 @@ std::size_t FanCaster::see(const Scene& scene, std::size_t number, std::size_t f
       points.brightness[at] = static_cast<float>(landing.brightness[l]);
       points.camera[at] = static_cast<std::int32_t>(number);
       points.ray[at] = static_cast<std::int32_t>(p) * kLanes + l;
-      if (lamps_.has_value()) {
+      if (geometry_.stripes.has_value()) {
         points.height_e[at] = stripes.height_e[l];
         points.width[at] = stripes.width[l];
         points.background_e[at] = stripes.background_e[l];

@@ -96,19 +96,19 @@ class FanCaster {
     int unoccluded[kLanes];  ///< -1 where the camera sees the point, else 0
   };
 
-  void land(const Scene& scene);
+  void land(const SceneQuery& query);
   /// Computes the laser light on the hits of the p-th packet, and their motion.
   void light(std::size_t p, const double* cosine);
   void find_motion(const Scene& scene);
   /// Projects the hit points of the p-th packet to a camera and finds those that it sees.
   void look(std::size_t camera, std::size_t p, View& view) const;
   /// Writes the points that a camera sees to `points` from `first` on; returns their number.
-  std::size_t see(const Scene& scene, std::size_t camera, std::size_t first, FanPoints& points) const;
+  std::size_t see(const SceneQuery& query, std::size_t camera, std::size_t first, FanPoints& points) const;
   /// Computes the stripe parameters of the p-th packet in a camera.
-  void measure_stripes(const Scene& scene, std::size_t camera, std::size_t p, const View& view,
+  void measure_stripes(const SceneQuery& query, std::size_t camera, std::size_t p, const View& view,
                        Stripes& stripes) const;
   /// Returns the lamp light on the p-th packet, as irradiance on a white diffuse surface.
-  double lamp_light(const Scene& scene, std::size_t p, const View& view) const;
+  double lamp_light(const SceneQuery& query, std::size_t p, const View& view) const;
 
   FanGeometry geometry_;
   LaserEmitter laser_;
@@ -120,8 +120,6 @@ class FanCaster {
   std::vector<double> instants_;  ///< instants of the exposure: its middle, then start and end if needed
   std::vector<Motion> motion_;    ///< per shape; empty: no motion
   double duration_ = 0.0;         ///< s
-  IncoherentRays incoherent_rays_;
-  std::optional<Lamps> lamps_;
   std::vector<HalfSpace> laser_region_;
   std::vector<std::vector<HalfSpace>> camera_regions_;
   PoseTrack track_;

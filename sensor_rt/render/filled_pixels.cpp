@@ -302,28 +302,24 @@ bool is_linear(const PoseTrack& track, std::size_t shape, double tolerance) {
 
 }  // namespace
 
-FilledPixels::FilledPixels(const RenderPlan& plan) : plan_(plan), rays_(plan), sheet_(plan.laser) {}
-
-void FilledPixels::set(const ExposureViews& views) {
-  views_ = &views;
-  const PoseTrack& track = *views.track;
+FilledPixels::FilledPixels(const RenderPlan& plan, const ExposureViews& views, std::size_t camera)
+    : plan_(plan), views_(views), rays_(plan, camera) {
+  const PoseTrack& track = views.query.track();
   const std::size_t last = track.instants() - 1;
   const auto instants = static_cast<double>(track.instants());
   time_scale_ = last == 0 ? 0.0 : instants / (instants - 1.0);  // the instants are centres of strata
-  is_usable_.clear();
-  for (std::size_t s = 0; s < views.scene->shapes().size(); ++s) {
-    const Shape& shape = views.scene->shapes()[s];
-    const bool sharp = shape.surface->lobe_width() < kMinLobe;
-    const bool planar = shape.kind == ShapeKind::kMesh || shape.kind == ShapeKind::kRectangle;
+  const std::vector<Shape>& shapes = views.query.scene().shapes();
+  for (std::size_t s = 0; s < shapes.size(); ++s) {
+    const bool sharp = shapes[s].surface->lobe_width() < kMinLobe;
+    const bool planar = shapes[s].kind == ShapeKind::kMesh || shapes[s].kind == ShapeKind::kRectangle;
     is_usable_.push_back(planar && !sharp && is_linear(track, s, kMaxBend * plan_.pixel_size));
   }
 }
 
-bool FilledPixels::select_camera(std::size_t number) {
-  rays_.select_camera(number);
-  planes_.count = edges_.count = 0;
-  const bool sharp = rays_.share_viewpoint() && plan_.settings.model.cameras[number].psf_sigma_px == 0.0;
-  return sharp && sheet_.is_simple() && plan_.settings.speckle_contrast == 0.0;
+bool FilledPixels::applies(const RenderPlan& plan, std::size_t number) {
+  const Camera& camera = plan.settings.model.cameras[number];
+  const bool sharp = !camera.has_depth_of_field() && camera.psf_sigma_px == 0.0;
+  return sharp && SheetLight(plan.laser).is_simple() && plan.settings.speckle_contrast == 0.0;
 }
 
 /// Returns true when the pixel may be integrated.
@@ -332,7 +328,7 @@ bool FilledPixels::is_plane(const Patch& patch) const {
 }
 
 void FilledPixels::collect(int column, int row, const Patch& patch, Batch& batch) const {
-  const Shape& shape = views_->scene->shapes()[static_cast<std::size_t>(patch.shape)];
+  const Shape& shape = views_.query.scene().shapes()[static_cast<std::size_t>(patch.shape)];
   FacePlane plane{{0.0, 0.0, 1.0}, 0.0};  // of a rectangle
   if (shape.kind == ShapeKind::kMesh) {
     plane = patch.count == 0 ? patch.plane : shape.planes[patch.face[0]];
@@ -364,7 +360,7 @@ void FilledPixels::integrate(Batch& batch) {
   Constants constants{{}, {}, plan_.laser, time_scale_};
   std::copy_n(rays_.axes(), 9, constants.axes);
   std::copy_n(rays_.viewpoint(), 3, constants.viewpoint);
-  const PoseTrack& track = *views_->track;
+  const PoseTrack& track = views_.query.track();
   const auto shape = static_cast<std::size_t>(shape_);
   const Rigid3& start = track.shape_from_reference(shape, 0);
   const Rigid3& end = track.shape_from_reference(shape, track.instants() - 1);
@@ -378,7 +374,7 @@ void FilledPixels::integrate(Batch& batch) {
 double FilledPixels::electrons_per_second(const Batch& batch, int l) const {
   const auto i = static_cast<std::size_t>(l);
   const double ambient = plan_.settings.model.ambient_irradiance;
-  const Bsdf& brdf = views_->brdf(shape_);
+  const Bsdf& brdf = views_.brdf(shape_);
   const bool is_edge = !is_single(batch.patch[i]) && light_.is_edge[l] > 0.0;
   const double share = is_edge ? light_.share[l] : 0.0;
   const double irradiance = (is_edge ? 1.0 + light_.brightening[l] : 1.0) * light_.irradiance[l];

@@ -23,14 +23,12 @@ namespace sensor_rt {
 /// centre of a stripe; where the assumptions do not hold, add() or the batch returns the pixel to the caller.
 class FilledPixels {
  public:
-  explicit FilledPixels(const RenderPlan& plan);
+  /// Pixels of one camera. All must outlive it.
+  FilledPixels(const RenderPlan& plan, const ExposureViews& views, std::size_t camera);
 
-  /// Prepares an exposure. `views` must outlive its use.
-  void set(const ExposureViews& views);
-
-  /// Selects a camera. Returns false when no pixel of it can be integrated: bent, uneven or extended sheet,
-  /// lens or pixel blur, or speckle.
-  bool select_camera(std::size_t camera);
+  /// Returns false when no pixel can be integrated: bent, uneven or extended sheet, lens or pixel blur, or
+  /// speckle.
+  static bool applies(const RenderPlan& plan, std::size_t camera);
 
   /// Collects a pixel and finishes batches on the way. Returns false when the pixel cannot be integrated.
   template <typename Done, typename Left>
@@ -118,9 +116,8 @@ class FilledPixels {
   double electrons_per_second(const Batch& batch, int l) const;
 
   const RenderPlan& plan_;
+  const ExposureViews& views_;
   PixelRays rays_;
-  SheetLight sheet_;
-  const ExposureViews* views_ = nullptr;
   std::vector<bool> is_usable_;  ///< per shape: planar faces, no narrow lobe, linear motion
   double time_scale_ = 0.0;      ///< exposure over the time between first and last instant
   std::int32_t shape_ = -1;      ///< of the collected pixels

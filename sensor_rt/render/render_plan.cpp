@@ -66,6 +66,28 @@ std::vector<Eigen::Vector3d> spread_viewpoints(const Camera& camera, const Sampl
   return viewpoints;
 }
 
+CameraSamples spread_samples(const Camera& camera, const SamplingPattern& pattern) {
+  CameraSamples samples;
+  for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
+    const std::size_t sample = std::min(i, pattern.size() - 1);
+    samples.column.push_back(blurred_pixel_quantile(pattern.column[sample] + 0.5, camera.psf_sigma_px));
+    samples.row.push_back(blurred_pixel_quantile(pattern.row[sample] + 0.5, camera.psf_sigma_px));
+    samples.lens_x.push_back(pattern.lens_x[sample] * camera.aperture_radius());
+    samples.lens_y.push_back(pattern.lens_y[sample] * camera.aperture_radius());
+  }
+  return samples;
+}
+
+/// Returns points of single lanes in packets.
+template <typename Point>
+std::vector<Lanes3> in_packets(std::size_t lanes, const Point& point) {
+  std::vector<Lanes3> packets(lanes / kLanes);
+  for (std::size_t packet = 0; packet < packets.size(); ++packet) {
+    for (int l = 0; l < kLanes; ++l) set_lane(packets[packet], l, point(packet, l));
+  }
+  return packets;
+}
+
 /// Returns the distance of the outermost sample from the edge of its pixel, px.
 double reach_beyond_pixel(const Camera& camera, const SamplingPattern& pattern) {
   const double last = 1.0 - 0.5 / static_cast<double>(pattern.size());
@@ -81,6 +103,9 @@ RenderPlan::RenderPlan(const RenderSettings& given)
       sensor_from_reference(given.model.laser.sensor_from_sheet),
       lane_sources(spread_sources(given.model.laser, pattern)) {
   const SensorModel& model = settings.model;
+  if (settings.speckle_contrast > 0.0) speckle_tile = SpeckleTile::shared(settings.speckle_contrast);
+  sources =
+      in_packets(pattern.padded_size(), [this](std::size_t packet, int l) { return source(packet, l); });
   slope = largest_slope(model);
   laser_region = sensor_rt::laser_region(model.laser, slope / std::cos(model.laser.fan_half_angle));
   double beyond = 0.0;
@@ -100,6 +125,11 @@ RenderPlan::RenderPlan(const RenderSettings& given)
     // reaches.
     const bool everything = model.ambient_irradiance > 0.0 || settings.ground_truth || settings.bounces > 0;
     lane_viewpoints.push_back(spread_viewpoints(camera, pattern));
+    samples.push_back(spread_samples(camera, pattern));
+    samples.back().viewpoints = in_packets(pattern.padded_size(), [&](std::size_t packet, int l) {
+      return viewpoint(samples.size() - 1, packet, l);
+    });
+    projectors.emplace_back(camera);
     pixel_reach.push_back(reach_beyond_pixel(camera, pattern));
     camera_fields.push_back(camera_field(camera));
     camera_regions.push_back(everything ? camera_fields.back() : camera_region(camera, 1.1 * beyond));
