@@ -66,7 +66,7 @@ bool place(const RenderPlan& plan, const Scene& scene, const Exposures& exposure
   return true;
 }
 
-/// Adds electrons, row-major, to an image; clears `dense`.
+/// Adds electrons, row-major, to an image. Overwrites `dense`.
 void add_dense(std::vector<float>& dense, SparseImage& image) {
   constexpr float kFaint = 1e-3f;  // electrons: fainter pixels are omitted
   for (std::size_t i = 0; i < image.pixels.size(); ++i) {

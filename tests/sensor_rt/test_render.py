@@ -18,8 +18,9 @@ from scenes import (
     still,
     stripe_centres,
 )
+from stripe_images import make_sensor
 
-from scancell.sensor import Scene, expected_electrons
+from scancell.sensor import Exposures, Material, Scene, expected_electrons
 
 PLANCK_C = 6.62607015e-34 * 299792458.0
 
@@ -121,6 +122,22 @@ def test_accelerator_alone_keeps_all_light(switch: str) -> None:
     scene, exposures = cluttered_exposures(True)
     bare = expected_electrons(scene, probe(), exposures, **BARE)
     assert_same_light(expected_electrons(scene, probe(), exposures, **(BARE | {switch: True})), bare)
+
+
+def test_images_do_not_depend_on_exposures_before() -> None:
+    """A thread reuses memory: of masks, corners, reflected light and views of the scene."""
+    scene, poses = cluttered()
+    scene.add_plane("mirror", np.eye(4), [0.1, 0.05], Material(0.9, "mirror", 0.0, 1.0))
+    scene.add_light("lamp", "point", np.eye(4), [0.0, 0.0], 0.01, in_band=1.0)
+    poses += [pose((0.02, 0.0, 0.12), (0.0, 0.8, 0.0)), pose((0.1, 0.0, -0.3))]
+    later = [pose((1e-4, -3e-4, 2e-4), (0.004, 0.002, -0.006)) @ p for p in poses]
+    elsewhere = [pose((0.0, 0.01, 0.01), (0.1, 0.0, 0.2)) @ p for p in poses]
+    bodies = np.array([[poses, later], [elsewhere, elsewhere], [poses, later]]).transpose(0, 2, 1, 3, 4)
+    exposures = Exposures(np.broadcast_to(np.eye(4), (3, 2, 4, 4)), bodies, np.full(3, 5e-4), np.array([4, 5, 4]))
+    sensor = make_sensor(160, 128, cameras=2, render={"noise": False, "bounces": 1, "photons": 1024})
+    first, other, again = expected_electrons(scene, sensor, exposures, threads=1)
+    assert (first != other).mean() > 0.1
+    np.testing.assert_array_equal(first, again)
 
 
 def fine_waves(gap: float, facet: float) -> tuple[Array, NDArray[np.uint32]]:
