@@ -72,11 +72,11 @@ py::array py_render(const Scene& scene, const Sensor& sensor, const Exposures& e
 }
 
 py::array py_expected_electrons(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
-                                bool whole_image, bool closed_form, unsigned threads) {
+                                bool lit_pixels, bool pixel_cover, bool closed_form, unsigned threads) {
   std::vector<float> images;
   {
     const py::gil_scoped_release release;
-    images = expected_electrons(scene, sensor, exposures, whole_image, closed_form, threads);
+    images = expected_electrons(scene, sensor, exposures, {lit_pixels, pixel_cover, closed_form}, threads);
   }
   return to_array(std::move(images), images_shape(sensor, exposures));
 }
@@ -99,8 +99,8 @@ void bind_pipeline(py::module_& module) {
   module.def("render", &py_render, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
              py::arg("threads") = 0, py::arg("laser_on") = true);
   module.def("expected_electrons", &py_expected_electrons, py::arg("scene"), py::arg("sensor"),
-             py::arg("exposures"), py::arg("whole_image") = false, py::arg("closed_form") = true,
-             py::arg("threads") = 0);
+             py::arg("exposures"), py::arg("lit_pixels") = true, py::arg("pixel_cover") = true,
+             py::arg("closed_form") = true, py::arg("threads") = 0);
 }
 
 }  // namespace sensor_rt

@@ -7,6 +7,7 @@
 
 #include "sensor_rt/bindings/arrays.h"
 #include "sensor_rt/bindings/bindings.h"
+#include "sensor_rt/optics/laser_emitter.h"
 #include "sensor_rt/optics/trapezoid.h"
 #include "sensor_rt/pipeline/sensor.h"
 
@@ -57,9 +58,11 @@ py::array_t<double> paper_coordinates(const Camera& camera, const Doubles& pixel
 /// Returns the irradiance (W/m²) on surface elements that face the centre of the laser source.
 py::array_t<double> laser_irradiance(const Sensor& sensor, const Doubles& points_in_sensor) {
   const Rigid3 sheet_from_sensor = sensor.laser.sensor_from_sheet.inverse();
+  const LaserEmitter laser(sensor.laser);
+  const Eigen::Vector3d source(0.0, 0.0, sensor.laser.source_z);
   return map_rows(points_in_sensor, "points_in_sensor", 3, 1, [&](const double* p) {
     const Eigen::Vector3d at = sheet_from_sensor * Eigen::Vector3d(p[0], p[1], p[2]);
-    return std::array<double, 1>{sensor.laser.irradiance_at(at.x(), at.y(), at.z())};
+    return std::array<double, 1>{laser.at(at - source).irradiance};
   });
 }
 

@@ -12,10 +12,6 @@
 namespace sensor_rt {
 namespace {
 
-/// Rays to a surface point are tested up to this fraction of their length, so that the surface does not
-/// occlude itself.
-constexpr double kShadowRayEnd = 1.0 - 1e-4;
-
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
 /// Computes the hit points with normals towards the light; used[lane] is 1 within near..far.
@@ -41,19 +37,17 @@ void locate(double source_z, double near, double far, const Lanes3& __restrict d
   }
 }
 
-/// Computes the irradiance at the centre of the sheet, and its width there.
+/// Computes the irradiance at the centre of the sheet, and its width there. `distance`: from the source.
 SENSOR_RT_MULTIVERSION
-void illuminate(double power_per_radian, double waist_z, double sigma2, double divergence2,
-                const double* __restrict relative_power, const double* __restrict cosine,
-                const double* __restrict distance, const Lanes3& __restrict point,
-                LandingLight& __restrict light) {
-  constexpr double kInverseSqrtTwoPi = 0.3989422804014327;
+void illuminate(const LaserEmitter& laser, const double* __restrict relative_power,
+                const double* __restrict cosine, const double* __restrict distance,
+                const Lanes3& __restrict point, LandingLight& __restrict light) {
   for (int l = 0; l < kLanes; ++l) {
-    const double from_waist = point.z[l] - waist_z;
-    const double sigma = std::sqrt(sigma2 + divergence2 * from_waist * from_waist);
-    light.sigma[l] = sigma;
-    light.irradiance[l] =
-        kInverseSqrtTwoPi * power_per_radian * relative_power[l] * cosine[l] / (sigma * distance[l]);
+    const double depth = point.z[l] - laser.sheet.source_z;
+    const double variance = laser.variance(depth);
+    light.sigma[l] = std::sqrt(variance);
+    light.irradiance[l] = relative_power[l] * laser.peak_irradiance(cosine[l] * distance[l], variance,
+                                                                    point.x[l], point.y[l], depth);
     light.normal_travel[l] = 0.0;
   }
 }
@@ -79,26 +73,23 @@ void face(const double* __restrict viewpoint, const Lanes3& __restrict point, co
   }
 }
 
-/// Viewing axis: the reference frame's +X or -X.
-ViewAxes looks_along(const Camera& camera) { return camera.side > 0 ? ViewAxes::kBackX : ViewAxes::kX; }
-
 /// Returns the angle of ray i from z.
 double angle_of(const FanGeometry& geometry, int i) {
   return geometry.laser.fan_half_angle * (2.0 * (i + 0.5) / geometry.rays - 1.0);
 }
 
-Fan fan_of(const FanGeometry& geometry) {
-  const LaserSheet& laser = geometry.laser;
+/// Returns the directions of all rays in packets of sixteen.
+std::vector<Lanes3> directions_of(const FanGeometry& geometry) {
+  const LaserEmitter laser(geometry.laser);
   const int packets = (geometry.rays + kLanes - 1) / kLanes;
   std::vector<Lanes3> directions(static_cast<std::size_t>(packets));
   for (int i = 0; i < packets * kLanes; ++i) {
     const double angle = angle_of(geometry, i);
-    const double bend = laser.bend_at(std::tan(angle) / std::tan(laser.fan_half_angle));
-    const Eigen::Vector3d way(bend * std::cos(angle), std::sin(angle), std::cos(angle));
+    const Eigen::Vector3d way = laser.direction(std::sin(angle), std::cos(angle), 0.0);
     set_lane(directions[static_cast<std::size_t>(i / kLanes)], i % kLanes,
-             laser.is_straight() ? way : way.normalized());
+             laser.sheet.is_straight() ? way : way.normalized());
   }
-  return {std::move(directions), static_cast<std::size_t>(geometry.rays)};
+  return directions;
 }
 
 }  // namespace
@@ -116,15 +107,14 @@ void FanPoints::resize(std::size_t count) {
 }
 
 FanCaster::FanCaster(const FanGeometry& geometry)
-    : geometry_(geometry), fan_(fan_of(geometry)), instants_{0.5} {
+    : geometry_(geometry), laser_(geometry.laser), directions_(directions_of(geometry)), instants_{0.5} {
   const LaserSheet& laser = geometry_.laser;
   const Rigid3 sheet_from_sensor = laser.sensor_from_sheet.inverse();
   for (Camera& camera : geometry_.cameras) {
     camera.sensor_from_camera = sheet_from_sensor * camera.sensor_from_camera;
   }
-  hits_.resize(fan_.directions().size());
+  hits_.resize(directions_.size());
   landings_.resize(hits_.size());
-  views_.resize(hits_.size());
   relative_power_.resize(hits_.size() * kLanes, 0.0);
   for (int i = 0; i < geometry_.rays; ++i) {
     relative_power_[static_cast<std::size_t>(i)] = laser.relative_power(angle_of(geometry_, i));
@@ -138,7 +128,7 @@ FanCaster::FanCaster(const FanGeometry& geometry)
   }
   if (!geometry_.stripes.has_value()) return;
   instants_ = {0.5, 0.0, 1.0};
-  lamps_.emplace(geometry_.stripes->band_pass, laser.wavelength);
+
   for (const Camera& camera : geometry_.cameras) {
     optics_.emplace_back(
         camera, electrons_per_irradiance(camera, laser.wavelength, geometry_.stripes->quantum_efficiency));
@@ -150,59 +140,53 @@ void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t
   static const std::vector<std::size_t> kOneInstant(kLanes, 0);
   track_.set(scene, exposures, exposure, instants_, geometry_.laser.sensor_from_sheet);
   const Eigen::Vector3d source(0.0, 0.0, geometry_.laser.source_z);
-  laser_view_.set(scene, track_, {source}, kOneInstant, laser_region_);
+  const SceneQuery query(scene, track_);
+  laser_view_.set(query, {source}, kOneInstant, laser_region_);
   if (laser_view_.empty()) return points.resize(0);
-  if (lamps_.has_value()) {
+  if (geometry_.stripes.has_value()) {
     duration_ = exposures.duration[exposure];
-    incoherent_rays_.set(scene, track_);
-    lamps_->set(scene, track_, incoherent_rays_);
     motion_.clear();
     if (exposures.samples > 1) find_motion(scene);
   }
-  land(scene);
+  land(query);
   points.resize(geometry_.cameras.size() * landings_.size() * kLanes);
   std::size_t count = 0;
   for (std::size_t k = 0; k < geometry_.cameras.size(); ++k) {
-    const Camera& camera = geometry_.cameras[k];
-    const Eigen::Vector3d viewpoint = camera.sensor_from_camera.translation;
-    camera_view_.set(scene, track_, {viewpoint}, kOneInstant, camera_regions_[k]);
-    look(k);
-    occlusion_culler_.set(scene, track_, camera_view_.shapes(), {source, viewpoint, looks_along(camera), 0},
-                          bundles_);
-    count += see(scene, k, count, points);
+    const Eigen::Vector3d& viewpoint = geometry_.cameras[k].sensor_from_camera.translation;
+    camera_view_.set(query, {viewpoint}, kOneInstant, camera_regions_[k]);
+    count += see(query, k, count, points);
   }
   points.resize(count);
 }
 
-void FanCaster::land(const Scene& scene) {
-  laser_view_.intersect(track_, {0.0, 0.0, geometry_.laser.source_z}, fan_, search_, hits_);
+void FanCaster::land(const SceneQuery& query) {
   for (std::size_t p = 0; p < hits_.size(); ++p) {
     Landing& landing = landings_[p];
-    const PacketHits& hits = hits_[p];
+    PacketHits& hits = hits_[p];
+    alignas(64) int valid[kLanes];
+    for (int l = 0; l < kLanes; ++l) valid[l] = static_cast<int>(p) * kLanes + l < geometry_.rays ? -1 : 0;
+    laser_view_.intersect(0, directions_[p], valid, kNone, hits);
     alignas(64) double cosine[kLanes];
-    locate(geometry_.laser.source_z, geometry_.near, geometry_.far, fan_.directions()[p], hits, landing.point,
+    locate(geometry_.laser.source_z, geometry_.near, geometry_.far, directions_[p], hits, landing.point,
            landing.normal, cosine, landing.used);
     transform(geometry_.laser.sensor_from_sheet, landing.point, landing.in_sensor);
     for (int l = 0; l < kLanes; ++l) {
       const Shape* shape =
-          hits.shape[l] >= 0 ? &scene.shapes()[static_cast<std::size_t>(hits.shape[l])] : nullptr;
+          hits.shape[l] >= 0 ? &query.scene().shapes()[static_cast<std::size_t>(hits.shape[l])] : nullptr;
       const bool shows = shape != nullptr && !shape->surface->is_specular();
       landing.used[l] = shows ? landing.used[l] : 0.0;
       landing.brightness[l] =
           shows ? cosine[l] * relative_power_[p * kLanes + static_cast<std::size_t>(l)] * shape->reflectance
                 : 0.0;
     }
-    if (lamps_.has_value()) light(p, cosine);
+    if (geometry_.stripes.has_value()) light(p, cosine);
   }
 }
 
 void FanCaster::light(std::size_t p, const double* cosine) {
-  const LaserSheet& laser = geometry_.laser;
   Landing& landing = landings_[p];
   const PacketHits& hits = hits_[p];
-  illuminate(laser.power / (2.0 * laser.fan_half_angle), laser.waist_z, laser.sheet_sigma * laser.sheet_sigma,
-             laser.divergence * laser.divergence, &relative_power_[p * kLanes], cosine, hits.t, landing.point,
-             landing.light);
+  illuminate(laser_, &relative_power_[p * kLanes], cosine, hits.t, landing.point, landing.light);
   if (motion_.empty()) return;
   for (int l = 0; l < kLanes; ++l) {
     if (landing.used[l] == 0.0) continue;
@@ -222,60 +206,47 @@ void FanCaster::find_motion(const Scene& scene) {
   }
 }
 
-void FanCaster::look(std::size_t number) {
+void FanCaster::look(std::size_t number, std::size_t p, View& view) const {
   const Camera& camera = geometry_.cameras[number];
-  const Eigen::Vector3d viewpoint = camera.sensor_from_camera.translation;
-  const std::size_t packets_per_bundle =
-      (landings_.size() + ProjectedBoundsSet::kCapacity - 1) / ProjectedBoundsSet::kCapacity;
-  bundles_.clear();
-  ProjectedBounds bundle;
-  for (std::size_t p = 0; p < landings_.size(); ++p) {
-    const Landing& landing = landings_[p];
-    View& view = views_[p];
-    alignas(64) double seen[kLanes];
-    projectors_[number].project(landing.point, view.column, view.row);
-    face(viewpoint.data(), landing.point, landing.normal, landing.used, view.column, view.row,
-         camera.width_px, camera.height_px, view.direction, seen);
-    view.bounds = projected_bounds(view.direction, looks_along(camera), seen);
-    bundle.include(view.bounds);
-    if ((p + 1) % packets_per_bundle == 0 || p + 1 == landings_.size()) {
-      bundles_.add(bundle);
-      bundle = ProjectedBounds();
-    }
-    for (int l = 0; l < kLanes; ++l) view.unoccluded[l] = seen[l] > 0.0 ? -1 : 0;
-  }
+  const Landing& landing = landings_[p];
+  alignas(64) double seen[kLanes];
+  projectors_[number].project(landing.point, view.column, view.row);
+  face(camera.sensor_from_camera.translation.data(), landing.point, landing.normal, landing.used, view.column,
+       view.row, camera.width_px, camera.height_px, view.direction, seen);
+  for (int l = 0; l < kLanes; ++l) view.unoccluded[l] = seen[l] > 0.0 ? -1 : 0;
+  camera_view_.occlude(0, view.direction, view.unoccluded);
 }
 
-double FanCaster::lamp_light(const Scene& scene, std::size_t p) const {
-  if (!lamps_->any()) return 0.0;
+double FanCaster::lamp_light(const SceneQuery& query, std::size_t p, const View& view) const {
+  const Lamps lamps(query, geometry_.stripes->band_pass, geometry_.laser.wavelength);
+  if (!lamps.any()) return 0.0;
   // Evaluated at one point per packet: lamps only contribute to the background here.
-  const View& view = views_[p];
   const Landing& landing = landings_[p];
   const auto unoccluded = [&](int l) { return view.unoccluded[l] != 0; };
   int l = kLanes / 2;
   for (int k = 0; k < kLanes && !unoccluded(l); ++k) l = (l + 1) % kLanes;
-  const Shape& shape = scene.shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
+  const Shape& shape = query.scene().shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
   const SurfacePoint at(lane(landing.point, l), lane(landing.normal, l),
                         -lane(view.direction, l).normalized());
-  return lamps_->brightness(at, *shape.surface, 0);
+  return lamps.brightness(at, *shape.surface, 0);
 }
 
-void FanCaster::measure_stripes(const Scene& scene, std::size_t number, std::size_t p, Stripes& stripes) {
-  const View& view = views_[p];
+void FanCaster::measure_stripes(const SceneQuery& query, std::size_t number, std::size_t p, const View& view,
+                                Stripes& stripes) const {
   const Landing& landing = landings_[p];
   StripeLanes seen;
   optics_[number].see(view.direction, landing.normal, view.column, view.row, landing.light, seen);
-  const double lamps = lamp_light(scene, p);
+  const double lamps = lamp_light(query, p, view);
   const double ambient = geometry_.stripes->ambient_irradiance;
   for (int l = 0; l < kLanes; ++l) {
     if (view.unoccluded[l] == 0) continue;
-    const Shape& shape = scene.shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
+    const Shape& shape = query.scene().shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
     double direct = shape.reflectance;
     double even = shape.reflectance;
     if (!shape.surface->is_lambert()) {
       const Eigen::Vector3d normal = lane(landing.normal, l);
       const Eigen::Vector3d to_viewpoint = -lane(view.direction, l).normalized();
-      direct = shape.surface->pi_brdf(normal, -lane(fan_.directions()[p], l), to_viewpoint);
+      direct = shape.surface->pi_brdf(normal, -lane(directions_[p], l), to_viewpoint);
       even = shape.surface->albedo(normal.dot(to_viewpoint));
     }
     const double electrons = seen.responsivity[l] * duration_;
@@ -286,7 +257,8 @@ void FanCaster::measure_stripes(const Scene& scene, std::size_t number, std::siz
   }
 }
 
-std::size_t FanCaster::see(const Scene& scene, std::size_t number, std::size_t first, FanPoints& points) {
+std::size_t FanCaster::see(const SceneQuery& query, std::size_t number, std::size_t first,
+                           FanPoints& points) const {
   const Camera& camera = geometry_.cameras[number];
   const std::size_t packets = landings_.size();
   std::size_t at = first;
@@ -294,13 +266,11 @@ std::size_t FanCaster::see(const Scene& scene, std::size_t number, std::size_t f
     // Columns increase along -y for side +1 and along +y for side -1.
     const std::size_t p = camera.side > 0 ? packets - 1 - step : step;
     const Landing& landing = landings_[p];
-    View& view = views_[p];
-    if (view.bounds.empty()) continue;
-    occlusion_culler_.occlude(camera_view_, 0, view.direction, view.bounds, kShadowRayEnd, view.unoccluded);
-    const bool any =
-        std::any_of(view.unoccluded, view.unoccluded + kLanes, [](int lane) { return lane != 0; });
+    View view;
+    look(number, p, view);
+    if (std::none_of(view.unoccluded, view.unoccluded + kLanes, [](int lane) { return lane != 0; })) continue;
     Stripes stripes;
-    if (any && lamps_.has_value()) measure_stripes(scene, number, p, stripes);
+    if (geometry_.stripes.has_value()) measure_stripes(query, number, p, view, stripes);
     for (int i = 0; i < kLanes; ++i) {
       const int l = camera.side > 0 ? kLanes - 1 - i : i;
       if (view.unoccluded[l] == 0) continue;
@@ -310,7 +280,7 @@ std::size_t FanCaster::see(const Scene& scene, std::size_t number, std::size_t f
       points.brightness[at] = static_cast<float>(landing.brightness[l]);
       points.camera[at] = static_cast<std::int32_t>(number);
       points.ray[at] = static_cast<std::int32_t>(p) * kLanes + l;
-      if (lamps_.has_value()) {
+      if (geometry_.stripes.has_value()) {
         points.height_e[at] = stripes.height_e[l];
         points.width[at] = stripes.width[l];
         points.background_e[at] = stripes.background_e[l];

@@ -11,10 +11,9 @@
 #include "sensor_rt/geometry/band.h"
 #include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/optics/camera.h"
-#include "sensor_rt/optics/laser_sheet.h"
+#include "sensor_rt/optics/laser_emitter.h"
 #include "sensor_rt/optics/projector.h"
 #include "sensor_rt/tracing/lamps.h"
-#include "sensor_rt/tracing/occlusion_culler.h"
 #include "sensor_rt/tracing/ray_view.h"
 
 namespace sensor_rt {
@@ -94,44 +93,39 @@ class FanCaster {
     Lanes3 direction;
     double column[kLanes];
     double row[kLanes];
-    int unoccluded[kLanes];  ///< -1 where the point is not known to be occluded, else 0
-    ProjectedBounds bounds;  ///< contains those points
+    int unoccluded[kLanes];  ///< -1 where the camera sees the point, else 0
   };
 
-  void land(const Scene& scene);
+  void land(const SceneQuery& query);
   /// Computes the laser light on the hits of the p-th packet, and their motion.
   void light(std::size_t p, const double* cosine);
   void find_motion(const Scene& scene);
-  /// Projects the hit points to a camera, without occlusion, and computes their bounds.
-  void look(std::size_t camera);
+  /// Projects the hit points of the p-th packet to a camera and finds those that it sees.
+  void look(std::size_t camera, std::size_t p, View& view) const;
   /// Writes the points that a camera sees to `points` from `first` on; returns their number.
-  std::size_t see(const Scene& scene, std::size_t camera, std::size_t first, FanPoints& points);
+  std::size_t see(const SceneQuery& query, std::size_t camera, std::size_t first, FanPoints& points) const;
   /// Computes the stripe parameters of the p-th packet in a camera.
-  void measure_stripes(const Scene& scene, std::size_t camera, std::size_t p, Stripes& stripes);
+  void measure_stripes(const SceneQuery& query, std::size_t camera, std::size_t p, const View& view,
+                       Stripes& stripes) const;
   /// Returns the lamp light on the p-th packet, as irradiance on a white diffuse surface.
-  double lamp_light(const Scene& scene, std::size_t p) const;
+  double lamp_light(const SceneQuery& query, std::size_t p, const View& view) const;
 
   FanGeometry geometry_;
+  LaserEmitter laser_;
   std::vector<Projector> projectors_;
-  Fan fan_;
-  FanSearch search_;
+  std::vector<Lanes3> directions_;  ///< of the rays, in packets of sixteen
   std::vector<PacketHits> hits_;
   std::vector<double> relative_power_;  ///< per ray
   std::vector<StripeOptics> optics_;    ///< per camera
   std::vector<double> instants_;  ///< instants of the exposure: its middle, then start and end if needed
   std::vector<Motion> motion_;    ///< per shape; empty: no motion
   double duration_ = 0.0;         ///< s
-  IncoherentRays incoherent_rays_;
-  std::optional<Lamps> lamps_;
   std::vector<HalfSpace> laser_region_;
   std::vector<std::vector<HalfSpace>> camera_regions_;
   PoseTrack track_;
   RayView laser_view_;
   RayView camera_view_;
-  ProjectedBoundsSet bundles_;
-  OcclusionCuller occlusion_culler_;
   std::vector<Landing> landings_;
-  std::vector<View> views_;
 };
 
 }  // namespace sensor_rt

@@ -47,18 +47,4 @@ void LaserSheet::normalise_profile() {
   for (double& value : profile_power) value *= 2.0 * fan_half_angle / integral;
 }
 
-double LaserSheet::irradiance_at(double x, double y, double z) const {
-  const double depth = z - source_z;
-  if (!(depth > 0.0)) return 0.0;
-  const double angle = std::atan2(y, depth);
-  if (!(std::abs(angle) <= fan_half_angle)) return 0.0;
-  const double sigma = sigma_at(z);
-  const double across = x - depth * bend_at(y / (depth * std::tan(fan_half_angle)));
-  // Power per radian of fan, divided by the arc length at this distance, times a Gaussian of unit area across
-  // the sheet.
-  const double per_metre = power * relative_power(angle) / (2.0 * fan_half_angle * std::hypot(y, depth));
-  constexpr double kInverseSqrtTwoPi = 0.3989422804014327;
-  return per_metre * kInverseSqrtTwoPi / sigma * std::exp(-0.5 * (across / sigma) * (across / sigma));
-}
-
 }  // namespace sensor_rt

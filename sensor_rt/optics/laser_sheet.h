@@ -40,7 +40,7 @@ struct LaserSheet {
   double sigma_at(double z) const;
 
   /// Returns the out-of-plane slope at tan(angle) / tan(fan_half_angle) = `place`, -1..1.
-  double bend_at(double place) const {
+  [[gnu::always_inline]] double bend_at(double place) const {
     double sum = 0.0;
     for (int k = kStraightness; k-- > 0;) sum = sum * place + straightness[static_cast<std::size_t>(k)];
     return sum;
@@ -55,10 +55,6 @@ struct LaserSheet {
   /// Normalises profile_power to the total power. Throws std::invalid_argument when the profile is zero
   /// within the fan.
   void normalise_profile();
-
-  /// Returns the irradiance (W/m²) on a surface element normal to the light of one source point. (x, y) count
-  /// from that point, z from the origin of the sheet frame.
-  double irradiance_at(double x, double y, double z) const;
 };
 
 }  // namespace sensor_rt

@@ -44,9 +44,8 @@ ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor
 std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
                                          bool laser_on, unsigned threads);
 
-/// Returns the expected electrons without noise, in the layout of render_images. `whole_image` traces every
-/// pixel instead of those that the laser can light. `closed_form` false: samples in all pixels.
+/// Returns the expected electrons without noise, in the layout of render_images.
 std::vector<float> expected_electrons(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
-                                      bool whole_image, bool closed_form, unsigned threads);
+                                      const Accelerators& accelerators, unsigned threads);
 
 }  // namespace sensor_rt

@@ -2,25 +2,24 @@
 
 namespace sensor_rt {
 
-RenderSettings render_settings(const Sensor& sensor, bool whole_image, bool laser_on) {
+RenderSettings render_settings(const Sensor& sensor, bool laser_on) {
   RenderSettings settings;
   static_cast<RenderOptions&>(settings) = sensor;
   settings.model = sensor;
   settings.quantum_efficiency = sensor.detector.quantum_efficiency;
-  settings.whole_image = whole_image;
   settings.laser_on = laser_on;
   return settings;
 }
 
 void ImageWorker::render(const Scene& scene, const Exposures& exposures, std::size_t exposure) {
   const Stopwatch watch(seconds_[kRender]);
-  renderer_.render(scene, exposures, exposure, light_);
+  render_light(plan_, scene, exposures, exposure, buffers_, light_);
 }
 
 void ImageWorker::expose(const Exposures& exposures, std::size_t exposure, std::size_t camera,
                          ImageView<std::uint16_t> out) {
   const Stopwatch watch(seconds_[kDetect]);
-  const FrameId id{frame_number(exposures, exposure, laser_on_), static_cast<int>(camera),
+  const FrameId id{frame_number(exposures, exposure, plan_.settings.laser_on), static_cast<int>(camera),
                    exposures.duration[exposure]};
   const SparseImage& image = light_[camera];
   detector_.expose(id, image.pixels.data(), image.electrons.data(), image.pixels.size(), out);

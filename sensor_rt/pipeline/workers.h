@@ -17,13 +17,12 @@ struct ImageSize {
   std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
 };
 
-RenderSettings render_settings(const Sensor& sensor, bool whole_image, bool laser_on = true);
+RenderSettings render_settings(const Sensor& sensor, bool laser_on = true);
 
 /// Renders light and exposes the detector.
 class ImageWorker {
  public:
-  ImageWorker(const RenderPlan& plan, const Detector& detector)
-      : laser_on_(plan.settings.laser_on), renderer_(plan), detector_(detector) {}
+  ImageWorker(const RenderPlan& plan, const Detector& detector) : plan_(plan), detector_(detector) {}
 
   /// Renders the light of one exposure for all cameras.
   void render(const Scene& scene, const Exposures& exposures, std::size_t exposure);
@@ -36,9 +35,9 @@ class ImageWorker {
   const StageSeconds& seconds() const { return seconds_; }
 
  private:
-  bool laser_on_;
-  ImageRenderer renderer_;
+  const RenderPlan& plan_;
   const Detector& detector_;
+  RenderBuffers buffers_;
   std::vector<SparseImage> light_;
   StageSeconds seconds_{};
 };

@@ -4,10 +4,9 @@
 
 namespace sensor_rt {
 
-void AmbientFiller::lay_grid(PixelTracer& tracer, int width, int height) {
-  columns_ = (width + kBlock - 1) / kBlock + 1;
+AmbientGrid::AmbientGrid(const PixelTracer& tracer, int width, int height)
+    : columns_((width + kBlock - 1) / kBlock + 1) {
   const int rows = (height + kBlock - 1) / kBlock + 1;
-  corners_.clear();
   for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < columns_; ++column) {
       corners_.push_back(
@@ -16,7 +15,7 @@ void AmbientFiller::lay_grid(PixelTracer& tracer, int width, int height) {
   }
 }
 
-double AmbientFiller::block_reflectance(int block_column, int block_row) const {
+double AmbientGrid::block_reflectance(int block_column, int block_row) const {
   const double* top = &corners_[static_cast<std::size_t>(block_row * columns_ + block_column)];
   const double* bottom = top + columns_;
   const bool flat = top[0] == top[1] && top[0] == bottom[0] && top[0] == bottom[1];

@@ -1,28 +1,29 @@
-// The scene at the instants of one exposure, shared by all kinds of light.
+// The scene at the instants of one exposure, shared by all integrators.
 #pragma once
 
 #include <vector>
 
 #include "sensor_rt/render/render_plan.h"
-#include "sensor_rt/tracing/incoherent_rays.h"
 #include "sensor_rt/tracing/ray_view.h"
+#include "sensor_rt/tracing/scene_query.h"
 
 namespace sensor_rt {
 
-/// Packet k of every view uses entries 16 k .. 16 k + 15 of lane_instants.
+/// Queries for any rays and, faster, for rays from the laser and the cameras. Packet k of every view uses
+/// entries 16 k .. 16 k + 15 of lane_instants.
 struct ExposureViews {
-  const Scene* scene = nullptr;
-  const PoseTrack* track = nullptr;
+  SceneQuery query;
   std::vector<std::size_t> lane_instants;  ///< of the samples of a pixel, padded to whole packets
   RayView laser;
   std::vector<RayView> cameras;
-  IncoherentRays incoherent_rays;
 
-  void set(const RenderPlan& plan, const Scene& new_scene, const PoseTrack& new_track);
+  /// Overwrites the views. Scene and poses of the query must outlive their use.
+  void set(const RenderPlan& plan, const SceneQuery& new_query);
+
   std::size_t packets() const { return lane_instants.size() / kLanes; }
-  const Bsdf& brdf(std::int32_t shape) const {
-    return *scene->shapes()[static_cast<std::size_t>(shape)].surface;
-  }
+  /// Returns the instants of a packet's lanes.
+  const std::size_t* instants(std::size_t packet) const { return &lane_instants[packet * kLanes]; }
+  const Bsdf& brdf(std::int32_t shape) const { return query.brdf(shape); }
 };
 
 }  // namespace sensor_rt

@@ -12,43 +12,32 @@ void FanLandings::resize(std::size_t rays, std::size_t cameras) {
   blur.resize(rays * cameras);
 }
 
-FanGrid::FanGrid(const RenderPlan& plan) : plan_(plan) {
-  for (const Camera& camera : plan.settings.model.cameras) {
-    projectors_.emplace_back(camera);
-    camera_from_reference_.push_back(camera.sensor_from_camera.inverse());
-  }
+FanGrid::FanGrid(const RenderPlan& plan, const SceneQuery& query) : plan_(plan) {
   constexpr double kStep = 3.0;  // px between neighbouring points of the source
   const double source_length = plan.settings.model.laser.source_length;
   const auto steps = static_cast<int>(std::ceil(source_length / (kStep * plan.pixel_size)));
   for (int k = 0; k <= steps; ++k)
     source_y_.push_back(steps > 0 ? source_length * (1.0 * k / steps - 0.5) : 0.0);
-}
-
-void FanGrid::set(const Scene& scene, const PoseTrack& track) {
-  const std::size_t lanes = track.instants() * sources() * kLanes;
-  lane_instants_.resize(lanes);
-  lane_sources_.resize(lanes);
+  const std::size_t lanes = query.track().instants() * sources() * kLanes;
+  std::vector<std::size_t> lane_instants(lanes);
+  std::vector<Eigen::Vector3d> lane_sources(lanes);
   for (std::size_t i = 0; i < lanes; ++i) {
-    lane_instants_[i] = i / kLanes / sources();
-    lane_sources_[i] = {0.0, source_y_[i / kLanes % sources()], plan_.settings.model.laser.source_z};
+    lane_instants[i] = i / kLanes / sources();
+    lane_sources[i] = {0.0, source_y_[i / kLanes % sources()], plan.settings.model.laser.source_z};
   }
-  view_.set(scene, track, lane_sources_, lane_instants_, plan_.laser_region);
+  view_.set(query, lane_sources, lane_instants, plan.laser_region);
 }
 
-void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
-  const LaserSheet& laser = plan_.settings.model.laser;
-  const double tangent = std::tan(laser.fan_half_angle);
-  out.resize(rays.size(), projectors_.size());
+void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) const {
+  const LaserSheet& laser = plan_.laser.sheet;
+  out.resize(rays.size(), plan_.projectors.size());
   for (std::size_t first = 0; first < rays.size(); first += kLanes) {
     const int lanes = static_cast<int>(std::min<std::size_t>(kLanes, rays.size() - first));
     Lanes3 direction;
     alignas(64) int valid[kLanes];
     for (int l = 0; l < kLanes; ++l) {
       const FanRay& ray = rays[first + static_cast<std::size_t>(std::min(l, lanes - 1))];
-      direction.y[l] = ray.y;
-      direction.z[l] = ray.z;
-      const double place = direction.y[l] / (direction.z[l] * tangent);
-      direction.x[l] = ray.slope + direction.z[l] * laser.bend_at(place);
+      set_lane(direction, l, plan_.laser.direction(ray.y, ray.z, ray.slope));
       valid[l] = l < lanes ? -1 : 0;
     }
     const double source_y = source_y_[rays[first].source];
@@ -71,19 +60,21 @@ void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) {
       const double off_middle = hits.shape[l] >= 0 ? hits.t[l] * ray.slope : ray.slope;
       landing.across = static_cast<float>(off_middle / (kSheetReach * laser.sigma_at(point.z[l])));
     }
-    for (std::size_t c = 0; c < projectors_.size(); ++c) {
+    for (std::size_t c = 0; c < plan_.projectors.size(); ++c) {
       alignas(64) double column[kLanes];
       alignas(64) double row[kLanes];
-      projectors_[c].project(point, column, row);
+      plan_.projectors[c].project(point, column, row);
       const Camera& camera = plan_.settings.model.cameras[c];
+      const Rigid3 camera_from_reference =
+          camera.has_depth_of_field() ? camera.sensor_from_camera.inverse() : Rigid3{};
       for (int l = 0; l < lanes; ++l) {
-        const std::size_t at = (first + static_cast<std::size_t>(l)) * projectors_.size() + c;
+        const std::size_t at = (first + static_cast<std::size_t>(l)) * plan_.projectors.size() + c;
         out.column[at] = static_cast<float>(column[l]);
         out.row[at] = static_cast<float>(row[l]);
         const bool blurred = camera.has_depth_of_field() && column[l] != kNotVisible;
-        out.blur[at] =
-            blurred ? static_cast<float>(camera.blur_radius_px(camera_from_reference_[c] * lane(point, l)))
-                    : 0.0f;
+        out.blur[at] = blurred
+                           ? static_cast<float>(camera.blur_radius_px(camera_from_reference * lane(point, l)))
+                           : 0.0f;
       }
     }
   }

@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "sensor_rt/optics/projector.h"
 #include "sensor_rt/render/render_plan.h"
 #include "sensor_rt/tracing/ray_view.h"
 
@@ -57,10 +56,8 @@ struct FanLandings {
 /// Casts laser rays in packets and projects the hits into all cameras.
 class FanGrid {
  public:
-  explicit FanGrid(const RenderPlan& plan);
-
-  /// Prepares the scene at the instants of an exposure.
-  void set(const Scene& scene, const PoseTrack& track);
+  /// The scene at the instants of an exposure. All must outlive it.
+  FanGrid(const RenderPlan& plan, const SceneQuery& query);
 
   /// Returns the indices of the shapes that the laser can reach.
   const std::vector<std::size_t>& shapes() const { return view_.shapes(); }
@@ -69,17 +66,12 @@ class FanGrid {
   std::size_t sources() const { return source_y_.size(); }
 
   /// Casts `rays`; each packet of sixteen must share instant and source.
-  void cast(const std::vector<FanRay>& rays, FanLandings& out);
+  void cast(const std::vector<FanRay>& rays, FanLandings& out) const;
 
  private:
   const RenderPlan& plan_;
-  RayView view_;
-  std::vector<Projector> projectors_;
-  std::vector<Rigid3> camera_from_reference_;
   std::vector<double> source_y_;
-  // Of packets [instant][source]:
-  std::vector<std::size_t> lane_instants_;
-  std::vector<Eigen::Vector3d> lane_sources_;
+  RayView view_;  ///< with packets [instant][source]
 };
 
 }  // namespace sensor_rt

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "sensor_rt/render/exposure_views.h"
+#include "sensor_rt/render/pixel_integrals.h"
 #include "sensor_rt/render/pixel_rays.h"
-#include "sensor_rt/render/sheet_light.h"
 
 namespace sensor_rt {
 
@@ -23,14 +23,12 @@ namespace sensor_rt {
 /// centre of a stripe; where the assumptions do not hold, add() or the batch returns the pixel to the caller.
 class FilledPixels {
  public:
-  explicit FilledPixels(const RenderPlan& plan);
+  /// Pixels of one camera. All must outlive it.
+  FilledPixels(const RenderPlan& plan, const ExposureViews& views, std::size_t camera);
 
-  /// Prepares an exposure. `views` must outlive its use.
-  void set(const ExposureViews& views);
-
-  /// Selects a camera. Returns false when no pixel of it can be integrated: bent, uneven or extended sheet,
-  /// lens or pixel blur, or speckle.
-  bool select_camera(std::size_t camera);
+  /// Returns false when no pixel can be integrated: bent, uneven or extended sheet, lens or pixel blur, or
+  /// speckle.
+  static bool applies(const RenderPlan& plan, std::size_t camera);
 
   /// Collects a pixel and finishes batches on the way. Returns false when the pixel cannot be integrated.
   template <typename Done, typename Left>
@@ -53,42 +51,12 @@ class FilledPixels {
     finish(edges_, done, left);
   }
 
-  /// Sixteen pixels: rays (see PixelRays) and planes.
-  struct alignas(64) Batch {
-    double x[kLanes], y[kLanes];
-    double dx_du[kLanes], dx_dv[kLanes], dy_du[kLanes], dy_dv[kLanes];
-    Lanes3 normal;  ///< of the first face, in the frame of the shape
-    double offset[kLanes];
-    Lanes3 other_normal;  ///< of the second face; the following are unused in pixels with one plane
-    double other_offset[kLanes];
-    double
-        rise[kLanes];  ///< 1: the second face lies on the side of the first one's normal, else -1; 0: unknown
+  /// Sixteen pixels and what they show.
+  struct alignas(64) Batch : PixelLanes {
     int count = 0;
     std::array<int, kLanes> column;
     std::array<int, kLanes> row;
     std::array<Patch, kLanes> patch;
-  };
-
-  /// Light and geometry at the pixel centres at mid-exposure.
-  struct alignas(64) Light {
-    Lanes3 direction;
-    Lanes3 normal;
-    Lanes3 from_source;
-    double distance[kLanes];  ///< of the hit, in units of the direction
-    double irradiance[kLanes];
-    double per_distance[kLanes];  ///< logarithmic derivative of the irradiance by the distance
-    /// Changes of ray and point by one pixel times the change across the sheet, and the relative change of
-    /// the light per relative change of another factor along them.
-    Lanes3 change_of_direction;
-    Lanes3 change_of_point;
-    double per_change[kLanes];
-    double needs_samples[kLanes];
-    // At an edge:
-    Lanes3 other_normal;
-    double share[kLanes];        ///< of the second face
-    double brightening[kLanes];  ///< relative, by the change of distance
-    double cosines[kLanes];      ///< ratio of the second face's cosine to the first one's
-    double is_edge[kLanes];      ///< 1: the second face is accounted for
   };
 
  private:
@@ -118,15 +86,14 @@ class FilledPixels {
   double electrons_per_second(const Batch& batch, int l) const;
 
   const RenderPlan& plan_;
+  const ExposureViews& views_;
   PixelRays rays_;
-  SheetLight sheet_;
-  const ExposureViews* views_ = nullptr;
   std::vector<bool> is_usable_;  ///< per shape: planar faces, no narrow lobe, linear motion
   double time_scale_ = 0.0;      ///< exposure over the time between first and last instant
   std::int32_t shape_ = -1;      ///< of the collected pixels
   Batch planes_;
   Batch edges_;
-  Light light_;
+  LightLanes light_;
 };
 
 }  // namespace sensor_rt

@@ -3,6 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
+
+#include "sensor_rt/render/ambient.h"
+#include "sensor_rt/render/filled_pixels.h"
+#include "sensor_rt/render/lamp_filler.h"
+#include "sensor_rt/render/light_tracer.h"
+#include "sensor_rt/render/path_tracer.h"
+#include "sensor_rt/render/pixel_tracer.h"
+#include "sensor_rt/render/reflected_lamps.h"
 
 namespace sensor_rt {
 namespace {
@@ -32,202 +41,243 @@ std::vector<double> closely_spaced(double motion_px, std::size_t least) {
   return fractions;
 }
 
-}  // namespace
-
-ImageRenderer::ImageRenderer(const RenderPlan& plan)
-    : plan_(plan),
-      start_(plan.settings.laser_on ? 0.0 : 1.0),
-      fractions_(instants_of_exposure(plan.pattern.size())),
-      middle_{0.5},
-      rows_(plan),
-      marker_(plan),
-      cover_(plan),
-      filled_(plan),
-      tracer_(plan),
-      reflected_lamps_(plan),
-      path_tracer_(plan, PathTracer::Mode::kAllBounces),
-      mirror_tracer_(plan, PathTracer::Mode::kMirrorsOnly),
-      light_tracer_(plan),
-      reflected_(plan.settings.bounces > 0 ? plan.settings.model.cameras.size() : 0),
-      masks_(plan.settings.model.cameras.size()) {
-  for (double& fraction : fractions_) fraction += start_;
-  for (std::size_t c = 0; c < masks_.size(); ++c) {
-    const Camera& camera = plan.settings.model.cameras[c];
-    masks_[c].resize(camera.width_px, camera.height_px);
-    if (!reflected_.empty()) reflected_[c].resize(camera.width_px, camera.height_px);
-  }
-}
-
-void ImageRenderer::render(const Scene& scene, const Exposures& exposures, std::size_t exposure,
-                           std::vector<SparseImage>& images) {
-  is_rolling_ = place(scene, exposures, exposure);
-  RowViews* rows = is_rolling_ ? &rows_ : nullptr;
-  has_mirrors_ = std::any_of(scene.shapes().begin(), scene.shapes().end(),
-                             [](const Shape& shape) { return shape.surface->is_specular(); });
-  find_pixels(scene);
-  views_.set(plan_, scene, track_);
-  tracer_.set(views_, rows);
-  cover_.set(scene, track_);
-  filled_.set(views_);
-  const std::int64_t frame = frame_number(exposures, exposure, plan_.settings.laser_on);
-  path_tracer_.set(views_, frame, rows);
-  mirror_tracer_.set(views_, frame, nullptr);
-  reflected_lamps_.set(views_, frame);
-  if (follows_photons()) {
-    for (SplatImage& image : reflected_) image.clear();
-    light_tracer_.trace(views_, frame, plan_.settings.ground_truth, reflected_);
-  }
-  images.resize(masks_.size());
-  for (std::size_t c = 0; c < masks_.size(); ++c) trace_camera(c, exposures.duration[exposure], images[c]);
-}
-
 /// Sets the poses of the exposure. Returns true when rows are exposed at different times.
-bool ImageRenderer::place(const Scene& scene, const Exposures& exposures, std::size_t exposure) {
-  const Rigid3& sensor_from_reference = plan_.sensor_from_reference;
-  const bool still = is_still(exposures, exposure);
-  const bool rolling = !still && plan_.settings.row_readout > 0.0;
-  if (!rolling) {
-    track_.set(scene, exposures, exposure, still ? middle_ : fractions_, sensor_from_reference);
+bool place(const RenderPlan& plan, const Scene& scene, const Exposures& exposures, std::size_t exposure,
+           PoseTrack& track) {
+  const Rigid3& sensor_from_reference = plan.sensor_from_reference;
+  // In units of the duration of the poses: a background frame follows the one with the laser on.
+  const double start = plan.settings.laser_on ? 0.0 : 1.0;
+  const auto set = [&](std::vector<double> fractions) {
+    for (double& fraction : fractions) fraction += start;
+    track.set(scene, exposures, exposure, fractions, sensor_from_reference);
+  };
+  if (is_still(exposures, exposure)) {
+    track.set(scene, exposures, exposure, {0.5}, sensor_from_reference);
     return false;
   }
-  track_.set(scene, exposures, exposure, {start_, start_ + 1.0}, sensor_from_reference);
+  if (!(plan.settings.row_readout > 0.0)) {
+    set(instants_of_exposure(plan.pattern.size()));
+    return false;
+  }
+  set({0.0, 1.0});
   std::vector<std::size_t> shapes(scene.shapes().size());
   std::iota(shapes.begin(), shapes.end(), 0);
-  const double motion_px = max_motion_px(plan_.settings.model, track_, shapes);
-  std::vector<double> fractions = closely_spaced(motion_px, plan_.pattern.size());
-  for (double& fraction : fractions) fraction += start_;
-  track_.set(scene, exposures, exposure, fractions, sensor_from_reference);
-  rows_.set(scene, exposures, exposure);
+  set(closely_spaced(max_motion_px(plan.settings.model, track, shapes), plan.pattern.size()));
   return true;
 }
 
-void ImageRenderer::find_pixels(const Scene& scene) {
-  const bool all = plan_.settings.whole_image || plan_.settings.ground_truth;
-  for (PixelMask& mask : masks_) {
-    if (all) {
-      mask.mark_all();
-    } else {
-      mask.clear();
-    }
+/// Adds electrons, row-major, to an image. Overwrites `dense`.
+void add_dense(std::vector<float>& dense, SparseImage& image) {
+  constexpr float kFaint = 1e-3f;  // electrons: fainter pixels are omitted
+  for (std::size_t i = 0; i < image.pixels.size(); ++i) {
+    image.electrons[i] += dense[image.pixels[i]];
+    dense[image.pixels[i]] = 0.0f;
   }
-  if (!all && plan_.settings.laser_on) marker_.mark(scene, track_, masks_);
-}
-
-void ImageRenderer::trace_camera(std::size_t number, double duration, SparseImage& image) {
-  image.pixels.clear();
-  image.electrons.clear();
-  trace_marked(number, duration, image);
-  if (!views_.scene->lights().empty() && !plan_.settings.ground_truth) add_lamps(number, duration, image);
-  if (follows_photons()) {
-    add_reflected(number, duration, image);
+  for (std::size_t pixel = 0; pixel < dense.size(); ++pixel) {
+    if (dense[pixel] < kFaint) continue;
+    image.pixels.push_back(static_cast<std::uint32_t>(pixel));
+    image.electrons.push_back(dense[pixel]);
   }
 }
 
-void ImageRenderer::trace_marked(std::size_t number, double duration, SparseImage& image) {
-  const Camera& camera = plan_.settings.model.cameras[number];
-  const auto add = [&](int column, int row, double electrons_per_second) {
-    image.pixels.push_back(static_cast<std::uint32_t>(row * camera.width_px + column));
-    image.electrons.push_back(static_cast<float>(electrons_per_second * duration));
-  };
-  if (plan_.settings.ground_truth) {
-    path_tracer_.select_camera(number);
-    masks_[number].for_each([&](int column, int row) {
-      const double electrons_per_second = path_tracer_.trace(column, row);
-      if (electrons_per_second > 0.0) add(column, row, electrons_per_second);
-    });
-    return;
+/// Marks the pixels that can receive laser light, per camera.
+void find_lit(const RenderPlan& plan, const SceneQuery& query, LitPixelMarker::Buffers& buffers,
+              std::vector<PixelMask>& lit) {
+  const bool all = !plan.settings.lit_pixels || plan.settings.ground_truth;
+  lit.resize(plan.settings.model.cameras.size());
+  for (std::size_t c = 0; c < lit.size(); ++c) {
+    const Camera& camera = plan.settings.model.cameras[c];
+    lit[c].resize(camera.width_px, camera.height_px);
+    if (all) lit[c].mark_all();
   }
-  tracer_.select_camera(number);
-  const bool mirrors = has_mirrors_ && plan_.settings.bounces > 0;
-  if (mirrors) {
-    mirror_tracer_.select_camera(number);
-    mark_mirrors(number);
+  if (!all && plan.settings.laser_on) LitPixelMarker(plan, query, buffers).mark(lit);
+}
+
+/// Traces laser light that is reflected between surfaces to one image per camera.
+void trace_photons(const RenderPlan& plan, const ExposureViews& views, std::int64_t frame,
+                   std::vector<SplatImage>& images) {
+  images.resize(plan.settings.model.cameras.size());
+  for (std::size_t c = 0; c < images.size(); ++c) {
+    const Camera& camera = plan.settings.model.cameras[c];
+    images[c].reset(camera.width_px, camera.height_px);
   }
-  const bool covers = !plan_.settings.whole_image && !is_rolling_ && cover_.select_camera(number);
-  const bool fills = covers && plan_.settings.closed_form && filled_.select_camera(number);
-  const auto add_lit = [&](int column, int row, double electrons_per_second) {
+  LightTracer(plan, views, frame, plan.settings.ground_truth).trace(images);
+}
+
+/// One exposure as one camera sees it.
+class CameraImage {
+ public:
+  CameraImage(const RenderPlan& plan, const ExposureViews& views, RowViews* rows, std::size_t number,
+              std::int64_t frame, double duration, SparseImage& image)
+      : plan_(plan),
+        views_(views),
+        rows_(rows),
+        number_(number),
+        frame_(frame),
+        duration_(duration),
+        camera_(plan.settings.model.cameras[number]),
+        image_(image) {
+    image.pixels.clear();
+    image.electrons.clear();
+  }
+
+  void trace_paths(const PixelMask& pixels);
+  void trace_direct(PixelMask& lit, PixelCover::Corners& corners, bool mirrors, std::vector<float>& dense);
+  void add_reflected(SplatImage& reflected, std::vector<float>& dense);
+
+ private:
+  void add(int column, int row, double electrons_per_second) {
+    image_.pixels.push_back(static_cast<std::uint32_t>(row * camera_.width_px + column));
+    image_.electrons.push_back(static_cast<float>(electrons_per_second * duration_));
+  }
+  void add_lit(int column, int row, double electrons_per_second) {
     if (electrons_per_second > 0.0) add(column, row, electrons_per_second);
-  };
+  }
+  PixelMask find_mirrors(const PixelTracer& tracer) const;
+  void trace_lit(const PixelTracer& tracer, const PathTracer* mirrored, const PixelMask& mirrors,
+                 const PixelMask& lit, PixelCover::Corners& corners);
+  void add_lamps(const PixelTracer& tracer, const PathTracer* mirrored, const PixelMask& mirrors,
+                 std::vector<float>& dense);
+
+  const RenderPlan& plan_;
+  const ExposureViews& views_;
+  RowViews* rows_;
+  std::size_t number_;
+  std::int64_t frame_;
+  double duration_;
+  const Camera& camera_;
+  SparseImage& image_;
+};
+
+/// Ground truth.
+void CameraImage::trace_paths(const PixelMask& pixels) {
+  const PathTracer paths(plan_, PathTracer::Mode::kAllBounces, views_, rows_, number_, frame_);
+  pixels.for_each([&](int column, int row) { add_lit(column, row, paths.trace(column, row)); });
+}
+
+/// Light of laser, surroundings and lamps on directly visible surfaces, and all light by way of mirrors when
+/// `mirrors`. Adds the pixels that show mirrors to `lit`.
+void CameraImage::trace_direct(PixelMask& lit, PixelCover::Corners& corners, bool mirrors,
+                               std::vector<float>& dense) {
+  const PixelTracer tracer(plan_, views_, rows_, number_);
+  std::optional<PathTracer> paths;
+  PixelMask mirrored;
+  if (mirrors) {
+    paths.emplace(plan_, PathTracer::Mode::kMirrorsOnly, views_, nullptr, number_, frame_);
+    mirrored = find_mirrors(tracer);
+    mirrored.for_each([&](int column, int row) { lit.mark(column, column, row, row); });
+  }
+  trace_lit(tracer, paths ? &*paths : nullptr, mirrored, lit, corners);
+  const double ambient = plan_.settings.model.ambient_irradiance;
+  if (ambient > 0.0) {
+    fill_ambient(tracer, camera_.width_px, camera_.height_px, lit, ambient,
+                 [&](int column, int row, double electrons) { add(column, row, electrons); });
+  }
+  if (!views_.query.scene().lights().empty()) add_lamps(tracer, paths ? &*paths : nullptr, mirrored, dense);
+}
+
+void CameraImage::trace_lit(const PixelTracer& tracer, const PathTracer* mirrored, const PixelMask& mirrors,
+                            const PixelMask& lit, PixelCover::Corners& corners) {
+  // Accelerators: the patch that fills a pixel, and the closed form for planar patches.
+  const RenderSettings& settings = plan_.settings;
+  std::optional<PixelCover> cover;
+  if (settings.pixel_cover && rows_ == nullptr) {
+    cover.emplace(plan_, views_.query, number_, lit, corners);
+    if (!cover->applies()) cover.reset();
+  }
+  std::optional<FilledPixels> filled;
+  if (cover && settings.closed_form && FilledPixels::applies(plan_, number_)) {
+    filled.emplace(plan_, views_, number_);
+  }
   const auto sample = [&](int column, int row, const Patch& patch) {
-    add_lit(column, row, tracer_.trace(column, row, patch));
+    add_lit(column, row, tracer.trace(column, row, patch));
   };
   const auto add_filled = [&](int column, int row, double electrons_per_second, const Patch* edge) {
-    const double beyond = edge != nullptr ? tracer_.beyond_first_face(column, row, *edge) : 0.0;
+    const double beyond = edge != nullptr ? tracer.beyond_first_face(column, row, *edge) : 0.0;
     add_lit(column, row, electrons_per_second + beyond);
   };
-  masks_[number].for_each([&](int column, int row) {
-    const Patch patch = covers ? cover_.patch(column, row, masks_[number]) : Patch{};
-    if (mirrors && mirror_mask_.test(column, row)) {
-      add_lit(column, row, mirror_tracer_.trace(column, row));
-    } else if (!fills || !filled_.add(column, row, patch, add_filled, sample)) {
+  lit.for_each([&](int column, int row) {
+    const Patch patch = cover ? cover->patch(column, row) : Patch{};
+    if (mirrored != nullptr && mirrors.test(column, row)) {
+      add_lit(column, row, mirrored->trace(column, row));
+    } else if (!filled || !filled->add(column, row, patch, add_filled, sample)) {
       sample(column, row, patch);
     }
   });
-  if (fills) filled_.finish(add_filled, sample);
-  const double ambient = plan_.settings.model.ambient_irradiance;
-  if (ambient > 0.0) {
-    ambient_.fill(tracer_, camera.width_px, camera.height_px, masks_[number], ambient, add);
-  }
+  if (filled) filled->finish(add_filled, sample);
 }
 
-void ImageRenderer::mark_mirrors(std::size_t number) {
-  // One ray at each corner of a grid; a mirror hit at a corner marks the adjacent blocks.
+/// Returns the pixels that may show mirrors: one ray at each corner of a grid; a mirror at a corner marks the
+/// adjacent blocks.
+PixelMask CameraImage::find_mirrors(const PixelTracer& tracer) const {
   constexpr int kBlock = 8;
-  const Camera& camera = plan_.settings.model.cameras[number];
-  mirror_mask_.resize(camera.width_px, camera.height_px);
-  mirror_mask_.clear();
-  for (int row = 0; row < camera.height_px + kBlock; row += kBlock) {
-    for (int column = 0; column < camera.width_px + kBlock; column += kBlock) {
+  PixelMask mirrors;
+  mirrors.resize(camera_.width_px, camera_.height_px);
+  for (int row = 0; row < camera_.height_px + kBlock; row += kBlock) {
+    for (int column = 0; column < camera_.width_px + kBlock; column += kBlock) {
       const std::int32_t shape =
-          tracer_.shape_at(std::min(column, camera.width_px - 1), std::min(row, camera.height_px - 1));
+          tracer.shape_at(std::min(column, camera_.width_px - 1), std::min(row, camera_.height_px - 1));
       if (shape < 0 || !views_.brdf(shape).is_specular()) continue;
-      mirror_mask_.mark(column - kBlock, column + kBlock, row - kBlock, row + kBlock);
+      mirrors.mark(column - kBlock, column + kBlock, row - kBlock, row + kBlock);
     }
   }
-  mirror_mask_.for_each([&](int column, int row) { masks_[number].mark(column, column, row, row); });
+  return mirrors;
 }
 
-void ImageRenderer::add_reflected(std::size_t number, double duration, SparseImage& image) {
-  const ImageView<const float> reflected = reflected_[number].resolve();
-  dense_.resize(static_cast<std::size_t>(reflected.width) * static_cast<std::size_t>(reflected.height));
-  const auto seconds = static_cast<float>(duration);
-  for (int y = 0; y < reflected.height; ++y) {
-    float* out = &dense_[static_cast<std::size_t>(y) * static_cast<std::size_t>(reflected.width)];
-    for (int x = 0; x < reflected.width; ++x) out[x] = seconds * reflected.at(y, x);
-  }
-  add_dense(image);
-}
-
-void ImageRenderer::add_lamps(std::size_t number, double duration, SparseImage& image) {
-  const Camera& camera = plan_.settings.model.cameras[number];
-  const bool bounces = plan_.settings.bounces > 0;
-  dense_.resize(static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px));
-  if (bounces) reflected_lamps_.select_camera(number, tracer_);
-  lamps_.fill(tracer_, bounces ? &reflected_lamps_ : nullptr, camera.width_px, camera.height_px,
-              dense_.data());
-  for (float& electrons : dense_) electrons *= static_cast<float>(duration);
-  // Paths via mirrors include the light of lamps.
-  if (bounces && has_mirrors_) {
-    mirror_mask_.for_each([&](int column, int row) {
-      dense_[static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width_px) +
-             static_cast<std::size_t>(column)] = 0.0f;
+void CameraImage::add_lamps(const PixelTracer& tracer, const PathTracer* mirrored, const PixelMask& mirrors,
+                            std::vector<float>& dense) {
+  const auto width = static_cast<std::size_t>(camera_.width_px);
+  dense.resize(width * static_cast<std::size_t>(camera_.height_px));
+  std::optional<ReflectedLamps> reflected;
+  if (plan_.settings.bounces > 0) reflected.emplace(plan_, views_, number_, frame_, tracer);
+  fill_lamps(tracer, reflected ? &*reflected : nullptr, camera_.width_px, camera_.height_px, dense.data());
+  for (float& electrons : dense) electrons *= static_cast<float>(duration_);
+  if (mirrored != nullptr) {  // paths via mirrors include the light of lamps
+    mirrors.for_each([&](int column, int row) {
+      dense[static_cast<std::size_t>(row) * width + static_cast<std::size_t>(column)] = 0.0f;
     });
   }
-  add_dense(image);
+  add_dense(dense, image_);
 }
 
-/// Adds dense_ to the image and clears it.
-void ImageRenderer::add_dense(SparseImage& image) {
-  // Pixels below a thousandth of an electron are omitted.
-  constexpr float kFaint = 1e-3f;
-  for (std::size_t i = 0; i < image.pixels.size(); ++i) {
-    image.electrons[i] += dense_[image.pixels[i]];
-    dense_[image.pixels[i]] = 0.0f;
+void CameraImage::add_reflected(SplatImage& reflected, std::vector<float>& dense) {
+  const ImageView<const float> light = reflected.resolve();
+  const auto width = static_cast<std::size_t>(light.width);
+  dense.resize(width * static_cast<std::size_t>(light.height));
+  for (int y = 0; y < light.height; ++y) {
+    float* out = &dense[static_cast<std::size_t>(y) * width];
+    for (int x = 0; x < light.width; ++x) out[x] = static_cast<float>(duration_) * light.at(y, x);
   }
-  for (std::size_t pixel = 0; pixel < dense_.size(); ++pixel) {
-    if (dense_[pixel] < kFaint) continue;
-    image.pixels.push_back(static_cast<std::uint32_t>(pixel));
-    image.electrons.push_back(dense_[pixel]);
+  add_dense(dense, image_);
+}
+
+}  // namespace
+
+void render_light(const RenderPlan& plan, const Scene& scene, const Exposures& exposures,
+                  std::size_t exposure, RenderBuffers& buffers, std::vector<SparseImage>& images) {
+  const RenderSettings& settings = plan.settings;
+  const bool is_rolling = place(plan, scene, exposures, exposure, buffers.track);
+  const SceneQuery query(scene, buffers.track);
+  buffers.views.set(plan, query);
+  std::optional<RowViews> rows;
+  if (is_rolling) rows.emplace(plan, scene, exposures, exposure, buffers.rows);
+  find_lit(plan, query, buffers.marker, buffers.lit);
+  const bool has_mirrors = std::any_of(scene.shapes().begin(), scene.shapes().end(),
+                                       [](const Shape& shape) { return shape.surface->is_specular(); });
+  const std::int64_t frame = frame_number(exposures, exposure, settings.laser_on);
+  // Paths from the pixels find all laser light but that which a mirror throws.
+  const bool photons = settings.laser_on && settings.bounces > 0 && (has_mirrors || !settings.ground_truth);
+  if (photons) trace_photons(plan, buffers.views, frame, buffers.reflected);
+  images.resize(settings.model.cameras.size());
+  for (std::size_t c = 0; c < images.size(); ++c) {
+    CameraImage image(plan, buffers.views, rows ? &*rows : nullptr, c, frame, exposures.duration[exposure],
+                      images[c]);
+    if (settings.ground_truth) {
+      image.trace_paths(buffers.lit[c]);
+    } else {
+      image.trace_direct(buffers.lit[c], buffers.corners, has_mirrors && settings.bounces > 0, buffers.dense);
+    }
+    if (photons) image.add_reflected(buffers.reflected[c], buffers.dense);
   }
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <vector>
 
 namespace sensor_rt {
 namespace {
@@ -16,16 +17,21 @@ bool on_one_face(const LampView& a, const LampView& b) {
   return a.shape == b.shape && (a.shape < 0 || a.normal.dot(b.normal) > kFlat);
 }
 
-}  // namespace
+struct Block {
+  int left, top, right, bottom;  ///< corner pixels; the right and bottom ones belong to the next blocks
+};
 
-LampView LampFiller::trace_middle(int column, int row) const {
-  LampView view = tracer_->lamp_light(column, row);
-  if (reflected_ != nullptr) view.light += reflected_->at(column, row, view);
+LampView trace_middle(const PixelTracer& tracer, const ReflectedLamps* reflected, int column, int row) {
+  LampView view = tracer.lamp_light(column, row);
+  if (reflected != nullptr) view.light += reflected->at(column, row, view);
   return view;
 }
 
-bool LampFiller::interpolate(const Block& block, const LampView* const* corners, int width,
-                             float* out) const {
+/// Fills a block by interpolation. Returns false when its light is not smooth; `trace` returns the light in a
+/// pixel.
+template <typename Trace>
+bool interpolate(const Trace& trace, const Block& block, const LampView* const* corners, int width,
+                 float* out) {
   double least = corners[0]->light;
   double most = least;
   for (int k = 1; k < 4; ++k) {
@@ -44,7 +50,7 @@ bool LampFiller::interpolate(const Block& block, const LampView* const* corners,
   };
   const int column = (block.left + block.right) / 2;
   const int row = (block.top + block.bottom) / 2;
-  const LampView middle = trace_middle(column, row);
+  const LampView middle = trace(column, row);
   if (!on_one_face(*corners[0], middle) ||
       std::abs(middle.light - between(column, row)) > kSmooth * middle.light)
     return false;
@@ -55,29 +61,31 @@ bool LampFiller::interpolate(const Block& block, const LampView* const* corners,
   return true;
 }
 
-void LampFiller::fill(PixelTracer& tracer, ReflectedLamps* reflected, int width, int height, float* out) {
-  tracer_ = &tracer;
-  reflected_ = reflected;
+}  // namespace
+
+void fill_lamps(const PixelTracer& tracer, const ReflectedLamps* reflected, int width, int height,
+                float* out) {
+  const auto trace = [&](int column, int row) { return trace_middle(tracer, reflected, column, row); };
+  std::vector<LampView> corners_of_blocks;
   const int columns = (width + kBlock - 1) / kBlock;
   const int rows = (height + kBlock - 1) / kBlock;
-  corners_.clear();
   for (int row = 0; row <= rows; ++row) {
     for (int column = 0; column <= columns; ++column) {
-      corners_.push_back(
-          trace_middle(std::min(column * kBlock, width - 1), std::min(row * kBlock, height - 1)));
+      corners_of_blocks.push_back(
+          trace(std::min(column * kBlock, width - 1), std::min(row * kBlock, height - 1)));
     }
   }
   for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < columns; ++column) {
       const Block block{column * kBlock, row * kBlock, std::min((column + 1) * kBlock, width - 1),
                         std::min((row + 1) * kBlock, height - 1)};
-      const LampView* top = &corners_[static_cast<std::size_t>(row * (columns + 1) + column)];
+      const LampView* top = &corners_of_blocks[static_cast<std::size_t>(row * (columns + 1) + column)];
       const LampView* bottom = top + columns + 1;
       const LampView* const corners[] = {top, top + 1, bottom, bottom + 1};
-      if (interpolate(block, corners, width, out)) continue;
+      if (interpolate(trace, block, corners, width, out)) continue;
       for (int y = block.top; y < std::min(block.top + kBlock, height); ++y) {
         for (int x = block.left; x < std::min(block.left + kBlock, width); ++x)
-          out[static_cast<std::ptrdiff_t>(y) * width + x] = static_cast<float>(trace_middle(x, y).light);
+          out[static_cast<std::ptrdiff_t>(y) * width + x] = static_cast<float>(trace(x, y).light);
       }
     }
   }

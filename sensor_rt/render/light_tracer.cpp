@@ -45,27 +45,26 @@ struct LightTracer::Packet {
   bool counts[kLanes];  ///< whether the following hits are connected to cameras
 };
 
-LightTracer::LightTracer(const RenderPlan& plan)
-    : plan_(plan), photons_(static_cast<std::uint32_t>(plan.settings.photons)) {
-  for (const Camera& camera : plan.settings.model.cameras) projectors_.emplace_back(camera);
-}
+LightTracer::LightTracer(const RenderPlan& plan, const ExposureViews& views, std::int64_t frame,
+                         bool mirrors_first)
+    : plan_(plan),
+      views_(views),
+      frame_(frame),
+      mirrors_first_(mirrors_first),
+      photons_(static_cast<std::uint32_t>(plan.settings.photons)),
+      mirrors_(views) {}
 
-void LightTracer::trace(const ExposureViews& views, std::int64_t frame, bool mirrors_first,
-                        std::vector<SplatImage>& images) {
-  views_ = &views;
-  frame_ = frame;
-  mirrors_first_ = mirrors_first;
-  mirrors_.set(views);
-  if (views.laser.empty()) return;
+void LightTracer::trace(std::vector<SplatImage>& images) const {
+  if (views_.laser.empty()) return;
   Packet packet;
   for (std::uint32_t first = 0; first < photons_; first += kLanes) {
     emit(packet, first);
-    views.laser.intersect(packet.number, packet.direction, packet.alive,
-                          std::numeric_limits<double>::infinity(), packet.hits);
+    views_.laser.intersect(packet.number, packet.direction, packet.alive,
+                           std::numeric_limits<double>::infinity(), packet.hits);
     land_first(packet);
     for (int depth = 0; depth < plan_.settings.bounces && reflect(packet, depth); ++depth) {
-      views.incoherent_rays.intersect(&views.lane_instants[packet.number * kLanes], packet.origin,
-                                      packet.direction, packet.alive, packet.hits);
+      views_.query.intersect(views_.instants(packet.number), packet.origin, packet.direction, packet.alive,
+                             packet.hits);
       for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
       packet.depth = depth;
       connect(packet, images);
@@ -73,41 +72,39 @@ void LightTracer::trace(const ExposureViews& views, std::int64_t frame, bool mir
   }
 }
 
-void LightTracer::emit(Packet& packet, std::uint32_t first) {
-  const LaserSheet& laser = plan_.settings.model.laser;
+void LightTracer::emit(Packet& packet, std::uint32_t first) const {
+  const LaserSheet& laser = plan_.laser.sheet;
   const PathRandom random(plan_.settings.seed, frame_, PathRandom::kPhotons);
   const auto shift = random.at(0, 0, ~0u);
   const double scale = 0.6 * plan_.slope / kSheetReach;  // the logistic distribution closest to the Gaussian
-  packet.number = first / kLanes % views_->packets();
+  packet.number = first / kLanes % views_.packets();
   packet.first = first;
   for (int l = 0; l < kLanes; ++l) {
     const std::uint32_t photon = first + static_cast<std::uint32_t>(l);
     const double angle = laser.fan_half_angle * (2.0 * wrap(recurrence(photon, 0) + shift[0]) - 1.0);
     const double u = std::clamp(wrap(recurrence(photon, 1) + shift[1]), 1e-9, 1.0 - 1e-9);
-    const double bend = laser.bend_at(std::tan(angle) / std::tan(laser.fan_half_angle));
-    packet.slope[l] = scale * std::log(u / (1.0 - u)) + bend * std::cos(angle);
+    const Eigen::Vector3d direction =
+        plan_.laser.direction(std::sin(angle), std::cos(angle), scale * std::log(u / (1.0 - u)));
+    packet.slope[l] = direction.x();
     const double pdf = u * (1.0 - u) / scale / (2.0 * laser.fan_half_angle);
     packet.power[l] = 1.0 / (photons_ * pdf);
     packet.alive[l] = photon < photons_ ? -1 : 0;
     packet.spacing[l] = packet.cone_spread[l] = 0.0;
     set_lane(packet.origin, l, plan_.source(packet.number, l));
-    set_lane(packet.direction, l, {packet.slope[l], std::sin(angle), std::cos(angle)});
+    set_lane(packet.direction, l, direction);
   }
 }
 
 /// Converts the pdf to power: a step of angle and slope covers t² / sqrt(1 + slope²) across the ray.
 void LightTracer::land_first(Packet& packet) const {
-  const LaserSheet& laser = plan_.settings.model.laser;
   for (int l = 0; l < kLanes; ++l) {
     if (packet.alive[l] == 0) continue;
     packet.alive[l] = 0;
     if (packet.hits.shape[l] < 0) continue;
     const double t = packet.hits.t[l];
-    const Eigen::Vector3d at = lane(packet.origin, l) + t * lane(packet.direction, l);
     const double across = t * t / std::sqrt(1.0 + packet.slope[l] * packet.slope[l]);
-    const double y_from_source = at.y() - packet.origin.y[l];
-    packet.power[l] *= across * laser.irradiance_at(at.x(), y_from_source, at.z());
-    packet.counts[l] = !mirrors_first_ || views_->brdf(packet.hits.shape[l]).is_specular();
+    packet.power[l] *= across * plan_.laser.at(t * lane(packet.direction, l)).irradiance;
+    packet.counts[l] = !mirrors_first_ || views_.brdf(packet.hits.shape[l]).is_specular();
     packet.alive[l] = packet.power[l] > 0.0 && packet.counts[l] ? -1 : 0;
   }
 }
@@ -125,8 +122,8 @@ bool LightTracer::reflect(Packet& packet, int depth) const {
     for (int k = 0; depth == 0 && k < 3; ++k) {
       u[static_cast<std::size_t>(k)] = wrap(recurrence(photon, 2 + k) + shift[static_cast<std::size_t>(k)]);
     }
-    const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
-    const Bsdf& brdf = views_->brdf(packet.hits.shape[l]);
+    const SurfacePoint at(views_.query.scene(), packet.origin, packet.direction, packet.hits, l);
+    const Bsdf& brdf = views_.brdf(packet.hits.shape[l]);
     const BsdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
     if (!(out.weight > 0.0)) continue;
     packet.power[l] *= out.weight;
@@ -168,7 +165,7 @@ void LightTracer::blur(std::size_t number, const Packet& packet, const Lanes3& p
 
 /// Connects the packet to all cameras, directly and via mirrors.
 void LightTracer::connect(const Packet& packet, std::vector<SplatImage>& images) const {
-  for (std::size_t c = 0; c < projectors_.size(); ++c) {
+  for (std::size_t c = 0; c < plan_.projectors.size(); ++c) {
     const Eigen::Vector3d& middle = plan_.settings.model.cameras[c].sensor_from_camera.translation;
     Lanes3 points;
     for (int l = 0; l < kLanes; ++l) {
@@ -193,7 +190,7 @@ void LightTracer::connect_by_mirrors(const Packet& packet, std::size_t number, c
     Lanes3 mirrored = seen;
     for (int l = 0; l < kLanes; ++l) {
       if (packet.alive[l] == 0) continue;
-      const std::size_t instant = views_->lane_instants[packet.number * kLanes + static_cast<std::size_t>(l)];
+      const std::size_t instant = views_.lane_instants[packet.number * kLanes + static_cast<std::size_t>(l)];
       set_lane(mirrored, l, mirrors_.image(plane, instant, lane(seen, l)));
     }
     chain.insert(chain.begin(), plane);
@@ -210,7 +207,7 @@ void LightTracer::show(const Packet& packet, std::size_t number, const Lanes3& s
   const Eigen::Vector3d forward = camera.sensor_from_camera.rotation.col(2);
   alignas(64) double column[kLanes];
   alignas(64) double row[kLanes];
-  projectors_[number].project(seen, column, row);
+  plan_.projectors[number].project(seen, column, row);
   blur(number, packet, seen, column, row);
   Lanes3 viewpoints;
   Lanes3 from_viewpoint;
@@ -227,10 +224,10 @@ void LightTracer::show(const Packet& packet, std::size_t number, const Lanes3& s
         !(row[l] > -0.5) || !(row[l] < camera.height_px - 0.5)) {
       continue;
     }
-    const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
+    const SurfacePoint at(views_.query.scene(), packet.origin, packet.direction, packet.hits, l);
     const Eigen::Vector3d to_image = lane(seen, l) - lane(viewpoints, l);
     const double distance = to_image.norm();
-    const std::size_t instant = views_->lane_instants[packet.number * kLanes + static_cast<std::size_t>(l)];
+    const std::size_t instant = views_.lane_instants[packet.number * kLanes + static_cast<std::size_t>(l)];
     Eigen::Vector3d viewpoint_in_mirrors = lane(viewpoints, l);
     for (const std::size_t plane : chain)
       viewpoint_in_mirrors = mirrors_.image(plane, instant, viewpoint_in_mirrors);
@@ -244,7 +241,7 @@ void LightTracer::show(const Packet& packet, std::size_t number, const Lanes3& s
     // A point of intensity I = power * brdf * cosine gives the irradiance I / distance² per steradian of the
     // pixels; their share of the aperture's cos⁴ is reduced by the cos³ of their solid angle.
     amount[l] = packet.power[l] * facing / (distance * distance) * (depth / distance) * px_per_slope2 *
-                views_->brdf(packet.hits.shape[l]).pi_brdf(at.normal, at.back, towards) *
+                views_.brdf(packet.hits.shape[l]).pi_brdf(at.normal, at.back, towards) *
                 plan_.electrons_per_irradiance[number];
     const double spacing = packet.spacing[l] + packet.cone_spread[l] *
                                                    (at.position - lane(packet.origin, l)).norm() /
@@ -260,7 +257,7 @@ void LightTracer::show(const Packet& packet, std::size_t number, const Lanes3& s
   if (!any) return;
   if (chain.empty()) {
     std::fill_n(share, kLanes, 1.0);
-    views_->cameras[number].occlude(packet.number, from_viewpoint, kShadowRayEnd, unoccluded);
+    views_.cameras[number].occlude(packet.number, from_viewpoint, unoccluded);
   } else {
     mirrors_.follow(number, packet.number, chain, viewpoints, from_viewpoint, unoccluded, share);
   }

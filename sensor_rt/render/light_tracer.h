@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "sensor_rt/optics/projector.h"
 #include "sensor_rt/render/exposure_views.h"
 #include "sensor_rt/render/planar_mirrors.h"
 #include "sensor_rt/render/splat_image.h"
@@ -14,20 +13,20 @@ namespace sensor_rt {
 /// Photons are emitted within the sheet and reflected; from the second surface on every hit is connected to
 /// all cameras (light tracing, Arvo 1986; the first surface belongs to direct rendering), also via planar
 /// mirrors. The contribution of a photon is spread over an image patch whose size follows from the pdf of its
-/// directions: broad for diffuse light, a single pixel after mirrors.
+/// directions: broad for diffuse light, a single pixel after mirrors. Without state.
 class LightTracer {
  public:
-  explicit LightTracer(const RenderPlan& plan);
+  /// `views` must outlive it. `frame` selects the random numbers. `mirrors_first`: only light that hits a
+  /// mirror first, not spread, as a complement to path tracing.
+  LightTracer(const RenderPlan& plan, const ExposureViews& views, std::int64_t frame, bool mirrors_first);
 
-  /// Adds electrons per second to one image per camera. `frame` selects the random numbers. `mirrors_first`:
-  /// only light that hits a mirror first, not spread, as a complement to path tracing.
-  void trace(const ExposureViews& views, std::int64_t frame, bool mirrors_first,
-             std::vector<SplatImage>& images);
+  /// Adds electrons per second to one image per camera.
+  void trace(std::vector<SplatImage>& images) const;
 
  private:
   struct Packet;
 
-  void emit(Packet& packet, std::uint32_t first);
+  void emit(Packet& packet, std::uint32_t first) const;
   void land_first(Packet& packet) const;
   bool reflect(Packet& packet, int depth) const;
   void blur(std::size_t camera, const Packet& packet, const Lanes3& points, double* column,
@@ -39,12 +38,11 @@ class LightTracer {
             const std::vector<std::size_t>& chain, SplatImage& image) const;
 
   const RenderPlan& plan_;
-  std::vector<Projector> projectors_;
+  const ExposureViews& views_;
+  std::int64_t frame_;
+  bool mirrors_first_;
+  std::uint32_t photons_;
   PlanarMirrors mirrors_;
-  const ExposureViews* views_ = nullptr;
-  std::int64_t frame_ = 0;
-  bool mirrors_first_ = false;
-  std::uint32_t photons_ = 0;
 };
 
 }  // namespace sensor_rt

@@ -35,33 +35,33 @@ bool beyond(float a, float b, int size, float margin) {
 
 }  // namespace
 
-LitPixelMarker::LitPixelMarker(const RenderPlan& plan)
+LitPixelMarker::LitPixelMarker(const RenderPlan& plan, const SceneQuery& query, Buffers& buffers)
     : plan_(plan),
-      grid_(plan),
+      track_(query.track()),
+      grid_(plan, query),
       cameras_(plan.settings.model.cameras.size()),
       angles_(static_cast<std::size_t>(plan.settings.rays_across_fan)),
-      slopes_(kSlopes) {
-  const double half = plan.settings.model.laser.fan_half_angle;
-  for (std::size_t i = 0; i < angles_; ++i) {
-    const double angle = half * (2.0 * static_cast<double>(i) / static_cast<double>(angles_ - 1) - 1.0);
-    across_fan_.emplace_back(std::sin(angle), std::cos(angle));
-  }
-}
+      slopes_(kSlopes),
+      rays_(buffers.rays),
+      landings_(buffers.landings),
+      gaps_(buffers.gaps),
+      next_gaps_(buffers.next_gaps),
+      middle_(buffers.middle),
+      middle_landings_(buffers.middle_landings) {}
 
-void LitPixelMarker::mark(const Scene& scene, const PoseTrack& track, std::vector<PixelMask>& masks) {
-  grid_.set(scene, track);
+void LitPixelMarker::mark(std::vector<PixelMask>& masks) {
   if (grid_.shapes().empty()) return;
-  lay_grid(track);
+  lay_grid();
   grid_.cast(rays_, landings_);
   gaps_.clear();
   visit_grid(masks);
   while (!gaps_.empty()) refine(masks);
 }
 
-std::vector<std::size_t> LitPixelMarker::choose_instants(const PoseTrack& track) const {
-  const std::size_t last = track.instants() - 1;
+std::vector<std::size_t> LitPixelMarker::choose_instants() const {
+  const std::size_t last = track_.instants() - 1;
   if (last == 0) return {0};
-  const double farthest_px = max_motion_px(plan_.settings.model, track, grid_.shapes());
+  const double farthest_px = max_motion_px(plan_.settings.model, track_, grid_.shapes());
   constexpr double kStep = 3.0;  // px between neighbouring instants of the grid
   const auto steps =
       static_cast<std::size_t>(std::clamp(std::ceil(farthest_px / kStep), 1.0, static_cast<double>(last)));
@@ -70,8 +70,14 @@ std::vector<std::size_t> LitPixelMarker::choose_instants(const PoseTrack& track)
   return chosen;
 }
 
-void LitPixelMarker::lay_grid(const PoseTrack& track) {
-  const std::vector<std::size_t> chosen = choose_instants(track);
+void LitPixelMarker::lay_grid() {
+  const std::vector<std::size_t> chosen = choose_instants();
+  std::vector<Eigen::Vector2d> across_fan;  // sine and cosine of each angle
+  const double half = plan_.settings.model.laser.fan_half_angle;
+  for (std::size_t i = 0; i < angles_; ++i) {
+    const double angle = half * (2.0 * static_cast<double>(i) / static_cast<double>(angles_ - 1) - 1.0);
+    across_fan.emplace_back(std::sin(angle), std::cos(angle));
+  }
   instants_ = chosen.size();
   rays_.clear();
   for (const std::size_t instant : chosen) {
@@ -80,7 +86,7 @@ void LitPixelMarker::lay_grid(const PoseTrack& track) {
       const double slope =
           plan_.slope * (2.0 * static_cast<double>(j) / static_cast<double>(slopes_ - 1) - 1.0);
       for (std::size_t i = 0; i < angles_; ++i) {
-        rays_.push_back({across_fan_[i].x(), across_fan_[i].y(), slope, instant, line / slopes_});
+        rays_.push_back({across_fan[i].x(), across_fan[i].y(), slope, instant, line / slopes_});
       }
       // All rays of a packet share an instant and a source.
       while (rays_.size() % kLanes != 0) rays_.push_back(rays_.back());

@@ -20,13 +20,6 @@ namespace sensor_rt {
 /// ray spacing may be missed.
 class LitPixelMarker {
  public:
-  explicit LitPixelMarker(const RenderPlan& plan);
-
-  /// Marks the pixels in `masks`: one per camera, cleared by the caller. The track holds the instants of the
-  /// exposure.
-  void mark(const Scene& scene, const PoseTrack& track, std::vector<PixelMask>& masks);
-
- private:
   /// Two neighbouring rays and their hits.
   struct Gap {
     FanRay from;
@@ -37,6 +30,23 @@ class LitPixelMarker {
     bool across_sheet = false;  ///< the gap is across the thickness of the sheet
     bool in_grid = false;       ///< between neighbours of the grid along the sheet, source or exposure
   };
+  /// Scratch memory.
+  struct Buffers {
+    std::vector<FanRay> rays;  ///< [instant][source][slope][angle], followed by refinement rays
+    FanLandings landings;
+    std::vector<Gap> gaps;
+    std::vector<Gap> next_gaps;
+    std::vector<FanRay> middle;
+    FanLandings middle_landings;
+  };
+
+  /// The scene at the instants of an exposure. All must outlive it.
+  LitPixelMarker(const RenderPlan& plan, const SceneQuery& query, Buffers& buffers);
+
+  /// Marks the pixels in `masks`: one per camera, cleared by the caller.
+  void mark(std::vector<PixelMask>& masks);
+
+ private:
   enum class Relation {
     kDark,         ///< no light between the two, or not visible to any camera
     kSameSurface,  ///< close together on one surface
@@ -45,7 +55,7 @@ class LitPixelMarker {
     kVoid          ///< far apart on two surfaces, or one ray without a hit
   };
 
-  void lay_grid(const PoseTrack& track);
+  void lay_grid();
   void visit_grid(std::vector<PixelMask>& masks);
   void visit(const Gap& gap, std::vector<PixelMask>& masks);
   void refine(std::vector<PixelMask>& masks);
@@ -59,21 +69,21 @@ class LitPixelMarker {
   void mark_alone(std::size_t a, std::vector<PixelMask>& masks) const;
   /// Returns the margin, px, around two hits in a camera that may receive their light.
   float margin(std::size_t camera, std::size_t p, std::size_t q) const;
-  std::vector<std::size_t> choose_instants(const PoseTrack& track) const;
+  std::vector<std::size_t> choose_instants() const;
 
   const RenderPlan& plan_;
-  FanGrid grid_;
+  const PoseTrack& track_;
+  const FanGrid grid_;
   std::size_t cameras_;
   std::size_t angles_;
   std::size_t slopes_;
-  std::vector<Eigen::Vector2d> across_fan_;  ///< sine and cosine of each angle
-  std::size_t instants_ = 0;                 ///< of the grid
-  std::vector<FanRay> rays_;                 ///< [instant][source][slope][angle], followed by refinement rays
-  FanLandings landings_;
-  std::vector<Gap> gaps_;
-  std::vector<Gap> next_gaps_;
-  std::vector<FanRay> middle_;
-  FanLandings middle_landings_;
+  std::size_t instants_ = 0;  ///< of the grid
+  std::vector<FanRay>& rays_;
+  FanLandings& landings_;
+  std::vector<Gap>& gaps_;
+  std::vector<Gap>& next_gaps_;
+  std::vector<FanRay>& middle_;
+  FanLandings& middle_landings_;
 };
 
 }  // namespace sensor_rt

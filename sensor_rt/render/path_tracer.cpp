@@ -10,6 +10,9 @@ namespace sensor_rt {
 
 /// State of sixteen paths.
 struct PathTracer::Packet {
+  explicit Packet(const ExposureViews& of_row) : views(of_row) {}
+
+  const ExposureViews& views;
   std::size_t number = 0;  ///< packet index within a pixel
   std::uint32_t pixel = 0;
   double sum = 0.0;
@@ -20,23 +23,21 @@ struct PathTracer::Packet {
   double carried[kLanes];  ///< throughput from the last surface to the camera
 };
 
-PathTracer::PathTracer(const RenderPlan& plan, Mode mode)
+PathTracer::PathTracer(const RenderPlan& plan, Mode mode, const ExposureViews& views, RowViews* rows,
+                       std::size_t camera, std::int64_t frame)
     : plan_(plan),
       mode_(mode),
-      rays_(plan),
-      speckle_(plan),
-      lamps_(plan.settings.model.band_pass, plan.settings.model.laser.wavelength) {}
+      views_(views),
+      rows_(rows),
+      frame_(frame),
+      rays_(plan, camera),
+      speckle_(plan, views, camera) {}
 
-void PathTracer::set(const ExposureViews& views, std::int64_t frame, RowViews* rows) {
-  rows_ = rows;
-  views_ = &views;
-  speckle_.set(views);
-  lamps_.set(*views.scene, *views.track, views.incoherent_rays);
-  frame_ = frame;
+SurfacePoint PathTracer::surface(const Packet& packet, int l) const {
+  return {packet.views.query.scene(), packet.origin, packet.direction, packet.hits, l};
 }
 
-double PathTracer::laser_light(Packet& packet, int depth) {
-  const LaserSheet& laser = plan_.settings.model.laser;
+double PathTracer::laser_light(const Packet& packet, int depth) const {
   Lanes3 from_source;
   double light[kLanes];
   alignas(64) int unoccluded[kLanes];
@@ -45,27 +46,22 @@ double PathTracer::laser_light(Packet& packet, int depth) {
     unoccluded[l] = 0;
     set_lane(from_source, l, Eigen::Vector3d::UnitZ());
     if (packet.alive[l] == 0) continue;
-    const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
-    const Eigen::Vector3d source = plan_.source(packet.number, l);
-    const Eigen::Vector3d segment = at.position - source;
-    const double facing = -at.normal.dot(segment);
-    if (!(facing > 0.0)) continue;
-    const double irradiance = laser.irradiance_at(segment.x(), segment.y(), at.position.z());
-    if (irradiance == 0.0) continue;
-    const double distance = segment.norm();
-    light[l] = packet.carried[l] * irradiance * (facing / distance) *
-               views_->brdf(packet.hits.shape[l]).pi_brdf(at.normal, -segment / distance, at.back);
+    const SurfacePoint at = surface(packet, l);
+    const Eigen::Vector3d segment = at.position - plan_.source(packet.number, l);
+    light[l] =
+        packet.carried[l] * at.reflected(plan_.laser.at(segment), packet.views.brdf(packet.hits.shape[l]));
+    if (!(light[l] > 0.0)) continue;
     unoccluded[l] = -1;
     any = true;
     set_lane(from_source, l, segment);
   }
   if (!any) return 0.0;
-  views_->laser.occlude(packet.number, from_source, kShadowRayEnd, unoccluded);
+  packet.views.laser.occlude(packet.number, from_source, unoccluded);
   if (depth == 0 && speckle_.enabled()) {
     const int width = plan_.settings.model.cameras[rays_.camera()].width_px;
     const auto pixel = static_cast<int>(packet.pixel);
-    speckle_.modulate(pixel % width, pixel / width, packet.number, packet.direction, packet.hits, unoccluded,
-                      light);
+    speckle_.modulate(packet.views, pixel % width, pixel / width, packet.number, packet.direction,
+                      packet.hits, unoccluded, light);
   }
   double sum = 0.0;
   for (int l = 0; l < kLanes; ++l) sum += unoccluded[l] != 0 ? light[l] : 0.0;
@@ -80,8 +76,8 @@ double PathTracer::ambient_light(const Packet& packet, int depth) const {
     if (packet.hits.shape[l] < 0) {
       sum += depth > 0 ? packet.carried[l] * ambient : 0.0;  // a primary ray without a hit sees no light
     } else if (mode_ == Mode::kMirrorsOnly) {
-      const Bsdf& brdf = views_->brdf(packet.hits.shape[l]);
-      const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
+      const Bsdf& brdf = packet.views.brdf(packet.hits.shape[l]);
+      const SurfacePoint at = surface(packet, l);
       if (!brdf.is_specular()) sum += packet.carried[l] * ambient * brdf.albedo(at.normal.dot(at.back));
     }
   }
@@ -90,9 +86,12 @@ double PathTracer::ambient_light(const Packet& packet, int depth) const {
 
 double PathTracer::lamp_light(const Packet& packet, int depth) const {
   const PathRandom random(plan_.settings.seed, frame_, PathRandom::kLamps - static_cast<int>(rays_.camera()));
-  const std::size_t* instants = &views_->lane_instants[packet.number * kLanes];
+  const SceneQuery& query = packet.views.query;
+  const SensorModel& model = plan_.settings.model;
+  const Lamps lamps(query, model.band_pass, model.laser.wavelength);
+  const std::size_t* instants = packet.views.instants(packet.number);
   double sum = 0.0;
-  for (std::size_t number = 0; number < views_->scene->lights().size(); ++number) {
+  for (std::size_t number = 0; number < query.scene().lights().size(); ++number) {
     Lanes3 origin;
     Lanes3 segment;
     double light[kLanes];
@@ -101,34 +100,34 @@ double PathTracer::lamp_light(const Packet& packet, int depth) const {
       set_lane(origin, l, Eigen::Vector3d::Zero());
       set_lane(segment, l, Eigen::Vector3d::UnitZ());
       if (packet.alive[l] == 0) continue;
-      const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
+      const SurfacePoint at = surface(packet, l);
       const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
       const auto u = random.at(packet.pixel, sample,
                                256 * static_cast<std::uint32_t>(number) + static_cast<std::uint32_t>(depth));
       Eigen::Vector3d towards;
-      light[l] = packet.carried[l] * lamps_.sample(number, at, views_->brdf(packet.hits.shape[l]),
-                                                   instants[l], u[0], u[1], towards);
+      light[l] = packet.carried[l] * lamps.sample(number, at, packet.views.brdf(packet.hits.shape[l]),
+                                                  instants[l], u[0], u[1], towards);
       if (!(light[l] > 0.0)) continue;
       set_lane(origin, l, at.above());
       set_lane(segment, l, towards);
       unoccluded[l] = -1;
     }
-    views_->incoherent_rays.occlude(instants, origin, segment, 1.0, unoccluded);
+    query.occlude(instants, origin, segment, unoccluded);
     for (int l = 0; l < kLanes; ++l) sum += unoccluded[l] != 0 ? light[l] : 0.0;
   }
   return sum;
 }
 
-void PathTracer::reflect(Packet& packet, int depth) {
+void PathTracer::reflect(Packet& packet, int depth) const {
   const PathRandom random(plan_.settings.seed, frame_, PathRandom::kSight + static_cast<int>(rays_.camera()));
   for (int l = 0; l < kLanes; ++l) {
     if (packet.alive[l] == 0) continue;
     packet.alive[l] = 0;
-    const Bsdf& brdf = views_->brdf(packet.hits.shape[l]);
+    const Bsdf& brdf = packet.views.brdf(packet.hits.shape[l]);
     const bool is_mirror = brdf.is_specular();
     if (mode_ == Mode::kMirrorsOnly && !is_mirror) continue;
     if (mode_ == Mode::kReflectedLamps && depth == 0 && is_mirror) continue;
-    const SurfacePoint at(*views_->scene, packet.origin, packet.direction, packet.hits, l);
+    const SurfacePoint at = surface(packet, l);
     const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
     const auto u = random.at(packet.pixel, sample, static_cast<std::uint32_t>(depth));
     const BsdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
@@ -140,37 +139,30 @@ void PathTracer::reflect(Packet& packet, int depth) {
   }
 }
 
-void PathTracer::trace_packet(Packet& packet) {
+void PathTracer::trace_packet(Packet& packet) const {
   const int last = plan_.settings.bounces;
   const bool lamps_alone = mode_ == Mode::kReflectedLamps;
   const bool ambient = plan_.settings.model.ambient_irradiance > 0.0 && !lamps_alone;
-  views_->cameras[rays_.camera()].intersect(packet.number, packet.direction, packet.alive,
-                                            std::numeric_limits<double>::infinity(), packet.hits);
+  packet.views.cameras[rays_.camera()].intersect(packet.number, packet.direction, packet.alive,
+                                                 std::numeric_limits<double>::infinity(), packet.hits);
   for (int depth = 0;; ++depth) {
     if (ambient) packet.sum += ambient_light(packet, depth);
     for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
     if (depth > last) return;  // after the last reflection only environment light is left
     if (!lamps_alone) packet.sum += laser_light(packet, depth);
-    if (lamps_.any() && (depth > 0 || !lamps_alone)) packet.sum += lamp_light(packet, depth);
+    if (depth > 0 || !lamps_alone) packet.sum += lamp_light(packet, depth);
     if (depth == last && !ambient) return;
     reflect(packet, depth);
     if (std::none_of(packet.alive, packet.alive + kLanes, [](int alive) { return alive != 0; })) return;
-    views_->incoherent_rays.intersect(&views_->lane_instants[packet.number * kLanes], packet.origin,
-                                      packet.direction, packet.alive, packet.hits);
+    packet.views.query.intersect(packet.views.instants(packet.number), packet.origin, packet.direction,
+                                 packet.alive, packet.hits);
   }
 }
 
-void PathTracer::use(const ExposureViews& views) {
-  views_ = &views;
-  speckle_.use(views);
-  lamps_.set(*views.scene, *views.track, views.incoherent_rays);
-}
-
-double PathTracer::trace(int column, int row) {
-  if (rows_ != nullptr) use(rows_->of_row(rays_.camera(), row));
+double PathTracer::trace(int column, int row) const {
   const std::size_t samples = plan_.pattern.size();
   const Camera& camera = plan_.settings.model.cameras[rays_.camera()];
-  Packet packet;
+  Packet packet(rows_ != nullptr ? rows_->of_row(rays_.camera(), row) : views_);
   packet.pixel = static_cast<std::uint32_t>(row * camera.width_px + column);
   for (std::size_t first = 0; first < samples; first += kLanes) {
     packet.number = first / kLanes;

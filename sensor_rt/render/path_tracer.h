@@ -15,7 +15,7 @@ namespace sensor_rt {
 /// unbiased for light of at most `bounces` reflections between surfaces, longer paths are left out: every hit
 /// is connected to the laser source and to a sample of every lamp. Ambient light is uniform environment
 /// light, collected by paths that leave the scene. Laser light that hits a mirror before the surface cannot
-/// be sampled this way; LightTracer covers it.
+/// be sampled this way; LightTracer covers it. Without state.
 class PathTracer {
  public:
   enum class Mode {
@@ -24,37 +24,31 @@ class PathTracer {
     kReflectedLamps,  ///< only lamp light reflected between surfaces, on directly visible points
   };
 
-  PathTracer(const RenderPlan& plan, Mode mode);
-
-  /// Prepares an exposure. `views` must outlive its use, and so must `rows`, which is not null when every row
-  /// has its own views. `frame` selects the random numbers.
-  void set(const ExposureViews& views, std::int64_t frame, RowViews* rows);
-  void select_camera(std::size_t camera) {
-    rays_.select_camera(camera);
-    speckle_.select_camera(camera);
-  }
+  /// Paths from the pixels of one camera. All must outlive it; `rows` is not null when every row has its own
+  /// views. `frame` selects the random numbers.
+  PathTracer(const RenderPlan& plan, Mode mode, const ExposureViews& views, RowViews* rows,
+             std::size_t camera, std::int64_t frame);
 
   /// Returns the expected electrons per second in a pixel.
-  double trace(int column, int row);
+  double trace(int column, int row) const;
 
  private:
   struct Packet;
 
-  void use(const ExposureViews& views);
-  void trace_packet(Packet& packet);
-  double laser_light(Packet& packet, int depth);
+  void trace_packet(Packet& packet) const;
+  double laser_light(const Packet& packet, int depth) const;
   double lamp_light(const Packet& packet, int depth) const;
-  void reflect(Packet& packet, int depth);
+  void reflect(Packet& packet, int depth) const;
   double ambient_light(const Packet& packet, int depth) const;
+  SurfacePoint surface(const Packet& packet, int l) const;
 
   const RenderPlan& plan_;
   Mode mode_;
+  const ExposureViews& views_;
+  RowViews* rows_;
+  std::int64_t frame_;
   PixelRays rays_;
   Speckle speckle_;
-  Lamps lamps_;
-  const ExposureViews* views_ = nullptr;
-  RowViews* rows_ = nullptr;
-  std::int64_t frame_ = 0;
 };
 
 }  // namespace sensor_rt

@@ -79,63 +79,40 @@ double max_motion_px(const SensorModel& model, const PoseTrack& track,
   return farthest_px;
 }
 
-PixelCover::PixelCover(const RenderPlan& plan) : plan_(plan), rays_(plan) {
-  const SensorModel& model = plan.settings.model;
-  constexpr int kAround = 4;  // px: pixel corners may lie slightly outside the lit region
-  const double room = kAround * plan.pixel_size / (model.near - model.laser.source_z);
-  const auto across = static_cast<float>(std::tan(model.laser.fan_half_angle) + room);
-  const auto along = static_cast<float>(plan.slope / std::cos(model.laser.fan_half_angle) + room);
-  constexpr float kMaxDistance = 10.0f;  // m
-  const float step = 2.0f * across / ProjectedBoundsSet::kCapacity;
-  for (int k = 0; k < ProjectedBoundsSet::kCapacity; ++k) {
-    const float left = static_cast<float>(k) * step - across;
-    sheet_.add({{left, -along, 0.0f}, {left + step, along, kMaxDistance}});
-  }
-}
-
-void PixelCover::set(const Scene& scene, const PoseTrack& track) {
-  scene_ = &scene;
-  track_ = &track;
-}
-
-bool PixelCover::select_camera(std::size_t number) {
-  rays_.select_camera(number);
-  const Camera& camera = plan_.settings.model.cameras[number];
-  lane_instants_.assign(kLanes, 0);
-  if (track_->instants() > 1) lane_instants_.resize(2 * kLanes, track_->instants() - 1);
-  view_.set(*scene_, *track_, {camera.sensor_from_camera.translation}, lane_instants_,
-            plan_.camera_regions[number]);
-  laser_.set(*scene_, *track_, {plan_.source(0, 0)}, lane_instants_, plan_.laser_region);
-  set_shadow_cullers(camera.sensor_from_camera.translation);
+PixelCover::PixelCover(const RenderPlan& plan, const SceneQuery& query, std::size_t number,
+                       const PixelMask& mask, Corners& corners)
+    : plan_(plan),
+      query_(query),
+      mask_(mask),
+      rays_(plan, number),
+      lane_instants_(kLanes, 0),
+      corners_(corners) {
+  const Camera& camera = plan.settings.model.cameras[number];
+  const std::size_t last = query.track().instants() - 1;
+  if (last > 0) lane_instants_.resize(2 * kLanes, last);
+  view_.set(query, {camera.sensor_from_camera.translation}, lane_instants_, plan.camera_regions[number]);
+  laser_.set(query, {plan.source(0, 0)}, lane_instants_, plan.laser_region);
   corners_per_edge_ = (static_cast<std::size_t>(camera.height_px) + 1) * instants();
   corners_.assign(kEdgesKept * corners_per_edge_, {});
-  next_edge_ = 0;
+}
+
+bool PixelCover::applies() const {
   // Blurred pixels receive light from beyond their corners.
+  const Camera& camera = plan_.settings.model.cameras[rays_.camera()];
   const bool sharp = rays_.share_viewpoint() && camera.psf_sigma_px == 0.0;
-  return sharp && max_motion_px(plan_.settings.model, *track_, view_.shapes()) <= kMaxMotion;
+  return sharp && max_motion_px(plan_.settings.model, query_.track(), view_.shapes()) <= kMaxMotion;
 }
 
-/// Finds the possible occluders between the source and visible points: closest hits seen from the camera have
-/// the same role here as lit points have for a camera.
-void PixelCover::set_shadow_cullers(const Eigen::Vector3d& viewpoint) {
-  shadow_cullers_.resize(instants());
-  for (std::size_t instant = 0; instant < instants(); ++instant) {
-    const std::size_t at = lane_instants_[instant * kLanes];
-    shadow_cullers_[instant].set(*scene_, *track_, laser_.shapes(),
-                                 {viewpoint, plan_.source(0, 0), ViewAxes::kZ, at}, sheet_);
-  }
-}
-
-Patch PixelCover::patch(int column, int row, const PixelMask& mask) {
+Patch PixelCover::patch(int column, int row) {
   column_ = column;
   next_edge_ = std::max(next_edge_, column);
   while (next_edge_ <= column + 1) {
-    trace_edges(next_edge_, mask);
+    trace_edges(next_edge_);
     next_edge_ += kEdgesAtOnce;
   }
   const Corner& first = *around(row, 0)[0];
   if (first.id.shape < 0) return {};
-  const Shape& shape = scene_->shapes()[static_cast<std::size_t>(first.id.shape)];
+  const Shape& shape = query_.scene().shapes()[static_cast<std::size_t>(first.id.shape)];
   Patch patch{first.id.shape, 1, {first.id.face}, plan_.lane_sources.size() == 1};
   bool few = true;
   for (std::size_t instant = 0; instant < instants(); ++instant) {
@@ -191,7 +168,7 @@ bool PixelCover::flatten(const Shape& shape, int row, Patch& patch) const {
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();
   for (std::size_t instant = 0; instant < instants(); ++instant) {
     const std::size_t at = lane_instants_[instant * kLanes];
-    const Rigid3& shape_from_reference = track_->shape_from_reference(number, at);
+    const Rigid3& shape_from_reference = query_.track().shape_from_reference(number, at);
     for (const Corner* corner : around(row, instant)) {
       middle += shape_from_reference * corner->point;
       normal += Eigen::Map<const Eigen::Vector3d>(shape.planes[corner->id.face].normal);
@@ -216,10 +193,10 @@ bool PixelCover::flatten(const Shape& shape, int row, Patch& patch) const {
   return true;
 }
 
-void PixelCover::trace_edges(int first_edge, const PixelMask& mask) {
+void PixelCover::trace_edges(int first_edge) {
   Place places[kLanes];
   int count = 0;
-  mask.for_each_corner<kEdgesAtOnce>(first_edge, [&](int edge, int row) {
+  mask_.for_each_corner<kEdgesAtOnce>(first_edge, [&](int edge, int row) {
     places[count++] = {edge, row};
     if (count < kLanes) return;
     trace_corners(places, count);
@@ -252,14 +229,7 @@ void PixelCover::trace_corners(const Place* places, int count) {
       const double t = unoccluded[l] != 0 ? hits.t[l] : 0.0;
       set_lane(to_point, l, from_source + t * lane(direction, l));
     }
-    alignas(64) double used[kLanes];
-    for (int l = 0; l < kLanes; ++l) used[l] = unoccluded[l] != 0 ? 1.0 : 0.0;
-    const ProjectedBounds bounds = projected_bounds(to_point, ViewAxes::kZ, used);
-    if (sheet_.frame().holds(bounds)) {
-      shadow_cullers_[instant].occlude(laser_, instant, to_point, bounds, kShadowRayEnd, unoccluded);
-    } else {
-      laser_.occlude(instant, to_point, kShadowRayEnd, unoccluded);
-    }
+    laser_.occlude(instant, to_point, unoccluded);
     for (int l = 0; l < count; ++l) {
       const double to_viewpoint = -lane(hits.normal, l).dot(lane(direction, l));
       const double to_source = -lane(hits.normal, l).dot(lane(to_point, l).normalized());

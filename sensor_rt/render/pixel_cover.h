@@ -8,7 +8,6 @@
 
 #include "sensor_rt/render/pixel_mask.h"
 #include "sensor_rt/render/pixel_rays.h"
-#include "sensor_rt/tracing/occlusion_culler.h"
 #include "sensor_rt/tracing/ray_view.h"
 
 namespace sensor_rt {
@@ -24,20 +23,6 @@ namespace sensor_rt {
 /// the exposure; the cover is not used for large motion.
 class PixelCover {
  public:
-  explicit PixelCover(const RenderPlan& plan);
-
-  /// Prepares an exposure.
-  void set(const Scene& scene, const PoseTrack& track);
-
-  /// Selects a camera. Returns false when the cover is not applicable: the image is blurred, or the motion is
-  /// too large.
-  bool select_camera(std::size_t camera);
-
-  /// Returns the patch that fills a marked pixel; patch.shape < 0 when several shapes or sides do. Must be
-  /// called in the order of the mask.
-  Patch patch(int column, int row, const PixelMask& mask);
-
- private:
   /// Hit at the corner of a pixel at one instant.
   struct Corner {
     FaceId id;
@@ -45,6 +30,20 @@ class PixelCover {
     bool from_front = false;                          ///< the front side (by winding) is visible
     bool in_light = false;
   };
+  using Corners = std::vector<Corner>;
+
+  /// Pixels of one camera. All must outlive it; `corners` is scratch memory.
+  PixelCover(const RenderPlan& plan, const SceneQuery& query, std::size_t camera, const PixelMask& mask,
+             Corners& corners);
+
+  /// Returns false when the cover must not be used: the image is blurred, or the motion is too large.
+  bool applies() const;
+
+  /// Returns the patch that fills a marked pixel; patch.shape < 0 when several shapes or sides do. Must be
+  /// called in the order of the mask.
+  Patch patch(int column, int row);
+
+ private:
   /// Index of a corner: above the pixel of its row and to the left of the pixel of its edge.
   struct Place {
     int edge;
@@ -56,8 +55,7 @@ class PixelCover {
   bool is_fine(const Shape& shape, std::uint32_t face) const;
   bool is_ring(const Shape& shape, int row) const;
   bool flatten(const Shape& shape, int row, Patch& patch) const;
-  void set_shadow_cullers(const Eigen::Vector3d& viewpoint);
-  void trace_edges(int first_edge, const PixelMask& mask);
+  void trace_edges(int first_edge);
   void trace_corners(const Place* places, int count);
   std::size_t instants() const { return lane_instants_.size() / kLanes; }
   /// Returns the corners of an edge; index [row * instants + instant].
@@ -67,22 +65,19 @@ class PixelCover {
   const Corner* corners_of(int edge) const { return const_cast<PixelCover*>(this)->corners_of(edge); }
 
   const RenderPlan& plan_;
+  SceneQuery query_;
+  const PixelMask& mask_;
   PixelRays rays_;
-  const Scene* scene_ = nullptr;
-  const PoseTrack* track_ = nullptr;
   std::vector<std::size_t> lane_instants_;  ///< packet 0: the first of the exposure, packet 1: the last
   RayView view_;
   RayView laser_;
-  ProjectedBoundsSet sheet_;  ///< the region lit by the laser, as seen from the source
-  std::vector<OcclusionCuller>
-      shadow_cullers_;  ///< shadow tests from the source to visible points, per instant
   /// Packets are four corners wide, for coherent rays.
   static constexpr int kEdgesAtOnce = 4;
   static constexpr int kEdgesKept = 2 * kEdgesAtOnce;
   int column_ = 0;     ///< of the last requested pixel
   int next_edge_ = 0;  ///< corners of the columns column_ .. next_edge_ - 1 are known
   std::size_t corners_per_edge_ = 0;
-  std::vector<Corner> corners_;
+  Corners& corners_;
 };
 
 /// Returns the largest motion of `shapes` in any camera image between first and last instant, in pixels.

@@ -1,7 +1,5 @@
 #include "sensor_rt/render/pixel_rays.h"
 
-#include <algorithm>
-
 #include "sensor_rt/geometry/multiversion.h"
 
 namespace sensor_rt {
@@ -40,47 +38,31 @@ void spread_through_lens(const double* __restrict axes, const double* __restrict
 
 }  // namespace
 
-PixelRays::PixelRays(const RenderPlan& plan)
-    : plan_(plan), nowhere_(kLanes, 0.0), viewpoints_(plan.pattern.padded_size() / kLanes) {
-  const SamplingPattern& pattern = plan.pattern;
-  for (const Camera& camera : plan.settings.model.cameras) {
-    Samples& samples = samples_.emplace_back();
-    for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
-      const std::size_t sample = std::min(i, pattern.size() - 1);
-      samples.column.push_back(blurred_pixel_quantile(pattern.column[sample] + 0.5, camera.psf_sigma_px));
-      samples.row.push_back(blurred_pixel_quantile(pattern.row[sample] + 0.5, camera.psf_sigma_px));
-      samples.lens_x.push_back(pattern.lens_x[sample] * camera.aperture_radius());
-      samples.lens_y.push_back(pattern.lens_y[sample] * camera.aperture_radius());
-    }
-  }
-}
-
-void PixelRays::select_camera(std::size_t camera) {
-  number_ = camera;
-  camera_ = &plan_.settings.model.cameras[camera];
-  for (int k = 0; k < 9; ++k) axes_[k] = camera_->sensor_from_camera.rotation(k % 3, k / 3);
-  for (int k = 0; k < 3; ++k) viewpoint_[k] = camera_->sensor_from_camera.translation[k];
-  for (std::size_t packet = 0; packet < viewpoints_.size(); ++packet) {
-    for (int l = 0; l < kLanes; ++l) set_lane(viewpoints_[packet], l, plan_.viewpoint(camera, packet, l));
-  }
-  focus_[0] = share_viewpoint() ? 0.0 : camera_->vergence(0.0, 0.0);
-  focus_[1] = share_viewpoint() ? 0.0 : camera_->vergence(1.0, 0.0) - focus_[0];
-  focus_[2] = share_viewpoint() ? 0.0 : camera_->vergence(0.0, 1.0) - focus_[0];
+PixelRays::PixelRays(const RenderPlan& plan, std::size_t camera)
+    : number_(camera),
+      camera_(plan.settings.model.cameras[camera]),
+      samples_(plan.samples[camera]),
+      electrons_per_irradiance_(plan.electrons_per_irradiance[camera]) {
+  for (int k = 0; k < 9; ++k) axes_[k] = camera_.sensor_from_camera.rotation(k % 3, k / 3);
+  for (int k = 0; k < 3; ++k) viewpoint_[k] = camera_.sensor_from_camera.translation[k];
+  if (share_viewpoint()) return;
+  focus_[0] = camera_.vergence(0.0, 0.0);
+  focus_[1] = camera_.vergence(1.0, 0.0) - focus_[0];
+  focus_[2] = camera_.vergence(0.0, 1.0) - focus_[0];
 }
 
 PixelRays::PixelRay PixelRays::pixel_ray(int column, int row) const {
-  const double scale = 1.0 / camera_->focal_px;
-  if (camera_->is_plain()) {
-    return {(column - camera_->cx_px) * scale, (row - camera_->cy_px) * scale, scale, 0.0, 0.0, scale};
+  const double scale = 1.0 / camera_.focal_px;
+  if (camera_.is_plain()) {
+    return {(column - camera_.cx_px) * scale, (row - camera_.cy_px) * scale, scale, 0.0, 0.0, scale};
   }
-  const Eigen::Vector3d middle = camera_->ray({column, row});
-  const Eigen::Matrix2d slope = camera_->ray_jacobian(middle);
+  const Eigen::Vector3d middle = camera_.ray({column, row});
+  const Eigen::Matrix2d slope = camera_.ray_jacobian(middle);
   return {middle.x(), middle.y(), slope(0, 0), slope(0, 1), slope(1, 0), slope(1, 1)};
 }
 
 void PixelRays::through_samples(int column, int row, std::size_t packet, Lanes3& direction) const {
-  const Samples& samples = samples_[number_];
-  direct(pixel_ray(column, row), &samples.column[packet * kLanes], &samples.row[packet * kLanes], packet,
+  direct(pixel_ray(column, row), &samples_.column[packet * kLanes], &samples_.row[packet * kLanes], packet,
          direction);
 }
 
@@ -90,25 +72,25 @@ void PixelRays::direct(const PixelRay& ray, const double* du, const double* dv, 
   if (share_viewpoint()) {
     spread_directions(axes_, values, du, dv, direction);
   } else {
-    const Samples& samples = samples_[number_];
-    spread_through_lens(axes_, values, du, dv, &samples.lens_x[packet * kLanes],
-                        &samples.lens_y[packet * kLanes], focus_, direction);
+    spread_through_lens(axes_, values, du, dv, &samples_.lens_x[packet * kLanes],
+                        &samples_.lens_y[packet * kLanes], focus_, direction);
   }
 }
 
 void PixelRays::through_middle(int column, int row, Lanes3& direction) const {
-  direct(pixel_ray(column, row), nowhere_.data(), nowhere_.data(), 0, direction);
+  constexpr double kCentre[kLanes] = {};
+  direct(pixel_ray(column, row), kCentre, kCentre, 0, direction);
 }
 
 void PixelRays::through_corners(const int* columns, const int* rows, Lanes3& direction) const {
-  const double scale = 1.0 / camera_->focal_px;
+  const double scale = 1.0 / camera_.focal_px;
   for (int l = 0; l < kLanes; ++l) {
     const double column = columns[l] - 0.5;
     const double row = rows[l] - 0.5;
-    double x = (column - camera_->cx_px) * scale;
-    double y = (row - camera_->cy_px) * scale;
-    if (!camera_->is_plain()) {
-      const Eigen::Vector3d in_camera = camera_->ray({column, row});
+    double x = (column - camera_.cx_px) * scale;
+    double y = (row - camera_.cy_px) * scale;
+    if (!camera_.is_plain()) {
+      const Eigen::Vector3d in_camera = camera_.ray({column, row});
       x = in_camera.x();
       y = in_camera.y();
     }
@@ -121,8 +103,8 @@ void PixelRays::through_corners(const int* columns, const int* rows, Lanes3& dir
 double PixelRays::electrons(int column, int row, double irradiance) const {
   const PixelRay ray = pixel_ray(column, row);
   const double cosine2 = 1.0 / (1.0 + ray.x * ray.x + ray.y * ray.y);
-  const double area = camera_->is_tilted() ? camera_->tilt_area(Eigen::Vector2d(column, row)) : 1.0;
-  return irradiance * cosine2 * cosine2 * area * plan_.electrons_per_irradiance[number_];
+  const double area = camera_.is_tilted() ? camera_.tilt_area(Eigen::Vector2d(column, row)) : 1.0;
+  return irradiance * cosine2 * cosine2 * area * electrons_per_irradiance_;
 }
 
 }  // namespace sensor_rt

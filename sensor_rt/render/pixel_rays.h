@@ -8,7 +8,7 @@
 
 namespace sensor_rt {
 
-/// Generates the rays through the samples of a pixel, with their radiometric weights.
+/// Generates the rays through the samples of the pixels of one camera, with their radiometric weights.
 class PixelRays {
  public:
   struct PixelRay {
@@ -16,9 +16,8 @@ class PixelRays {
     double dx_du, dx_dv, dy_du, dy_dv;  ///< its change per pixel
   };
 
-  explicit PixelRays(const RenderPlan& plan);
+  PixelRays(const RenderPlan& plan, std::size_t camera);
 
-  void select_camera(std::size_t camera);
   std::size_t camera() const { return number_; }
 
   PixelRay pixel_ray(int column, int row) const;
@@ -36,35 +35,24 @@ class PixelRays {
   double electrons(int column, int row, double irradiance) const;
 
   /// Whether all rays start at the lens centre (no depth of field).
-  bool share_viewpoint() const { return !camera_->has_depth_of_field(); }
+  bool share_viewpoint() const { return !camera_.has_depth_of_field(); }
   const double* viewpoint() const { return viewpoint_; }
   /// Returns the camera's x, y and z axes in the reference frame.
   const double* axes() const { return axes_; }
   /// Returns the ray origins of the `packet`-th sixteen samples.
-  const Lanes3& viewpoints(std::size_t packet) const { return viewpoints_[packet]; }
+  const Lanes3& viewpoints(std::size_t packet) const { return samples_.viewpoints[packet]; }
 
  private:
-  const RenderPlan& plan_;
-  /// Sample offsets shared by all pixels of a camera, padded to full packets.
-  struct Samples {
-    std::vector<double> column;  ///< px from the pixel centre
-    std::vector<double> row;
-    std::vector<double> lens_x;  ///< m from the lens centre, in the camera frame
-    std::vector<double> lens_y;
-  };
-
   void direct(const PixelRay& ray, const double* du, const double* dv, std::size_t packet,
               Lanes3& direction) const;
 
-  std::vector<Samples> samples_;  ///< per camera
-  std::vector<double> nowhere_;   ///< sixteen zeros
-  // The selected camera:
-  std::size_t number_ = 0;
-  const Camera* camera_ = nullptr;
-  double axes_[9] = {};  ///< camera x, y, z in the sensor frame
-  double viewpoint_[3] = {};
+  std::size_t number_;
+  const Camera& camera_;
+  const CameraSamples& samples_;
+  double electrons_per_irradiance_;
+  double axes_[9];  ///< camera x, y, z in the sensor frame
+  double viewpoint_[3];
   double focus_[3] = {};  ///< inverse depth in focus: constant, per x, per y
-  std::vector<Lanes3> viewpoints_;
 };
 
 }  // namespace sensor_rt

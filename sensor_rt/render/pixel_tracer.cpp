@@ -11,30 +11,15 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
-PixelTracer::PixelTracer(const RenderPlan& plan)
+PixelTracer::PixelTracer(const RenderPlan& plan, const ExposureViews& views, RowViews* rows,
+                         std::size_t camera)
     : plan_(plan),
-      rays_(plan),
-      sheet_(plan.settings.model.laser),
-      speckle_(plan),
-      lamps_(plan.settings.model.band_pass, plan.settings.model.laser.wavelength) {
-  sources_.resize(plan.pattern.padded_size() / kLanes);
-  for (std::size_t packet = 0; packet < sources_.size(); ++packet) {
-    for (int l = 0; l < kLanes; ++l) set_lane(sources_[packet], l, plan.source(packet, l));
-  }
-}
-
-void PixelTracer::use(const ExposureViews& views) {
-  views_ = &views;
-  speckle_.use(views);
-  lamps_.set(*views.scene, *views.track, views.incoherent_rays);
-}
-
-void PixelTracer::set(const ExposureViews& views, RowViews* rows) {
-  rows_ = rows;
-  speckle_.set(views);
-  use(views);
-  surfaces_.clear();
-  for (const Shape& shape : views.scene->shapes()) {
+      views_(views),
+      rows_(rows),
+      rays_(plan, camera),
+      sheet_(plan.laser),
+      speckle_(plan, views, camera) {
+  for (const Shape& shape : views.query.scene().shapes()) {
     const bool lambert = shape.surface->is_lambert();
     surfaces_.push_back({shape.reflectance, lambert ? nullptr : shape.surface.get()});
   }
@@ -59,7 +44,8 @@ void PixelTracer::light(std::size_t packet, const Lanes3& direction, const Packe
   if (sheet_.is_simple() && rays_.share_viewpoint()) {
     sheet_.light(rays_.viewpoint(), direction, hits, from_source, irradiance, lit);
   } else {
-    sheet_.light(rays_.viewpoints(packet), sources_[packet], direction, hits, from_source, irradiance, lit);
+    sheet_.light(rays_.viewpoints(packet), plan_.sources[packet], direction, hits, from_source, irradiance,
+                 lit);
   }
 }
 
@@ -77,10 +63,10 @@ double PixelTracer::sum_reflected(const PacketHits& hits, const Lanes3& directio
   return sum;
 }
 
-double PixelTracer::sum_packet(int column, int row, std::size_t packet, const Lanes3& direction,
-                               const int* valid, const Patch& patch) {
+double PixelTracer::sum_packet(const ExposureViews& views, int column, int row, std::size_t packet,
+                               const Lanes3& direction, const int* valid, const Patch& patch) const {
   PacketHits hits;
-  const RayView& view = views_->cameras[rays_.camera()];
+  const RayView& view = views.cameras[rays_.camera()];
   const bool met = patch.shape >= 0 && view.meet(packet, patch, direction, valid, hits);
   if (!met) view.intersect(packet, direction, valid, kInfinity, hits);
   Lanes3 from_source;
@@ -88,14 +74,15 @@ double PixelTracer::sum_packet(int column, int row, std::size_t packet, const La
   alignas(64) int lit[kLanes];
   light(packet, direction, hits, from_source, irradiance, lit);
   const bool any = std::any_of(lit, lit + kLanes, [](int lane) { return lane != 0; });
-  if (any && !(met && patch.in_light)) views_->laser.occlude(packet, from_source, kShadowRayEnd, lit);
+  if (any && !(met && patch.in_light)) views.laser.occlude(packet, from_source, lit);
   if (!any && plan_.settings.model.ambient_irradiance == 0.0) return 0.0;
-  if (any && speckle_.enabled()) speckle_.modulate(column, row, packet, direction, hits, lit, irradiance);
+  if (any && speckle_.enabled())
+    speckle_.modulate(views, column, row, packet, direction, hits, lit, irradiance);
   return sum_reflected(hits, direction, valid, from_source, irradiance, lit);
 }
 
-double PixelTracer::beyond_first_face(int column, int row, const Patch& patch) {
-  const RayView& view = views_->cameras[rays_.camera()];
+double PixelTracer::beyond_first_face(int column, int row, const Patch& patch) const {
+  const RayView& view = views_.cameras[rays_.camera()];
   Patch first = patch;
   first.count = 1;
   first.is_open = false;
@@ -124,8 +111,8 @@ double PixelTracer::beyond_first_face(int column, int row, const Patch& patch) {
   return rays_.electrons(column, row, sum / static_cast<double>(samples));
 }
 
-double PixelTracer::trace(int column, int row, const Patch& patch) {
-  enter(row);
+double PixelTracer::trace(int column, int row, const Patch& patch) const {
+  const ExposureViews& views = views_of(row);
   const std::size_t samples = plan_.pattern.size();
   double sum = 0.0;
   for (std::size_t first = 0; first < samples; first += kLanes) {
@@ -133,57 +120,60 @@ double PixelTracer::trace(int column, int row, const Patch& patch) {
     rays_.through_samples(column, row, first / kLanes, direction);
     alignas(64) int valid[kLanes];
     for (std::size_t l = 0; l < kLanes; ++l) valid[l] = first + l < samples ? -1 : 0;
-    sum += sum_packet(column, row, first / kLanes, direction, valid, patch);
+    sum += sum_packet(views, column, row, first / kLanes, direction, valid, patch);
   }
   if (sum == 0.0) return 0.0;
   return electrons(column, row, sum / static_cast<double>(samples));
 }
 
-int PixelTracer::trace_middle(int column, int row, Lanes3& direction, PacketHits& hits) {
-  enter(row);
-  rays_.through_middle(column, row, direction);
+PixelTracer::Middle PixelTracer::trace_middle(int column, int row) const {
+  Middle middle{views_of(row), 0, {}, {}};
+  rays_.through_middle(column, row, middle.direction);
   alignas(64) int valid[kLanes] = {};
   // The instants of the first packet are spread over the exposure; the one closest to the middle is used.
   const std::size_t samples = plan_.pattern.size();
   const auto from_middle = [&](std::size_t l) {
-    const std::size_t twice = 2 * views_->lane_instants[l] + 1;
+    const std::size_t twice = 2 * middle.views.lane_instants[l] + 1;
     return twice > samples ? twice - samples : samples - twice;
   };
   std::size_t best = 0;
   for (std::size_t l = 1; l < std::min<std::size_t>(kLanes, samples); ++l)
     best = from_middle(l) < from_middle(best) ? l : best;
   valid[best] = -1;
-  views_->cameras[rays_.camera()].intersect(0, direction, valid, kInfinity, hits);
-  return static_cast<int>(best);
+  middle.lane = static_cast<int>(best);
+  middle.views.cameras[rays_.camera()].intersect(0, middle.direction, valid, kInfinity, middle.hits);
+  return middle;
 }
 
-double PixelTracer::reflectance(int column, int row) {
-  Lanes3 direction;
-  PacketHits hits;
-  const int l = trace_middle(column, row, direction, hits);
-  if (hits.shape[l] < 0) return 0.0;
-  const Surface& surface = surfaces_[static_cast<std::size_t>(hits.shape[l])];
+double PixelTracer::reflectance(int column, int row) const {
+  const Middle middle = trace_middle(column, row);
+  const int l = middle.lane;
+  if (middle.hits.shape[l] < 0) return 0.0;
+  const Surface& surface = surfaces_[static_cast<std::size_t>(middle.hits.shape[l])];
   if (surface.brdf == nullptr) return surface.reflectance;
-  return surface.brdf->albedo(std::abs(lane(hits.normal, l).dot(lane(direction, l).normalized())));
+  return surface.brdf->albedo(
+      std::abs(lane(middle.hits.normal, l).dot(lane(middle.direction, l).normalized())));
 }
 
-LampView PixelTracer::lamp_light(int column, int row) {
-  Lanes3 direction;
-  PacketHits hits;
-  const int l = trace_middle(column, row, direction, hits);
-  if (hits.shape[l] < 0) return {};
+LampView PixelTracer::lamp_light(int column, int row) const {
+  const Middle middle = trace_middle(column, row);
+  const int l = middle.lane;
+  const std::int32_t shape = middle.hits.shape[l];
+  if (shape < 0) return {};
   Lanes3 origin;
   set_lane(origin, l, lane(rays_.viewpoints(0), l));
-  const SurfacePoint at(*views_->scene, origin, direction, hits, l);
-  const std::size_t instant = views_->lane_instants[static_cast<std::size_t>(l)];
-  const double light = lamps_.brightness(at, views_->brdf(hits.shape[l]), instant);
-  return {light > 0.0 ? electrons(column, row, light) : 0.0, hits.shape[l], at.normal};
+  const SceneQuery& query = middle.views.query;
+  const SurfacePoint at(query.scene(), origin, middle.direction, middle.hits, l);
+  const SensorModel& model = plan_.settings.model;
+  const Lamps lamps(query, model.band_pass, model.laser.wavelength);
+  const double light =
+      lamps.brightness(at, query.brdf(shape), middle.views.lane_instants[static_cast<std::size_t>(l)]);
+  return {light > 0.0 ? electrons(column, row, light) : 0.0, shape, at.normal};
 }
 
-std::int32_t PixelTracer::shape_at(int column, int row) {
-  Lanes3 direction;
-  PacketHits hits;
-  return hits.shape[trace_middle(column, row, direction, hits)];
+std::int32_t PixelTracer::shape_at(int column, int row) const {
+  const Middle middle = trace_middle(column, row);
+  return middle.hits.shape[middle.lane];
 }
 
 }  // namespace sensor_rt

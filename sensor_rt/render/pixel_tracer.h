@@ -19,36 +19,29 @@ struct LampView {
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();
 };
 
-/// Traces pixels of one camera at a time: rays from the lens samples to the scene, and shadow rays from the
-/// laser. Samples differ in position and time, each with the poses of its instant.
+/// Direct light in the pixels of one camera: rays from the lens samples to the scene, and shadow rays from
+/// the laser. Samples differ in position and time, each with the poses of its instant. Without state.
 class PixelTracer {
  public:
-  explicit PixelTracer(const RenderPlan& plan);
-
-  /// Prepares the instants of an exposure. `views` must outlive its use, and so must `rows`, which is not
-  /// null when every row has its own views.
-  void set(const ExposureViews& views, RowViews* rows);
-  void select_camera(std::size_t camera) {
-    rays_.select_camera(camera);
-    speckle_.select_camera(camera);
-  }
+  /// All must outlive it; `rows` is not null when every row has its own views.
+  PixelTracer(const RenderPlan& plan, const ExposureViews& views, RowViews* rows, std::size_t camera);
 
   /// Returns the expected electrons per second in a pixel, averaged over its area and the exposure. `patch`:
   /// the surface that fills the pixel, if known.
-  double trace(int column, int row, const Patch& patch = {});
+  double trace(int column, int row, const Patch& patch = {}) const;
 
   /// Returns the electrons per second in a pixel beyond those that it would have if the first face of the
   /// unshadowed patch filled it. Little depends on the samples where the faces form small angles.
-  double beyond_first_face(int column, int row, const Patch& patch);
+  double beyond_first_face(int column, int row, const Patch& patch) const;
 
   /// Returns the directional albedo seen through the centre of a pixel at mid-exposure; 0 without a hit.
-  double reflectance(int column, int row);
+  double reflectance(int column, int row) const;
 
   /// Returns the lamp light seen through the centre of a pixel at mid-exposure.
-  LampView lamp_light(int column, int row);
+  LampView lamp_light(int column, int row) const;
 
   /// Returns the index of the shape seen through the centre of a pixel at mid-exposure; -1: none.
-  std::int32_t shape_at(int column, int row);
+  std::int32_t shape_at(int column, int row) const;
 
   /// Returns the electrons per second in a pixel from a surface that reflects `irradiance` diffusely.
   double electrons(int column, int row, double irradiance) const {
@@ -56,10 +49,17 @@ class PixelTracer {
   }
 
  private:
-  void enter(int row) {
-    if (rows_ != nullptr) use(rows_->of_row(rays_.camera(), row));
+  /// Ray through the centre of a pixel, and its hit in one lane.
+  struct Middle {
+    const ExposureViews& views;
+    int lane;
+    Lanes3 direction;
+    PacketHits hits;
+  };
+
+  const ExposureViews& views_of(int row) const {
+    return rows_ != nullptr ? rows_->of_row(rays_.camera(), row) : views_;
   }
-  void use(const ExposureViews& views);
   /// Returns the light reflected to the viewpoint at the hit of lane l, as the equivalent irradiance on a
   /// white diffuse surface.
   double brightness(const PacketHits& hits, int l, const Lanes3& direction, const Lanes3& from_source,
@@ -69,10 +69,9 @@ class PixelTracer {
              double* irradiance, int* lit) const;
   double sum_reflected(const PacketHits& hits, const Lanes3& direction, const int* valid,
                        const Lanes3& from_source, const double* irradiance, const int* lit) const;
-  double sum_packet(int column, int row, std::size_t packet, const Lanes3& direction, const int* valid,
-                    const Patch& patch);
-  /// Traces the ray through the pixel centre; returns its lane.
-  int trace_middle(int column, int row, Lanes3& direction, PacketHits& hits);
+  double sum_packet(const ExposureViews& views, int column, int row, std::size_t packet,
+                    const Lanes3& direction, const int* valid, const Patch& patch) const;
+  Middle trace_middle(int column, int row) const;
 
   struct Surface {
     double reflectance;
@@ -80,13 +79,11 @@ class PixelTracer {
   };
 
   const RenderPlan& plan_;
+  const ExposureViews& views_;
+  RowViews* rows_;
   PixelRays rays_;
   SheetLight sheet_;
-  std::vector<Lanes3> sources_;  ///< per packet
   Speckle speckle_;
-  Lamps lamps_;
-  const ExposureViews* views_ = nullptr;
-  RowViews* rows_ = nullptr;
   std::vector<Surface> surfaces_;  ///< per shape
 };
 

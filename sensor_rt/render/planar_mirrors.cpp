@@ -16,10 +16,8 @@ Eigen::Vector3d mirrored(const Eigen::Vector3d& normal, double offset, const Eig
 
 }  // namespace
 
-void PlanarMirrors::set(const ExposureViews& views) {
-  views_ = &views;
-  planes_.clear();
-  const std::vector<Shape>& shapes = views.scene->shapes();
+PlanarMirrors::PlanarMirrors(const ExposureViews& views) : views_(views) {
+  const std::vector<Shape>& shapes = views.query.scene().shapes();
   for (std::size_t s = 0; s < shapes.size(); ++s) {
     if (!shapes[s].surface->is_specular()) continue;
     const Eigen::Vector3d& half = shapes[s].half_size;
@@ -36,7 +34,7 @@ void PlanarMirrors::set(const ExposureViews& views) {
 
 void PlanarMirrors::add_mesh(std::size_t shape) {
   const std::size_t before = planes_.size();
-  for (const FacePlane& face : views_->scene->shapes()[shape].planes) {
+  for (const FacePlane& face : views_.query.scene().shapes()[shape].planes) {
     const Eigen::Vector3d normal(face.normal[0], face.normal[1], face.normal[2]);
     if (normal.isZero()) continue;
     // Faces of either winding reflect on both sides.
@@ -56,7 +54,7 @@ void PlanarMirrors::add_mesh(std::size_t shape) {
 
 PlanarMirrors::Placed PlanarMirrors::place(std::size_t number, std::size_t instant) const {
   const Plane& plane = planes_[number];
-  const Rigid3& shape_from_reference = views_->track->shape_from_reference(plane.shape, instant);
+  const Rigid3& shape_from_reference = views_.query.track().shape_from_reference(plane.shape, instant);
   return {shape_from_reference.rotation.transpose() * plane.normal,
           plane.offset - plane.normal.dot(shape_from_reference.translation)};
 }
@@ -72,7 +70,7 @@ bool PlanarMirrors::reflect(const Plane& plane, const Placed& placed, const Pack
                             Eigen::Vector3d& origin, Eigen::Vector3d& to_image, double& share) const {
   if (hits.shape[l] != static_cast<std::int32_t>(plane.shape) || !(hits.t[l] < 1.0)) return false;
   const Eigen::Vector3d at = origin + hits.t[l] * to_image;
-  const double offset = views_->scene->shapes()[plane.shape].ray_offset();
+  const double offset = views_.query.scene().shapes()[plane.shape].ray_offset();
   if (std::abs(lane(hits.normal, l).dot(placed.normal)) < kSameNormal ||
       std::abs(placed.normal.dot(at) - placed.offset) > offset)
     return false;
@@ -80,23 +78,23 @@ bool PlanarMirrors::reflect(const Plane& plane, const Placed& placed, const Pack
   const double side = placed.normal.dot(to_image) < 0.0 ? offset : -offset;
   origin = at + side * placed.normal;
   to_image = target - origin;
-  share *= views_->brdf(hits.shape[l]).albedo(1.0);
+  share *= views_.brdf(hits.shape[l]).albedo(1.0);
   return true;
 }
 
 void PlanarMirrors::follow(std::size_t camera, std::size_t packet, const std::vector<std::size_t>& chain,
                            const Lanes3& viewpoints, const Lanes3& to_image, int* unoccluded,
                            double* share) const {
-  const std::size_t* instants = &views_->lane_instants[packet * kLanes];
+  const std::size_t* instants = views_.instants(packet);
   Lanes3 origin = viewpoints;
   Lanes3 rest = to_image;
   std::fill_n(share, kLanes, 1.0);
   PacketHits hits;
   for (std::size_t k = 0; k < chain.size(); ++k) {
     if (k == 0) {
-      views_->cameras[camera].intersect(packet, rest, unoccluded, 1.0, hits);
+      views_.cameras[camera].intersect(packet, rest, unoccluded, 1.0, hits);
     } else {
-      views_->incoherent_rays.intersect(instants, origin, rest, unoccluded, hits);
+      views_.query.intersect(instants, origin, rest, unoccluded, hits);
     }
     for (int l = 0; l < kLanes; ++l) {
       if (unoccluded[l] == 0) continue;
@@ -108,7 +106,7 @@ void PlanarMirrors::follow(std::size_t camera, std::size_t packet, const std::ve
       set_lane(rest, l, towards);
     }
   }
-  views_->incoherent_rays.occlude(instants, origin, rest, kShadowRayEnd, unoccluded);
+  views_.query.occlude(instants, origin, rest, unoccluded);
 }
 
 }  // namespace sensor_rt

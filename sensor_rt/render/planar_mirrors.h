@@ -13,8 +13,8 @@ namespace sensor_rt {
 /// more planes than a simple part are not supported.
 class PlanarMirrors {
  public:
-  /// `views` must outlive its use.
-  void set(const ExposureViews& views);
+  /// `views` must outlive it.
+  explicit PlanarMirrors(const ExposureViews& views);
 
   std::size_t count() const { return planes_.size(); }
 
@@ -44,7 +44,7 @@ class PlanarMirrors {
   bool reflect(const Plane& plane, const Placed& placed, const PacketHits& hits, int l,
                Eigen::Vector3d& origin, Eigen::Vector3d& to_image, double& share) const;
 
-  const ExposureViews* views_ = nullptr;
+  const ExposureViews& views_;
   std::vector<Plane> planes_;
 };
 

@@ -17,32 +17,30 @@ bool is_similar(const LampView& a, const LampView& b) {
 
 }  // namespace
 
-ReflectedLamps::ReflectedLamps(const RenderPlan& plan)
-    : plan_(plan), tracer_(plan, PathTracer::Mode::kReflectedLamps) {}
-
 /// Traces a node: mean over several neighbouring pixels.
-double ReflectedLamps::trace(int column, int row) {
-  const int samples = static_cast<int>(plan_.pattern.size());
-  const int pixels = std::max(1, (kPaths + samples - 1) / samples);
+double ReflectedLamps::trace(int column, int row) const {
+  const int pixels = std::max(1, (kPaths + samples_ - 1) / samples_);
   const int side = static_cast<int>(std::ceil(std::sqrt(pixels)));
   double sum = 0.0;
   for (int k = 0; k < pixels; ++k) {
-    sum += tracer_.trace(std::min(column + k % side, camera_->width_px - 1),
-                         std::min(row + k / side, camera_->height_px - 1));
+    sum += tracer_.trace(std::min(column + k % side, camera_.width_px - 1),
+                         std::min(row + k / side, camera_.height_px - 1));
   }
   return sum / pixels;
 }
 
-void ReflectedLamps::select_camera(std::size_t camera, PixelTracer& looks) {
-  camera_ = &plan_.settings.model.cameras[camera];
-  tracer_.select_camera(camera);
-  columns_ = (camera_->width_px + kSpacing - 1) / kSpacing + 1;
-  rows_ = (camera_->height_px + kSpacing - 1) / kSpacing + 1;
-  nodes_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
+ReflectedLamps::ReflectedLamps(const RenderPlan& plan, const ExposureViews& views, std::size_t camera,
+                               std::int64_t frame, const PixelTracer& looks)
+    : camera_(plan.settings.model.cameras[camera]),
+      samples_(static_cast<int>(plan.pattern.size())),
+      tracer_(plan, PathTracer::Mode::kReflectedLamps, views, nullptr, camera, frame),
+      columns_((camera_.width_px + kSpacing - 1) / kSpacing + 1),
+      rows_((camera_.height_px + kSpacing - 1) / kSpacing + 1),
+      nodes_(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_)) {
   for (int j = 0; j < rows_; ++j) {
     for (int i = 0; i < columns_; ++i) {
-      const int column = std::min(i * kSpacing, camera_->width_px - 1);
-      const int row = std::min(j * kSpacing, camera_->height_px - 1);
+      const int column = std::min(i * kSpacing, camera_.width_px - 1);
+      const int row = std::min(j * kSpacing, camera_.height_px - 1);
       Node& node = nodes_[static_cast<std::size_t>(j * columns_ + i)];
       node.seen = looks.lamp_light(column, row);
       node.traced = node.seen.shape < 0 ? 0.0 : trace(column, row);
@@ -71,7 +69,7 @@ double ReflectedLamps::smoothed(int i, int j) const {
   return weights > 0.0 ? sum / weights : 0.0;
 }
 
-double ReflectedLamps::at(int column, int row, const LampView& seen) {
+double ReflectedLamps::at(int column, int row, const LampView& seen) const {
   if (seen.shape < 0) return 0.0;
   const double x = static_cast<double>(column) / kSpacing;
   const double y = static_cast<double>(row) / kSpacing;

@@ -13,15 +13,13 @@ namespace sensor_rt {
 /// interpolated among nodes on the same shape with similar normals. Mirrors receive none.
 class ReflectedLamps {
  public:
-  explicit ReflectedLamps(const RenderPlan& plan);
-
-  /// `views` must outlive its use. `frame` selects the random numbers.
-  void set(const ExposureViews& views, std::int64_t frame) { tracer_.set(views, frame, nullptr); }
-  /// Traces the nodes of a camera, which must be selected in `looks`.
-  void select_camera(std::size_t camera, PixelTracer& looks);
+  /// Traces the nodes of a camera; `looks`: of the same camera. All must outlive it. `frame` selects the
+  /// random numbers.
+  ReflectedLamps(const RenderPlan& plan, const ExposureViews& views, std::size_t camera, std::int64_t frame,
+                 const PixelTracer& looks);
 
   /// Returns the electrons per second in a pixel that shows `seen`.
-  double at(int column, int row, const LampView& seen);
+  double at(int column, int row, const LampView& seen) const;
 
  private:
   struct Node {
@@ -30,14 +28,14 @@ class ReflectedLamps {
     double light = 0.0;   ///< the same, smoothed
   };
 
-  double trace(int column, int row);
+  double trace(int column, int row) const;
   double smoothed(int i, int j) const;
 
-  const RenderPlan& plan_;
+  const Camera& camera_;
+  int samples_;  ///< of a pixel
   PathTracer tracer_;
-  const Camera* camera_ = nullptr;
-  int columns_ = 0;
-  int rows_ = 0;
+  int columns_;
+  int rows_;
   std::vector<Node> nodes_;
 };
 

@@ -16,4 +16,12 @@ struct RenderOptions {
   double row_readout = 0.0;       ///< s from one row's exposure to the next; 0: global shutter
 };
 
+/// Accelerators of the fast mode, each of which can be switched off. Images without them agree within the
+/// limits that the tests state.
+struct Accelerators {
+  bool lit_pixels = true;   ///< trace only the pixels that the laser can light, see LitPixelMarker
+  bool pixel_cover = true;  ///< find the patch that fills a pixel by rays through its corners, see PixelCover
+  bool closed_form = true;  ///< integrate planar patches without samples, see FilledPixels; needs the cover
+};
+
 }  // namespace sensor_rt

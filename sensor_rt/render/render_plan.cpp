@@ -33,12 +33,13 @@ double largest_slope(const SensorModel& model) {
   return slope * 1.02;  // margin: the depths are sampled
 }
 
-/// Returns the sensor with camera poses in the frame of the sheet.
+/// Returns the settings with camera poses in the frame of the sheet and the power that the laser has.
 RenderSettings in_frame_of_sheet(RenderSettings settings) {
   const Rigid3 sheet_from_sensor = settings.model.laser.sensor_from_sheet.inverse();
   for (Camera& camera : settings.model.cameras) {
     camera.sensor_from_camera = sheet_from_sensor * camera.sensor_from_camera;
   }
+  if (!settings.laser_on) settings.model.laser.power = 0.0;
   return settings;
 }
 
@@ -65,6 +66,28 @@ std::vector<Eigen::Vector3d> spread_viewpoints(const Camera& camera, const Sampl
   return viewpoints;
 }
 
+CameraSamples spread_samples(const Camera& camera, const SamplingPattern& pattern) {
+  CameraSamples samples;
+  for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
+    const std::size_t sample = std::min(i, pattern.size() - 1);
+    samples.column.push_back(blurred_pixel_quantile(pattern.column[sample] + 0.5, camera.psf_sigma_px));
+    samples.row.push_back(blurred_pixel_quantile(pattern.row[sample] + 0.5, camera.psf_sigma_px));
+    samples.lens_x.push_back(pattern.lens_x[sample] * camera.aperture_radius());
+    samples.lens_y.push_back(pattern.lens_y[sample] * camera.aperture_radius());
+  }
+  return samples;
+}
+
+/// Returns points of single lanes in packets.
+template <typename Point>
+std::vector<Lanes3> in_packets(std::size_t lanes, const Point& point) {
+  std::vector<Lanes3> packets(lanes / kLanes);
+  for (std::size_t packet = 0; packet < packets.size(); ++packet) {
+    for (int l = 0; l < kLanes; ++l) set_lane(packets[packet], l, point(packet, l));
+  }
+  return packets;
+}
+
 /// Returns the distance of the outermost sample from the edge of its pixel, px.
 double reach_beyond_pixel(const Camera& camera, const SamplingPattern& pattern) {
   const double last = 1.0 - 0.5 / static_cast<double>(pattern.size());
@@ -75,11 +98,14 @@ double reach_beyond_pixel(const Camera& camera, const SamplingPattern& pattern) 
 
 RenderPlan::RenderPlan(const RenderSettings& given)
     : settings(in_frame_of_sheet(given)),
+      laser(settings.model.laser),
       pattern(make_sampling_pattern(static_cast<std::size_t>(given.samples_per_pixel))),
       sensor_from_reference(given.model.laser.sensor_from_sheet),
       lane_sources(spread_sources(given.model.laser, pattern)) {
-  if (!settings.laser_on) settings.model.laser.power = 0.0;
   const SensorModel& model = settings.model;
+  if (settings.speckle_contrast > 0.0) speckle_tile = SpeckleTile::shared(settings.speckle_contrast);
+  sources =
+      in_packets(pattern.padded_size(), [this](std::size_t packet, int l) { return source(packet, l); });
   slope = largest_slope(model);
   laser_region = sensor_rt::laser_region(model.laser, slope / std::cos(model.laser.fan_half_angle));
   double beyond = 0.0;
@@ -99,6 +125,11 @@ RenderPlan::RenderPlan(const RenderSettings& given)
     // reaches.
     const bool everything = model.ambient_irradiance > 0.0 || settings.ground_truth || settings.bounces > 0;
     lane_viewpoints.push_back(spread_viewpoints(camera, pattern));
+    samples.push_back(spread_samples(camera, pattern));
+    samples.back().viewpoints = in_packets(pattern.padded_size(), [&](std::size_t packet, int l) {
+      return viewpoint(samples.size() - 1, packet, l);
+    });
+    projectors.emplace_back(camera);
     pixel_reach.push_back(reach_beyond_pixel(camera, pattern));
     camera_fields.push_back(camera_field(camera));
     camera_regions.push_back(everything ? camera_fields.back() : camera_region(camera, 1.1 * beyond));

@@ -2,36 +2,44 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "sensor_rt/geometry/half_space.h"
+#include "sensor_rt/optics/laser_emitter.h"
+#include "sensor_rt/optics/projector.h"
 #include "sensor_rt/optics/sensor_model.h"
 #include "sensor_rt/render/render_options.h"
 #include "sensor_rt/render/sampling_pattern.h"
+#include "sensor_rt/render/speckle_tile.h"
 
 namespace sensor_rt {
 
 /// Options of a sensor and the kind of image to render.
-struct RenderSettings : RenderOptions {
+struct RenderSettings : RenderOptions, Accelerators {
   SensorModel model;
   double quantum_efficiency = 0.0;
-  bool whole_image = false;  ///< trace every pixel instead of those that the laser can light
-  bool closed_form = true;   ///< integrate pixels that one plane fills without samples, see FilledPixels
-  bool laser_on = true;      ///< false: a background frame, taken directly after the one with the laser on
+  bool laser_on = true;  ///< false: a background frame, taken directly after the one with the laser on
 };
 
 /// Extent of the sheet in standard deviations from its centre; the irradiance has dropped to 4e-5 of the
 /// peak.
 constexpr double kSheetReach = 4.5;
 
-/// Shadow and visibility rays end at this fraction of the distance to a surface point, so that the surface
-/// does not occlude itself.
-constexpr double kShadowRayEnd = 1.0 - 1e-4;
+/// Samples of a pixel of one camera, the same in all pixels and padded to full packets.
+struct CameraSamples {
+  std::vector<double> column;  ///< px from the pixel centre
+  std::vector<double> row;
+  std::vector<double> lens_x;  ///< m from the lens centre, in the camera frame
+  std::vector<double> lens_y;
+  std::vector<Lanes3> viewpoints;  ///< ray origins per packet
+};
 
 struct RenderPlan {
   explicit RenderPlan(const RenderSettings& settings);
 
   RenderSettings settings;  ///< with camera poses in the reference frame
+  LaserEmitter laser;       ///< without power in a background frame
   SamplingPattern pattern;
   /// The reference frame is the frame of the sheet, so that a misaligned sheet costs no more than an aligned
   /// one.
@@ -40,6 +48,10 @@ struct RenderPlan {
   std::vector<Eigen::Vector3d> lane_sources;
   /// Per camera: lens point of each sample: a single one, or padded to full packets.
   std::vector<std::vector<Eigen::Vector3d>> lane_viewpoints;
+  std::vector<Lanes3> sources;                      ///< source points per packet
+  std::vector<CameraSamples> samples;               ///< per camera
+  std::vector<Projector> projectors;                ///< per camera
+  std::shared_ptr<const SpeckleTile> speckle_tile;  ///< null: no speckle
   /// Per camera: distance beyond the pixel edge that its samples cover, px.
   std::vector<double> pixel_reach;
   double slope = 0.0;  ///< bound of |x| / distance from the source of all light within the cameras' fields

@@ -4,34 +4,33 @@
 
 namespace sensor_rt {
 
-RowViews::RowViews(const RenderPlan& plan) : plan_(plan), fractions_(plan.pattern.size()) {
+RowViews::RowViews(const RenderPlan& plan, const Scene& scene, const Exposures& exposures,
+                   std::size_t exposure, Rows& rows)
+    : plan_(plan), scene_(scene), exposures_(exposures), exposure_(exposure), rows_(rows) {
   for (const Camera& camera : plan.settings.model.cameras) tallest_ = std::max(tallest_, camera.height_px);
   rows_.resize(2 * static_cast<std::size_t>(tallest_));
-}
-
-void RowViews::set(const Scene& scene, const Exposures& exposures, std::size_t exposure) {
-  scene_ = &scene;
-  exposures_ = &exposures;
-  exposure_ = exposure;
-  ++count_;
+  for (const std::unique_ptr<Row>& row : rows_) {
+    if (row) row->is_set = false;
+  }
 }
 
 const ExposureViews& RowViews::of_row(std::size_t camera, int row) {
   const int half_rows = 2 * row + tallest_ - plan_.settings.model.cameras[camera].height_px;
   std::unique_ptr<Row>& kept = rows_[static_cast<std::size_t>(half_rows)];
   if (!kept) kept = std::make_unique<Row>();
-  if (kept->made_for == count_) return kept->views;
-  const double open = exposures_->duration[exposure_];
+  if (kept->is_set) return kept->views;
+  const double open = exposures_.duration[exposure_];
   const double span = open + plan_.settings.row_readout * (tallest_ - 1);
   const double first = plan_.settings.laser_on ? 0.0 : span;
   const double start = first + 0.5 * half_rows * plan_.settings.row_readout;
-  const auto samples = static_cast<double>(fractions_.size());
-  for (std::size_t i = 0; i < fractions_.size(); ++i) {
-    fractions_[i] = (start + open * (static_cast<double>(i) + 0.5) / samples) / span;
+  std::vector<double> fractions(plan_.pattern.size());
+  const auto samples = static_cast<double>(fractions.size());
+  for (std::size_t i = 0; i < fractions.size(); ++i) {
+    fractions[i] = (start + open * (static_cast<double>(i) + 0.5) / samples) / span;
   }
-  kept->track.set(*scene_, *exposures_, exposure_, fractions_, plan_.sensor_from_reference);
-  kept->views.set(plan_, *scene_, kept->track);
-  kept->made_for = count_;
+  kept->track.set(scene_, exposures_, exposure_, fractions, plan_.sensor_from_reference);
+  kept->views.set(plan_, SceneQuery(scene_, kept->track));
+  kept->is_set = true;
   return kept->views;
 }
 

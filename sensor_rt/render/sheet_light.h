@@ -1,17 +1,15 @@
 // Irradiance of the laser sheet at the hits of camera rays.
 #pragma once
 
-#include <array>
-
-#include "sensor_rt/optics/laser_sheet.h"
+#include "sensor_rt/optics/laser_emitter.h"
 #include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
 
-/// Evaluates the irradiance of the sheet with constants prepared for vectorised loops.
+/// The laser as an emitter for packets of camera rays. The emitter must outlive it.
 class SheetLight {
  public:
-  explicit SheetLight(const LaserSheet& laser);
+  explicit SheetLight(const LaserEmitter& laser) : laser_(laser) {}
 
   /// Computes for each hit of rays from `viewpoint` the vector from the laser source to the point (reference
   /// frame) and the irradiance there; the irradiance is 0 outside the sheet, on surfaces that do not face
@@ -25,18 +23,12 @@ class SheetLight {
              Lanes3& from_source, double* irradiance, int* lit) const;
 
   /// Whether the first overload applies, for rays that share their viewpoint.
-  bool is_simple() const { return laser_.is_straight() && laser_.is_even() && laser_.source_length == 0.0; }
-
-  /// Constants of the first overload.
-  struct Constants {
-    double source_z, waist_depth, sigma2, divergence2, reach2, tangent, power_per_radian;
-    std::array<double, LaserSheet::kStraightness> straightness;
-  };
-  const Constants& constants() const { return constants_; }
+  bool is_simple() const {
+    return laser_.sheet.is_straight() && laser_.sheet.is_even() && laser_.sheet.source_length == 0.0;
+  }
 
  private:
-  LaserSheet laser_;
-  Constants constants_;
+  const LaserEmitter& laser_;
 };
 
 }  // namespace sensor_rt

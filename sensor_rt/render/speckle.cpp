@@ -16,43 +16,32 @@ constexpr double kCellShift[3] = {0.3819, 0.2361, 0.1459};
 
 }  // namespace
 
-Speckle::Speckle(const RenderPlan& plan) : plan_(plan) {
-  const double contrast = plan.settings.speckle_contrast;
-  if (contrast > 0.0) tile_ = SpeckleTile::shared(contrast);
-}
-
-void Speckle::set(const ExposureViews& views) {
+Speckle::Speckle(const RenderPlan& plan, const ExposureViews& views, std::size_t number)
+    : plan_(plan), camera_(number) {
   if (!enabled()) return;
-  views_ = &views;
-  cell_.shape = -1;
-  reference_from_shape_.clear();
-  for (std::size_t s = 0; s < views.scene->shapes().size(); ++s) {
-    reference_from_shape_.push_back(
-        views.track->shape_from_reference(s, views.track->instants() / 2).inverse());
+  const Camera& camera = plan.settings.model.cameras[number];
+  camera_from_sensor_ = camera.sensor_from_camera.inverse();
+  const double grain_px = plan.settings.model.laser.wavelength * camera.f_number / camera.pixel_pitch;
+  steps_per_pixel_ = SpeckleTile::kPerGrain / grain_px;
+  cell_size_ = kGrainsPerCell * grain_px * plan.pixel_size;
+  const PoseTrack& track = views.query.track();
+  for (std::size_t s = 0; s < views.query.scene().shapes().size(); ++s) {
+    reference_from_shape_.push_back(track.shape_from_reference(s, track.instants() / 2).inverse());
   }
 }
 
-void Speckle::select_camera(std::size_t number) {
-  camera_ = number;
-  const Camera& camera = plan_.settings.model.cameras[number];
-  camera_from_sensor_ = camera.sensor_from_camera.inverse();
-  const double grain_px = plan_.settings.model.laser.wavelength * camera.f_number / camera.pixel_pitch;
-  steps_per_pixel_ = SpeckleTile::kPerGrain / grain_px;
-  cell_size_ = kGrainsPerCell * grain_px * plan_.pixel_size;
-  cell_.shape = -1;
-}
-
-void Speckle::enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape) {
+/// Moves `cell` to the cell of a point.
+void Speckle::enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape, Cell& cell) const {
   std::array<std::int32_t, 3> place{};
   Eigen::Vector3d middle;
   for (int k = 0; k < 3; ++k) {
-    const double cell = std::floor(point_in_shape[k] / cell_size_ + kCellShift[k]);
-    place[static_cast<std::size_t>(k)] = static_cast<std::int32_t>(cell);
-    middle[k] = (cell + 0.5 - kCellShift[k]) * cell_size_;
+    const double number = std::floor(point_in_shape[k] / cell_size_ + kCellShift[k]);
+    place[static_cast<std::size_t>(k)] = static_cast<std::int32_t>(number);
+    middle[k] = (number + 0.5 - kCellShift[k]) * cell_size_;
   }
-  if (cell_.shape == shape && cell_.place == place) return;
-  cell_.shape = shape;
-  cell_.place = place;
+  if (cell.shape == shape && cell.place == place) return;
+  cell.shape = shape;
+  cell.place = place;
   const std::uint64_t seed = plan_.settings.seed;
   const auto bits = philox4x32(
       {static_cast<std::uint32_t>(place[0]), static_cast<std::uint32_t>(place[1]),
@@ -63,7 +52,7 @@ void Speckle::enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape) {
   const Eigen::Vector2d seen =
       camera.project(camera_from_sensor_ * (reference_from_shape_[static_cast<std::size_t>(shape)] * middle));
   const Eigen::Vector2d piece(bits[0] % SpeckleTile::kSteps, bits[1] % SpeckleTile::kSteps);
-  cell_.from_pixel = piece - steps_per_pixel_ * seen;
+  cell.from_pixel = piece - steps_per_pixel_ * seen;
 }
 
 /// Returns the image displacement, px, of a surface point relative to mid-exposure; distortion is neglected
@@ -77,9 +66,11 @@ Eigen::Vector2d Speckle::motion(std::int32_t shape, const Eigen::Vector3d& point
   return focal * (now.head<2>() / now.z() - then.head<2>() / then.z());
 }
 
-void Speckle::modulate(int column, int row, std::size_t packet, const Lanes3& direction,
-                       const PacketHits& hits, const int* lit, double* light) {
-  const bool still = views_->track->instants() == 1;
+void Speckle::modulate(const ExposureViews& views, int column, int row, std::size_t packet,
+                       const Lanes3& direction, const PacketHits& hits, const int* lit, double* light) const {
+  const PoseTrack& track = views.query.track();
+  const bool still = track.instants() == 1;
+  Cell cell;
   for (int l = 0; l < kLanes; ++l) {
     if (lit[l] == 0) continue;
     const std::size_t number = packet * kLanes + static_cast<std::size_t>(l);
@@ -87,13 +78,12 @@ void Speckle::modulate(int column, int row, std::size_t packet, const Lanes3& di
     const std::int32_t shape = hits.shape[l];
     const Eigen::Vector3d point = plan_.viewpoint(camera_, packet, l) + hits.t[l] * lane(direction, l);
     const Eigen::Vector3d point_in_shape =
-        views_->track->shape_from_reference(static_cast<std::size_t>(shape), views_->lane_instants[number]) *
-        point;
-    enter(shape, point_in_shape);
+        track.shape_from_reference(static_cast<std::size_t>(shape), views.lane_instants[number]) * point;
+    enter(shape, point_in_shape, cell);
     Eigen::Vector2d pixel(column + plan_.pattern.column[sample], row + plan_.pattern.row[sample]);
     if (!still) pixel -= motion(shape, point, point_in_shape);
-    const Eigen::Vector2d step = steps_per_pixel_ * pixel + cell_.from_pixel;
-    light[l] *= static_cast<double>(tile_->at(std::lround(step.x()), std::lround(step.y())));
+    const Eigen::Vector2d step = steps_per_pixel_ * pixel + cell.from_pixel;
+    light[l] *= static_cast<double>(plan_.speckle_tile->at(std::lround(step.x()), std::lround(step.y())));
   }
 }
 

@@ -4,7 +4,6 @@
 #include <Eigen/Dense>
 #include <array>
 #include <cstdint>
-#include <memory>
 #include <vector>
 
 #include "sensor_rt/render/exposure_views.h"
@@ -21,20 +20,15 @@ namespace sensor_rt {
 /// does not change when the surface rotates; the patterns of different cameras are independent.
 class Speckle {
  public:
-  explicit Speckle(const RenderPlan& plan);
+  /// The pattern of an exposure as one camera sees it.
+  Speckle(const RenderPlan& plan, const ExposureViews& views, std::size_t camera);
 
-  bool enabled() const { return tile_ != nullptr; }
-
-  /// `views` must outlive its use.
-  void set(const ExposureViews& views);
-  void select_camera(std::size_t camera);
-  /// Switches to other instants of the same exposure; the pattern is kept.
-  void use(const ExposureViews& views) { views_ = &views; }
+  bool enabled() const { return plan_.speckle_tile != nullptr; }
 
   /// Multiplies `light` of the lanes with `lit` != 0, the `packet`-th sixteen samples of a pixel, with the
-  /// hits `hits` along `direction`.
-  void modulate(int column, int row, std::size_t packet, const Lanes3& direction, const PacketHits& hits,
-                const int* lit, double* light);
+  /// hits `hits` along `direction`. `views`: of the row of the pixel.
+  void modulate(const ExposureViews& views, int column, int row, std::size_t packet, const Lanes3& direction,
+                const PacketHits& hits, const int* lit, double* light) const;
 
  private:
   /// Cell of a shape: image position of its centre and offset in the tile.
@@ -45,20 +39,16 @@ class Speckle {
         Eigen::Vector2d::Zero();  ///< offset added to pixel coordinates, steps of the tile
   };
 
-  void enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape);
+  void enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape, Cell& cell) const;
   Eigen::Vector2d motion(std::int32_t shape, const Eigen::Vector3d& point,
                          const Eigen::Vector3d& point_in_shape) const;
 
   const RenderPlan& plan_;
-  std::shared_ptr<const SpeckleTile> tile_;  ///< null: no speckle
-  const ExposureViews* views_ = nullptr;
-  std::vector<Rigid3> reference_from_shape_;  ///< at mid-exposure
-  // The selected camera:
-  std::size_t camera_ = 0;
+  std::size_t camera_;
   Rigid3 camera_from_sensor_;
   double steps_per_pixel_ = 0.0;
-  double cell_size_ = 0.0;  ///< m
-  Cell cell_;               ///< current cell
+  double cell_size_ = 0.0;                    ///< m
+  std::vector<Rigid3> reference_from_shape_;  ///< at mid-exposure
 };
 
 }  // namespace sensor_rt

@@ -5,16 +5,14 @@
 
 namespace sensor_rt {
 
-void SplatImage::resize(int width, int height) {
+void SplatImage::reset(int width, int height) {
   for (int level = 0; level < kLevels; ++level) {
     const int cell = 1 << level;
-    grids_[level].cells.resize((width + cell - 1) / cell + 2, (height + cell - 1) / cell + 2);
-  }
-}
-
-void SplatImage::clear() {
-  for (Grid& grid : grids_) {
-    if (grid.used) grid.cells.resize(grid.cells.width(), grid.cells.height());
+    const int columns = (width + cell - 1) / cell + 2;
+    const int rows = (height + cell - 1) / cell + 2;
+    Grid& grid = grids_[level];
+    const bool is_new = grid.cells.width() != columns || grid.cells.height() != rows;
+    if (is_new || grid.used) grid.cells.resize(columns, rows);
     grid.used = false;
   }
 }

@@ -11,8 +11,8 @@ namespace sensor_rt {
 /// and finally every grid is interpolated into the next finer one. Energy is conserved except at the borders.
 class SplatImage {
  public:
-  void resize(int width, int height);
-  void clear();
+  /// Makes the image empty.
+  void reset(int width, int height);
 
   /// Adds `amount` at (column, row), spread over about `size` pixels; below 1.5 to a single pixel.
   void add(double column, double row, double amount, double size);

@@ -31,6 +31,14 @@ double LightSample::intensity(const Eigen::Vector3d& direction) const {
   return power / M_PI * std::max(0.0, normal.dot(direction));
 }
 
+IncidentLight LightSample::at(const Eigen::Vector3d& point) const {
+  const Eigen::Vector3d to_light = position - point;
+  const double distance2 = to_light.squaredNorm();
+  if (!(distance2 > 0.0)) return {};
+  const Eigen::Vector3d towards = to_light / std::sqrt(distance2);
+  return {towards, intensity(-towards) / distance2};
+}
+
 int light_samples(const Light& light, const Rigid3& reference_from_light, LightSample* samples) {
   if (light.kind == LightKind::kPoint) {
     samples[0] = {reference_from_light.translation, Eigen::Vector3d::Zero(), light.power};

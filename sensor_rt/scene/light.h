@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "sensor_rt/geometry/band.h"
+#include "sensor_rt/geometry/incident_light.h"
 #include "sensor_rt/geometry/rigid3.h"
 
 namespace sensor_rt {
@@ -37,6 +38,9 @@ struct LightSample {
 
   /// Returns the radiant intensity (W/sr) in a unit direction away from the lamp.
   double intensity(const Eigen::Vector3d& direction) const;
+
+  /// Returns the light at a point, over the whole spectrum; none at the sample itself.
+  IncidentLight at(const Eigen::Vector3d& point) const;
 };
 
 /// Writes the quadrature points of an area light; point lights have one. Returns their number. `samples`

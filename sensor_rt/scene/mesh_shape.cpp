@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "sensor_rt/scene/planar_radii.h"
-#include "sensor_rt/scene/spatial_order.h"
 
 namespace sensor_rt {
 namespace {
@@ -58,13 +57,6 @@ Shape make_mesh_shape(const MeshView& mesh) {
     shape.half_size = shape.half_size.cwiseMax((mesh.vertex(i) - centre).cwiseAbs());
   }
   shape.planar_radii = planar_radii(mesh, shape.planes);
-  const bool closed = is_closed(mesh);
-  const bool fine = mesh.face_count >= FanTree::kFine;
-  if (closed || fine) {
-    const std::vector<std::uint32_t> order = spatial_order(mesh, centre);
-    if (closed) shape.back_faces = BackFaceTree(mesh, centre, shape.planes, order);
-    if (fine) shape.fan_tree = FanTree(mesh, centre, order);
-  }
   shape.embree = build_triangle_scene(mesh, centre);
   const RTCGeometry geometry = rtcGetGeometry(shape.embree.get(), 0);
   shape.faces =

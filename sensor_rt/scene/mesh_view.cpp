@@ -4,19 +4,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "sensor_rt/geometry/random.h"
-
 namespace sensor_rt {
-namespace {
-
-/// Returns a hash of a directed edge; the reversed edge has the negative value.
-std::uint64_t edge_number(std::uint32_t from, std::uint32_t to) {
-  const bool forwards = from < to;
-  const std::uint64_t edge = forwards ? (std::uint64_t{from} << 32 | to) : (std::uint64_t{to} << 32 | from);
-  return forwards ? scramble(edge) : std::uint64_t{0} - scramble(edge);
-}
-
-}  // namespace
 
 void validate_mesh(const MeshView& mesh, const std::string& what) {
   if (mesh.vertex_count == 0 || mesh.face_count == 0)
@@ -46,18 +34,6 @@ Eigen::Vector3d mesh_centre(const MeshView& mesh) {
     high = high.cwiseMax(mesh.vertex(i));
   }
   return 0.5 * (low + high);
-}
-
-bool is_closed(const MeshView& mesh) {
-  std::uint64_t border = 0;
-  for (std::size_t f = 0; f < mesh.face_count; ++f) {
-    const std::uint32_t* corner = mesh.faces + 3 * f;
-    for (int k = 0; k < 3; ++k) {
-      const std::uint32_t next = corner[(k + 1) % 3];
-      if (corner[k] != next) border += edge_number(corner[k], next);
-    }
-  }
-  return border == 0;
 }
 
 FacePlane face_plane(const MeshView& mesh, std::size_t face, const Eigen::Vector3d& centre) {

@@ -30,9 +30,6 @@ void validate_mesh(const MeshView& mesh, const std::string& what);
 /// Returns the centre of the bounding box.
 Eigen::Vector3d mesh_centre(const MeshView& mesh);
 
-/// Returns true when each edge is used equally often in both directions; vertices are identified by index.
-bool is_closed(const MeshView& mesh);
-
 /// Plane of a face: normal · p = offset, unit normal, in the frame of the shape.
 struct FacePlane {
   double normal[3];

@@ -8,9 +8,7 @@
 #include <vector>
 
 #include "sensor_rt/geometry/rigid3.h"
-#include "sensor_rt/scene/back_face_tree.h"
 #include "sensor_rt/scene/embree.h"
-#include "sensor_rt/scene/fan_tree.h"
 #include "sensor_rt/scene/material.h"
 #include "sensor_rt/scene/mesh_view.h"
 
@@ -30,8 +28,6 @@ struct Shape {
   Eigen::Vector3d half_size = Eigen::Vector3d::Zero();
   std::vector<FacePlane> planes;    ///< meshes only, one per face
   std::vector<float> planar_radii;  ///< meshes only, see planar_radii.h
-  BackFaceTree back_faces;          ///< meshes only
-  FanTree fan_tree;                 ///< fine meshes only
   SceneHandle embree;               ///< meshes only
   /// Returns the distance, m, by which secondary rays start above the surface so as not to hit it again: 1
   /// µm, or some units in the last place of single precision at the rim of a large shape.

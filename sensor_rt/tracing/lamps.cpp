@@ -5,28 +5,16 @@
 
 namespace sensor_rt {
 
-Lamps::Lamps(const Band& filter, double laser_wavelength)
-    : filter_(filter), laser_wavelength_(laser_wavelength) {}
-
-double Lamps::received(const LightSample& sample, const SurfacePoint& at, const Bsdf& brdf) const {
-  const Eigen::Vector3d to_light = sample.position - at.position;
-  const double distance2 = to_light.squaredNorm();
-  if (!(distance2 > 0.0)) return 0.0;
-  const Eigen::Vector3d towards = to_light / std::sqrt(distance2);
-  const double cosine = at.normal.dot(towards);
-  if (!(cosine > 0.0)) return 0.0;
-  return sample.intensity(-towards) * cosine / distance2 * brdf.pi_brdf(at.normal, towards, at.back);
-}
-
 double Lamps::brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t instant) const {
-  const std::vector<Light>& lights = scene_->lights();
+  const std::vector<Light>& lights = query_.scene().lights();
   std::size_t instants[kLanes];
   std::fill_n(instants, kLanes, instant);
   double sum = 0.0;
   for (std::size_t number = 0; number < lights.size(); ++number) {
     static_assert(kLightSamples <= kLanes);
     LightSample samples[kLightSamples];
-    const int count = light_samples(lights[number], track_->reference_from_light(number, instant), samples);
+    const int count =
+        light_samples(lights[number], query_.track().reference_from_light(number, instant), samples);
     Lanes3 origin;
     Lanes3 to_light;
     double light[kLanes];
@@ -36,12 +24,12 @@ double Lamps::brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t i
       const LightSample& sample = samples[std::min(l, count - 1)];
       set_lane(origin, l, at.above());
       set_lane(to_light, l, sample.position - at.above());
-      light[l] = l < count ? received(sample, at, brdf) : 0.0;
+      light[l] = l < count ? at.reflected(sample.at(at.position), brdf) : 0.0;
       unoccluded[l] = light[l] > 0.0 ? -1 : 0;
       any = any || unoccluded[l] != 0;
     }
     if (!any) continue;
-    incoherent_rays_->occlude(instants, origin, to_light, 1.0, unoccluded);
+    query_.occlude(instants, origin, to_light, unoccluded);
     const double share = in_band_share(lights[number], filter_, laser_wavelength_);
     for (int l = 0; l < count; ++l) sum += unoccluded[l] != 0 ? share * light[l] : 0.0;
   }
@@ -50,10 +38,11 @@ double Lamps::brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t i
 
 double Lamps::sample(std::size_t number, const SurfacePoint& at, const Bsdf& brdf, std::size_t instant,
                      double u, double v, Eigen::Vector3d& to_light) const {
-  const Light& light = scene_->lights()[number];
-  const LightSample sample = random_light_sample(light, track_->reference_from_light(number, instant), u, v);
+  const Light& light = query_.scene().lights()[number];
+  const LightSample sample =
+      random_light_sample(light, query_.track().reference_from_light(number, instant), u, v);
   to_light = sample.position - at.above();
-  return in_band_share(light, filter_, laser_wavelength_) * received(sample, at, brdf);
+  return in_band_share(light, filter_, laser_wavelength_) * at.reflected(sample.at(at.position), brdf);
 }
 
 }  // namespace sensor_rt

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 
 #include "sensor_rt/geometry/multiversion.h"
@@ -70,9 +69,10 @@ void set_lane(LaneTransform& transform, int lane, const Rigid3& shape_from_refer
   transform.origin.z[lane] = local.z();
 }
 
-void RayView::set(const Scene& scene, const PoseTrack& track,
-                  const std::vector<Eigen::Vector3d>& lane_origins,
+void RayView::set(const SceneQuery& query, const std::vector<Eigen::Vector3d>& lane_origins,
                   const std::vector<std::size_t>& lane_instants, const std::vector<HalfSpace>& region) {
+  const Scene& scene = query.scene();
+  const PoseTrack& track = query.track();
   scene_ = &scene;
   packets_ = lane_instants.size() / kLanes;
   shapes_.clear();
@@ -113,25 +113,6 @@ void RayView::intersect_with(std::size_t k, std::size_t packet, const Lanes3& di
   intersect_shape(scene_->shapes()[shapes_[k]], number, transforms_[at], direction, valid, hits);
 }
 
-void RayView::intersect(const PoseTrack& track, const Eigen::Vector3d& viewpoint, const Fan& fan,
-                        FanSearch& search, std::vector<PacketHits>& hits) const {
-  for (PacketHits& packet : hits) clear_hits(packet, std::numeric_limits<double>::infinity());
-  for (const std::size_t k : order_) {
-    const Shape& shape = scene_->shapes()[shapes_[k]];
-    const bool searched = search.search(shape.fan_tree, shape.planes.data(), shape.half_size,
-                                        track.shape_from_reference(shapes_[k], 0), viewpoint, fan);
-    for (std::size_t p = 0; p < hits.size(); ++p) {
-      if (searched) {
-        intersect_faces(shape, static_cast<std::int32_t>(shapes_[k]), transforms_[k * packets_],
-                        fan.directions()[p], search.faces() + p * kLanes, search.distances() + p * kLanes,
-                        hits[p]);
-      } else {
-        intersect_with(k, 0, fan.directions()[p], fan.valid(p), hits[p]);
-      }
-    }
-  }
-}
-
 bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
                    PacketHits& hits) const {
   if (patch.is_open) return false;
@@ -141,20 +122,19 @@ bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& directi
   return intersect_patch(scene_->shapes()[number], patch, transform, direction, valid, hits);
 }
 
-void RayView::occlude(std::size_t packet, const Lanes3& direction, double farthest, int* unoccluded) const {
+void RayView::occlude(std::size_t packet, const Lanes3& segment, int* unoccluded) const {
   for (const std::size_t k : order_) {
     if (std::none_of(unoccluded, unoccluded + kLanes, [](int lane) { return lane != 0; })) return;
-    occlude_by(k, packet, direction, farthest, unoccluded);
+    occlude_by(k, packet, segment, unoccluded);
   }
 }
 
-void RayView::occlude_by(std::size_t k, std::size_t packet, const Lanes3& direction, double farthest,
-                         int* unoccluded) const {
+void RayView::occlude_by(std::size_t k, std::size_t packet, const Lanes3& segment, int* unoccluded) const {
   const std::size_t at = k * packets_ + packet;
   alignas(64) double t[kLanes];
-  std::fill(t, t + kLanes, farthest);
-  if (nearest_[at] > 0.0 && !any_reaches(nearest_[at], direction, t)) return;
-  occlude_by_shape(scene_->shapes()[shapes_[k]], transforms_[at], direction, farthest, unoccluded);
+  std::fill(t, t + kLanes, kSegmentEnd);
+  if (nearest_[at] > 0.0 && !any_reaches(nearest_[at], segment, t)) return;
+  occlude_by_shape(scene_->shapes()[shapes_[k]], transforms_[at], segment, kSegmentEnd, unoccluded);
 }
 
 }  // namespace sensor_rt

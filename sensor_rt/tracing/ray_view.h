@@ -4,45 +4,34 @@
 #include <vector>
 
 #include "sensor_rt/geometry/half_space.h"
-#include "sensor_rt/scene/pose_track.h"
-#include "sensor_rt/tracing/fan_search.h"
 #include "sensor_rt/tracing/packet.h"
+#include "sensor_rt/tracing/scene_query.h"
 
 namespace sensor_rt {
 
-/// Traces rays that stay inside a convex region and whose origins are fixed per lane. Shapes outside the
-/// region are culled once per exposure; the others are intersected front to back, only by rays that reach
-/// their bounding boxes. With few bodies this replaces a top-level tree, which would have to be rebuilt when
-/// bodies move.
+/// SceneQuery for rays that stay inside a convex region and whose origins are fixed per lane: the same
+/// answers. Shapes outside the region are culled once per exposure; the others are intersected front to back,
+/// only by rays that reach their bounding boxes. With few bodies this replaces a top-level tree, which would
+/// have to be rebuilt when bodies move.
 class RayView {
  public:
   /// `lane_instants` gives the instant of each lane, a multiple of kLanes long: packet k uses the k-th
   /// sixteen. `lane_origins` in the reference frame, one for each lane or one for all. An empty region keeps
   /// every shape.
-  void set(const Scene& scene, const PoseTrack& track, const std::vector<Eigen::Vector3d>& lane_origins,
+  void set(const SceneQuery& query, const std::vector<Eigen::Vector3d>& lane_origins,
            const std::vector<std::size_t>& lane_instants, const std::vector<HalfSpace>& region);
 
   /// Finds the closest hits of packet kind `packet` up to t = farthest.
   void intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
                  PacketHits& hits) const;
 
-  /// Finds the closest hits of all rays of a fan that starts from `viewpoint`; `search` holds scratch memory.
-  /// One packet of hits per packet of the fan; the view must have been set for one instant of `track` and
-  /// this viewpoint.
-  void intersect(const PoseTrack& track, const Eigen::Vector3d& viewpoint, const Fan& fan, FanSearch& search,
-                 std::vector<PacketHits>& hits) const;
-
   /// Computes the hits of rays that are known to hit nothing before `patch`, of a shape in view. Returns
   /// false when a ray misses it or the patch is open.
   bool meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
             PacketHits& hits) const;
 
-  /// Clears unoccluded[lane] for rays that are blocked before t = farthest.
-  void occlude(std::size_t packet, const Lanes3& direction, double farthest, int* unoccluded) const;
-
-  /// Clears unoccluded[lane] for rays that the k-th of shapes() blocks before t = farthest.
-  void occlude_by(std::size_t k, std::size_t packet, const Lanes3& direction, double farthest,
-                  int* unoccluded) const;
+  /// Clears unoccluded[lane] for segments from the origins that a shape blocks before kSegmentEnd.
+  void occlude(std::size_t packet, const Lanes3& segment, int* unoccluded) const;
 
   /// Indices of the shapes in view.
   const std::vector<std::size_t>& shapes() const { return shapes_; }
@@ -53,6 +42,8 @@ class RayView {
   /// Updates the closest hits with the k-th of shapes().
   void intersect_with(std::size_t k, std::size_t packet, const Lanes3& direction, const int* valid,
                       PacketHits& hits) const;
+  /// Clears unoccluded[lane] for segments that it blocks.
+  void occlude_by(std::size_t k, std::size_t packet, const Lanes3& segment, int* unoccluded) const;
 
   const Scene* scene_ = nullptr;
   std::size_t packets_ = 0;

@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <utility>
 
+#include "sensor_rt/geometry/incident_light.h"
 #include "sensor_rt/scene/scene.h"
 #include "sensor_rt/tracing/packet.h"
 
@@ -25,6 +26,14 @@ struct SurfacePoint {
   }
   SurfacePoint(Eigen::Vector3d at, Eigen::Vector3d towards_viewer, Eigen::Vector3d to_viewer)
       : position(std::move(at)), normal(std::move(towards_viewer)), back(std::move(to_viewer)) {}
+
+  /// Returns the light reflected towards the origin of the ray, as the equivalent irradiance on a white
+  /// diffuse surface.
+  double reflected(const IncidentLight& light, const Bsdf& brdf) const {
+    const double cosine = normal.dot(light.towards);
+    if (!(cosine > 0.0) || !(light.irradiance > 0.0)) return 0.0;
+    return light.irradiance * cosine * brdf.pi_brdf(normal, light.towards, back);
+  }
 
   /// Returns an origin for secondary rays, moved along the normal to avoid self-intersection.
   Eigen::Vector3d above() const { return position + offset * normal; }

@@ -1,7 +1,5 @@
 #include "sensor_rt/tracing/trace.h"
 
-#include <limits>
-
 #include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/tracing/lane_planes.h"
 #include "sensor_rt/tracing/primitive.h"
@@ -29,14 +27,6 @@ void fill_rays(const Lanes3& origin, const Lanes3& direction, RTCRay16& ray) {
   }
 }
 
-/// Intersects rays with the planes of found.face, near t.
-void intersect_known(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const float* t,
-                     Candidates& found) {
-  LanePlanes planes;
-  look_up(shape.planes, found, planes);
-  intersect_planes(planes, origin, direction, t, found.t);
-}
-
 /// Returns false when no ray hits the mesh.
 bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const int* valid,
                 const PacketHits& hits, Candidates& found) {
@@ -56,7 +46,9 @@ bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& directio
     found.face[l] = hit ? rays.hit.primID[l] : 0;
   }
   if (!any) return false;
-  intersect_known(shape, origin, direction, rays.ray.tfar, found);
+  LanePlanes planes;
+  look_up(shape.planes, found, planes);
+  intersect_planes(planes, origin, direction, rays.ray.tfar, found.t);
   for (int l = 0; l < kLanes; ++l) {
     if (valid[l] == 0 || rays.hit.geomID[l] == RTC_INVALID_GEOMETRY_ID) found.t[l] = kNoHit;
   }
@@ -97,25 +89,6 @@ void intersect_shape(const Shape& shape, std::int32_t index, const LaneTransform
       if (valid[l] == 0) found.t[l] = kNoHit;
       found.face[l] = 0;
     }
-  }
-  take_nearer(index, transform, found, hits);
-}
-
-void intersect_faces(const Shape& shape, std::int32_t index, const LaneTransform& transform,
-                     const Lanes3& direction, const std::uint32_t* face, const float* t, PacketHits& hits) {
-  Lanes3 local;
-  to_shape_frame(transform.rotation, direction, local);
-  Candidates found;
-  bool any = false;
-  for (int l = 0; l < kLanes; ++l) {
-    const bool met = t[l] < std::numeric_limits<float>::infinity();
-    any = any || met;
-    found.face[l] = met ? face[l] : 0;
-  }
-  if (!any) return;
-  intersect_known(shape, transform.origin, local, t, found);
-  for (int l = 0; l < kLanes; ++l) {
-    if (!(t[l] < std::numeric_limits<float>::infinity())) found.t[l] = kNoHit;
   }
   take_nearer(index, transform, found, hits);
 }

@@ -17,11 +17,6 @@ void clear_hits(PacketHits& hits, double farthest);
 void intersect_shape(const Shape& shape, std::int32_t index, const LaneTransform& transform,
                      const Lanes3& direction, const int* valid, PacketHits& hits);
 
-/// Updates the closest hits with known faces of a mesh at approximate distances t; t is infinite for lanes
-/// without a hit.
-void intersect_faces(const Shape& shape, std::int32_t index, const LaneTransform& transform,
-                     const Lanes3& direction, const std::uint32_t* face, const float* t, PacketHits& hits);
-
 /// Sets unoccluded[lane] to 0 where the shape intersects the ray at 0 < t < farthest; lanes that are 0 are
 /// skipped.
 void occlude_by_shape(const Shape& shape, const LaneTransform& transform, const Lanes3& direction,

@@ -21,7 +21,7 @@ PROFILES = 512
 RAYS = 1024
 LIMIT_PAIRS = 60.0
 LIMIT_REFLECTED = 15.0
-LIMIT_GEOMETRIC = 25_000.0
+LIMIT_GEOMETRIC = 10_000.0
 LIMIT_EXTRACTION_MS = 2.0
 DENSE_STEPS = (10_000, 100_000, 1_000_000)
 
@@ -118,7 +118,7 @@ def density_rows(largest: int) -> Iterator[Row]:
         cast = measure(partial(sensor_rt.scan, scene, sensor, many, engine="geometric"), 3)
         del scene
         yield _density_row("ray-traced", "ms/pair", triangles, scaled(traced, 1e3 / 16), first, True)
-        yield _density_row("geometric", "us/profile", triangles, scaled(cast, 1e6 / PROFILES), first, True)
+        yield _density_row("geometric", "us/profile", triangles, scaled(cast, 1e6 / PROFILES), first, False)
         raw = raw_times(*bumpy_part(triangles), fans, 3)
         if raw is not None:
             bare = Timing(raw.laser.best + raw.views.best, 0.0, raw.laser.processor + raw.views.processor)

@@ -51,6 +51,9 @@ def probe(cameras: int = 2, **overrides: Any) -> Sensor:
     return make_sensor(cameras=cameras, **{"render": {"noise": False}, "range": {"near": 0.06, "far": 0.2}} | overrides)
 
 
+# Renders without accelerators.
+BARE = {"lit_pixels": False, "pixel_cover": False, "closed_form": False}
+
 # The probe's cameras with pixels twice as large: field of view and blur are the same in mm.
 COARSE = {
     "width_px": 640,

@@ -25,17 +25,18 @@ LaserSheet make_laser() {
 
 /// Flux through a cylinder of this radius around the source.
 double flux(const LaserSheet& laser, double radius) {
+  const LaserEmitter emitter(laser);
   constexpr int kAngles = 400;
   constexpr int kAcross = 400;
   double sum = 0.0;
   for (int i = 0; i < kAngles; ++i) {
     const double angle = laser.fan_half_angle * (2.0 * (i + 0.5) / kAngles - 1.0);
     const double y = radius * std::sin(angle);
-    const double z = laser.source_z + radius * std::cos(angle);
-    const double reach = 6.0 * laser.sigma_at(z);
+    const double depth = radius * std::cos(angle);
+    const double reach = 6.0 * laser.sigma_at(laser.source_z + depth);
     for (int k = 0; k < kAcross; ++k) {
       const double x = reach * (2.0 * (k + 0.5) / kAcross - 1.0);
-      sum += laser.irradiance_at(x, y, z) * 2.0 * reach / kAcross;
+      sum += emitter.at({x, y, depth}).irradiance * 2.0 * reach / kAcross;
     }
   }
   return sum * radius * 2.0 * laser.fan_half_angle / kAngles;
@@ -52,15 +53,15 @@ TEST(LaserSheet, FluxThroughEveryCylinderIsPower) {
 }
 
 TEST(LaserSheet, NoLightOutsideFanOrBehindSource) {
-  const LaserSheet laser = make_laser();
-  EXPECT_GT(laser.irradiance_at(0.0, 0.1 * std::tan(0.279), laser.source_z + 0.1), 0.0);
-  EXPECT_EQ(laser.irradiance_at(0.0, 0.1 * std::tan(0.281), laser.source_z + 0.1), 0.0);
-  EXPECT_EQ(laser.irradiance_at(0.0, 0.0, laser.source_z - 0.1), 0.0);
+  const LaserEmitter laser(make_laser());
+  EXPECT_GT(laser.at({0.0, 0.1 * std::tan(0.279), 0.1}).irradiance, 0.0);
+  EXPECT_EQ(laser.at({0.0, 0.1 * std::tan(0.281), 0.1}).irradiance, 0.0);
+  EXPECT_EQ(laser.at({0.0, 0.0, -0.1}).irradiance, 0.0);
 }
 
-/// The loops of sixteen rays hold the emission a second time, for speed.
-TEST(SheetLight, MatchesLaserSheetTimesCosine) {
-  const LaserSheet laser = make_laser();
+TEST(SheetLight, PacketsMatchSinglePointsTimesCosine) {
+  const LaserEmitter laser(make_laser());
+  const Vector source(0.0, 0.0, laser.sheet.source_z);
   const SheetLight light(laser);
   const Vector viewpoint(0.06, 0.001, 0.0);
   const Vector normal = Vector(0.3, 0.2, -0.9).normalized();
@@ -72,7 +73,7 @@ TEST(SheetLight, MatchesLaserSheetTimesCosine) {
     const Vector point(2e-5 * (l - 8), 0.004 * (l - 8), 0.11 + 0.001 * l);
     set_lane(direction, l, point - viewpoint);
     set_lane(origins, l, viewpoint);
-    set_lane(sources, l, {0.0, 0.0, laser.source_z});
+    set_lane(sources, l, source);
     set_lane(hits.normal, l, normal);
     hits.t[l] = 1.0;
     hits.shape[l] = 0;
@@ -88,9 +89,8 @@ TEST(SheetLight, MatchesLaserSheetTimesCosine) {
     }
     for (int l = 0; l < kLanes; ++l) {
       const Vector point = viewpoint + lane(direction, l);
-      const Vector ray = point - Vector(0.0, 0.0, laser.source_z);
-      const double cosine = -normal.dot(ray.normalized());
-      const double expected = cosine * laser.irradiance_at(point.x(), point.y(), point.z());
+      const IncidentLight incident = laser.at(point - source);
+      const double expected = normal.dot(incident.towards) * incident.irradiance;
       EXPECT_NEAR(irradiance[l], expected, 1e-9 * (expected + 1e-6)) << "lane " << l;
       EXPECT_EQ(lit[l] != 0, expected > 0.0);
     }

@@ -140,12 +140,8 @@ def first_met(vertices: Array, faces: Array, across: Array) -> Array:
     return depth
 
 
-@pytest.mark.parametrize(
-    ("seed", "rays", "half_angle"),
-    [(1, 1280, 0.28), (2, 1280, 0.28), (3, 5000, 0.6), (4, 200, 0.7), (5, 40, 1.2), (6, 2, 0.1), (7, 1, 0.28)],
-)
-def test_fan_search_matches_brute_force_on_fine_mesh(seed: int, rays: int, half_angle: float) -> None:
-    """Fine meshes are traversed by all rays of the fan at once."""
+@pytest.mark.parametrize(("seed", "rays", "half_angle"), [(1, 1280, 0.28), (3, 5000, 0.6), (5, 40, 1.2), (7, 1, 0.28)])
+def test_fine_mesh_matches_brute_force(seed: int, rays: int, half_angle: float) -> None:
     vertices, faces = fine_rubble(seed)
     assert len(faces) > 240_000
     scene = Scene()
@@ -162,46 +158,6 @@ def test_fan_search_matches_brute_force_on_fine_mesh(seed: int, rays: int, half_
     on_ground = (np.abs(across) < 0.2).sum()
     assert len(np.unique(ray)) > 0.85 * on_ground
     assert (error > 2e-9).sum() <= 2
-
-
-def with_a_loose_triangle(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The same surface plus one small interior face: the mesh is no longer closed, and no laser ray hits the face."""
-    deep = mesh.triangles_center[0] - 1e-3 * mesh.face_normals[0]
-    loose = trimesh.Trimesh(deep + 1e-5 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), [[0, 1, 2]], process=False)
-    return trimesh.util.concatenate([mesh, loose])
-
-
-def rough_ball(radius: float, bump: float) -> trimesh.Trimesh:
-    ball = trimesh.creation.icosphere(subdivisions=6, radius=radius)
-    x, y, _ = ball.vertices.T / radius
-    ball.vertices *= (1 + bump * np.sin(18 * x) * np.cos(14 * y))[:, None]
-    return ball
-
-
-@pytest.mark.parametrize("inside_out", [False, True])
-def test_back_face_culling_matches_traced_occlusion(inside_out: bool) -> None:
-    """Back-face culling applies to closed meshes only; open ones are traced ray by ray."""
-    near, far = trimesh.creation.torus(0.012, 0.004), rough_ball(0.02, 0.3)
-    if inside_out:
-        far.invert()
-    closed, open_ = Scene(), Scene()
-    for name, mesh in (("near", near), ("far", far)):
-        assert mesh.is_watertight
-        closed.add_mesh(name, mesh.vertices, mesh.faces, 0.5)
-        opened = with_a_loose_triangle(mesh)
-        open_.add_mesh(name, opened.vertices, opened.faces, 0.5)
-    rng = np.random.default_rng(3)
-    hidden = 0
-    for _ in range(40):
-        poses = [
-            pose(rng.normal([0, 0, z], [spread, 0.01, 0.005]), rng.uniform(-3, 3, 3))
-            for z, spread in ((0.095, 0.02), (0.14, 0.002))
-        ]
-        found, expected = (geometric(scene, *poses) for scene in (closed, open_))
-        np.testing.assert_array_equal(found.camera, expected.camera)
-        np.testing.assert_allclose(found.points_in_sensor, expected.points_in_sensor, atol=1e-9)
-        hidden += abs(int((found.camera == 0).sum()) - int((found.camera == 1).sum()))
-    assert hidden > 1000
 
 
 def test_enclosing_room_causes_no_occlusion() -> None:

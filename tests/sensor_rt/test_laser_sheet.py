@@ -6,7 +6,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import COARSE, Array, assert_same_light, cluttered_exposures, one_plane, pose, probe, still, stripe_centres
+from scenes import (
+    BARE,
+    COARSE,
+    Array,
+    assert_same_light,
+    cluttered_exposures,
+    one_plane,
+    pose,
+    probe,
+    still,
+    stripe_centres,
+)
 
 from scancell.sensor import Scene, expected_electrons, scan
 
@@ -145,7 +156,7 @@ def test_marked_pixels_contain_all_light_of_true_sheet(laser: dict[str, Any], mo
     scene, exposures = cluttered_exposures(moves)
     sensor = probe(laser=laser)
     band = expected_electrons(scene, sensor, exposures, closed_form=False)
-    whole = expected_electrons(scene, sensor, exposures, whole_image=True)
+    whole = expected_electrons(scene, sensor, exposures, **BARE)
     assert_same_light(band, whole)
 
 

@@ -7,7 +7,18 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from scenes import COARSE, Array, assert_same_light, cluttered_exposures, one_plane, pose, probe, still, stripe_centres
+from scenes import (
+    BARE,
+    COARSE,
+    Array,
+    assert_same_light,
+    cluttered_exposures,
+    one_plane,
+    pose,
+    probe,
+    still,
+    stripe_centres,
+)
 from stripe_images import make_sensor
 
 from scancell.sensor import Scene, expected_electrons, scan, triangulate_pixels
@@ -150,7 +161,7 @@ def test_marked_pixels_contain_all_light_for_all_lenses(lens: str, moves: bool) 
     scene, exposures = cluttered_exposures(moves)
     sensor = probe(camera=LENSES[lens])
     band = expected_electrons(scene, sensor, exposures, closed_form=False)
-    whole = expected_electrons(scene, sensor, exposures, whole_image=True)
+    whole = expected_electrons(scene, sensor, exposures, **BARE)
     assert_same_light(band, whole)
 
 

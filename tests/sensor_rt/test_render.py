@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scenes import (
+    BARE,
     Array,
     assert_same_light,
     cluttered,
@@ -17,8 +18,9 @@ from scenes import (
     still,
     stripe_centres,
 )
+from stripe_images import make_sensor
 
-from scancell.sensor import Scene, expected_electrons
+from scancell.sensor import Exposures, Material, Scene, expected_electrons
 
 PLANCK_C = 6.62607015e-34 * 299792458.0
 
@@ -110,8 +112,32 @@ def test_marked_pixels_contain_all_light(moves: bool, distortion: list[float]) -
     scene, exposures = cluttered_exposures(moves)
     sensor = probe(camera={"distortion": distortion})
     band = expected_electrons(scene, sensor, exposures, closed_form=False)
-    whole = expected_electrons(scene, sensor, exposures, whole_image=True)
+    whole = expected_electrons(scene, sensor, exposures, **BARE)
     assert_same_light(band, whole)
+
+
+@pytest.mark.parametrize("switch", ["lit_pixels", "pixel_cover"])
+def test_accelerator_alone_keeps_all_light(switch: str) -> None:
+    """test_filled_pixels.py compares the closed form, whose light differs, with dense sampling."""
+    scene, exposures = cluttered_exposures(True)
+    bare = expected_electrons(scene, probe(), exposures, **BARE)
+    assert_same_light(expected_electrons(scene, probe(), exposures, **(BARE | {switch: True})), bare)
+
+
+def test_images_do_not_depend_on_exposures_before() -> None:
+    """A thread reuses memory: of masks, corners, reflected light and views of the scene."""
+    scene, poses = cluttered()
+    scene.add_plane("mirror", np.eye(4), [0.1, 0.05], Material(0.9, "mirror", 0.0, 1.0))
+    scene.add_light("lamp", "point", np.eye(4), [0.0, 0.0], 0.01, in_band=1.0)
+    poses += [pose((0.02, 0.0, 0.12), (0.0, 0.8, 0.0)), pose((0.1, 0.0, -0.3))]
+    later = [pose((1e-4, -3e-4, 2e-4), (0.004, 0.002, -0.006)) @ p for p in poses]
+    elsewhere = [pose((0.0, 0.01, 0.01), (0.1, 0.0, 0.2)) @ p for p in poses]
+    bodies = np.array([[poses, later], [elsewhere, elsewhere], [poses, later]]).transpose(0, 2, 1, 3, 4)
+    exposures = Exposures(np.broadcast_to(np.eye(4), (3, 2, 4, 4)), bodies, np.full(3, 5e-4), np.array([4, 5, 4]))
+    sensor = make_sensor(160, 128, cameras=2, render={"noise": False, "bounces": 1, "photons": 1024})
+    first, other, again = expected_electrons(scene, sensor, exposures, threads=1)
+    assert (first != other).mean() > 0.1
+    np.testing.assert_array_equal(first, again)
 
 
 def fine_waves(gap: float, facet: float) -> tuple[Array, NDArray[np.uint32]]:
@@ -146,7 +172,7 @@ def test_planar_proxies_match_tracing_of_every_sample(facet: float, gap: float, 
     later: Array = pose((5e-6, -1e-5, 5e-6), (5e-5, 2e-5, 0)) @ place
     exposures = moving([[place], [later]], [np.eye(4)] * 2) if moves else still(place)
     band = expected_electrons(scene, probe(), exposures, closed_form=False)[0]
-    whole = expected_electrons(scene, probe(), exposures, whole_image=True)[0]
+    whole = expected_electrons(scene, probe(), exposures, **BARE)[0]
     assert (band != whole).sum() > 500  # planar proxies are used
     for light, reference in zip(band, whole, strict=True):
         (centre, total), (true_centre, true_total) = stripe_centres(light), stripe_centres(reference)
@@ -178,7 +204,7 @@ def test_closed_mesh_casts_shadow_of_its_triangles(inside_out: bool) -> None:
     scene.add_plane("plane", np.eye(4), [0.2, 0.2], 0.4)
     exposures = still(pose((0.0, 0.004, 0.13), (0.2, 0.1, 0.3)), pose((0.0, 0.0, 0.15)))
     band = expected_electrons(scene, probe(), exposures, closed_form=False)
-    whole = expected_electrons(scene, probe(), exposures, whole_image=True)
+    whole = expected_electrons(scene, probe(), exposures, **BARE)
     lit = whole > 0
     assert lit.sum() > 10_000
     np.testing.assert_array_equal(band > 0, lit)
@@ -291,7 +317,7 @@ def test_ambient_light_matches_tracing_of_every_pixel() -> None:
     sensor = probe(ambient={"irradiance": 2.0})
     exposures = still(pose((0, 0, 0.13)), pose((0.0, -0.02, 0.12), (0.3, 0.4, 0.5)))
     quick = expected_electrons(scene, sensor, exposures)
-    whole = expected_electrons(scene, sensor, exposures, whole_image=True)
+    whole = expected_electrons(scene, sensor, exposures, **BARE)
     inside = np.isclose(quick, whole, rtol=1e-6, atol=1e-9)
     # Silhouettes are sampled once per pixel outside the stripe, sixteen times inside.
     assert (~inside).mean() < 0.01

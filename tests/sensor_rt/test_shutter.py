@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import Array, assert_same_light, cluttered, moving, pose, probe, still
+from scenes import BARE, Array, assert_same_light, cluttered, moving, pose, probe, still
 from scipy.spatial.transform import Rotation, Slerp
 
 from scancell.sensor import Exposures, Scene, Sensor, expected_electrons, render, scan
@@ -76,7 +76,7 @@ def image_of_row(sensor: Sensor, scene: Scene, first: list[Array], last: list[Ar
     ends = [(row * READOUT + after) / SPAN for after in (0.0, EXPOSURE)]
     bodies = [[at(a, b, share) for a, b in zip(first, last, strict=True)] for share in ends]
     exposures = moving(bodies, [np.eye(4)] * 2)
-    return np.asarray(expected_electrons(scene, sensor, exposures, whole_image=True)[0], float)
+    return np.asarray(expected_electrons(scene, sensor, exposures, **BARE)[0], float)
 
 
 # The stripe covers few rows, ambient light all of them: the middle half of the columns is enough.
@@ -90,7 +90,7 @@ def test_each_row_matches_global_shutter_at_row_time(light: dict[str, Any]) -> N
     scene, first = cluttered()
     last = [pose((1e-4, -8e-4, 9e-4), (0.01, 0.004, -0.015)) @ p for p in first]
     exposures = moving([first, last], [np.eye(4)] * 2)
-    image = np.asarray(expected_electrons(scene, rolling(**light), exposures, whole_image=True)[0], float)
+    image = np.asarray(expected_electrons(scene, rolling(**light), exposures, **BARE)[0], float)
     lit = [r for r in range(0, ROWS, 61) if (image[:, r] > 0).any()]
     assert len(lit) > 6
     for row in lit:
@@ -105,7 +105,7 @@ def test_marked_pixels_contain_all_light_of_all_rows() -> None:
     scene, first = cluttered()
     last = [pose((0.0, -2e-3, 3e-3), (0.02, 0.0, -0.03)) @ p for p in first]
     exposures = moving([first, last], [np.eye(4)] * 2)
-    band, whole = (expected_electrons(scene, rolling(), exposures, whole_image=w) for w in (False, True))
+    band, whole = (expected_electrons(scene, rolling(), exposures, **switches) for switches in ({}, BARE))
     assert_same_light(band, whole)
 
 

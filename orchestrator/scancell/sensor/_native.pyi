@@ -315,14 +315,16 @@ def expected_electrons(
     scene: Scene,
     sensor: Sensor,
     exposures: Exposures,
-    whole_image: bool = False,
+    lit_pixels: bool = True,
+    pixel_cover: bool = True,
     closed_form: bool = True,
     threads: int = 0,
 ) -> NDArray[np.float32]:
     """Return the expected photo-electrons (n, cameras, height, width) without noise.
 
-    `whole_image` traces every pixel instead of those that the laser can light: slow, without closed forms.
-    `closed_form` false takes samples in all pixels: bit-identical to `whole_image` where light falls.
+    The switches are accelerators of the fast mode: `lit_pixels` traces only pixels that the laser can light,
+    `pixel_cover` finds the face that fills a pixel by rays through its corners, and `closed_form`, which needs it,
+    integrates such pixels without samples.
     """
 
 def tree_builds() -> int:

@@ -1,4 +1,4 @@
-#include "sensor_rt/tracing/incoherent_rays.h"
+#include "sensor_rt/tracing/scene_query.h"
 
 #include <limits>
 
@@ -17,13 +17,8 @@ void lay_lanes(const PoseTrack& track, std::size_t shape, const std::size_t* ins
 
 }  // namespace
 
-void IncoherentRays::set(const Scene& scene, const PoseTrack& track) {
-  scene_ = &scene;
-  track_ = &track;
-}
-
-void IncoherentRays::intersect(const std::size_t* instants, const Lanes3& origin, const Lanes3& direction,
-                               const int* valid, PacketHits& hits) const {
+void SceneQuery::intersect(const std::size_t* instants, const Lanes3& origin, const Lanes3& direction,
+                           const int* valid, PacketHits& hits) const {
   clear_hits(hits, std::numeric_limits<double>::infinity());
   for (std::size_t s = 0; s < scene_->shapes().size(); ++s) {
     LaneTransform transform;
@@ -32,12 +27,12 @@ void IncoherentRays::intersect(const std::size_t* instants, const Lanes3& origin
   }
 }
 
-void IncoherentRays::occlude(const std::size_t* instants, const Lanes3& origin, const Lanes3& direction,
-                             double farthest, int* unoccluded) const {
+void SceneQuery::occlude(const std::size_t* instants, const Lanes3& origin, const Lanes3& segment,
+                         int* unoccluded) const {
   for (std::size_t s = 0; s < scene_->shapes().size(); ++s) {
     LaneTransform transform;
     lay_lanes(*track_, s, instants, origin, transform);
-    occlude_by_shape(scene_->shapes()[s], transform, direction, farthest, unoccluded);
+    occlude_by_shape(scene_->shapes()[s], transform, segment, kSegmentEnd, unoccluded);
   }
 }
 
