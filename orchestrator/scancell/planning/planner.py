@@ -92,13 +92,19 @@ def _verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
     """
     if not options.verify:
         return made
-    for segment in made.program.segments:
-        poses = cell.nominal.body_poses(segment.q[::2], segment.table[::2])
-        clash = first_collision(cell.proximity_meshes, cell.proximity.pairs, cell.proximity.names, poses)
-        if clash is not None:
-            place = f"segment {segment.id} ({segment.name}), {segment.times[2 * clash.index]:.3f} s after its start"
-            raise PlanningError(f"python-fcl finds that {clash.body_a} hits {clash.body_b} in {place}")
-    return made
+    segments = made.program.segments
+    poses = cell.nominal.body_poses(
+        np.concatenate([segment.q[::2] for segment in segments]),
+        np.concatenate([segment.table[::2] for segment in segments]),
+    )
+    clash = first_collision(cell.proximity_meshes, cell.proximity.pairs, cell.proximity.names, poses)
+    if clash is None:
+        return made
+    starts = np.cumsum([0, *(len(segment.times[::2]) for segment in segments)])
+    number = int(np.searchsorted(starts, clash.index, side="right")) - 1
+    segment, at = segments[number], 2 * int(clash.index - starts[number])
+    place = f"segment {segment.id} ({segment.name}), {segment.times[at]:.3f} s after its start"
+    raise PlanningError(f"python-fcl finds that {clash.body_a} hits {clash.body_b} in {place}")
 
 
 def check_part(cell: PlanningCell) -> None:
