@@ -7,7 +7,8 @@ to a class by what dynamic programming finds on the whole maps of all arm branch
 - moving: a motion exists, and the table must turn along the path
 - blocked: none exists, by construction: out of reach, or a plate over the path
 
-``run`` compares Ray Shooting with that optimum and writes a table. ``make`` draws the cases anew from their seeds.
+``run`` compares Ray Shooting with that optimum and writes a table; it draws the cases first where there are none.
+``make`` draws them anew from their seeds.
 """
 
 from __future__ import annotations
@@ -143,7 +144,7 @@ def _leg(rng: np.random.Generator, part: str) -> dict[str, Any]:
             "x_mm": round(float(at[0]), 1), "y_mm": round(float(at[1]), 1), "z_mm": round(float(at[2]), 1),
             "azimuth_deg": round(azimuth + side * turned / 2, 1), "elevation_deg": round(elevation, 1),
         })  # fmt: skip
-    return {"waypoint": ends, "speed_mm_s": 50.0, "standoff_mm": 110.0}
+    return {"waypoint": ends, "speed_mm_s": 100.0, "standoff_mm": 110.0}
 
 
 def _arc(rng: np.random.Generator) -> dict[str, Any]:
@@ -153,7 +154,7 @@ def _arc(rng: np.random.Generator) -> dict[str, Any]:
     )
     turns = round(float(rng.choice([-1, 1]) * rng.uniform(*((0.8, 1.3) if low else (0.3, 1.2)))), 2)
     spiral = {"turns": turns, "start_deg": round(float(rng.uniform(0, 360)), 1), "elevation_deg": elevation}
-    return {"spiral": spiral, "speed_mm_s": 100.0}
+    return {"spiral": spiral, "speed_mm_s": 200.0}
 
 
 def _drawn(seed: int) -> dict[str, Any]:
@@ -247,6 +248,8 @@ def table_of(rows: list[Row], cases: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def run(workers: int, out: Path, only: int) -> None:
+    if not CASES.exists():
+        make(workers)
     cases = read_cases()
     if only:
         cases = cases[:: max(1, len(cases) // only)]
