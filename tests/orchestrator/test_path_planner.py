@@ -12,6 +12,7 @@ from scancell.config.path import PathDescription, SpiralDescription, WaypointDes
 from scancell.nominal.cell import nominal_cell
 from scancell.planning import trajectory
 from scancell.planning.model import PlanningCell
+from scancell.planning.optimum import best_motion
 from scancell.planning.path_planner import PathPlanner, PlacedPath
 from scancell.planning.sensor_paths import sensor_paths
 
@@ -55,6 +56,15 @@ def test_all_axes_keep_their_limits_at_a_tenth_of_the_cycle(cell: PlanningCell, 
     assert (np.abs(spline(times, 2)).max(0) <= 1.05 * limits).all()  # the spline overshoots where acceleration jumps
     assert arm.within_limits(fine[:, :-1]).all()
     assert (trajectory.limit_fractions(setpoints, limits, limits, CYCLE)[1] <= 1.0).all()
+
+
+def test_the_motion_is_near_the_optimum_of_which_it_evaluates_few_cells(spiral: PlacedPath) -> None:
+    map_ = spiral.lattice.map
+    assert map_.evaluated < 0.12 * map_.quality.size
+    best = best_motion(spiral.lattice)
+    assert best is not None
+    assert best.cost <= spiral.motion.cost * (1 + 1e-6)
+    assert spiral.motion.cost < 1.1 * best.cost
 
 
 def test_an_independent_library_finds_no_collision(cell: PlanningCell, spiral: PlacedPath) -> None:
