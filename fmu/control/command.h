@@ -10,20 +10,20 @@
 namespace robotcell::control {
 
 enum class Mode : std::int32_t { kHold, kServo, kJointMove, kLineMove, kJointJog, kCartesianJog };
-constexpr EnumerationItem kModeItems[] = {
+inline constexpr EnumerationItem kModeItems[] = {
     {"hold", "brake and rest"},          {"servo", "follow streamed set-points"},
     {"joint_move", "move of all axes"},  {"line_move", "linear move of the sensor"},
     {"joint_jog", "jog of single axes"}, {"cartesian_jog", "Cartesian jog of the sensor"},
 };
 
 enum class Operation : std::int32_t { kManual, kAutomatic };
-constexpr EnumerationItem kOperationItems[] = {
+inline constexpr EnumerationItem kOperationItems[] = {
     {"manual", "only jogs (modes 4 and 5) move the robot"},
     {"automatic", "modes 1 to 3 move the robot, and jogs are rejected"},
 };
 
 enum class JogFrame : std::int32_t { kWorld, kTool };
-constexpr EnumerationItem kJogFrameItems[] = {
+inline constexpr EnumerationItem kJogFrameItems[] = {
     {"world", "axes of the world"},
     {"sensor", "axes of the sensor"},
 };
@@ -46,7 +46,7 @@ struct Command {
 };
 
 enum class Phase : std::int32_t { kRest, kMoving, kBraking, kEmergencyStop };
-constexpr EnumerationItem kPhaseItems[] = {
+inline constexpr EnumerationItem kPhaseItems[] = {
     {"rest", "at rest"},
     {"moving", "moving as commanded"},
     {"braking", "braking"},
@@ -65,7 +65,7 @@ enum class ControllerError : std::int32_t {
   kSingular,
 };
 
-constexpr EnumerationItem kControllerErrorItems[] = {
+inline constexpr EnumerationItem kControllerErrorItems[] = {
     {"none", "no error"},
     {"manual_operation", "mode not allowed in manual operation"},
     {"automatic_operation", "mode not allowed in automatic operation"},

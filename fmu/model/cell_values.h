@@ -71,7 +71,7 @@ struct CellParameters {
 };
 
 enum class TriggerMode : std::int32_t { kOff, kTime, kTableAngle, kPathDistance, kRequest };
-constexpr EnumerationItem kTriggerModeItems[] = {
+inline constexpr EnumerationItem kTriggerModeItems[] = {
     {"off", "no exposures"},
     {"time", "periodic in time"},
     {"table_angle", "periodic in the table angle"},

@@ -9,7 +9,7 @@
 namespace robotcell {
 
 enum class GripperMode : std::int32_t { kKeep, kWidth, kForce };
-constexpr EnumerationItem kGripperModeItems[] = {
+inline constexpr EnumerationItem kGripperModeItems[] = {
     {"keep", "keep the last command (at the start: hold the width)"},
     {"width", "move to command.gripper.width"},
     {"force", "close with command.gripper.force"},
