@@ -39,7 +39,9 @@ def joints_at(tip: Array, yaw: float = 0.0) -> Array:
     world_from_flange[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.diag([1.0, -1.0, -1.0])
     world_from_flange[:3, 3] = tip + np.array([0, 0, 0.06 + FINGER_LENGTH])
     branches = ARM.ik(world_from_flange)[0]
-    return np.asarray(branches[~np.isnan(branches).any(1)][0])
+    q = branches[~np.isnan(branches).any(1)][0]
+    # Rounding decides between the two turns of a joint that is half a turn from 0.
+    return np.asarray(np.where(q < -np.pi + 1e-9, q + 2 * np.pi, q))
 
 
 OVER_BOX = joints_at(np.array([*PLACE, TABLE[2] + 0.02]))
