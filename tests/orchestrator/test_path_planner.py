@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import fcl
 import numpy as np
 import pytest
 from cells import CYCLE, RANGE, block, planning_cell
+from fcl_collisions import colliding
 
 from scancell.config.loading import assets_dir, load_setup
 from scancell.config.path import PathDescription, SpiralDescription, WaypointDescription
@@ -68,26 +68,13 @@ def test_the_motion_is_near_the_optimum_of_which_it_evaluates_few_cells(spiral: 
 
 
 def test_an_independent_library_finds_no_collision(cell: PlanningCell, spiral: PlacedPath) -> None:
-    """python-fcl at ten poses between every two set-points, all pairs of the scene."""
-    meshes = {body.name: body.mesh for body in cell.nominal.bodies}
-    objects = {}
-    for name, mesh in meshes.items():
-        model = fcl.BVHModel()
-        model.beginModel(len(mesh.vertices), len(mesh.faces))
-        model.addSubModel(mesh.vertices, mesh.faces)
-        model.endModel()
-        objects[name] = fcl.CollisionObject(model, fcl.Transform())
+    """python-fcl at 300 poses along the path, all pairs of the scene."""
     at = np.linspace(0, len(spiral.table) - 1, 300)
     setpoints = np.column_stack([spiral.q, spiral.table])
     dense = np.stack([np.interp(at, np.arange(len(setpoints)), column) for column in setpoints.T], -1)
     poses = cell.nominal.body_poses(dense[:, :-1], dense[:, -1])
-    order = {body.name: i for i, body in enumerate(cell.nominal.bodies)}
-    for row in poses:
-        for name, thing in objects.items():
-            matrix = row[order[name]]
-            thing.setTransform(fcl.Transform(matrix[:3, :3], matrix[:3, 3]))
-        for a, b in cell.proximity.pairs:
-            assert not fcl.collide(objects[a], objects[b]), f"{a} hits {b}"
+    meshes = {body.name: body.mesh for body in cell.nominal.bodies}
+    assert colliding(meshes, cell.proximity.pairs, poses) == set()
 
 
 def test_a_path_beyond_the_arms_reach_is_refused_with_its_place(cell: PlanningCell) -> None:

@@ -108,7 +108,6 @@ class Lattice:
         self.rates = int(max_rate / (self._quantum * self._step) + 1e-9)
         self.accelerations = min(int(max_acceleration / self._quantum + 1e-9), _LEVELS)
         self._max_rate, self._max_acceleration = max_rate, max_acceleration
-        self._offset = period * np.arange(1, samples + 1)
 
     def cells(
         self, step: ArrayLike, angle: ArrayLike, rate: ArrayLike, acceleration: ArrayLike, only_end: bool = False
@@ -119,12 +118,18 @@ class Lattice:
         """
         angle, rate, acceleration = (np.asarray(x, float)[..., None] for x in (angle, rate, acceleration))
         number = np.array([self.samples]) if only_end else np.arange(1, self.samples + 1)
-        offset = self._period * number
-        speed = self._quantum * (rate * self._step + acceleration * offset)
-        turned = self._quantum * (rate * self._step * offset + acceleration * offset**2 / 2)
+        turned, speed = self._within_step(rate, acceleration, self._period * number)
         row = np.rint((angle * self._angle + turned) * (self.map.rows / (2 * np.pi))).astype(np.int64) % self.map.rows
         column = np.asarray(step, np.int64)[..., None] * self.samples + number
         return np.broadcast_to(column, row.shape), row, speed
+
+    def _within_step(
+        self, rate: Array | Indices, acceleration: Array | Indices, since: ArrayLike
+    ) -> tuple[Array, Array]:
+        """Angle turned (rad) and speed (rad/s), of broadcast shape, at a time (s) since the start of a step."""
+        since = np.asarray(since, float)
+        turned = self._quantum * (rate * self._step * since + acceleration * since**2 / 2)
+        return np.asarray(turned), np.asarray(self._quantum * (rate * self._step + acceleration * since))
 
     def row(self, angle: ArrayLike) -> Indices:
         """Map rows (...,) of lattice angles (...,)."""
@@ -163,7 +168,7 @@ class Lattice:
         rate = np.concatenate([[0], np.cumsum(motion.accelerations)])[:-1]
         lattice = motion.start + np.concatenate([[0], np.cumsum(2 * rate + motion.accelerations)])[:-1]
         since = now - step * self._step
-        turned = self._quantum * (rate[step] * self._step * since + motion.accelerations[step] * since**2 / 2)
+        turned, _ = self._within_step(rate[step], motion.accelerations[step], since)
         return np.asarray(lattice[step] * self._angle + turned)
 
     def motion(self, start: int, accelerations: ArrayLike) -> TableMotion:
@@ -171,11 +176,9 @@ class Lattice:
         accelerations = np.asarray(accelerations, np.int64)
         rate = np.concatenate([[0], np.cumsum(accelerations)])
         lattice = start + np.concatenate([[0], np.cumsum(2 * rate[:-1] + accelerations)])
-        turned = self._quantum * (
-            rate[:-1, None] * self._step * self._offset + accelerations[:, None] * self._offset**2 / 2
-        )
+        since = self._period * np.arange(1, self.samples + 1)
+        turned, speed = self._within_step(rate[:-1, None], accelerations[:, None], since)
         angle = lattice[:-1, None] * self._angle + turned
-        speed = self._quantum * (rate[:-1, None] * self._step + accelerations[:, None] * self._offset)
         cost = self.cost(np.arange(self.steps), lattice[:-1], rate[:-1], accelerations)
         return TableMotion(
             int(start),
