@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scancell.errors import CellError
 from scancell.geometry.mesh import Mesh, clustered
 from scancell.nominal.cell import NominalCell
+from scancell.proximity.judge import fcl_model
 from scancell.sensor import closest_points
 
 Array = NDArray[np.float64]
@@ -130,12 +131,8 @@ def _surfaces_meet(a: Mesh, faces_a: NDArray[np.int64], b: Mesh, faces_b: NDArra
     import fcl  # noqa: PLC0415  (only where bounding boxes overlap)
 
     def body(mesh: Mesh, faces: NDArray[np.int64]) -> Any:
-        model = fcl.BVHModel()
         used, numbers = np.unique(faces, return_inverse=True)
-        model.beginModel(len(used), len(faces))
-        model.addSubModel(np.ascontiguousarray(mesh.vertices[used]), numbers.reshape(-1, 3))
-        model.endModel()
-        return fcl.CollisionObject(model, fcl.Transform())
+        return fcl.CollisionObject(fcl_model(mesh.vertices[used], numbers.reshape(-1, 3)), fcl.Transform())
 
     contacts = fcl.collide(body(a, faces_a), body(b, faces_b), fcl.CollisionRequest(), fcl.CollisionResult())
     return bool(contacts > 0)

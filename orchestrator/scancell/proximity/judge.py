@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +38,9 @@ def first_collision(
     near = _near(meshes, names, index, poses) & _moved(index, poses)
     import fcl  # noqa: PLC0415  (most commands make no plan)
 
-    models = {name: _model(fcl, meshes[name]) for name in {name for pair in pairs for name in pair}}
+    models = {
+        name: fcl_model(meshes[name].vertices, meshes[name].faces) for name in {name for pair in pairs for name in pair}
+    }
     request, result = fcl.CollisionRequest(), fcl.CollisionResult()
     for i, k in zip(*np.nonzero(near), strict=True):
         objects = []
@@ -49,10 +52,13 @@ def first_collision(
     return None
 
 
-def _model(fcl: object, mesh: Mesh) -> object:
-    model = fcl.BVHModel()  # type: ignore[attr-defined]
-    model.beginModel(len(mesh.vertices), len(mesh.faces))
-    model.addSubModel(mesh.vertices, mesh.faces)
+def fcl_model(vertices: Array, faces: NDArray[np.int64]) -> Any:
+    """Triangles (m, 3) of vertices (n, 3), m, as a geometry of python-fcl."""
+    import fcl  # noqa: PLC0415  (most commands need none)
+
+    model = fcl.BVHModel()
+    model.beginModel(len(vertices), len(faces))
+    model.addSubModel(np.ascontiguousarray(vertices), np.ascontiguousarray(faces))
     model.endModel()
     return model
 
