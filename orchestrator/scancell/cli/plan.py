@@ -82,7 +82,7 @@ def _figures_of(placed: PlacedPath, optimum: bool) -> dict[str, str | float]:
         "branch": placed.branch_name,
         "exposures": len(placed.exposures),
         "length_m": placed.path.length,
-        "duration_s": float(placed.run.times[-1]),
+        "duration_s": placed.run.duration,
         "cost": placed.motion.cost,
         "evaluated": map_.evaluated / map_.quality.size,
     }

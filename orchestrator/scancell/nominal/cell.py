@@ -94,6 +94,7 @@ class NominalCell:
     table_radius: float
     table_max_speed: float
     table_max_acceleration: float
+    table_max_jerk: float
     part: Mesh
     bodies: tuple[Body, ...]
     lamps: tuple[Lamp, ...] = ()
@@ -159,6 +160,7 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         table_radius=si_value(cell.table, "radius_mm"),
         table_max_speed=si_value(cell.table, "max_speed_deg_s"),
         table_max_acceleration=si_value(cell.table, "max_acceleration_deg_s2"),
+        table_max_jerk=si_value(cell.table, "max_jerk_deg_s3"),
         part=part,
         lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
         bodies=(*_bodies(cell, part), *_device_bodies(cell, further), *_gripper_bodies(cell)),
@@ -239,7 +241,7 @@ def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescri
 
 def _joint_fields(joint: dict[str, float]) -> dict[str, float]:
     si = to_si(joint)
-    names = ("a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration")
+    names = ("a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration", "max_jerk")
     return {name: si[name] for name in names}
 
 

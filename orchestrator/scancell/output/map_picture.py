@@ -40,7 +40,7 @@ def draw_map(placed: PlacedPath, branch: str, file: Path) -> None:
     sheet.text(_LEFT, 50, f"{map_.columns} x {map_.rows} cells, cost of the motion {placed.motion.cost:.3f}", 14, SOFT)
     sheet.image(resized(_pixels(map_), _PLOT_WIDTH, _PLOT_HEIGHT, sharp=True), _LEFT, _TOP)
     sheet.rectangle(_LEFT - 1, _TOP - 1, _LEFT + _PLOT_WIDTH, _TOP + _PLOT_HEIGHT, outline=SOFT)
-    _axes(sheet, float(placed.run.times[-1]))
+    _axes(sheet, placed.run.duration)
     _motion(sheet, placed.motion.angle)
     _legend(sheet, map_)
     sheet.write(file)

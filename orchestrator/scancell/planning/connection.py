@@ -14,6 +14,7 @@ from scancell.planning import trajectory
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import LIMIT_FRACTION
 from scancell.planning.reasons import describe
+from scancell.planning.timing import axis_name
 from scancell.proximity.scene import Clash
 
 Array = NDArray[np.float64]
@@ -38,13 +39,23 @@ class Connector:
         # Views are checked at discrete poses: between them bodies may come slightly nearer.
         self._clearance = 0.8 * clearance
         self._motions = cell.motion_check(self._clearance)
-        arm, nominal = cell.nominal.arm, cell.nominal
-        self._speed = LIMIT_FRACTION * np.append(arm.max_speed, nominal.table_max_speed)
-        self._acceleration = LIMIT_FRACTION * np.append(arm.max_acceleration, nominal.table_max_acceleration)
+        self._limits = cell.axis_limits.scaled(LIMIT_FRACTION)
 
     def move(self, start: Array, end: Array) -> Array:
-        """Set-points (n, axes), rad, of the straight motion from `start` to `end` (axes,), without collision check."""
-        return trajectory.move(start, end, self._speed, self._acceleration, self._cell.cycle)
+        """Set-points (n, axes), rad, of the straight motion from `start` to `end` (axes,), without collision check.
+
+        Raises
+        ------
+        PlanningError
+            If a motor cannot hold the arm somewhere on the way.
+        """
+        setpoints = trajectory.move(start, end, self._limits, self._cell.cycle)
+        if self._cell.torques is None:
+            return setpoints
+        factor, joint = self._cell.torques.needed_slowdown(setpoints[:, :-1], self._cell.cycle)
+        if not np.isfinite(factor):
+            raise PlanningError(f"the torque limit of {axis_name(self._cell, joint)} is too low to hold the arm")
+        return trajectory.move(start, end, self._limits, self._cell.cycle, max(1.0, factor))
 
     def connect(self, start: Array, end: Array, purpose: str) -> list[Array]:
         """Set-points of a collision-free path as rest-to-rest motions.

@@ -12,6 +12,8 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, clustered
 from scancell.nominal.cell import NominalCell
 from scancell.planning.motion_check import MotionCheck
+from scancell.planning.torques import TorqueLimits
+from scancell.planning.trajectory import Limits
 from scancell.proximity.cell_scene import arm_chain, cell_scene
 from scancell.proximity.scene import Clash, ProximityScene
 
@@ -73,6 +75,8 @@ class PlanningCell:
         Table angle at the start, rad.
     threads
         Threads of the clearance queries, which do not change them; 0 uses all cores.
+    torques
+        Torque limits of the joints, where the arm has dynamic drives.
     """
 
     nominal: NominalCell
@@ -80,6 +84,17 @@ class PlanningCell:
     cycle: float
     table_start: float = 0.0
     threads: int = 0
+    torques: TorqueLimits | None = None
+
+    @cached_property
+    def axis_limits(self) -> Limits:
+        """Limits of the joints and the table."""
+        joints, table = self.nominal.arm.joints, self.nominal
+        return Limits(
+            np.array([*(joint.max_speed for joint in joints), table.table_max_speed]),
+            np.array([*(joint.max_acceleration for joint in joints), table.table_max_acceleration]),
+            np.array([*(joint.max_jerk for joint in joints), table.table_max_jerk]),
+        )
 
     @cached_property
     def _chain(self) -> list[str]:

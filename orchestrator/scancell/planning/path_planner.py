@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from scancell.planning.placement import LIMIT_FRACTION, PATH_ACCELERATION
 from scancell.planning.ray_shooting import shoot
 from scancell.planning.reasons import describe
 from scancell.planning.table_motion import CostWeights, Lattice, TableMotion
+from scancell.planning.timing import slowdown
 
 if TYPE_CHECKING:
     from scancell.planning.sensor_paths import SensorPath
@@ -43,7 +44,9 @@ class PlacedPath:
     path
         The path.
     run
-        Times and distances along the path, one per controller cycle.
+        Distance along the path by time.
+    at
+        Joints and table angle (n, joints + 1), rad, at times (n,), s.
     q, table
         (n, joints), (n,) set-points of each cycle, rad.
     exposures
@@ -52,25 +55,28 @@ class PlacedPath:
         Arm branch.
     lattice, motion
         The lattice on the configuration map where the motion was found, and the motion.
+    note
+        Why it is slower than asked for.
     """
 
     path: SensorPath
     run: trajectory.Run
+    at: Callable[[Array], Array]
     q: Array
     table: Array
     exposures: Array
     branch_name: str
     lattice: Lattice
     motion: TableMotion
+    note: str = ""
 
 
 @dataclass(frozen=True)
 class _Timing:
-    """Times of a run with `count` exposures at a speed (m/s), and the sensor's poses at the columns of a map."""
+    """A run with `count` exposures, and the sensor's poses at the columns of a map, every `period` s."""
 
     run: trajectory.Run
     count: int
-    speed: float
     period: float
     columns: Array
 
@@ -123,11 +129,10 @@ class PathPlanner:
     def _timing(self, path: SensorPath, speed: float) -> _Timing:
         count = int(path.length / path.pitch + 1e-9) + 1
         run = trajectory.run(count, path.length / (count - 1), speed, PATH_ACCELERATION, self._cell.cycle)
-        duration = float(run.times[-1])
-        steps = int(np.clip(np.ceil(duration / _STEP), 2, _MOST_STEPS))
+        steps = int(np.clip(np.ceil(run.duration / _STEP), 2, _MOST_STEPS))
         columns = steps * _SAMPLES + 1
-        at = np.interp(np.linspace(0.0, duration, columns), run.times, run.path)
-        return _Timing(run, count, speed, duration / (columns - 1), path.at(at))
+        at = run.at(np.linspace(0.0, run.duration, columns))
+        return _Timing(run, count, run.duration / (columns - 1), path.at(at))
 
     def _lattice(self, map_: ConfigurationMap, timing: _Timing) -> Lattice:
         nominal = self._cell.nominal
@@ -153,36 +158,38 @@ class PathPlanner:
         return [int(b) for b in np.argsort(-best.mean(0), kind="stable") if best[:, b].all()]
 
     def _followed(self, path: SensorPath, timing: _Timing, lattice: Lattice, motion: TableMotion) -> PlacedPath | str:
-        """Set-points of every cycle, if all axes keep their limits and all bodies provably their clearances."""
-        run, arm, nominal = timing.run, self._cell.nominal.arm, self._cell.nominal
-        table = lattice.angle_at(motion, run.times)
-        exposed = run.trigger_from + np.arange(timing.count) * (path.length / (timing.count - 1)) / timing.speed
-        at_exposure = lattice.angle_at(motion, exposed)
-        turns = pose.from_rotation(pose.rotation_about(2, np.concatenate([table, at_exposure])))
-        distance = np.concatenate([run.path, np.linspace(0.0, path.length, timing.count)])
-        q = self._cell.ik(turns @ path.at(distance), reference=lattice.map.joints([0], [table[0]])[0])
-        q = q[:, lattice.map.branch]
-        if not np.isfinite(q).all():
-            return "the path leaves the reach or the joint limits between the cells of the map"
-        setpoints = np.column_stack([q[: len(table)], table])
-        limits = (
-            np.append(arm.max_speed, nominal.table_max_speed),
-            np.append(arm.max_acceleration, nominal.table_max_acceleration),
-        )
-        used = np.maximum(*trajectory.limit_fractions(setpoints, *limits, self._cell.cycle))
-        if used.max() > 1.0:
-            axis = int(np.argmax(used))
-            name = "the table" if axis == len(arm.joints) else f"joint {axis + 1}"
-            return f"{name} would exceed its speed or acceleration limit by {100 * (used.max() - 1):.0f} %"
+        """Set-points of every cycle, if joints are within reach and all bodies provably keep their clearances."""
+        nominal, cycle = self._cell.nominal, self._cell.cycle
+        window = lattice.window(LIMIT_FRACTION * nominal.table_max_jerk)
+        run = timing.run.rested(window / 2)
+        reference = lattice.map.joints([0], [lattice.map.angle(lattice.row(motion.start))])[0]
+
+        def positions(time: Array) -> Array:
+            table = lattice.angle_at(motion, time - run.rest, window)
+            turns = pose.from_rotation(pose.rotation_about(2, table))
+            q = self._cell.ik(turns @ path.at(run.at(time)), reference)[:, lattice.map.branch]
+            return np.column_stack([q, table])
+
+        needed = slowdown(self._cell, positions, run.duration)
+        if isinstance(needed, str):
+            return needed
+        slow = run.slowed(needed.factor)
+
+        def slow_positions(time: Array, factor: float = needed.factor) -> Array:
+            return positions(time / factor)
+
+        setpoints = slow_positions(trajectory.cycle_times(slow.duration, cycle))
         # The controller interpolates set-points by cubics: they leave the straight line by less than this.
         deviation = np.abs(np.diff(setpoints, n=2, axis=0)).max(0, initial=0.0) / 4
         clashes = [c for c in self._motions.first_clashes(setpoints[:-1], setpoints[1:], deviation) if c is not None]
         if clashes:
             return describe(min(clashes, key=lambda c: c.distance), 0.8 * self._clearance)
-        exposures = np.column_stack([q[len(table) :], at_exposure])
-        return PlacedPath(
-            path, run, q[: len(table)], table, exposures, arm.branch_names[lattice.map.branch], lattice, motion
-        )
+        pitch = path.length / (timing.count - 1)
+        exposures = positions(np.asarray(run.trigger_from + np.arange(timing.count) * pitch / run.speed))
+        name = nominal.arm.branch_names[lattice.map.branch]
+        note = f"{path.name}: {needed}" if needed.factor > 1 else ""
+        q, table = setpoints[:, :-1], setpoints[:, -1]
+        return PlacedPath(path, slow, slow_positions, q, table, exposures, name, lattice, motion, note)
 
     def _blocked(self, map_: ConfigurationMap) -> str:
         """Where a map is blocked: the first column without a free cell, or the one with the fewest."""

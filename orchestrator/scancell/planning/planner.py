@@ -77,6 +77,7 @@ def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
         return _verified(cell, options, Plan(*assembly.finish(), None, ()))
     placed = _place_paths(cell, options)
     coverage, warnings = _plan_views(cell, options, placer, assembly, placed)
+    warnings += [item.note for item in placed if item.note]
     for item in placed:
         assembly.add_path(item)
     return _verified(cell, options, Plan(*assembly.finish(), coverage, tuple(warnings), tuple(placed)))
@@ -191,6 +192,7 @@ def _plan_views(
                 warnings.append(f"omitted: {item.reason}")
             else:
                 passes.append(item)
+                warnings += [item.note] if item.note else []
     seen = _seen_along(cell, part, along)
     coverage = _check_loss(cell, part, [*sweep_views, *pass_views], [*sweeps, *passes], seen, warnings)
     for sweep, count in zip(sweeps, counts, strict=False):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,6 +26,7 @@ _COLUMNS = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 _SPIRAL_STEP = np.radians(3.0)
 _SHEET = 3e-3  # m: surface this near to the laser sheet counts for the stand-off
 _SMOOTHING = 10  # steps of a spiral on either side over which the stand-off is smoothed
+_EXTRA_KNOTS = 6  # beyond either end of a path; what a spline does at a knot decays by 0.27 at each further one
 _LEAST_STEP = 1e-6  # m: poses nearer than this count as one place
 
 
@@ -61,13 +63,30 @@ class SensorPath:
 
     def at(self, distance: Array) -> Array:
         """Poses (k, 4, 4) at distances (k,), m, from the start: splines, continued straight beyond both ends."""
-        knots = self.knots
-        inside = np.clip(distance, 0.0, knots[-1])
-        position = CubicSpline(knots, self.poses[:, :3, 3])
-        rotation = RotationSpline(knots, Rotation.from_matrix(self.poses[:, :3, :3]))
+        position, rotation = self._splines
+        inside = np.clip(distance, position.x[0], position.x[-1])
         beyond = (distance - inside)[:, None]
         turned = rotation(inside) * Rotation.from_rotvec(beyond * rotation(inside, 1))
         return pose.from_rotation(turned.as_matrix(), position(inside) + beyond * position(inside, 1))
+
+    @cached_property
+    def _splines(self) -> tuple[CubicSpline, RotationSpline]:
+        """Splines with a few knots on the straight continuations, too: without them the acceleration would jump."""
+        knots, rotation = self.knots, Rotation.from_matrix(self.poses[:, :3, :3])
+        of_ends = CubicSpline(knots, self.poses[:, :3, 3]), RotationSpline(knots, rotation)
+        ends, steps = knots[[0, -1]], np.array([knots[0] - knots[1], knots[-1] - knots[-2]])
+        number = np.arange(1, _EXTRA_KNOTS + 1)
+        beyond = (steps[:, None] * number)[..., None]
+        position = of_ends[0](ends)[:, None] + beyond * of_ends[0](ends, 1)[:, None]
+        turns = [
+            of_ends[1](end) * Rotation.from_rotvec(by * of_ends[1](end, 1))
+            for end, by in zip(ends, beyond, strict=True)
+        ]
+        x = np.concatenate([(ends[0] + beyond[0, ::-1, 0]), knots, ends[1] + beyond[1, :, 0]])
+        return (
+            CubicSpline(x, np.concatenate([position[0, ::-1], self.poses[:, :3, 3], position[1]])),
+            RotationSpline(x, Rotation.concatenate([turns[0][::-1], rotation, turns[1]])),
+        )
 
 
 def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Array) -> list[SensorPath]:

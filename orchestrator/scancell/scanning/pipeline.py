@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -28,6 +28,7 @@ from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
 from scancell.planning.planner import Plan, plan
+from scancell.planning.torques import TorqueLimits
 from scancell.progress import Progress
 from scancell.proximity.cell_check import check_cell
 from scancell.reconstruction.cloud import Cloud
@@ -117,8 +118,14 @@ class ScanPipeline(Closing):
         """
         cycle = setup.cell.world.controller_cycle_us * 1e-6
         cell = PlanningCell(loaded.nominal, sensor_range(sensor), cycle, threads=self.threads)
-        key = _digest([_without_optics(loaded.nominal), cell.range, cell.cycle, setup.scan.model_dump_json()])
-        return _kept(self._plans, key, _MAX_PLANS, lambda: plan(cell, scan_options(setup.scan)))
+        robot = setup.cell.robot.model_dump_json()
+        key = _digest([_without_optics(loaded.nominal), cell.range, cell.cycle, setup.scan.model_dump_json(), robot])
+
+        def make() -> Plan:
+            torques = TorqueLimits(setup.cell) if setup.cell.robot.drive == "dynamic" else None
+            return plan(replace(cell, torques=torques), scan_options(setup.scan))
+
+        return _kept(self._plans, key, _MAX_PLANS, make)
 
     def drive(
         self,
