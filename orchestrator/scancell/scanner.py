@@ -27,6 +27,7 @@ from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import PlacedPose, Placer
+from scancell.planning.plan_file import read_plan
 from scancell.planning.planner import Plan
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.reconstruct import why_empty
@@ -105,6 +106,7 @@ class Scanner(Closing):
         as_built: AsBuilt = (),
         seed: int = 0,
         setup: Setup | None = None,
+        plan: Plan | str | Path | None = None,
         estimated_cell: CellDescription | None = None,
         estimated_sensor: SensorDescription | None = None,
         normals: bool = True,
@@ -128,6 +130,8 @@ class Scanner(Closing):
             Random seed; the same seed gives the same result.
         setup
             Descriptions of this scan in place of the scanner's.
+        plan
+            A plan, or its file, in place of a new one; it is checked again in this cell.
         estimated_cell, estimated_sensor
             Calibrated descriptions that reconstruction uses in place of the nominal ones.
         normals
@@ -159,13 +163,14 @@ class Scanner(Closing):
             heard.advance(1)
         with watch.measure("plan"):
             heard.stage("planning", 1, "plan")
-            plan = self.pipeline.plan(loaded, setup, sensors.nominal)
+            saved = read_plan(Path(plan)) if isinstance(plan, str | Path) else plan
+            made = self.pipeline.plan(loaded, setup, sensors.nominal, saved)
             heard.advance(1)
         with watch.measure("drive"):
             request = DriveRequest(setup, loaded.nominal, loaded.for_fmu(seed, hook is not None), words)
-            recording = self.pipeline.drive(request, plan, heard, hook)
+            recording = self.pipeline.drive(request, made, heard, hook)
         inputs = (Path(part),) if isinstance(part, str | Path) else ()
-        draft = _Draft(setup, engine, seed, words, loaded, plan, recording, sensors, estimated_cell, inputs, unit)
+        draft = _Draft(setup, engine, seed, words, loaded, made, recording, sensors, estimated_cell, inputs, unit)
         return self._finish(draft, normals, samples, on_images, heard, watch)
 
     def render(

@@ -10,9 +10,15 @@ from cells import CYCLE, RANGE, block, planning_cell
 from fcl_collisions import colliding
 
 from scancell.config.loading import assets_dir, load_setup
-from scancell.config.path import PathDescription, SpiralDescription, WaypointDescription
+from scancell.config.path import (
+    PathDescription,
+    QualityDescription,
+    SpiralDescription,
+    WaypointDescription,
+    WeightsDescription,
+)
 from scancell.nominal.cell import nominal_cell
-from scancell.planning import trajectory
+from scancell.planning import constraints, trajectory
 from scancell.planning.model import PlanningCell
 from scancell.planning.optimum import best_motion
 from scancell.planning.path_planner import PathPlanner, PlacedPath
@@ -112,4 +118,39 @@ def test_a_path_through_the_table_is_refused_with_its_cause(cell: PlanningCell) 
     made = placed(cell, PathDescription(name="low", waypoint=low))
     assert isinstance(made, str)
     assert "no motion in branch" in made
-    assert "clearance" in made
+    assert "at 0 % of the way every table angle is forbidden: clearance between sensor and " in made
+
+
+def test_a_weight_on_scanning_time_trades_speed_for_quality(cell: PlanningCell) -> None:
+    """Slower motions have the better quality: the time's weight decides, and the fastest one needs no weight."""
+    half_turn = SpiralDescription(turns=-0.5)
+    speeds = []
+    for weight in (0.0, 100.0):
+        weights = WeightsDescription(scanning_time=weight)
+        made = placed(cell, PathDescription(speed_mm_s=150.0, spiral=half_turn, weights=weights))
+        assert isinstance(made, PlacedPath)
+        speeds.append(made.run.speed)
+    assert speeds[0] < speeds[1]
+
+
+def test_printed_equation_8_forbids_where_the_clearance_is_just_full() -> None:
+    low, high = 0.01, 0.05
+    at = np.array([0.005, low, 0.03, high - 1e-9, high, 0.1])
+    corrected = constraints.clearance(at, low, high)
+    printed = constraints.clearance(at, low, high, printed=True)
+    np.testing.assert_allclose(corrected, [0, 0, np.sin(np.pi / 4), 1, 1, 1], atol=1e-7)
+    np.testing.assert_allclose(printed, [0, 0, 1, 0, 1, 1], atol=1e-6)
+
+
+def test_the_printed_equation_makes_another_map(cell: PlanningCell) -> None:
+    quality = QualityDescription(equations="printed")
+    descriptions = [
+        PathDescription(spiral=SpiralDescription(turns=-0.2), quality=q) for q in (QualityDescription(), quality)
+    ]
+    maps = []
+    for description in descriptions:
+        (path,) = sensor_paths(description, cell.nominal.part, cell.nominal.table_from_part)
+        map_ = next(iter(PathPlanner(cell, CLEARANCE).lattices(path))).map
+        map_.require(*(x.ravel() for x in np.meshgrid([0, map_.columns - 1], np.arange(map_.rows))))
+        maps.append(map_.quality[[0, -1]])
+    assert np.abs(maps[0] - maps[1]).max() > 0.01

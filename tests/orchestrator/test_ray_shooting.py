@@ -32,7 +32,7 @@ class KnownMap(ConfigurationMap):
 
 
 def lattice(given: NDArray[np.float64], rate: float = np.inf) -> Lattice:
-    return Lattice(KnownMap(given, rate), SAMPLES, PERIOD, MAX_RATE, MAX_ACCELERATION, CostWeights())
+    return Lattice(KnownMap(given, rate), SAMPLES, PERIOD, MAX_RATE, MAX_ACCELERATION, CostWeights(0.1, 0.1))
 
 
 def check(motion: TableMotion, on: Lattice) -> None:

@@ -44,6 +44,9 @@ def scan(
     options: CloudOptions,
     scan: ScanOption = None,
     path: PathOption = None,
+    plan: Annotated[
+        Path | None, typer.Option("--plan", help="plan.json of `scancell plan --out` or a run, in place of a new plan")
+    ] = None,
     mode: Annotated[
         Mode | None, typer.Option("--mode", help="how the sensor is moved; overrides the scan description")
     ] = None,
@@ -57,7 +60,7 @@ def scan(
 
         setup = with_path(options.setup(scan, [f'scan.mode="{mode}"'] if mode else []), path)
         with show_progress(options.as_json) as progress, Scanner.from_setup(setup, options.threads) as scanner:
-            return options.run_into(out, setup, progress, lambda given: scanner.scan(part, **given))
+            return options.run_into(out, setup, progress, lambda given: scanner.scan(part, plan=plan, **given))
 
     run("scan", options.as_json, work)
 
@@ -89,7 +92,8 @@ def rerun(
             if "recording" in made:
                 recording = Path(made["recording"])
                 return options.run_into(out, setup, progress, lambda given: scanner.render(recording, part, **given))
-            return options.run_into(out, setup, progress, lambda given: scanner.scan(part, **given))
+            plan_file = made.get("plan")
+            return options.run_into(out, setup, progress, lambda given: scanner.scan(part, plan=plan_file, **given))
 
     run("rerun", as_json, work)
 

@@ -42,6 +42,9 @@ def plan(
         Path | None,
         typer.Option("--picture", help="PNG file for the configuration map of a path; further paths get a number"),
     ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="JSON file for the plan, for `scancell scan --plan`")
+    ] = None,
     unit: UnitOption = "mm",
     threads: ThreadsOption = 0,
     as_json: JsonOption = False,
@@ -70,6 +73,14 @@ def plan(
             lines.append(_line_of(told[-1]))
             if picture is not None:
                 files.append(_draw(placed, str(told[-1]["branch"]), _numbered(picture, number, made)))
+        if out is not None:
+            from scancell.files import atomic_write  # noqa: PLC0415
+            from scancell.output.run_files import write_json  # noqa: PLC0415
+            from scancell.planning.plan_file import plan_json  # noqa: PLC0415
+
+            with atomic_write(out) as temporary:
+                write_json(temporary, plan_json(made))
+            files.append(str(out))
         return Outcome(lines, figures, files, list(made.warnings))
 
     run("plan", as_json, work)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, FileDescription, Finite, Positive
+from scancell.config.description import Description, FileDescription, Finite, NonNegative, Positive
 
 _Elevation = Annotated[float, Field(ge=0.0, le=90.0)]
 
@@ -44,6 +44,31 @@ class SpiralDescription(Description):
     )
 
 
+class WeightsDescription(Description):
+    """Weights of the cost of a motion, which is the mean over time of ``1 / f - 1`` and of these terms."""
+
+    table_speed: NonNegative = Field(default=0.1, description="k_ω, of the square of the table's speed over its limit")
+    table_acceleration: NonNegative = Field(
+        default=0.1, description="k_a, of the square of the table's acceleration over its limit"
+    )
+    scanning_time: NonNegative | None = Field(
+        default=None,
+        description="k_t, of the duration over that at the path's speed; half and a quarter of the speed are then"
+        " tried, too, and the motion of the lowest cost is taken; default: the fastest motion that exists",
+    )
+
+
+class QualityDescription(Description):
+    """Quality f of a configuration: the product of its constraints (Dumitrache & Borangiu, Eqs. 6 to 8)."""
+
+    equations: Literal["corrected", "printed"] = Field(
+        default="corrected",
+        description="printed: Eq. 8 with π, with which the factor returns to 0 where the clearance is full",
+    )
+    joint_range_power: Positive = Field(default=1.0, description="exponent of the joint range, Eq. 7")
+    clearance_power: Positive = Field(default=1.0, description="exponent of the clearance, Eq. 8")
+
+
 class PathDescription(FileDescription):
     """A path of the sensor relative to the part; the table turns the part as suits the arm."""
 
@@ -62,6 +87,9 @@ class PathDescription(FileDescription):
         default=None,
         description="CSV file with the columns x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg: part_from_sensor pose by pose",
     )
+
+    weights: WeightsDescription = Field(default=WeightsDescription(), description="weights of the cost of a motion")
+    quality: QualityDescription = Field(default=QualityDescription(), description="quality of a configuration")
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from scancell.geometry import pose
 from scancell.planning import constraints, trajectory
-from scancell.planning.configuration_map import CAUSES, ConfigurationMap, StaticConstraints
+from scancell.planning.blocked import why_blocked
+from scancell.planning.configuration_map import ConfigurationMap, StaticConstraints
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import LIMIT_FRACTION, PATH_ACCELERATION
 from scancell.planning.ray_shooting import shoot
@@ -90,41 +91,59 @@ class PathPlanner:
         Nominal cell.
     clearance
         Smallest allowed distance between bodies, m.
-    weights
-        Weights of the cost of a motion of the table.
     """
 
-    def __init__(self, cell: PlanningCell, clearance: float, weights: CostWeights | None = None) -> None:
+    def __init__(self, cell: PlanningCell, clearance: float) -> None:
         self._cell, self._clearance = cell, clearance
-        self._weights = weights or CostWeights()
-        self._constraints = StaticConstraints(_SINGULARITY, cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH))
+        self._ranges = cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH)
         self._motions = cell.motion_check(0.8 * clearance)
 
     def place(self, path: SensorPath) -> PlacedPath | str:
-        """The path at the highest speed and in the best branch that is possible; or why there is none."""
+        """The path at the speed and in the branch that its weights ask for; or why there is no motion."""
         if not self._cell.nominal.arm.has_named_branches:
             return f"{path.name}: paths need an arm whose branches have names, that is a closed form"
+        found: list[tuple[float, PlacedPath]] = []
         reason = ""
+        shortest = self._timing(path, path.speed).run.duration
         for share in _SLOWER:
             timing = self._timing(path, share * path.speed)
-            for lattice in self._lattices(timing):
-                motion = shoot(lattice)
-                placed = self._blocked(lattice.map) if motion is None else self._followed(path, timing, lattice, motion)
-                if isinstance(placed, PlacedPath):
-                    return placed
+            placed = self._placed_at(path, timing)
+            if isinstance(placed, str):
                 reason = reason or placed
-            if not reason:
-                return f"{path.name}: {self._obstacle(timing)}"
-        return f"{path.name}: {reason}"
+            elif path.weights.scanning_time is None:
+                return placed
+            else:
+                time = placed.run.duration / shortest
+                found.append((placed.motion.cost + path.weights.scanning_time * time, placed))
+        return min(found, key=lambda item: item[0])[1] if found else f"{path.name}: {reason}"
+
+    def _placed_at(self, path: SensorPath, timing: _Timing) -> PlacedPath | str:
+        """The path with one timing in the first branch that is possible; or why none is."""
+        reason = ""
+        for lattice in self._lattices(path, timing):
+            motion = shoot(lattice)
+            placed = self._blocked(lattice) if motion is None else self._followed(path, timing, lattice, motion)
+            if isinstance(placed, PlacedPath):
+                return placed
+            reason = reason or placed
+        return reason or self._obstacle(timing)
 
     def lattices(self, path: SensorPath) -> Iterator[Lattice]:
         """Lattices on the maps of all arm branches that may follow a path at its speed, in the order of `place`."""
-        return self._lattices(self._timing(path, path.speed))
+        return self._lattices(path, self._timing(path, path.speed))
 
-    def _lattices(self, timing: _Timing) -> Iterator[Lattice]:
+    def _lattices(self, path: SensorPath, timing: _Timing) -> Iterator[Lattice]:
+        quality, weights = path.quality, CostWeights(path.weights.table_speed, path.weights.table_acceleration)
+        static = StaticConstraints(
+            _SINGULARITY,
+            self._ranges,
+            quality.joint_range_power,
+            quality.clearance_power,
+            quality.equations == "printed",
+        )
         for branch in self._branches(timing):
-            map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, self._constraints)
-            yield self._lattice(map_, timing)
+            map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, static)
+            yield self._lattice(map_, timing, weights)
 
     def _timing(self, path: SensorPath, speed: float) -> _Timing:
         count = int(path.length / path.pitch + 1e-9) + 1
@@ -134,7 +153,7 @@ class PathPlanner:
         at = run.at(np.linspace(0.0, run.duration, columns))
         return _Timing(run, count, run.duration / (columns - 1), path.at(at))
 
-    def _lattice(self, map_: ConfigurationMap, timing: _Timing) -> Lattice:
+    def _lattice(self, map_: ConfigurationMap, timing: _Timing, weights: CostWeights) -> Lattice:
         nominal = self._cell.nominal
         return Lattice(
             map_,
@@ -142,7 +161,7 @@ class PathPlanner:
             timing.period,
             LIMIT_FRACTION * nominal.table_max_speed,
             LIMIT_FRACTION * nominal.table_max_acceleration,
-            self._weights,
+            weights,
         )
 
     def _branches(self, timing: _Timing) -> list[int]:
@@ -191,21 +210,9 @@ class PathPlanner:
         q, table = setpoints[:, :-1], setpoints[:, -1]
         return PlacedPath(path, slow, slow_positions, q, table, exposures, name, lattice, motion, note)
 
-    def _blocked(self, map_: ConfigurationMap) -> str:
-        """Where a map is blocked: the first column without a free cell, or the one with the fewest."""
-        free = np.nansum(map_.quality > 0, axis=1)
-        known = np.isfinite(map_.quality).sum(1)
-        column = int(np.argmin(np.where(known > 0, free / np.maximum(known, 1), np.inf)))
-        causes = np.bincount(map_.cause[column], minlength=len(CAUSES))
-        causes[0] = 0
-        worst = CAUSES[int(np.argmax(causes))] if causes.any() else "the table's speed"
-        share = column / max(map_.columns - 1, 1)
-        where = f"{100 * share:.0f} % of the way"
-        blocked = (
-            "no table angle is" if not free[column] else f"few table angles ({free[column]} of {known[column]}) are"
-        )
-        name = self._cell.nominal.arm.branch_names[map_.branch]
-        return f"no motion in branch {name}: at {where} {blocked} free, mostly because of {worst}"
+    def _blocked(self, lattice: Lattice) -> str:
+        name = self._cell.nominal.arm.branch_names[lattice.map.branch]
+        return f"no motion in branch {name}: {why_blocked(lattice)}"
 
     def _obstacle(self, timing: _Timing) -> str:
         columns = timing.columns[np.linspace(0, len(timing.columns) - 1, _PROBES).astype(int)]

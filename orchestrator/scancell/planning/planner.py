@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scancell.cell.program import Program
 from scancell.errors import PlanningError
-from scancell.planning import paths, surface
+from scancell.planning import paths, surface, trajectory
 from scancell.planning.assembly import Assembly
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import ScanOptions
@@ -19,6 +19,7 @@ from scancell.planning.paths import Pass, Sweep
 from scancell.planning.placement import Infeasible, PlacedPass, PlacedSweep, Placer
 from scancell.planning.reasons import describe, join_reasons
 from scancell.planning.surface import MIN_COSINE, Surface
+from scancell.planning.timing import axis_name
 from scancell.proximity.judge import first_collision
 
 Array = NDArray[np.float64]
@@ -27,6 +28,7 @@ Array = NDArray[np.float64]
 _MAX_LOSS = 0.2
 # Replacements of an infeasible sweep: changes of elevation (rad) and of distance (m).
 _ALTERNATIVES = ((0.0, 0.015), (0.0, 0.03), *((np.radians(k), 0.0) for k in (15, 30, 45)))
+_SAME_PLACE = 1e-6  # rad
 _DEFAULT_AZIMUTH = np.radians(105.0)  # preferred azimuth of single poses when the scan has no sweeps
 
 
@@ -48,6 +50,8 @@ class Plan:
         Views that were omitted or replaced, and why.
     paths
         Sensor paths with the motions of the table that were found for them.
+    source
+        File that a saved plan was read from.
     """
 
     program: Program
@@ -57,6 +61,7 @@ class Plan:
     coverage: float | None
     warnings: tuple[str, ...]
     paths: tuple[PlacedPath, ...] = ()
+    source: str = ""
 
 
 def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
@@ -81,6 +86,46 @@ def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
     for item in placed:
         assembly.add_path(item)
     return _verified(cell, options, Plan(*assembly.finish(), coverage, tuple(warnings), tuple(placed)))
+
+
+def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
+    """A saved plan, after it was checked in this cell as a new one is: limits, clearances, python-fcl.
+
+    Raises
+    ------
+    PlanningError
+        If the plan is for another arm or controller, does not start at the home position, does not continue, exceeds a
+        limit, or comes too close to something; with the segment.
+    """
+    check_part(cell)
+    nominal, at = cell.nominal, np.append(cell.nominal.home, cell.table_start)
+    motions = cell.motion_check(0.8 * options.clearance)
+    lower, upper = nominal.arm.limits
+    for segment in saved.program.segments:
+        where = f"{saved.source}: segment {segment.id} ({segment.name})"
+        if segment.q.shape[1] != len(nominal.home):
+            raise PlanningError(f"{where}: {segment.q.shape[1]} joints, the arm has {len(nominal.home)}")
+        if np.abs(np.diff(segment.times, prepend=-cell.cycle) - cell.cycle).max() > 1e-9:
+            raise PlanningError(
+                f"{where}: expected a set-point every {1e3 * cell.cycle:g} ms from 0, the controller's cycle"
+            )
+        points = np.column_stack([segment.q, segment.table])
+        gap = float(np.abs(points[0] - at).max())
+        if gap > _SAME_PLACE:
+            raise PlanningError(f"{where}: starts {np.degrees(gap):.3f} deg from where the motion before it ends")
+        if (segment.q < lower - _SAME_PLACE).any() or (segment.q > upper + _SAME_PLACE).any():
+            raise PlanningError(f"{where}: leaves the joint limits")
+        resting = np.concatenate([*3 * [points[:1]], points, *3 * [points[-1:]]])
+        used = trajectory.limit_fractions(resting, cell.axis_limits, cell.cycle)
+        if used.max() > 1 + 1e-6:
+            axis = axis_name(cell, int(np.argmax(used.max(0))))
+            raise PlanningError(f"{where}: {axis} exceeds a limit by {100 * (used.max() - 1):.1f} %")
+        deviation = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4
+        clash = next((c for c in motions.first_clashes(points[:-1], points[1:], deviation) if c is not None), None)
+        if clash is not None:
+            raise PlanningError(f"{where}: {describe(clash, 0.8 * options.clearance)}")
+        at = points[-1]
+    return _verified(cell, options, saved)
 
 
 def _verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:

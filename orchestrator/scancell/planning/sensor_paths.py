@@ -14,7 +14,13 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from scancell.config.description import PoseDescription
-from scancell.config.path import PathDescription, SpiralDescription, WaypointDescription
+from scancell.config.path import (
+    PathDescription,
+    QualityDescription,
+    SpiralDescription,
+    WaypointDescription,
+    WeightsDescription,
+)
 from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -44,12 +50,16 @@ class SensorPath:
         Of the sensor's origin relative to the part, m/s.
     pitch
         Distance of the sensor's origin between exposures, m.
+    weights, quality
+        How motions along it are judged.
     """
 
     name: str
     poses: Array
     speed: float
     pitch: float
+    weights: WeightsDescription
+    quality: QualityDescription
 
     @property
     def knots(self) -> Array:
@@ -110,8 +120,14 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
     made = []
     for number, leg in enumerate(legs, start=1):
         name = description.name if len(legs) == 1 else f"{description.name}, leg {number}"
-        path = SensorPath(name, table_from_part @ _apart(leg, name), 1e-3 * description.speed_mm_s,
-                          1e-3 * description.pitch_mm)  # fmt: skip
+        path = SensorPath(
+            name,
+            table_from_part @ _apart(leg, name),
+            1e-3 * description.speed_mm_s,
+            1e-3 * description.pitch_mm,
+            description.weights,
+            description.quality,
+        )
         if path.length < path.pitch:
             raise PlanningError(f"{name}: {1e3 * path.length:g} mm long, expected at least its pitch")
         made.append(path)

@@ -30,8 +30,8 @@ class CostWeights:
         k_ω and k_a, of the squares of table speed and acceleration over their limits.
     """
 
-    speed: float = 0.1
-    acceleration: float = 0.1
+    speed: float
+    acceleration: float
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
-from scancell.planning.planner import Plan, plan
+from scancell.planning.planner import Plan, plan, recheck
 from scancell.planning.torques import TorqueLimits
 from scancell.progress import Progress
 from scancell.proximity.cell_check import check_cell
@@ -108,8 +108,8 @@ class ScanPipeline(Closing):
         # The cached reference to the mesh prevents reuse of its id.
         return _kept(self._cells, f"{id(part)} {cell.model_dump_json()}", _MAX_CELLS, make)[1]
 
-    def plan(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor) -> Plan:
-        """The plan of the scan description, cached by a digest of all inputs of planning.
+    def plan(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor, saved: Plan | None = None) -> Plan:
+        """The plan of the scan description, or a `saved` one checked again; cached by a digest of all inputs.
 
         Raises
         ------
@@ -120,10 +120,12 @@ class ScanPipeline(Closing):
         cell = PlanningCell(loaded.nominal, sensor_range(sensor), cycle, threads=self.threads)
         robot = setup.cell.robot.model_dump_json()
         key = _digest([_without_optics(loaded.nominal), cell.range, cell.cycle, setup.scan.model_dump_json(), robot])
+        key += "" if saved is None else _digest([saved.program])
 
         def make() -> Plan:
             torques = TorqueLimits(setup.cell) if setup.cell.robot.drive == "dynamic" else None
-            return plan(replace(cell, torques=torques), scan_options(setup.scan))
+            here, options = replace(cell, torques=torques), scan_options(setup.scan)
+            return plan(here, options) if saved is None else recheck(here, saved, options)
 
         return _kept(self._plans, key, _MAX_PLANS, make)
 
