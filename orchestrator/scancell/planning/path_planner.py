@@ -92,7 +92,7 @@ class PathPlanner:
         self._cell, self._clearance = cell, clearance
         self._weights = weights or CostWeights()
         self._constraints = StaticConstraints(_SINGULARITY, cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH))
-        self._motions = cell.motion_check(0.8 * clearance)
+        self._motions = cell.motion_check(clearance)
 
     def place(self, path: SensorPath) -> PlacedPath | str:
         """The path at the highest speed and in the best branch that is possible; or why there is none."""
@@ -178,7 +178,7 @@ class PathPlanner:
         deviation = np.abs(np.diff(setpoints, n=2, axis=0)).max(0, initial=0.0) / 4
         clashes = [c for c in self._motions.first_clashes(setpoints[:-1], setpoints[1:], deviation) if c is not None]
         if clashes:
-            return describe(min(clashes, key=lambda c: c.distance), 0.8 * self._clearance)
+            return describe(min(clashes, key=lambda c: c.distance - c.clearance))
         exposures = np.column_stack([q[len(table) :], at_exposure])
         return PlacedPath(
             path, run, q[: len(table)], table, exposures, arm.branch_names[lattice.map.branch], lattice, motion

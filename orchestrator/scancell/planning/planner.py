@@ -128,9 +128,9 @@ def check_part(cell: PlanningCell) -> None:
         raise PlanningError(
             f"{nominal.part.source}: its lowest point is {-1e3 * on_table[:, 2].min():.3f} mm below the table's top"
         )
-    hit = cell.clearance_violations(nominal.home[None], np.array([cell.table_start]), 1e-4)
+    hit = cell.contacts(nominal.home[None], np.array([cell.table_start]))
     if hit:
-        raise PlanningError(f"at the home position: {describe(hit[0], 1e-4)}")
+        raise PlanningError(f"at the home position: {describe(hit[0])}")
 
 
 def _plan_poses(options: ScanOptions, placer: Placer, assembly: Assembly) -> None:
