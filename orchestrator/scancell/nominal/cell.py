@@ -26,6 +26,8 @@ from scancell.nominal.poses import lay_down, pose_matrix, tool_matrix
 
 Array = NDArray[np.float64]
 
+OCCUPIED = "occupied["  # begins the names of bodies that are measured space; no description can have such a name
+
 
 @dataclass(frozen=True)
 class Body:

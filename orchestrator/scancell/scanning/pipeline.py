@@ -26,6 +26,7 @@ from scancell.config.units import si_value
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.planning.model import PlanningCell
+from scancell.planning.occupancy import with_occupied_space
 from scancell.planning.options import scan_options
 from scancell.planning.planner import Plan, plan
 from scancell.progress import Progress
@@ -117,12 +118,15 @@ class ScanPipeline(Closing):
 
         Raises
         ------
+        DescriptionError
+            If a file of occupied space cannot be used.
         PlanningError
             Naming the poses that cannot be reached, or the bodies that collide.
         """
         cycle = setup.cell.world.controller_cycle_us * 1e-6
-        cell = PlanningCell(loaded.nominal, sensor_range(sensor), cycle, threads=self.threads)
-        key = _digest([_without_optics(loaded.nominal), cell.range, cell.cycle, setup.scan.model_dump_json()])
+        nominal = with_occupied_space(loaded.nominal, setup.scan.occupied)
+        cell = PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads)
+        key = _digest([_without_optics(nominal), cell.range, cell.cycle, setup.scan.model_dump_json()])
         return _kept(self._plans, key, _MAX_PLANS, lambda: plan(cell, scan_options(setup.scan)))
 
     def drive(
