@@ -74,7 +74,7 @@ def write_voxels(path: Path, grids: Mapping[str, VoxelGrid], **more: NDArray[np.
         arrays[f"{frame}_spacing_mm"] = np.array(grid.spacing * 1e3)
         arrays[f"{frame}_occupied"] = grid.occupied
     with atomic_write(path) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  (its stub takes arrays for allow_pickle)
+        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
 
 
 def _holds_voxels(path: Path) -> bool:
