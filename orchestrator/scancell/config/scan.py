@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from scancell.config.choices import Mode
 from scancell.config.description import Description, FileDescription, Finite, NonNegative, PoseDescription, Positive
+from scancell.config.occupied import OccupiedDescription
 from scancell.config.path import PathDescription
 
 _Elevation = Annotated[float, Field(ge=0.0, le=85.0)]
@@ -66,6 +67,9 @@ class ScanDescription(FileDescription):
     verify: bool = Field(
         default=True,
         description="whether python-fcl, an independent library, looks for collisions in the finished plan",
+    )
+    occupied: tuple[OccupiedDescription, ...] = Field(
+        default=(), description="measured space that planning keeps clear of, beside the bodies of the cell"
     )
     table_margin_mm: Finite = Field(
         default=0.5,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -26,6 +26,8 @@ from scancell.nominal.poses import lay_down, pose_matrix, tool_matrix
 
 Array = NDArray[np.float64]
 
+OCCUPIED = "occupied["  # begins the names of bodies that are measured space; no description can have such a name
+
 
 @dataclass(frozen=True)
 class Body:
@@ -33,7 +35,7 @@ class Body:
 
     `moves_with` names the frame that carries it: ``world``, ``link[1]`` …, ``sensor``, ``table``, ``part``
     and, for further parts, ``part[2]`` …, for a gripper ``finger[1]`` and ``finger[2]``; the mesh is given in that
-    frame, metres. Faces of `patches` have materials of their own.
+    frame, metres. Faces of `patches` have materials of their own. `clearance` (m) replaces that of the scan.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Body:
     mesh: Mesh
     material: Material
     patches: tuple[Patch, ...] = ()
+    clearance: float | None = None
 
     @property
     def fmu_frame(self) -> str:
@@ -163,10 +166,28 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         table_max_jerk=si_value(cell.table, "max_jerk_deg_s3"),
         part=part,
         lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
-        bodies=(*_bodies(cell, part), *_device_bodies(cell, further), *_gripper_bodies(cell)),
+        bodies=(
+            *_bodies(cell, part),
+            *_device_bodies(cell, further),
+            *_gripper_bodies(cell),
+            *_obstacles(cell, known=True),
+        ),
         flange_from_finger=None if cell.gripper is None else _flange_from_finger(cell.gripper),
         further_parts=further,
     )
+
+
+def with_unknown_obstacles(nominal: NominalCell, cell: CellDescription) -> NominalCell:
+    """The cell with the obstacles that its description hides from planning and reconstruction.
+
+    For the FMU and the ray tracer only.
+
+    Raises
+    ------
+    MeshError
+        If the mesh of an obstacle cannot be used.
+    """
+    return replace(nominal, bodies=(*nominal.bodies, *_obstacles(cell, known=False)))
 
 
 def arm_of(robot: RobotDescription) -> Arm:
@@ -211,6 +232,20 @@ def _device_bodies(cell: CellDescription, further: tuple[FurtherPart, ...]) -> t
         for number, part in enumerate(further, start=2)
     ]
     return (*belts, *parts)
+
+
+def _obstacles(cell: CellDescription, *, known: bool) -> tuple[Body, ...]:
+    return tuple(
+        Body(
+            item.name,
+            item.moves_with,
+            load_mesh(Path(item.mesh), item.unit).transformed(pose_matrix(item.pose)),
+            _material(item.material, item.reflectance),
+            clearance=None if item.clearance_mm is None else si_value(item, "clearance_mm"),
+        )
+        for item in cell.obstacle
+        if item.known == known
+    )
 
 
 def _flange_from_finger(gripper: GripperDescription) -> Array:

@@ -31,14 +31,12 @@ class Connector:
     cell
         Nominal cell.
     clearance
-        Distance (m) between bodies to which views were checked; connections keep 80 % of it.
+        Distance (m) between bodies to which views were checked; connections keep `MOTION_SHARE` of it.
     """
 
     def __init__(self, cell: PlanningCell, clearance: float) -> None:
         self._cell = cell
-        # Views are checked at discrete poses: between them bodies may come slightly nearer.
-        self._clearance = 0.8 * clearance
-        self._motions = cell.motion_check(self._clearance)
+        self._motions = cell.motion_check(clearance)
         self._limits = cell.axis_limits.scaled(LIMIT_FRACTION)
 
     def move(self, start: Array, end: Array) -> Array:
@@ -93,7 +91,7 @@ class Connector:
             else:
                 return [self.move(a, b) for a, b in legs]
         assert direct is not None  # the direct path is the first candidate
-        reason = describe(direct, self._clearance)
+        reason = describe(direct)
         raise PlanningError(f"no collision-free path to {purpose}: {reason} on the direct path")
 
     def _candidate_paths(self, start: Array, end: Array) -> Iterator[list[Array]]:

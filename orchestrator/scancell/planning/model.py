@@ -20,6 +20,9 @@ from scancell.proximity.scene import Clash, ProximityScene
 Array = NDArray[np.float64]
 
 _SELF_CLEARANCE = 2e-3  # m between links of the arm
+_TOUCHING = 1e-4  # m
+# Of the clearance, for motions: views are checked at discrete poses, between which bodies may come slightly nearer.
+MOTION_SHARE = 0.8
 _MAX_FACES = 100_000  # meshes with more are simplified
 _CLUSTER = 3e-4  # m: grid of the simplification, well below any clearance
 
@@ -111,27 +114,43 @@ class PlanningCell:
         return {body.name: _simplified(body.mesh) for body in self.nominal.bodies}
 
     def motion_check(self, clearance: float) -> MotionCheck:
-        """Check that motions keep `clearance` (m); pairs as in `clearance_violations`."""
+        """Check that motions keep `MOTION_SHARE` of the clearance of every pair, see `clearances`."""
+        return MotionCheck(self.nominal, self.proximity, MOTION_SHARE * self.clearances(clearance), self.threads)
+
+    def clearances(self, clearance: float) -> Array:
+        """Distance (pairs,), m, that the bodies of each pair of `proximity` have to keep.
+
+        It is `clearance` (m), or that of the body if it has its own. Links of the arm are close to each other by
+        design: 2 mm are enough.
+        """
+        own = {body.name: body.clearance for body in self.nominal.bodies if body.clearance is not None}
+        required = [
+            max((own[name] for name in pair if name in own), default=clearance) for pair in self.proximity.pairs
+        ]
+        return np.where(self._of_arm, min(clearance, _SELF_CLEARANCE), np.array(required, float))
+
+    @property
+    def _of_arm(self) -> NDArray[np.bool_]:
+        """Whether both bodies of a pair belong to the arm, (pairs,)."""
         chain = set(self._chain)
-        clearances = [min(clearance, _SELF_CLEARANCE) if set(p) <= chain else clearance for p in self.proximity.pairs]
-        return MotionCheck(self.nominal, self.proximity, clearances, self.threads)
+        return np.array([set(pair) <= chain for pair in self.proximity.pairs], bool)
 
     def clearance_ranges(self, low: float, high: float, arm_high: float) -> Array:
         """Distances (pairs, 2), m, of Eq. 8: where a pair's factor leaves 0, and where it reaches 1.
 
-        Links of the arm are close to each other by design: from 2 mm to `arm_high`; all others from `low` to `high`.
+        They begin at the `clearances` for `low`, and end at `high`, between links of the arm at `arm_high`.
         """
-        chain = set(self._chain)
-        of_arm = np.array([set(pair) <= chain for pair in self.proximity.pairs], bool)[:, None]
-        return np.where(of_arm, (min(low, _SELF_CLEARANCE), arm_high), (low, max(high, 2 * low)))
+        first = self.clearances(low)
+        return np.stack([first, np.where(self._of_arm, arm_high, np.maximum(high, 2 * first))], 1)
 
     def clearance_violations(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
-        """Pairs of bodies nearer than `clearance` (m) at joints (n, joints) and table angles (n,), rad.
+        """Pairs of bodies nearer than their `clearances` at joints (n, joints) and table angles (n,), rad."""
+        poses = self.nominal.body_poses(q, table)
+        return self.proximity.clearance_violations(poses, self.clearances(clearance), self.threads)
 
-        Links of the arm are close to each other by design and need 2 mm only.
-        """
-        near = self.proximity.clearance_violations(self.nominal.body_poses(q, table), clearance, self.threads)
-        return [c for c in near if c.distance < _SELF_CLEARANCE or not {c.body_a, c.body_b} <= set(self._chain)]
+    def contacts(self, q: ArrayLike, table: ArrayLike) -> list[Clash]:
+        """Pairs of bodies that touch (0.1 mm) at joints (n, joints) and table angles (n,), rad."""
+        return self.proximity.clearance_violations(self.nominal.body_poses(q, table), _TOUCHING, self.threads)
 
     def table_from_sensor(self, q: ArrayLike) -> Array:
         """Sensor poses (..., 4, 4), m, in the frame of the table at angle 0, for joints (..., joints), rad."""

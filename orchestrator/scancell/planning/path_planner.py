@@ -96,7 +96,7 @@ class PathPlanner:
     def __init__(self, cell: PlanningCell, clearance: float) -> None:
         self._cell, self._clearance = cell, clearance
         self._ranges = cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH)
-        self._motions = cell.motion_check(0.8 * clearance)
+        self._motions = cell.motion_check(clearance)
 
     def place(self, path: SensorPath) -> PlacedPath | str:
         """The path at the speed and in the branch that its weights ask for; or why there is no motion."""
@@ -202,7 +202,7 @@ class PathPlanner:
         deviation = np.abs(np.diff(setpoints, n=2, axis=0)).max(0, initial=0.0) / 4
         clashes = [c for c in self._motions.first_clashes(setpoints[:-1], setpoints[1:], deviation) if c is not None]
         if clashes:
-            return describe(min(clashes, key=lambda c: c.distance), 0.8 * self._clearance)
+            return describe(min(clashes, key=lambda c: c.distance - c.clearance))
         pitch = path.length / (timing.count - 1)
         exposures = positions(np.asarray(run.trigger_from + np.arange(timing.count) * pitch / run.speed))
         name = nominal.arm.branch_names[lattice.map.branch]

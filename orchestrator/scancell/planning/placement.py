@@ -230,7 +230,7 @@ class Placer:
         if not near:
             return None
         of_sensor = any({c.body_a, c.body_b} <= {"sensor", "part", "table", "table_base"} for c in near)
-        return Infeasible(describe(min(near, key=lambda c: c.distance), self._clearance), of_sensor)
+        return Infeasible(describe(min(near, key=lambda c: c.distance - c.clearance)), of_sensor)
 
     def _try_pass(
         self, view: Pass, run: trajectory.Run, count: int, heading: float, middle: Array, branch: int

@@ -99,7 +99,7 @@ def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
     """
     check_part(cell)
     nominal, at = cell.nominal, np.append(cell.nominal.home, cell.table_start)
-    motions = cell.motion_check(0.8 * options.clearance)
+    motions = cell.motion_check(options.clearance)
     lower, upper = nominal.arm.limits
     for segment in saved.program.segments:
         where = f"{saved.source}: segment {segment.id} ({segment.name})"
@@ -123,7 +123,7 @@ def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
         deviation = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4
         clash = next((c for c in motions.first_clashes(points[:-1], points[1:], deviation) if c is not None), None)
         if clash is not None:
-            raise PlanningError(f"{where}: {describe(clash, 0.8 * options.clearance)}")
+            raise PlanningError(f"{where}: {describe(clash)}")
         at = points[-1]
     return _verified(cell, options, saved)
 
@@ -174,9 +174,9 @@ def check_part(cell: PlanningCell) -> None:
         raise PlanningError(
             f"{nominal.part.source}: its lowest point is {-1e3 * on_table[:, 2].min():.3f} mm below the table's top"
         )
-    hit = cell.clearance_violations(nominal.home[None], np.array([cell.table_start]), 1e-4)
+    hit = cell.contacts(nominal.home[None], np.array([cell.table_start]))
     if hit:
-        raise PlanningError(f"at the home position: {describe(hit[0], 1e-4)}")
+        raise PlanningError(f"at the home position: {describe(hit[0])}")
 
 
 def _plan_poses(options: ScanOptions, placer: Placer, assembly: Assembly) -> None:

@@ -24,8 +24,9 @@ from scancell.config.choices import Engine
 from scancell.config.loading import Setup
 from scancell.config.units import si_value
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell
+from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.planning.model import PlanningCell
+from scancell.planning.occupancy import with_occupied_space
 from scancell.planning.options import scan_options
 from scancell.planning.planner import Plan, plan, recheck
 from scancell.planning.torques import TorqueLimits
@@ -48,9 +49,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class LoadedCell:
-    """A nominal cell around a part, and the bodies that light can meet in the order of `scene`."""
+    """A nominal cell around a part, and the bodies that light can meet in the order of `scene`.
+
+    `true` also has the obstacles that planning and reconstruction do not know.
+    """
 
     nominal: NominalCell
+    true: NominalCell
     bodies: tuple[Body | Lamp, ...]
     scene: sensor_rt.Scene
     description: CellDescription
@@ -63,7 +68,7 @@ class LoadedCell:
 
     def for_fmu(self, seed: int, collision_outputs: bool = False) -> dict[str, Any]:
         """The cell as the FMU reads it; collision outputs cost most of a run, and no scan reads them."""
-        return cell_json(self.description, self.nominal, seed, collision_outputs=collision_outputs)
+        return cell_json(self.description, self.true, seed, collision_outputs=collision_outputs)
 
 
 class ScanPipeline(Closing):
@@ -101,9 +106,10 @@ class ScanPipeline(Closing):
         def make() -> tuple[Mesh, LoadedCell]:
             self.builds += 1
             nominal = nominal_cell(cell, part)
-            check_cell(nominal)
-            bodies = visible_bodies(nominal)
-            return part, LoadedCell(nominal, bodies, build_scene(bodies), cell)
+            true = with_unknown_obstacles(nominal, cell)
+            check_cell(true)
+            bodies = visible_bodies(true)
+            return part, LoadedCell(nominal, true, bodies, build_scene(bodies), cell)
 
         # The cached reference to the mesh prevents reuse of its id.
         return _kept(self._cells, f"{id(part)} {cell.model_dump_json()}", _MAX_CELLS, make)[1]
@@ -113,13 +119,16 @@ class ScanPipeline(Closing):
 
         Raises
         ------
+        DescriptionError
+            If a file of occupied space cannot be used.
         PlanningError
             Naming the poses that cannot be reached, or the bodies that collide.
         """
         cycle = setup.cell.world.controller_cycle_us * 1e-6
-        cell = PlanningCell(loaded.nominal, sensor_range(sensor), cycle, threads=self.threads)
+        nominal = with_occupied_space(loaded.nominal, setup.scan.occupied)
+        cell = PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads)
         robot = setup.cell.robot.model_dump_json()
-        key = _digest([_without_optics(loaded.nominal), cell.range, cell.cycle, setup.scan.model_dump_json(), robot])
+        key = _digest([_without_optics(nominal), cell.range, cell.cycle, setup.scan.model_dump_json(), robot])
         key += "" if saved is None else _digest([saved.program])
 
         def make() -> Plan:
@@ -205,7 +214,7 @@ def _kept(store: OrderedDict[str, T], key: str, limit: int, make: Callable[[], T
 def _without_optics(nominal: NominalCell) -> list[Any]:
     """The inputs of planning from a nominal cell: all fields but lamps and materials."""
     values = [getattr(nominal, field.name) for field in fields(nominal) if field.name not in {"bodies", "lamps"}]
-    return [*values, [(body.name, body.moves_with, body.mesh) for body in nominal.bodies]]
+    return [*values, [(body.name, body.moves_with, body.mesh, body.clearance) for body in nominal.bodies]]
 
 
 def _digest(value: Any) -> str:

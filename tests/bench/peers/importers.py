@@ -221,8 +221,8 @@ def trajectory_checks(
 ) -> Iterator[Check]:
     """Greatest difference of each importer's trajectory from FMPy's.
 
-    libcosim, ecos and Maestro do not know enumerations, or not those of FMI 3, which fmi-sim does not set: they get FMUs
-    that describe integers (`of_integers`).
+    libcosim, ecos and Maestro do not know enumerations, or not those of FMI 3; fmi-sim does not set these: they get
+    FMUs that describe integers (`of_integers`).
     """
     references = {version: run_fmpy(scenario) for version, scenario in scenarios.items()}
     importers: dict[str, tuple[list[Scenario], Callable[[Scenario], Array]]] = {

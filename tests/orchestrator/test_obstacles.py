@@ -1,0 +1,112 @@
+"""Obstacles in the description of a cell: bodies of planner, ray tracer and FMU, known or not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from cells import CYCLE, RANGE
+
+from scancell.cell.fmu_file import cell_json
+from scancell.cell.mesh_json import read_mesh_json
+from scancell.config.loading import load_setup
+from scancell.errors import CellError, DescriptionError
+from scancell.geometry.mesh import box_mesh
+from scancell.nominal.cell import nominal_cell
+from scancell.planning.model import MOTION_SHARE, PlanningCell
+from scancell.scanner import Scanner
+
+BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
+POST = '{ name = "post", mesh = "post.stl", pose = { x_mm = 300.0, y_mm = 150.0, z_mm = 100.0 } }'
+
+
+@pytest.fixture(autouse=True)
+def in_folder_of_post(tmp_path, monkeypatch):
+    trimesh.creation.box((20.0, 20.0, 200.0)).export(tmp_path / "post.stl")
+    monkeypatch.chdir(tmp_path)
+
+
+def cell_with(obstacle: str):
+    return load_setup(overrides=[f"cell.obstacle=[{obstacle}]"]).cell
+
+
+def test_known_obstacle_is_a_body_at_its_pose() -> None:
+    body = nominal_cell(cell_with(POST), BLOCK).bodies[-1]
+    assert (body.name, body.moves_with) == ("post", "world")
+    np.testing.assert_allclose(body.mesh.bounds, [[0.29, 0.14, 0.0], [0.31, 0.16, 0.2]], atol=1e-9)
+
+
+def test_obstacle_on_the_table_turns_with_it() -> None:
+    on_table = POST.replace('"post.stl",', '"post.stl", moves_with = "table",').replace("x_mm = 300.0", "x_mm = 50.0")
+    nominal = nominal_cell(cell_with(on_table.replace("y_mm = 150.0", "y_mm = 0.0")), BLOCK)
+    before, after = (nominal.body_poses(nominal.home, angle)[-1] for angle in (0.0, np.pi / 2))
+    top = np.append(nominal.bodies[-1].mesh.vertices.max(0), 1.0)
+    axis = nominal.world_from_table[:3, 3]
+    turned = (after @ top)[:3] - axis
+    np.testing.assert_allclose(turned, np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ ((before @ top)[:3] - axis))
+
+
+def test_planning_keeps_the_clearance_of_the_obstacle() -> None:
+    own = POST.replace("}", "}, clearance_mm = 30.0", 1)
+    near = {}
+    for obstacle in (POST, own):
+        cell = PlanningCell(nominal_cell(cell_with(obstacle), BLOCK), RANGE, CYCLE)
+        required = dict(zip(map(frozenset, cell.proximity.pairs), cell.clearances(0.005), strict=True))
+        near[obstacle] = required[frozenset(("sensor", "post"))]
+        assert required[frozenset(("sensor", "table"))] == 0.005
+    assert near == {POST: 0.005, own: 0.03}
+
+
+def test_motion_15_mm_above_a_post_is_free_unless_the_post_needs_30_mm() -> None:
+    post = POST.replace("x_mm = 300.0, y_mm = 150.0, z_mm = 100.0", "x_mm = 310.0, y_mm = 400.0, z_mm = 200.0")
+    own = post.replace("}", "}, clearance_mm = 30.0", 1)
+    cells = [PlanningCell(nominal_cell(cell_with(item), BLOCK), RANGE, CYCLE) for item in (post, own)]
+    start = np.append(cells[0].nominal.home, 0.0)
+    end = start + np.radians([35.0, 0, 0, 0, 0, 0, 0])
+    near, clash = (cell.motion_check(0.005).first_clashes(start, end)[0] for cell in cells)
+    assert near is None
+    assert clash is not None
+    assert {clash.body_a, clash.body_b} == {"sensor", "post"}
+    assert clash.clearance == pytest.approx(MOTION_SHARE * 0.03)
+
+
+def test_unknown_obstacle_is_in_scene_and_fmu_but_not_in_planning() -> None:
+    setup = load_setup(overrides=[f"cell.obstacle=[{POST.replace('}', '}, known = false', 1)}]"])
+    with Scanner.from_setup(setup) as scanner:
+        loaded = scanner.pipeline.load(setup.cell, BLOCK)
+    assert "post" not in [body.name for body in loaded.nominal.bodies]
+    assert "post" in [body.name for body in loaded.bodies]
+    description = loaded.for_fmu(0, collision_outputs=True)
+    assert [body["frame"] for body in description["bodies"] if body["name"] == "post"] == ["world"]
+    assert ["sensor", "post"] in description["collision"]["pairs"]
+    assert replace(loaded.true, bodies=loaded.true.bodies[:-1]) == loaded.nominal
+
+
+def test_obstacle_is_a_contact_shape_when_parts_move_freely() -> None:
+    cell = cell_with(POST).replace({"part.fixture": "free"})
+    contact = cell_json(cell, nominal_cell(cell, BLOCK), 0)["contact"]["bodies"]
+    (hull,) = [body["hull"] for body in contact if body["name"] == "post"]
+    np.testing.assert_allclose(read_mesh_json(hull)[0].min(0), [0.29, 0.14, 0.0], atol=1e-9)
+
+
+def test_obstacle_that_reaches_into_the_table_is_refused() -> None:
+    setup = load_setup(overrides=[f"cell.obstacle=[{POST.replace('300.0', '450.0').replace('150.0', '0.0')}]"])
+    with Scanner.from_setup(setup) as scanner, pytest.raises(CellError, match=r"'table.*' and 'post' intersect"):
+        scanner.plan(BLOCK)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (POST.replace('"post"', '"table"'), "the name 'table' is taken"),
+        (POST.replace("post.stl", "fence.stl"), r"obstacle\[1\].mesh = 'fence.stl': no such file"),
+        (POST.replace('"post",', '"post", moves_with = "part",'), "moves_with = 'part': must be 'world' or 'table'"),
+        (POST.replace("300.0", "nan"), "x_mm = nan: must be a finite number"),
+        (POST.replace("}", "}, clearance_mm = -1", 1), "clearance_mm = -1"),
+    ],
+)
+def test_wrong_obstacle_is_refused_by_key_and_value(wrong, message) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        cell_with(wrong)
