@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scancell.geometry import pose
 from scancell.planning import constraints, trajectory
 from scancell.planning.model import PlanningCell
-from scancell.planning.paths import Pass, Sweep
 from scancell.planning.reasons import describe, out_of_reach
+from scancell.planning.views import Pass, Sweep
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -125,7 +125,7 @@ class Placer:
     def passes(
         self, views: Sequence[Pass], counts: Sequence[int], speed: float, branch: int | None
     ) -> list[PlacedPass | Infeasible]:
-        """Placed passes or why they are infeasible; table and sensor are rotated together to a suitable heading.
+        """Placed passes or why they are infeasible; table and sensor are turned together by a suitable angle.
 
         Parameters
         ----------
@@ -143,8 +143,8 @@ class Placer:
             trajectory.run(count, view.length / (count - 1), speed, PATH_ACCELERATION, cell.cycle)
             for view, count in zip(views, counts, strict=True)
         ]
-        headings = np.radians(np.arange(0.0, 360.0, 15.0))
-        turns = pose.from_rotation(pose.rotation_about(2, headings))
+        angles = np.radians(np.arange(0.0, 360.0, 15.0))
+        turns = pose.from_rotation(pose.rotation_about(2, angles))
         knots = [
             view.at(np.array([run.path[0], view.length / 2, run.path[-1]]))
             for view, run in zip(views, runs, strict=True)
@@ -152,18 +152,18 @@ class Placer:
         targets = turns[None, :, None] @ np.array(knots)[:, None]
         found = cell.ik_along(targets.reshape(-1, 3, 4, 4))
         branches = found.shape[2]
-        q = found.reshape(len(views), len(headings), *found.shape[1:])
+        q = found.reshape(len(views), len(angles), *found.shape[1:])
         metric = constraints.arm_metric(cell.nominal.arm, q[:, :, ::2]).min(2).reshape(len(views), -1)
         usable = metric > _MIN_METRIC
-        other_branch = np.tile(np.arange(branches) != branch, len(headings))
+        other_branch = np.tile(np.arange(branches) != branch, len(angles))
         order = np.lexsort((-metric.mean(0), other_branch, -usable.sum(0)))
         result: list[PlacedPass | Infeasible] = []
         for i, view in enumerate(views):
 
             def attempt(choice: int, i: int = i, view: Pass = view) -> PlacedPass | Infeasible:
-                heading, number = divmod(choice, branches)
-                middle = q[i, heading, 1, number]
-                return self._try_pass(view, runs[i], counts[i], float(headings[heading]), middle, number)
+                turned, number = divmod(choice, branches)
+                middle = q[i, turned, 1, number]
+                return self._try_pass(view, runs[i], counts[i], float(angles[turned]), middle, number)
 
             choices = order[usable[i][order]]
             ends = targets[i, :, ::2].reshape(-1, 4, 4)
@@ -228,14 +228,14 @@ class Placer:
         return Infeasible(describe(min(near, key=lambda c: c.distance), self._clearance), of_sensor)
 
     def _try_pass(
-        self, view: Pass, run: trajectory.Run, count: int, heading: float, middle: Array, branch: int
+        self, view: Pass, run: trajectory.Run, count: int, table: float, middle: Array, branch: int
     ) -> PlacedPass | Infeasible:
-        """The pass at one heading (rad) and in one branch: checks joint, speed and acceleration limits, collisions.
+        """The pass at one table angle (rad) and in one branch: checks joint, speed and acceleration limits, collisions.
 
         The joints (joints,) in its middle tell the turn of those with several.
         """
         cell, arm = self._cell, self._cell.nominal.arm
-        turn = pose.from_rotation(pose.rotation_about(2, heading))
+        turn = pose.from_rotation(pose.rotation_about(2, table))
         path = np.concatenate([run.path, np.linspace(0.0, view.length, count)])
         q = cell.ik_along(turn @ view.at(path)[None], reference=middle)[0, :, branch]
         if not np.isfinite(q).all():
@@ -244,6 +244,5 @@ class Placer:
         used = np.maximum(*trajectory.limit_fractions(moving, arm.max_speed, arm.max_acceleration, cell.cycle))
         if used.max() > 1.0:
             return Infeasible(f"joint {int(np.argmax(used)) + 1} exceeds its speed or acceleration limit")
-        table = heading - view.direction
         collision = self._collision(moving[::4], np.full(len(moving[::4]), table))
         return collision or PlacedPass(view, table, run, moving, q[len(run.path) :], branch)

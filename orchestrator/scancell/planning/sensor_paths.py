@@ -18,11 +18,13 @@ from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.poses import pose_matrix
+from scancell.planning.views import Spacing
 
 Array = NDArray[np.float64]
 
 _COLUMNS = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 _SPIRAL_STEP = np.radians(3.0)
+_CROSSING_STEP = 2e-3  # m along a path at which the distance of points from the laser sheet is evaluated
 _SHEET = 3e-3  # m: surface this near to the laser sheet counts for the stand-off
 _SMOOTHING = 10  # steps of a spiral on either side over which the stand-off is smoothed
 _LEAST_STEP = 1e-6  # m: poses nearer than this count as one place
@@ -68,6 +70,25 @@ class SensorPath:
         beyond = (distance - inside)[:, None]
         turned = rotation(inside) * Rotation.from_rotvec(beyond * rotation(inside, 1))
         return pose.from_rotation(turned.as_matrix(), position(inside) + beyond * position(inside, 1))
+
+    def exposures(self, spacing: Spacing) -> float:
+        """Number of exposures: a path has a pitch of its own."""
+        return int(self.length / self.pitch + 1e-9) + 1
+
+    def crossings(self, points: Array) -> Array:
+        """``table_from_sensor`` (k, n, 4, 4) where the laser sheet passes over the points, see `View`."""
+        distance = np.linspace(0.0, self.length, max(2, int(np.ceil(self.length / _CROSSING_STEP)) + 1))
+        poses = self.at(distance)
+        beside = np.einsum("ni,mi->mn", points, poses[:, :3, 0]) - (poses[:, :3, 3] * poses[:, :3, 0]).sum(1)[:, None]
+        step, point = np.nonzero((beside[:-1] > 0) != (beside[1:] > 0))
+        before, after = beside[step, point], beside[step + 1, point]
+        at = distance[step] + before / (before - after) * distance[1]
+        # Number of each crossing among those of its point.
+        order = np.argsort(point, kind="stable")
+        number = np.arange(len(point)) - np.searchsorted(point[order], point[order])
+        found = np.full((int(number.max(initial=0)) + 1, len(points), 4, 4), np.nan)
+        found[number, point[order]] = self.at(at[order])
+        return found
 
 
 def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Array) -> list[SensorPath]:
