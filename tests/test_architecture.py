@@ -17,7 +17,7 @@ TIERS = [
     {"closing", "errors", "extras", "files", "progress", "stopwatch", "geometry", "sensor"},
     {"config"},
     {"nominal"},
-    {"proximity", "reconstruction"},
+    {"proximity", "reconstruction", "visibility"},
     {"cell"},
     {"planning", "guard", "calibration"},
     {"scanning"},

@@ -16,11 +16,11 @@ from scancell import sensor as sensor_rt
 from scancell.config.choices import Frame
 from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
-from scancell.evaluation.measurable import COVERAGE_SAMPLES, MeasurableSurface, cache_folder, measurable_surface
 from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
 from scancell.scanning.result import ScanData
 from scancell.scanning.sense import ExposureImages
 from scancell.stopwatch import Stopwatch
+from scancell.visibility.measurable import COVERAGE_SAMPLES, MeasurableSurface, cache_folder, measurable_surface
 
 if TYPE_CHECKING:
     from scancell.output.run_folder import RunFolder

@@ -20,7 +20,7 @@ from scancell.planning.configuration_map import (
     singularity_distance,
 )
 from scancell.planning.model import PlanningCell
-from scancell.planning.paths import sweep_pose
+from scancell.planning.views import sweep_pose
 
 PERIOD = 0.05
 ROWS = 24

@@ -9,11 +9,11 @@ import trimesh
 import scancell
 from scancell.config.loading import assets_dir
 from scancell.evaluation.coverage import coverage, profile_spacing
-from scancell.evaluation.measurable import MeasurableSurface
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.sampling import sample_surface
 from scancell.sensor import covered_samples
+from scancell.visibility.measurable import MeasurableSurface
 
 RADIUS = 0.025
 SPACING = 0.5e-3

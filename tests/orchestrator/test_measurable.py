@@ -13,12 +13,12 @@ from cells import block, mesh_of
 from scancell.config.loading import load_setup
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CancelledError
-from scancell.evaluation.measurable import MeasurableSurface, cache_folder, measurable_surface
-from scancell.evaluation.sensor_field import POSITION_STEP, SensorField
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.progress import CallbackProgress
+from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
+from scancell.visibility.sensor_field import POSITION_STEP, SensorField
 
 SENSOR = load_setup().sensor
 BLOCK = block(0.06, 0.04, 0.02)

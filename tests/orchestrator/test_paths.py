@@ -10,21 +10,11 @@ from scancell.geometry import pose
 from scancell.planning import paths, surface
 from scancell.planning.model import SensorRange
 from scancell.planning.options import RasterOptions, SweepOptions
-from scancell.planning.surface import MIN_COSINE
+from scancell.planning.sensor_paths import SensorPath
+from scancell.planning.views import Pass, Spacing, Sweep, exposure_counts, seen_by, sweep_pose
 
 SWEEP = SweepOptions(tuple(np.radians((30.0, 60.0))), np.radians(105), 0.08, 0.03, np.radians(1), 0.7)
 RASTER = RasterOptions(0.08, 0.0005, 0.004, 0.05)
-
-
-def seen_by(views, part):
-    seen = np.zeros(len(part.points), bool)
-    for view in views:
-        if isinstance(view, paths.Sweep):
-            seen |= surface.best_cosine_of_sweep(RANGE, view.at_azimuth_zero, part) > MIN_COSINE
-        else:
-            turned = part.turned(-view.direction)
-            seen |= surface.best_cosine_of_passes(RANGE, view.start, view.end, turned) > MIN_COSINE
-    return seen
 
 
 def on_table(mesh, x=0.0):
@@ -66,7 +56,7 @@ def test_lit_cosine():
 def test_sweep_pose_faces_target_with_axis_in_sheet():
     target = np.array([0.03, 0.0, 0.05])
     for elevation in np.radians((0.0, 30.0, 85.0)):
-        at = paths.sweep_pose(target, elevation, 0.08)
+        at = sweep_pose(target, elevation, 0.08)
         assert np.abs(at[:3, :3].T @ at[:3, :3] - np.eye(3)).max() < 1e-14
         assert np.linalg.det(at[:3, :3]) == pytest.approx(1.0)
         assert np.abs(at[:3, 3] + 0.08 * at[:3, 2] - target).max() < 1e-14
@@ -100,8 +90,8 @@ def test_tiles_cover_span(low, high, half, step):
     ids=["ball", "ball off the axis", "small ball far off", "tall cylinder", "disc", "cone", "speck"],
 )
 def test_views_cover_convex_parts(part):
-    seen = seen_by([*paths.sweeps(part, RANGE, SWEEP), *paths.passes(part, RANGE, RASTER)], part)
-    seen |= seen_by(paths.side_sweeps(part, RANGE, SWEEP, seen), part)
+    seen = seen_by([*paths.sweeps(part, RANGE, SWEEP), *paths.passes(part, RANGE, RASTER)], RANGE, part)
+    seen |= seen_by(paths.side_sweeps(part, RANGE, SWEEP, seen), RANGE, part)
     # Samples with less than 65 degrees of incidence from some azimuth at 30 degrees of elevation, or from above.
     horizontal = np.hypot(part.normals[:, 0], part.normals[:, 1])
     best = horizontal * np.cos(np.radians(30)) + part.normals[:, 2] * np.sin(np.radians(30))
@@ -114,23 +104,54 @@ def test_side_sweeps_cover_radial_walls():
     part = on_table(mesh_of(trimesh.boolean.union(wings, engine="manifold")))
     walls = (np.abs(part.normals[:, 2]) < 0.1) & (np.hypot(part.points[:, 0], part.points[:, 1]) > 0.03)
     walls &= np.hypot(part.points[:, 0], part.points[:, 1]) < 0.0495
-    main = seen_by(paths.sweeps(part, RANGE, SWEEP), part)
+    main = seen_by(paths.sweeps(part, RANGE, SWEEP), RANGE, part)
     beside = paths.side_sweeps(part, RANGE, SWEEP, main)
     assert main[walls].mean() < 0.1
-    assert (main | seen_by(beside, part))[walls].mean() > 0.9
+    assert (main | seen_by(beside, RANGE, part))[walls].mean() > 0.9
     assert {np.sign(view.target[1]) for view in beside} == {1.0, -1.0}
 
 
 def test_points_cross_sheet_twice_per_turn():
     points = np.random.default_rng(2).uniform(-0.05, 0.05, (200, 3))
     for offset in (0.0, 0.02, -0.02):
-        turned = (surface.crossings(points, offset) @ points[..., None])[..., 0]
+        turned = (pose.rotation_about(2, surface.crossing_angles(points, offset)) @ points[..., None])[..., 0]
         crossing = np.hypot(points[:, 0], points[:, 1]) > abs(offset)
         assert (np.isfinite(turned).all((0, 2)) == crossing).all()
         assert np.abs(turned[:, crossing, 1] - offset).max() < 1e-15
         assert (turned[0, crossing, 0] >= 0).all()
         assert (turned[1, crossing, 0] <= 0).all()
         assert np.abs(turned[:, crossing, 2] - points[crossing, 2]).max() < 1e-15
+
+
+def test_points_lie_in_the_sheet_when_views_cross_them():
+    points = np.random.default_rng(5).uniform(-0.04, 0.04, (300, 3))
+    turn = np.linspace(0.0, 4 * np.pi, 121)
+    spiral = np.array([pose.from_rotation(pose.rotation_about(2, a)) @ sweep_pose(np.zeros(3), 0.4, 0.1) for a in turn])
+    tilted = sweep_pose(np.array([0.01, 0.0, 0.02]), 0.7, 0.09)
+    views = [
+        Sweep("sweep", sweep_pose(np.array([0.02, 0.01, 0.0]), 0.5, 0.1), np.zeros(3), 0.5),
+        Pass("pass", tilted @ pose.translation((-0.03, 0, 0)), tilted @ pose.translation((0.03, 0, 0))),
+        SensorPath("spiral", spiral, 0.1, 0.001),
+    ]
+    crossed = []
+    for view in views:
+        at = view.crossings(points)
+        in_sensor = np.array([pose.transform_each(pose.inverse(one), points) for one in at])
+        found = np.isfinite(in_sensor[..., 0])
+        assert np.abs(in_sensor[found][:, 0]).max() < 2e-4
+        crossed.append(found.sum(0))
+    # A half turn brings every point into the sheet again.
+    assert (crossed[0][np.hypot(points[:, 0], points[:, 1]) > 0.01] == 2).all()
+    assert (crossed[2] == 4).all()
+
+
+def test_straight_sensor_path_sees_what_a_pass_sees():
+    part = on_table(ball())
+    ends = [pose.from_rotation(np.diag([1.0, -1.0, -1.0]), (x, 0.005, 0.14)) for x in (-0.03, 0.03)]
+    path = SensorPath("straight", np.stack([ends[0], ends[1]]), 0.05, 0.0005)
+    seen = seen_by([path], RANGE, part)
+    assert seen.any()
+    assert np.array_equal(seen, seen_by([Pass("pass", *ends)], RANGE, part))
 
 
 def test_passes_cover_upward_surfaces_at_all_levels():
@@ -140,14 +161,14 @@ def test_passes_cover_upward_surfaces_at_all_levels():
     views = paths.passes(part, RANGE, RASTER)
     up = part.normals[:, 2] > 0.99
     assert len({round(view.start[2, 3], 6) for view in views}) == 2
-    assert seen_by(views, part)[up].all()
+    assert seen_by(views, RANGE, part)[up].all()
 
 
 def test_passes_follow_long_side_in_alternating_directions():
     part = on_table(block(0.09, 0.03, 0.02))
     views = paths.passes(part, RANGE, RASTER)
     assert len(views) == 1
-    assert views[0].direction == pytest.approx(0.0)
+    assert np.allclose(views[0].start[1:3, 3], views[0].end[1:3, 3])
     assert views[0].length == pytest.approx(0.092, abs=5e-4)
     many = paths.passes(on_table(block(0.09, 0.09, 0.02)), RANGE, RASTER)
     travel = [np.sign(view.end[0, 3] - view.start[0, 3]) for view in many]
@@ -157,15 +178,15 @@ def test_passes_follow_long_side_in_alternating_directions():
 def test_budget_thins_all_views_uniformly():
     part = on_table(ball())
     views = [*paths.sweeps(part, RANGE, SWEEP), *paths.passes(part, RANGE, RASTER)]
-    free = paths.fit_budget(views, np.radians(1), 0.0005, 100_000)
+    free = exposure_counts(views, Spacing(np.radians(1), 0.0005), 100_000)
     assert free[0] == 360
     assert free[-1] == int(np.ceil(views[-1].length / 0.0005 + 1))
     for budget in (len(views) * 2, 100, 1300):
-        counts = paths.fit_budget(views, np.radians(1), 0.0005, budget)
+        counts = exposure_counts(views, Spacing(np.radians(1), 0.0005), budget)
         assert sum(counts) <= budget
         assert min(counts) >= 2
-    thinned = paths.fit_budget(views, np.radians(1), 0.0005, 1300)
+    thinned = exposure_counts(views, Spacing(np.radians(1), 0.0005), 1300)
     ratios = np.array(free) / np.array(thinned)
     assert ratios.max() / ratios.min() < 1.05
     with pytest.raises(PlanningError, match="max_profiles = 5 is too few"):
-        paths.fit_budget(views, 1.0, 1.0, 5)
+        exposure_counts(views, Spacing(1.0, 1.0), 5)

@@ -7,9 +7,9 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from scancell.evaluation.tracer import Tracer
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh
+from scancell.visibility.tracer import Tracer
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.evaluation.measurable import MeasurableSurface
 from scancell.geometry import pose
+from scancell.visibility.measurable import MeasurableSurface
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -6,18 +6,15 @@ azimuth and the joints of the arm.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.planning import surface
 from scancell.planning.model import SensorRange
 from scancell.planning.options import RasterOptions, SweepOptions
 from scancell.planning.surface import MIN_COSINE, Surface
+from scancell.planning.views import Pass, Sweep, seen_by, sweep_pose
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -28,62 +25,6 @@ _MAX_LEVELS = 4
 _SIDE_OFFSETS = (0.3, 0.6, 0.85)  # of the part's radius
 _MAX_SIDE_SWEEPS = 4
 _MIN_SWEEP_GAIN = 0.01  # fraction of the surface that a side sweep must add
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """A full turn of the table under a stationary sensor.
-
-    `at_azimuth_zero` (4, 4) is ``table_from_sensor`` looking along -x at `target` (3,), m, with the laser sheet in a
-    plane of constant y. Rotated about the table's axis it gives the same scan. `elevation` is in rad.
-    """
-
-    name: str
-    at_azimuth_zero: Array
-    target: Array
-    elevation: float
-
-    def at(self, azimuth: float, roll: float) -> Array:
-        """``table_from_sensor`` (4, 4) at an azimuth (rad); `roll` (0 or pi) rotates the sensor about its Z axis."""
-        turn = pose.from_rotation(pose.rotation_about(2, azimuth))
-        return np.asarray(turn @ self.at_azimuth_zero @ pose.from_rotation(pose.rotation_about(2, roll)))
-
-    def moved(self, elevation_change: float, distance_change: float) -> Sweep:
-        """The sweep of the same target from a larger elevation (by rad) or a larger distance (by m)."""
-        distance = float(np.linalg.norm(self.at_azimuth_zero[:3, 3] - self.target)) + distance_change
-        elevation = self.elevation + elevation_change
-        further = f"from {1e3 * distance_change:.0f} mm farther"
-        how = further if distance_change else f"raised to {np.degrees(elevation):.0f} deg"
-        return Sweep(f"{self.name}, {how}", sweep_pose(self.target, elevation, distance), self.target, elevation)
-
-
-@dataclass(frozen=True)
-class Pass:
-    """A straight pass of a sensor that looks down, moving perpendicular to the laser sheet.
-
-    `start` and `end` (4, 4) are ``table_from_sensor`` with the table at angle `-direction` (rad): travel is along x.
-    """
-
-    name: str
-    start: Array
-    end: Array
-    direction: float
-
-    def at(self, path: Array) -> Array:
-        """Sensor poses (n, 4, 4) at path coordinates (n,), m from the start; extrapolated beyond both ends."""
-        return pose.interpolate_straight(self.start, self.end, path / self.length)
-
-    @property
-    def length(self) -> float:
-        """Distance between the first and the last exposure, m."""
-        return float(np.linalg.norm(self.end[:3, 3] - self.start[:3, 3]))
-
-
-def sweep_pose(target: Array, elevation: float, distance: float) -> Array:
-    """``table_from_sensor`` (4, 4) at azimuth 0 that looks at `target` (3,) from `distance` (m), sheet vertical."""
-    c, s = np.cos(elevation), np.sin(elevation)
-    rotation = np.array([[0.0, -s, -c], [-1.0, 0.0, 0.0], [0.0, c, -s]])
-    return pose.from_rotation(rotation, target + distance * np.array([c, 0.0, s]))
 
 
 def sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions) -> list[Sweep]:
@@ -106,9 +47,7 @@ def side_sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions,
         for y in offsets
         for view in _sweeps_at(part, sensor_range, options, e, y, seen)
     ]
-    sees = np.array(
-        [surface.best_cosine_of_sweep(sensor_range, v.at_azimuth_zero, part) > MIN_COSINE for v in candidates]
-    )
+    sees = np.array([seen_by([view], sensor_range, part) for view in candidates])
     chosen: list[Sweep] = []
     while candidates and len(chosen) < _MAX_SIDE_SWEEPS:
         gain = (sees & ~seen).mean(1)
@@ -128,7 +67,8 @@ def _sweeps_at(
     wanted = facing & ~done
     if wanted.mean() < _MIN_LEVEL_GAIN:
         return []
-    solid = np.concatenate(list(surface.crossings(part.extremes, offset) @ part.extremes[..., None]))[..., 0]
+    turns = pose.rotation_about(2, surface.crossing_angles(part.extremes, offset))
+    solid = (turns @ part.extremes[..., None]).reshape(-1, 3)
     solid_up, solid_depth = _line_and_view(solid[np.isfinite(solid[:, 0])], elevation)
     half = _half_line(sensor_range, options.standoff)
     views: list[Sweep] = []
@@ -141,7 +81,7 @@ def _sweeps_at(
             if left.mean() < _MIN_LEVEL_GAIN:
                 break
             view = _sweep(centre, near, elevation, offset, options.standoff)
-            seen = surface.best_cosine_of_sweep(sensor_range, view.at_azimuth_zero, part) > MIN_COSINE
+            seen = seen_by([view], sensor_range, part)
             if (seen & ~covered).mean() > _MIN_LEVEL_GAIN:
                 views.append(view)
                 covered |= seen
@@ -170,7 +110,7 @@ def _line_and_view(points: Array, elevation: float) -> tuple[Array, Array]:
 
 def _in_sheet(part: Surface, elevation: float, offset: float) -> tuple[Array, Array, Flags]:
     """Line and view coordinates (n,) of each point where it crosses the sheet, and whether it faces the sensor."""
-    turn = surface.crossings(part.points, offset)
+    turn = pose.rotation_about(2, surface.crossing_angles(part.points, offset))
     points = (turn @ part.points[..., None])[..., 0]
     normals = (turn @ part.normals[..., None])[..., 0]
     # NaN (never crosses the sheet) compares as not facing.
@@ -206,20 +146,19 @@ def passes(part: Surface, sensor_range: SensorRange, options: RasterOptions) -> 
         span = np.ptp(part.turned(-direction).points[up], axis=0)
         return float(len(tile(0.0, span[1], half, step)) * (span[0] + 0.02))
 
-    direction = min(np.radians(np.arange(0, 180, 15)), key=travel)
-    turned = part.turned(-float(direction))
+    direction = float(min(np.radians(np.arange(0, 180, 15)), key=travel))
+    turned, back = part.turned(-direction), pose.from_rotation(pose.rotation_about(2, direction))
     y = turned.points[up, 1]
     result: list[Pass] = []
     for centre in tile(float(y.min()), float(y.max()), half, step):
-        result += _passes_along(turned, sensor_range, options, float(centre), float(direction))
+        result += _passes_along(turned, sensor_range, options, float(centre))
     # Boustrophedon: the direction of travel alternates.
-    return [p if i % 2 == 0 else Pass(p.name, p.end, p.start, p.direction) for i, p in enumerate(result)]
+    ends = ((p.name, back @ p.start, back @ p.end) for p in result)
+    return [Pass(name, *((a, b) if i % 2 == 0 else (b, a))) for i, (name, a, b) in enumerate(ends)]
 
 
-def _passes_along(
-    turned: Surface, sensor_range: SensorRange, options: RasterOptions, centre: float, direction: float
-) -> list[Pass]:
-    """Passes over one strip, one per depth level."""
+def _passes_along(turned: Surface, sensor_range: SensorRange, options: RasterOptions, centre: float) -> list[Pass]:
+    """Passes over one strip along x, one per depth level."""
     half = _half_line(sensor_range, options.standoff)
     strip = (turned.normals[:, 2] > MIN_COSINE) & (np.abs(turned.points[:, 1] - centre) <= half)
     window = np.abs(turned.extremes[:, 1] - centre) <= half
@@ -236,35 +175,9 @@ def _passes_along(
             x = turned.points[reached, 0]
             start = pose.from_rotation(looking_down, (x.min() - _END_MARGIN, centre, z))
             end = pose.from_rotation(looking_down, (x.max() + _END_MARGIN, centre, z))
-            views.append(Pass(f"pass at y = {1e3 * centre:.0f} mm, height {1e3 * z:.0f} mm", start, end, direction))
+            views.append(Pass(f"pass at y = {1e3 * centre:.0f} mm, height {1e3 * z:.0f} mm", start, end))
         strip = strip & ~reached
         if strip.mean() < _MIN_LEVEL_GAIN:
             break
         height = float(turned.points[strip, 2].max())
     return views
-
-
-def fit_budget(views: Sequence[Sweep | Pass], angle_step: float, pitch: float, max_profiles: int) -> list[int]:
-    """Number of exposures of each view: at the requested spacing, or thinned by one factor to `max_profiles` in total.
-
-    Parameters
-    ----------
-    angle_step, pitch
-        Requested spacing of exposures in sweeps (rad) and passes (m).
-
-    Raises
-    ------
-    PlanningError
-        If `max_profiles` is less than two per view.
-    """
-
-    def counts(factor: float) -> list[int]:
-        requested = [2 * np.pi / angle_step if isinstance(v, Sweep) else v.length / pitch + 1 for v in views]
-        return [max(2, int(np.ceil(r / factor - 1e-9))) for r in requested]
-
-    if 2 * len(views) > max_profiles:
-        raise PlanningError(f"{len(views)} views need two exposures each; max_profiles = {max_profiles} is too few")
-    factor = max(1.0, sum(counts(1.0)) / max_profiles)
-    while sum(counts(factor)) > max_profiles:
-        factor *= 1.005
-    return counts(factor)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scancell.geometry import pose
 from scancell.planning import constraints, trajectory
 from scancell.planning.model import PlanningCell
-from scancell.planning.paths import Pass, Sweep
 from scancell.planning.reasons import describe, out_of_reach
 from scancell.planning.timing import slowdown
+from scancell.planning.views import Pass, Sweep
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -130,7 +130,7 @@ class Placer:
     def passes(
         self, views: Sequence[Pass], counts: Sequence[int], speed: float, branch: int | None
     ) -> list[PlacedPass | Infeasible]:
-        """Placed passes or why they are infeasible; table and sensor are rotated together to a suitable heading.
+        """Placed passes or why they are infeasible; table and sensor are turned together by a suitable angle.
 
         Parameters
         ----------
@@ -148,8 +148,8 @@ class Placer:
             trajectory.run(count, view.length / (count - 1), speed, PATH_ACCELERATION, cell.cycle)
             for view, count in zip(views, counts, strict=True)
         ]
-        headings = np.radians(np.arange(0.0, 360.0, 15.0))
-        turns = pose.from_rotation(pose.rotation_about(2, headings))
+        angles = np.radians(np.arange(0.0, 360.0, 15.0))
+        turns = pose.from_rotation(pose.rotation_about(2, angles))
         knots = [
             view.at(np.array([*run.at([0.0]), view.length / 2, *run.at([run.duration])]))
             for view, run in zip(views, runs, strict=True)
@@ -157,18 +157,18 @@ class Placer:
         targets = turns[None, :, None] @ np.array(knots)[:, None]
         found = cell.ik_along(targets.reshape(-1, 3, 4, 4))
         branches = found.shape[2]
-        q = found.reshape(len(views), len(headings), *found.shape[1:])
+        q = found.reshape(len(views), len(angles), *found.shape[1:])
         metric = constraints.arm_metric(cell.nominal.arm, q[:, :, ::2]).min(2).reshape(len(views), -1)
         usable = metric > _MIN_METRIC
-        other_branch = np.tile(np.arange(branches) != branch, len(headings))
+        other_branch = np.tile(np.arange(branches) != branch, len(angles))
         order = np.lexsort((-metric.mean(0), other_branch, -usable.sum(0)))
         result: list[PlacedPass | Infeasible] = []
         for i, view in enumerate(views):
 
             def attempt(choice: int, i: int = i, view: Pass = view) -> PlacedPass | Infeasible:
-                heading, number = divmod(choice, branches)
-                middle = q[i, heading, 1, number]
-                return self._try_pass(view, runs[i], counts[i], float(headings[heading]), middle, number)
+                turned, number = divmod(choice, branches)
+                middle = q[i, turned, 1, number]
+                return self._try_pass(view, runs[i], counts[i], float(angles[turned]), middle, number)
 
             choices = order[usable[i][order]]
             ends = targets[i, :, ::2].reshape(-1, 4, 4)
@@ -233,15 +233,14 @@ class Placer:
         return Infeasible(describe(min(near, key=lambda c: c.distance - c.clearance)), of_sensor)
 
     def _try_pass(
-        self, view: Pass, run: trajectory.Run, count: int, heading: float, middle: Array, branch: int
+        self, view: Pass, run: trajectory.Run, count: int, table: float, middle: Array, branch: int
     ) -> PlacedPass | Infeasible:
-        """The pass at one heading (rad) and in one branch, as slow as all limits ask for; checks reach and collisions.
+        """The pass at one table angle (rad), in one branch, as slow as limits ask for; checks reach and collisions.
 
         The joints (joints,) in its middle tell the turn of those with several.
         """
         cell = self._cell
-        turn = pose.from_rotation(pose.rotation_about(2, heading))
-        table = heading - view.direction
+        turn = pose.from_rotation(pose.rotation_about(2, table))
 
         def joints(path: Array) -> Array:
             # All start with the same pose, by which branches without names are numbered.

@@ -15,11 +15,11 @@ from scancell.planning.assembly import Assembly
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_planner import PathPlanner, PlacedPath
-from scancell.planning.paths import Pass, Sweep
 from scancell.planning.placement import Infeasible, PlacedPass, PlacedSweep, Placer
 from scancell.planning.reasons import describe, join_reasons
-from scancell.planning.surface import MIN_COSINE, Surface
+from scancell.planning.surface import Surface
 from scancell.planning.timing import axis_name
+from scancell.planning.views import Spacing, Sweep, View, exposure_counts, seen_by
 from scancell.proximity.judge import first_collision
 
 Array = NDArray[np.float64]
@@ -218,17 +218,15 @@ def _plan_views(
     if not (sweep_views or pass_views or along):
         raise PlanningError("no view sees the part: no surface faces the sensor")
     if options.sweep:
-        seen = _seen(cell, part, [*sweep_views, *pass_views])
+        seen = seen_by([*sweep_views, *pass_views], cell.range, part)
         sweep_views += paths.side_sweeps(part, cell.range, options.sweep, seen)
     warnings: list[str] = []
     sweeps = _reach_sweeps(placer, sweep_views, warnings)
-    kept: list[Sweep | Pass] = [*(s.view for s in sweeps), *pass_views]
-    counts = paths.fit_budget(
-        kept,
-        options.sweep.angle_step if options.sweep else np.inf,
-        options.raster.pitch if options.raster else np.inf,
-        options.max_profiles - sum(len(item.exposures) for item in along),
+    spacing = Spacing(
+        options.sweep.angle_step if options.sweep else np.inf, options.raster.pitch if options.raster else np.inf
     )
+    left = options.max_profiles - sum(len(item.exposures) for item in along)
+    counts = exposure_counts([*(s.view for s in sweeps), *pass_views], spacing, left)
     passes: list[PlacedPass] = []
     if options.raster:
         branch = sweeps[0].branch if sweeps and cell.nominal.arm.has_named_branches else None
@@ -238,8 +236,8 @@ def _plan_views(
             else:
                 passes.append(item)
                 warnings += [item.note] if item.note else []
-    seen = _seen_along(cell, part, along)
-    coverage = _check_loss(cell, part, [*sweep_views, *pass_views], [*sweeps, *passes], seen, warnings)
+    made: list[View] = [*(item.view for item in sweeps), *(item.view for item in passes), *(p.path for p in along)]
+    coverage = _check_loss(cell, part, [*sweep_views, *pass_views], made, warnings)
     for sweep, count in zip(sweeps, counts, strict=False):
         assembly.add_sweep(sweep, count)
     for placed in passes:
@@ -268,43 +266,15 @@ def _reach_sweeps(placer: Placer, views: list[Sweep], warnings: list[str]) -> li
 
 
 def _check_loss(
-    cell: PlanningCell,
-    part: Surface,
-    wanted: list[Sweep | Pass],
-    placed: list[PlacedSweep | PlacedPass],
-    besides: NDArray[np.bool_],
-    warnings: list[str],
+    cell: PlanningCell, part: Surface, wanted: Sequence[View], placed: Sequence[View], warnings: list[str]
 ) -> float:
-    """Fraction of the surface that the placed views, or paths `besides`, see.
+    """Fraction of the surface that the placed views see.
 
-    `PlanningError` when the placed views lose more than `_MAX_LOSS` of what was wanted.
+    `PlanningError` when they lose more than `_MAX_LOSS` of what was wanted.
     """
-    ideal = _seen(cell, part, wanted)
-    real = _seen(cell, part, [item.view for item in placed])
+    ideal, real = (seen_by(views, cell.range, part) for views in (wanted, placed))
     lost = float((ideal & ~real).mean() / max(ideal.mean(), 1e-12))
     if lost > _MAX_LOSS:
         title = f"{100 * lost:.0f} % of the surface seen by the requested views is out of reach"
         raise PlanningError(join_reasons(title, warnings))
-    return float((real | besides).mean())
-
-
-def _seen_along(cell: PlanningCell, part: Surface, along: Sequence[PlacedPath]) -> NDArray[np.bool_]:
-    """Whether any of the paths sees each surface sample, (n,)."""
-    seen = np.zeros(len(part.points), bool)
-    for item in along:
-        poses = item.path.at(np.linspace(0.0, item.path.length, len(item.exposures)))
-        seen |= surface.best_cosine_of_exposures(cell.range, poses, part) > MIN_COSINE
-    return seen
-
-
-def _seen(cell: PlanningCell, part: Surface, views: Sequence[Sweep | Pass]) -> NDArray[np.bool_]:
-    """Whether any of the views sees each surface sample, (n,)."""
-    seen = np.zeros(len(part.points), bool)
-    for view in views:
-        if isinstance(view, Sweep):
-            cosine = surface.best_cosine_of_sweep(cell.range, view.at_azimuth_zero, part)
-        else:
-            turned = part.turned(-view.direction)
-            cosine = surface.best_cosine_of_passes(cell.range, view.start, view.end, turned)
-        seen |= cosine > MIN_COSINE
-    return seen
+    return float(real.mean())

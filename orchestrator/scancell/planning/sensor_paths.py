@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -25,11 +25,13 @@ from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.poses import pose_matrix
+from scancell.planning.views import Spacing
 
 Array = NDArray[np.float64]
 
 _COLUMNS = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 _SPIRAL_STEP = np.radians(3.0)
+_CROSSING_STEP = 2e-3  # m along a path at which the distance of points from the laser sheet is evaluated
 _SHEET = 3e-3  # m: surface this near to the laser sheet counts for the stand-off
 _SMOOTHING = 10  # steps of a spiral on either side over which the stand-off is smoothed
 _EXTRA_KNOTS = 6  # beyond either end of a path; what a spline does at a knot decays by 0.27 at each further one
@@ -58,8 +60,8 @@ class SensorPath:
     poses: Array
     speed: float
     pitch: float
-    weights: WeightsDescription
-    quality: QualityDescription
+    weights: WeightsDescription = field(default_factory=WeightsDescription)
+    quality: QualityDescription = field(default_factory=QualityDescription)
 
     @property
     def knots(self) -> Array:
@@ -97,6 +99,25 @@ class SensorPath:
             CubicSpline(x, np.concatenate([position[0, ::-1], self.poses[:, :3, 3], position[1]])),
             RotationSpline(x, Rotation.concatenate([turns[0][::-1], rotation, turns[1]])),
         )
+
+    def exposures(self, spacing: Spacing) -> float:
+        """Number of exposures: a path has a pitch of its own."""
+        return int(self.length / self.pitch + 1e-9) + 1
+
+    def crossings(self, points: Array) -> Array:
+        """``table_from_sensor`` (k, n, 4, 4) where the laser sheet passes over the points, see `View`."""
+        distance = np.linspace(0.0, self.length, max(2, int(np.ceil(self.length / _CROSSING_STEP)) + 1))
+        poses = self.at(distance)
+        beside = np.einsum("ni,mi->mn", points, poses[:, :3, 0]) - (poses[:, :3, 3] * poses[:, :3, 0]).sum(1)[:, None]
+        step, point = np.nonzero((beside[:-1] > 0) != (beside[1:] > 0))
+        before, after = beside[step, point], beside[step + 1, point]
+        at = distance[step] + before / (before - after) * distance[1]
+        # Number of each crossing among those of its point.
+        order = np.argsort(point, kind="stable")
+        number = np.arange(len(point)) - np.searchsorted(point[order], point[order])
+        found = np.full((int(number.max(initial=0)) + 1, len(points), 4, 4), np.nan)
+        found[number, point[order]] = self.at(at[order])
+        return found
 
 
 def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Array) -> list[SensorPath]:

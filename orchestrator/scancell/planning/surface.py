@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # At grazing incidence the stripe is wide and dim: up to 78 degrees from the normal it is usable.
-_MOST_EXPOSURES = 400  # of a path that count for what it sees
 MIN_COSINE = float(np.cos(np.radians(78)))
 
 
@@ -78,13 +77,13 @@ def _thinned(points: Array, grid: float = 5e-4) -> Array:
 def lit_cosine(sensor_range: SensorRange, table_from_sensor: Array, points: Array, normals: Array) -> Array:
     """Cosine (n,) of the laser's angle of incidence at points (n, 3), 0 where the sensor does not see them.
 
-    Points are assumed to lie in the laser sheet: their x in the sensor frame is ignored. A point is seen if it lies
-    in the measuring range and at least one camera sees its front side at an angle up to 78 degrees. Occlusion is
-    ignored.
+    `table_from_sensor` (4, 4) or (n, 4, 4), m, has each point in the laser sheet: its x in the sensor frame is ignored;
+    NaN where there is no such pose. A point is seen if it lies in the measuring range and at least one camera sees its
+    front side at an angle up to 78 degrees. Occlusion is ignored.
     """
-    rotation, origin = table_from_sensor[:3, :3], table_from_sensor[:3, 3]
-    at = (points - origin) @ rotation
-    normal = normals @ rotation
+    rotation, origin = table_from_sensor[..., :3, :3], table_from_sensor[..., :3, 3]
+    at = np.einsum("...ij,...i->...j", rotation, points - origin)
+    normal = np.einsum("...ij,...i->...j", rotation, normals)
     y, z = at[:, 1], at[:, 2]
     in_sheet = np.stack([np.zeros_like(y), y, z], -1)
     cosine = -(normal * in_sheet).sum(-1) / np.maximum(np.linalg.norm(in_sheet, axis=-1), 1e-12)
@@ -95,8 +94,8 @@ def lit_cosine(sensor_range: SensorRange, table_from_sensor: Array, points: Arra
     return np.where(seen & sensor_range.contains(y, z), np.maximum(cosine, 0.0), 0.0)
 
 
-def crossings(points: Array, offset: float) -> Array:
-    """Table rotations (2, n, 3, 3) that move points (n, 3) into the plane y = `offset` (m).
+def crossing_angles(points: Array, offset: float) -> Array:
+    """Table angles (2, n), rad, that move points (n, 3) into the plane y = `offset` (m).
 
     A point crosses the plane twice per turn: first at x > 0, on the sensor's side, and then at x < 0. NaN for points
     nearer to the axis than `offset`.
@@ -105,39 +104,4 @@ def crossings(points: Array, offset: float) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         near = np.arcsin(offset / radius) if offset else np.zeros_like(radius)
     azimuth = np.arctan2(points[:, 1], points[:, 0])
-    return pose.rotation_about(2, np.stack([near, np.pi - near]) - azimuth)
-
-
-def best_cosine_of_sweep(sensor_range: SensorRange, table_from_sensor: Array, surface: Surface) -> Array:
-    """Largest `lit_cosine` (n,) of each point during a full turn of the table.
-
-    `table_from_sensor` (4, 4) must look along -x, so that its laser sheet is a plane of constant y.
-    """
-    best = np.zeros(len(surface.points))
-    for turn in crossings(surface.points, float(table_from_sensor[1, 3])):
-        points = (turn @ surface.points[..., None])[..., 0]
-        normals = (turn @ surface.normals[..., None])[..., 0]
-        best = np.fmax(best, lit_cosine(sensor_range, table_from_sensor, points, normals))
-    return best
-
-
-def best_cosine_of_exposures(sensor_range: SensorRange, table_from_sensor: Array, surface: Surface) -> Array:
-    """Largest `lit_cosine` (n,) of each point near the laser sheet of exposures (m, 4, 4) along a path."""
-    best = np.zeros(len(surface.points))
-    stride = max(1, len(table_from_sensor) // _MOST_EXPOSURES)
-    poses = table_from_sensor[::stride]
-    gap = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    for i, at in enumerate(poses):
-        half = max(gap[max(i - 1, 0)], gap[min(i, len(gap) - 1)])
-        near = np.flatnonzero(np.abs((surface.points - at[:3, 3]) @ at[:3, 0]) <= half)
-        best[near] = np.fmax(best[near], lit_cosine(sensor_range, at, surface.points[near], surface.normals[near]))
-    return best
-
-
-def best_cosine_of_passes(sensor_range: SensorRange, start: Array, end: Array, surface: Surface) -> Array:
-    """`lit_cosine` (n,) of each point during a straight pass from pose `start` to `end` (4, 4) along the sensor's X."""
-    direction = start[:3, 0]
-    along = (surface.points - start[:3, 3]) @ direction
-    length = float((end[:3, 3] - start[:3, 3]) @ direction)
-    crossed = (along >= min(0.0, length)) & (along <= max(0.0, length))
-    return np.where(crossed, lit_cosine(sensor_range, start, surface.points, surface.normals), 0.0)
+    return np.stack([near, np.pi - near]) - azimuth

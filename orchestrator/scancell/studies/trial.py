@@ -18,7 +18,6 @@ from scancell.config.description import validate
 from scancell.config.loading import Setup
 from scancell.config.study import SphereDescription, StudyDescription
 from scancell.config.units import to_si
-from scancell.evaluation.measurable import MeasurableSurface, cache_folder, measurable_surface
 from scancell.evaluation.sphere_fit import Sphere, fit_sphere
 from scancell.geometry.mesh import load_mesh
 from scancell.output.build import build_version
@@ -27,6 +26,7 @@ from scancell.results import ScanResult
 from scancell.stopwatch import Stopwatch
 from scancell.studies.scan_worker import ScanWorker, Trial, setup_of, sweep_temporary, trial_of
 from scancell.studies.task_store import disk_error
+from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
 
 ROWS = "rows.json"
 TIMINGS = "timings.json"

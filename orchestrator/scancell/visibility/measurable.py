@@ -38,14 +38,14 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.config.sensor import SensorDescription
 from scancell.errors import OutputError
-from scancell.evaluation.sensor_field import POSITION_STEP, SensorField
-from scancell.evaluation.tracer import Tracer
 from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.sampling import sample_surface
 from scancell.nominal.cell import Body, NominalCell
 from scancell.progress import NullProgress, Progress
+from scancell.visibility.sensor_field import POSITION_STEP, SensorField
+from scancell.visibility.tracer import Tracer
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -1,0 +1,1 @@
+"""What the sensor can see of a part: measurable surface and occlusion."""
