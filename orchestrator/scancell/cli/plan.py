@@ -42,6 +42,9 @@ def plan(
         Path | None,
         typer.Option("--picture", help="PNG file for the configuration map of a path; further paths get a number"),
     ] = None,
+    all_branches: Annotated[
+        bool, typer.Option("--all-branches", help="with --picture: also the maps of the other arm branches")
+    ] = False,
     out: Annotated[
         Path | None, typer.Option("--out", help="JSON file for the plan, for `scancell scan --plan`")
     ] = None,
@@ -72,7 +75,8 @@ def plan(
             told.append(_figures_of(placed, optimum))
             lines.append(_line_of(told[-1]))
             if picture is not None:
-                files.append(_draw(placed, str(told[-1]["branch"]), _numbered(picture, number, made)))
+                file = _numbered(picture, number, made)
+                files += _draw(placed, str(told[-1]["branch"]), file, all_branches)
         if out is not None:
             from scancell.files import atomic_write  # noqa: PLC0415
             from scancell.output.run_files import write_json  # noqa: PLC0415
@@ -122,9 +126,19 @@ def _numbered(picture: Path, number: int, made: Plan) -> Path:
     return picture if len(made.paths) == 1 else picture.with_stem(f"{picture.stem}_{number}")
 
 
-def _draw(placed: PlacedPath, branch: str, file: Path) -> str:
+def _draw(placed: PlacedPath, branch: str, file: Path, all_branches: bool) -> list[str]:
+    """Draw the map of the branch that was chosen, and on request those of the others."""
+    from scancell.files import name_for_file  # noqa: PLC0415
     from scancell.output.map_picture import draw_map  # noqa: PLC0415
 
-    placed.lattice.map.require_all()
-    draw_map(placed, branch, file)
-    return str(file)
+    chosen = placed.lattice.map
+    chosen.require_all()
+    draw_map(chosen, placed.path.name, branch, placed.run.duration, placed.motion, file)
+    files = [str(file)]
+    for number, name in enumerate(placed.branch_names if all_branches else ()):
+        if number != chosen.branch:
+            other = chosen.of_branch(number)
+            other.require_all()
+            files.append(str(file.with_stem(f"{file.stem}_{name_for_file(name)}")))
+            draw_map(other, placed.path.name, name, placed.run.duration, None, Path(files[-1]))
+    return files

@@ -109,7 +109,7 @@ class ConfigurationMap:
         static: StaticConstraints,
     ) -> None:
         self._cell, self._static, self._branch = cell, static, branch
-        self._path = np.asarray(table_from_sensor, float)
+        self._path, self._period = np.asarray(table_from_sensor, float), period
         self._velocity = _path_twists(self._path, period)
         shape = (len(self._path), rows)
         self.quality = np.full(shape, np.nan, np.float32)
@@ -123,6 +123,10 @@ class ConfigurationMap:
     def branch(self) -> int:
         """Number of the arm branch."""
         return self._branch
+
+    def of_branch(self, branch: int) -> ConfigurationMap:
+        """The map of the same path for another branch, not evaluated."""
+        return ConfigurationMap(self._cell, self._path, self._period, branch, self.rows, self._static)
 
     @property
     def columns(self) -> int:

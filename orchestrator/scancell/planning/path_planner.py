@@ -52,8 +52,8 @@ class PlacedPath:
         (n, joints), (n,) set-points of each cycle, rad.
     exposures
         (m, joints + 1) joints and table angle of each exposure, rad.
-    branch_name
-        Arm branch.
+    branch_names
+        Of all arm branches.
     lattice, motion
         The lattice on the configuration map where the motion was found, and the motion.
     note
@@ -66,10 +66,15 @@ class PlacedPath:
     q: Array
     table: Array
     exposures: Array
-    branch_name: str
+    branch_names: tuple[str, ...]
     lattice: Lattice
     motion: TableMotion
     note: str = ""
+
+    @property
+    def branch_name(self) -> str:
+        """Name of the arm branch."""
+        return self.branch_names[self.lattice.map.branch]
 
 
 @dataclass(frozen=True)
@@ -205,10 +210,10 @@ class PathPlanner:
             return describe(min(clashes, key=lambda c: c.distance - c.clearance))
         pitch = path.length / (timing.count - 1)
         exposures = positions(np.asarray(run.trigger_from + np.arange(timing.count) * pitch / run.speed))
-        name = nominal.arm.branch_names[lattice.map.branch]
+        names = nominal.arm.branch_names
         note = f"{path.name}: {needed}" if needed.factor > 1 else ""
         q, table = setpoints[:, :-1], setpoints[:, -1]
-        return PlacedPath(path, slow, slow_positions, q, table, exposures, name, lattice, motion, note)
+        return PlacedPath(path, slow, slow_positions, q, table, exposures, names, lattice, motion, note)
 
     def _blocked(self, lattice: Lattice) -> str:
         name = self._cell.nominal.arm.branch_names[lattice.map.branch]
