@@ -43,6 +43,7 @@ from .planning_cases import CLEARANCE, PARTS, WANTED, make, path_of, planning_ce
 Array = NDArray[np.float64]
 
 _BRUTE_STEP = np.radians(0.05)
+_CHUNK = 5000  # poses at a time: their arrays take memory
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Row:
 
 
 def run_case(case: dict[str, Any]) -> Row:
-    """Ray Shooting in the branches that may follow the path, the optimum where it found a motion, the plan, its checks."""
+    """Ray Shooting in the branches that may follow the path, the optimum where it finds a motion, the plan, checks."""
     cell = planning_cell(case)
     path, planner = path_of(case, cell), PathPlanner(cell, CLEARANCE)
     start = time.process_time()
@@ -135,21 +136,18 @@ def run_scan(part: str, mode: Mode) -> Row:
 def _checked(cell: PlanningCell, made: Plan) -> tuple[int, int, str, float, float]:
     """Segments, poses, contact, used limits and torques of a plan, see `Row`."""
     meshes = {body.name: body.mesh for body in cell.nominal.bodies}
-    segments = poses = 0
-    contact, used, torque = "", 0.0, 0.0
-    for segment in made.program.segments:
-        points = np.column_stack([segment.q, segment.table])
-        dense = _dense(points)
-        segments, poses = segments + len(points) - 1, poses + len(dense)
-        for at in np.array_split(dense, -(-len(dense) // 5000)):
-            bodies = cell.nominal.body_poses(at[:, :-1], at[:, -1])
-            clash = first_collision(meshes, cell.proximity.pairs, cell.proximity.names, bodies)
-            contact = contact or ("" if clash is None else f"{clash.body_a} hits {clash.body_b} in {segment.name}")
-        fine = _resampled(cell, made, segment.name, points)
-        period = cell.cycle / FINER
-        used = max(used, float(limit_fractions(fine, cell.axis_limits, period).max()))
-        torque = max(torque, _torque(fine[:, :-1], period))
-    return segments, poses, contact, used, torque
+    motions = [(s.name, np.column_stack([s.q, s.table])) for s in made.program.segments]
+    dense = np.concatenate([_dense(points) for _, points in motions])
+    contact = ""
+    for at in np.array_split(dense, -(-len(dense) // _CHUNK)):
+        bodies = cell.nominal.body_poses(at[:, :-1], at[:, -1])
+        clash = first_collision(meshes, cell.proximity.pairs, cell.proximity.names, bodies)
+        contact = contact or ("" if clash is None else f"{clash.body_a} hits {clash.body_b}")
+    period = cell.cycle / FINER
+    fine = [_resampled(cell, made, name, points) for name, points in motions]
+    used = max(float(limit_fractions(points, cell.axis_limits, period).max()) for points in fine)
+    segments = sum(len(points) - 1 for _, points in motions)
+    return segments, len(dense), contact, used, _torque([points[:, :-1] for points in fine], period)
 
 
 def _dense(points: Array) -> Array:
@@ -171,13 +169,14 @@ def _resampled(cell: PlanningCell, made: Plan, name: str, points: Array) -> Arra
     return np.concatenate([*3 * [line[:1]], line, *3 * [line[-1:]]])
 
 
-def _torque(q: Array, period: float) -> float:
-    """Largest torque of a motor as a fraction of its limit."""
+def _torque(motions: list[Array], period: float) -> float:
+    """Largest torque of a motor on motions (n, joints), rad, as a fraction of its limit."""
     cell = load_setup().cell
     drives = [joint.drive for joint in cell.robot.joint if joint.drive is not None]
-    rate = np.gradient(q, period, axis=0)
-    acceleration = np.gradient(rate, period, axis=0)
-    torque = joint_torques(cell, q, rate, acceleration)
+    rates = [np.gradient(q, period, axis=0) for q in motions]
+    acceleration = np.concatenate([np.gradient(rate, period, axis=0) for rate in rates])
+    rate = np.concatenate(rates)
+    torque = joint_torques(cell, np.concatenate(motions), rate, acceleration)
     torque += acceleration * [drive.motor_inertia_kg_m2 for drive in drives]
     torque += np.sign(rate) * [drive.coulomb_friction_n_m for drive in drives]
     torque += rate * [drive.viscous_friction_n_m_s_rad for drive in drives]
