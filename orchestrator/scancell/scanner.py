@@ -25,6 +25,7 @@ from scancell.errors import DescriptionError, EmptyScanError, SensorError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.nominal.plausibility import setup_warnings
+from scancell.planning.configuration_map import Judge
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import PlacedPose, Placer
 from scancell.planning.plan_file import read_plan
@@ -205,8 +206,21 @@ class Scanner(Closing):
         draft = _Draft(self.setup, engine, seed, words, loaded, None, records, sensors, estimated_cell, inputs, unit)
         return self._finish(draft, True, True, on_images, heard, watch)
 
-    def plan(self, part: str | Path | Mesh, *, unit: str = "mm", setup: Setup | None = None) -> Plan:
-        """The checked program of the scan of a part.
+    def plan(
+        self,
+        part: str | Path | Mesh,
+        *,
+        unit: str = "mm",
+        setup: Setup | None = None,
+        judges: Sequence[Judge] = (),
+    ) -> Plan:
+        """The checked program of the scan of a part, which `scan` takes.
+
+        Parameters
+        ----------
+        judges
+            Constraints of your own for motions along sensor paths: functions of joints (n, joints) and table angles
+            (n,), rad, that return factors (n,) in [0, 1], by which the quality is multiplied; 0 forbids.
 
         Raises
         ------
@@ -215,7 +229,7 @@ class Scanner(Closing):
         """
         setup = setup or self.setup
         loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
-        return self.pipeline.plan(loaded, setup, make_sensors(setup.sensor, (), 0).nominal)
+        return self.pipeline.plan(loaded, setup, make_sensors(setup.sensor, (), 0).nominal, judges=judges)
 
     @contextmanager
     def session(

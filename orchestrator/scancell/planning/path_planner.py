@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scancell.geometry import pose
 from scancell.planning import constraints, trajectory
 from scancell.planning.blocked import why_blocked
-from scancell.planning.configuration_map import ConfigurationMap, StaticConstraints
+from scancell.planning.configuration_map import ConfigurationMap, Judge, StaticConstraints
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import LIMIT_FRACTION, PATH_ACCELERATION
 from scancell.planning.ray_shooting import shoot
@@ -96,9 +96,12 @@ class PathPlanner:
         Nominal cell.
     clearance
         Smallest allowed distance between bodies, m.
+    judges
+        Further constraints.
     """
 
-    def __init__(self, cell: PlanningCell, clearance: float) -> None:
+    def __init__(self, cell: PlanningCell, clearance: float, judges: Sequence[Judge] = ()) -> None:
+        self._judges = judges
         self._cell, self._clearance = cell, clearance
         self._ranges = cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH)
         self._motions = cell.motion_check(clearance)
@@ -145,6 +148,7 @@ class PathPlanner:
             quality.joint_range_power,
             quality.clearance_power,
             quality.equations == "printed",
+            self._judges,
         )
         for branch in self._branches(timing):
             map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, static)

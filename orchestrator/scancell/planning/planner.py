@@ -12,6 +12,7 @@ from scancell.cell.program import Program
 from scancell.errors import PlanningError
 from scancell.planning import paths, surface, trajectory
 from scancell.planning.assembly import Assembly
+from scancell.planning.configuration_map import Judge
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_planner import PathPlanner, PlacedPath
@@ -64,8 +65,8 @@ class Plan:
     source: str = ""
 
 
-def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
-    """Plan a scan.
+def plan(cell: PlanningCell, options: ScanOptions, judges: Sequence[Judge] = ()) -> Plan:
+    """Plan a scan; `judges` are further constraints of motions along sensor paths.
 
     Raises
     ------
@@ -80,7 +81,7 @@ def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
     if len(options.poses):
         _plan_poses(options, placer, assembly)
         return _verified(cell, options, Plan(*assembly.finish(), None, ()))
-    placed = _place_paths(cell, options)
+    placed = _place_paths(cell, options, judges)
     coverage, warnings = _plan_views(cell, options, placer, assembly, placed)
     warnings += [item.note for item in placed if item.note]
     for item in placed:
@@ -191,7 +192,7 @@ def _plan_poses(options: ScanOptions, placer: Placer, assembly: Assembly) -> Non
             assembly.add_pose(item)
 
 
-def _place_paths(cell: PlanningCell, options: ScanOptions) -> list[PlacedPath]:
+def _place_paths(cell: PlanningCell, options: ScanOptions, judges: Sequence[Judge]) -> list[PlacedPath]:
     """Motions for the sensor paths of the description; `PlanningError` with all reasons where one has none."""
     if not options.paths:
         return []
@@ -201,7 +202,7 @@ def _place_paths(cell: PlanningCell, options: ScanOptions) -> list[PlacedPath]:
     found = [
         path for item in options.paths for path in sensor_paths(item, cell.nominal.part, cell.nominal.table_from_part)
     ]
-    planner = PathPlanner(cell, options.clearance)
+    planner = PathPlanner(cell, options.clearance, judges)
     placed = [planner.place(path) for path in found]
     reasons = [item for item in placed if isinstance(item, str)]
     if reasons:

@@ -25,6 +25,7 @@ from scancell.config.loading import Setup
 from scancell.config.units import si_value
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
+from scancell.planning.configuration_map import Judge
 from scancell.planning.model import PlanningCell
 from scancell.planning.occupancy import with_occupied_space
 from scancell.planning.options import scan_options
@@ -114,8 +115,17 @@ class ScanPipeline(Closing):
         # The cached reference to the mesh prevents reuse of its id.
         return _kept(self._cells, f"{id(part)} {cell.model_dump_json()}", _MAX_CELLS, make)[1]
 
-    def plan(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor, saved: Plan | None = None) -> Plan:
-        """The plan of the scan description, or a `saved` one checked again; cached by a digest of all inputs.
+    def plan(
+        self,
+        loaded: LoadedCell,
+        setup: Setup,
+        sensor: sensor_rt.Sensor,
+        saved: Plan | None = None,
+        judges: Sequence[Judge] = (),
+    ) -> Plan:
+        """The plan of the scan description, or a `saved` one checked again.
+
+        It is cached by a digest of all inputs, unless there are `judges`, see `planner.plan`.
 
         Raises
         ------
@@ -134,7 +144,10 @@ class ScanPipeline(Closing):
         def make() -> Plan:
             torques = TorqueLimits(setup.cell) if setup.cell.robot.drive == "dynamic" else None
             here, options = replace(cell, torques=torques), scan_options(setup.scan)
-            return plan(here, options) if saved is None else recheck(here, saved, options)
+            return plan(here, options, judges) if saved is None else recheck(here, saved, options)
+
+        if judges:
+            return make()
 
         return _kept(self._plans, key, _MAX_PLANS, make)
 
