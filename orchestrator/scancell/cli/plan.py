@@ -63,6 +63,8 @@ def plan(
         if made.coverage is not None:
             lines.append(f"  sees       {100 * made.coverage:.1f} % of the surface, occlusion ignored")
             figures["seen"] = made.coverage
+        lines += [f"  {line}" for line in made.reduced]
+        figures["reduced"] = list(made.reduced)
         files = []
         figures["paths"] = told = []
         for number, placed in enumerate(made.paths, start=1):

@@ -48,6 +48,8 @@ class Plan:
         Views that were omitted or replaced, and why.
     paths
         Sensor paths with the motions of the table that were found for them.
+    reduced
+        Bodies whose meshes were reduced for the distance queries, and by how much: added to their clearances.
     """
 
     program: Program
@@ -57,6 +59,7 @@ class Plan:
     coverage: float | None
     warnings: tuple[str, ...]
     paths: tuple[PlacedPath, ...] = ()
+    reduced: tuple[str, ...] = ()
 
 
 def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
@@ -74,12 +77,18 @@ def plan(cell: PlanningCell, options: ScanOptions) -> Plan:
     assembly = Assembly(cell, options)
     if len(options.poses):
         _plan_poses(options, placer, assembly)
-        return _verified(cell, options, Plan(*assembly.finish(), None, ()))
+        return _verified(cell, options, Plan(*assembly.finish(), None, (), reduced=_reductions(cell)))
     placed = _place_paths(cell, options)
     coverage, warnings = _plan_views(cell, options, placer, assembly, placed)
     for item in placed:
         assembly.add_path(item)
-    return _verified(cell, options, Plan(*assembly.finish(), coverage, tuple(warnings), tuple(placed)))
+    made = Plan(*assembly.finish(), coverage, tuple(warnings), tuple(placed), _reductions(cell))
+    return _verified(cell, options, made)
+
+
+def _reductions(cell: PlanningCell) -> tuple[str, ...]:
+    found = cell.reduced_meshes.items()
+    return tuple(one.line(name) for name, one in found if one.original_faces > len(one.mesh.faces))
 
 
 def _verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
@@ -97,7 +106,7 @@ def _verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
         np.concatenate([segment.q[::2] for segment in segments]),
         np.concatenate([segment.table[::2] for segment in segments]),
     )
-    clash = first_collision(cell.proximity_meshes, cell.proximity.pairs, cell.proximity.names, poses)
+    clash = first_collision(cell.judged_meshes, cell.proximity.pairs, cell.proximity.names, poses)
     if clash is None:
         return made
     starts = np.cumsum([0, *(len(segment.times[::2]) for segment in segments)])
