@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -74,6 +75,8 @@ class PlanningCell:
         Table angle at the start, rad.
     threads
         Threads of the clearance queries, which do not change them; 0 uses all cores.
+    pair_clearance
+        Clearances (m) of pairs of bodies by their names, in place of all other values for them.
     """
 
     nominal: NominalCell
@@ -81,6 +84,7 @@ class PlanningCell:
     cycle: float
     table_start: float = 0.0
     threads: int = 0
+    pair_clearance: Mapping[frozenset[str], float] = field(default_factory=dict)
 
     @cached_property
     def _chain(self) -> list[str]:
@@ -123,14 +127,16 @@ class PlanningCell:
     def clearances(self, clearance: float) -> Array:
         """Distance (pairs,), m, that the bodies of each pair of `proximity` have to keep.
 
-        It is `clearance` (m), or that of the body if it has its own. Links of the arm are close to each other by
-        design: 2 mm are enough.
+        It is that of `pair_clearance`, else that of the body if it has its own, else `clearance` (m). Links of the
+        arm are close to each other by design: 2 mm are enough.
         """
         own = {body.name: body.clearance for body in self.nominal.bodies if body.clearance is not None}
-        required = [
-            max((own[name] for name in pair if name in own), default=clearance) for pair in self.proximity.pairs
-        ]
-        return np.where(self._of_arm, min(clearance, _SELF_CLEARANCE), np.array(required, float))
+        required = []
+        for pair, inner in zip(self.proximity.pairs, self._of_arm, strict=True):
+            usual = min(clearance, _SELF_CLEARANCE) if inner else clearance
+            of_bodies = max((own[name] for name in pair if name in own), default=usual)
+            required.append(self.pair_clearance.get(frozenset(pair), of_bodies))
+        return np.array(required, float)
 
     @property
     def _of_arm(self) -> NDArray[np.bool_]:
@@ -144,7 +150,7 @@ class PlanningCell:
         They begin at the `clearances` for `low`, and end at `high`, between links of the arm at `arm_high`.
         """
         first = self.clearances(low) + self._errors
-        return np.stack([first, np.where(self._of_arm, arm_high, np.maximum(high, 2 * first))], 1)
+        return np.stack([first, np.maximum(np.where(self._of_arm, arm_high, high), 2 * first)], 1)
 
     def clearance_violations(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
         """Pairs of bodies nearer than their `clearances` at joints (n, joints) and table angles (n,), rad."""
