@@ -28,8 +28,8 @@ from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.configuration_map import Judge
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import PlacedPose, Placer
+from scancell.planning.plan import Plan
 from scancell.planning.plan_file import read_plan
-from scancell.planning.planner import Plan
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.reconstruct import why_empty
 from scancell.results import ScanResult, ShotResult
@@ -39,6 +39,7 @@ from scancell.scanning.pipeline import LoadedCell, ScanPipeline, envelope_of
 from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, make_sensors, sample_rows
 from scancell.scanning.sensor_range import sensor_range
 from scancell.scanning.session import ScanSession
+from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
 from scancell.stopwatch import Stopwatch
 
 Array = NDArray[np.float64]
@@ -230,6 +231,46 @@ class Scanner(Closing):
         setup = setup or self.setup
         loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
         return self.pipeline.plan(loaded, setup, make_sensors(setup.sensor, (), 0).nominal, judges=judges)
+
+    def survey(
+        self,
+        part: str | Path | Mesh,
+        *,
+        unit: str = "mm",
+        radius: float | None = None,
+        height: float = 0.2,
+        voxel: float = 0.01,
+        inflation: float = 0.002,
+        as_built: AsBuilt = (),
+        seed: int = 0,
+        progress: Progress | ProgressCallback | None = None,
+    ) -> SurveyResult:
+        """Find what stands around the table beside the known bodies, by the geometric engine.
+
+        Parameters
+        ----------
+        part
+            The part on the table, as in `scan`.
+        radius, height
+            Of the surveyed cylinder on the table, m; default radius: 50 mm more than the table's. Space above it is
+            taken as free.
+        voxel
+            Edge of the voxels, m.
+        inflation
+            Distance from measured voxels up to which space counts as occupied, m.
+
+        Raises
+        ------
+        ScancellError
+            Naming what is wrong and what was expected.
+        """
+        words, setup = tuple(assignments(as_built)), self.setup
+        loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
+        region = SurveyRegion(
+            loaded.nominal.table_radius + 0.05 if radius is None else radius, height, voxel, inflation
+        )
+        sensors = make_sensors(setup.sensor, words, seed)
+        return Survey(setup, loaded, sensors, self.pipeline, region, seed, words).run(as_progress(progress))
 
     @contextmanager
     def session(

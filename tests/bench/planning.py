@@ -31,7 +31,8 @@ from scancell.planning.optimum import best_motion
 from scancell.planning.options import scan_options
 from scancell.planning.path_planner import PathPlanner
 from scancell.planning.placement import LIMIT_FRACTION
-from scancell.planning.planner import Plan, plan
+from scancell.planning.plan import Plan
+from scancell.planning.planner import plan
 from scancell.planning.ray_shooting import shoot
 from scancell.planning.timing import FINER
 from scancell.planning.torques import joint_torques

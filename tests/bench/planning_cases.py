@@ -30,10 +30,10 @@ from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.optimum import best_motion
 from scancell.planning.path_planner import PathPlanner
-from scancell.planning.planner import check_part
 from scancell.planning.ray_shooting import shoot
 from scancell.planning.sensor_paths import SensorPath, sensor_paths
 from scancell.planning.table_motion import Lattice
+from scancell.planning.verification import check_part
 from scancell.scanning.sense import make_sensors
 from scancell.scanning.sensor_range import sensor_range
 

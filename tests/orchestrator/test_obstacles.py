@@ -16,6 +16,7 @@ from scancell.errors import CellError, DescriptionError
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import MOTION_SHARE, PlanningCell
+from scancell.planning.options import pair_clearances
 from scancell.scanner import Scanner
 
 BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
@@ -57,6 +58,30 @@ def test_planning_keeps_the_clearance_of_the_obstacle() -> None:
         near[obstacle] = required[frozenset(("sensor", "post"))]
         assert required[frozenset(("sensor", "table"))] == 0.005
     assert near == {POST: 0.005, own: 0.03}
+
+
+def test_pair_has_a_clearance_of_its_own() -> None:
+    words = [
+        f"cell.obstacle=[{POST}]",
+        'scan.pair_clearance=[{ bodies = ["table", "sensor"], clearance_mm = 20.0 },'
+        ' { bodies = ["sensor", "link3"], clearance_mm = 10.0 }]',
+    ]
+    setup = load_setup(overrides=words)
+    nominal = nominal_cell(setup.cell, BLOCK)
+    cell = PlanningCell(nominal, RANGE, CYCLE, pair_clearance=pair_clearances(setup.scan, nominal))
+    names = list(map(frozenset, cell.proximity.pairs))
+    ranges = dict(zip(names, cell.clearance_ranges(0.005, 0.05, 0.01).tolist(), strict=True))
+    assert ranges[frozenset(("sensor", "table"))] == pytest.approx([0.02, 0.05])
+    assert ranges[frozenset(("sensor", "link3"))] == pytest.approx([0.01, 0.02])
+    assert ranges[frozenset(("sensor", "post"))] == pytest.approx([0.005, 0.05])
+
+
+@pytest.mark.parametrize("bodies", [("sensor", "tabel"), ("sensor", "sensor")])
+def test_wrong_pair_is_refused(bodies) -> None:
+    words = f'scan.pair_clearance=[{{ bodies = ["{bodies[0]}", "{bodies[1]}"], clearance_mm = 20.0 }}]'
+    message = rf"pair_clearance\[1\].bodies = .*{bodies[1]}.*: expected two of base"
+    with Scanner.from_setup(load_setup(overrides=[words])) as scanner, pytest.raises(DescriptionError, match=message):
+        scanner.plan(BLOCK)
 
 
 def test_motion_15_mm_above_a_post_is_free_unless_the_post_needs_30_mm() -> None:

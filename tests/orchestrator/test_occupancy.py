@@ -153,7 +153,7 @@ def bad_voxels(tmp_path, **changes):
     [
         ({"kind": np.array("other")}, "kind = 'other': expected 'scancell voxels 1'"),
         ({"kind": None}, "expected an array points_in_part_mm; found world_origin_mm"),
-        ({"world_occupied": None}, "expected an array world_occupied or table_occupied"),
+        ({"world_occupied": None}, "expected an array world_occupied, table_occupied or fixed"),
         ({"world_spacing_mm": None}, "misses the array world_spacing_mm"),
         ({"world_origin_mm": np.array([0.0, np.nan, 0.0])}, "world_origin_mm = .*: expected 3 finite numbers"),
         ({"world_spacing_mm": np.array(-1.0)}, r"world_spacing_mm = -1.0: expected a positive number"),

@@ -15,7 +15,8 @@ from scancell.nominal.plausibility import setup_warnings
 from scancell.planning import trajectory
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
-from scancell.planning.planner import Plan, plan
+from scancell.planning.plan import Plan
+from scancell.planning.planner import plan
 
 CLEARANCE = 0.8 * 5e-3  # m: what connections keep of the default clearance
 

@@ -16,7 +16,8 @@ from scancell.planning import constraints, surface, trajectory
 from scancell.planning.connection import Connector
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
-from scancell.planning.planner import Plan, plan
+from scancell.planning.plan import Plan
+from scancell.planning.planner import plan
 
 
 def scan(**changes) -> ScanDescription:

@@ -17,6 +17,7 @@ from scancell.cli.options import CellOptions, CloudOptions, with_options
 from scancell.cli.plan import PathOption, plan
 from scancell.cli.robot import robot_app
 from scancell.cli.study import study_app
+from scancell.cli.survey import survey
 from scancell.config.choices import Mode
 
 # Typer brings a copy of click along; its error for a wrong command line is the base of one that typer exports.
@@ -32,6 +33,7 @@ app = typer.Typer(
 )
 app.command()(batch)
 app.command()(plan)
+app.command()(survey)
 app.add_typer(fmu_app, name="fmu")
 app.add_typer(robot_app, name="robot")
 app.add_typer(study_app, name="study")

@@ -21,7 +21,7 @@ from scancell.cli.common import (
 
 if TYPE_CHECKING:
     from scancell.planning.path_planner import PlacedPath
-    from scancell.planning.planner import Plan
+    from scancell.planning.plan import Plan
 
 PathOption = Annotated[
     Path | None, typer.Option("--path", help="sensor path (TOML) instead of the views of the scan description")
@@ -69,6 +69,8 @@ def plan(
         if made.coverage is not None:
             lines.append(f"  sees       {100 * made.coverage:.1f} % of the surface, occlusion ignored")
             figures["seen"] = made.coverage
+        lines += [f"  {line}" for line in made.reduced]
+        figures["reduced"] = list(made.reduced)
         files = []
         figures["paths"] = told = []
         for number, placed in enumerate(made.paths, start=1):

@@ -47,6 +47,13 @@ class RasterDescription(Description):
     speed_mm_s: Positive = Field(default=50.0, description="speed of the sensor along the pass, mm/s")
 
 
+class PairClearanceDescription(Description):
+    """Clearance of one pair of bodies, in place of all other values for it."""
+
+    bodies: tuple[str, str] = Field(description="names of the bodies: sensor, link4, table, part, an obstacle's …")
+    clearance_mm: NonNegative = Field(description="smallest distance allowed between them, mm")
+
+
 class ScanDescription(FileDescription):
     """Views of a scan: with `pose` these poses only, otherwise planned sweeps and passes around the part."""
 
@@ -64,6 +71,9 @@ class ScanDescription(FileDescription):
         default=100.0, description="waiting time at rest before each exposure in stop-and-look mode, ms"
     )
     clearance_mm: NonNegative = Field(default=5.0, description="smallest distance allowed between bodies, mm")
+    pair_clearance: tuple[PairClearanceDescription, ...] = Field(
+        default=(), description="pairs of bodies with a clearance of their own"
+    )
     verify: bool = Field(
         default=True,
         description="whether python-fcl, an independent library, looks for collisions in the finished plan",

@@ -12,7 +12,7 @@ from scancell.geometry.mesh import Mesh
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_MAX_VOXELS = 50_000_000
+MAX_VOXELS = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class VoxelGrid:
         low = np.floor(points.min(0) / spacing - inflation / spacing - 1) * spacing
         high = points.max(0) + inflation + 2 * spacing
         shape = np.ceil((high - low) / spacing)
-        if shape.prod() > _MAX_VOXELS:
+        if shape.prod() > MAX_VOXELS:
             raise ValueError(
                 f"{shape.prod():.2g} voxels of {spacing * 1e3:g} mm would be needed, at most 5e7 are allowed"
             )

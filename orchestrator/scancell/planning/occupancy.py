@@ -15,6 +15,7 @@ from scancell.config.occupied import OccupiedDescription
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
+from scancell.geometry.pose import transform_points
 from scancell.geometry.voxels import VoxelGrid
 from scancell.nominal.cell import OCCUPIED, Body, NominalCell
 from scancell.reconstruction.cloud_files.points import read_points
@@ -22,7 +23,7 @@ from scancell.reconstruction.cloud_files.points import read_points
 Array = NDArray[np.float64]
 
 _KIND = "scancell voxels 1"
-_FRAMES = ("world", "table")
+_FRAMES = ("world", "table", "fixed")
 
 
 def with_occupied_space(nominal: NominalCell, files: tuple[OccupiedDescription, ...]) -> NominalCell:
@@ -33,16 +34,32 @@ def with_occupied_space(nominal: NominalCell, files: tuple[OccupiedDescription, 
     DescriptionError
         If a file is missing, of another kind, empty, or has values that are not finite.
     """
-    grids = [(frame, grid) for item in files for frame, grid in _grids(item, nominal).items()]
-    made = [
-        Body(f"{OCCUPIED}{number}]", frame, grid.surface(), Material(0.0))
-        for number, (frame, grid) in enumerate(grids, start=1)
-        if grid.occupied.any()
-    ]
+    made: list[Body] = []
+    for item in files:
+        made += occupied_bodies(_grids(item, nominal), nominal, first=len(made) + 1)
     return replace(nominal, bodies=(*nominal.bodies, *made)) if made else nominal
 
 
+def occupied_bodies(grids: Mapping[str, VoxelGrid], nominal: NominalCell, first: int = 1) -> list[Body]:
+    """Bodies of the grids by their frame, numbered from `first`: ``world``, ``table`` (turns), ``fixed``.
+
+    ``fixed`` is the frame of the table at angle 0, which does not turn.
+    """
+    made: list[Body] = []
+    for frame, grid in grids.items():
+        if not grid.occupied.any():
+            continue
+        mesh = grid.surface()
+        if frame == "fixed":
+            mesh = mesh.transformed(nominal.world_from_table)
+        made.append(
+            Body(f"{OCCUPIED}{first + len(made)}]", "table" if frame == "table" else "world", mesh, Material(0.0))
+        )
+    return made
+
+
 def _grids(item: OccupiedDescription, nominal: NominalCell) -> dict[str, VoxelGrid]:
+    """Grids by frame: ``world``, ``table`` or ``fixed``."""
     path, inflation = Path(item.file), si_value(item, "inflate_mm")
     if path.suffix.lower() == ".npz" and _holds_voxels(path):
         return {frame: grid.inflated(inflation) for frame, grid in read_voxels(path).items()}
@@ -53,15 +70,16 @@ def _grids(item: OccupiedDescription, nominal: NominalCell) -> dict[str, VoxelGr
         "table": ("table", np.eye(4)),
         "part": ("table", nominal.table_from_part),
     }[item.frame]
-    placed = points @ frame_from_points[:3, :3].T + frame_from_points[:3, 3]
     try:
-        return {frame: VoxelGrid.around(placed, si_value(item, "voxel_mm"), inflation)}
+        return {
+            frame: VoxelGrid.around(transform_points(frame_from_points, points), si_value(item, "voxel_mm"), inflation)
+        }
     except ValueError as error:
         raise DescriptionError(f"{path}: {error}") from None
 
 
 def write_voxels(path: Path, grids: Mapping[str, VoxelGrid], **more: NDArray[np.generic]) -> None:
-    """Write grids by frame (``world``, ``table`` at angle 0) and further arrays as NPZ; it appears whole or not at all.
+    """Write grids by frame, see `occupied_bodies`, and further arrays as NPZ; it appears whole or not at all.
 
     Raises
     ------
@@ -100,7 +118,7 @@ def read_voxels(path: Path) -> dict[str, VoxelGrid]:
             raise DescriptionError(f"{path}: kind = '{arrays['kind']}': expected '{_KIND}'")
         found = [frame for frame in _FRAMES if f"{frame}_occupied" in arrays]
         if not found:
-            raise DescriptionError(f"{path}: expected an array world_occupied or table_occupied")
+            raise DescriptionError(f"{path}: expected an array world_occupied, table_occupied or fixed_occupied")
         return {frame: _grid(path, frame, arrays) for frame in found}
 
 

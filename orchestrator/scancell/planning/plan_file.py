@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from scancell.cell.program import Program, Segment, TriggerKind, TriggerRule
 from scancell.config.description import Description, Finite, NonNegative, validate
 from scancell.errors import DescriptionError
-from scancell.planning.planner import Plan
+from scancell.planning.plan import Plan
 
 _Row = tuple[Finite, ...]
 _UNITS = {"time": "s", "q": "rad", "table": "rad", "interval": "s, rad or m by kind"}

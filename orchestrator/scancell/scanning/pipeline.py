@@ -28,9 +28,11 @@ from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_un
 from scancell.planning.configuration_map import Judge
 from scancell.planning.model import PlanningCell
 from scancell.planning.occupancy import with_occupied_space
-from scancell.planning.options import scan_options
-from scancell.planning.planner import Plan, plan, recheck
+from scancell.planning.options import pair_clearances, scan_options
+from scancell.planning.plan import Plan
+from scancell.planning.planner import plan
 from scancell.planning.torques import TorqueLimits
+from scancell.planning.verification import recheck
 from scancell.progress import Progress
 from scancell.proximity.cell_check import check_cell
 from scancell.reconstruction.cloud import Cloud
@@ -130,13 +132,14 @@ class ScanPipeline(Closing):
         Raises
         ------
         DescriptionError
-            If a file of occupied space cannot be used.
+            If a file of occupied space cannot be used, or a pair with its own clearance does not exist.
         PlanningError
             Naming the poses that cannot be reached, or the bodies that collide.
         """
         cycle = setup.cell.world.controller_cycle_us * 1e-6
         nominal = with_occupied_space(loaded.nominal, setup.scan.occupied)
-        cell = PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads)
+        own = pair_clearances(setup.scan, nominal)
+        cell = PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads, pair_clearance=own)
         robot = setup.cell.robot.model_dump_json()
         key = _digest([_without_optics(nominal), cell.range, cell.cycle, setup.scan.model_dump_json(), robot])
         key += "" if saved is None else _digest([saved.program])
