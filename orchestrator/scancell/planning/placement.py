@@ -35,6 +35,12 @@ class PlacedSweep:
     q: Array
     branch: int
 
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Joints and table angle (joints + 1,), rad, where it starts and ends."""
+        at = np.append(self.q, 0.0)
+        return at, at
+
 
 @dataclass(frozen=True)
 class PlacedPass:
@@ -46,6 +52,11 @@ class PlacedPass:
     q: Array
     exposures: Array
     branch: int
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Joints and table angle (joints + 1,), rad, where it starts and ends."""
+        return np.append(self.q[0], self.table), np.append(self.q[-1], self.table)
 
 
 @dataclass(frozen=True)
@@ -65,6 +76,7 @@ class Infeasible:
     sensor_collides: bool = False
 
 
+Placed = PlacedSweep | PlacedPass
 _T = TypeVar("_T", PlacedSweep, PlacedPass, PlacedPose)
 
 

@@ -22,12 +22,14 @@ from scancell.closing import Closing
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
 from scancell.config.loading import Setup
+from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
 from scancell.planning.planner import Plan, plan
+from scancell.planning.sight import Sight
 from scancell.progress import Progress
 from scancell.proximity.cell_check import check_cell
 from scancell.reconstruction.cloud import Cloud
@@ -37,6 +39,7 @@ from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
 from scancell.scanning.exposures import build_scene, visible_bodies
 from scancell.scanning.sense import OnImages, Sensing, SensingResult, Sensors, sense
 from scancell.scanning.sensor_range import sensor_range
+from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
 
 _MAX_CELLS = 2
 _MAX_PLANS = 16
@@ -117,8 +120,13 @@ class ScanPipeline(Closing):
         """
         cycle = setup.cell.world.controller_cycle_us * 1e-6
         cell = PlanningCell(loaded.nominal, sensor_range(sensor), cycle, threads=self.threads)
-        key = _digest([_without_optics(loaded.nominal), cell.range, cell.cycle, setup.scan.model_dump_json()])
-        return _kept(self._plans, key, _MAX_PLANS, lambda: plan(cell, scan_options(setup.scan)))
+        sight = Sight(loaded.nominal, setup.sensor, self._measurable, self.threads)
+        described = (setup.scan.model_dump_json(), setup.sensor.model_dump_json())
+        key = _digest([_without_optics(loaded.nominal), cell.range, cell.cycle, *described])
+        return _kept(self._plans, key, _MAX_PLANS, lambda: plan(cell, scan_options(setup.scan), sight))
+
+    def _measurable(self, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
+        return measurable_surface(nominal, sensor, cache=cache_folder(), threads=self.threads)
 
     def drive(
         self,
