@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +21,7 @@ from scancell.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from scancell.planning.coverage import CoverageReport
     from scancell.planning.path_planner import PlacedPath
     from scancell.planning.plan import Plan
 
@@ -67,8 +69,12 @@ def plan(
         ]
         figures: dict[str, object] = {"exposures": len(made.q), "duration_s": made.program.duration}
         if made.coverage is not None:
-            lines.append(f"  sees       {100 * made.coverage:.1f} % of the surface, occlusion ignored")
             figures["seen"] = made.coverage
+        if made.coverage is not None and made.report is None:
+            lines.append(f"  sees       {100 * made.coverage:.1f} % of the surface, occlusion ignored")
+        if made.report is not None:
+            lines += _lines_of_report(made.report)
+            figures["report"] = asdict(made.report)
         lines += [f"  {line}" for line in made.reduced]
         figures["reduced"] = list(made.reduced)
         files = []
@@ -90,6 +96,16 @@ def plan(
         return Outcome(lines, figures, files, list(made.warnings))
 
     run("plan", as_json, work)
+
+
+def _lines_of_report(report: CoverageReport) -> list[str]:
+    return [
+        f"  sees       {100 * report.share:.2f} % of the measurable surface in {report.views} views, chosen from"
+        f" {report.candidates}",
+        f"  time       {report.time:.1f} s by estimate; no choice of the candidates needs less than"
+        f" {report.least_time:.1f} s",
+        *(f"  unseen     {100 * share:.2f} %: {reason}" for reason, share in report.unseen.items()),
+    ]
 
 
 def _figures_of(placed: PlacedPath, optimum: bool) -> dict[str, str | float]:

@@ -54,6 +54,21 @@ class PairClearanceDescription(Description):
     clearance_mm: NonNegative = Field(description="smallest distance allowed between them, mm")
 
 
+class CoverageDescription(Description):
+    """Choice of views by what they see of the measurable surface, in place of the fixed sweeps and passes.
+
+    Sweeps at any elevation and short passes in any direction take part as far as `sweep` and `raster` are enabled;
+    speeds, spacing and stand-off are theirs.
+    """
+
+    enabled: bool = Field(default=False, description="whether views are chosen by what they see")
+    share: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        default=0.99, description="share of the measurable surface that is to be seen, 0..1"
+    )
+    max_views: Annotated[int, Field(ge=1, le=1000)] = Field(default=100, description="largest number of views")
+    max_time_s: Positive = Field(default=600.0, description="largest estimated duration of all views, s")
+
+
 class ScanDescription(FileDescription):
     """Views of a scan: with `pose` these poses only, otherwise planned sweeps and passes around the part."""
 
@@ -87,6 +102,9 @@ class ScanDescription(FileDescription):
     )
     sweep: SweepDescription = Field(default=SweepDescription(), description="turns of the table under a fixed sensor")
     raster: RasterDescription = Field(default=RasterDescription(), description="straight passes over the part's top")
+    coverage: CoverageDescription = Field(
+        default=CoverageDescription(), description="choice of views by what they see of the measurable surface"
+    )
     pose: tuple[PoseDescription, ...] = Field(
         default=(), description="part_from_sensor of single exposures; replaces sweeps and passes"
     )
@@ -99,6 +117,8 @@ class ScanDescription(FileDescription):
     def _has_views(self) -> Self:
         if not (self.sweep.enabled or self.raster.enabled or self.pose or self.path):
             raise ValueError("nothing to scan: enable sweep or raster, or give at least one path or pose")
+        if self.coverage.enabled and not (self.sweep.enabled or self.raster.enabled):
+            raise ValueError("coverage.enabled: enable sweep or raster, whose views it chooses from")
         if self.pose and self.path:
             raise ValueError("give either pose or path, not both")
         return self

@@ -108,6 +108,11 @@ class Assembly:
         points = np.concatenate([points for _, points in self._exposures])
         return program, ids, points[:, :-1], points[:, -1]
 
+    def time_to(self, start: Array) -> float:
+        """Time (s) of the direct motion from the present set-point to joints and a table angle (axes,), rad."""
+        goal = np.append(start[:-1], self._nearest_table(float(start[-1])))
+        return len(self._connector.move(self._at, goal)) * self._cell.cycle
+
     def _all_moving(self) -> bool:
         return all(segment.trigger.kind != "request" for segment in self._segments)
 

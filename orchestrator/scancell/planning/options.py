@@ -16,6 +16,16 @@ from scancell.nominal.poses import pose_matrix
 
 Array = NDArray[np.float64]
 
+_DEFAULT_AZIMUTH = float(np.radians(105.0))  # when the scan has no sweeps
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """Distance between exposures: of the table in sweeps (rad), of the sensor in passes (m)."""
+
+    angle: float
+    pitch: float
+
 
 @dataclass(frozen=True)
 class SweepOptions:
@@ -40,6 +50,15 @@ class RasterOptions:
 
 
 @dataclass(frozen=True)
+class CoverageOptions:
+    """Choice of views by what they see: asked share of the measurable surface, and the budget (s)."""
+
+    share: float
+    max_views: int
+    max_time: float
+
+
+@dataclass(frozen=True)
 class ScanOptions:
     """Options of a scan: m, rad, s.
 
@@ -56,6 +75,17 @@ class ScanOptions:
     poses: Array
     verify: bool = True
     paths: tuple[PathDescription, ...] = ()
+    coverage: CoverageOptions | None = None
+
+    @property
+    def spacing(self) -> Spacing:
+        """Requested spacing of exposures."""
+        return Spacing(self.sweep.angle_step if self.sweep else np.inf, self.raster.pitch if self.raster else np.inf)
+
+    @property
+    def azimuth(self) -> float:
+        """Preferred azimuth of the sensor, rad."""
+        return self.sweep.azimuth if self.sweep else _DEFAULT_AZIMUTH
 
 
 def pair_clearances(scan: ScanDescription, nominal: NominalCell) -> dict[frozenset[str], float]:
@@ -101,4 +131,7 @@ def scan_options(scan: ScanDescription) -> ScanOptions:
         poses=poses,
         verify=scan.verify,
         paths=scan.path,
+        coverage=CoverageOptions(scan.coverage.share, scan.coverage.max_views, scan.coverage.max_time_s)
+        if scan.coverage.enabled
+        else None,
     )

@@ -39,14 +39,7 @@ def side_sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions,
     A sheet through the axis meets radial walls at grazing incidence. Greedy choice by added surface, at most
     `_MAX_SIDE_SWEEPS`, until the best candidate adds less than `_MIN_SWEEP_GAIN`.
     """
-    radius = float(np.hypot(part.extremes[:, 0], part.extremes[:, 1]).max())
-    offsets = [sign * share * radius for share in _SIDE_OFFSETS for sign in (1, -1)]
-    candidates = [
-        view
-        for e in options.elevations
-        for y in offsets
-        for view in _sweeps_at(part, sensor_range, options, e, y, seen)
-    ]
+    candidates = sweeps_beside_axis(part, sensor_range, options, seen)
     sees = np.array([seen_by([view], sensor_range, part) for view in candidates])
     chosen: list[Sweep] = []
     while candidates and len(chosen) < _MAX_SIDE_SWEEPS:
@@ -57,6 +50,18 @@ def side_sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions,
         chosen.append(candidates[best])
         seen = seen | sees[best]
     return chosen
+
+
+def sweeps_beside_axis(part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags) -> list[Sweep]:
+    """Sweeps with the laser sheet at several offsets from the axis, for samples not yet `seen` (n,)."""
+    radius = float(np.hypot(part.extremes[:, 0], part.extremes[:, 1]).max())
+    offsets = [sign * share * radius for share in _SIDE_OFFSETS for sign in (1, -1)]
+    return [
+        view
+        for e in options.elevations
+        for y in offsets
+        for view in _sweeps_at(part, sensor_range, options, e, y, seen)
+    ]
 
 
 def _sweeps_at(

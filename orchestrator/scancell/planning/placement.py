@@ -36,6 +36,12 @@ class PlacedSweep:
     q: Array
     branch: int
 
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Joints and table angle (joints + 1,), rad, where it starts and ends."""
+        at = np.append(self.q, 0.0)
+        return at, at
+
 
 @dataclass(frozen=True)
 class PlacedPass:
@@ -51,6 +57,11 @@ class PlacedPass:
     exposures: Array
     branch: int
     note: str = ""
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Joints and table angle (joints + 1,), rad, where it starts and ends."""
+        return np.append(self.q[0], self.table), np.append(self.q[-1], self.table)
 
 
 @dataclass(frozen=True)
@@ -70,6 +81,7 @@ class Infeasible:
     sensor_collides: bool = False
 
 
+Placed = PlacedSweep | PlacedPass
 _T = TypeVar("_T", PlacedSweep, PlacedPass, PlacedPose)
 
 

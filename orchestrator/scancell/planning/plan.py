@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.program import Program
+from scancell.planning.coverage import CoverageReport
 from scancell.planning.path_planner import PlacedPath
 
 Array = NDArray[np.float64]
@@ -31,6 +32,8 @@ class Plan:
         Views that were omitted or replaced, and why.
     paths
         Sensor paths with the motions of the table that were found for them.
+    report
+        What coverage-driven views see; None for others.
     reduced
         Bodies whose meshes were reduced for the distance queries, and by how much: added to their clearances.
     source
@@ -44,5 +47,6 @@ class Plan:
     coverage: float | None
     warnings: tuple[str, ...]
     paths: tuple[PlacedPath, ...] = ()
+    report: CoverageReport | None = None
     reduced: tuple[str, ...] = ()
     source: str = ""

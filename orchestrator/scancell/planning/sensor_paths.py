@@ -25,7 +25,7 @@ from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.poses import pose_matrix
-from scancell.planning.views import Spacing
+from scancell.planning.options import Spacing
 
 Array = NDArray[np.float64]
 

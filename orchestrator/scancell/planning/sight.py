@@ -8,22 +8,24 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell import sensor as sensor_rt
 from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 from scancell.planning.views import View
-from scancell.visibility.measurable import INCIDENCE_LIMIT, MeasurableSurface, measurable_surface
-from scancell.visibility.sensor_field import SensorOptics
+from scancell.visibility.measurable import MeasurableSurface, measurable_surface
+from scancell.visibility.sensor_field import SensorField, SensorOptics
+from scancell.visibility.surface_search import INCIDENCE_LIMIT, SurfaceSearch
 from scancell.visibility.tracer import Tracer
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Judgements = NDArray[np.int8]
+Indices = NDArray[np.int64]
 
 # Why a view does not measure a sample, in the order of the checks.
 OUT_OF_RANGE, GRAZING, OCCLUDED, SEEN = range(4)
 
+_MOST_SAMPLES = 6000  # of the measurable surface
 _LIFT = 2e-5  # m by which rays start above the surface
 _MIN_COSINE = float(np.cos(INCIDENCE_LIMIT))
 
@@ -62,19 +64,26 @@ class Sight:
         return self._measurable(self._nominal, self._description)
 
     @cached_property
+    def search(self) -> SurfaceSearch:
+        """Search for poses that measure samples of the surface."""
+        field = SensorField.of(self._description)
+        return SurfaceSearch(self._nominal, field, len(self.surface.samples), self._threads)
+
+    @cached_property
+    def rows(self) -> Indices:
+        """(n,) those of the samples of the surface that are judged: measurable ones, evenly chosen."""
+        measurable = np.flatnonzero(self.surface.measurable)
+        return measurable[:: max(1, -(-len(measurable) // _MOST_SAMPLES))]
+
+    @cached_property
     def points(self) -> Array:
-        """(n, 3) measurable samples in the frame of the table at angle 0, m, of equal area each."""
-        return pose.transform_points(self._nominal.table_from_part, self.surface.samples[self.surface.measurable])
+        """(n, 3) judged samples in the frame of the table at angle 0, m, of equal area each."""
+        return pose.transform_points(self._nominal.table_from_part, self.search.samples[self.rows])
 
     @cached_property
     def normals(self) -> Array:
         """(n, 3) their unit normals; of a mesh that is not closed either side counts."""
-        part = self._nominal.part
-        normals = self.surface.normals[self.surface.measurable]
-        if not part.is_closed:
-            samples = self.surface.samples[self.surface.measurable]
-            normals = part.normals[sensor_rt.closest_points(part.vertices, part.faces, samples, self._threads)[2]]
-        return np.asarray(normals @ self._nominal.table_from_part[:3, :3].T)
+        return np.asarray(self.search.normals[self.rows] @ self._nominal.table_from_part[:3, :3].T)
 
     @cached_property
     def optics(self) -> SensorOptics:
@@ -83,12 +92,7 @@ class Sight:
 
     @cached_property
     def _tracer(self) -> Tracer:
-        nominal = self._nominal
-        frames = nominal.frame_poses(nominal.home, 0.0)
-        turned = nominal.frame_poses(nominal.home, 1.0)
-        table_from_world = pose.inverse(frames["table"])
-        on_table = [b for b in nominal.bodies if not np.allclose(frames[b.moves_with], turned[b.moves_with])]
-        return Tracer([b.mesh.transformed(table_from_world @ frames[b.moves_with]) for b in on_table], self._threads)
+        return Tracer(self.search.obstacles, self._threads)
 
     def judge(self, view: View) -> Judgements:
         """(n,) what the view makes of each sample: `SEEN`, or the last check that it passes at no crossing."""
@@ -98,7 +102,7 @@ class Sight:
             best[rows] = np.maximum(best[rows], self.judge_at(table_from_sensor[rows], rows))
         return best
 
-    def judge_at(self, table_from_sensor: Array, rows: NDArray[np.int64]) -> Judgements:
+    def judge_at(self, table_from_sensor: Array, rows: Indices) -> Judgements:
         """(k,) the same for the samples `rows` (k,), each from a pose (k, 4, 4) with the sample in the laser sheet."""
         points, normals = self.points[rows], self.normals[rows]
         result = np.full(len(rows), OUT_OF_RANGE, np.int8)

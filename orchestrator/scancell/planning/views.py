@@ -17,18 +17,11 @@ from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.planning import surface
 from scancell.planning.model import SensorRange
+from scancell.planning.options import Spacing
 from scancell.planning.surface import MIN_COSINE, Surface
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Spacing:
-    """Distance between exposures: of the table in sweeps (rad), of the sensor in passes (m)."""
-
-    angle: float
-    pitch: float
 
 
 class View(Protocol):

@@ -22,6 +22,7 @@ from scancell.closing import Closing
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
 from scancell.config.loading import Setup
+from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
@@ -31,6 +32,7 @@ from scancell.planning.occupancy import with_occupied_space
 from scancell.planning.options import pair_clearances, scan_options
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
+from scancell.planning.sight import Sight
 from scancell.planning.torques import TorqueLimits
 from scancell.planning.verification import recheck
 from scancell.progress import Progress
@@ -42,6 +44,7 @@ from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
 from scancell.scanning.exposures import build_scene, visible_bodies
 from scancell.scanning.sense import OnImages, Sensing, SensingResult, Sensors, sense
 from scancell.scanning.sensor_range import sensor_range
+from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
 
 _MAX_CELLS = 2
 _MAX_PLANS = 16
@@ -140,19 +143,23 @@ class ScanPipeline(Closing):
         nominal = with_occupied_space(loaded.nominal, setup.scan.occupied)
         own = pair_clearances(setup.scan, nominal)
         cell = PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads, pair_clearance=own)
-        robot = setup.cell.robot.model_dump_json()
-        key = _digest([_without_optics(nominal), cell.range, cell.cycle, setup.scan.model_dump_json(), robot])
+        sight = Sight(nominal, setup.sensor, self._measurable, self.threads)
+        described = (setup.scan.model_dump_json(), setup.sensor.model_dump_json(), setup.cell.robot.model_dump_json())
+        key = _digest([_without_optics(nominal), cell.range, cell.cycle, *described])
         key += "" if saved is None else _digest([saved.program])
 
         def make() -> Plan:
             torques = TorqueLimits(setup.cell) if setup.cell.robot.drive == "dynamic" else None
             here, options = replace(cell, torques=torques), scan_options(setup.scan)
-            return plan(here, options, judges) if saved is None else recheck(here, saved, options)
+            return plan(here, options, sight, judges) if saved is None else recheck(here, saved, options)
 
         if judges:
             return make()
 
         return _kept(self._plans, key, _MAX_PLANS, make)
+
+    def _measurable(self, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
+        return measurable_surface(nominal, sensor, cache=cache_folder(), threads=self.threads)
 
     def drive(
         self,

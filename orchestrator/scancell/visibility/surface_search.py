@@ -1,0 +1,209 @@
+"""Search for sensor poses that measure samples of a part's surface."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.sampling import sample_surface
+from scancell.nominal.cell import Body, NominalCell
+from scancell.progress import Progress
+from scancell.visibility.sensor_field import POSITION_STEP, SensorField
+from scancell.visibility.tracer import Tracer
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+ANGLE_STEP = np.radians(15.0)
+INCIDENCE_LIMIT = np.radians(75.0)
+"""Largest angle between the surface normal and the laser ray or the ray to the camera."""
+
+_METHOD = 1  # raised when the method changes, so that older cache files are not used any more
+_SEED = 0
+_AZIMUTHS = round(2 * np.pi / ANGLE_STEP)
+_CHUNK = 1000  # samples between two reports of progress
+_MOST_TRIES = 100  # poses of a sample that are looked at
+
+
+class SurfaceSearch:
+    """Search for poses that measure samples of a part's surface, on the grid of `scancell.visibility.measurable`.
+
+    `samples` and `normals` (n, 3) are in the part frame. `obstacles` are the meshes of the part and of all that rests
+    on the table, in the frame of the table at angle 0.
+    """
+
+    def __init__(self, nominal: NominalCell, field: SensorField, samples: int, threads: int) -> None:
+        self._nominal = nominal
+        self._field = field
+        self._threads = threads
+        self.samples, face = sample_surface(nominal.part, samples, _SEED)
+        self.normals = nominal.part.normals[face]
+        self._orientations = orientations()
+        self._sides = (1.0,) if nominal.part.is_closed else (1.0, -1.0)
+        frames = nominal.frame_poses(nominal.home, 0.0)
+        table_from_world = pose.inverse(frames["table"])
+        on_table = {"table", *(f"part[{i}]" for i, p in enumerate(nominal.further_parts, 2) if p.carrier == "table")}
+        fixed = {"world", *(f"part[{i}]" for i, p in enumerate(nominal.further_parts, 2) if p.carrier == "world")}
+        self.obstacles = [nominal.part.transformed(nominal.table_from_part)] + [
+            body.mesh.transformed(table_from_world @ frames[body.moves_with]) for body in _bodies(nominal, on_table)
+        ]
+        self._fixed = [body.mesh.transformed(frames[body.moves_with]) for body in _bodies(nominal, fixed)]
+        housing = [body.mesh.vertices for body in _bodies(nominal, {"sensor"})]
+        self._angles = self._preferred_angles()
+        optics = np.concatenate([field.cameras, [[0.0, 0.0, field.source_z]]])
+        self._housing = np.concatenate([optics, *housing])
+
+    def digest(self) -> str:
+        """SHA-256 of all that decides the result."""
+        arm, field = self._nominal.arm, self._field
+        joints = [*((j.a, j.d, j.alpha, j.theta, j.beta, j.min, j.max) for j in arm.joints), *arm.held]
+        sha = hashlib.sha256(f"{_METHOD} {_SEED} {ANGLE_STEP} {POSITION_STEP} {INCIDENCE_LIMIT} {joints}".encode())
+        for mesh in (*self.obstacles, *self._fixed):
+            _feed(sha, mesh.vertices, mesh.faces)
+        _feed(sha, self._housing, field.points, field.seen, field.cameras, np.array([field.source_z]))
+        _feed(sha, arm.world_from_base, self._nominal.world_from_table, self._nominal.flange_from_sensor)
+        _feed(sha, self._nominal.table_from_part, np.array([len(self.samples)]))
+        return sha.hexdigest()
+
+    def run(self, progress: Progress) -> Flags:
+        """(n,) whether each sample is measurable."""
+        count = len(self.samples)
+        progress.stage("measurable surface", count, "samples")
+        mesh = _joined(self.obstacles)
+        fixed = Tracer(self._fixed, self._threads) if self._fixed else None
+        searches = [self._pose_search(mesh, side) for side in self._sides]
+        measurable = np.zeros(count, bool)
+        for rows in np.split(np.arange(count), np.arange(_CHUNK, count, _CHUNK)):
+            for search in searches:
+                measurable[self._found(search, rows[~measurable[rows]], fixed)] = True
+            progress.advance(len(rows))
+        return measurable
+
+    def poses(self, rows: Indices, each: int) -> tuple[Indices, Array]:
+        """Poses of the grid that measure the samples `rows`, at most `each` of them, in different directions.
+
+        Returns
+        -------
+        rows, table_from_sensor
+            (k,) samples, and (k, 4, 4) the poses in the frame of the table at angle 0, m. Bodies fixed in the world are
+            not looked at.
+        """
+        on_table = pose.transform_points(self._nominal.table_from_part, self.samples)
+        mesh, found, poses = _joined(self.obstacles), [np.zeros(0, np.int64)], [np.zeros((0, 4, 4))]
+        for side in self._sides:
+            search, left = self._pose_search(mesh, side), rows
+            for _ in range(_MOST_TRIES):
+                left, keys, positions = search.next(left, self._threads)
+                reached = np.isfinite(self._table_angles(keys))
+                search.record_reachability(keys, reached)
+                azimuth = np.arctan2(*on_table[left, 1::-1].T) - np.arctan2(*positions[:, 0, 1::-1].T)
+                rotation = self._orientations[keys[:, 0]]
+                at = pose.from_rotation(rotation, positions[:, 1] - self._field.source_z * rotation[:, :, 2])
+                found.append(left[reached])
+                poses.append((pose.from_rotation(pose.rotation_about(2, azimuth)) @ at)[reached])
+                search.skip_directions(left[reached])
+                left = left[np.bincount(np.concatenate(found), minlength=len(on_table))[left] < each]
+                if not len(left):
+                    break
+        return np.concatenate(found), np.concatenate(poses)
+
+    def _pose_search(self, mesh: Mesh, side: float) -> sensor_rt.PoseSearch:
+        table_from_part = self._nominal.table_from_part
+        return sensor_rt.PoseSearch(
+            mesh.vertices,
+            mesh.faces,
+            pose.transform_points(table_from_part, self.samples),
+            side * self.normals @ table_from_part[:3, :3].T,
+            self._orientations,
+            (self._orientations @ self._housing.T)[:, 2].min(-1),
+            _AZIMUTHS,
+            self._field.points,
+            self._field.seen,
+            self._field.cameras,
+            self._field.source_z,
+            INCIDENCE_LIMIT,
+            POSITION_STEP,
+        )
+
+    def _found(self, search: sensor_rt.PoseSearch, rows: Indices, fixed: Tracer | None) -> Indices:
+        """Those of the samples `rows` for which a pose of the grid is found that the arm reaches."""
+        found: list[Indices] = []
+        while len(rows):
+            rows, keys, positions = search.next(rows, self._threads)
+            distinct, key = np.unique(keys, axis=0, return_inverse=True)
+            table = self._table_angles(distinct)
+            search.record_reachability(distinct, np.isfinite(table))
+            angle = table[key.ravel()]
+            good = np.isfinite(angle)
+            if fixed is not None and good.any():
+                world = self._nominal.world_from_table @ pose.from_rotation(pose.rotation_about(2, angle[good]))
+                sample, source, camera = np.swapaxes(pose.transform_points(world, positions[good]), 0, 1)
+                blocked = fixed.blocked(sample, source) | fixed.blocked(sample, camera)
+                search.skip_directions(rows[good][blocked])
+                good[good] = ~blocked
+            found.append(rows[good])
+            rows = rows[~good]
+        return np.concatenate(found) if found else np.zeros(0, np.int64)
+
+    def _table_angles(self, keys: NDArray[np.int32]) -> Array:
+        """(k,) table angle at which the arm reaches each pose of the grid (k, 4); NaN where it never does."""
+        arm, nominal = self._nominal.arm, self._nominal
+        table_from_sensor = pose.from_rotation(self._orientations[keys[:, 0]], POSITION_STEP * keys[:, 1:])
+        table_from_flange = table_from_sensor @ pose.inverse(nominal.flange_from_sensor)
+        found = np.full(len(keys), np.nan)
+        # The first angle serves most poses; the others are tested for reach in one call.
+        for angles in np.split(self._angles, [1]):
+            rest = np.flatnonzero(np.isnan(found))
+            turned = nominal.world_from_table @ pose.from_rotation(pose.rotation_about(2, angles))
+            world_from_flange = turned[:, None] @ table_from_flange[rest]
+            outside = arm.distance_outside_reach(world_from_flange).reshape(len(angles), len(rest))
+            for angle, targets, near in zip(angles, world_from_flange, ~(outside > 0), strict=True):  # NaN: unknown
+                todo = np.flatnonzero(near & np.isnan(found[rest]))
+                if len(todo):
+                    q = arm.ik(targets[todo])
+                    found[rest[todo[np.isfinite(q[..., 0]).any(1)]]] = angle
+        return found
+
+    def _preferred_angles(self) -> Array:
+        """(24,) table angles, those first that put the sensor beside the line from the arm's base to the table."""
+        base_from_table = pose.inverse(self._nominal.arm.world_from_base) @ self._nominal.world_from_table
+        towards_base = np.arctan2(*-(base_from_table[:3, :3].T @ base_from_table[:3, 3])[1::-1])
+        angle = np.arange(_AZIMUTHS) * ANGLE_STEP
+        order = np.argsort(np.abs(np.cos(angle - towards_base)).round(9), kind="stable")
+        return np.asarray(angle[order])
+
+
+def orientations() -> Array:
+    """(k, 3, 3) ``table_from_sensor`` at azimuth 0, the sensor on the side of x > 0, for all elevations and headings.
+
+    Straight down and up the heading is the azimuth, and only one is listed.
+    """
+    result = []
+    for elevation in np.arange(-np.pi / 2, np.pi / 2 + ANGLE_STEP / 2, ANGLE_STEP):
+        c, s = np.cos(elevation), np.sin(elevation)
+        upright = np.array([[0.0, -s, -c], [-1.0, 0.0, 0.0], [0.0, c, -s]])
+        headings = np.arange(_AZIMUTHS if c > 1e-9 else 1) * ANGLE_STEP
+        result.append(upright @ pose.rotation_about(2, headings))
+    return np.concatenate(result)
+
+
+def _bodies(nominal: NominalCell, frames: set[str]) -> list[Body]:
+    return [body for body in nominal.bodies if body.moves_with in frames]
+
+
+def _joined(meshes: list[Mesh]) -> Mesh:
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces), "part and table")
+
+
+def _feed(sha: hashlib._Hash, *arrays: NDArray[np.generic]) -> None:
+    for array in arrays:
+        sha.update(f"{array.dtype.str}{array.shape}".encode())
+        sha.update(np.ascontiguousarray(array).data)

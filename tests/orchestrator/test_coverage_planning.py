@@ -1,0 +1,203 @@
+"""Coverage-driven views: what `Sight` sees, against the geometric engine, and the choice, against enumeration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import combinations
+
+import numpy as np
+import pytest
+import trimesh
+from cells import CYCLE, RANGE, block, mesh_of
+from scipy.spatial import cKDTree
+
+from scancell import sensor as sensor_rt
+from scancell.config.files import assets_dir
+from scancell.config.loading import load_setup
+from scancell.errors import DescriptionError, PlanningError
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh, load_mesh
+from scancell.nominal.cell import nominal_cell
+from scancell.planning import surface
+from scancell.planning.coverage import CoveragePlanner, _least_time
+from scancell.planning.legs import legs
+from scancell.planning.model import PlanningCell
+from scancell.planning.options import ScanOptions, scan_options
+from scancell.planning.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Sight
+from scancell.planning.views import Pass, sweep_pose
+from scancell.scanning.sense import make_sensors
+from scancell.visibility.measurable import MeasurableSurface, measurable_surface
+
+BLOCK = block(0.05, 0.04, 0.03)
+SAMPLES = 3000
+
+
+def table_shape() -> Mesh:
+    """A plate on a pillar: the foot is under a roof."""
+    boxes = [((0.06, 0.06, 0.004), 0.002), ((0.01, 0.01, 0.03), 0.015), ((0.06, 0.06, 0.004), 0.032)]
+    made = [trimesh.creation.box(size, pose.translation((0, 0, z))) for size, z in boxes]
+    return mesh_of(trimesh.boolean.union(made, engine="manifold"))
+
+
+def sight_of(part: Mesh, *words: str) -> tuple[PlanningCell, Sight]:
+    setup = load_setup(overrides=words)
+    cell = PlanningCell(nominal_cell(setup.cell, part), RANGE, CYCLE)
+    return cell, Sight(cell.nominal, setup.sensor, lambda n, s: measurable_surface(n, s, SAMPLES))
+
+
+def options_of(*words: str) -> ScanOptions:
+    return scan_options(load_setup(overrides=("scan.coverage.enabled=true", *words)).scan)
+
+
+def overhead(length: float, height: float = 0.13) -> Pass:
+    ends = [pose.from_rotation(np.diag([1.0, -1.0, -1.0]), (x, 0.0, height)) for x in (-length / 2, length / 2)]
+    return Pass("over the top", *ends)
+
+
+def test_pass_over_a_block_sees_its_top_within_the_line_and_its_sides_at_grazing_incidence() -> None:
+    _, sight = sight_of(BLOCK)
+    judged = sight.judge(overhead(0.06))
+    top = sight.normals[:, 2] > 0.9
+    within = np.abs(sight.points[:, 1]) < 0.02
+    assert (judged[top & within] == SEEN).all()
+    # Along y the sides are parallel to the sheet; the others face neither laser nor camera.
+    assert (judged[~top] <= GRAZING).all()
+    short = sight.judge(overhead(0.02))
+    assert (short[np.abs(sight.points[:, 0]) > 0.01] == OUT_OF_RANGE).all()
+    assert (sight.judge(overhead(0.06, 0.4)) == OUT_OF_RANGE).all()
+
+
+def test_roof_occludes_what_it_covers() -> None:
+    _, sight = sight_of(table_shape())
+    foot = (sight.normals[:, 2] > 0.9) & (sight.points[:, 2] < 0.01)
+    under = foot & (np.abs(sight.points[:, :2]) < 0.025).all(1)
+    judged = sight.judge(overhead(0.06))
+    assert under.sum() > 20
+    assert (judged[under] == OCCLUDED).all()
+    slanted = sweep_pose(np.array([0.025, 0.0, 0.004]), np.radians(25), 0.1)
+    aside = Pass("below the roof", *(slanted @ pose.translation((x, 0, 0)) for x in (-0.02, 0.02)))
+    assert (sight.judge(aside)[foot] == SEEN).any()
+
+
+@cache
+def _machined() -> tuple[PlanningCell, Sight]:
+    return sight_of(load_mesh(assets_dir() / "parts/machined.stl", "mm"))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_seen_samples_are_those_that_the_geometric_engine_measures(seed: int) -> None:
+    cell, sight = _machined()
+    rng = np.random.default_rng(seed)
+    everything = np.arange(len(sight.points))
+    (leg,) = legs(sight, everything, 1, 1, rng)
+    mesh = cell.nominal.part.transformed(cell.nominal.table_from_part)
+    scene = sensor_rt.Scene()
+    scene.add_mesh("part", mesh.vertices, mesh.faces, 0.5)
+    count = max(2, int(leg.view.length / 0.1e-3))
+    poses = leg.view.at(np.linspace(0, leg.view.length, count))
+    still = np.broadcast_to(np.eye(4), (count, 1, 1, 4, 4))
+    exposures = sensor_rt.Exposures(poses[:, None], still, np.full(count, 1e-6), np.arange(count))
+    sensor = make_sensors(load_setup(ideal=True).sensor, (), 0).nominal
+    profiles = sensor_rt.scan(scene, sensor, exposures, "geometric").profiles
+    points = pose.transform_each(poses[profiles.frame], profiles.points_in_sensor)
+    near = sensor_rt.covered_samples(sight.points, sight.normals, points, None, 0.4e-3, 0.5)
+    seen = leg.judged == SEEN
+    assert seen.sum() > 10
+    assert near[seen].mean() > 0.99
+    assert near[leg.judged == OUT_OF_RANGE].mean() < 0.02
+    # What the engine measures within 70 degrees for laser and camera is judged as seen.
+    distance, nearest = cKDTree(sight.points).query(points)
+    optics = np.concatenate([np.zeros((1, 3)), sight.optics.cameras])
+    seen_from = (optics[0 * profiles.camera], optics[1 + profiles.camera])
+    ends = np.stack([pose.transform_each(poses[profiles.frame], at) for at in seen_from])
+    rays = ends - points
+    cosine = (rays * sight.normals[nearest]).sum(-1) / np.linalg.norm(rays, axis=-1)
+    good = (cosine > np.cos(np.radians(70))).all(0) & (distance < 0.3e-3)
+    assert good.sum() > 100
+    assert seen[nearest[good]].mean() > 0.98
+
+
+def test_choice_sees_the_share_and_its_report_adds_up() -> None:
+    cell, sight = sight_of(BLOCK)
+    part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
+    views, report = CoveragePlanner(cell, sight, options_of()).choose(part, 5000)
+    seen = np.any([sight.judge(placed.view) == SEEN for placed, _ in views], axis=0)
+    assert report.share >= 0.99
+    assert seen.mean() == pytest.approx(report.share)
+    assert sum(report.unseen.values()) == pytest.approx(1 - report.share)
+    assert 0 < report.least_time <= report.time <= report.greedy_factor * report.time
+    assert report.views == len(views)
+    assert report.measurable_area == pytest.approx(2 * 0.03 * 0.09 + 0.05 * 0.04, rel=0.01)
+
+
+def test_share_and_budget_limit_the_choice() -> None:
+    cell, sight = sight_of(BLOCK)
+    part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
+    half = CoveragePlanner(cell, sight, options_of("scan.coverage.share=0.5")).choose(part, 5000)[1]
+    quick = CoveragePlanner(cell, sight, options_of("scan.coverage.max_time_s=4")).choose(part, 5000)[1]
+    assert 0.5 <= half.share < 0.99
+    assert quick.time <= 4
+    for report in (half, quick):
+        assert any("budget" in reason for reason in report.unseen)
+    sweeps_only, _ = CoveragePlanner(cell, sight, options_of("scan.raster.enabled=false")).choose(part, 5000)
+    assert sweeps_only
+    assert not any(isinstance(placed.view, Pass) for placed, _ in sweeps_only)
+
+
+def test_exposures_are_thinned_to_the_largest_number() -> None:
+    cell, sight = sight_of(BLOCK)
+    part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
+    views, _ = CoveragePlanner(cell, sight, options_of()).choose(part, 100)
+    assert sum(count for _, count in views) <= 100
+    with pytest.raises(PlanningError, match="max_profiles = 3 is too few"):
+        CoveragePlanner(cell, sight, options_of()).choose(part, 3)
+
+
+def test_least_time_is_a_bound_that_enumeration_confirms() -> None:
+    """No set of random candidates sees the goal in less; for disjoint candidates of equal density it is exact."""
+    rng = np.random.default_rng(4)
+    for _ in range(30):
+        seen, time = rng.random((7, 40)) < 0.3, rng.uniform(1, 5, 7)
+        goal = int(0.8 * seen.any(0).sum())
+        sets = [list(c) for k in range(1, 8) for c in combinations(range(7), k)]
+        best = min(time[c].sum() for c in sets if seen[c].any(0).sum() >= goal)
+        assert _least_time(seen.sum(1), time, goal) <= best + 1e-12
+    assert _least_time(np.array([10, 10, 10]), np.array([1.0, 2.0, 4.0]), 20) == pytest.approx(3.0)
+    assert _least_time(np.array([10, 10, 10]), np.array([1.0, 2.0, 4.0]), 15) == pytest.approx(2.0)
+
+
+def test_poses_of_the_grid_measure_hard_samples() -> None:
+    _, sight = _machined()
+    rng = np.random.default_rng(0)
+    rows = rng.choice(len(sight.points), 40, replace=False)
+    found, poses = sight.search.poses(sight.rows[rows], 3)
+    assert set(found) <= set(sight.rows[rows])
+    assert len(set(found)) > 35
+    assert np.bincount(found).max() <= 3
+    sample_of = np.searchsorted(sight.rows, found)
+    in_sensor = pose.transform_each(pose.inverse(poses), sight.points[sample_of])
+    assert np.abs(in_sensor[:, 0]).max() < 1e-6
+    assert (sight.judge_at(poses, sample_of) == SEEN).mean() > 0.97
+
+
+def test_part_without_measurable_surface_is_refused() -> None:
+    cell, _ = sight_of(BLOCK)
+    setup = load_setup()
+
+    def nothing(nominal: object, sensor: object) -> MeasurableSurface:
+        found = measurable_surface(cell.nominal, setup.sensor, 100)
+        return replace(found, measurable=np.zeros_like(found.measurable))
+
+    part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
+    with pytest.raises(PlanningError, match="nothing of the part is measurable"):
+        CoveragePlanner(cell, Sight(cell.nominal, setup.sensor, nothing), options_of()).choose(part, 1000)
+    near = sight_of(BLOCK)[1]
+    far = sight_of(BLOCK, "cell.table.pose.x_mm=3000")[0]
+    with pytest.raises(PlanningError, match=r"no feasible view of the part: .*out of the arm's reach"):
+        CoveragePlanner(far, near, options_of()).choose(part, 1000)
+
+
+def test_coverage_without_any_kind_of_view_is_refused() -> None:
+    with pytest.raises(DescriptionError, match="enable sweep or raster"):
+        options_of("scan.sweep.enabled=false", "scan.raster.enabled=false", "scan.path=[]")
