@@ -44,6 +44,21 @@ class SpiralDescription(Description):
     )
 
 
+class ContourDescription(Description):
+    """Once around the part's outermost contour at one height; the laser line is upright."""
+
+    height_mm: Finite = Field(description="height of the contour in the part frame, mm")
+    elevation_deg: _Elevation = Field(
+        default=30.0,
+        description="angle of the viewing direction above the horizontal, towards the contour's normal, deg",
+    )
+    turns: Literal[-1, 1] = Field(default=1, description="1: counterclockwise; -1: clockwise")
+    start_deg: Finite = Field(default=0.0, description="azimuth of the normal at the start, from +x about z, deg")
+    smoothing_mm: Positive = Field(
+        default=10.0, description="length along the contour on either side over which its direction is averaged, mm"
+    )
+
+
 class WeightsDescription(Description):
     """Weights of the cost of a motion, which is the mean over time of ``1 / f - 1`` and of these terms."""
 
@@ -80,6 +95,7 @@ class PathDescription(FileDescription):
     pitch_mm: Positive = Field(default=0.5, description="distance of the sensor between exposures, mm")
     standoff_mm: Positive = Field(default=80.0, description="distance along sensor Z to the point it looks at, mm")
     spiral: SpiralDescription | None = Field(default=None, description="a spiral around the part")
+    contour: ContourDescription | None = Field(default=None, description="the contour of the part at one height")
     waypoint: tuple[WaypointDescription, ...] = Field(
         default=(), description="poses that the sensor passes through on straight lines, turning evenly"
     )
@@ -93,9 +109,9 @@ class PathDescription(FileDescription):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
-        given = [self.spiral is not None, bool(self.waypoint), self.recorded is not None]
+        given = [self.spiral is not None, self.contour is not None, bool(self.waypoint), self.recorded is not None]
         if sum(given) != 1:
-            raise ValueError("give exactly one of spiral, waypoint and recorded")
+            raise ValueError("give exactly one of spiral, contour, waypoint and recorded")
         if len(self.waypoint) == 1:
             raise ValueError("waypoint: expected at least two")
         return self

@@ -44,7 +44,13 @@ def plan(cell: PlanningCell, options: ScanOptions, sight: Sight | None = None, j
         _plan_poses(options, placer, assembly)
         return verified(cell, options, Plan(*assembly.finish(), None, (), reduced=_reductions(cell)))
     along = _place_paths(cell, options, judges)
-    left = options.max_profiles - sum(len(item.exposures) for item in along)
+    needed = sum(len(item.exposures) for item in along)
+    if needed > options.max_profiles:
+        raise PlanningError(
+            f"the paths need {needed} exposures; max_profiles = {options.max_profiles} is too few: expected a larger"
+            " pitch_mm of the paths or a larger scan.max_profiles"
+        )
+    left = options.max_profiles - needed
     part, report = surface.sample(cell.nominal.part, cell.nominal.table_from_part), None
     warnings: list[str] = []
     if options.coverage:

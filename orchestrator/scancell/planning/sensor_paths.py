@@ -25,6 +25,7 @@ from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.poses import pose_matrix
+from scancell.planning.contour_path import contour_poses
 from scancell.planning.options import Spacing
 
 Array = NDArray[np.float64]
@@ -133,6 +134,8 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
     standoff = 1e-3 * description.standoff_mm
     if description.spiral is not None:
         legs = [_spiral(description.spiral, part, standoff)]
+    elif description.contour is not None:
+        legs = [contour_poses(description.contour, part, standoff)]
     elif description.waypoint:
         stops = [_looking(point, standoff) for point in description.waypoint]
         legs = [np.stack(ends) for ends in pairwise(stops)]
