@@ -122,6 +122,21 @@ def test_plan_with_the_survey_avoids_the_post_that_the_plan_without_hits(scanner
     assert aware.coverage > 0.9 * (blind.coverage or 0.0)
 
 
+def test_unknown_clamp_on_the_table_is_avoided_while_the_table_turns(tmp_path) -> None:
+    """The survey sees it at one angle of the table; a scan turns it past the sensor."""
+    trimesh.creation.box((20.0, 20.0, 99.0)).export(tmp_path / "clamp.stl")
+    clamp = f'name = "post", mesh = "{tmp_path / "clamp.stl"}", moves_with = "table", known = false'
+    words = [f"cell.obstacle=[{{ {clamp}, pose = {{ x_mm = 95.0, z_mm = 50.0 }} }}]"]
+    with Scanner.from_setup(load_setup(overrides=words)) as scanner:
+        file = scanner.survey(PART).save(tmp_path / "survey.npz")
+        blind = scanner.plan(PART)
+        words.append(f'scan.occupied=[{{ file = "{file}" }}]')
+        with Scanner.from_setup(load_setup(overrides=words)) as knowing:
+            aware = knowing.plan(PART)
+        assert distance_to_post(scanner, blind) == 0.0
+        assert distance_to_post(scanner, aware) > 0.004
+
+
 def test_survey_itself_touches_nothing(scanner, monkeypatch) -> None:
     """All motions of the survey in the true cell, post included."""
     driven: list[Plan] = []

@@ -1,4 +1,4 @@
-"""Motions between views, proved free of collision: direct, through retreat points, or through the home position."""
+"""Motions between views, proved free of collision: direct, by retreat points or home, or by a search of joint space."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from scancell.planning import trajectory
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import LIMIT_FRACTION
 from scancell.planning.reasons import describe
+from scancell.planning.rrt_connect import RrtConnect
 from scancell.planning.timing import axis_name
 from scancell.proximity.scene import Clash
 
@@ -73,7 +74,8 @@ class Connector:
         Raises
         ------
         PlanningError
-            If every candidate path collides, naming `purpose` and the bodies that collide on the direct path.
+            If every candidate path collides and the search finds none, naming `purpose` and the bodies that collide on
+            the direct path.
         """
         if np.abs(end - start).max() < 1e-9:
             return []
@@ -91,8 +93,18 @@ class Connector:
             else:
                 return [self.move(a, b) for a, b in legs]
         assert direct is not None  # the direct path is the first candidate
+        found = self._search(start, end)
+        if found is not None:
+            return [self.move(a, b) for a, b in pairwise(found)]
         reason = describe(direct)
         raise PlanningError(f"no collision-free path to {purpose}: {reason} on the direct path")
+
+    def _search(self, start: Array, end: Array) -> list[Array] | None:
+        """Waypoints (axes,) by RRT-Connect; the table turns no farther than from start to end."""
+        lower, upper = self._cell.nominal.arm.limits
+        table = np.sort([start[-1], end[-1]])
+        limits = np.append(lower, table[0]), np.append(upper, table[1])
+        return RrtConnect(self._motions, *limits).path(start, end)
 
     def _candidate_paths(self, start: Array, end: Array) -> Iterator[list[Array]]:
         """Lists of waypoints (axes,), simplest first: direct, through retreat points at either end, through home."""
