@@ -20,6 +20,7 @@ from scancell.errors import CellError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint, Joint
 from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
+from scancell.nominal.friction import table_limits
 from scancell.nominal.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
 from scancell.nominal.patches import Patch, part_patches
 from scancell.nominal.poses import lay_down, pose_matrix, tool_matrix
@@ -154,6 +155,7 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
     if cell.part.fixture == "free":
         _refuse_unstable(part, table_from_part, cell.part)
     further = tuple(_further_part(part_, cell) for part_ in cell.further_part)
+    table_max_speed, table_max_acceleration = table_limits(cell, part, table_from_part)
     return NominalCell(
         arm=arm_of(robot),
         flange_from_sensor=tool_matrix(cell.tool),
@@ -161,8 +163,8 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         table_from_part=table_from_part,
         home=np.radians(robot.home_deg),
         table_radius=si_value(cell.table, "radius_mm"),
-        table_max_speed=si_value(cell.table, "max_speed_deg_s"),
-        table_max_acceleration=si_value(cell.table, "max_acceleration_deg_s2"),
+        table_max_speed=table_max_speed,
+        table_max_acceleration=table_max_acceleration,
         table_max_jerk=si_value(cell.table, "max_jerk_deg_s3"),
         part=part,
         lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
