@@ -98,6 +98,7 @@ def run_case(case: dict[str, Any]) -> Row:
         sweep=SweepDescription(enabled=False),
         raster=RasterDescription(enabled=False),
         clearance_mm=1e3 * CLEARANCE,
+        max_profiles=100_000,
     )
     cause, checks = "", (0, 0, "", np.nan, np.nan)
     made = None
