@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -23,37 +23,38 @@ class _Trigger(Description):
     interval: NonNegative
 
 
-class _Segment(Description):
+class _Points(Description):
+    """Joints and table angle, with a further column `per_point` of as many rows."""
+
+    per_point: ClassVar[str]
+
+    q: tuple[_Row, ...]
+    table: _Row
+
+    @model_validator(mode="after")
+    def _same_length(self) -> Self:
+        numbers = {key: len(getattr(self, key)) for key in (self.per_point, "q", "table")}
+        if len(set(numbers.values())) != 1:
+            given = ", ".join(f"{number} {key}" for key, number in numbers.items())
+            raise ValueError(f"{given}: expected as many of each")
+        return self
+
+
+class _Segment(_Points):
+    per_point: ClassVar[str] = "time"
+
     id: Annotated[int, Field(ge=1)]
     name: str
     trigger: _Trigger
     trigger_from: NonNegative
     trigger_to: NonNegative
     time: Annotated[_Row, Field(min_length=2)]
-    q: tuple[_Row, ...]
-    table: _Row
-
-    @model_validator(mode="after")
-    def _same_length(self) -> Self:
-        if not len(self.time) == len(self.q) == len(self.table):
-            raise ValueError(
-                f"{len(self.time)} times, {len(self.q)} q, {len(self.table)} table: expected as many of each"
-            )
-        return self
 
 
-class _Exposures(Description):
+class _Exposures(_Points):
+    per_point: ClassVar[str] = "segment"
+
     segment: tuple[int, ...]
-    q: tuple[_Row, ...]
-    table: _Row
-
-    @model_validator(mode="after")
-    def _same_length(self) -> Self:
-        if not len(self.segment) == len(self.q) == len(self.table):
-            raise ValueError(
-                f"{len(self.segment)} segment, {len(self.q)} q, {len(self.table)} table: expected as many of each"
-            )
-        return self
 
 
 class _PlanFile(Description):
