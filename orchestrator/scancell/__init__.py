@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scancell.api import batch, extract, plan, render, scan, shot, study
+    from scancell.api import batch, extract, place, plan, render, scan, shot, study
     from scancell.config.cell import CellDescription
     from scancell.config.loading import Setup
     from scancell.config.scan import ScanDescription
@@ -36,6 +36,7 @@ _MODULE_OF = {
     "ShotResult": "results",
     "batch": "api",
     "extract": "api",
+    "place": "api",
     "plan": "api",
     "render": "api",
     "scan": "api",
@@ -56,6 +57,7 @@ __all__ = [
     "ShotResult",
     "batch",
     "extract",
+    "place",
     "plan",
     "render",
     "scan",

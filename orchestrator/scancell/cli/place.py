@@ -107,6 +107,6 @@ def _verdict(count: int, single: float, together: float, share: float) -> str:
         return f"  the best set-up scans {100 * together:.1f} % of that, less than the {100 * share:g} % asked for"
     short = "" if together >= share else f", less than the {100 * share:g} % asked for"
     return (
-        f"  two set-ups are needed: the best one scans {100 * single:.1f} % of that, these two together"
+        f"  two set-ups are needed: the best single one scans {100 * single:.1f} % of that, these two together"
         f" {100 * together:.1f} %{short}"
     )
