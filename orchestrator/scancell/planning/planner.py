@@ -19,7 +19,7 @@ from scancell.planning.path_planner import PathPlanner, PlacedPath
 from scancell.planning.placement import Infeasible, Placed, PlacedSweep, Placer
 from scancell.planning.reasons import describe, join_reasons
 from scancell.planning.sight import Sight
-from scancell.planning.views import View, seen_by
+from scancell.planning.views import seen_by
 from scancell.proximity.judge import first_collision
 
 Array = NDArray[np.float64]
@@ -79,14 +79,15 @@ def plan(cell: PlanningCell, options: ScanOptions, sight: Sight | None = None) -
     if options.coverage:
         assert sight is not None
         views, report = CoveragePlanner(cell, sight, options).choose(part, left)
+        seen = seen_by([placed.view for placed, _ in views], cell.range, part)
     else:
-        views, warnings = default_views(cell, options, part, placer, left, is_needed=not along)
+        views, seen, warnings = default_views(cell, options, part, placer, left, is_needed=not along)
     _assemble(assembly, views, in_order=report is None)
     for item in along:
         assembly.add_path(item)
-    made: list[View] = [*(placed.view for placed, _ in views), *(item.path for item in along)]
-    seen = float(seen_by(made, cell.range, part).mean())
-    return _verified(cell, options, Plan(*assembly.finish(), seen, tuple(warnings), tuple(along), report))
+    seen |= seen_by([item.path for item in along], cell.range, part)
+    coverage = float(seen.mean())
+    return _verified(cell, options, Plan(*assembly.finish(), coverage, tuple(warnings), tuple(along), report))
 
 
 def _verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
