@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scancell.api import batch, extract, place, plan, render, scan, shot, study
+    from scancell.api import batch, extract, place, plan, render, scan, shot, study, survey
     from scancell.config.cell import CellDescription
     from scancell.config.loading import Setup
     from scancell.config.scan import ScanDescription
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from scancell.reconstruction.cloud import Cloud
     from scancell.results import ScanResult, ShotResult
     from scancell.scanner import Scanner
+    from scancell.scanning.survey import SurveyResult
 
 # Imported when first used: `import scancell` stays fast.
 _MODULE_OF = {
@@ -34,6 +35,7 @@ _MODULE_OF = {
     "SensorDescription": "config.sensor",
     "Setup": "config.loading",
     "ShotResult": "results",
+    "SurveyResult": "scanning.survey",
     "batch": "api",
     "extract": "api",
     "place": "api",
@@ -42,6 +44,7 @@ _MODULE_OF = {
     "scan": "api",
     "shot": "api",
     "study": "api",
+    "survey": "api",
 }
 
 __all__ = [
@@ -55,6 +58,7 @@ __all__ = [
     "SensorDescription",
     "Setup",
     "ShotResult",
+    "SurveyResult",
     "batch",
     "extract",
     "place",
@@ -63,6 +67,7 @@ __all__ = [
     "scan",
     "shot",
     "study",
+    "survey",
 ]
 
 

@@ -10,11 +10,12 @@ from scancell.config.cell import CellDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.geometry.mesh import Mesh
-from scancell.planning.planner import Plan
+from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.results import ScanResult, ShotResult
 from scancell.scanner import AsBuilt, Scanner, assignments
+from scancell.scanning.survey import SurveyResult
 
 if TYPE_CHECKING:
     from scancell.output.run_folder import RunReport
@@ -100,6 +101,22 @@ def place(
     """How a free part is best set up for scanning, see `Scanner.place`."""
     with Scanner(cell, sensor, scan, settings=settings) as scanner:
         return scanner.place(part, share, unit=unit)
+
+
+def survey(
+    part: str | Path | Mesh,
+    *,
+    cell: Cell = None,
+    sensor: Sensor = None,
+    scan: Scan = None,
+    settings: AsBuilt = (),
+    ideal: bool = False,
+    threads: int = 0,
+    **options: Any,
+) -> SurveyResult:
+    """Find what stands around the table; `options` are those of `Scanner.survey`, the other parameters `Scanner`'s."""
+    with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
+        return scanner.survey(part, **options)
 
 
 def extract(

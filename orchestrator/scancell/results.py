@@ -182,6 +182,8 @@ class ScanResult(ScanData):
         }
         if len(self.inputs) > 1:
             run["recording"] = str(self.inputs[1].absolute())
+        if self.plan is not None and self.plan.source:
+            run["plan"] = self.plan.source
         record = RunRecord(self.inputs, run, parse_formats(",".join(formats), "formats"), frame)
         write_run(self, self.deviation, self.coverage, record, folder, Stopwatch(self.timings))
 

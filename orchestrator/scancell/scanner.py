@@ -25,10 +25,12 @@ from scancell.errors import DescriptionError, EmptyScanError, MeshError, SensorE
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.nominal.plausibility import setup_warnings
+from scancell.planning.configuration_map import Judge
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
 from scancell.planning.placement import PlacedPose, Placer
-from scancell.planning.planner import Plan
+from scancell.planning.plan import Plan
+from scancell.planning.plan_file import read_plan
 from scancell.planning.setups import SetUpPlanner, SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.reconstruct import why_empty
@@ -39,6 +41,7 @@ from scancell.scanning.pipeline import LoadedCell, ScanPipeline, envelope_of
 from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, make_sensors, sample_rows
 from scancell.scanning.sensor_range import sensor_range
 from scancell.scanning.session import ScanSession
+from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
 from scancell.stopwatch import Stopwatch
 
 Array = NDArray[np.float64]
@@ -107,6 +110,7 @@ class Scanner(Closing):
         as_built: AsBuilt = (),
         seed: int = 0,
         setup: Setup | None = None,
+        plan: Plan | str | Path | None = None,
         estimated_cell: CellDescription | None = None,
         estimated_sensor: SensorDescription | None = None,
         normals: bool = True,
@@ -130,6 +134,8 @@ class Scanner(Closing):
             Random seed; the same seed gives the same result.
         setup
             Descriptions of this scan in place of the scanner's.
+        plan
+            A plan, or its file, in place of a new one; it is checked again in this cell.
         estimated_cell, estimated_sensor
             Calibrated descriptions that reconstruction uses in place of the nominal ones.
         normals
@@ -161,13 +167,14 @@ class Scanner(Closing):
             heard.advance(1)
         with watch.measure("plan"):
             heard.stage("planning", 1, "plan")
-            plan = self.pipeline.plan(loaded, setup, sensors.nominal)
+            saved = read_plan(Path(plan)) if isinstance(plan, str | Path) else plan
+            made = self.pipeline.plan(loaded, setup, sensors.nominal, saved)
             heard.advance(1)
         with watch.measure("drive"):
             request = DriveRequest(setup, loaded.nominal, loaded.for_fmu(seed, hook is not None), words)
-            recording = self.pipeline.drive(request, plan, heard, hook)
+            recording = self.pipeline.drive(request, made, heard, hook)
         inputs = (Path(part),) if isinstance(part, str | Path) else ()
-        draft = _Draft(setup, engine, seed, words, loaded, plan, recording, sensors, estimated_cell, inputs, unit)
+        draft = _Draft(setup, engine, seed, words, loaded, made, recording, sensors, estimated_cell, inputs, unit)
         return self._finish(draft, normals, samples, on_images, heard, watch)
 
     def render(
@@ -202,8 +209,21 @@ class Scanner(Closing):
         draft = _Draft(self.setup, engine, seed, words, loaded, None, records, sensors, estimated_cell, inputs, unit)
         return self._finish(draft, True, True, on_images, heard, watch)
 
-    def plan(self, part: str | Path | Mesh, *, unit: str = "mm", setup: Setup | None = None) -> Plan:
-        """The checked program of the scan of a part.
+    def plan(
+        self,
+        part: str | Path | Mesh,
+        *,
+        unit: str = "mm",
+        setup: Setup | None = None,
+        judges: Sequence[Judge] = (),
+    ) -> Plan:
+        """The checked program of the scan of a part, which `scan` takes.
+
+        Parameters
+        ----------
+        judges
+            Constraints of your own for motions along sensor paths: functions of joints (n, joints) and table angles
+            (n,), rad, that return factors (n,) in [0, 1], by which the quality is multiplied; 0 forbids.
 
         Raises
         ------
@@ -212,7 +232,47 @@ class Scanner(Closing):
         """
         setup = setup or self.setup
         loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
-        return self.pipeline.plan(loaded, setup, make_sensors(setup.sensor, (), 0).nominal)
+        return self.pipeline.plan(loaded, setup, make_sensors(setup.sensor, (), 0).nominal, judges=judges)
+
+    def survey(
+        self,
+        part: str | Path | Mesh,
+        *,
+        unit: str = "mm",
+        radius: float | None = None,
+        height: float = 0.2,
+        voxel: float = 0.01,
+        inflation: float = 0.002,
+        as_built: AsBuilt = (),
+        seed: int = 0,
+        progress: Progress | ProgressCallback | None = None,
+    ) -> SurveyResult:
+        """Find what stands around the table beside the known bodies, by the geometric engine.
+
+        Parameters
+        ----------
+        part
+            The part on the table, as in `scan`.
+        radius, height
+            Of the surveyed cylinder on the table, m; default radius: 50 mm more than the table's. Space above it is
+            taken as free.
+        voxel
+            Edge of the voxels, m.
+        inflation
+            Distance from measured voxels up to which space counts as occupied, m.
+
+        Raises
+        ------
+        ScancellError
+            Naming what is wrong and what was expected.
+        """
+        words, setup = tuple(assignments(as_built)), self.setup
+        loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
+        region = SurveyRegion(
+            loaded.nominal.table_radius + 0.05 if radius is None else radius, height, voxel, inflation
+        )
+        sensors = make_sensors(setup.sensor, words, seed)
+        return Survey(setup, loaded, sensors, self.pipeline, region, seed, words).run(as_progress(progress))
 
     def place(
         self,

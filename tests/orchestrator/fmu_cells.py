@@ -36,8 +36,8 @@ def segment(number: int, q: np.ndarray, table: np.ndarray, rule: TriggerRule, st
 def turn_of_table(home: np.ndarray, kind: TriggerKind, interval: float, count: int = 20) -> Program:
     """Arm at rest at `home`, table at 40 deg/s over `count` degrees of exposures."""
     run = trajectory.run(count, np.radians(1.0), np.radians(40.0), 2.0, CYCLE)
-    arm = np.tile(home, (len(run.path), 1))
-    start = run.path - run.path[0]
+    start = run.at(trajectory.cycle_times(run.duration, CYCLE)) - run.at(0.0)
+    arm = np.tile(home, (len(start), 1))
     rule = TriggerRule(kind, interval)
     return Program((segment(1, arm, start, rule, run.trigger_from, run.trigger_to),))
 
@@ -47,7 +47,8 @@ def moves_with_stops(home: np.ndarray, stops: int = 3) -> Program:
     segments, q, table = [], home, 0.0
     for number in range(1, stops + 1):
         goal, further = q + np.radians([5.0, -4.0, 3.0, 6.0, -5.0, 8.0]), table + np.radians(20.0)
-        points = trajectory.move(np.append(q, table), np.append(goal, further), np.full(7, 1.0), np.full(7, 3.0), CYCLE)
+        limits = trajectory.Limits(np.full(7, 1.0), np.full(7, 3.0), np.full(7, 60.0))
+        points = trajectory.move(np.append(q, table), np.append(goal, further), limits, CYCLE)
         segments.append(segment(number, points[:, :6], points[:, 6], TriggerRule("request")))
         q, table = goal, further
     return Program(tuple(segments), settle=0.2)

@@ -53,7 +53,7 @@ def test_shipped_cells_are_accepted(file, part):
     [
         ("", ["cell.table.pose.x_mm=150"], "'base' and 'table'", "robot.base or table.pose"),
         ("", ["cell.part.z_mm=-4"], "'table' and 'part' intersect, about 4 mm deep", "part.z_mm"),
-        (BELT.format(x=450.0, width=600.0), [], "'table' and 'belt'", "the pose of conveyor 'belt'"),
+        (BELT.format(x=450.0, width=600.0), [], "'table' and 'belt'", "the pose of 'belt'"),
         (
             NEIGHBOUR.format(x=55.0, z=0.0),
             [],

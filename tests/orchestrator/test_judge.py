@@ -12,7 +12,7 @@ from scancell.config.loading import load_setup
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
-from scancell.planning import planner
+from scancell.planning import verification
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
 from scancell.proximity.judge import first_collision
@@ -68,5 +68,5 @@ def test_a_plan_that_collides_is_refused_by_the_judge() -> None:
     segment = next(s for s in made.program.segments if s.trigger.kind == "table_angle")
     bad = replace(made.program, segments=(replace(segment, q=lowered(segment.q)),))
     with pytest.raises(PlanningError, match=rf"python-fcl finds that \w+ hits \w+ in segment {segment.id}"):
-        planner._verified(cell, options, replace(made, program=bad))
-    assert planner._verified(cell, replace(options, verify=False), replace(made, program=bad)).program is bad
+        verification.verified(cell, options, replace(made, program=bad))
+    assert verification.verified(cell, replace(options, verify=False), replace(made, program=bad)).program is bad

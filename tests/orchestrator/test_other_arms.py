@@ -15,7 +15,8 @@ from scancell.nominal.plausibility import setup_warnings
 from scancell.planning import trajectory
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
-from scancell.planning.planner import Plan, plan
+from scancell.planning.plan import Plan
+from scancell.planning.planner import plan
 
 CLEARANCE = 0.8 * 5e-3  # m: what connections keep of the default clearance
 
@@ -62,14 +63,11 @@ def test_sensor_is_where_the_views_have_it(any_plan: tuple[PlanningCell, Plan]) 
 
 def test_set_points_keep_limits(any_plan: tuple[PlanningCell, Plan]) -> None:
     cell, result = any_plan
-    arm, nominal = cell.nominal.arm, cell.nominal
-    assert arm.within_limits(setpoints(result)[:, :-1]).all()
-    speed = np.append(arm.max_speed, nominal.table_max_speed)
-    acceleration = np.append(arm.max_acceleration, nominal.table_max_acceleration)
+    assert cell.nominal.arm.within_limits(setpoints(result)[:, :-1]).all()
     for segment in result.program.segments:
         path = np.column_stack([segment.q, segment.table])
-        used = trajectory.limit_fractions(np.concatenate([path[:1], path, path[-1:]]), speed, acceleration, CYCLE)
-        assert max(used[0].max(), used[1].max()) <= 1 + 1e-9, segment.name
+        at_rest = np.concatenate([*3 * [path[:1]], path, *3 * [path[-1:]]])
+        assert trajectory.limit_fractions(at_rest, cell.axis_limits, CYCLE).max() <= 1 + 1e-9, segment.name
 
 
 def test_set_points_keep_clearance(any_plan: tuple[PlanningCell, Plan]) -> None:

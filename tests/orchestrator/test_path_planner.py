@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cells import CYCLE, RANGE, block, planning_cell
 from fcl_collisions import colliding
 
 from scancell.config.loading import assets_dir, load_setup
-from scancell.config.path import PathDescription, SpiralDescription, WaypointDescription
+from scancell.config.path import (
+    PathDescription,
+    QualityDescription,
+    SpiralDescription,
+    WaypointDescription,
+    WeightsDescription,
+)
 from scancell.nominal.cell import nominal_cell
-from scancell.planning import trajectory
+from scancell.planning import constraints, trajectory
 from scancell.planning.model import PlanningCell
 from scancell.planning.optimum import best_motion
 from scancell.planning.path_planner import PathPlanner, PlacedPath
@@ -39,23 +47,38 @@ def spiral(cell: PlanningCell) -> PlacedPath:
 def test_set_points_lead_the_sensor_along_the_path(cell: PlanningCell, spiral: PlacedPath) -> None:
     world = cell.nominal.world_from_part(spiral.table) @ np.linalg.inv(cell.nominal.table_from_part)
     table_from_sensor = np.linalg.inv(world) @ cell.nominal.world_from_sensor(spiral.q)
-    np.testing.assert_allclose(table_from_sensor, spiral.path.at(spiral.run.path), atol=1e-9)
+    np.testing.assert_allclose(
+        table_from_sensor, spiral.path.at(spiral.run.at(CYCLE * np.arange(len(spiral.q)))), atol=1e-9
+    )
 
 
 def test_all_axes_keep_their_limits_at_a_tenth_of_the_cycle(cell: PlanningCell, spiral: PlacedPath) -> None:
-    """Between set-points the controller interpolates by cubics; here by a spline through all of them."""
-    from scipy.interpolate import CubicSpline  # noqa: PLC0415
+    fine = spiral.at(np.arange(-3 * CYCLE, spiral.run.duration + 3 * CYCLE, CYCLE / 10))
+    assert np.ptp(fine[[0, 20]], axis=0).max() < 1e-12  # at rest before the start
+    assert trajectory.limit_fractions(fine, cell.axis_limits, CYCLE / 10).max() <= 1.0
+    assert cell.nominal.arm.within_limits(fine[:, :-1]).all()
 
-    arm, nominal = cell.nominal.arm, cell.nominal
-    setpoints = np.column_stack([spiral.q, spiral.table])
-    spline = CubicSpline(spiral.run.times, setpoints)
-    times = np.arange(0.0, spiral.run.times[-1], CYCLE / 10)
-    fine = spline(times)
-    assert (np.abs(spline(times, 1)).max(0) <= np.append(arm.max_speed, nominal.table_max_speed)).all()
-    limits = np.append(arm.max_acceleration, nominal.table_max_acceleration)
-    assert (np.abs(spline(times, 2)).max(0) <= 1.05 * limits).all()  # the spline overshoots where acceleration jumps
-    assert arm.within_limits(fine[:, :-1]).all()
-    assert (trajectory.limit_fractions(setpoints, limits, limits, CYCLE)[1] <= 1.0).all()
+
+def test_a_path_too_fast_for_a_joint_lasts_longer_by_what_the_limit_asks_for(
+    cell: PlanningCell, spiral: PlacedPath
+) -> None:
+    """Half the jerk that the spiral needs: the factor is the cube root, and the limit is just reached."""
+    peak = trajectory.limit_fractions(fine_positions(spiral), cell.axis_limits, CYCLE / 10)[2, :6]
+    worst = int(np.argmax(peak))
+    nominal, arm = cell.nominal, cell.nominal.arm
+    joints = tuple(replace(j, max_jerk=peak.max() / 2 * j.max_jerk) for j in arm.joints)
+    weak = replace(cell, nominal=replace(nominal, arm=replace(arm, joints=joints)))
+    made = placed(weak, PathDescription(speed_mm_s=100.0, spiral=SpiralDescription(turns=-0.5)))
+    assert isinstance(made, PlacedPath)
+    assert f"jerk limit of joint {worst + 1}" in made.note
+    assert made.run.speed == pytest.approx(spiral.run.speed / 2 ** (1 / 3), rel=5e-3)
+    used = trajectory.limit_fractions(fine_positions(made), weak.axis_limits, CYCLE / 10)
+    assert 0.98 < used[2, worst] <= 1.0
+    np.testing.assert_allclose(made.exposures, spiral.exposures, atol=1e-9)
+
+
+def fine_positions(made: PlacedPath) -> np.ndarray:
+    return made.at(np.arange(-3 * CYCLE, made.run.duration + 3 * CYCLE, CYCLE / 10))
 
 
 def test_the_motion_is_near_the_optimum_of_which_it_evaluates_few_cells(spiral: PlacedPath) -> None:
@@ -95,4 +118,39 @@ def test_a_path_through_the_table_is_refused_with_its_cause(cell: PlanningCell) 
     made = placed(cell, PathDescription(name="low", waypoint=low))
     assert isinstance(made, str)
     assert "no motion in branch" in made
-    assert "clearance" in made
+    assert "at 0 % of the way every table angle is forbidden: clearance between sensor and " in made
+
+
+def test_a_weight_on_scanning_time_trades_speed_for_quality(cell: PlanningCell) -> None:
+    """Slower motions have the better quality: the time's weight decides, and the fastest one needs no weight."""
+    half_turn = SpiralDescription(turns=-0.5)
+    speeds = []
+    for weight in (0.0, 100.0):
+        weights = WeightsDescription(scanning_time=weight)
+        made = placed(cell, PathDescription(speed_mm_s=150.0, spiral=half_turn, weights=weights))
+        assert isinstance(made, PlacedPath)
+        speeds.append(made.run.speed)
+    assert speeds[0] < speeds[1]
+
+
+def test_printed_equation_8_forbids_where_the_clearance_is_just_full() -> None:
+    low, high = 0.01, 0.05
+    at = np.array([0.005, low, 0.03, high - 1e-9, high, 0.1])
+    corrected = constraints.clearance(at, low, high)
+    printed = constraints.clearance(at, low, high, printed=True)
+    np.testing.assert_allclose(corrected, [0, 0, np.sin(np.pi / 4), 1, 1, 1], atol=1e-7)
+    np.testing.assert_allclose(printed, [0, 0, 1, 0, 1, 1], atol=1e-6)
+
+
+def test_the_printed_equation_makes_another_map(cell: PlanningCell) -> None:
+    quality = QualityDescription(equations="printed")
+    descriptions = [
+        PathDescription(spiral=SpiralDescription(turns=-0.2), quality=q) for q in (QualityDescription(), quality)
+    ]
+    maps = []
+    for description in descriptions:
+        (path,) = sensor_paths(description, cell.nominal.part, cell.nominal.table_from_part)
+        map_ = next(iter(PathPlanner(cell, CLEARANCE).lattices(path))).map
+        map_.require(*(x.ravel() for x in np.meshgrid([0, map_.columns - 1], np.arange(map_.rows))))
+        maps.append(map_.quality[[0, -1]])
+    assert np.abs(maps[0] - maps[1]).max() > 0.01

@@ -16,7 +16,8 @@ from scancell.planning import constraints, surface, trajectory
 from scancell.planning.connection import Connector
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
-from scancell.planning.planner import Plan, plan
+from scancell.planning.plan import Plan
+from scancell.planning.planner import plan
 
 
 def scan(**changes) -> ScanDescription:
@@ -74,14 +75,11 @@ def test_segments_are_continuous_from_home_to_home(any_plan):
 def test_segments_keep_axis_limits(any_plan):
     cell, result = any_plan
     nominal = cell.nominal
-    speed = np.append(nominal.arm.max_speed, nominal.table_max_speed)
-    acceleration = np.append(nominal.arm.max_acceleration, nominal.table_max_acceleration)
     assert nominal.arm.within_limits(all_setpoints(result)[:, :6]).all()
     for s in result.program.segments:
         path = np.column_stack([s.q, s.table])
-        at_rest = np.concatenate([path[:1], path, path[-1:]])
-        used = trajectory.limit_fractions(at_rest, speed, acceleration, CYCLE)
-        assert max(used[0].max(), used[1].max()) <= 1.0 + 1e-9, s.id
+        at_rest = np.concatenate([*3 * [path[:1]], path, *3 * [path[-1:]]])
+        assert trajectory.limit_fractions(at_rest, cell.axis_limits, CYCLE).max() <= 1.0 + 1e-9, s.id
 
 
 def test_setpoints_are_collision_free(any_plan):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scancell.planning import optimum, ray_shooting
 from scancell.planning.configuration_map import ConfigurationMap
 from scancell.planning.table_motion import CostWeights, Lattice, TableMotion
+from scancell.planning.trajectory import Limits, limit_fractions
 
 SAMPLES, PERIOD = 2, 0.1
 MAX_RATE, MAX_ACCELERATION = 1.0, 2.0
@@ -31,7 +32,7 @@ class KnownMap(ConfigurationMap):
 
 
 def lattice(given: NDArray[np.float64], rate: float = np.inf) -> Lattice:
-    return Lattice(KnownMap(given, rate), SAMPLES, PERIOD, MAX_RATE, MAX_ACCELERATION, CostWeights())
+    return Lattice(KnownMap(given, rate), SAMPLES, PERIOD, MAX_RATE, MAX_ACCELERATION, CostWeights(0.1, 0.1))
 
 
 def check(motion: TableMotion, on: Lattice) -> None:
@@ -46,8 +47,21 @@ def check(motion: TableMotion, on: Lattice) -> None:
     np.testing.assert_allclose(np.diff(motion.angle), PERIOD * (motion.rate[1:] + motion.rate[:-1]) / 2, atol=1e-9)
     rows = np.rint(motion.angle * on.map.rows / (2 * np.pi)).astype(int) % on.map.rows
     assert (on.map.quality[np.arange(on.map.columns), rows] > 0).all()
+    check_smoothed(motion, on)
+
+
+def check_smoothed(motion: TableMotion, on: Lattice) -> None:
+    """The motion that the table makes keeps a jerk limit, too, and stays near the motion on the map."""
+    jerk = 40 * MAX_ACCELERATION
+    window = on.window(jerk)
     times = PERIOD * np.arange(on.map.columns)
-    np.testing.assert_allclose(on.angle_at(motion, times), motion.angle, atol=1e-9)
+    deviation = np.abs(on.angle_at(motion, times, window) - motion.angle)
+    assert deviation.max() <= MAX_ACCELERATION * window**2 / 24 * (1 + 1e-6)
+    fine = 1e-3
+    angle = on.angle_at(motion, np.arange(-window, times[-1] + window, fine), window)
+    limits = Limits(*(np.array([x]) for x in (MAX_RATE, MAX_ACCELERATION, jerk)))
+    assert limit_fractions(angle[:, None], limits, fine).max() <= 1 + 1e-6
+    assert angle[[0, -1]] == pytest.approx(motion.angle[[0, -1]], abs=1e-9)
 
 
 def ridge(columns: int, rows: int, slope: float, width: float) -> NDArray[np.float64]:

@@ -109,6 +109,6 @@ def test_a_path_without_length_is_refused() -> None:
 )
 def test_a_description_names_exactly_one_kind_of_path(given: dict[str, object]) -> None:
     with pytest.raises(
-        ValidationError, match=r"give exactly one of spiral, waypoint and recorded|expected at least two"
+        ValidationError, match=r"give exactly one of spiral, contour, waypoint and recorded|expected at least two"
     ):
         PathDescription(**given)  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from scancell.config.choices import Engine
 from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.evaluation.deviation import DeviationFigures, deviation_from_mesh
 from scancell.nominal.cell import NominalCell
-from scancell.planning.planner import Plan
+from scancell.planning.plan import Plan
 from scancell.progress import NullProgress
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_ply

@@ -8,6 +8,7 @@ import pytest
 import scancell
 from scancell.config.loading import assets_dir, load_setup, with_path
 from scancell.config.path import PathDescription, SpiralDescription
+from scancell.errors import PlanningError
 
 PART = assets_dir() / "parts" / "free_form.stl"
 
@@ -26,3 +27,32 @@ def test_points_along_a_path_lie_on_the_mesh(mode: str) -> None:
     np.testing.assert_allclose(measured.q, result.plan.q, atol=2e-3)
     np.testing.assert_allclose(measured.table, result.plan.table, atol=2e-3)
     assert result.deviation.figures.rms < 1e-7
+
+
+def test_a_constraint_of_ones_own_keeps_the_table_out_of_a_range() -> None:
+    spiral = PathDescription(pitch_mm=4.0, spiral=SpiralDescription(turns=0.3, elevation_deg=(45.0, 50.0)))
+    setup = with_path(load_setup(), spiral)
+    middles = []
+    with scancell.Scanner.from_setup(setup) as scanner:
+        free = scanner.plan(PART)
+        middles.append(np.median(free.table))
+
+        def elsewhere(q: np.ndarray, table: np.ndarray) -> np.ndarray:
+            return (np.cos(table - middles[0]) < 0.5).astype(float)
+
+        made = scanner.plan(PART, judges=[elsewhere])
+        result = scanner.scan(PART, engine="geometric", plan=made)
+    assert (np.cos(free.table - middles[0]) > 0.5).any()
+    assert (np.cos(made.table - middles[0]) < 0.5 + 0.02).all()
+    np.testing.assert_allclose(result.recording.measured.table, made.table, atol=2e-3)
+
+
+def test_a_path_with_more_exposures_than_allowed_is_refused() -> None:
+    setup = with_path(
+        load_setup(overrides=["scan.max_profiles=50"]), PathDescription(pitch_mm=1.0, spiral=SpiralDescription())
+    )
+    with (
+        scancell.Scanner.from_setup(setup) as scanner,
+        pytest.raises(PlanningError, match=r"need \d+ exposures; max_profiles = 50"),
+    ):
+        scanner.plan(PART)

@@ -56,6 +56,8 @@ def cell_json(
 
     Parameters
     ----------
+    nominal
+        With the obstacles that are unknown to planning, see `with_unknown_obstacles`.
     collision_outputs
         False leaves out the outputs of collisions and clearances even where the cell describes them: nothing in a scan
         reads them, and their meshes and distance queries cost most of a run.
@@ -169,8 +171,9 @@ def _contact_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]
 
 
 def _contact_bodies_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, Any]]:
-    """Convex hulls of the cell's bodies, and the floor."""
-    bodies = [(body.name, body.fmu_frame, body.mesh.hull) for body in nominal.bodies if body.name in _CELL_BODIES]
+    """Convex hulls of the cell's bodies and obstacles, and the floor."""
+    solid = _CELL_BODIES | {item.name for item in cell.obstacle}
+    bodies = [(body.name, body.fmu_frame, body.mesh.hull) for body in nominal.bodies if body.name in solid]
     below = pose.translation((0.0, 0.0, si_value(cell.world, "floor_z_mm") - _FLOOR_SIZE[2] / 2))
     bodies.append(("floor", "world", box_mesh(_FLOOR_SIZE, "floor").transformed(below)))
     return [

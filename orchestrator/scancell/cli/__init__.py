@@ -18,6 +18,7 @@ from scancell.cli.place import place
 from scancell.cli.plan import PathOption, plan
 from scancell.cli.robot import robot_app
 from scancell.cli.study import study_app
+from scancell.cli.survey import survey
 from scancell.config.choices import Mode
 
 # Typer brings a copy of click along; its error for a wrong command line is the base of one that typer exports.
@@ -34,6 +35,7 @@ app = typer.Typer(
 app.command()(batch)
 app.command()(place)
 app.command()(plan)
+app.command()(survey)
 app.add_typer(fmu_app, name="fmu")
 app.add_typer(robot_app, name="robot")
 app.add_typer(study_app, name="study")
@@ -46,6 +48,9 @@ def scan(
     options: CloudOptions,
     scan: ScanOption = None,
     path: PathOption = None,
+    plan: Annotated[
+        Path | None, typer.Option("--plan", help="plan.json of `scancell plan --out` or a run, in place of a new plan")
+    ] = None,
     mode: Annotated[
         Mode | None, typer.Option("--mode", help="how the sensor is moved; overrides the scan description")
     ] = None,
@@ -59,7 +64,7 @@ def scan(
 
         setup = with_path(options.setup(scan, [f'scan.mode="{mode}"'] if mode else []), path)
         with show_progress(options.as_json) as progress, Scanner.from_setup(setup, options.threads) as scanner:
-            return options.run_into(out, setup, progress, lambda given: scanner.scan(part, **given))
+            return options.run_into(out, setup, progress, lambda given: scanner.scan(part, plan=plan, **given))
 
     run("scan", options.as_json, work)
 
@@ -91,7 +96,8 @@ def rerun(
             if "recording" in made:
                 recording = Path(made["recording"])
                 return options.run_into(out, setup, progress, lambda given: scanner.render(recording, part, **given))
-            return options.run_into(out, setup, progress, lambda given: scanner.scan(part, **given))
+            plan_file = made.get("plan")
+            return options.run_into(out, setup, progress, lambda given: scanner.scan(part, plan=plan_file, **given))
 
     run("rerun", as_json, work)
 

@@ -42,11 +42,11 @@ def fmu_build(
         from scancell.cell.sensing import simplified  # noqa: PLC0415
         from scancell.config.loading import assets_dir, load_setup  # noqa: PLC0415
         from scancell.geometry.mesh import load_mesh  # noqa: PLC0415
-        from scancell.nominal.cell import nominal_cell  # noqa: PLC0415
+        from scancell.nominal.cell import nominal_cell, with_unknown_obstacles  # noqa: PLC0415
 
         setup = load_setup(cell, overrides=set_ or [])
         mesh = load_mesh(part, unit) if part else load_mesh(assets_dir() / "parts" / "step_block.stl")
-        nominal = nominal_cell(setup.cell, mesh)
+        nominal = with_unknown_obstacles(nominal_cell(setup.cell, mesh), setup.cell)
         description = cell_json(setup.cell, nominal, seed)
         files = []
         for version in (fmi,) if fmi else (2, 3):

@@ -23,7 +23,7 @@ from scancell.cli.common import (
 if TYPE_CHECKING:
     from scancell.planning.coverage import CoverageReport
     from scancell.planning.path_planner import PlacedPath
-    from scancell.planning.planner import Plan
+    from scancell.planning.plan import Plan
 
 PathOption = Annotated[
     Path | None, typer.Option("--path", help="sensor path (TOML) instead of the views of the scan description")
@@ -43,6 +43,12 @@ def plan(
     picture: Annotated[
         Path | None,
         typer.Option("--picture", help="PNG file for the configuration map of a path; further paths get a number"),
+    ] = None,
+    all_branches: Annotated[
+        bool, typer.Option("--all-branches", help="with --picture: also the maps of the other arm branches")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="JSON file for the plan, for `scancell scan --plan`")
     ] = None,
     unit: UnitOption = "mm",
     threads: ThreadsOption = 0,
@@ -69,13 +75,24 @@ def plan(
         if made.report is not None:
             lines += _lines_of_report(made.report)
             figures["report"] = asdict(made.report)
+        lines += [f"  {line}" for line in made.reduced]
+        figures["reduced"] = list(made.reduced)
         files = []
         figures["paths"] = told = []
         for number, placed in enumerate(made.paths, start=1):
             told.append(_figures_of(placed, optimum))
             lines.append(_line_of(told[-1]))
             if picture is not None:
-                files.append(_draw(placed, str(told[-1]["branch"]), _numbered(picture, number, made)))
+                file = _numbered(picture, number, made)
+                files += _draw(placed, str(told[-1]["branch"]), file, all_branches)
+        if out is not None:
+            from scancell.files import atomic_write  # noqa: PLC0415
+            from scancell.output.run_files import write_json  # noqa: PLC0415
+            from scancell.planning.plan_file import plan_json  # noqa: PLC0415
+
+            with atomic_write(out) as temporary:
+                write_json(temporary, plan_json(made))
+            files.append(str(out))
         return Outcome(lines, figures, files, list(made.warnings))
 
     run("plan", as_json, work)
@@ -98,7 +115,7 @@ def _figures_of(placed: PlacedPath, optimum: bool) -> dict[str, str | float]:
         "branch": placed.branch_name,
         "exposures": len(placed.exposures),
         "length_m": placed.path.length,
-        "duration_s": float(placed.run.times[-1]),
+        "duration_s": placed.run.duration,
         "cost": placed.motion.cost,
         "evaluated": map_.evaluated / map_.quality.size,
     }
@@ -127,9 +144,19 @@ def _numbered(picture: Path, number: int, made: Plan) -> Path:
     return picture if len(made.paths) == 1 else picture.with_stem(f"{picture.stem}_{number}")
 
 
-def _draw(placed: PlacedPath, branch: str, file: Path) -> str:
+def _draw(placed: PlacedPath, branch: str, file: Path, all_branches: bool) -> list[str]:
+    """Draw the map of the branch that was chosen, and on request those of the others."""
+    from scancell.files import name_for_file  # noqa: PLC0415
     from scancell.output.map_picture import draw_map  # noqa: PLC0415
 
-    placed.lattice.map.require_all()
-    draw_map(placed, branch, file)
-    return str(file)
+    chosen = placed.lattice.map
+    chosen.require_all()
+    draw_map(chosen, placed.path.name, branch, placed.run.duration, placed.motion, file)
+    files = [str(file)]
+    for number, name in enumerate(placed.branch_names if all_branches else ()):
+        if number != chosen.branch:
+            other = chosen.of_branch(number)
+            other.require_all()
+            files.append(str(file.with_stem(f"{file.stem}_{name_for_file(name)}")))
+            draw_map(other, placed.path.name, name, placed.run.duration, None, Path(files[-1]))
+    return files

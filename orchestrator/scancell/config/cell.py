@@ -20,6 +20,7 @@ from scancell.config.devices import (
     ArrivalDescription,
     ConveyorDescription,
     FurtherPartDescription,
+    ObstacleDescription,
     PartDensity,
     PartFriction,
     PartMaterial,
@@ -220,6 +221,9 @@ class CellDescription(FileDescription):
         default=(), description="parts beside the one that is scanned, numbered from part[2]"
     )
     conveyor: tuple[ConveyorDescription, ...] = Field(default=(), description="conveyor belts")
+    obstacle: tuple[ObstacleDescription, ...] = Field(
+        default=(), description="rigid bodies that stand in the world or on the table"
+    )
     gripper: GripperDescription | None = Field(default=None, description="gripper on the flange; default: none")
     contact: ContactDescription = Field(
         default=ContactDescription(), description="contact solver and number of contact points"
@@ -240,7 +244,7 @@ class CellDescription(FileDescription):
 
     @model_validator(mode="after")
     def _devices_fit(self) -> Self:
-        check_devices(self.part.arrival, self.further_part, self.conveyor)
+        check_devices(self.part.arrival, self.further_part, self.conveyor, self.obstacle)
         return self
 
     @model_validator(mode="after")

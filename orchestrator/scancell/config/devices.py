@@ -1,4 +1,4 @@
-"""Descriptions of further parts and conveyors, and of where the scanned part arrives."""
+"""Descriptions of further parts, conveyors and obstacles, and of where the scanned part arrives."""
 
 from __future__ import annotations
 
@@ -86,6 +86,37 @@ class ConveyorDescription(Description):
     )
 
 
+class ObstacleDescription(Description):
+    """A rigid body that stands in the world or on the table: a post, a clamp, a fence.
+
+    It blocks light and is a body of the planner and of the FMU, whose contact shape of it is its convex hull.
+    """
+
+    name: Name = Field(description="unique name of the obstacle")
+    mesh: str = Field(description="file of the obstacle's mesh, its own frame")
+    unit: Literal["mm", "m", "inch"] = Field(default="mm", description="length unit of the mesh file")
+    moves_with: Literal["world", "table"] = Field(
+        default="world", description="world: does not move; table: turns with the table"
+    )
+    pose: PoseDescription = Field(
+        default=PoseDescription(),
+        description="pose of the mesh in the frame of the world, or of the table at angle 0",
+    )
+    known: bool = Field(
+        default=True,
+        description="false: stands in the simulated cell, but planning and reconstruction do not know of it",
+    )
+    clearance_mm: NonNegative | None = Field(
+        default=None, description="smallest distance of arm and sensor from it, mm; default: scan.clearance_mm"
+    )
+    reflectance: Fraction = Field(
+        default=0.3, description="Lambertian reflectance of the obstacle at the laser's wavelength, 0..1"
+    )
+    material: MaterialDescription | None = Field(
+        default=None, description="material of the obstacle; overrides reflectance"
+    )
+
+
 # Names of the cell's own bodies.
 RESERVED_NAMES = frozenset(
     {
@@ -127,12 +158,14 @@ def check_devices(
     arrival: ArrivalDescription | None,
     parts: tuple[FurtherPartDescription, ...],
     conveyors: tuple[ConveyorDescription, ...],
+    obstacles: tuple[ObstacleDescription, ...],
 ) -> None:
     """Raise `ValueError` for a name that is used twice, or a part on a conveyor that does not exist."""
     seen = set(RESERVED_NAMES)
-    for name in [*(part.name for part in parts), *(conveyor.name for conveyor in conveyors)]:
+    names = [*(x.name for x in parts), *(x.name for x in conveyors), *(x.name for x in obstacles)]
+    for name in names:
         if name in seen:
-            raise ValueError(f"the name '{name}' is taken; names of parts and conveyors must be unique")
+            raise ValueError(f"the name '{name}' is taken; names of parts, conveyors and obstacles must be unique")
         seen.add(name)
     standing: list[tuple[str, ArrivalDescription | FurtherPartDescription]]
     standing = [(f"part '{part.name}'", part) for part in parts]

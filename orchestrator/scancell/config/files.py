@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from scancell.config.keys import KeyPath, Origin, join_path
 from scancell.errors import DescriptionError
 
-# Keys whose values are paths of files: meshes, the material numbers of a part's faces, recorded poses.
+# Keys whose values are paths of files: meshes, the material numbers of a part's faces, recorded poses, points.
 FILE_KEYS = (
     "mesh",
     "base_mesh",
@@ -23,6 +23,7 @@ FILE_KEYS = (
     "housing_mesh",
     "face_materials",
     "recorded",
+    "file",
 )
 # Sections of a file that holds several descriptions, and the folder of the shipped descriptions of that kind.
 _SECTIONS = ("cell", "sensor", "scan")

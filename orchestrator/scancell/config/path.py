@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, FileDescription, Finite, Positive
+from scancell.config.description import Description, FileDescription, Finite, NonNegative, Positive
 
 _Elevation = Annotated[float, Field(ge=0.0, le=90.0)]
 
@@ -44,6 +44,46 @@ class SpiralDescription(Description):
     )
 
 
+class ContourDescription(Description):
+    """Once around the part's outermost contour at one height; the laser line is upright."""
+
+    height_mm: Finite = Field(description="height of the contour in the part frame, mm")
+    elevation_deg: _Elevation = Field(
+        default=30.0,
+        description="angle of the viewing direction above the horizontal, towards the contour's normal, deg",
+    )
+    turns: Literal[-1, 1] = Field(default=1, description="1: counterclockwise; -1: clockwise")
+    start_deg: Finite = Field(default=0.0, description="azimuth of the normal at the start, from +x about z, deg")
+    smoothing_mm: Positive = Field(
+        default=10.0, description="length along the contour on either side over which its direction is averaged, mm"
+    )
+
+
+class WeightsDescription(Description):
+    """Weights of the cost of a motion, which is the mean over time of ``1 / f - 1`` and of these terms."""
+
+    table_speed: NonNegative = Field(default=0.1, description="k_ω, of the square of the table's speed over its limit")
+    table_acceleration: NonNegative = Field(
+        default=0.1, description="k_a, of the square of the table's acceleration over its limit"
+    )
+    scanning_time: NonNegative | None = Field(
+        default=None,
+        description="k_t, of the duration over that at the path's speed; half and a quarter of the speed are then"
+        " tried, too, and the motion of the lowest cost is taken; default: the fastest motion that exists",
+    )
+
+
+class QualityDescription(Description):
+    """Quality f of a configuration: the product of its constraints (Dumitrache & Borangiu, Eqs. 6 to 8)."""
+
+    equations: Literal["corrected", "printed"] = Field(
+        default="corrected",
+        description="printed: Eq. 8 with π, with which the factor returns to 0 where the clearance is full",
+    )
+    joint_range_power: Positive = Field(default=1.0, description="exponent of the joint range, Eq. 7")
+    clearance_power: Positive = Field(default=1.0, description="exponent of the clearance, Eq. 8")
+
+
 class PathDescription(FileDescription):
     """A path of the sensor relative to the part; the table turns the part as suits the arm."""
 
@@ -55,6 +95,7 @@ class PathDescription(FileDescription):
     pitch_mm: Positive = Field(default=0.5, description="distance of the sensor between exposures, mm")
     standoff_mm: Positive = Field(default=80.0, description="distance along sensor Z to the point it looks at, mm")
     spiral: SpiralDescription | None = Field(default=None, description="a spiral around the part")
+    contour: ContourDescription | None = Field(default=None, description="the contour of the part at one height")
     waypoint: tuple[WaypointDescription, ...] = Field(
         default=(), description="poses that the sensor passes through on straight lines, turning evenly"
     )
@@ -63,11 +104,14 @@ class PathDescription(FileDescription):
         description="CSV file with the columns x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg: part_from_sensor pose by pose",
     )
 
+    weights: WeightsDescription = Field(default=WeightsDescription(), description="weights of the cost of a motion")
+    quality: QualityDescription = Field(default=QualityDescription(), description="quality of a configuration")
+
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
-        given = [self.spiral is not None, bool(self.waypoint), self.recorded is not None]
+        given = [self.spiral is not None, self.contour is not None, bool(self.waypoint), self.recorded is not None]
         if sum(given) != 1:
-            raise ValueError("give exactly one of spiral, waypoint and recorded")
+            raise ValueError("give exactly one of spiral, contour, waypoint and recorded")
         if len(self.waypoint) == 1:
             raise ValueError("waypoint: expected at least two")
         return self

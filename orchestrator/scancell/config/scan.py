@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from scancell.config.choices import Mode
 from scancell.config.description import Description, FileDescription, Finite, NonNegative, PoseDescription, Positive
+from scancell.config.occupied import OccupiedDescription
 from scancell.config.path import PathDescription
 
 _Elevation = Annotated[float, Field(ge=0.0, le=85.0)]
@@ -46,6 +47,13 @@ class RasterDescription(Description):
     speed_mm_s: Positive = Field(default=50.0, description="speed of the sensor along the pass, mm/s")
 
 
+class PairClearanceDescription(Description):
+    """Clearance of one pair of bodies, in place of all other values for it."""
+
+    bodies: tuple[str, str] = Field(description="names of the bodies: sensor, link4, table, part, an obstacle's …")
+    clearance_mm: NonNegative = Field(description="smallest distance allowed between them, mm")
+
+
 class CoverageDescription(Description):
     """Choice of views by what they see of the measurable surface, in place of the fixed sweeps and passes.
 
@@ -78,9 +86,15 @@ class ScanDescription(FileDescription):
         default=100.0, description="waiting time at rest before each exposure in stop-and-look mode, ms"
     )
     clearance_mm: NonNegative = Field(default=5.0, description="smallest distance allowed between bodies, mm")
+    pair_clearance: tuple[PairClearanceDescription, ...] = Field(
+        default=(), description="pairs of bodies with a clearance of their own"
+    )
     verify: bool = Field(
         default=True,
         description="whether python-fcl, an independent library, looks for collisions in the finished plan",
+    )
+    occupied: tuple[OccupiedDescription, ...] = Field(
+        default=(), description="measured space that planning keeps clear of, beside the bodies of the cell"
     )
     table_margin_mm: Finite = Field(
         default=0.5,

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Joint:
-    """Revolute joint by standard Denavit-Hartenberg parameters: m, rad, rad/s, rad/s².
+    """Revolute joint by standard Denavit-Hartenberg parameters: m, rad, rad/s, rad/s², rad/s³.
 
     ``T = Rz(q + theta) T(a, 0, d) Rx(alpha) Ry(beta)``; `theta` is the zero offset and `beta` Hayati's parameter for
     nearly parallel axes.
@@ -29,6 +29,7 @@ class Joint:
     max: float = np.pi
     max_speed: float = 1.0
     max_acceleration: float = 1.0
+    max_jerk: float = np.inf
     beta: float = 0.0
 
 

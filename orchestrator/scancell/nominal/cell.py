@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,11 +20,14 @@ from scancell.errors import CellError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint, Joint
 from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
+from scancell.nominal.friction import table_limits
 from scancell.nominal.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
 from scancell.nominal.patches import Patch, part_patches
 from scancell.nominal.poses import lay_down, pose_matrix, tool_matrix
 
 Array = NDArray[np.float64]
+
+OCCUPIED = "occupied["  # begins the names of bodies that are measured space; no description can have such a name
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class Body:
 
     `moves_with` names the frame that carries it: ``world``, ``link[1]`` …, ``sensor``, ``table``, ``part``
     and, for further parts, ``part[2]`` …, for a gripper ``finger[1]`` and ``finger[2]``; the mesh is given in that
-    frame, metres. Faces of `patches` have materials of their own.
+    frame, metres. Faces of `patches` have materials of their own. `clearance` (m) replaces that of the scan.
     """
 
     name: str
@@ -41,6 +44,7 @@ class Body:
     mesh: Mesh
     material: Material
     patches: tuple[Patch, ...] = ()
+    clearance: float | None = None
 
     @property
     def fmu_frame(self) -> str:
@@ -94,6 +98,7 @@ class NominalCell:
     table_radius: float
     table_max_speed: float
     table_max_acceleration: float
+    table_max_jerk: float
     part: Mesh
     bodies: tuple[Body, ...]
     lamps: tuple[Lamp, ...] = ()
@@ -150,6 +155,7 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
     if cell.part.fixture == "free":
         _refuse_unstable(part, table_from_part, cell.part)
     further = tuple(_further_part(part_, cell) for part_ in cell.further_part)
+    table_max_speed, table_max_acceleration = table_limits(cell, part, table_from_part)
     return NominalCell(
         arm=arm_of(robot),
         flange_from_sensor=tool_matrix(cell.tool),
@@ -157,14 +163,33 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         table_from_part=table_from_part,
         home=np.radians(robot.home_deg),
         table_radius=si_value(cell.table, "radius_mm"),
-        table_max_speed=si_value(cell.table, "max_speed_deg_s"),
-        table_max_acceleration=si_value(cell.table, "max_acceleration_deg_s2"),
+        table_max_speed=table_max_speed,
+        table_max_acceleration=table_max_acceleration,
+        table_max_jerk=si_value(cell.table, "max_jerk_deg_s3"),
         part=part,
         lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
-        bodies=(*_bodies(cell, part), *_device_bodies(cell, further), *_gripper_bodies(cell)),
+        bodies=(
+            *_bodies(cell, part),
+            *_device_bodies(cell, further),
+            *_gripper_bodies(cell),
+            *_obstacles(cell, known=True),
+        ),
         flange_from_finger=None if cell.gripper is None else _flange_from_finger(cell.gripper),
         further_parts=further,
     )
+
+
+def with_unknown_obstacles(nominal: NominalCell, cell: CellDescription) -> NominalCell:
+    """The cell with the obstacles that its description hides from planning and reconstruction.
+
+    For the FMU and the ray tracer only.
+
+    Raises
+    ------
+    MeshError
+        If the mesh of an obstacle cannot be used.
+    """
+    return replace(nominal, bodies=(*nominal.bodies, *_obstacles(cell, known=False)))
 
 
 def arm_of(robot: RobotDescription) -> Arm:
@@ -211,6 +236,20 @@ def _device_bodies(cell: CellDescription, further: tuple[FurtherPart, ...]) -> t
     return (*belts, *parts)
 
 
+def _obstacles(cell: CellDescription, *, known: bool) -> tuple[Body, ...]:
+    return tuple(
+        Body(
+            item.name,
+            item.moves_with,
+            load_mesh(Path(item.mesh), item.unit).transformed(pose_matrix(item.pose)),
+            _material(item.material, item.reflectance),
+            clearance=None if item.clearance_mm is None else si_value(item, "clearance_mm"),
+        )
+        for item in cell.obstacle
+        if item.known == known
+    )
+
+
 def _flange_from_finger(gripper: GripperDescription) -> Array:
     return np.asarray(pose_matrix(gripper.pose) @ gripper_from_finger(start_width(gripper)))
 
@@ -239,7 +278,7 @@ def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescri
 
 def _joint_fields(joint: dict[str, float]) -> dict[str, float]:
     si = to_si(joint)
-    names = ("a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration")
+    names = ("a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration", "max_jerk")
     return {name: si[name] for name in names}
 
 

@@ -1,4 +1,4 @@
-"""Picture of a configuration map with the motion of the table that was chosen on it."""
+"""Picture of a configuration map with the motion of the table that was chosen on it, as a plane and as a cylinder."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from scancell.output.drawing import INK, SOFT, Sheet, resized, text_width, ticks
 from scancell.planning.configuration_map import CAUSES, ConfigurationMap
-from scancell.planning.path_planner import PlacedPath
+from scancell.planning.table_motion import TableMotion
 
 Pixels = NDArray[np.uint8]
 
-_WIDTH, _HEIGHT = 1120, 620
+_WIDTH, _HEIGHT = 1120, 890
 _LEFT, _TOP, _PLOT_WIDTH, _PLOT_HEIGHT = 84, 64, 1000, 440
+_RADIUS, _LENGTH, _DEPTH = 105, 440, 26  # px: cylinder, and half the width of its ends as they are seen
+_CYLINDER_TOP = 600
 # By number of the constraint: reach, joint range, singularity, joint speed, clearance, user.
 _COLOURS = np.array(
     [[255, 255, 255], [38, 38, 43], [88, 98, 140], [120, 74, 138], [196, 120, 40], [178, 48, 48], [96, 96, 96]],
@@ -24,9 +26,12 @@ _UNKNOWN = np.array([226, 228, 232], np.uint8)
 _LOW, _HIGH = np.array([232, 245, 220]), np.array([46, 139, 87])
 
 
-def draw_map(placed: PlacedPath, branch: str, file: Path) -> None:
+def draw_map(
+    map_: ConfigurationMap, name: str, branch: str, duration: float, motion: TableMotion | None, file: Path
+) -> None:
     """Write a PNG: quality of the free cells in green, forbidden ones by their constraint, the motion as a line.
 
+    The plane map is also shown as a cylinder, whose axis is the time and where the table angle closes, from two sides.
     Cells that were not evaluated are grey; evaluate the whole map first for a complete picture.
 
     Raises
@@ -34,14 +39,18 @@ def draw_map(placed: PlacedPath, branch: str, file: Path) -> None:
     OutputError
         If the file cannot be written.
     """
-    map_ = placed.lattice.map
     sheet = Sheet(_WIDTH, _HEIGHT)
-    sheet.text(_LEFT, 28, f"{placed.path.name}: table angle along the path, branch {branch}", 18, bold=True)
-    sheet.text(_LEFT, 50, f"{map_.columns} x {map_.rows} cells, cost of the motion {placed.motion.cost:.3f}", 14, SOFT)
-    sheet.image(resized(_pixels(map_), _PLOT_WIDTH, _PLOT_HEIGHT, sharp=True), _LEFT, _TOP)
+    sheet.text(_LEFT, 28, f"{name}: table angle along the path, branch {branch}", 18, bold=True)
+    cost = f"cost of the motion {motion.cost:.3f}" if motion is not None else "no motion chosen in this branch"
+    sheet.text(_LEFT, 50, f"{map_.columns} x {map_.rows} cells, {cost}", 14, SOFT)
+    pixels = _pixels(map_)
+    sheet.image(resized(pixels, _PLOT_WIDTH, _PLOT_HEIGHT, sharp=True), _LEFT, _TOP)
     sheet.rectangle(_LEFT - 1, _TOP - 1, _LEFT + _PLOT_WIDTH, _TOP + _PLOT_HEIGHT, outline=SOFT)
-    _axes(sheet, float(placed.run.times[-1]))
-    _motion(sheet, placed.motion.angle)
+    _axes(sheet, duration)
+    for number, middle in enumerate((90.0, 270.0)):
+        _cylinder(sheet, pixels, _LEFT + number * (_PLOT_WIDTH - _LENGTH - 2 * _DEPTH), middle, motion)
+    if motion is not None:
+        _motion(sheet, motion.angle)
     _legend(sheet, map_)
     sheet.write(file)
 
@@ -75,6 +84,32 @@ def _motion(sheet: Sheet, angle: NDArray[np.float64]) -> None:
     for piece in np.split(np.arange(len(angle)), np.flatnonzero(np.abs(np.diff(turn)) > 0.5) + 1):
         if len(piece) > 1:
             sheet.line([(float(x[i]), float(y[i])) for i in piece], INK, 3)
+
+
+def _cylinder(sheet: Sheet, pixels: Pixels, left: int, middle: float, motion: TableMotion | None) -> None:
+    """The half of the cylinder around a table angle (deg), seen from there; its far end shows as an ellipse."""
+    y, x = np.mgrid[-_RADIUS + 0.5 : _RADIUS, 0.5 : _LENGTH + 2 * _DEPTH]
+    lift = np.sqrt(1 - (y / _RADIUS) ** 2)  # towards the viewer
+    along = (x - _DEPTH * (1 - lift)) / _LENGTH
+    angle = np.radians(middle) - np.arcsin(y / _RADIUS)
+    rows, columns = pixels.shape[:2]
+    row = rows - 1 - (np.mod(angle / (2 * np.pi), 1.0) * rows).astype(int) % rows
+    shaded = pixels[row, np.clip((along * columns).astype(int), 0, columns - 1)] * (0.55 + 0.45 * lift)[..., None]
+    end = np.abs(x - _LENGTH - _DEPTH * 1.0) <= _DEPTH * lift
+    shown = np.where(end[..., None] & (along > 1)[..., None], 236, 255) * np.ones(3)
+    shown = np.where(((along >= 0) & (along < 1))[..., None], shaded, shown)
+    top = _CYLINDER_TOP
+    sheet.image(np.ascontiguousarray(shown.astype(np.uint8)), left, top)
+    sheet.text(left + _LENGTH / 2, top - 14, f"seen from table angle {middle:.0f}\N{DEGREE SIGN}", 14, anchor="ms")
+    if motion is None:
+        return
+    from_middle = np.mod(motion.angle - np.radians(middle) + np.pi, 2 * np.pi) - np.pi
+    at = np.linspace(0.0, _LENGTH, len(from_middle)) + _DEPTH * (1 - np.cos(from_middle))
+    height = top + _RADIUS * (1 - np.sin(from_middle))
+    seen = np.flatnonzero(np.abs(from_middle) < np.pi / 2)
+    for piece in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
+        if len(piece) > 1:
+            sheet.line([(left + float(at[i]), float(height[i])) for i in piece], INK, 3)
 
 
 def _legend(sheet: Sheet, map_: ConfigurationMap) -> None:

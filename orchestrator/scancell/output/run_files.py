@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from scancell.cell.program import Program
 from scancell.cell.recording import write_recording
 from scancell.config.choices import Frame
 from scancell.evaluation.coverage import Coverage
@@ -20,6 +19,7 @@ from scancell.output.deviation_picture import deviation_picture
 from scancell.output.frames import draw_stripes
 from scancell.output.manifest import manifest, resolved_toml
 from scancell.output.run_folder import RunFolder
+from scancell.planning.plan_file import plan_json
 from scancell.reconstruction.cloud_files import write_cloud
 from scancell.scanning.result import ScanData
 from scancell.stopwatch import Stopwatch
@@ -65,7 +65,7 @@ def write_run(
         write_recording(data.recording, folder.path("recording.parquet"))
         write_profiles(data, folder.path("profiles.parquet"))
         if data.plan is not None:
-            write_json(folder.path("plan.json"), plan_json(data.plan.program))
+            write_json(folder.path("plan.json"), plan_json(data.plan))
         figures = deviation.as_json(data.camera_names, data.segment_names)
         write_json(folder.path("deviation.json"), {**figures, "coverage": coverage.as_json()})
         folder.path("resolved.toml").write_text(resolved_toml(data.setup, record.run))
@@ -89,28 +89,6 @@ def write_pictures(data: ScanData, part: Mesh, deviation: Deviation, coverage: C
         file = folder.path(f"images/profile_{sample.trigger:05d}.png")
         title = f"profile {sample.trigger}"
         draw_stripes(sample.images, data.sensors.nominal, file, title, sample.background)
-
-
-def plan_json(program: Program) -> dict[str, Any]:
-    """A program as plain data for JSON, SI units: segments with their set-points, without loss of precision."""
-    return {
-        "format": 1,
-        "units": {"time": "s", "q": "rad", "table": "rad", "interval": "s, rad or m by kind"},
-        "settle": program.settle,
-        "segments": [
-            {
-                "id": segment.id,
-                "name": segment.name,
-                "trigger": {"kind": segment.trigger.kind, "interval": segment.trigger.interval},
-                "trigger_from": segment.trigger_from,
-                "trigger_to": segment.trigger_to,
-                "time": segment.times.tolist(),
-                "q": segment.q.tolist(),
-                "table": segment.table.tolist(),
-            }
-            for segment in program.segments
-        ],
-    }
 
 
 def write_profiles(data: ScanData, path: Path) -> None:

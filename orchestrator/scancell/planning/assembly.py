@@ -34,6 +34,7 @@ class Assembly:
         self._cell = cell
         self._options = options
         self._connector = Connector(cell, options.clearance)
+        self._limits = cell.axis_limits.scaled(LIMIT_FRACTION)
         self._at = np.append(cell.nominal.home, cell.table_start)
         self._segments: list[Segment] = []
         self._exposures: list[tuple[int, Array]] = []
@@ -48,10 +49,13 @@ class Assembly:
             self._expose_at_rest(points, placed.view.name)
             return
         assert self._options.sweep is not None
-        acceleration = LIMIT_FRACTION * self._cell.nominal.table_max_acceleration
-        speed = min(self._options.sweep.speed, LIMIT_FRACTION * self._cell.nominal.table_max_speed)
-        run = trajectory.run(count, step, speed, acceleration, self._cell.cycle)
-        setpoints = np.column_stack([np.tile(placed.q, (len(run.path), 1)), first + run.path])
+        *_, (speed, acceleration, jerk) = np.transpose(
+            [self._limits.speed, self._limits.acceleration, self._limits.jerk]
+        ).tolist()
+        cycle = self._cell.cycle
+        run = trajectory.run(count, step, min(self._options.sweep.speed, speed), acceleration, cycle, jerk)
+        table = first + run.at(trajectory.cycle_times(run.duration, cycle))
+        setpoints = np.column_stack([np.tile(placed.q, (len(table), 1)), table])
         self._run(setpoints, run, TriggerRule("table_angle", step), points, placed.view.name)
 
     def add_pass(self, placed: PlacedPass) -> None:

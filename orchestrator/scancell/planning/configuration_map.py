@@ -47,6 +47,8 @@ class StaticConstraints:
         (pairs, 2) distances of Eq. 8, m: 0 below the first, 1 above the second. In the order of the scene's pairs.
     clearance_power
         Exponent of Eq. 8.
+    printed
+        Whether Eq. 8 is taken as printed, see `constraints.clearance`.
     user
         Further factors.
     """
@@ -55,6 +57,7 @@ class StaticConstraints:
     clearance: Array
     joint_range_power: float = 1.0
     clearance_power: float = 1.0
+    printed: bool = False
     user: Sequence[Judge] = ()
 
 
@@ -106,7 +109,7 @@ class ConfigurationMap:
         static: StaticConstraints,
     ) -> None:
         self._cell, self._static, self._branch = cell, static, branch
-        self._path = np.asarray(table_from_sensor, float)
+        self._path, self._period = np.asarray(table_from_sensor, float), period
         self._velocity = _path_twists(self._path, period)
         shape = (len(self._path), rows)
         self.quality = np.full(shape, np.nan, np.float32)
@@ -120,6 +123,10 @@ class ConfigurationMap:
     def branch(self) -> int:
         """Number of the arm branch."""
         return self._branch
+
+    def of_branch(self, branch: int) -> ConfigurationMap:
+        """The map of the same path for another branch, not evaluated."""
+        return ConfigurationMap(self._cell, self._path, self._period, branch, self.rows, self._static)
 
     @property
     def columns(self) -> int:
@@ -158,6 +165,17 @@ class ConfigurationMap:
         """Joints (k, joints), rad, at columns (k,) and table angles (k,); NaN outside reach or limits."""
         targets = pose.from_rotation(pose.rotation_about(2, angle)) @ self._path[np.asarray(column)]
         return self._cell.ik(targets)[:, self._branch]
+
+    def nearest_pairs(self, column: int, row: Indices) -> list[tuple[str, str]]:
+        """The pair of bodies (k,) that violates its clearance most at each of the cells (k,) of a column."""
+        if not len(row):
+            return []
+        angle = self.angle(row)
+        poses = self._cell.nominal.body_poses(self.joints(np.full(len(row), column), angle), angle)
+        low = self._static.clearance[:, 0]
+        scene = self._cell.proximity
+        missing = low - scene.distances(poses, low, self._cell.threads)
+        return [scene.pairs[int(k)] for k in missing.argmax(1)]
 
     def _evaluate(self, column: Indices, row: Indices) -> None:
         angle = self.angle(row)
@@ -228,9 +246,8 @@ class ConfigurationMap:
             return np.ones(len(q))
         poses = self._cell.nominal.body_poses(q, angle)
         distance = scene.distances(poses, limits[:, 1], self._cell.threads)
-        return np.asarray(
-            constraints.clearance(distance, limits[:, 0], limits[:, 1], self._static.clearance_power).prod(-1)
-        )
+        power, printed = self._static.clearance_power, self._static.printed
+        return np.asarray(constraints.clearance(distance, limits[:, 0], limits[:, 1], power, printed).prod(-1))
 
 
 def _judge(user: Judge, q: Array, angle: Array) -> Callable[[Indices], Array]:

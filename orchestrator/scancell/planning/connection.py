@@ -1,4 +1,4 @@
-"""Motions between views, proved free of collision: direct, through retreat points, or through the home position."""
+"""Motions between views, proved free of collision: direct, by retreat points or home, or by a search of joint space."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from scancell.planning import trajectory
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import LIMIT_FRACTION
 from scancell.planning.reasons import describe
+from scancell.planning.rrt_connect import RrtConnect
+from scancell.planning.timing import axis_name
 from scancell.proximity.scene import Clash
 
 Array = NDArray[np.float64]
@@ -30,21 +32,29 @@ class Connector:
     cell
         Nominal cell.
     clearance
-        Distance (m) between bodies to which views were checked; connections keep 80 % of it.
+        Distance (m) between bodies to which views were checked; connections keep `MOTION_SHARE` of it.
     """
 
     def __init__(self, cell: PlanningCell, clearance: float) -> None:
         self._cell = cell
-        # Views are checked at discrete poses: between them bodies may come slightly nearer.
-        self._clearance = 0.8 * clearance
-        self._motions = cell.motion_check(self._clearance)
-        arm, nominal = cell.nominal.arm, cell.nominal
-        self._speed = LIMIT_FRACTION * np.append(arm.max_speed, nominal.table_max_speed)
-        self._acceleration = LIMIT_FRACTION * np.append(arm.max_acceleration, nominal.table_max_acceleration)
+        self._motions = cell.motion_check(clearance)
+        self._limits = cell.axis_limits.scaled(LIMIT_FRACTION)
 
     def move(self, start: Array, end: Array) -> Array:
-        """Set-points (n, axes), rad, of the straight motion from `start` to `end` (axes,), without collision check."""
-        return trajectory.move(start, end, self._speed, self._acceleration, self._cell.cycle)
+        """Set-points (n, axes), rad, of the straight motion from `start` to `end` (axes,), without collision check.
+
+        Raises
+        ------
+        PlanningError
+            If a motor cannot hold the arm somewhere on the way.
+        """
+        setpoints = trajectory.move(start, end, self._limits, self._cell.cycle)
+        if self._cell.torques is None:
+            return setpoints
+        factor, joint = self._cell.torques.needed_slowdown(setpoints[:, :-1], self._cell.cycle)
+        if not np.isfinite(factor):
+            raise PlanningError(f"the torque limit of {axis_name(self._cell, joint)} is too low to hold the arm")
+        return trajectory.move(start, end, self._limits, self._cell.cycle, max(1.0, factor))
 
     def connect(self, start: Array, end: Array, purpose: str) -> list[Array]:
         """Set-points of a collision-free path as rest-to-rest motions.
@@ -64,7 +74,8 @@ class Connector:
         Raises
         ------
         PlanningError
-            If every candidate path collides, naming `purpose` and the bodies that collide on the direct path.
+            If every candidate path collides and the search finds none, naming `purpose` and the bodies that collide on
+            the direct path.
         """
         if np.abs(end - start).max() < 1e-9:
             return []
@@ -82,8 +93,18 @@ class Connector:
             else:
                 return [self.move(a, b) for a, b in legs]
         assert direct is not None  # the direct path is the first candidate
-        reason = describe(direct, self._clearance)
+        found = self._search(start, end)
+        if found is not None:
+            return [self.move(a, b) for a, b in pairwise(found)]
+        reason = describe(direct)
         raise PlanningError(f"no collision-free path to {purpose}: {reason} on the direct path")
+
+    def _search(self, start: Array, end: Array) -> list[Array] | None:
+        """Waypoints (axes,) by RRT-Connect; the table turns no farther than from start to end."""
+        lower, upper = self._cell.nominal.arm.limits
+        table = np.sort([start[-1], end[-1]])
+        limits = np.append(lower, table[0]), np.append(upper, table[1])
+        return RrtConnect(self._motions, *limits).path(start, end)
 
     def _candidate_paths(self, start: Array, end: Array) -> Iterator[list[Array]]:
         """Lists of waypoints (axes,), simplest first: direct, through retreat points at either end, through home."""

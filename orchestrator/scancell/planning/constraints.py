@@ -23,13 +23,15 @@ def joint_range(q: ArrayLike, lower: ArrayLike, upper: ArrayLike, gamma: ArrayLi
     return np.asarray(np.where(inside, sine ** np.asarray(gamma, float), 0.0))
 
 
-def clearance(distance: ArrayLike, low: ArrayLike, high: ArrayLike, gamma: float = 1.0) -> Array:
+def clearance(distance: ArrayLike, low: ArrayLike, high: ArrayLike, gamma: float = 1.0, printed: bool = False) -> Array:
     """Clearance factor of Eq. 8 with pi/2: 0 below `low`, 1 above `high` (m), a quarter period of a sine between.
 
-    With the published pi the factor would return to 0 at `high` and then jump to 1.
+    With the pi that is `printed` the factor returns to 0 at `high` and then jumps to 1.
     """
     distance, low, high = (np.asarray(x, float) for x in (distance, low, high))
     fraction = np.clip((distance - low) / (high - low), 0.0, 1.0)
+    if printed:
+        return np.asarray(np.where(fraction < 1, np.maximum(np.sin(np.pi * fraction), 0.0) ** gamma, 1.0))
     return np.asarray(np.sin(np.pi / 2 * fraction) ** gamma)
 
 

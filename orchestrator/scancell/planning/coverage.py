@@ -231,7 +231,7 @@ class CoveragePlanner:
         else:
             assert raster is not None
             step, speed, acceleration = view.length / (count - 1), raster.speed, PATH_ACCELERATION
-        return _TRANSIT + float(trajectory.run(count, step, speed, acceleration, self._cell.cycle).times[-1])
+        return _TRANSIT + trajectory.run(count, step, speed, acceleration, self._cell.cycle).duration
 
     def _count(self, view: Sweep | Pass) -> int:
         return exposure_counts([view], self._options.spacing, sys.maxsize)[0]

@@ -60,6 +60,7 @@ def default_views(
                 warnings.append(f"omitted: {item.reason}")
             else:
                 placed.append((item, count))
+                warnings += [item.note] if item.note else []
     wanted = seen_by([*turns, *lines], cell.range, part)
     seen = seen_by([item.view for item, _ in placed], cell.range, part)
     _check_loss(wanted, seen, warnings)

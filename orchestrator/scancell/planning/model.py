@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, clustered
-from scancell.nominal.cell import NominalCell
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.reduction import ReducedMesh, reduced
+from scancell.nominal.cell import OCCUPIED, NominalCell
 from scancell.planning.motion_check import MotionCheck
+from scancell.planning.torques import TorqueLimits
+from scancell.planning.trajectory import Limits
 from scancell.proximity.cell_scene import arm_chain, cell_scene
 from scancell.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]
 
 _SELF_CLEARANCE = 2e-3  # m between links of the arm
-_MAX_FACES = 100_000  # meshes with more are simplified
-_CLUSTER = 3e-4  # m: grid of the simplification, well below any clearance
+_TOUCHING = 1e-4  # m
+# Of the clearance, for motions: views are checked at discrete poses, between which bodies may come slightly nearer.
+MOTION_SHARE = 0.8
+_MAX_FACES = 5000  # meshes with more are reduced
+_MAX_ERROR = 0.5e-3  # m: what a reduced mesh may leave out, which is added to the clearance
+_MAX_JUDGED_FACES = 100_000  # python-fcl takes 3 s to prepare a million
 
 
 @dataclass(frozen=True)
@@ -53,10 +61,6 @@ class SensorRange:
         return np.asarray((z >= self.near) & (z <= self.far) & (np.abs(y) <= self.half_line(z)))
 
 
-def _simplified(mesh: Mesh) -> Mesh:
-    return clustered(mesh, _CLUSTER) if len(mesh.faces) > _MAX_FACES else mesh
-
-
 @dataclass(frozen=True)
 class PlanningCell:
     """Nominal cell, measuring range and controller cycle.
@@ -73,6 +77,10 @@ class PlanningCell:
         Table angle at the start, rad.
     threads
         Threads of the clearance queries, which do not change them; 0 uses all cores.
+    torques
+        Torque limits of the joints, where the arm has dynamic drives.
+    pair_clearance
+        Clearances (m) of pairs of bodies by their names, in place of all other values for them.
     """
 
     nominal: NominalCell
@@ -80,6 +88,18 @@ class PlanningCell:
     cycle: float
     table_start: float = 0.0
     threads: int = 0
+    torques: TorqueLimits | None = None
+    pair_clearance: Mapping[frozenset[str], float] = field(default_factory=dict)
+
+    @cached_property
+    def axis_limits(self) -> Limits:
+        """Limits of the joints and the table."""
+        joints, table = self.nominal.arm.joints, self.nominal
+        return Limits(
+            np.array([*(joint.max_speed for joint in joints), table.table_max_speed]),
+            np.array([*(joint.max_acceleration for joint in joints), table.table_max_acceleration]),
+            np.array([*(joint.max_jerk for joint in joints), table.table_max_jerk]),
+        )
 
     @cached_property
     def _chain(self) -> list[str]:
@@ -87,36 +107,75 @@ class PlanningCell:
 
     @cached_property
     def proximity(self) -> ProximityScene:
-        """Bodies of the cell, simplified, and the pairs to check for collision."""
-        return cell_scene(self.nominal, self.proximity_meshes)
+        """Bodies of the cell, reduced, and the pairs to check for collision."""
+        return cell_scene(self.nominal, {name: found.mesh for name, found in self.reduced_meshes.items()})
 
     @cached_property
-    def proximity_meshes(self) -> dict[str, Mesh]:
-        """Mesh of each body by name, simplified."""
-        return {body.name: _simplified(body.mesh) for body in self.nominal.bodies}
+    def reduced_meshes(self) -> dict[str, ReducedMesh]:
+        """Mesh of each body by name with few faces; measured space as it is."""
+        return {
+            body.name: ReducedMesh(body.mesh, len(body.mesh.faces))
+            if body.name.startswith(OCCUPIED)
+            else reduced(body.mesh, _MAX_FACES, _MAX_ERROR)
+            for body in self.nominal.bodies
+        }
+
+    @property
+    def judged_meshes(self) -> dict[str, Mesh]:
+        """Mesh of each body by name for an independent check: the original, unless it has very many faces."""
+        return {
+            body.name: body.mesh if len(body.mesh.faces) <= _MAX_JUDGED_FACES else self.reduced_meshes[body.name].mesh
+            for body in self.nominal.bodies
+        }
+
+    @cached_property
+    def _errors(self) -> Array:
+        """Distance (pairs,), m, by which the bodies of each pair can be nearer than their reduced meshes."""
+        meshes = self.reduced_meshes
+        return np.array([meshes[a].error + meshes[b].error for a, b in self.proximity.pairs], float)
 
     def motion_check(self, clearance: float) -> MotionCheck:
-        """Check that motions keep `clearance` (m); pairs as in `clearance_violations`."""
+        """Check that motions keep `MOTION_SHARE` of the clearance of every pair, see `clearances`."""
+        required = MOTION_SHARE * self.clearances(clearance) + self._errors
+        return MotionCheck(self.nominal, self.proximity, required, self.threads)
+
+    def clearances(self, clearance: float) -> Array:
+        """Distance (pairs,), m, that the bodies of each pair of `proximity` have to keep.
+
+        It is that of `pair_clearance`, else that of the body if it has its own, else `clearance` (m). Links of the
+        arm are close to each other by design: 2 mm are enough.
+        """
+        own = {body.name: body.clearance for body in self.nominal.bodies if body.clearance is not None}
+        required = []
+        for pair, inner in zip(self.proximity.pairs, self._of_arm, strict=True):
+            usual = min(clearance, _SELF_CLEARANCE) if inner else clearance
+            of_bodies = max((own[name] for name in pair if name in own), default=usual)
+            required.append(self.pair_clearance.get(frozenset(pair), of_bodies))
+        return np.array(required, float)
+
+    @property
+    def _of_arm(self) -> NDArray[np.bool_]:
+        """Whether both bodies of a pair belong to the arm, (pairs,)."""
         chain = set(self._chain)
-        clearances = [min(clearance, _SELF_CLEARANCE) if set(p) <= chain else clearance for p in self.proximity.pairs]
-        return MotionCheck(self.nominal, self.proximity, clearances, self.threads)
+        return np.array([set(pair) <= chain for pair in self.proximity.pairs], bool)
 
     def clearance_ranges(self, low: float, high: float, arm_high: float) -> Array:
         """Distances (pairs, 2), m, of Eq. 8: where a pair's factor leaves 0, and where it reaches 1.
 
-        Links of the arm are close to each other by design: from 2 mm to `arm_high`; all others from `low` to `high`.
+        They begin at the `clearances` for `low`, and end at `high`, between links of the arm at `arm_high`.
         """
-        chain = set(self._chain)
-        of_arm = np.array([set(pair) <= chain for pair in self.proximity.pairs], bool)[:, None]
-        return np.where(of_arm, (min(low, _SELF_CLEARANCE), arm_high), (low, max(high, 2 * low)))
+        first = self.clearances(low) + self._errors
+        return np.stack([first, np.maximum(np.where(self._of_arm, arm_high, high), 2 * first)], 1)
 
     def clearance_violations(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
-        """Pairs of bodies nearer than `clearance` (m) at joints (n, joints) and table angles (n,), rad.
+        """Pairs of bodies nearer than their `clearances` at joints (n, joints) and table angles (n,), rad."""
+        poses = self.nominal.body_poses(q, table)
+        return self.proximity.clearance_violations(poses, self.clearances(clearance) + self._errors, self.threads)
 
-        Links of the arm are close to each other by design and need 2 mm only.
-        """
-        near = self.proximity.clearance_violations(self.nominal.body_poses(q, table), clearance, self.threads)
-        return [c for c in near if c.distance < _SELF_CLEARANCE or not {c.body_a, c.body_b} <= set(self._chain)]
+    def contacts(self, q: ArrayLike, table: ArrayLike) -> list[Clash]:
+        """Pairs of bodies that touch (0.1 mm) at joints (n, joints) and table angles (n,), rad."""
+        poses = self.nominal.body_poses(q, table)
+        return self.proximity.clearance_violations(poses, _TOUCHING + self._errors, self.threads)
 
     def table_from_sensor(self, q: ArrayLike) -> Array:
         """Sensor poses (..., 4, 4), m, in the frame of the table at angle 0, for joints (..., joints), rad."""

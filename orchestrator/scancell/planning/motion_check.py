@@ -99,8 +99,10 @@ class MotionCheck:
             for i in np.flatnonzero(violated.any(1)):
                 if found[owner[i]] is None:  # intervals are in order: the first one is the first on the motion
                     pair = int(np.argmin(np.where(violated[i], distance[i] - self._clearance, np.inf)))
-                    names = self._scene.pairs[pair]
-                    found[owner[i]] = MotionClash(int(owner[i]), *names, float(distance[i, pair]), float(middle[i]))
+                    nearest, required = float(distance[i, pair]), float(self._clearance[pair])
+                    found[owner[i]] = MotionClash(
+                        int(owner[i]), *self._scene.pairs[pair], nearest, required, float(middle[i])
+                    )
             going_on = unproved.any(1) & np.array([found[o] is None for o in owner], bool)
             half /= 2
             owner = np.repeat(owner[going_on], 2)

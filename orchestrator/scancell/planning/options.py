@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from scancell.config.path import PathDescription
 from scancell.config.scan import ScanDescription
-from scancell.config.units import to_si
+from scancell.config.units import si_value, to_si
+from scancell.errors import DescriptionError
+from scancell.nominal.cell import NominalCell
 from scancell.nominal.poses import pose_matrix
 
 Array = NDArray[np.float64]
@@ -84,6 +86,23 @@ class ScanOptions:
     def azimuth(self) -> float:
         """Preferred azimuth of the sensor, rad."""
         return self.sweep.azimuth if self.sweep else _DEFAULT_AZIMUTH
+
+
+def pair_clearances(scan: ScanDescription, nominal: NominalCell) -> dict[frozenset[str], float]:
+    """Clearances (m) of the described pairs of bodies.
+
+    Raises
+    ------
+    DescriptionError
+        If a pair names a body that the cell does not have, or one twice.
+    """
+    names = [body.name for body in nominal.bodies]
+    for number, pair in enumerate(scan.pair_clearance, start=1):
+        if not set(pair.bodies) <= set(names) or len(set(pair.bodies)) < 2:
+            raise DescriptionError(
+                f"scan.pair_clearance[{number}].bodies = {list(pair.bodies)}: expected two of {', '.join(names)}"
+            )
+    return {frozenset(pair.bodies): si_value(pair, "clearance_mm") for pair in scan.pair_clearance}
 
 
 def scan_options(scan: ScanDescription) -> ScanOptions:

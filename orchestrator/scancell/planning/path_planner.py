@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from scancell.geometry import pose
 from scancell.planning import constraints, trajectory
-from scancell.planning.configuration_map import CAUSES, ConfigurationMap, StaticConstraints
+from scancell.planning.blocked import why_blocked
+from scancell.planning.configuration_map import ConfigurationMap, Judge, StaticConstraints
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import LIMIT_FRACTION, PATH_ACCELERATION
 from scancell.planning.ray_shooting import shoot
 from scancell.planning.reasons import describe
 from scancell.planning.table_motion import CostWeights, Lattice, TableMotion
+from scancell.planning.timing import slowdown
 
 if TYPE_CHECKING:
     from scancell.planning.sensor_paths import SensorPath
@@ -43,34 +45,44 @@ class PlacedPath:
     path
         The path.
     run
-        Times and distances along the path, one per controller cycle.
+        Distance along the path by time.
+    at
+        Joints and table angle (n, joints + 1), rad, at times (n,), s.
     q, table
         (n, joints), (n,) set-points of each cycle, rad.
     exposures
         (m, joints + 1) joints and table angle of each exposure, rad.
-    branch_name
-        Arm branch.
+    branch_names
+        Of all arm branches.
     lattice, motion
         The lattice on the configuration map where the motion was found, and the motion.
+    note
+        Why it is slower than asked for.
     """
 
     path: SensorPath
     run: trajectory.Run
+    at: Callable[[Array], Array]
     q: Array
     table: Array
     exposures: Array
-    branch_name: str
+    branch_names: tuple[str, ...]
     lattice: Lattice
     motion: TableMotion
+    note: str = ""
+
+    @property
+    def branch_name(self) -> str:
+        """Name of the arm branch."""
+        return self.branch_names[self.lattice.map.branch]
 
 
 @dataclass(frozen=True)
 class _Timing:
-    """Times of a run with `count` exposures at a speed (m/s), and the sensor's poses at the columns of a map."""
+    """A run with `count` exposures, and the sensor's poses at the columns of a map, every `period` s."""
 
     run: trajectory.Run
     count: int
-    speed: float
     period: float
     columns: Array
 
@@ -84,52 +96,73 @@ class PathPlanner:
         Nominal cell.
     clearance
         Smallest allowed distance between bodies, m.
-    weights
-        Weights of the cost of a motion of the table.
+    judges
+        Further constraints.
     """
 
-    def __init__(self, cell: PlanningCell, clearance: float, weights: CostWeights | None = None) -> None:
+    def __init__(self, cell: PlanningCell, clearance: float, judges: Sequence[Judge] = ()) -> None:
+        self._judges = judges
         self._cell, self._clearance = cell, clearance
-        self._weights = weights or CostWeights()
-        self._constraints = StaticConstraints(_SINGULARITY, cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH))
-        self._motions = cell.motion_check(0.8 * clearance)
+        self._ranges = cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH)
+        self._motions = cell.motion_check(clearance)
 
     def place(self, path: SensorPath) -> PlacedPath | str:
-        """The path at the highest speed and in the best branch that is possible; or why there is none."""
+        """The path at the speed and in the branch that its weights ask for; or why there is no motion."""
         if not self._cell.nominal.arm.has_named_branches:
             return f"{path.name}: paths need an arm whose branches have names, that is a closed form"
+        found: list[tuple[float, PlacedPath]] = []
         reason = ""
+        shortest = self._timing(path, path.speed).run.duration
         for share in _SLOWER:
             timing = self._timing(path, share * path.speed)
-            for lattice in self._lattices(timing):
-                motion = shoot(lattice)
-                placed = self._blocked(lattice.map) if motion is None else self._followed(path, timing, lattice, motion)
-                if isinstance(placed, PlacedPath):
-                    return placed
+            placed = self._placed_at(path, timing)
+            if isinstance(placed, str):
                 reason = reason or placed
-            if not reason:
-                return f"{path.name}: {self._obstacle(timing)}"
-        return f"{path.name}: {reason}"
+            elif path.weights.scanning_time is None:
+                return placed
+            else:
+                time = placed.run.duration / shortest
+                found.append((placed.motion.cost + path.weights.scanning_time * time, placed))
+        return min(found, key=lambda item: item[0])[1] if found else f"{path.name}: {reason}"
+
+    def _placed_at(self, path: SensorPath, timing: _Timing) -> PlacedPath | str:
+        """The path with one timing in the first branch that is possible; or why none is."""
+        reason = ""
+        for lattice in self._lattices(path, timing):
+            motion = shoot(lattice)
+            placed = self._blocked(lattice) if motion is None else self._followed(path, timing, lattice, motion)
+            if isinstance(placed, PlacedPath):
+                return placed
+            reason = reason or placed
+        return reason or self._obstacle(timing)
 
     def lattices(self, path: SensorPath) -> Iterator[Lattice]:
         """Lattices on the maps of all arm branches that may follow a path at its speed, in the order of `place`."""
-        return self._lattices(self._timing(path, path.speed))
+        return self._lattices(path, self._timing(path, path.speed))
 
-    def _lattices(self, timing: _Timing) -> Iterator[Lattice]:
+    def _lattices(self, path: SensorPath, timing: _Timing) -> Iterator[Lattice]:
+        quality, weights = path.quality, CostWeights(path.weights.table_speed, path.weights.table_acceleration)
+        static = StaticConstraints(
+            _SINGULARITY,
+            self._ranges,
+            quality.joint_range_power,
+            quality.clearance_power,
+            quality.equations == "printed",
+            self._judges,
+        )
         for branch in self._branches(timing):
-            map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, self._constraints)
-            yield self._lattice(map_, timing)
+            map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, static)
+            yield self._lattice(map_, timing, weights)
 
     def _timing(self, path: SensorPath, speed: float) -> _Timing:
         count = int(path.length / path.pitch + 1e-9) + 1
         run = trajectory.run(count, path.length / (count - 1), speed, PATH_ACCELERATION, self._cell.cycle)
-        duration = float(run.times[-1])
-        steps = int(np.clip(np.ceil(duration / _STEP), 2, _MOST_STEPS))
+        steps = int(np.clip(np.ceil(run.duration / _STEP), 2, _MOST_STEPS))
         columns = steps * _SAMPLES + 1
-        at = np.interp(np.linspace(0.0, duration, columns), run.times, run.path)
-        return _Timing(run, count, speed, duration / (columns - 1), path.at(at))
+        at = run.at(np.linspace(0.0, run.duration, columns))
+        return _Timing(run, count, run.duration / (columns - 1), path.at(at))
 
-    def _lattice(self, map_: ConfigurationMap, timing: _Timing) -> Lattice:
+    def _lattice(self, map_: ConfigurationMap, timing: _Timing, weights: CostWeights) -> Lattice:
         nominal = self._cell.nominal
         return Lattice(
             map_,
@@ -137,7 +170,7 @@ class PathPlanner:
             timing.period,
             LIMIT_FRACTION * nominal.table_max_speed,
             LIMIT_FRACTION * nominal.table_max_acceleration,
-            self._weights,
+            weights,
         )
 
     def _branches(self, timing: _Timing) -> list[int]:
@@ -153,52 +186,42 @@ class PathPlanner:
         return [int(b) for b in np.argsort(-best.mean(0), kind="stable") if best[:, b].all()]
 
     def _followed(self, path: SensorPath, timing: _Timing, lattice: Lattice, motion: TableMotion) -> PlacedPath | str:
-        """Set-points of every cycle, if all axes keep their limits and all bodies provably their clearances."""
-        run, arm, nominal = timing.run, self._cell.nominal.arm, self._cell.nominal
-        table = lattice.angle_at(motion, run.times)
-        exposed = run.trigger_from + np.arange(timing.count) * (path.length / (timing.count - 1)) / timing.speed
-        at_exposure = lattice.angle_at(motion, exposed)
-        turns = pose.from_rotation(pose.rotation_about(2, np.concatenate([table, at_exposure])))
-        distance = np.concatenate([run.path, np.linspace(0.0, path.length, timing.count)])
-        q = self._cell.ik(turns @ path.at(distance), reference=lattice.map.joints([0], [table[0]])[0])
-        q = q[:, lattice.map.branch]
-        if not np.isfinite(q).all():
-            return "the path leaves the reach or the joint limits between the cells of the map"
-        setpoints = np.column_stack([q[: len(table)], table])
-        limits = (
-            np.append(arm.max_speed, nominal.table_max_speed),
-            np.append(arm.max_acceleration, nominal.table_max_acceleration),
-        )
-        used = np.maximum(*trajectory.limit_fractions(setpoints, *limits, self._cell.cycle))
-        if used.max() > 1.0:
-            axis = int(np.argmax(used))
-            name = "the table" if axis == len(arm.joints) else f"joint {axis + 1}"
-            return f"{name} would exceed its speed or acceleration limit by {100 * (used.max() - 1):.0f} %"
+        """Set-points of every cycle, if joints are within reach and all bodies provably keep their clearances."""
+        nominal, cycle = self._cell.nominal, self._cell.cycle
+        window = lattice.window(LIMIT_FRACTION * nominal.table_max_jerk)
+        run = timing.run.rested(window / 2)
+        reference = lattice.map.joints([0], [lattice.map.angle(lattice.row(motion.start))])[0]
+
+        def positions(time: Array) -> Array:
+            table = lattice.angle_at(motion, time - run.rest, window)
+            turns = pose.from_rotation(pose.rotation_about(2, table))
+            q = self._cell.ik(turns @ path.at(run.at(time)), reference)[:, lattice.map.branch]
+            return np.column_stack([q, table])
+
+        needed = slowdown(self._cell, positions, run.duration)
+        if isinstance(needed, str):
+            return needed
+        slow = run.slowed(needed.factor)
+
+        def slow_positions(time: Array, factor: float = needed.factor) -> Array:
+            return positions(time / factor)
+
+        setpoints = slow_positions(trajectory.cycle_times(slow.duration, cycle))
         # The controller interpolates set-points by cubics: they leave the straight line by less than this.
         deviation = np.abs(np.diff(setpoints, n=2, axis=0)).max(0, initial=0.0) / 4
         clashes = [c for c in self._motions.first_clashes(setpoints[:-1], setpoints[1:], deviation) if c is not None]
         if clashes:
-            return describe(min(clashes, key=lambda c: c.distance), 0.8 * self._clearance)
-        exposures = np.column_stack([q[len(table) :], at_exposure])
-        return PlacedPath(
-            path, run, q[: len(table)], table, exposures, arm.branch_names[lattice.map.branch], lattice, motion
-        )
+            return describe(min(clashes, key=lambda c: c.distance - c.clearance))
+        pitch = path.length / (timing.count - 1)
+        exposures = positions(np.asarray(run.trigger_from + np.arange(timing.count) * pitch / run.speed))
+        names = nominal.arm.branch_names
+        note = f"{path.name}: {needed}" if needed.factor > 1 else ""
+        q, table = setpoints[:, :-1], setpoints[:, -1]
+        return PlacedPath(path, slow, slow_positions, q, table, exposures, names, lattice, motion, note)
 
-    def _blocked(self, map_: ConfigurationMap) -> str:
-        """Where a map is blocked: the first column without a free cell, or the one with the fewest."""
-        free = np.nansum(map_.quality > 0, axis=1)
-        known = np.isfinite(map_.quality).sum(1)
-        column = int(np.argmin(np.where(known > 0, free / np.maximum(known, 1), np.inf)))
-        causes = np.bincount(map_.cause[column], minlength=len(CAUSES))
-        causes[0] = 0
-        worst = CAUSES[int(np.argmax(causes))] if causes.any() else "the table's speed"
-        share = column / max(map_.columns - 1, 1)
-        where = f"{100 * share:.0f} % of the way"
-        blocked = (
-            "no table angle is" if not free[column] else f"few table angles ({free[column]} of {known[column]}) are"
-        )
-        name = self._cell.nominal.arm.branch_names[map_.branch]
-        return f"no motion in branch {name}: at {where} {blocked} free, mostly because of {worst}"
+    def _blocked(self, lattice: Lattice) -> str:
+        name = self._cell.nominal.arm.branch_names[lattice.map.branch]
+        return f"no motion in branch {name}: {why_blocked(lattice)}"
 
     def _obstacle(self, timing: _Timing) -> str:
         columns = timing.columns[np.linspace(0, len(timing.columns) - 1, _PROBES).astype(int)]

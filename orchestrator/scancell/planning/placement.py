@@ -13,6 +13,7 @@ from scancell.geometry import pose
 from scancell.planning import constraints, trajectory
 from scancell.planning.model import PlanningCell
 from scancell.planning.reasons import describe, out_of_reach
+from scancell.planning.timing import slowdown
 from scancell.planning.views import Pass, Sweep
 
 Array = NDArray[np.float64]
@@ -44,7 +45,10 @@ class PlacedSweep:
 
 @dataclass(frozen=True)
 class PlacedPass:
-    """A pass with its table angle (rad), its run, the joints `q` (n, joints) of each cycle and at its `exposures`."""
+    """A pass with its table angle (rad), its run, the joints `q` (n, joints) of each cycle and at its `exposures`.
+
+    `note` says why it is slower than asked for.
+    """
 
     view: Pass
     table: float
@@ -52,6 +56,7 @@ class PlacedPass:
     q: Array
     exposures: Array
     branch: int
+    note: str = ""
 
     @property
     def ends(self) -> tuple[Array, Array]:
@@ -158,7 +163,7 @@ class Placer:
         angles = np.radians(np.arange(0.0, 360.0, 15.0))
         turns = pose.from_rotation(pose.rotation_about(2, angles))
         knots = [
-            view.at(np.array([run.path[0], view.length / 2, run.path[-1]]))
+            view.at(np.array([*run.at([0.0]), view.length / 2, *run.at([run.duration])]))
             for view, run in zip(views, runs, strict=True)
         ]
         targets = turns[None, :, None] @ np.array(knots)[:, None]
@@ -237,24 +242,33 @@ class Placer:
         if not near:
             return None
         of_sensor = any({c.body_a, c.body_b} <= {"sensor", "part", "table", "table_base"} for c in near)
-        return Infeasible(describe(min(near, key=lambda c: c.distance), self._clearance), of_sensor)
+        return Infeasible(describe(min(near, key=lambda c: c.distance - c.clearance)), of_sensor)
 
     def _try_pass(
         self, view: Pass, run: trajectory.Run, count: int, table: float, middle: Array, branch: int
     ) -> PlacedPass | Infeasible:
-        """The pass at one table angle (rad) and in one branch: checks joint, speed and acceleration limits, collisions.
+        """The pass at one table angle (rad), in one branch, as slow as limits ask for; checks reach and collisions.
 
         The joints (joints,) in its middle tell the turn of those with several.
         """
-        cell, arm = self._cell, self._cell.nominal.arm
+        cell = self._cell
         turn = pose.from_rotation(pose.rotation_about(2, table))
-        path = np.concatenate([run.path, np.linspace(0.0, view.length, count)])
-        q = cell.ik_along(turn @ view.at(path)[None], reference=middle)[0, :, branch]
-        if not np.isfinite(q).all():
-            return Infeasible("the path leaves the joint limits")
-        moving = q[: len(run.path)]
-        used = np.maximum(*trajectory.limit_fractions(moving, arm.max_speed, arm.max_acceleration, cell.cycle))
-        if used.max() > 1.0:
-            return Infeasible(f"joint {int(np.argmax(used)) + 1} exceeds its speed or acceleration limit")
+
+        def joints(path: Array) -> Array:
+            # All start with the same pose, by which branches without names are numbered.
+            along = np.concatenate([run.at([0.0]), path])
+            return np.asarray(cell.ik_along(turn @ view.at(along)[None], reference=middle)[0, 1:, branch])
+
+        needed = slowdown(cell, lambda time: _with_table(joints(run.at(time)), table), run.duration)
+        if isinstance(needed, str):
+            return Infeasible(needed)
+        exposures = joints(np.linspace(0.0, view.length, count))
+        slow = run.slowed(needed.factor)
+        moving = joints(slow.at(trajectory.cycle_times(slow.duration, cell.cycle)))
         collision = self._collision(moving[::4], np.full(len(moving[::4]), table))
-        return collision or PlacedPass(view, table, run, moving, q[len(run.path) :], branch)
+        note = f"{view.name}: {needed}" if needed.factor > 1 else ""
+        return collision or PlacedPass(view, table, slow, moving, exposures, branch, note)
+
+
+def _with_table(q: Array, table: float) -> Array:
+    return np.column_stack([q, np.full(len(q), table)])

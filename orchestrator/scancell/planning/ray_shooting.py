@@ -11,14 +11,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.planning.blocked import COARSE_ROWS, coarse_steps
 from scancell.planning.table_motion import Lattice, TableMotion
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _States = tuple[Indices, Indices, Indices]  # angles, speeds, accelerations of rays at the begin of a step
 
-_COARSE_ROWS = 72  # table angles of the coarse map in a turn
-_COARSE_COLUMNS = 60  # about as many columns of it
 _MOST_STARTS = 4
 _MOST_STEPS = 20  # steps made in all before the search gives up, in lengths of the path
 _BLOCKED = 1e3  # cost of a step into a coarse cell that is forbidden: a finer way may lead past it
@@ -38,31 +37,30 @@ def shoot(lattice: Lattice) -> TableMotion | None:
 class _Guide:
     """Cost to go on a coarse map, of a table without inertia, by dynamic programming over its angles.
 
-    The coarse map has a column at the end of every step, or of every few steps of a long path, and `_COARSE_ROWS` rows.
+    The coarse map has a column at the end of every step, or of every few steps of a long path, and `COARSE_ROWS` rows.
     """
 
     def __init__(self, lattice: Lattice) -> None:
         fine = lattice.map
         self._lattice = lattice
-        rows = np.arange(_COARSE_ROWS) * fine.rows // _COARSE_ROWS
-        stride = max(1, lattice.steps // _COARSE_COLUMNS)
-        steps = np.unique([*range(0, lattice.steps, stride), lattice.steps])
+        rows = np.arange(COARSE_ROWS) * fine.rows // COARSE_ROWS
+        steps = coarse_steps(lattice)
         column, row = (x.ravel() for x in np.meshgrid(steps * lattice.samples, rows, indexing="ij"))
         fine.require(column, row)
         # A step counts as the coarse column that follows it.
         following = np.searchsorted(steps, np.arange(lattice.steps + 1))
-        quality = fine.quality[column, row].reshape(len(steps), _COARSE_ROWS)[following]
+        quality = fine.quality[column, row].reshape(len(steps), COARSE_ROWS)[following]
         with np.errstate(divide="ignore"):
             cost = np.minimum(1.0 / quality - 1.0, _BLOCKED)
-        spacing = lattice.angles / _COARSE_ROWS  # lattice angles in a coarse row
+        spacing = lattice.angles / COARSE_ROWS  # lattice angles in a coarse row
         farthest = int(np.ceil(2 * lattice.rates / spacing))
         turns = np.arange(-farthest, farthest + 1)
         # 2 lattice angles in a step are one quantum of speed.
         of_speed = lattice.weights.speed * np.minimum(np.abs(turns) * spacing / (2 * lattice.rates), 1.0) ** 2
-        to_go = np.zeros((lattice.steps + 1, _COARSE_ROWS))
+        to_go = np.zeros((lattice.steps + 1, COARSE_ROWS))
         for step in reversed(range(lattice.steps)):
             onward = to_go[step + 1] + cost[step + 1]
-            neighbour = (np.arange(_COARSE_ROWS)[:, None] + turns) % _COARSE_ROWS
+            neighbour = (np.arange(COARSE_ROWS)[:, None] + turns) % COARSE_ROWS
             to_go[step] = (onward[neighbour] + of_speed).min(1)
         self._to_go = to_go
         self._first = np.where(quality[0] > 0, to_go[0], np.inf)
@@ -73,18 +71,18 @@ class _Guide:
         order = order[np.isfinite(self._first[order])]
         chosen: list[int] = []
         for row in order:
-            apart = [min((row - c) % _COARSE_ROWS, (c - row) % _COARSE_ROWS) for c in chosen]
-            if len(chosen) < most and min(apart, default=_COARSE_ROWS) >= _COARSE_ROWS // 12:
+            apart = [min((row - c) % COARSE_ROWS, (c - row) % COARSE_ROWS) for c in chosen]
+            if len(chosen) < most and min(apart, default=COARSE_ROWS) >= COARSE_ROWS // 12:
                 chosen.append(int(row))
-        return np.array(chosen, np.int64) * self._lattice.angles // _COARSE_ROWS
+        return np.array(chosen, np.int64) * self._lattice.angles // COARSE_ROWS
 
     def to_go(self, step: int, angle: ArrayLike) -> Array:
         """Cost (...,) from lattice angles (...,) before a step to the end of the path."""
-        place = np.asarray(angle, float) * (_COARSE_ROWS / self._lattice.angles)
+        place = np.asarray(angle, float) * (COARSE_ROWS / self._lattice.angles)
         row = np.floor(place).astype(np.int64)
         part = place - row
         line = self._to_go[step]
-        return np.asarray(line[row % _COARSE_ROWS] * (1 - part) + line[(row + 1) % _COARSE_ROWS] * part)
+        return np.asarray(line[row % COARSE_ROWS] * (1 - part) + line[(row + 1) % COARSE_ROWS] * part)
 
 
 class _Search:

@@ -14,11 +14,11 @@ Array = NDArray[np.float64]
 MAX_LISTED = 8
 
 
-def describe(clash: Clash, clearance: float) -> str:
-    """Message that names the two bodies and, unless they intersect, their distance and the required clearance (m)."""
+def describe(clash: Clash) -> str:
+    """Message that names the two bodies and, unless they intersect, their distance and the required clearance."""
     if clash.distance <= 0:
         return f"{clash.body_a} hits {clash.body_b}"
-    distance, required = 1e3 * clash.distance, 1e3 * clearance
+    distance, required = 1e3 * clash.distance, 1e3 * clash.clearance
     return f"{clash.body_a} comes within {distance:.1f} mm of {clash.body_b} (required clearance {required:g} mm)"
 
 

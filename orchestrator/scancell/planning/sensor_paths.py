@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,11 +14,18 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from scancell.config.description import PoseDescription
-from scancell.config.path import PathDescription, SpiralDescription, WaypointDescription
+from scancell.config.path import (
+    PathDescription,
+    QualityDescription,
+    SpiralDescription,
+    WaypointDescription,
+    WeightsDescription,
+)
 from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.poses import pose_matrix
+from scancell.planning.contour_path import contour_poses
 from scancell.planning.options import Spacing
 
 Array = NDArray[np.float64]
@@ -27,6 +35,7 @@ _SPIRAL_STEP = np.radians(3.0)
 _CROSSING_STEP = 2e-3  # m along a path at which the distance of points from the laser sheet is evaluated
 _SHEET = 3e-3  # m: surface this near to the laser sheet counts for the stand-off
 _SMOOTHING = 10  # steps of a spiral on either side over which the stand-off is smoothed
+_EXTRA_KNOTS = 6  # beyond either end of a path; what a spline does at a knot decays by 0.27 at each further one
 _LEAST_STEP = 1e-6  # m: poses nearer than this count as one place
 
 
@@ -44,12 +53,16 @@ class SensorPath:
         Of the sensor's origin relative to the part, m/s.
     pitch
         Distance of the sensor's origin between exposures, m.
+    weights, quality
+        How motions along it are judged.
     """
 
     name: str
     poses: Array
     speed: float
     pitch: float
+    weights: WeightsDescription = field(default_factory=WeightsDescription)
+    quality: QualityDescription = field(default_factory=QualityDescription)
 
     @property
     def knots(self) -> Array:
@@ -63,13 +76,30 @@ class SensorPath:
 
     def at(self, distance: Array) -> Array:
         """Poses (k, 4, 4) at distances (k,), m, from the start: splines, continued straight beyond both ends."""
-        knots = self.knots
-        inside = np.clip(distance, 0.0, knots[-1])
-        position = CubicSpline(knots, self.poses[:, :3, 3])
-        rotation = RotationSpline(knots, Rotation.from_matrix(self.poses[:, :3, :3]))
+        position, rotation = self._splines
+        inside = np.clip(distance, position.x[0], position.x[-1])
         beyond = (distance - inside)[:, None]
         turned = rotation(inside) * Rotation.from_rotvec(beyond * rotation(inside, 1))
         return pose.from_rotation(turned.as_matrix(), position(inside) + beyond * position(inside, 1))
+
+    @cached_property
+    def _splines(self) -> tuple[CubicSpline, RotationSpline]:
+        """Splines with a few knots on the straight continuations, too: without them the acceleration would jump."""
+        knots, rotation = self.knots, Rotation.from_matrix(self.poses[:, :3, :3])
+        of_ends = CubicSpline(knots, self.poses[:, :3, 3]), RotationSpline(knots, rotation)
+        ends, steps = knots[[0, -1]], np.array([knots[0] - knots[1], knots[-1] - knots[-2]])
+        number = np.arange(1, _EXTRA_KNOTS + 1)
+        beyond = (steps[:, None] * number)[..., None]
+        position = of_ends[0](ends)[:, None] + beyond * of_ends[0](ends, 1)[:, None]
+        turns = [
+            of_ends[1](end) * Rotation.from_rotvec(by * of_ends[1](end, 1))
+            for end, by in zip(ends, beyond, strict=True)
+        ]
+        x = np.concatenate([(ends[0] + beyond[0, ::-1, 0]), knots, ends[1] + beyond[1, :, 0]])
+        return (
+            CubicSpline(x, np.concatenate([position[0, ::-1], self.poses[:, :3, 3], position[1]])),
+            RotationSpline(x, Rotation.concatenate([turns[0][::-1], rotation, turns[1]])),
+        )
 
     def exposures(self, spacing: Spacing) -> float:
         """Number of exposures: a path has a pitch of its own."""
@@ -104,6 +134,8 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
     standoff = 1e-3 * description.standoff_mm
     if description.spiral is not None:
         legs = [_spiral(description.spiral, part, standoff)]
+    elif description.contour is not None:
+        legs = [contour_poses(description.contour, part, standoff)]
     elif description.waypoint:
         stops = [_looking(point, standoff) for point in description.waypoint]
         legs = [np.stack(ends) for ends in pairwise(stops)]
@@ -112,8 +144,14 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
     made = []
     for number, leg in enumerate(legs, start=1):
         name = description.name if len(legs) == 1 else f"{description.name}, leg {number}"
-        path = SensorPath(name, table_from_part @ _apart(leg, name), 1e-3 * description.speed_mm_s,
-                          1e-3 * description.pitch_mm)  # fmt: skip
+        path = SensorPath(
+            name,
+            table_from_part @ _apart(leg, name),
+            1e-3 * description.speed_mm_s,
+            1e-3 * description.pitch_mm,
+            description.weights,
+            description.quality,
+        )
         if path.length < path.pitch:
             raise PlanningError(f"{name}: {1e3 * path.length:g} mm long, expected at least its pitch")
         made.append(path)

@@ -22,9 +22,9 @@ from scancell.planning import surface
 from scancell.planning.coverage import CoveragePlanner
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.options import CoverageOptions, ScanOptions
-from scancell.planning.planner import check_part
 from scancell.planning.reasons import join_reasons
 from scancell.planning.sight import Sight
+from scancell.planning.verification import check_part
 from scancell.progress import Progress
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 

@@ -30,8 +30,8 @@ class CostWeights:
         k_ω and k_a, of the squares of table speed and acceleration over their limits.
     """
 
-    speed: float = 0.1
-    acceleration: float = 0.1
+    speed: float
+    acceleration: float
 
 
 @dataclass(frozen=True)
@@ -161,15 +161,39 @@ class Lattice:
         fraction = np.asarray(acceleration, float) * (self._quantum / self._max_acceleration)
         return np.asarray(of_cells.mean(-1) + of_speed + self.weights.acceleration * fraction**2)
 
-    def angle_at(self, motion: TableMotion, time: ArrayLike) -> Array:
-        """Table angles (...,), rad, not wrapped, at times (...,) from the start, s; constant after the end."""
-        now = np.clip(np.asarray(time, float), 0.0, self.steps * self._step)
-        step = np.minimum((now / self._step).astype(np.int64), self.steps - 1)
-        rate = np.concatenate([[0], np.cumsum(motion.accelerations)])[:-1]
-        lattice = motion.start + np.concatenate([[0], np.cumsum(2 * rate + motion.accelerations)])[:-1]
-        since = now - step * self._step
-        turned, _ = self._within_step(rate[step], motion.accelerations[step], since)
-        return np.asarray(lattice[step] * self._angle + turned)
+    def angle_at(self, motion: TableMotion, time: ArrayLike, window: float) -> Array:
+        """Table angles (...,), rad, not wrapped, at times (...,) from the start, s, averaged over a `window`, s.
+
+        The motion begins half a window early and ends half a window late. Its speed and acceleration do not exceed
+        those of the motion itself, from which it deviates by at most ``a window² / 24`` at an acceleration a; its jerk
+        is a change of acceleration over the window.
+        """
+        time = np.asarray(time, float)
+        return np.asarray(
+            (self._angle_integral(motion, time + window / 2) - self._angle_integral(motion, time - window / 2)) / window
+        )
+
+    def window(self, max_jerk: float) -> float:
+        """The window of `angle_at`, s, for which no change of acceleration exceeds a jerk limit, rad/s³."""
+        return min(2 * self.accelerations * self._quantum / max_jerk, self._step)
+
+    def _angle_integral(self, motion: TableMotion, time: Array) -> Array:
+        """Integral (...,), rad s, of the table angle from the start; at rest before and after the motion."""
+        first, rate, acceleration = motion.start, np.cumsum([0, *motion.accelerations]), [*motion.accelerations, 0]
+        lattice = first + np.concatenate([[0], np.cumsum(2 * rate[:-1] + motion.accelerations)])
+        # The state at the start of each step, and after the last one, where the table rests.
+        angle = lattice * self._angle
+        speed, change = rate * self._quantum * self._step, np.array(acceleration) * self._quantum
+        h = self._step
+        done = np.concatenate([[0.0], np.cumsum(h * (angle + h * (speed / 2 + h * change / 6))[:-1])])
+        step = np.clip((time / h).astype(np.int64), 0, self.steps)
+        since = time - step * h
+        # Before the start the table rests, too.
+        moving = time > 0
+        return np.asarray(
+            done[step]
+            + since * (angle[step] + np.where(moving, since * (speed[step] / 2 + since * change[step] / 6), 0.0))
+        )
 
     def motion(self, start: int, accelerations: ArrayLike) -> TableMotion:
         """The motion from rest at lattice angle `start` with these accelerations (steps,), quanta."""

@@ -15,6 +15,8 @@ from scancell.nominal.cell import arm_of
 
 Array = NDArray[np.float64]
 
+_SHARE = 0.8  # of the torque that gravity and friction leave: gears are elastic and oscillate
+
 
 def joint_torques(cell: CellDescription, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
     """Torques (n, joints), N m, that links, sensor and gripper housing of a cell's arm ask of its joints.
@@ -33,24 +35,80 @@ def joint_torques(cell: CellDescription, q: ArrayLike, qd: ArrayLike, qdd: Array
     MeshError
         If a mesh that tells of masses cannot be used.
     """
-    for number, joint in enumerate(cell.robot.joint, start=1):
-        if joint.inertia is None and joint.mesh is None:
-            raise CellError(f"robot.joint[{number}]: torques need an inertia, or a mesh to compute it from")
-    skeleton = _skeleton(cell)
-    torques = []
-    for position, rate, acceleration in zip(*(np.atleast_2d(np.asarray(x, float)) for x in (q, qd, qdd)), strict=True):
+    q, qd, qdd = (np.atleast_2d(np.asarray(x, float)) for x in (q, qd, qdd))
+    return _inverse_dynamics(_skeleton(cell), q, qd, qdd)
+
+
+class TorqueLimits:
+    """Torque limits of an arm with dynamic drives, for planning.
+
+    Parameters
+    ----------
+    cell
+        Description; every joint must have a drive.
+
+    Raises
+    ------
+    CellError, MeshError
+        As `joint_torques`.
+    """
+
+    def __init__(self, cell: CellDescription) -> None:
+        drives = [joint.drive for joint in cell.robot.joint if joint.drive is not None]
+        self._skeleton = _skeleton(cell)
+        self._limit = np.array([drive.max_torque_n_m for drive in drives])
+        self._rotor = np.array([drive.motor_inertia_kg_m2 for drive in drives])
+        self._coulomb = np.array([drive.coulomb_friction_n_m for drive in drives])
+        self._viscous = np.array([drive.viscous_friction_n_m_s_rad for drive in drives])
+
+    def needed_slowdown(self, q: Array, period: float) -> tuple[float, int]:
+        """Factor by which a motion must last longer so that all motors keep their torque limits, and the joint.
+
+        With a factor k, the torque is ``static + viscous / k + dynamic / k²``: gravity and Coulomb friction stay. The
+        factor is infinite where these alone exceed the limit, and 0 for a motion without the other two.
+
+        Parameters
+        ----------
+        q
+            (n, joints) joints, rad, every `period` s.
+        """
+        rate = np.gradient(q, period, axis=0)
+        acceleration = np.gradient(rate, period, axis=0)
+        rest = np.zeros_like(q)
+        static = _inverse_dynamics(self._skeleton, q, rest, rest)
+        dynamic = _inverse_dynamics(self._skeleton, q, rate, acceleration) - static + self._rotor * acceleration
+        viscous = self._viscous * rate
+        left = self._limit - np.abs(static) - self._coulomb
+        if (left < 0).any():
+            return np.inf, int(np.argmin(left.min(0)))
+        left *= _SHARE
+        # left k² - |viscous| k - |dynamic| = 0; magnitudes add, which is on the safe side.
+        size, speed = np.abs(dynamic), np.abs(viscous)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            factor = (speed + np.sqrt(speed**2 + 4 * left * size)) / (2 * left)
+        factor = np.where((size == 0) & (speed == 0), 0.0, factor)
+        worst = factor.max(0)
+        return float(worst.max()), int(np.argmax(worst))
+
+
+def _inverse_dynamics(skeleton: Any, q: Array, qd: Array, qdd: Array) -> Array:
+    torques = np.empty_like(q)
+    for row, position, rate, acceleration in zip(torques, q, qd, qdd, strict=True):
         skeleton.setPositions(position)
         skeleton.setVelocities(rate)
         skeleton.setAccelerations(acceleration)
         skeleton.computeInverseDynamics()
-        torques.append(skeleton.getForces())
-    return np.array(torques).reshape(-1, len(cell.robot.joint))
+        row[:] = skeleton.getForces()
+    return torques
 
 
 def _skeleton(cell: CellDescription) -> Any:
     """The arm with a body per link in its Denavit-Hartenberg frame."""
     import dartpy  # noqa: PLC0415  (it loads libGL, which few machines without a screen have)
 
+    for number, joint in enumerate(cell.robot.joint, start=1):
+        if joint.inertia is None and joint.mesh is None:
+            raise CellError(f"robot.joint[{number}]: torques need an inertia, or a mesh to compute it from")
     arm = arm_of(cell.robot)
     frames = arm.link_poses(np.zeros(len(arm.joints)))
     skeleton = dartpy.dynamics.Skeleton(cell.robot.name)

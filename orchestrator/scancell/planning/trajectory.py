@@ -1,84 +1,134 @@
-"""Trajectories sampled at the controller cycle: rest-to-rest moves, and runs at constant speed between smooth ramps.
-
-Every ramp is a polynomial whose acceleration starts and ends at zero, so that acceleration is continuous.
-"""
+"""Trajectories of limited speed, acceleration and jerk: rest-to-rest moves, and runs at constant speed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import ruckig
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-# Extremes of the quintic 10 s³ - 15 s⁴ + 6 s⁵ over unit time and travel.
-_QUINTIC_SPEED = 1.875
-_QUINTIC_ACCELERATION = 10 / np.sqrt(3)
-# Largest acceleration of a speed that rises as 3 s² - 2 s³ over unit time to unit speed.
+# Largest acceleration and jerk of a speed that rises as 3 s² - 2 s³ over unit time to unit speed.
 _RAMP_ACCELERATION = 1.5
+_RAMP_JERK = 6.0
+_LEAD = 2  # cycles of constant speed around the exposures: the controller reaches a set-point one cycle late
+_NO_LIMIT = 1e3  # of normalised speed and acceleration: beyond what unit jerk attains over unit travel
 
 
-def quintic(fraction: ArrayLike) -> Array:
-    """Quintic time scaling ``10 s³ - 15 s⁴ + 6 s⁵`` of `fraction`: zero speed and acceleration at 0 and at 1."""
-    s = np.clip(np.asarray(fraction, float), 0.0, 1.0)
-    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+@dataclass(frozen=True)
+class Limits:
+    """Limits (axes,) of speed, rad/s, acceleration, rad/s², and jerk, rad/s³."""
+
+    speed: Array
+    acceleration: Array
+    jerk: Array
+
+    def scaled(self, fraction: float) -> Limits:
+        """A fraction of these limits."""
+        return Limits(fraction * self.speed, fraction * self.acceleration, fraction * self.jerk)
 
 
-def move_time(travel: ArrayLike, max_speed: ArrayLike, max_acceleration: ArrayLike) -> float:
-    """Shortest duration (s) of a synchronised quintic move by `travel` (axes,) within the limits of every axis."""
-    distance = np.abs(np.asarray(travel, float))
-    by_speed = _QUINTIC_SPEED * distance / np.asarray(max_speed, float)
-    by_acceleration = np.sqrt(_QUINTIC_ACCELERATION * distance / np.asarray(max_acceleration, float))
-    return float(max(by_speed.max(), by_acceleration.max()))
+def cycle_times(duration: float, cycle: float) -> Array:
+    """Times (n,), s, n >= 2, of the set-points of a motion: every `cycle` from 0 to its end or just after it."""
+    return np.asarray(np.arange(max(1, int(np.ceil(duration / cycle - 1e-9))) + 1) * cycle, np.float64)
 
 
-def move(start: ArrayLike, end: ArrayLike, max_speed: ArrayLike, max_acceleration: ArrayLike, cycle: float) -> Array:
-    """Positions (n, axes), n >= 2, every `cycle` seconds of a straight synchronised rest-to-rest move."""
+def move(start: ArrayLike, end: ArrayLike, limits: Limits, cycle: float, slowdown: float = 1.0) -> Array:
+    """Positions (n, axes), n >= 2, every `cycle` seconds of the fastest straight rest-to-rest move within limits.
+
+    The profile along the line is by Ruckig (Berscheid & Kröger, "Jerk-limited real-time trajectory generation with
+    arbitrary target states", 2021). With a `slowdown` above 1 it lasts that many times as long.
+    """
     start, end = np.asarray(start, float), np.asarray(end, float)
-    cycles = max(1, int(np.ceil(move_time(end - start, max_speed, max_acceleration) / cycle - 1e-9)))
-    return np.asarray(start + quintic(np.arange(cycles + 1) / cycles)[:, None] * (end - start))
+    travel = np.abs(end - start)
+    if not travel.any():
+        return np.stack([start, end])
+    share = travel[travel > 0]
+    speed, acceleration, jerk = (
+        float((limit[travel > 0] / share).min()) for limit in (limits.speed, limits.acceleration, limits.jerk)
+    )
+    unit = jerk ** (-1 / 3)  # s: in this unit of time the jerk limit is 1
+    one = ruckig.InputParameter(1)
+    one.current_position, one.target_position = [0.0], [1.0]
+    one.max_velocity, one.max_acceleration = [min(speed * unit, _NO_LIMIT)], [min(acceleration * unit**2, _NO_LIMIT)]
+    one.max_jerk = [1.0]
+    profile = ruckig.Trajectory(1)
+    if ruckig.Ruckig(1).calculate(one, profile) != ruckig.Result.Working:
+        raise ValueError(f"limits = {limits}: expected positive numbers")
+    cycles = len(cycle_times(slowdown * profile.duration * unit, cycle)) - 1
+    fraction = [profile.at_time(k / cycles * profile.duration)[0][0] for k in range(1, cycles)]
+    return np.asarray(start + np.array([0.0, *fraction, 1.0])[:, None] * (end - start))
 
 
 @dataclass(frozen=True)
 class Run:
-    """A rest-to-rest run along a path with constant speed during the exposures.
+    """A rest-to-rest run along a path with constant speed during the exposures, between ramps of equal duration.
 
     Attributes
     ----------
-    times, path
-        (n,) s and (n,) path coordinate (m or rad), one per cycle; `path` increases and is 0 at the first exposure.
-    trigger_from, trigger_to
-        Interval (s) in which triggers are enabled; the speed is constant in it.
+    speed
+        Of path units (m or rad) per s during the exposures.
+    rest, ramp, cruise
+        Durations, s: at rest before and after the run, of either ramp, of constant speed.
+    lead
+        Time from the end of the first ramp to the first exposure, s, where the path coordinate is 0.
+    exposing
+        Time during which triggers are enabled, s.
     """
 
-    times: Array
-    path: Array
-    trigger_from: float
-    trigger_to: float
+    speed: float
+    rest: float
+    ramp: float
+    cruise: float
+    lead: float
+    exposing: float
+
+    @property
+    def duration(self) -> float:
+        """Of the run with both rests, s."""
+        return 2 * (self.rest + self.ramp) + self.cruise
+
+    @property
+    def trigger_from(self) -> float:
+        """When triggers are enabled and the first exposure occurs, s."""
+        return self.rest + self.ramp + self.lead
+
+    @property
+    def trigger_to(self) -> float:
+        """When triggers are disabled, s."""
+        return self.trigger_from + self.exposing
+
+    def at(self, time: ArrayLike) -> Array:
+        """Path coordinate (...,) at times (...,), s; constant before and after."""
+        since = np.asarray(time, float) - self.rest
+        rising = np.clip(since / self.ramp, 0.0, 1.0)
+        falling = np.clip((since - self.ramp - self.cruise) / self.ramp, 0.0, 1.0)
+        travelled = (_ramp_travel(rising) + falling - _ramp_travel(falling)) * self.ramp
+        travelled += np.clip(since - self.ramp, 0.0, self.cruise)
+        return np.asarray(self.speed * (travelled - 0.5 * self.ramp - self.lead))
+
+    def slowed(self, factor: float) -> Run:
+        """The run that lasts `factor` times as long."""
+        times = (self.rest, self.ramp, self.cruise, self.lead, self.exposing)
+        return Run(self.speed / factor, *(factor * time for time in times))
+
+    def rested(self, rest: float) -> Run:
+        """The run with `rest` s at rest at both ends."""
+        return replace(self, rest=rest)
 
 
-def run(count: int, interval: float, speed: float, acceleration: float, cycle: float) -> Run:
-    """The run with `count` exposures, one every `interval` of path, at `speed` with ramps of at most `acceleration`.
+def run(count: int, interval: float, speed: float, acceleration: float, cycle: float, jerk: float = np.inf) -> Run:
+    """The run with `count` exposures, one every `interval` of path, with ramps within the limits along the path.
 
-    Path units are m or rad. Ramps last whole cycles. Two cycles of constant speed separate them from the exposures,
-    because the controller reaches a set-point one cycle late.
+    Path units are m or rad. Ramps and the constant speed last whole cycles.
     """
-    ramp_cycles = int(np.ceil(_RAMP_ACCELERATION * speed / acceleration / cycle))
-    lead = 2
-    trigger_from = (ramp_cycles + lead) * cycle
+    ramp = max(_RAMP_ACCELERATION * speed / acceleration, np.sqrt(_RAMP_JERK * speed / jerk))
     # Half an interval after the last exposure, so that it fires and no further one does.
-    trigger_to = trigger_from + (count - 0.5) * interval / speed
-    cruise_cycles = 2 * lead + int(np.ceil((trigger_to - trigger_from) / cycle))
-    times: Array = np.arange(2 * ramp_cycles + cruise_cycles + 1, dtype=np.float64) * cycle
-    ramp = ramp_cycles * cycle
-    cruise_end = ramp + cruise_cycles * cycle
-    rising = np.clip(times / ramp, 0.0, 1.0)
-    falling = np.clip((times - cruise_end) / ramp, 0.0, 1.0)
-    travelled = _ramp_travel(rising) * ramp + np.clip(times - ramp, 0.0, cruise_end - ramp)
-    travelled += (falling - _ramp_travel(falling)) * ramp
-    path = speed * (travelled - 0.5 * ramp - lead * cycle)
-    return Run(times, path, trigger_from, trigger_to)
+    exposing = (count - 0.5) * interval / speed
+    cruise = 2 * _LEAD + int(np.ceil(exposing / cycle))
+    return Run(speed, 0.0, cycle * float(np.ceil(ramp / cycle)), cycle * cruise, cycle * _LEAD, exposing)
 
 
 def _ramp_travel(s: Array) -> Array:
@@ -86,13 +136,15 @@ def _ramp_travel(s: Array) -> Array:
     return np.asarray(s**3 - s**4 / 2)
 
 
-def limit_fractions(
-    positions: ArrayLike, max_speed: ArrayLike, max_acceleration: ArrayLike, cycle: float
-) -> tuple[Array, Array]:
-    """Peak speed and peak acceleration per axis (axes,) of sampled positions (n, axes), as fractions of the limits."""
+def limit_fractions(positions: ArrayLike, limits: Limits, period: float) -> Array:
+    """Peak speed, acceleration and jerk (3, axes) of positions (n, axes) every `period` s, as fractions of limits."""
     p = np.asarray(positions, float)
-    speed = np.abs(np.diff(p, axis=0)) / cycle
-    acceleration = np.abs(np.diff(p, n=2, axis=0)) / cycle**2
-    peak_speed = speed.max(0) if len(speed) else np.zeros(p.shape[1])
-    peak_acceleration = acceleration.max(0) if len(acceleration) else np.zeros(p.shape[1])
-    return peak_speed / np.asarray(max_speed, float), peak_acceleration / np.asarray(max_acceleration, float)
+    of = (limits.speed, limits.acceleration, limits.jerk)
+    peaks = [np.abs(np.diff(p, n, axis=0)).max(0, initial=0.0) / period**n for n in (1, 2, 3)]
+    return np.stack([peak / limit for peak, limit in zip(peaks, of, strict=True)])
+
+
+def needed_slowdown(positions: ArrayLike, limits: Limits, period: float) -> Array:
+    """Factors (axes,) by which a motion must last longer so that each axis just keeps its limits; below 1: faster."""
+    roots = np.array([1.0, 1 / 2, 1 / 3])[:, None]
+    return np.asarray((limit_fractions(positions, limits, period) ** roots).max(0))

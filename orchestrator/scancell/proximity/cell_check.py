@@ -34,7 +34,7 @@ _KEYS = {
 
 
 def check_cell(nominal: NominalCell) -> None:
-    """Refuse a cell whose standing bodies (robot base, table, belts, parts) reach into each other.
+    """Refuse a cell whose standing bodies (robot base, table, belts, parts, obstacles) reach into each other.
 
     The table is at angle 0 and the arm does not count: its motion is checked by planning.
 
@@ -66,7 +66,7 @@ def _key(body: str, nominal: NominalCell) -> str:
     names = [part.description.name for part in nominal.further_parts]
     if body in names:
         return f"further_part[{names.index(body) + 1}].pose"
-    return _KEYS.get(body, f"the pose of conveyor '{body}'")
+    return _KEYS.get(body, f"the pose of '{body}'")
 
 
 def penetration(a: Mesh, b: Mesh) -> float:

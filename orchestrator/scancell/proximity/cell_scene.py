@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import NominalCell
+from scancell.nominal.cell import OCCUPIED, NominalCell
 from scancell.proximity.scene import ProximityScene
 
 _ON_ARM = ("link", "sensor", "finger")
@@ -24,6 +24,8 @@ def arm_chain(nominal: NominalCell) -> list[str]:
 def cell_scene(nominal: NominalCell, meshes: Mapping[str, Mesh]) -> ProximityScene:
     """Scene of all bodies with the pairs of `cell_pairs`, except those that intersect at nearly every configuration.
 
+    Measured space may hold the arm's base, which cannot leave it; nothing else is excepted from keeping clear of it.
+
     Parameters
     ----------
     meshes
@@ -31,11 +33,17 @@ def cell_scene(nominal: NominalCell, meshes: Mapping[str, Mesh]) -> ProximitySce
     """
     chain = arm_chain(nominal)
     around = [body.name for body in nominal.bodies if body.name not in chain]
-    scene = ProximityScene({body.name: meshes[body.name] for body in nominal.bodies}, cell_pairs(chain, around))
+    pairs = [pair for pair in cell_pairs(chain, around) if not ("base" in pair and _measured(pair))]
+    scene = ProximityScene({body.name: meshes[body.name] for body in nominal.bodies}, pairs)
     lower, upper = nominal.arm.limits
     q = np.random.default_rng(0).uniform(lower, upper, (100, len(lower)))
-    intersecting = intersecting_pairs(scene, nominal.body_poses(q, np.zeros(len(q))))
+    found = intersecting_pairs(scene, nominal.body_poses(q, np.zeros(len(q))))
+    intersecting = {pair for pair in found if not _measured(pair)}
     return scene.without(intersecting) if intersecting else scene
+
+
+def _measured(pair: Iterable[str]) -> bool:
+    return any(name.startswith(OCCUPIED) for name in pair)
 
 
 def cell_pairs(chain: Sequence[str], around: Sequence[str]) -> list[tuple[str, str]]:

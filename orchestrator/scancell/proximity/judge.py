@@ -48,7 +48,7 @@ def first_collision(
             at = poses[i, body]
             objects.append(fcl.CollisionObject(models[name], fcl.Transform(at[:3, :3], at[:3, 3])))
         if fcl.collide(*objects, request, result):
-            return Clash(int(i), pairs[k][0], pairs[k][1], 0.0)
+            return Clash(int(i), pairs[k][0], pairs[k][1], 0.0, 0.0)
     return None
 
 

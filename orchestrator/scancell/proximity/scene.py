@@ -16,12 +16,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Clash:
-    """Two bodies nearer than the clearance at pose number `index`; `distance` (m) is 0 when they intersect."""
+    """Two bodies nearer than `clearance` (m) at pose number `index`; `distance` (m) is 0 when they intersect."""
 
     index: int
     body_a: str
     body_b: str
     distance: float
+    clearance: float
 
 
 class ProximityScene:
@@ -108,8 +109,12 @@ class ProximityScene:
         """
         return self._native.collisions(poses, threads)
 
-    def clearance_violations(self, poses: ArrayLike, clearance: float, threads: int = 0) -> list[Clash]:
-        """All pairs nearer than `clearance` (m) at poses (n, bodies, 4, 4), see `distances`."""
-        distance = self.distances(poses, clearance, threads)
-        index, pair = np.nonzero(distance < clearance)
-        return [Clash(int(i), *self.pairs[p], float(distance[i, p])) for i, p in zip(index, pair, strict=True)]
+    def clearance_violations(self, poses: ArrayLike, clearance: ArrayLike, threads: int = 0) -> list[Clash]:
+        """All pairs nearer than `clearance` (m, one or (pairs,)) at poses (n, bodies, 4, 4), see `distances`."""
+        required = np.broadcast_to(np.asarray(clearance, float), (len(self.pairs),))
+        distance = self.distances(poses, required, threads)
+        index, pair = np.nonzero(distance < required)
+        return [
+            Clash(int(i), *self.pairs[p], float(distance[i, p]), float(required[p]))
+            for i, p in zip(index, pair, strict=True)
+        ]

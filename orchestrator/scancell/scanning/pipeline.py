@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -25,11 +25,16 @@ from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell
+from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
+from scancell.planning.configuration_map import Judge
 from scancell.planning.model import PlanningCell
-from scancell.planning.options import scan_options
-from scancell.planning.planner import Plan, plan
+from scancell.planning.occupancy import with_occupied_space
+from scancell.planning.options import pair_clearances, scan_options
+from scancell.planning.plan import Plan
+from scancell.planning.planner import plan
 from scancell.planning.sight import Sight
+from scancell.planning.torques import TorqueLimits
+from scancell.planning.verification import recheck
 from scancell.progress import Progress
 from scancell.proximity.cell_check import check_cell
 from scancell.reconstruction.cloud import Cloud
@@ -50,9 +55,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class LoadedCell:
-    """A nominal cell around a part, and the bodies that light can meet in the order of `scene`."""
+    """A nominal cell around a part, and the bodies that light can meet in the order of `scene`.
+
+    `true` also has the obstacles that planning and reconstruction do not know.
+    """
 
     nominal: NominalCell
+    true: NominalCell
     bodies: tuple[Body | Lamp, ...]
     scene: sensor_rt.Scene
     description: CellDescription
@@ -65,7 +74,7 @@ class LoadedCell:
 
     def for_fmu(self, seed: int, collision_outputs: bool = False) -> dict[str, Any]:
         """The cell as the FMU reads it; collision outputs cost most of a run, and no scan reads them."""
-        return cell_json(self.description, self.nominal, seed, collision_outputs=collision_outputs)
+        return cell_json(self.description, self.true, seed, collision_outputs=collision_outputs)
 
 
 class ScanPipeline(Closing):
@@ -103,27 +112,51 @@ class ScanPipeline(Closing):
         def make() -> tuple[Mesh, LoadedCell]:
             self.builds += 1
             nominal = nominal_cell(cell, part)
-            check_cell(nominal)
-            bodies = visible_bodies(nominal)
-            return part, LoadedCell(nominal, bodies, build_scene(bodies), cell)
+            true = with_unknown_obstacles(nominal, cell)
+            check_cell(true)
+            bodies = visible_bodies(true)
+            return part, LoadedCell(nominal, true, bodies, build_scene(bodies), cell)
 
         # The cached reference to the mesh prevents reuse of its id.
         return _kept(self._cells, f"{id(part)} {cell.model_dump_json()}", _MAX_CELLS, make)[1]
 
-    def plan(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor) -> Plan:
-        """The plan of the scan description, cached by a digest of all inputs of planning.
+    def plan(
+        self,
+        loaded: LoadedCell,
+        setup: Setup,
+        sensor: sensor_rt.Sensor,
+        saved: Plan | None = None,
+        judges: Sequence[Judge] = (),
+    ) -> Plan:
+        """The plan of the scan description, or a `saved` one checked again.
+
+        It is cached by a digest of all inputs, unless there are `judges`, see `planner.plan`.
 
         Raises
         ------
+        DescriptionError
+            If a file of occupied space cannot be used, or a pair with its own clearance does not exist.
         PlanningError
             Naming the poses that cannot be reached, or the bodies that collide.
         """
         cycle = setup.cell.world.controller_cycle_us * 1e-6
-        cell = PlanningCell(loaded.nominal, sensor_range(sensor), cycle, threads=self.threads)
-        sight = Sight(loaded.nominal, setup.sensor, self._measurable, self.threads)
-        described = (setup.scan.model_dump_json(), setup.sensor.model_dump_json())
-        key = _digest([_without_optics(loaded.nominal), cell.range, cell.cycle, *described])
-        return _kept(self._plans, key, _MAX_PLANS, lambda: plan(cell, scan_options(setup.scan), sight))
+        nominal = with_occupied_space(loaded.nominal, setup.scan.occupied)
+        own = pair_clearances(setup.scan, nominal)
+        cell = PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads, pair_clearance=own)
+        sight = Sight(nominal, setup.sensor, self._measurable, self.threads)
+        described = (setup.scan.model_dump_json(), setup.sensor.model_dump_json(), setup.cell.robot.model_dump_json())
+        key = _digest([_without_optics(nominal), cell.range, cell.cycle, *described])
+        key += "" if saved is None else _digest([saved.program])
+
+        def make() -> Plan:
+            torques = TorqueLimits(setup.cell) if setup.cell.robot.drive == "dynamic" else None
+            here, options = replace(cell, torques=torques), scan_options(setup.scan)
+            return plan(here, options, sight, judges) if saved is None else recheck(here, saved, options)
+
+        if judges:
+            return make()
+
+        return _kept(self._plans, key, _MAX_PLANS, make)
 
     def _measurable(self, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
         return measurable_surface(nominal, sensor, cache=cache_folder(), threads=self.threads)
@@ -204,7 +237,7 @@ def _kept(store: OrderedDict[str, T], key: str, limit: int, make: Callable[[], T
 def _without_optics(nominal: NominalCell) -> list[Any]:
     """The inputs of planning from a nominal cell: all fields but lamps and materials."""
     values = [getattr(nominal, field.name) for field in fields(nominal) if field.name not in {"bodies", "lamps"}]
-    return [*values, [(body.name, body.moves_with, body.mesh) for body in nominal.bodies]]
+    return [*values, [(body.name, body.moves_with, body.mesh, body.clearance) for body in nominal.bodies]]
 
 
 def _digest(value: Any) -> str:

@@ -13,7 +13,7 @@ from scancell.config.choices import Engine, Frame
 from scancell.config.loading import Setup
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
-from scancell.planning.planner import Plan
+from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import Dropped, ProfilePoints
 from scancell.scanning.sense import ExposureImages, Sensors

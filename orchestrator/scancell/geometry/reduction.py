@@ -1,0 +1,125 @@
+"""Meshes with fewer faces for distance queries, and a bound on how far the original reaches outside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.geometry.decimation import decimated
+from scancell.geometry.mesh import Mesh
+
+Array = NDArray[np.float64]
+
+_TOLERANCE = 0.1e-3  # m: the bound exceeds the largest distance that was found by no more
+_MAX_TRIANGLES = 2_000_000  # in a round of subdivision; then the bound is what has been proved so far
+
+
+@dataclass(frozen=True)
+class ReducedMesh:
+    """A mesh in place of one with more faces.
+
+    Attributes
+    ----------
+    mesh
+        The mesh, or the original if that has few faces.
+    original_faces
+        Number of faces of the original.
+    error
+        Bound (m) on the distance of any point of the original from the mesh, or from its inside if it is closed.
+    """
+
+    mesh: Mesh
+    original_faces: int
+    error: float = 0.0
+
+    def line(self, name: str) -> str:
+        """For people."""
+        return (
+            f"{name}: {self.original_faces} triangles reduced to {len(self.mesh.faces)}, beyond which the body reaches"
+            f" at most {1e3 * self.error:.2f} mm"
+        )
+
+
+def reduced(mesh: Mesh, max_faces: int, max_error: float) -> ReducedMesh:
+    """The mesh simplified to `max_faces` triangles by quadric edge collapse; unchanged if it has no more.
+
+    Where the error would exceed `max_error` (m), it keeps four times as many, and so on.
+
+    Raises
+    ------
+    MeshError
+        If no triangle remains.
+    """
+    while True:
+        light = decimated(mesh, max_faces)
+        if light is mesh:
+            return ReducedMesh(mesh, len(mesh.faces))
+        error = protrusion_bound(mesh, light)
+        if error <= max_error:
+            return ReducedMesh(light, len(mesh.faces), error)
+        max_faces *= 4
+
+
+def protrusion_bound(mesh: Mesh, solid: Mesh, tolerance: float = _TOLERANCE) -> float:
+    """Bound (m) on the distance by which any point of a mesh lies outside a solid, or off an open surface.
+
+    The signed distance s of a triangle's centre gives s + r for the whole triangle, where r is its radius about the
+    centre (a distance changes by no more than the way). The distance from one face of the solid is a convex function,
+    whose largest value is at a corner. Triangles for which neither is below the largest distance found so far plus
+    `tolerance` are divided in four.
+    """
+    surface = sensor_rt.MeshSurface(solid.vertices, solid.faces.astype(np.uint32))
+    faces = solid.vertices[solid.faces]
+    triangles = mesh.vertices[mesh.faces]
+    largest = max(0.0, float(_distances(surface, solid, mesh.vertices[np.unique(mesh.faces)])[0].max()))
+    while True:
+        centre = triangles.mean(1)
+        radius = np.linalg.norm(triangles - centre[:, None], axis=-1).max(1)
+        distance, nearest = _distances(surface, solid, centre)
+        largest = max(largest, float(distance.max(initial=0.0)))
+        bound = distance + radius
+        rest = np.flatnonzero(bound > largest + tolerance)
+        from_face = np.stack([_from_triangles(triangles[rest, k], faces[nearest[rest]]) for k in range(3)]).max(0)
+        bound[rest] = np.minimum(bound[rest], from_face)
+        rest = rest[bound[rest] > largest + tolerance]
+        if not len(rest) or 4 * len(rest) > _MAX_TRIANGLES:
+            return max(largest + tolerance, float(bound[rest].max(initial=0.0)))
+        triangles = _divided(triangles[rest])
+
+
+def _distances(surface: sensor_rt.MeshSurface, solid: Mesh, points: Array) -> tuple[Array, NDArray[np.uint32]]:
+    """Distances (n,) from a mesh, negative inside if it is closed, and the nearest faces (n,)."""
+    signed, face = surface.signed_distances(np.ascontiguousarray(points))
+    return np.asarray(signed if solid.is_closed else np.abs(signed)), np.asarray(face)
+
+
+def _from_triangles(points: Array, triangles: Array) -> Array:
+    """Distances (n,) of points (n, 3) from triangles (n, 3, 3)."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    normal = np.cross(b - a, c - a)
+    area = np.linalg.norm(normal, axis=1)
+    normal /= np.where(area > 0, area, 1.0)[:, None]
+    edges = [(a, b), (b, c), (c, a)]
+    sides = [((np.cross(end - start, points - start) * normal).sum(1)) for start, end in edges]
+    above = (area > 0) & (np.array(sides) >= 0).all(0)
+    height = np.abs(((points - a) * normal).sum(1))
+    beside = np.array([_from_segments(points, *edge) for edge in edges]).min(0)
+    return np.asarray(np.where(above, height, beside))
+
+
+def _from_segments(points: Array, start: Array, end: Array) -> Array:
+    along = end - start
+    length = (along**2).sum(1)
+    fraction = np.clip(((points - start) * along).sum(1) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points - start - fraction[:, None] * along, axis=1))
+
+
+def _divided(triangles: Array) -> Array:
+    """Four triangles (4 n, 3, 3) in place of each (n, 3, 3), between its corners and the middles of its edges."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(corners, 1) for corners in quarters])

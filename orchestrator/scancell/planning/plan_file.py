@@ -1,0 +1,133 @@
+"""Plans as JSON: written into every run folder and by `scancell plan --out`, read and checked again by `--plan`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from scancell.cell.program import Program, Segment, TriggerKind, TriggerRule
+from scancell.config.description import Description, Finite, NonNegative, validate
+from scancell.errors import DescriptionError
+from scancell.planning.plan import Plan
+
+_Row = tuple[Finite, ...]
+_UNITS = {"time": "s", "q": "rad", "table": "rad", "interval": "s, rad or m by kind"}
+
+
+class _Trigger(Description):
+    kind: TriggerKind
+    interval: NonNegative
+
+
+class _Segment(Description):
+    id: Annotated[int, Field(ge=1)]
+    name: str
+    trigger: _Trigger
+    trigger_from: NonNegative
+    trigger_to: NonNegative
+    time: Annotated[_Row, Field(min_length=2)]
+    q: tuple[_Row, ...]
+    table: _Row
+
+    @model_validator(mode="after")
+    def _same_length(self) -> Self:
+        if not len(self.time) == len(self.q) == len(self.table):
+            raise ValueError(
+                f"{len(self.time)} times, {len(self.q)} q, {len(self.table)} table: expected as many of each"
+            )
+        return self
+
+
+class _Exposures(Description):
+    segment: tuple[int, ...]
+    q: tuple[_Row, ...]
+    table: _Row
+
+    @model_validator(mode="after")
+    def _same_length(self) -> Self:
+        if not len(self.segment) == len(self.q) == len(self.table):
+            raise ValueError(
+                f"{len(self.segment)} segment, {len(self.q)} q, {len(self.table)} table: expected as many of each"
+            )
+        return self
+
+
+class _PlanFile(Description):
+    format: Literal[2]
+    units: dict[str, str]
+    settle: NonNegative
+    segments: Annotated[tuple[_Segment, ...], Field(min_length=1)]
+    exposures: _Exposures
+
+    @model_validator(mode="after")
+    def _one_number_of_joints(self) -> Self:
+        rows = [*(row for segment in self.segments for row in segment.q), *self.exposures.q]
+        numbers = {len(row) for row in rows}
+        if len(numbers) != 1:
+            raise ValueError(f"q: rows of {sorted(numbers)} joints, expected one number of joints")
+        return self
+
+
+def plan_json(plan: Plan) -> dict[str, Any]:
+    """A plan as plain data for JSON, SI units: segments with their set-points, exposures; without loss of precision."""
+    return {
+        "format": 2,
+        "units": _UNITS,
+        "settle": plan.program.settle,
+        "segments": [
+            {
+                "id": segment.id,
+                "name": segment.name,
+                "trigger": {"kind": segment.trigger.kind, "interval": segment.trigger.interval},
+                "trigger_from": segment.trigger_from,
+                "trigger_to": segment.trigger_to,
+                "time": segment.times.tolist(),
+                "q": segment.q.tolist(),
+                "table": segment.table.tolist(),
+            }
+            for segment in plan.program.segments
+        ],
+        "exposures": {"segment": plan.segment.tolist(), "q": plan.q.tolist(), "table": plan.table.tolist()},
+    }
+
+
+def read_plan(file: Path) -> Plan:
+    """The plan of a file, not yet checked against a cell, see `planner.recheck`.
+
+    Raises
+    ------
+    DescriptionError
+        If the file cannot be read or holds no plan, naming key, value and what was expected.
+    """
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DescriptionError(f"{file}: cannot be read as JSON: {error}") from None
+    read = validate(_PlanFile, data, str(file))
+    segments = tuple(
+        Segment(
+            item.id,
+            np.array(item.time),
+            np.array(item.q),
+            np.array(item.table),
+            TriggerRule(item.trigger.kind, item.trigger.interval),
+            item.trigger_from,
+            item.trigger_to,
+            item.name,
+        )
+        for item in read.segments
+    )
+    exposures = read.exposures
+    return Plan(
+        Program(segments, read.settle),
+        np.array(exposures.segment, np.int64),
+        np.array(exposures.q),
+        np.array(exposures.table),
+        None,
+        (),
+        source=str(file.absolute()),
+    )

@@ -1,0 +1,289 @@
+"""Survey of the space around the table: what the sensor finds there that the description of the cell does not hold.
+
+The sensor looks down on a raster, the table at rest. It begins above the surveyed cylinder, in space that is taken as
+free, and goes down by layers: arm and sensor only enter space that a layer before has shown to be free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.config.loading import Setup
+from scancell.config.units import si_value
+from scancell.errors import DescriptionError, PlanningError
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.voxels import MAX_VOXELS, VoxelGrid
+from scancell.nominal.cell import NominalCell
+from scancell.planning.assembly import Assembly
+from scancell.planning.model import PlanningCell
+from scancell.planning.occupancy import occupied_bodies, write_voxels
+from scancell.planning.options import scan_options
+from scancell.planning.placement import PlacedPose
+from scancell.planning.plan import Plan
+from scancell.planning.space_map import Profiles, SpaceMap
+from scancell.planning.verification import check_part
+from scancell.progress import Progress
+from scancell.scanning.drive import DriveRequest
+from scancell.scanning.pipeline import LoadedCell, ScanPipeline
+from scancell.scanning.sense import Sensors
+from scancell.scanning.sensor_range import sensor_range
+
+Array = NDArray[np.float64]
+
+_CHOICES = 2  # of arm branches and orientations that are tried for a pose: the nearest ones
+
+
+@dataclass(frozen=True)
+class SurveyRegion:
+    """The surveyed cylinder about the table's axis, from the plane of its top face upwards, m.
+
+    Attributes
+    ----------
+    radius, height
+        Of the cylinder. All space above it is taken as free: without it the sensor cannot begin. Space beside it is as
+        the cell describes it.
+    voxel
+        Edge of the voxels, and distance between exposures.
+    inflation
+        Distance from measured voxels up to which space counts as occupied.
+    """
+
+    radius: float
+    height: float
+    voxel: float
+    inflation: float
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that are not positive and finite, and more than 5e7 voxels.
+
+        Raises
+        ------
+        DescriptionError
+            Naming the size and its value, m.
+        """
+        for name in ("radius", "height", "voxel"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise DescriptionError(f"survey: {name} = {getattr(self, name)}: expected a positive number of metres")
+        if not 0.0 <= self.inflation < np.inf:
+            raise DescriptionError(f"survey: inflation = {self.inflation}: expected 0 or a positive number of metres")
+        count = 4 * self.radius**2 * self.height / self.voxel**3
+        if count > MAX_VOXELS:
+            raise DescriptionError(
+                f"survey: voxel = {self.voxel}: {count:.2g} voxels, at most {MAX_VOXELS:.0e} allowed"
+            )
+
+
+@dataclass(frozen=True)
+class SurveyResult:
+    """What a survey found.
+
+    Attributes
+    ----------
+    space
+        Voxels in the frame of the table at angle 0.
+    table_radius
+        Radius of the platter, m: what stands above it may turn with it.
+    exposures, left_out
+        Number of exposures, and of poses that the arm cannot reach through space known to be free.
+    points
+        Number of measured points.
+    """
+
+    space: SpaceMap
+    region: SurveyRegion
+    table_radius: float
+    exposures: int
+    left_out: int
+    points: int
+
+    @property
+    def volumes(self) -> dict[str, float]:
+        """Volume (m³) of the surveyed space that is free, occupied by something unknown, and unseen."""
+        space, voxel = self.space, self.region.voxel**3
+        occupied = space.occupied & space.region
+        free = space.region & space.free & ~occupied
+        return {name: float(flags.sum()) * voxel for name, flags in _named(free, occupied, space.unseen)}
+
+    @property
+    def grids(self) -> dict[str, VoxelGrid]:
+        """Space to keep clear of: at rest in the cell, and above the platter also as if it turned with the table."""
+        blocked = self.space.blocked(self.region.inflation)
+        over = np.linalg.norm(blocked.centres[..., :2], axis=-1) <= self.table_radius
+        return {"fixed": blocked, "table": replace(blocked, occupied=blocked.occupied & over)}
+
+    def save(self, path: str | Path) -> Path:
+        """Write the voxels for ``[[occupied]]`` of a scan (NPZ).
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
+        space = self.space
+        state = np.where(space.occupied, 2, np.where(space.free, 1, 0)).astype(np.uint8)
+        write_voxels(Path(path), self.grids, state=state, state_names=np.array(["unseen", "free", "occupied"]))
+        return Path(path)
+
+    def summary(self) -> list[str]:
+        """Lines for people."""
+        litres = ", ".join(f"{1e3 * volume:.2f} l {name}" for name, volume in self.volumes.items())
+        left_out = f", {self.left_out} poses left out" if self.left_out else ""
+        return [f"{self.exposures} exposures{left_out}, {self.points} points", f"  space      {litres}"]
+
+
+def _named(*flags: NDArray[np.bool_]) -> list[tuple[str, NDArray[np.bool_]]]:
+    return list(zip(("free", "occupied", "unseen"), flags, strict=True))
+
+
+class Survey:
+    """A survey in progress.
+
+    Parameters
+    ----------
+    setup, loaded, sensors, pipeline
+        Descriptions, cell with its part, sensor models, and what runs them.
+    region
+        Space to survey.
+    seed, as_built
+        Of the simulated cell, as for a scan.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        loaded: LoadedCell,
+        sensors: Sensors,
+        pipeline: ScanPipeline,
+        region: SurveyRegion,
+        seed: int = 0,
+        as_built: Sequence[str] = (),
+    ) -> None:
+        self._setup, self._loaded, self._sensors, self._pipeline = setup, loaded, sensors, pipeline
+        self._region, self._range = region, sensor_range(sensors.nominal)
+        self._request = DriveRequest(setup, loaded.nominal, loaded.for_fmu(seed), as_built)
+        nominal = loaded.nominal
+        tolerance = max(region.inflation, 1e-3)
+        self.space = SpaceMap(region.radius, region.height, region.voxel, _around_table(nominal), tolerance)
+        at_home = nominal.frame_poses(nominal.home, 0.0)
+        self.space.take_as_free(_merged(nominal, at_home, ("link", "sensor", "finger")), self._clearance + region.voxel)
+
+    @property
+    def _clearance(self) -> float:
+        return si_value(self._setup.scan, "clearance_mm")
+
+    def run(self, progress: Progress) -> SurveyResult:
+        """Survey all layers.
+
+        Raises
+        ------
+        PlanningError
+            If the home position is not free, or no exposure is possible.
+        CellError
+            If the FMU reports an error.
+        """
+        counts = np.zeros(3, np.int64)
+        layers = self._layers()
+        for height in layers:
+            counts += self._survey_layer(self._poses(height), progress)
+        if not counts[0]:
+            raise PlanningError("no pose of the survey can be reached: reduce its radius or height")
+        return SurveyResult(self.space, self._region, self._loaded.nominal.table_radius, *counts.tolist())
+
+    def _layers(self) -> list[float]:
+        """Heights of the sensor above the table: the range of each begins where free space ended before."""
+        near, far, voxel = self._range.near, self._range.far, self._region.voxel
+        heights = [self._region.height + near + voxel]
+        while heights[-1] > far - voxel:
+            heights.append(max(heights[-1] - (far - near - voxel), far - voxel))
+        return heights
+
+    def _poses(self, height: float) -> Array:
+        """Sensor poses (n, 4, 4) that look down on the cylinder, in the frame of the table, row by row."""
+        voxel, radius = self._region.voxel, self._region.radius
+        width = 2 * self._range.half_near - voxel
+        rows = int(np.ceil(2 * radius / width))
+        along = np.arange(-radius + voxel / 2, radius, voxel)
+        down = np.diag([1.0, -1.0, -1.0, 1.0])
+        found = []
+        for number, y in enumerate(np.linspace(-radius + width / 2, radius - width / 2, rows)):
+            seen = along[np.hypot(along, max(abs(y) - width / 2, 0.0)) <= radius]
+            found += [pose.translation((x, y, height)) @ down for x in seen[:: 1 if number % 2 else -1]]
+        return np.array(found)
+
+    def _survey_layer(self, poses: Array, progress: Progress) -> NDArray[np.int64]:
+        """Numbers of exposures, of poses left out, and of points; adds what is seen to the map."""
+        plan, left_out = self._plan(poses)
+        if plan is None:
+            return np.array([0, left_out, 0])
+        pipeline, loaded = self._pipeline, self._loaded
+        recording = pipeline.drive(self._request, plan, progress)
+        profiles = pipeline.sense(loaded, recording, self._sensors, "geometric", progress).profiles
+        nominal = loaded.nominal
+        world_from_table = nominal.world_from_part(recording.measured.table) @ pose.inverse(nominal.table_from_part)
+        table_from_sensor = pose.inverse(world_from_table) @ nominal.world_from_sensor(recording.measured.q)
+        seen = Profiles(table_from_sensor, profiles.points_in_sensor, np.asarray(profiles.frame, np.int64))
+        self.space.add(seen, self._range)
+        return np.array([len(recording), left_out, len(profiles.points_in_sensor)])
+
+    def _plan(self, poses: Array) -> tuple[Plan | None, int]:
+        """A motion through free space to those of the poses that it leads to, and the number of the others."""
+        setup, nominal = self._setup, self._loaded.nominal
+        blocked = {"fixed": self.space.blocked(self._region.inflation)}
+        cell = PlanningCell(
+            replace(nominal, bodies=(*nominal.bodies, *occupied_bodies(blocked, nominal))),
+            self._range,
+            setup.cell.world.controller_cycle_us * 1e-6,
+            threads=self._pipeline.threads,
+        )
+        check_part(cell)
+        turned = np.stack([poses, poses @ np.diag([-1.0, -1.0, 1.0, 1.0])], 1)  # by half a turn about the sensor's Z
+        q = cell.ik(turned.reshape(-1, 4, 4), reference=nominal.home).reshape(len(poses), -1, len(nominal.home))
+        exists = np.isfinite(q).all(-1)
+        near = cell.clearance_violations(q[exists], np.zeros(int(exists.sum())), self._clearance)
+        rows, columns = np.nonzero(exists)
+        colliding = [clash.index for clash in near]
+        q[rows[colliding], columns[colliding]] = np.nan
+        options = replace(scan_options(setup.scan), dynamic=False)
+        assembly, left_out = Assembly(cell, options), 0
+        at = nominal.home
+        for joints in q:
+            reached = self._add(assembly, joints, at)
+            at = at if reached is None else reached
+            left_out += reached is None
+        if left_out == len(poses):
+            return None, left_out
+        return Plan(*assembly.finish(), None, ()), left_out
+
+    def _add(self, assembly: Assembly, choices: Array, at: Array) -> Array | None:
+        """Add an exposure at the nearest of the joints (n, joints) that a free motion leads to; the joints."""
+        travel = np.nan_to_num(np.abs(choices - at).max(1), nan=np.inf)
+        for choice in np.argsort(travel)[:_CHOICES]:
+            if not np.isfinite(travel[choice]):
+                return None
+            try:
+                assembly.add_pose(PlacedPose("survey", choices[choice], 0.0))
+            except PlanningError:
+                continue
+            return np.asarray(choices[choice])
+        return None
+
+
+def _around_table(nominal: NominalCell) -> Mesh:
+    """All known bodies but the arm, in the frame of the table at angle 0, m."""
+    return _merged(nominal, nominal.frame_poses(nominal.home, 0.0), ("world", "table", "part"))
+
+
+def _merged(nominal: NominalCell, frames: dict[str, Array], kinds: tuple[str, ...]) -> Mesh:
+    """One mesh of the bodies whose frame is of one of the kinds, in the frame of the table."""
+    table_from_world = pose.inverse(frames["table"])
+    chosen = [body for body in nominal.bodies if body.moves_with.partition("[")[0] in kinds]
+    placed = [body.mesh.transformed(table_from_world @ frames[body.moves_with]) for body in chosen]
+    offset = np.cumsum([0, *(len(mesh.vertices) for mesh in placed)])
+    faces = [mesh.faces + start for mesh, start in zip(placed, offset, strict=False)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in placed]), np.concatenate(faces), "cell")

@@ -1,0 +1,62 @@
+"""Clearances of executed motions: the FMU's arm, table and interpolation against what was planned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import scancell
+from scancell.cell.instance import CellInstance
+from scancell.config.loading import assets_dir, load_setup, with_path
+from scancell.config.path import PathDescription, SpiralDescription
+from scancell.planning.model import PlanningCell
+from scancell.scanning.sensor_range import sensor_range
+
+PART = assets_dir() / "parts" / "free_form.stl"
+STEP_US = 2000  # an eighth of the controller's cycle
+BOUND = 0.06  # m: distances above it do not matter
+
+
+@pytest.fixture
+def visited(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[np.ndarray]]:
+    """True joints and table angle every 2 ms of all cells that are driven."""
+    found: list[np.ndarray] = []
+    step_to = CellInstance.step_to
+
+    def in_small_steps(cell: CellInstance, time_us: int) -> None:
+        truth = cell.real_group([*(f"truth.q[{i}]" for i in range(1, 7)), "truth.table"])
+        while cell.time_us < time_us:
+            step_to(cell, min(cell.time_us + STEP_US, time_us))
+            found.append(cell.get(truth).copy())
+
+    monkeypatch.setattr(CellInstance, "step_to", in_small_steps)
+    yield found
+
+
+@pytest.mark.parametrize("kind", ["path", "default"])
+@pytest.mark.slow
+def test_executed_clearances_are_those_planned_within_a_fifth_of_a_millimetre(
+    kind: str, visited: list[np.ndarray]
+) -> None:
+    setup = load_setup(overrides=["scan.max_profiles=200"], ideal=True)
+    if kind == "path":
+        spiral = SpiralDescription(turns=-1.0, elevation_deg=(35.0, 55.0))
+        setup = with_path(setup, PathDescription(pitch_mm=4.0, speed_mm_s=100.0, spiral=spiral))
+    with scancell.Scanner.from_setup(setup) as scanner:
+        result = scanner.scan(PART, engine="geometric")
+    assert result.plan is not None
+    cell = PlanningCell(result.nominal, sensor_range(result.sensors.nominal), 0.016)
+    planned = np.concatenate([np.column_stack([s.q, s.table]) for s in result.plan.program.segments])
+    executed = np.array(visited)
+    assert len(executed) > 6 * len(planned)
+
+    def clearances(at: np.ndarray) -> np.ndarray:
+        poses = cell.nominal.body_poses(at[:, :-1], at[:, -1])
+        return np.asarray(cell.proximity.distances(poses, BOUND).min(0))
+
+    smallest, met = clearances(planned), clearances(executed)
+    assert (smallest < BOUND).any()
+    assert (smallest - met).max() < 2e-4
+    assert (met >= 0.8 * cell.clearances(5e-3)).all()
