@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scancell.api import batch, extract, plan, render, scan, shot, study, survey
+    from scancell.api import batch, extract, place, plan, render, scan, shot, study, survey
     from scancell.config.cell import CellDescription
     from scancell.config.loading import Setup
     from scancell.config.scan import ScanDescription
@@ -38,6 +38,7 @@ _MODULE_OF = {
     "SurveyResult": "scanning.survey",
     "batch": "api",
     "extract": "api",
+    "place": "api",
     "plan": "api",
     "render": "api",
     "scan": "api",
@@ -60,6 +61,7 @@ __all__ = [
     "SurveyResult",
     "batch",
     "extract",
+    "place",
     "plan",
     "render",
     "scan",

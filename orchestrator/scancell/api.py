@@ -11,6 +11,7 @@ from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.geometry.mesh import Mesh
 from scancell.planning.plan import Plan
+from scancell.planning.setups import SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.results import ScanResult, ShotResult
 from scancell.scanner import AsBuilt, Scanner, assignments
@@ -85,6 +86,21 @@ def plan(
     """The checked program of the scan of a part, see `Scanner.plan`."""
     with Scanner(cell, sensor, scan, settings=settings) as scanner:
         return scanner.plan(part, unit=unit)
+
+
+def place(
+    part: str | Path | Mesh,
+    share: float = 0.99,
+    *,
+    cell: Cell = None,
+    sensor: Sensor = None,
+    scan: Scan = None,
+    settings: AsBuilt = (),
+    unit: str = "mm",
+) -> SetUps:
+    """How a free part is best set up for scanning, see `Scanner.place`."""
+    with Scanner(cell, sensor, scan, settings=settings) as scanner:
+        return scanner.place(part, share, unit=unit)
 
 
 def survey(

@@ -21,15 +21,17 @@ from scancell.config.loading import Setup, load_setup, require_sensor_words
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription, ignored_by_geometric_engine
 from scancell.config.units import si_value
-from scancell.errors import DescriptionError, EmptyScanError, SensorError
+from scancell.errors import DescriptionError, EmptyScanError, MeshError, SensorError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.configuration_map import Judge
 from scancell.planning.model import PlanningCell
+from scancell.planning.options import scan_options
 from scancell.planning.placement import PlacedPose, Placer
 from scancell.planning.plan import Plan
 from scancell.planning.plan_file import read_plan
+from scancell.planning.setups import SetUpPlanner, SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.reconstruct import why_empty
 from scancell.results import ScanResult, ShotResult
@@ -272,6 +274,32 @@ class Scanner(Closing):
         sensors = make_sensors(setup.sensor, words, seed)
         return Survey(setup, loaded, sensors, self.pipeline, region, seed, words).run(as_progress(progress))
 
+    def place(
+        self,
+        part: str | Path | Mesh,
+        share: float = 0.99,
+        *,
+        unit: str = "mm",
+        progress: Progress | ProgressCallback | None = None,
+    ) -> SetUps:
+        """How a free part is best set up: resting pose, position on the table and height; two set-ups where needed.
+
+        Parameters
+        ----------
+        share
+            Share of the surface measurable in any resting pose that is to be scanned.
+
+        Raises
+        ------
+        PlanningError
+            If no resting pose is stable, fits on the table and can be scanned.
+        """
+        setup, mesh = self.setup, self.mesh(part, unit)
+        range_ = sensor_range(make_sensors(setup.sensor, (), 0).nominal)
+        cycle = setup.cell.world.controller_cycle_us * 1e-6
+        planner = SetUpPlanner(setup.cell, setup.sensor, range_, scan_options(setup.scan), cycle, self.pipeline.threads)
+        return planner.propose(mesh, share, as_progress(progress))
+
     @contextmanager
     def session(
         self, part: str | Path | Mesh, *, unit: str = "mm", as_built: AsBuilt = (), seed: int = 0
@@ -350,6 +378,8 @@ class Scanner(Closing):
             If the file is missing, unreadable, empty or broken.
         """
         if isinstance(part, Mesh):
+            if not len(part.faces):
+                raise MeshError(f"{part.source or 'mesh'}: has no faces")
             return part
         path = Path(part)
         status = path.stat() if path.is_file() else None

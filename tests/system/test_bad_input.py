@@ -81,6 +81,14 @@ def test_part_too_large_for_table(tmp_path) -> None:
     assert "130.0 mm beyond" in message
 
 
+@pytest.mark.parametrize("command", [("plan", "--set", "scan.coverage.enabled=true"), ("place",)])
+def test_plan_and_place_of_part_too_large_for_table(tmp_path, command) -> None:
+    trimesh.creation.box((400.0, 300.0, 250.0)).export(tmp_path / "crate.stl")
+    name, *words = command
+    message = refused(scancell_here(name, "crate.stl", *words, "--json", cwd=tmp_path), tmp_path, "crate.stl")
+    assert "crate.stl: too large for the table" in message
+
+
 def test_part_too_tall(tmp_path) -> None:
     trimesh.creation.box((60.0, 60.0, 900.0)).export(tmp_path / "mast.stl")
     message = refused(scan(tmp_path, "mast.stl", "--set", "scan.max_profiles=1300"), tmp_path, "mast.stl")

@@ -14,6 +14,7 @@ from scancell.cli.common import JsonOption, Outcome, ScanOption, SetOption, Thre
 from scancell.cli.fmu import fmu_app
 from scancell.cli.interrupts import INTERRUPTS
 from scancell.cli.options import CellOptions, CloudOptions, with_options
+from scancell.cli.place import place
 from scancell.cli.plan import PathOption, plan
 from scancell.cli.robot import robot_app
 from scancell.cli.study import study_app
@@ -32,6 +33,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(batch)
+app.command()(place)
 app.command()(plan)
 app.command()(survey)
 app.add_typer(fmu_app, name="fmu")

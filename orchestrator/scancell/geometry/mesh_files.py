@@ -86,6 +86,14 @@ def _position_hashes(vertices: Vertices) -> NDArray[np.uint64]:
     return hashes
 
 
+def write_stl(path: Path, vertices: Vertices, faces: Faces) -> None:
+    """Write a binary STL file of vertices (n, 3), in the unit of the file, and faces (m, 3); its normals are zero."""
+    triangles = np.zeros(len(faces), _STL_TRIANGLE)
+    triangles["corners"] = vertices[faces].reshape(triangles["corners"].shape)
+    head = b"scancell".ljust(80, b" ") + len(faces).to_bytes(4, "little")
+    path.write_bytes(head + triangles.tobytes())
+
+
 def _read_binary_stl(path: Path) -> Vertices | None:
     """Corners (3 m, 3), float32, of a binary STL file; None if the file size does not match its triangle count."""
     size = path.stat().st_size

@@ -127,22 +127,26 @@ class CoveragePlanner:
         self._pool = _Pool()
         self._chosen: dict[int, Placed] = {}  # by the number of the candidate
         self._branch: int | None = None  # that of the first view, which others prefer
-        self._covered = np.zeros(len(sight.points), bool)
+        self.covered = np.zeros(len(sight.points), bool)
 
     def choose(self, part: Surface, max_profiles: int) -> tuple[list[tuple[Placed, int]], CoverageReport]:
-        """Placed views with their numbers of exposures, and what they see of the measurable surface.
-
-        Parameters
-        ----------
-        part
-            Surface of the part on the table.
-        max_profiles
-            Largest number of exposures.
+        """Placed views with their numbers of exposures, at most `max_profiles` in total; see `select`.
 
         Raises
         ------
         PlanningError
-            If nothing of the part is measurable, no view of it is feasible, or there are too few exposures.
+            If there are too few exposures.
+        """
+        report = self.select(part)
+        return self._thinned(max_profiles), report
+
+    def select(self, part: Surface) -> CoverageReport:
+        """Choose views of the part, which lies on the table; `covered` (n,) are the samples of `Sight` that they see.
+
+        Raises
+        ------
+        PlanningError
+            If nothing of the part is measurable, or no view of it is feasible.
         """
         if not len(self._sight.points):
             raise PlanningError("nothing of the part is measurable: no pose that the arm reaches sees its surface")
@@ -151,12 +155,12 @@ class CoveragePlanner:
         for _ in range(_ROUNDS if self._options.raster else 1):
             # Greedy choice is better from candidates that together see enough.
             is_enough = self._possible().mean() >= self._wish.share
-            wanted = ~self._covered if is_enough or not self._pool.has_legs else ~self._possible()
-            before = int(self._possible().sum() + self._covered.sum())
+            wanted = ~self.covered if is_enough or not self._pool.has_legs else ~self._possible()
+            before = int(self._possible().sum() + self.covered.sum())
             self._add_legs(np.flatnonzero(wanted), rng)
             if self._possible().mean() >= self._wish.share:
                 self._extend()
-            fruitless = fruitless + 1 if self._possible().sum() + self._covered.sum() == before else 0
+            fruitless = fruitless + 1 if self._possible().sum() + self.covered.sum() == before else 0
             if self._is_done() or fruitless == _FRUITLESS:
                 break
         self._extend()
@@ -164,7 +168,7 @@ class CoveragePlanner:
             reasons = sorted({reason for reason in self._pool.obstacle if reason})
             raise PlanningError(f"no feasible view of the part: {reasons[0] if reasons else 'none sees its surface'}")
         self._drop_redundant()
-        return self._thinned(max_profiles), self._report()
+        return self._report()
 
     def _add_sweeps(self, part: Surface) -> None:
         if self._options.sweep:
@@ -182,7 +186,7 @@ class CoveragePlanner:
     def _possible(self) -> Flags:
         """(n,) samples that some candidate sees that is not known to be infeasible."""
         feasible = [seen for seen, reason in zip(self._pool.seen, self._pool.obstacle, strict=True) if not reason]
-        return np.asarray(np.any(feasible, axis=0)) if feasible else np.zeros(len(self._covered), bool)
+        return np.asarray(np.any(feasible, axis=0)) if feasible else np.zeros(len(self.covered), bool)
 
     def _thinned(self, max_profiles: int) -> list[tuple[Placed, int]]:
         """The chosen views with at most `max_profiles` exposures."""
@@ -199,7 +203,7 @@ class CoveragePlanner:
     def _drop_redundant(self) -> None:
         """Drop views without which the share is seen as well, those that take longest first."""
         seen = np.array([self._pool.seen[i] for i in self._chosen])
-        goal = min(int(np.ceil(self._wish.share * len(self._covered))), int(self._covered.sum()))
+        goal = min(int(np.ceil(self._wish.share * len(self.covered))), int(self.covered.sum()))
         while True:
             own = (seen & (seen.sum(0) == 1)).sum(1)
             kept = int(seen.any(0).sum()) - own
@@ -209,7 +213,7 @@ class CoveragePlanner:
             least = dropped[np.argmax([self._pool.time[list(self._chosen)[i]] for i in dropped])]
             del self._chosen[list(self._chosen)[least]]
             seen = np.delete(seen, least, 0)
-        self._covered = np.asarray(seen.any(0))
+        self.covered = np.asarray(seen.any(0))
 
     def _add(self, view: Sweep | Pass, judged: Judgements) -> None:
         self._best = np.maximum(self._best, judged)
@@ -234,7 +238,7 @@ class CoveragePlanner:
 
     def _is_done(self) -> bool:
         return bool(
-            self._covered.mean() >= self._wish.share
+            self.covered.mean() >= self._wish.share
             or len(self._chosen) >= self._wish.max_views
             or self._spent() >= self._wish.max_time
         )
@@ -246,10 +250,10 @@ class CoveragePlanner:
         """Choose candidates until the share is seen, the budget is used, or none adds anything."""
         time, refused = np.array(self._pool.time), 0
         while self._pool.views and not self._is_done() and refused < _MOST_REFUSED:
-            gain = self._pool.gains(self._covered)
+            gain = self._pool.gains(self.covered)
             gain[time > self._wish.max_time - self._spent()] = 0
             # More than what is missing has no value.
-            missing = int(np.ceil(self._wish.share * len(self._covered) - self._covered.sum()))
+            missing = int(np.ceil(self._wish.share * len(self.covered) - self.covered.sum()))
             best = int(np.argmax(np.minimum(gain, missing) / time))
             if gain[best] < min(_LEAST_GAIN, missing):
                 return
@@ -262,7 +266,7 @@ class CoveragePlanner:
             refused = 0
             self._branch = placed.branch if self._branch is None else self._branch
             self._chosen[best] = placed
-            self._covered |= self._pool.seen[best]
+            self.covered |= self._pool.seen[best]
 
     def _place(self, view: Sweep | Pass, count: int) -> Placed | Infeasible:
         """The placed view, if the arm also gets there from its home position, and back."""
@@ -285,8 +289,8 @@ class CoveragePlanner:
     def _report(self) -> CoverageReport:
         seen, time = np.array(self._pool.seen), np.array(self._pool.time)
         possible = np.array([not reason for reason in self._pool.obstacle])
-        goal = int(self._covered.sum())
-        covered = np.zeros(len(self._covered), bool)
+        goal = int(self.covered.sum())
+        covered = np.zeros(len(self.covered), bool)
         least, before = 0.0, 0
         for i in (*self._chosen, None):
             least = max(
@@ -296,7 +300,7 @@ class CoveragePlanner:
                 break
             before = int(covered.sum())
             covered |= seen[i]
-        rest = ~self._covered
+        rest = ~self.covered
         by_others = (seen & ~possible[:, None]).any(0)
         reasons = {
             "share reached, budget used, or a view would add too little": rest & (seen & possible[:, None]).any(0),
@@ -312,7 +316,7 @@ class CoveragePlanner:
             told = told | where
         surface = self._sight.surface
         return CoverageReport(
-            share=float(self._covered.mean()),
+            share=float(self.covered.mean()),
             measurable_area=surface.area * surface.measurable_fraction,
             views=len(self._chosen),
             candidates=len(self._pool.views),

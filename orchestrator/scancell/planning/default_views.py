@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from numpy.typing import NDArray
 
 from scancell.errors import PlanningError
 from scancell.planning import paths
@@ -13,7 +12,9 @@ from scancell.planning.options import ScanOptions
 from scancell.planning.placement import Infeasible, Placed, PlacedSweep, Placer
 from scancell.planning.reasons import join_reasons
 from scancell.planning.surface import Surface
-from scancell.planning.views import Sweep, View, exposure_counts, seen_by
+from scancell.planning.views import Sweep, exposure_counts, seen_by
+
+Flags = NDArray[np.bool_]
 
 # Largest fraction of the surface seen by all views that infeasible views may lose.
 _MAX_LOSS = 0.2
@@ -23,8 +24,10 @@ _ALTERNATIVES = ((0.0, 0.015), (0.0, 0.03), *((np.radians(k), 0.0) for k in (15,
 
 def default_views(
     cell: PlanningCell, options: ScanOptions, part: Surface, placer: Placer, max_profiles: int, is_needed: bool
-) -> tuple[list[tuple[Placed, int]], list[str]]:
-    """Placed views with their numbers of exposures, and warnings about those that were omitted or replaced.
+) -> tuple[list[tuple[Placed, int]], Flags, list[str]]:
+    """Placed views with their numbers of exposures, the samples that they see, and warnings.
+
+    The warnings name views that were omitted or replaced. What is seen (n,) ignores occlusion.
 
     Parameters
     ----------
@@ -58,8 +61,10 @@ def default_views(
             else:
                 placed.append((item, count))
                 warnings += [item.note] if item.note else []
-    _check_loss(cell, part, [*turns, *lines], [item for item, _ in placed], warnings)
-    return placed, warnings
+    wanted = seen_by([*turns, *lines], cell.range, part)
+    seen = seen_by([item.view for item, _ in placed], cell.range, part)
+    _check_loss(wanted, seen, warnings)
+    return placed, seen, warnings
 
 
 def _reach_sweeps(placer: Placer, views: list[Sweep], warnings: list[str]) -> list[PlacedSweep]:
@@ -82,12 +87,9 @@ def _reach_sweeps(placer: Placer, views: list[Sweep], warnings: list[str]) -> li
     return result
 
 
-def _check_loss(
-    cell: PlanningCell, part: Surface, wanted: Sequence[View], placed: Sequence[Placed], warnings: list[str]
-) -> None:
-    """`PlanningError` when the placed views lose more than `_MAX_LOSS` of the surface that the wanted ones see."""
-    ideal, real = (seen_by(views, cell.range, part) for views in (wanted, [item.view for item in placed]))
-    lost = float((ideal & ~real).mean() / max(ideal.mean(), 1e-12))
+def _check_loss(wanted: Flags, seen: Flags, warnings: list[str]) -> None:
+    """`PlanningError` when more than `_MAX_LOSS` of the samples (n,) that wanted views see is not `seen`."""
+    lost = float((wanted & ~seen).mean() / max(wanted.mean(), 1e-12))
     if lost > _MAX_LOSS:
         title = f"{100 * lost:.0f} % of the surface seen by the requested views is out of reach"
         raise PlanningError(join_reasons(title, warnings))

@@ -21,7 +21,7 @@ from scancell.planning.plan import Plan
 from scancell.planning.reasons import join_reasons
 from scancell.planning.sight import Sight
 from scancell.planning.verification import check_part, verified
-from scancell.planning.views import View, seen_by
+from scancell.planning.views import seen_by
 
 Array = NDArray[np.float64]
 
@@ -56,15 +56,16 @@ def plan(cell: PlanningCell, options: ScanOptions, sight: Sight | None = None, j
     if options.coverage:
         assert sight is not None
         views, report = CoveragePlanner(cell, sight, options).choose(part, left)
+        seen = seen_by([placed.view for placed, _ in views], cell.range, part)
     else:
-        views, warnings = default_views(cell, options, part, placer, left, is_needed=not along)
+        views, seen, warnings = default_views(cell, options, part, placer, left, is_needed=not along)
     warnings += [item.note for item in along if item.note]
     _assemble(assembly, views, in_order=report is None)
     for item in along:
         assembly.add_path(item)
-    made: list[View] = [*(placed.view for placed, _ in views), *(item.path for item in along)]
-    seen = float(seen_by(made, cell.range, part).mean())
-    plan_ = Plan(*assembly.finish(), seen, tuple(warnings), tuple(along), report, _reductions(cell))
+    seen |= seen_by([item.path for item in along], cell.range, part)
+    coverage = float(seen.mean())
+    plan_ = Plan(*assembly.finish(), coverage, tuple(warnings), tuple(along), report, _reductions(cell))
     return verified(cell, options, plan_)
 
 

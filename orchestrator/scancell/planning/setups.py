@@ -1,0 +1,280 @@
+"""Set-ups of a free part: how it rests, where on the table and at what height it is best scanned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.config.cell import CellDescription, PartDescription
+from scancell.config.devices import FurtherPartDescription
+from scancell.config.sensor import SensorDescription
+from scancell.errors import PlanningError
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh, box_mesh
+from scancell.geometry.resting import RestingPose, resting_poses
+from scancell.nominal.cell import Body, NominalCell, nominal_cell
+from scancell.planning import surface
+from scancell.planning.coverage import CoveragePlanner
+from scancell.planning.model import PlanningCell, SensorRange
+from scancell.planning.options import CoverageOptions, ScanOptions
+from scancell.planning.reasons import join_reasons
+from scancell.planning.sight import Sight
+from scancell.planning.verification import check_part
+from scancell.progress import Progress
+from scancell.visibility.measurable import MeasurableSurface, measurable_surface
+
+Flags = NDArray[np.bool_]
+
+_SAMPLES = 2500
+_MOST_RESTS = 10  # resting poses that are looked at, those that are hardest to tip over
+_HEIGHTS_MM = (0.0, 30.0, 60.0, 90.0)
+_OFFSETS = (0.0, 0.35)  # of the part's radius, along x of the table
+_MOST_VIEWS, _MOST_TIME = 100, 600.0  # of a set-up; s
+_WORTH = 0.005  # share of the surface that a riser or an offset must add
+_FOOT = 2e-4  # m: height over the lowest point up to which the part is supported
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """A placement of the part and what is scanned there.
+
+    Attributes
+    ----------
+    part
+        The cell's ``[part]``.
+    riser
+        Block below the part, frame of the table at angle 0, m; None where the part rests on the table.
+    tip_angle
+        Tilt of the table at which the part would tip over, rad.
+    measurable
+        Share of the whole surface that the sensor can measure in this set-up.
+    scanned
+        Share of the whole surface that views without collision see.
+    time
+        Estimated duration of these views, s.
+    """
+
+    part: PartDescription
+    riser: Mesh | None
+    tip_angle: float
+    measurable: float
+    scanned: float
+    time: float
+
+    @property
+    def toml(self) -> str:
+        """The cell's ``[part]`` in TOML, with the keys that place the part."""
+        keys = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
+        numbers = "".join(f"{key} = {getattr(self.part, key) + 0.0!r}\n" for key in keys)
+        return f'[part]\nfixture = "{self.part.fixture}"\n{numbers}'
+
+    def in_cell(self, cell: CellDescription, riser_file: str) -> CellDescription:
+        """The cell with the part in this set-up, and with the riser, if there is one, from an STL file in mm."""
+        if self.riser is None:
+            return cell.replace(part=self.part)
+        riser = FurtherPartDescription(name="riser", mesh=riser_file, stands_on="table", fixture="clamped")
+        return cell.replace(part=self.part, further_part=(*cell.further_part, riser))
+
+
+@dataclass(frozen=True)
+class SetUps:
+    """One set-up, or two where one does not reach the asked share.
+
+    Attributes
+    ----------
+    chosen
+        The set-ups.
+    asked
+        Share of the accessible surface that was asked for: of what is measurable in any resting pose.
+    reached
+        Share of the accessible surface that the chosen set-ups scan together.
+    best_single
+        Largest share that a single set-up scans.
+    accessible
+        Accessible share of the whole surface.
+    rests
+        Number of stable resting poses.
+    """
+
+    chosen: tuple[SetUp, ...]
+    asked: float
+    reached: float
+    best_single: float
+    accessible: float
+    rests: int
+
+
+class SetUpPlanner:
+    """Proposes set-ups of a part.
+
+    Parameters
+    ----------
+    cell
+        Description of the cell; its part's pose and fixture are replaced.
+    sensor, sensor_range
+        Of the sensor.
+    options
+        Of the scan; coverage options are replaced.
+    cycle
+        Controller cycle, s.
+    threads
+        0: all cores.
+    """
+
+    def __init__(
+        self,
+        cell: CellDescription,
+        sensor: SensorDescription,
+        sensor_range: SensorRange,
+        options: ScanOptions,
+        cycle: float,
+        threads: int = 0,
+    ) -> None:
+        self._cell, self._sensor, self._range, self._options = cell, sensor, sensor_range, options
+        self._cycle, self._threads = cycle, threads
+        self._coverage = CoverageOptions(1.0, _MOST_VIEWS, _MOST_TIME)
+
+    def propose(self, part: Mesh, share: float, progress: Progress) -> SetUps:
+        """Set-ups that scan `share` of the surface that is measurable in any stable resting pose.
+
+        Raises
+        ------
+        PlanningError
+            If the part has no stable resting pose, fits on the table in none, or is measurable in none.
+        """
+        # More in each set-up than is asked of both together.
+        self._coverage = replace(self._coverage, share=(1 + share) / 2)
+        all_rests = resting_poses(part)
+        if not all_rests:
+            raise PlanningError(f'{part.source}: rests stably in no pose; clamp it (part.fixture = "clamped")')
+        progress.stage("resting poses", min(len(all_rests), _MOST_RESTS), "poses")
+        rests, seen, reasons = [], [], []
+        for rest in all_rests[:_MOST_RESTS]:
+            try:
+                nominal = self._nominal(part, self._placed(rest, 0.0, 0.0))
+                seen.append(self._measurable(nominal).measurable)
+                rests.append(rest)
+            except PlanningError as error:
+                reasons.append(str(error))
+            progress.advance(1)
+        if not rests:
+            raise PlanningError(join_reasons("no resting pose of the part is feasible", sorted(set(reasons))))
+        accessible = np.any(seen, axis=0)
+        if not accessible.any():
+            raise PlanningError(f"{part.source}: nothing of its surface is measurable in any resting pose")
+        best = int(np.argmax([flags.sum() for flags in seen]))
+        made = [self._best_placement(part, rests[best], progress)]
+        alone = _share(made[0][1], accessible)
+        if alone < share and len(rests) > 1:
+            pair = _best_pair(seen)
+            made = [made[0] if k == best else self._best_placement(part, rests[k], progress) for k in pair]
+            alone = max(alone, *(_share(flags, accessible) for _, flags in made))
+        together = _share(np.any([flags for _, flags in made], axis=0), accessible)
+        chosen = tuple(one for one, _ in made)
+        return SetUps(chosen, share, together, alone, float(accessible.mean()), len(all_rests))
+
+    def _best_placement(self, part: Mesh, rest: RestingPose, progress: Progress) -> tuple[SetUp, Flags]:
+        """The placement of a resting pose in which most is scanned, and (n,) which samples are.
+
+        On the table and at its centre, unless a riser or an offset adds more than `_WORTH` of the surface.
+        """
+        progress.stage("placements", len(_HEIGHTS_MM) * len(_OFFSETS), "placements")
+        found = []
+        for placed in self._placements(part, rest):
+            with suppress(PlanningError):  # beyond the edge of the table
+                nominal = self._nominal(part, placed)
+                found.append((placed, nominal, self._measurable(nominal)))
+            progress.advance(1)
+        central, best = found[0], max(found, key=lambda item: item[2].measurable_fraction)
+        gains = best[2].measurable_fraction > central[2].measurable_fraction + _WORTH
+        made, reasons = [], []
+        for placement in (central, best) if gains else (central,):
+            try:
+                made.append(self._set_up(rest, *placement))
+            except PlanningError as error:
+                reasons.append(str(error))
+        if not made:
+            raise PlanningError(join_reasons("no placement of the part can be scanned", reasons))
+        return made[-1] if made[-1][0].scanned > made[0][0].scanned + _WORTH else made[0]
+
+    def _set_up(
+        self, rest: RestingPose, placed: PartDescription, nominal: NominalCell, found: MeasurableSurface
+    ) -> tuple[SetUp, Flags]:
+        scanned, time = self._scanned(nominal, found)
+        share, riser = float(scanned.mean()), riser_for(nominal)
+        return SetUp(placed, riser, rest.tip_angle, found.measurable_fraction, share, time), scanned
+
+    def _placements(self, part: Mesh, rest: RestingPose) -> Iterator[PartDescription]:
+        radius = float(np.linalg.norm(np.ptp((part.vertices @ rest.rotation.T)[:, :2], axis=0)) / 2)
+        for height in _HEIGHTS_MM:
+            for offset in _OFFSETS:
+                yield self._placed(rest, height, 1e3 * offset * radius)
+
+    def _placed(self, rest: RestingPose, height_mm: float, x_mm: float) -> PartDescription:
+        angles = np.degrees(pose.euler_xyz_from_rotation(rest.rotation)).round(6)
+        rx, ry, rz = (float(angle) for angle in angles)
+        # A part on a riser does not stand on the table, whose contact would carry it.
+        return self._cell.part.replace(
+            fixture="clamped" if height_mm else "free", x_mm=round(x_mm, 3), y_mm=0.0, z_mm=height_mm,
+            rx_deg=rx, ry_deg=ry, rz_deg=rz,
+        )  # fmt: skip
+
+    def _nominal(self, part: Mesh, placed: PartDescription) -> NominalCell:
+        nominal = nominal_cell(self._cell.replace(part=placed), part)
+        riser = riser_for(nominal)
+        if riser is not None:
+            body = Body("riser", "table", riser, nominal.bodies[0].material)
+            nominal = replace(nominal, bodies=(*nominal.bodies, body))
+        check_part(self._planning_cell(nominal))
+        return nominal
+
+    def _planning_cell(self, nominal: NominalCell) -> PlanningCell:
+        return PlanningCell(nominal, self._range, self._cycle, threads=self._threads)
+
+    def _measurable(self, nominal: NominalCell) -> MeasurableSurface:
+        return measurable_surface(nominal, self._sensor, _SAMPLES, threads=self._threads)
+
+    def _scanned(self, nominal: NominalCell, found: MeasurableSurface) -> tuple[Flags, float]:
+        """(n,) samples that feasible views see, and their time (s)."""
+        cell = self._planning_cell(nominal)
+        sight = Sight(nominal, self._sensor, lambda *_: found, self._threads)
+        options = replace(self._options, coverage=self._coverage)
+        part = surface.sample(nominal.part, nominal.table_from_part)
+        planner = CoveragePlanner(cell, sight, options)
+        report = planner.select(part)
+        scanned = np.zeros(len(found.samples), bool)
+        scanned[sight.rows[planner.covered]] = True
+        return scanned, report.time
+
+
+def _best_pair(seen: list[Flags]) -> tuple[int, int]:
+    """The two resting poses that see most together; of nearly equal pairs those that are hardest to tip over."""
+    pairs = list(combinations(range(len(seen)), 2))
+    together = [float((seen[i] | seen[j]).mean()) for i, j in pairs]
+    good = [pair for pair, share in zip(pairs, together, strict=True) if share > max(together) - _WORTH]
+    return min(good, key=sum)
+
+
+def _share(flags: Flags, of: Flags) -> float:
+    return float((flags & of).sum() / of.sum())
+
+
+def riser_for(nominal: NominalCell) -> Mesh | None:
+    """Block (frame of the table at angle 0, m) below the feet of a part above the table; None for one on the table.
+
+    It is as wide as the feet, that is the part within 0.2 mm of its lowest point, and ends at their height.
+    """
+    on_table = pose.transform_points(nominal.table_from_part, nominal.part.vertices)
+    height = float(on_table[:, 2].min())
+    if height < 1e-6:
+        return None
+    feet = on_table[on_table[:, 2] < height + _FOOT]
+    low, high = feet[:, :2].min(0), feet[:, :2].max(0)
+    size = np.maximum(high - low, 1e-3)
+    centre = (low + high) / 2
+    return box_mesh((*size, height), "riser").transformed(pose.translation((*centre, height / 2)))
