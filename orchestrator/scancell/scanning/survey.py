@@ -48,7 +48,10 @@ class SurveyRegion:
         Of the cylinder. All space above it is taken as free: without it the sensor cannot begin. Space beside it is as
         the cell describes it.
     voxel
-        Edge of the voxels, and distance between exposures.
+        Edge of the voxels.
+    pitch
+        Distance between exposures across the laser sheet: what is thinner than that can lie between two of them and not
+        be seen. At most `voxel`.
     inflation
         Distance from measured voxels up to which space counts as occupied.
     """
@@ -56,6 +59,7 @@ class SurveyRegion:
     radius: float
     height: float
     voxel: float
+    pitch: float
     inflation: float
 
     def __post_init__(self) -> None:
@@ -66,11 +70,13 @@ class SurveyRegion:
         DescriptionError
             Naming the size and its value, m.
         """
-        for name in ("radius", "height", "voxel"):
+        for name in ("radius", "height", "voxel", "pitch"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise DescriptionError(f"survey: {name} = {getattr(self, name)}: expected a positive number of metres")
         if not 0.0 <= self.inflation < np.inf:
             raise DescriptionError(f"survey: inflation = {self.inflation}: expected 0 or a positive number of metres")
+        if self.pitch > self.voxel:
+            raise DescriptionError(f"survey: pitch = {self.pitch}: expected at most voxel ({self.voxel})")
         count = 4 * self.radius**2 * self.height / self.voxel**3
         if count > MAX_VOXELS:
             raise DescriptionError(
@@ -207,7 +213,7 @@ class Survey:
         voxel, radius = self._region.voxel, self._region.radius
         width = 2 * self._range.half_near - voxel
         rows = int(np.ceil(2 * radius / width))
-        along = np.arange(-radius + voxel / 2, radius, voxel)
+        along = np.arange(-radius + self._region.pitch / 2, radius, self._region.pitch)
         down = np.diag([1.0, -1.0, -1.0, 1.0])
         found = []
         for number, y in enumerate(np.linspace(-radius + width / 2, radius - width / 2, rows)):
@@ -241,17 +247,10 @@ class Survey:
             threads=self._pipeline.threads,
         )
         check_part(cell)
-        turned = np.stack([poses, poses @ np.diag([-1.0, -1.0, 1.0, 1.0])], 1)  # by half a turn about the sensor's Z
-        q = cell.ik(turned.reshape(-1, 4, 4), reference=nominal.home).reshape(len(poses), -1, len(nominal.home))
-        exists = np.isfinite(q).all(-1)
-        near = cell.clearance_violations(q[exists], np.zeros(int(exists.sum())), self._clearance)
-        rows, columns = np.nonzero(exists)
-        colliding = [clash.index for clash in near]
-        q[rows[colliding], columns[colliding]] = np.nan
+        choices = self._free_joints(cell, poses)
         options = replace(scan_options(setup.scan), dynamic=False)
-        assembly, left_out = Assembly(cell, options), 0
-        at = nominal.home
-        for joints in q:
+        assembly, left_out, at = Assembly(cell, options), 0, nominal.home
+        for joints in choices:
             reached = self._add(assembly, joints, at)
             at = at if reached is None else reached
             left_out += reached is None
@@ -259,10 +258,25 @@ class Survey:
             return None, left_out
         return Plan(*assembly.finish(), None, ()), left_out
 
+    def _free_joints(self, cell: PlanningCell, poses: Array) -> Array:
+        """Joints (n, choices, joints), rad, nearest to home for sensor poses (n, 4, 4); NaN where they collide."""
+        home = cell.nominal.home
+        turned = np.stack([poses, poses @ np.diag([-1.0, -1.0, 1.0, 1.0])], 1)  # by half a turn about the sensor's Z
+        q = cell.ik(turned.reshape(-1, 4, 4), reference=home).reshape(len(poses), -1, len(home))
+        travel = np.nan_to_num(np.abs(q - home).max(-1), nan=np.inf)
+        nearest = np.argsort(travel, axis=1)[:, :_CHOICES]
+        q = np.take_along_axis(q, nearest[..., None], 1)
+        exists = np.isfinite(q).all(-1)
+        near = cell.clearance_violations(q[exists], np.zeros(int(exists.sum())), self._clearance)
+        rows, columns = np.nonzero(exists)
+        colliding = [clash.index for clash in near]
+        q[rows[colliding], columns[colliding]] = np.nan
+        return q
+
     def _add(self, assembly: Assembly, choices: Array, at: Array) -> Array | None:
         """Add an exposure at the nearest of the joints (n, joints) that a free motion leads to; the joints."""
         travel = np.nan_to_num(np.abs(choices - at).max(1), nan=np.inf)
-        for choice in np.argsort(travel)[:_CHOICES]:
+        for choice in np.argsort(travel):
             if not np.isfinite(travel[choice]):
                 return None
             try:
