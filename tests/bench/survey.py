@@ -1,4 +1,4 @@
-"""Share of unknown bodies that a survey leaves unblocked: `PYTHONPATH=tests python -m bench.survey [trials [pitch_mm]]`.
+"""Share of unknown bodies that a survey leaves unblocked: `PYTHONPATH=tests python -m bench.survey [trials [pitch]]`.
 
 Bodies of random kind, size and place stand in the surveyed cylinder of the default cell; planning knows none of them.
 """

@@ -109,11 +109,11 @@ class SurveyResult:
 
     @property
     def volumes(self) -> dict[str, float]:
-        """Volume (m³) of the surveyed space that is free, occupied by something unknown, and unseen."""
+        """Volume (m³) of the surveyed space that is free, occupied by or below something unknown, and unseen."""
         space, voxel = self.space, self.region.voxel**3
-        occupied = space.occupied & space.region
-        free = space.region & space.free & ~occupied
-        return {name: float(flags.sum()) * voxel for name, flags in _named(free, occupied, space.unseen)}
+        blocked, unseen = space.blocked(0.0).occupied, space.unseen
+        found = {"free": space.region & ~blocked, "occupied": blocked & ~unseen, "unseen": unseen}
+        return {name: float(flags.sum()) * voxel for name, flags in found.items()}
 
     @property
     def grids(self) -> dict[str, VoxelGrid]:
@@ -140,10 +140,6 @@ class SurveyResult:
         litres = ", ".join(f"{1e3 * volume:.2f} l {name}" for name, volume in self.volumes.items())
         left_out = f", {self.left_out} poses left out" if self.left_out else ""
         return [f"{self.exposures} exposures{left_out}, {self.points} points", f"  space      {litres}"]
-
-
-def _named(*flags: NDArray[np.bool_]) -> list[tuple[str, NDArray[np.bool_]]]:
-    return list(zip(("free", "occupied", "unseen"), flags, strict=True))
 
 
 class Survey:
