@@ -242,6 +242,7 @@ class Scanner(Closing):
         radius: float | None = None,
         height: float = 0.2,
         voxel: float = 0.01,
+        pitch: float = 0.005,
         inflation: float = 0.002,
         as_built: AsBuilt = (),
         seed: int = 0,
@@ -258,6 +259,8 @@ class Scanner(Closing):
             taken as free.
         voxel
             Edge of the voxels, m.
+        pitch
+            Distance between exposures, m. What is thinner may be missed.
         inflation
             Distance from measured voxels up to which space counts as occupied, m.
 
@@ -268,9 +271,8 @@ class Scanner(Closing):
         """
         words, setup = tuple(assignments(as_built)), self.setup
         loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
-        region = SurveyRegion(
-            loaded.nominal.table_radius + 0.05 if radius is None else radius, height, voxel, inflation
-        )
+        radius = loaded.nominal.table_radius + 0.05 if radius is None else radius
+        region = SurveyRegion(radius, height, voxel, pitch, inflation)
         sensors = make_sensors(setup.sensor, words, seed)
         return Survey(setup, loaded, sensors, self.pipeline, region, seed, words).run(as_progress(progress))
 

@@ -119,7 +119,21 @@ def test_inflated_points_are_blocked_even_where_rays_passed() -> None:
     map_.add(looking_down(height, points=[(0, 0.0, 0.05 + RANGE.near)]), RANGE)
     new = map_.grid.centres[map_.blocked(0.01).occupied & ~before]
     assert len(new) > 50
-    assert np.linalg.norm(new - [0.0, 0.0, 0.15], axis=1).max() <= 0.01 + 2 * np.sqrt(3) * VOXEL
+    assert np.linalg.norm(new[:, :2], axis=1).max() <= 0.01 + 2 * np.sqrt(3) * VOXEL
+    assert new[:, 2].max() <= 0.15 + 0.01 + 2 * VOXEL
+
+
+def test_nothing_below_a_measured_point_counts_as_free() -> None:
+    """Rays beside a thin rod look empty, because its sides return no light."""
+    map_, height = space(), HEIGHT + RANGE.near
+    map_.add(looking_down(height, RASTER), RANGE)
+    i, j, _ = map_.grid.index([1e-4, 1e-4, 0.1])
+    assert map_.free[i, j].any()
+    map_.add(looking_down(height, points=[(0, 0.0, 0.02 + RANGE.near)]), RANGE)
+    blocked = map_.blocked(0.0).occupied[i, j]
+    top = map_.grid.index([0.0, 0.0, height - 0.02 - RANGE.near])[2]
+    assert blocked[: top + 1].all()
+    assert not blocked[top + 1 :].any()
 
 
 def test_inflation_blocks_the_neighbours_of_unseen_voxels() -> None:

@@ -34,6 +34,9 @@ def survey(
         float, typer.Option("--height-mm", min=1, help="its height above the table; space above it is taken as free")
     ] = 200.0,
     voxel_mm: Annotated[float, typer.Option("--voxel-mm", min=1, help="edge of the voxels")] = 10.0,
+    pitch_mm: Annotated[
+        float, typer.Option("--pitch-mm", min=0.1, help="distance between exposures; what is thinner may be missed")
+    ] = 5.0,
     inflate_mm: Annotated[
         float, typer.Option("--inflate-mm", min=0, help="space within this distance of measured voxels is occupied")
     ] = 2.0,
@@ -62,6 +65,7 @@ def survey(
                 radius=None if radius_mm is None else radius_mm / 1e3,
                 height=height_mm / 1e3,
                 voxel=voxel_mm / 1e3,
+                pitch=pitch_mm / 1e3,
                 inflation=inflate_mm / 1e3,
                 as_built=as_built or (),
                 seed=seed,

@@ -93,12 +93,15 @@ class SpaceMap:
         return np.asarray(self.region & ~self.free & ~self.occupied)
 
     def blocked(self, inflation: float) -> VoxelGrid:
-        """Voxels that are unseen or occupied, and those that come within `inflation` (m) of one.
+        """Voxels that are unseen, occupied or below an occupied one, and those within `inflation` (m) of one of them.
 
+        From above, the sides of a thing are lit at grazing incidence, where they return no light: rays along them look
+        empty. Below a measured point nothing counts as free.
         A ray shows a part of a voxel to be free. What reaches into it from a neighbour is kept clear of by an inflation
         of more than 0, which blocks the neighbours of unseen and occupied voxels.
         """
-        found = replace(self.grid, occupied=(self.occupied & self.region) | self.unseen).inflated(inflation)
+        below = np.maximum.accumulate(self.occupied[:, :, ::-1], axis=2)[:, :, ::-1] & self.region
+        found = replace(self.grid, occupied=below | self.unseen).inflated(inflation)
         return replace(found, occupied=found.occupied & self.region)
 
     def add(self, profiles: Profiles, sensor: SensorRange) -> None:

@@ -49,7 +49,10 @@ class SurveyRegion:
         Of the cylinder. All space above it is taken as free: without it the sensor cannot begin. Space beside it is as
         the cell describes it.
     voxel
-        Edge of the voxels, and distance between exposures.
+        Edge of the voxels.
+    pitch
+        Distance between exposures across the laser sheet: what is thinner than that can lie between two of them and not
+        be seen. At most `voxel`.
     inflation
         Distance from measured voxels up to which space counts as occupied.
     """
@@ -57,6 +60,7 @@ class SurveyRegion:
     radius: float
     height: float
     voxel: float
+    pitch: float
     inflation: float
 
     def __post_init__(self) -> None:
@@ -67,11 +71,13 @@ class SurveyRegion:
         DescriptionError
             Naming the size and its value, m.
         """
-        for name in ("radius", "height", "voxel"):
+        for name in ("radius", "height", "voxel", "pitch"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise DescriptionError(f"survey: {name} = {getattr(self, name)}: expected a positive number of metres")
         if not 0.0 <= self.inflation < np.inf:
             raise DescriptionError(f"survey: inflation = {self.inflation}: expected 0 or a positive number of metres")
+        if self.pitch > self.voxel:
+            raise DescriptionError(f"survey: pitch = {self.pitch}: expected at most voxel ({self.voxel})")
         count = 4 * self.radius**2 * self.height / self.voxel**3
         if count > MAX_VOXELS:
             raise DescriptionError(
@@ -104,11 +110,11 @@ class SurveyResult:
 
     @property
     def volumes(self) -> dict[str, float]:
-        """Volume (m³) of the surveyed space that is free, occupied by something unknown, and unseen."""
+        """Volume (m³) of the surveyed space that is free, occupied by or below something unknown, and unseen."""
         space, voxel = self.space, self.region.voxel**3
-        occupied = space.occupied & space.region
-        free = space.region & space.free & ~occupied
-        return {name: float(flags.sum()) * voxel for name, flags in _named(free, occupied, space.unseen)}
+        blocked, unseen = space.blocked(0.0).occupied, space.unseen
+        found = {"free": space.region & ~blocked, "occupied": blocked & ~unseen, "unseen": unseen}
+        return {name: float(flags.sum()) * voxel for name, flags in found.items()}
 
     @property
     def grids(self) -> dict[str, VoxelGrid]:
@@ -135,10 +141,6 @@ class SurveyResult:
         litres = ", ".join(f"{1e3 * volume:.2f} l {name}" for name, volume in self.volumes.items())
         left_out = f", {self.left_out} poses left out" if self.left_out else ""
         return [f"{self.exposures} exposures{left_out}, {self.points} points", f"  space      {litres}"]
-
-
-def _named(*flags: NDArray[np.bool_]) -> list[tuple[str, NDArray[np.bool_]]]:
-    return list(zip(("free", "occupied", "unseen"), flags, strict=True))
 
 
 class Survey:
@@ -208,7 +210,7 @@ class Survey:
         voxel, radius = self._region.voxel, self._region.radius
         width = 2 * self._range.half_near - voxel
         rows = int(np.ceil(2 * radius / width))
-        along = np.arange(-radius + voxel / 2, radius, voxel)
+        along = np.arange(-radius + self._region.pitch / 2, radius, self._region.pitch)
         down = np.diag([1.0, -1.0, -1.0, 1.0])
         found = []
         for number, y in enumerate(np.linspace(-radius + width / 2, radius - width / 2, rows)):
@@ -242,17 +244,10 @@ class Survey:
             threads=self._pipeline.threads,
         )
         check_part(cell)
-        turned = np.stack([poses, poses @ np.diag([-1.0, -1.0, 1.0, 1.0])], 1)  # by half a turn about the sensor's Z
-        q = cell.ik(turned.reshape(-1, 4, 4), reference=nominal.home).reshape(len(poses), -1, len(nominal.home))
-        exists = np.isfinite(q).all(-1)
-        near = cell.clearance_violations(q[exists], np.zeros(int(exists.sum())), self._clearance)
-        rows, columns = np.nonzero(exists)
-        colliding = [clash.index for clash in near]
-        q[rows[colliding], columns[colliding]] = np.nan
+        choices = self._free_joints(cell, poses)
         options = replace(scan_options(setup.scan), dynamic=False)
-        assembly, left_out = Assembly(cell, options), 0
-        at = nominal.home
-        for joints in q:
+        assembly, left_out, at = Assembly(cell, options), 0, nominal.home
+        for joints in choices:
             reached = self._add(assembly, joints, at)
             at = at if reached is None else reached
             left_out += reached is None
@@ -260,10 +255,25 @@ class Survey:
             return None, left_out
         return Plan(*assembly.finish(), None, ()), left_out
 
+    def _free_joints(self, cell: PlanningCell, poses: Array) -> Array:
+        """Joints (n, choices, joints), rad, nearest to home for sensor poses (n, 4, 4); NaN where they collide."""
+        home = cell.nominal.home
+        turned = np.stack([poses, poses @ np.diag([-1.0, -1.0, 1.0, 1.0])], 1)  # by half a turn about the sensor's Z
+        q = cell.ik(turned.reshape(-1, 4, 4), reference=home).reshape(len(poses), -1, len(home))
+        travel = np.nan_to_num(np.abs(q - home).max(-1), nan=np.inf)
+        nearest = np.argsort(travel, axis=1)[:, :_CHOICES]
+        q = np.take_along_axis(q, nearest[..., None], 1)
+        exists = np.isfinite(q).all(-1)
+        near = cell.clearance_violations(q[exists], np.zeros(int(exists.sum())), self._clearance)
+        rows, columns = np.nonzero(exists)
+        colliding = [clash.index for clash in near]
+        q[rows[colliding], columns[colliding]] = np.nan
+        return q
+
     def _add(self, assembly: Assembly, choices: Array, at: Array) -> Array | None:
         """Add an exposure at the nearest of the joints (n, joints) that a free motion leads to; the joints."""
         travel = np.nan_to_num(np.abs(choices - at).max(1), nan=np.inf)
-        for choice in np.argsort(travel)[:_CHOICES]:
+        for choice in np.argsort(travel):
             if not np.isfinite(travel[choice]):
                 return None
             try:
