@@ -40,6 +40,7 @@ from scancell.planning.trajectory import limit_fractions, move
 from scancell.proximity.judge import first_collision
 
 from .planning_cases import CLEARANCE, PARTS, WANTED, make, path_of, planning_cell, read_cases
+from .table import cpu_model
 
 Array = NDArray[np.float64]
 
@@ -222,8 +223,31 @@ def table_of(rows: list[Row], cases: list[dict[str, Any]]) -> Iterator[str]:
     )
 
 
-def run(workers: int, out: Path, only: int) -> None:
-    """Run the cases, plan scans of the sample parts, and write rows and table."""
+def page_of(rows: list[Row], cases: list[dict[str, Any]]) -> str:
+    """The page of the documentation."""
+    counts = ", ".join(f"{sum(case['kind'] == kind for case in cases)} {kind}" for kind in WANTED)
+    return f"""# Benchmark of path planning
+
+Written by `PYTHONPATH=tests python -m bench.planning run --page docs/planning_benchmark.md` on {cpu_model()}. Times are
+processor times.
+
+`assets/benchmarks/planning/cases.toml` holds {len(cases)} cases in the default cell ({counts}): straight legs and arcs of
+a spiral over the sample parts at random places, with up to three boxes in the way. `bench.planning make` draws them anew
+from their seeds.
+
+- ordinary: a motion exists, and a table at rest at some angle would do
+- moving: a motion exists, but none with the table at rest: what sweeps and passes cannot do
+- blocked: none exists, by construction: out of reach, or a plate over the path
+
+The optimum is that of dynamic programming on the same lattice; the gap is the cost of Ray Shooting's motion over it. The
+share of the map is that of the branch in which Ray Shooting found its motion.
+
+{chr(10).join(table_of(rows, cases))}
+"""
+
+
+def run(workers: int, out: Path, only: int, page: Path | None) -> None:
+    """Run the cases, plan scans of the sample parts, and write rows, table and page."""
     cases = read_cases()
     if only:
         cases = cases[:: max(1, len(cases) // only)]
@@ -238,6 +262,8 @@ def run(workers: int, out: Path, only: int) -> None:
     text = "\n".join(table_of(rows, cases))
     (out / "table.md").write_text(text + "\n")
     print(text)
+    if page is not None:
+        page.write_text(page_of(rows, cases))
 
 
 def main() -> None:
@@ -247,11 +273,12 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", type=int, default=0, help="about this many of the cases")
     parser.add_argument("--out", type=Path, default=Path("out/planning"))
+    parser.add_argument("--page", type=Path, help="Markdown page of the documentation")
     options = parser.parse_args()
     if options.what == "make":
         make(options.workers)
     else:
-        run(options.workers, options.out, options.only)
+        run(options.workers, options.out, options.only, options.page)
 
 
 if __name__ == "__main__":
