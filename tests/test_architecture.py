@@ -24,6 +24,7 @@ TIERS = [
     {"evaluation"},
     {"output"},
     {"results"},
+    {"jobs"},
     {"scanner"},
     {"studies"},
     {"api"},

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scancell.config.cell import CellDescription
+from scancell.config.keys import Assignments, assignments
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.geometry.mesh import Mesh
@@ -14,7 +15,7 @@ from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.results import ScanResult, ShotResult
-from scancell.scanner import AsBuilt, Scanner, assignments
+from scancell.scanner import Scanner
 from scancell.scanning.survey import SurveyResult
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def scan(
     cell: Cell = None,
     sensor: Sensor = None,
     scan: Scan = None,
-    settings: AsBuilt = (),
+    settings: Assignments = (),
     ideal: bool = False,
     threads: int = 0,
     **options: Any,
@@ -48,7 +49,7 @@ def shot(
     *,
     cell: Cell = None,
     sensor: Sensor = None,
-    settings: AsBuilt = (),
+    settings: Assignments = (),
     ideal: bool = False,
     threads: int = 0,
     **options: Any,
@@ -64,7 +65,7 @@ def render(
     *,
     cell: Cell = None,
     sensor: Sensor = None,
-    settings: AsBuilt = (),
+    settings: Assignments = (),
     ideal: bool = False,
     threads: int = 0,
     **options: Any,
@@ -80,7 +81,7 @@ def plan(
     cell: Cell = None,
     sensor: Sensor = None,
     scan: Scan = None,
-    settings: AsBuilt = (),
+    settings: Assignments = (),
     unit: str = "mm",
 ) -> Plan:
     """The checked program of the scan of a part, see `Scanner.plan`."""
@@ -95,7 +96,7 @@ def place(
     cell: Cell = None,
     sensor: Sensor = None,
     scan: Scan = None,
-    settings: AsBuilt = (),
+    settings: Assignments = (),
     unit: str = "mm",
 ) -> SetUps:
     """How a free part is best set up for scanning, see `Scanner.place`."""
@@ -109,7 +110,7 @@ def survey(
     cell: Cell = None,
     sensor: Sensor = None,
     scan: Scan = None,
-    settings: AsBuilt = (),
+    settings: Assignments = (),
     ideal: bool = False,
     threads: int = 0,
     **options: Any,
@@ -124,7 +125,7 @@ def extract(
     out: str | Path,
     *,
     sensor: Sensor = None,
-    settings: AsBuilt = (),
+    settings: Assignments = (),
     laser_off: Sequence[str | Path] = (),
     sheet_um: float | None = None,
     peaks: bool = False,
@@ -159,7 +160,7 @@ def study(
     file: str | Path,
     out: str | Path,
     *,
-    settings: AsBuilt = (),
+    settings: Assignments = (),
     workers: int = 0,
     progress: Progress | ProgressCallback | None = None,
 ) -> StudyReport:

@@ -2,55 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from scancell import sensor as sensor_rt
 from scancell.cell.recording import Recording, read_recording
-from scancell.closing import Closing
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
-from scancell.config.loading import Setup, load_setup, require_sensor_words
-from scancell.config.scan import ScanDescription
-from scancell.config.sensor import SensorDescription, ignored_by_geometric_engine
-from scancell.config.units import si_value
-from scancell.errors import DescriptionError, EmptyScanError, MeshError, SensorError
-from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, load_mesh
-from scancell.nominal.plausibility import setup_warnings
+from scancell.config.keys import Assignments, assignments
+from scancell.config.loading import Setup, require_sensor_words
+from scancell.config.sensor import SensorDescription
+from scancell.geometry.mesh import Mesh
+from scancell.jobs.finishing import Finishing
+from scancell.jobs.prepared_cell import PreparedCell
+from scancell.jobs.single_exposure import expose, pose_of
 from scancell.planning.configuration_map import Judge
-from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
-from scancell.planning.placement import PlacedPose, Placer
 from scancell.planning.plan import Plan
 from scancell.planning.plan_file import read_plan
 from scancell.planning.setups import SetUpPlanner, SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
-from scancell.reconstruction.reconstruct import why_empty
 from scancell.results import ScanResult, ShotResult
-from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
-from scancell.scanning.exposures import still_exposure
-from scancell.scanning.pipeline import LoadedCell, ScanPipeline, envelope_of
-from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, make_sensors, sample_rows
+from scancell.scanning.drive import FmuRunner, PreScanHook
+from scancell.scanning.sense import OnImages, make_sensors
 from scancell.scanning.sensor_range import sensor_range
 from scancell.scanning.session import ScanSession
 from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
 from scancell.stopwatch import Stopwatch
 
-Array = NDArray[np.float64]
 
-AsBuilt = Mapping[str, float | int | str | bool] | Sequence[str]
-_SAMPLE_IMAGES = 4
-
-
-class Scanner(Closing):
+class Scanner(PreparedCell):
     """Scans parts with one simulated cell; a context manager.
 
     The FMU instance, the ray tracing scene and the plan are kept between calls, so that a second scan of the same part
@@ -81,33 +63,13 @@ class Scanner(Closing):
     >>> result.deviation.figures.rms
     """
 
-    def __init__(
-        self,
-        cell: str | Path | CellDescription | None = None,
-        sensor: str | Path | SensorDescription | None = None,
-        scan: str | Path | ScanDescription | None = None,
-        *,
-        settings: AsBuilt = (),
-        ideal: bool = False,
-        threads: int = 0,
-        setup: Setup | None = None,
-    ) -> None:
-        self.setup = setup or load_setup(cell, sensor, scan, assignments(settings), ideal)
-        self.pipeline = ScanPipeline(threads)
-        self._meshes: dict[tuple[str, str, int, int], Mesh] = {}
-
-    @classmethod
-    def from_setup(cls, setup: Setup, threads: int = 0) -> Self:
-        """A scanner for checked descriptions."""
-        return cls(threads=threads, setup=setup)
-
     def scan(
         self,
         part: str | Path | Mesh,
         *,
         unit: str = "mm",
         engine: Engine = "ray-traced",
-        as_built: AsBuilt = (),
+        as_built: Assignments = (),
         seed: int = 0,
         setup: Setup | None = None,
         plan: Plan | str | Path | None = None,
@@ -155,27 +117,22 @@ class Scanner(Closing):
             Naming what is wrong and what was expected; `EmptyScanError` when no point of the part is found, and
             `CancelledError` when `progress` cancels.
         """
-        heard = as_progress(progress)
-        setup = setup or self.setup
-        watch = Stopwatch()
+        heard, watch = as_progress(progress), Stopwatch()
         with watch.measure("load"):
             heard.stage("loading", 1, "cell")
-            mesh = self.mesh(part, unit)
-            words = tuple(assignments(as_built))
-            loaded = self.pipeline.load(setup.cell, mesh)
-            sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
+            job = self._job(part, unit, as_built, seed, setup, estimated_sensor)
             heard.advance(1)
         with watch.measure("plan"):
             heard.stage("planning", 1, "plan")
             saved = read_plan(Path(plan)) if isinstance(plan, str | Path) else plan
-            made = self.pipeline.plan(loaded, setup, sensors.nominal, saved)
+            made = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, saved)
             heard.advance(1)
         with watch.measure("drive"):
-            request = DriveRequest(setup, loaded.nominal, loaded.for_fmu(seed, hook is not None), words)
-            recording = self.pipeline.drive(request, made, heard, hook)
-        inputs = (Path(part),) if isinstance(part, str | Path) else ()
-        draft = _Draft(setup, engine, seed, words, loaded, made, recording, sensors, estimated_cell, inputs, unit)
-        return self._finish(draft, normals, samples, on_images, heard, watch)
+            recording = self.pipeline.drive(job.drive_request(hook is not None), made, heard, hook)
+        # Descriptions of this scan alone are not checked again.
+        doubts = self.setup_warnings if job.setup is self.setup else ()
+        finishing = Finishing(self.pipeline, job, engine, estimated_cell, on_images, doubts, normals, samples)
+        return finishing.result(recording, made, heard, watch)
 
     def render(
         self,
@@ -184,7 +141,7 @@ class Scanner(Closing):
         *,
         unit: str = "mm",
         engine: Engine = "ray-traced",
-        as_built: AsBuilt = (),
+        as_built: Assignments = (),
         seed: int = 0,
         estimated_cell: CellDescription | None = None,
         estimated_sensor: SensorDescription | None = None,
@@ -199,15 +156,15 @@ class Scanner(Closing):
             Naming what is wrong and what was expected; deviations of the cell are refused, because the recording states
             what the cell did.
         """
-        heard, watch, words = as_progress(progress), Stopwatch(), tuple(assignments(as_built))
-        require_sensor_words(words, "the recording states what the cell did")
+        require_sensor_words(assignments(as_built), "the recording states what the cell did")
+        heard, watch = as_progress(progress), Stopwatch()
         with watch.measure("load"):
-            loaded = self.pipeline.load(self.setup.cell, self.mesh(part, unit))
-            sensors = make_sensors(self.setup.sensor, words, seed, estimated_sensor)
-            records = recording if isinstance(recording, Recording) else read_recording(Path(recording))
-        inputs = tuple(Path(item) for item in (part, recording) if isinstance(item, str | Path))
-        draft = _Draft(self.setup, engine, seed, words, loaded, None, records, sensors, estimated_cell, inputs, unit)
-        return self._finish(draft, True, True, on_images, heard, watch)
+            job = self._job(part, unit, as_built, seed, None, estimated_sensor)
+            if not isinstance(recording, Recording):
+                job = replace(job, inputs=(*job.inputs, Path(recording)))
+                recording = read_recording(Path(recording))
+        finishing = Finishing(self.pipeline, job, engine, estimated_cell, on_images, self.setup_warnings)
+        return finishing.result(recording, None, heard, watch)
 
     def plan(
         self,
@@ -230,9 +187,8 @@ class Scanner(Closing):
         PlanningError
             Naming the poses that cannot be reached, or which bodies collide.
         """
-        setup = setup or self.setup
-        loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
-        return self.pipeline.plan(loaded, setup, make_sensors(setup.sensor, (), 0).nominal, judges=judges)
+        job = self._job(part, unit, setup=setup)
+        return self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, judges=judges)
 
     def survey(
         self,
@@ -244,7 +200,7 @@ class Scanner(Closing):
         voxel: float = 0.01,
         pitch: float = 0.005,
         inflation: float = 0.002,
-        as_built: AsBuilt = (),
+        as_built: Assignments = (),
         seed: int = 0,
         progress: Progress | ProgressCallback | None = None,
     ) -> SurveyResult:
@@ -269,12 +225,11 @@ class Scanner(Closing):
         ScancellError
             Naming what is wrong and what was expected.
         """
-        words, setup = tuple(assignments(as_built)), self.setup
-        loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
-        radius = loaded.nominal.table_radius + 0.05 if radius is None else radius
+        job = self._job(part, unit, as_built, seed)
+        radius = job.loaded.nominal.table_radius + 0.05 if radius is None else radius
         region = SurveyRegion(radius, height, voxel, pitch, inflation)
-        sensors = make_sensors(setup.sensor, words, seed)
-        return Survey(setup, loaded, sensors, self.pipeline, region, seed, words).run(as_progress(progress))
+        survey = Survey(job.setup, job.loaded, job.sensors, self.pipeline, region, seed, job.as_built)
+        return survey.run(as_progress(progress))
 
     def place(
         self,
@@ -304,7 +259,7 @@ class Scanner(Closing):
 
     @contextmanager
     def session(
-        self, part: str | Path | Mesh, *, unit: str = "mm", as_built: AsBuilt = (), seed: int = 0
+        self, part: str | Path | Mesh, *, unit: str = "mm", as_built: Assignments = (), seed: int = 0
     ) -> Iterator[ScanSession]:
         """The running cell with a part: commands to its controller, and profiles at any time.
 
@@ -319,12 +274,10 @@ class Scanner(Closing):
         ...     session.move_joints(q)
         ...     points = session.profile("geometric").points_in_base
         """
-        words, setup = tuple(assignments(as_built)), self.setup
-        loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
-        sensors = make_sensors(setup.sensor, words, seed)
-        request = DriveRequest(setup, loaded.nominal, loaded.for_fmu(seed, collision_outputs=True), words)
+        job = self._job(part, unit, as_built, seed)
         with FmuRunner() as runner:
-            yield ScanSession(runner.start(request), loaded, setup, sensors, self.pipeline)
+            instance = runner.start(job.drive_request(collision_outputs=True))
+            yield ScanSession(instance, job.loaded, job.setup, job.sensors, self.pipeline)
 
     def shot(
         self,
@@ -333,7 +286,7 @@ class Scanner(Closing):
         *,
         unit: str = "mm",
         engine: Engine = "ray-traced",
-        as_built: AsBuilt = (),
+        as_built: Assignments = (),
         seed: int = 0,
     ) -> ShotResult:
         """One exposure of the whole cell from a pose.
@@ -349,202 +302,6 @@ class Scanner(Closing):
         ScancellError
             Naming what is wrong and what was expected; only deviations of the sensor are accepted.
         """
-        words = tuple(assignments(as_built))
-        require_sensor_words(words, "a shot is taken from a given pose, without the robot's errors")
-        loaded = self.pipeline.load(self.setup.cell, self.mesh(part, unit))
-        sensors = make_sensors(self.setup.sensor, words, seed)
-        part_from_sensor = _pose_of(pose)
-        cell = PlanningCell(loaded.nominal, sensor_range(sensors.nominal), 1.0, threads=self.pipeline.threads)
-        exposure, warnings = _posture(cell, loaded, part_from_sensor, self.setup)
-        try:
-            keep = engine == "ray-traced"
-            result = sensor_rt.scan(
-                loaded.scene, sensors.nominal, exposure, engine, self.pipeline.threads, keep, as_built=sensors.true
-            )
-        except (ValueError, RuntimeError) as error:
-            raise SensorError(str(error)) from error
-        images = None
-        if result.images is not None:
-            images = ExposureImages(1, result.images[0], None if result.background is None else result.background[0])
-        points = _transformed(part_from_sensor, result.profiles.points_in_sensor)
-        if not len(points):
-            warnings = (*warnings, "the sensor sees nothing from this pose")
-        return ShotResult(loaded.nominal.part.source, result.profiles, points, images, sensors.nominal, warnings)
-
-    def mesh(self, part: str | Path | Mesh, unit: str = "mm") -> Mesh:
-        """The mesh of a part in metres; a file is read again only when it has changed.
-
-        Raises
-        ------
-        MeshError
-            If the file is missing, unreadable, empty or broken.
-        """
-        if isinstance(part, Mesh):
-            if not len(part.faces):
-                raise MeshError(f"{part.source or 'mesh'}: has no faces")
-            return part
-        path = Path(part)
-        status = path.stat() if path.is_file() else None
-        key = (str(path.absolute()), unit, status.st_mtime_ns if status else 0, status.st_size if status else 0)
-        if key not in self._meshes:
-            mesh = load_mesh(path, unit)
-            while len(self._meshes) >= 2:
-                del self._meshes[next(iter(self._meshes))]
-            self._meshes[key] = mesh
-        return self._meshes[key]
-
-    def _finish(
-        self,
-        draft: _Draft,
-        normals: bool,
-        samples: bool,
-        on_images: OnImages | None,
-        progress: Progress,
-        watch: Stopwatch,
-    ) -> ScanResult:
-        """Sense, reconstruct and refuse an empty scan."""
-        with watch.measure("sense"):
-            sensed, kept = self._sense(draft, _SAMPLE_IMAGES if samples else 0, on_images, progress)
-        loaded, setup = draft.loaded, draft.setup
-        estimated = loaded.nominal
-        with watch.measure("reconstruct"):
-            progress.stage("reconstructing", 1, "cloud")
-            if draft.estimated_cell is not None:
-                estimated = self.pipeline.load(draft.estimated_cell, loaded.nominal.part).nominal
-            cloud, dropped = self.pipeline.reconstruct(estimated, draft.recording, sensed.profiles, setup, normals)
-            progress.advance(1)
-        part = draft.inputs[0].name if draft.inputs else loaded.nominal.part.source
-        if not len(cloud):
-            reasons = why_empty(dropped, envelope_of(estimated, setup))
-            raise EmptyScanError(f"{part}: the scan gave no point: {'; '.join(reasons)}")
-        return ScanResult(
-            part=part,
-            setup=setup,
-            engine=draft.engine,
-            seed=draft.seed,
-            as_built=draft.as_built,
-            nominal=loaded.nominal,
-            estimated=estimated,
-            sensors=draft.sensors,
-            plan=draft.plan,
-            recording=draft.recording,
-            profiles=sensed.profiles,
-            cloud=cloud,
-            sample_images=kept,
-            render_seconds=sensed.timings,
-            timings=watch.seconds,
-            dropped=dropped,
-            warnings=self._warnings(draft),
-            fmu_token=self.pipeline.runner.token if draft.plan is not None else "",
-            inputs=draft.inputs,
-            unit=draft.unit,
-            threads=self.pipeline.threads,
-            part_surface=loaded.part_surface,
-        )
-
-    def _sense(
-        self, draft: _Draft, samples: int, on_images: OnImages | None, progress: Progress
-    ) -> tuple[SensingResult, tuple[ExposureImages, ...]]:
-        """Profiles, and the images of some exposures; `on_images` receives the images of all."""
-        if on_images is not None and draft.engine == "geometric":
-            raise DescriptionError("engine = geometric: makes no images to keep; expected ray-traced")
-        rows = sample_rows(len(draft.recording), samples) if samples else []
-        chosen = set(draft.recording.measured.index[rows].tolist())
-        kept: list[ExposureImages] = []
-
-        def keep(images: ExposureImages) -> None:
-            if on_images is not None:
-                on_images(images)
-            if images.trigger in chosen:
-                kept.append(images)
-
-        wanted = rows if on_images is None else None
-        sensed = self.pipeline.sense(draft.loaded, draft.recording, draft.sensors, draft.engine, progress, keep, wanted)
-        return sensed, tuple(kept)
-
-    def _warnings(self, draft: _Draft) -> tuple[str, ...]:
-        """What is doubtful about descriptions, mesh and plan; other descriptions than the scanner's are not checked."""
-        own = self.setup_warnings if draft.setup is self.setup else ()
-        ignored = ignored_by_geometric_engine(draft.setup.sensor) if draft.engine == "geometric" else []
-        unused = (f"the geometric engine ignores {', '.join(ignored)}",) if ignored else ()
-        planned = draft.plan.warnings if draft.plan is not None else ()
-        return (*own, *unused, *draft.loaded.nominal.part.warnings, *planned)
-
-    @cached_property
-    def setup_warnings(self) -> tuple[str, ...]:
-        """What is doubtful about the descriptions, in sentences."""
-        return tuple(setup_warnings(self.setup))
-
-    def close(self) -> None:
-        """Free the FMU, its files and the scenes."""
-        self.pipeline.close()
-        self._meshes.clear()
-
-
-@dataclass(frozen=True)
-class _Draft:
-    """A scan between driving and sensing."""
-
-    setup: Setup
-    engine: Engine
-    seed: int
-    as_built: tuple[str, ...]
-    loaded: LoadedCell
-    plan: Plan | None
-    recording: Recording
-    sensors: Any
-    estimated_cell: CellDescription | None
-    inputs: tuple[Path, ...]
-    unit: str
-
-
-def assignments(given: AsBuilt) -> list[str]:
-    """``key=value`` words of a mapping, or the words themselves."""
-    if isinstance(given, str):
-        raise DescriptionError(f"'{given}': expected a mapping or a list of key=value words")
-    if isinstance(given, Mapping):
-        return [f"{key}={_toml_value(value)}" for key, value in given.items()]
-    return list(given)
-
-
-def _toml_value(value: float | str | bool) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value) if isinstance(value, int | float) else f'"{value}"'
-
-
-def _pose_of(values: Sequence[float]) -> Array:
-    numbers = np.asarray(values, float)
-    if numbers.shape != (6,) or not np.isfinite(numbers).all():
-        raise DescriptionError(
-            f"pose = {list(values)}: expected 6 finite numbers: x, y, z in mm, rx, ry, rz in degrees"
-        )
-    return pose.from_euler_xyz(numbers[:3] * 1e-3, np.radians(numbers[3:]))
-
-
-def _transformed(target_from_source: Array, points: ArrayLike) -> Array:
-    return pose.transform_points(target_from_source, np.asarray(points, float))
-
-
-def _posture(
-    cell: PlanningCell, loaded: LoadedCell, part_from_sensor: Array, setup: Setup
-) -> tuple[sensor_rt.Exposures, tuple[str, ...]]:
-    """One exposure with the arm where it holds the sensor at the pose; far away where it cannot."""
-    nominal = cell.nominal
-    azimuth = si_value(setup.scan.sweep, "azimuth_deg")
-    placed = Placer(cell, azimuth, 0.0).poses(part_from_sensor[None])[0]
-    warnings: tuple[str, ...] = ()
-    if isinstance(placed, PlacedPose):
-        frames = nominal.frame_poses(placed.q, np.array(placed.table))
-    else:
-        frames = nominal.frame_poses(nominal.home, np.array(0.0))
-        away = pose.translation((0.0, 0.0, -900.0))
-        frames = {name: away @ value if _moves_with_arm(name) else value for name, value in frames.items()}
-        warnings = (f"the arm is left out: {placed.reason}",)
-    world_from_body = np.stack([frames[body.moves_with] for body in loaded.bodies])
-    duration = si_value(setup.sensor.detector, "exposure_ms")
-    return still_exposure(frames["part"] @ part_from_sensor, world_from_body, duration), warnings
-
-
-def _moves_with_arm(frame: str) -> bool:
-    return frame.startswith(("link[", "finger[", "sensor"))
+        require_sensor_words(assignments(as_built), "a shot is taken from a given pose, without the robot's errors")
+        job = self._job(part, unit, as_built, seed)
+        return expose(job, pose_of(pose), engine, self.pipeline.threads)

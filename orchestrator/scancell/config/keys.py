@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from scancell.errors import DescriptionError
 
 KeyPath = tuple[str | int, ...]
+Assignments = Mapping[str, float | int | str | bool] | Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,27 @@ class Origin:
     path: KeyPath
     source: str
     hidden: int = 0
+
+
+def assignments(given: Assignments) -> list[str]:
+    """``key=value`` words of a mapping, or the words themselves.
+
+    Raises
+    ------
+    DescriptionError
+        If a single word is given in place of a list.
+    """
+    if isinstance(given, str):
+        raise DescriptionError(f"'{given}': expected a mapping or a list of key=value words")
+    if isinstance(given, Mapping):
+        return [f"{key}={_toml_value(value)}" for key, value in given.items()]
+    return list(given)
+
+
+def _toml_value(value: float | str | bool) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value) if isinstance(value, int | float) else f'"{value}"'
 
 
 def parse_assignment(word: str) -> tuple[str, Any]:

@@ -1,0 +1,119 @@
+"""From recorded exposures to the result of a scan: sense, reconstruct, and refuse an empty cloud."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scancell.cell.recording import Recording
+from scancell.config.cell import CellDescription
+from scancell.config.choices import Engine
+from scancell.config.sensor import ignored_by_geometric_engine
+from scancell.errors import DescriptionError, EmptyScanError
+from scancell.jobs.job import Job
+from scancell.planning.plan import Plan
+from scancell.progress import Progress
+from scancell.reconstruction.reconstruct import why_empty
+from scancell.results import ScanResult
+from scancell.scanning.pipeline import ScanPipeline, envelope_of
+from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, sample_rows
+from scancell.stopwatch import Stopwatch
+
+_SAMPLE_IMAGES = 4
+
+
+@dataclass(frozen=True)
+class Finishing:
+    """Makes results of recordings.
+
+    Attributes
+    ----------
+    estimated_cell
+        Calibrated description that reconstruction uses in place of the nominal one.
+    on_images
+        Receives the images of every exposure.
+    normals, samples
+        Whether to estimate normals, and to keep the images of a few exposures.
+    setup_warnings
+        What is doubtful about the descriptions.
+    """
+
+    pipeline: ScanPipeline
+    job: Job
+    engine: Engine
+    estimated_cell: CellDescription | None
+    on_images: OnImages | None
+    setup_warnings: tuple[str, ...]
+    normals: bool = True
+    samples: bool = True
+
+    def result(self, recording: Recording, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanResult:
+        """The result of a recording, whose `plan` may be unknown.
+
+        Raises
+        ------
+        EmptyScanError
+            When no point of the part is found.
+        """
+        job, loaded = self.job, self.job.loaded
+        with watch.measure("sense"):
+            sensed, kept = self._sense(recording, progress)
+        estimated = loaded.nominal
+        with watch.measure("reconstruct"):
+            progress.stage("reconstructing", 1, "cloud")
+            if self.estimated_cell is not None:
+                estimated = self.pipeline.load(self.estimated_cell, loaded.nominal.part).nominal
+            cloud, dropped = self.pipeline.reconstruct(estimated, recording, sensed.profiles, job.setup, self.normals)
+            progress.advance(1)
+        if not len(cloud):
+            reasons = why_empty(dropped, envelope_of(estimated, job.setup))
+            raise EmptyScanError(f"{job.part}: the scan gave no point: {'; '.join(reasons)}")
+        return ScanResult(
+            part=job.part,
+            setup=job.setup,
+            engine=self.engine,
+            seed=job.seed,
+            as_built=job.as_built,
+            nominal=loaded.nominal,
+            estimated=estimated,
+            sensors=job.sensors,
+            plan=plan,
+            recording=recording,
+            profiles=sensed.profiles,
+            cloud=cloud,
+            sample_images=kept,
+            render_seconds=sensed.timings,
+            timings=watch.seconds,
+            dropped=dropped,
+            warnings=self._warnings(plan),
+            fmu_token=self.pipeline.runner.token if plan is not None else "",
+            inputs=job.inputs,
+            unit=job.unit,
+            threads=self.pipeline.threads,
+            part_surface=loaded.part_surface,
+        )
+
+    def _sense(self, recording: Recording, progress: Progress) -> tuple[SensingResult, tuple[ExposureImages, ...]]:
+        """Profiles, and the images of some exposures; `on_images` receives the images of all."""
+        on_images = self.on_images
+        if on_images is not None and self.engine == "geometric":
+            raise DescriptionError("engine = geometric: makes no images to keep; expected ray-traced")
+        rows = sample_rows(len(recording), _SAMPLE_IMAGES) if self.samples else []
+        chosen = set(recording.measured.index[rows].tolist())
+        kept: list[ExposureImages] = []
+
+        def keep(images: ExposureImages) -> None:
+            if on_images is not None:
+                on_images(images)
+            if images.trigger in chosen:
+                kept.append(images)
+
+        wanted, job = rows if on_images is None else None, self.job
+        sensed = self.pipeline.sense(job.loaded, recording, job.sensors, self.engine, progress, keep, wanted)
+        return sensed, tuple(kept)
+
+    def _warnings(self, plan: Plan | None) -> tuple[str, ...]:
+        """What is doubtful about descriptions, mesh and plan."""
+        ignored = ignored_by_geometric_engine(self.job.setup.sensor) if self.engine == "geometric" else []
+        unused = (f"the geometric engine ignores {', '.join(ignored)}",) if ignored else ()
+        planned = plan.warnings if plan is not None else ()
+        return (*self.setup_warnings, *unused, *self.job.loaded.nominal.part.warnings, *planned)

@@ -1,0 +1,44 @@
+"""What all work of a scanner starts from: a part in the cell, with sensors and perturbations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from scancell.config.loading import Setup
+from scancell.scanning.drive import DriveRequest
+from scancell.scanning.pipeline import LoadedCell
+from scancell.scanning.sense import Sensors
+
+
+@dataclass(frozen=True)
+class Job:
+    """A part in the cell.
+
+    Attributes
+    ----------
+    as_built
+        Perturbations as ``key=value`` words.
+    inputs
+        The file of the part, if it is from one, and further files.
+    unit
+        Of the part's file.
+    """
+
+    setup: Setup
+    loaded: LoadedCell
+    sensors: Sensors
+    as_built: tuple[str, ...]
+    seed: int
+    inputs: tuple[Path, ...]
+    unit: str
+
+    @property
+    def part(self) -> str:
+        """Name of the part: its file, or the name of its mesh."""
+        return self.inputs[0].name if self.inputs else self.loaded.nominal.part.source
+
+    def drive_request(self, collision_outputs: bool = False) -> DriveRequest:
+        """The cell for the FMU; collision outputs cost most of a run."""
+        description = self.loaded.for_fmu(self.seed, collision_outputs)
+        return DriveRequest(self.setup, self.loaded.nominal, description, self.as_built)

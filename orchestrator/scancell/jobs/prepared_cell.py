@@ -1,0 +1,79 @@
+"""The cell of a scanner: descriptions, and the meshes, scenes, plans and FMU that are kept between calls."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+from scancell.closing import Closing
+from scancell.config.cell import CellDescription
+from scancell.config.keys import Assignments, assignments
+from scancell.config.loading import Setup, load_setup
+from scancell.config.scan import ScanDescription
+from scancell.config.sensor import SensorDescription
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.mesh_cache import MeshCache
+from scancell.jobs.job import Job
+from scancell.nominal.plausibility import setup_warnings
+from scancell.scanning.pipeline import ScanPipeline
+from scancell.scanning.sense import make_sensors
+
+
+class PreparedCell(Closing):
+    """Makes jobs for parts; see `Scanner` for the parameters."""
+
+    def __init__(
+        self,
+        cell: str | Path | CellDescription | None = None,
+        sensor: str | Path | SensorDescription | None = None,
+        scan: str | Path | ScanDescription | None = None,
+        *,
+        settings: Assignments = (),
+        ideal: bool = False,
+        threads: int = 0,
+        setup: Setup | None = None,
+    ) -> None:
+        self.setup = setup or load_setup(cell, sensor, scan, assignments(settings), ideal)
+        self.pipeline = ScanPipeline(threads)
+        self._meshes = MeshCache()
+
+    @classmethod
+    def from_setup(cls, setup: Setup, threads: int = 0) -> Self:
+        """A scanner for checked descriptions."""
+        return cls(threads=threads, setup=setup)
+
+    def mesh(self, part: str | Path | Mesh, unit: str = "mm") -> Mesh:
+        """The mesh of a part in metres; a file is read again only when it has changed.
+
+        Raises
+        ------
+        MeshError
+            If the file is missing, unreadable, empty or broken.
+        """
+        return self._meshes.mesh(part, unit)
+
+    def _job(
+        self,
+        part: str | Path | Mesh,
+        unit: str,
+        as_built: Assignments = (),
+        seed: int = 0,
+        setup: Setup | None = None,
+        estimated_sensor: SensorDescription | None = None,
+    ) -> Job:
+        """The part in the scanner's cell, or in that of `setup`."""
+        setup, words = setup or self.setup, tuple(assignments(as_built))
+        loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
+        sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
+        return Job(setup, loaded, sensors, words, seed, () if isinstance(part, Mesh) else (Path(part),), unit)
+
+    @cached_property
+    def setup_warnings(self) -> tuple[str, ...]:
+        """What is doubtful about the descriptions, in sentences."""
+        return tuple(setup_warnings(self.setup))
+
+    def close(self) -> None:
+        """Free the FMU, its files and the scenes."""
+        self.pipeline.close()
+        self._meshes.clear()

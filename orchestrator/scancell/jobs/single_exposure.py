@@ -1,0 +1,86 @@
+"""One exposure of the whole cell at rest, from a given pose of the sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.config.choices import Engine
+from scancell.config.units import si_value
+from scancell.errors import DescriptionError, SensorError
+from scancell.geometry import pose
+from scancell.jobs.job import Job
+from scancell.planning.model import PlanningCell
+from scancell.planning.placement import PlacedPose, Placer
+from scancell.results import ShotResult
+from scancell.scanning.exposures import still_exposure
+from scancell.scanning.sense import ExposureImages
+from scancell.scanning.sensor_range import sensor_range
+
+Array = NDArray[np.float64]
+
+
+def expose(job: Job, part_from_sensor: Array, engine: Engine, threads: int) -> ShotResult:
+    """The exposure from a pose (4, 4), see `Scanner.shot`.
+
+    Raises
+    ------
+    SensorError
+        If the sensor library reports an error.
+    """
+    loaded, sensors = job.loaded, job.sensors
+    cell = PlanningCell(loaded.nominal, sensor_range(sensors.nominal), 1.0, threads=threads)
+    exposure, warnings = _posture(cell, job, part_from_sensor)
+    try:
+        keep = engine == "ray-traced"
+        result = sensor_rt.scan(loaded.scene, sensors.nominal, exposure, engine, threads, keep, as_built=sensors.true)
+    except (ValueError, RuntimeError) as error:
+        raise SensorError(str(error)) from error
+    images = None
+    if result.images is not None:
+        images = ExposureImages(1, result.images[0], None if result.background is None else result.background[0])
+    points = pose.transform_points(part_from_sensor, np.asarray(result.profiles.points_in_sensor, float))
+    if not len(points):
+        warnings = (*warnings, "the sensor sees nothing from this pose")
+    return ShotResult(loaded.nominal.part.source, result.profiles, points, images, sensors.nominal, warnings)
+
+
+def pose_of(values: Sequence[float]) -> Array:
+    """Pose (4, 4) of x, y, z in mm and XYZ' angles in degrees.
+
+    Raises
+    ------
+    DescriptionError
+        If these are not 6 finite numbers.
+    """
+    numbers = np.asarray(values, float)
+    if numbers.shape != (6,) or not np.isfinite(numbers).all():
+        raise DescriptionError(
+            f"pose = {list(values)}: expected 6 finite numbers: x, y, z in mm, rx, ry, rz in degrees"
+        )
+    return pose.from_euler_xyz(numbers[:3] * 1e-3, np.radians(numbers[3:]))
+
+
+def _posture(cell: PlanningCell, job: Job, part_from_sensor: Array) -> tuple[sensor_rt.Exposures, tuple[str, ...]]:
+    """The exposure with the arm where it holds the sensor at the pose; far away where it cannot."""
+    nominal = cell.nominal
+    azimuth = si_value(job.setup.scan.sweep, "azimuth_deg")
+    placed = Placer(cell, azimuth, 0.0).poses(part_from_sensor[None])[0]
+    warnings: tuple[str, ...] = ()
+    if isinstance(placed, PlacedPose):
+        frames = nominal.frame_poses(placed.q, np.array(placed.table))
+    else:
+        frames = nominal.frame_poses(nominal.home, np.array(0.0))
+        away = pose.translation((0.0, 0.0, -900.0))
+        frames = {name: away @ value if _moves_with_arm(name) else value for name, value in frames.items()}
+        warnings = (f"the arm is left out: {placed.reason}",)
+    world_from_body = np.stack([frames[body.moves_with] for body in job.loaded.bodies])
+    duration = si_value(job.setup.sensor.detector, "exposure_ms")
+    return still_exposure(frames["part"] @ part_from_sensor, world_from_body, duration), warnings
+
+
+def _moves_with_arm(frame: str) -> bool:
+    return frame.startswith(("link[", "finger[", "sensor"))
