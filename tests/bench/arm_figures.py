@@ -52,7 +52,7 @@ def move(cell: CellFmu, target: Array, duration_us: int) -> tuple[Array, Array, 
 
 def play(folders: FmuFolders, backlash: float) -> float:
     """Deflection (rad) of joint 2 as the load turns round, without what the gear's spring gives way."""
-    cell = CellFmu(folders.packed(3, dynamic_cell(backlash=backlash, gear_damping=100.0))[1])
+    cell = CellFmu(folders.unpacked(3, dynamic_cell(backlash=backlash, gear_damping=100.0)))
     free = []
     for angle in (-0.5, -2.6):
         target = START.copy()
@@ -65,7 +65,7 @@ def play(folders: FmuFolders, backlash: float) -> float:
 
 def sag(folders: FmuFolders) -> tuple[float, float]:
     """Closed form and measured sag (rad) of joint 2 at rest."""
-    cell = CellFmu(folders.packed(3, dynamic_cell())[1])
+    cell = CellFmu(folders.unpacked(3, dynamic_cell()))
     cell.step(CYCLE_US, 60)
     measured = float((cell.vector("truth.q", 6) - START)[1])
     expected = float((-gravity_torques(cell) / STIFFNESS)[1])
@@ -75,7 +75,7 @@ def sag(folders: FmuFolders) -> tuple[float, float]:
 
 def resonance(folders: FmuFolders, stiffness: float) -> tuple[float, float]:
     """Closed form and measured frequency (Hz) of joint 1 on a soft gear."""
-    cell = CellFmu(folders.packed(3, ringing_cell(stiffness))[1])
+    cell = CellFmu(folders.unpacked(3, ringing_cell(stiffness)))
     expected = float(np.sqrt(stiffness / inertia_about_joint_1(cell)) / (2 * np.pi))
     measured = ringing_frequency(cell)
     cell.close()
@@ -84,8 +84,8 @@ def resonance(folders: FmuFolders, stiffness: float) -> tuple[float, float]:
 
 def weak(folders: FmuFolders) -> tuple[Array, Array, Array, Array]:
     """Times, lag (rad) and torque of joint 2 whose motor has 60 N m, and the greatest torque."""
-    cell = CellFmu(folders.packed(3, dynamic_cell(max_torque=60.0))[1])
-    strong = CellFmu(folders.packed(3, dynamic_cell())[1])
+    cell = CellFmu(folders.unpacked(3, dynamic_cell(max_torque=60.0)))
+    strong = CellFmu(folders.unpacked(3, dynamic_cell()))
     target = START.copy()
     target[1] -= 0.6
     times, motors, _, torques = move(cell, target, 1_200_000)
@@ -97,7 +97,7 @@ def weak(folders: FmuFolders) -> tuple[Array, Array, Array, Array]:
 
 def step_cost(folders: FmuFolders, description: dict[str, Any]) -> float:
     """Processor time (µs) of a dynamics step in motion, best of five."""
-    cell = CellFmu(folders.packed(3, description)[1])
+    cell = CellFmu(folders.unpacked(3, description))
     start = np.array([joint["start"] for joint in description["robot"]["joints"]])
     best = np.inf
     for k in range(5):
@@ -116,7 +116,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folders = FmuFolders(Path(scratch))
         description = default_cell('cell.robot.drive="dynamic"')
-        cell = CellFmu(folders.packed(3, description)[1])
+        cell = CellFmu(folders.unpacked(3, description))
         start = np.array([joint["start"] for joint in description["robot"]["joints"]])
         moved = move(cell, start + np.radians([40, 20, -20, 30, -30, 60]), 1_000_000)
         cell.close()

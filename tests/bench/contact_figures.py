@@ -69,7 +69,7 @@ def follow(cell: CellFmu, setpoints: Array) -> Array:
 def onset(folders: FmuFolders, tilt: float) -> float:
     """Load at which the part in the FMU begins to slip over Coulomb's limit, its weight at an angle (rad)."""
     start, lifted = (joints_at(np.array([*PLACE, TABLE[2] + z]), np.pi / 2) for z in (0.005, 0.12))
-    cell = CellFmu(folders.packed(3, grasp_cell(start))[1])
+    cell = CellFmu(folders.unpacked(3, grasp_cell(start)))
     grip(cell, 50.0, start)
     tilted = lifted + np.array([0, 0, 0, 0, tilt, 0])
     follow(cell, np.concatenate([path(start, lifted, 0.8), path(lifted, tilted, 0.8)]))
@@ -91,7 +91,7 @@ def swing(folders: FmuFolders, duration: float) -> tuple[Array, Array]:
     turned = LIFTED + np.array([np.pi / 2, 0, 0, 0, 0, 0])
     description = grasp_cell()
     description["robot"]["joints"][0]["max_acceleration"] = 50.0
-    cell = CellFmu(folders.packed(3, description)[1])
+    cell = CellFmu(folders.unpacked(3, description))
     grip(cell, 8.0)
     follow(cell, path(OVER_BOX, LIFTED, 0.8))
     before = part_in_gripper(cell)[:3, 3] * 1e3
@@ -113,7 +113,7 @@ def step_cost(cell: CellFmu) -> float:
 
 def lifted_soft_part(folders: FmuFolders) -> tuple[float, float]:
     """Creep (µm/s) of a soft part in the gripper, and processor time (µs) of a step."""
-    cell = CellFmu(folders.packed(3, grasp_cell(soft=SOFT))[1])
+    cell = CellFmu(folders.unpacked(3, grasp_cell(soft=SOFT)))
     grip(cell, 10.0)
     places = follow(cell, np.concatenate([path(OVER_BOX, LIFTED, 0.8), np.tile(LIFTED, (200, 1))]))
     creep = np.linalg.norm(places[-1] - places[-63]) * 1e3 / (62 * CYCLE)
@@ -132,7 +132,7 @@ def costs(folders: FmuFolders) -> dict[str, float]:
         ("a part in the gripper, touching the table", free, 30.0),
         ("the same part, soft", grasp_cell(soft=SOFT), 10.0),
     ):
-        cell = CellFmu(folders.packed(3, description)[1])
+        cell = CellFmu(folders.unpacked(3, description))
         if force:
             grip(cell, force)
         found[name] = step_cost(cell)
