@@ -17,19 +17,21 @@ from scancell.errors import MeshError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.planning import setups
+from scancell.planning import setups, sight
 from scancell.planning.setups import riser_for
 from scancell.scanner import Scanner
 
 
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fewer samples and placements."""
+    """Fewer samples and placements, also in the scans of them."""
     monkeypatch.setattr(setups, "_SAMPLES", 600)
     monkeypatch.setattr(setups, "_HEIGHTS_MM", (0.0, 60.0))
     monkeypatch.setattr(setups, "_OFFSETS", (0.0,))
+    monkeypatch.setattr(sight, "_MOST_SAMPLES", 2000)
 
 
+@pytest.mark.slow
 def test_one_set_up_of_a_block_misses_its_underside_and_a_scan_of_each_covers_what_is_promised(
     tmp_path: Path, coarse: None
 ) -> None:
@@ -57,6 +59,7 @@ def test_one_set_up_of_a_block_misses_its_underside_and_a_scan_of_each_covers_wh
         assert result.coverage.surface_fraction >= one.scanned - 0.02
 
 
+@pytest.mark.slow
 def test_snippet_is_the_part_of_a_cell(coarse: None) -> None:
     part = block(0.05, 0.04, 0.03)
     with Scanner() as scanner:
@@ -94,8 +97,10 @@ def test_part_that_cannot_be_set_up_is_refused(part: Mesh, kind: type[Exception]
         scanner.place(part)
 
 
+@pytest.mark.slow
 def test_part_out_of_reach_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(setups, "_SAMPLES", 20)
+    monkeypatch.setattr(setups, "_MOST_RESTS", 2)
     with (
         Scanner(settings={"cell.table.pose.x_mm": 3000}) as scanner,
         pytest.raises(PlanningError, match="nothing of its surface is measurable in any resting pose"),
