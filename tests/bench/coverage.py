@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -50,15 +50,16 @@ class Row:
 
 def run_part(part: Path, share: float = 0.99) -> list[Row]:
     """Coverage-driven scan, passes in the same time, and the default scan."""
+    return [*chosen_and_passes(part, share), _scan(part, "default sweeps and passes", {"scan.max_profiles": PROFILES})]
+
+
+def chosen_and_passes(part: Path, share: float = 0.99) -> tuple[Row, Row]:
+    """Coverage-driven scan, and passes in the same time."""
     settings = {"scan.max_profiles": PROFILES}
     chosen = _scan(part, "coverage-driven", {**settings, "scan.coverage.enabled": True, "scan.coverage.share": share})
     passes = {**settings, "scan.sweep.enabled": False}
     speed = _speed_for(part, passes, chosen.duration)
-    return [
-        chosen,
-        _scan(part, "passes in equal time", {**passes, "scan.raster.speed_mm_s": speed}),
-        _scan(part, "default sweeps and passes", settings),
-    ]
+    return chosen, _scan(part, "passes in equal time", {**passes, "scan.raster.speed_mm_s": speed})
 
 
 def _scan(part: Path, way: str, settings: dict[str, float | int | str | bool]) -> Row:
@@ -80,11 +81,12 @@ def _scan(part: Path, way: str, settings: dict[str, float | int | str | bool]) -
 def _speed_for(part: Path, settings: dict[str, float | int | str | bool], duration: float) -> float:
     """Speed of passes (mm/s) at which their plan lasts as long, by bisection; the fastest that is tried otherwise."""
     low, high = _SLOWEST, _FASTEST
-    for _ in range(9):
-        speed = float(np.sqrt(low * high))
-        with Scanner(settings={**settings, "scan.raster.speed_mm_s": speed, "scan.verify": False}) as scanner:
-            longer = scanner.plan(part).program.duration > duration
-        low, high = (speed, high) if longer else (low, speed)
+    with Scanner(settings={**settings, "scan.verify": False}) as scanner:
+        for _ in range(9):
+            speed = float(np.sqrt(low * high))
+            scan = scanner.setup.scan.replace({"raster.speed_mm_s": speed})
+            longer = scanner.plan(part, setup=replace(scanner.setup, scan=scan)).program.duration > duration
+            low, high = (speed, high) if longer else (low, speed)
     return float(high)
 
 

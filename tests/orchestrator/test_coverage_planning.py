@@ -40,10 +40,10 @@ def table_shape() -> Mesh:
     return mesh_of(trimesh.boolean.union(made, engine="manifold"))
 
 
-def sight_of(part: Mesh, *words: str) -> tuple[PlanningCell, Sight]:
+def sight_of(part: Mesh, *words: str, samples: int = SAMPLES) -> tuple[PlanningCell, Sight]:
     setup = load_setup(overrides=words)
     cell = PlanningCell(nominal_cell(setup.cell, part), RANGE, CYCLE)
-    return cell, Sight(cell.nominal, setup.sensor, lambda n, s: measurable_surface(n, s, SAMPLES))
+    return cell, Sight(cell.nominal, setup.sensor, lambda n, s: measurable_surface(n, s, samples))
 
 
 def options_of(*words: str) -> ScanOptions:
@@ -131,8 +131,9 @@ def test_choice_sees_the_share_and_its_report_adds_up() -> None:
     assert report.measurable_area == pytest.approx(2 * 0.03 * 0.09 + 0.05 * 0.04, rel=0.01)
 
 
+@pytest.mark.slow
 def test_share_and_budget_limit_the_choice() -> None:
-    cell, sight = sight_of(BLOCK)
+    cell, sight = sight_of(BLOCK, samples=1000)
     part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
     half = CoveragePlanner(cell, sight, options_of("scan.coverage.share=0.5")).choose(part, 5000)[1]
     quick = CoveragePlanner(cell, sight, options_of("scan.coverage.max_time_s=4")).choose(part, 5000)[1]
@@ -145,6 +146,7 @@ def test_share_and_budget_limit_the_choice() -> None:
     assert not any(isinstance(placed.view, Pass) for placed, _ in sweeps_only)
 
 
+@pytest.mark.slow
 def test_exposures_are_thinned_to_the_largest_number() -> None:
     cell, sight = sight_of(BLOCK)
     part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
@@ -181,6 +183,7 @@ def test_poses_of_the_grid_measure_hard_samples() -> None:
     assert (sight.judge_at(poses, sample_of) == SEEN).mean() > 0.97
 
 
+@pytest.mark.slow
 def test_part_without_measurable_surface_is_refused() -> None:
     cell, _ = sight_of(BLOCK)
     setup = load_setup()

@@ -54,6 +54,7 @@ def test_retreat_points_and_home_do_not_lead_past_the_wall(walled, ends, monkeyp
         Connector(walled, CLEARANCE).connect(*ends, "the other side")
 
 
+@pytest.mark.slow
 def test_search_leads_past_the_wall(walled, ends) -> None:
     motions = Connector(walled, CLEARANCE).connect(*ends, "the other side")
     assert len(motions) >= 2
@@ -73,6 +74,7 @@ def search(cell: PlanningCell, **options: int) -> RrtConnect:
     return RrtConnect(cell.motion_check(CLEARANCE), np.append(lower, 0.0), np.append(upper, 0.0), **options)
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_path(walled, ends) -> None:
     first, second = (search(walled, seed=3).path(*ends) for _ in range(2))
     assert first is not None

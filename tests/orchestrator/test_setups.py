@@ -17,24 +17,28 @@ from scancell.errors import MeshError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.planning import setups
+from scancell.planning import setups, sight
 from scancell.planning.setups import riser_for
 from scancell.scanner import Scanner
+
+SWEEPS = {"scan.raster.enabled": False}  # Sweeps alone see all sides of a block, and are chosen sooner.
 
 
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fewer samples and placements."""
+    """Fewer samples and placements, also in the scans of them."""
     monkeypatch.setattr(setups, "_SAMPLES", 600)
     monkeypatch.setattr(setups, "_HEIGHTS_MM", (0.0, 60.0))
     monkeypatch.setattr(setups, "_OFFSETS", (0.0,))
+    monkeypatch.setattr(sight, "_MOST_SAMPLES", 2000)
 
 
+@pytest.mark.slow
 def test_one_set_up_of_a_block_misses_its_underside_and_a_scan_of_each_covers_what_is_promised(
     tmp_path: Path, coarse: None
 ) -> None:
     part = block(0.05, 0.04, 0.03)
-    with Scanner() as scanner:
+    with Scanner(settings=SWEEPS) as scanner:
         found = scanner.place(part, 0.99)
     assert len(found.chosen) == 2
     assert found.rests == 6
@@ -48,7 +52,7 @@ def test_one_set_up_of_a_block_misses_its_underside_and_a_scan_of_each_covers_wh
         file = tmp_path / f"cell{number}.toml"
         assert one.riser is None
         one.in_cell(load_setup().cell, "").to_toml(file)
-        with Scanner(cell=file, settings={"scan.coverage.enabled": True}) as scanner:
+        with Scanner(cell=file, settings={**SWEEPS, "scan.coverage.enabled": True}) as scanner:
             result = scanner.scan(part, engine="geometric", samples=False)
         assert result.nominal.table_from_part[:3, :3] == pytest.approx(
             pose.rotation_from_euler_xyz(np.radians([one.part.rx_deg, one.part.ry_deg, one.part.rz_deg])), abs=1e-9
@@ -59,7 +63,7 @@ def test_one_set_up_of_a_block_misses_its_underside_and_a_scan_of_each_covers_wh
 
 def test_snippet_is_the_part_of_a_cell(coarse: None) -> None:
     part = block(0.05, 0.04, 0.03)
-    with Scanner() as scanner:
+    with Scanner(settings=SWEEPS) as scanner:
         found = scanner.place(part, 0.5)
     (one,) = found.chosen
     section = tomllib.loads(one.toml)
@@ -96,6 +100,7 @@ def test_part_that_cannot_be_set_up_is_refused(part: Mesh, kind: type[Exception]
 
 def test_part_out_of_reach_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(setups, "_SAMPLES", 20)
+    monkeypatch.setattr(setups, "_MOST_RESTS", 2)
     with (
         Scanner(settings={"cell.table.pose.x_mm": 3000}) as scanner,
         pytest.raises(PlanningError, match="nothing of its surface is measurable in any resting pose"),

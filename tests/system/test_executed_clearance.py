@@ -36,7 +36,6 @@ def visited(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[np.ndarray]]:
 
 
 @pytest.mark.parametrize("kind", ["path", "default"])
-@pytest.mark.slow
 def test_executed_clearances_are_those_planned_within_a_fifth_of_a_millimetre(
     kind: str, visited: list[np.ndarray]
 ) -> None:
