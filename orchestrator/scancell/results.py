@@ -35,7 +35,8 @@ class ScanResult(ScanData):
     See `ScanData` for the attributes. In a notebook it shows a picture and a table.
     """
 
-    inputs: tuple[Path, ...] = ()
+    part_file: Path | None = None
+    recording_file: Path | None = None
     unit: str = "mm"
     threads: int = 0
     part_surface: sensor_rt.MeshSurface | None = field(default=None, repr=False)
@@ -173,18 +174,19 @@ class ScanResult(ScanData):
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
         run = {
-            "part": str(self.inputs[0].absolute()) if self.inputs else self.part,
+            "part": str(self.part_file.absolute()) if self.part_file else self.part,
             "unit": self.unit,
             "engine": self.engine,
             "as_built": list(self.as_built),
             "seed": self.seed,
             "command_line": list(sys.argv[1:] if command_line is None else command_line),
         }
-        if len(self.inputs) > 1:
-            run["recording"] = str(self.inputs[1].absolute())
+        if self.recording_file is not None:
+            run["recording"] = str(self.recording_file.absolute())
         if self.plan is not None and self.plan.source:
             run["plan"] = self.plan.source
-        record = RunRecord(self.inputs, run, parse_formats(",".join(formats), "formats"), frame)
+        inputs = [file for file in (self.part_file, self.recording_file) if file is not None]
+        record = RunRecord(inputs, run, parse_formats(",".join(formats), "formats"), frame)
         write_run(self, self.deviation, self.coverage, record, folder, Stopwatch(self.timings))
 
     def picture(self) -> bytes:

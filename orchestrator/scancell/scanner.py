@@ -161,7 +161,7 @@ class Scanner(PreparedCell):
         with watch.measure("load"):
             job = self._job(part, unit, as_built, seed, None, estimated_sensor)
             if not isinstance(recording, Recording):
-                job = replace(job, inputs=(*job.inputs, Path(recording)))
+                job = replace(job, recording_file=Path(recording))
                 recording = read_recording(Path(recording))
         finishing = Finishing(self.pipeline, job, engine, estimated_cell, on_images, self.setup_warnings)
         return finishing.result(recording, None, heard, watch)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 
 import scancell
 from scancell.cell.program import Program
+from scancell.cell.recording import write_recording
 from scancell.errors import CancelledError, DescriptionError, EmptyScanError
 from scancell.geometry import pose
-from scancell.geometry.mesh import box_mesh
+from scancell.geometry.mesh import box_mesh, load_mesh
 from scancell.reconstruction.cloud_files import read_ply
 
 PART = Path(__file__).parents[2] / "assets/parts/step_block.stl"
@@ -148,3 +150,14 @@ def test_notebook_display_has_a_picture_and_figures(result) -> None:
     assert "data:image/png;base64," in page
     assert "rms_um" in page
     assert result.picture().startswith(b"\x89PNG")
+
+
+def test_a_recording_of_a_mesh_in_memory_keeps_the_name_of_the_mesh(scanner, tmp_path) -> None:
+    mesh = load_mesh(PART)
+    write_recording(scanner.scan(mesh, engine="geometric").recording, tmp_path / "recording.parquet")
+    made = scanner.render(tmp_path / "recording.parquet", mesh, engine="geometric")
+    assert made.part == mesh.source
+    made.save(tmp_path / "run")
+    run = tomllib.loads((tmp_path / "run/resolved.toml").read_text())["run"]
+    assert run["part"] == mesh.source
+    assert Path(run["recording"]).name == "recording.parquet"

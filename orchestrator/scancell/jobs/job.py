@@ -19,8 +19,8 @@ class Job:
     ----------
     as_built
         Perturbations as ``key=value`` words.
-    inputs
-        The file of the part, if it is from one, and further files.
+    part_file, recording_file
+        Files of the part and of a recording, where these are from files.
     unit
         Of the part's file.
     """
@@ -30,13 +30,14 @@ class Job:
     sensors: Sensors
     as_built: tuple[str, ...]
     seed: int
-    inputs: tuple[Path, ...]
+    part_file: Path | None
     unit: str
+    recording_file: Path | None = None
 
     @property
     def part(self) -> str:
         """Name of the part: its file, or the name of its mesh."""
-        return self.inputs[0].name if self.inputs else self.loaded.nominal.part.source
+        return self.part_file.name if self.part_file else self.loaded.nominal.part.source
 
     def drive_request(self, collision_outputs: bool = False) -> DriveRequest:
         """The cell for the FMU; collision outputs cost most of a run."""

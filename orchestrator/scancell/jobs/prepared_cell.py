@@ -66,7 +66,7 @@ class PreparedCell(Closing):
         setup, words = setup or self.setup, tuple(assignments(as_built))
         loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
         sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
-        return Job(setup, loaded, sensors, words, seed, () if isinstance(part, Mesh) else (Path(part),), unit)
+        return Job(setup, loaded, sensors, words, seed, None if isinstance(part, Mesh) else Path(part), unit)
 
     @cached_property
     def setup_warnings(self) -> tuple[str, ...]:
