@@ -207,11 +207,9 @@ class PathPlanner:
             return positions(time / factor)
 
         setpoints = slow_positions(trajectory.cycle_times(slow.duration, cycle))
-        # The controller interpolates set-points by cubics: they leave the straight line by less than this.
-        deviation = np.abs(np.diff(setpoints, n=2, axis=0)).max(0, initial=0.0) / 4
-        clashes = [c for c in self._motions.first_clashes(setpoints[:-1], setpoints[1:], deviation) if c is not None]
-        if clashes:
-            return describe(min(clashes, key=lambda c: c.distance - c.clearance))
+        clash = self._motions.clash_along(setpoints)
+        if clash is not None:
+            return describe(clash)
         pitch = path.length / (timing.count - 1)
         exposures = positions(np.asarray(run.trigger_from + np.arange(timing.count) * pitch / run.speed))
         names = nominal.arm.branch_names

@@ -203,7 +203,8 @@ class Lattice:
         since = self._period * np.arange(1, self.samples + 1)
         turned, speed = self._within_step(rate[:-1, None], accelerations[:, None], since)
         angle = lattice[:-1, None] * self._angle + turned
-        cost = self.cost(np.arange(self.steps), lattice[:-1], rate[:-1], accelerations)
+        # Wrapped as in the search, so that rounding picks the same cells.
+        cost = self.cost(np.arange(self.steps), lattice[:-1] % self.angles, rate[:-1], accelerations)
         return TableMotion(
             int(start),
             accelerations,

@@ -19,7 +19,7 @@ from scancell.planning.model import PlanningCell
 Array = NDArray[np.float64]
 
 FINER = 10  # points of the grid on which limits are checked in a cycle of the controller
-_MARGIN = 1e-3  # relative
+_MARGIN = 5e-3  # relative: at another phase of the grid, peaks of jerk measure up to 1 % more
 _LIMITED = ("speed", "acceleration", "jerk")
 
 

@@ -74,8 +74,7 @@ def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
         if used.max() > 1 + 1e-6:
             axis = axis_name(cell, int(np.argmax(used.max(0))))
             raise PlanningError(f"{where}: {axis} exceeds a limit by {100 * (used.max() - 1):.1f} %")
-        deviation = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4
-        clash = next((c for c in motions.first_clashes(points[:-1], points[1:], deviation) if c is not None), None)
+        clash = motions.clash_along(points)
         if clash is not None:
             raise PlanningError(f"{where}: {describe(clash)}")
         at = points[-1]
