@@ -48,8 +48,8 @@ class Identifier:
     def identify(self, states: Sequence[MeasuredState]) -> Identification:
         """Motions that the last three (or two) states leave possible.
 
-        The true path is missing with a probability of 1e-6, near singular positions somewhat more. Rates come from a straight line through the states: they
-        are those in the middle of their time.
+        The true path is missing with a probability of 1e-6, near singular positions somewhat more. Rates come from a
+        straight line through the states: they are those in the middle of their time.
 
         Raises
         ------
@@ -64,7 +64,8 @@ class Identifier:
         kind, rates = self._plainest(window)
         paths = [Path.JOINT] if kind in (Kind.REST, Kind.TABLE) else self._paths(kind, window)
         error = np.abs(window.rates - rates) + _SIGMAS * window.rate_noise
-        return Identification(kind, tuple(Hypothesis(path, states[-1], rates, error) for path in paths))
+        age = float(times[-1] - times.mean())
+        return Identification(kind, tuple(Hypothesis(path, states[-1], rates, error, age) for path in paths))
 
     def _plainest(self, window: _Window) -> tuple[Kind, Array]:
         """The plainest kind of motion, and the rates (joints + 1,) of this kind that are nearest to the measured."""

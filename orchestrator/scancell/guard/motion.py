@@ -62,12 +62,15 @@ class Hypothesis:
         Of joints and table, (joints + 1,), rad/s.
     rate_error
         Bound on the error of each rate, (joints + 1,), rad/s.
+    rate_age
+        Time from which the rates are, before that of the state, s.
     """
 
     path: Path
     state: MeasuredState
     rates: Array
     rate_error: Array
+    rate_age: float
 
 
 @dataclass(frozen=True)

@@ -48,3 +48,8 @@ class Tool:
         rates = np.zeros((len(twist), jacobian.shape[-1]))
         rates[:, self.active] = np.linalg.solve(jacobian[..., self.active], twist[..., None])[..., 0]
         return rates
+
+    def length(self, joints: Array) -> float:
+        """Length (m) of the way of the tool's origin through joints (n, joints)."""
+        position = self.poses(joints)[0][:, :3, 3]
+        return float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
