@@ -16,6 +16,7 @@ from scancell.guard.tool import Tool
 from scancell.nominal.cell import NominalCell, nominal_cell
 
 POLL = 0.032  # s
+POLLS = POLL * np.arange(3)
 NOISE = np.radians(0.005)
 CELLS = {"six_axis": "default", "offset_wrist": "offset_wrist", "seven_axis": "seven_axis"}
 KINDS = ("rest", "table", "single joint", "joints", "translation", "rotation", "base", "tool")
@@ -51,9 +52,11 @@ class Motion:
     axes: np.ndarray
 
     def states(self, rng: np.random.Generator, noise: float = NOISE) -> list[MeasuredState]:
-        """All as measured."""
-        measured = self.axes + noise * rng.standard_normal(self.axes.shape)
-        return [MeasuredState(float(t), row[:-1], float(row[-1])) for t, row in zip(self.times, measured, strict=True)]
+        """As measured at the first three times."""
+        measured = self.axes[:3] + noise * rng.standard_normal(self.axes[:3].shape)
+        return [
+            MeasuredState(float(t), row[:-1], float(row[-1])) for t, row in zip(self.times[:3], measured, strict=True)
+        ]
 
 
 @cache
@@ -79,12 +82,11 @@ def random_start(nominal: NominalCell, rng: np.random.Generator) -> np.ndarray:
 
 
 def random_motion(
-    arm: str, name: str, rng: np.random.Generator, samples: int = 3, start: np.ndarray | None = None
+    arm: str, name: str, rng: np.random.Generator, times: np.ndarray = POLLS, start: np.ndarray | None = None
 ) -> Motion:
-    """A motion of kind `name` at 0.1 to 1 of the jog speeds, sampled at polls; other kinds turn the table sometimes."""
+    """A motion of kind `name` at 0.1 to 1 of the jog speeds, at increasing `times`; the table turns in some."""
     nominal, jog = cell_of(arm)
-    times = POLL * np.arange(samples)
-    axes = np.tile(random_start(nominal, rng) if start is None else start, (samples, 1))
+    axes = np.tile(random_start(nominal, rng) if start is None else start, (len(times), 1))
     if name == "table" or (name != "rest" and rng.random() < 0.3):
         axes[:, -1] += times * jog.axes[-1] * deflection(rng)
     if name in ("single joint", "joints"):

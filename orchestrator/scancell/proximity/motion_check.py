@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 
 _FARTHEST_SEARCH = 0.05  # m beyond the clearance: longer searches cost more than halving the interval
 _CONTACT = 1e-9  # m: bodies closer than this intersect
-_FINEST = 1e-5  # rad from the middle of an interval to its ends: what is not proved there counts as a violation
+_FINEST = 1e-5  # rad
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,23 @@ class MotionCheck:
         Distance to keep, one for all pairs or (pairs,), m.
     threads
         Threads of the distance queries, which do not change the result; 0 uses all cores.
+    finest
+        Angle from the middle of an interval to its ends, rad: what is not proved there counts as a violation.
     """
 
-    def __init__(self, nominal: NominalCell, scene: ProximityScene, clearance: ArrayLike, threads: int = 0) -> None:
+    def __init__(
+        self,
+        nominal: NominalCell,
+        scene: ProximityScene,
+        clearance: ArrayLike,
+        threads: int = 0,
+        finest: float = _FINEST,
+    ) -> None:
         self._nominal = nominal
         self._scene = scene
         self._clearance = np.broadcast_to(np.maximum(np.asarray(clearance, float), _CONTACT), (len(scene.pairs),))
         self._threads = threads
+        self._finest = finest
         self._bounds = MotionBounds(nominal, scene.pairs)
 
     def first_clashes(
@@ -81,7 +91,7 @@ class MotionCheck:
         while len(owner):
             at = start[owner] + middle[:, None] * (end - start)[owner]
             half_travel = half * travel[owner]
-            finest = (half_travel < _FINEST).all(1)
+            finest = (half_travel < self._finest).all(1)
             distance, proved, violated = self._judge(at, half_travel, slack[owner], required[owner], unproved)
             unproved = unproved & ~proved
             violated |= unproved & finest[:, None]
