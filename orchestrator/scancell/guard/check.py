@@ -29,6 +29,7 @@ _SOON = 1e-3  # s in which the distance changes, for its rate
 _STILL = 1e-6  # m/s: slower pairs do not approach
 _NEARER = 0.2e-3  # m by which a pair may come nearer that is said not to
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
+_FARTHEST_ASTRAY = 0.1  # rad: links of an arm are too close to each other for stops that may deviate more
 _BENDING = 1.5  # of the measured curvature between its samples
 
 
@@ -67,18 +68,26 @@ class Contact:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Contacts ahead, one for each possible motion that leads to one, the next first; pairs without a proved stop.
+    """What lies ahead of all possible motions.
 
-    A stop is proved for all possible motions where there are no such pairs.
+    Attributes
+    ----------
+    contacts
+        The first of each motion that leads to one, the next first.
+    without_stop
+        A pair of each motion for which no stop is proved.
+    astray
+        Whether a motion bends or may change so much that its stop cannot be predicted.
     """
 
     contacts: tuple[Contact, ...]
     without_stop: tuple[Approach, ...]
+    astray: bool
 
     @property
     def stop_is_proved(self) -> bool:
         """Whether the robot can move on for one more period and then stop in the worst case, free of contact."""
-        return not self.without_stop
+        return not self.without_stop and not self.astray
 
 
 class ManualCheck:
@@ -121,7 +130,7 @@ class ManualCheck:
         """Contacts ahead of each hypothesis, and whether its stop is proved; an arm at rest needs none."""
         moving = [hypothesis for hypothesis in hypotheses if hypothesis.rates.any()]
         if not moving:
-            return Verdict((), ())
+            return Verdict((), (), False)
         stops = [latest_stop(hypothesis, self._worst) for hypothesis in moving]
         ends = [stop.progress for stop in stops] + [self._horizon] * len(moving)
         times = np.linspace(0.0, ends, _PIECES + 1).T
@@ -129,20 +138,24 @@ class ManualCheck:
         deviation = np.zeros((len(axes), axes.shape[2]))
         for row, stop in enumerate(stops):
             deviation[row] = _stop_deviation(axes[row], times[row], stop, self._worst)
-        clashes = self._motions.first_clashes(
-            axes[:, :-1].reshape(-1, axes.shape[2]),
-            axes[:, 1:].reshape(-1, axes.shape[2]),
-            np.repeat(deviation, _PIECES, 0),
-        )
-        by_motion = [clashes[i : i + _PIECES] for i in range(0, len(clashes), _PIECES)]
+        checked = deviation.max(1) <= _FARTHEST_ASTRAY
+        clashes = self._clashes(axes, deviation, checked)
         without_stop, contacts = [], []
         for row, hypothesis in enumerate(moving):
-            if blocked := self._unstoppable(hypothesis, axes[row], deviation[row], by_motion[row]):
+            if checked[row] and (blocked := self._unstoppable(hypothesis, axes[row], deviation[row], clashes[row])):
                 without_stop.append(blocked)
             ahead = row + len(moving)
-            if contact := self._contact(hypothesis, axes[ahead], times[ahead], by_motion[ahead]):
+            if contact := self._contact(hypothesis, axes[ahead], times[ahead], clashes[ahead]):
                 contacts.append(contact)
-        return Verdict(tuple(sorted(contacts, key=lambda contact: contact.free_until)), tuple(without_stop))
+        contacts.sort(key=lambda contact: contact.free_until)
+        return Verdict(tuple(contacts), tuple(without_stop), not checked.all())
+
+    def _clashes(self, axes: Array, deviation: Array, checked: NDArray[np.bool_]) -> list[Clashes]:
+        """Clashes of the pieces of each of the motions (m, n, joints + 1) that are `checked` (m,)."""
+        of_axes = axes.shape[2]
+        start, end = axes[checked, :-1].reshape(-1, of_axes), axes[checked, 1:].reshape(-1, of_axes)
+        found = iter(self._motions.first_clashes(start, end, np.repeat(deviation[checked], _PIECES, 0)))
+        return [[next(found) for _ in range(_PIECES)] if wanted else [] for wanted in checked]
 
     def approach(self, hypothesis: Hypothesis, pair: tuple[str, str]) -> Approach:
         """Distance of a pair of the scene, and its rate as the motion begins."""

@@ -91,8 +91,9 @@ def _poses(start: Array, twist: Array, in_tool: NDArray[np.bool_], times: Array)
 
 
 def _rotation_between(here: Array, wanted: Array) -> Array:
-    """Rotation vectors (n, 3), world axes, from rotations (n, 3, 3) to others."""
-    return pose.log_rotation(wanted @ np.swapaxes(here, -1, -2))
+    """Rotation vectors (n, 3), world axes, from rotations (n, 3, 3) to others, as long as the sines of the angles."""
+    turn = wanted @ np.swapaxes(here, -1, -2)
+    return np.asarray((turn - np.swapaxes(turn, -1, -2))[:, (2, 0, 1), (1, 2, 0)] / 2)
 
 
 def _continued(joints: Array, met: NDArray[np.bool_], guess: Array, times: Array) -> Array:

@@ -33,9 +33,9 @@ class Tool:
         """
         frames = self._nominal.arm.link_poses(joints)
         tool = frames[:, -1] @ self._nominal.flange_from_sensor
-        axes = frames[:, :-1, :3, 2]
-        lever = tool[:, None, :3, 3] - frames[:, :-1, :3, 3]
-        return tool, np.swapaxes(np.concatenate([np.cross(axes, lever), axes], -1), -1, -2)
+        u, v, w = frames[:, :-1, 0, 2], frames[:, :-1, 1, 2], frames[:, :-1, 2, 2]
+        x, y, z = np.moveaxis(tool[:, None, :3, 3] - frames[:, :-1, :3, 3], -1, 0)
+        return tool, np.stack([v * z - w * y, w * x - u * z, u * y - v * x, u, v, w], 1)
 
     def moves_straight(self, jacobian: Array) -> bool:
         """Whether Cartesian motion is possible with a Jacobian (6, joints): six active joints, no singular position."""

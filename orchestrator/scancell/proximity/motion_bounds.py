@@ -47,24 +47,23 @@ class MotionBounds:
         self._table_radius = np.where(turned.sum(1) == 1, np.where(turned, on_table, 0.0).max(1), 0.0)
 
     def pairs(self, at: Array, half_travel: Array) -> Array:
-        """Bounds (n, pairs), m, on the motion of a body relative to the other while no axis moves by more.
+        """Bounds (..., n, pairs), m, on the motion of a body relative to the other while no axis moves by more.
 
-        `at` and `half_travel` are (n, joints + 1), rad.
+        `at` is (n, joints + 1) and `half_travel` (..., n, joints + 1), rad.
         """
-        reach = self._reach(at[:, :-1], half_travel[:, :-1])[:, self._outer]
-        return np.asarray(
-            (reach * (half_travel[:, None, :-1] * self._between)).sum(-1) + half_travel[:, -1:] * self._table_radius
-        )
+        reach = self._reach(at[:, :-1], half_travel[..., :-1])[..., self._outer, :]
+        by_joints = (reach * (half_travel[..., None, :-1] * self._between)).sum(-1)
+        return np.asarray(by_joints + half_travel[..., -1:] * self._table_radius)
 
     def _reach(self, q: Array, half_travel: Array) -> Array:
-        """Bounds (n, bodies, joints), m, on the distance of a body's points from the axes that carry it."""
+        """Bounds (..., n, bodies, joints), m, on the distance of a body's points from the axes that carry it."""
         frames = self._arm.link_poses(q)
         centre = np.einsum("nbij,bj->nbi", frames[:, self._carried], self._centre)[..., None, :3]
         x, y, z = np.moveaxis(centre - frames[:, None, :-1, :3, 3], -1, 0)
         u, v, w = np.moveaxis(frames[:, None, :-1, :3, 2], -1, 0)
         radius = np.sqrt((v * z - w * y) ** 2 + (w * x - u * z) ** 2 + (u * y - v * x) ** 2) + self._radius[:, None]
         # Joints beyond joint k move the body towards its axis or away from it.
-        shift = half_travel[:, None] * np.where(self._carries, self._farthest, 0.0)
+        shift = half_travel[..., None, :] * np.where(self._carries, self._farthest, 0.0)
         beyond = np.cumsum(shift[..., ::-1], -1)[..., ::-1] - shift
         return np.asarray(radius + beyond)
 

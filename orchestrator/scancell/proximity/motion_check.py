@@ -113,8 +113,7 @@ class MotionCheck:
         self, at: Array, half_travel: Array, slack: Array, required: Array, unproved: Flags
     ) -> tuple[Array, Flags, Flags]:
         """Distances (n, pairs), m, at the middles of intervals, and which pairs are proved or violate there."""
-        moved = self._bounds.pairs(at, half_travel + slack)
-        strayed = self._bounds.pairs(at, slack) if slack.any() else np.zeros_like(moved)
+        moved, strayed = self._bounds.pairs(at, np.stack([half_travel + slack, slack]))
         searched = unproved & (moved <= _FARTHEST_SEARCH + strayed)
         bound = np.where(searched, required + moved, 0.0)
         poses = self._nominal.body_poses(at[:, :-1], at[:, -1])
