@@ -25,7 +25,8 @@ constexpr std::size_t kLargestGrowth = 3;
 /// Larger fronts are not kept: 1.5 MB per pair.
 constexpr std::size_t kLargestFront = 1 << 16;
 
-/// Largest distance beyond the bound that is searched for the sake of later poses (m).
+/// Largest distance beyond the bound that is searched for the sake of later poses (m). Where the pair moves too
+/// much for it, looking ahead costs more than it saves.
 constexpr double kFarthestAhead = 0.02;
 
 /// Upper bound on the relative motion of two bodies since the last search.
@@ -47,7 +48,7 @@ std::optional<ClosestFaces> PairSearch::closest(const SearchBody& a, const Searc
   if (memory.at_least >= 0) {
     moved = relative_motion(a, b, memory.a_from_b, a_from_b);
     if (memory.at_least - moved >= bound) return std::nullopt;
-    ahead = std::min(kPosesAhead * moved, kFarthestAhead);
+    if (kPosesAhead * moved <= kFarthestAhead) ahead = kPosesAhead * moved;
   }
   a_ = &a;
   b_ = &b;

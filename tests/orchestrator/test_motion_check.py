@@ -12,8 +12,9 @@ from scancell.config.material import Material
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.pose import transform_points, translation
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
-from scancell.planning.motion_check import MotionCheck
 from scancell.proximity.cell_scene import cell_scene
+from scancell.proximity.motion_bounds import MotionBounds
+from scancell.proximity.motion_check import MotionCheck
 from scancell.proximity.scene import ProximityScene
 
 BLOCK = box_mesh((0.06, 0.04, 0.05)).transformed(translation((0.02, 0.0, 0.025)))
@@ -52,7 +53,7 @@ def test_distances_change_by_no_more_than_the_motion_bound(cell):
     scene = scene_of(cell)
     start, end = random_motions(cell, 20, 0.6, 1)
     middle, half = (start + end) / 2, np.abs(end - start) / 2
-    bound = MotionCheck(cell, scene, 0.0)._motion(middle, half)
+    bound = MotionBounds(cell, scene.pairs).pairs(middle, half)
     before = scene.distances(cell.body_poses(middle[:, :6], middle[:, 6]), np.inf)
     largest = np.zeros_like(bound)
     for fraction in np.linspace(0, 1, 9):
@@ -145,6 +146,21 @@ def test_clearance_per_pair_and_deviation(cell):
     assert sum(c is not None for c in MotionCheck(cell, scene, only).first_clashes(start, end)) <= sum(
         c is not None for c in plain
     )
+
+
+def test_pairs_of_no_clearance_are_not_checked(cell):
+    """Without the pairs that clash, the same motions are free; a clearance per motion replaces the common one."""
+    scene = scene_of(cell)
+    start, end = random_motions(cell, 200, 0.5, 2)
+    check = MotionCheck(cell, scene, 0.01)
+    clashes = check.first_clashes(start, end)
+    assert 5 < sum(clash is not None for clash in clashes) < 195
+    assert check.first_clashes(start, end, clearance=np.full(len(scene.pairs), -np.inf)) == [None] * 200
+    only_last = np.full((200, len(scene.pairs)), -np.inf)
+    only_last[100:] = 0.01
+    part = check.first_clashes(start, end, clearance=only_last)
+    assert part[:100] == [None] * 100
+    assert [clash and clash.fraction for clash in part[100:]] == [clash and clash.fraction for clash in clashes[100:]]
 
 
 def test_motion_without_travel_is_a_static_check(cell):

@@ -164,7 +164,7 @@ class Arm:
     def __init__(self):
         self.cell = planning_cell(ball())
         self.scene = self.cell.proximity
-        self.meshes = {b.name: b.mesh for b in self.cell.nominal.bodies}
+        self.meshes = {name: one.mesh for name, one in self.cell.reduced_meshes.items()}
 
     def poses(self, q, table):
         return self.cell.nominal.body_poses(q, table)

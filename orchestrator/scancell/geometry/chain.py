@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,15 +45,23 @@ class Chain:
         """One field of all joints, (joints,)."""
         return np.array([getattr(joint, name) for joint in self.joints], float)
 
+    @cached_property
+    def _links(self) -> tuple[Array, Array, Array, Array]:
+        """What no angle changes: a, d and theta (joints,), and rotations ``Rx(alpha) Ry(beta)`` (joints, 3, 3)."""
+        alpha, beta = self.column("alpha"), self.column("beta")
+        twist = pose.rotation_about(0, alpha) @ pose.rotation_about(1, beta)
+        return self.column("a"), self.column("d"), self.column("theta"), twist
+
     def link_poses(self, q: ArrayLike) -> Array:
         """``world_from_link`` (..., joints + 1, 4, 4) at q (..., joints), rad: base first, flange last."""
-        angle = np.asarray(q, float) + self.column("theta")
+        a, d, theta, twist = self._links
+        angle = np.asarray(q, float) + theta
         step = np.zeros((*angle.shape, 4, 4))
-        alpha, beta = self.column("alpha"), self.column("beta")
-        step[..., :3, :3] = pose.rotation_about(2, angle) @ pose.rotation_about(0, alpha) @ pose.rotation_about(1, beta)
-        step[..., 0, 3] = self.column("a") * np.cos(angle)
-        step[..., 1, 3] = self.column("a") * np.sin(angle)
-        step[..., 2, 3] = self.column("d")
+        turn = pose.rotation_about(2, angle)
+        step[..., :3, :3] = turn @ twist
+        step[..., 0, 3] = a * turn[..., 0, 0]
+        step[..., 1, 3] = a * turn[..., 1, 0]
+        step[..., 2, 3] = d
         step[..., 3, 3] = 1.0
         frames = [np.broadcast_to(self.world_from_base, (*angle.shape[:-1], 4, 4))]
         for i in range(angle.shape[-1]):

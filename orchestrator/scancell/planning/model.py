@@ -13,10 +13,10 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.reduction import ReducedMesh, reduced
 from scancell.nominal.cell import OCCUPIED, NominalCell
-from scancell.planning.motion_check import MotionCheck
 from scancell.planning.torques import TorqueLimits
 from scancell.planning.trajectory import Limits
 from scancell.proximity.cell_scene import arm_chain, cell_scene
+from scancell.proximity.motion_check import MotionCheck
 from scancell.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.planning.motion_check import MotionCheck
+from scancell.proximity.motion_check import MotionCheck
 
 Array = NDArray[np.float64]
 

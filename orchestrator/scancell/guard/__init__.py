@@ -1,0 +1,1 @@
+"""Protection of a moving robot from collisions: its motion is identified and predicted, and a stop is proved."""

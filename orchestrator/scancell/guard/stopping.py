@@ -1,0 +1,106 @@
+"""Stops in closed form: all axes brake in proportion, on a straight line in their angles.
+
+Until the brakes act the axes keep their rates for the reaction time T.  The axis that needs longest to brake at its
+deceleration sets the braking time B, in which all rates fall to 0 linearly: the axes travel as far as in T + B / 2 at
+their rates.  For one axis that is v T + v² / (2 a).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.guard.motion import Hypothesis
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """What a stop must be proved for; arrays are one for all axes or (joints + 1,).
+
+    Attributes
+    ----------
+    age
+        Of a measured state when it is used, s.
+    period
+        Between two checks, s: a stop that is not commanded now may be commanded one period later.
+    delay
+        From the command to the beginning of braking, s; the rest of the controller's cycle included.
+    deceleration
+        That every axis attains, rad/s².
+    angle_error
+        Of the measured angles, rad.
+    unseen_acceleration
+        By which the person may change the rate of each axis unseen, rad/s²; 0: the motion goes on as identified.
+    max_rate
+        That an axis can have in manual operation, rad/s.
+    """
+
+    age: float
+    period: float
+    delay: float
+    deceleration: ArrayLike
+    angle_error: ArrayLike
+    unseen_acceleration: ArrayLike = 0.0
+    max_rate: ArrayLike = np.inf
+
+    @property
+    def reaction(self) -> float:
+        """Time from the measured state to the beginning of braking, s."""
+        return self.age + self.period + self.delay
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A stop as late as it can come.
+
+    Attributes
+    ----------
+    progress
+        Time in which the axes get as far at their rates as to their standstill, s.
+    braking_time
+        Time from the beginning of braking to the standstill, s.
+    deviation
+        Bound on the deviation of the axes from the predicted motion on the way, (joints + 1,), rad.
+    """
+
+    progress: float
+    braking_time: float
+    deviation: Array
+
+
+def braking_time(rates: ArrayLike, deceleration: ArrayLike) -> float:
+    """Time (s) in which axes of `rates` (axes,), rad/s, brake in proportion at `deceleration`, rad/s²."""
+    return float((np.abs(np.asarray(rates, float)) / np.asarray(deceleration, float)).max(initial=0.0))
+
+
+def stopping_motion(rates: ArrayLike, reaction: float, deceleration: ArrayLike, times: ArrayLike) -> Array:
+    """Travel (n, axes), rad, at `times` (n,) after the measured state, braking from `reaction` on; s, rad/s, rad/s²."""
+    rates, times = np.asarray(rates, float), np.asarray(times, float)
+    braking = braking_time(rates, deceleration)
+    since = np.clip(times - reaction, 0.0, braking)
+    lost = since**2 / (2 * braking) if braking > 0 else 0.0
+    return np.asarray((np.minimum(times, reaction) + since - lost)[:, None] * rates)
+
+
+def stopping_travel(rates: ArrayLike, reaction: float, deceleration: ArrayLike) -> Array:
+    """Travel (axes,), rad, until axes of `rates` (axes,), rad/s, stand: reaction in s, deceleration in rad/s²."""
+    return np.asarray(np.asarray(rates, float) * (reaction + braking_time(rates, deceleration) / 2))
+
+
+def latest_stop(hypothesis: Hypothesis, worst: WorstCase) -> Stop:
+    """The longest stop of a hypothesis in the worst case."""
+    rates, error = np.abs(hypothesis.rates), hypothesis.rate_error
+    reaction = worst.reaction
+    unseen = np.broadcast_to(np.asarray(worst.unseen_acceleration, float), rates.shape)
+    # A changed rate is between those of full speed in either direction.
+    most = np.asarray(worst.max_rate, float) + rates
+    changing = reaction + hypothesis.rate_age
+    change = np.minimum(unseen * changing, most)
+    strayed = np.minimum(unseen * changing**2 / 2, most * changing)
+    braking = braking_time(rates + error + change, worst.deceleration)
+    deviation = np.asarray(worst.angle_error, float) + error * reaction + strayed + (error + change) * braking / 2
+    return Stop(reaction + braking / 2, braking, np.asarray(deviation))

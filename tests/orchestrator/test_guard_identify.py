@@ -1,0 +1,91 @@
+"""Identification of motion by hand: seeded random motions of every kind by three arms, at encoder noise."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from guard_motions import CELLS, KIND_OF, KINDS, NOISE, cell_of, random_motion
+
+from scancell.guard.identify import Identifier
+from scancell.guard.motion import Kind, MeasuredState, Path
+
+MOTIONS = 100  # of each kind
+
+
+@pytest.mark.parametrize("arm", CELLS)
+def test_kinds_and_paths_from_three_samples(arm):
+    """At least 99.5 % are of the true kind; the true path stays possible, and the true rates are within their error."""
+    identifier = Identifier(cell_of(arm)[0], NOISE)
+    rng = np.random.default_rng(11)
+    wrong, missing, outside = Counter(), Counter(), 0
+    for name in KINDS:
+        for _ in range(MOTIONS):
+            motion = random_motion(arm, name, rng)
+            found = identifier.identify(motion.states(rng))
+            wrong[name] += found.kind is not KIND_OF[name]
+            missing[name] += motion.path not in [hypothesis.path for hypothesis in found.hypotheses]
+            rates = (motion.axes[-1] - motion.axes[0]) / (motion.times[-1] - motion.times[0])
+            outside += bool((np.abs(found.hypotheses[0].rates - rates) > found.hypotheses[0].rate_error).any())
+    count = MOTIONS * len(KINDS)
+    assert wrong.total() <= 0.005 * count, wrong
+    assert missing.total() <= 0.002 * count, missing
+    assert outside <= 0.005 * count
+
+
+@pytest.mark.parametrize("name", ["single joint", "translation", "rotation"])
+def test_speed_along_a_motion_is_free(name):
+    """Samples at uneven times of the same path: the kind is that of the path, whatever the speed on it."""
+    nominal, _ = cell_of("six_axis")
+    identifier, rng = Identifier(nominal, NOISE), np.random.default_rng(12)
+    kinds = Counter()
+    for _ in range(100):
+        motion = random_motion("six_axis", name, rng, times=np.array([0.0, 0.032, 0.096]))
+        uneven = [replace(state, time=0.032 * i) for i, state in enumerate(motion.states(rng))]
+        kinds[identifier.identify(uneven).kind] += 1
+    assert kinds[KIND_OF[name]] >= 99
+
+
+def test_translation_and_rotation_at_once_is_told_from_joints_where_it_bends():
+    """At a hundredth of the noise, the helix of the tool frame, the line and joint motion are three paths."""
+    nominal, _ = cell_of("six_axis")
+    identifier, rng = Identifier(nominal, NOISE / 100), np.random.default_rng(13)
+    alone = Counter()
+    for name in ("joints", "base", "tool"):
+        for _ in range(40):
+            motion = random_motion("six_axis", name, rng)
+            found = identifier.identify(motion.states(rng, NOISE / 100))
+            assert motion.path in [hypothesis.path for hypothesis in found.hypotheses]
+            alone[name] += len(found.hypotheses) == 1
+    assert min(alone.values()) >= 20
+
+
+def test_arm_at_rest_does_not_move():
+    """Standing axes have no rate, and the error of it covers what the noise may hide."""
+    nominal, _ = cell_of("six_axis")
+    rng = np.random.default_rng(14)
+    found = Identifier(nominal, NOISE).identify(random_motion("six_axis", "rest", rng).states(rng))
+    assert found.kind is Kind.REST
+    (hypothesis,) = found.hypotheses
+    assert hypothesis.path is Path.JOINT
+    assert not hypothesis.rates.any()
+    assert (hypothesis.rate_error >= 4 * NOISE / (0.032 * np.sqrt(2)) * (1 - 1e-9)).all()
+
+
+def test_motion_that_changes_within_the_samples_leaves_all_paths_possible():
+    nominal, _ = cell_of("six_axis")
+    axes = np.append(nominal.home, 0.0)
+    turn = np.radians(1.0) * np.eye(7)
+    states = [MeasuredState(0.032 * i, q[:-1], q[-1]) for i, q in enumerate((axes, axes + turn[0], axes + turn[1]))]
+    found = Identifier(nominal, NOISE).identify(states)
+    assert {hypothesis.path for hypothesis in found.hypotheses} == set(Path)
+
+
+def test_states_out_of_order_and_lone_states_are_refused():
+    nominal, _ = cell_of("six_axis")
+    state = MeasuredState(0.0, nominal.home, 0.0)
+    for states in ([state], [state, state], [MeasuredState(1.0, nominal.home, 0.0), state]):
+        with pytest.raises(ValueError, match="order of time"):
+            Identifier(nominal, NOISE).identify(states)
