@@ -25,8 +25,8 @@ constexpr std::size_t kLargestGrowth = 3;
 /// Larger fronts are not kept: 1.5 MB per pair.
 constexpr std::size_t kLargestFront = 1 << 16;
 
-/// Largest distance beyond the bound that is searched for the sake of later poses (m). Where the pair moves too
-/// much for it, looking ahead costs more than it saves.
+/// Largest distance beyond the bound that is searched for the sake of later poses (m). Where the pair moves
+/// too much for it, looking ahead costs more than it saves.
 constexpr double kFarthestAhead = 0.02;
 
 /// Upper bound on the relative motion of two bodies since the last search.
