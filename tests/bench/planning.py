@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.cell import CellDescription
 from scancell.config.choices import Mode
 from scancell.config.loading import load_setup
 from scancell.config.path import PathDescription
@@ -150,7 +151,8 @@ def _checked(cell: PlanningCell, made: Plan) -> tuple[int, int, str, float, floa
     fine = [_resampled(cell, made, name, points) for name, points in motions]
     used = max(float(limit_fractions(points, cell.axis_limits, period).max()) for points in fine)
     segments = sum(len(points) - 1 for _, points in motions)
-    return segments, len(dense), contact, used, _torque([points[:, :-1] for points in fine], period)
+    torque = motor_torques(load_setup().cell, [points[:, :-1] for points in fine], period).max()
+    return segments, len(dense), contact, used, float(torque)
 
 
 def _dense(points: Array) -> Array:
@@ -172,9 +174,8 @@ def _resampled(cell: PlanningCell, made: Plan, name: str, points: Array) -> Arra
     return np.concatenate([*3 * [line[:1]], line, *3 * [line[-1:]]])
 
 
-def _torque(motions: list[Array], period: float) -> float:
-    """Largest torque of a motor on motions (n, joints), rad, as a fraction of its limit."""
-    cell = load_setup().cell
+def motor_torques(cell: CellDescription, motions: list[Array], period: float) -> Array:
+    """Largest torque of each motor (joints,) on motions (n, joints), rad, every `period` s, as a share of its limit."""
     drives = [joint.drive for joint in cell.robot.joint if joint.drive is not None]
     rates = [np.gradient(q, period, axis=0) for q in motions]
     acceleration = np.concatenate([np.gradient(rate, period, axis=0) for rate in rates])
@@ -183,7 +184,7 @@ def _torque(motions: list[Array], period: float) -> float:
     torque += acceleration * [drive.motor_inertia_kg_m2 for drive in drives]
     torque += np.sign(rate) * [drive.coulomb_friction_n_m for drive in drives]
     torque += rate * [drive.viscous_friction_n_m_s_rad for drive in drives]
-    return float((np.abs(torque) / [drive.max_torque_n_m for drive in drives]).max())
+    return np.asarray((np.abs(torque) / [drive.max_torque_n_m for drive in drives]).max(0))
 
 
 def table_of(rows: list[Row], cases: list[dict[str, Any]]) -> Iterator[str]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cells import CYCLE, RANGE, block
 
+from bench.planning import motor_torques
 from scancell.config.cell import CellDescription
 from scancell.config.loading import load_setup
 from scancell.errors import PlanningError
@@ -15,7 +16,7 @@ from scancell.nominal.cell import nominal_cell
 from scancell.planning import trajectory
 from scancell.planning.connection import Connector
 from scancell.planning.model import PlanningCell
-from scancell.planning.torques import TorqueLimits, joint_torques
+from scancell.planning.torques import TorqueLimits
 
 START = np.radians([0.0, 45.0, -30.0, 0.0, 30.0, 0.0])
 END = np.radians([60.0, 90.0, -60.0, 40.0, -30.0, 90.0])
@@ -33,18 +34,6 @@ def weakened(share: float) -> CellDescription:
     return cell.model_copy(update={"robot": cell.robot.model_copy(update={"joint": tuple(joints)})})
 
 
-def motor_torques(cell: CellDescription, q: np.ndarray, period: float) -> np.ndarray:
-    """Largest torque (joints,) as a fraction of the limit along joints (n, 6) every `period` s."""
-    rate = np.gradient(q, period, axis=0)
-    acceleration = np.gradient(rate, period, axis=0)
-    drives = [joint.drive for joint in cell.robot.joint if joint.drive is not None]
-    torque = joint_torques(cell, q, rate, acceleration)
-    torque += acceleration * [d.motor_inertia_kg_m2 for d in drives]
-    torque += np.sign(rate) * [d.coulomb_friction_n_m for d in drives]
-    torque += rate * [d.viscous_friction_n_m_s_rad for d in drives]
-    return np.asarray((np.abs(torque) / [d.max_torque_n_m for d in drives]).max(0))
-
-
 @pytest.mark.parametrize("share", [0.09, 0.11])
 def test_a_move_with_weak_motors_keeps_their_torque_limits(share: float) -> None:
     cell = weakened(share)
@@ -52,8 +41,8 @@ def test_a_move_with_weak_motors_keeps_their_torque_limits(share: float) -> None
     start, end = np.append(START, 0.0), np.append(END, 0.0)
     fast = Connector(planning, 0.005).move(start, end)
     slow = Connector(replace(planning, torques=TorqueLimits(cell)), 0.005).move(start, end)
-    assert motor_torques(cell, fast[:, :6], CYCLE).max() > 1.0
-    used = motor_torques(cell, slow[:, :6], CYCLE).max()
+    assert motor_torques(cell, [fast[:, :6]], CYCLE).max() > 1.0
+    used = motor_torques(cell, [slow[:, :6]], CYCLE).max()
     assert 0.6 < used < 1.0
     # The same line, only slower.
     line = (slow - start) @ (end - start) / ((end - start) @ (end - start))

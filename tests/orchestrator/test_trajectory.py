@@ -94,4 +94,5 @@ def test_limit_fractions_and_slowdown_of_known_motions():
     assert fractions[:, 0] == pytest.approx([0.5, 0.0, 0.0], abs=1e-8)
     assert fractions[1:, 1] == pytest.approx([0.5, 0.0], abs=1e-6)
     assert fractions[2, 2] == pytest.approx(0.25, abs=1e-6)
-    assert trajectory.needed_slowdown(p, limits, CYCLE) == pytest.approx((fractions ** np.c_[[1, 1 / 2, 1 / 3]]).max(0))
+    needed = trajectory.needed_slowdown(fractions)
+    assert needed.max(0) == pytest.approx((fractions ** np.c_[[1, 1 / 2, 1 / 3]]).max(0))

@@ -96,6 +96,14 @@ def rotation_about(axis: int, angle: ArrayLike) -> Array:
     return result
 
 
+def looking_from(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
+    """Rotations (..., 3, 3) of a sensor whose z points against the direction at these angles (rad); its x is level."""
+    c, s = np.broadcast_arrays(np.cos(elevation), np.sin(elevation))
+    zero, one = np.zeros_like(c), np.ones_like(c)
+    rows = [np.stack([zero, -s, -c], -1), np.stack([-one, zero, zero], -1), np.stack([zero, c, -s], -1)]
+    return np.asarray(rotation_about(2, azimuth) @ np.stack(rows, -2))
+
+
 def rotation_from_euler_xyz(angles: ArrayLike) -> Array:
     """Rotations (..., 3, 3) of intrinsic X, Y', Z'' angles (..., 3): R = Rx(a) Ry(b) Rz(c)."""
     a = np.asarray(angles, float)

@@ -36,8 +36,8 @@ class Path(Enum):
 class Kind(Enum):
     """The plainest motion that measured states agree with.
 
-    One of several joints cannot be told from one that combines translation and rotation by a few states: both are
-    `COMBINED`.
+    One of several joints cannot be distinguished from one that combines translation and rotation in a few states: both
+    are `COMBINED`.
     """
 
     REST = "at rest"

@@ -11,7 +11,7 @@ from scancell.planning.connection import Connector
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_planner import PlacedPath
-from scancell.planning.placement import LIMIT_FRACTION, PlacedPass, PlacedPose, PlacedSweep
+from scancell.planning.placement import PlacedPass, PlacedPose, PlacedSweep, sweep_run
 
 Array = NDArray[np.float64]
 Parts = tuple[Program, NDArray[np.int64], Array, Array]
@@ -34,7 +34,6 @@ class Assembly:
         self._cell = cell
         self._options = options
         self._connector = Connector(cell, options.clearance)
-        self._limits = cell.axis_limits.scaled(LIMIT_FRACTION)
         self._at = np.append(cell.nominal.home, cell.table_start)
         self._segments: list[Segment] = []
         self._exposures: list[tuple[int, Array]] = []
@@ -49,12 +48,8 @@ class Assembly:
             self._expose_at_rest(points, placed.view.name)
             return
         assert self._options.sweep is not None
-        *_, (speed, acceleration, jerk) = np.transpose(
-            [self._limits.speed, self._limits.acceleration, self._limits.jerk]
-        ).tolist()
-        cycle = self._cell.cycle
-        run = trajectory.run(count, step, min(self._options.sweep.speed, speed), acceleration, cycle, jerk)
-        table = first + run.at(trajectory.cycle_times(run.duration, cycle))
+        run = sweep_run(self._cell, count, self._options.sweep.speed)
+        table = first + run.at(trajectory.cycle_times(run.duration, self._cell.cycle))
         setpoints = np.column_stack([np.tile(placed.q, (len(table), 1)), table])
         self._run(setpoints, run, TriggerRule("table_angle", step), points, placed.view.name)
 

@@ -42,14 +42,12 @@ def contour_poses(contour: ContourDescription, part: Mesh, standoff: float) -> A
     start = int(np.argmin(np.abs(np.angle(np.exp(1j * (azimuth - np.radians(contour.start_deg)))))))
     order = np.roll(np.arange(count), -start)
     order = np.append(order, order[0]) if contour.turns > 0 else np.append(order, order[0])[::-1]
-    c, s = np.cos(np.radians(contour.elevation_deg)), np.sin(np.radians(contour.elevation_deg))
-    direction = np.stack([c * np.cos(azimuth), c * np.sin(azimuth), np.full(count, s)], -1)[order]
+    # Rolled by half a turn: the sensor's x points counterclockwise.
+    looking = pose.looking_from(azimuth, np.radians(contour.elevation_deg))
+    rotation = (looking @ np.diag([-1.0, -1.0, 1.0]))[order]
     target = np.column_stack([_averaged(fine, window / window.sum()), np.full(count, height)])[order]
-    origin = target + standoff * direction
+    origin = target - standoff * rotation[:, :, 2]
     _refuse_loops(origin, target, contour)
-    across = np.stack([-np.sin(azimuth), np.cos(azimuth), np.zeros(count)], -1)[order]
-    # Sensor axes: x along the contour, z towards it, y = z × x.
-    rotation = np.stack([across, np.cross(-direction, across), -direction], -1)
     return pose.from_rotation(rotation, origin)
 
 

@@ -27,7 +27,7 @@ from scancell.planning.legs import legs
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import CoverageOptions, ScanOptions
 from scancell.planning.paths import sweeps, sweeps_beside_axis
-from scancell.planning.placement import LIMIT_FRACTION, PATH_ACCELERATION, Infeasible, Placed, Placer
+from scancell.planning.placement import PATH_ACCELERATION, Infeasible, Placed, Placer, sweep_run
 from scancell.planning.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Judgements, Sight
 from scancell.planning.surface import Surface
 from scancell.planning.views import Pass, Sweep, exposure_counts
@@ -221,17 +221,16 @@ class CoveragePlanner:
             self._pool.add(view, judged, self._time(view))
 
     def _time(self, view: Sweep | Pass) -> float:
-        sweep, raster, nominal = self._options.sweep, self._options.raster, self._cell.nominal
+        sweep, raster = self._options.sweep, self._options.raster
         count = self._count(view)
         if isinstance(view, Sweep):
             assert sweep is not None
-            acceleration = LIMIT_FRACTION * nominal.table_max_acceleration
-            speed = min(sweep.speed, LIMIT_FRACTION * nominal.table_max_speed)
-            step = 2 * np.pi / count
+            run = sweep_run(self._cell, count, sweep.speed)
         else:
             assert raster is not None
-            step, speed, acceleration = view.length / (count - 1), raster.speed, PATH_ACCELERATION
-        return _TRANSIT + trajectory.run(count, step, speed, acceleration, self._cell.cycle).duration
+            step = view.length / (count - 1)
+            run = trajectory.run(count, step, raster.speed, PATH_ACCELERATION, self._cell.cycle)
+        return _TRANSIT + run.duration
 
     def _count(self, view: Sweep | Pass) -> int:
         return exposure_counts([view], self._options.spacing, sys.maxsize)[0]

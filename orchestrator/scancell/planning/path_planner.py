@@ -102,7 +102,7 @@ class PathPlanner:
 
     def __init__(self, cell: PlanningCell, clearance: float, judges: Sequence[Judge] = ()) -> None:
         self._judges = judges
-        self._cell, self._clearance = cell, clearance
+        self._cell = cell
         self._ranges = cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH)
         self._motions = cell.motion_check(clearance)
 

@@ -85,6 +85,12 @@ Placed = PlacedSweep | PlacedPass
 _T = TypeVar("_T", PlacedSweep, PlacedPass, PlacedPose)
 
 
+def sweep_run(cell: PlanningCell, count: int, speed: float) -> trajectory.Run:
+    """A full turn of the table with `count` exposures at a speed, rad/s, or the highest that is planned."""
+    fastest, acceleration, jerk = cell.axis_limits.scaled(LIMIT_FRACTION).of_axis(-1)
+    return trajectory.run(count, 2 * np.pi / count, min(speed, fastest), acceleration, cell.cycle, jerk)
+
+
 def azimuths(preferred: float) -> Array:
     """Candidate azimuths (24,), rad: the preferred one, then every 15 degrees alternately on both sides of it."""
     steps = np.array([0, *(s * k for k in range(1, 12) for s in (-1, 1)), 12])

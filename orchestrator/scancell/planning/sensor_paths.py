@@ -198,22 +198,9 @@ def _apart(poses: Array, name: str) -> Array:
     return np.asarray(kept)
 
 
-def _viewing(azimuth: Array, elevation: Array, roll: float = 0.0) -> Array:
-    """Rotations (..., 3, 3) of a sensor that is seen from the part in these directions, its laser line vertical."""
-    c, s = np.cos(elevation), np.sin(elevation)
-    zero, one = np.zeros_like(c), np.ones_like(c)
-    looking = np.stack(
-        [np.stack([zero, -s, -c], -1), np.stack([-one, zero, zero], -1), np.stack([zero, c, -s], -1)], -2
-    )
-    return np.asarray(pose.rotation_about(2, azimuth) @ looking @ pose.rotation_about(2, np.asarray(roll)))
-
-
 def _looking(point: WaypointDescription, standoff: float) -> Array:
-    rotation = _viewing(
-        np.asarray(np.radians(point.azimuth_deg)),
-        np.asarray(np.radians(point.elevation_deg)),
-        float(np.radians(point.roll_deg)),
-    )
+    looking = pose.looking_from(np.radians(point.azimuth_deg), np.radians(point.elevation_deg))
+    rotation = looking @ pose.rotation_about(2, np.radians(point.roll_deg))
     target = 1e-3 * np.array([point.x_mm, point.y_mm, point.z_mm])
     return np.asarray(pose.from_rotation(rotation, target - standoff * rotation[:, 2]))
 
@@ -224,7 +211,7 @@ def _spiral(spiral: SpiralDescription, part: Mesh, standoff: float) -> Array:
     fraction = np.linspace(0.0, 1.0, max(2, int(np.ceil(abs(turn) / _SPIRAL_STEP))) + 1)
     azimuth = np.radians(spiral.start_deg) + turn * fraction
     elevation = np.radians(np.interp(fraction, [0, 1], spiral.elevation_deg))
-    rotation = _viewing(azimuth, elevation)
+    rotation = pose.looking_from(azimuth, elevation)
     middle = 1e3 * float(part.bounds[:, 2].mean())
     height = 1e-3 * np.interp(fraction, [0, 1], spiral.height_mm or (middle, middle))
     radius = 1e-3 * np.interp(fraction, [0, 1], spiral.radius_mm or (0.0, 0.0))

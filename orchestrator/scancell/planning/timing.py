@@ -47,11 +47,9 @@ def slowdown(cell: PlanningCell, positions: Callable[[Array], Array], duration: 
     fine = positions(np.asarray(period * np.arange(-3, int(np.ceil(duration / period)) + 4), np.float64))
     if not np.isfinite(fine).all():
         return "the path leaves the reach or the joint limits"
-    fractions = trajectory.limit_fractions(fine, cell.axis_limits, period)
-    needed = trajectory.needed_slowdown(fine, cell.axis_limits, period)
-    axis = int(np.argmax(needed))
-    order = np.argmax(fractions[:, axis] ** np.array([1.0, 1 / 2, 1 / 3]))
-    factor, limit = float(needed[axis]), f"{_LIMITED[order]} limit of {axis_name(cell, axis)}"
+    needed = trajectory.needed_slowdown(trajectory.limit_fractions(fine, cell.axis_limits, period))
+    order, axis = (int(i) for i in np.unravel_index(np.argmax(needed), needed.shape))
+    factor, limit = float(needed[order, axis]), f"{_LIMITED[order]} limit of {axis_name(cell, axis)}"
     if cell.torques is not None:
         by_torque, joint = cell.torques.needed_slowdown(fine[:, :-1], period)
         if not np.isfinite(by_torque):

@@ -25,6 +25,10 @@ class Limits:
     acceleration: Array
     jerk: Array
 
+    def of_axis(self, axis: int) -> tuple[float, float, float]:
+        """Speed, acceleration and jerk of one axis."""
+        return float(self.speed[axis]), float(self.acceleration[axis]), float(self.jerk[axis])
+
     def scaled(self, fraction: float) -> Limits:
         """A fraction of these limits."""
         return Limits(fraction * self.speed, fraction * self.acceleration, fraction * self.jerk)
@@ -144,7 +148,6 @@ def limit_fractions(positions: ArrayLike, limits: Limits, period: float) -> Arra
     return np.stack([peak / limit for peak, limit in zip(peaks, of, strict=True)])
 
 
-def needed_slowdown(positions: ArrayLike, limits: Limits, period: float) -> Array:
-    """Factors (axes,) by which a motion must last longer so that each axis just keeps its limits; below 1: faster."""
-    roots = np.array([1.0, 1 / 2, 1 / 3])[:, None]
-    return np.asarray((limit_fractions(positions, limits, period) ** roots).max(0))
+def needed_slowdown(fractions: Array) -> Array:
+    """Factors (3, axes) by which a motion of these `limit_fractions` must last longer to just keep each limit."""
+    return np.asarray(fractions ** np.array([1.0, 1 / 2, 1 / 3])[:, None])

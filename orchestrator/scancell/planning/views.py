@@ -126,9 +126,8 @@ class Pass:
 
 def sweep_pose(target: Array, elevation: float, distance: float) -> Array:
     """``table_from_sensor`` (4, 4) at azimuth 0 that looks at `target` (3,) from `distance` (m), sheet vertical."""
-    c, s = np.cos(elevation), np.sin(elevation)
-    rotation = np.array([[0.0, -s, -c], [-1.0, 0.0, 0.0], [0.0, c, -s]])
-    return pose.from_rotation(rotation, target + distance * np.array([c, 0.0, s]))
+    rotation = pose.looking_from(0.0, elevation)
+    return pose.from_rotation(rotation, target - distance * rotation[:, 2])
 
 
 def exposure_counts(views: Sequence[View], spacing: Spacing, max_profiles: int) -> list[int]:

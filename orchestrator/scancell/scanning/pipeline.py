@@ -144,12 +144,15 @@ class ScanPipeline(Closing):
         own = pair_clearances(setup.scan, nominal)
         cell = PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads, pair_clearance=own)
         sight = Sight(nominal, setup.sensor, self._measurable, self.threads)
-        described = (setup.scan.model_dump_json(), setup.sensor.model_dump_json(), setup.cell.robot.model_dump_json())
+        is_dynamic, described = setup.cell.robot.drive == "dynamic", [setup.scan.model_dump_json()]
+        # Only what this plan depends on: a study of other values plans once.
+        described += [setup.sensor.model_dump_json()] if setup.scan.coverage.enabled else []
+        described += [setup.cell.model_dump_json()] if is_dynamic else []
         key = _digest([_without_optics(nominal), cell.range, cell.cycle, *described])
         key += "" if saved is None else _digest([saved.program])
 
         def make() -> Plan:
-            torques = TorqueLimits(setup.cell) if setup.cell.robot.drive == "dynamic" else None
+            torques = TorqueLimits(setup.cell) if is_dynamic else None
             here, options = replace(cell, torques=torques), scan_options(setup.scan)
             return plan(here, options, sight, judges) if saved is None else recheck(here, saved, options)
 

@@ -186,10 +186,8 @@ def orientations() -> Array:
     """
     result = []
     for elevation in np.arange(-np.pi / 2, np.pi / 2 + ANGLE_STEP / 2, ANGLE_STEP):
-        c, s = np.cos(elevation), np.sin(elevation)
-        upright = np.array([[0.0, -s, -c], [-1.0, 0.0, 0.0], [0.0, c, -s]])
-        headings = np.arange(_AZIMUTHS if c > 1e-9 else 1) * ANGLE_STEP
-        result.append(upright @ pose.rotation_about(2, headings))
+        headings = np.arange(_AZIMUTHS if np.cos(elevation) > 1e-9 else 1) * ANGLE_STEP
+        result.append(pose.looking_from(0.0, elevation) @ pose.rotation_about(2, headings))
     return np.concatenate(result)
 
 
