@@ -200,12 +200,14 @@ def table_of(rows: list[Row], cases: list[dict[str, Any]]) -> Iterator[str]:
         if not own:
             continue
         both = [row for row in own if np.isfinite(row.gap)]
-        gap = [100 * row.gap for row in both] or [np.nan]
-        share = [100 * row.evaluated for row in both] or [np.nan]
+        gap, share = [100 * row.gap for row in both], [100 * row.evaluated for row in both]
+        measured = "- | - | - | -"
+        if both:
+            measured = f"{np.median(gap):.1f} % | {np.percentile(gap, 95):.1f} % | {np.median(share):.1f} %"
+            measured += f" | {max(share):.1f} %"
         yield (
             f"| {kind} | {len(own)} | {sum(row.optimum_solves for row in own)} | {sum(row.rays_solve for row in own)} |"
-            f" {sum(row.planned for row in own)} | {np.median(gap):.1f} % | {np.percentile(gap, 95):.1f} % |"
-            f" {np.median(share):.1f} % | {max(share):.1f} % | {np.median([row.seconds_rays for row in own]):.1f} s |"
+            f" {sum(row.planned for row in own)} | {measured} | {np.median([row.seconds_rays for row in own]):.1f} s |"
             f" {np.median([row.seconds_optimum for row in own]):.1f} s |"
         )
     blocked = [row for row in rows if row.kind == "blocked"]
@@ -213,6 +215,10 @@ def table_of(rows: list[Row], cases: list[dict[str, Any]]) -> Iterator[str]:
     planned = [row for row in rows if row.planned]
     contacts = [f"{row.name}: {row.contact}" for row in planned if row.contact]
     yield ""
+    refused = [f"{row.name}: {row.cause}" for row in rows if row.kind != "blocked" and not row.planned]
+    seconds = [row.seconds_plan for row in rows if row.kind in WANTED]
+    yield f"- Cases with a motion that are refused: {'; '.join(refused) or 'none'}."
+    yield f"- Processor time of a whole plan: {np.median(seconds):.1f} s in the median, at most {max(seconds):.0f} s."
     yield f"- Blocked cases refused with the constraint by which they are blocked: {right} of {len(blocked)}."
     yield (
         f"- {sum(row.segments for row in planned):,} motion segments of {len(planned)} plans, re-checked by python-fcl"
