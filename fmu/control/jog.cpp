@@ -102,6 +102,9 @@ Knot Jog::axis(std::size_t i, double wanted, double cycle, const Knots& present)
 }
 
 Knots Jog::joints(double cycle, const Command& command, const Knots& present) {
+  state_.error = ControllerError::kNone;
+  state_.limit = 0;
+  if (jog_released(command)) return brake_synchronously(cycle, limits_, present);
   Axes wanted;
   for (std::size_t i = 0; i < kAxes; ++i) {
     wanted[i] = command.jog[i] * jog_.joint_share * limits_[i].max_speed;
@@ -113,13 +116,29 @@ Knots Jog::joints(double cycle, const Command& command, const Knots& present) {
   }
   const double tool_speed = tool_velocity.norm();
   const double scale = std::min(1.0, jog_.line_speed / std::max(tool_speed, 1e-12));
-  state_.error = ControllerError::kNone;
-  state_.limit = 0;
+  Axes change{};
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    change[i] = (i < kTableAxis ? scale * wanted[i] : wanted[i]) - present[i].velocity;
+  }
+  const double ratio = std::max(1.0, change_ratio(change, jacobian, cycle));
   Knots knots;
   for (std::size_t i = 0; i < kAxes; ++i) {
-    knots[i] = axis(i, i < kTableAxis ? scale * wanted[i] : wanted[i], cycle, present);
+    knots[i] = axis(i, present[i].velocity + change[i] / ratio, cycle, present);
   }
   return knots;
+}
+
+/// Largest ratio of a change of axis speeds within a cycle to the limits of axes and tool.
+double Jog::change_ratio(const Axes& change, const Jacobian& jacobian, double cycle) const {
+  double ratio = 0;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    const double acceleration = jog_.joint_share * limits_[i].max_acceleration;
+    ratio = std::max(ratio, std::abs(change[i]) / (acceleration * cycle));
+  }
+  Vector6 twist = Vector6::Zero();
+  for (int i = 0; i < jacobian.cols(); ++i) twist += change[static_cast<std::size_t>(i)] * jacobian.col(i);
+  ratio = std::max(ratio, twist.head<3>().norm() / (jog_.line_acceleration * cycle));
+  return std::max(ratio, twist.tail<3>().norm() / (jog_.angular_acceleration * cycle));
 }
 
 struct Jog::Attempt {
@@ -173,13 +192,15 @@ std::optional<Jog::Attempt> Jog::within_limits(double cycle, const Command& comm
   }
   if (speed_ratio > 1) found = attempt(ramped(found->twist / speed_ratio, cycle), cycle, present);
   if (!found) return found;
-  double acceleration_ratio = 1;
+  const Vector6 change = found->twist - state_.twist;
+  const Axes rates = resolved_rates(arm_, found->columns, change);
+  double acceleration_ratio = std::max(1.0, change_ratio(rates, Jacobian(), cycle));
   for (std::size_t i = 0; i < kMaxJoints; ++i) {
     const double acceleration = peak_acceleration(present[i], found->knots[i], cycle);
     acceleration_ratio = std::max(acceleration_ratio, acceleration / (0.8 * limits_[i].max_acceleration));
   }
   if (acceleration_ratio > 1) {
-    found = attempt(state_.twist + (found->twist - state_.twist) / acceleration_ratio, cycle, present);
+    found = attempt(state_.twist + change / acceleration_ratio, cycle, present);
   }
   return found;
 }
@@ -219,8 +240,11 @@ Knots Jog::cartesian(double cycle, const Command& command, const Knots& present)
   Knots knots = found->knots;
   state_.error = ControllerError::kNone;
   state_.limit = 0;
-  const double table = command.jog[kTableAxis] * jog_.joint_share * limits_[kTableAxis].max_speed;
-  knots[kTableAxis] = axis(kTableAxis, table, cycle, present);
+  const AxisLimits& table = limits_[kTableAxis];
+  const double turning = present[kTableAxis].velocity;
+  const double wanted = command.jog[kTableAxis] * jog_.joint_share * table.max_speed;
+  const double step = jog_.joint_share * table.max_acceleration * cycle;
+  knots[kTableAxis] = axis(kTableAxis, turning + std::clamp(wanted - turning, -step, step), cycle, present);
   return knots;
 }
 

@@ -8,9 +8,10 @@
 
 namespace robotcell::control {
 
-/// Limits of jogging; speeds are those at full deflection.
+/// Limits of jogging; speeds are those at full deflection. Accelerations limit how fast the commanded motion
+/// changes, in joint and Cartesian jogs; a released joint jog brakes as fast as the axes can.
 struct JogLimits {
-  double joint_share = 0;           // fraction of each axis' maximum speed
+  double joint_share = 0;           // fraction of each axis' maximum speed and acceleration
   double line_speed = 0;            // m/s, of the tool; limits joint jogs, too
   double angular_speed = 0;         // rad/s, of the tool
   double line_acceleration = 0;     // m/s^2
@@ -44,6 +45,7 @@ class Jog {
 
  private:
   struct Attempt;
+  double change_ratio(const Axes& change, const Jacobian& jacobian, double cycle) const;
   Vector6 commanded_twist(const Command& command) const;
   Vector6 ramped(const Vector6& wanted, double cycle) const;
   std::optional<Attempt> attempt(const Vector6& twist, double cycle, const Knots& present) const;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <random>
 
 #include "tests/fmu/arm_model.h"
 
@@ -101,6 +102,63 @@ TEST_F(JogTest, ToolSpeedIsLimitedInManualOperation) {
     EXPECT_LE(fastest, 0.25 * 1.002);
     EXPECT_GT(fastest, 0.24);
   }
+}
+
+/// Largest ratios of the changes of axis speeds and of the tool's twist in a cycle to the jog accelerations.
+double jog_change(const Drive& drive, const Knots& before, const Knots& after) {
+  const ControllerSettings limits = settings();
+  const double cycle = 1e-6 * static_cast<double>(kCycle);
+  double ratio = 0;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    const double most = limits.jog.joint_share * limits.motion.axes[i].max_acceleration * cycle;
+    ratio = std::max(ratio, std::abs(after[i].velocity - before[i].velocity) / most);
+  }
+  const auto twist = [&](const Knots& knots) {
+    Vector6 rates;
+    for (std::size_t i = 0; i < kArmJoints; ++i) rates[static_cast<int>(i)] = knots[i].velocity;
+    return Vector6(drive.arm.tool(Drive::axes(before)).jacobian * rates);
+  };
+  const Vector6 change = twist(after) - twist(before);
+  ratio = std::max(ratio, change.head<3>().norm() / (limits.jog.line_acceleration * cycle));
+  return std::max(ratio, change.tail<3>().norm() / (limits.jog.angular_acceleration * cycle));
+}
+
+TEST_F(JogTest, JogsChangeNoFasterThanTheirAccelerations) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> deflection(-1, 1);
+  for (const Mode mode : {Mode::kJointJog, Mode::kCartesianJog}) {
+    Drive drive;
+    drive.command.operation = Operation::kManual;
+    drive.command.mode = mode;
+    double largest = 0;
+    for (int k = 0; k < 60; ++k) {
+      for (double& jog : drive.command.jog) jog = k % 3 == 0 ? deflection(random) : jog * (k % 2);
+      drive.command.jog[0] = std::copysign(0.2, deflection(random));  // never released
+      for (int cycle = 0; cycle < 6; ++cycle) {
+        const Knots before = drive.controller.sample(drive.now);
+        drive.run(1);
+        largest = std::max(largest, jog_change(drive, before, drive.controller.sample(drive.now)));
+      }
+    }
+    // In Cartesian jogs axes also change their speed because the arm's posture changes.
+    EXPECT_LE(largest, mode == Mode::kJointJog ? 1 + 1e-6 : 1.5);
+    EXPECT_GT(largest, 0.9);
+  }
+}
+
+TEST_F(JogTest, ReleasedJointJogBrakesInItsDirection) {
+  drive_.command.mode = Mode::kJointJog;
+  drive_.command.jog = {0.5, -0.3, 0.2};
+  drive_.run(60);
+  const Knots start = drive_.controller.sample(drive_.now);
+  drive_.command.jog.fill(0);
+  drive_.run_to_rest([&](const Knots& knots) {
+    const double share = (knots[0].position - start[0].position) / start[0].velocity;
+    for (const std::size_t i : {1u, 2u}) {
+      EXPECT_NEAR(knots[i].position - start[i].position, share * start[i].velocity, 1e-12);
+    }
+  });
+  EXPECT_LT(std::abs(drive_.position()[0] - start[0].position), std::abs(start[0].velocity) * 0.05);
 }
 
 TEST_F(JogTest, JointJogStopsBeforeLimitAndReportsIt) {

@@ -54,11 +54,13 @@ class MotionDescription(Description):
     jog_speed_mm_s: Annotated[float, Field(gt=0.0, le=250.0)] = Field(
         default=250.0, description="Cartesian jog speed of the tool at full deflection, mm/s; ISO 10218-1 allows 250"
     )
-    jog_acceleration_mm_s2: Positive = Field(default=800.0, description="Cartesian jog acceleration, mm/s²")
+    jog_acceleration_mm_s2: Positive = Field(default=800.0, description="acceleration of the tool when jogging, mm/s²")
     jog_turn_speed_deg_s: Positive = Field(
         default=45.0, description="angular jog speed of the tool at full deflection, deg/s"
     )
-    jog_turn_acceleration_deg_s2: Positive = Field(default=180.0, description="angular jog acceleration, deg/s²")
+    jog_turn_acceleration_deg_s2: Positive = Field(
+        default=180.0, description="angular acceleration of the tool when jogging, deg/s²"
+    )
     jog_joint_share: Fraction = Field(
-        default=0.1, description="joint jog speed at full deflection, as a share of the joint's max_speed, 0..1"
+        default=0.1, description="share of the joints' max_speed and max_acceleration that jogging uses, 0..1"
     )
