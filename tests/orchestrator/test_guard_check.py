@@ -17,6 +17,7 @@ from scancell.guard.identify import Identifier
 from scancell.guard.motion import Hypothesis, MeasuredState, Path
 from scancell.guard.stopping import WorstCase, stopping_motion
 from scancell.guard.tool import Tool
+from scancell.guard.unseen import JogLimits
 from scancell.nominal.cell import Body, NominalCell
 from scancell.proximity.cell_scene import cell_scene
 from scancell.proximity.scene import ProximityScene
@@ -243,7 +244,7 @@ def test_unseen_changes_take_room():
         hypotheses = Identifier(cell, NOISE).identify(motion.states(rng)).hypotheses
         one, other = (
             ManualCheck(cell, scene, CONTACT, worst, HORIZON).check(hypotheses).stop_is_proved
-            for worst in (WORST, replace(WORST, unseen_acceleration=2.0))
+            for worst in (WORST, replace(WORST, unseen=JogLimits(np.full(7, 1.5), 0.8, 3.0)))
         )
         assert one or not other
         plain, careful = plain + one, careful + other

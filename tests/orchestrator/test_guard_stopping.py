@@ -7,6 +7,7 @@ import pytest
 
 from scancell.guard.motion import Hypothesis, MeasuredState, Path
 from scancell.guard.stopping import WorstCase, braking_time, latest_stop, stopping_motion, stopping_travel
+from scancell.guard.unseen import JogLimits
 
 DECELERATION = np.radians([900.0, 900.0, 1000.0, 1200.0, 1200.0, 2000.0, 340.0])
 
@@ -56,11 +57,11 @@ def test_controller_that_brakes_in_cycles_stands_one_cycle_later_at_most():
 def test_latest_stop_bounds_every_earlier_and_harder_one():
     """Random rates within their errors, changed unseen, braked sooner and harder: axes stay near the way."""
     rng = np.random.default_rng(3)
-    unseen, most = np.radians(200.0), np.radians(40.0)
-    worst = WorstCase(0.03, 0.032, 0.04, DECELERATION, np.radians(0.02), unseen, most)
+    unseen = np.radians(100.0)
+    worst = WorstCase(0.03, 0.032, 0.04, DECELERATION, np.radians(0.02), JogLimits(np.full(7, unseen), 1.0, 1.0))
     largest = 0.0
     for _ in range(300):
-        rates = np.clip(random_rates(rng), -most, most)
+        rates = random_rates(rng)
         error = np.full(7, np.radians(0.5))
         state = MeasuredState(0.0, np.zeros(6), 0.0)
         stop = latest_stop(Hypothesis(Path.JOINT, state, rates, error, 0.032), worst)
@@ -75,7 +76,7 @@ def test_latest_stop_bounds_every_earlier_and_harder_one():
         now = now + change * reaction
         positions = axes + stopping_motion(now, 0.0, DECELERATION * rng.uniform(1, 1.5), np.linspace(0, 0.3, 40))
         away = np.abs(positions[:, None] - way[None])
-        share = (away / stop.deviation).max(2).min(1)
+        share = (away / (stop.deviation + unseen * stop.unseen / 2)).max(2).min(1)
         assert (share <= 1 + 1e-9).all()
         largest = max(largest, float(share.max()))
     assert largest > 0.5  # the bound is not true only because it is huge

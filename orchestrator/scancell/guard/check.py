@@ -16,6 +16,7 @@ from scancell.guard.motion import Hypothesis, Path
 from scancell.guard.predict import Predictor
 from scancell.guard.stopping import Stop, WorstCase, braking_time, latest_stop
 from scancell.guard.tool import Tool
+from scancell.guard.unseen import UnseenApproach
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.motion_check import MotionCheck, MotionClash
 from scancell.proximity.scene import ProximityScene
@@ -124,6 +125,7 @@ class ManualCheck:
         self._fine_motions = MotionCheck(nominal, scene, self._clearance, threads)
         self._number = {pair: i for i, pair in enumerate(scene.pairs)}
         self._predictor, self._tool = Predictor(nominal), Tool(nominal)
+        self._unseen = None if worst.unseen is None else UnseenApproach(nominal, scene.pairs, worst.unseen)
         self._worst, self._horizon = worst, horizon
 
     def check(self, hypotheses: Sequence[Hypothesis]) -> Verdict:
@@ -136,13 +138,18 @@ class ManualCheck:
         times = np.linspace(0.0, ends, _PIECES + 1).T
         axes = self._predictor.axes([*moving, *moving], times)
         deviation = np.zeros((len(axes), axes.shape[2]))
+        clearance = np.tile(self._clearance, (len(axes), 1))
         for row, stop in enumerate(stops):
             deviation[row] = _stop_deviation(axes[row], times[row], stop, self._worst)
+            if self._unseen is not None:
+                clearance[row] += self._unseen.bound(axes[row, 0], stop.unseen)
         checked = deviation.max(1) <= _FARTHEST_ASTRAY
-        clashes = self._clashes(axes, deviation, checked)
+        clashes = self._clashes(axes, deviation, clearance, checked)
         without_stop, contacts = [], []
         for row, hypothesis in enumerate(moving):
-            if checked[row] and (blocked := self._unstoppable(hypothesis, axes[row], deviation[row], clashes[row])):
+            if checked[row] and (
+                blocked := self._unstoppable(hypothesis, axes[row], deviation[row], clearance[row], clashes[row])
+            ):
                 without_stop.append(blocked)
             ahead = row + len(moving)
             if contact := self._contact(hypothesis, axes[ahead], times[ahead], clashes[ahead]):
@@ -150,11 +157,12 @@ class ManualCheck:
         contacts.sort(key=lambda contact: contact.free_until)
         return Verdict(tuple(contacts), tuple(without_stop), not checked.all())
 
-    def _clashes(self, axes: Array, deviation: Array, checked: NDArray[np.bool_]) -> list[Clashes]:
+    def _clashes(self, axes: Array, deviation: Array, clearance: Array, checked: NDArray[np.bool_]) -> list[Clashes]:
         """Clashes of the pieces of each of the motions (m, n, joints + 1) that are `checked` (m,)."""
         of_axes = axes.shape[2]
         start, end = axes[checked, :-1].reshape(-1, of_axes), axes[checked, 1:].reshape(-1, of_axes)
-        found = iter(self._motions.first_clashes(start, end, np.repeat(deviation[checked], _PIECES, 0)))
+        of_pieces = (np.repeat(rows[checked], _PIECES, 0) for rows in (deviation, clearance))
+        found = iter(self._motions.first_clashes(start, end, *of_pieces))
         return [[next(found) for _ in range(_PIECES)] if wanted else [] for wanted in checked]
 
     def approach(self, hypothesis: Hypothesis, pair: tuple[str, str]) -> Approach:
@@ -168,9 +176,11 @@ class ManualCheck:
         distance, soon = self._scene.distances(poses, bound, self._threads)[:, number]
         return Approach(*pair, float(distance), float((soon - distance) / _SOON))
 
-    def _unstoppable(self, hypothesis: Hypothesis, axes: Array, deviation: Array, clashes: Clashes) -> Approach | None:
-        """A pair for which the stop along `axes` (n, joints + 1) is not proved."""
-        clearance = self._clearance.copy()
+    def _unstoppable(
+        self, hypothesis: Hypothesis, axes: Array, deviation: Array, required: Array, clashes: Clashes
+    ) -> Approach | None:
+        """A pair for which the stop along `axes` (n, joints + 1) with the `required` clearances is not proved."""
+        clearance = required.copy()
         while clash := _first(clashes):
             found = self.approach(hypothesis, (clash.body_a, clash.body_b))
             if found.rate < -_STILL or not self._never_nearer(found, axes):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.guard.motion import Hypothesis
+from scancell.guard.unseen import JogLimits
 
 Array = NDArray[np.float64]
 
@@ -33,10 +34,8 @@ class WorstCase:
         That every axis attains, rad/s².
     angle_error
         Of the measured angles, rad.
-    unseen_acceleration
-        By which the person may change the rate of each axis unseen, rad/s²; 0: the motion goes on as identified.
-    max_rate
-        That an axis can have in manual operation, rad/s.
+    unseen
+        Largest accelerations by which the person may change the motion unseen; without, it goes on as identified.
     """
 
     age: float
@@ -44,8 +43,7 @@ class WorstCase:
     delay: float
     deceleration: ArrayLike
     angle_error: ArrayLike
-    unseen_acceleration: ArrayLike = 0.0
-    max_rate: ArrayLike = np.inf
+    unseen: JogLimits | None = None
 
     @property
     def reaction(self) -> float:
@@ -64,12 +62,16 @@ class Stop:
     braking_time
         Time from the beginning of braking to the standstill, s.
     deviation
-        Bound on the deviation of the axes from the predicted motion on the way, (joints + 1,), rad.
+        Bound on the deviation of the axes from the predicted motion on the way, (joints + 1,), rad, without changes by
+        the person.
+    unseen
+        What such changes add to the way is what their accelerations do in half of this, s².
     """
 
     progress: float
     braking_time: float
     deviation: Array
+    unseen: float
 
 
 def braking_time(rates: ArrayLike, deceleration: ArrayLike) -> float:
@@ -95,12 +97,10 @@ def latest_stop(hypothesis: Hypothesis, worst: WorstCase) -> Stop:
     """The longest stop of a hypothesis in the worst case."""
     rates, error = np.abs(hypothesis.rates), hypothesis.rate_error
     reaction = worst.reaction
-    unseen = np.broadcast_to(np.asarray(worst.unseen_acceleration, float), rates.shape)
-    # A changed rate is between those of full speed in either direction.
-    most = np.asarray(worst.max_rate, float) + rates
+    # The rates are as old as the middle of the states, the position is that of the last one.
     changing = reaction + hypothesis.rate_age
-    change = np.minimum(unseen * changing, most)
-    strayed = np.minimum(unseen * changing**2 / 2, most * changing)
+    change = worst.unseen.axes * changing if worst.unseen is not None else 0.0
     braking = braking_time(rates + error + change, worst.deceleration)
-    deviation = np.asarray(worst.angle_error, float) + error * reaction + strayed + (error + change) * braking / 2
-    return Stop(reaction + braking / 2, braking, np.asarray(deviation))
+    deviation = np.asarray(worst.angle_error, float) + error * reaction + error * braking / 2
+    unseen = changing**2 - hypothesis.rate_age**2 + changing * braking if worst.unseen is not None else 0.0
+    return Stop(reaction + braking / 2, braking, np.asarray(deviation), unseen)
