@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 import socket
 import subprocess
@@ -176,6 +177,19 @@ def test_idle_connections_do_not_shut_out_the_cell():
             connection.close()
         assert server.end() == 0
         link.close()
+
+
+def test_cell_that_does_not_read_its_answers_is_disconnected():
+    with guard_process("tcp") as server, socket.socket() as cell:
+        cell.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        cell.settimeout(HANGS)
+        cell.connect((LOOPBACK, server.port))
+        sequence = itertools.count()
+        with pytest.raises(ConnectionError):
+            while True:
+                cell.sendall(state_at(next(sequence)).encode(1, 0))
+        assert server.end() == 0
+        assert server.counts[Outcome.ACCEPTED] >= 100
 
 
 def closed(connection: socket.socket) -> bool:

@@ -20,6 +20,7 @@ from scancell.guard.transport import PacketStream, resolved
 LOOPBACK = "127.0.0.1"
 _MAX_CONNECTIONS = 8
 _MAX_DATAGRAMS = 64  # between two answers
+_SEND_BUFFER = 16_384  # bytes: a cell that does not read more than about a hundred answers has stopped long ago
 
 
 class TransportProtocol(StrEnum):
@@ -130,6 +131,7 @@ class _Connections:
         if len(self._streams) >= _MAX_CONNECTIONS:
             self._close(next(other for other in self._streams if other is not self._cell))
         connection.setblocking(False)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._streams[connection] = PacketStream()
         self._selector.register(connection, EVENT_READ)
