@@ -20,7 +20,7 @@ from scancell.guard.transport import PacketStream, resolved
 LOOPBACK = "127.0.0.1"
 _MAX_CONNECTIONS = 8
 _MAX_DATAGRAMS = 64  # between two answers
-_SEND_BUFFER = 16_384  # bytes: a cell that does not read more than about a hundred answers has stopped long ago
+_SEND_BUFFER = 16_384  # bytes: answers do not pile up for a cell that does not read them
 
 
 class TransportProtocol(StrEnum):
