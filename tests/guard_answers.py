@@ -17,9 +17,10 @@ from typing import TypeVar
 import numpy as np
 
 from scancell.cell.controller import Mode, Operation
+from scancell.config.choices import TransportProtocol
 from scancell.errors import MessageError
 from scancell.guard.messages import CellState, GuardMessage
-from scancell.guard.server import TransportProtocol, serve
+from scancell.guard.server import serve
 
 SLOW_FROM, STOP_FROM = 0.5, 1.0  # rad
 JOINTS = 6
@@ -107,10 +108,10 @@ def until(act: Callable[[], Result | None]) -> Result:
 
 
 def main() -> None:
-    protocol, port = TransportProtocol(sys.argv[1]), int(sys.argv[2])
+    protocol: TransportProtocol = "udp" if sys.argv[1] == "udp" else "tcp"
     counts = serve(
         JointLimitGuard(),
-        port=port,
+        port=int(sys.argv[2]),
         protocol=protocol,
         started=lambda host, port: print(f"{protocol} {host} {port}", flush=True),
     )

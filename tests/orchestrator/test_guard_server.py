@@ -17,11 +17,12 @@ import pytest
 from bench.guard_packets import Traffic, run_over_udp
 from guard_answers import HANGS, STOP_FROM, JointLimitGuard, guard_process, state_at, until
 from scancell.config.channel import LinkDescription
+from scancell.config.choices import LOOPBACK
 from scancell.errors import LinkError
 from scancell.guard.endpoints import REJECTED, SUPERSEDED, Outcome
 from scancell.guard.link import Link, faulty_link
 from scancell.guard.messages import CellState, GuardMessage
-from scancell.guard.server import LOOPBACK, TransportProtocol, serve
+from scancell.guard.server import serve
 from scancell.guard.transport import TcpTransport, UdpTransport
 
 TRANSPORTS = {"udp": UdpTransport, "tcp": TcpTransport}
@@ -223,7 +224,7 @@ def test_faults_between_sockets(protocol):
 def test_addresses_that_cannot_be_used():
     with guard_process("tcp") as server:
         with pytest.raises(LinkError, match=f"127.0.0.1:{server.port}: expected an address to listen on"):
-            serve(JointLimitGuard(), port=server.port, protocol=TransportProtocol.TCP)
+            serve(JointLimitGuard(), port=server.port, protocol="tcp")
         assert server.end() == 0
     with pytest.raises(LinkError, match=f"127.0.0.1:{server.port}: expected a guard that listens there"):
         TcpTransport(LOOPBACK, server.port)

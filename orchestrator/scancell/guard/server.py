@@ -8,33 +8,25 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from enum import StrEnum
 from selectors import EVENT_READ, DefaultSelector
 from typing import Any
 
+from scancell.config.choices import LOOPBACK, TransportProtocol
 from scancell.errors import LinkError, MessageError
 from scancell.guard.endpoints import Answerer, GuardEndpoint
 from scancell.guard.messages import MAX_PACKET
 from scancell.guard.transport import PacketStream, resolved
 
-LOOPBACK = "127.0.0.1"
 _MAX_CONNECTIONS = 8
 _MAX_DATAGRAMS = 64  # between two answers
 _SEND_BUFFER = 16_384  # bytes: answers do not pile up for a cell that does not read them
-
-
-class TransportProtocol(StrEnum):
-    """Protocols that carry packets."""
-
-    UDP = "udp"
-    TCP = "tcp"
 
 
 def serve(
     answerer: Answerer,
     host: str = LOOPBACK,
     port: int = 0,
-    protocol: TransportProtocol = TransportProtocol.UDP,
+    protocol: TransportProtocol = "udp",
     started: Callable[[str, int], None] = lambda host, port: None,
 ) -> Counter[str]:
     """Answer states until SIGINT or SIGTERM; to be called in the main thread.
@@ -65,11 +57,11 @@ def serve(
         If the address cannot be listened on.
     """
     endpoint = GuardEndpoint(answerer)
-    kind = socket.SOCK_DGRAM if protocol is TransportProtocol.UDP else socket.SOCK_STREAM
+    kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM
     with _bound(host, port, kind) as listener, _stop_signals() as stop, DefaultSelector() as selector:
         selector.register(stop, EVENT_READ)
         started(*listener.getsockname()[:2])
-        if protocol is TransportProtocol.UDP:
+        if protocol == "udp":
             _serve_datagrams(endpoint, listener, stop, selector)
         else:
             _Connections(endpoint, listener, selector).serve(stop)
