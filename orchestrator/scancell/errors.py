@@ -41,6 +41,14 @@ class EngineError(ScancellError):
     """Work cannot be distributed, or whoever distributed it is gone."""
 
 
+class MessageError(ScancellError):
+    """A message between cell and guard is malformed, or holds a value outside its bounds."""
+
+
+class LinkError(ScancellError):
+    """No socket between cell and guard can be opened."""
+
+
 class EmptyScanError(ScancellError):
     """A scan gave no point of the part; the message states the cause and the key to change."""
 

@@ -7,3 +7,6 @@ from typing import Literal
 Engine = Literal["ray-traced", "geometric"]
 Mode = Literal["dynamic", "stop-and-look"]
 Frame = Literal["part", "table", "base", "world"]
+TransportProtocol = Literal["udp", "tcp"]
+
+LOOPBACK = "127.0.0.1"  # where servers listen unless told otherwise

@@ -1,0 +1,44 @@
+"""Descriptions of a bad network between cell and guard."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from scancell.config.description import Description, Finite, Fraction, NonNegative
+
+
+class ChannelDescription(Description):
+    """One direction of a network; by default a perfect one."""
+
+    delay_ms: NonNegative = Field(default=0.0, description="least delay of a packet, ms")
+    jitter_ms: NonNegative = Field(
+        default=0.0, description="mean of the exponentially distributed delay beyond, ms; packets overtake each other"
+    )
+    loss: Fraction = Field(default=0.0, description="probability that a packet is lost outside bursts")
+    burst: Fraction = Field(default=0.0, description="probability per packet that a burst of losses begins with it")
+    burst_packets: float = Field(
+        default=10.0, ge=1.0, allow_inf_nan=False, description="mean length of a burst, in packets"
+    )
+    burst_loss: Fraction = Field(default=1.0, description="probability that a packet is lost in a burst")
+    duplication: Fraction = Field(
+        default=0.0, description="probability that a packet is delivered twice, each with a delay of its own"
+    )
+    replay: Fraction = Field(default=0.0, description="probability that a packet is delivered again after replay_ms")
+    replay_ms: NonNegative = Field(default=1000.0, description="time after which packets are delivered again, ms")
+    dead_from_s: NonNegative | None = Field(
+        default=None, description="time from which on nothing is sent or delivered, s"
+    )
+    dead_until_s: NonNegative | None = Field(default=None, description="time at which the dead link works again, s")
+
+
+class LinkDescription(Description):
+    """Faults of the connection between a cell and its guard; by default none."""
+
+    to_guard: ChannelDescription = Field(default=ChannelDescription(), description="network from cell to guard")
+    to_cell: ChannelDescription = Field(default=ChannelDescription(), description="network from guard to cell")
+    clock_offset_ms: Finite = Field(default=0.0, description="time of the controller's clock at time 0, ms")
+    clock_drift_ppm: Finite = Field(
+        default=0.0, gt=-1e6, description="relative error of the rate of the controller's clock, ppm"
+    )
+    stale: Fraction = Field(default=0.0, description="probability that an old state is sent in place of the new one")
+    stale_polls: int = Field(default=1, ge=1, le=1000, description="how many polls ago an old state was measured")

@@ -1,0 +1,221 @@
+"""The two ends of the connection between cell and guard, whatever carries the packets.
+
+They decide which packets count.  The cell numbers its sessions, the guard its service of each of them; both numbers are
+random.  A guard that was restarted knows no session, and only a session that the cell opens anew brings it back: a
+person's reset stands behind that (docs/guard_protocol.md).
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections import Counter, deque
+from enum import StrEnum
+from typing import Protocol
+
+from scancell.errors import MessageError
+from scancell.guard.messages import CellState, GuardMessage, Packet, decode
+
+SILENCE = 0.5  # s after which another cell may open a session
+_REMEMBERED_STATES = 256
+_REMEMBERED_SESSIONS = 64
+
+
+class Outcome(StrEnum):
+    """What becomes of a packet."""
+
+    ACCEPTED = "accepted"
+    MALFORMED = "malformed"
+    WRONG_KIND = "wrong kind"
+    OTHER_SESSION = "other session"
+    BUSY = "busy with another cell"
+    DUPLICATE = "duplicate"
+    OLD = "old"
+    TIME_NOT_LATER = "time not later"
+    UNKNOWN_STATE = "answer to an unknown state"
+    STALE = "stale"
+
+
+SUPERSEDED = "superseded"  # accepted, but a newer state came before the guard was free
+REJECTED = "rejected by the guard"  # accepted, but not a state of the guard's cell
+
+
+class Answerer(Protocol):
+    """A guard."""
+
+    def answer(self, state: CellState) -> GuardMessage:
+        """Answer a state; a `MessageError` means that no robot of this guard is in such a state."""
+        ...
+
+    def reset(self) -> None:
+        """Forget all states: a session begins."""
+        ...
+
+
+class Order:
+    """Order of the messages of a session: sequence numbers modulo 2**32 must increase."""
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+
+    def check(self, sequence: int) -> Outcome:
+        """Whether a number is ahead of the last one, by less than half of all numbers."""
+        if self._last is None:
+            return Outcome.ACCEPTED
+        ahead = (sequence - self._last) % 2**32
+        if ahead == 0:
+            return Outcome.DUPLICATE
+        return Outcome.ACCEPTED if ahead < 2**31 else Outcome.OLD
+
+    def advance(self, sequence: int) -> None:
+        """A message was accepted."""
+        self._last = sequence
+
+
+class CellEndpoint:
+    """The cell's end.
+
+    Parameters
+    ----------
+    age_limit
+        Answers to states older than that are refused, s.
+
+    Attributes
+    ----------
+    counts
+        Packets received, by `Outcome`.
+    """
+
+    def __init__(self, age_limit: float) -> None:
+        self.counts: Counter[str] = Counter()
+        self._age_limit = age_limit
+        self.reset()
+
+    def reset(self) -> None:
+        """Open a new session: nothing that was sent before counts."""
+        self._session = _random_number()
+        self._guard = 0
+        self._order = Order()
+        self._sent: dict[int, float] = {}
+        self._last: GuardMessage | None = None
+
+    def packet(self, state: CellState) -> bytes:
+        """The packet to send."""
+        self._sent[state.sequence] = state.time
+        if len(self._sent) > _REMEMBERED_STATES:
+            del self._sent[next(iter(self._sent))]
+        return state.encode(self._session, self._guard)
+
+    def receive(self, packet: bytes, now: float) -> GuardMessage | None:
+        """The answer in a packet, if it counts; `now` by the clock that stamps the states, s."""
+        try:
+            received = decode(packet)
+        except MessageError:
+            self.counts[Outcome.MALFORMED] += 1
+            return None
+        answer = received.message
+        if not isinstance(answer, GuardMessage):
+            self.counts[Outcome.WRONG_KIND] += 1
+            return None
+        outcome = self._check(received, answer, now)
+        self.counts[outcome] += 1
+        if outcome is not Outcome.ACCEPTED:
+            return None
+        self._order.advance(answer.sequence)
+        self._guard, self._last = received.guard, answer
+        return answer
+
+    def age(self, now: float) -> float:
+        """Age of the state that the last accepted message answers, s; infinite before the first."""
+        return now - self._last.state_time if self._last else float("inf")
+
+    def _check(self, received: Packet, answer: GuardMessage, now: float) -> Outcome:
+        ours = received.session == self._session and received.guard != 0
+        if not ours or self._guard not in (0, received.guard):
+            return Outcome.OTHER_SESSION
+        if (outcome := self._order.check(answer.sequence)) is not Outcome.ACCEPTED:
+            return outcome
+        if self._sent.get(answer.state_sequence) != answer.state_time:
+            return Outcome.UNKNOWN_STATE
+        return Outcome.ACCEPTED if now - answer.state_time <= self._age_limit else Outcome.STALE
+
+
+class GuardEndpoint:
+    """The guard's end: serves one cell at a time.
+
+    Parameters
+    ----------
+    answerer
+        The guard.
+
+    Attributes
+    ----------
+    counts
+        Packets received, by `Outcome`; `SUPERSEDED` and `REJECTED` of those accepted.
+    """
+
+    def __init__(self, answerer: Answerer) -> None:
+        self.counts: Counter[str] = Counter()
+        self._answerer = answerer
+        self._session = self._guard = 0
+        self._ended: deque[int] = deque(maxlen=_REMEMBERED_SESSIONS)
+        self._heard = -float("inf")
+        self._order = Order()
+        self._last_time = -float("inf")
+        self._pending: CellState | None = None
+
+    def receive(self, packet: bytes, now: float) -> bool:
+        """Whether a packet counts: its state is the next to be answered; `now` by the guard's clock, s."""
+        try:
+            received = decode(packet)
+        except MessageError:
+            self.counts[Outcome.MALFORMED] += 1
+            return False
+        state = received.message
+        if not isinstance(state, CellState):
+            self.counts[Outcome.WRONG_KIND] += 1
+            return False
+        outcome = self._check(received, state, now)
+        self.counts[outcome] += 1
+        if outcome is not Outcome.ACCEPTED:
+            return False
+        self._order.advance(state.sequence)
+        self._last_time, self._heard = state.time, now
+        if self._pending is not None:
+            self.counts[SUPERSEDED] += 1
+        self._pending = state
+        return True
+
+    def answer(self) -> bytes | None:
+        """Packet of the answer to the last state; None if it was answered, or the guard rejects it."""
+        if self._pending is None:
+            return None
+        state, self._pending = self._pending, None
+        try:
+            message = self._answerer.answer(state)
+        except MessageError:
+            self.counts[REJECTED] += 1
+            return None
+        return message.encode(self._session, self._guard)
+
+    def _check(self, received: Packet, state: CellState, now: float) -> Outcome:
+        if received.session != self._session:
+            if received.guard != 0 or received.session in self._ended:
+                return Outcome.OTHER_SESSION
+            if now - self._heard < SILENCE:
+                return Outcome.BUSY
+            self._open(received.session)
+        elif received.guard not in (0, self._guard):
+            return Outcome.OTHER_SESSION
+        if (outcome := self._order.check(state.sequence)) is not Outcome.ACCEPTED:
+            return outcome
+        return Outcome.ACCEPTED if state.time > self._last_time else Outcome.TIME_NOT_LATER
+
+    def _open(self, session: int) -> None:
+        self._ended.append(self._session)
+        self._session, self._guard = session, _random_number()
+        self._order, self._last_time, self._pending = Order(), -float("inf"), None
+        self._answerer.reset()
+
+
+def _random_number() -> int:
+    return secrets.randbelow(2**64 - 1) + 1

@@ -1,0 +1,103 @@
+"""The cell's connection to its guard."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import replace
+
+import numpy as np
+
+from scancell.config.channel import LinkDescription
+from scancell.guard.channel import Channel
+from scancell.guard.endpoints import CellEndpoint
+from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.transport import FaultyTransport, Transport
+
+
+class CellFaults:
+    """Faults of a controller: a wrong clock, and queries that answer with old states.
+
+    An old state has the number of the new one and the time at which it was measured.
+    """
+
+    def __init__(self, description: LinkDescription, seed: int | np.random.SeedSequence) -> None:
+        self._description = description
+        self._rng = np.random.default_rng(seed)
+        self._measured: deque[CellState] = deque(maxlen=description.stale_polls + 1)
+
+    def clock(self, time: float) -> float:
+        """What the controller's clock shows at `time`, s."""
+        return 1e-3 * self._description.clock_offset_ms + time * (1 + 1e-6 * self._description.clock_drift_ppm)
+
+    def queried(self, state: CellState) -> CellState:
+        """What is sent in place of a state, whose time is a true one."""
+        self._measured.append(state)
+        is_stale = self._rng.random() < self._description.stale
+        sent = self._measured[0] if is_stale else state
+        return replace(sent, sequence=state.sequence, time=self.clock(sent.time))
+
+
+class Link:
+    """Sends states of the cell to its guard and receives the answers, without waiting.
+
+    Times are those of the controller's clock in s, simulated or not; they do not decrease.
+
+    Parameters
+    ----------
+    transport
+        Carries the packets.
+    age_limit
+        Answers to states older than that are refused, s.
+    faults
+        Of the controller; then the times are true ones.
+    """
+
+    def __init__(self, transport: Transport, age_limit: float, faults: CellFaults | None = None) -> None:
+        self._transport, self._faults = transport, faults
+        self._endpoint = CellEndpoint(age_limit)
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Packets received, by `Outcome`."""
+        return self._endpoint.counts
+
+    def send(self, state: CellState, time: float) -> None:
+        """Send a state at `time`, s."""
+        sent = self._faults.queried(state) if self._faults else state
+        self._transport.send(self._endpoint.packet(sent), time)
+
+    def poll(self, time: float) -> list[GuardMessage]:
+        """New answers at `time`, s, in the order of their numbers; the last one counts."""
+        received = [
+            self._endpoint.receive(arrival.packet, self._clock(time)) for arrival in self._transport.receive(time)
+        ]
+        return [answer for answer in received if answer is not None]
+
+    def age(self, time: float) -> float:
+        """Age at `time`, s, of the state that the last accepted answer is about; infinite before the first."""
+        return self._endpoint.age(self._clock(time))
+
+    def reset(self) -> None:
+        """Open a new session, with a guard that was restarted, too: only after a person's reset.
+
+        Raises
+        ------
+        LinkError
+            If the transport needs a connection and there is no server.
+        """
+        self._transport.reset()
+        self._endpoint.reset()
+
+    def close(self) -> None:
+        """Close the transport."""
+        self._transport.close()
+
+    def _clock(self, time: float) -> float:
+        return self._faults.clock(time) if self._faults else time
+
+
+def faulty_link(transport: Transport, description: LinkDescription, age_limit: float, seed: int) -> Link:
+    """A link with faults, those of the same seed the same ones."""
+    to_guard, to_cell, of_cell = np.random.SeedSequence(seed).spawn(3)
+    channels = Channel(description.to_guard, to_guard), Channel(description.to_cell, to_cell)
+    return Link(FaultyTransport(transport, *channels), age_limit, CellFaults(description, of_cell))
