@@ -26,6 +26,13 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
+def test_a_plan_without_sensor_paths_says_that_it_has_no_configuration_map(tmp_path: Path) -> None:
+    made = scancell_here("plan", PART, "--picture", "map.png", "--set", "scan.max_profiles=60", cwd=tmp_path)
+    assert made.code == 0
+    assert "map.png is not written" in made.err
+    assert not (tmp_path / "map.png").exists()
+
+
 def changed(saved: Path, folder: Path, change: object) -> Path:
     data = json.loads(saved.read_text())
     change(data)  # type: ignore[operator]

@@ -93,7 +93,10 @@ def plan(
             with atomic_write(out) as temporary:
                 write_json(temporary, plan_json(made))
             files.append(str(out))
-        return Outcome(lines, figures, files, list(made.warnings))
+        warnings = list(made.warnings)
+        if picture is not None and not made.paths:
+            warnings.append(f"{picture.name} is not written: a configuration map is of a sensor path, the plan has none")
+        return Outcome(lines, figures, files, warnings)
 
     run("plan", as_json, work)
 
