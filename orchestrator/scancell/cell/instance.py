@@ -236,6 +236,10 @@ class CellInstance(Closing):
         """Set a Boolean input."""
         self._call(self._fmu.setBoolean, [self._reference(name)], [value])
 
+    def set_string(self, name: str, value: str) -> None:
+        """Set a string input."""
+        self._call(self._fmu.setString, [self._reference(name)], [value])
+
     def on_step(self, listener: Callable[[], None]) -> None:
         """Call `listener` after every communication step from now on."""
         self._listeners.append(listener)

@@ -1,0 +1,182 @@
+"""The guard of a robot: answers each of its states with a permission to move on, or with an emergency stop.
+
+An answer permits motion until its state is `max_age` old; then the controller stops by itself.  So a stop is proved for
+each answer as if it were the last one: whatever becomes of later messages, the robot comes to rest without contact.
+Where no stop is proved, the answer is an emergency stop, and the proof of an earlier answer holds.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.controller import Operation
+from scancell.config.robot import RobotDescription
+from scancell.geometry.reduction import reduced
+from scancell.guard.check import Contact, ManualCheck
+from scancell.guard.identify import Identifier
+from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage
+from scancell.guard.motion import Hypothesis, MeasuredState
+from scancell.guard.path_check import PathCheck, PathVerdict
+from scancell.guard.settings import GuardSettings
+from scancell.guard.stopping import WorstCase
+from scancell.guard.unseen import jog_limits
+from scancell.nominal.cell import NominalCell
+from scancell.proximity.cell_scene import cell_scene
+from scancell.proximity.motion_check import MotionCheck, MotionClash
+
+Array = NDArray[np.float64]
+
+_MAX_FACES = 400
+_MAX_ERROR = 1e-3  # m, of reduced meshes
+_STATES = 3
+_BEEP = 0.5  # s to a contact
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What follows from a state.
+
+    Attributes
+    ----------
+    stop
+        Whether to make an emergency stop.
+    monitor_speed
+        0 to 1.
+    text, beep
+        For the pendant.
+    pair
+        Bodies that are the reason of a stop, a lower speed or a warning; empty: there are none.
+    """
+
+    stop: bool = False
+    monitor_speed: float = 1.0
+    text: str = ""
+    beep: bool = False
+    pair: tuple[str, ...] = ()
+
+
+class Guard:
+    """Guards the robot of one cell.
+
+    Parameters
+    ----------
+    nominal
+        The cell as the guard knows it, measured space included.
+    robot
+        Description of the robot: the limits of jogging.
+    settings
+        The worst case.
+
+    Attributes
+    ----------
+    settings
+        The worst case.
+    decision
+        The last one.
+    """
+
+    def __init__(self, nominal: NominalCell, robot: RobotDescription, settings: GuardSettings | None = None) -> None:
+        self.settings = settings = settings or GuardSettings()
+        meshes = {body.name: reduced(body.mesh, _MAX_FACES, _MAX_ERROR) for body in nominal.bodies}
+        scene = cell_scene(nominal, {name: found.mesh for name, found in meshes.items()})
+        clearance = settings.position_error + np.array([meshes[a].error + meshes[b].error for a, b in scene.pairs])
+        acceleration = np.append(
+            [joint.max_acceleration for joint in nominal.arm.joints], nominal.table_max_acceleration
+        )
+        deceleration = settings.deceleration * acceleration
+        worst = WorstCase(
+            settings.max_age, 0.0, 2 * settings.cycle, deceleration, settings.angle_error, jog_limits(robot, nominal)
+        )
+        self._identifier = Identifier(nominal, settings.noise)
+        self._manual = ManualCheck(nominal, scene, clearance, worst, settings.horizon, settings.threads)
+        self._automatic = PathCheck(
+            nominal, scene, clearance, settings.reaction, deceleration, settings.angle_error, settings.threads
+        )
+        self._motions = MotionCheck(nominal, scene, clearance, settings.threads)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all states: a session begins."""
+        self._number = 0
+        self._operation: Operation | None = None
+        self._states: deque[MeasuredState] = deque(maxlen=_STATES)
+        self._speeds: deque[tuple[float, float]] = deque()
+        self._stopping = False
+        self.decision = Decision()
+
+    def check(self, points: Array) -> MotionClash | None:
+        """None if the motion through set-points (n, joints + 1), rad, is proved free of contact, else a place of it."""
+        return self._motions.clash_along(np.asarray(points, float))
+
+    def answer(self, state: CellState) -> GuardMessage:
+        """The permission that follows from a state, or an emergency stop."""
+        if state.operation is not self._operation:
+            self._states.clear()
+            self._operation = state.operation
+        decision = self._by_hand(state) if state.operation is Operation.MANUAL else self._on_path(state)
+        self.decision = decision
+        # A stop goes on until the robot rests; then it is the controller that waits for a person's reset.
+        self._stopping = state.moving and (self._stopping or decision.stop)
+        self._number = (self._number + 1) % 2**32
+        text = decision.text.encode()[:MAX_TEXT].decode(errors="ignore")
+        return GuardMessage(
+            self._number, state.sequence, state.time, decision.monitor_speed, self._stopping, text, decision.beep
+        )
+
+    def _by_hand(self, state: CellState) -> Decision:
+        axes = np.asarray(state.axes)
+        oldest = state.time - _STATES * self.settings.max_age
+        while self._states and self._states[0].time < oldest:
+            self._states.popleft()
+        self._states.append(MeasuredState(state.time, axes[:-1], float(axes[-1])))
+        if not state.moving:
+            return Decision()
+        if len(self._states) < 2:
+            return Decision(True, text="stop: the robot moves in an unknown way", beep=True)
+        verdict = self._manual.check(self._hypotheses())
+        if verdict.without_stop:
+            near = verdict.without_stop[0]
+            pair = near.body_a, near.body_b
+            return Decision(True, text=f"stop: {' - '.join(pair)}: {near.distance * 1e3:.0f} mm", beep=True, pair=pair)
+        if verdict.astray:
+            return Decision(True, text="stop: the motion changes too fast", beep=True)
+        if verdict.contacts:
+            return _warning(verdict.contacts[0])
+        return Decision()
+
+    def _hypotheses(self) -> Sequence[Hypothesis]:
+        """Motions to check."""
+        return self._identifier.identify(list(self._states)).hypotheses
+
+    def _on_path(self, state: CellState) -> Decision:
+        ahead = np.asarray(state.ahead)
+        if not len(ahead):
+            return Decision(True, text="stop: no path is known") if state.moving else Decision()
+        verdict = self._path_verdict(state, np.vstack([state.axes, ahead]))
+        speed = verdict.monitor_speed
+        self._speeds.append((state.time, speed))
+        if verdict.clash is None:
+            return Decision(not verdict.stop_is_proved, speed)
+        pair = verdict.clash.body_a, verdict.clash.body_b
+        if not verdict.stop_is_proved:
+            return Decision(True, speed, f"stop: {' - '.join(pair)}", True, pair)
+        return Decision(False, speed, f"slowed to {speed:.0%}: {' - '.join(pair)}" if speed < 1 else "", False, pair)
+
+    def _path_verdict(self, state: CellState, points: Array) -> PathVerdict:
+        """Verdict, with all monitor speeds that may be in force until its answer arrives."""
+        while self._speeds and self._speeds[0][0] < state.time - self.settings.reaction:
+            self._speeds.popleft()
+        allowed = max((speed for _, speed in self._speeds), default=1.0)
+        return self._automatic.check(points, state.spacing, state.rate, allowed)
+
+
+def _warning(contact: Contact) -> Decision:
+    found = contact.approach
+    pair = found.body_a, found.body_b
+    text = f"{' - '.join(pair)}: {found.distance * 1e3:.0f} mm, contact in {contact.free_until:.2f} s"
+    return Decision(text=text, beep=contact.free_until < _BEEP, pair=pair)

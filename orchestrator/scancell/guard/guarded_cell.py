@@ -1,0 +1,81 @@
+"""The cell's side of the guard: states to the guard, its answers to the controller."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scancell.cell.controller import Mode, Operation
+from scancell.cell.instance import CellInstance
+from scancell.guard.link import Link
+from scancell.guard.messages import CellState, GuardMessage
+
+_POLL_CYCLES = 2  # of the controller; it answers position queries no faster
+_AHEAD = 32  # points of the path ahead
+
+
+class GuardedCell:
+    """Steps a cell that talks to its guard.
+
+    Parameters
+    ----------
+    cell
+        A running instance at a multiple of the controller's cycle.
+    cycle_us
+        The controller's cycle.
+    link
+        To the guard; None: without a guard.
+    max_age
+        Age of the last answer's state at which the controller stops, s.
+    """
+
+    def __init__(self, cell: CellInstance, cycle_us: int, link: Link | None, max_age: float) -> None:
+        self._cell, self._cycle_us, self._link = cell, cycle_us, link
+        axes = cell.axis_names("measured.")
+        self._measured = cell.real_group(axes)
+        self._rate = cell.real_group(["controller.rate"])
+        points = [f"controller.ahead[{k}]." for k in range(1, _AHEAD + 1)]
+        self._ahead = cell.real_group([name for point in points for name in cell.axis_names(point)])
+        self._guard_time = cell.real_group(["command.guard.time"])
+        self._monitor_speed = cell.real_group(["command.monitor_speed"])
+        self._polls = 0
+        self._sequence = 0
+        if link is not None:
+            cell.set(cell.real_group(["command.guard.max_age"]), np.array([max_age]))
+
+    def poll(self) -> list[GuardMessage]:
+        """Send the state where a query is due, and obey the answers that have arrived; to be called once a cycle."""
+        if self._link is None:
+            return []
+        time = self._cell.time_us * 1e-6
+        if self._polls % _POLL_CYCLES == 0:
+            self._link.send(self.state(), time)
+        self._polls += 1
+        answers = self._link.poll(time)
+        if answers:
+            last = answers[-1]
+            self._cell.set(self._guard_time, np.array([time - self._link.age(time)]))
+            self._cell.set(self._monitor_speed, np.array([last.monitor_speed]))
+            self._cell.set_boolean("command.emergency_stop", last.emergency_stop)
+            self._cell.set_string("command.pendant.text", last.text)
+            self._cell.set_boolean("command.pendant.beep", last.beep)
+        return answers
+
+    def state(self) -> CellState:
+        """The cell as the controller answers a query."""
+        cell = self._cell
+        operation = Operation(cell.get_integer("command.operation"))
+        mode = Mode(cell.get_integer("controller.mode"))
+        follows = operation is Operation.AUTOMATIC and mode not in (Mode.HOLD, Mode.SERVO)
+        self._sequence = (self._sequence + 1) % 2**32
+        axes = cell.get(self._measured).copy()
+        return CellState(
+            self._sequence,
+            cell.time_us * 1e-6,
+            operation,
+            mode,
+            cell.get_boolean("controller.moving"),
+            axes,
+            float(np.clip(cell.get(self._rate)[0], 0.0, 1.0)),
+            cell.get(self._ahead).reshape(_AHEAD, len(axes)).copy() if follows else (),
+            _POLL_CYCLES * self._cycle_us * 1e-6 if follows else 0.0,
+        )

@@ -1,0 +1,126 @@
+"""How far the path ahead is proved free in automatic operation, and how fast the robot may follow it.
+
+The controller scales time along its path: at the rate r of the path clock it goes on for r T in the reaction time T.
+It brakes on the path, too.  There an axis of speed v and deceleration a needs v / a, but may have to wait until another
+axis has braked that the path slows down itself: half as long again is assumed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.nominal.cell import NominalCell
+from scancell.proximity.motion_check import MotionCheck, MotionClash
+from scancell.proximity.scene import ProximityScene
+
+Array = NDArray[np.float64]
+
+_FINER = 4  # parts of the piece of the path that is not free
+_FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
+_LONGER = 1.5  # braking on a path against braking straight on
+_TARGETS = np.linspace(1.0, 0.0, 51)
+_EASY = 2.0  # 1/s: change of the rate for which the monitor speed leaves room
+_STILL = 1e-6  # rad: pieces of a path that are no motion
+
+# Of the controller: the rate follows the monitor speed no faster, 1/s.
+RATE_SLOPE = 4.0
+
+
+@dataclass(frozen=True)
+class PathVerdict:
+    """What is proved of a path.
+
+    Attributes
+    ----------
+    free
+        Path clock for which the motion from the measured state on is proved free, s.
+    clash
+        What is not proved behind it; None: all that is known of the path is free.
+    monitor_speed
+        Largest at which the robot slows down in time, 0 to 1.
+    stop_is_proved
+        Whether the robot can react and then stop on the path before that, in the worst case.
+    """
+
+    free: float
+    clash: MotionClash | None
+    monitor_speed: float
+    stop_is_proved: bool
+
+
+class PathCheck:
+    """Checks paths ahead.
+
+    Parameters
+    ----------
+    nominal
+        Kinematics and bodies.
+    scene
+        Pairs of these bodies.
+    clearance
+        Distance that counts as contact, one for all pairs or (pairs,), m.
+    reaction
+        Time from the measured state to the beginning of braking in the worst case, s.
+    deceleration
+        That every axis attains, (joints + 1,), rad/s².
+    angle_error
+        Of the measured angles, rad.
+    threads
+        Threads of the distance queries; 0 uses all cores.
+    """
+
+    def __init__(
+        self,
+        nominal: NominalCell,
+        scene: ProximityScene,
+        clearance: ArrayLike,
+        reaction: float,
+        deceleration: ArrayLike,
+        angle_error: float,
+        threads: int = 1,
+    ) -> None:
+        self._motions = MotionCheck(nominal, scene, clearance, threads, _FINEST)
+        self._reaction, self._angle_error = reaction, angle_error
+        self._deceleration = np.asarray(deceleration, float)
+
+    def check(self, points: Array, spacing: float, rate: float, allowed: float) -> PathVerdict:
+        """Verdict on the path through `points` (n, joints + 1), rad, `spacing` (s of path clock) apart.
+
+        The first point is the measured state, in which the path clock has the `rate`; `allowed` is the largest monitor
+        speed that may be in force until the answer arrives.
+        """
+        free, clash = self._free(points, spacing)
+        if clash is None and np.abs(points[-1] - points[-2]).max() <= _STILL:
+            free = np.inf  # the motion ends within what is known
+        braking = self._braking(points, spacing)
+        proved = self._advance(rate, max(allowed, rate), braking) <= free
+        room = 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY) + braking / 2)
+        speed = float(_TARGETS[np.argmax(room <= free)])
+        return PathVerdict(free, clash, speed, proved)
+
+    def _free(self, points: Array, spacing: float) -> tuple[float, MotionClash | None]:
+        bend = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4 + self._angle_error
+        moving = np.flatnonzero(np.abs(np.diff(points, axis=0)).max(1) > _STILL)
+        clashes = self._motions.first_clashes(points[moving], points[moving + 1], bend)
+        for piece, clash in zip(moving, clashes, strict=True):
+            if clash is not None:
+                share = np.linspace(0.0, 1.0, _FINER + 1)[:, None]
+                finer = points[piece] + share * (points[piece + 1] - points[piece])
+                parts = self._motions.first_clashes(finer[:-1], finer[1:], bend)
+                part = next((i for i, found in enumerate(parts) if found is not None), _FINER)
+                return float(spacing * (piece + part / _FINER)), clash
+        return float(spacing * (len(points) - 1)), None
+
+    def _braking(self, points: Array, spacing: float) -> float:
+        """Path clock that braking from full speed takes, s; from the rate r it takes r times that."""
+        speed = np.abs(np.diff(points, axis=0)).max(0) / spacing
+        return float(_LONGER * (speed / self._deceleration).max())
+
+    def _advance(self, rate: float, allowed: float, braking: float) -> float:
+        """Path clock until the standstill in the worst case: the rate grows to `allowed` while nobody looks."""
+        growing = min((allowed - rate) / RATE_SLOPE, self._reaction)
+        last = min(allowed, rate + RATE_SLOPE * self._reaction)
+        return (rate + last) / 2 * growing + last * (self._reaction - growing) + last**2 * braking / 2

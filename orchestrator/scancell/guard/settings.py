@@ -1,0 +1,47 @@
+"""What the guard assumes of robot, controller and network."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class GuardSettings:
+    """Worst case for which stops are proved.
+
+    Attributes
+    ----------
+    max_age
+        Age of the last answer's state at which the controller stops by itself, s. A longer one bears more loss of
+        packets, and keeps the robot farther from everything.
+    cycle
+        Cycle of the controller, s: it notices the age, and brakes, one cycle late each.
+    noise
+        Standard deviation of the measured angles, rad.
+    angle_error
+        Largest error of the measured angles, rad.
+    position_error
+        By which bodies may be elsewhere than the nominal geometry says, m.
+    deceleration
+        Share of the axes' accelerations that braking attains.
+    horizon
+        Time for which a motion by hand is predicted for warnings, s.
+    threads
+        Threads of the distance queries; 0 uses all cores.
+    """
+
+    max_age: float = 0.12
+    cycle: float = 0.016
+    noise: float = float(np.radians(0.005))
+    angle_error: float = float(np.radians(0.025))
+    position_error: float = 1e-3
+    deceleration: float = 0.95
+    horizon: float = 1.0
+    threads: int = 1
+
+    @property
+    def reaction(self) -> float:
+        """Time from a measured state to the beginning of braking, if no later answer arrives, s."""
+        return self.max_age + 2 * self.cycle

@@ -1,0 +1,295 @@
+"""Many runs with a guard over a bad network, each beside its twin without a guard.
+
+A third of the twins collides, another third has near misses, the others do ordinary work; manual and automatic
+operation and the faults of the network take turns.  Everything follows from the campaign's seed and the number of a
+run, so that campaigns can be interrupted, and single runs repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.controller import Operation
+from scancell.config.channel import ChannelDescription, LinkDescription
+from scancell.config.units import si_value
+from scancell.guard.guard import Decision, Guard
+from scancell.guard.link import Link, faulty_link
+from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.settings import GuardSettings
+from scancell.guard.stopping import braking_time
+from scancell.guard.transport import InProcess
+from scancell.guard.unseen import UnseenApproach, jog_limits
+from scancell.proximity.motion_bounds import MotionBounds
+from scancell.studies.guard.scenario import Scenario, random_scenario, random_start
+from scancell.studies.guard.simulation import SAMPLES, Course, Simulation
+
+Array = NDArray[np.float64]
+
+THIRDS = ("collision", "near miss", "ordinary")
+_COMPUTE = 0.004  # s that an answer takes
+_AFTER = 1.0  # s: twins that collide do it later
+_NEAR_MISS = 0.05  # m
+_START_OUTSIDE, _START_INSIDE = 0.06, 0.015  # m: least clearances at the start, to other bodies and within the arm
+_DRAWS = 1000  # scenarios tried for a run
+_ROUGH = 0.01  # m by which bodies may be nearer between the samples of a first look
+_SLOW = ChannelDescription(delay_ms=4.0, jitter_ms=2.0)
+
+
+def _both(name: str, **faults: float) -> tuple[str, LinkDescription]:
+    channel = _SLOW.model_copy(update=faults)
+    return name, LinkDescription(to_guard=channel, to_cell=channel)
+
+
+FAULTS: dict[str, LinkDescription] = dict(
+    [
+        _both("none", delay_ms=0.0, jitter_ms=0.0),
+        _both("delay"),
+        _both("jitter", jitter_ms=12.0),
+        _both("loss", loss=0.1),
+        _both("bursts", burst=0.02, burst_packets=4.0),
+        _both("reordering", jitter_ms=25.0),
+        _both("duplication", duplication=0.3, replay=0.1, replay_ms=300.0),
+        ("clock", LinkDescription(to_guard=_SLOW, to_cell=_SLOW, clock_offset_ms=-700.0, clock_drift_ppm=2000.0)),
+        ("stale", LinkDescription(to_guard=_SLOW, to_cell=_SLOW, stale=0.2)),
+        ("dead", LinkDescription(to_guard=_SLOW, to_cell=_SLOW)),
+    ]
+)
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """Outcome of a run.
+
+    Attributes
+    ----------
+    number, third, operation, fault, draws
+        Which run, and how many scenarios were drawn until the twin did what its third does.
+    twin_contact_at, twin_contact
+        Of the twin, s and pair; NaN and empty: none.
+    twin_clearance
+        Smallest distance of the arm to other bodies in the twin, m, at most 0.15.
+    contact, touched
+        Pair that python-fcl finds in contact in the guarded run; whether the cell's own outputs reported one.
+    clearance
+        Smallest distance of the arm to other bodies in the guarded run, m, at most 0.15.
+    stop, stop_at, stopped_pair
+        What stopped the robot: ``guard``, ``age`` of the last answer, or nothing; when, s, and for which pair.
+    false_stop
+        Whether the twin never came near what the guard stopped for.
+    halted
+        Whether the robot waits on its path for a monitor speed above 0.
+    warnings, warned_retreating
+        Answers with a warning, and those whose pair did not approach.
+    twin_arrived_at, arrived_at
+        Times at which the program was done, s; NaN: not.
+    """
+
+    number: int
+    third: str
+    operation: str
+    fault: str
+    draws: int
+    twin_contact_at: float
+    twin_contact: str
+    twin_clearance: float
+    contact: str
+    touched: bool
+    clearance: float
+    stop: str
+    stop_at: float
+    stopped_pair: str
+    false_stop: bool
+    halted: bool
+    warnings: int
+    warned_retreating: int
+    twin_arrived_at: float
+    arrived_at: float
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A scenario without a guard: its course, the first contact, and distances (n, pairs), m, once a cycle."""
+
+    scenario: Scenario
+    course: Course
+    contact: tuple[float, str] | None
+    clearances: Array
+    draws: int
+
+
+class Campaign:
+    """Runs of a campaign.
+
+    Parameters
+    ----------
+    simulation
+        The cell.
+    guard
+        Its guard.
+    seed
+        Of the campaign.
+    max_age
+        Of the controller, s; None: that of the guard.
+    """
+
+    def __init__(self, simulation: Simulation, guard: Guard, seed: int, max_age: float | None = None) -> None:
+        self._simulation, self._guard, self._seed = simulation, guard, seed
+        self._max_age = guard.settings.max_age if max_age is None else max_age
+        self._log: list[tuple[float, Decision]] = []
+        self._observed = _Observed(guard, self._log)
+        self._distance = stopping_distances(simulation, guard.settings)
+
+    def run(self, number: int) -> RunRow:
+        """Run number `number`."""
+        third = THIRDS[number % len(THIRDS)]
+        operation = Operation(number // len(THIRDS) % 2)
+        fault = list(FAULTS)[number // (2 * len(THIRDS)) % len(FAULTS)]
+        twin = self._twin(number, third, operation)
+        course = self._guarded(twin.scenario, number, fault)
+        return self._row(number, third, fault, twin, course)
+
+    def _twin(self, number: int, third: str, operation: Operation) -> Twin:
+        simulation = self._simulation
+        rng = np.random.default_rng([self._seed, number, 0])
+        for draws in range(1, _DRAWS + 1):
+            scenario = random_scenario(operation, simulation.nominal, self._start(rng), rng)
+            rough = simulation.run(scenario, samples=1)
+            least = simulation.clearances(rough.axes, _NEAR_MISS + _ROUGH)
+            outside = least[:, ~simulation.inner].min()
+            if {THIRDS[0]: least.min() > _ROUGH, THIRDS[1]: outside > _NEAR_MISS, THIRDS[2]: outside < _NEAR_MISS}[
+                third
+            ]:
+                continue
+            course = simulation.run(scenario)
+            clearances = simulation.clearances(course.axes[::SAMPLES])
+            contact = simulation.contact(course)
+            if contact is None:
+                found = THIRDS[1 if clearances[:, ~simulation.inner].min() < _NEAR_MISS else 2]
+            else:
+                found = THIRDS[0] if contact[0] >= _AFTER else ""
+            if found == third:
+                return Twin(scenario, course, contact, clearances, draws)
+        raise RuntimeError(f"run {number}: none of {_DRAWS} scenarios is one of '{third}'")
+
+    def _start(self, rng: np.random.Generator) -> Array:
+        simulation = self._simulation
+        while True:
+            start = random_start(simulation.nominal, rng)
+            clearance, inner = simulation.clearances(start[None])[0], simulation.inner
+            if clearance[~inner].min() >= _START_OUTSIDE and clearance[inner].min() >= _START_INSIDE:
+                return start
+
+    def _guarded(self, scenario: Scenario, number: int, fault: str) -> Course:
+        rng = np.random.default_rng([self._seed, number, 1])
+        description, seed = FAULTS[fault], int(rng.integers(2**32))
+        if fault == "dead":
+            dead = description.to_cell.model_copy(update={"dead_from_s": float(rng.uniform(0.5, 3.0))})
+            description = description.model_copy(update={"to_cell": dead})
+        self._observed.reset()
+
+        def link() -> Link:
+            return faulty_link(InProcess(self._observed, _COMPUTE), description, self._max_age, seed)
+
+        return self._simulation.run(scenario, link, self._max_age)
+
+    def _row(self, number: int, third: str, fault: str, twin: Twin, course: Course) -> RunRow:
+        simulation = self._simulation
+        outside = ~simulation.inner
+        clearances = simulation.clearances(course.axes[::SAMPLES])
+        contact = simulation.contact(course)
+        stop, pair = self._stop_of(course)
+        warnings = list(self._warnings(course))
+        return RunRow(
+            number,
+            third,
+            twin.scenario.operation.name.lower(),
+            fault,
+            twin.draws,
+            twin.contact[0] if twin.contact else np.nan,
+            twin.contact[1] if twin.contact else "",
+            float(twin.clearances[:, outside].min()),
+            contact[1] if contact else "",
+            course.touched,
+            float(clearances[:, outside].min()),
+            stop,
+            course.stopped_at if course.stopped_at is not None else np.nan,
+            " - ".join(pair),
+            stop == "guard" and not self._was_near(twin, pair),
+            stop == "" and course.rate == 0 and course.arrived_at is None and twin.course.arrived_at is not None,
+            len(warnings),
+            sum(not approaches for approaches in warnings),
+            np.nan if twin.course.arrived_at is None else twin.course.arrived_at,
+            np.nan if course.arrived_at is None else course.arrived_at,
+        )
+
+    def _was_near(self, twin: Twin, pair: tuple[str, ...]) -> bool:
+        """Whether a twin came nearer than the worst-case stopping distance and 10 mm, with `pair` or another body.
+
+        On a path that is known, nothing but a contact is a reason to stop: there the distance is 0.
+        """
+        pairs = self._simulation.scene.pairs
+        manual = twin.scenario.operation is Operation.MANUAL
+        within = (self._distance if manual else 0.0) + 0.01
+        concerned = ~self._simulation.inner | np.array([found == pair for found in pairs])
+        return bool((twin.clearances < within)[:, concerned].any())
+
+    def _stop_of(self, course: Course) -> tuple[str, tuple[str, ...]]:
+        """What stopped the robot, and the pair for which the guard did."""
+        if course.stopped_at is None:
+            return "", ()
+        if not any(answer.emergency_stop and time <= course.stopped_at + 1e-9 for time, answer in course.answers):
+            return "age", ()
+        return "guard", next(decision.pair for _, decision in self._log if decision.stop)
+
+    def _warnings(self, course: Course) -> Iterator[bool]:
+        """Whether the pair of each warning truly approached when the state was measured."""
+        pairs = self._simulation.scene.pairs
+        for time, decision in self._log:
+            if "contact in" in decision.text:
+                at = int(np.searchsorted(course.times, time - 1e-9))
+                near = course.axes[[max(at - 1, 0), min(at + 1, len(course.axes) - 1)]]
+                before, after = self._simulation.clearances(near, np.inf)[:, pairs.index(decision.pair)]
+                yield bool(after < before)
+
+
+def stopping_distances(simulation: Simulation, settings: GuardSettings) -> Array:
+    """Worst-case stopping distance (pairs,), m, by hand of the pairs of a simulation's scene.
+
+    The tool moves at its jog speed for the reaction time, accelerates all the while, and brakes as long as its slowest
+    axis does. Bodies of the arm approach each other by what the joints between them do in that time, if that is less.
+    """
+    nominal, robot = simulation.nominal, simulation.description.robot
+    limits = jog_limits(robot, nominal)
+    acceleration = np.append([joint.max_acceleration for joint in nominal.arm.joints], nominal.table_max_acceleration)
+    speed = np.append([joint.max_speed for joint in nominal.arm.joints], nominal.table_max_speed)
+    rates = robot.motion.jog_joint_share * speed
+    braking = braking_time(rates, settings.deceleration * acceleration)
+    longest = settings.reaction + braking / 2
+    time_squared = settings.reaction**2 + settings.reaction * braking
+    pairs = simulation.scene.pairs
+    changed = UnseenApproach(nominal, pairs, limits).bound(np.append(nominal.home, 0.0), time_squared)
+    by_joints = MotionBounds(nominal, pairs).pairs(np.append(nominal.home, 0.0)[None], (rates * longest)[None])[0]
+    by_tool = si_value(robot.motion, "jog_speed_mm_s") * longest
+    return np.asarray(np.where(simulation.inner, np.minimum(by_joints, by_tool), by_tool) + changed)
+
+
+class _Observed:
+    """A guard whose decisions are written down with the times of the states."""
+
+    def __init__(self, guard: Guard, log: list[tuple[float, Decision]]) -> None:
+        self._guard, self._log = guard, log
+
+    def answer(self, state: CellState) -> GuardMessage:
+        """The guard's."""
+        message = self._guard.answer(state)
+        self._log.append((state.time, self._guard.decision))
+        return message
+
+    def reset(self) -> None:
+        """The guard's."""
+        self._log.clear()
+        self._guard.reset()

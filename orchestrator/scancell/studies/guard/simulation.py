@@ -1,0 +1,145 @@
+"""Runs of a simulated cell with and without its guard, and what an independent judge says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.fmu_file import cell_json
+from scancell.cell.instance import CellInstance
+from scancell.cell.reusable import ReusableCell
+from scancell.closing import Closing
+from scancell.config.cell import CellDescription
+from scancell.geometry.reduction import reduced
+from scancell.guard.guarded_cell import GuardedCell
+from scancell.guard.link import Link
+from scancell.guard.messages import GuardMessage
+from scancell.nominal.cell import NominalCell
+from scancell.proximity.cell_scene import arm_chain, cell_scene
+from scancell.proximity.judge import first_collision
+from scancell.proximity.scene import ProximityScene
+from scancell.studies.guard.scenario import DURATION, Operator, Scenario
+
+Array = NDArray[np.float64]
+
+SAMPLES = 4  # of the motion in a controller cycle that is judged
+_MAX_FACES = 5000
+_MAX_ERROR = 0.5e-3  # m
+_FAR = 0.15  # m: distances are not searched beyond
+
+# States of the controller, as its output `controller.state` numbers them.
+_EMERGENCY_STOP = 3
+
+
+@dataclass(frozen=True)
+class Course:
+    """What happened in a run.
+
+    Attributes
+    ----------
+    times, axes
+        (n,), s, and true joints and table (n, joints + 1), rad.
+    answers
+        Of the guard, as the controller received them, with the times of receipt, s.
+    stopped_at
+        Time of an emergency stop, s; None: there was none.
+    arrived_at
+        Time at which the last move was at its destination, s; None: it was not, or there was none.
+    rate
+        Of the path clock at the end.
+    touched
+        Whether the cell's own collision outputs reported a contact.
+    """
+
+    times: Array
+    axes: Array
+    answers: tuple[tuple[float, GuardMessage], ...]
+    stopped_at: float | None
+    arrived_at: float | None
+    rate: float
+    touched: bool
+
+
+class Simulation(Closing):
+    """A cell that is run again and again. Use it as a context manager.
+
+    Parameters
+    ----------
+    cell
+        Description.
+    nominal
+        Its geometry with a part.
+    """
+
+    def __init__(self, cell: CellDescription, nominal: NominalCell) -> None:
+        self.description, self.nominal = cell, nominal
+        self._cell = ReusableCell()
+        self._cycle_us = cell.world.controller_cycle_us
+        self._inner = set(arm_chain(nominal))
+
+    @cached_property
+    def scene(self) -> ProximityScene:
+        """Bodies and the pairs to check."""
+        return cell_scene(
+            self.nominal, {body.name: reduced(body.mesh, _MAX_FACES, _MAX_ERROR).mesh for body in self.nominal.bodies}
+        )
+
+    @property
+    def inner(self) -> NDArray[np.bool_]:
+        """Which pairs of the scene are two bodies of the arm."""
+        return np.array([a in self._inner and b in self._inner for a, b in self.scene.pairs])
+
+    def run(
+        self,
+        scenario: Scenario,
+        link: Callable[[], Link] | None = None,
+        max_age: float = 0.0,
+        samples: int = SAMPLES,
+    ) -> Course:
+        """Run a scenario, with a guard behind a link or without; `samples` of the motion in a controller's cycle."""
+        cell = self._started(scenario.start)
+        guarded = GuardedCell(cell, self._cycle_us, link() if link else None, max_age)
+        operator = Operator(cell, scenario)
+        truth = cell.real_group(cell.axis_names("truth."))
+        times, axes, answers = [0.0], [cell.get(truth).copy()], []
+        stopped = arrived = None
+        touched = False
+        while cell.time_us < DURATION * 1e6:
+            now = cell.time_us * 1e-6
+            operator.act()
+            answers += [(now, answer) for answer in guarded.poll()]
+            start_us = cell.time_us
+            for k in range(1, samples + 1):
+                cell.step_to(start_us + k * self._cycle_us // samples)
+                times.append(cell.time_us * 1e-6)
+                axes.append(cell.get(truth).copy())
+            touched |= cell.get_integer("truth.collision.pairs") > 0
+            if stopped is None and cell.get_integer("controller.state") == _EMERGENCY_STOP:
+                stopped = now
+            if operator.done and cell.get_boolean("controller.at_destination"):
+                arrived = now if arrived is None else arrived
+        rate = float(cell.get(cell.real_group(["controller.rate"]))[0])
+        return Course(np.array(times), np.array(axes), tuple(answers), stopped, arrived, rate, touched)
+
+    def _started(self, start: Array) -> CellInstance:
+        described = cell_json(self.description, replace(self.nominal, home=start[:-1]), 0)
+        return self._cell.start(described)
+
+    def clearances(self, axes: Array, farthest: float = _FAR) -> Array:
+        """Distances (n, pairs), m, of the pairs of the scene, at most `farthest`."""
+        return self.scene.distances(self.nominal.body_poses(axes[:, :-1], axes[:, -1]), farthest, 1)
+
+    def contact(self, course: Course) -> tuple[float, str] | None:
+        """Time and pair of the first contact that python-fcl finds in the recorded motion."""
+        meshes = {body.name: body.mesh for body in self.nominal.bodies}
+        poses = self.nominal.body_poses(course.axes[:, :-1], course.axes[:, -1])
+        found = first_collision(meshes, self.scene.pairs, self.scene.names, poses)
+        return None if found is None else (float(course.times[found.index]), f"{found.body_a} - {found.body_b}")
+
+    def close(self) -> None:
+        """Free the FMU and its files."""
+        self._cell.close()
