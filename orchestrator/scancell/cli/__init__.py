@@ -12,6 +12,7 @@ import typer
 from scancell.cli.batch import batch
 from scancell.cli.common import JsonOption, Outcome, ScanOption, SetOption, ThreadsOption, run, show_progress
 from scancell.cli.fmu import fmu_app
+from scancell.cli.guard import guard_app
 from scancell.cli.interrupts import INTERRUPTS
 from scancell.cli.options import CellOptions, CloudOptions, with_options
 from scancell.cli.place import place
@@ -37,6 +38,7 @@ app.command()(place)
 app.command()(plan)
 app.command()(survey)
 app.add_typer(fmu_app, name="fmu")
+app.add_typer(guard_app, name="guard")
 app.add_typer(robot_app, name="robot")
 app.add_typer(study_app, name="study")
 
