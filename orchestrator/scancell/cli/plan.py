@@ -95,7 +95,9 @@ def plan(
             files.append(str(out))
         warnings = list(made.warnings)
         if picture is not None and not made.paths:
-            warnings.append(f"{picture.name} is not written: a configuration map is of a sensor path, the plan has none")
+            warnings.append(
+                f"{picture.name} is not written: a configuration map is of a sensor path, the plan has none"
+            )
         return Outcome(lines, figures, files, warnings)
 
     run("plan", as_json, work)

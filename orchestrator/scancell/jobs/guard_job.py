@@ -1,0 +1,62 @@
+"""The guard of a described cell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from scancell.config.cell import CellDescription
+from scancell.config.loading import load_setup
+from scancell.config.scan import ScanDescription
+from scancell.geometry.mesh import Mesh, box_mesh, load_mesh
+from scancell.guard.guard import Guard
+from scancell.guard.settings import GuardSettings
+from scancell.nominal.cell import nominal_cell
+from scancell.planning.occupancy import with_occupied_space
+
+_LEAST_NOISE = np.radians(0.005)
+_SIGMAS = 5.0  # of the largest error of an angle
+
+
+def settings_of(cell: CellDescription) -> GuardSettings:
+    """The worst case of a described cell: its controller's cycle, and the noise of its encoders."""
+    encoders = [(joint.encoder_noise_deg, joint.encoder_resolution_deg) for joint in cell.robot.joint]
+    encoders.append((cell.table.encoder_noise_deg, cell.table.encoder_resolution_deg))
+    noise = max(_LEAST_NOISE, *(np.radians(np.hypot(noise, step / np.sqrt(12))) for noise, step in encoders))
+    cycle = cell.world.controller_cycle_us * 1e-6
+    return GuardSettings(cycle=cycle, noise=float(noise), angle_error=float(_SIGMAS * noise))
+
+
+def guard_of(
+    cell: str | Path | CellDescription | None = None,
+    part: str | Path | Mesh | None = None,
+    scan: str | Path | ScanDescription | None = None,
+    *,
+    unit: str = "mm",
+    settings: GuardSettings | None = None,
+) -> Guard:
+    """A guard that knows a cell's bodies, the part on its table, and the space that a scan says is occupied.
+
+    Parameters
+    ----------
+    cell, scan
+        Descriptions or their files; None: the shipped default.
+    part
+        Mesh (m) or mesh file (`unit`); None: the table is empty.
+    settings
+        The worst case; None: that of the description.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected.
+    """
+    setup = load_setup(cell, None, scan)
+    mesh = load_mesh(part, unit) if isinstance(part, str | Path) else part
+    nominal = nominal_cell(setup.cell, mesh or box_mesh((0.01, 0.01, 0.01)))
+    if part is None:
+        nominal = replace(nominal, bodies=tuple(body for body in nominal.bodies if body.name != "part"))
+    nominal = with_occupied_space(nominal, setup.scan.occupied)
+    return Guard(nominal, setup.cell.robot, settings or settings_of(setup.cell))
