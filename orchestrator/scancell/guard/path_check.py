@@ -23,6 +23,7 @@ _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
 _LONGER = 1.5  # braking on a path against braking straight on
 _TARGETS = np.linspace(1.0, 0.0, 51)
 _EASY = 2.0  # 1/s: change of the rate for which the monitor speed leaves room
+_REST = 0.02  # s of path clock that are left when the robot waits
 _STILL = 1e-6  # rad: pieces of a path that are no motion
 
 # Of the controller: the rate follows the monitor speed no faster, 1/s.
@@ -97,7 +98,7 @@ class PathCheck:
             free = np.inf  # the motion ends within what is known
         braking = self._braking(points, spacing)
         proved = self._advance(rate, max(allowed, rate), braking) <= free
-        room = 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY) + braking / 2)
+        room = _REST + 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY) + braking / 2)
         speed = float(_TARGETS[np.argmax(room <= free)])
         return PathVerdict(free, clash, speed, proved)
 

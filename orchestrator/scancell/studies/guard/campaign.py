@@ -157,8 +157,8 @@ class Campaign:
         rng = np.random.default_rng([self._seed, number, 0])
         for draws in range(1, _DRAWS + 1):
             scenario = random_scenario(operation, simulation.nominal, self._start(rng), rng)
-            rough = simulation.run(scenario, samples=1)
-            least = simulation.clearances(rough.axes, _NEAR_MISS + _ROUGH)
+            rough = simulation.run(scenario, rough=True)
+            least = simulation.clearances(rough.axes[::2], _NEAR_MISS + _ROUGH)
             outside = least[:, ~simulation.inner].min()
             if {THIRDS[0]: least.min() > _ROUGH, THIRDS[1]: outside > _NEAR_MISS, THIRDS[2]: outside < _NEAR_MISS}[
                 third

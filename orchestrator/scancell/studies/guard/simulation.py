@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 SAMPLES = 4  # of the motion in a controller cycle that is judged
 _MAX_FACES = 5000
 _MAX_ERROR = 0.5e-3  # m
+_RANGE_MM = 1.0
 _FAR = 0.15  # m: distances are not searched beyond
 
 # States of the controller, as its output `controller.state` numbers them.
@@ -77,8 +78,14 @@ class Simulation(Closing):
 
     def __init__(self, cell: CellDescription, nominal: NominalCell) -> None:
         self.description, self.nominal = cell, nominal
-        self._cell = ReusableCell()
         self._cycle_us = cell.world.controller_cycle_us
+        # Nothing but the controller moves the bodies: one step of the dynamics in a sample is enough. Of the collision
+        # outputs contacts are read, not clearances.
+        world = cell.world.model_copy(update={"time_step_us": self._cycle_us // SAMPLES})
+        collision = cell.collision.model_copy(update={"range_mm": _RANGE_MM})
+        stepped = cell.model_copy(update={"world": world, "collision": collision})
+        self._described = {seen: cell_json(stepped, nominal, 0, collision_outputs=seen) for seen in (False, True)}
+        self._cells = {seen: ReusableCell() for seen in self._described}
         self._inner = set(arm_chain(nominal))
 
     @cached_property
@@ -98,17 +105,21 @@ class Simulation(Closing):
         scenario: Scenario,
         link: Callable[[], Link] | None = None,
         max_age: float = 0.0,
-        samples: int = SAMPLES,
+        rough: bool = False,
     ) -> Course:
-        """Run a scenario, with a guard behind a link or without; `samples` of the motion in a controller's cycle."""
-        cell = self._started(scenario.start)
+        """Run a scenario, with a guard behind a link or without.
+
+        The run ends with a contact. A `rough` course has one sample in a cycle of the controller, and no contacts.
+        """
+        cell = self._started(scenario.start, not rough)
+        samples = 1 if rough else SAMPLES
         guarded = GuardedCell(cell, self._cycle_us, link() if link else None, max_age)
         operator = Operator(cell, scenario)
         truth = cell.real_group(cell.axis_names("truth."))
         times, axes, answers = [0.0], [cell.get(truth).copy()], []
         stopped = arrived = None
         touched = False
-        while cell.time_us < DURATION * 1e6:
+        while cell.time_us < DURATION * 1e6 and not touched:
             now = cell.time_us * 1e-6
             operator.act()
             answers += [(now, answer) for answer in guarded.poll()]
@@ -117,7 +128,7 @@ class Simulation(Closing):
                 cell.step_to(start_us + k * self._cycle_us // samples)
                 times.append(cell.time_us * 1e-6)
                 axes.append(cell.get(truth).copy())
-            touched |= cell.get_integer("truth.collision.pairs") > 0
+            touched = not rough and cell.get_integer("truth.collision.pairs") > 0
             if stopped is None and cell.get_integer("controller.state") == _EMERGENCY_STOP:
                 stopped = now
             if operator.done and cell.get_boolean("controller.at_destination"):
@@ -125,9 +136,11 @@ class Simulation(Closing):
         rate = float(cell.get(cell.real_group(["controller.rate"]))[0])
         return Course(np.array(times), np.array(axes), tuple(answers), stopped, arrived, rate, touched)
 
-    def _started(self, start: Array) -> CellInstance:
-        described = cell_json(self.description, replace(self.nominal, home=start[:-1]), 0)
-        return self._cell.start(described)
+    def _started(self, start: Array, seen: bool) -> CellInstance:
+        described = self._described[seen]
+        for joint, angle in zip(described["robot"]["joints"], start[:-1], strict=True):
+            joint["start"] = float(angle)
+        return self._cells[seen].start(described)
 
     def clearances(self, axes: Array, farthest: float = _FAR) -> Array:
         """Distances (n, pairs), m, of the pairs of the scene, at most `farthest`."""
@@ -142,4 +155,5 @@ class Simulation(Closing):
 
     def close(self) -> None:
         """Free the FMU and its files."""
-        self._cell.close()
+        for cell in self._cells.values():
+            cell.close()
