@@ -3,23 +3,26 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <memory>
 
 #include "fmu/control/axis.h"
 #include "fmu/control/enumeration.h"
+#include "fmu/control/program.h"
 
 namespace robotcell::control {
 
-enum class Mode : std::int32_t { kHold, kServo, kJointMove, kLineMove, kJointJog, kCartesianJog };
+enum class Mode : std::int32_t { kHold, kServo, kJointMove, kLineMove, kJointJog, kCartesianJog, kProgram };
 inline constexpr EnumerationItem kModeItems[] = {
-    {"hold", "brake and rest"},          {"servo", "follow streamed set-points"},
-    {"joint_move", "move of all axes"},  {"line_move", "linear move of the sensor"},
-    {"joint_jog", "jog of single axes"}, {"cartesian_jog", "Cartesian jog of the sensor"},
+    {"hold", "brake and rest"},           {"servo", "follow streamed set-points"},
+    {"joint_move", "move of all axes"},   {"line_move", "linear move of the sensor"},
+    {"joint_jog", "jog of single axes"},  {"cartesian_jog", "Cartesian jog of the sensor"},
+    {"program", "segments of a program"},
 };
 
 enum class Operation : std::int32_t { kManual, kAutomatic };
 inline constexpr EnumerationItem kOperationItems[] = {
     {"manual", "only jogs (modes 4 and 5) move the robot"},
-    {"automatic", "modes 1 to 3 move the robot, and jogs are rejected"},
+    {"automatic", "modes 1 to 3 and 6 move the robot, and jogs are rejected"},
 };
 
 enum class JogFrame : std::int32_t { kWorld, kTool };
@@ -32,17 +35,20 @@ struct Command {
   Mode mode = Mode::kHold;
   Axes position{};                                         // rad, set-points in servo mode, targets of moves
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();  // world_from_tool, target of a linear move
+  std::shared_ptr<const ProgramSegment> segment;           // to run in program mode; null: there is none
   double speed = 1;                                        // fraction of the full speed, above 0
-  double monitor_speed = 1;                                // speed override of moves, 0 to 1
+  double monitor_speed = 1;                                // speed override of programmed motions, 0 to 1
   Axes jog{};                                              // deflection of each axis, -1 to 1
   JogFrame jog_frame = JogFrame::kWorld;
   Operation operation = Operation::kAutomatic;
-  std::int32_t start = 0;  // an increase starts a move
+  std::int32_t start = 0;  // an increase starts a move or a segment
   bool emergency_stop = false;
   bool collision = false;      // its beginning starts an emergency stop
   std::int32_t reset = 0;      // an increase ends an emergency stop
   std::int32_t heartbeat = 0;  // any change restarts the watchdog
   double max_age = 0;          // s, timeout of the watchdog; 0 disables it
+  std::int64_t guard_us = 0;   // instant of the state that the last message of the guard answers
+  double guard_max_age = 0;    // s, largest age of that state; 0: there is no guard
 };
 
 enum class Phase : std::int32_t { kRest, kMoving, kBraking, kEmergencyStop };
@@ -63,6 +69,10 @@ enum class ControllerError : std::int32_t {
   kTargetOutOfLimits,
   kPathOutOfLimits,
   kSingular,
+  kNoSegment,  // the program cannot be read or has no such segment
+  kElsewhere,  // the axes are not where the segment starts
+  kTooFast,    // the segment exceeds a limit of speed or acceleration
+  kGuardTimeout,
 };
 
 inline constexpr EnumerationItem kControllerErrorItems[] = {
@@ -74,6 +84,16 @@ inline constexpr EnumerationItem kControllerErrorItems[] = {
     {"target_out_of_limits", "target outside the position limits"},
     {"path_out_of_limits", "path outside the position limits"},
     {"singular", "singularity on the path or target out of reach"},
+    {"no_segment", "program cannot be read or has no such segment"},
+    {"elsewhere", "axes are not at the start of the segment"},
+    {"too_fast", "segment exceeds a limit of speed or acceleration"},
+    {"guard_timeout", "guard message too old, reset needed"},
+};
+
+/// Path clock against time: clock in s, rate of the clock against real time, 0 to 1.
+struct ClockPoint {
+  double clock = 0;
+  double rate = 0;
 };
 
 struct Report {
@@ -84,6 +104,10 @@ struct Report {
   bool moving = false;
   bool at_destination = false;
   double progress = 0;
+  ClockPoint path_clock;       // of the running or last programmed motion; its rate is 0 where none runs
+  double guard_age = 0;        // s
+  double guard_share = 1;      // share of the monitor speed that the guard allows
+  bool guard_stopped = false;  // the guard has stopped the robot
   Axes destination{};
 };
 

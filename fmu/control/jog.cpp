@@ -61,6 +61,15 @@ Axes positions(const Knots& knots) {
   return axes;
 }
 
+/// Whether an axis stops before its position limits where its speed falls by the same amount in each of
+/// `cycles` cycles (not a whole number).
+bool stops_within_limits(const Knot& knot, const AxisLimits& limits, double cycle, double cycles) {
+  const double whole = std::ceil(std::max(1.0, cycles));
+  const double mean_speeds = whole - 0.5 - (cycles > 1 ? whole * (whole - 1) / (2 * cycles) : 0);
+  const double stop = knot.position + knot.velocity * cycle * mean_speeds;
+  return stop >= limits.min && stop <= limits.max;
+}
+
 }  // namespace
 
 Knots brake_synchronously(double cycle, const Limits& limits, const Knots& present) {
@@ -72,7 +81,12 @@ Knots brake_synchronously(double cycle, const Limits& limits, const Knots& prese
   const double factor = cycles > 1 ? 1 - 1 / cycles : 0;
   Knots knots;
   for (std::size_t i = 0; i < kAxes; ++i) {
-    knots[i] = constant_acceleration_knot(present[i], factor * present[i].velocity, limits[i], cycle);
+    double speed = factor * present[i].velocity;
+    if (!stops_within_limits(present[i], limits[i], cycle, cycles)) {
+      const double step = limits[i].max_acceleration * cycle;
+      speed = present[i].velocity - std::clamp(present[i].velocity, -step, step);
+    }
+    knots[i] = constant_acceleration_knot(present[i], speed, limits[i], cycle);
   }
   return knots;
 }

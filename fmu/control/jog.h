@@ -61,7 +61,8 @@ class Jog {
 };
 
 /// One cycle of braking that scales the speeds of all axes by the same factor, so that the direction of the
-/// tool is kept and no axis exceeds its acceleration limit.
+/// tool is kept and no axis exceeds its acceleration limit. An axis that would pass a position limit brakes
+/// on its own, as fast as it can.
 Knots brake_synchronously(double cycle, const Limits& limits, const Knots& present);
 
 }  // namespace robotcell::control

@@ -107,21 +107,36 @@ Vector6 MotionPath::displacement() const {
   return displacement;
 }
 
-std::optional<PathPoint> MotionPath::at(double s, const ArmGeometry& arm, const Axes& near) const {
-  PathPoint point;
+/// Solution of the inverse kinematics with the table; of a path in the joints, its position alone.
+std::optional<JointSolution> MotionPath::solution_at(double s, const ArmGeometry& arm,
+                                                     const Axes& near) const {
   if (!line) {
-    for (std::size_t i = 0; i < kAxes; ++i) {
-      point.derivative[i] = to[i] - from[i];
-      point.position[i] = s == 1 ? to[i] : from[i] + s * point.derivative[i];
-    }
+    JointSolution solution{to, {}};
+    for (std::size_t i = 0; i < kAxes && s != 1; ++i) solution.position[i] = from[i] + s * (to[i] - from[i]);
+    return solution;
+  }
+  auto solution = solve_inverse_kinematics(arm, interpolate_pose(start_pose(), displacement(), s), near);
+  if (!solution) return std::nullopt;
+  const double table_travel = to[kTableAxis] - from[kTableAxis];
+  solution->position[kTableAxis] = s == 1 ? to[kTableAxis] : from[kTableAxis] + s * table_travel;
+  return solution;
+}
+
+std::optional<Axes> MotionPath::position_at(double s, const ArmGeometry& arm, const Axes& near) const {
+  const auto solution = solution_at(s, arm, near);
+  return solution ? std::optional<Axes>(solution->position) : std::nullopt;
+}
+
+std::optional<PathPoint> MotionPath::at(double s, const ArmGeometry& arm, const Axes& near) const {
+  const auto solution = solution_at(s, arm, near);
+  if (!solution) return std::nullopt;
+  PathPoint point;
+  point.position = solution->position;
+  if (!line) {
+    for (std::size_t i = 0; i < kAxes; ++i) point.derivative[i] = to[i] - from[i];
     return point;
   }
-  const auto solution =
-      solve_inverse_kinematics(arm, interpolate_pose(start_pose(), displacement(), s), near);
-  if (!solution) return std::nullopt;
-  point.position = solution->position;
   point.derivative = derivative_of(*this, arm, solution->columns);
-  point.position[kTableAxis] = s == 1 ? to[kTableAxis] : from[kTableAxis] + s * point.derivative[kTableAxis];
   point.second_derivative = second_derivative_of(*this, arm, point);
   return point;
 }

@@ -29,9 +29,14 @@ struct MotionPath {
   /// Evaluates the path at s. `near` is the solution at a neighbouring point, from which the inverse
   /// kinematics starts. Empty where the inverse kinematics fails.
   std::optional<PathPoint> at(double s, const ArmGeometry& arm, const Axes& near) const;
+  /// Axis positions alone, at less cost.
+  std::optional<Axes> position_at(double s, const ArmGeometry& arm, const Axes& near) const;
 
   Eigen::Isometry3d start_pose() const { return Eigen::Translation3d(start_position) * start_orientation; }
   Vector6 displacement() const;
+
+ private:
+  std::optional<JointSolution> solution_at(double s, const ArmGeometry& arm, const Axes& near) const;
 };
 
 MotionPath joint_path(const Axes& from, const Axes& to);
@@ -50,7 +55,7 @@ struct MotionLimits {
   double angular_acceleration = 0;  // rad/s^2
 };
 
-enum class PathFault { kNone, kTargetOutOfLimits, kPathOutOfLimits, kSingular };
+enum class PathFault { kNone, kTargetOutOfLimits, kPathOutOfLimits, kSingular, kElsewhere, kTooFast };
 
 /// Result of checking a path before it is executed.
 struct PathReport {

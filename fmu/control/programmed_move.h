@@ -1,16 +1,18 @@
-// Execution of a programmed move: a path, a speed profile, and a path clock scaled by the monitor speed.
+// Execution of a programmed motion: a path, the path clock, and its rate, scaled by the monitor speed.
 #pragma once
 
-#include "fmu/control/motion_path.h"
+#include <memory>
+
+#include "fmu/control/command.h"
 
 namespace robotcell::control {
 
 struct MoveState {
   bool active = false;
+  std::shared_ptr<const ProgramSegment> segment;  // of a program; null: a move along `path`
   MotionPath path;
-  SmoothProfile profile;  // path parameter s as a function of the path clock
-  double clock = 0;       // s; runs at real time at full monitor speed
-  double rate = 0;        // of the path clock against real time, 0 to 1
+  SmoothProfile profile;  // path parameter s of a move as a function of the path clock
+  ClockPoint start, end;  // of the present cycle
 };
 
 /// Commanded change of the clock rate.
@@ -27,6 +29,7 @@ class ProgrammedMove {
 
   /// Starts on a checked path with the given clock rate; stays inactive where start and end coincide.
   void start(const MotionPath& path, const PathReport& report, double rate);
+  void start(std::shared_ptr<const ProgramSegment> segment, double rate);
 
   /// Advances by one cycle (seconds) from `present`; inactive once the end is reached. Throws
   /// std::logic_error where the inverse kinematics fails on a path that was checked.
@@ -34,16 +37,27 @@ class ProgrammedMove {
 
   void cancel() { state_.active = false; }
   bool active() const { return state_.active; }
-  bool stopped() const { return state_.rate == 0; }
+  double rate() const { return state_.end.rate; }
+  bool stopped() const { return rate() == 0; }
 
   /// Fraction of the path that has been executed.
-  double progress() const { return state_.profile.at(state_.clock).position; }
+  double progress() const;
+
+  /// Path clock at the fraction s of the present cycle of `cycle` seconds.
+  ClockPoint clock_at(double s, double cycle) const;
+
+  /// Positions on the path at a value of the path clock, constant beyond the end. `near` is the solution at a
+  /// neighbouring point. Throws as `advance`.
+  Axes position_at(double clock, const Axes& near) const;
 
   const MoveState& state() const { return state_; }
   void restore(const MoveState& state) { state_ = state; }
 
  private:
   struct CycleResult;
+  double duration() const { return state_.segment ? state_.segment->duration() : state_.profile.duration(); }
+  Axes destination() const { return state_.segment ? state_.segment->end() : state_.path.to; }
+  Knots on_path(double clock, const Axes& near) const;
   CycleResult cycle_result(double cycle, double rate, const Axes& near) const;
   double acceleration_ratio(double cycle, const Knots& present, const Knots& end) const;
 

@@ -12,9 +12,18 @@ constexpr double kMaxMonitorSlope = 4;  // 1/s: from standstill to full speed in
 constexpr double kUnlimitedSlope = std::numeric_limits<double>::infinity();
 
 bool jogs(Mode mode) { return mode == Mode::kJointJog || mode == Mode::kCartesianJog; }
-bool moves(Mode mode) { return mode == Mode::kJointMove || mode == Mode::kLineMove; }
+/// Programmed motions: on a path that is known as a whole.
+bool moves(Mode mode) {
+  return mode == Mode::kJointMove || mode == Mode::kLineMove || mode == Mode::kProgram;
+}
 /// Modes that may follow each other while the axes move.
 bool streams(Mode mode) { return mode == Mode::kHold || mode == Mode::kServo; }
+
+bool streams_commands(Mode mode) { return mode == Mode::kServo || jogs(mode); }
+
+double seconds_between(std::int64_t from_us, std::int64_t to_us) {
+  return static_cast<double>(to_us - from_us) * kSecondsPerMicrosecond;
+}
 
 ControllerError error_of(PathFault fault) {
   switch (fault) {
@@ -24,12 +33,18 @@ ControllerError error_of(PathFault fault) {
       return ControllerError::kPathOutOfLimits;
     case PathFault::kSingular:
       return ControllerError::kSingular;
+    case PathFault::kElsewhere:
+      return ControllerError::kElsewhere;
+    case PathFault::kTooFast:
+      return ControllerError::kTooFast;
     default:
       return ControllerError::kNone;
   }
 }
 
 }  // namespace
+
+double share_of_guard(double age, double max_age) { return std::clamp(2 * (1 - age / max_age), 0.0, 1.0); }
 
 RobotController::RobotController(const ControllerSettings& settings, const ArmGeometry& arm,
                                  const Axes& start)
@@ -46,6 +61,10 @@ void RobotController::cycle(std::int64_t now_us, const Command& command) {
   latch_inputs(now_us, command);
   state_.error = check_preconditions(now_us, command);
   const Mode next = requested_mode(command);
+  // The motion stays on its path, in its mode.
+  if (state_.error == ControllerError::kNone && state_.guard_stopped && moves(command.mode)) {
+    state_.error = ControllerError::kGuardTimeout;
+  }
   const bool at_once = streams(state_.mode) && streams(next);
   if (next != state_.mode && (at_once || at_rest())) enter(next);
   if (next == state_.mode && !state_.stopped) {
@@ -60,11 +79,12 @@ void RobotController::cycle(std::int64_t now_us, const Command& command) {
 /// Reads the counters, and starts, stops and resets on their changes.
 void RobotController::latch_inputs(std::int64_t now_us, const Command& command) {
   if (command.heartbeat != state_.heartbeat) state_.heartbeat_us = now_us;
-  const bool starts = command.start > state_.start;
+  const bool starts = this->starts(command);
   const bool resets = command.reset > state_.reset;
   state_.heartbeat = command.heartbeat;
   state_.start = command.start;
   state_.reset = command.reset;
+  watch_guard(now_us, command, resets);
   const bool collides = command.collision && !state_.collision;
   state_.collision = command.collision;
   if (command.emergency_stop || collides) {
@@ -75,13 +95,33 @@ void RobotController::latch_inputs(std::int64_t now_us, const Command& command) 
   if (!starts || !moves(command.mode)) return;
   state_.path_error = ControllerError::kNone;
   state_.path_limit = 0;
-  if (check_preconditions(now_us, command) != ControllerError::kNone) return;
+  if (state_.guard_stopped || check_preconditions(now_us, command) != ControllerError::kNone) return;
   state_.pending_move = {true,
-                         command.mode == Mode::kLineMove,
+                         command.mode,
+                         command.segment,
                          command.position,
                          command.pose.translation(),
                          Eigen::Quaterniond(command.pose.linear()),
                          command.speed};
+}
+
+/// Takes the time of the last guard message and stops the robot where it is too old.
+void RobotController::watch_guard(std::int64_t now_us, const Command& command, bool resets) {
+  if (command.guard_us <= now_us) state_.guard_us = std::max(state_.guard_us, command.guard_us);
+  const double age = seconds_between(state_.guard_us, now_us);
+  const bool guarded = command.guard_max_age > 0;
+  const bool expired = guarded && age > command.guard_max_age;
+  state_.guard_share = guarded ? share_of_guard(age + cycle_, command.guard_max_age) : 1;
+  if (resets && !expired) state_.guard_stopped = false;
+  if (!expired) return;
+  const bool streamed = streams_commands(command.mode) || (streams_commands(state_.mode) && !at_rest());
+  state_.stopped = state_.stopped || streamed;
+  state_.guard_stopped = state_.guard_stopped || streamed || moves(command.mode);
+}
+
+/// Rate of the path clock that a programmed motion approaches.
+double RobotController::target_rate(const Command& command) const {
+  return state_.guard_stopped ? 0 : command.monitor_speed * state_.guard_share;
 }
 
 ControllerError RobotController::check_preconditions(std::int64_t now_us, const Command& command) const {
@@ -90,9 +130,9 @@ ControllerError RobotController::check_preconditions(std::int64_t now_us, const 
   const bool manual = command.operation == Operation::kManual;
   if (manual && !jogs(command.mode)) return ControllerError::kManualOperation;
   if (!manual && jogs(command.mode)) return ControllerError::kAutomaticOperation;
-  const auto age = static_cast<double>(now_us - state_.heartbeat_us) * kSecondsPerMicrosecond;
-  const bool streamed = command.mode == Mode::kServo || jogs(command.mode);
-  if (streamed && command.max_age > 0 && age > command.max_age) return ControllerError::kHeartbeatTimeout;
+  const double age = seconds_between(state_.heartbeat_us, now_us);
+  const bool watched = command.max_age > 0 && streams_commands(command.mode);
+  if (watched && age > command.max_age) return ControllerError::kHeartbeatTimeout;
   return ControllerError::kNone;
 }
 
@@ -125,6 +165,7 @@ void RobotController::run(std::int64_t now_us, const Command& command) {
       return;
     case Mode::kJointMove:
     case Mode::kLineMove:
+    case Mode::kProgram:
       run_move(now_us, command);
       return;
     case Mode::kJointJog:
@@ -139,41 +180,61 @@ void RobotController::run(std::int64_t now_us, const Command& command) {
 }
 
 void RobotController::run_move(std::int64_t now_us, const Command& command) {
-  const bool line = state_.mode == Mode::kLineMove;
-  if (state_.pending_move.pending && state_.pending_move.line == line) {
+  if (state_.pending_move.pending && state_.pending_move.mode == state_.mode) {
     if (!at_rest()) return brake(now_us);
-    plan(command);
+    state_.mode == Mode::kProgram ? plan_segment(command) : plan(command);
+    state_.pending_move = {};
   }
   if (!move_.active()) return hold(now_us);
-  const Knots end = move_.advance(cycle_, {command.monitor_speed, kMaxMonitorSlope}, present());
-  servo_.advance(now_us, end, 0);
+  const double rate = target_rate(command);
+  const bool guard_slows = rate < std::min(command.monitor_speed, move_.rate());
+  advance(now_us, {rate, guard_slows ? kUnlimitedSlope : kMaxMonitorSlope});
+}
+
+void RobotController::advance(std::int64_t now_us, const RateRamp& change) {
+  servo_.advance(now_us, move_.advance(cycle_, change, present()), 0);
+  state_.advanced_us = now_us;
 }
 
 /// Starts the pending move from rest, if its path is feasible.
 void RobotController::plan(const Command& command) {
   const PendingMove& pending_move = state_.pending_move;
-  state_.pending_move.pending = false;
+  const bool line = pending_move.mode == Mode::kLineMove;
   const Axes from = present_position();
   const Eigen::Isometry3d target =
       Eigen::Translation3d(pending_move.tool_position) * pending_move.tool_orientation;
-  const MotionPath path = pending_move.line ? line_path(arm_, from, target, pending_move.position[kTableAxis])
-                                            : joint_path(from, pending_move.position);
+  const MotionPath path = line ? line_path(arm_, from, target, pending_move.position[kTableAxis])
+                               : joint_path(from, pending_move.position);
   const PathReport report = check_path(path, arm_, settings_.motion, pending_move.speed);
   state_.path_error = error_of(report.fault);
   state_.path_limit = report.axis;
   move_.cancel();
   if (report.fault != PathFault::kNone) return;
   state_.destination = report.end;
-  move_.start(path, report, command.monitor_speed);
+  move_.start(path, report, target_rate(command));
 }
 
-/// Brakes: a programmed move on its path, a jog in its direction, and servo motion axis by axis or, in an
+/// Starts the pending segment from rest, if the axes are where it starts and it keeps the limits.
+void RobotController::plan_segment(const Command& command) {
+  const std::shared_ptr<const ProgramSegment> segment = state_.pending_move.segment;
+  move_.cancel();
+  state_.path_error = ControllerError::kNoSegment;
+  if (!segment) return;
+  const PathReport report = check_segment(*segment, present_position(), settings_.motion.axes);
+  state_.path_error = error_of(report.fault);
+  state_.path_limit = report.axis;
+  if (report.fault != PathFault::kNone) return;
+  state_.destination = report.end;
+  ++state_.runs;
+  move_.start(segment, target_rate(command));
+}
+
+/// Brakes: a programmed motion on its path, a jog in its direction, and servo motion axis by axis or, in an
 /// emergency stop, with all axes in proportion.
 void RobotController::brake(std::int64_t now_us) {
   if (move_.active()) {
-    const Knots end = move_.advance(cycle_, {0, kUnlimitedSlope}, present());
+    advance(now_us, {0, kUnlimitedSlope});
     if (move_.stopped()) move_.cancel();
-    servo_.advance(now_us, end, 0);
   } else if (state_.stopped || !streams(state_.mode)) {
     servo_.advance(now_us, brake_synchronously(cycle_, settings_.motion.axes, present()), 0);
   } else {
@@ -204,9 +265,44 @@ Report RobotController::report(std::int64_t time_us) const {
   if (report.error == ControllerError::kNone && jogs(state_.mode)) report.error = jog_.state().error;
   report.limit = state_.path_limit != 0 ? state_.path_limit : servo_.state().limit;
   report.progress = move_.progress();
+  report.path_clock = path_clock(time_us);
+  report.guard_age = seconds_between(state_.guard_us, time_us);
+  report.guard_share = state_.guard_share;
+  report.guard_stopped = state_.guard_stopped;
   report.destination = state_.destination;
   report.at_destination = !report.moving && present_position() == state_.destination;
   return report;
+}
+
+/// Path clock of the running or last programmed motion; its rate is 0 where none runs.
+ClockPoint RobotController::path_clock(std::int64_t time_us) const {
+  if (state_.advanced_us != servo_.state().start_us) return {move_.state().end.clock, 0};
+  return move_.clock_at(std::min(1.0, seconds_between(state_.advanced_us, time_us) / cycle_), cycle_);
+}
+
+/// Whether a programmed motion moves the axes in the current cycle or pauses on its path.
+bool RobotController::motion_runs() const {
+  return move_.active() || state_.advanced_us == servo_.state().start_us;
+}
+
+RunningSegment RobotController::running_segment(std::int64_t time_us) const {
+  if (!motion_runs() || !move_.state().segment) return {};
+  return {state_.runs, path_clock(time_us)};
+}
+
+PathAhead RobotController::path_ahead(std::int64_t time_us) const {
+  Axes position;
+  const Knots now = sample(time_us);
+  for (std::size_t i = 0; i < kAxes; ++i) position[i] = now[i].position;
+  PathAhead ahead;
+  ahead.fill(position);
+  if (!motion_runs()) return ahead;
+  double clock = path_clock(time_us).clock;
+  for (Axes& point : ahead) {
+    clock += kAheadCycles * cycle_;
+    position = point = move_.position_at(clock, position);
+  }
+  return ahead;
 }
 
 ControllerState RobotController::state() const {

@@ -1,6 +1,7 @@
 // The robot controller: modes, operation, monitor speed, emergency stop. Independent of dynamics and FMI.
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 #include "fmu/control/arm_geometry.h"
@@ -17,10 +18,11 @@ struct ControllerSettings {
   std::int64_t cycle_us = 0;
 };
 
-/// A requested move that waits until the axes are at rest.
+/// A requested move or segment that waits until the axes are at rest.
 struct PendingMove {
   bool pending = false;
-  bool line = false;
+  Mode mode = Mode::kJointMove;
+  std::shared_ptr<const ProgramSegment> segment;  // in program mode; null: there is none
   Axes position{};
   Eigen::Vector3d tool_position = Eigen::Vector3d::Zero();
   Eigen::Quaterniond tool_orientation = Eigen::Quaterniond::Identity();
@@ -42,14 +44,39 @@ struct ControllerState {
   std::int32_t path_limit = 0;
   std::int32_t start = 0, reset = 0, heartbeat = 0;  // counters at the last cycle
   std::int64_t heartbeat_us = 0;
+  std::int64_t guard_us = 0;      // instant of the latest state that a message of the guard has answered
+  double guard_share = 1;         // share of the monitor speed that the guard allows at the end of the cycle
+  bool guard_stopped = false;     // its messages were too old; until a reset
+  std::int64_t advanced_us = -1;  // last cycle in which a programmed motion advanced
+  std::int32_t runs = 0;          // number of segments started
   Axes destination{};
+};
+
+/// Positions on the path ahead of the present instant, `kAheadCycles` controller cycles of path clock apart.
+constexpr std::size_t kAheadPoints = 32;
+constexpr int kAheadCycles = 2;
+using PathAhead = std::array<Axes, kAheadPoints>;
+
+/// Share of the monitor speed for an age of the last guard message: 1 up to half of `max_age`, from there
+/// falling linearly to 0 at `max_age`.
+double share_of_guard(double age, double max_age);
+
+/// Path clock of a running segment, for the trigger.
+struct RunningSegment {
+  std::int32_t run = 0;  // number of the run, counted from 1; 0: none is running
+  ClockPoint path_clock;
 };
 
 /// Reads a command once per cycle and computes the axes one cycle ahead.
 ///
 /// Changes between servo and hold are immediate. Any other change of mode waits until the axes are at rest; a
-/// programmed move stops on its path. A move starts from where the axes have come to rest, and an infeasible
-/// move does not start. In manual operation only jogs are accepted, in automatic operation everything else.
+/// programmed motion stops on its path. A move or segment starts from where the axes have come to rest, and
+/// an infeasible one does not start. In manual operation only jogs are accepted, in automatic operation
+/// everything else.
+///
+/// A guard that watches the robot must answer states of the robot in time. Programmed motions slow down with
+/// the age of the last answer and rest on their paths where it is too old, until a reset; set-points and jogs
+/// then end in an emergency stop.
 class RobotController {
  public:
   RobotController(const ControllerSettings& settings, const ArmGeometry& arm, const Axes& start);
@@ -64,11 +91,23 @@ class RobotController {
 
   Report report(std::int64_t time_us) const;
 
+  /// Positions ahead on the path of the running motion, its end beyond it; the present ones where none runs.
+  PathAhead path_ahead(std::int64_t time_us) const;
+
+  /// Whether a command that is read now starts a motion.
+  bool starts(const Command& command) const { return command.start > state_.start; }
+
+  /// The segment that runs at an instant of the current cycle.
+  RunningSegment running_segment(std::int64_t time_us) const;
+
   ControllerState state() const;
   void restore(const ControllerState& state);
 
  private:
   void latch_inputs(std::int64_t now_us, const Command& command);
+  void watch_guard(std::int64_t now_us, const Command& command, bool resets);
+  double target_rate(const Command& command) const;
+  bool motion_runs() const;
   ControllerError check_preconditions(std::int64_t now_us, const Command& command) const;
   Mode requested_mode(const Command& command) const;
   void enter(Mode mode);
@@ -76,6 +115,9 @@ class RobotController {
   void brake(std::int64_t now_us);
   void run_move(std::int64_t now_us, const Command& command);
   void plan(const Command& command);
+  void plan_segment(const Command& command);
+  void advance(std::int64_t now_us, const RateRamp& change);
+  ClockPoint path_clock(std::int64_t time_us) const;
   void hold(std::int64_t now_us);
   bool at_rest() const;
   const Knots& present() const { return servo_.state().end; }

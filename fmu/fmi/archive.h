@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <tuple>
@@ -201,6 +202,21 @@ void exchange_sequence(Archive& archive, Container& values, const Element& empty
 template <class Archive, class T>
 void exchange(Archive& archive, std::vector<T>& values) {
   exchange_sequence(archive, values, T());
+}
+
+/// An object that may be absent and never changes. Its bytes are written in full.
+template <class Archive, class T>
+void exchange(Archive& archive, std::shared_ptr<const T>& value) {
+  bool present = Archive::kDescribes || value != nullptr;
+  archive.raw(present);
+  if (!present) return value.reset();
+  if constexpr (Archive::kReads || Archive::kDescribes) {
+    const auto read = std::make_shared<T>();
+    exchange(archive, *read);
+    value = read;
+  } else {
+    exchange(archive, const_cast<T&>(*value));  // writing changes nothing
+  }
 }
 
 /// The length is that of the layout; the bytes must agree.

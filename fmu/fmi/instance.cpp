@@ -74,6 +74,7 @@ void Instance::reset() {
   outputs_fresh_ = false;
   events_ = 0;
   logged_limit_ = 0;
+  logged_refusal_.clear();
   cell_.reset();
 }
 
@@ -135,7 +136,7 @@ StepResult Instance::do_step(double current, double step) {
   const Events wanted = options_.event_mode && options_.early_return ? kAllEvents : 0;
   Cell& running = cell();
   const bool approximate_before = running.solver_fallbacks() > 0;
-  running.begin_step(values_.inputs);
+  running.begin_step(values_.inputs, start_time_);
   std::int64_t reached = running.time_us();
   while (reached < end) {
     const std::int64_t stop = next_stop(end);
@@ -157,8 +158,17 @@ StepResult Instance::do_step(double current, double step) {
         "contact forces are approximate from " + std::to_string(communication_time_) +
             " s on: the contact solver did not converge; truth.contact.solver_fallbacks counts how often");
   }
+  log_refusal();
   if (log_.wants(LogCategory::kEvent)) log_step(happened, reached < planned);
   return {events_ != 0, reached < planned};
+}
+
+/// Logs once why the controller does not execute a command.
+void Instance::log_refusal() {
+  const std::string refusal = cell_->refusal();
+  if (!refusal.empty() && refusal != logged_refusal_)
+    log_.write(LogCategory::kWarning, "controller: " + refusal);
+  logged_refusal_ = refusal;
 }
 
 void Instance::log_step(Events happened, bool early) {
@@ -256,7 +266,8 @@ Cell& Instance::cell() {
     throw DescriptionError(path + ": its devices do not match the variables of this FMU: " + other);
   }
   try {
-    cell_ = std::make_unique<Cell>(description, loaded_->bodies, values_.parameters);
+    cell_ = std::make_unique<Cell>(description, loaded_->bodies, values_.parameters,
+                                   resource_folder(resource_location_));
   } catch (const DescriptionError& error) {
     throw DescriptionError(path + ": " + error.what());
   }

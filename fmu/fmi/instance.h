@@ -98,6 +98,7 @@ class Instance {
   void check_bounds() const;
   std::size_t array_size(std::uint32_t reference) const;
   void refresh_outputs();
+  bool is_path_ahead(const Variable& variable) const;
   Cell& cell();
   void start_unset_inputs(const CellDescription& cell);
   std::string description_path(const std::string& file) const;
@@ -106,6 +107,7 @@ class Instance {
   std::int64_t next_stop(std::int64_t end) const;
   std::int64_t intermediate_update(std::int64_t now, std::int64_t end);
   void set_time(std::int64_t ticks);
+  void log_refusal();
   void log_step(Events happened, bool early);
 
   std::string name_;
@@ -125,8 +127,10 @@ class Instance {
   std::string token_;
   std::vector<std::uint32_t> array_sizes_;  // by reference, 0 within an array; empty without arrays
   bool outputs_fresh_ = false;
-  Events events_ = 0;  // of the last step, not yet handled
+  bool ahead_fresh_ = false;  // the path ahead is evaluated only where it is read
+  Events events_ = 0;         // of the last step, not yet handled
   std::int32_t logged_limit_ = 0;
+  std::string logged_refusal_;
   std::unique_ptr<Cell> cell_;  // created from loaded_
 };
 

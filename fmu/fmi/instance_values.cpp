@@ -1,6 +1,7 @@
 // Getting and setting the variables of an instance.
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <iomanip>
 #include <locale>
 #include <sstream>
@@ -43,12 +44,22 @@ Type Instance::integer_type(std::uint32_t reference) const {
                                                                            : Type::kInteger;
 }
 
+bool Instance::is_path_ahead(const Variable& variable) const {
+  const auto* value = static_cast<const control::Axes*>(variable.value);
+  const control::PathAhead& ahead = values_.outputs.ahead;
+  return std::less_equal<>()(ahead.data(), value) && std::less<>()(value, ahead.data() + ahead.size());
+}
+
 template <class T>
 T& Instance::get(std::uint32_t reference, Type type) {
   const Variable& found = variable(reference, type);
   if (!outputs_fresh_ &&
       (found.causality == Causality::kOutput || found.causality == Causality::kIndependent)) {
     refresh_outputs();
+  }
+  if (!ahead_fresh_ && is_path_ahead(found)) {
+    values_.outputs.ahead = cell().path_ahead();
+    ahead_fresh_ = true;
   }
   // Inputs that were not set start at the home pose of the cell, which must be loaded first.
   if (found.causality == Causality::kInput && phase_ == Phase::kInitialization) cell();
@@ -132,7 +143,8 @@ template bool Instance::set(std::uint32_t, const std::string&, Type);
 
 void Instance::refresh_outputs() {
   if (phase_ == Phase::kInstantiated) reject_call("getting an output", phase_);
-  cell().write_outputs(values_.outputs);
+  cell().write_outputs(values_.inputs, values_.outputs);
+  ahead_fresh_ = false;
   for (double* time : table_.instants()) *time = *time == kNoInstant ? 0 : *time + start_time_;
   values_.time = communication_time_;
   outputs_fresh_ = true;

@@ -45,6 +45,21 @@ void add_record(TableBuilder& table, CellOutputs& out) {
                    record.truth, none);
 }
 
+void add_path_ahead(TableBuilder& table, control::PathAhead& ahead, const Dependencies& dependencies) {
+  for (std::size_t k = 0; k < ahead.size(); ++k) {
+    const std::string prefix = indexed("controller.ahead", k) + ".";
+    const std::string text =
+        " on the path of the running move or segment, " + std::to_string((k + 1) * control::kAheadCycles) +
+        " controller cycles of path clock ahead, at most at its end; at present where none runs";
+    for (std::size_t i = 0; i < table.joints(); ++i) {
+      table.add(indexed(prefix + "q", i), Causality::kOutput, Variability::kContinuous, kRadian,
+                "Angle of joint " + std::to_string(i + 1) + text, ahead[k][i], dependencies.file);
+    }
+    table.add(prefix + "table", Causality::kOutput, Variability::kContinuous, kRadian,
+              "Angle of the table" + text, ahead[k][kTableAxis], dependencies.file);
+  }
+}
+
 }  // namespace
 
 void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies) {
@@ -62,6 +77,8 @@ void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& depe
   add_solver(table, out);
   add_record(table, out);
   table.add_declared("controller.", "the controller", Causality::kOutput, out.controller, dependencies);
+  add_path_ahead(table, out.ahead, dependencies);
+  table.add_declared("pendant.", "the pendant", Causality::kOutput, out.pendant);
 }
 
 }  // namespace robotcell::fmi

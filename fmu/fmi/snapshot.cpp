@@ -8,6 +8,8 @@ template <>
 constexpr Phase kLast<Phase> = Phase::kEvent;  // kIntermediate is never part of a state
 template <>
 constexpr SupportingBody kLast<SupportingBody> = SupportingBody::kFlange;
+template <>
+constexpr TriggerGate kLast<TriggerGate> = TriggerGate::kPassed;
 
 }  // namespace robotcell::fmi
 
@@ -39,7 +41,7 @@ void exchange(A& a, CellParameters& v) {
 }
 template <class A>
 void exchange(A& a, CellInputs& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.motion, v.segment, v.trigger, v.exposure, v.conveyors, v.gripper);
+  ROBOTCELL_EXCHANGE(a, v, v.motion, v.segment, v.trigger, v.exposure, v.conveyors, v.gripper, v.pendant);
 }
 template <class A>
 void exchange(A& a, BodyState& v) {
@@ -59,7 +61,8 @@ void exchange(A& a, TriggerState& v) {
   const auto pending =
       fmi::special(v.pending, [&] { fmi::exchange_sequence(a, v.pending, PendingRecord(v.current_record)); });
   ROBOTCELL_EXCHANGE(a, v, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry,
-                     v.entry_angle, v.path, v.path_reference, pending, v.incomplete, v.current_record);
+                     v.gated, v.gate, v.run, v.entry_angle, v.path, v.path_reference, pending, v.incomplete,
+                     v.current_record);
 }
 template <class A>
 void exchange(A& a, AxesState& v) {
@@ -127,8 +130,21 @@ void exchange(A& a, SmoothProfile& v) {
   ROBOTCELL_EXCHANGE(a, v, v.distance, v.speed, v.ramp);
 }
 template <class A>
+void exchange(A& a, ProgramSegment& v) {
+  ROBOTCELL_EXCHANGE(a, v, v.id, v.spacing, v.knots);
+  if (A::kReads && (v.knots.size() < 2 || !(v.spacing > 0))) fmi::reject_value();
+}
+template <class A>
+void exchange(A& a, Program& v) {
+  ROBOTCELL_EXCHANGE(a, v, v.segments);
+}
+template <class A>
+void exchange(A& a, ClockPoint& v) {
+  ROBOTCELL_EXCHANGE(a, v, v.clock, v.rate);
+}
+template <class A>
 void exchange(A& a, MoveState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.active, v.path, v.profile, v.clock, v.rate);
+  ROBOTCELL_EXCHANGE(a, v, v.active, v.segment, v.path, v.profile, v.start, v.end);
 }
 template <class A>
 void exchange(A& a, JogState& v) {
@@ -136,13 +152,15 @@ void exchange(A& a, JogState& v) {
 }
 template <class A>
 void exchange(A& a, PendingMove& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.pending, v.line, v.position, v.tool_position, v.tool_orientation, v.speed);
+  ROBOTCELL_EXCHANGE(a, v, v.pending, v.mode, v.segment, v.position, v.tool_position, v.tool_orientation,
+                     v.speed);
 }
 template <class A>
 void exchange(A& a, ControllerState& v) {
   ROBOTCELL_EXCHANGE(a, v, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.collision,
                      v.error, v.path_error, up_to(a, kAxes, v.path_limit), v.start, v.reset, v.heartbeat,
-                     v.heartbeat_us, v.destination);
+                     v.heartbeat_us, v.guard_us, v.guard_share, v.guard_stopped, v.advanced_us, v.runs,
+                     v.destination);
 }
 template <class A>
 void exchange(A& a, BeltState& v) {
@@ -172,10 +190,14 @@ void exchange(A& a, TimedAxes& v) {
   ROBOTCELL_EXCHANGE(a, v, v.time_us, v.axes);
 }
 template <class A>
+void exchange(A& a, LoadedProgram& v) {
+  ROBOTCELL_EXCHANGE(a, v, v.path, v.program);
+}
+template <class A>
 void exchange(A& a, CellState& v) {
   constexpr double kMax = fmi::kMaxMagnitude;
   ROBOTCELL_EXCHANGE(a, v, v.time_us, within(a, kMax, v.from), within(a, kMax, v.to),
-                     within(a, kMax, v.history), v.controller, within(a, kMax, v.arm),
+                     within(a, kMax, v.history), v.controller, v.program, within(a, kMax, v.arm),
                      within(a, kMax, v.parts), within(a, kMax, v.grasp), v.trigger);
 }
 

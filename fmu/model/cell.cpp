@@ -1,9 +1,12 @@
 #include "fmu/model/cell.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
 
+#include "fmu/control/time_units.h"
+#include "fmu/model/program_file.h"
 #include "fmu/model/random.h"
 
 namespace robotcell {
@@ -29,8 +32,9 @@ bool collides(const Readings& readings) { return readings.collision.pairs > 0; }
 }  // namespace
 
 Cell::Cell(const CellDescription& description, const proximity::BodySet& bodies,
-           const CellParameters& parameters)
+           const CellParameters& parameters, std::string folder)
     : description_(description),
+      folder_(std::move(folder)),
       nominal_(description, AsBuilt{}),
       true_(description, parameters.as_built),
       encoders_(description, parameters.seed),
@@ -57,7 +61,8 @@ void Cell::read_world() {
   to_.gripper = world_.gripper();
 }
 
-void Cell::begin_step(const CellInputs& inputs) {
+void Cell::begin_step(const CellInputs& inputs, double start_time) {
+  start_time_ = start_time;
   command_of(inputs.motion);  // invalid commands are rejected before anything changes
   trigger_.command(inputs, time_us_, *this);
   collided_at_begin_ = collides(readings());
@@ -101,9 +106,33 @@ std::int64_t Cell::next_event(Events wanted, std::int64_t to_us) const {
   return std::max(next, time_us_ + 1);
 }
 
+/// The commanded segment; null where it is not available, with the reason in program_fault_.
+std::shared_ptr<const control::ProgramSegment> Cell::requested_segment(const CellInputs& inputs) {
+  const std::string& path = inputs.motion.program;
+  program_fault_.clear();
+  if (!program_.program || program_.path != path) {
+    program_ = {path, nullptr};
+    try {
+      if (path.empty()) throw DescriptionError("command.program is empty: expected the path of a saved plan");
+      program_.program = read_program(path.front() == '/' ? path : folder_ + "/" + path,
+                                      description_.joints.size(), description_.controller_cycle_us);
+    } catch (const DescriptionError& error) {
+      program_fault_ = error.what();
+      return nullptr;
+    }
+  }
+  auto segment = control::find_segment(program_.program, inputs.segment);
+  if (!segment) program_fault_ = path + ": no segment has the id " + std::to_string(inputs.segment);
+  return segment;
+}
+
 /// Reads the commands at an instant of the controller cycle.
 void Cell::take_commands(const CellInputs& inputs) {
   control::Command command = command_of(inputs.motion);
+  if (command.mode == control::Mode::kProgram && controller_.starts(command)) {
+    command.segment = requested_segment(inputs);
+  }
+  command.guard_us = std::llround((inputs.motion.guard_time - start_time_) * kMicrosecondsPerSecond);
   command.collision = description_.sensing.collision.stops_arm && collides(to_.readings);
   controller_.cycle(to_.time_us, command);
   for (std::size_t i = 0; i < description_.conveyors.size(); ++i) {
@@ -184,6 +213,7 @@ CellState Cell::state() const {
   state.to = to_;
   state.history = history_.states();
   state.controller = controller_.state();
+  state.program = program_;
   state.arm = world_.arm();
   state.parts = world_.free_parts();
   state.grasp = world_.grasp();
@@ -210,6 +240,7 @@ void Cell::restore(const CellState& state) {
   to_ = state.to;
   history_.restore(state.history);
   controller_.restore(state.controller);
+  program_ = state.program;
   trigger_.restore(state.trigger);
 }
 

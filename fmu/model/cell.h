@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <string>
 
 #include "fmu/control/robot_controller.h"
 #include "fmu/model/axes_state.h"
@@ -38,6 +40,12 @@ struct GridPoint {
   std::int32_t solver_fallbacks = 0;  // since the start, up to the step that ends here
 };
 
+/// The program that was read last.
+struct LoadedProgram {
+  std::string path;  // as commanded
+  std::shared_ptr<const control::Program> program;
+};
+
 /// Events that are reported to importers in event mode: one bit for each source.
 using Events = std::uint32_t;
 constexpr Events kRecordPublished = 1u << 0;
@@ -53,6 +61,7 @@ struct CellState {
   GridPoint to;
   std::vector<TimedAxes> history;  // for encoders with latency
   control::ControllerState controller;
+  LoadedProgram program;
   ArmDynamicsState arm;
   std::vector<FreePartState> parts;
   GraspState grasp;
@@ -68,12 +77,13 @@ struct CellState {
 /// starts or continues there. The trigger reads its commands at the start of every communication step.
 class Cell : private MotionView {
  public:
-  /// `bodies` holds the meshes of the description.
-  Cell(const CellDescription& description, const proximity::BodySet& bodies,
-       const CellParameters& parameters);
+  /// `bodies` holds the meshes of the description; relative paths of programs begin in `folder`.
+  Cell(const CellDescription& description, const proximity::BodySet& bodies, const CellParameters& parameters,
+       std::string folder);
 
-  /// Starts a communication step: the trigger reads its commands. Throws std::exception.
-  void begin_step(const CellInputs& inputs);
+  /// Starts a communication step: the trigger reads its commands. `start_time` (s) is the simulation time at
+  /// the start. Throws std::exception.
+  void begin_step(const CellInputs& inputs, double start_time);
 
   /// Advances to an instant (microseconds from the start) with constant inputs, or to the first of the
   /// `wanted` events before it. Returns the instant reached; throws std::exception.
@@ -89,8 +99,12 @@ class Cell : private MotionView {
   /// Number of contact problems since the start that were not solved as intended.
   std::int32_t solver_fallbacks() const { return to_.solver_fallbacks; }
 
+  /// Why the controller does not execute its command, as text; empty: it does.
+  std::string refusal() const;
+
   /// Writes the outputs at the present instant.
-  void write_outputs(CellOutputs& outputs) const;
+  void write_outputs(const CellInputs& inputs, CellOutputs& outputs) const;
+  control::PathAhead path_ahead() const { return controller_.path_ahead(time_us_); }
 
   /// Pairs of bodies that intersect at the start and therefore do not touch each other, as text; empty: none.
   const std::string& intersecting_bodies() const { return world_.intersecting_bodies(); }
@@ -103,7 +117,10 @@ class Cell : private MotionView {
   std::int64_t next_event(Events wanted, std::int64_t to_us) const;
 
   double table_angle(std::int64_t time_us) const override;
+  double table_rate(std::int64_t time_us) const override;
   Eigen::Vector3d sensor_in_table(std::int64_t time_us) const override;
+  double sensor_speed_over_table(std::int64_t time_us) const override;
+  control::RunningSegment running_segment(std::int64_t time_us) const override;
   Measurement measurement(std::int64_t time_us) const override;
   void write_truth(std::int64_t time_us, Bodies& bodies) const override;
 
@@ -122,6 +139,7 @@ class Cell : private MotionView {
   void update_supporting_bodies();
   GripperOutputs gripper_outputs() const;
   void take_commands(const CellInputs& inputs);
+  std::shared_ptr<const control::ProgramSegment> requested_segment(const CellInputs& inputs);
   void step_dynamics(const CellInputs& inputs);
   void read_world();
   /// Sensor readings at the present instant.
@@ -129,15 +147,19 @@ class Cell : private MotionView {
   void read_sensors();
 
   CellDescription description_;
+  std::string folder_;
   Kinematics nominal_;
   Kinematics true_;
   Encoders encoders_;
   CellVibration vibration_;
   NominalArm nominal_arm_;
   control::RobotController controller_;
+  LoadedProgram program_;
+  std::string program_fault_;  // why the segment requested last is not available
   World world_;
   Sensing sensing_;
   Trigger trigger_;
+  double start_time_ = 0;  // s, simulation time at the start
   std::int64_t time_us_ = 0;
   GridPoint from_;
   GridPoint to_;

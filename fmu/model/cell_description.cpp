@@ -166,23 +166,18 @@ CellLayout layout_of(const CellDescription& cell) {
 }
 
 CellDescription parse_cell(const std::string& json) {
-  nlohmann::json document;
-  try {
-    document = nlohmann::json::parse(json);
-  } catch (const nlohmann::json::parse_error& error) {
-    throw DescriptionError(std::string("not valid JSON: ") + error.what());
-  }
+  const nlohmann::json document = parse_json(json);
   return parse_root(JsonReader(document, ""));
 }
 
 std::string read_text_file(const std::string& path) {
   const std::string& actual = path == "-" ? "/dev/stdin" : path;
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(actual.c_str(), "rb"), &std::fclose);
-  if (!file) throw DescriptionError("cannot open the cell description '" + path + "'");
+  if (!file) throw DescriptionError("cannot open the file '" + path + "'");
   std::string text;
   char buffer[65536];
   for (std::size_t n = 0; (n = std::fread(buffer, 1, sizeof buffer, file.get())) > 0;) text.append(buffer, n);
-  if (std::ferror(file.get()) != 0) throw DescriptionError("cannot read the cell description '" + path + "'");
+  if (std::ferror(file.get()) != 0) throw DescriptionError("cannot read the file '" + path + "'");
   return text;
 }
 

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <string>
 
-#include "fmu/control/command.h"
+#include "fmu/control/robot_controller.h"
 #include "fmu/model/cell_layout.h"
 #include "fmu/model/fields.h"
 #include "fmu/model/gripper_state.h"
@@ -81,35 +81,48 @@ inline constexpr EnumerationItem kTriggerModeItems[] = {
 template <>
 inline constexpr Enumeration enumeration_of<TriggerMode> = make_enumeration("TriggerMode", kTriggerModeItems);
 
+constexpr double kMaxPathClock = 1e9;  // s: longer than any segment
+
 struct TriggerCommand {
   std::int32_t mode = 0;
-  double period = 0;         // s
-  double angle = 0;          // rad
-  double distance = 0;       // m
-  std::int32_t request = 0;  // every increase fires one exposure
+  double period = 0;                    // s
+  double angle = 0;                     // rad
+  double distance = 0;                  // m
+  std::int32_t request = 0;             // every increase fires one exposure
+  double from = 0, to = kMaxPathClock;  // s of the path clock of a running segment
 
   template <class Visitor>
   static void declare(Visitor& visit, TriggerCommand& c) {
-    visit(c,
-          choice_field<TriggerMode>(
-              c.mode, {"mode", kNone,
-                       "Trigger mode of the sensor. Modes 1 to 3 fire when the mode is entered or "
-                       "its interval is changed, and at every interval from there"}),
-          field(c.period, bounded({"period", kSecond,
-                                   "Time between two exposures in trigger mode 1; at least 1 microsecond"},
-                                  0)),
-          field(c.angle,
-                bounded({"angle", kRadian,
-                         "Rotation of the table, in either direction, between two exposures in trigger mode "
-                         "2; above 0"},
-                        0)),
-          field(c.distance,
-                bounded({"distance", kMetre,
-                         "Path length of the sensor origin in the rotating frame of the table between two "
-                         "exposures in trigger mode 3; above 0"},
-                        0)),
-          field(c.request,
-                {"request", kNone, "Counter: every increase fires one exposure, in any trigger mode but 0"}));
+    visit(
+        c,
+        choice_field<TriggerMode>(
+            c.mode, {"mode", kNone,
+                     "Trigger mode of the sensor. Modes 1 to 3 fire when the mode is entered or "
+                     "its interval is changed, and at every interval from there; in controller mode 6 "
+                     "instead when the path clock of a segment reaches command.trigger.from"}),
+        field(c.period, bounded({"period", kSecond,
+                                 "Time between two exposures in trigger mode 1; at least 1 microsecond"},
+                                0)),
+        field(c.angle,
+              bounded({"angle", kRadian,
+                       "Rotation of the table, in either direction, between two exposures in trigger mode "
+                       "2; above 0"},
+                      0)),
+        field(c.distance,
+              bounded({"distance", kMetre,
+                       "Path length of the sensor origin in the rotating frame of the table between two "
+                       "exposures in trigger mode 3; above 0"},
+                      0)),
+        field(c.request,
+              {"request", kNone, "Counter: every increase fires one exposure, in any trigger mode but 0"}),
+        field(c.from, bounded({"from", kSecond,
+                               "Controller mode 6: path clock of the running segment at which trigger modes "
+                               "1 to 3 fire for the first time; no effect in other controller modes"},
+                              0, kMaxPathClock)),
+        field(c.to, bounded({"to", kSecond,
+                             "Controller mode 6: path clock of the running segment up to which trigger "
+                             "modes 1 to 3 fire, to 1 microsecond; no effect in other controller modes"},
+                            0, kMaxPathClock)));
   }
 };
 
@@ -126,7 +139,8 @@ struct ConveyorCommand {
   }
 };
 
-constexpr double kMinSpeed = 1e-6;  // fraction of the full speed: a move ends
+constexpr double kMaxGuardTime = 2e9;  // s: beyond the largest simulation time
+constexpr double kMinSpeed = 1e-6;     // fraction of the full speed: a move ends
 
 constexpr Element kTargetElements[kAxes] = {
     {"q[1]", "joint 1"}, {"q[2]", "joint 2"}, {"q[3]", "joint 3"},
@@ -150,6 +164,7 @@ constexpr Element kJogElements[kAxes] = {
 /// Mode, jog frame and operation are those of control/command.h.
 struct MotionCommand {
   std::int32_t mode = 0;
+  std::string program;                      // path of a file, relative to the FMU's resources, or absolute
   std::array<double, kAxes> position{};     // set-points and targets: joints, then table (rad)
   std::array<double, 3> target_position{};  // of the tool in the world, m
   std::array<double, 4> target_orientation{1, 0, 0, 0};
@@ -161,7 +176,9 @@ struct MotionCommand {
   bool emergency_stop = false;
   std::int32_t reset = 0;
   std::int32_t heartbeat = 0;
-  double max_age = 0;  // s
+  double max_age = 0;        // s
+  double guard_time = 0;     // s, simulation time
+  double guard_max_age = 0;  // s
 
   template <class Visitor>
   static void declare(Visitor& visit, MotionCommand& c) {
@@ -171,6 +188,11 @@ struct MotionCommand {
             c.mode,
             {"mode", kNone,
              "Controller mode. Except between modes 0 and 1, a change waits until the axes are at rest"}),
+        field(
+            c.program,
+            {"program", kNone,
+             "File of the program for mode 6: a saved plan (JSON), absolute or relative to the resources of "
+             "the FMU. It is read when a segment is started for the first time after this path changed"}),
         field(c.position,
               with_axes({"", kRadian,
                          "Angle of {e}: in mode 1 streamed set-point, reached one controller cycle "
@@ -191,18 +213,20 @@ struct MotionCommand {
                   kQuaternionElements)),
         field(c.start,
               {"start", kNone,
-               "Counter: every increase in mode 2 or 3 starts a move to the present target. A running move "
-               "first stops on its path"}),
+               "Counter: every increase in mode 2 or 3 starts a move to the present target, in mode 6 the "
+               "segment command.segment of the program. A running motion first stops on its path"}),
         field(c.speed,
               bounded({"speed", kNone,
                        "Speed of the next move as a fraction, at most 1: in mode 2 of the axis speed limits, "
                        "in mode 3 of the linear and angular speed limits of the tool"},
                       kMinSpeed, 1)),
-        field(c.monitor_speed,
-              bounded({"monitor_speed", kNone,
-                       "Speed override of running moves, 0 to 1, without leaving the path; 0 pauses. "
-                       "Streamed set-points and jogs are not scaled"},
-                      0, 1)),
+        field(
+            c.monitor_speed,
+            bounded(
+                {"monitor_speed", kNone,
+                 "Speed override of moves and segments, 0 to 1, while they run, without leaving the path; 0 "
+                 "pauses. Streamed set-points and jogs are not scaled"},
+                0, 1)),
         field(c.jog,
               with_axes(bounded({"jog", kNone,
                                  "Jog speed as a fraction of the jog speed limit, -1 to 1: in mode 4 {e}"},
@@ -213,19 +237,49 @@ struct MotionCommand {
         field(c.emergency_stop,
               {"emergency_stop", kNone,
                "Emergency stop: true stops all axes as fast as their acceleration limits allow, a "
-               "move on its path. Latched until command.reset"}),
+               "move or segment on its path. Latched until command.reset"}),
         field(
             c.reset,
             {"reset", kNone,
              "Counter: every increase clears an emergency stop if command.emergency_stop is false, all axes "
-             "are at rest and command.mode is 0. The stopped motion is not resumed"}),
+             "are at rest and command.mode is 0; the stopped motion is not resumed. It also lets a move or "
+             "segment "
+             "go on that the guard has stopped, if command.guard.time is not too old"}),
         field(c.heartbeat,
               {"heartbeat", kNone, "Watchdog: any change restarts the timeout of command.max_age"}),
         field(c.max_age,
               bounded({"max_age", kSecond,
                        "Timeout of the watchdog: without a change of command.heartbeat for this time, "
                        "set-points and jogs (modes 1, 4, 5) are rejected and the axes brake; 0 disables it"},
-                      0)));
+                      0)),
+        field(
+            c.guard_time,
+            bounded({"guard.time", kSecond,
+                     "Simulation time of the state of the robot that the last message of the guard answers. "
+                     "Times in the future, and earlier ones than the latest so far, are ignored"},
+                    -kMaxGuardTime, kMaxGuardTime)),
+        field(
+            c.guard_max_age,
+            bounded({"guard.max_age", kSecond,
+                     "Largest allowed age of command.guard.time. Moves and segments slow down from full "
+                     "speed at half this age to rest at this age and wait on their paths for an increase of "
+                     "command.reset; older, set-points and jogs (modes 1, 4, 5) end in an emergency stop; 0: "
+                     "no guard"},
+                    0)));
+  }
+};
+
+/// Message for the person at the pendant.
+struct PendantCommand {
+  std::string text;
+  bool beep = false;
+
+  template <class Visitor>
+  static void declare(Visitor& visit, PendantCommand& c) {
+    visit(c,
+          field(c.text, {"text", kNone,
+                         "Text for the pendant, shown while the controller has no message of its own"}),
+          field(c.beep, {"beep", kNone, "True: the pendant beeps"}));
   }
 };
 
@@ -261,6 +315,7 @@ struct CellInputs {
   double exposure = 0;  // s
   PerDevice<ConveyorCommand> conveyors;
   GripperCommandInputs gripper;  // ignored in a cell without gripper
+  PendantCommand pendant;
 };
 
 /// Pose and twist of a body frame in the world; the velocity is that of the frame origin.
@@ -384,8 +439,11 @@ struct ControllerOutputs {
   bool moving = false;
   std::int32_t limit = 0;
   double progress = 0;
+  double clock = 0;  // s
+  double rate = 0;
   bool at_destination = true;
   std::array<double, kAxes> destination{};
+  double guard_age = 0;  // s
 
   template <class Visitor>
   static void declare(Visitor& visit, ControllerOutputs& o) {
@@ -398,19 +456,52 @@ struct ControllerOutputs {
                                                {"error", kNone, "Reason for which the command is rejected"}),
         field(o.moving, {"moving", kNone, "True while any axis moves"}),
         field(o.limit,
-              axis_number(
-                  {"limit", kNone,
-                   "First axis at a limit of position, speed or (in mode 1) acceleration, or outside "
-                   "its position limits with errors 5 and 6: a joint by its number, {t} the table, 0 none"})),
-        field(o.progress, bounded({"progress", kNone,
-                                   "Completed fraction of the path of the running or last move, 0 to 1"},
-                                  0, 1)),
+              axis_number({"limit", kNone,
+                           "First axis at a limit of position, speed or (in mode 1) acceleration, or "
+                           "the one that errors 5, 6, 9 and 10 are about: a joint by its number, {t} the "
+                           "table, 0 none"})),
+        field(o.progress,
+              bounded({"progress", kNone,
+                       "Completed fraction of the path of the running or last move or segment, 0 to 1"},
+                      0, 1)),
+        field(o.clock,
+              bounded(continuous({"clock", kSecond,
+                                  "Path clock of the running or last move or segment: time from its start at "
+                                  "full monitor speed"}),
+                      0)),
+        field(o.rate,
+              bounded({"rate", kNone,
+                       "Rate of the path clock against time, 0 to 1: the speed of the running move or "
+                       "segment as a fraction of its full speed; 0 where none runs"},
+                      0, 1)),
         field(o.at_destination,
               {"at_destination", kNone, "True while all axes are at rest exactly at controller.destination"}),
         field(o.destination,
               with_axes(initially(Initial::kDescription,
                                   {"destination.", kRadian, "Target of the running or last motion: {e}"}),
-                        kDestinationElements)));
+                        kDestinationElements)),
+        field(o.guard_age, bounded(continuous({"guard.age", kSecond,
+                                               "Age of the latest state of the robot that a message of the "
+                                               "guard has answered (command.guard.time)"}),
+                                   0)));
+  }
+};
+
+/// What the pendant shows.
+struct PendantOutputs {
+  std::string text;
+  bool beep = false;
+
+  template <class Visitor>
+  static void declare(Visitor& visit, PendantOutputs& o) {
+    visit(o,
+          field(o.text,
+                {"text", kNone,
+                 "Text on the pendant: why the controller stops, slows down or rejects its command, else "
+                 "command.pendant.text"}),
+          field(o.beep,
+                {"beep", kNone,
+                 "True while the pendant beeps: command.pendant.beep, or the guard has stopped the robot"}));
   }
 };
 
@@ -527,6 +618,8 @@ struct CellOutputs {
   std::int32_t trigger_queued = 0;
   TriggerRecord trigger;
   ControllerOutputs controller;
+  control::PathAhead ahead{};  // written on demand
+  PendantOutputs pendant;
   std::array<double, kMaxJoints> motor_torque{};  // N m, with dynamic drives
   PerDevice<ConveyorOutputs> conveyors;
   GripperOutputs gripper;

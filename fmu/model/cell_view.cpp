@@ -31,6 +31,20 @@ control::BeltState Cell::belt_at(std::size_t belt, std::int64_t time_us) const {
 
 double Cell::table_angle(std::int64_t time_us) const { return encoders_at(time_us).position[kTableAxis]; }
 
+double Cell::table_rate(std::int64_t time_us) const { return encoders_at(time_us).rate[kTableAxis]; }
+
+control::RunningSegment Cell::running_segment(std::int64_t time_us) const {
+  return controller_.running_segment(time_us);
+}
+
+double Cell::sensor_speed_over_table(std::int64_t time_us) const {
+  const AxesState axes = encoders_at(time_us);
+  const Motion sensor = nominal_.sensor(nominal_.arm(axes.position, axes.rate).back());
+  const Motion platter = nominal_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]);
+  const Eigen::Vector3d from_centre = sensor.pose.translation() - platter.pose.translation();
+  return (sensor.velocity - platter.velocity - platter.angular_velocity.cross(from_centre)).norm();
+}
+
 Eigen::Vector3d Cell::sensor_in_table(std::int64_t time_us) const {
   const AxesState axes = encoders_at(time_us);
   const Motion sensor = nominal_.sensor(nominal_.arm(axes.position, axes.rate).back());
@@ -100,14 +114,26 @@ void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   }
 }
 
-void Cell::write_outputs(CellOutputs& outputs) const {
+std::string Cell::refusal() const {
+  const control::Report report = controller_.report(time_us_);
+  if (report.error == control::ControllerError::kNone) return "";
+  const ControllerOutputs outputs = outputs_of(report, description_.joints.size());
+  std::string text = enumeration_of<control::ControllerError>.items[outputs.error].text;
+  if (report.error == control::ControllerError::kNoSegment) return text + ": " + program_fault_;
+  if (outputs.limit != 0) text += ": axis " + std::to_string(outputs.limit);
+  return text;
+}
+
+void Cell::write_outputs(const CellInputs& inputs, CellOutputs& outputs) const {
   outputs.measured = measurement(time_us_);
   outputs.truth.position = true_axes_at(time_us_).position;
   write_truth(time_us_, outputs.truth.bodies);
   outputs.trigger_count = trigger_.count();
   outputs.trigger_queued = trigger_.queued();
   outputs.trigger = trigger_.current_record();
-  outputs.controller = outputs_of(controller_.report(time_us_), description_.joints.size());
+  const control::Report report = controller_.report(time_us_);
+  outputs.controller = outputs_of(report, description_.joints.size());
+  outputs.pendant = pendant_of(report, refusal(), inputs.pendant);
   outputs.gripper = gripper_outputs();
   if (description_.dynamics) {
     const ArmDynamicsState arm = world_.arm();

@@ -74,6 +74,7 @@ control::Command command_of(const MotionCommand& motion) {
   command.reset = motion.reset;
   command.heartbeat = motion.heartbeat;
   command.max_age = motion.max_age;
+  command.guard_max_age = motion.guard_max_age;
   return command;
 }
 
@@ -85,8 +86,28 @@ ControllerOutputs outputs_of(const control::Report& report, std::size_t joints) 
           report.moving,
           table_limited ? static_cast<std::int32_t>(joints) + 1 : report.limit,
           report.progress,
+          report.path_clock.clock,
+          report.path_clock.rate,
           report.at_destination,
-          report.destination};
+          report.destination,
+          report.guard_age};
+}
+
+PendantOutputs pendant_of(const control::Report& report, const std::string& refusal,
+                          const PendantCommand& command) {
+  const bool running = report.path_clock.rate > 0;
+  PendantOutputs pendant{command.text, command.beep || report.guard_stopped};
+  if (report.phase == control::Phase::kEmergencyStop) {
+    pendant.text = report.guard_stopped ? "Emergency stop: guard message too old" : "Emergency stop";
+  } else if (report.guard_stopped) {
+    pendant.text = "Stopped: guard message too old, reset to go on";
+  } else if (!refusal.empty()) {
+    pendant.text = "Rejected: " + refusal;
+  } else if (running && report.guard_share < 1) {
+    const auto percent = static_cast<int>(std::lround(100 * report.guard_share));
+    pendant.text = "Slowed to " + std::to_string(percent) + " %: guard message is late";
+  }
+  return pendant;
 }
 
 }  // namespace robotcell

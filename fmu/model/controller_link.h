@@ -1,6 +1,8 @@
 // Connection between cell and controller: geometry, settings, commands, reports.
 #pragma once
 
+#include <string>
+
 #include "fmu/control/robot_controller.h"
 #include "fmu/model/cell_description.h"
 #include "fmu/model/kinematics.h"
@@ -26,5 +28,10 @@ control::Command command_of(const MotionCommand& motion);
 
 /// Outputs for an arm with this number of joints.
 ControllerOutputs outputs_of(const control::Report& report, std::size_t joints);
+
+/// What the pendant shows: messages of the controller precede the commanded one. `refusal` is why the command
+/// is not executed; empty: it is.
+PendantOutputs pendant_of(const control::Report& report, const std::string& refusal,
+                          const PendantCommand& command);
 
 }  // namespace robotcell

@@ -55,25 +55,36 @@ std::string formatted(double value) {
 
 }  // namespace
 
+nlohmann::json parse_json(const std::string& text) {
+  try {
+    return nlohmann::json::parse(text);
+  } catch (const nlohmann::json::exception& error) {  // a number beyond the range of double is no parse_error
+    throw DescriptionError(std::string("not valid JSON: ") + error.what());
+  }
+}
+
 void JsonReader::fail(const std::string& expected) const {
   std::string formatted = node_.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
   if (formatted.size() > 80) formatted = formatted.substr(0, 77) + "...";
-  throw DescriptionError((path_.empty() ? "the cell description" : path_) + ": expected " + expected +
-                         ", got " + formatted);
+  throw DescriptionError((path_.empty() ? "the description" : path_) + ": expected " + expected + ", got " +
+                         formatted);
+}
+
+void JsonReader::require_keys(const std::vector<const char*>& keys) const {
+  if (!node_.is_object()) fail("an object");
+  for (const char* key : keys) {
+    if (!node_.contains(key)) throw DescriptionError(prefix() + key + ": missing key");
+  }
 }
 
 void JsonReader::expect_keys(const std::vector<const char*>& keys,
                              const std::vector<const char*>& optional) const {
-  if (!node_.is_object()) fail("an object");
-  const std::string prefix = path_.empty() ? "" : path_ + ".";
-  for (const char* key : keys) {
-    if (!node_.contains(key)) throw DescriptionError(prefix + key + ": missing key");
-  }
+  require_keys(keys);
   for (const auto& item : node_.items()) {
     const auto is_this = [&item](const char* key) { return item.key() == key; };
     const bool known = std::any_of(keys.begin(), keys.end(), is_this) ||
                        std::any_of(optional.begin(), optional.end(), is_this);
-    if (!known) throw DescriptionError(prefix + item.key() + ": unknown key");
+    if (!known) throw DescriptionError(prefix() + item.key() + ": unknown key");
   }
 }
 

@@ -1,4 +1,4 @@
-// Strict JSON reader: every key is required and no other is allowed; errors name the path of the key.
+// Strict JSON reader: errors name the path of the key, its value and what was expected.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -10,12 +10,18 @@
 
 namespace robotcell {
 
+/// Parses JSON; throws DescriptionError.
+nlohmann::json parse_json(const std::string& text);
+
 class JsonReader {
  public:
   JsonReader(const nlohmann::json& node, std::string path) : node_(node), path_(std::move(path)) {}
 
   /// Requires an object with these keys and, where present, the optional ones, but no others.
   void expect_keys(const std::vector<const char*>& keys, const std::vector<const char*>& optional = {}) const;
+
+  /// Requires an object with these keys, and ignores all others.
+  void require_keys(const std::vector<const char*>& keys) const;
 
   bool is_null() const { return node_.is_null(); }
   JsonReader at(const char* key) const;
@@ -47,6 +53,8 @@ class JsonReader {
 
  private:
   JsonReader item(std::size_t index) const;
+  /// What precedes a key of this object in messages.
+  std::string prefix() const { return path_.empty() ? "" : path_ + "."; }
   /// Rows of three numbers of type T from base64 text.
   template <class T>
   std::vector<std::array<T, 3>> rows(const char* expected) const;

@@ -15,6 +15,8 @@ namespace {
 constexpr std::size_t kMaxPending = 65536;
 /// Relative tolerance of an interval, so that an exact multiple is not rounded up by a microsecond.
 constexpr double kRounding = 1e-9;
+/// s of the path clock: exposures fire at whole microseconds, one at the end of the gate included.
+constexpr double kGateRounding = 1e-6;
 
 std::int64_t microseconds(double seconds) { return std::llround(seconds * kMicrosecondsPerSecond); }
 
@@ -23,6 +25,16 @@ bool is_complete(const PendingRecord& record) { return record.measured && record
 bool is_periodic(TriggerMode mode) { return mode != TriggerMode::kOff && mode != TriggerMode::kRequest; }
 
 TriggerMode mode_of(const TriggerCommand& command) { return static_cast<TriggerMode>(command.mode); }
+
+/// First instant in (lower, upper] at which a condition holds that holds at `upper`.
+template <class Condition>
+std::int64_t first_instant(std::int64_t lower, std::int64_t upper, const Condition& holds) {
+  while (upper - lower > 1) {
+    const std::int64_t middle = lower + (upper - lower) / 2;
+    (holds(middle) ? upper : lower) = middle;
+  }
+  return upper;
+}
 
 double interval(const TriggerCommand& command) {
   switch (mode_of(command)) {
@@ -62,9 +74,13 @@ void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const Motio
   state_.segment = inputs.segment;
   state_.exposure = inputs.exposure;
   const TriggerMode mode = mode_of(inputs.trigger);
-  if (inputs.trigger.mode != before.mode || interval(inputs.trigger) != interval(before)) {
+  const bool gated = static_cast<control::Mode>(inputs.motion.mode) == control::Mode::kProgram;
+  const bool gate_changes = gated != state_.gated;
+  state_.gated = gated;
+  if (gate_changes || inputs.trigger.mode != before.mode || interval(inputs.trigger) != interval(before)) {
+    state_.gate = TriggerGate::kWaiting;
     restart(now_us, view);
-    if (is_periodic(mode)) fire(now_us);
+    if (is_periodic(mode) && !gated) fire(now_us);
   }
   if (mode != TriggerMode::kOff && inputs.trigger.request > before.request) {
     fire(now_us);
@@ -74,11 +90,45 @@ void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const Motio
   }
 }
 
+/// Time from firing to the middle of an exposure that belongs to a place, s.
+double Trigger::lead() const {
+  return mode_of(state_.command) == TriggerMode::kTime ? 0 : state_.exposure / 2;
+}
+
+double Trigger::path_clock(std::int64_t time_us, const MotionView& view) const {
+  const control::ClockPoint point = view.running_segment(time_us).path_clock;
+  return point.clock + lead() * point.rate;
+}
+
+bool Trigger::is_beyond_gate(std::int64_t time_us, const MotionView& view) const {
+  return path_clock(time_us, view) > state_.command.to + kGateRounding;
+}
+
+/// Whether the gate is open in (from, to]. Where it opens there, the first exposure fires and `from` becomes
+/// its instant.
+bool Trigger::enter_gate(std::int64_t& from_us, std::int64_t to_us, const MotionView& view) {
+  const std::int32_t run = view.running_segment(to_us).run;
+  if (run != state_.run) state_.gate = TriggerGate::kWaiting;
+  state_.run = run;
+  if (run == 0 || state_.gate == TriggerGate::kPassed) return false;
+  if (state_.gate == TriggerGate::kOpen) return true;
+  const auto reached = [&](std::int64_t time_us) {
+    return path_clock(time_us, view) >= state_.command.from - kRounding;
+  };
+  if (!reached(to_us)) return false;
+  if (!reached(from_us)) from_us = first_instant(from_us, to_us, reached);
+  state_.gate = is_beyond_gate(from_us, view) ? TriggerGate::kPassed : TriggerGate::kOpen;
+  if (state_.gate == TriggerGate::kPassed) return false;
+  restart(from_us, view);
+  fire(from_us);
+  return true;
+}
+
 void Trigger::restart(std::int64_t now_us, const MotionView& view) {
   state_.entered_us = now_us;
   state_.fired_since_entry = 0;
-  state_.entry_angle = view.table_angle(now_us);
-  state_.path = 0;
+  state_.entry_angle = view.table_angle(now_us) + lead() * view.table_rate(now_us);
+  state_.path = -lead() * view.sensor_speed_over_table(now_us);
   const Eigen::Vector3d position = view.sensor_in_table(now_us);
   state_.path_reference = {position.x(), position.y(), position.z()};
 }
@@ -94,25 +144,26 @@ bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
     case TriggerMode::kTime:
       return time_us >= state_.entered_us + microseconds(n * state_.command.period);
     case TriggerMode::kTableAngle:
-      return std::abs(view.table_angle(time_us) - state_.entry_angle) >=
+      return std::abs(view.table_angle(time_us) + lead() * view.table_rate(time_us) - state_.entry_angle) >=
              (n - kRounding) * state_.command.angle;
     case TriggerMode::kPathDistance:
-      return path_length(time_us, view) >= (n - kRounding) * state_.command.distance;
+      return path_length(time_us, view) + lead() * view.sensor_speed_over_table(time_us) >=
+             (n - kRounding) * state_.command.distance;
     default:
       return false;
   }
 }
 
 void Trigger::fire_until(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view) {
+  const bool gated = state_.gated && is_periodic(mode_of(state_.command));
+  if (gated && !enter_gate(from_us, to_us, view)) return;
   while (is_due(to_us, view)) {
-    std::int64_t lower = from_us;
-    std::int64_t upper = to_us;
-    while (upper - lower > 1) {
-      const std::int64_t middle = lower + (upper - lower) / 2;
-      (is_due(middle, view) ? upper : lower) = middle;
-    }
-    fire(upper);
+    const std::int64_t due_us =
+        first_instant(from_us, to_us, [&](std::int64_t time_us) { return is_due(time_us, view); });
+    if (gated && is_beyond_gate(due_us, view)) break;
+    fire(due_us);
   }
+  if (gated && is_beyond_gate(to_us, view)) state_.gate = TriggerGate::kPassed;
   if (step_ends && mode_of(state_.command) == TriggerMode::kPathDistance) {
     state_.path = path_length(to_us, view);
     const Eigen::Vector3d position = view.sensor_in_table(to_us);

@@ -6,6 +6,7 @@
 #include <deque>
 #include <utility>
 
+#include "fmu/control/robot_controller.h"
 #include "fmu/model/cell_values.h"
 
 namespace robotcell {
@@ -15,8 +16,11 @@ class MotionView {
  public:
   virtual ~MotionView() = default;
   virtual double table_angle(std::int64_t time_us) const = 0;
-  /// Sensor origin in the rotating frame of the table, from nominal geometry (m).
+  virtual double table_rate(std::int64_t time_us) const = 0;
+  /// Sensor origin in the rotating frame of the table, from nominal geometry (m), and its speed there (m/s).
   virtual Eigen::Vector3d sensor_in_table(std::int64_t time_us) const = 0;
+  virtual double sensor_speed_over_table(std::int64_t time_us) const = 0;
+  virtual control::RunningSegment running_segment(std::int64_t time_us) const = 0;
   virtual Measurement measurement(std::int64_t time_us) const = 0;
   virtual void write_truth(std::int64_t time_us, Bodies& bodies) const = 0;
 };
@@ -32,6 +36,9 @@ struct PendingRecord {
   TriggerRecord record;
 };
 
+/// Range of the path clock of a running segment in which periodic modes fire: not reached, reached, left.
+enum class TriggerGate : std::int32_t { kWaiting, kOpen, kPassed };
+
 /// Complete state of the device.
 struct TriggerState {
   explicit TriggerState(const CellLayout& layout) : current_record(layout) {}
@@ -42,6 +49,9 @@ struct TriggerState {
   std::int32_t count = 0;
   std::int64_t entered_us = 0;
   std::int64_t fired_since_entry = 0;  // without requested exposures
+  bool gated = false;  // controller mode 6 is commanded: periodic modes fire within the gate alone
+  TriggerGate gate = TriggerGate::kWaiting;
+  std::int32_t run = 0;  // of the segment to which the gate belongs
   double entry_angle = 0;
   double path = 0;  // m, path length from the start of the mode to the reference point
   std::array<double, 3> path_reference{};
@@ -50,8 +60,11 @@ struct TriggerState {
   TriggerRecord current_record;
 };
 
-/// Intervals count from the instant at which a mode is entered or its interval changed; the first exposure
-/// fires at that instant. Later ones fire at the first whole microsecond at which the interval is complete.
+/// Intervals count from the instant at which a mode is entered or its interval changed, or at which a segment
+/// of a program reaches the gate; the first exposure fires at that instant. Later ones fire at the first
+/// whole microsecond at which the interval is complete. Exposures at places (table angle, path distance,
+/// gate) fire early by half their duration at the present speed, so that their middles are at the places at
+/// any speed.
 class Trigger {
  public:
   Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uint64_t key);
@@ -83,6 +96,11 @@ class Trigger {
   /// Whether the next periodic exposure is due at or before an instant.
   bool is_due(std::int64_t time_us, const MotionView& view) const;
   double path_length(std::int64_t time_us, const MotionView& view) const;
+  /// Path clock of the running segment at the middle of an exposure that fires at an instant.
+  double path_clock(std::int64_t time_us, const MotionView& view) const;
+  bool is_beyond_gate(std::int64_t time_us, const MotionView& view) const;
+  bool enter_gate(std::int64_t& from_us, std::int64_t to_us, const MotionView& view);
+  double lead() const;
   void restart(std::int64_t now_us, const MotionView& view);
   void fire(std::int64_t time_us);
 

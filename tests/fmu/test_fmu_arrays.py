@@ -31,6 +31,8 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 def read(cell: CellFmu, name: str) -> Array:
     """Value of a variable of any type and size."""
     variable = cell.variables[name]
+    if variable.type == "String":
+        return np.array([cell.get_string(name)])
     getter = {"Float64": "getFloat64", "Int32": "getInt32", "Boolean": "getBoolean", "Enumeration": "getInt64"}[
         variable.type
     ]

@@ -184,7 +184,7 @@ def test_non_finite_values_are_rejected_until_reset(build: Build, version: int) 
     [
         (lambda c: c.set("as_built.tool.x", 1.0), "as_built.tool.x is not allowed while stepping"),
         (lambda c: c.set("truth.table", 1.0), "truth.table is neither an input nor a parameter"),
-        (lambda c: c.set("command.mode", 6), "command.mode must be from 0 to 5"),
+        (lambda c: c.set("command.mode", 7), "command.mode must be from 0 to 6"),
         (lambda c: c.slave.doStep(0.5, 0.001), "differs from the end of the last step"),
         (lambda c: c.slave.doStep(0.0, 0.0), "must be positive"),
         (lambda c: c.slave.doStep(0.0, -0.001), "must be positive"),

@@ -29,7 +29,7 @@ TEST(Operation, ManualRejectsProgramsAndAutomaticRejectsJogs) {
   Axes target = home();
   target[0] += 0.5;
   drive.command.operation = Operation::kManual;
-  for (const Mode mode : {Mode::kServo, Mode::kJointMove, Mode::kLineMove}) {
+  for (const Mode mode : {Mode::kServo, Mode::kJointMove, Mode::kLineMove, Mode::kProgram}) {
     drive.command.mode = mode;
     drive.command.position = target;
     ++drive.command.start;

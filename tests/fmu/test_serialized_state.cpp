@@ -40,12 +40,13 @@ Choice choice(const char* name, T last, Member member) {
 
 std::vector<Choice> choices() {
   using S = Snapshot;
-  using control::ControllerError;
+  constexpr auto kLastError =
+      static_cast<control::ControllerError>(enumeration_of<control::ControllerError>.count - 1);
   return {
       choice(
           "phase", Phase::kEvent, [](S & s) -> auto& { return s.phase; }),
       choice(
-          "mode command", control::Mode::kCartesianJog, [](S & s) -> auto& { return s.inputs.motion.mode; }),
+          "mode command", control::Mode::kProgram, [](S & s) -> auto& { return s.inputs.motion.mode; }),
       choice(
           "operation command", control::Operation::kAutomatic,
           [](S & s) -> auto& { return s.inputs.motion.operation; }),
@@ -59,6 +60,11 @@ std::vector<Choice> choices() {
       choice(
           "trigger", TriggerMode::kRequest, [](S & s) -> auto& { return s.cell->trigger.command.mode; }),
       choice(
+          "trigger gate", TriggerGate::kPassed, [](S & s) -> auto& { return s.cell->trigger.gate; }),
+      choice(
+          "pending motion", control::Mode::kProgram,
+          [](S & s) -> auto& { return s.cell->controller.pending_move.mode; }),
+      choice(
           "gripper mode", GripperMode::kForce,
           [](S & s) -> auto& { return s.cell->grasp.gripper.command.mode; }),
       choice(
@@ -68,18 +74,16 @@ std::vector<Choice> choices() {
           "supporting body after", SupportingBody::kFlange,
           [](S & s) -> auto& { return s.cell->to.parts[0].supporting_body; }),
       choice(
-          "mode", control::Mode::kCartesianJog, [](S & s) -> auto& { return s.cell->controller.mode; }),
+          "mode", control::Mode::kProgram, [](S & s) -> auto& { return s.cell->controller.mode; }),
       choice(
           "phase of the controller", control::Phase::kEmergencyStop,
           [](S & s) -> auto& { return s.cell->controller.phase; }),
       choice(
-          "error", ControllerError::kSingular, [](S & s) -> auto& { return s.cell->controller.error; }),
+          "error", kLastError, [](S & s) -> auto& { return s.cell->controller.error; }),
       choice(
-          "error of the path", ControllerError::kSingular,
-          [](S & s) -> auto& { return s.cell->controller.path_error; }),
+          "error of the path", kLastError, [](S & s) -> auto& { return s.cell->controller.path_error; }),
       choice(
-          "error of the jog", ControllerError::kSingular,
-          [](S & s) -> auto& { return s.cell->controller.jog.error; }),
+          "error of the jog", kLastError, [](S & s) -> auto& { return s.cell->controller.jog.error; }),
       choice(
           "limit of the jog", kAxes, [](S & s) -> auto& { return s.cell->controller.jog.limit; }),
       choice(

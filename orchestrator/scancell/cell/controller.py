@@ -16,6 +16,7 @@ class Mode(IntEnum):
     LINE_MOVE = 3
     JOINT_JOG = 4
     TOOL_JOG = 5
+    PROGRAM = 6
 
 
 class Operation(IntEnum):
@@ -48,6 +49,10 @@ _REFUSALS = {
     5: "the target of {axis} is outside its limits",
     6: "the way leads {axis} beyond its limits",
     7: "the target is out of reach, or the way leads through a singular position",
+    8: "the program cannot be read, or has no such segment",
+    9: "{axis} is not where the segment starts",
+    10: "the segment moves {axis} faster than its limits of speed and acceleration allow",
+    11: "the last message of the guard is too old: reset the controller when it sends again",
 }
 
 

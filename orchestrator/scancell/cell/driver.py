@@ -1,22 +1,22 @@
-"""Streams a program to the FMU and collects a record for every exposure."""
+"""Runs programs on the FMU's controller and collects a record for every exposure."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Mode
+from scancell.cell.controller import Mode, refusal
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program, Segment, TriggerKind
+from scancell.cell.program_file import temporary_program_file
 from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
 from scancell.config.loading import Setup
 from scancell.config.units import si_value
-from scancell.errors import CellError
+from scancell.errors import CellError, CommandError
 
 _TRIGGER_MODES: dict[TriggerKind, int] = {"off": 0, "time": 1, "table_angle": 2, "path_distance": 3, "request": 4}
 _TRIGGER_INPUTS: dict[TriggerKind, str] = {
@@ -50,71 +50,86 @@ class DriveOptions:
 class Driver:
     """Runs programs on one cell instance.
 
-    Set-points change once in a controller cycle, so one communication step per cycle is enough. The FMU shows one
-    record per communication step: while records wait, a cycle is divided into as many steps.
+    The controller executes each segment as a whole, at the monitor speed in force. A communication step lasts one
+    controller cycle. The FMU shows one record per communication step: while records wait, a cycle is divided into as
+    many steps.
     """
 
     def __init__(self, cell: CellInstance, options: DriveOptions) -> None:
         self._cell = cell
         self._cycle_us = options.cycle_us
-        self._setpoints = cell.real_group(cell.axis_names("command."))
+        self._clock = cell.real_group(["controller.clock"])
+        self._gate = ["command.trigger.from", "command.trigger.to"]
         layout = RecordLayout.of(cell.names)
         self._record_columns = (*layout.measured, *layout.truth)
         self._record_group = cell.real_group(self._record_columns)
         self._records: list[NDArray[np.float64]] = []
         self._numbers: list[tuple[int, int]] = []
         # The cell may have run before, and still show the last record of that run.
-        self._shown, self._queued, self._requests = cell.get_integers(
-            ["trigger.index", "trigger.queued", "command.trigger.request"]
+        self._shown, self._queued, self._requests, self._starts = cell.get_integers(
+            ["trigger.index", "trigger.queued", "command.trigger.request", "command.start"]
         )
         cell.set(cell.real_group(["command.exposure"]), np.array([options.exposure]))
-        cell.set_integer("command.mode", Mode.SERVO)
+        cell.set_integer("command.mode", Mode.PROGRAM)
 
     def run(self, program: Program, progress: Progress | None = None) -> Recording:
         """Drive `program` from start to end; `progress` gets the seconds of each segment.
 
         Raises
         ------
+        CommandError
+            If the controller does not start or finish a segment.
         CellError
             If the FMU reports an error, or a requested exposure is not taken.
         """
-        for segment in program.segments:
-            self._drive(segment)
-            if segment.trigger.kind == "request":
-                self._expose_at_rest(segment, program.settle)
-            if progress:
-                progress(float(segment.times[-1]))
+        with temporary_program_file(program, self._cell.folder) as file:
+            self._cell.set_string("command.program", str(file))
+            for segment in program.segments:
+                self._drive(segment)
+                if segment.trigger.kind == "request":
+                    self._expose_at_rest(segment, program.settle)
+                if progress:
+                    progress(float(segment.times[-1]))
+        self._disarm_trigger()
         self._drain()
         return self._recording()
 
     def _drive(self, segment: Segment) -> None:
-        """Stream one segment; a set-point sent at one cycle is reached at the next."""
-        start_us = self._cell.time_us
+        """Run one segment to its end; how long it takes depends on the monitor speed."""
+        self._arm_trigger(segment)
+        self._starts += 1
         self._cell.set_integer("command.segment", segment.id)
-        switches: list[tuple[int, Callable[[], None]]] = []
-        if segment.trigger.kind in _TRIGGER_INPUTS:
-            zero_us = start_us + self._cycle_us
-            switches = [
-                (zero_us + round(segment.trigger_from * 1e6), partial(self._arm_trigger, segment)),
-                (zero_us + round(segment.trigger_to * 1e6), self._disarm_trigger),
-            ]
-        for k, setpoint in enumerate(np.column_stack([segment.q, segment.table])):
-            self._cell.set(self._setpoints, setpoint)
-            cycle_end = start_us + (k + 1) * self._cycle_us
-            while switches and switches[0][0] < cycle_end:
-                time_us, switch = switches.pop(0)
-                self._advance(time_us)
-                switch()
-            self._advance(cycle_end)
-        # One more cycle reaches the last set-point and lets its trigger out.
-        self._advance(self._cell.time_us + self._cycle_us)
-        if segment.trigger.kind in _TRIGGER_INPUTS:
-            self._disarm_trigger()
+        self._cell.set_integer("command.start", self._starts)
+        clock, remaining, patience = 0.0, float(segment.times[-1]), self._cell.time_us + _PATIENCE_US
+        while remaining > 0.0:
+            earliest = self._cell.time_us + round(remaining * 1e6)  # at full speed
+            while self._cell.time_us < min(earliest, patience):
+                self._advance((self._cell.time_us // self._cycle_us + 1) * self._cycle_us)
+            reason = refusal(self._cell)
+            if reason is not None:
+                raise CommandError(f"segment {segment.id}: {reason}")
+            now = float(self._cell.get(self._clock)[0])
+            if now > clock:
+                clock, patience = now, self._cell.time_us + _PATIENCE_US
+            elif self._cell.time_us >= patience:
+                raise CommandError(
+                    f"segment {segment.id}: no motion for {_PATIENCE_US / 1e6:g} s, {clock:.3f} s after its start at "
+                    "full speed: the monitor speed is 0, or the arm is held"
+                )
+            remaining = (
+                0.0
+                if self._cell.get_boolean("controller.at_destination")
+                else max(float(segment.times[-1]) - clock, 1e-6)
+            )
 
     def _arm_trigger(self, segment: Segment) -> None:
         kind = segment.trigger.kind
-        self._cell.set(self._cell.real_group([_TRIGGER_INPUTS[kind]]), np.array([segment.trigger.interval]))
+        if kind not in _TRIGGER_INPUTS:
+            return self._disarm_trigger()
+        inputs = self._cell.real_group([_TRIGGER_INPUTS[kind], *self._gate])
+        self._cell.set(inputs, np.array([segment.trigger.interval, segment.trigger_from, segment.trigger_to]))
         self._cell.set_integer("command.trigger.mode", _TRIGGER_MODES[kind])
+        return None
 
     def _disarm_trigger(self) -> None:
         self._cell.set_integer("command.trigger.mode", _TRIGGER_MODES["off"])

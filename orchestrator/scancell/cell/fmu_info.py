@@ -111,6 +111,12 @@ def _group_lines(title: str, variables: Iterable[FmuVariable]) -> list[str]:
     ]
 
 
+def _start(variable: Any) -> str:
+    """Start value as text; an empty string that a person may set is shown in quotes."""
+    settable = variable.causality in ("input", "parameter")
+    return str(variable.start or "") or ('""' if variable.type == "String" and settable else "")
+
+
 def _variable(variable: Any) -> FmuVariable:
     size = 1
     for dimension in variable.dimensions:
@@ -121,7 +127,7 @@ def _variable(variable: Any) -> FmuVariable:
         variable.causality,
         variable.variability or "",
         unit_of(variable)[0],
-        str(variable.start or ""),
+        _start(variable),
         variable.description or "",
         size,
     )

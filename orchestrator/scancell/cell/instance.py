@@ -58,6 +58,8 @@ class CellInstance(Closing):
     ----------
     token
         Identifies the FMU's table of variables.
+    folder
+        Where the FMU is unpacked.
 
     Raises
     ------
@@ -77,7 +79,8 @@ class CellInstance(Closing):
         self._unpacked: Path | None = None
         self._time_us = 0
         try:
-            self._load(fmu if fmu.is_dir() else self._unpack(fmu, folder))
+            self.folder = fmu if fmu.is_dir() else self._unpack(fmu, folder)
+            self._load(self.folder)
             self._initialise(cell_file, parameters(self.units()) if parameters else {})
         except BaseException as error:  # an interrupt, too, must leave no unpacked files
             self._remove_unpacked()
@@ -239,6 +242,11 @@ class CellInstance(Closing):
     def set_string(self, name: str, value: str) -> None:
         """Set a string input."""
         self._call(self._fmu.setString, [self._reference(name)], [value])
+
+    def get_string(self, name: str) -> str:
+        """Value of a string variable."""
+        value = self._call(self._fmu.getString, [self._reference(name)])[0]
+        return value.decode() if isinstance(value, bytes) else str(value)
 
     def on_step(self, listener: Callable[[], None]) -> None:
         """Call `listener` after every communication step from now on."""

@@ -132,25 +132,25 @@ class CellSession(CellReadings):
         self._run_jog(Mode.TOOL_JOG, "jog_tool", tool, duration)
 
     def run_program(self, program: Program, exposure: float) -> Recording:
-        """Stream a program, which must start where the axes are, with exposures of `exposure` seconds.
+        """Run a program, which must start where the axes are, with exposures of `exposure` seconds.
+
+        The monitor speed in force scales its speed, and may change while it runs (`on_step` of the instance).
 
         Raises
         ------
         CommandError
-            If the controller refuses to follow programs, or the axes are not where the program starts.
+            If the controller refuses or stops the program, or the axes are not where it starts.
         CellError
             If the FMU reports an error, or a requested exposure never comes.
         """
         self.check_start(program)
         recording = Driver(self._cell, DriveOptions(self._cycle_us, exposure)).run(program)
-        self._refuse("run_program")
         self._cell.set_integer("command.mode", Mode.HOLD)
         return recording
 
     def check_start(self, program: Program) -> None:
-        """Raise `CommandError` where the controller would not follow a program from its first set-point on."""
-        self._cell.set(self._targets, np.append(*self.destination))
-        self._cell.set_integer("command.mode", Mode.SERVO)
+        """Raise `CommandError` where the controller would not run a program from where the axes are."""
+        self._cell.set_integer("command.mode", Mode.PROGRAM)
         self.wait(0.0)
         self._refuse("run_program")
         first = program.segments[0]
@@ -184,7 +184,7 @@ class CellSession(CellReadings):
         self._wait_for_rest("set_operation")
 
     def set_monitor_speed(self, share: float) -> None:
-        """Slow programmed moves down to a share (0 to 1) of their speed while they go; 0 pauses them."""
+        """Scale the speed of moves and programs by a share (0 to 1) while they run, on their paths; 0 pauses them."""
         self._cell.set(self._cell.real_group(["command.monitor_speed"]), np.array([share]))
 
     def emergency_stop(self) -> None:

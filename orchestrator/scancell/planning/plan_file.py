@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from scancell.cell.program import Program, Segment, TriggerKind, TriggerRule
+from scancell.cell.program_file import program_data
 from scancell.config.description import Description, Finite, NonNegative, validate
 from scancell.errors import DescriptionError
 from scancell.planning.plan import Plan
@@ -76,22 +77,8 @@ class _PlanFile(Description):
 def plan_json(plan: Plan) -> dict[str, Any]:
     """A plan as plain data for JSON, SI units: segments with their set-points, exposures; without loss of precision."""
     return {
-        "format": 2,
+        **program_data(plan.program),
         "units": _UNITS,
-        "settle": plan.program.settle,
-        "segments": [
-            {
-                "id": segment.id,
-                "name": segment.name,
-                "trigger": {"kind": segment.trigger.kind, "interval": segment.trigger.interval},
-                "trigger_from": segment.trigger_from,
-                "trigger_to": segment.trigger_to,
-                "time": segment.times.tolist(),
-                "q": segment.q.tolist(),
-                "table": segment.table.tolist(),
-            }
-            for segment in plan.program.segments
-        ],
         "exposures": {"segment": plan.segment.tolist(), "q": plan.q.tolist(), "table": plan.table.tolist()},
     }
 
