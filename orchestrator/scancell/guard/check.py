@@ -30,7 +30,7 @@ _SOON = 1e-3  # s in which the distance changes, for its rate
 _STILL = 1e-6  # m/s: slower pairs do not approach
 _NEARER = 0.2e-3  # m by which a pair may come nearer that is said not to
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
-_FARTHEST_ASTRAY = 0.1  # rad: links of an arm are too close to each other for stops that may deviate more
+_FARTHEST_ASTRAY = 0.2  # rad: links of an arm are too close to each other for stops that may deviate more
 _BENDING = 1.5  # of the measured curvature between its samples
 
 
@@ -134,36 +134,24 @@ class ManualCheck:
         if not moving:
             return Verdict((), (), False)
         stops = [latest_stop(hypothesis, self._worst) for hypothesis in moving]
-        ends = [stop.progress for stop in stops] + [self._horizon] * len(moving)
+        ends = [self._worst.reaction] * len(moving) + [self._horizon] * len(moving)
         times = np.linspace(0.0, ends, _PIECES + 1).T
         axes = self._predictor.axes([*moving, *moving], times)
-        deviation = np.zeros((len(axes), axes.shape[2]))
-        clearance = np.tile(self._clearance, (len(axes), 1))
-        for row, stop in enumerate(stops):
-            deviation[row] = _stop_deviation(axes[row], times[row], stop, self._worst)
+        without_stop, contacts, astray = [], [], False
+        for row, (hypothesis, stop) in enumerate(zip(moving, stops, strict=True)):
+            way, deviation = _stop_way(axes[row], times[row], stop, self._worst)
+            clearance = self._clearance.copy()
             if self._unseen is not None:
-                clearance[row] += self._unseen.bound(axes[row, 0], stop.unseen)
-        checked = deviation.max(1) <= _FARTHEST_ASTRAY
-        clashes = self._clashes(axes, deviation, clearance, checked)
-        without_stop, contacts = [], []
-        for row, hypothesis in enumerate(moving):
-            if checked[row] and (
-                blocked := self._unstoppable(hypothesis, axes[row], deviation[row], clearance[row], clashes[row])
-            ):
+                clearance += self._unseen.bound(axes[row, 0], stop.unseen)
+            if deviation.max() > _FARTHEST_ASTRAY:
+                astray = True
+            elif blocked := self._unstoppable(hypothesis, way, deviation, clearance):
                 without_stop.append(blocked)
             ahead = row + len(moving)
-            if contact := self._contact(hypothesis, axes[ahead], times[ahead], clashes[ahead]):
+            if contact := self._contact(hypothesis, axes[ahead], times[ahead]):
                 contacts.append(contact)
         contacts.sort(key=lambda contact: contact.free_until)
-        return Verdict(tuple(contacts), tuple(without_stop), not checked.all())
-
-    def _clashes(self, axes: Array, deviation: Array, clearance: Array, checked: NDArray[np.bool_]) -> list[Clashes]:
-        """Clashes of the pieces of each of the motions (m, n, joints + 1) that are `checked` (m,)."""
-        of_axes = axes.shape[2]
-        start, end = axes[checked, :-1].reshape(-1, of_axes), axes[checked, 1:].reshape(-1, of_axes)
-        of_pieces = (np.repeat(rows[checked], _PIECES, 0) for rows in (deviation, clearance))
-        found = iter(self._motions.first_clashes(start, end, *of_pieces))
-        return [[next(found) for _ in range(_PIECES)] if wanted else [] for wanted in checked]
+        return Verdict(tuple(contacts), tuple(without_stop), astray)
 
     def approach(self, hypothesis: Hypothesis, pair: tuple[str, str]) -> Approach:
         """Distance of a pair of the scene, and its rate as the motion begins."""
@@ -176,11 +164,10 @@ class ManualCheck:
         distance, soon = self._scene.distances(poses, bound, self._threads)[:, number]
         return Approach(*pair, float(distance), float((soon - distance) / _SOON))
 
-    def _unstoppable(
-        self, hypothesis: Hypothesis, axes: Array, deviation: Array, required: Array, clashes: Clashes
-    ) -> Approach | None:
+    def _unstoppable(self, hypothesis: Hypothesis, axes: Array, deviation: Array, required: Array) -> Approach | None:
         """A pair for which the stop along `axes` (n, joints + 1) with the `required` clearances is not proved."""
         clearance = required.copy()
+        clashes: Clashes = self._motions.first_clashes(axes[:-1], axes[1:], deviation, clearance)
         while clash := _first(clashes):
             found = self.approach(hypothesis, (clash.body_a, clash.body_b))
             if found.rate < -_STILL or not self._never_nearer(found, axes):
@@ -194,9 +181,10 @@ class ManualCheck:
         clearance[self._number[found.body_a, found.body_b]] = found.distance - min(_NEARER, found.distance / 2)
         return _first(self._fine_motions.first_clashes(axes[:-1], axes[1:], clearance=clearance)) is None
 
-    def _contact(self, hypothesis: Hypothesis, axes: Array, times: Array, clashes: Clashes) -> Contact | None:
+    def _contact(self, hypothesis: Hypothesis, axes: Array, times: Array) -> Contact | None:
         """The first contact of an approaching pair along `axes` (n, joints + 1) at `times` (n,)."""
         clearance = self._clearance.copy()
+        clashes: Clashes = self._motions.first_clashes(axes[:-1], axes[1:], clearance=clearance)
         while clash := _first(clashes):
             piece = clashes.index(clash)
             share = np.linspace(0.0, 1.0, _FINER + 1)
@@ -221,16 +209,22 @@ def _first(clashes: Clashes) -> MotionClash | None:
     return next((clash for clash in clashes if clash is not None), None)
 
 
-def _stop_deviation(axes: Array, times: Array, stop: Stop, worst: WorstCase) -> Array:
-    """Bound (joints + 1,), rad, on the deviation of a stop from straight pieces between `axes` (n, joints + 1).
+def _stop_way(axes: Array, times: Array, stop: Stop, worst: WorstCase) -> tuple[Array, Array]:
+    """Points (m, joints + 1), rad, of a way near which every stop stays, and a bound (joints + 1,), rad, on how near.
 
-    Braking goes on straight where the path bends: half the curvature times the squared progress in braking. Pieces cut
-    bends by an eighth of it times their squared time. Where the rates grow on the way, braking takes longer.
+    Until braking begins the axes follow the path through `axes` (n, joints + 1) at equally spaced `times` (n,), then
+    its tangent, as far as in half the braking time. The way goes along the tangents at all points of the path, each
+    longer by the path to the next point: where braking begins between two points, the path bends away from the tangent
+    by half the curvature times the squared time to the point before, and so does its direction. What accelerates more
+    than the axes can, as near a singular position, the controller does not follow: it brakes.
     """
     step = times[1] - times[0]
-    rates = np.diff(axes, axis=0) / step
-    curvature = _BENDING * np.abs(np.diff(rates, axis=0)).max(0) / step
-    fastest = np.abs(rates).max(0)
-    longer = braking_time(fastest - np.abs(rates[0]), worst.deceleration)
-    bend = curvature * (((stop.braking_time + longer) / 2) ** 2 / 2 + step**2 / 8)
-    return np.asarray(stop.deviation + bend + fastest * longer / 2)
+    most = np.asarray(worst.deceleration, float)
+    rates = np.gradient(axes, step, axis=0, edge_order=2)
+    rates = np.clip(rates, rates[0] - times[:, None] * most, rates[0] + times[:, None] * most)
+    curvature = np.minimum(_BENDING * np.abs(np.diff(axes, n=2, axis=0)).max(0) / step**2, most)
+    longer = braking_time(np.abs(rates).max(0) - np.abs(rates[0]), worst.deceleration)
+    half = (stop.braking_time + longer) / 2
+    reach = np.append(np.full(len(axes) - 1, step), 0.0) + half
+    way = np.stack([axes, axes + reach[:, None] * rates], 1).reshape(-1, axes.shape[1])
+    return way, np.asarray(stop.deviation + curvature * (step**2 / 2 + step * half))

@@ -96,8 +96,10 @@ class Link:
         return self._faults.clock(time) if self._faults else time
 
 
-def faulty_link(transport: Transport, description: LinkDescription, age_limit: float, seed: int) -> Link:
+def faulty_link(
+    transport: Transport, description: LinkDescription, age_limit: float, seed: int, kind: type[Link] = Link
+) -> Link:
     """A link with faults, those of the same seed the same ones."""
     to_guard, to_cell, of_cell = np.random.SeedSequence(seed).spawn(3)
     channels = Channel(description.to_guard, to_guard), Channel(description.to_cell, to_cell)
-    return Link(FaultyTransport(transport, *channels), age_limit, CellFaults(description, of_cell))
+    return kind(FaultyTransport(transport, *channels), age_limit, CellFaults(description, of_cell))

@@ -57,8 +57,6 @@ class Stop:
 
     Attributes
     ----------
-    progress
-        Time in which the axes get as far at their rates as to their standstill, s.
     braking_time
         Time from the beginning of braking to the standstill, s.
     deviation
@@ -68,7 +66,6 @@ class Stop:
         What such changes add to the way is what their accelerations do in half of this, s².
     """
 
-    progress: float
     braking_time: float
     deviation: Array
     unseen: float
@@ -103,4 +100,4 @@ def latest_stop(hypothesis: Hypothesis, worst: WorstCase) -> Stop:
     braking = braking_time(rates + error + change, worst.deceleration)
     deviation = np.asarray(worst.angle_error, float) + error * reaction + error * braking / 2
     unseen = changing**2 - hypothesis.rate_age**2 + changing * braking if worst.unseen is not None else 0.0
-    return Stop(reaction + braking / 2, braking, np.asarray(deviation), unseen)
+    return Stop(braking, np.asarray(deviation), unseen)

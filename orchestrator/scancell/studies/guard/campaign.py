@@ -48,10 +48,10 @@ FAULTS: dict[str, LinkDescription] = dict(
     [
         _both("none", delay_ms=0.0, jitter_ms=0.0),
         _both("delay"),
-        _both("jitter", jitter_ms=12.0),
-        _both("loss", loss=0.1),
-        _both("bursts", burst=0.02, burst_packets=4.0),
-        _both("reordering", jitter_ms=25.0),
+        _both("jitter", jitter_ms=10.0),
+        _both("loss", loss=0.05),
+        _both("bursts", burst=0.01, burst_packets=4.0),
+        _both("reordering", jitter_ms=20.0),
         _both("duplication", duplication=0.3, replay=0.1, replay_ms=300.0),
         ("clock", LinkDescription(to_guard=_SLOW, to_cell=_SLOW, clock_offset_ms=-700.0, clock_drift_ppm=2000.0)),
         ("stale", LinkDescription(to_guard=_SLOW, to_cell=_SLOW, stale=0.2)),
@@ -136,6 +136,10 @@ class Campaign:
         Of the controller, s; None: that of the guard.
     """
 
+    # How the cell receives answers, and how old they may be beyond the controller's limit, s.
+    link_type = Link
+    patience = 0.0
+
     def __init__(self, simulation: Simulation, guard: Guard, seed: int, max_age: float | None = None) -> None:
         self._simulation, self._guard, self._seed = simulation, guard, seed
         self._max_age = guard.settings.max_age if max_age is None else max_age
@@ -192,7 +196,8 @@ class Campaign:
         self._observed.reset()
 
         def link() -> Link:
-            return faulty_link(InProcess(self._observed, _COMPUTE), description, self._max_age, seed)
+            transport = InProcess(self._observed, _COMPUTE)
+            return faulty_link(transport, description, self._max_age + self.patience, seed, self.link_type)
 
         return self._simulation.run(scenario, link, self._max_age)
 
