@@ -21,10 +21,6 @@ bool streams(Mode mode) { return mode == Mode::kHold || mode == Mode::kServo; }
 
 bool streams_commands(Mode mode) { return mode == Mode::kServo || jogs(mode); }
 
-double seconds_between(std::int64_t from_us, std::int64_t to_us) {
-  return static_cast<double>(to_us - from_us) * kSecondsPerMicrosecond;
-}
-
 ControllerError error_of(PathFault fault) {
   switch (fault) {
     case PathFault::kTargetOutOfLimits:
@@ -44,8 +40,6 @@ ControllerError error_of(PathFault fault) {
 
 }  // namespace
 
-double share_of_guard(double age, double max_age) { return std::clamp(2 * (1 - age / max_age), 0.0, 1.0); }
-
 RobotController::RobotController(const ControllerSettings& settings, const ArmGeometry& arm,
                                  const Axes& start)
     : settings_(settings),
@@ -62,7 +56,7 @@ void RobotController::cycle(std::int64_t now_us, const Command& command) {
   state_.error = check_preconditions(now_us, command);
   const Mode next = requested_mode(command);
   // The motion stays on its path, in its mode.
-  if (state_.error == ControllerError::kNone && state_.guard_stopped && moves(command.mode)) {
+  if (state_.error == ControllerError::kNone && state_.guard.stopped && moves(command.mode)) {
     state_.error = ControllerError::kGuardTimeout;
   }
   const bool at_once = streams(state_.mode) && streams(next);
@@ -95,7 +89,7 @@ void RobotController::latch_inputs(std::int64_t now_us, const Command& command) 
   if (!starts || !moves(command.mode)) return;
   state_.path_error = ControllerError::kNone;
   state_.path_limit = 0;
-  if (state_.guard_stopped || check_preconditions(now_us, command) != ControllerError::kNone) return;
+  if (state_.guard.stopped || check_preconditions(now_us, command) != ControllerError::kNone) return;
   state_.pending_move = {true,
                          command.mode,
                          command.segment,
@@ -105,23 +99,18 @@ void RobotController::latch_inputs(std::int64_t now_us, const Command& command) 
                          command.speed};
 }
 
-/// Takes the time of the last guard message and stops the robot where it is too old.
+/// Stops the robot where the last message of the guard is too old: a programmed motion on its path, anything
+/// else by an emergency stop.
 void RobotController::watch_guard(std::int64_t now_us, const Command& command, bool resets) {
-  if (command.guard_us <= now_us) state_.guard_us = std::max(state_.guard_us, command.guard_us);
-  const double age = seconds_between(state_.guard_us, now_us);
-  const bool guarded = command.guard_max_age > 0;
-  const bool expired = guarded && age > command.guard_max_age;
-  state_.guard_share = guarded ? share_of_guard(age + cycle_, command.guard_max_age) : 1;
-  if (resets && !expired) state_.guard_stopped = false;
-  if (!expired) return;
+  if (!state_.guard.read(now_us, cycle_, command, resets)) return;
   const bool streamed = streams_commands(command.mode) || (streams_commands(state_.mode) && !at_rest());
   state_.stopped = state_.stopped || streamed;
-  state_.guard_stopped = state_.guard_stopped || streamed || moves(command.mode);
+  state_.guard.stopped = state_.guard.stopped || streamed || moves(command.mode);
 }
 
 /// Rate of the path clock that a programmed motion approaches.
 double RobotController::target_rate(const Command& command) const {
-  return state_.guard_stopped ? 0 : command.monitor_speed * state_.guard_share;
+  return state_.guard.stopped ? 0 : command.monitor_speed * state_.guard.share;
 }
 
 ControllerError RobotController::check_preconditions(std::int64_t now_us, const Command& command) const {
@@ -130,7 +119,7 @@ ControllerError RobotController::check_preconditions(std::int64_t now_us, const 
   const bool manual = command.operation == Operation::kManual;
   if (manual && !jogs(command.mode)) return ControllerError::kManualOperation;
   if (!manual && jogs(command.mode)) return ControllerError::kAutomaticOperation;
-  const double age = seconds_between(state_.heartbeat_us, now_us);
+  const auto age = static_cast<double>(now_us - state_.heartbeat_us) * kSecondsPerMicrosecond;
   const bool watched = command.max_age > 0 && streams_commands(command.mode);
   if (watched && age > command.max_age) return ControllerError::kHeartbeatTimeout;
   return ControllerError::kNone;
@@ -252,72 +241,6 @@ Axes RobotController::present_position() const {
   Axes axes;
   for (std::size_t i = 0; i < kAxes; ++i) axes[i] = present()[i].position;
   return axes;
-}
-
-Report RobotController::report(std::int64_t time_us) const {
-  Report report;
-  report.mode = state_.mode;
-  report.moving = servo_.moving(time_us);
-  report.phase = report.moving ? state_.phase : Phase::kRest;
-  if (state_.stopped) report.phase = Phase::kEmergencyStop;
-  report.error = state_.error;
-  if (report.error == ControllerError::kNone) report.error = state_.path_error;
-  if (report.error == ControllerError::kNone && jogs(state_.mode)) report.error = jog_.state().error;
-  report.limit = state_.path_limit != 0 ? state_.path_limit : servo_.state().limit;
-  report.progress = move_.progress();
-  report.path_clock = path_clock(time_us);
-  report.guard_age = seconds_between(state_.guard_us, time_us);
-  report.guard_share = state_.guard_share;
-  report.guard_stopped = state_.guard_stopped;
-  report.destination = state_.destination;
-  report.at_destination = !report.moving && present_position() == state_.destination;
-  return report;
-}
-
-/// Path clock of the running or last programmed motion; its rate is 0 where none runs.
-ClockPoint RobotController::path_clock(std::int64_t time_us) const {
-  if (state_.advanced_us != servo_.state().start_us) return {move_.state().end.clock, 0};
-  return move_.clock_at(std::min(1.0, seconds_between(state_.advanced_us, time_us) / cycle_), cycle_);
-}
-
-/// Whether a programmed motion moves the axes in the current cycle or pauses on its path.
-bool RobotController::motion_runs() const {
-  return move_.active() || state_.advanced_us == servo_.state().start_us;
-}
-
-RunningSegment RobotController::running_segment(std::int64_t time_us) const {
-  if (!motion_runs() || !move_.state().segment) return {};
-  return {state_.runs, path_clock(time_us)};
-}
-
-PathAhead RobotController::path_ahead(std::int64_t time_us) const {
-  Axes position;
-  const Knots now = sample(time_us);
-  for (std::size_t i = 0; i < kAxes; ++i) position[i] = now[i].position;
-  PathAhead ahead;
-  ahead.fill(position);
-  if (!motion_runs()) return ahead;
-  double clock = path_clock(time_us).clock;
-  for (Axes& point : ahead) {
-    clock += kAheadCycles * cycle_;
-    position = point = move_.position_at(clock, position);
-  }
-  return ahead;
-}
-
-ControllerState RobotController::state() const {
-  ControllerState state = state_;
-  state.servo = servo_.state();
-  state.move = move_.state();
-  state.jog = jog_.state();
-  return state;
-}
-
-void RobotController::restore(const ControllerState& state) {
-  state_ = state;
-  servo_.restore(state.servo);
-  move_.restore(state.move);
-  jog_.restore(state.jog);
 }
 
 }  // namespace robotcell::control

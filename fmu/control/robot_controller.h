@@ -6,6 +6,7 @@
 
 #include "fmu/control/arm_geometry.h"
 #include "fmu/control/command.h"
+#include "fmu/control/guard_watch.h"
 #include "fmu/control/jog.h"
 #include "fmu/control/programmed_move.h"
 #include "fmu/control/servo_controller.h"
@@ -44,9 +45,7 @@ struct ControllerState {
   std::int32_t path_limit = 0;
   std::int32_t start = 0, reset = 0, heartbeat = 0;  // counters at the last cycle
   std::int64_t heartbeat_us = 0;
-  std::int64_t guard_us = 0;      // instant of the latest state that a message of the guard has answered
-  double guard_share = 1;         // share of the monitor speed that the guard allows at the end of the cycle
-  bool guard_stopped = false;     // its messages were too old; until a reset
+  GuardWatch guard;
   std::int64_t advanced_us = -1;  // last cycle in which a programmed motion advanced
   std::int32_t runs = 0;          // number of segments started
   Axes destination{};
@@ -56,10 +55,6 @@ struct ControllerState {
 constexpr std::size_t kAheadPoints = 32;
 constexpr int kAheadCycles = 2;
 using PathAhead = std::array<Axes, kAheadPoints>;
-
-/// Share of the monitor speed for an age of the last guard message: 1 up to half of `max_age`, from there
-/// falling linearly to 0 at `max_age`.
-double share_of_guard(double age, double max_age);
 
 /// Path clock of a running segment, for the trigger.
 struct RunningSegment {

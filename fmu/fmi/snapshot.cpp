@@ -156,11 +156,14 @@ void exchange(A& a, PendingMove& v) {
                      v.speed);
 }
 template <class A>
+void exchange(A& a, GuardWatch& v) {
+  ROBOTCELL_EXCHANGE(a, v, v.answered_us, v.share, v.stopped);
+}
+template <class A>
 void exchange(A& a, ControllerState& v) {
   ROBOTCELL_EXCHANGE(a, v, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.collision,
                      v.error, v.path_error, up_to(a, kAxes, v.path_limit), v.start, v.reset, v.heartbeat,
-                     v.heartbeat_us, v.guard_us, v.guard_share, v.guard_stopped, v.advanced_us, v.runs,
-                     v.destination);
+                     v.heartbeat_us, v.guard, v.advanced_us, v.runs, v.destination);
 }
 template <class A>
 void exchange(A& a, BeltState& v) {

@@ -116,10 +116,8 @@ class Cell : private MotionView {
  private:
   std::int64_t next_event(Events wanted, std::int64_t to_us) const;
 
-  double table_angle(std::int64_t time_us) const override;
-  double table_rate(std::int64_t time_us) const override;
-  Eigen::Vector3d sensor_in_table(std::int64_t time_us) const override;
-  double sensor_speed_over_table(std::int64_t time_us) const override;
+  control::Knot table(std::int64_t time_us) const override;
+  SensorInTable sensor_in_table(std::int64_t time_us) const override;
   control::RunningSegment running_segment(std::int64_t time_us) const override;
   Measurement measurement(std::int64_t time_us) const override;
   void write_truth(std::int64_t time_us, Bodies& bodies) const override;

@@ -29,27 +29,22 @@ control::BeltState Cell::belt_at(std::size_t belt, std::int64_t time_us) const {
                            static_cast<double>(time_us - from_.time_us) * kSecondsPerMicrosecond);
 }
 
-double Cell::table_angle(std::int64_t time_us) const { return encoders_at(time_us).position[kTableAxis]; }
-
-double Cell::table_rate(std::int64_t time_us) const { return encoders_at(time_us).rate[kTableAxis]; }
+control::Knot Cell::table(std::int64_t time_us) const {
+  const AxesState axes = encoders_at(time_us);
+  return {axes.position[kTableAxis], axes.rate[kTableAxis]};
+}
 
 control::RunningSegment Cell::running_segment(std::int64_t time_us) const {
   return controller_.running_segment(time_us);
 }
 
-double Cell::sensor_speed_over_table(std::int64_t time_us) const {
+SensorInTable Cell::sensor_in_table(std::int64_t time_us) const {
   const AxesState axes = encoders_at(time_us);
   const Motion sensor = nominal_.sensor(nominal_.arm(axes.position, axes.rate).back());
   const Motion platter = nominal_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]);
   const Eigen::Vector3d from_centre = sensor.pose.translation() - platter.pose.translation();
-  return (sensor.velocity - platter.velocity - platter.angular_velocity.cross(from_centre)).norm();
-}
-
-Eigen::Vector3d Cell::sensor_in_table(std::int64_t time_us) const {
-  const AxesState axes = encoders_at(time_us);
-  const Motion sensor = nominal_.sensor(nominal_.arm(axes.position, axes.rate).back());
-  const Motion platter = nominal_.platter(axes.position[kTableAxis], 0);
-  return platter.pose.inverse() * sensor.pose.translation();
+  const Eigen::Vector3d of_table = platter.velocity + platter.angular_velocity.cross(from_centre);
+  return {platter.pose.inverse() * sensor.pose.translation(), (sensor.velocity - of_table).norm()};
 }
 
 Measurement Cell::measurement(std::int64_t time_us) const {

@@ -127,15 +127,16 @@ bool Trigger::enter_gate(std::int64_t& from_us, std::int64_t to_us, const Motion
 void Trigger::restart(std::int64_t now_us, const MotionView& view) {
   state_.entered_us = now_us;
   state_.fired_since_entry = 0;
-  state_.entry_angle = view.table_angle(now_us) + lead() * view.table_rate(now_us);
-  state_.path = -lead() * view.sensor_speed_over_table(now_us);
-  const Eigen::Vector3d position = view.sensor_in_table(now_us);
-  state_.path_reference = {position.x(), position.y(), position.z()};
+  const control::Knot table = view.table(now_us);
+  state_.entry_angle = table.position + lead() * table.velocity;
+  const SensorInTable sensor = view.sensor_in_table(now_us);
+  state_.path = -lead() * sensor.speed;
+  state_.path_reference = {sensor.position.x(), sensor.position.y(), sensor.position.z()};
 }
 
-double Trigger::path_length(std::int64_t time_us, const MotionView& view) const {
+double Trigger::path_length(const Eigen::Vector3d& position) const {
   const Eigen::Map<const Eigen::Vector3d> reference(state_.path_reference.data());
-  return state_.path + (view.sensor_in_table(time_us) - reference).norm();
+  return state_.path + (position - reference).norm();
 }
 
 bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
@@ -143,12 +144,16 @@ bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
   switch (mode_of(state_.command)) {
     case TriggerMode::kTime:
       return time_us >= state_.entered_us + microseconds(n * state_.command.period);
-    case TriggerMode::kTableAngle:
-      return std::abs(view.table_angle(time_us) + lead() * view.table_rate(time_us) - state_.entry_angle) >=
+    case TriggerMode::kTableAngle: {
+      const control::Knot table = view.table(time_us);
+      return std::abs(table.position + lead() * table.velocity - state_.entry_angle) >=
              (n - kRounding) * state_.command.angle;
-    case TriggerMode::kPathDistance:
-      return path_length(time_us, view) + lead() * view.sensor_speed_over_table(time_us) >=
+    }
+    case TriggerMode::kPathDistance: {
+      const SensorInTable sensor = view.sensor_in_table(time_us);
+      return path_length(sensor.position) + lead() * sensor.speed >=
              (n - kRounding) * state_.command.distance;
+    }
     default:
       return false;
   }
@@ -165,8 +170,8 @@ void Trigger::fire_until(std::int64_t from_us, std::int64_t to_us, bool step_end
   }
   if (gated && is_beyond_gate(to_us, view)) state_.gate = TriggerGate::kPassed;
   if (step_ends && mode_of(state_.command) == TriggerMode::kPathDistance) {
-    state_.path = path_length(to_us, view);
-    const Eigen::Vector3d position = view.sensor_in_table(to_us);
+    const Eigen::Vector3d position = view.sensor_in_table(to_us).position;
+    state_.path = path_length(position);
     state_.path_reference = {position.x(), position.y(), position.z()};
   }
 }

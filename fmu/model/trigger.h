@@ -11,15 +11,18 @@
 
 namespace robotcell {
 
+/// Sensor origin in the rotating frame of the table, from nominal geometry.
+struct SensorInTable {
+  Eigen::Vector3d position;  // m
+  double speed = 0;          // m/s, in that frame
+};
+
 /// Motion of the cell as the device sees it, at any instant of the current dynamics step.
 class MotionView {
  public:
   virtual ~MotionView() = default;
-  virtual double table_angle(std::int64_t time_us) const = 0;
-  virtual double table_rate(std::int64_t time_us) const = 0;
-  /// Sensor origin in the rotating frame of the table, from nominal geometry (m), and its speed there (m/s).
-  virtual Eigen::Vector3d sensor_in_table(std::int64_t time_us) const = 0;
-  virtual double sensor_speed_over_table(std::int64_t time_us) const = 0;
+  virtual control::Knot table(std::int64_t time_us) const = 0;
+  virtual SensorInTable sensor_in_table(std::int64_t time_us) const = 0;
   virtual control::RunningSegment running_segment(std::int64_t time_us) const = 0;
   virtual Measurement measurement(std::int64_t time_us) const = 0;
   virtual void write_truth(std::int64_t time_us, Bodies& bodies) const = 0;
@@ -95,7 +98,7 @@ class Trigger {
  private:
   /// Whether the next periodic exposure is due at or before an instant.
   bool is_due(std::int64_t time_us, const MotionView& view) const;
-  double path_length(std::int64_t time_us, const MotionView& view) const;
+  double path_length(const Eigen::Vector3d& position) const;
   /// Path clock of the running segment at the middle of an exposure that fires at an instant.
   double path_clock(std::int64_t time_us, const MotionView& view) const;
   bool is_beyond_gate(std::int64_t time_us, const MotionView& view) const;

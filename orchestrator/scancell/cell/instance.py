@@ -76,6 +76,8 @@ class CellInstance(Closing):
     ) -> None:
         self._messages: list[str] = []
         self._listeners: list[Callable[[], None]] = []
+        # FMPy's function and value references by names; None where the types differ.
+        self._integer_getters: dict[tuple[str, ...], tuple[Any, list[int]] | None] = {}
         self._unpacked: Path | None = None
         self._time_us = 0
         try:
@@ -215,11 +217,13 @@ class CellInstance(Closing):
 
     def get_integers(self, names: Iterable[str]) -> list[int]:
         """Values of integer and enumeration variables."""
-        names = list(names)
-        access = {self._integer_access("get", name) for name in names}
-        if len(access) == 1:
-            return list(self._call(getattr(self._fmu, access.pop()), [self._reference(name) for name in names]))
-        return [self.get_integer(name) for name in names]
+        names = tuple(names)
+        if names not in self._integer_getters:
+            access = {self._integer_access("get", name) for name in names}
+            references = [self._reference(name) for name in names]
+            self._integer_getters[names] = (getattr(self._fmu, access.pop()), references) if len(access) == 1 else None
+        getter = self._integer_getters[names]
+        return list(self._call(*getter)) if getter else [self.get_integer(name) for name in names]
 
     def get_boolean(self, name: str) -> bool:
         """Value of a Boolean variable."""

@@ -42,7 +42,7 @@ def temporary_program_file(program: Program, folder: Path) -> Iterator[Path]:
     handle, name = tempfile.mkstemp(prefix="program-", suffix=".json", dir=folder)
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
-            json.dump(program_data(program), file)
+            file.write(json.dumps(program_data(program)))  # faster than json.dump
         yield Path(name).absolute()
     finally:
         Path(name).unlink(missing_ok=True)

@@ -1,0 +1,78 @@
+// What the controller reports: status, path clock, path ahead, complete state.
+#include <algorithm>
+
+#include "fmu/control/robot_controller.h"
+#include "fmu/control/time_units.h"
+
+namespace robotcell::control {
+
+Report RobotController::report(std::int64_t time_us) const {
+  Report report;
+  report.mode = state_.mode;
+  report.moving = servo_.moving(time_us);
+  report.phase = report.moving ? state_.phase : Phase::kRest;
+  if (state_.stopped) report.phase = Phase::kEmergencyStop;
+  report.error = state_.error;
+  if (report.error == ControllerError::kNone) report.error = state_.path_error;
+  if (report.error == ControllerError::kNone &&
+      (state_.mode == Mode::kJointJog || state_.mode == Mode::kCartesianJog))
+    report.error = jog_.state().error;
+  report.limit = state_.path_limit != 0 ? state_.path_limit : servo_.state().limit;
+  report.progress = move_.progress();
+  report.path_clock = path_clock(time_us);
+  report.guard_age = state_.guard.age(time_us);
+  report.guard_share = state_.guard.share;
+  report.guard_stopped = state_.guard.stopped;
+  report.destination = state_.destination;
+  report.at_destination = !report.moving && present_position() == state_.destination;
+  return report;
+}
+
+/// Path clock of the running or last programmed motion; its rate is 0 where none runs.
+ClockPoint RobotController::path_clock(std::int64_t time_us) const {
+  if (state_.advanced_us != servo_.state().start_us) return {move_.state().end.clock, 0};
+  const double since = static_cast<double>(time_us - state_.advanced_us) * kSecondsPerMicrosecond;
+  return move_.clock_at(std::min(1.0, since / cycle_), cycle_);
+}
+
+/// Whether a programmed motion moves the axes in the current cycle or pauses on its path.
+bool RobotController::motion_runs() const {
+  return move_.active() || state_.advanced_us == servo_.state().start_us;
+}
+
+RunningSegment RobotController::running_segment(std::int64_t time_us) const {
+  if (!motion_runs() || !move_.state().segment) return {};
+  return {state_.runs, path_clock(time_us)};
+}
+
+PathAhead RobotController::path_ahead(std::int64_t time_us) const {
+  Axes position;
+  const Knots now = sample(time_us);
+  for (std::size_t i = 0; i < kAxes; ++i) position[i] = now[i].position;
+  PathAhead ahead;
+  ahead.fill(position);
+  if (!motion_runs()) return ahead;
+  double clock = path_clock(time_us).clock;
+  for (Axes& point : ahead) {
+    clock += kAheadCycles * cycle_;
+    position = point = move_.position_at(clock, position);
+  }
+  return ahead;
+}
+
+ControllerState RobotController::state() const {
+  ControllerState state = state_;
+  state.servo = servo_.state();
+  state.move = move_.state();
+  state.jog = jog_.state();
+  return state;
+}
+
+void RobotController::restore(const ControllerState& state) {
+  state_ = state;
+  servo_.restore(state.servo);
+  move_.restore(state.move);
+  jog_.restore(state.jog);
+}
+
+}  // namespace robotcell::control
