@@ -5,12 +5,16 @@ from __future__ import annotations
 import sys
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scancell.cli.common import JsonOption, Outcome, ScanOption, run
+from scancell.cli.common import EXIT_ERROR, JsonOption, Outcome, ScanOption, run
+from scancell.cli.execution import WorkersOption
 from scancell.config.choices import LOOPBACK, TransportProtocol
+
+if TYPE_CHECKING:
+    from scancell.studies.guard.campaign import RunRow
 
 guard_app = typer.Typer(help="Protect a robot from collisions.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -49,3 +53,44 @@ def guard_serve(
         return Outcome(lines or ["  no packets"], {"packets": dict(counts)})
 
     run("guard serve", as_json, work)
+
+
+@guard_app.command("campaign")
+def guard_campaign(
+    part: Annotated[Path, typer.Argument(help="mesh of the part on the table")],
+    cell: Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")] = None,
+    unit: Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")] = "mm",
+    runs: Annotated[int, typer.Option("--runs", min=1, help="number of runs, each with its twin")] = 200,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1,
+    mutation: Annotated[str, typer.Option("--mutation", help="deliberate error of the guard")] = "",
+    out: Annotated[Path, typer.Option("--out", help="folder of the rows and tables")] = Path("out/guard"),
+    workers: WorkersOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Run a guarded cell over bad networks, each run beside its unguarded twin; goes on where it was stopped.
+
+    The status is 1 if a guarded robot collided.
+    """
+
+    collisions = 0
+
+    def work() -> Outcome:
+        nonlocal collisions
+        from scancell.studies.guard.run import CampaignOptions, run_campaign  # noqa: PLC0415
+
+        options = CampaignOptions(str(cell) if cell else None, str(part), unit, seed, mutation)
+        figures = run_campaign(options, runs, out, workers, None if as_json else _show)
+        collisions = figures["collisions"]
+        lines = [f"  {name:<26} {value}" for name, value in figures.items()]
+        return Outcome(lines, figures, [str(out / "rows.csv"), str(out / "tables.md")])
+
+    run("guard campaign", as_json, work)
+    if collisions:
+        raise typer.Exit(EXIT_ERROR)
+
+
+def _show(row: RunRow) -> None:
+    if row.contact or row.touched:
+        print(f"run {row.number}: COLLISION of {row.contact or 'bodies'} ({row.operation}, network: {row.fault})")
+    elif row.number % 100 == 99:
+        print(f"{row.number + 1} runs", flush=True)
