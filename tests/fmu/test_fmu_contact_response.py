@@ -75,7 +75,7 @@ def test_floor_stops_arm_with_dynamic_drives_at_its_torque_limits(build: Build, 
 
 def test_kinematic_arm_passes_through_floor_and_collision_is_reported(build: Build, floor_height: float) -> None:
     cell = build(3, with_floor(cell_description(), floor_height))
-    heights = jog_down(cell, 25)
+    heights = jog_down(cell, 30)
     assert heights[-1] < floor_height - 0.02
     assert cell.get_int("truth.collision.pairs") == 1
 

@@ -94,3 +94,33 @@ def _show(row: RunRow) -> None:
         print(f"run {row.number}: COLLISION of {row.contact or 'bodies'} ({row.operation}, network: {row.fault})")
     elif row.number % 100 == 99:
         print(f"{row.number + 1} runs", flush=True)
+
+
+@guard_app.command("search")
+def guard_search(
+    part: Annotated[Path, typer.Argument(help="mesh of the part on the table")],
+    cell: Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")] = None,
+    unit: Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")] = "mm",
+    runs: Annotated[int, typer.Option("--runs", min=1, help="number of guarded runs")] = 500,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1,
+    mutation: Annotated[str, typer.Option("--mutation", help="deliberate error of the guard")] = "",
+    as_json: JsonOption = False,
+) -> None:
+    """Steer a person who jogs, and the network, to the worst moment; the status is 1 if that leads to a collision."""
+    contact = ""
+
+    def work() -> Outcome:
+        nonlocal contact
+        from scancell.studies.guard.run import CampaignOptions, campaign_of  # noqa: PLC0415
+        from scancell.studies.guard.search import search  # noqa: PLC0415
+
+        tried: list[float] = []
+        options = CampaignOptions(str(cell) if cell else None, str(part), unit, seed, mutation)
+        worst = search(campaign_of(options), runs, seed, lambda attempt: tried.append(attempt.clearance))
+        contact = worst.contact
+        figures = {"runs": len(tried), "clearance_mm": 1e3 * worst.clearance, "contact": contact}
+        return Outcome([f"  {name:<14} {value}" for name, value in figures.items()], figures)
+
+    run("guard search", as_json, work)
+    if contact:
+        raise typer.Exit(EXIT_ERROR)

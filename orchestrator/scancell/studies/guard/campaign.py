@@ -8,7 +8,7 @@ run, so that campaigns can be interrupted, and single runs repeated.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,18 +156,35 @@ class Campaign:
         course = self._guarded(twin.scenario, number, fault)
         return self._row(number, third, fault, twin, course)
 
+    def colliding_twin(self, number: int) -> Twin:
+        """A twin in manual operation that collides."""
+        return self._twin(number, THIRDS[0], Operation.MANUAL)
+
+    def attempt(self, scenario: Scenario, dead_from: float | None) -> tuple[float, str]:
+        """Smallest distance of two bodies (m) in a guarded run over a link that may die, and the pair in contact."""
+        to_cell = _SLOW.model_copy(update={"dead_from_s": dead_from})
+        course = self._run_guarded(scenario, LinkDescription(to_guard=_SLOW, to_cell=to_cell), 0)
+        contact = self._simulation.contact(course)
+        return float(self._simulation.clearances(course.axes).min()), contact[1] if contact else ""
+
     def _twin(self, number: int, third: str, operation: Operation) -> Twin:
         simulation = self._simulation
         rng = np.random.default_rng([self._seed, number, 0])
         for draws in range(1, _DRAWS + 1):
             scenario = random_scenario(operation, simulation.nominal, self._start(rng), rng)
             rough = simulation.run(scenario, rough=True)
-            least = simulation.clearances(rough.axes[::2], _NEAR_MISS + _ROUGH)
-            outside = least[:, ~simulation.inner].min()
-            if {THIRDS[0]: least.min() > _ROUGH, THIRDS[1]: outside > _NEAR_MISS, THIRDS[2]: outside < _NEAR_MISS}[
-                third
-            ]:
+            least = simulation.clearances(rough.axes, _NEAR_MISS + _ROUGH)
+            outside = least[:, ~simulation.inner].min(1)
+            # What the twin can be by this first look; a course into a contact is ended before it for a near miss.
+            possible = {
+                THIRDS[0]: least.min() <= _ROUGH,
+                THIRDS[1]: outside.min() <= _NEAR_MISS,
+                THIRDS[2]: outside.min() >= _NEAR_MISS,
+            }
+            if not possible[third]:
                 continue
+            if third == THIRDS[1] and outside.min() < _ROUGH:
+                scenario = _ended_before(scenario, rough, outside, rng)
             course = simulation.run(scenario)
             clearances = simulation.clearances(course.axes[::SAMPLES])
             contact = simulation.contact(course)
@@ -193,6 +210,9 @@ class Campaign:
         if fault == "dead":
             dead = description.to_cell.model_copy(update={"dead_from_s": float(rng.uniform(0.5, 3.0))})
             description = description.model_copy(update={"to_cell": dead})
+        return self._run_guarded(scenario, description, seed)
+
+    def _run_guarded(self, scenario: Scenario, description: LinkDescription, seed: int) -> Course:
         self._observed.reset()
 
         def link() -> Link:
@@ -280,6 +300,17 @@ def stopping_distances(simulation: Simulation, settings: GuardSettings) -> Array
     by_joints = MotionBounds(nominal, pairs).pairs(np.append(nominal.home, 0.0)[None], (rates * longest)[None])[0]
     by_tool = si_value(robot.motion, "jog_speed_mm_s") * longest
     return np.asarray(np.where(simulation.inner, np.minimum(by_joints, by_tool), by_tool) + changed)
+
+
+def _ended_before(scenario: Scenario, course: Course, clearance: Array, rng: np.random.Generator) -> Scenario:
+    """A scenario that ends where its `course` first comes to a random near miss, by the `clearance` (n,), m."""
+    at = int(np.argmax(clearance < rng.uniform(0.1, 0.9) * _NEAR_MISS))
+    time = float(course.times[at])
+    given = [command for command in scenario.commands if command.time < time]
+    if scenario.operation is Operation.MANUAL and given:
+        last = replace(given[-1], time=time, values=np.zeros_like(given[-1].values))
+        return replace(scenario, commands=(*given, last))
+    return replace(scenario, commands=(replace(scenario.commands[0], values=course.axes[at]),))
 
 
 class _Observed:

@@ -78,7 +78,7 @@ def _jogs(nominal: NominalCell, start: Array, rng: np.random.Generator) -> list[
         values = np.zeros(len(start))
         values[chosen] = rng.choice([-1.0, 1.0], len(chosen)) * rng.choice([1.0, rng.uniform(0.1, 1.0)])
         commands.append(Command(time, mode, values, Frame(int(rng.integers(2)))))
-        time += rng.uniform(0.3, 2.5)
+        time += rng.uniform(0.3, 1.5) if rng.random() < 0.5 else rng.uniform(1.5, DURATION)
         before = mode
     return commands
 
