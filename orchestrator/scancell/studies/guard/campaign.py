@@ -161,11 +161,16 @@ class Campaign:
         return self._twin(number, THIRDS[0], Operation.MANUAL)
 
     def attempt(self, scenario: Scenario, dead_from: float | None) -> tuple[float, str]:
-        """Smallest distance of two bodies (m) in a guarded run over a link that may die, and the pair in contact."""
+        """Smallest distance (m) in a guarded run over a link that may die, and the pair in contact.
+
+        Bodies of the arm that are near each other at the start have no part in the distance.
+        """
         to_cell = _SLOW.model_copy(update={"dead_from_s": dead_from})
         course = self._run_guarded(scenario, LinkDescription(to_guard=_SLOW, to_cell=to_cell), 0)
         contact = self._simulation.contact(course)
-        return float(self._simulation.clearances(course.axes).min()), contact[1] if contact else ""
+        clearances = self._simulation.clearances(course.axes)
+        apart = ~self._simulation.inner | (clearances[0] >= _NEAR_MISS)
+        return float(clearances[:, apart].min()), contact[1] if contact else ""
 
     def _twin(self, number: int, third: str, operation: Operation) -> Twin:
         simulation = self._simulation

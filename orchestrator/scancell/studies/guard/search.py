@@ -27,7 +27,7 @@ class Attempt:
     Attributes
     ----------
     clearance
-        Smallest distance of two bodies in the guarded run, m.
+        Smallest distance in the guarded run of bodies that are not near each other by design, m.
     contact
         Pair that python-fcl finds in contact; empty: none.
     """
