@@ -18,11 +18,11 @@ from scancell.guard.stopping import Stop, WorstCase, braking_time, latest_stop
 from scancell.guard.tool import Tool
 from scancell.guard.unseen import UnseenApproach
 from scancell.nominal.cell import NominalCell
-from scancell.proximity.motion_check import MotionCheck, MotionClash
+from scancell.proximity.motion_check import Budget, MotionCheck
 from scancell.proximity.scene import ProximityScene
 
 Array = NDArray[np.float64]
-Clashes = Sequence[MotionClash | None]
+Flags = NDArray[np.bool_]
 
 _PIECES = 4  # straight in the axes, of a predicted motion
 _FINER = 16  # parts of a piece in which the contact is looked for
@@ -31,6 +31,7 @@ _STILL = 1e-6  # m/s: slower pairs do not approach
 _NEARER = 0.2e-3  # m by which a pair may come nearer that is said not to
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
 _FARTHEST_ASTRAY = 0.1  # rad: links of an arm are too close to each other for stops that may deviate more
+_STOP_WORK, _CONTACT_WORK = 10**9, 10**9  # comparisons of all hypotheses
 _BENDING = 1.5  # of the measured curvature between its samples
 
 
@@ -137,88 +138,68 @@ class ManualCheck:
         ends = [stop.progress for stop in stops] + [self._horizon] * len(moving)
         times = np.linspace(0.0, ends, _PIECES + 1).T
         axes = self._predictor.axes([*moving, *moving], times)
-        deviation = np.zeros((len(axes), axes.shape[2]))
-        clearance = np.tile(self._clearance, (len(axes), 1))
-        for row, stop in enumerate(stops):
-            deviation[row] = _stop_deviation(axes[row], times[row], stop, self._worst)
-            if self._unseen is not None:
-                clearance[row] += self._unseen.bound(axes[row, 0], stop.unseen)
-        checked = deviation.max(1) <= _FARTHEST_ASTRAY
-        clashes = self._clashes(axes, deviation, clearance, checked)
-        without_stop, contacts = [], []
-        for row, hypothesis in enumerate(moving):
-            if checked[row] and (
-                blocked := self._unstoppable(hypothesis, axes[row], deviation[row], clearance[row], clashes[row])
-            ):
-                without_stop.append(blocked)
-            ahead = row + len(moving)
-            if contact := self._contact(hypothesis, axes[ahead], times[ahead], clashes[ahead]):
+        without_stop, contacts, astray = [], [], False
+        for row, (hypothesis, stop) in enumerate(zip(moving, stops, strict=True)):
+            deviation = _stop_deviation(axes[row], times[row], stop, self._worst)
+            if deviation.max() > _FARTHEST_ASTRAY:
+                astray = True
+            else:
+                budget = Budget(_STOP_WORK // len(moving))
+                if blocked := self._unstoppable(hypothesis, axes[row], deviation, stop, budget):
+                    without_stop.append(blocked)
+            ahead, budget = row + len(moving), Budget(_CONTACT_WORK // len(moving))
+            if contact := self._contact(hypothesis, axes[ahead], times[ahead], budget):
                 contacts.append(contact)
         contacts.sort(key=lambda contact: contact.free_until)
-        return Verdict(tuple(contacts), tuple(without_stop), not checked.all())
+        return Verdict(tuple(contacts), tuple(without_stop), astray)
 
-    def _clashes(self, axes: Array, deviation: Array, clearance: Array, checked: NDArray[np.bool_]) -> list[Clashes]:
-        """Clashes of the pieces of each of the motions (m, n, joints + 1) that are `checked` (m,)."""
-        of_axes = axes.shape[2]
-        start, end = axes[checked, :-1].reshape(-1, of_axes), axes[checked, 1:].reshape(-1, of_axes)
-        of_pieces = (np.repeat(rows[checked], _PIECES, 0) for rows in (deviation, clearance))
-        found = iter(self._motions.first_clashes(start, end, *of_pieces))
-        return [[next(found) for _ in range(_PIECES)] if wanted else [] for wanted in checked]
-
-    def approach(self, hypothesis: Hypothesis, pair: tuple[str, str]) -> Approach:
-        """Distance of a pair of the scene, and its rate as the motion begins."""
+    def approaches(self, hypothesis: Hypothesis, pairs: Flags) -> list[Approach]:
+        """Distance of some `pairs` (pairs,) of the scene, and its rate as the motion begins; the nearest one first."""
         now = hypothesis.state.axes
         axes = np.stack([now, now + _SOON * hypothesis.rates])
-        bound = np.zeros(len(self._clearance))
-        number = self._number[pair]
-        bound[number] = np.inf
         poses = self._nominal.body_poses(axes[:, :-1], axes[:, -1])
-        distance, soon = self._scene.distances(poses, bound, self._threads)[:, number]
-        return Approach(*pair, float(distance), float((soon - distance) / _SOON))
+        distance, soon = self._scene.distances(poses, np.where(pairs, np.inf, 0.0), self._threads)
+        rate = (soon - distance) / _SOON
+        found = [Approach(*self._scene.pairs[i], float(distance[i]), float(rate[i])) for i in np.flatnonzero(pairs)]
+        return sorted(found, key=lambda approach: approach.distance)
 
     def _unstoppable(
-        self, hypothesis: Hypothesis, axes: Array, deviation: Array, required: Array, clashes: Clashes
+        self, hypothesis: Hypothesis, axes: Array, deviation: Array, stop: Stop, budget: Budget
     ) -> Approach | None:
-        """A pair for which the stop along `axes` (n, joints + 1) with the `required` clearances is not proved."""
-        clearance = required.copy()
-        while clash := _first(clashes):
-            found = self.approach(hypothesis, (clash.body_a, clash.body_b))
-            if found.rate < -_STILL or not self._never_nearer(found, axes):
-                return found
-            clearance[self._number[found.body_a, found.body_b]] = -np.inf
-            clashes = self._motions.first_clashes(axes[:-1], axes[1:], deviation, clearance)
-        return None
+        """A pair for which the stop along `axes` (n, joints + 1) is not proved."""
+        clearance = self._clearance
+        if self._unseen is not None:
+            clearance = clearance + self._unseen.bound(axes[0], stop.unseen)
+        violated = self._motions.violations(axes, deviation, clearance, budget)
+        if not violated.any():
+            return None
+        found = self.approaches(hypothesis, violated)
+        nearer = [approach for approach in found if approach.rate < -_STILL]
+        if nearer:
+            return nearer[0]
+        kept = np.full(len(self._clearance), -np.inf)
+        for one in found:
+            kept[self._number[one.body_a, one.body_b]] = one.distance - min(_NEARER, one.distance / 2)
+        nearer_later = self._fine_motions.violations(axes, clearance=kept, budget=budget)
+        return next((one for one in found if nearer_later[self._number[one.body_a, one.body_b]]), None)
 
-    def _never_nearer(self, found: Approach, axes: Array) -> bool:
-        clearance = np.full(len(self._clearance), -np.inf)
-        clearance[self._number[found.body_a, found.body_b]] = found.distance - min(_NEARER, found.distance / 2)
-        return _first(self._fine_motions.first_clashes(axes[:-1], axes[1:], clearance=clearance)) is None
-
-    def _contact(self, hypothesis: Hypothesis, axes: Array, times: Array, clashes: Clashes) -> Contact | None:
+    def _contact(self, hypothesis: Hypothesis, axes: Array, times: Array, budget: Budget) -> Contact | None:
         """The first contact of an approaching pair along `axes` (n, joints + 1) at `times` (n,)."""
-        clearance = self._clearance.copy()
-        while clash := _first(clashes):
-            piece = clashes.index(clash)
-            share = np.linspace(0.0, 1.0, _FINER + 1)
-            finer = axes[piece] + share[:, None] * (axes[piece + 1] - axes[piece])
-            parts = self._motions.first_clashes(finer[:-1], finer[1:], clearance=clearance)
-            first = _first(parts)
-            if first is None:  # proved after all: the finest intervals of the piece were not fine enough
-                clashes = [None if one is clash else one for one in clashes]
-                continue
-            found = self.approach(hypothesis, (first.body_a, first.body_b))
-            if found.rate < -_STILL:
-                part, step = parts.index(first), (times[piece + 1] - times[piece]) / _FINER
-                until = float(times[piece] + part * step)
-                travel = self._tool.length(np.vstack([axes[: piece + 1], finer[part]])[:, :-1])
-                return Contact(found, hypothesis.path, until, float(until + step), travel)
-            clearance[self._number[found.body_a, found.body_b]] = -np.inf
-            clashes = self._motions.first_clashes(axes[:-1], axes[1:], clearance=clearance)
-        return None
-
-
-def _first(clashes: Clashes) -> MotionClash | None:
-    return next((clash for clash in clashes if clash is not None), None)
+        first = self._motions.first_violations(axes, _FINER, budget=budget)
+        touching = np.isfinite(first)
+        if not touching.any():
+            return None
+        found = [one for one in self.approaches(hypothesis, touching) if one.rate < -_STILL]
+        if not found:
+            return None
+        begin = [float(first[self._number[one.body_a, one.body_b]]) for one in found]
+        nearest = int(np.argmin(begin))
+        piece, share = divmod(begin[nearest], 1.0)
+        step = times[1] - times[0]
+        until = float(times[0] + begin[nearest] * step)
+        reached = axes[int(piece)] + share * (axes[int(piece) + 1] - axes[int(piece)])
+        travel = self._tool.length(np.vstack([axes[: int(piece) + 1], reached])[:, :-1])
+        return Contact(found[nearest], hypothesis.path, until, float(until + step / _FINER), travel)
 
 
 def _stop_deviation(axes: Array, times: Array, stop: Stop, worst: WorstCase) -> Array:
