@@ -1,5 +1,6 @@
 #include "fmu/proximity/cell_motion.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace robotcell::proximity {
@@ -64,23 +65,42 @@ void CellMotion::place(const double* axes, CellFrames& frames) const {
   }
 }
 
-double CellMotion::bound(const CellFrames& frames, std::size_t pair, const double* half_travel) const {
+// Joints move a point p of the outer body at dp = sum of h_k z_k x (p - o_k) (z_k, o_k: axis of joint k, h_k:
+// its rate), in which motions of several joints may cancel, plus half of the second derivative, in which
+// joints j <= k appear as h_j z_j x (h_k z_k x (p - o_k)): at most |h_j h_k| times the distance of p from
+// o_k.
+double CellMotion::bound(const CellFrames& frames, std::size_t pair, const double* half,
+                         const double* slack) const {
   const MovingPair& moving = pairs_[pair];
-  double moved = half_travel[joints_.size()] * moving.table_radius;
+  const std::size_t table = joints_.size();
+  const double by_table = (std::abs(half[table]) + slack[table]) * moving.table_radius;
   const CarriedBody& body = bodies_[moving.outer];
-  if (body.carried == moving.first) return moved;
+  if (body.carried == moving.first) return by_table;
+  const auto first = static_cast<std::size_t>(moving.first);
   const auto last = static_cast<std::size_t>(body.carried);
   const Vector3d centre = frames.links[last] * body.centre;
   const double from_last = body.centre.norm();
+  double before = 0;  // travel of the joints before joint k
+  for (std::size_t k = first; k < last; ++k) before += std::abs(half[k]);
+  double summed = 0, strayed = 0, second = 0;
   double beyond = 0;  // joints beyond joint k move the body towards its axis or away from it
-  for (std::size_t k = last; k-- > static_cast<std::size_t>(moving.first);) {
-    if (half_travel[k] == 0) continue;
+  Vector3d velocity = Vector3d::Zero(), turn = Vector3d::Zero();
+  for (std::size_t k = last; k-- > first;) {
+    const double travel = std::abs(half[k]);
+    before -= travel;
+    if (travel + slack[k] == 0) continue;
     const Isometry3d& frame = frames.links[k];
-    const double reach = frame.linear().col(2).cross(centre - frame.translation()).norm() + body.radius;
-    moved += half_travel[k] * (reach + beyond);
-    beyond += half_travel[k] * (length_[last] - length_[k] + from_last);
+    const Vector3d axis = frame.linear().col(2), lever = centre - frame.translation();
+    const Vector3d across = axis.cross(lever);
+    const double reach = across.norm() + body.radius + beyond;
+    summed += travel * reach;
+    strayed += slack[k] * reach;
+    velocity += half[k] * across;
+    turn += half[k] * axis;
+    second += travel * (lever.norm() + body.radius + beyond) * (travel + 2 * std::max(before, 0.0));
+    beyond += (travel + slack[k]) * (length_[last] - length_[k] + from_last);
   }
-  return moved;
+  return by_table + strayed + std::min(summed, velocity.norm() + turn.norm() * body.radius + second / 2);
 }
 
 }  // namespace robotcell::proximity

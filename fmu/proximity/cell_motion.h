@@ -44,9 +44,10 @@ class CellMotion {
 
   void place(const double* axes, CellFrames& frames) const;
 
-  /// Bound (m) on the motion of one body of a pair relative to the other while no axis moves by more than
-  /// `half_travel` (axes,), rad, from where the frames are.
-  double bound(const CellFrames& frames, std::size_t pair, const double* half_travel) const;
+  /// Bound (m) on the motion of one body of a pair relative to the other, from where the frames are, while
+  /// each axis follows a straight line by up to `half` (axes,) times -1 to 1 and deviates from it by up to
+  /// `slack` (axes,), rad.
+  double bound(const CellFrames& frames, std::size_t pair, const double* half, const double* slack) const;
 
  private:
   struct MovingPair {

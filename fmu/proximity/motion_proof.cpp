@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "fmu/proximity/blocks.h"
-#include "fmu/proximity/pair_search.h"
 
 namespace robotcell::proximity {
 namespace {
@@ -42,15 +41,24 @@ double spheres_apart(const SearchBody& a, const SearchBody& b, const Eigen::Isom
 /// Judges intervals. What searches find out about a pair carries over to the next interval.
 class Judge {
  public:
-  Judge(const PairDistances& scene, const CellMotion& motion, const Motions& motions, std::size_t budget)
+  Judge(const PairDistances& scene, const CellMotion& motion, const Motions& motions, std::size_t budget,
+        ProofMemory& memory)
       : scene_(scene),
         motion_(motion),
         motions_(motions),
         budget_(budget),
-        memory_(motion.pairs()),
-        dropped_(motion.pairs(), false) {}
+        search_(memory.search),
+        memory_(memory.pairs),
+        dropped_(motion.pairs(), false),
+        begin_(memory.search.work()) {
+    memory_.resize(motion.pairs());
+    for (PairMemory& pair : memory_) {  // of another place: nothing but the faces is of use
+      pair.at_least = -1;
+      pair.front.clear();
+    }
+  }
 
-  std::size_t work() const { return search_.work(); }
+  std::size_t work() const { return search_.work() - begin_; }
 
   double required(std::size_t motion, std::size_t pair) const {
     return std::max(motions_.required[motion * motion_.pairs() + pair], kContact);
@@ -73,14 +81,14 @@ class Judge {
     const double* deviation = motions_.deviation + motion * axes;
     number_ = motion;
     at_.resize(axes);
-    half_travel_.resize(axes);
+    half_.resize(axes);
+    rest_.assign(axes, 0);
     slack_.assign(deviation, deviation + axes);
     finest_ = true;
     for (std::size_t i = 0; i < axes; ++i) {
       at_[i] = start[i] + middle * (end[i] - start[i]);
-      const double half_travel = half * std::abs(end[i] - start[i]);
-      finest_ = finest_ && half_travel < motions_.finest;
-      half_travel_[i] = half_travel + slack_[i];
+      half_[i] = half * (end[i] - start[i]);
+      finest_ = finest_ && std::abs(half_[i]) < motions_.finest;
     }
     strays_ = std::any_of(slack_.begin(), slack_.end(), [](double angle) { return angle != 0; });
     motion_.place(at_.data(), frames_);
@@ -92,15 +100,16 @@ class Judge {
     enter(motions_.count / 2, 0, 0);
     finest_ = false;
     for (std::size_t i = 0; i < axes; ++i) {
-      double farthest = 0;
+      double farthest = 0, strayed = 0;
       for (std::size_t k = 0; k < motions_.count; ++k) {
-        const double deviation = motions_.deviation[k * axes + i];
+        strayed = std::max(strayed, motions_.deviation[k * axes + i]);
         for (const double* end : {motions_.start, motions_.end}) {
-          farthest = std::max(farthest, std::abs(end[k * axes + i] - at_[i]) + deviation);
+          farthest = std::max(farthest, std::abs(end[k * axes + i] - at_[i]));
         }
       }
-      half_travel_[i] = farthest;
+      slack_[i] = farthest + strayed;  // the way bends: it is a deviation from rest
     }
+    strays_ = false;
   }
 
   /// Looks at a pair no more.
@@ -110,8 +119,8 @@ class Judge {
   /// Whether a pair keeps its clearance in the interval.
   Verdict judge(std::size_t pair) {
     if (work() > budget_) return Verdict::kViolated;
-    const double moved = motion_.bound(frames_, pair, half_travel_.data());
-    const double strayed = strays_ ? motion_.bound(frames_, pair, slack_.data()) : 0;
+    const double moved = motion_.bound(frames_, pair, half_.data(), slack_.data());
+    const double strayed = strays_ ? motion_.bound(frames_, pair, rest_.data(), slack_.data()) : 0;
     const Verdict open = finest_ ? Verdict::kViolated : Verdict::kOpen;
     const double least = required(number_, pair);
     const auto& [a, b] = scene_.pair(pair);
@@ -144,11 +153,12 @@ class Judge {
   const CellMotion& motion_;
   const Motions& motions_;
   std::size_t budget_;
-  PairSearch search_;
-  std::vector<PairMemory> memory_;
+  PairSearch& search_;
+  std::vector<PairMemory>& memory_;
   std::vector<bool> dropped_;
+  std::size_t begin_;  // work before
   CellFrames frames_;
-  std::vector<double> at_, half_travel_, slack_;
+  std::vector<double> at_, half_, slack_, rest_;
   std::size_t number_ = 0;
   bool finest_ = false, strays_ = false;
 };
@@ -179,13 +189,14 @@ void bisect(Judge& judge, std::vector<Interval> intervals, const Violated& viola
   }
 }
 
-/// Goes through motions in order and finds where each pair is first not proved.
+/// Goes through motions in order and finds where the first pairs are not proved.
 class InOrder {
  public:
   InOrder(Judge& judge, double part, double* first) : judge_(judge), part_(part), first_(first) {}
 
   /// Looks at an interval of a motion.
   void follow(std::size_t motion, double middle, double half, const Pairs& pairs) {
+    if (static_cast<double>(motion) + middle - half >= earliest_) return;
     judge_.enter(motion, middle, half);
     const bool is_part = 2 * half <= part_;
     Pairs open, violating;
@@ -210,13 +221,15 @@ class InOrder {
 
  private:
   void found(std::size_t pair, double where) {
-    first_[pair] = where;
+    if (where > earliest_) return;
+    earliest_ = first_[pair] = where;
     judge_.drop(pair);
   }
 
   Judge& judge_;
   double part_;
   double* first_;
+  double earliest_ = std::numeric_limits<double>::infinity();
 };
 
 }  // namespace
@@ -226,7 +239,8 @@ MotionProof::MotionProof(const PairDistances& scene, CellMotion motion)
 
 void MotionProof::first_clashes(const Motions& motions, unsigned threads, FirstClash* found) const {
   for_each_block(motions.count, kBlock, threads, [&](std::size_t first, std::size_t last) {
-    Judge judge(scene_, motion_, motions, kUnlimited);
+    ProofMemory memory;
+    Judge judge(scene_, motion_, motions, kUnlimited, memory);
     for (std::size_t i = first; i < last; ++i) {
       bisect(judge, {{i, 0.5, judge.pairs_of(i)}}, [&](const Interval& interval, const Pairs& pairs) {
         double lack = std::numeric_limits<double>::infinity();
@@ -242,8 +256,8 @@ void MotionProof::first_clashes(const Motions& motions, unsigned threads, FirstC
   });
 }
 
-std::size_t MotionProof::violations(const Motions& motions, std::size_t budget, bool* violated) const {
-  Judge judge(scene_, motion_, motions, budget);
+std::size_t MotionProof::violations(const Motions& motions, std::size_t budget, bool* violated) {
+  Judge judge(scene_, motion_, motions, budget, memory_);
   std::fill(violated, violated + motion_.pairs(), false);
   Pairs open;
   judge.enter_all();
@@ -266,8 +280,8 @@ std::size_t MotionProof::violations(const Motions& motions, std::size_t budget, 
 }
 
 std::size_t MotionProof::first_violations(const Motions& motions, std::size_t parts, std::size_t budget,
-                                          double* first) const {
-  Judge judge(scene_, motion_, motions, budget);
+                                          double* first) {
+  Judge judge(scene_, motion_, motions, budget, memory_);
   std::fill(first, first + motion_.pairs(), std::numeric_limits<double>::infinity());
   Pairs open;
   judge.enter_all();
@@ -277,6 +291,19 @@ std::size_t MotionProof::first_violations(const Motions& motions, std::size_t pa
   InOrder in_order(judge, 1.0 / static_cast<double>(parts), first);
   for (std::size_t i = 0; i < motions.count && !open.empty(); ++i) in_order.follow(i, 0.5, 0.5, open);
   return judge.work();
+}
+
+void MotionProof::distances(const double* axes, std::size_t count, const bool* wanted, double* distances) {
+  const std::vector<double> still(count * motion_.axes(), 0);
+  const Motions motions{axes, axes, still.data(), nullptr, count, 1};
+  Judge judge(scene_, motion_, motions, kUnlimited, memory_);
+  for (std::size_t i = 0; i < count; ++i) {
+    judge.enter(i, 0, 0);
+    for (std::size_t pair = 0; pair < motion_.pairs(); ++pair) {
+      distances[i * motion_.pairs() + pair] =
+          wanted[pair] ? judge.distance(pair) : std::numeric_limits<double>::quiet_NaN();
+    }
+  }
 }
 
 }  // namespace robotcell::proximity

@@ -7,6 +7,7 @@
 
 #include "fmu/proximity/cell_motion.h"
 #include "fmu/proximity/pair_distances.h"
+#include "fmu/proximity/pair_search.h"
 
 namespace robotcell::proximity {
 
@@ -18,6 +19,12 @@ struct Motions {
   const double* required = nullptr;   // (count, pairs) clearance, m; -inf: the pair is not checked
   std::size_t count = 0;
   double finest = 0;  // rad from the middle of an interval to its ends: what is not proved there violates
+};
+
+/// What searches found out about each pair, and the work that they did.
+struct ProofMemory {
+  PairSearch search;
+  std::vector<PairMemory> pairs;
 };
 
 struct FirstClash {
@@ -45,18 +52,22 @@ class MotionProof {
   void first_clashes(const Motions& motions, unsigned threads, FirstClash* found) const;
 
   /// Whether each pair (pairs,) is not proved to keep its clearance on motions that follow each other, which
-  /// have the same clearances. Returns the work.
-  std::size_t violations(const Motions& motions, std::size_t budget, bool* violated) const;
+  /// have the same clearances. Returns the work. The memory of earlier calls shortens it; so they must not
+  /// run in parallel.
+  std::size_t violations(const Motions& motions, std::size_t budget, bool* violated);
 
   /// Where on such motions each pair (pairs,) is first not proved to keep its clearance:
   /// the beginning of one of `parts` (a power of 2) equal parts of a motion, counted in motions; infinite for
-  /// pairs that keep it. Returns the work.
-  std::size_t first_violations(const Motions& motions, std::size_t parts, std::size_t budget,
-                               double* first) const;
+  /// pairs that keep it, and for those that are not the first. Returns the work.
+  std::size_t first_violations(const Motions& motions, std::size_t parts, std::size_t budget, double* first);
+
+  /// Distances (count, pairs), m, at `axes` (count, axes), rad, of some of the pairs; NaN of the others.
+  void distances(const double* axes, std::size_t count, const bool* wanted, double* distances);
 
  private:
   const PairDistances& scene_;
   CellMotion motion_;
+  ProofMemory memory_;
 };
 
 }  // namespace robotcell::proximity

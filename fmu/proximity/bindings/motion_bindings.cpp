@@ -50,17 +50,20 @@ std::unique_ptr<CellMotion> make_motion(const Doubles& joints, const Doubles& wo
                                       to_pose(world_from_table.data()), std::move(carried), numbers);
 }
 
-py::array_t<double> bounds(const CellMotion& motion, const Doubles& at, const Doubles& half_travel) {
+py::array_t<double> bounds(const CellMotion& motion, const Doubles& at, const Doubles& half,
+                           const Doubles& slack) {
   const auto axes = static_cast<py::ssize_t>(motion.axes());
   const auto pairs = static_cast<py::ssize_t>(motion.pairs());
   require_shape(at, "at", {-1, axes});
-  require_shape(half_travel, "half_travel", {at.shape(0), axes});
+  require_shape(half, "half", {at.shape(0), axes});
+  require_shape(slack, "slack", {at.shape(0), axes});
   py::array_t<double> result({at.shape(0), pairs});
   CellFrames frames;
   for (py::ssize_t i = 0; i < at.shape(0); ++i) {
     motion.place(at.data(i, 0), frames);
     for (py::ssize_t k = 0; k < pairs; ++k) {
-      *result.mutable_data(i, k) = motion.bound(frames, static_cast<std::size_t>(k), half_travel.data(i, 0));
+      *result.mutable_data(i, k) =
+          motion.bound(frames, static_cast<std::size_t>(k), half.data(i, 0), slack.data(i, 0));
     }
   }
   return result;
@@ -100,15 +103,15 @@ py::tuple first_clashes(const MotionProof& proof, const Doubles& start, const Do
   return py::tuple(result);
 }
 
-py::tuple violations(const MotionProof& proof, const Doubles& start, const Doubles& end,
-                     const Doubles& deviation, const Doubles& required, double finest, std::size_t budget) {
+py::tuple violations(MotionProof& proof, const Doubles& start, const Doubles& end, const Doubles& deviation,
+                     const Doubles& required, double finest, std::size_t budget) {
   const Motions motions = to_motions(proof, start, end, deviation, required, finest);
   py::array_t<bool> violated(static_cast<py::ssize_t>(proof.motion().pairs()));
   const std::size_t work = proof.violations(motions, budget, violated.mutable_data());
   return py::make_tuple(violated, work);
 }
 
-py::tuple first_violations(const MotionProof& proof, const Doubles& start, const Doubles& end,
+py::tuple first_violations(MotionProof& proof, const Doubles& start, const Doubles& end,
                            const Doubles& deviation, const Doubles& required, double finest,
                            std::size_t parts, std::size_t budget) {
   const Motions motions = to_motions(proof, start, end, deviation, required, finest);
@@ -116,6 +119,18 @@ py::tuple first_violations(const MotionProof& proof, const Doubles& start, const
   py::array_t<double> first(static_cast<py::ssize_t>(proof.motion().pairs()));
   const std::size_t work = proof.first_violations(motions, parts, budget, first.mutable_data());
   return py::make_tuple(first, work);
+}
+
+py::array_t<double> distances(MotionProof& proof, const Doubles& axes,
+                              const py::array_t<bool, py::array::c_style>& pairs) {
+  require_shape(axes, "axes", {-1, static_cast<py::ssize_t>(proof.motion().axes())});
+  require_shape(pairs, "pairs", {static_cast<py::ssize_t>(proof.motion().pairs())});
+  for (py::ssize_t i = 0; i < axes.size(); ++i) {
+    if (!std::isfinite(axes.data()[i])) throw std::invalid_argument("axes: expected finite angles");
+  }
+  py::array_t<double> result({axes.shape(0), pairs.shape(0)});
+  proof.distances(axes.data(), static_cast<std::size_t>(axes.shape(0)), pairs.data(), result.mutable_data());
+  return result;
 }
 
 std::unique_ptr<MotionProof> make_proof(const PairDistances& scene, const CellMotion& motion) {
@@ -131,11 +146,12 @@ void bind_motion(py::module_& module) {
   py::class_<CellMotion>(module, "CellMotion", py::module_local())
       .def(py::init(&make_motion), py::arg("joints"), py::arg("world_from_base"), py::arg("world_from_table"),
            py::arg("bodies"), py::arg("pairs"))
-      .def("bounds", &bounds, py::arg("at"), py::arg("half_travel"));
+      .def("bounds", &bounds, py::arg("at"), py::arg("half"), py::arg("slack"));
   py::class_<MotionProof>(module, "MotionProof", py::module_local())
       .def(py::init(&make_proof), py::arg("scene"), py::arg("motion"), py::keep_alive<1, 2>())
       .def("first_clashes", &first_clashes, py::arg("start"), py::arg("end"), py::arg("deviation"),
            py::arg("required"), py::arg("finest"), py::arg("threads") = 0)
+      .def("distances", &distances, py::arg("axes"), py::arg("pairs"))
       .def("violations", &violations, py::arg("start"), py::arg("end"), py::arg("deviation"),
            py::arg("required"), py::arg("finest"), py::arg("budget"))
       .def("first_violations", &first_violations, py::arg("start"), py::arg("end"), py::arg("deviation"),

@@ -28,10 +28,12 @@ _PIECES = 4  # straight in the axes, of a predicted motion
 _FINER = 16  # parts of a piece in which the contact is looked for
 _SOON = 1e-3  # s in which the distance changes, for its rate
 _STILL = 1e-6  # m/s: slower pairs do not approach
-_NEARER = 0.2e-3  # m by which a pair may come nearer that is said not to
+_NEARER, _NEARER_SHARE = 0.2e-3, 0.1  # m, and share of its distance, by which a pair may come nearer that does not
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
+_FINE = 1e-5  # rad: those of the proof that a pair does not come nearer
 _FARTHEST_ASTRAY = 0.1  # rad: links of an arm are too close to each other for stops that may deviate more
-_STOP_WORK, _CONTACT_WORK = 10**9, 10**9  # comparisons of all hypotheses
+# Comparisons of faces or their bounding volumes (about 0.07 µs each) for all hypotheses of an answer.
+_STOP_WORK, _CONTACT_WORK = 10**9, 10**9
 _BENDING = 1.5  # of the measured curvature between its samples
 
 
@@ -120,14 +122,14 @@ class ManualCheck:
         horizon: float = 0.5,
         threads: int = 1,
     ) -> None:
-        self._nominal, self._scene, self._threads = nominal, scene, threads
+        self._scene = scene
         self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
-        self._motions = MotionCheck(nominal, scene, self._clearance, threads, _FINEST)
-        self._fine_motions = MotionCheck(nominal, scene, self._clearance, threads)
+        self._motions = MotionCheck(nominal, scene, self._clearance, 1, _FINEST)
         self._number = {pair: i for i, pair in enumerate(scene.pairs)}
         self._predictor, self._tool = Predictor(nominal), Tool(nominal)
         self._unseen = None if worst.unseen is None else UnseenApproach(nominal, scene.pairs, worst.unseen)
         self._worst, self._horizon = worst, horizon
+        self._known: tuple[bytes, dict[int, Approach]] = b"", {}
 
     def check(self, hypotheses: Sequence[Hypothesis]) -> Verdict:
         """Contacts ahead of each hypothesis, and whether its stop is proved; an arm at rest needs none."""
@@ -156,12 +158,18 @@ class ManualCheck:
     def approaches(self, hypothesis: Hypothesis, pairs: Flags) -> list[Approach]:
         """Distance of some `pairs` (pairs,) of the scene, and its rate as the motion begins; the nearest one first."""
         now = hypothesis.state.axes
-        axes = np.stack([now, now + _SOON * hypothesis.rates])
-        poses = self._nominal.body_poses(axes[:, :-1], axes[:, -1])
-        distance, soon = self._scene.distances(poses, np.where(pairs, np.inf, 0.0), self._threads)
+        ends = np.stack([now, now + _SOON * hypothesis.rates])
+        key = ends.tobytes()
+        if self._known[0] != key:  # hypotheses of one state have mostly the same rates
+            self._known = key, {}
+        known = self._known[1]
+        wanted = pairs.copy()
+        wanted[list(known)] = False
+        distance, soon = self._motions.distances(ends, wanted)
         rate = (soon - distance) / _SOON
-        found = [Approach(*self._scene.pairs[i], float(distance[i]), float(rate[i])) for i in np.flatnonzero(pairs)]
-        return sorted(found, key=lambda approach: approach.distance)
+        for i in np.flatnonzero(wanted):
+            known[int(i)] = Approach(*self._scene.pairs[i], float(distance[i]), float(rate[i]))
+        return sorted((known[int(i)] for i in np.flatnonzero(pairs)), key=lambda approach: approach.distance)
 
     def _unstoppable(
         self, hypothesis: Hypothesis, axes: Array, deviation: Array, stop: Stop, budget: Budget
@@ -179,27 +187,29 @@ class ManualCheck:
             return nearer[0]
         kept = np.full(len(self._clearance), -np.inf)
         for one in found:
-            kept[self._number[one.body_a, one.body_b]] = one.distance - min(_NEARER, one.distance / 2)
-        nearer_later = self._fine_motions.violations(axes, clearance=kept, budget=budget)
+            nearer_by = min(max(_NEARER, _NEARER_SHARE * one.distance), one.distance / 2)
+            kept[self._number[one.body_a, one.body_b]] = one.distance - nearer_by
+        nearer_later = self._motions.violations(axes, clearance=kept, budget=budget, finest=_FINE)
         return next((one for one in found if nearer_later[self._number[one.body_a, one.body_b]]), None)
 
     def _contact(self, hypothesis: Hypothesis, axes: Array, times: Array, budget: Budget) -> Contact | None:
         """The first contact of an approaching pair along `axes` (n, joints + 1) at `times` (n,)."""
-        first = self._motions.first_violations(axes, _FINER, budget=budget)
-        touching = np.isfinite(first)
-        if not touching.any():
-            return None
-        found = [one for one in self.approaches(hypothesis, touching) if one.rate < -_STILL]
-        if not found:
-            return None
-        begin = [float(first[self._number[one.body_a, one.body_b]]) for one in found]
-        nearest = int(np.argmin(begin))
-        piece, share = divmod(begin[nearest], 1.0)
-        step = times[1] - times[0]
-        until = float(times[0] + begin[nearest] * step)
-        reached = axes[int(piece)] + share * (axes[int(piece) + 1] - axes[int(piece)])
-        travel = self._tool.length(np.vstack([axes[: int(piece) + 1], reached])[:, :-1])
-        return Contact(found[nearest], hypothesis.path, until, float(until + step / _FINER), travel)
+        clearance = self._clearance.copy()
+        while True:
+            first = self._motions.first_violations(axes, _FINER, clearance=clearance, budget=budget)
+            touching = np.isfinite(first)
+            if not touching.any():
+                return None
+            found = next((one for one in self.approaches(hypothesis, touching) if one.rate < -_STILL), None)
+            if found is not None:
+                break
+            clearance[touching] = -np.inf
+        begin = float(first[touching].min())
+        piece, step = int(begin), times[1] - times[0]
+        reached = axes[piece] + (begin - piece) * (axes[piece + 1] - axes[piece])
+        travel = self._tool.length(np.vstack([axes[: piece + 1], reached])[:, :-1])
+        until = float(times[0] + begin * step)
+        return Contact(found, hypothesis.path, until, float(until + step / _FINER), travel)
 
 
 def _stop_deviation(axes: Array, times: Array, stop: Stop, worst: WorstCase) -> Array:

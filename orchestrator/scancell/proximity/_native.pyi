@@ -63,8 +63,11 @@ class CellMotion:
         bodies: ArrayLike,
         pairs: ArrayLike,
     ) -> None: ...
-    def bounds(self, at: ArrayLike, half_travel: ArrayLike) -> NDArray[np.float64]:
-        """Bounds (n, pairs), m, on the relative motion of pairs; axes move by `half_travel` (n, axes) from `at`."""
+    def bounds(self, at: ArrayLike, half: ArrayLike, slack: ArrayLike) -> NDArray[np.float64]:
+        """Bounds (n, pairs), m, on the relative motion of pairs from axes `at` (n, axes).
+
+        Axes follow straight lines by `half` (n, axes) times -1 to 1 and deviate from them by up to `slack` (n, axes).
+        """
 
 class MotionProof:
     """Proofs that motions from `start` to `end`, straight in the axes, keep the clearances of pairs.
@@ -104,7 +107,9 @@ class MotionProof:
         parts: int,
         budget: int,
     ) -> tuple[NDArray[np.float64], int]:
-        """Number of the motion and part of it, of `parts`, at which pairs (pairs,) first violate, and the comparisons.
+        """Number of the motion and part of it, of `parts`, at which the first pairs violate, and the comparisons.
 
-        Infinite where they do not.
+        (pairs,), infinite for those that do not, or later.
         """
+    def distances(self, axes: ArrayLike, pairs: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Distances (n, pairs), m, at `axes` (n, axes), rad, of some `pairs` (pairs,), NaN of the others."""

@@ -43,11 +43,15 @@ class MotionBounds:
 
         `at` is (n, joints + 1) and `half_travel` (..., n, joints + 1), rad.
         """
-        half_travel = np.asarray(half_travel, float)
-        axes = half_travel.shape[-1]
-        here = np.broadcast_to(at, half_travel.shape).reshape(-1, axes)
-        found = self.native.bounds(here, half_travel.reshape(-1, axes))
-        return found.reshape(*half_travel.shape[:-1], found.shape[-1])
+        return self.straight(at, np.zeros_like(half_travel), half_travel)
+
+    def straight(self, at: Array, half: Array, slack: Array) -> Array:
+        """The same while the axes follow a straight line, from `at` by `half` times -1 to 1, and leave it by `slack`."""
+        half, slack = np.broadcast_arrays(np.asarray(half, float), np.asarray(slack, float))
+        axes = half.shape[-1]
+        here = np.broadcast_to(at, half.shape).reshape(-1, axes)
+        found = self.native.bounds(here, half.reshape(-1, axes), slack.reshape(-1, axes))
+        return found.reshape(*half.shape[:-1], found.shape[-1])
 
 
 def _joints(nominal: NominalCell) -> Array:

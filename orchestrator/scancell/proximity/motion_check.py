@@ -107,14 +107,16 @@ class MotionCheck:
         deviation: ArrayLike = 0.0,
         clearance: ArrayLike | None = None,
         budget: Budget | None = None,
+        finest: float | None = None,
     ) -> Flags:
         """Whether each pair (pairs,) is not proved to keep its clearance on the way through `points` (n, joints + 1).
 
-        Parameters as in `first_clashes`.
+        `finest` is in place of that of the check, rad; others as in `first_clashes`. What this and the two following
+        functions find out about a pair shortens their next call: one thread may use them at a time.
         """
         budget = budget or Budget()
         motions = self._motions(points[:-1], points[1:], deviation, clearance)
-        violated, work = self._native.violations(*motions, self._finest, max(budget.left, 0))
+        violated, work = self._native.violations(*motions, finest or self._finest, max(budget.left, 0))
         budget.left -= work
         return violated
 
@@ -126,16 +128,20 @@ class MotionCheck:
         clearance: ArrayLike | None = None,
         budget: Budget | None = None,
     ) -> Array:
-        """Where each pair (pairs,) is first not proved to keep its clearance on the way through `points`.
+        """Where the first pairs (pairs,) are not proved to keep their clearance on the way through `points`.
 
         It is the beginning of one of `parts` equal parts of the straight motions between two points, and counted in
-        those; infinite for pairs that keep the clearance. `parts` is a power of 2; others as in `violations`.
+        those; infinite for other pairs. `parts` is a power of 2; others as in `violations`.
         """
         budget = budget or Budget()
         motions = self._motions(points[:-1], points[1:], deviation, clearance)
         first, work = self._native.first_violations(*motions, self._finest, parts, max(budget.left, 0))
         budget.left -= work
         return first
+
+    def distances(self, axes: Array, pairs: Flags) -> Array:
+        """Distances (n, pairs), m, at `axes` (n, joints + 1), rad, of some `pairs` (pairs,); NaN of the others."""
+        return self._native.distances(axes, pairs)
 
     def clash_along(self, points: Array) -> MotionClash | None:
         """None if the motion of the controller through set-points (n, joints + 1), rad, is proved, else a clash.
