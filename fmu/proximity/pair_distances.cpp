@@ -1,15 +1,11 @@
 #include "fmu/proximity/pair_distances.h"
 
 #include <algorithm>
-#include <atomic>
-#include <exception>
 #include <limits>
-#include <mutex>
 #include <stdexcept>
 #include <string>
-#include <system_error>
-#include <thread>
 
+#include "fmu/proximity/blocks.h"
 #include "fmu/proximity/pair_search.h"
 
 namespace robotcell::proximity {
@@ -40,34 +36,6 @@ Isometry3d pose_at(const double* row_major) {
   Isometry3d pose;
   pose.matrix() = Eigen::Map<const RowMajor>(row_major);
   return pose;
-}
-
-/// Runs `block(first, last)` for all blocks of poses on several threads; rethrows the first exception.
-template <typename Block>
-void for_each_block(std::size_t count, unsigned threads, const Block& block) {
-  const std::size_t blocks = (count + kBlock - 1) / kBlock;
-  const std::size_t cores = std::max(1u, threads > 0 ? threads : std::thread::hardware_concurrency());
-  std::atomic<std::size_t> next{0};
-  std::exception_ptr error;
-  std::mutex error_mutex;
-  const auto work = [&] {
-    try {
-      for (std::size_t i = next++; i < blocks; i = next++)
-        block(i * kBlock, std::min(count, (i + 1) * kBlock));
-    } catch (...) {
-      const std::lock_guard<std::mutex> lock(error_mutex);
-      error = std::current_exception();
-    }
-  };
-  std::vector<std::thread> others;
-  try {
-    for (std::size_t i = 1; i < std::min(cores, blocks); ++i) others.emplace_back(work);
-  } catch (const std::system_error&) {
-    // The system gives no further threads: those that run share the blocks.
-  }
-  work();
-  for (std::thread& other : others) other.join();
-  if (error) std::rethrow_exception(error);
 }
 
 /// Runs `found(pose, pair, world_from_a, closest)` for every pair at every pose of a block.
@@ -124,7 +92,7 @@ void PairDistances::distances(const PoseBatch& poses, const double* bounds, unsi
       std::fill(points, points + 6, std::numeric_limits<double>::quiet_NaN());
     }
   };
-  for_each_block(poses.count, threads, [&](std::size_t first, std::size_t last) {
+  for_each_block(poses.count, kBlock, threads, [&](std::size_t first, std::size_t last) {
     search_block(bodies_, pairs_, poses.world_from_body, first, last, bounds, store);
   });
 }
@@ -135,7 +103,7 @@ void PairDistances::collisions(const PoseBatch& poses, unsigned threads, bool* i
                          const std::optional<ClosestFaces>& closest) {
     intersecting[pose * pairs_.size() + pair] = closest && closest->distance == 0;
   };
-  for_each_block(poses.count, threads, [&](std::size_t first, std::size_t last) {
+  for_each_block(poses.count, kBlock, threads, [&](std::size_t first, std::size_t last) {
     search_block(bodies_, pairs_, poses.world_from_body, first, last, bounds.data(), store);
   });
 }

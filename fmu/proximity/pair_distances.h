@@ -36,6 +36,8 @@ class PairDistances {
 
   std::size_t bodies() const { return bodies_.size(); }
   std::size_t pairs() const { return pairs_.size(); }
+  const Pair& pair(std::size_t number) const { return pairs_[number]; }
+  const SearchBody& body(std::size_t number) const { return *bodies_[number]; }
 
   /// Distances (count, pairs), m, exact below their bound and equal to it otherwise; 0 where surfaces
   /// intersect.

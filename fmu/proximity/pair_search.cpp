@@ -40,9 +40,9 @@ double relative_motion(const SearchBody& a, const SearchBody& b, const Isometry3
 
 }  // namespace
 
-std::optional<ClosestFaces> PairSearch::closest(const SearchBody& a, const SearchBody& b,
-                                                const Isometry3d& a_from_b, double bound,
-                                                PairMemory& memory) {
+std::optional<ClosestFaces> PairSearch::search(const SearchBody& a, const SearchBody& b,
+                                               const Isometry3d& a_from_b, double bound, PairMemory& memory,
+                                               double near_enough, std::size_t patience) {
   double ahead = 0;
   double moved = 0;
   if (memory.at_least >= 0) {
@@ -57,13 +57,19 @@ std::optional<ClosestFaces> PairSearch::closest(const SearchBody& a, const Searc
   faces_.reset();
   planes_.reset();
   best_ = bound + ahead;
+  bound_ = bound;
+  near_enough_ = near_enough;
+  patience_ = patience;
+  give_up_ = kPatient;
   at_least_ = std::numeric_limits<double>::infinity();
   if (memory.faces) compare(*memory.faces);
+  if (faces_ && is_near_enough()) return closest_;  // the memory of an earlier pose stays
   slack_ = ahead;
   begin(moved, memory);
-  search();
+  descend();
   memory.a_from_b = a_from_b;
-  memory.at_least = faces_ ? closest_.distance : at_least_;
+  // A search that ended early has not ruled out nearer faces.
+  memory.at_least = !faces_ ? at_least_ : is_near_enough() ? std::min(best_, at_least_) : best_;
   if (faces_) memory.faces = faces_;
   memory.travelled = travelled_;
   if (front_.size() >= kLargestFront) front_.clear();  // not all of it was stored
@@ -100,8 +106,8 @@ void PairSearch::leave_out(double at_least, int node_a, int node_b) {
   if (front_.size() < kLargestFront) front_.push_back({at_least + travelled_, node_a, node_b});
 }
 
-void PairSearch::search() {
-  while (!stack_.empty() && best_ > 0) {
+void PairSearch::descend() {
+  while (!stack_.empty() && !is_near_enough()) {
     const Node node = stack_.back();
     stack_.pop_back();
     if (node.at_least >= limit()) {
@@ -131,6 +137,7 @@ void PairSearch::search() {
 }
 
 void PairSearch::visit(int node_a, int node_b) {
+  ++work_;
   const double at_least = distance_bound(node_a, node_b);
   if (at_least < limit()) {
     stack_.push_back({at_least, node_a, node_b});
@@ -177,12 +184,14 @@ bool PairSearch::split_first(const Node& node) const {
 
 /// Distance of two faces, which become the closest ones if it is below all others.
 double PairSearch::compare(const FacePair& faces) {
+  ++work_;
   const FaceDistance found =
       face_distance(corners(a_->shape->mesh, faces.first), corners(b_->shape->mesh, faces.second), rotation_,
                     translation_, kFine);
   if (!(found.distance < best_)) {
     return found.distance;
   }
+  if (give_up_ == kPatient && found.distance < bound_) give_up_ = work_ + patience_;
   best_ = found.distance < kTouch ? 0 : found.distance;
   faces_ = faces;
   closest_ = {best_, found.on_a, found.on_b};

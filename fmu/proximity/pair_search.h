@@ -51,7 +51,20 @@ class PairSearch {
   /// Closest faces of two bodies where their distance is below `bound`. `memory` belongs to the pair; it
   /// reduces the work and changes the distance by less than `kTolerance`.
   std::optional<ClosestFaces> closest(const SearchBody& a, const SearchBody& b,
-                                      const Eigen::Isometry3d& a_from_b, double bound, PairMemory& memory);
+                                      const Eigen::Isometry3d& a_from_b, double bound, PairMemory& memory) {
+    return search(a, b, a_from_b, bound, memory, 0, kPatient);
+  }
+
+  /// Some faces nearer than `bound` where there are any. The search for nearer ones ends below `near_enough`,
+  /// or `patience` comparisons after the first.
+  std::optional<ClosestFaces> near(const SearchBody& a, const SearchBody& b,
+                                   const Eigen::Isometry3d& a_from_b, double bound, PairMemory& memory,
+                                   double near_enough, std::size_t patience) {
+    return search(a, b, a_from_b, bound, memory, near_enough, patience);
+  }
+
+  /// Nodes and faces compared since the search was made: a measure of its work that knows no clock.
+  std::size_t work() const { return work_; }
 
   /// Nodes are left out unless they can reduce the distance by more than this (m). Parallel faces have as
   /// many closest pairs of triangles as they have triangles: one of them is enough.
@@ -68,11 +81,17 @@ class PairSearch {
     double offset_a, offset_b;  // of the first body's plane in its frame, of the second one's in its own, m
   };
 
+  static constexpr std::size_t kPatient = std::size_t{1} << 62;
+
+  std::optional<ClosestFaces> search(const SearchBody& a, const SearchBody& b,
+                                     const Eigen::Isometry3d& a_from_b, double bound, PairMemory& memory,
+                                     double near_enough, std::size_t patience);
   void begin(double moved, PairMemory& memory);
-  void search();
+  void descend();
   void leave_out(double at_least, int node_a, int node_b);
   void visit(int node_a, int node_b);
   double distance_bound(int node_a, int node_b) const;
+  bool is_near_enough() const { return best_ == 0 || best_ < near_enough_ || work_ > give_up_; }
   bool split_first(const Node& node) const;
   double compare(const FacePair& faces);
 
@@ -87,10 +106,13 @@ class PairSearch {
   std::optional<Planes> planes_;
   std::optional<FacePair> faces_;
   ClosestFaces closest_;
-  double best_ = 0;       // distances from here on are of no interest
+  double best_ = 0;  // distances from here on are of no interest
+  double bound_ = 0, near_enough_ = 0;
   double at_least_ = 0;   // smallest lower bound of all nodes left out
   double slack_ = 0;      // lower bounds are refined up to the limit and this, for the sake of later poses
   double travelled_ = 0;  // as in the memory
+  std::size_t work_ = 0, patience_ = 0;
+  std::size_t give_up_ = 0;  // work at which to end
   std::vector<FrontNode> front_;
 };
 

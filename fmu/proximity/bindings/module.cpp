@@ -1,6 +1,4 @@
 // Python face of PairDistances: arrays in, arrays out, checked.
-#include <pybind11/numpy.h>
-#include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
 #include <cmath>
@@ -8,44 +6,14 @@
 #include <string>
 #include <vector>
 
+#include "fmu/proximity/bindings/arrays.h"
+#include "fmu/proximity/bindings/motion_bindings.h"
 #include "fmu/proximity/pair_distances.h"
 
 namespace py = pybind11;
 
 namespace robotcell::proximity {
 namespace {
-
-using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
-using Integers = py::array_t<long long, py::array::c_style | py::array::forcecast>;
-
-std::string shape_text(const py::array& array) {
-  std::string text = "(";
-  for (py::ssize_t k = 0; k < array.ndim(); ++k) text += (k > 0 ? ", " : "") + std::to_string(array.shape(k));
-  return text + ")";
-}
-
-/// Throws std::invalid_argument unless an array has `shape`; -1 accepts any length.
-void require_shape(const py::array& array, const std::string& name, const std::vector<py::ssize_t>& shape) {
-  bool fits = array.ndim() == static_cast<py::ssize_t>(shape.size());
-  std::string expected;
-  for (std::size_t k = 0; k < shape.size(); ++k) {
-    fits = fits && (shape[k] < 0 || array.shape(static_cast<py::ssize_t>(k)) == shape[k]);
-    expected += (k > 0 ? ", " : "") + (shape[k] < 0 ? std::string("n") : std::to_string(shape[k]));
-  }
-  if (!fits) {
-    throw std::invalid_argument(name + ": expected shape (" + expected + "), got " + shape_text(array));
-  }
-}
-
-/// Array of whole numbers; a list may be empty.
-Integers to_integers(const py::object& values, const std::string& name) {
-  const py::array array = py::array::ensure(values);
-  if (!array) throw std::invalid_argument(name + ": expected an array of integers");
-  const char kind = array.dtype().kind();
-  if (kind != 'i' && kind != 'u' && array.size() > 0)
-    throw std::invalid_argument(name + ": expected integers");
-  return Integers::ensure(array);
-}
 
 TriangleMesh to_mesh(const Doubles& vertices, const py::object& faces, std::size_t number) {
   const std::string name = "meshes[" + std::to_string(number) + "]";
@@ -72,21 +40,6 @@ TriangleMesh to_mesh(const Doubles& vertices, const py::object& faces, std::size
     mesh.faces.push_back(face);
   }
   return mesh;
-}
-
-std::vector<PairDistances::Pair> to_pairs(const py::object& values) {
-  const Integers numbers = to_integers(values, "pairs");
-  std::vector<PairDistances::Pair> pairs;
-  if (numbers.size() == 0) return pairs;
-  require_shape(numbers, "pairs", {-1, 2});
-  for (py::ssize_t i = 0; i < numbers.shape(0); ++i) {
-    if (numbers.at(i, 0) < 0 || numbers.at(i, 1) < 0) {
-      throw std::invalid_argument("pairs: expected numbers of bodies, got a negative one at pair " +
-                                  std::to_string(i));
-    }
-    pairs.emplace_back(numbers.at(i, 0), numbers.at(i, 1));
-  }
-  return pairs;
 }
 
 bool is_rigid(const double* row_major) {
@@ -190,6 +143,7 @@ PYBIND11_MODULE(_native, module) {
       .def("distances", &distances, py::arg("poses"), py::arg("bound"), py::arg("threads") = 0)
       .def("closest_points", &closest_points, py::arg("poses"), py::arg("bound"), py::arg("threads") = 0)
       .def("collisions", &collisions, py::arg("poses"), py::arg("threads") = 0);
+  bind_motion(module);
 }
 
 }  // namespace robotcell::proximity

@@ -18,19 +18,22 @@ from scancell.guard.stopping import Stop, WorstCase, braking_time, latest_stop
 from scancell.guard.tool import Tool
 from scancell.guard.unseen import UnseenApproach
 from scancell.nominal.cell import NominalCell
-from scancell.proximity.motion_check import MotionCheck, MotionClash
+from scancell.proximity.motion_check import Budget, MotionCheck
 from scancell.proximity.scene import ProximityScene
 
 Array = NDArray[np.float64]
-Clashes = Sequence[MotionClash | None]
+Flags = NDArray[np.bool_]
 
 _PIECES = 4  # straight in the axes, of a predicted motion
 _FINER = 16  # parts of a piece in which the contact is looked for
 _SOON = 1e-3  # s in which the distance changes, for its rate
 _STILL = 1e-6  # m/s: slower pairs do not approach
-_NEARER = 0.2e-3  # m by which a pair may come nearer that is said not to
+_NEARER, _NEARER_SHARE = 0.2e-3, 0.1  # m, and share of its distance, by which a pair may come nearer that does not
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
+_FINE = 1e-5  # rad: those of the proof that a pair does not come nearer
 _FARTHEST_ASTRAY = 0.2  # rad: links of an arm are too close to each other for stops that may deviate more
+# Comparisons of faces or their bounding volumes (about 0.07 µs each) for all hypotheses of an answer.
+_STOP_WORK, _CONTACT_WORK = 10**9, 10**9
 _BENDING = 1.5  # of the measured curvature between its samples
 
 
@@ -119,14 +122,14 @@ class ManualCheck:
         horizon: float = 0.5,
         threads: int = 1,
     ) -> None:
-        self._nominal, self._scene, self._threads = nominal, scene, threads
+        self._scene = scene
         self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
-        self._motions = MotionCheck(nominal, scene, self._clearance, threads, _FINEST)
-        self._fine_motions = MotionCheck(nominal, scene, self._clearance, threads)
+        self._motions = MotionCheck(nominal, scene, self._clearance, 1, _FINEST)
         self._number = {pair: i for i, pair in enumerate(scene.pairs)}
         self._predictor, self._tool = Predictor(nominal), Tool(nominal)
         self._unseen = None if worst.unseen is None else UnseenApproach(nominal, scene.pairs, worst.unseen)
         self._worst, self._horizon = worst, horizon
+        self._known: tuple[bytes, dict[int, Approach]] = b"", {}
 
     def check(self, hypotheses: Sequence[Hypothesis]) -> Verdict:
         """Contacts ahead of each hypothesis, and whether its stop is proved; an arm at rest needs none."""
@@ -140,73 +143,73 @@ class ManualCheck:
         without_stop, contacts, astray = [], [], False
         for row, (hypothesis, stop) in enumerate(zip(moving, stops, strict=True)):
             way, deviation = _stop_way(axes[row], times[row], stop, self._worst)
-            clearance = self._clearance.copy()
-            if self._unseen is not None:
-                clearance += self._unseen.bound(axes[row, 0], stop.unseen)
             if deviation.max() > _FARTHEST_ASTRAY:
                 astray = True
-            elif blocked := self._unstoppable(hypothesis, way, deviation, clearance):
-                without_stop.append(blocked)
-            ahead = row + len(moving)
-            if contact := self._contact(hypothesis, axes[ahead], times[ahead]):
+            else:
+                budget = Budget(_STOP_WORK // len(moving))
+                if blocked := self._unstoppable(hypothesis, way, deviation, stop, budget):
+                    without_stop.append(blocked)
+            ahead, budget = row + len(moving), Budget(_CONTACT_WORK // len(moving))
+            if contact := self._contact(hypothesis, axes[ahead], times[ahead], budget):
                 contacts.append(contact)
         contacts.sort(key=lambda contact: contact.free_until)
         return Verdict(tuple(contacts), tuple(without_stop), astray)
 
-    def approach(self, hypothesis: Hypothesis, pair: tuple[str, str]) -> Approach:
-        """Distance of a pair of the scene, and its rate as the motion begins."""
+    def approaches(self, hypothesis: Hypothesis, pairs: Flags) -> list[Approach]:
+        """Distance of some `pairs` (pairs,) of the scene, and its rate as the motion begins; the nearest one first."""
         now = hypothesis.state.axes
-        axes = np.stack([now, now + _SOON * hypothesis.rates])
-        bound = np.zeros(len(self._clearance))
-        number = self._number[pair]
-        bound[number] = np.inf
-        poses = self._nominal.body_poses(axes[:, :-1], axes[:, -1])
-        distance, soon = self._scene.distances(poses, bound, self._threads)[:, number]
-        return Approach(*pair, float(distance), float((soon - distance) / _SOON))
+        ends = np.stack([now, now + _SOON * hypothesis.rates])
+        key = ends.tobytes()
+        if self._known[0] != key:  # hypotheses of one state have mostly the same rates
+            self._known = key, {}
+        known = self._known[1]
+        wanted = pairs.copy()
+        wanted[list(known)] = False
+        distance, soon = self._motions.distances(ends, wanted)
+        rate = (soon - distance) / _SOON
+        for i in np.flatnonzero(wanted):
+            known[int(i)] = Approach(*self._scene.pairs[i], float(distance[i]), float(rate[i]))
+        return sorted((known[int(i)] for i in np.flatnonzero(pairs)), key=lambda approach: approach.distance)
 
-    def _unstoppable(self, hypothesis: Hypothesis, axes: Array, deviation: Array, required: Array) -> Approach | None:
-        """A pair for which the stop along `axes` (n, joints + 1) with the `required` clearances is not proved."""
-        clearance = required.copy()
-        clashes: Clashes = self._motions.first_clashes(axes[:-1], axes[1:], deviation, clearance)
-        while clash := _first(clashes):
-            found = self.approach(hypothesis, (clash.body_a, clash.body_b))
-            if found.rate < -_STILL or not self._never_nearer(found, axes):
-                return found
-            clearance[self._number[found.body_a, found.body_b]] = -np.inf
-            clashes = self._motions.first_clashes(axes[:-1], axes[1:], deviation, clearance)
-        return None
+    def _unstoppable(
+        self, hypothesis: Hypothesis, axes: Array, deviation: Array, stop: Stop, budget: Budget
+    ) -> Approach | None:
+        """A pair for which the stop along `axes` (n, joints + 1) is not proved."""
+        clearance = self._clearance
+        if self._unseen is not None:
+            clearance = clearance + self._unseen.bound(axes[0], stop.unseen)
+        violated = self._motions.violations(axes, deviation, clearance, budget)
+        if not violated.any():
+            return None
+        found = self.approaches(hypothesis, violated)
+        nearer = [approach for approach in found if approach.rate < -_STILL]
+        if nearer:
+            return nearer[0]
+        kept = np.full(len(self._clearance), -np.inf)
+        for one in found:
+            nearer_by = min(max(_NEARER, _NEARER_SHARE * one.distance), one.distance / 2)
+            kept[self._number[one.body_a, one.body_b]] = one.distance - nearer_by
+        nearer_later = self._motions.violations(axes, clearance=kept, budget=budget, finest=_FINE)
+        return next((one for one in found if nearer_later[self._number[one.body_a, one.body_b]]), None)
 
-    def _never_nearer(self, found: Approach, axes: Array) -> bool:
-        clearance = np.full(len(self._clearance), -np.inf)
-        clearance[self._number[found.body_a, found.body_b]] = found.distance - min(_NEARER, found.distance / 2)
-        return _first(self._fine_motions.first_clashes(axes[:-1], axes[1:], clearance=clearance)) is None
-
-    def _contact(self, hypothesis: Hypothesis, axes: Array, times: Array) -> Contact | None:
+    def _contact(self, hypothesis: Hypothesis, axes: Array, times: Array, budget: Budget) -> Contact | None:
         """The first contact of an approaching pair along `axes` (n, joints + 1) at `times` (n,)."""
         clearance = self._clearance.copy()
-        clashes: Clashes = self._motions.first_clashes(axes[:-1], axes[1:], clearance=clearance)
-        while clash := _first(clashes):
-            piece = clashes.index(clash)
-            share = np.linspace(0.0, 1.0, _FINER + 1)
-            finer = axes[piece] + share[:, None] * (axes[piece + 1] - axes[piece])
-            parts = self._motions.first_clashes(finer[:-1], finer[1:], clearance=clearance)
-            first = _first(parts)
-            if first is None:  # proved after all: the finest intervals of the piece were not fine enough
-                clashes = [None if one is clash else one for one in clashes]
-                continue
-            found = self.approach(hypothesis, (first.body_a, first.body_b))
-            if found.rate < -_STILL:
-                part, step = parts.index(first), (times[piece + 1] - times[piece]) / _FINER
-                until = float(times[piece] + part * step)
-                travel = self._tool.length(np.vstack([axes[: piece + 1], finer[part]])[:, :-1])
-                return Contact(found, hypothesis.path, until, float(until + step), travel)
-            clearance[self._number[found.body_a, found.body_b]] = -np.inf
-            clashes = self._motions.first_clashes(axes[:-1], axes[1:], clearance=clearance)
-        return None
-
-
-def _first(clashes: Clashes) -> MotionClash | None:
-    return next((clash for clash in clashes if clash is not None), None)
+        while True:
+            first = self._motions.first_violations(axes, _FINER, clearance=clearance, budget=budget)
+            touching = np.isfinite(first)
+            if not touching.any():
+                return None
+            found = next((one for one in self.approaches(hypothesis, touching) if one.rate < -_STILL), None)
+            if found is not None:
+                break
+            clearance[touching] = -np.inf
+        begin = float(first[touching].min())
+        piece, step = int(begin), times[1] - times[0]
+        reached = axes[piece] + (begin - piece) * (axes[piece + 1] - axes[piece])
+        travel = self._tool.length(np.vstack([axes[: piece + 1], reached])[:, :-1])
+        until = float(times[0] + begin * step)
+        return Contact(found, hypothesis.path, until, float(until + step / _FINER), travel)
 
 
 def _stop_way(axes: Array, times: Array, stop: Stop, worst: WorstCase) -> tuple[Array, Array]:

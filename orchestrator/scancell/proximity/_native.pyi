@@ -37,3 +37,79 @@ class PairDistances:
         """
     def collisions(self, poses: ArrayLike, threads: int = 0) -> NDArray[np.bool_]:
         """Whether surfaces intersect, (n, pairs)."""
+
+class CellMotion:
+    """Kinematics of a cell's bodies. Axes are the joints of the arm and the table, rad.
+
+    Parameters
+    ----------
+    joints
+        (joints, 12) Denavit-Hartenberg parameters a, d, theta and the rotation (3, 3) that follows, m and rad.
+    world_from_base, world_from_table
+        (4, 4), the table at angle 0.
+    bodies
+        (bodies, 23) number of joints that carry the body, whether the table turns it, bounding sphere (centre and
+        radius) in the frame of the carrier (last link, table, else world), largest distance from the table's axis, and
+        pose (4, 4) in that frame.
+    pairs
+        (pairs, 2) numbers of bodies.
+    """
+
+    def __init__(
+        self,
+        joints: ArrayLike,
+        world_from_base: ArrayLike,
+        world_from_table: ArrayLike,
+        bodies: ArrayLike,
+        pairs: ArrayLike,
+    ) -> None: ...
+    def bounds(self, at: ArrayLike, half: ArrayLike, slack: ArrayLike) -> NDArray[np.float64]:
+        """Bounds (n, pairs), m, on the relative motion of pairs from axes `at` (n, axes).
+
+        Axes follow straight lines by `half` (n, axes) times -1 to 1 and deviate from them by up to `slack` (n, axes).
+        """
+
+class MotionProof:
+    """Proofs that motions from `start` to `end`, straight in the axes, keep the clearances of pairs.
+
+    `start`, `end` and `deviation` from the straight motion are (n, axes), rad, `required` clearances (n, pairs), m, or
+    -inf for pairs that are not checked. What is not proved on intervals of `finest` (rad, to either side) or with
+    `budget` comparisons violates the clearance.
+
+    Parameters
+    ----------
+    scene, motion
+        With the same bodies and pairs.
+    """
+
+    def __init__(self, scene: PairDistances, motion: CellMotion) -> None: ...
+    def first_clashes(
+        self,
+        start: ArrayLike,
+        end: ArrayLike,
+        deviation: ArrayLike,
+        required: ArrayLike,
+        finest: float,
+        threads: int = 0,
+    ) -> tuple[tuple[int, float, float] | None, ...]:
+        """Pair, distance, m, and fraction of each motion where it violates a clearance; None: it keeps all."""
+    def violations(
+        self, start: ArrayLike, end: ArrayLike, deviation: ArrayLike, required: ArrayLike, finest: float, budget: int
+    ) -> tuple[NDArray[np.bool_], int]:
+        """Pairs (pairs,) that violate their clearance on any of the motions, and the comparisons made."""
+    def first_violations(
+        self,
+        start: ArrayLike,
+        end: ArrayLike,
+        deviation: ArrayLike,
+        required: ArrayLike,
+        finest: float,
+        parts: int,
+        budget: int,
+    ) -> tuple[NDArray[np.float64], int]:
+        """Number of the motion and part of it, of `parts`, at which the first pairs violate, and the comparisons.
+
+        (pairs,), infinite for those that do not, or later.
+        """
+    def distances(self, axes: ArrayLike, pairs: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Distances (n, pairs), m, at `axes` (n, axes), rad, of some `pairs` (pairs,), NaN of the others."""

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from scancell.geometry import pose
 from scancell.nominal.cell import Body, NominalCell
+from scancell.proximity._native import CellMotion
 
 Array = NDArray[np.float64]
+
+_ON_FLANGE = ("sensor", "finger")
 
 
 class MotionBounds:
@@ -22,73 +25,57 @@ class MotionBounds:
         Kinematics and bodies.
     pairs
         Names of the bodies of each pair.
+
+    Attributes
+    ----------
+    native
+        Kinematics and bounds of the compiled module.
     """
 
     def __init__(self, nominal: NominalCell, pairs: Sequence[tuple[str, str]]) -> None:
-        self._arm = nominal.arm
-        joints = len(nominal.arm.joints)
-        spheres = [_sphere(nominal, body) for body in nominal.bodies]
-        self._carried = np.array([carried for carried, _, _ in spheres], np.int64)  # joints that carry each body
-        self._centre = np.array([np.append(centre, 1.0) for _, centre, _ in spheres])  # in the frame of the last one
-        self._radius = np.array([radius for _, _, radius in spheres])
-        # Farthest that the frame after joint m can be from the axis of joint k <= m is the sum from k to m.
-        length = np.append(0.0, np.cumsum([np.hypot(joint.a, joint.d) for joint in nominal.arm.joints]))
-        self._farthest = np.maximum(length[self._carried][:, None] - length[None, :joints], 0.0)
-        self._farthest += np.linalg.norm(self._centre[:, :3], axis=1)[:, None]
-        self._carries = np.arange(joints) < self._carried[:, None]
         number = {body.name: i for i, body in enumerate(nominal.bodies)}
         index = np.array([(number[a], number[b]) for a, b in pairs], np.int64).reshape(-1, 2)
-        outer_first = self._carried[index[:, 0]] > self._carried[index[:, 1]]
-        inner, outer = np.where(outer_first[:, None], index[:, ::-1], index).T
-        self._outer = outer
-        self._between = self._carries[outer] & ~self._carries[inner]
-        on_table = np.array([_radius_on_table(nominal, body) for body in nominal.bodies])[index]
-        turned = np.isfinite(on_table)
-        self._table_radius = np.where(turned.sum(1) == 1, np.where(turned, on_table, 0.0).max(1), 0.0)
+        bodies = np.array([_row(nominal, body) for body in nominal.bodies])
+        self.native = CellMotion(_joints(nominal), nominal.arm.world_from_base, nominal.world_from_table, bodies, index)
 
     def pairs(self, at: Array, half_travel: Array) -> Array:
         """Bounds (..., n, pairs), m, on the motion of a body relative to the other while no axis moves by more.
 
         `at` is (n, joints + 1) and `half_travel` (..., n, joints + 1), rad.
         """
-        reach = self._reach(at[:, :-1], half_travel[..., :-1])[..., self._outer, :]
-        by_joints = (reach * (half_travel[..., None, :-1] * self._between)).sum(-1)
-        return np.asarray(by_joints + half_travel[..., -1:] * self._table_radius)
+        return self.straight(at, np.zeros_like(half_travel), half_travel)
 
-    def _reach(self, q: Array, half_travel: Array) -> Array:
-        """Bounds (..., n, bodies, joints), m, on the distance of a body's points from the axes that carry it."""
-        frames = self._arm.link_poses(q)
-        centre = np.einsum("nbij,bj->nbi", frames[:, self._carried], self._centre)[..., None, :3]
-        x, y, z = np.moveaxis(centre - frames[:, None, :-1, :3, 3], -1, 0)
-        u, v, w = np.moveaxis(frames[:, None, :-1, :3, 2], -1, 0)
-        radius = np.sqrt((v * z - w * y) ** 2 + (w * x - u * z) ** 2 + (u * y - v * x) ** 2) + self._radius[:, None]
-        # Joints beyond joint k move the body towards its axis or away from it.
-        shift = half_travel[..., None, :] * np.where(self._carries, self._farthest, 0.0)
-        beyond = np.cumsum(shift[..., ::-1], -1)[..., ::-1] - shift
-        return np.asarray(radius + beyond)
+    def straight(self, at: Array, half: Array, slack: Array) -> Array:
+        """The same while the axes follow a straight line, from `at` by `half` times -1 to 1, and leave it by `slack`."""
+        half, slack = np.broadcast_arrays(np.asarray(half, float), np.asarray(slack, float))
+        axes = half.shape[-1]
+        here = np.broadcast_to(at, half.shape).reshape(-1, axes)
+        found = self.native.bounds(here, half.reshape(-1, axes), slack.reshape(-1, axes))
+        return found.reshape(*half.shape[:-1], found.shape[-1])
 
 
-def _sphere(nominal: NominalCell, body: Body) -> tuple[int, Array, float]:
-    """Joints that carry a body, and its bounding sphere: centre in the frame of the last of them and radius, m."""
+def _joints(nominal: NominalCell) -> Array:
+    """Denavit-Hartenberg parameters a, d, theta and the rotation by alpha and beta of each joint, (joints, 12)."""
+    arm = nominal.arm
+    twist = pose.rotation_about(0, arm.column("alpha")) @ pose.rotation_about(1, arm.column("beta"))
+    plain = np.stack([arm.column(name) for name in ("a", "d", "theta")], 1)
+    return np.hstack([plain, twist.reshape(-1, 9)])
+
+
+def _row(nominal: NominalCell, body: Body) -> Array:
+    """What the native kinematics knows of a body, (23,).
+
+    Number of joints that carry it, whether the table turns it, bounding sphere (centre and radius) in the frame of the
+    carrier (last link, table or world), largest distance from the table's axis, and pose in that frame.
+    """
     frame, _, number = body.moves_with.partition("[")
-    joints = len(nominal.arm.joints)
-    vertices = body.mesh.vertices
-    carried = 0
-    if frame == "link":
-        carried = int(number.rstrip("]"))
-    elif frame in ("sensor", "finger"):
-        carried = joints
-        frames = nominal.frame_poses(nominal.home, np.array(0.0))
-        flange_from_body = pose.inverse(frames[f"link[{joints}]"]) @ frames[body.moves_with]
-        vertices = pose.transform_points(flange_from_body, vertices)
-    centre = (vertices.min(0) + vertices.max(0)) / 2
-    return carried, centre, float(np.linalg.norm(vertices - centre, axis=1).max())
-
-
-def _radius_on_table(nominal: NominalCell, body: Body) -> float:
-    """Largest distance of a body's points from the table's axis, m; infinite if it does not turn with the table."""
     here, turned = (nominal.frame_poses(nominal.home, np.array(angle)) for angle in (0.0, 1.0))
-    if np.allclose(here[body.moves_with], turned[body.moves_with]):
-        return float("inf")
-    table_from_body = pose.inverse(here["table"]) @ here[body.moves_with]
-    return float(np.linalg.norm(pose.transform_points(table_from_body, body.mesh.vertices)[:, :2], axis=1).max())
+    on_table = not np.allclose(here[body.moves_with], turned[body.moves_with])
+    joints = int(number.rstrip("]")) if frame == "link" else len(nominal.arm.joints) if frame in _ON_FLANGE else 0
+    carrier = here["table"] if on_table else here[f"link[{joints}]"] if joints else np.eye(4)
+    carrier_from_body = pose.inverse(carrier) @ here[body.moves_with]
+    points = pose.transform_points(carrier_from_body, body.mesh.vertices)
+    centre = (points.min(0) + points.max(0)) / 2
+    radius = np.linalg.norm(points - centre, axis=1).max()
+    from_axis = np.linalg.norm(points[:, :2], axis=1).max() if on_table else 0.0
+    return np.concatenate([[joints, on_table], centre, [radius, from_axis], carrier_from_body.ravel()])

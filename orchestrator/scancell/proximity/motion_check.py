@@ -14,15 +14,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.nominal.cell import NominalCell
+from scancell.proximity._native import MotionProof
 from scancell.proximity.motion_bounds import MotionBounds
 from scancell.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_FARTHEST_SEARCH = 0.05  # m beyond the clearance: longer searches cost more than halving the interval
 _CONTACT = 1e-9  # m: bodies closer than this intersect
 _FINEST = 1e-5  # rad
+_UNLIMITED = 2**62
+
+
+@dataclass
+class Budget:
+    """Work that searches may still do, in comparisons of faces and of their bounding volumes (about 0.1 µs each).
+
+    Nothing more is proved when it is used up. A search that has begun is finished.
+    """
+
+    left: int = _UNLIMITED
 
 
 @dataclass(frozen=True)
@@ -59,10 +70,10 @@ class MotionCheck:
     ) -> None:
         self._nominal = nominal
         self._scene = scene
-        self._clearance = np.broadcast_to(np.maximum(np.asarray(clearance, float), _CONTACT), (len(scene.pairs),))
+        self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
         self._threads = threads
         self._finest = finest
-        self._bounds = MotionBounds(nominal, scene.pairs)
+        self._native = MotionProof(scene.native, MotionBounds(nominal, scene.pairs).native)
 
     def first_clashes(
         self, start: ArrayLike, end: ArrayLike, deviation: ArrayLike = 0.0, clearance: ArrayLike | None = None
@@ -79,35 +90,58 @@ class MotionCheck:
         clearance
             In place of that of the check, (pairs,) or (n, pairs), m; pairs of ``-inf`` are not checked.
         """
-        start, end = np.atleast_2d(np.asarray(start, float)), np.atleast_2d(np.asarray(end, float))
-        travel = np.abs(end - start)
-        slack = np.broadcast_to(np.asarray(deviation, float), travel.shape)
-        found: list[MotionClash | None] = [None] * len(start)
-        owner = np.arange(len(start))
-        middle, half = np.full(len(start), 0.5), 0.5
-        given = self._clearance if clearance is None else np.asarray(clearance, float)
-        required = np.broadcast_to(np.maximum(given, _CONTACT), (len(start), len(self._scene.pairs)))
-        unproved = np.broadcast_to(given > -np.inf, required.shape)
-        while len(owner):
-            at = start[owner] + middle[:, None] * (end - start)[owner]
-            half_travel = half * travel[owner]
-            finest = (half_travel < self._finest).all(1)
-            distance, proved, violated = self._judge(at, half_travel, slack[owner], required[owner], unproved)
-            unproved = unproved & ~proved
-            violated |= unproved & finest[:, None]
-            for i in np.flatnonzero(violated.any(1)):
-                if found[owner[i]] is None:  # intervals are in order: the first one is the first on the motion
-                    pair = int(np.argmin(np.where(violated[i], distance[i] - required[owner[i]], np.inf)))
-                    nearest, keep = float(distance[i, pair]), float(required[owner[i], pair])
-                    found[owner[i]] = MotionClash(
-                        int(owner[i]), *self._scene.pairs[pair], nearest, keep, float(middle[i])
-                    )
-            going_on = unproved.any(1) & np.array([found[o] is None for o in owner], bool)
-            half /= 2
-            owner = np.repeat(owner[going_on], 2)
-            middle = (middle[going_on, None] + np.array([-half, half])).ravel()
-            unproved = np.repeat(unproved[going_on], 2, axis=0)
+        motions = self._motions(start, end, deviation, clearance)
+        found: list[MotionClash | None] = []
+        for i, clash in enumerate(self._native.first_clashes(*motions, self._finest, self._threads)):
+            if clash is None:
+                found.append(None)
+                continue
+            pair, distance, fraction = clash
+            required = max(float(motions[3][i, pair]), _CONTACT)
+            found.append(MotionClash(i, *self._scene.pairs[pair], distance, required, fraction))
         return found
+
+    def violations(
+        self,
+        points: Array,
+        deviation: ArrayLike = 0.0,
+        clearance: ArrayLike | None = None,
+        budget: Budget | None = None,
+        finest: float | None = None,
+    ) -> Flags:
+        """Whether each pair (pairs,) is not proved to keep its clearance on the way through `points` (n, joints + 1).
+
+        `finest` is in place of that of the check, rad; others as in `first_clashes`. What this and the two following
+        functions find out about a pair shortens their next call: one thread may use them at a time.
+        """
+        budget = budget or Budget()
+        motions = self._motions(points[:-1], points[1:], deviation, clearance)
+        violated, work = self._native.violations(*motions, finest or self._finest, max(budget.left, 0))
+        budget.left -= work
+        return violated
+
+    def first_violations(
+        self,
+        points: Array,
+        parts: int,
+        deviation: ArrayLike = 0.0,
+        clearance: ArrayLike | None = None,
+        budget: Budget | None = None,
+    ) -> Array:
+        """Where the first pairs (pairs,) are not proved to keep their clearance on the way through `points`.
+
+        It is the beginning of one of `parts` equal parts of the straight motions between two points, and counted in
+        those; infinite for other pairs. `parts` is a power of 2; others as in `violations`.
+        """
+        budget = budget or Budget()
+        motions = self._motions(points[:-1], points[1:], deviation, clearance)
+        first, work = self._native.first_violations(*motions, self._finest, parts, max(budget.left, 0))
+        budget.left -= work
+        return first
+
+    def distances(self, axes: Array, pairs: Flags) -> Array:
+        """Distances (n, pairs), m, at `axes` (n, joints + 1), rad, of some `pairs` (pairs,); NaN of the others."""
+        return self._native.distances(axes, pairs)
 
     def clash_along(self, points: Array) -> MotionClash | None:
         """None if the motion of the controller through set-points (n, joints + 1), rad, is proved, else a clash.
@@ -122,13 +156,11 @@ class MotionCheck:
                 return min(found, key=lambda clash: clash.distance - clash.clearance)
         return None
 
-    def _judge(
-        self, at: Array, half_travel: Array, slack: Array, required: Array, unproved: Flags
-    ) -> tuple[Array, Flags, Flags]:
-        """Distances (n, pairs), m, at the middles of intervals, and which pairs are proved or violate there."""
-        moved, strayed = self._bounds.pairs(at, np.stack([half_travel + slack, slack]))
-        searched = unproved & (moved <= _FARTHEST_SEARCH + strayed)
-        bound = np.where(searched, required + moved, 0.0)
-        poses = self._nominal.body_poses(at[:, :-1], at[:, -1])
-        distance = self._scene.distances(poses, bound, self._threads)
-        return distance, searched & (distance >= bound), searched & (distance < required + strayed)
+    def _motions(
+        self, start: ArrayLike, end: ArrayLike, deviation: ArrayLike, clearance: ArrayLike | None
+    ) -> tuple[Array, Array, Array, Array]:
+        """Start, end and deviation (n, joints + 1), rad, and clearance (n, pairs), m."""
+        start, end = np.atleast_2d(np.asarray(start, float)), np.atleast_2d(np.asarray(end, float))
+        slack = np.broadcast_to(np.asarray(deviation, float), start.shape)
+        given = self._clearance if clearance is None else np.asarray(clearance, float)
+        return start, end, slack, np.broadcast_to(given, (len(start), len(self._scene.pairs)))

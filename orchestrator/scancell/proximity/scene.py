@@ -47,6 +47,8 @@ class ProximityScene:
         Bodies in the order of their poses.
     pairs
         Names of the bodies compared, in the order of the results.
+    native
+        The scene of the compiled module.
 
     Raises
     ------
@@ -59,7 +61,7 @@ class ProximityScene:
     def __init__(self, meshes: Mapping[str, Mesh], pairs: Sequence[tuple[str, str]]) -> None:
         self.names = tuple(meshes)
         self.pairs = tuple(pairs)
-        self._native = PairDistances([(mesh.vertices, mesh.faces) for mesh in meshes.values()], self._numbers())
+        self.native = PairDistances([(mesh.vertices, mesh.faces) for mesh in meshes.values()], self._numbers())
 
     def _numbers(self) -> NDArray[np.int64]:
         number = {name: i for i, name in enumerate(self.names)}
@@ -70,7 +72,7 @@ class ProximityScene:
         scene = object.__new__(ProximityScene)
         scene.names = self.names
         scene.pairs = tuple(pair for pair in self.pairs if frozenset(pair) not in excluded)
-        scene._native = self._native.with_pairs(scene._numbers())
+        scene.native = self.native.with_pairs(scene._numbers())
         return scene
 
     def distances(self, poses: ArrayLike, bound: ArrayLike, threads: int = 0) -> Array:
@@ -89,7 +91,7 @@ class ProximityScene:
         ValueError
             If a shape is wrong, a pose is not a rigid transform, or a bound is negative or NaN.
         """
-        return self._native.distances(poses, bound, threads)
+        return self.native.distances(poses, bound, threads)
 
     def closest_points(self, poses: ArrayLike, bound: ArrayLike, threads: int = 0) -> tuple[Array, Array]:
         """Distances (n, pairs), m, and the closest points (n, pairs, 2, 3) of both bodies in the world, m.
@@ -97,7 +99,7 @@ class ProximityScene:
         The points are NaN when the bodies intersect or are not nearer than the bound. Where several points are equally
         close, such as on parallel faces, any of them. Parameters and errors as in `distances`.
         """
-        return self._native.closest_points(poses, bound, threads)
+        return self.native.closest_points(poses, bound, threads)
 
     def collisions(self, poses: ArrayLike, threads: int = 0) -> NDArray[np.bool_]:
         """Whether surfaces intersect, (n, pairs), at poses (n, bodies, 4, 4): faster than `distances`.
@@ -107,7 +109,7 @@ class ProximityScene:
         ValueError
             If the shape is wrong or a pose is not a rigid transform.
         """
-        return self._native.collisions(poses, threads)
+        return self.native.collisions(poses, threads)
 
     def clearance_violations(self, poses: ArrayLike, clearance: ArrayLike, threads: int = 0) -> list[Clash]:
         """All pairs nearer than `clearance` (m, one or (pairs,)) at poses (n, bodies, 4, 4), see `distances`."""

@@ -1,0 +1,161 @@
+#include "fmu/proximity/bindings/motion_bindings.h"
+
+#include <memory>
+
+#include "fmu/proximity/bindings/arrays.h"
+#include "fmu/proximity/motion_proof.h"
+
+namespace robotcell::proximity {
+namespace {
+
+using Eigen::Isometry3d;
+using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+using RowMajor4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
+
+constexpr py::ssize_t kJointColumns = 12;  // a, d, theta, twist (3, 3)
+constexpr py::ssize_t kBodyColumns = 23;   // carried, on table, centre, radius, radius on table, pose (4, 4)
+
+Isometry3d to_pose(const double* row_major) {
+  Isometry3d pose;
+  pose.matrix() = Eigen::Map<const RowMajor4>(row_major);
+  return pose;
+}
+
+std::unique_ptr<CellMotion> make_motion(const Doubles& joints, const Doubles& world_from_base,
+                                        const Doubles& world_from_table, const Doubles& bodies,
+                                        const py::object& pairs) {
+  require_shape(joints, "joints", {-1, kJointColumns});
+  require_shape(world_from_base, "world_from_base", {4, 4});
+  require_shape(world_from_table, "world_from_table", {4, 4});
+  require_shape(bodies, "bodies", {-1, kBodyColumns});
+  std::vector<ChainJoint> chain;
+  for (py::ssize_t i = 0; i < joints.shape(0); ++i) {
+    const double* row = joints.data(i, 0);
+    chain.push_back({row[0], row[1], row[2], Eigen::Map<const RowMajor3>(row + 3)});
+  }
+  std::vector<CarriedBody> carried;
+  for (py::ssize_t i = 0; i < bodies.shape(0); ++i) {
+    const double* row = bodies.data(i, 0);
+    if (!(row[0] >= 0 && row[0] <= static_cast<double>(joints.shape(0)))) {
+      throw std::invalid_argument("bodies: expected numbers of joints, got " + std::to_string(row[0]));
+    }
+    carried.push_back({static_cast<int>(row[0]), row[1] != 0, to_pose(row + 7),
+                       Eigen::Map<const Eigen::Vector3d>(row + 2), row[5], row[6]});
+  }
+  const auto numbers = to_pairs(pairs);
+  for (const auto& [a, b] : numbers) {
+    if (std::max(a, b) >= carried.size()) throw std::invalid_argument("pairs: expected numbers of bodies");
+  }
+  return std::make_unique<CellMotion>(std::move(chain), to_pose(world_from_base.data()),
+                                      to_pose(world_from_table.data()), std::move(carried), numbers);
+}
+
+py::array_t<double> bounds(const CellMotion& motion, const Doubles& at, const Doubles& half,
+                           const Doubles& slack) {
+  const auto axes = static_cast<py::ssize_t>(motion.axes());
+  const auto pairs = static_cast<py::ssize_t>(motion.pairs());
+  require_shape(at, "at", {-1, axes});
+  require_shape(half, "half", {at.shape(0), axes});
+  require_shape(slack, "slack", {at.shape(0), axes});
+  py::array_t<double> result({at.shape(0), pairs});
+  CellFrames frames;
+  for (py::ssize_t i = 0; i < at.shape(0); ++i) {
+    motion.place(at.data(i, 0), frames);
+    for (py::ssize_t k = 0; k < pairs; ++k) {
+      *result.mutable_data(i, k) =
+          motion.bound(frames, static_cast<std::size_t>(k), half.data(i, 0), slack.data(i, 0));
+    }
+  }
+  return result;
+}
+
+Motions to_motions(const MotionProof& proof, const Doubles& start, const Doubles& end,
+                   const Doubles& deviation, const Doubles& required, double finest) {
+  const auto axes = static_cast<py::ssize_t>(proof.motion().axes());
+  const py::ssize_t count = start.ndim() > 0 ? start.shape(0) : 0;
+  require_shape(start, "start", {-1, axes});
+  require_shape(end, "end", {count, axes});
+  require_shape(deviation, "deviation", {count, axes});
+  require_shape(required, "required", {count, static_cast<py::ssize_t>(proof.motion().pairs())});
+  if (!(finest > 0)) throw std::invalid_argument("finest: expected an angle above 0");
+  for (const Doubles* array : {&start, &end, &deviation}) {
+    for (py::ssize_t i = 0; i < array->size(); ++i) {
+      if (!std::isfinite(array->data()[i])) throw std::invalid_argument("motions: expected finite angles");
+    }
+  }
+  return {start.data(), end.data(), deviation.data(), required.data(), static_cast<std::size_t>(count),
+          finest};
+}
+
+py::tuple first_clashes(const MotionProof& proof, const Doubles& start, const Doubles& end,
+                        const Doubles& deviation, const Doubles& required, double finest, unsigned threads) {
+  const Motions motions = to_motions(proof, start, end, deviation, required, finest);
+  std::vector<FirstClash> found(motions.count);
+  {
+    const py::gil_scoped_release release;
+    proof.first_clashes(motions, threads, found.data());
+  }
+  py::list result;
+  for (const FirstClash& clash : found) {
+    result.append(clash.pair < 0 ? py::object(py::none())
+                                 : py::make_tuple(clash.pair, clash.distance, clash.fraction));
+  }
+  return py::tuple(result);
+}
+
+py::tuple violations(MotionProof& proof, const Doubles& start, const Doubles& end, const Doubles& deviation,
+                     const Doubles& required, double finest, std::size_t budget) {
+  const Motions motions = to_motions(proof, start, end, deviation, required, finest);
+  py::array_t<bool> violated(static_cast<py::ssize_t>(proof.motion().pairs()));
+  const std::size_t work = proof.violations(motions, budget, violated.mutable_data());
+  return py::make_tuple(violated, work);
+}
+
+py::tuple first_violations(MotionProof& proof, const Doubles& start, const Doubles& end,
+                           const Doubles& deviation, const Doubles& required, double finest,
+                           std::size_t parts, std::size_t budget) {
+  const Motions motions = to_motions(proof, start, end, deviation, required, finest);
+  if (parts == 0 || (parts & (parts - 1)) != 0) throw std::invalid_argument("parts: expected a power of 2");
+  py::array_t<double> first(static_cast<py::ssize_t>(proof.motion().pairs()));
+  const std::size_t work = proof.first_violations(motions, parts, budget, first.mutable_data());
+  return py::make_tuple(first, work);
+}
+
+py::array_t<double> distances(MotionProof& proof, const Doubles& axes,
+                              const py::array_t<bool, py::array::c_style>& pairs) {
+  require_shape(axes, "axes", {-1, static_cast<py::ssize_t>(proof.motion().axes())});
+  require_shape(pairs, "pairs", {static_cast<py::ssize_t>(proof.motion().pairs())});
+  for (py::ssize_t i = 0; i < axes.size(); ++i) {
+    if (!std::isfinite(axes.data()[i])) throw std::invalid_argument("axes: expected finite angles");
+  }
+  py::array_t<double> result({axes.shape(0), pairs.shape(0)});
+  proof.distances(axes.data(), static_cast<std::size_t>(axes.shape(0)), pairs.data(), result.mutable_data());
+  return result;
+}
+
+std::unique_ptr<MotionProof> make_proof(const PairDistances& scene, const CellMotion& motion) {
+  if (scene.bodies() != motion.bodies() || scene.pairs() != motion.pairs()) {
+    throw std::invalid_argument("motion: expected the bodies and pairs of the scene");
+  }
+  return std::make_unique<MotionProof>(scene, motion);
+}
+
+}  // namespace
+
+void bind_motion(py::module_& module) {
+  py::class_<CellMotion>(module, "CellMotion", py::module_local())
+      .def(py::init(&make_motion), py::arg("joints"), py::arg("world_from_base"), py::arg("world_from_table"),
+           py::arg("bodies"), py::arg("pairs"))
+      .def("bounds", &bounds, py::arg("at"), py::arg("half"), py::arg("slack"));
+  py::class_<MotionProof>(module, "MotionProof", py::module_local())
+      .def(py::init(&make_proof), py::arg("scene"), py::arg("motion"), py::keep_alive<1, 2>())
+      .def("first_clashes", &first_clashes, py::arg("start"), py::arg("end"), py::arg("deviation"),
+           py::arg("required"), py::arg("finest"), py::arg("threads") = 0)
+      .def("distances", &distances, py::arg("axes"), py::arg("pairs"))
+      .def("violations", &violations, py::arg("start"), py::arg("end"), py::arg("deviation"),
+           py::arg("required"), py::arg("finest"), py::arg("budget"))
+      .def("first_violations", &first_violations, py::arg("start"), py::arg("end"), py::arg("deviation"),
+           py::arg("required"), py::arg("finest"), py::arg("parts"), py::arg("budget"));
+}
+
+}  // namespace robotcell::proximity
