@@ -16,10 +16,8 @@ Array = NDArray[np.float64]
 _STILL = 1e-9  # m and rad: pairs that moved less since they were last checked are not checked again
 
 
-def first_collision(
-    meshes: Mapping[str, Mesh], pairs: Sequence[tuple[str, str]], names: Sequence[str], poses: ArrayLike
-) -> Clash | None:
-    """The first pose at which surfaces of a pair intersect, or None.
+class Judge:
+    """Judges many motions of the same bodies.
 
     Parameters
     ----------
@@ -29,27 +27,37 @@ def first_collision(
         Names of the bodies to check.
     names
         Bodies in the order of their poses.
-    poses
-        (n, bodies, 4, 4) ``world_from_body``, m.
     """
-    poses = np.asarray(poses, float)
-    number = {name: i for i, name in enumerate(names)}
-    index = np.array([(number[a], number[b]) for a, b in pairs], np.int64).reshape(-1, 2)
-    near = _near(meshes, names, index, poses) & _moved(index, poses)
-    import fcl  # noqa: PLC0415  (most commands make no plan)
 
-    models = {
-        name: fcl_model(meshes[name].vertices, meshes[name].faces) for name in {name for pair in pairs for name in pair}
-    }
-    request, result = fcl.CollisionRequest(), fcl.CollisionResult()
-    for i, k in zip(*np.nonzero(near), strict=True):
-        objects = []
-        for name, body in zip(pairs[k], index[k], strict=True):
-            at = poses[i, body]
-            objects.append(fcl.CollisionObject(models[name], fcl.Transform(at[:3, :3], at[:3, 3])))
-        if fcl.collide(*objects, request, result):
-            return Clash(int(i), pairs[k][0], pairs[k][1], 0.0, 0.0)
-    return None
+    def __init__(self, meshes: Mapping[str, Mesh], pairs: Sequence[tuple[str, str]], names: Sequence[str]) -> None:
+        self._meshes, self._pairs, self._names = meshes, pairs, names
+        number = {name: i for i, name in enumerate(names)}
+        self._index = np.array([(number[a], number[b]) for a, b in pairs], np.int64).reshape(-1, 2)
+        concerned = {name for pair in pairs for name in pair}
+        self._models = {name: fcl_model(meshes[name].vertices, meshes[name].faces) for name in concerned}
+
+    def first_collision(self, poses: ArrayLike) -> Clash | None:
+        """The first of the poses (n, bodies, 4, 4), m, at which surfaces of a pair intersect, or None."""
+        import fcl  # noqa: PLC0415  (most commands make no plan)
+
+        poses = np.asarray(poses, float)
+        near = _near(self._meshes, self._names, self._index, poses) & _moved(self._index, poses)
+        request, result = fcl.CollisionRequest(), fcl.CollisionResult()
+        for i, k in zip(*np.nonzero(near), strict=True):
+            objects = []
+            for name, body in zip(self._pairs[k], self._index[k], strict=True):
+                at = poses[i, body]
+                objects.append(fcl.CollisionObject(self._models[name], fcl.Transform(at[:3, :3], at[:3, 3])))
+            if fcl.collide(*objects, request, result):
+                return Clash(int(i), self._pairs[k][0], self._pairs[k][1], 0.0, 0.0)
+        return None
+
+
+def first_collision(
+    meshes: Mapping[str, Mesh], pairs: Sequence[tuple[str, str]], names: Sequence[str], poses: ArrayLike
+) -> Clash | None:
+    """The first of the poses at which surfaces of a pair intersect, or None; parameters as of `Judge`."""
+    return Judge(meshes, pairs, names).first_collision(poses)
 
 
 def fcl_model(vertices: Array, faces: NDArray[np.int64]) -> Any:

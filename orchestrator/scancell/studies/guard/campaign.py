@@ -36,6 +36,7 @@ _NEAR_MISS = 0.05  # m
 _START_OUTSIDE, _START_INSIDE = 0.06, 0.015  # m: least clearances at the start, to other bodies and within the arm
 _DRAWS = 1000  # scenarios tried for a run
 _ROUGH = 0.01  # m by which bodies may be nearer between the samples of a first look
+_SEEN = 0.06  # m: clearances of guarded runs are not looked for beyond
 _SLOW = ChannelDescription(delay_ms=4.0, jitter_ms=2.0)
 
 
@@ -71,11 +72,11 @@ class RunRow:
     twin_contact_at, twin_contact
         Of the twin, s and pair; NaN and empty: none.
     twin_clearance
-        Smallest distance of the arm to other bodies in the twin, m, at most 0.15.
+        Smallest distance of the arm to other bodies in the twin, m, within 1 mm, at most about 0.1.
     contact, touched
         Pair that python-fcl finds in contact in the guarded run; whether the cell's own outputs reported one.
     clearance
-        Smallest distance of the arm to other bodies in the guarded run, m, at most 0.15.
+        Smallest distance of the arm to other bodies in the guarded run, m, at most 0.06.
     stop, stop_at, stopped_pair
         What stopped the robot: ``guard``, ``age`` of the last answer, or nothing; when, s, and for which pair.
     false_stop
@@ -178,7 +179,7 @@ class Campaign:
         for draws in range(1, _DRAWS + 1):
             scenario = random_scenario(operation, simulation.nominal, self._start(rng), rng)
             rough = simulation.run(scenario, rough=True)
-            least = simulation.clearances(rough.axes, _NEAR_MISS + _ROUGH)
+            least = simulation.clearances(rough.axes[::2], _NEAR_MISS + _ROUGH, rough=True)
             outside = least[:, ~simulation.inner].min(1)
             # What the twin can be by this first look; a course into a contact is ended before it for a near miss.
             possible = {
@@ -191,7 +192,7 @@ class Campaign:
             if third == THIRDS[1] and outside.min() < _ROUGH:
                 scenario = _ended_before(scenario, rough, outside, rng)
             course = simulation.run(scenario)
-            clearances = simulation.clearances(course.axes[::SAMPLES])
+            clearances = simulation.clearances(course.axes[::SAMPLES], self._distance.max() + 0.015, rough=True)
             contact = simulation.contact(course)
             if contact is None:
                 found = THIRDS[1 if clearances[:, ~simulation.inner].min() < _NEAR_MISS else 2]
@@ -205,7 +206,7 @@ class Campaign:
         simulation = self._simulation
         while True:
             start = random_start(simulation.nominal, rng)
-            clearance, inner = simulation.clearances(start[None])[0], simulation.inner
+            clearance, inner = simulation.clearances(start[None], _START_OUTSIDE)[0], simulation.inner
             if clearance[~inner].min() >= _START_OUTSIDE and clearance[inner].min() >= _START_INSIDE:
                 return start
 
@@ -229,10 +230,10 @@ class Campaign:
     def _row(self, number: int, third: str, fault: str, twin: Twin, course: Course) -> RunRow:
         simulation = self._simulation
         outside = ~simulation.inner
-        clearances = simulation.clearances(course.axes[::SAMPLES])
+        clearances = simulation.clearances(course.axes[::SAMPLES], _SEEN)
         contact = simulation.contact(course)
         stop, pair = self._stop_of(course)
-        warnings = list(self._warnings(course))
+        warnings = list(self._warnings(course, FAULTS[fault]))
         return RunRow(
             number,
             third,
@@ -275,11 +276,12 @@ class Campaign:
             return "age", ()
         return "guard", next(decision.pair for _, decision in self._log if decision.stop)
 
-    def _warnings(self, course: Course) -> Iterator[bool]:
+    def _warnings(self, course: Course, link: LinkDescription) -> Iterator[bool]:
         """Whether the pair of each warning truly approached when the state was measured."""
         pairs = self._simulation.scene.pairs
-        for time, decision in self._log:
+        for shown, decision in self._log:
             if "contact in" in decision.text:
+                time = (shown - 1e-3 * link.clock_offset_ms) / (1 + 1e-6 * link.clock_drift_ppm)
                 at = int(np.searchsorted(course.times, time - 1e-9))
                 near = course.axes[[max(at - 1, 0), min(at + 1, len(course.axes) - 1)]]
                 before, after = self._simulation.clearances(near, np.inf)[:, pairs.index(decision.pair)]
@@ -308,8 +310,8 @@ def stopping_distances(simulation: Simulation, settings: GuardSettings) -> Array
 
 
 def _ended_before(scenario: Scenario, course: Course, clearance: Array, rng: np.random.Generator) -> Scenario:
-    """A scenario that ends where its `course` first comes to a random near miss, by the `clearance` (n,), m."""
-    at = int(np.argmax(clearance < rng.uniform(0.1, 0.9) * _NEAR_MISS))
+    """A scenario that ends where its `course` first comes to a random near miss, by `clearance`, m, of every other one."""
+    at = 2 * int(np.argmax(clearance < rng.uniform(0.1, 0.9) * _NEAR_MISS))
     time = float(course.times[at])
     given = [command for command in scenario.commands if command.time < time]
     if scenario.operation is Operation.MANUAL and given:

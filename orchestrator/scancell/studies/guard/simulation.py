@@ -20,7 +20,7 @@ from scancell.guard.link import Link
 from scancell.guard.messages import GuardMessage
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.cell_scene import arm_chain, cell_scene
-from scancell.proximity.judge import first_collision
+from scancell.proximity.judge import Judge
 from scancell.proximity.scene import ProximityScene
 from scancell.studies.guard.scenario import DURATION, Operator, Scenario
 
@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 SAMPLES = 4  # of the motion in a controller cycle that is judged
 _MAX_FACES = 5000
 _MAX_ERROR = 0.5e-3  # m
+_ROUGH_FACES = 400
+_ROUGH_ERROR = 1e-3  # m
 _RANGE_MM = 1.0
 _FAR = 0.15  # m: distances are not searched beyond
 
@@ -91,9 +93,22 @@ class Simulation(Closing):
     @cached_property
     def scene(self) -> ProximityScene:
         """Bodies and the pairs to check."""
-        return cell_scene(
-            self.nominal, {body.name: reduced(body.mesh, _MAX_FACES, _MAX_ERROR).mesh for body in self.nominal.bodies}
-        )
+        return self._scene_of(_MAX_FACES, _MAX_ERROR)
+
+    @cached_property
+    def _rough_scene(self) -> ProximityScene:
+        """The same pairs of bodies of few triangles, within 1 mm."""
+        scene = self._scene_of(_ROUGH_FACES, _ROUGH_ERROR)
+        kept = {frozenset(pair) for pair in self.scene.pairs}
+        return scene.without([frozenset(pair) for pair in scene.pairs if frozenset(pair) not in kept])
+
+    def _scene_of(self, faces: int, error: float) -> ProximityScene:
+        bodies = self.nominal.bodies
+        return cell_scene(self.nominal, {body.name: reduced(body.mesh, faces, error).mesh for body in bodies})
+
+    @cached_property
+    def _judge(self) -> Judge:
+        return Judge({body.name: body.mesh for body in self.nominal.bodies}, self.scene.pairs, self.scene.names)
 
     @property
     def inner(self) -> NDArray[np.bool_]:
@@ -142,15 +157,15 @@ class Simulation(Closing):
             joint["start"] = float(angle)
         return self._cells[seen].start(described)
 
-    def clearances(self, axes: Array, farthest: float = _FAR) -> Array:
-        """Distances (n, pairs), m, of the pairs of the scene, at most `farthest`."""
-        return self.scene.distances(self.nominal.body_poses(axes[:, :-1], axes[:, -1]), farthest, 1)
+    def clearances(self, axes: Array, farthest: float = _FAR, rough: bool = False) -> Array:
+        """Distances (n, pairs), m, of the pairs of the scene, at most `farthest`; `rough` ones are within 1 mm."""
+        scene = self._rough_scene if rough else self.scene
+        return scene.distances(self.nominal.body_poses(axes[:, :-1], axes[:, -1]), farthest, 1)
 
     def contact(self, course: Course) -> tuple[float, str] | None:
         """Time and pair of the first contact that python-fcl finds in the recorded motion."""
-        meshes = {body.name: body.mesh for body in self.nominal.bodies}
         poses = self.nominal.body_poses(course.axes[:, :-1], course.axes[:, -1])
-        found = first_collision(meshes, self.scene.pairs, self.scene.names, poses)
+        found = self._judge.first_collision(poses)
         return None if found is None else (float(course.times[found.index]), f"{found.body_a} - {found.body_b}")
 
     def close(self) -> None:
