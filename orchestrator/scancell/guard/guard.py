@@ -138,7 +138,7 @@ class Guard:
             return Decision()
         if len(self._states) < 2:
             return Decision(True, text="stop: the robot moves in an unknown way", beep=True)
-        verdict = self._manual.check(self._hypotheses())
+        verdict = self._manual.check(self._hypotheses(), only_stop=True)
         if verdict.without_stop:
             near = verdict.without_stop[0]
             pair = near.body_a, near.body_b
