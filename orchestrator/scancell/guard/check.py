@@ -109,8 +109,6 @@ class ManualCheck:
         What a stop must be proved for.
     horizon
         Time for which a motion is predicted, s.
-    threads
-        Threads of the distance queries; 0 uses all cores.
     """
 
     def __init__(
@@ -120,7 +118,6 @@ class ManualCheck:
         clearance: ArrayLike,
         worst: WorstCase,
         horizon: float = 0.5,
-        threads: int = 1,
     ) -> None:
         self._scene = scene
         self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))

@@ -93,10 +93,8 @@ class Guard:
             settings.max_age, 0.0, 2 * settings.cycle, deceleration, settings.angle_error, jog_limits(robot, nominal)
         )
         self._identifier = Identifier(nominal, settings.noise)
-        self._manual = ManualCheck(nominal, scene, clearance, worst, settings.horizon, settings.threads)
-        self._automatic = PathCheck(
-            nominal, scene, clearance, settings.reaction, deceleration, settings.angle_error, settings.threads
-        )
+        self._manual = ManualCheck(nominal, scene, clearance, worst, settings.horizon)
+        self._automatic = PathCheck(nominal, scene, clearance, settings.reaction, deceleration, settings.angle_error)
         self._motions = MotionCheck(nominal, scene, clearance, settings.threads)
         self.reset()
 

@@ -69,8 +69,6 @@ class PathCheck:
         That every axis attains, (joints + 1,), rad/s².
     angle_error
         Of the measured angles, rad.
-    threads
-        Threads of the distance queries; 0 uses all cores.
     """
 
     def __init__(
@@ -81,7 +79,6 @@ class PathCheck:
         reaction: float,
         deceleration: ArrayLike,
         angle_error: float,
-        threads: int = 1,
     ) -> None:
         self._motions = MotionCheck(nominal, scene, clearance, 1, _FINEST)
         self._pairs = scene.pairs
