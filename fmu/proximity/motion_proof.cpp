@@ -118,7 +118,7 @@ class Judge {
 
   /// Whether a pair keeps its clearance in the interval.
   Verdict judge(std::size_t pair) {
-    if (work() > budget_) return Verdict::kViolated;
+    if (work() >= budget_) return Verdict::kViolated;
     const double moved = motion_.bound(frames_, pair, half_.data(), slack_.data());
     const double strayed = strays_ ? motion_.bound(frames_, pair, rest_.data(), slack_.data()) : 0;
     const Verdict open = finest_ ? Verdict::kViolated : Verdict::kOpen;

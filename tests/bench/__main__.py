@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from . import cell_speed, line_speed, planning_speed, proximity_speed, ray_speed, sensor_speed
+from . import cell_speed, guard_speed, line_speed, planning_speed, proximity_speed, ray_speed, sensor_speed
 from .table import Row, print_header, print_row, write_json
 
 
@@ -24,6 +24,7 @@ def sections(largest: int) -> dict[str, Callable[[], Iterator[Row]]]:
         "density": lambda: sensor_speed.density_rows(largest),
         "proximity": proximity_speed.proximity_rows,
         "planning": planning_speed.planning_rows,
+        "guard": guard_speed.guard_rows,
         "fmu": cell_speed.cell_rows,
         "scan": line_speed.line_rows,
     }

@@ -14,7 +14,7 @@ from scancell.geometry.pose import transform_points, translation
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.proximity.cell_scene import cell_scene
 from scancell.proximity.motion_bounds import MotionBounds
-from scancell.proximity.motion_check import MotionCheck
+from scancell.proximity.motion_check import Budget, MotionCheck
 from scancell.proximity.scene import ProximityScene
 
 BLOCK = box_mesh((0.06, 0.04, 0.05)).transformed(translation((0.02, 0.0, 0.025)))
@@ -63,6 +63,58 @@ def test_distances_change_by_no_more_than_the_motion_bound(cell):
     assert (largest <= bound + 1e-12).all()
     moving = bound > 0
     assert np.median(largest[moving] / bound[moving]) > 0.1  # not true only because the bound is huge
+
+
+def test_bound_of_a_straight_motion_holds_and_is_tighter(cell):
+    """Joints that move together cancel each other; slack is on top."""
+    scene = scene_of(cell)
+    start, end = random_motions(cell, 20, 0.3, 4)
+    middle, half, slack = (start + end) / 2, (end - start) / 2, np.full(7, 0.01)
+    bounds = MotionBounds(cell, scene.pairs)
+    straight, summed = bounds.straight(middle, half, slack), bounds.pairs(middle, np.abs(half) + slack)
+    assert (straight <= summed + 1e-12).all()
+    moving = summed > 0
+    assert np.median(straight[moving] / summed[moving]) < 0.97
+    before = scene.distances(cell.body_poses(middle[:, :6], middle[:, 6]), np.inf)
+    rng = np.random.default_rng(5)
+    for fraction in np.linspace(-1, 1, 9):
+        at = middle + fraction * half + rng.choice([-1, 1], half.shape) * slack
+        change = np.abs(scene.distances(cell.body_poses(at[:, :6], at[:, 6]), np.inf) - before)
+        assert (change <= straight + 1e-12).all()
+
+
+def test_violations_of_a_way_match_those_of_its_motions(cell):
+    """Pair by pair; the first of them begins in the part in which fine sampling finds it, or just before."""
+    scene = scene_of(cell)
+    check = MotionCheck(cell, scene, 0.01)
+    start, end = random_motions(cell, 60, 0.5, 6)
+    counts = {True: 0, False: 0}
+    for a, b in zip(start, end, strict=True):
+        way = np.linspace(a, b, 5)
+        violated, first = check.violations(way), check.first_violations(way, 8)
+        fine = np.linspace(a, b, 4 * 8 * 20 + 1)
+        nearest = scene.distances(cell.body_poses(fine[:, :6], fine[:, 6]), 0.05)
+        assert violated[nearest.min(0) < 0.01].all()
+        assert (nearest.min(0)[violated] < 0.011).all()
+        assert np.isfinite(first).any() == violated.any()
+        counts[bool(violated.any())] += 1
+        if violated.any():
+            part = round(first.min() * 8)
+            assert (nearest[: part * 20] >= 0.01).all()
+            assert nearest[part * 20 : (part + 1) * 20 + 1].min() < 0.011
+    assert min(counts.values()) > 5
+
+
+def test_used_up_budget_proves_nothing(cell):
+    scene = scene_of(cell)
+    check = MotionCheck(cell, scene, 0.0)
+    way = np.linspace(*(np.append(cell.home + 0.01 * k, 0.0) for k in (0, 1)), 3)
+    assert not check.violations(way).any()
+    assert check.violations(way, budget=Budget(0)).all()
+    assert (check.first_violations(way, 4, budget=Budget(0)) == 0).any()
+    budget = Budget(10)
+    assert check.violations(way, budget=budget).any()
+    assert budget.left <= 0
 
 
 @pytest.mark.parametrize("clearance", [0.0, 0.01])

@@ -28,12 +28,13 @@ _PIECES = 4  # straight in the axes, of a predicted motion
 _FINER = 16  # parts of a piece in which the contact is looked for
 _SOON = 1e-3  # s in which the distance changes, for its rate
 _STILL = 1e-6  # m/s: slower pairs do not approach
+_SURELY = 5e-3  # m/s: faster pairs approach whatever the noise of the rates, and are warned of
 _NEARER, _NEARER_SHARE = 0.2e-3, 0.1  # m, and share of its distance, by which a pair may come nearer that does not
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
-_FINE = 1e-5  # rad: those of the proof that a pair does not come nearer
+_FINE = 1e-4  # rad: those of the proof that a pair does not come nearer
 _FARTHEST_ASTRAY = 0.2  # rad: links of an arm are too close to each other for stops that may deviate more
 # Comparisons of faces or their bounding volumes (about 0.07 µs each) for all hypotheses of an answer.
-_STOP_WORK, _CONTACT_WORK = 10**9, 10**9
+_STOP_WORK, _CONTACT_WORK = 200_000, 80_000
 _BENDING = 1.5  # of the measured curvature between its samples
 
 
@@ -109,8 +110,6 @@ class ManualCheck:
         What a stop must be proved for.
     horizon
         Time for which a motion is predicted, s.
-    threads
-        Threads of the distance queries; 0 uses all cores.
     """
 
     def __init__(
@@ -120,7 +119,6 @@ class ManualCheck:
         clearance: ArrayLike,
         worst: WorstCase,
         horizon: float = 0.5,
-        threads: int = 1,
     ) -> None:
         self._scene = scene
         self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
@@ -131,8 +129,11 @@ class ManualCheck:
         self._worst, self._horizon = worst, horizon
         self._known: tuple[bytes, dict[int, Approach]] = b"", {}
 
-    def check(self, hypotheses: Sequence[Hypothesis]) -> Verdict:
-        """Contacts ahead of each hypothesis, and whether its stop is proved; an arm at rest needs none."""
+    def check(self, hypotheses: Sequence[Hypothesis], only_stop: bool = False) -> Verdict:
+        """Contacts ahead of each hypothesis, and whether its stop is proved; an arm at rest needs none.
+
+        With `only_stop` contacts are not looked for, nor further pairs, as soon as a stop is not proved.
+        """
         moving = [hypothesis for hypothesis in hypotheses if hypothesis.rates.any()]
         if not moving:
             return Verdict((), (), False)
@@ -145,13 +146,16 @@ class ManualCheck:
             way, deviation = _stop_way(axes[row], times[row], stop, self._worst)
             if deviation.max() > _FARTHEST_ASTRAY:
                 astray = True
-            else:
-                budget = Budget(_STOP_WORK // len(moving))
-                if blocked := self._unstoppable(hypothesis, way, deviation, stop, budget):
-                    without_stop.append(blocked)
-            ahead, budget = row + len(moving), Budget(_CONTACT_WORK // len(moving))
-            if contact := self._contact(hypothesis, axes[ahead], times[ahead], budget):
-                contacts.append(contact)
+                continue
+            budget = Budget(_STOP_WORK // len(moving))
+            if blocked := self._unstoppable(hypothesis, way, deviation, stop, budget):
+                without_stop.append(blocked)
+                if only_stop:
+                    break
+        if not (only_stop and (without_stop or astray)):
+            for row, hypothesis in enumerate(moving, start=len(moving)):
+                if contact := self._contact(hypothesis, axes[row], times[row], Budget(_CONTACT_WORK // len(moving))):
+                    contacts.append(contact)
         contacts.sort(key=lambda contact: contact.free_until)
         return Verdict(tuple(contacts), tuple(without_stop), astray)
 
@@ -181,6 +185,9 @@ class ManualCheck:
         violated = self._motions.violations(axes, deviation, clearance, budget)
         if not violated.any():
             return None
+        if budget.left <= 0:  # one of them is enough to name
+            violated &= np.cumsum(violated) == 1
+            return self.approaches(hypothesis, violated)[0]
         found = self.approaches(hypothesis, violated)
         nearer = [approach for approach in found if approach.rate < -_STILL]
         if nearer:
@@ -198,9 +205,9 @@ class ManualCheck:
         while True:
             first = self._motions.first_violations(axes, _FINER, clearance=clearance, budget=budget)
             touching = np.isfinite(first)
-            if not touching.any():
+            if not touching.any() or budget.left <= 0:
                 return None
-            found = next((one for one in self.approaches(hypothesis, touching) if one.rate < -_STILL), None)
+            found = next((one for one in self.approaches(hypothesis, touching) if one.rate < -_SURELY), None)
             if found is not None:
                 break
             clearance[touching] = -np.inf

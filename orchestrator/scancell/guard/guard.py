@@ -102,10 +102,8 @@ class Guard:
             settings.max_age, 0.0, 2 * settings.cycle, deceleration, settings.angle_error, jog_limits(robot, nominal)
         )
         self._identifier = Identifier(nominal, settings.noise)
-        self._manual = ManualCheck(nominal, scene, clearance, worst, settings.horizon, settings.threads)
-        self._automatic = PathCheck(
-            nominal, scene, clearance, settings.reaction, deceleration, settings.angle_error, settings.threads
-        )
+        self._manual = ManualCheck(nominal, scene, clearance, worst, settings.horizon)
+        self._automatic = PathCheck(nominal, scene, clearance, settings.reaction, deceleration, settings.angle_error)
         self._motions = MotionCheck(nominal, scene, clearance, settings.threads)
         self.reset()
 
@@ -147,7 +145,7 @@ class Guard:
             return Decision()
         if len(self._states) < 2:
             return Decision(True, text="stop: the robot moves in an unknown way", beep=True)
-        verdict = self._manual.check(self._hypotheses())
+        verdict = self._manual.check(self._hypotheses(), only_stop=True)
         if verdict.without_stop:
             near = verdict.without_stop[0]
             pair = near.body_a, near.body_b

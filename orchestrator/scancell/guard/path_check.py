@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.nominal.cell import NominalCell
-from scancell.proximity.motion_check import MotionCheck, MotionClash
+from scancell.proximity.motion_check import Budget, MotionCheck, MotionClash
 from scancell.proximity.scene import ProximityScene
 
 Array = NDArray[np.float64]
 
-_FINER = 4  # parts of the piece of the path that is not free
+_FINER = 4  # parts of a piece of the path that are told apart
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
+_WORK = 100_000  # comparisons of faces or their bounding volumes: the path is not proved beyond
 _LONGER = 1.5  # braking on a path against braking straight on
 _TARGETS = np.linspace(1.0, 0.0, 51)
 _EASY = 2.0  # 1/s: change of the rate for which the monitor speed leaves room
@@ -69,8 +70,6 @@ class PathCheck:
         That every axis attains, (joints + 1,), rad/s².
     angle_error
         Of the measured angles, rad.
-    threads
-        Threads of the distance queries; 0 uses all cores.
     """
 
     def __init__(
@@ -81,9 +80,10 @@ class PathCheck:
         reaction: float,
         deceleration: ArrayLike,
         angle_error: float,
-        threads: int = 1,
     ) -> None:
-        self._motions = MotionCheck(nominal, scene, clearance, threads, _FINEST)
+        self._motions = MotionCheck(nominal, scene, clearance, 1, _FINEST)
+        self._pairs = scene.pairs
+        self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
         self._reaction, self._angle_error = reaction, angle_error
         self._deceleration = np.asarray(deceleration, float)
 
@@ -105,15 +105,21 @@ class PathCheck:
     def _free(self, points: Array, spacing: float) -> tuple[float, MotionClash | None]:
         bend = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4 + self._angle_error
         moving = np.flatnonzero(np.abs(np.diff(points, axis=0)).max(1) > _STILL)
-        clashes = self._motions.first_clashes(points[moving], points[moving + 1], bend)
-        for piece, clash in zip(moving, clashes, strict=True):
-            if clash is not None:
-                share = np.linspace(0.0, 1.0, _FINER + 1)[:, None]
-                finer = points[piece] + share * (points[piece + 1] - points[piece])
-                parts = self._motions.first_clashes(finer[:-1], finer[1:], bend)
-                part = next((i for i, found in enumerate(parts) if found is not None), _FINER)
-                return float(spacing * (piece + part / _FINER)), clash
-        return float(spacing * (len(points) - 1)), None
+        known = spacing * (len(points) - 1)
+        if not len(moving):
+            return known, None
+        way = points[: moving[-1] + 2]
+        first = self._motions.first_violations(way, _FINER, bend, budget=Budget(_WORK))
+        pairs = np.flatnonzero(np.isfinite(first))
+        if not len(pairs):
+            return known, None
+        begin, number = float(first[pairs].min()), int(pairs[np.argmin(first[pairs])])
+        piece = int(begin)
+        place = way[piece] + (begin - piece) * (way[piece + 1] - way[piece])
+        wanted = np.arange(len(first)) == number
+        distance = float(self._motions.distances(place[None], wanted)[0, number])
+        clash = MotionClash(piece, *self._pairs[number], distance, float(self._clearance[number]), begin - piece)
+        return spacing * begin, clash
 
     def _braking(self, points: Array, spacing: float) -> float:
         """Path clock that braking from full speed takes, s; from the rate r it takes r times that."""

@@ -29,7 +29,7 @@ class GuardSettings:
     horizon
         Time for which a motion by hand is predicted for warnings, s.
     threads
-        Threads of the distance queries; 0 uses all cores.
+        Threads of the checks of motions before they begin; 0 uses all cores. An answer takes one.
     """
 
     max_age: float = 0.12

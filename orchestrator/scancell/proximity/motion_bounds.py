@@ -46,7 +46,7 @@ class MotionBounds:
         return self.straight(at, np.zeros_like(half_travel), half_travel)
 
     def straight(self, at: Array, half: Array, slack: Array) -> Array:
-        """The same while the axes follow a straight line, from `at` by `half` times -1 to 1, and leave it by `slack`."""
+        """The same while axes follow a straight line from `at`, by `half` times -1 to 1, and leave it by `slack`."""
         half, slack = np.broadcast_arrays(np.asarray(half, float), np.asarray(slack, float))
         axes = half.shape[-1]
         here = np.broadcast_to(at, half.shape).reshape(-1, axes)

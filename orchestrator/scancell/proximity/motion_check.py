@@ -68,7 +68,6 @@ class MotionCheck:
         threads: int = 0,
         finest: float = _FINEST,
     ) -> None:
-        self._nominal = nominal
         self._scene = scene
         self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
         self._threads = threads
