@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from guard_motions import KINDS, NOISE, POLLS, Motion, cell_of, random_motion, unit
+from guard_motions import KINDS, NOISE, POLLS, Motion, random_motion, unit
+from guard_walls import behind_wall, boxes, distances, is_clear, near_home, square, straight
 
-from scancell.config.material import Material
-from scancell.geometry.mesh import Mesh, box_mesh
-from scancell.geometry.pose import from_rotation, transform_points, translation
 from scancell.guard.check import ManualCheck
 from scancell.guard.identify import Identifier
 from scancell.guard.motion import Hypothesis, MeasuredState, Path
 from scancell.guard.stopping import WorstCase, stopping_motion
 from scancell.guard.tool import Tool
 from scancell.guard.unseen import JogLimits
-from scancell.nominal.cell import Body, NominalCell
-from scancell.proximity.cell_scene import cell_scene
-from scancell.proximity.scene import ProximityScene
 
 DECELERATION = np.radians([800.0, 800.0, 800.0, 900.0, 900.0, 1600.0, 340.0])
 WORST = WorstCase(age=0.02, period=0.032, delay=0.04, deceleration=DECELERATION, angle_error=5 * NOISE)
@@ -29,66 +23,8 @@ HORIZON = 0.5  # s
 TICK = 0.004  # s
 
 
-@cache
-def boxes() -> NominalCell:
-    """The default cell with a box of half the size in place of each body."""
-    nominal, _ = cell_of("six_axis")
-
-    def small(mesh: Mesh) -> Mesh:
-        lower, upper = mesh.bounds
-        return box_mesh(tuple((upper - lower) / 2)).transformed(translation((lower + upper) / 2))
-
-    return replace(nominal, bodies=tuple(replace(body, mesh=small(body.mesh)) for body in nominal.bodies))
-
-
-def behind_wall(axes: np.ndarray, direction: np.ndarray, gap: float) -> tuple[NominalCell, ProximityScene]:
-    """The cell with a wall across `direction`, `gap` in front of the foremost point of the sensor at `axes`."""
-    cell = boxes()
-    poses = dict(zip([body.name for body in cell.bodies], cell.body_poses(axes[:-1], axes[-1]), strict=True))
-    points = transform_points(poses["sensor"], next(b.mesh.vertices for b in cell.bodies if b.name == "sensor"))
-    foremost = points[np.argmax(points @ direction)]
-    across = np.linalg.svd(direction[None])[2][1]
-    turned = np.column_stack([direction, across, np.cross(direction, across)])
-    place = from_rotation(turned, foremost + (gap + 0.0025) * direction)
-    wall = Body("wall", "world", box_mesh((0.005, 0.15, 0.15)).transformed(place), Material(0.5))
-    walled = replace(cell, bodies=(*cell.bodies, wall))
-    return walled, cell_scene(walled, {body.name: body.mesh for body in walled.bodies})
-
-
-def distances(cell: NominalCell, scene: ProximityScene, axes: np.ndarray, bound: float = 0.05) -> np.ndarray:
-    return scene.distances(cell.body_poses(axes[:, :-1], axes[:, -1]), bound, 1)
-
-
 def hypothesis_of(axes: np.ndarray, rates: np.ndarray) -> Hypothesis:
     return Hypothesis(Path.BASE, MeasuredState(0.0, axes[:-1], float(axes[-1])), rates, np.zeros(7), 0.032)
-
-
-def straight(axes: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Rates (joints + 1,) of a translation of the tool."""
-    tool = Tool(boxes())
-    _, jacobian = tool.poses(axes[None, :-1])
-    return np.append(tool.rates(jacobian, np.append(velocity, np.zeros(3))[None])[0], 0.0)
-
-
-def near_home(rng: np.random.Generator) -> np.ndarray:
-    return np.append(boxes().home + rng.uniform(-0.2, 0.2, 6), 0.0)
-
-
-def is_clear(cell: NominalCell, scene: ProximityScene, axes: np.ndarray, gap: float) -> bool:
-    """Whether all bodies keep the gap to the wall, and 2 mm to each other."""
-    required = [gap - 1e-9 if "wall" in pair else 2e-3 for pair in scene.pairs]
-    return not scene.clearance_violations(cell.body_poses(axes[None, :-1], axes[None, -1]), required, 1)
-
-
-def square(rng: np.random.Generator, gaps: tuple[float, float], count: int):
-    """Random cells (axes, direction, gap, cell, scene) with a wall in front of the sensor."""
-    found = 0
-    while found < count:
-        axes, direction, gap = near_home(rng), unit(rng), float(rng.uniform(*gaps))
-        cell, scene = behind_wall(axes, direction, gap)
-        if is_clear(cell, scene, axes, gap):
-            found += 1
-            yield axes, direction, gap, cell, scene
 
 
 def walled(rng: np.random.Generator, names: tuple[str, ...], times: np.ndarray, gaps: tuple[float, float], count: int):

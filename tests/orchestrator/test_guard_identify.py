@@ -62,6 +62,24 @@ def test_translation_and_rotation_at_once_is_told_from_joints_where_it_bends():
     assert min(alone.values()) >= 20
 
 
+def test_changes_since_the_rates_are_bounded_by_their_age_at_uneven_times():
+    """Axes that accelerate at +-1 rad/s2 at random, with lost states: rates differ by at most the time since then."""
+    nominal, _ = cell_of("six_axis")
+    identifier, rng = Identifier(nominal, 1e-9), np.random.default_rng(15)
+    nearest = np.inf
+    for _ in range(300):
+        steps = rng.choice([1, 1, 2, 5, 10], 2)
+        now = np.concatenate([[0], np.cumsum(steps)])  # in polls
+        rate = rng.uniform(-1, 1, 7) + 0.032 / 8 * np.cumsum(np.repeat(rng.choice([-1, 1], (now[-1], 7)), 8, 0), 0)
+        axes = np.append(nominal.home, 0.0) + np.vstack([np.zeros(7), np.cumsum(rate * 0.032 / 8, 0)])
+        states = [MeasuredState(0.032 * float(k), axes[8 * k, :-1], float(axes[8 * k, -1])) for k in now]
+        found = identifier.identify(states).hypotheses[0]
+        room = found.rate_age + 0.032 / 8 + 1e-4 - np.abs(found.rates - rate[-1])
+        nearest = min(nearest, room.min())
+        assert (room >= 0).all()
+    assert nearest < 0.02  # axes that accelerate one way all the time use it up
+
+
 def test_arm_at_rest_does_not_move():
     """Standing axes have no rate, and the error of it covers what the noise may hide."""
     nominal, _ = cell_of("six_axis")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from scancell.cell.controller import Operation
 from scancell.config.robot import RobotDescription
+from scancell.errors import MessageError
 from scancell.geometry.reduction import reduced
 from scancell.guard.check import Contact, ManualCheck
 from scancell.guard.identify import Identifier
@@ -90,6 +91,7 @@ class Guard:
         ignored: Collection[frozenset[str]] = (),
     ) -> None:
         self.settings = settings = settings or GuardSettings()
+        self._axes = len(nominal.arm.joints) + 1
         meshes = {body.name: reduced(body.mesh, _MAX_FACES, _MAX_ERROR) for body in nominal.bodies}
         scene = cell_scene(nominal, {name: found.mesh for name, found in meshes.items()})
         scene = scene.without(ignored) if ignored else scene
@@ -121,7 +123,15 @@ class Guard:
         return self._motions.clash_along(np.asarray(points, float))
 
     def answer(self, state: CellState) -> GuardMessage:
-        """The permission that follows from a state, or an emergency stop."""
+        """The permission that follows from a state, or an emergency stop.
+
+        Raises
+        ------
+        MessageError
+            If the state is that of another cell.
+        """
+        if (axes := np.size(state.axes)) != self._axes:
+            raise MessageError(f"axes: {axes}: expected {self._axes}, the cell's joints and table")
         if state.operation is not self._operation:
             self._states.clear()
             self._operation = state.operation

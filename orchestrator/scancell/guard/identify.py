@@ -64,7 +64,7 @@ class Identifier:
         kind, rates = self._plainest(window)
         paths = [Path.JOINT] if kind in (Kind.REST, Kind.TABLE) else self._paths(kind, window)
         error = np.abs(window.rates - rates) + _SIGMAS * window.rate_noise
-        age = float(times[-1] - times.mean())
+        age = float(times[-1] - window.rate_time)
         return Identification(kind, tuple(Hypothesis(path, states[-1], rates, error, age) for path in paths))
 
     def _plainest(self, window: _Window) -> tuple[Kind, Array]:
@@ -121,6 +121,8 @@ class _Window:
         spread = (since**2).sum()
         self.rates = since @ axes / spread
         self.rate_noise = noise / np.sqrt(spread)
+        # The slope is a weighted mean of the rate in the window: this is the mean of the time with the same weights.
+        self.rate_time = float(since @ times**2 / (2 * spread))
         self._poses, self._jacobians = tool.poses(axes[:, :-1])
         self._jacobian = self._jacobians[len(times) // 2]
         self.moves_straight = tool.moves_straight(self._jacobian)
