@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from guard_motions import cell_of, unit
 
+from guard_motions import cell_of, unit
 from scancell.config.material import Material
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.pose import from_rotation, transform_points, translation

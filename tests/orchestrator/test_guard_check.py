@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from guard_motions import KINDS, NOISE, POLLS, Motion, random_motion, unit
 from guard_walls import behind_wall, boxes, distances, is_clear, near_home, square, straight
 
+from guard_motions import KINDS, NOISE, POLLS, Motion, random_motion, unit
 from scancell.guard.check import ManualCheck
 from scancell.guard.identify import Identifier
 from scancell.guard.motion import Hypothesis, MeasuredState, Path

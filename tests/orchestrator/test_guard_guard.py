@@ -8,9 +8,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from guard_motions import NOISE, POLL, cartesian
 from guard_walls import Square, boxes, distances, near_home, square, straight
 
+from guard_motions import NOISE, POLL, cartesian
 from scancell.cell.controller import Mode, Operation
 from scancell.config.loading import load_setup
 from scancell.errors import MessageError

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from guard_motions import CELLS, KIND_OF, KINDS, NOISE, cell_of, random_motion
 
+from guard_motions import CELLS, KIND_OF, KINDS, NOISE, cell_of, random_motion
 from scancell.guard.identify import Identifier
 from scancell.guard.motion import Kind, MeasuredState, Path
 

@@ -9,9 +9,9 @@ from functools import cached_property
 
 import numpy as np
 import pytest
-from guard_motions import POLL, unit
 from guard_walls import boxes, distances, square, straight
 
+from guard_motions import POLL, unit
 from scancell.guard.path_check import RATE_SLOPE, PathCheck
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.cell_scene import cell_scene

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from guard_motions import cell_of, unit
 from guard_walls import distances, square
 
+from guard_motions import cell_of, unit
 from scancell.config.loading import load_setup
 from scancell.geometry.pose import transform_points
 from scancell.guard.tool import Tool
