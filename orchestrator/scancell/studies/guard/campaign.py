@@ -310,7 +310,7 @@ def stopping_distances(simulation: Simulation, settings: GuardSettings) -> Array
 
 
 def _ended_before(scenario: Scenario, course: Course, clearance: Array, rng: np.random.Generator) -> Scenario:
-    """A scenario that ends where its `course` first comes to a random near miss, by `clearance` of every other sample."""
+    """A scenario that ends in a random near miss of its `course`; `clearance` (m) is that of every other sample."""
     at = 2 * int(np.argmax(clearance < rng.uniform(0.1, 0.9) * _NEAR_MISS))
     time = float(course.times[at])
     given = [command for command in scenario.commands if command.time < time]
