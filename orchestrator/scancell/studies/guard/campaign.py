@@ -148,6 +148,10 @@ class Campaign:
         self._observed = _Observed(guard, self._log)
         self._distance = stopping_distances(simulation, guard.settings)
 
+    def close(self) -> None:
+        """Free the cell."""
+        self._simulation.close()
+
     def run(self, number: int) -> RunRow:
         """Run number `number`."""
         third = THIRDS[number % len(THIRDS)]

@@ -1,0 +1,101 @@
+"""A small campaign of a guarded cell: no collisions, few false stops; campaigns go on where they were stopped."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import PARTS, scancell_here
+
+from scancell.errors import DescriptionError
+from scancell.studies.guard.campaign import THIRDS, Campaign, RunRow
+from scancell.studies.guard.rows import RowFile, summary, tables
+from scancell.studies.guard.run import CampaignOptions, campaign_of, run_campaign
+
+OPTIONS = CampaignOptions(None, str(PARTS / "free_form.stl"))
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Campaign:
+    return campaign_of(OPTIONS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", range(4))
+def test_guarded_robots_do_not_collide(campaign: Campaign, block: int) -> None:
+    """200 runs: every third twin collides, and every one of them comes near or does ordinary work as it should."""
+    rows = [campaign.run(number) for number in range(50 * block, 50 * (block + 1))]
+    assert [row for row in rows if row.contact or row.touched] == []
+    assert sum(row.false_stop for row in rows) <= 1
+    assert [row for row in rows if row.warned_retreating] == []
+    for row in rows:
+        assert bool(row.twin_contact) == (row.third == THIRDS[0])
+        assert (row.twin_clearance < 0.05) == (row.third == THIRDS[1]) or row.third == THIRDS[0]
+        assert np.isnan(row.twin_contact_at) or row.twin_contact_at >= 1.0
+    # The guard is needed: most of those whose twins collide are stopped, or wait in front of the contact.
+    colliding = [row for row in rows if row.third == THIRDS[0]]
+    kept = [row for row in colliding if row.stop or not np.isfinite(row.arrived_at)]
+    assert len(kept) >= 0.9 * len(colliding)
+
+
+def test_a_run_follows_from_its_number(campaign: Campaign) -> None:
+    first, other = campaign.run(3), campaign.run(4)
+    assert asdict(campaign.run(3)) == pytest.approx(asdict(first), nan_ok=True)
+    assert first.third != other.third
+
+
+def row_of(number: int, **values: object) -> RunRow:
+    given = {
+        "number": number, "third": "ordinary", "operation": "manual", "fault": "none", "draws": 1,
+        "twin_contact_at": float("nan"), "twin_contact": "", "twin_clearance": 0.06, "contact": "", "touched": False,
+        "clearance": 0.05, "stop": "", "stop_at": float("nan"), "stopped_pair": "", "false_stop": False,
+        "halted": False, "warnings": 0, "warned_retreating": 0, "twin_arrived_at": 2.0, "arrived_at": 2.1,
+    }  # fmt: skip
+    return RunRow(**{**given, **values})  # type: ignore[arg-type]
+
+
+def test_rows_survive_an_interrupt(tmp_path: Path) -> None:
+    """A line that was cut short is dropped, and its run done again."""
+    path = tmp_path / "rows.csv"
+    file = RowFile(path)
+    file.append(row_of(0, stop="guard", stopped_pair="sensor - table"))
+    file.append(row_of(1))
+    text = path.read_text()
+    path.write_text(text[:-20])
+    again = RowFile(path)
+    assert [row.number for row in again.rows] == [0]
+    assert again.rows[0].stopped_pair == "sensor - table"
+    path.write_text("number,third\n0,ordinary\n")
+    with pytest.raises(DescriptionError, match="columns"):
+        RowFile(path)
+
+
+def test_summary_counts_collisions_and_false_stops_by_third() -> None:
+    rows = [
+        row_of(0, third="collision", contact="sensor - table"),
+        row_of(1, third="collision", touched=True, twin_contact="sensor - part"),
+        row_of(2, stop="guard", false_stop=True),
+        row_of(3),
+    ]
+    figures = summary(rows)
+    assert figures["collisions"] == 2
+    assert figures["probability_bound"] is None
+    assert figures["false_stops"] == {"collision": 0.0, "near miss": None, "ordinary": 0.5}
+    assert figures["cycle_time_loss_median"] == pytest.approx(0.05)
+    assert summary(rows[2:])["probability_bound"] == pytest.approx(1 - 0.05**0.5)
+    assert any("| ordinary | 2 | manual | 0 | 1 | 1 |" in line for line in tables(rows))
+
+
+def test_a_folder_of_another_campaign_is_refused(tmp_path: Path) -> None:
+    done = scancell_here("guard", "campaign", PARTS / "free_form.stl", "--runs", "1", "--out", "here", cwd=tmp_path)
+    assert done.code == 0
+    other = CampaignOptions(None, str(PARTS / "machined.stl"))
+    with pytest.raises(DescriptionError, match="another campaign"):
+        run_campaign(other, 1, tmp_path / "here", workers=1)
+    wrong = scancell_here(
+        "guard", "campaign", PARTS / "free_form.stl", "--mutation", "none-such", "--out", "there", cwd=tmp_path
+    )
+    assert wrong.code == 1
+    assert "expected one of" in wrong.message
