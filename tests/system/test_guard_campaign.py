@@ -98,4 +98,4 @@ def test_a_folder_of_another_campaign_is_refused(tmp_path: Path) -> None:
         "guard", "campaign", PARTS / "free_form.stl", "--mutation", "none-such", "--out", "there", cwd=tmp_path
     )
     assert wrong.code == 1
-    assert "expected one of" in wrong.message
+    assert "expected one of" in wrong.err

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 _FINER = 4  # parts of a piece of the path that are told apart
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
-_WORK = 100_000  # comparisons of faces or their bounding volumes: the path is not proved beyond
+_WORK = 150_000  # comparisons of faces or their bounding volumes: the path is not proved beyond
 _LONGER = 1.5  # braking on a path against braking straight on
 _TARGETS = np.linspace(1.0, 0.0, 51)
 _EASY = 2.0  # 1/s: change of the rate for which the monitor speed leaves room
@@ -93,33 +93,36 @@ class PathCheck:
         The first point is the measured state, in which the path clock has the `rate`; `allowed` is the largest monitor
         speed that may be in force until the answer arrives.
         """
-        free, clash = self._free(points, spacing)
+        braking = self._braking(points, spacing)
+        needed = self._advance(rate, max(allowed, rate), braking)
+        free, clash = self._free(points, spacing, needed)
         if clash is None and np.abs(points[-1] - points[-2]).max() <= _STILL:
             free = np.inf  # the motion ends within what is known
-        braking = self._braking(points, spacing)
-        proved = self._advance(rate, max(allowed, rate), braking) <= free
         room = _REST + 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY) + braking / 2)
         speed = float(_TARGETS[np.argmax(room <= free)])
-        return PathVerdict(free, clash, speed, proved)
+        return PathVerdict(free, clash, speed, needed <= free)
 
-    def _free(self, points: Array, spacing: float) -> tuple[float, MotionClash | None]:
+    def _free(self, points: Array, spacing: float, needed: float) -> tuple[float, MotionClash | None]:
+        """Path clock that is proved free, s, and what is not behind it; the `needed` way of a stop is proved first."""
         bend = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4 + self._angle_error
         moving = np.flatnonzero(np.abs(np.diff(points, axis=0)).max(1) > _STILL)
-        known = spacing * (len(points) - 1)
-        if not len(moving):
-            return known, None
-        way = points[: moving[-1] + 2]
-        first = self._motions.first_violations(way, _FINER, bend, budget=Budget(_WORK))
-        pairs = np.flatnonzero(np.isfinite(first))
-        if not len(pairs):
-            return known, None
-        begin, number = float(first[pairs].min()), int(pairs[np.argmin(first[pairs])])
-        piece = int(begin)
-        place = way[piece] + (begin - piece) * (way[piece + 1] - way[piece])
-        wanted = np.arange(len(first)) == number
-        distance = float(self._motions.distances(place[None], wanted)[0, number])
-        clash = MotionClash(piece, *self._pairs[number], distance, float(self._clearance[number]), begin - piece)
-        return spacing * begin, clash
+        last = int(moving[-1]) + 1 if len(moving) else 0
+        of_stop = min(int(np.ceil(needed / spacing)), last)
+        budget = Budget(_WORK)
+        for begin, end in ((0, of_stop), (of_stop, last)):
+            way = points[begin : end + 1]
+            first = self._motions.first_violations(way, _FINER, bend, budget=budget) if end > begin else np.empty(0)
+            pairs = np.flatnonzero(np.isfinite(first))
+            if not len(pairs):
+                continue
+            number = int(pairs[np.argmin(first[pairs])])
+            piece, share = divmod(float(first[number]), 1.0)
+            place = way[int(piece)] + share * (way[int(piece) + 1] - way[int(piece)])
+            distance = float(self._motions.distances(place[None], np.arange(len(first)) == number)[0, number])
+            clearance = float(self._clearance[number])
+            clash = MotionClash(begin + int(piece), *self._pairs[number], distance, clearance, share)
+            return spacing * (begin + piece + share), clash
+        return spacing * (len(points) - 1), None
 
     def _braking(self, points: Array, spacing: float) -> float:
         """Path clock that braking from full speed takes, s; from the rate r it takes r times that."""
