@@ -39,32 +39,33 @@ class Attempt:
 
 
 def search(campaign: Campaign, runs: int, seed: int, progress: Callable[[Attempt], None] | None = None) -> Attempt:
-    """The worst attempt of `runs` guarded runs; it ends with the first contact."""
+    """The worst attempt of `runs` guarded runs; it ends with the first contact.
+
+    A third of the runs are the scenarios of colliding twins as they are; the worst of these are changed.
+    """
+    if runs < 1:
+        raise ValueError(f"runs = {runs}: expected at least 1")
     rng = np.random.default_rng([seed, 1])
-    worst: Attempt | None = None
-    best: Attempt | None = None
-    number, since = 0, 0
-    for _ in range(runs):
-        if best is None or since >= _STALE:
-            scenario = campaign.colliding_twin(_NUMBERS * number).scenario
-            best = Attempt(scenario, None, *campaign.attempt(scenario, None))
-            number, since = number + 1, 0
-            found = best
+    worst: list[Attempt] = []  # of each scenario, the worst one first
+    since = 0
+    for run in range(runs):
+        if run <= runs // 3:
+            scenario = campaign.colliding_twin(_NUMBERS * run).scenario
+            found = Attempt(scenario, None, *campaign.attempt(scenario, None))
+            worst = sorted([*worst, found], key=lambda attempt: attempt.clearance)
         else:
-            changed = _changed(best, rng)
+            if since >= _STALE:  # the next scenario has its turn
+                worst, since = [*worst[1:], worst[0]], 0
+            changed = _changed(worst[0], rng)
             found = Attempt(*changed, *campaign.attempt(*changed))
             since += 1
-            if found.contact or found.clearance < best.clearance:
-                best, since = found, 0
-        if worst is None or found.contact or found.clearance < worst.clearance:
-            worst = found
+            if found.clearance < worst[0].clearance:
+                worst[0], since = found, 0
         if progress:
             progress(found)
         if found.contact:
-            break
-    if worst is None:
-        raise ValueError(f"runs = {runs}: expected at least 1")
-    return worst
+            return found
+    return min(worst, key=lambda attempt: attempt.clearance)
 
 
 def _changed(attempt: Attempt, rng: np.random.Generator) -> tuple[Scenario, float | None]:
