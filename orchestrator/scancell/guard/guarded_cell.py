@@ -55,7 +55,7 @@ class GuardedCell:
             last = answers[-1]
             self._cell.set(self._guard_time, np.array([time - self._link.age(time)]))
             self._cell.set(self._monitor_speed, np.array([last.monitor_speed]))
-            self._cell.set_boolean("command.emergency_stop", last.emergency_stop)
+            self._cell.set_boolean("command.emergency_stop", any(answer.emergency_stop for answer in answers))
             self._cell.set_string("command.pendant.text", last.text)
             self._cell.set_boolean("command.pendant.beep", last.beep)
         return answers

@@ -137,9 +137,7 @@ class Campaign:
         Of the controller, s; None: that of the guard.
     """
 
-    # How the cell receives answers, and how old they may be beyond the controller's limit, s.
-    link_type = Link
-    patience = 0.0
+    link_type = Link  # how the cell receives answers
 
     def __init__(self, simulation: Simulation, guard: Guard, seed: int, max_age: float | None = None) -> None:
         self._simulation, self._guard, self._seed = simulation, guard, seed
@@ -170,8 +168,9 @@ class Campaign:
 
         Bodies of the arm that are near each other at the start have no part in the distance.
         """
-        to_cell = _SLOW.model_copy(update={"dead_from_s": dead_from})
-        course = self._run_guarded(scenario, LinkDescription(to_guard=_SLOW, to_cell=to_cell), 0)
+        to_guard = _SLOW.model_copy(update={"dead_from_s": dead_from})
+        to_cell = _SLOW.model_copy(update={"replay": 0.3, "replay_ms": 400.0})
+        course = self._run_guarded(scenario, LinkDescription(to_guard=to_guard, to_cell=to_cell), 0)
         contact = self._simulation.contact(course)
         clearances = self._simulation.clearances(course.axes)
         apart = ~self._simulation.inner | (clearances[0] >= _NEAR_MISS)
@@ -227,7 +226,7 @@ class Campaign:
 
         def link() -> Link:
             transport = InProcess(self._observed, _COMPUTE)
-            return faulty_link(transport, description, self._max_age + self.patience, seed, self.link_type)
+            return faulty_link(transport, description, self._max_age, seed, self.link_type)
 
         return self._simulation.run(scenario, link, self._max_age)
 

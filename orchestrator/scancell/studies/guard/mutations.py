@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from scancell.guard.guard import Guard
 from scancell.guard.link import Link
+from scancell.guard.messages import GuardMessage, decode
 from scancell.guard.motion import Hypothesis, Path
 from scancell.guard.settings import GuardSettings
 from scancell.studies.guard.campaign import Campaign
@@ -52,7 +51,11 @@ def _without(path: Path) -> Mutation:
 
 
 class _Credulous(Link):
-    """A link that takes every answer for one to the present state."""
+    """A link that takes every answer, however old, for one to the present state."""
+
+    def poll(self, time: float) -> list[GuardMessage]:
+        messages = (decode(arrival.packet).message for arrival in self._transport.receive(time))
+        return [message for message in messages if isinstance(message, GuardMessage)]
 
     def age(self, time: float) -> float:
         return 0.0
@@ -61,7 +64,6 @@ class _Credulous(Link):
 def _stale(simulation: Simulation, settings: GuardSettings, seed: int) -> Campaign:
     class Believing(Campaign):
         link_type = _Credulous
-        patience = np.inf
 
     return Believing(simulation, Guard(simulation.nominal, simulation.description.robot, settings), seed)
 
