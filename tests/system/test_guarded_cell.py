@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,6 +39,7 @@ AGE = GuardSettings().max_age
 TO_POST = 1.3  # rad of joint 1 from home to the middle of the post
 POST = (0.06, 0.06, 0.5)  # m
 MOVED = 0.3  # rad of joint 1 at which it has its full speed
+EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "guarded_cell.py"
 SAMPLES = 4  # of the motion in a cycle
 EMERGENCY, TIMEOUT = 3, 11  # controller.state, controller.error
 
@@ -304,3 +306,15 @@ def test_move_waits_in_front_of_what_the_guard_knows(known, post, tmp_path):
         assert run.cell.get(run.rate)[0] == 0.0
         assert "slow" in run.cell.get_string("pendant.text").lower()
         assert 0.5 < run.angles[-1] < TO_POST
+
+
+def test_example_in_real_time_is_stopped_without_contact():
+    """By the guard, or by the age of its answers where the machine is busy."""
+    with served() as (_, port):
+        command = [sys.executable, str(EXAMPLE), LOOPBACK, str(port)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert done.returncode == 0, done.stderr
+    last = done.stdout.splitlines()[-1]
+    assert last.startswith("Emergency stop")
+    assert "; 0 contacts; packets: " in last
+    assert " accepted" in last
