@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from time import monotonic, sleep
+
 import numpy as np
 
 from scancell.cell.controller import Mode, Operation
@@ -59,6 +62,20 @@ class GuardedCell:
             self._cell.set_string("command.pendant.text", last.text)
             self._cell.set_boolean("command.pendant.beep", last.beep)
         return answers
+
+    def run(self, seconds: float, act: Callable[[], bool]) -> None:
+        """Run in real time for `seconds`, or until `act`, which is called once a cycle, returns true.
+
+        A machine that is too slow makes the cell's clock slow, which is that of the ages: lost time is not caught up.
+        """
+        cycle = self._cycle_us * 1e-6
+        end = self._cell.time_us + round(seconds * 1e6)
+        due = monotonic()
+        while self._cell.time_us < end and not act():
+            self.poll()
+            self._cell.step_to(self._cell.time_us + self._cycle_us)
+            due = max(due + cycle, monotonic())
+            sleep(max(due - monotonic(), 0.0))
 
     def state(self) -> CellState:
         """The cell as the controller answers a query."""

@@ -1,0 +1,66 @@
+"""Jogs the simulated robot to the table until its guard stops it: ``guarded_cell.py HOST PORT`` of a guard over UDP.
+
+::
+
+    scancell guard serve --port 4000 &
+    python docs/examples/guarded_cell.py 127.0.0.1 4000
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from scancell.cell.controller import Frame, Mode, Operation
+from scancell.cell.fmu_file import cell_json, make_temporary_fmu
+from scancell.cell.instance import CellInstance
+from scancell.config.loading import load_setup
+from scancell.geometry.mesh import box_mesh
+from scancell.guard.guarded_cell import GuardedCell
+from scancell.guard.link import Link
+from scancell.guard.settings import GuardSettings
+from scancell.guard.transport import UdpTransport
+from scancell.nominal.cell import nominal_cell
+
+DOWN = np.array([0.0, 0, -1, 0, 0, 0])  # of the world, full speed
+EMERGENCY_STOP = 3  # controller.state
+
+
+def main(host: str, port: int) -> None:
+    """Run the default cell by the wall clock."""
+    max_age = GuardSettings().max_age
+    setup = load_setup()
+    described = cell_json(setup.cell, nominal_cell(setup.cell, box_mesh((0.01, 0.01, 0.01))), seed=0)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        CellInstance(make_temporary_fmu(described, Path(folder) / "cell")) as cell,
+    ):
+        link = Link(UdpTransport(host, port), max_age)
+        guarded = GuardedCell(cell, setup.cell.world.controller_cycle_us, link, max_age)
+        cell.set_integer("command.operation", Operation.MANUAL)
+        guarded.run(0.5, lambda: link.counts.total() > 0)  # until the guard answers
+        cell.set_integer("command.jog_frame", Frame.WORLD)
+        cell.set(cell.real_group([f"command.jog[{i + 1}]" for i in range(6)]), DOWN)
+        cell.set_integer("command.mode", Mode.TOOL_JOG)
+        said = ""
+
+        def watch() -> bool:
+            nonlocal said
+            if (text := cell.get_string("command.pendant.text")) != said:
+                said = text
+                print(f"{cell.time_us * 1e-6:6.3f} s  {text}")
+            resting = not cell.get_boolean("controller.moving")
+            return resting and cell.get_integer("controller.state") == EMERGENCY_STOP
+
+        guarded.run(10.0, watch)
+        contacts = cell.get_integer("truth.collision.pairs")
+        packets = ", ".join(f"{number} {outcome}" for outcome, number in link.counts.items())
+        print(f"{cell.get_string('pendant.text')}; {contacts} contacts; packets: {packets}")
+        link.close()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]))
