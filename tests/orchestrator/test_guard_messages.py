@@ -79,7 +79,7 @@ def test_every_bit_flip_and_truncation_is_refused(message):
         (36, struct.pack("<d", -0.5)),
         (44, struct.pack("<d", 0.1)),  # spacing without a path ahead
         (52, b"\2"),  # operation
-        (53, b"\6"),  # mode
+        (53, b"\7"),  # mode
         (54, b"\2"),  # moving
         (55, b"\0"),  # joints
         (55, b"\7"),
