@@ -283,6 +283,22 @@ def test_stop_from_the_last_permission_is_free_of_contact(post, tmp_path):
     assert by_guard < run.angles[-1]
 
 
+def test_move_that_the_guard_has_not_seen_gets_nowhere(post, tmp_path):
+    """The guard dies as it begins: what was permitted at rest is far less than a millimetre at the sensor."""
+    with served(post[0]) as (process, port), rig(post[0], tmp_path, port) as run:
+        run.cell.set_integer("command.operation", Operation.AUTOMATIC)
+        run.cycles(20)
+        assert run.answers
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        run.transport.answers = False
+        run.start(Operation.AUTOMATIC)
+        run.until(lambda: run.cell.get_integer("controller.error") == TIMEOUT)
+        run.cycles(10)
+        assert run.rests()
+        assert 0 < run.angles[-1] < 1e-3
+
+
 @pytest.mark.parametrize("known", ["obstacle", "points"])
 def test_move_waits_in_front_of_what_the_guard_knows(known, post, tmp_path):
     """A post of the cell's description, or one that only a measured point cloud shows."""

@@ -36,6 +36,10 @@ _MAX_FACES = 400
 _MAX_ERROR = 1e-3  # m, of reduced meshes
 _STATES = 3
 _BEEP = 0.5  # s to a contact
+_STILL = 1e-6  # rad: a path that is no motion
+# Monitor speed while no path is known: a move that begins unseen gets a fraction of a millimetre far in the reaction
+# time, and one that was stopped just before its end still arrives.
+_UNKNOWN_PATH = 0.05
 
 
 @dataclass(frozen=True)
@@ -172,8 +176,11 @@ class Guard:
 
     def _on_path(self, state: CellState) -> Decision:
         ahead = np.asarray(state.ahead)
-        if not len(ahead):
-            return Decision(True, text="stop: no path is known") if state.moving else Decision()
+        if not len(ahead) and state.moving:
+            return Decision(True, text="stop: no path is known")
+        if not state.moving and (not len(ahead) or np.ptp(ahead, axis=0).max() <= _STILL):
+            self._speeds.append((state.time, _UNKNOWN_PATH))
+            return Decision(monitor_speed=_UNKNOWN_PATH)
         verdict = self._path_verdict(state, np.vstack([state.axes, ahead]))
         speed = verdict.monitor_speed
         self._speeds.append((state.time, speed))
