@@ -13,6 +13,7 @@ from scancell.errors import DescriptionError
 from scancell.studies.guard.campaign import THIRDS, Campaign, RunRow
 from scancell.studies.guard.rows import RowFile, summary, tables
 from scancell.studies.guard.run import CampaignOptions, campaign_of, run_campaign
+from scancell.studies.guard.search import Attempt, search
 
 OPTIONS = CampaignOptions(None, str(PARTS / "free_form.stl"))
 
@@ -99,3 +100,14 @@ def test_a_folder_of_another_campaign_is_refused(tmp_path: Path) -> None:
     )
     assert wrong.code == 1
     assert "expected one of" in wrong.err
+
+
+def test_changed_scenarios_stay_in_order(campaign: Campaign) -> None:
+    """Attempts of a short search, in which scenarios are changed: commands in time, and no contact."""
+    attempts: list[Attempt] = []
+    search(campaign, 6, 1, attempts.append)
+    assert len(attempts) == 6
+    for attempt in attempts:
+        times = [command.time for command in attempt.scenario.commands]
+        assert times == sorted(times)
+        assert not attempt.contact

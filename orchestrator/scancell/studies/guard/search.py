@@ -75,7 +75,8 @@ def _changed(attempt: Attempt, rng: np.random.Generator) -> tuple[Scenario, floa
     at = int(rng.integers(len(commands)))
     kind = rng.integers(5)
     if kind == 0:
-        commands[at] = replace(commands[at], time=max(0.1, commands[at].time + rng.normal(0.0, _SHIFT)))
+        time = float(np.clip(commands[at].time + rng.normal(0.0, _SHIFT), 0.1, DURATION))
+        commands[at] = replace(commands[at], time=time)
     elif kind == 1:
         commands[at] = _turned(commands[at], rng)
     elif kind == 2:  # a change of mind on the way
