@@ -101,14 +101,14 @@ wheel: $(STAMPS)/venv
 
 check: dev
 	@$(BIN)/ruff format --check orchestrator fmu tests assets
-	@$(BIN)/ruff check orchestrator fmu tests assets
+	@$(BIN)/ruff check --no-cache orchestrator fmu tests assets
 	@$(BIN)/mypy
 	@command -v clang-format >/dev/null || DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends clang-format >/dev/null
 	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format --dry-run --Werror
 
 format: dev
 	@$(BIN)/ruff format -q orchestrator fmu tests assets
-	@$(BIN)/ruff check -q --fix orchestrator fmu tests assets
+	@$(BIN)/ruff check -q --no-cache --fix orchestrator fmu tests assets
 	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format -i
 
 bench: dev

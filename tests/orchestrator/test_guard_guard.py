@@ -28,9 +28,7 @@ RESTING = 3  # states before a jog begins
 
 @cache
 def deceleration() -> np.ndarray:
-    nominal = boxes()
-    most = np.append([joint.max_acceleration for joint in nominal.arm.joints], nominal.table_max_acceleration)
-    return SETTINGS.deceleration * most
+    return SETTINGS.deceleration * boxes().axis_max_acceleration
 
 
 def guard_of(cell: NominalCell) -> Guard:

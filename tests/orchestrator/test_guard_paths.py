@@ -25,9 +25,7 @@ TICK = 0.002  # s
 
 
 def deceleration() -> np.ndarray:
-    nominal = boxes()
-    most = np.append([joint.max_acceleration for joint in nominal.arm.joints], nominal.table_max_acceleration)
-    return 0.95 * most
+    return 0.95 * boxes().axis_max_acceleration
 
 
 @dataclass(frozen=True)

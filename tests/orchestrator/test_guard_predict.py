@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from guard_motions import CELLS, cartesian, cell_of, random_start, twist_of
 
+from guard_motions import CELLS, cartesian, cell_of, random_start, twist_of
 from scancell.guard.motion import Hypothesis, MeasuredState, Path
 from scancell.guard.predict import Predictor
 from scancell.guard.tool import Tool

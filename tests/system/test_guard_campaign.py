@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -19,8 +20,9 @@ OPTIONS = CampaignOptions(None, str(PARTS / "free_form.stl"))
 
 
 @pytest.fixture(scope="module")
-def campaign() -> Campaign:
-    return campaign_of(OPTIONS)
+def campaign() -> Iterator[Campaign]:
+    with campaign_of(OPTIONS) as made:
+        yield made
 
 
 @pytest.mark.slow

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scancell.cli.common import EXIT_ERROR, JsonOption, Outcome, ScanOption, run
+from scancell.cli.common import EXIT_ERROR, JsonOption, Outcome, ScanOption, UnitOption, run
 from scancell.cli.execution import WorkersOption
+from scancell.cli.options import with_options
 from scancell.config.choices import LOOPBACK, TransportProtocol
 
 if TYPE_CHECKING:
     from scancell.studies.guard.campaign import RunRow
+    from scancell.studies.guard.run import CampaignOptions
 
 guard_app = typer.Typer(help="Protect a robot from collisions.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -28,7 +31,7 @@ def guard() -> None:
 def guard_serve(
     cell: Annotated[Path | None, typer.Argument(help="cell description (TOML)")] = None,
     part: Annotated[Path | None, typer.Option("--part", help="mesh of the part; without, the table is empty")] = None,
-    unit: Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")] = "mm",
+    unit: UnitOption = "mm",
     scan: ScanOption = None,
     host: Annotated[str, typer.Option("--host", help="address to listen on")] = LOOPBACK,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="port to listen on; 0: any free one")] = 0,
@@ -55,14 +58,28 @@ def guard_serve(
     run("guard serve", as_json, work)
 
 
+@dataclass(frozen=True)
+class GuardedOptions:
+    """Options of commands that run guarded cells."""
+
+    cell: Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")] = None
+    unit: UnitOption = "mm"
+    seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1
+    mutation: Annotated[str, typer.Option("--mutation", help="deliberate error of the guard")] = ""
+
+    def of(self, part: Path) -> CampaignOptions:
+        """Of a campaign with a part."""
+        from scancell.studies.guard.run import CampaignOptions  # noqa: PLC0415
+
+        return CampaignOptions(str(self.cell) if self.cell else None, str(part), self.unit, self.seed, self.mutation)
+
+
 @guard_app.command("campaign")
+@with_options(GuardedOptions)
 def guard_campaign(
     part: Annotated[Path, typer.Argument(help="mesh of the part on the table")],
-    cell: Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")] = None,
-    unit: Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")] = "mm",
+    options: GuardedOptions,
     runs: Annotated[int, typer.Option("--runs", min=1, help="number of runs, each with its twin")] = 200,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1,
-    mutation: Annotated[str, typer.Option("--mutation", help="deliberate error of the guard")] = "",
     out: Annotated[Path, typer.Option("--out", help="folder of the rows and tables")] = Path("out/guard"),
     workers: WorkersOption = 0,
     as_json: JsonOption = False,
@@ -76,10 +93,9 @@ def guard_campaign(
 
     def work() -> Outcome:
         nonlocal collisions
-        from scancell.studies.guard.run import CampaignOptions, run_campaign  # noqa: PLC0415
+        from scancell.studies.guard.run import run_campaign  # noqa: PLC0415
 
-        options = CampaignOptions(str(cell) if cell else None, str(part), unit, seed, mutation)
-        figures = run_campaign(options, runs, out, workers, None if as_json else _show)
+        figures = run_campaign(options.of(part), runs, out, workers, None if as_json else _show)
         collisions = figures["collisions"]
         lines = [f"  {name:<26} {value}" for name, value in figures.items()]
         return Outcome(lines, figures, [str(out / "rows.csv"), str(out / "tables.md")])
@@ -97,13 +113,11 @@ def _show(row: RunRow) -> None:
 
 
 @guard_app.command("search")
+@with_options(GuardedOptions)
 def guard_search(
     part: Annotated[Path, typer.Argument(help="mesh of the part on the table")],
-    cell: Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")] = None,
-    unit: Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")] = "mm",
+    options: GuardedOptions,
     runs: Annotated[int, typer.Option("--runs", min=1, help="number of guarded runs")] = 500,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1,
-    mutation: Annotated[str, typer.Option("--mutation", help="deliberate error of the guard")] = "",
     as_json: JsonOption = False,
 ) -> None:
     """Steer a person who jogs, and the network, to the worst moment; the status is 1 if that leads to a collision."""
@@ -111,12 +125,12 @@ def guard_search(
 
     def work() -> Outcome:
         nonlocal contact
-        from scancell.studies.guard.run import CampaignOptions, campaign_of  # noqa: PLC0415
+        from scancell.studies.guard.run import campaign_of  # noqa: PLC0415
         from scancell.studies.guard.search import search  # noqa: PLC0415
 
         tried: list[float] = []
-        options = CampaignOptions(str(cell) if cell else None, str(part), unit, seed, mutation)
-        worst = search(campaign_of(options), runs, seed, lambda attempt: tried.append(attempt.clearance))
+        with campaign_of(options.of(part)) as campaign:
+            worst = search(campaign, runs, options.seed, lambda attempt: tried.append(attempt.clearance))
         contact = worst.contact
         figures = {"runs": len(tried), "clearance_mm": 1e3 * worst.clearance, "contact": contact}
         return Outcome([f"  {name:<14} {value}" for name, value in figures.items()], figures)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import secrets
 from collections import Counter, deque
 from enum import StrEnum
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from scancell.errors import MessageError
 from scancell.guard.messages import CellState, GuardMessage, Packet, decode
@@ -18,6 +18,8 @@ from scancell.guard.messages import CellState, GuardMessage, Packet, decode
 SILENCE = 0.5  # s after which another cell may open a session
 _REMEMBERED_STATES = 256
 _REMEMBERED_SESSIONS = 64
+
+_Message = TypeVar("_Message", CellState, GuardMessage)
 
 
 class Outcome(StrEnum):
@@ -71,6 +73,20 @@ class Order:
         self._last = sequence
 
 
+def _decoded(packet: bytes, kind: type[_Message], counts: Counter[str]) -> tuple[Packet, _Message] | None:
+    """The packet and its message of a kind; None, and counted, if it is malformed or of another kind."""
+    try:
+        received = decode(packet)
+    except MessageError:
+        counts[Outcome.MALFORMED] += 1
+        return None
+    message = received.message
+    if not isinstance(message, kind):
+        counts[Outcome.WRONG_KIND] += 1
+        return None
+    return received, message
+
+
 class CellEndpoint:
     """The cell's end.
 
@@ -107,15 +123,10 @@ class CellEndpoint:
 
     def receive(self, packet: bytes, now: float) -> GuardMessage | None:
         """The answer in a packet, if it counts; `now` by the clock that stamps the states, s."""
-        try:
-            received = decode(packet)
-        except MessageError:
-            self.counts[Outcome.MALFORMED] += 1
+        found = _decoded(packet, GuardMessage, self.counts)
+        if found is None:
             return None
-        answer = received.message
-        if not isinstance(answer, GuardMessage):
-            self.counts[Outcome.WRONG_KIND] += 1
-            return None
+        received, answer = found
         outcome = self._check(received, answer, now)
         self.counts[outcome] += 1
         if outcome is not Outcome.ACCEPTED:
@@ -165,15 +176,10 @@ class GuardEndpoint:
 
     def receive(self, packet: bytes, now: float) -> bool:
         """Whether a packet counts: its state is the next to be answered; `now` by the guard's clock, s."""
-        try:
-            received = decode(packet)
-        except MessageError:
-            self.counts[Outcome.MALFORMED] += 1
+        found = _decoded(packet, CellState, self.counts)
+        if found is None:
             return False
-        state = received.message
-        if not isinstance(state, CellState):
-            self.counts[Outcome.WRONG_KIND] += 1
-            return False
+        received, state = found
         outcome = self._check(received, state, now)
         self.counts[outcome] += 1
         if outcome is not Outcome.ACCEPTED:

@@ -8,7 +8,7 @@ Where no stop is proved, the answer is an emergency stop, and the proof of an ea
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,8 +76,6 @@ class Guard:
         Description of the robot: the limits of jogging.
     settings
         The worst case.
-    ignored
-        Pairs of bodies that are not watched.
 
     Attributes
     ----------
@@ -92,18 +90,13 @@ class Guard:
         nominal: NominalCell,
         robot: RobotDescription,
         settings: GuardSettings | None = None,
-        ignored: Collection[frozenset[str]] = (),
     ) -> None:
         self.settings = settings = settings or GuardSettings()
         self._axes = len(nominal.arm.joints) + 1
         meshes = {body.name: reduced(body.mesh, _MAX_FACES, _MAX_ERROR) for body in nominal.bodies}
         scene = cell_scene(nominal, {name: found.mesh for name, found in meshes.items()})
-        scene = scene.without(ignored) if ignored else scene
         clearance = settings.position_error + np.array([meshes[a].error + meshes[b].error for a, b in scene.pairs])
-        acceleration = np.append(
-            [joint.max_acceleration for joint in nominal.arm.joints], nominal.table_max_acceleration
-        )
-        deceleration = settings.deceleration * acceleration
+        deceleration = settings.deceleration * nominal.axis_max_acceleration
         worst = WorstCase(
             settings.max_age, 0.0, 2 * settings.cycle, deceleration, settings.angle_error, jog_limits(robot, nominal)
         )

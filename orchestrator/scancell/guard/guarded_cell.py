@@ -33,11 +33,10 @@ class GuardedCell:
 
     def __init__(self, cell: CellInstance, cycle_us: int, link: Link | None, max_age: float) -> None:
         self._cell, self._cycle_us, self._link = cell, cycle_us, link
-        axes = cell.axis_names("measured.")
-        self._measured = cell.real_group(axes)
+        axes = cell.axis_names("")
+        self._measured = cell.real_group([f"measured.{axis}" for axis in axes])
         self._rate = cell.real_group(["controller.rate"])
-        points = [f"controller.ahead[{k}]." for k in range(1, _AHEAD + 1)]
-        self._ahead = cell.real_group([name for point in points for name in cell.axis_names(point)])
+        self._ahead = cell.real_group([f"controller.ahead[{k}].{axis}" for k in range(1, _AHEAD + 1) for axis in axes])
         self._guard_time = cell.real_group(["command.guard.time"])
         self._monitor_speed = cell.real_group(["command.monitor_speed"])
         self._polls = 0

@@ -18,7 +18,7 @@ from scancell.proximity.scene import ProximityScene
 
 Array = NDArray[np.float64]
 
-_FINER = 4  # parts of a piece of the path that are told apart
+_FINER = 4  # parts of a piece of the path that are distinguished
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
 _WORK = 150_000  # comparisons of faces or their bounding volumes: the path is not proved beyond
 _LONGER = 1.5  # braking on a path against braking straight on

@@ -36,10 +36,9 @@ class JogLimits:
 
 def jog_limits(robot: RobotDescription, nominal: NominalCell) -> JogLimits:
     """The limits that the controller of a described robot keeps."""
-    most = np.append([joint.max_acceleration for joint in nominal.arm.joints], nominal.table_max_acceleration)
     motion = robot.motion
     return JogLimits(
-        motion.jog_joint_share * most,
+        motion.jog_joint_share * nominal.axis_max_acceleration,
         si_value(motion, "jog_acceleration_mm_s2"),
         si_value(motion, "jog_turn_acceleration_deg_s2"),
     )

@@ -105,6 +105,16 @@ class NominalCell:
     further_parts: tuple[FurtherPart, ...] = ()
     flange_from_finger: Array | None = None
 
+    @property
+    def axis_max_speed(self) -> Array:
+        """Speed limits of the joints and the table, (joints + 1,), rad/s."""
+        return np.append(self.arm.max_speed, self.table_max_speed)
+
+    @property
+    def axis_max_acceleration(self) -> Array:
+        """Acceleration limits of the joints and the table, (joints + 1,), rad/s²."""
+        return np.append(self.arm.max_acceleration, self.table_max_acceleration)
+
     def world_from_sensor(self, q: ArrayLike) -> Array:
         """(..., 4, 4) for joint angles q (..., joints)."""
         return np.asarray(self.arm.fk(q) @ self.flange_from_sensor)

@@ -94,12 +94,9 @@ class PlanningCell:
     @cached_property
     def axis_limits(self) -> Limits:
         """Limits of the joints and the table."""
-        joints, table = self.nominal.arm.joints, self.nominal
-        return Limits(
-            np.array([*(joint.max_speed for joint in joints), table.table_max_speed]),
-            np.array([*(joint.max_acceleration for joint in joints), table.table_max_acceleration]),
-            np.array([*(joint.max_jerk for joint in joints), table.table_max_jerk]),
-        )
+        nominal = self.nominal
+        jerk = np.append([joint.max_jerk for joint in nominal.arm.joints], nominal.table_max_jerk)
+        return Limits(nominal.axis_max_speed, nominal.axis_max_acceleration, jerk)
 
     @cached_property
     def _chain(self) -> list[str]:

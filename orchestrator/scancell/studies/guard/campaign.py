@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.controller import Operation
+from scancell.closing import Closing
 from scancell.config.channel import ChannelDescription, LinkDescription
 from scancell.config.units import si_value
 from scancell.guard.guard import Decision, Guard
@@ -122,7 +123,7 @@ class Twin:
     draws: int
 
 
-class Campaign:
+class Campaign(Closing):
     """Runs of a campaign.
 
     Parameters
@@ -299,10 +300,8 @@ def stopping_distances(simulation: Simulation, settings: GuardSettings) -> Array
     """
     nominal, robot = simulation.nominal, simulation.description.robot
     limits = jog_limits(robot, nominal)
-    acceleration = np.append([joint.max_acceleration for joint in nominal.arm.joints], nominal.table_max_acceleration)
-    speed = np.append([joint.max_speed for joint in nominal.arm.joints], nominal.table_max_speed)
-    rates = robot.motion.jog_joint_share * speed
-    braking = braking_time(rates, settings.deceleration * acceleration)
+    rates = robot.motion.jog_joint_share * nominal.axis_max_speed
+    braking = braking_time(rates, settings.deceleration * nominal.axis_max_acceleration)
     longest = settings.reaction + braking / 2
     time_squared = settings.reaction**2 + settings.reaction * braking
     pairs = simulation.scene.pairs

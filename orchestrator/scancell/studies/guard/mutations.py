@@ -1,4 +1,4 @@
-"""Deliberate errors of a guard, each of which must lead to collisions: they show that a campaign can fail."""
+"""Deliberate errors of a guard: whether they lead to collisions shows what a campaign can find."""
 
 from __future__ import annotations
 
@@ -17,39 +17,6 @@ _POLL = 0.032  # s
 Mutation = Callable[[Simulation, GuardSettings, int], Campaign]
 
 
-def _assuming(wrong: Callable[[GuardSettings], GuardSettings]) -> Mutation:
-    """A guard that assumes another worst case than the controller's."""
-
-    def made(simulation: Simulation, settings: GuardSettings, seed: int) -> Campaign:
-        guard = Guard(simulation.nominal, simulation.description.robot, wrong(settings))
-        return Campaign(simulation, guard, seed, settings.max_age)
-
-    return made
-
-
-def _with_age(factor: float) -> Mutation:
-    """A controller that waits longer for answers than the guard believes."""
-
-    def made(simulation: Simulation, settings: GuardSettings, seed: int) -> Campaign:
-        guard = Guard(simulation.nominal, simulation.description.robot, settings)
-        return Campaign(simulation, guard, seed, factor * settings.max_age)
-
-    return made
-
-
-def _without(path: Path) -> Mutation:
-    class Forgetful(Guard):
-        """A guard that does not think of one way to go on."""
-
-        def _hypotheses(self) -> Sequence[Hypothesis]:
-            return [found for found in super()._hypotheses() if found.path is not path]
-
-    def made(simulation: Simulation, settings: GuardSettings, seed: int) -> Campaign:
-        return Campaign(simulation, Forgetful(simulation.nominal, simulation.description.robot, settings), seed)
-
-    return made
-
-
 class _Credulous(Link):
     """A link that takes every answer, however old, for one to the present state."""
 
@@ -61,29 +28,43 @@ class _Credulous(Link):
         return 0.0
 
 
-def _stale(simulation: Simulation, settings: GuardSettings, seed: int) -> Campaign:
-    class Believing(Campaign):
-        link_type = _Credulous
+class _Believing(Campaign):
+    """A campaign whose cell receives answers by a credulous link."""
 
-    return Believing(simulation, Guard(simulation.nominal, simulation.description.robot, settings), seed)
+    link_type = _Credulous
 
 
-def without_pair(pair: tuple[str, str]) -> Mutation:
-    """A guard that ignores a pair of bodies."""
+def _mutated(
+    guard: type[Guard] = Guard,
+    assumed: Callable[[GuardSettings], GuardSettings] = lambda true: true,
+    longer: float = 1.0,
+    campaign: type[Campaign] = Campaign,
+) -> Mutation:
+    """Another guard, which may assume another worst case; the controller waits `longer` times as long for answers."""
 
     def made(simulation: Simulation, settings: GuardSettings, seed: int) -> Campaign:
-        guard = Guard(simulation.nominal, simulation.description.robot, settings, ignored=[frozenset(pair)])
-        return Campaign(simulation, guard, seed)
+        wrong = guard(simulation.nominal, simulation.description.robot, assumed(settings))
+        return campaign(simulation, wrong, seed, longer * settings.max_age)
 
     return made
 
 
+def _without(path: Path) -> Mutation:
+    class Forgetful(Guard):
+        """A guard that does not think of one way to go on."""
+
+        def _hypotheses(self) -> Sequence[Hypothesis]:
+            return [found for found in super()._hypotheses() if found.path is not path]
+
+    return _mutated(Forgetful)
+
+
 MUTATIONS: dict[str, Mutation] = {
-    "short-delay": _assuming(lambda true: replace(true, max_age=true.max_age - _POLL)),
-    "high-deceleration": _assuming(lambda true: replace(true, deceleration=1.25 * true.deceleration)),
+    "short-delay": _mutated(assumed=lambda true: replace(true, max_age=true.max_age - _POLL)),
+    "high-deceleration": _mutated(assumed=lambda true: replace(true, deceleration=1.25 * true.deceleration)),
     "no-joint-path": _without(Path.JOINT),
     "no-base-path": _without(Path.BASE),
     "no-tool-path": _without(Path.TOOL),
-    "double-age": _with_age(2.0),
-    "stale-answers": _stale,
+    "double-age": _mutated(longer=2.0),
+    "stale-answers": _mutated(campaign=_Believing),
 }

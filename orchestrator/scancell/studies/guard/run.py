@@ -7,8 +7,10 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from scancell.config.cell import CellDescription
@@ -48,11 +50,8 @@ class CampaignOptions:
     mutation: str = ""
 
 
-_campaign: Campaign | None = None
-
-
-def campaign_of(options: CampaignOptions) -> Campaign:
-    """The campaign, in this process.
+def campaign_of(options: CampaignOptions, folder: Path | None = None) -> Campaign:
+    """The campaign, in this process; its files lie in `folder`, or where the system keeps temporary files.
 
     Raises
     ------
@@ -64,21 +63,17 @@ def campaign_of(options: CampaignOptions) -> Campaign:
     settings = settings_of(description)
     if options.mutation and options.mutation not in MUTATIONS:
         raise DescriptionError(f"mutation '{options.mutation}': expected one of {', '.join(MUTATIONS)}")
-    simulation = Simulation(description, nominal)
+    simulation = Simulation(description, nominal, folder)
     if not options.mutation:
         return Campaign(simulation, Guard(nominal, description.robot, settings), options.seed)
     return MUTATIONS[options.mutation](simulation, settings, options.seed)
 
 
-def _start(options: CampaignOptions) -> None:
-    global _campaign  # noqa: PLW0603  (one campaign in a worker process, which keeps its cell)
-    _campaign = campaign_of(options)
+_kept = cache(campaign_of)  # a worker process keeps its cell
 
 
-def _run(number: int) -> RunRow:
-    if _campaign is None:
-        raise RuntimeError("the worker was not started")
-    return _campaign.run(number)
+def _run(options: CampaignOptions, folder: Path, number: int) -> RunRow:
+    return _kept(options, folder).run(number)
 
 
 def run_campaign(
@@ -105,8 +100,12 @@ def run_campaign(
     done = {row.number for row in file.rows}
     missing = [number for number in range(runs) if number not in done]
     count = min(workers or os.cpu_count() or 1, max(len(missing), 1))
-    with ProcessPoolExecutor(count, get_context("spawn"), _start, (options,)) as pool:
-        for row in pool.map(_run, missing):
+    # Worker processes end without freeing what they keep.
+    with (
+        TemporaryDirectory(prefix="scancell-campaign-") as files,
+        ProcessPoolExecutor(count, get_context("spawn")) as pool,
+    ):
+        for row in pool.map(partial(_run, options, Path(files)), missing):
             file.append(row)
             if progress:
                 progress(row)

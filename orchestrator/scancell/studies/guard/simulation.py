@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,9 +77,11 @@ class Simulation(Closing):
         Description.
     nominal
         Its geometry with a part.
+    folder
+        For the files of the FMU; None: where the system keeps temporary files.
     """
 
-    def __init__(self, cell: CellDescription, nominal: NominalCell) -> None:
+    def __init__(self, cell: CellDescription, nominal: NominalCell, folder: Path | None = None) -> None:
         self.description, self.nominal = cell, nominal
         self._cycle_us = cell.world.controller_cycle_us
         # Nothing but the controller moves the bodies: one step of the dynamics in a sample is enough. Of the collision
@@ -87,8 +90,7 @@ class Simulation(Closing):
         collision = cell.collision.model_copy(update={"range_mm": _RANGE_MM})
         stepped = cell.model_copy(update={"world": world, "collision": collision})
         self._described = {seen: cell_json(stepped, nominal, 0, collision_outputs=seen) for seen in (False, True)}
-        self._cells = {seen: ReusableCell() for seen in self._described}
-        self._inner = set(arm_chain(nominal))
+        self._cells = {seen: ReusableCell(folder) for seen in self._described}
 
     @cached_property
     def scene(self) -> ProximityScene:
@@ -110,10 +112,11 @@ class Simulation(Closing):
     def _judge(self) -> Judge:
         return Judge({body.name: body.mesh for body in self.nominal.bodies}, self.scene.pairs, self.scene.names)
 
-    @property
+    @cached_property
     def inner(self) -> NDArray[np.bool_]:
         """Which pairs of the scene are two bodies of the arm."""
-        return np.array([a in self._inner and b in self._inner for a, b in self.scene.pairs])
+        arm = set(arm_chain(self.nominal))
+        return np.array([a in arm and b in arm for a, b in self.scene.pairs])
 
     def run(
         self,
