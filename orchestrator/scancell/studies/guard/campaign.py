@@ -36,7 +36,8 @@ _AFTER = 1.0  # s: twins that collide do it later
 _NEAR_MISS = 0.05  # m
 _START_OUTSIDE, _START_INSIDE = 0.06, 0.015  # m: least clearances at the start, to other bodies and within the arm
 _DRAWS = 1000  # scenarios tried for a run
-_ROUGH = 0.01  # m by which bodies may be nearer between the samples of a first look
+_SPARSE = 8  # cycles between the samples of a first look
+_ROUGH = 0.01  # m by which bodies may be nearer between them
 _SEEN = 0.06  # m: clearances of guarded runs are not looked for beyond
 _SLOW = ChannelDescription(delay_ms=4.0, jitter_ms=2.0)
 
@@ -114,12 +115,12 @@ class RunRow:
 
 @dataclass(frozen=True)
 class Twin:
-    """A scenario without a guard: its course, the first contact, and distances (n, pairs), m, once a cycle."""
+    """A scenario without a guard: its course, the first contact, and the smallest distance to other bodies, m."""
 
     scenario: Scenario
     course: Course
     contact: tuple[float, str] | None
-    clearances: Array
+    clearance: float
     draws: int
 
 
@@ -178,16 +179,17 @@ class Campaign(Closing):
         return float(clearances[:, apart].min()), contact[1] if contact else ""
 
     def _twin(self, number: int, third: str, operation: Operation) -> Twin:
-        simulation = self._simulation
+        simulation, inner = self._simulation, self._simulation.inner
+        looked = np.where(inner, _ROUGH, _NEAR_MISS + _ROUGH)
         rng = np.random.default_rng([self._seed, number, 0])
         for draws in range(1, _DRAWS + 1):
             scenario = random_scenario(operation, simulation.nominal, self._start(rng), rng)
             rough = simulation.run(scenario, rough=True)
-            least = simulation.clearances(rough.axes[::2], _NEAR_MISS + _ROUGH, rough=True)
-            outside = least[:, ~simulation.inner].min(1)
+            least = simulation.clearances(rough.axes[::_SPARSE], looked, rough=True)
+            outside = least[:, ~inner].min(1)
             # What the twin can be by this first look; a course into a contact is ended before it for a near miss.
             possible = {
-                THIRDS[0]: least.min() <= _ROUGH,
+                THIRDS[0]: outside.min() <= _ROUGH or (least[:, inner] < _ROUGH).any(),
                 THIRDS[1]: outside.min() <= _NEAR_MISS,
                 THIRDS[2]: outside.min() >= _NEAR_MISS,
             }
@@ -196,22 +198,22 @@ class Campaign(Closing):
             if third == THIRDS[1] and outside.min() < _ROUGH:
                 scenario = _ended_before(scenario, rough, outside, rng)
             course = simulation.run(scenario)
-            clearances = simulation.clearances(course.axes[::SAMPLES], self._distance.max() + 0.015, rough=True)
+            clearance = self._nearest(course, self._distance.max() + 0.015, rough=True)
             contact = simulation.contact(course)
             if contact is None:
-                found = THIRDS[1 if clearances[:, ~simulation.inner].min() < _NEAR_MISS else 2]
+                found = THIRDS[1 if clearance < _NEAR_MISS else 2]
             else:
                 found = THIRDS[0] if contact[0] >= _AFTER else ""
             if found == third:
-                return Twin(scenario, course, contact, clearances, draws)
+                return Twin(scenario, course, contact, clearance, draws)
         raise RuntimeError(f"run {number}: none of {_DRAWS} scenarios is one of '{third}'")
 
     def _start(self, rng: np.random.Generator) -> Array:
         simulation = self._simulation
+        least = np.where(simulation.inner, _START_INSIDE, _START_OUTSIDE)
         while True:
             start = random_start(simulation.nominal, rng)
-            clearance, inner = simulation.clearances(start[None], _START_OUTSIDE)[0], simulation.inner
-            if clearance[~inner].min() >= _START_OUTSIDE and clearance[inner].min() >= _START_INSIDE:
+            if (simulation.clearances(start[None], least)[0] >= least).all():
                 return start
 
     def _guarded(self, scenario: Scenario, number: int, fault: str) -> Course:
@@ -231,10 +233,14 @@ class Campaign(Closing):
 
         return self._simulation.run(scenario, link, self._max_age)
 
+    def _nearest(self, course: Course, farthest: float, rough: bool = False) -> float:
+        """Smallest distance of the arm to other bodies, m, at most `farthest`."""
+        outside = ~self._simulation.inner
+        clearances = self._simulation.clearances(course.axes[::SAMPLES], np.where(outside, farthest, 0.0), rough)
+        return float(clearances[:, outside].min())
+
     def _row(self, number: int, third: str, fault: str, twin: Twin, course: Course) -> RunRow:
         simulation = self._simulation
-        outside = ~simulation.inner
-        clearances = simulation.clearances(course.axes[::SAMPLES], _SEEN)
         contact = simulation.contact(course)
         stop, pair = self._stop_of(course)
         warnings = list(self._warnings(course, FAULTS[fault]))
@@ -246,10 +252,10 @@ class Campaign(Closing):
             twin.draws,
             twin.contact[0] if twin.contact else np.nan,
             twin.contact[1] if twin.contact else "",
-            float(twin.clearances[:, outside].min()),
+            twin.clearance,
             contact[1] if contact else "",
             course.touched,
-            float(clearances[:, outside].min()),
+            self._nearest(course, _SEEN),
             stop,
             course.stopped_at if course.stopped_at is not None else np.nan,
             " - ".join(pair),
@@ -266,11 +272,11 @@ class Campaign(Closing):
 
         On a path that is known, nothing but a contact is a reason to stop: there the distance is 0.
         """
-        pairs = self._simulation.scene.pairs
+        simulation = self._simulation
         manual = twin.scenario.operation is Operation.MANUAL
-        within = (self._distance if manual else 0.0) + 0.01
-        concerned = ~self._simulation.inner | np.array([found == pair for found in pairs])
-        return bool((twin.clearances < within)[:, concerned].any())
+        concerned = ~simulation.inner | np.array([found == pair for found in simulation.scene.pairs])
+        within = np.where(concerned, (self._distance if manual else 0.0) + 0.01, 0.0)
+        return bool((simulation.clearances(twin.course.axes[::SAMPLES], within, rough=True) < within).any())
 
     def _stop_of(self, course: Course) -> tuple[str, tuple[str, ...]]:
         """What stopped the robot, and the pair for which the guard did."""
@@ -288,7 +294,8 @@ class Campaign(Closing):
                 time = (shown - 1e-3 * link.clock_offset_ms) / (1 + 1e-6 * link.clock_drift_ppm)
                 at = int(np.searchsorted(course.times, time - 1e-9))
                 near = course.axes[[max(at - 1, 0), min(at + 1, len(course.axes) - 1)]]
-                before, after = self._simulation.clearances(near, np.inf)[:, pairs.index(decision.pair)]
+                concerned = np.array([pair == decision.pair for pair in pairs])
+                before, after = self._simulation.clearances(near, np.where(concerned, np.inf, 0.0))[:, concerned]
                 yield bool(after < before)
 
 
@@ -312,8 +319,10 @@ def stopping_distances(simulation: Simulation, settings: GuardSettings) -> Array
 
 
 def _ended_before(scenario: Scenario, course: Course, clearance: Array, rng: np.random.Generator) -> Scenario:
-    """A scenario that ends in a random near miss of its `course`; `clearance` (m) is that of every other sample."""
-    at = 2 * int(np.argmax(clearance < rng.uniform(0.1, 0.9) * _NEAR_MISS))
+    """A scenario that ends in a random near miss of its `course`; `clearance` (m) is that of its sparse samples."""
+    near = rng.uniform(0.1, 0.9) * _NEAR_MISS
+    after = int(np.argmax(clearance < near))
+    at = round(_SPARSE * np.interp(-near, -clearance[after - 1 : after + 1], [after - 1, after]))
     time = float(course.times[at])
     given = [command for command in scenario.commands if command.time < time]
     if scenario.operation is Operation.MANUAL and given:

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scancell.cell.fmu_file import cell_json
 from scancell.cell.instance import CellInstance
@@ -160,8 +160,11 @@ class Simulation(Closing):
             joint["start"] = float(angle)
         return self._cells[seen].start(described)
 
-    def clearances(self, axes: Array, farthest: float = _FAR, rough: bool = False) -> Array:
-        """Distances (n, pairs), m, of the pairs of the scene, at most `farthest`; `rough` ones are within 1 mm."""
+    def clearances(self, axes: Array, farthest: ArrayLike = _FAR, rough: bool = False) -> Array:
+        """Distances (n, pairs), m, of the pairs of the scene, at most `farthest`; `rough` ones are within 1 mm.
+
+        `farthest` is one for all pairs or (pairs,); the smaller, the faster.
+        """
         scene = self._rough_scene if rough else self.scene
         return scene.distances(self.nominal.body_poses(axes[:, :-1], axes[:, -1]), farthest, 1)
 
