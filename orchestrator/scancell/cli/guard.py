@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -65,13 +65,12 @@ class GuardedOptions:
     cell: Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")] = None
     unit: UnitOption = "mm"
     seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1
-    mutation: Annotated[str, typer.Option("--mutation", help="deliberate error of the guard")] = ""
 
     def of(self, part: Path) -> CampaignOptions:
         """Of a campaign with a part."""
         from scancell.studies.guard.run import CampaignOptions  # noqa: PLC0415
 
-        return CampaignOptions(str(self.cell) if self.cell else None, str(part), self.unit, self.seed, self.mutation)
+        return CampaignOptions(str(self.cell) if self.cell else None, str(part), self.unit, self.seed)
 
 
 @guard_app.command("campaign")
@@ -117,24 +116,26 @@ def _show(row: RunRow) -> None:
 def guard_search(
     part: Annotated[Path, typer.Argument(help="mesh of the part on the table")],
     options: GuardedOptions,
-    runs: Annotated[int, typer.Option("--runs", min=1, help="number of guarded runs")] = 500,
+    runs: Annotated[int, typer.Option("--runs", min=1, help="largest number of guarded runs of a search")] = 500,
+    error: Annotated[str, typer.Option("--error", help="deliberate error of the guard; 'all': each of them")] = "",
+    workers: WorkersOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Steer a person who jogs, and the network, to the worst moment; the status is 1 if that leads to a collision."""
-    contact = ""
+    """Steer a person who jogs, and the network, to the worst moment, at the limits of what the guard assumes.
+
+    The status is 1 if a guard without an error lets the robot collide.
+    """
+    collided = False
 
     def work() -> Outcome:
-        nonlocal contact
-        from scancell.studies.guard.run import campaign_of  # noqa: PLC0415
-        from scancell.studies.guard.search import search  # noqa: PLC0415
+        nonlocal collided
+        from scancell.studies.guard.run import search, search_all, search_table  # noqa: PLC0415
 
-        tried: list[float] = []
-        with campaign_of(options.of(part)) as campaign:
-            worst = search(campaign, runs, options.seed, lambda attempt: tried.append(attempt.clearance))
-        contact = worst.contact
-        figures = {"runs": len(tried), "clearance_mm": 1e3 * worst.clearance, "contact": contact}
-        return Outcome([f"  {name:<14} {value}" for name, value in figures.items()], figures)
+        campaign = options.of(part)
+        found = list(search_all(campaign, runs, workers) if error == "all" else [search(campaign, runs, error)])
+        collided = any(outcome.contact for outcome in found if not outcome.error)
+        return Outcome(list(search_table(found)), {"searches": [asdict(one) for one in found]})
 
     run("guard search", as_json, work)
-    if contact:
+    if collided:
         raise typer.Exit(EXIT_ERROR)

@@ -8,7 +8,7 @@ Where no stop is proved, the answer is an emergency stop, and the proof of an ea
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +33,6 @@ from scancell.proximity.motion_check import MotionCheck, MotionClash
 Array = NDArray[np.float64]
 
 _MAX_FACES = 400
-_MAX_ERROR = 1e-3  # m, of reduced meshes
 _STATES = 3
 _BEEP = 0.5  # s to a contact
 _STILL = 1e-6  # rad: a path that is no motion
@@ -76,6 +75,8 @@ class Guard:
         Description of the robot: the limits of jogging.
     settings
         The worst case.
+    ignored
+        Pairs of bodies, in either order, that are not compared.
 
     Attributes
     ----------
@@ -90,11 +91,13 @@ class Guard:
         nominal: NominalCell,
         robot: RobotDescription,
         settings: GuardSettings | None = None,
+        ignored: Collection[tuple[str, str]] = (),
     ) -> None:
         self.settings = settings = settings or GuardSettings()
         self._axes = len(nominal.arm.joints) + 1
-        meshes = {body.name: reduced(body.mesh, _MAX_FACES, _MAX_ERROR) for body in nominal.bodies}
+        meshes = {body.name: reduced(body.mesh, _MAX_FACES, settings.mesh_error) for body in nominal.bodies}
         scene = cell_scene(nominal, {name: found.mesh for name, found in meshes.items()})
+        scene = scene.without([frozenset(pair) for pair in ignored])
         clearance = settings.position_error + np.array([meshes[a].error + meshes[b].error for a, b in scene.pairs])
         deceleration = settings.deceleration * nominal.axis_max_acceleration
         worst = WorstCase(

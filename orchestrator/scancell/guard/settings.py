@@ -24,6 +24,8 @@ class GuardSettings:
         Largest error of the measured angles, rad.
     position_error
         By which bodies may be elsewhere than the nominal geometry says, m.
+    mesh_error
+        Largest error of the simplified meshes that the guard compares, m: it adds to the distance to be kept.
     deceleration
         Share of the axes' accelerations that braking attains.
     horizon
@@ -37,6 +39,7 @@ class GuardSettings:
     noise: float = float(np.radians(0.005))
     angle_error: float = float(np.radians(0.025))
     position_error: float = 1e-3
+    mesh_error: float = 1e-3
     deceleration: float = 0.95
     horizon: float = 1.0
     threads: int = 1

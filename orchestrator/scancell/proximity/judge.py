@@ -33,6 +33,8 @@ class Judge:
         self._meshes, self._pairs, self._names = meshes, pairs, names
         number = {name: i for i, name in enumerate(names)}
         self._index = np.array([(number[a], number[b]) for a, b in pairs], np.int64).reshape(-1, 2)
+        self._middle = np.array([meshes[name].bounds.mean(0) for name in names])
+        self._half = np.array([np.ptp(meshes[name].bounds, axis=0) / 2 for name in names])
         concerned = {name for pair in pairs for name in pair}
         self._models = {name: fcl_model(meshes[name].vertices, meshes[name].faces) for name in concerned}
 
@@ -41,7 +43,9 @@ class Judge:
         import fcl  # noqa: PLC0415  (most commands make no plan)
 
         poses = np.asarray(poses, float)
-        near = _near(self._meshes, self._names, self._index, poses) & _moved(self._index, poses)
+        near = np.zeros((len(poses), len(self._pairs)), bool)
+        columns = self._within_reach(poses)
+        near[:, columns] = self._overlapping(poses, self._index[columns])
         request, result = fcl.CollisionRequest(), fcl.CollisionResult()
         for i, k in zip(*np.nonzero(near), strict=True):
             objects = []
@@ -51,6 +55,36 @@ class Judge:
             if fcl.collide(*objects, request, result):
                 return Clash(int(i), self._pairs[k][0], self._pairs[k][1], 0.0, 0.0)
         return None
+
+    def _within_reach(self, poses: Array) -> NDArray[np.int64]:
+        """Pairs whose bounding spheres overlap at one of the poses."""
+        rotation, position = poses[..., :3, :3], poses[..., :3, 3]
+        centre = position + (rotation @ self._middle[..., None])[..., 0]
+        one, other = self._index.T
+        between = np.linalg.norm(centre[:, one] - centre[:, other], axis=-1)
+        radius = np.linalg.norm(self._half, axis=1)
+        return np.flatnonzero((between <= radius[one] + radius[other]).any(0))
+
+    def _overlapping(self, poses: Array, index: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether bodies (pairs, 2) moved since the pose before and their bounding boxes overlap, (n, pairs).
+
+        The boxes are compared in the frames of both bodies.
+        """
+        one, other = index.T
+        first, second = poses[:, one], poses[:, other]
+        back = np.swapaxes(first[..., :3, :3], -1, -2)
+        turn = back @ second[..., :3, :3]
+        offset = (back @ (second[..., :3, 3] - first[..., :3, 3])[..., None])[..., 0]
+        reach = np.abs(turn)
+        middle, half = self._middle, self._half
+        in_first = offset + np.einsum("npij,pj->npi", turn, middle[other]) - middle[one]
+        overlap = (np.abs(in_first) <= half[one] + np.einsum("npij,pj->npi", reach, half[other])).all(-1)
+        in_second = np.einsum("npji,npj->npi", turn, in_first)
+        overlap &= (np.abs(in_second) <= half[other] + np.einsum("npji,pj->npi", reach, half[one])).all(-1)
+        moved = np.ones_like(overlap)
+        moved[1:] = (np.abs(np.diff(offset, axis=0)) > _STILL).any(-1)
+        moved[1:] |= (np.abs(np.diff(turn, axis=0)) > _STILL).any((-1, -2))
+        return np.asarray(overlap & moved)
 
 
 def first_collision(
@@ -69,32 +103,3 @@ def fcl_model(vertices: Array, faces: NDArray[np.int64]) -> Any:
     model.addSubModel(np.ascontiguousarray(vertices), np.ascontiguousarray(faces))
     model.endModel()
     return model
-
-
-def _near(
-    meshes: Mapping[str, Mesh], names: Sequence[str], index: NDArray[np.int64], poses: Array
-) -> NDArray[np.bool_]:
-    """Whether the bounding boxes of pairs, each in the frame of the other body, overlap, (n, pairs)."""
-    middle = np.array([meshes[name].bounds.mean(0) for name in names])
-    half = np.array([np.ptp(meshes[name].bounds, axis=0) / 2 for name in names])
-    overlaps = np.ones((len(poses), len(index)), bool)
-    for one, other in (index.T, index[:, ::-1].T):
-        rotation, position = poses[..., :3, :3], poses[..., :3, 3]
-        centre = position + (rotation @ middle[..., None])[..., 0]
-        between = np.swapaxes(rotation[:, one], -1, -2) @ (centre[:, other] - centre[:, one])[..., None]
-        turned = np.swapaxes(rotation[:, one], -1, -2) @ rotation[:, other]
-        reach = half[one] + (np.abs(turned) @ half[other][..., None])[..., 0]
-        overlaps &= (np.abs(between[..., 0]) <= reach).all(-1)
-    return overlaps
-
-
-def _moved(index: NDArray[np.int64], poses: Array) -> NDArray[np.bool_]:
-    """Whether the bodies of a pair moved relative to each other since the pose before, (n, pairs)."""
-    first, second = poses[:, index[:, 0]], poses[:, index[:, 1]]
-    rotation = np.swapaxes(first[..., :3, :3], -1, -2)
-    relative = np.concatenate(
-        [rotation @ second[..., :3, :3], rotation @ (second[..., :3, 3] - first[..., :3, 3])[..., None]], -1
-    )
-    moved = np.ones((len(poses), len(index)), bool)
-    moved[1:] = (np.abs(np.diff(relative, axis=0)) > _STILL).any((-1, -2))
-    return moved

@@ -8,7 +8,7 @@ run, so that campaigns can be interrupted, and single runs repeated.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,27 +17,18 @@ from scancell.cell.controller import Operation
 from scancell.closing import Closing
 from scancell.config.channel import ChannelDescription, LinkDescription
 from scancell.config.units import si_value
-from scancell.guard.guard import Decision, Guard
-from scancell.guard.link import Link, faulty_link
-from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.guard import Guard
 from scancell.guard.settings import GuardSettings
 from scancell.guard.stopping import braking_time
-from scancell.guard.transport import InProcess
 from scancell.guard.unseen import UnseenApproach, jog_limits
 from scancell.proximity.motion_bounds import MotionBounds
-from scancell.studies.guard.scenario import Scenario, random_scenario, random_start
+from scancell.studies.guard.guarded import GuardedRuns
 from scancell.studies.guard.simulation import SAMPLES, Course, Simulation
+from scancell.studies.guard.twins import THIRDS, Twin, Twins
 
 Array = NDArray[np.float64]
 
-THIRDS = ("collision", "near miss", "ordinary")
-_COMPUTE = 0.004  # s that an answer takes
-_AFTER = 1.0  # s: twins that collide do it later
-_NEAR_MISS = 0.05  # m
-_START_OUTSIDE, _START_INSIDE = 0.06, 0.015  # m: least clearances at the start, to other bodies and within the arm
-_DRAWS = 1000  # scenarios tried for a run
-_SPARSE = 8  # cycles between the samples of a first look
-_ROUGH = 0.01  # m by which bodies may be nearer between them
+_DURATION = 4.0  # s, of a run
 _SEEN = 0.06  # m: clearances of guarded runs are not looked for beyond
 _SLOW = ChannelDescription(delay_ms=4.0, jitter_ms=2.0)
 
@@ -113,17 +104,6 @@ class RunRow:
     arrived_at: float
 
 
-@dataclass(frozen=True)
-class Twin:
-    """A scenario without a guard: its course, the first contact, and the smallest distance to other bodies, m."""
-
-    scenario: Scenario
-    course: Course
-    contact: tuple[float, str] | None
-    clearance: float
-    draws: int
-
-
 class Campaign(Closing):
     """Runs of a campaign.
 
@@ -135,17 +115,12 @@ class Campaign(Closing):
         Its guard.
     seed
         Of the campaign.
-    max_age
-        Of the controller, s; None: that of the guard.
     """
 
-    link_type = Link  # how the cell receives answers
-
-    def __init__(self, simulation: Simulation, guard: Guard, seed: int, max_age: float | None = None) -> None:
-        self._simulation, self._guard, self._seed = simulation, guard, seed
-        self._max_age = guard.settings.max_age if max_age is None else max_age
-        self._log: list[tuple[float, Decision]] = []
-        self._observed = _Observed(guard, self._log)
+    def __init__(self, simulation: Simulation, guard: Guard, seed: int) -> None:
+        self._simulation, self._seed = simulation, seed
+        self._twins = Twins(simulation, seed, _DURATION)
+        self._guarded = GuardedRuns(simulation, guard)
         self._distance = stopping_distances(simulation, guard.settings)
 
     def close(self) -> None:
@@ -157,87 +132,18 @@ class Campaign(Closing):
         third = THIRDS[number % len(THIRDS)]
         operation = Operation(number // len(THIRDS) % 2)
         fault = list(FAULTS)[number // (2 * len(THIRDS)) % len(FAULTS)]
-        twin = self._twin(number, third, operation)
-        course = self._guarded(twin.scenario, number, fault)
+        twin = self._twins.draw(number, third, operation)
+        course = self._guarded.run(twin.scenario, *self._network(number, fault))
         return self._row(number, third, fault, twin, course)
 
-    def colliding_twin(self, number: int) -> Twin:
-        """A twin in manual operation that collides."""
-        return self._twin(number, THIRDS[0], Operation.MANUAL)
-
-    def attempt(self, scenario: Scenario, dead_from: float | None) -> tuple[float, str]:
-        """Smallest distance (m) in a guarded run over a link that may die, and the pair in contact.
-
-        Bodies of the arm that are near each other at the start have no part in the distance.
-        """
-        to_guard = _SLOW.model_copy(update={"dead_from_s": dead_from})
-        to_cell = _SLOW.model_copy(update={"replay": 0.3, "replay_ms": 400.0})
-        course = self._run_guarded(scenario, LinkDescription(to_guard=to_guard, to_cell=to_cell), 0)
-        contact = self._simulation.contact(course)
-        clearances = self._simulation.clearances(course.axes)
-        apart = ~self._simulation.inner | (clearances[0] >= _NEAR_MISS)
-        return float(clearances[:, apart].min()), contact[1] if contact else ""
-
-    def _twin(self, number: int, third: str, operation: Operation) -> Twin:
-        simulation, inner = self._simulation, self._simulation.inner
-        looked = np.where(inner, _ROUGH, _NEAR_MISS + _ROUGH)
-        rng = np.random.default_rng([self._seed, number, 0])
-        for draws in range(1, _DRAWS + 1):
-            scenario = random_scenario(operation, simulation.nominal, self._start(rng), rng)
-            rough = simulation.run(scenario, rough=True)
-            least = simulation.clearances(rough.axes[::_SPARSE], looked, rough=True)
-            outside = least[:, ~inner].min(1)
-            # What the twin can be by this first look; a course into a contact is ended before it for a near miss.
-            possible = {
-                THIRDS[0]: outside.min() <= _ROUGH or (least[:, inner] < _ROUGH).any(),
-                THIRDS[1]: outside.min() <= _NEAR_MISS,
-                THIRDS[2]: outside.min() >= _NEAR_MISS,
-            }
-            if not possible[third]:
-                continue
-            if third == THIRDS[1] and outside.min() < _ROUGH:
-                scenario = _ended_before(scenario, rough, outside, rng)
-            course = simulation.run(scenario)
-            clearance = self._nearest(course, self._distance.max() + 0.015, rough=True)
-            contact = simulation.contact(course)
-            if contact is None:
-                found = THIRDS[1 if clearance < _NEAR_MISS else 2]
-            else:
-                found = THIRDS[0] if contact[0] >= _AFTER else ""
-            if found == third:
-                return Twin(scenario, course, contact, clearance, draws)
-        raise RuntimeError(f"run {number}: none of {_DRAWS} scenarios is one of '{third}'")
-
-    def _start(self, rng: np.random.Generator) -> Array:
-        simulation = self._simulation
-        least = np.where(simulation.inner, _START_INSIDE, _START_OUTSIDE)
-        while True:
-            start = random_start(simulation.nominal, rng)
-            if (simulation.clearances(start[None], least)[0] >= least).all():
-                return start
-
-    def _guarded(self, scenario: Scenario, number: int, fault: str) -> Course:
+    def _network(self, number: int, fault: str) -> tuple[LinkDescription, int]:
+        """Faults and their seed."""
         rng = np.random.default_rng([self._seed, number, 1])
         description, seed = FAULTS[fault], int(rng.integers(2**32))
         if fault == "dead":
             dead = description.to_cell.model_copy(update={"dead_from_s": float(rng.uniform(0.5, 3.0))})
             description = description.model_copy(update={"to_cell": dead})
-        return self._run_guarded(scenario, description, seed)
-
-    def _run_guarded(self, scenario: Scenario, description: LinkDescription, seed: int) -> Course:
-        self._observed.reset()
-
-        def link() -> Link:
-            transport = InProcess(self._observed, _COMPUTE)
-            return faulty_link(transport, description, self._max_age, seed, self.link_type)
-
-        return self._simulation.run(scenario, link, self._max_age)
-
-    def _nearest(self, course: Course, farthest: float, rough: bool = False) -> float:
-        """Smallest distance of the arm to other bodies, m, at most `farthest`."""
-        outside = ~self._simulation.inner
-        clearances = self._simulation.clearances(course.axes[::SAMPLES], np.where(outside, farthest, 0.0), rough)
-        return float(clearances[:, outside].min())
+        return description, seed
 
     def _row(self, number: int, third: str, fault: str, twin: Twin, course: Course) -> RunRow:
         simulation = self._simulation
@@ -255,7 +161,7 @@ class Campaign(Closing):
             twin.clearance,
             contact[1] if contact else "",
             course.touched,
-            self._nearest(course, _SEEN),
+            simulation.clearance(course, _SEEN),
             stop,
             course.stopped_at if course.stopped_at is not None else np.nan,
             " - ".join(pair),
@@ -284,12 +190,12 @@ class Campaign(Closing):
             return "", ()
         if not any(answer.emergency_stop and time <= course.stopped_at + 1e-9 for time, answer in course.answers):
             return "age", ()
-        return "guard", next(decision.pair for _, decision in self._log if decision.stop)
+        return "guard", next(decision.pair for _, decision in self._guarded.log if decision.stop)
 
     def _warnings(self, course: Course, link: LinkDescription) -> Iterator[bool]:
         """Whether the pair of each warning truly approached when the state was measured."""
         pairs = self._simulation.scene.pairs
-        for shown, decision in self._log:
+        for shown, decision in self._guarded.log:
             if "contact in" in decision.text:
                 time = (shown - 1e-3 * link.clock_offset_ms) / (1 + 1e-6 * link.clock_drift_ppm)
                 at = int(np.searchsorted(course.times, time - 1e-9))
@@ -316,34 +222,3 @@ def stopping_distances(simulation: Simulation, settings: GuardSettings) -> Array
     by_joints = MotionBounds(nominal, pairs).pairs(np.append(nominal.home, 0.0)[None], (rates * longest)[None])[0]
     by_tool = si_value(robot.motion, "jog_speed_mm_s") * longest
     return np.asarray(np.where(simulation.inner, np.minimum(by_joints, by_tool), by_tool) + changed)
-
-
-def _ended_before(scenario: Scenario, course: Course, clearance: Array, rng: np.random.Generator) -> Scenario:
-    """A scenario that ends in a random near miss of its `course`; `clearance` (m) is that of its sparse samples."""
-    near = rng.uniform(0.1, 0.9) * _NEAR_MISS
-    after = int(np.argmax(clearance < near))
-    at = round(_SPARSE * np.interp(-near, -clearance[after - 1 : after + 1], [after - 1, after]))
-    time = float(course.times[at])
-    given = [command for command in scenario.commands if command.time < time]
-    if scenario.operation is Operation.MANUAL and given:
-        last = replace(given[-1], time=time, values=np.zeros_like(given[-1].values))
-        return replace(scenario, commands=(*given, last))
-    return replace(scenario, commands=(replace(scenario.commands[0], values=course.axes[at]),))
-
-
-class _Observed:
-    """A guard whose decisions are written down with the times of the states."""
-
-    def __init__(self, guard: Guard, log: list[tuple[float, Decision]]) -> None:
-        self._guard, self._log = guard, log
-
-    def answer(self, state: CellState) -> GuardMessage:
-        """The guard's."""
-        message = self._guard.answer(state)
-        self._log.append((state.time, self._guard.decision))
-        return message
-
-    def reset(self) -> None:
-        """The guard's."""
-        self._log.clear()
-        self._guard.reset()

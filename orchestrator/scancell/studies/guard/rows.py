@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from scancell.errors import DescriptionError
-from scancell.studies.guard.campaign import THIRDS, RunRow
+from scancell.studies.guard.campaign import RunRow
+from scancell.studies.guard.twins import THIRDS
 
 _READ: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "str": str, "bool": lambda text: text == "True"}
 

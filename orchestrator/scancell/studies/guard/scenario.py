@@ -13,7 +13,6 @@ from scancell.nominal.cell import NominalCell
 
 Array = NDArray[np.float64]
 
-DURATION = 4.0  # s
 _PAUSE = 0.4  # s in which the arm comes to rest between kinds of jogs
 _NEAR_HOME = 0.7  # rad
 
@@ -40,17 +39,21 @@ class Command:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Commands from a start (joints + 1,), rad, on, in the order of time."""
+    """Commands from a start (joints + 1,), rad, on, in the order of time, for `duration` s."""
 
     operation: Operation
     start: Array
     commands: tuple[Command, ...]
+    duration: float
 
 
-def random_scenario(operation: Operation, nominal: NominalCell, start: Array, rng: np.random.Generator) -> Scenario:
-    """A person who jogs, or moves to random places one after the other."""
-    draw = _jogs if operation is Operation.MANUAL else _moves
-    return Scenario(operation, start, tuple(draw(nominal, start, rng)))
+def random_scenario(
+    operation: Operation, nominal: NominalCell, start: Array, duration: float, rng: np.random.Generator
+) -> Scenario:
+    """A person who jogs, or moves to random places one after the other, for `duration` s."""
+    if operation is Operation.MANUAL:
+        return Scenario(operation, start, tuple(_jogs(nominal, start, duration, rng)), duration)
+    return Scenario(operation, start, tuple(_moves(nominal, start, rng)), duration)
 
 
 def random_start(nominal: NominalCell, rng: np.random.Generator) -> Array:
@@ -64,11 +67,11 @@ def random_start(nominal: NominalCell, rng: np.random.Generator) -> Array:
     return np.append(np.clip(q, lower + 0.02, upper - 0.02), 0.0)
 
 
-def _jogs(nominal: NominalCell, start: Array, rng: np.random.Generator) -> list[Command]:
+def _jogs(nominal: NominalCell, start: Array, duration: float, rng: np.random.Generator) -> list[Command]:
     commands: list[Command] = []
     time, before = 0.1, None
     cartesian = len(nominal.arm.joints) - len(nominal.arm.held) == 6
-    while time < DURATION:
+    while time < duration:
         mode = Mode.TOOL_JOG if cartesian and rng.random() < 0.5 else Mode.JOINT_JOG
         if before is not None and mode is not before:
             commands.append(Command(time, before, np.zeros(len(start))))
@@ -78,7 +81,7 @@ def _jogs(nominal: NominalCell, start: Array, rng: np.random.Generator) -> list[
         values = np.zeros(len(start))
         values[chosen] = rng.choice([-1.0, 1.0], len(chosen)) * rng.choice([1.0, rng.uniform(0.1, 1.0)])
         commands.append(Command(time, mode, values, Frame(int(rng.integers(2)))))
-        time += rng.uniform(0.3, 1.5) if rng.random() < 0.5 else rng.uniform(1.5, DURATION)
+        time += rng.uniform(0.3, 1.5) if rng.random() < 0.5 else rng.uniform(1.5, duration)
         before = mode
     return commands
 

@@ -23,7 +23,7 @@ from scancell.nominal.cell import NominalCell
 from scancell.proximity.cell_scene import arm_chain, cell_scene
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import ProximityScene
-from scancell.studies.guard.scenario import DURATION, Operator, Scenario
+from scancell.studies.guard.scenario import Operator, Scenario
 
 Array = NDArray[np.float64]
 
@@ -137,7 +137,7 @@ class Simulation(Closing):
         times, axes, answers = [0.0], [cell.get(truth).copy()], []
         stopped = arrived = None
         touched = False
-        while cell.time_us < DURATION * 1e6 and not touched:
+        while cell.time_us < scenario.duration * 1e6 and not touched:
             now = cell.time_us * 1e-6
             operator.act()
             answers += [(now, answer) for answer in guarded.poll()]
@@ -167,6 +167,12 @@ class Simulation(Closing):
         """
         scene = self._rough_scene if rough else self.scene
         return scene.distances(self.nominal.body_poses(axes[:, :-1], axes[:, -1]), farthest, 1)
+
+    def clearance(self, course: Course, farthest: float, rough: bool = False) -> float:
+        """Smallest distance of the arm to other bodies, m, at most `farthest`."""
+        outside = ~self.inner
+        clearances = self.clearances(course.axes[::SAMPLES], np.where(outside, farthest, 0.0), rough)
+        return float(clearances[:, outside].min())
 
     def contact(self, course: Course) -> tuple[float, str] | None:
         """Time and pair of the first contact that python-fcl finds in the recorded motion."""
