@@ -131,7 +131,7 @@ class GuardMessage:
     monitor_speed
         Greatest rate of the path clock allowed, 0 to 1.
     emergency_stop
-        Whether the robot must stop at once. Single answers may be lost: the guard repeats it until it is reset.
+        Whether the robot must stop at once. Single answers may be lost: the guard repeats it until the robot rests.
     text
         For the pendant, printable, at most 120 bytes of UTF-8.
     beep
