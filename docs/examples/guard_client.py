@@ -13,8 +13,8 @@ session, guard, last, sent = secrets.randbelow(2**64 - 1) + 1, 0, None, {}  # gu
 
 def state(sequence: int, now: float, *axes: float) -> bytes:
     """State of six joints and a table in manual operation (0), jogging joints (4), moving (1), no path ahead."""
-    header = (b"SCGD", 1, 1, 118, session, guard, sequence)
-    packet = struct.pack("<4sBBHQQIdddBBBBH7d", *header, now, 1.0, 0.0, 0, 4, 1, 6, 0, *axes)
+    header = (b"SCGD", 1, 1, 126, session, guard, sequence)
+    packet = struct.pack("<4sBBHQQIddddBBBBH7d", *header, now, 1.0, 0.0, 0.0, 0, 4, 1, 6, 0, *axes)
     return packet + struct.pack("<I", zlib.crc32(packet))
 
 

@@ -19,6 +19,9 @@ inline constexpr EnumerationItem kModeItems[] = {
     {"program", "segments of a program"},
 };
 
+/// Whether a person moves the axes by hand.
+constexpr bool is_jog(Mode mode) { return mode == Mode::kJointJog || mode == Mode::kCartesianJog; }
+
 enum class Operation : std::int32_t { kManual, kAutomatic };
 inline constexpr EnumerationItem kOperationItems[] = {
     {"manual", "only jogs (modes 4 and 5) move the robot"},
@@ -108,6 +111,8 @@ struct Report {
   double guard_age = 0;        // s
   double guard_share = 1;      // share of the monitor speed that the guard allows
   bool guard_stopped = false;  // the guard has stopped the robot
+  bool guard_waits = false;    // a programmed motion waits at its start for an answer of the guard
+  std::int64_t path_us = 0;    // instant at which the running or last programmed motion was taken up
   Axes destination{};
 };
 

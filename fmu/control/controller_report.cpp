@@ -14,15 +14,15 @@ Report RobotController::report(std::int64_t time_us) const {
   if (state_.stopped) report.phase = Phase::kEmergencyStop;
   report.error = state_.error;
   if (report.error == ControllerError::kNone) report.error = state_.path_error;
-  if (report.error == ControllerError::kNone &&
-      (state_.mode == Mode::kJointJog || state_.mode == Mode::kCartesianJog))
-    report.error = jog_.state().error;
+  if (report.error == ControllerError::kNone && is_jog(state_.mode)) report.error = jog_.state().error;
   report.limit = state_.path_limit != 0 ? state_.path_limit : servo_.state().limit;
   report.progress = move_.progress();
   report.path_clock = path_clock(time_us);
   report.guard_age = state_.guard.age(time_us);
   report.guard_share = state_.guard.share;
   report.guard_stopped = state_.guard.stopped;
+  report.guard_waits = waits_for_guard();
+  report.path_us = state_.guard.path_us;
   report.destination = state_.destination;
   report.at_destination = !report.moving && present_position() == state_.destination;
   return report;
@@ -40,8 +40,11 @@ bool RobotController::motion_runs() const {
   return move_.active() || state_.advanced_us == servo_.state().start_us;
 }
 
+/// Whether a programmed motion waits at its start for an answer to a state that shows its path.
+bool RobotController::waits_for_guard() const { return move_.active() && state_.guard.waits(); }
+
 RunningSegment RobotController::running_segment(std::int64_t time_us) const {
-  if (!motion_runs() || !move_.state().segment) return {};
+  if (!motion_runs() || waits_for_guard() || !move_.state().segment) return {};
   return {state_.runs, path_clock(time_us)};
 }
 

@@ -15,7 +15,7 @@ double GuardWatch::age(std::int64_t now_us) const {
 
 bool GuardWatch::read(std::int64_t now_us, double cycle, const Command& command, bool resets) {
   if (command.guard_us <= now_us) answered_us = std::max(answered_us, command.guard_us);
-  const bool guarded = command.guard_max_age > 0;
+  guarded = command.guard_max_age > 0;
   const bool too_old = guarded && age(now_us) > command.guard_max_age;
   share = guarded ? share_of_guard(age(now_us) + cycle, command.guard_max_age) : 1;
   if (resets && !too_old) stopped = false;

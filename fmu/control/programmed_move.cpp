@@ -24,15 +24,19 @@ Axes positions(const Knots& knots) {
 
 }  // namespace
 
-void ProgrammedMove::start(const MotionPath& path, const PathReport& report, double rate) {
+void ProgrammedMove::start(const MotionPath& path, const PathReport& report) {
   const bool nothing_to_go = std::isinf(report.profile.speed);
-  state_ = {!nothing_to_go, nullptr, path, {}, {0, rate}, {0, rate}};
+  state_ = {!nothing_to_go, nullptr, path, {}, {}, {}};
   if (!nothing_to_go) state_.profile = SmoothProfile::over(1, report.profile);
   state_.path.to = report.end;
 }
 
-void ProgrammedMove::start(std::shared_ptr<const ProgramSegment> segment, double rate) {
-  state_ = {true, std::move(segment), {}, {}, {0, rate}, {0, rate}};
+void ProgrammedMove::start(std::shared_ptr<const ProgramSegment> segment) {
+  state_ = {true, std::move(segment), {}, {}, {}, {}};
+}
+
+void ProgrammedMove::begin(double rate) {
+  if (state_.end.clock == 0) state_.start = state_.end = {0, rate};
 }
 
 /// Axes at a value of the path clock, and their derivatives with respect to it.

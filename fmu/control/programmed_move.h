@@ -27,9 +27,12 @@ class ProgrammedMove {
  public:
   ProgrammedMove(const ArmGeometry& arm, const Limits& limits) : arm_(arm), limits_(limits) {}
 
-  /// Starts on a checked path with the given clock rate; stays inactive where start and end coincide.
-  void start(const MotionPath& path, const PathReport& report, double rate);
-  void start(std::shared_ptr<const ProgramSegment> segment, double rate);
+  /// Takes up a checked path, at rest at its start; stays inactive where start and end coincide.
+  void start(const MotionPath& path, const PathReport& report);
+  void start(std::shared_ptr<const ProgramSegment> segment);
+
+  /// Sets the clock rate at the start of the path, where the axes rest at any rate; no effect beyond it.
+  void begin(double rate);
 
   /// Advances by one cycle (seconds) from `present`; inactive once the end is reached. Throws
   /// std::logic_error where the inverse kinematics fails on a path that was checked.

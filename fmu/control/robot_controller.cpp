@@ -11,7 +11,6 @@ namespace {
 constexpr double kMaxMonitorSlope = 4;  // 1/s: from standstill to full speed in 0.25 s
 constexpr double kUnlimitedSlope = std::numeric_limits<double>::infinity();
 
-bool jogs(Mode mode) { return mode == Mode::kJointJog || mode == Mode::kCartesianJog; }
 /// Programmed motions: on a path that is known as a whole.
 bool moves(Mode mode) {
   return mode == Mode::kJointMove || mode == Mode::kLineMove || mode == Mode::kProgram;
@@ -19,7 +18,7 @@ bool moves(Mode mode) {
 /// Modes that may follow each other while the axes move.
 bool streams(Mode mode) { return mode == Mode::kHold || mode == Mode::kServo; }
 
-bool streams_commands(Mode mode) { return mode == Mode::kServo || jogs(mode); }
+bool streams_commands(Mode mode) { return mode == Mode::kServo || is_jog(mode); }
 
 ControllerError error_of(PathFault fault) {
   switch (fault) {
@@ -110,15 +109,15 @@ void RobotController::watch_guard(std::int64_t now_us, const Command& command, b
 
 /// Rate of the path clock that a programmed motion approaches.
 double RobotController::target_rate(const Command& command) const {
-  return state_.guard.stopped ? 0 : command.monitor_speed * state_.guard.share;
+  return command.monitor_speed * state_.guard.permitted_share();
 }
 
 ControllerError RobotController::check_preconditions(std::int64_t now_us, const Command& command) const {
   if (state_.stopped) return ControllerError::kEmergencyStop;
   if (command.mode == Mode::kHold) return ControllerError::kNone;
   const bool manual = command.operation == Operation::kManual;
-  if (manual && !jogs(command.mode)) return ControllerError::kManualOperation;
-  if (!manual && jogs(command.mode)) return ControllerError::kAutomaticOperation;
+  if (manual && !is_jog(command.mode)) return ControllerError::kManualOperation;
+  if (!manual && is_jog(command.mode)) return ControllerError::kAutomaticOperation;
   const auto age = static_cast<double>(now_us - state_.heartbeat_us) * kSecondsPerMicrosecond;
   const bool watched = command.max_age > 0 && streams_commands(command.mode);
   if (watched && age > command.max_age) return ControllerError::kHeartbeatTimeout;
@@ -132,7 +131,7 @@ Mode RobotController::requested_mode(const Command& command) const {
 void RobotController::enter(Mode mode) {
   state_.mode = mode;
   move_.cancel();
-  if (jogs(mode)) jog_.enter(present());
+  if (is_jog(mode)) jog_.enter(present());
   if (moves(mode)) return;
   state_.pending_move.pending = false;
   state_.path_error = ControllerError::kNone;
@@ -171,11 +170,13 @@ void RobotController::run(std::int64_t now_us, const Command& command) {
 void RobotController::run_move(std::int64_t now_us, const Command& command) {
   if (state_.pending_move.pending && state_.pending_move.mode == state_.mode) {
     if (!at_rest()) return brake(now_us);
-    state_.mode == Mode::kProgram ? plan_segment(command) : plan(command);
+    state_.mode == Mode::kProgram ? plan_segment() : plan();
     state_.pending_move = {};
+    if (move_.active()) state_.guard.path_us = now_us;
   }
   if (!move_.active()) return hold(now_us);
   const double rate = target_rate(command);
+  move_.begin(rate);
   const bool guard_slows = rate < std::min(command.monitor_speed, move_.rate());
   advance(now_us, {rate, guard_slows ? kUnlimitedSlope : kMaxMonitorSlope});
 }
@@ -185,8 +186,8 @@ void RobotController::advance(std::int64_t now_us, const RateRamp& change) {
   state_.advanced_us = now_us;
 }
 
-/// Starts the pending move from rest, if its path is feasible.
-void RobotController::plan(const Command& command) {
+/// Takes up the pending move from rest, if its path is feasible.
+void RobotController::plan() {
   const PendingMove& pending_move = state_.pending_move;
   const bool line = pending_move.mode == Mode::kLineMove;
   const Axes from = present_position();
@@ -200,11 +201,11 @@ void RobotController::plan(const Command& command) {
   move_.cancel();
   if (report.fault != PathFault::kNone) return;
   state_.destination = report.end;
-  move_.start(path, report, target_rate(command));
+  move_.start(path, report);
 }
 
-/// Starts the pending segment from rest, if the axes are where it starts and it keeps the limits.
-void RobotController::plan_segment(const Command& command) {
+/// Takes up the pending segment from rest, if the axes are where it starts and it keeps the limits.
+void RobotController::plan_segment() {
   const std::shared_ptr<const ProgramSegment> segment = state_.pending_move.segment;
   move_.cancel();
   state_.path_error = ControllerError::kNoSegment;
@@ -215,7 +216,7 @@ void RobotController::plan_segment(const Command& command) {
   if (report.fault != PathFault::kNone) return;
   state_.destination = report.end;
   ++state_.runs;
-  move_.start(segment, target_rate(command));
+  move_.start(segment);
 }
 
 /// Brakes: a programmed motion on its path, a jog in its direction, and servo motion axis by axis or, in an

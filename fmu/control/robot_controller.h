@@ -69,9 +69,9 @@ struct RunningSegment {
 /// an infeasible one does not start. In manual operation only jogs are accepted, in automatic operation
 /// everything else.
 ///
-/// A guard that watches the robot must answer states of the robot in time. Programmed motions slow down with
-/// the age of the last answer and rest on their paths where it is too old, until a reset; set-points and jogs
-/// then end in an emergency stop.
+/// A guard that watches the robot must answer states of the robot in time. A programmed motion waits at its
+/// start until a state that shows its path is answered. It slows down with the age of the last answer and
+/// rests on its path where that is too old, until a reset; set-points and jogs then end in an emergency stop.
 class RobotController {
  public:
   RobotController(const ControllerSettings& settings, const ArmGeometry& arm, const Axes& start);
@@ -92,7 +92,7 @@ class RobotController {
   /// Whether a command that is read now starts a motion.
   bool starts(const Command& command) const { return command.start > state_.start; }
 
-  /// The segment that runs at an instant of the current cycle.
+  /// The segment that runs at an instant of the current cycle; none while it waits for the guard.
   RunningSegment running_segment(std::int64_t time_us) const;
 
   ControllerState state() const;
@@ -103,14 +103,15 @@ class RobotController {
   void watch_guard(std::int64_t now_us, const Command& command, bool resets);
   double target_rate(const Command& command) const;
   bool motion_runs() const;
+  bool waits_for_guard() const;
   ControllerError check_preconditions(std::int64_t now_us, const Command& command) const;
   Mode requested_mode(const Command& command) const;
   void enter(Mode mode);
   void run(std::int64_t now_us, const Command& command);
   void brake(std::int64_t now_us);
   void run_move(std::int64_t now_us, const Command& command);
-  void plan(const Command& command);
-  void plan_segment(const Command& command);
+  void plan();
+  void plan_segment();
   void advance(std::int64_t now_us, const RateRamp& change);
   ClockPoint path_clock(std::int64_t time_us) const;
   void hold(std::int64_t now_us);

@@ -157,7 +157,7 @@ void exchange(A& a, PendingMove& v) {
 }
 template <class A>
 void exchange(A& a, GuardWatch& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.answered_us, v.share, v.stopped);
+  ROBOTCELL_EXCHANGE(a, v, v.answered_us, v.path_us, v.guarded, v.share, v.stopped);
 }
 template <class A>
 void exchange(A& a, ControllerState& v) {

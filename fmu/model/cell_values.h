@@ -258,14 +258,15 @@ struct MotionCommand {
                      "Simulation time of the state of the robot that the last message of the guard answers. "
                      "Times in the future, and earlier ones than the latest so far, are ignored"},
                     -kMaxGuardTime, kMaxGuardTime)),
-        field(
-            c.guard_max_age,
-            bounded({"guard.max_age", kSecond,
-                     "Largest allowed age of command.guard.time. Moves and segments slow down from full "
-                     "speed at half this age to rest at this age and wait on their paths for an increase of "
-                     "command.reset; older, set-points and jogs (modes 1, 4, 5) end in an emergency stop; 0: "
-                     "no guard"},
-                    0)));
+        field(c.guard_max_age,
+              bounded(
+                  {"guard.max_age", kSecond,
+                   "Largest allowed age of command.guard.time. Moves and segments wait at their start until "
+                   "command.guard.time is after controller.path_time; they slow down from full speed at "
+                   "half this age to rest at this age and wait on their paths for an increase of "
+                   "command.reset; older, set-points and jogs (modes 1, 4, 5) end in an emergency stop; 0: "
+                   "no guard"},
+                  0)));
   }
 };
 
@@ -444,6 +445,7 @@ struct ControllerOutputs {
   bool at_destination = true;
   std::array<double, kAxes> destination{};
   double guard_age = 0;  // s
+  double path_time = 0;  // s
 
   template <class Visitor>
   static void declare(Visitor& visit, ControllerOutputs& o) {
@@ -483,7 +485,12 @@ struct ControllerOutputs {
         field(o.guard_age, bounded(continuous({"guard.age", kSecond,
                                                "Age of the latest state of the robot that a message of the "
                                                "guard has answered (command.guard.time)"}),
-                                   0)));
+                                   0)),
+        field(o.path_time,
+              {"path_time", kSecond,
+               "Simulation time at which the controller took up the running or last move or segment: from "
+               "then on controller.ahead shows its path. With a guard it waits at its start for a later "
+               "command.guard.time"}));
   }
 };
 
@@ -494,14 +501,16 @@ struct PendantOutputs {
 
   template <class Visitor>
   static void declare(Visitor& visit, PendantOutputs& o) {
-    visit(o,
-          field(o.text,
-                {"text", kNone,
-                 "Text on the pendant: why the controller stops, slows down or rejects its command, else "
-                 "command.pendant.text"}),
-          field(o.beep,
-                {"beep", kNone,
-                 "True while the pendant beeps: command.pendant.beep, or the guard has stopped the robot"}));
+    visit(
+        o,
+        field(
+            o.text,
+            {"text", kNone,
+             "Text on the pendant: why the controller stops, waits, slows down or rejects its command, else "
+             "command.pendant.text"}),
+        field(o.beep,
+              {"beep", kNone,
+               "True while the pendant beeps: command.pendant.beep, or the guard has stopped the robot"}));
   }
 };
 

@@ -112,7 +112,7 @@ void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
 std::string Cell::refusal() const {
   const control::Report report = controller_.report(time_us_);
   if (report.error == control::ControllerError::kNone) return "";
-  const ControllerOutputs outputs = outputs_of(report, description_.joints.size());
+  const ControllerOutputs outputs = outputs_of(report, description_.joints.size(), start_time_);
   std::string text = enumeration_of<control::ControllerError>.items[outputs.error].text;
   if (report.error == control::ControllerError::kNoSegment) return text + ": " + program_fault_;
   if (outputs.limit != 0) text += ": axis " + std::to_string(outputs.limit);
@@ -127,7 +127,7 @@ void Cell::write_outputs(const CellInputs& inputs, CellOutputs& outputs) const {
   outputs.trigger_queued = trigger_.queued();
   outputs.trigger = trigger_.current_record();
   const control::Report report = controller_.report(time_us_);
-  outputs.controller = outputs_of(report, description_.joints.size());
+  outputs.controller = outputs_of(report, description_.joints.size(), start_time_);
   outputs.pendant = pendant_of(report, refusal(), inputs.pendant);
   outputs.gripper = gripper_outputs();
   if (description_.dynamics) {

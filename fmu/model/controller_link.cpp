@@ -78,7 +78,7 @@ control::Command command_of(const MotionCommand& motion) {
   return command;
 }
 
-ControllerOutputs outputs_of(const control::Report& report, std::size_t joints) {
+ControllerOutputs outputs_of(const control::Report& report, std::size_t joints, double start_time) {
   const bool table_limited = report.limit == static_cast<std::int32_t>(kTableAxis) + 1;
   return {static_cast<std::int32_t>(report.mode),
           static_cast<std::int32_t>(report.phase),
@@ -90,7 +90,8 @@ ControllerOutputs outputs_of(const control::Report& report, std::size_t joints) 
           report.path_clock.rate,
           report.at_destination,
           report.destination,
-          report.guard_age};
+          report.guard_age,
+          start_time + static_cast<double>(report.path_us) * kSecondsPerMicrosecond};
 }
 
 PendantOutputs pendant_of(const control::Report& report, const std::string& refusal,
@@ -103,6 +104,8 @@ PendantOutputs pendant_of(const control::Report& report, const std::string& refu
     pendant.text = "Stopped: guard message too old, reset to go on";
   } else if (!refusal.empty()) {
     pendant.text = "Rejected: " + refusal;
+  } else if (report.guard_waits) {
+    pendant.text = "Waits for the guard";
   } else if (running && report.guard_share < 1) {
     const auto percent = static_cast<int>(std::lround(100 * report.guard_share));
     pendant.text = "Slowed to " + std::to_string(percent) + " %: guard message is late";

@@ -26,8 +26,8 @@ control::ControllerSettings settings_of(const CellDescription& cell);
 /// Throws std::invalid_argument for an invalid command.
 control::Command command_of(const MotionCommand& motion);
 
-/// Outputs for an arm with this number of joints.
-ControllerOutputs outputs_of(const control::Report& report, std::size_t joints);
+/// Outputs for an arm with this number of joints in a simulation from `start_time` (s) on.
+ControllerOutputs outputs_of(const control::Report& report, std::size_t joints, double start_time);
 
 /// What the pendant shows: messages of the controller precede the commanded one. `refusal` is why the command
 /// is not executed; empty: it is.

@@ -30,8 +30,8 @@ TEXTS = ("", "joint 1 → wall 20 mm", "é" * 60)
 
 _HEADER, _CRC = 28, 4  # bytes
 _BAD = struct.pack("<d", np.nan), struct.pack("<d", np.inf), struct.pack("<d", -1e300)
-_DOUBLES = {1: (28, 36, 44, 58), 2: (32, 40)}  # offsets by kind
-_BYTES = {1: (52, 53, 54, 55, 57), 2: (48, 49, 50)}
+_DOUBLES = {1: (28, 36, 44, 52, 66), 2: (32, 40)}  # offsets by kind
+_BYTES = {1: (60, 61, 62, 63, 65), 2: (48, 49, 50)}
 
 
 def random_state(rng: np.random.Generator, sequence: int, joints: int | None = None) -> CellState:
@@ -48,6 +48,7 @@ def random_state(rng: np.random.Generator, sequence: int, joints: int | None = N
         float(rng.random()),
         rng.uniform(-7, 7, (rows, axes)),
         0.016 if rows else 0.0,
+        float(rng.uniform(-1, sequence * PERIOD)) if rows else 0.0,
     )
 
 

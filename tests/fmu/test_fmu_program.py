@@ -331,14 +331,43 @@ def test_guard_message_age_slows_and_stops(build: Build, tmp_path: Path, version
     assert cell.get_int("controller.moving")
 
 
-def test_guard_time_counts_from_the_start_time(build: Build) -> None:
+@VERSIONS
+def test_segment_waits_at_its_start_for_the_guard(build: Build, tmp_path: Path, version: int) -> None:
+    """In view and without exposures, until a state is answered that shows its path; then it is only late."""
+    cell = build(version)
+    cell.set("command.guard.max_age", 0.4)
+    cell.step(CYCLE_US, 2)
+    begin = cell.time_us * 1e-6
+    cell.set("command.guard.time", begin)
+    cell.trigger(1, 0.1, exposure=2 * LEAD, segment=4)
+    cell.set("command.trigger.to", 2.0)
+    start(cell, write(tmp_path, program_data()))
+    cell.step(CYCLE_US, 5)
+    np.testing.assert_array_equal(cell.vector("measured.q", 6), START)
+    assert cell.get_string("pendant.text") == "Waits for the guard"
+    assert not cell.get_int("controller.moving")
+    assert not cell.get_int("controller.at_destination")
+    assert cell.get_int("trigger.count") == 0
+    assert cell.get("controller.path_time", "controller.rate") == pytest.approx([begin, 0])
+    assert cell.get("controller.ahead[32].table")[0] > 0.01
+    for table in TURN * eased(TIMES / TIMES[-1])[1:]:
+        cell.set("command.guard.time", cell.time_us * 1e-6)
+        cell.step(CYCLE_US)
+        assert cell.get("measured.table")[0] == pytest.approx(table, abs=1e-12)
+    assert cell.get_int("trigger.count") == 21
+    assert cell.get("controller.path_time")[0] == pytest.approx(begin)
+
+
+def test_times_of_guard_and_path_count_from_the_start_time(build: Build, tmp_path: Path) -> None:
     cell = build()
     cell.slave.reset()
     cell.initialize(start_time=100.0)
     cell.set("command.guard.time", 100.016)
     for k in range(3):
+        if k == 2:
+            start(cell, write(tmp_path, program_data()))
         cell.slave.doStep(100 + k * CYCLE, CYCLE)
-    assert cell.get("controller.guard.age")[0] == pytest.approx(2 * CYCLE)
+    assert cell.get("controller.guard.age", "controller.path_time") == pytest.approx([2 * CYCLE, 100 + 2 * CYCLE])
 
 
 def test_pendant_shows_given_text_and_stops(build: Build) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -224,6 +225,15 @@ def test_faults_of_the_clock_do_not_change_the_age():
     run(link, guard, 2)
     assert link.age(5.0) == pytest.approx(5.0 * 1.001)
     assert [state.time for state in guard.states] == pytest.approx([3600.0, 3600.0 + 1.001 * PERIOD])
+
+
+def test_time_of_a_path_is_that_of_the_same_clock_as_the_state():
+    guard = JointLimitGuard()
+    faults = LinkDescription(clock_offset_ms=3.6e6, clock_drift_ppm=1000)
+    link = faulty_link(InProcess(guard), faults, age_limit=0.1, seed=5)
+    link.send(replace(state_at(5), ahead=np.zeros((1, 7)), spacing=PERIOD, path_time=4 * PERIOD), 5 * PERIOD)
+    assert link.poll(5 * PERIOD)
+    assert guard.states[0].path_time == pytest.approx(3600.0 + 1.001 * 4 * PERIOD)
 
 
 def test_reset_opens_a_session_with_a_restarted_guard():

@@ -188,23 +188,6 @@ def test_unknown_motion_is_a_stop():
     assert guard.answer(state_of(7 + int(4 * SETTINGS.max_age / POLL), axes)).emergency_stop
 
 
-def test_no_move_is_permitted_before_its_path_is_known():
-    """At rest in automatic operation; the path of a move that waits at its start sets it free."""
-    rng = np.random.default_rng(50)
-    axes = near_home(rng)
-    guard = guard_of(boxes())
-
-    def automatic(number: int, ahead: np.ndarray) -> CellState:
-        return CellState(number, POLL * number, Operation.AUTOMATIC, Mode.JOINT_MOVE, False, axes, 0.0, ahead, POLL)
-
-    assert guard.answer(automatic(0, np.tile(axes, (32, 1)))).monitor_speed <= 0.05
-    path = axes + 0.02 * np.minimum(np.arange(1, 33), 10)[:, None] * np.eye(7)[0]
-    message = guard.answer(automatic(1, path))
-    assert (message.monitor_speed, message.emergency_stop) == (1.0, False)
-    resting = CellState(2, POLL * 2, Operation.AUTOMATIC, Mode.HOLD, False, axes)
-    assert guard.answer(resting).monitor_speed <= 0.05
-
-
 def test_reset_forgets_states_stop_and_numbers():
     rng = np.random.default_rng(47)
     axes = near_home(rng)

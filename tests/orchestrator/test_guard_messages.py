@@ -78,16 +78,17 @@ def test_every_bit_flip_and_truncation_is_refused(message):
         (36, struct.pack("<d", 1.5)),  # rate
         (36, struct.pack("<d", -0.5)),
         (44, struct.pack("<d", 0.1)),  # spacing without a path ahead
-        (52, b"\2"),  # operation
-        (53, b"\7"),  # mode
-        (54, b"\2"),  # moving
-        (55, b"\0"),  # joints
-        (55, b"\7"),
-        (55, b"\x09"),
-        (56, b"\1\0"),  # rows of the path ahead
-        (56, b"\xff\xff"),
-        (58, struct.pack("<d", np.inf)),  # an axis
-        (58, struct.pack("<d", 1e5)),
+        (52, struct.pack("<d", 0.1)),  # time of a path without a path ahead
+        (60, b"\2"),  # operation
+        (61, b"\7"),  # mode
+        (62, b"\2"),  # moving
+        (63, b"\0"),  # joints
+        (63, b"\7"),
+        (63, b"\x09"),
+        (64, b"\1\0"),  # rows of the path ahead
+        (64, b"\xff\xff"),
+        (66, struct.pack("<d", np.inf)),  # an axis
+        (66, struct.pack("<d", 1e5)),
     ],
 )
 def test_wrong_values_of_a_state_are_refused_though_the_crc_is_right(at, new):
@@ -128,6 +129,9 @@ def test_wrong_values_of_an_answer_are_refused_though_the_crc_is_right(at, new):
         {"ahead": np.zeros((2, 6)), "spacing": 0.1},
         {"ahead": np.zeros((2, 7))},
         {"spacing": 0.1},
+        {"ahead": np.zeros((2, 7)), "spacing": 0.1, "path_time": 0.1},  # later than the state
+        {"ahead": np.zeros((2, 7)), "spacing": 0.1, "path_time": np.nan},
+        {"path_time": -0.1},
         {"sequence": -1},
         {"sequence": 2**32},
         {"time": np.nan},

@@ -158,6 +158,15 @@ def test_speed_rises_again_when_the_path_is_clear():
             assert (verdict.clash, verdict.monitor_speed, verdict.stop_is_proved) == (None, 1.0, True)
 
 
+def test_no_speed_is_allowed_where_less_than_the_least_room_is_left():
+    """At rest with 10 ms of path clock to the wall: it waits, and a stop is proved."""
+    rng = np.random.default_rng(67)
+    for line in blocked(rng, 4):
+        verdict = line.check().check(line.ahead(line.contact - 0.01), POLL, 0.0, 0.0)
+        assert 0 <= verdict.free < 0.02
+        assert (verdict.monitor_speed, verdict.stop_is_proved) == (0.0, True)
+
+
 def test_end_of_a_motion_needs_no_room_behind_it():
     """A path that ends within what is known is free however near the wall is; of one that goes on, that is unknown."""
     rng = np.random.default_rng(65)
@@ -178,9 +187,12 @@ def test_end_of_a_motion_needs_no_room_behind_it():
 
 
 def worst_stop(line: Line, rate: float, allowed: float) -> np.ndarray:
-    """Path clock (n,) of the latest stop: the rate grows to `allowed` until the reaction time is over."""
+    """Path clock (n,) of the latest stop: the rate grows to `allowed` until the reaction time is over.
+
+    At the start of a path it is that at once.
+    """
     times = np.arange(0, REACTION, TICK)
-    rates = np.minimum(rate + RATE_SLOPE * times, max(allowed, rate))
+    rates = np.minimum((rate or allowed) + RATE_SLOPE * times, max(allowed, rate))
     braking = (np.abs(line.rates) / deceleration()).max()  # s from the rate 1
     slowing = np.arange(rates[-1], 0, -TICK / braking)
     return np.cumsum(np.concatenate([rates, slowing])) * TICK

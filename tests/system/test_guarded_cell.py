@@ -126,7 +126,7 @@ class Rig:
     def __post_init__(self) -> None:
         self.guarded = GuardedCell(self.cell, self.cycle_us, self.link, AGE)
         self._truth = self.cell.real_group(["truth.q[1]"])
-        self._axes = self.cell.real_group(self.cell.axis_names("command."))
+        self.targets = self.cell.real_group(self.cell.axis_names("command."))
         self._speed = self.cell.real_group(["command.speed"])
         self._jog = self.cell.real_group(["command.jog[1]"])
         self.rate = self.cell.real_group(["controller.rate"])
@@ -139,7 +139,7 @@ class Rig:
             self.cell.set(self._jog, np.array([1.0]))
         else:
             self.cell.set_integer("command.mode", Mode.JOINT_MOVE)
-            self.cell.set(self._axes, np.append(self.nominal.home + np.eye(6)[0] * 1.7 * TO_POST, 0.0))
+            self.cell.set(self.targets, np.append(self.nominal.home + np.eye(6)[0] * 1.7 * TO_POST, 0.0))
             self.cell.set(self._speed, np.array([0.18]))
             self.cell.set_integer("command.start", 1)
 
@@ -283,8 +283,8 @@ def test_stop_from_the_last_permission_is_free_of_contact(post, tmp_path):
     assert by_guard < run.angles[-1]
 
 
-def test_move_that_the_guard_has_not_seen_gets_nowhere(post, tmp_path):
-    """The guard dies as it begins: what was permitted at rest is far less than a millimetre at the sensor."""
+def test_move_that_the_guard_has_not_seen_does_not_begin(post, tmp_path):
+    """The guard dies before it; what it permitted at rest is no permission to move."""
     with served(post[0]) as (process, port), rig(post[0], tmp_path, port) as run:
         run.cell.set_integer("command.operation", Operation.AUTOMATIC)
         run.cycles(20)
@@ -293,10 +293,33 @@ def test_move_that_the_guard_has_not_seen_gets_nowhere(post, tmp_path):
         process.wait()
         run.transport.answers = False
         run.start(Operation.AUTOMATIC)
+        run.cycles(2)
+        assert run.cell.get_string("pendant.text") == "Waits for the guard"
         run.until(lambda: run.cell.get_integer("controller.error") == TIMEOUT)
         run.cycles(10)
         assert run.rests()
-        assert 0 < run.angles[-1] < 1e-3
+        assert np.ptp(run.angles) == 0
+
+
+def test_each_move_of_a_chain_waits_for_an_answer_to_a_state_that_shows_it(post, tmp_path):
+    """There and back, the second one given while the first is under way: it stops on its path first."""
+    with served(post[0]) as (_, port), rig(post[0], tmp_path, port) as run:
+        path_time = run.cell.real_group(["controller.path_time"])
+        run.start(Operation.AUTOMATIC)
+        run.until(lambda: run.angles[-1] > MOVED)
+        first = float(run.cell.get(path_time)[0])
+        run.cell.set(run.targets, np.append(run.nominal.home, 0.0))
+        run.cell.set_integer("command.start", 2)
+        run.until(lambda: run.cell.get(path_time)[0] > first)
+        second = float(run.cell.get(path_time)[0])
+        run.until(lambda: not run.rests())
+        waited = 1e-6 * (run.cell.time_us - run.cycle_us) - second
+        shown = [time for time, _ in run.answers if time > second]
+        assert len(shown) >= 1
+        assert 1e-6 * run.cycle_us <= waited <= 4e-6 * run.cycle_us
+        run.until(lambda: run.cell.get_boolean("controller.at_destination"))
+        assert abs(run.angles[-1]) < 1e-9
+        assert not any(stop for _, stop in run.answers)
 
 
 @pytest.mark.parametrize("known", ["obstacle", "points"])

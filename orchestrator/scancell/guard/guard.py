@@ -36,9 +36,6 @@ _MAX_FACES = 400
 _STATES = 3
 _BEEP = 0.5  # s to a contact
 _STILL = 1e-6  # rad: a path that is no motion
-# Monitor speed while no path is known: a move that begins unseen gets a fraction of a millimetre far in the reaction
-# time, and one that was stopped just before its end still arrives.
-_UNKNOWN_PATH = 0.05
 
 
 @dataclass(frozen=True)
@@ -134,11 +131,12 @@ class Guard:
             raise MessageError(f"axes: {axes}: expected {self._axes}, the cell's joints and table")
         if state.operation is not self._operation:
             self._states.clear()
+            self._speeds = deque([(state.time, 1.0)])  # what was allowed before is not known
             self._operation = state.operation
         decision = self._by_hand(state) if state.operation is Operation.MANUAL else self._on_path(state)
         self.decision = decision
         # A stop goes on until the robot rests; then it is the controller that waits for a person's reset.
-        self._stopping = state.moving and (self._stopping or decision.stop)
+        self._stopping = decision.stop or (self._stopping and state.moving)
         self._number = (self._number + 1) % 2**32
         text = decision.text.encode()[:MAX_TEXT].decode(errors="ignore")
         return GuardMessage(
@@ -175,8 +173,8 @@ class Guard:
         if not len(ahead) and state.moving:
             return Decision(True, text="stop: no path is known")
         if not state.moving and (not len(ahead) or np.ptp(ahead, axis=0).max() <= _STILL):
-            self._speeds.append((state.time, _UNKNOWN_PATH))
-            return Decision(monitor_speed=_UNKNOWN_PATH)
+            self._speeds.append((state.time, 1.0))
+            return Decision()
         verdict = self._path_verdict(state, np.vstack([state.axes, ahead]))
         speed = verdict.monitor_speed
         self._speeds.append((state.time, speed))
@@ -188,10 +186,14 @@ class Guard:
         return Decision(False, speed, f"slowed to {speed:.0%}: {' - '.join(pair)}" if speed < 1 else "", False, pair)
 
     def _path_verdict(self, state: CellState, points: Array) -> PathVerdict:
-        """Verdict, with all monitor speeds that may be in force until its answer arrives."""
-        while self._speeds and self._speeds[0][0] < state.time - self.settings.reaction:
+        """Verdict, with all monitor speeds that may be in force on the path until its answer arrives.
+
+        The controller takes up a path at rest, and waits there for an answer to a later state.
+        """
+        oldest = state.time - self.settings.reaction
+        while self._speeds and (self._speeds[0][0] < oldest or self._speeds[0][0] <= state.path_time):
             self._speeds.popleft()
-        allowed = max((speed for _, speed in self._speeds), default=1.0)
+        allowed = max((speed for _, speed in self._speeds), default=0.0)
         return self._automatic.check(points, state.spacing, state.rate, allowed)
 
 

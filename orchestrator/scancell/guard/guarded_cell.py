@@ -36,6 +36,7 @@ class GuardedCell:
         axes = cell.axis_names("")
         self._measured = cell.real_group([f"measured.{axis}" for axis in axes])
         self._rate = cell.real_group(["controller.rate"])
+        self._path_time = cell.real_group(["controller.path_time"])
         self._ahead = cell.real_group([f"controller.ahead[{k}].{axis}" for k in range(1, _AHEAD + 1) for axis in axes])
         self._guard_time = cell.real_group(["command.guard.time"])
         self._monitor_speed = cell.real_group(["command.monitor_speed"])
@@ -94,4 +95,5 @@ class GuardedCell:
             float(np.clip(cell.get(self._rate)[0], 0.0, 1.0)),
             cell.get(self._ahead).reshape(_AHEAD, len(axes)).copy() if follows else (),
             _POLL_CYCLES * self._cycle_us * 1e-6 if follows else 0.0,
+            float(cell.get(self._path_time)[0]) if follows else 0.0,
         )

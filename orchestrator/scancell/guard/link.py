@@ -30,11 +30,12 @@ class CellFaults:
         return 1e-3 * self._description.clock_offset_ms + time * (1 + 1e-6 * self._description.clock_drift_ppm)
 
     def queried(self, state: CellState) -> CellState:
-        """What is sent in place of a state, whose time is a true one."""
+        """What is sent in place of a state, whose times are true ones."""
         self._measured.append(state)
         is_stale = self._rng.random() < self._description.stale
         sent = self._measured[0] if is_stale else state
-        return replace(sent, sequence=state.sequence, time=self.clock(sent.time))
+        path_time = self.clock(sent.path_time) if sent.spacing else 0.0
+        return replace(sent, sequence=state.sequence, time=self.clock(sent.time), path_time=path_time)
 
 
 class Link:

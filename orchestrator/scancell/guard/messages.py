@@ -27,7 +27,7 @@ MAX_AHEAD = 64
 MAX_TEXT = 120  # bytes
 
 _HEADER = struct.Struct("<4sBBHQQI")
-_STATE = struct.Struct("<dddBBBBH")
+_STATE = struct.Struct("<ddddBBBBH")
 _ANSWER = struct.Struct("<IddBBB")
 _CRC = struct.Struct("<I")
 _LENGTH_AT = 6
@@ -68,6 +68,9 @@ class CellState:
         Axes on the path ahead, (m, joints + 1), rad, one row per `spacing` of path clock; m = 0 in manual operation.
     spacing
         s of path clock; 0 if there is no path ahead.
+    path_time
+        Time at which the controller took up the path ahead, by its clock, s: only answers to later states let it move
+        on the path. 0 if there is no path ahead.
 
     Raises
     ------
@@ -84,6 +87,7 @@ class CellState:
     rate: float = 1.0
     ahead: ArrayLike = ()
     spacing: float = 0.0
+    path_time: float = 0.0
 
     def __post_init__(self) -> None:
         axes = np.array(self.axes, np.float64)
@@ -99,6 +103,8 @@ class CellState:
         _check_number(self, "rate", 0.0, 1.0)
         _check_number(self, "spacing", 0.0, _MAX_SPACING)
         _require((self.spacing > 0) == (len(ahead) > 0), "spacing", self.spacing, "above 0 with a path ahead, else 0")
+        earliest, latest = (-_MAX_TIME, self.time) if len(ahead) else (0.0, 0.0)
+        _check_number(self, "path_time", earliest, latest)
         for name, array in (("axes", axes), ("ahead", ahead)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -107,7 +113,7 @@ class CellState:
         """The packet of a session; `guard` is 0 until the guard's number is known."""
         axes, ahead = np.asarray(self.axes), np.asarray(self.ahead)
         counts = (self.operation, self.mode, bool(self.moving), len(axes) - 1, len(ahead))
-        body = _STATE.pack(self.time, self.rate, self.spacing, *counts)
+        body = _STATE.pack(self.time, self.rate, self.spacing, self.path_time, *counts)
         angles = np.concatenate([axes, ahead.ravel()]).astype("<f8").tobytes()
         return _sealed(Kind.STATE, session, guard, self.sequence, body + angles)
 
@@ -125,7 +131,7 @@ class GuardMessage:
     monitor_speed
         Greatest rate of the path clock allowed, 0 to 1.
     emergency_stop
-        Whether the robot must stop at once. Single answers may be lost: the guard repeats it until it is reset.
+        Whether the robot must stop at once. Single answers may be lost: the guard repeats it until the robot rests.
     text
         For the pendant, printable, at most 120 bytes of UTF-8.
     beep
@@ -214,7 +220,7 @@ def _sealed(kind: Kind, session: int, guard: int, sequence: int, body: bytes) ->
 
 def _decoded_state(sequence: int, body: bytes) -> CellState:
     _require(len(body) >= _STATE.size, "state", f"{len(body)} bytes", f"at least {_STATE.size}")
-    time, rate, spacing, operation, mode, moving, joints, rows = _STATE.unpack_from(body)
+    time, rate, spacing, path_time, operation, mode, moving, joints, rows = _STATE.unpack_from(body)
     _require(1 <= joints <= MAX_JOINTS, "joints", joints, f"1 to {MAX_JOINTS}")
     size = _STATE.size + 8 * (joints + 1) * (1 + rows)
     _require(len(body) == size, "state", f"{len(body)} bytes", f"{size} for {joints} joints and {rows} rows ahead")
@@ -222,7 +228,7 @@ def _decoded_state(sequence: int, body: bytes) -> CellState:
     _require(mode in tuple(Mode), "mode", mode, f"0 to {max(Mode)}")
     angles = np.frombuffer(body, "<f8", offset=_STATE.size).reshape(1 + rows, joints + 1)
     known = (Operation(operation), Mode(mode), _flag("moving", moving))
-    return CellState(sequence, time, *known, angles[0], rate, angles[1:], spacing)
+    return CellState(sequence, time, *known, angles[0], rate, angles[1:], spacing, path_time)
 
 
 def _decoded_answer(sequence: int, body: bytes) -> GuardMessage:

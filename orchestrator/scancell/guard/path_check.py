@@ -22,12 +22,13 @@ _FINER = 4  # parts of a piece of the path that are distinguished
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
 _WORK = 150_000  # comparisons of faces or their bounding volumes: the path is not proved beyond
 _LONGER = 1.5  # braking on a path against braking straight on
-_TARGETS = np.linspace(1.0, 0.0, 51)
+_TARGETS = np.linspace(0.0, 1.0, 51)
 _EASY = 2.0  # 1/s: change of the rate for which the monitor speed leaves room
 _REST = 0.02  # s of path clock that are left when the robot waits
 _STILL = 1e-6  # rad: pieces of a path that are no motion
 
-# Of the controller: the rate follows the monitor speed no faster, 1/s.
+# Of the controller: the rate follows the monitor speed no faster, 1/s, but for the start of a path, where it is that of
+# the monitor speed at once.
 RATE_SLOPE = 4.0
 
 
@@ -91,15 +92,15 @@ class PathCheck:
         """Verdict on the path through `points` (n, joints + 1), rad, `spacing` (s of path clock) apart.
 
         The first point is the measured state, in which the path clock has the `rate`; `allowed` is the largest monitor
-        speed that may be in force until the answer arrives.
+        speed that may be in force until the answer arrives. A path on which the clock stands still may be at its start.
         """
         braking = self._braking(points, spacing)
-        needed = self._advance(rate, max(allowed, rate), braking)
+        needed = self._advance(rate or allowed, max(allowed, rate), braking)
         free, clash = self._free(points, spacing, needed)
         if clash is None and np.abs(points[-1] - points[-2]).max() <= _STILL:
             free = np.inf  # the motion ends within what is known
         room = _REST + 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY) + braking / 2)
-        speed = float(_TARGETS[np.argmax(room <= free)])
+        speed = float(_TARGETS[room <= free].max(initial=0.0))
         return PathVerdict(free, clash, speed, needed <= free)
 
     def _free(self, points: Array, spacing: float, needed: float) -> tuple[float, MotionClash | None]:
