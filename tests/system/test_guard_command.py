@@ -17,6 +17,7 @@ from scancell.config.choices import LOOPBACK
 from scancell.guard.link import Link
 from scancell.guard.messages import CellState
 from scancell.guard.transport import TcpTransport, UdpTransport
+from scancell.jobs.guard_job import guard_of
 
 
 @pytest.mark.parametrize(("protocol", "transport"), [("udp", UdpTransport), ("tcp", TcpTransport)])
@@ -57,3 +58,10 @@ def test_wrong_cell_and_wrong_address(tmp_path):
     done = scancell_here("guard", "serve", "--host", "no host", "--json", cwd=tmp_path)
     assert done.code == 1
     assert "expected an address to listen on" in done.message
+
+
+def test_the_longest_age_is_that_of_the_command_line(tmp_path):
+    assert guard_of(max_age=0.25).settings.max_age == 0.25
+    done = scancell_here("guard", "serve", "--max-age", "0", cwd=tmp_path)
+    assert done.code != 0
+    assert "--max-age" in done.err

@@ -35,6 +35,9 @@ def guard_serve(
     scan: ScanOption = None,
     host: Annotated[str, typer.Option("--host", help="address to listen on")] = LOOPBACK,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="port to listen on; 0: any free one")] = 0,
+    max_age: Annotated[
+        float, typer.Option("--max-age", min=0.03, max=5.0, help="longest age of an answered state, s; as in the cell")
+    ] = 0.12,
     transport: Annotated[
         TransportProtocol, typer.Option("--transport", help="protocol that carries the packets")
     ] = "udp",
@@ -51,7 +54,7 @@ def guard_serve(
         from scancell.guard.server import serve  # noqa: PLC0415
         from scancell.jobs.guard_job import guard_of  # noqa: PLC0415
 
-        counts = serve(guard_of(cell, part, scan, unit=unit), host, port, transport, started)
+        counts = serve(guard_of(cell, part, scan, unit=unit, max_age=max_age), host, port, transport, started)
         lines = [f"  {number:>10} packets {outcome}" for outcome, number in sorted(counts.items())]
         return Outcome(lines or ["  no packets"], {"packets": dict(counts)})
 

@@ -36,6 +36,7 @@ def guard_of(
     *,
     unit: str = "mm",
     settings: GuardSettings | None = None,
+    max_age: float | None = None,
 ) -> Guard:
     """A guard that knows a cell's bodies, the part on its table, and the space that a scan says is occupied.
 
@@ -47,6 +48,8 @@ def guard_of(
         Mesh (m) or mesh file (`unit`); None: the table is empty.
     settings
         The worst case; None: that of the description.
+    max_age
+        Longest age of an answered state, s, in place of that of the settings.
 
     Raises
     ------
@@ -59,4 +62,7 @@ def guard_of(
     if part is None:
         nominal = replace(nominal, bodies=tuple(body for body in nominal.bodies if body.name != "part"))
     nominal = with_occupied_space(nominal, setup.scan.occupied)
-    return Guard(nominal, setup.cell.robot, settings or settings_of(setup.cell))
+    settings = settings or settings_of(setup.cell)
+    if max_age is not None:
+        settings = replace(settings, max_age=max_age)
+    return Guard(nominal, setup.cell.robot, settings)
