@@ -91,7 +91,7 @@ def test_violations_of_a_way_match_those_of_its_motions(cell):
     counts = {True: 0, False: 0}
     for a, b in zip(start, end, strict=True):
         way = np.linspace(a, b, 5)
-        violated, first = check.violations(way), check.first_violations(way, 8)
+        violated, first = check.violations(way[:-1], way[1:]), check.first_violations(way, 8)
         fine = np.linspace(a, b, 4 * 8 * 20 + 1)
         nearest = scene.distances(cell.body_poses(fine[:, :6], fine[:, 6]), 0.05)
         assert violated[nearest.min(0) < 0.01].all()
@@ -109,11 +109,11 @@ def test_used_up_budget_proves_nothing(cell):
     scene = scene_of(cell)
     check = MotionCheck(cell, scene, 0.0)
     way = np.linspace(*(np.append(cell.home + 0.01 * k, 0.0) for k in (0, 1)), 3)
-    assert not check.violations(way).any()
-    assert check.violations(way, budget=Budget(0)).all()
+    assert not check.violations(way[:-1], way[1:]).any()
+    assert check.violations(way[:-1], way[1:], budget=Budget(0)).all()
     assert (check.first_violations(way, 4, budget=Budget(0)) == 0).any()
     budget = Budget(10)
-    assert check.violations(way, budget=budget).any()
+    assert check.violations(way[:-1], way[1:], budget=budget).any()
     assert budget.left <= 0
 
 

@@ -63,10 +63,26 @@ py::array_t<double> bounds(const CellMotion& motion, const Doubles& at, const Do
     motion.place(at.data(i, 0), frames);
     for (py::ssize_t k = 0; k < pairs; ++k) {
       *result.mutable_data(i, k) =
-          motion.bound(frames, static_cast<std::size_t>(k), half.data(i, 0), slack.data(i, 0));
+          motion.motion(frames, static_cast<std::size_t>(k), half.data(i, 0), slack.data(i, 0)).bound;
     }
   }
   return result;
+}
+
+py::tuple tool_poses(const CellMotion& motion, const Doubles& axes, const Doubles& link_from_tool) {
+  const auto count = static_cast<py::ssize_t>(motion.axes());
+  require_shape(axes, "axes", {-1, count});
+  require_shape(link_from_tool, "link_from_tool", {4, 4});
+  py::array_t<double> poses({axes.shape(0), py::ssize_t{4}, py::ssize_t{4}});
+  py::array_t<double> jacobians({axes.shape(0), py::ssize_t{6}, count - 1});
+  Eigen::Matrix<double, 6, Eigen::Dynamic> jacobian;
+  for (py::ssize_t i = 0; i < axes.shape(0); ++i) {
+    const Isometry3d tool = motion.place_tool(axes.data(i, 0), to_pose(link_from_tool.data()), jacobian);
+    Eigen::Map<RowMajor4>(poses.mutable_data(i, 0, 0)) = tool.matrix();
+    Eigen::Map<Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::RowMajor>>(jacobians.mutable_data(i, 0, 0), 6,
+                                                                          count - 1) = jacobian;
+  }
+  return py::make_tuple(poses, jacobians);
 }
 
 Motions to_motions(const MotionProof& proof, const Doubles& start, const Doubles& end,
@@ -146,7 +162,8 @@ void bind_motion(py::module_& module) {
   py::class_<CellMotion>(module, "CellMotion", py::module_local())
       .def(py::init(&make_motion), py::arg("joints"), py::arg("world_from_base"), py::arg("world_from_table"),
            py::arg("bodies"), py::arg("pairs"))
-      .def("bounds", &bounds, py::arg("at"), py::arg("half"), py::arg("slack"));
+      .def("bounds", &bounds, py::arg("at"), py::arg("half"), py::arg("slack"))
+      .def("tool_poses", &tool_poses, py::arg("axes"), py::arg("link_from_tool"));
   py::class_<MotionProof>(module, "MotionProof", py::module_local())
       .def(py::init(&make_proof), py::arg("scene"), py::arg("motion"), py::keep_alive<1, 2>())
       .def("first_clashes", &first_clashes, py::arg("start"), py::arg("end"), py::arg("deviation"),

@@ -68,6 +68,8 @@ class CellMotion:
 
         Axes follow straight lines by `half` (n, axes) times -1 to 1 and deviate from them by up to `slack` (n, axes).
         """
+    def tool_poses(self, axes: ArrayLike, link_from_tool: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """``world_from_tool`` (n, 4, 4) at axes (n, axes), and the geometric Jacobian (n, 6, joints) of its origin."""
 
 class MotionProof:
     """Proofs that motions from `start` to `end`, straight in the axes, keep the clearances of pairs.
