@@ -12,7 +12,7 @@ namespace {
 constexpr std::size_t kBlock = 64;
 
 /// Distance (m) beyond the clearance: longer searches cost more than halving the interval.
-constexpr double kFarthestSearch = 0.05;
+constexpr double kFarthestSearch = 0.01;
 
 /// Comparisons of the search for a violation where the interval is to be halved anyway.
 constexpr std::size_t kPatience = 50;
@@ -302,7 +302,8 @@ std::size_t MotionProof::first_violations(const Motions& motions, std::size_t pa
   return judge.work();
 }
 
-void MotionProof::distances(const double* axes, std::size_t count, const bool* wanted, double* distances) {
+std::size_t MotionProof::distances(const double* axes, std::size_t count, const bool* wanted,
+                                   double* distances) {
   const std::vector<double> still(count * motion_.axes(), 0);
   const Motions motions{axes, axes, still.data(), nullptr, count, 1};
   Judge judge(scene_, motion_, motions, kUnlimited, memory_);
@@ -313,6 +314,7 @@ void MotionProof::distances(const double* axes, std::size_t count, const bool* w
           wanted[pair] ? judge.distance(pair) : std::numeric_limits<double>::quiet_NaN();
     }
   }
+  return judge.work();
 }
 
 }  // namespace robotcell::proximity

@@ -63,7 +63,8 @@ class MotionProof {
   std::size_t first_violations(const Motions& motions, std::size_t parts, std::size_t budget, double* first);
 
   /// Distances (count, pairs), m, at `axes` (count, axes), rad, of some of the pairs; NaN of the others.
-  void distances(const double* axes, std::size_t count, const bool* wanted, double* distances);
+  /// Returns the work.
+  std::size_t distances(const double* axes, std::size_t count, const bool* wanted, double* distances);
 
  private:
   const PairDistances& scene_;

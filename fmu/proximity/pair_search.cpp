@@ -26,7 +26,7 @@ constexpr std::size_t kLargestGrowth = 3;
 constexpr std::size_t kLargestFront = 1 << 16;
 
 /// Largest distance beyond the bound that is searched for the sake of later poses (m). Where the pair moves
-/// too much for it, looking ahead costs more than it saves.
+/// too much for it, and for sweeps, looking ahead costs more than it saves.
 constexpr double kFarthestAhead = 0.02;
 
 /// Upper bound on the relative motion of two bodies since the last search.
@@ -48,7 +48,7 @@ std::optional<ClosestFaces> PairSearch::search(const SearchBody& a, const Search
   if (memory.at_least >= 0) {
     moved = relative_motion(a, b, memory.a_from_b, a_from_b);
     if (memory.at_least - moved >= bound) return std::nullopt;
-    if (kPosesAhead * moved <= kFarthestAhead) ahead = kPosesAhead * moved;
+    if (!sweep && kPosesAhead * moved <= kFarthestAhead) ahead = kPosesAhead * moved;
   }
   a_ = &a;
   b_ = &b;
@@ -200,31 +200,25 @@ bool PairSearch::stays_clear(const Corners& a, const Corners& b, const Vector3d&
 }
 
 /// Whether to split the node of the first body. Where planes may separate children of the nodes it is the one
-/// that reaches farther across, in the sweep, or that alone crosses its plane.
+/// that reaches farther across them, with its motion in the sweep; else the larger one.
 bool PairSearch::split_first(const Node& node) const {
   const BoundingTree& a = a_->tree;
   const BoundingTree& b = b_->tree;
   if (a.is_leaf(node.a) || b.is_leaf(node.b)) return b.is_leaf(node.b);
-  if (planes_ && sweep_) {
+  if (planes_) {
     const Vector3d& normal = planes_->normal_in_a;
-    const double swept = normal.cross(sweep_->turn).norm();
-    const double of_a =
-        a.box(node.a).half_extent(normal) + (sweep_->of_first ? swept * a.sphere(node.a).radius : 0);
-    const double of_b = b.box(node.b).half_extent(planes_->normal_in_b) +
-                        (sweep_->of_first ? 0 : swept * b.sphere(node.b).radius);
     const Vector3d& centre_a = a.sphere(node.a).centre;
     const Vector3d centre_b = rotation_ * b.sphere(node.b).centre + translation_;
-    const Vector3d motion = sweep_->motion(sweep_->of_first ? centre_a : centre_b);
-    const double between = normal.dot(centre_b - centre_a) - std::abs(normal.dot(motion));
-    if (between >= sweep_->clearance) return of_a > of_b;
-  } else if (planes_) {
-    const double highest_a =
-        planes_->normal_in_a.dot(a.sphere(node.a).centre) + a.box(node.a).half_extent(planes_->normal_in_a);
-    const double lowest_b =
-        planes_->normal_in_b.dot(b.sphere(node.b).centre) - b.box(node.b).half_extent(planes_->normal_in_b);
-    const bool crosses_a = highest_a > planes_->offset_a + kTolerance;
-    const bool crosses_b = lowest_b < planes_->offset_b - kTolerance;
-    if (crosses_a != crosses_b) return crosses_a;
+    double gap = normal.dot(centre_b - centre_a), needed = limit();
+    double of_a = a.box(node.a).half_extent(normal), of_b = b.box(node.b).half_extent(planes_->normal_in_b);
+    if (sweep_) {
+      const double swept = normal.cross(sweep_->turn).norm();
+      (sweep_->of_first ? of_a : of_b) +=
+          swept * (sweep_->of_first ? a.sphere(node.a) : b.sphere(node.b)).radius;
+      gap -= std::abs(normal.dot(sweep_->motion(sweep_->of_first ? centre_a : centre_b)));
+      needed = sweep_->clearance;
+    }
+    if (gap >= needed) return of_a > of_b;
   }
   return a.sphere(node.a).radius > b.sphere(node.b).radius;
 }
@@ -242,8 +236,7 @@ double PairSearch::compare(const FacePair& faces) {
     nearest_ = faces;
     nearest_distance_ = found.distance;
     if (!touches) {
-      planes_ = Planes{normal, rotation_.transpose() * normal, normal.dot(found.on_a),
-                       normal.dot(found.on_b - translation_)};
+      planes_ = Planes{normal, rotation_.transpose() * normal};
     }
   }
   if (!(found.distance < best_)) return found.distance;

@@ -89,10 +89,9 @@ class PairSearch {
     double at_least;   // lower bound, m
     bool stays_clear;  // whether the sweep is proved to bring no points nearer than its clearance
   };
-  /// Planes through the closest points found so far, perpendicular to the line between them; in both frames.
+  /// Planes perpendicular to the line between the closest points found so far; in both frames.
   struct Planes {
     Eigen::Vector3d normal_in_a, normal_in_b;
-    double offset_a, offset_b;  // of the first body's plane in its frame, of the second one's in its own, m
   };
 
   static constexpr std::size_t kPatient = std::size_t{1} << 62;

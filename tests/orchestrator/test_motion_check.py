@@ -105,6 +105,34 @@ def test_violations_of_a_way_match_those_of_its_motions(cell):
     assert min(counts.values()) > 5
 
 
+def test_motion_along_a_wall_is_proved_with_little_work(cell):
+    """A slab below the sensor, which joint 1 moves along it: work does not grow as the room beyond the clearance falls.
+
+    The slab is proved for what is just nearer than the true distance, and not for what is farther.
+    """
+    slab = with_body(cell, "slab", box_mesh((4.0, 4.0, 0.01)))
+    scene = ProximityScene({body.name: body.mesh for body in slab.bodies}, [("sensor", "slab")])
+    start, end = np.append(cell.home, 0.0), np.append(cell.home, 0.0)
+    start[0], end[0] = -0.4, 0.4
+    distance = scene.distances(slab.body_poses(start[None, :6], start[6:]), np.inf)[0, 0]
+    works = []
+    for room in (1e-2, 1e-4, 1e-6):
+        budget = Budget(100_000)
+        assert not MotionCheck(slab, scene, distance - room).violations(start[None], end[None], budget=budget).any()
+        works.append(100_000 - budget.left)
+        assert MotionCheck(slab, scene, distance + room).violations(start[None], end[None]).all()
+    assert max(works) < 20 * min(works)
+
+
+def test_parts_of_a_budget_leave_to_the_others_what_they_do_not_use():
+    whole = Budget(100)
+    first = whole.share(4)
+    assert first.left == 25
+    first.spend(5)
+    assert (first.left, whole.left) == (20, 95)
+    assert whole.share(3).left == 31
+
+
 def test_used_up_budget_proves_nothing(cell):
     scene = scene_of(cell)
     check = MotionCheck(cell, scene, 0.0)

@@ -137,16 +137,17 @@ py::tuple first_violations(MotionProof& proof, const Doubles& start, const Doubl
   return py::make_tuple(first, work);
 }
 
-py::array_t<double> distances(MotionProof& proof, const Doubles& axes,
-                              const py::array_t<bool, py::array::c_style>& pairs) {
+py::tuple distances(MotionProof& proof, const Doubles& axes,
+                    const py::array_t<bool, py::array::c_style>& pairs) {
   require_shape(axes, "axes", {-1, static_cast<py::ssize_t>(proof.motion().axes())});
   require_shape(pairs, "pairs", {static_cast<py::ssize_t>(proof.motion().pairs())});
   for (py::ssize_t i = 0; i < axes.size(); ++i) {
     if (!std::isfinite(axes.data()[i])) throw std::invalid_argument("axes: expected finite angles");
   }
   py::array_t<double> result({axes.shape(0), pairs.shape(0)});
-  proof.distances(axes.data(), static_cast<std::size_t>(axes.shape(0)), pairs.data(), result.mutable_data());
-  return result;
+  const auto count = static_cast<std::size_t>(axes.shape(0));
+  const std::size_t work = proof.distances(axes.data(), count, pairs.data(), result.mutable_data());
+  return py::make_tuple(result, work);
 }
 
 std::unique_ptr<MotionProof> make_proof(const PairDistances& scene, const CellMotion& motion) {

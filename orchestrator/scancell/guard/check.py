@@ -34,7 +34,7 @@ _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
 _FINE = 1e-4  # rad: those of the proof that a pair does not come nearer
 _FARTHEST_ASTRAY = 0.2  # rad: links of an arm are too close to each other for stops that may deviate more
 # Comparisons of faces or their bounding volumes (about 0.08 µs each) for all hypotheses of an answer.
-_WORK = 60_000
+_WORK = 75_000
 _BENDING = 1.5  # of the measured curvature between its samples
 
 
@@ -159,7 +159,7 @@ class ManualCheck:
         contacts.sort(key=lambda contact: contact.free_until)
         return Verdict(tuple(contacts), tuple(without_stop), astray)
 
-    def approaches(self, hypothesis: Hypothesis, pairs: Flags) -> list[Approach]:
+    def _approaches(self, hypothesis: Hypothesis, pairs: Flags, budget: Budget) -> list[Approach]:
         """Distance of some `pairs` (pairs,) of the scene, and its rate as the motion begins; the nearest one first."""
         now = hypothesis.state.axes
         ends = np.stack([now, now + _SOON * hypothesis.rates])
@@ -169,7 +169,7 @@ class ManualCheck:
         known = self._known[1]
         wanted = pairs.copy()
         wanted[list(known)] = False
-        distance, soon = self._motions.distances(ends, wanted)
+        distance, soon = self._motions.distances(ends, wanted, budget)
         rate = (soon - distance) / _SOON
         for i in np.flatnonzero(wanted):
             known[int(i)] = Approach(*self._scene.pairs[i], float(distance[i]), float(rate[i]))
@@ -185,8 +185,8 @@ class ManualCheck:
             return None
         if budget.left <= 0:  # one of them is enough to name
             violated &= np.cumsum(violated) == 1
-            return self.approaches(hypothesis, violated)[0]
-        found = self.approaches(hypothesis, violated)
+            return self._approaches(hypothesis, violated, budget)[0]
+        found = self._approaches(hypothesis, violated, budget)
         nearer = [approach for approach in found if approach.rate < -_STILL]
         if nearer:
             return nearer[0]
@@ -205,7 +205,7 @@ class ManualCheck:
             touching = np.isfinite(first)
             if not touching.any() or budget.left <= 0:
                 return None
-            found = next((one for one in self.approaches(hypothesis, touching) if one.rate < -_SURELY), None)
+            found = next((one for one in self._approaches(hypothesis, touching, budget) if one.rate < -_SURELY), None)
             if found is not None:
                 break
             clearance[touching] = -np.inf

@@ -113,5 +113,5 @@ class MotionProof:
 
         (pairs,), infinite for those that do not, or later.
         """
-    def distances(self, axes: ArrayLike, pairs: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Distances (n, pairs), m, at `axes` (n, axes), rad, of some `pairs` (pairs,), NaN of the others."""
+    def distances(self, axes: ArrayLike, pairs: NDArray[np.bool_]) -> tuple[NDArray[np.float64], int]:
+        """Distances (n, pairs), m, at `axes` (n, axes), rad, of some `pairs` (pairs,), NaN of the others; the work."""

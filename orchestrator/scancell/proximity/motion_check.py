@@ -151,9 +151,15 @@ class MotionCheck:
         budget.spend(work)
         return first
 
-    def distances(self, axes: Array, pairs: Flags) -> Array:
-        """Distances (n, pairs), m, at `axes` (n, joints + 1), rad, of some `pairs` (pairs,); NaN of the others."""
-        return self._native.distances(axes, pairs)
+    def distances(self, axes: Array, pairs: Flags, budget: Budget | None = None) -> Array:
+        """Distances (n, pairs), m, at `axes` (n, joints + 1), rad, of some `pairs` (pairs,); NaN of the others.
+
+        They take work from a budget and do not end with it.
+        """
+        found, work = self._native.distances(axes, pairs)
+        if budget is not None:
+            budget.spend(work)
+        return found
 
     def clash_along(self, points: Array) -> MotionClash | None:
         """None if the motion of the controller through set-points (n, joints + 1), rad, is proved, else a clash.
