@@ -57,16 +57,18 @@ void BoundingTree::fit(const Shape& shape) {
   });
 }
 
-double box_distance(const BoundingBox& a, const BoundingBox& b, const Matrix3d& a_from_b_rotation,
-                    const Vector3d& centre_a_to_b, double enough) {
+Vector3d box_gap(const BoundingBox& a, const BoundingBox& b, const Matrix3d& a_from_b_rotation,
+                 const Vector3d& centre_a_to_b, double enough) {
   const Matrix3d axes_b = a_from_b_rotation * b.axes;
   const Matrix3d cosines = (a.axes.transpose() * axes_b).cwiseAbs();
-  const Vector3d along_a = (a.axes.transpose() * centre_a_to_b).cwiseAbs() - a.half - cosines * b.half;
-  const double by_a = along_a.cwiseMax(0).squaredNorm();
-  if (by_a >= enough * enough) return std::sqrt(by_a);
-  const Vector3d along_b =
-      (axes_b.transpose() * centre_a_to_b).cwiseAbs() - b.half - cosines.transpose() * a.half;
-  return std::sqrt(std::max(by_a, along_b.cwiseMax(0).squaredNorm()));
+  const auto outside = [](const Vector3d& centre, const Vector3d& half) -> Vector3d {
+    return (centre.cwiseAbs() - half).cwiseMax(0).cwiseProduct(centre.cwiseSign());
+  };
+  const Vector3d along_a = outside(a.axes.transpose() * centre_a_to_b, a.half + cosines * b.half);
+  const double by_a = along_a.squaredNorm();
+  if (by_a >= enough * enough) return a.axes * along_a;
+  const Vector3d along_b = outside(axes_b.transpose() * centre_a_to_b, b.half + cosines.transpose() * a.half);
+  return by_a >= along_b.squaredNorm() ? Vector3d(a.axes * along_a) : Vector3d(axes_b * along_b);
 }
 
 }  // namespace robotcell::proximity

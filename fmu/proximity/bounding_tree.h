@@ -51,10 +51,11 @@ class BoundingTree {
   std::vector<int> links_;  // first child, or -1 - face
 };
 
-/// Lower bound (m) on the distance between node boxes, given the pose of `b` in the frame of `a`: the
-/// distance of each box from the other one's bounding box along its own axes, whichever is larger. The second
-/// is left out where the first reaches `enough`.
-double box_distance(const BoundingBox& a, const BoundingBox& b, const Eigen::Matrix3d& a_from_b_rotation,
-                    const Eigen::Vector3d& centre_a_to_b, double enough);
+/// Vector that separates node boxes, given the pose of `b` in the frame of `a`, in which it is: all points of
+/// `b` are beyond all points of `a` along it by at least its length (m). It is the gap between one box and
+/// the other one's bounding box along its own axes, whichever is larger; the second is left out where the
+/// first reaches `enough`.
+Eigen::Vector3d box_gap(const BoundingBox& a, const BoundingBox& b, const Eigen::Matrix3d& a_from_b_rotation,
+                        const Eigen::Vector3d& centre_a_to_b, double enough);
 
 }  // namespace robotcell::proximity

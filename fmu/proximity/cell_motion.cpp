@@ -65,26 +65,42 @@ void CellMotion::place(const double* axes, CellFrames& frames) const {
   }
 }
 
+Isometry3d CellMotion::place_tool(const double* axes, const Isometry3d& link_from_tool,
+                                  Eigen::Matrix<double, 6, Eigen::Dynamic>& jacobian) const {
+  CellFrames frames;
+  place(axes, frames);
+  const Isometry3d tool = frames.links.back() * link_from_tool;
+  jacobian.resize(6, static_cast<Eigen::Index>(joints_.size()));
+  for (std::size_t i = 0; i < joints_.size(); ++i) {
+    const Vector3d axis = frames.links[i].linear().col(2);
+    const Vector3d lever = tool.translation() - frames.links[i].translation();
+    jacobian.col(static_cast<Eigen::Index>(i)) << axis.cross(lever), axis;
+  }
+  return tool;
+}
+
 // Joints move a point p of the outer body at dp = sum of h_k z_k x (p - o_k) (z_k, o_k: axis of joint k, h_k:
 // its rate), in which motions of several joints may cancel, plus half of the second derivative, in which
 // joints j <= k appear as h_j z_j x (h_k z_k x (p - o_k)): at most |h_j h_k| times the distance of p from
 // o_k.
-double CellMotion::bound(const CellFrames& frames, std::size_t pair, const double* half,
-                         const double* slack) const {
+RelativeMotion CellMotion::motion(const CellFrames& frames, std::size_t pair, const double* half,
+                                  const double* slack) const {
   const MovingPair& moving = pairs_[pair];
   const std::size_t table = joints_.size();
   const double by_table = (std::abs(half[table]) + slack[table]) * moving.table_radius;
   const CarriedBody& body = bodies_[moving.outer];
-  if (body.carried == moving.first) return by_table;
+  RelativeMotion result;
+  result.moving = moving.outer;
+  result.rest = result.bound = by_table;
+  if (body.carried == moving.first) return result;
   const auto first = static_cast<std::size_t>(moving.first);
   const auto last = static_cast<std::size_t>(body.carried);
-  const Vector3d centre = frames.links[last] * body.centre;
+  const Vector3d centre = result.at = frames.links[last] * body.centre;
   const double from_last = body.centre.norm();
   double before = 0;  // travel of the joints before joint k
   for (std::size_t k = first; k < last; ++k) before += std::abs(half[k]);
   double summed = 0, strayed = 0, second = 0;
   double beyond = 0;  // joints beyond joint k move the body towards its axis or away from it
-  Vector3d velocity = Vector3d::Zero(), turn = Vector3d::Zero();
   for (std::size_t k = last; k-- > first;) {
     const double travel = std::abs(half[k]);
     before -= travel;
@@ -95,12 +111,15 @@ double CellMotion::bound(const CellFrames& frames, std::size_t pair, const doubl
     const double reach = across.norm() + body.radius + beyond;
     summed += travel * reach;
     strayed += slack[k] * reach;
-    velocity += half[k] * across;
-    turn += half[k] * axis;
+    result.velocity += half[k] * across;
+    result.turn += half[k] * axis;
     second += travel * (lever.norm() + body.radius + beyond) * (travel + 2 * std::max(before, 0.0));
     beyond += (travel + slack[k]) * (length_[last] - length_[k] + from_last);
   }
-  return by_table + strayed + std::min(summed, velocity.norm() + turn.norm() * body.radius + second / 2);
+  result.rest = by_table + strayed + second / 2;
+  const double straight = result.velocity.norm() + result.turn.norm() * body.radius;
+  result.bound = std::min(by_table + strayed + summed, result.rest + straight);
+  return result;
 }
 
 }  // namespace robotcell::proximity

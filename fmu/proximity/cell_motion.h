@@ -29,6 +29,15 @@ struct CellFrames {
   std::vector<Eigen::Isometry3d> bodies;  // world_from_body
 };
 
+/// Motion of one body of a pair relative to the other while the axes go to either side of a position.
+struct RelativeMotion {
+  std::size_t moving = 0;  // body whose points p move by up to ±(velocity + turn x (p - at)) and `rest`
+  Eigen::Vector3d at = Eigen::Vector3d::Zero();  // world, as the others, m
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();  // m, rad
+  double rest = 0;                                                                     // m, in any direction
+  double bound = 0;                                                                    // of all of it, m
+};
+
 /// A serial arm and a table that turns about z.  Axes are the joints and the table, rad.
 class CellMotion {
  public:
@@ -44,10 +53,15 @@ class CellMotion {
 
   void place(const double* axes, CellFrames& frames) const;
 
-  /// Bound (m) on the motion of one body of a pair relative to the other, from where the frames are, while
-  /// each axis follows a straight line by up to `half` (axes,) times -1 to 1 and deviates from it by up to
-  /// `slack` (axes,), rad.
-  double bound(const CellFrames& frames, std::size_t pair, const double* half, const double* slack) const;
+  /// Pose of a tool on the last link, and the geometric Jacobian of its origin in world axes: linear
+  /// velocity, then angular velocity. `axes` are the joints and the table.
+  Eigen::Isometry3d place_tool(const double* axes, const Eigen::Isometry3d& link_from_tool,
+                               Eigen::Matrix<double, 6, Eigen::Dynamic>& jacobian) const;
+
+  /// Motion of one body of a pair relative to the other, from where the frames are, while each axis follows a
+  /// straight line by up to `half` (axes,) times -1 to 1 and deviates from it by up to `slack` (axes,), rad.
+  RelativeMotion motion(const CellFrames& frames, std::size_t pair, const double* half,
+                        const double* slack) const;
 
  private:
   struct MovingPair {

@@ -12,7 +12,7 @@ namespace {
 constexpr std::size_t kBlock = 64;
 
 /// Distance (m) beyond the clearance: longer searches cost more than halving the interval.
-constexpr double kFarthestSearch = 0.05;
+constexpr double kFarthestSearch = 0.01;
 
 /// Comparisons of the search for a violation where the interval is to be halved anyway.
 constexpr std::size_t kPatience = 50;
@@ -119,8 +119,9 @@ class Judge {
   /// Whether a pair keeps its clearance in the interval.
   Verdict judge(std::size_t pair) {
     if (work() >= budget_) return Verdict::kViolated;
-    const double moved = motion_.bound(frames_, pair, half_.data(), slack_.data());
-    const double strayed = strays_ ? motion_.bound(frames_, pair, rest_.data(), slack_.data()) : 0;
+    const RelativeMotion motion = motion_.motion(frames_, pair, half_.data(), slack_.data());
+    const double moved = motion.bound;
+    const double strayed = strays_ ? motion_.motion(frames_, pair, rest_.data(), slack_.data()).bound : 0;
     const Verdict open = finest_ ? Verdict::kViolated : Verdict::kOpen;
     const double least = required(number_, pair);
     const auto& [a, b] = scene_.pair(pair);
@@ -130,7 +131,7 @@ class Judge {
                                                                                      : Verdict::kProved;
     }
     const auto found = search_.near(scene_.body(a), scene_.body(b), a_from_b, least + moved, memory_[pair],
-                                    least + strayed, kPatience);
+                                    least + strayed, kPatience, sweep(motion, a, least));
     if (!found) return Verdict::kProved;
     return found->distance < least + strayed ? Verdict::kViolated : open;
   }
@@ -144,6 +145,14 @@ class Judge {
   }
 
  private:
+  /// A motion relative to body `a`, which is to keep `least` (m).
+  Sweep sweep(const RelativeMotion& motion, std::size_t a, double least) const {
+    const Eigen::Isometry3d& world_from_a = frames_.bodies[a];
+    const Eigen::Matrix3d a_from_world = world_from_a.linear().transpose();
+    return {motion.moving == a, a_from_world * (motion.at - world_from_a.translation()),
+            a_from_world * motion.velocity, a_from_world * motion.turn, least + motion.rest};
+  }
+
   Eigen::Isometry3d relative_pose(std::size_t pair) const {
     const auto& [a, b] = scene_.pair(pair);
     return frames_.bodies[a].inverse(Eigen::Isometry) * frames_.bodies[b];
@@ -293,7 +302,8 @@ std::size_t MotionProof::first_violations(const Motions& motions, std::size_t pa
   return judge.work();
 }
 
-void MotionProof::distances(const double* axes, std::size_t count, const bool* wanted, double* distances) {
+std::size_t MotionProof::distances(const double* axes, std::size_t count, const bool* wanted,
+                                   double* distances) {
   const std::vector<double> still(count * motion_.axes(), 0);
   const Motions motions{axes, axes, still.data(), nullptr, count, 1};
   Judge judge(scene_, motion_, motions, kUnlimited, memory_);
@@ -304,6 +314,7 @@ void MotionProof::distances(const double* axes, std::size_t count, const bool* w
           wanted[pair] ? judge.distance(pair) : std::numeric_limits<double>::quiet_NaN();
     }
   }
+  return judge.work();
 }
 
 }  // namespace robotcell::proximity

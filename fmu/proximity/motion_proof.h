@@ -38,8 +38,9 @@ constexpr std::size_t kUnlimited = std::numeric_limits<std::size_t>::max();
 
 /// At the middle of an interval of a motion, a pair of bodies at distance d keeps the clearance c in the
 /// whole interval if d >= c + h, where h bounds the motion of one body relative to the other from the middle
-/// to either end (Schwarzer, Saha & Latombe, "Exact collision checking of robot paths", 2002). Intervals
-/// without this proof are halved.
+/// to either end (Schwarzer, Saha & Latombe, "Exact collision checking of robot paths", 2002). Bounding
+/// volumes and faces need room only for their own motion along the direction that separates them, to first
+/// order. Intervals without this proof are halved.
 class MotionProof {
  public:
   /// The bodies and pairs of the motion are those of the scene, which must outlive the proof.
@@ -62,7 +63,8 @@ class MotionProof {
   std::size_t first_violations(const Motions& motions, std::size_t parts, std::size_t budget, double* first);
 
   /// Distances (count, pairs), m, at `axes` (count, axes), rad, of some of the pairs; NaN of the others.
-  void distances(const double* axes, std::size_t count, const bool* wanted, double* distances);
+  /// Returns the work.
+  std::size_t distances(const double* axes, std::size_t count, const bool* wanted, double* distances);
 
  private:
   const PairDistances& scene_;

@@ -26,7 +26,7 @@ constexpr std::size_t kLargestGrowth = 3;
 constexpr std::size_t kLargestFront = 1 << 16;
 
 /// Largest distance beyond the bound that is searched for the sake of later poses (m). Where the pair moves
-/// too much for it, looking ahead costs more than it saves.
+/// too much for it, and for sweeps, looking ahead costs more than it saves.
 constexpr double kFarthestAhead = 0.02;
 
 /// Upper bound on the relative motion of two bodies since the last search.
@@ -42,19 +42,22 @@ double relative_motion(const SearchBody& a, const SearchBody& b, const Isometry3
 
 std::optional<ClosestFaces> PairSearch::search(const SearchBody& a, const SearchBody& b,
                                                const Isometry3d& a_from_b, double bound, PairMemory& memory,
-                                               double near_enough, std::size_t patience) {
+                                               double near_enough, std::size_t patience, const Sweep* sweep) {
   double ahead = 0;
   double moved = 0;
   if (memory.at_least >= 0) {
     moved = relative_motion(a, b, memory.a_from_b, a_from_b);
     if (memory.at_least - moved >= bound) return std::nullopt;
-    if (kPosesAhead * moved <= kFarthestAhead) ahead = kPosesAhead * moved;
+    if (!sweep && kPosesAhead * moved <= kFarthestAhead) ahead = kPosesAhead * moved;
   }
   a_ = &a;
   b_ = &b;
   rotation_ = a_from_b.linear();
   translation_ = a_from_b.translation();
+  sweep_ = sweep;
   faces_.reset();
+  nearest_.reset();
+  nearest_distance_ = std::numeric_limits<double>::infinity();
   planes_.reset();
   best_ = bound + ahead;
   bound_ = bound;
@@ -69,8 +72,8 @@ std::optional<ClosestFaces> PairSearch::search(const SearchBody& a, const Search
   descend();
   memory.a_from_b = a_from_b;
   // A search that ended early has not ruled out nearer faces.
-  memory.at_least = !faces_ ? at_least_ : is_near_enough() ? std::min(best_, at_least_) : best_;
-  if (faces_) memory.faces = faces_;
+  memory.at_least = faces_ ? std::min(best_, at_least_) : at_least_;
+  if (nearest_) memory.faces = nearest_;
   memory.travelled = travelled_;
   if (front_.size() >= kLargestFront) front_.clear();  // not all of it was stored
   if (travelled_ == 0) memory.first_size = front_.size();
@@ -138,67 +141,110 @@ void PairSearch::descend() {
 
 void PairSearch::visit(int node_a, int node_b) {
   ++work_;
-  const double at_least = distance_bound(node_a, node_b);
-  if (at_least < limit()) {
-    stack_.push_back({at_least, node_a, node_b});
+  const NodeDistance found = distance_bound(node_a, node_b);
+  if (found.at_least < limit() && !found.stays_clear) {
+    stack_.push_back({found.at_least, node_a, node_b});
   } else {
-    leave_out(at_least, node_a, node_b);
+    leave_out(found.at_least, node_a, node_b);
   }
 }
 
-double PairSearch::distance_bound(int node_a, int node_b) const {
+PairSearch::NodeDistance PairSearch::distance_bound(int node_a, int node_b) const {
   const BoundingSphere& sphere_a = a_->tree.sphere(node_a);
   const BoundingSphere& sphere_b = b_->tree.sphere(node_b);
   const Vector3d between = rotation_ * sphere_b.centre + translation_ - sphere_a.centre;
   const double by_spheres = between.norm() - sphere_a.radius - sphere_b.radius;
   const double enough = limit() + slack_;
-  if (by_spheres >= enough) return by_spheres;
+  if (by_spheres >= enough) return {by_spheres, false};
   const BoundingBox& box_a = a_->tree.box(node_a);
   const BoundingBox& box_b = b_->tree.box(node_b);
-  double by_planes = 0;
+  const auto stays_clear_along = [&](const Vector3d& normal, double gap) {
+    if (!sweep_ || gap < sweep_->clearance) return false;
+    return sweep_->of_first ? stays_clear(normal, gap, sphere_a.centre, sphere_a.radius)
+                            : stays_clear(normal, gap, sphere_a.centre + between, sphere_b.radius);
+  };
+  double at_least = by_spheres;
   if (planes_) {
-    by_planes = planes_->normal_in_a.dot(between) - box_a.half_extent(planes_->normal_in_a) -
-                box_b.half_extent(planes_->normal_in_b);
-    if (by_planes >= enough) return by_planes;
+    const double by_planes = planes_->normal_in_a.dot(between) - box_a.half_extent(planes_->normal_in_a) -
+                             box_b.half_extent(planes_->normal_in_b);
+    at_least = std::max(at_least, by_planes);
+    if (by_planes >= enough) return {at_least, false};
+    if (stays_clear_along(planes_->normal_in_a, by_planes)) return {at_least, true};
   }
-  return std::max({by_spheres, by_planes, box_distance(box_a, box_b, rotation_, between, enough)});
+  const Vector3d gap = box_gap(box_a, box_b, rotation_, between, enough);
+  const double by_boxes = gap.norm();
+  return {std::max(at_least, by_boxes), by_boxes > 0 && stays_clear_along(gap / by_boxes, by_boxes)};
 }
 
-/// Whether to split the node of the first body. Where only one of the nodes crosses its plane it is that one:
-/// the planes may then separate its children from the other node.
+/// Whether points in a ball, `gap` away from the other body's along a unit vector, keep the clearance of the
+/// sweep.
+bool PairSearch::stays_clear(const Vector3d& normal, double gap, const Vector3d& centre,
+                             double radius) const {
+  const double turned = normal.cross(sweep_->turn).norm() * radius;
+  return gap - std::abs(normal.dot(sweep_->motion(centre))) - turned >= sweep_->clearance;
+}
+
+/// Whether the sweep is proved to bring no points of two faces nearer, along a unit vector, than its
+/// clearance.
+bool PairSearch::stays_clear(const Corners& a, const Corners& b, const Vector3d& normal) const {
+  const auto swept = [&](const Vector3d& point) { return std::abs(normal.dot(sweep_->motion(point))); };
+  double lowest = std::numeric_limits<double>::infinity(), highest = -lowest;
+  for (const Vector3d& point : {a.a, a.b, a.c}) {
+    highest = std::max(highest, normal.dot(point) + (sweep_->of_first ? swept(point) : 0));
+  }
+  for (const Vector3d& in_b : {b.a, b.b, b.c}) {
+    const Vector3d point = rotation_ * in_b + translation_;
+    lowest = std::min(lowest, normal.dot(point) - (sweep_->of_first ? 0 : swept(point)));
+  }
+  return lowest - highest >= sweep_->clearance;
+}
+
+/// Whether to split the node of the first body. Where planes may separate children of the nodes it is the one
+/// that reaches farther across them, with its motion in the sweep; else the larger one.
 bool PairSearch::split_first(const Node& node) const {
   const BoundingTree& a = a_->tree;
   const BoundingTree& b = b_->tree;
   if (a.is_leaf(node.a) || b.is_leaf(node.b)) return b.is_leaf(node.b);
   if (planes_) {
-    const double highest_a =
-        planes_->normal_in_a.dot(a.sphere(node.a).centre) + a.box(node.a).half_extent(planes_->normal_in_a);
-    const double lowest_b =
-        planes_->normal_in_b.dot(b.sphere(node.b).centre) - b.box(node.b).half_extent(planes_->normal_in_b);
-    const bool crosses_a = highest_a > planes_->offset_a + kTolerance;
-    const bool crosses_b = lowest_b < planes_->offset_b - kTolerance;
-    if (crosses_a != crosses_b) return crosses_a;
+    const Vector3d& normal = planes_->normal_in_a;
+    const Vector3d& centre_a = a.sphere(node.a).centre;
+    const Vector3d centre_b = rotation_ * b.sphere(node.b).centre + translation_;
+    double gap = normal.dot(centre_b - centre_a), needed = limit();
+    double of_a = a.box(node.a).half_extent(normal), of_b = b.box(node.b).half_extent(planes_->normal_in_b);
+    if (sweep_) {
+      const double swept = normal.cross(sweep_->turn).norm();
+      (sweep_->of_first ? of_a : of_b) +=
+          swept * (sweep_->of_first ? a.sphere(node.a) : b.sphere(node.b)).radius;
+      gap -= std::abs(normal.dot(sweep_->motion(sweep_->of_first ? centre_a : centre_b)));
+      needed = sweep_->clearance;
+    }
+    if (gap >= needed) return of_a > of_b;
   }
   return a.sphere(node.a).radius > b.sphere(node.b).radius;
 }
 
-/// Distance of two faces, which become the closest ones if it is below all others.
+/// Distance of two faces, which become the closest ones if it is below all others and the sweep is not proved
+/// to keep its clearance.
 double PairSearch::compare(const FacePair& faces) {
   ++work_;
-  const FaceDistance found =
-      face_distance(corners(a_->shape->mesh, faces.first), corners(b_->shape->mesh, faces.second), rotation_,
-                    translation_, kFine);
-  if (!(found.distance < best_)) {
-    return found.distance;
+  const Corners of_a = corners(a_->shape->mesh, faces.first), of_b = corners(b_->shape->mesh, faces.second);
+  const FaceDistance found = face_distance(of_a, of_b, rotation_, translation_, kFine);
+  if (!sweep_ && !(found.distance < best_)) return found.distance;
+  const bool touches = found.distance < kTouch;
+  const Vector3d normal = touches ? Vector3d::Zero() : Vector3d((found.on_b - found.on_a).normalized());
+  if (found.distance < nearest_distance_) {
+    nearest_ = faces;
+    nearest_distance_ = found.distance;
+    if (!touches) {
+      planes_ = Planes{normal, rotation_.transpose() * normal};
+    }
   }
+  if (!(found.distance < best_)) return found.distance;
+  if (sweep_ && stays_clear(of_a, of_b, normal)) return found.distance;
   if (give_up_ == kPatient && found.distance < bound_) give_up_ = work_ + patience_;
-  best_ = found.distance < kTouch ? 0 : found.distance;
+  best_ = touches ? 0 : found.distance;
   faces_ = faces;
   closest_ = {best_, found.on_a, found.on_b};
-  if (best_ == 0) return 0;
-  const Vector3d normal = (found.on_b - found.on_a).normalized();
-  planes_ = Planes{normal, rotation_.transpose() * normal, normal.dot(found.on_a),
-                   normal.dot(found.on_b - translation_)};
   return best_;
 }
 

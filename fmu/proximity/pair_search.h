@@ -25,6 +25,16 @@ struct ClosestFaces {
   Eigen::Vector3d on_a, on_b;  // closest points, frame of a; undefined where the distance is 0
 };
 
+/// Motion of the points of one body while the other one rests, frame of the first body.
+struct Sweep {
+  bool of_first = false;               // whether it is the first body that moves
+  Eigen::Vector3d at, velocity, turn;  // m, m, rad
+  double clearance = 0;                // m to keep meanwhile, with what else moves in any direction
+
+  /// Points move by this (m) times -1 to 1.
+  Eigen::Vector3d motion(const Eigen::Vector3d& point) const { return velocity + turn.cross(point - at); }
+};
+
 /// Two nodes that a search left out or compared.
 struct FrontNode {
   /// Lower bound on their distance when it was computed, plus the `travelled` of that moment, m.
@@ -52,15 +62,15 @@ class PairSearch {
   /// reduces the work and changes the distance by less than `kTolerance`.
   std::optional<ClosestFaces> closest(const SearchBody& a, const SearchBody& b,
                                       const Eigen::Isometry3d& a_from_b, double bound, PairMemory& memory) {
-    return search(a, b, a_from_b, bound, memory, 0, kPatient);
+    return search(a, b, a_from_b, bound, memory, 0, kPatient, nullptr);
   }
 
-  /// Some faces nearer than `bound` where there are any. The search for nearer ones ends below `near_enough`,
-  /// or `patience` comparisons after the first.
+  /// Some faces nearer than `bound` that do not keep the clearance of a sweep, where there are any. The
+  /// search for nearer ones ends below `near_enough`, or `patience` comparisons after the first.
   std::optional<ClosestFaces> near(const SearchBody& a, const SearchBody& b,
                                    const Eigen::Isometry3d& a_from_b, double bound, PairMemory& memory,
-                                   double near_enough, std::size_t patience) {
-    return search(a, b, a_from_b, bound, memory, near_enough, patience);
+                                   double near_enough, std::size_t patience, const Sweep& sweep) {
+    return search(a, b, a_from_b, bound, memory, near_enough, patience, &sweep);
   }
 
   /// Nodes and faces compared since the search was made: a measure of its work that knows no clock.
@@ -75,23 +85,29 @@ class PairSearch {
     double at_least;
     int a, b;
   };
-  /// Planes through the closest points found so far, perpendicular to the line between them; in both frames.
+  struct NodeDistance {
+    double at_least;   // lower bound, m
+    bool stays_clear;  // whether the sweep is proved to bring no points nearer than its clearance
+  };
+  /// Planes perpendicular to the line between the closest points found so far; in both frames.
   struct Planes {
     Eigen::Vector3d normal_in_a, normal_in_b;
-    double offset_a, offset_b;  // of the first body's plane in its frame, of the second one's in its own, m
   };
 
   static constexpr std::size_t kPatient = std::size_t{1} << 62;
 
   std::optional<ClosestFaces> search(const SearchBody& a, const SearchBody& b,
                                      const Eigen::Isometry3d& a_from_b, double bound, PairMemory& memory,
-                                     double near_enough, std::size_t patience);
+                                     double near_enough, std::size_t patience, const Sweep* sweep);
   void begin(double moved, PairMemory& memory);
   void descend();
   void leave_out(double at_least, int node_a, int node_b);
   void visit(int node_a, int node_b);
-  double distance_bound(int node_a, int node_b) const;
+  NodeDistance distance_bound(int node_a, int node_b) const;
   bool is_near_enough() const { return best_ == 0 || best_ < near_enough_ || work_ > give_up_; }
+  bool stays_clear(const Eigen::Vector3d& normal, double gap, const Eigen::Vector3d& centre,
+                   double radius) const;
+  bool stays_clear(const Corners& a, const Corners& b, const Eigen::Vector3d& normal) const;
   bool split_first(const Node& node) const;
   double compare(const FacePair& faces);
 
@@ -103,8 +119,11 @@ class PairSearch {
   Eigen::Matrix3d rotation_;     // a_from_b
   Eigen::Vector3d translation_;  // a_from_b
   std::vector<Node> stack_;
+  const Sweep* sweep_ = nullptr;
   std::optional<Planes> planes_;
   std::optional<FacePair> faces_;
+  std::optional<FacePair> nearest_;  // of all that were compared
+  double nearest_distance_ = 0;      // m
   ClosestFaces closest_;
   double best_ = 0;  // distances from here on are of no interest
   double bound_ = 0, near_enough_ = 0;

@@ -18,6 +18,24 @@ def hypothesis_of(path: Path, axes: np.ndarray, rates: np.ndarray) -> Hypothesis
 
 
 @pytest.mark.parametrize("arm", CELLS)
+def test_tool_poses_and_jacobians_are_those_of_the_arm(arm):
+    """Products of matrices in Python, and differences of poses, on a tool that is not at the flange."""
+    nominal, _ = cell_of(arm)
+    tool, rng, step = Tool(nominal), np.random.default_rng(20), 1e-6
+    for _ in range(10):
+        joints = random_start(nominal, rng)[:-1]
+        poses, jacobians = tool.poses(
+            joints + step * np.vstack([0 * joints, np.eye(len(joints)), -np.eye(len(joints))])
+        )
+        frames = nominal.frame_poses(joints, np.array(0.0))
+        np.testing.assert_allclose(poses[0], frames["sensor"], atol=1e-12)
+        plus, minus = poses[1 : len(joints) + 1], poses[len(joints) + 1 :]
+        np.testing.assert_allclose(jacobians[0, :3].T, (plus - minus)[:, :3, 3] / (2 * step), atol=1e-7)
+        turn = (plus - minus)[:, :3, :3] @ poses[0, :3, :3].T / (2 * step)
+        np.testing.assert_allclose(jacobians[0, 3:].T, turn[:, (2, 0, 1), (1, 2, 0)], atol=1e-7)
+
+
+@pytest.mark.parametrize("arm", CELLS)
 @pytest.mark.parametrize("name", ["translation", "rotation", "base", "tool"])
 def test_cartesian_paths_are_those_of_the_integrated_twist(arm, name):
     """Where joints stay slow (no singular position is near), within 1e-6 rad after half a second."""

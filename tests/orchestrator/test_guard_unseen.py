@@ -112,6 +112,12 @@ def test_bound_grows_with_the_squared_time():
     np.testing.assert_allclose(bounds[:, by_tool], bounds[0, by_tool] * np.array([1, 4, 9]), rtol=0.05)
 
 
+def test_no_time_changes_nothing():
+    cell, _ = cell_of("six_axis")
+    pairs = [("sensor", "table"), ("link1", "link4"), ("sensor", "link1")]
+    assert (UnseenApproach(cell, pairs, limits_of(cell)).bound(np.append(cell.home, 0.0), 0.0) == 0.0).all()
+
+
 def test_table_alone_brings_nearer_what_turns_with_it():
     """Only pairs of which one turns with the table; the farthest point moves by its radius times the angle."""
     cell, _ = cell_of("six_axis")

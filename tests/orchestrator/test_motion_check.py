@@ -91,7 +91,7 @@ def test_violations_of_a_way_match_those_of_its_motions(cell):
     counts = {True: 0, False: 0}
     for a, b in zip(start, end, strict=True):
         way = np.linspace(a, b, 5)
-        violated, first = check.violations(way), check.first_violations(way, 8)
+        violated, first = check.violations(way[:-1], way[1:]), check.first_violations(way, 8)
         fine = np.linspace(a, b, 4 * 8 * 20 + 1)
         nearest = scene.distances(cell.body_poses(fine[:, :6], fine[:, 6]), 0.05)
         assert violated[nearest.min(0) < 0.01].all()
@@ -105,15 +105,43 @@ def test_violations_of_a_way_match_those_of_its_motions(cell):
     assert min(counts.values()) > 5
 
 
+def test_motion_along_a_wall_is_proved_with_little_work(cell):
+    """A slab below the sensor, which joint 1 moves along it: work does not grow as the room beyond the clearance falls.
+
+    The slab is proved for what is just nearer than the true distance, and not for what is farther.
+    """
+    slab = with_body(cell, "slab", box_mesh((4.0, 4.0, 0.01)))
+    scene = ProximityScene({body.name: body.mesh for body in slab.bodies}, [("sensor", "slab")])
+    start, end = np.append(cell.home, 0.0), np.append(cell.home, 0.0)
+    start[0], end[0] = -0.4, 0.4
+    distance = scene.distances(slab.body_poses(start[None, :6], start[6:]), np.inf)[0, 0]
+    works = []
+    for room in (1e-2, 1e-4, 1e-6):
+        budget = Budget(100_000)
+        assert not MotionCheck(slab, scene, distance - room).violations(start[None], end[None], budget=budget).any()
+        works.append(100_000 - budget.left)
+        assert MotionCheck(slab, scene, distance + room).violations(start[None], end[None]).all()
+    assert max(works) < 20 * min(works)
+
+
+def test_parts_of_a_budget_leave_to_the_others_what_they_do_not_use():
+    whole = Budget(100)
+    first = whole.share(4)
+    assert first.left == 25
+    first.spend(5)
+    assert (first.left, whole.left) == (20, 95)
+    assert whole.share(3).left == 31
+
+
 def test_used_up_budget_proves_nothing(cell):
     scene = scene_of(cell)
     check = MotionCheck(cell, scene, 0.0)
     way = np.linspace(*(np.append(cell.home + 0.01 * k, 0.0) for k in (0, 1)), 3)
-    assert not check.violations(way).any()
-    assert check.violations(way, budget=Budget(0)).all()
+    assert not check.violations(way[:-1], way[1:]).any()
+    assert check.violations(way[:-1], way[1:], budget=Budget(0)).all()
     assert (check.first_violations(way, 4, budget=Budget(0)) == 0).any()
     budget = Budget(10)
-    assert check.violations(way, budget=budget).any()
+    assert check.violations(way[:-1], way[1:], budget=budget).any()
     assert budget.left <= 0
 
 

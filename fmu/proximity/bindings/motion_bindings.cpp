@@ -63,10 +63,26 @@ py::array_t<double> bounds(const CellMotion& motion, const Doubles& at, const Do
     motion.place(at.data(i, 0), frames);
     for (py::ssize_t k = 0; k < pairs; ++k) {
       *result.mutable_data(i, k) =
-          motion.bound(frames, static_cast<std::size_t>(k), half.data(i, 0), slack.data(i, 0));
+          motion.motion(frames, static_cast<std::size_t>(k), half.data(i, 0), slack.data(i, 0)).bound;
     }
   }
   return result;
+}
+
+py::tuple tool_poses(const CellMotion& motion, const Doubles& axes, const Doubles& link_from_tool) {
+  const auto count = static_cast<py::ssize_t>(motion.axes());
+  require_shape(axes, "axes", {-1, count});
+  require_shape(link_from_tool, "link_from_tool", {4, 4});
+  py::array_t<double> poses({axes.shape(0), py::ssize_t{4}, py::ssize_t{4}});
+  py::array_t<double> jacobians({axes.shape(0), py::ssize_t{6}, count - 1});
+  Eigen::Matrix<double, 6, Eigen::Dynamic> jacobian;
+  for (py::ssize_t i = 0; i < axes.shape(0); ++i) {
+    const Isometry3d tool = motion.place_tool(axes.data(i, 0), to_pose(link_from_tool.data()), jacobian);
+    Eigen::Map<RowMajor4>(poses.mutable_data(i, 0, 0)) = tool.matrix();
+    Eigen::Map<Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::RowMajor>>(jacobians.mutable_data(i, 0, 0), 6,
+                                                                          count - 1) = jacobian;
+  }
+  return py::make_tuple(poses, jacobians);
 }
 
 Motions to_motions(const MotionProof& proof, const Doubles& start, const Doubles& end,
@@ -121,16 +137,17 @@ py::tuple first_violations(MotionProof& proof, const Doubles& start, const Doubl
   return py::make_tuple(first, work);
 }
 
-py::array_t<double> distances(MotionProof& proof, const Doubles& axes,
-                              const py::array_t<bool, py::array::c_style>& pairs) {
+py::tuple distances(MotionProof& proof, const Doubles& axes,
+                    const py::array_t<bool, py::array::c_style>& pairs) {
   require_shape(axes, "axes", {-1, static_cast<py::ssize_t>(proof.motion().axes())});
   require_shape(pairs, "pairs", {static_cast<py::ssize_t>(proof.motion().pairs())});
   for (py::ssize_t i = 0; i < axes.size(); ++i) {
     if (!std::isfinite(axes.data()[i])) throw std::invalid_argument("axes: expected finite angles");
   }
   py::array_t<double> result({axes.shape(0), pairs.shape(0)});
-  proof.distances(axes.data(), static_cast<std::size_t>(axes.shape(0)), pairs.data(), result.mutable_data());
-  return result;
+  const auto count = static_cast<std::size_t>(axes.shape(0));
+  const std::size_t work = proof.distances(axes.data(), count, pairs.data(), result.mutable_data());
+  return py::make_tuple(result, work);
 }
 
 std::unique_ptr<MotionProof> make_proof(const PairDistances& scene, const CellMotion& motion) {
@@ -146,7 +163,8 @@ void bind_motion(py::module_& module) {
   py::class_<CellMotion>(module, "CellMotion", py::module_local())
       .def(py::init(&make_motion), py::arg("joints"), py::arg("world_from_base"), py::arg("world_from_table"),
            py::arg("bodies"), py::arg("pairs"))
-      .def("bounds", &bounds, py::arg("at"), py::arg("half"), py::arg("slack"));
+      .def("bounds", &bounds, py::arg("at"), py::arg("half"), py::arg("slack"))
+      .def("tool_poses", &tool_poses, py::arg("axes"), py::arg("link_from_tool"));
   py::class_<MotionProof>(module, "MotionProof", py::module_local())
       .def(py::init(&make_proof), py::arg("scene"), py::arg("motion"), py::keep_alive<1, 2>())
       .def("first_clashes", &first_clashes, py::arg("start"), py::arg("end"), py::arg("deviation"),

@@ -176,7 +176,15 @@ def exp_rotation(vector: ArrayLike) -> Array:
 
 def log_rotation(rotation: ArrayLike) -> Array:
     """Rotation vectors (..., 3), of length in [0, pi], of rotation matrices (..., 3, 3)."""
-    q = quaternion_from_rotation(rotation)
+    r = np.asarray(rotation, float)
+    cosine = (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1) / 2
+    if (cosine > 0).all():  # away from half turns the part that changes its sign with the turn is accurate, and faster
+        half = (r - np.swapaxes(r, -1, -2))[..., (2, 0, 1), (1, 2, 0)] / 2
+        sine = np.sqrt((half**2).sum(-1))
+        return np.asarray(
+            half * np.where(sine > 1e-12, np.arctan2(sine, cosine) / np.maximum(sine, 1e-12), 1.0)[..., None]
+        )
+    q = quaternion_from_rotation(r)
     sine = np.linalg.norm(q[..., 1:], axis=-1)
     angle = 2 * np.arctan2(sine, q[..., 0])
     safe = np.where(sine > 1e-12, sine, 1.0)

@@ -33,8 +33,8 @@ _NEARER, _NEARER_SHARE = 0.2e-3, 0.1  # m, and share of its distance, by which a
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
 _FINE = 1e-4  # rad: those of the proof that a pair does not come nearer
 _FARTHEST_ASTRAY = 0.2  # rad: links of an arm are too close to each other for stops that may deviate more
-# Comparisons of faces or their bounding volumes (about 0.07 µs each) for all hypotheses of an answer.
-_STOP_WORK, _CONTACT_WORK = 200_000, 80_000
+# Comparisons of faces or their bounding volumes (about 0.08 µs each) for all hypotheses of an answer.
+_WORK = 75_000
 _BENDING = 1.5  # of the measured curvature between its samples
 
 
@@ -142,24 +142,24 @@ class ManualCheck:
         times = np.linspace(0.0, ends, _PIECES + 1).T
         axes = self._predictor.axes([*moving, *moving], times)
         without_stop, contacts, astray = [], [], False
+        budget = Budget(_WORK)
         for row, (hypothesis, stop) in enumerate(zip(moving, stops, strict=True)):
-            way, deviation = _stop_way(axes[row], times[row], stop, self._worst)
-            if deviation.max() > _FARTHEST_ASTRAY:
+            way = _stop_way(hypothesis.path, axes[row], times[row], stop, self._worst)
+            if (stop.deviation + way.bend).max() > _FARTHEST_ASTRAY:
                 astray = True
                 continue
-            budget = Budget(_STOP_WORK // len(moving))
-            if blocked := self._unstoppable(hypothesis, way, deviation, stop, budget):
+            if blocked := self._unstoppable(hypothesis, way, stop, budget.share(len(moving) - row)):
                 without_stop.append(blocked)
                 if only_stop:
                     break
         if not (only_stop and (without_stop or astray)):
             for row, hypothesis in enumerate(moving, start=len(moving)):
-                if contact := self._contact(hypothesis, axes[row], times[row], Budget(_CONTACT_WORK // len(moving))):
+                if contact := self._contact(hypothesis, axes[row], times[row], budget.share(len(axes) - row)):
                     contacts.append(contact)
         contacts.sort(key=lambda contact: contact.free_until)
         return Verdict(tuple(contacts), tuple(without_stop), astray)
 
-    def approaches(self, hypothesis: Hypothesis, pairs: Flags) -> list[Approach]:
+    def _approaches(self, hypothesis: Hypothesis, pairs: Flags, budget: Budget) -> list[Approach]:
         """Distance of some `pairs` (pairs,) of the scene, and its rate as the motion begins; the nearest one first."""
         now = hypothesis.state.axes
         ends = np.stack([now, now + _SOON * hypothesis.rates])
@@ -169,26 +169,24 @@ class ManualCheck:
         known = self._known[1]
         wanted = pairs.copy()
         wanted[list(known)] = False
-        distance, soon = self._motions.distances(ends, wanted)
+        distance, soon = self._motions.distances(ends, wanted, budget)
         rate = (soon - distance) / _SOON
         for i in np.flatnonzero(wanted):
             known[int(i)] = Approach(*self._scene.pairs[i], float(distance[i]), float(rate[i]))
         return sorted((known[int(i)] for i in np.flatnonzero(pairs)), key=lambda approach: approach.distance)
 
-    def _unstoppable(
-        self, hypothesis: Hypothesis, axes: Array, deviation: Array, stop: Stop, budget: Budget
-    ) -> Approach | None:
-        """A pair for which the stop along `axes` (n, joints + 1) is not proved."""
+    def _unstoppable(self, hypothesis: Hypothesis, way: _Way, stop: Stop, budget: Budget) -> Approach | None:
+        """A pair for which the stop along a way is not proved."""
         clearance = self._clearance
         if self._unseen is not None:
-            clearance = clearance + self._unseen.bound(axes[0], stop.unseen)
-        violated = self._motions.violations(axes, deviation, clearance, budget)
+            clearance = clearance + self._unseen.bound(hypothesis.state.axes, stop.unseen)
+        violated = self._motions.violations(*way.near, stop.deviation + way.bend, clearance, budget)
         if not violated.any():
             return None
         if budget.left <= 0:  # one of them is enough to name
             violated &= np.cumsum(violated) == 1
-            return self.approaches(hypothesis, violated)[0]
-        found = self.approaches(hypothesis, violated)
+            return self._approaches(hypothesis, violated, budget)[0]
+        found = self._approaches(hypothesis, violated, budget)
         nearer = [approach for approach in found if approach.rate < -_STILL]
         if nearer:
             return nearer[0]
@@ -196,7 +194,7 @@ class ManualCheck:
         for one in found:
             nearer_by = min(max(_NEARER, _NEARER_SHARE * one.distance), one.distance / 2)
             kept[self._number[one.body_a, one.body_b]] = one.distance - nearer_by
-        nearer_later = self._motions.violations(axes, clearance=kept, budget=budget, finest=_FINE)
+        nearer_later = self._motions.violations(*way.predicted, clearance=kept, budget=budget, finest=_FINE)
         return next((one for one in found if nearer_later[self._number[one.body_a, one.body_b]]), None)
 
     def _contact(self, hypothesis: Hypothesis, axes: Array, times: Array, budget: Budget) -> Contact | None:
@@ -207,7 +205,7 @@ class ManualCheck:
             touching = np.isfinite(first)
             if not touching.any() or budget.left <= 0:
                 return None
-            found = next((one for one in self.approaches(hypothesis, touching) if one.rate < -_SURELY), None)
+            found = next((one for one in self._approaches(hypothesis, touching, budget) if one.rate < -_SURELY), None)
             if found is not None:
                 break
             clearance[touching] = -np.inf
@@ -219,14 +217,33 @@ class ManualCheck:
         return Contact(found, hypothesis.path, until, float(until + step / _FINER), travel)
 
 
-def _stop_way(axes: Array, times: Array, stop: Stop, worst: WorstCase) -> tuple[Array, Array]:
-    """Points (m, joints + 1), rad, of a way near which every stop stays, and a bound (joints + 1,), rad, on how near.
+@dataclass(frozen=True)
+class _Way:
+    """Straight motions of stops, each from a start to an end, (n, joints + 1), rad.
 
-    Until braking begins the axes follow the path through `axes` (n, joints + 1) at equally spaced `times` (n,), then
-    its tangent, as far as in half the braking time. The way goes along the tangents at all points of the path, each
-    longer by the path to the next point: where braking begins between two points, the path bends away from the tangent
-    by half the curvature times the squared time to the point before, and so does its direction. What accelerates more
-    than the axes can, as near a singular position, the controller does not follow: it brakes.
+    Attributes
+    ----------
+    near
+        A few near which every stop stays, but for its deviation.
+    bend
+        How near, (joints + 1,), rad.
+    predicted
+        Stops from the points of the predicted motion, and the motion from each to the next.
+    """
+
+    near: tuple[Array, Array]
+    bend: Array
+    predicted: tuple[Array, Array]
+
+
+def _stop_way(path: Path, axes: Array, times: Array, stop: Stop, worst: WorstCase) -> _Way:
+    """Way of all stops from the predicted motion through `axes` (n, joints + 1) at equally spaced `times` (n,).
+
+    Until braking begins the axes follow the path, then its tangent, as far as in half the braking time. All stops are
+    near the tangents at every second point, longer by the path from the point before and to the next: where braking
+    begins between those, the path bends away from the tangent by half the curvature times the squared time to the
+    point, and so does its direction. What accelerates more than the axes can, as near a singular position, the
+    controller does not follow: it brakes.
     """
     step = times[1] - times[0]
     most = np.asarray(worst.deceleration, float)
@@ -235,6 +252,11 @@ def _stop_way(axes: Array, times: Array, stop: Stop, worst: WorstCase) -> tuple[
     curvature = np.minimum(_BENDING * np.abs(np.diff(axes, n=2, axis=0)).max(0) / step**2, most)
     longer = braking_time(np.abs(rates).max(0) - np.abs(rates[0]), worst.deceleration)
     half = (stop.braking_time + longer) / 2
+    bend = curvature * (step**2 / 2 + step * half)
+    if path is Path.JOINT:  # all tangents are one
+        line = axes[:1], axes[-1:] + half * rates[-1:]
+        return _Way(line, bend, line)
+    middle = slice(1, None, 2)
+    near = axes[middle] - step * rates[middle], axes[middle] + (step + half) * rates[middle]
     reach = np.append(np.full(len(axes) - 1, step), 0.0) + half
-    way = np.stack([axes, axes + reach[:, None] * rates], 1).reshape(-1, axes.shape[1])
-    return way, np.asarray(stop.deviation + curvature * (step**2 / 2 + step * half))
+    return _Way(near, bend, (axes, axes + reach[:, None] * rates))

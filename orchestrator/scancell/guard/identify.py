@@ -70,7 +70,7 @@ class Identifier:
     def _plainest(self, window: _Window) -> tuple[Kind, Array]:
         """The plainest kind of motion, and the rates (joints + 1,) of this kind that are nearest to the measured."""
         rates = window.rates.copy()
-        still = window.stillness()
+        still = window.stillness
         freedom = len(window.times) - 1
         table_rests = still[-1] <= _limit(freedom, _NOT_PLAIN)
         if table_rests:
@@ -82,7 +82,7 @@ class Identifier:
         if still[:-1].sum() - still[most] <= _limit(freedom * (self._joints - 1), _NOT_PLAIN):
             rates[:-1] = np.where(np.arange(self._joints) == most, rates[:-1], 0.0)
             return Kind.SINGLE_JOINT, rates
-        if window.moves_straight and window.held_stillness() <= _limit(window.held_freedom, _NOT_PLAIN):
+        if window.moves_straight and window.held_stillness <= _limit(window.held_freedom, _NOT_PLAIN):
             for kind, kept in ((Kind.TRANSLATION, slice(3, 6)), (Kind.ROTATION, slice(0, 3))):
                 if window.constancy(kept) <= _limit(3 * freedom, _NOT_PLAIN):
                     rates[:-1] = window.rates_without(kept)
@@ -100,7 +100,7 @@ class Identifier:
         possible = []
         for path in candidates:
             moved = self._joints if path is Path.JOINT else 6
-            held = path is Path.JOINT or window.held_stillness() <= _limit(window.held_freedom, _IMPOSSIBLE)
+            held = path is Path.JOINT or window.held_stillness <= _limit(window.held_freedom, _IMPOSSIBLE)
             if held and window.straightness(path) <= _limit(moved - 1, _IMPOSSIBLE):
                 possible.append(path)
         return possible or candidates
@@ -126,16 +126,11 @@ class _Window:
         self._poses, self._jacobians = tool.poses(axes[:, :-1])
         self._jacobian = self._jacobians[len(times) // 2]
         self.moves_straight = tool.moves_straight(self._jacobian)
-        self._held = np.setdiff1d(np.arange(len(noise) - 1), tool.active)
-        self.held_freedom = len(self._held) * (len(times) - 1)
-
-    def stillness(self) -> Array:
-        """Squared deviations of each axis from its mean, in units of its variance, (joints + 1,)."""
-        return np.asarray((((self._axes - self._axes.mean(0)) / self._noise) ** 2).sum(0))
-
-    def held_stillness(self) -> float:
-        """The same of the joints that Cartesian motion holds, summed."""
-        return float(self.stillness()[self._held].sum())
+        self.held_freedom = len(tool.held) * (len(times) - 1)
+        # Squared deviations of each axis from its mean, in units of its variance, and of those that Cartesian motion
+        # holds, summed.
+        self.stillness = (((axes - axes.mean(0)) / noise) ** 2).sum(0)
+        self.held_stillness = float(self.stillness[tool.held].sum())
 
     def constancy(self, rows: slice) -> float:
         """Squared deviations of the tool's position (rows 0 to 3) or orientation (3 to 6) from their mean.

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.nominal.cell import NominalCell
+from scancell.proximity.motion_bounds import arm_motion
 
 Array = NDArray[np.float64]
 
@@ -18,12 +19,15 @@ class Tool:
     Attributes
     ----------
     active
-        Numbers from 0 of the joints that Cartesian motion moves: all but the held ones.
+        Numbers from 0 of the joints that Cartesian motion moves.
+    held
+        Those that it does not.
     """
 
     def __init__(self, nominal: NominalCell) -> None:
-        self._nominal = nominal
+        self._motion, self._flange_from_tool = arm_motion(nominal), nominal.flange_from_sensor
         held = {joint.index for joint in nominal.arm.held}
+        self.held = np.array(sorted(held), np.int64)
         self.active = np.array([i for i in range(len(nominal.arm.joints)) if i not in held], np.int64)
 
     def poses(self, joints: Array) -> tuple[Array, Array]:
@@ -31,11 +35,9 @@ class Tool:
 
         The Jacobian is in world axes: linear velocity, then angular velocity.
         """
-        frames = self._nominal.arm.link_poses(joints)
-        tool = frames[:, -1] @ self._nominal.flange_from_sensor
-        u, v, w = frames[:, :-1, 0, 2], frames[:, :-1, 1, 2], frames[:, :-1, 2, 2]
-        x, y, z = np.moveaxis(tool[:, None, :3, 3] - frames[:, :-1, :3, 3], -1, 0)
-        return tool, np.stack([v * z - w * y, w * x - u * z, u * y - v * x, u, v, w], 1)
+        axes = np.zeros((len(joints), joints.shape[1] + 1))
+        axes[:, :-1] = joints
+        return self._motion.tool_poses(axes, self._flange_from_tool)
 
     def moves_straight(self, jacobian: Array) -> bool:
         """Whether Cartesian motion is possible with a Jacobian (6, joints): six active joints, no singular position."""

@@ -61,12 +61,12 @@ class UnseenApproach:
         self._bounds, self._limits = MotionBounds(nominal, pairs), limits
         lever = {body.name: _lever(nominal, body) for body in nominal.bodies if _is_on_tool(nominal, body)}
         moving = {name for name in arm_chain(nominal) if name != "base"}
-        number = len(pairs)
-        self._by_tool = np.full(number, np.inf)  # m/s²
+        by_tool = {}
         for i, (a, b) in enumerate(pairs):
             on_tool = a if a in lever else b if b in lever else None
             if on_tool is not None and (b if on_tool == a else a) not in moving:
-                self._by_tool[i] = limits.line + limits.turn * lever[on_tool]
+                by_tool[i] = limits.line + limits.turn * lever[on_tool]
+        self._on_tool, self._by_tool = np.array(list(by_tool), np.int64), np.array(list(by_tool.values()))  # m/s²
 
     def bound(self, axes: Array, time_squared: float) -> Array:
         """Bound (pairs,), m, at `axes` (joints + 1,), rad, on what accelerations add in half of `time_squared`, s²."""
@@ -74,7 +74,8 @@ class UnseenApproach:
         joints, table = self._limits.axes.copy(), np.zeros_like(self._limits.axes)
         table[-1], joints[-1] = joints[-1], 0.0
         by_joints, by_table = self._bounds.pairs(axes[None], half * np.stack([joints, table])[:, None])[:, 0]
-        return np.asarray(_LONGER * (np.minimum(by_joints, half * self._by_tool) + by_table))
+        by_joints[self._on_tool] = np.minimum(by_joints[self._on_tool], half * self._by_tool)
+        return np.asarray(_LONGER * (by_joints + by_table))
 
 
 def _is_on_tool(nominal: NominalCell, body: Body) -> bool:

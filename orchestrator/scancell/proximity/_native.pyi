@@ -68,6 +68,8 @@ class CellMotion:
 
         Axes follow straight lines by `half` (n, axes) times -1 to 1 and deviate from them by up to `slack` (n, axes).
         """
+    def tool_poses(self, axes: ArrayLike, link_from_tool: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """``world_from_tool`` (n, 4, 4) at axes (n, axes), and the geometric Jacobian (n, 6, joints) of its origin."""
 
 class MotionProof:
     """Proofs that motions from `start` to `end`, straight in the axes, keep the clearances of pairs.
@@ -111,5 +113,5 @@ class MotionProof:
 
         (pairs,), infinite for those that do not, or later.
         """
-    def distances(self, axes: ArrayLike, pairs: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Distances (n, pairs), m, at `axes` (n, axes), rad, of some `pairs` (pairs,), NaN of the others."""
+    def distances(self, axes: ArrayLike, pairs: NDArray[np.bool_]) -> tuple[NDArray[np.float64], int]:
+        """Distances (n, pairs), m, at `axes` (n, axes), rad, of some `pairs` (pairs,), NaN of the others; the work."""

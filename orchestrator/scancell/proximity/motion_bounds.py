@@ -13,6 +13,7 @@ from scancell.proximity._native import CellMotion
 
 Array = NDArray[np.float64]
 
+_COLUMNS = 23  # of a body
 _ON_FLANGE = ("sensor", "finger")
 
 
@@ -54,6 +55,12 @@ class MotionBounds:
         return found.reshape(*half.shape[:-1], found.shape[-1])
 
 
+def arm_motion(nominal: NominalCell) -> CellMotion:
+    """Kinematics of the arm and the table alone."""
+    none = np.zeros((0, _COLUMNS)), np.zeros((0, 2), np.int64)
+    return CellMotion(_joints(nominal), nominal.arm.world_from_base, nominal.world_from_table, *none)
+
+
 def _joints(nominal: NominalCell) -> Array:
     """Denavit-Hartenberg parameters a, d, theta and the rotation by alpha and beta of each joint, (joints, 12)."""
     arm = nominal.arm
@@ -63,7 +70,7 @@ def _joints(nominal: NominalCell) -> Array:
 
 
 def _row(nominal: NominalCell, body: Body) -> Array:
-    """What the native kinematics knows of a body, (23,).
+    """What the native kinematics knows of a body, (_COLUMNS,).
 
     Number of joints that carry it, whether the table turns it, bounding sphere (centre and radius) in the frame of the
     carrier (last link, table or world), largest distance from the table's axis, and pose in that frame.

@@ -2,8 +2,9 @@
 
 At the middle of an interval of a motion, a pair of bodies at distance d keeps the clearance c in the whole interval if
 d >= c + h, where h bounds the motion of one body relative to the other from the middle to either end (Schwarzer, Saha &
-Latombe, "Exact collision checking of robot paths", 2002).  Intervals without this proof are halved.  Samples would miss
-what is thinner than their spacing.
+Latombe, "Exact collision checking of robot paths", 2002).  Parts of the bodies need room only for their own motion
+along the direction that separates them.  Intervals without this proof are halved.  Samples would miss what is thinner
+than their spacing.
 """
 
 from __future__ import annotations
@@ -34,6 +35,17 @@ class Budget:
     """
 
     left: int = _UNLIMITED
+    whole: Budget | None = None  # of which it is a part
+
+    def share(self, parts: int) -> Budget:
+        """An equal share for the first of so many searches; what it does not use is left to the others."""
+        return Budget(self.left // parts, self)
+
+    def spend(self, work: int) -> None:
+        """Take work from it, and from that of which it is a part."""
+        self.left -= work
+        if self.whole is not None:
+            self.whole.spend(work)
 
 
 @dataclass(frozen=True)
@@ -102,21 +114,22 @@ class MotionCheck:
 
     def violations(
         self,
-        points: Array,
+        start: Array,
+        end: Array,
         deviation: ArrayLike = 0.0,
         clearance: ArrayLike | None = None,
         budget: Budget | None = None,
         finest: float | None = None,
     ) -> Flags:
-        """Whether each pair (pairs,) is not proved to keep its clearance on the way through `points` (n, joints + 1).
+        """Whether each pair (pairs,) is not proved to keep its clearance on any of the motions from `start` to `end`.
 
         `finest` is in place of that of the check, rad; others as in `first_clashes`. What this and the two following
         functions find out about a pair shortens their next call: one thread may use them at a time.
         """
         budget = budget or Budget()
-        motions = self._motions(points[:-1], points[1:], deviation, clearance)
+        motions = self._motions(start, end, deviation, clearance)
         violated, work = self._native.violations(*motions, finest or self._finest, max(budget.left, 0))
-        budget.left -= work
+        budget.spend(work)
         return violated
 
     def first_violations(
@@ -135,12 +148,18 @@ class MotionCheck:
         budget = budget or Budget()
         motions = self._motions(points[:-1], points[1:], deviation, clearance)
         first, work = self._native.first_violations(*motions, self._finest, parts, max(budget.left, 0))
-        budget.left -= work
+        budget.spend(work)
         return first
 
-    def distances(self, axes: Array, pairs: Flags) -> Array:
-        """Distances (n, pairs), m, at `axes` (n, joints + 1), rad, of some `pairs` (pairs,); NaN of the others."""
-        return self._native.distances(axes, pairs)
+    def distances(self, axes: Array, pairs: Flags, budget: Budget | None = None) -> Array:
+        """Distances (n, pairs), m, at `axes` (n, joints + 1), rad, of some `pairs` (pairs,); NaN of the others.
+
+        They take work from a budget and do not end with it.
+        """
+        found, work = self._native.distances(axes, pairs)
+        if budget is not None:
+            budget.spend(work)
+        return found
 
     def clash_along(self, points: Array) -> MotionClash | None:
         """None if the motion of the controller through set-points (n, joints + 1), rad, is proved, else a clash.
