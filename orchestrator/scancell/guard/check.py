@@ -34,7 +34,7 @@ _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
 _FINE = 1e-4  # rad: those of the proof that a pair does not come nearer
 _FARTHEST_ASTRAY = 0.2  # rad: links of an arm are too close to each other for stops that may deviate more
 # Comparisons of faces or their bounding volumes (about 0.08 µs each) for all hypotheses of an answer.
-_WORK = 75_000
+_WORK = 70_000
 _BENDING = 1.5  # of the measured curvature between its samples
 
 
