@@ -10,11 +10,17 @@ import numpy as np
 import pytest
 from commands import PARTS, scancell_here
 
+from scancell.config.cell import CellDescription
 from scancell.errors import DescriptionError
+from scancell.geometry.mesh import load_mesh
+from scancell.guard.guard import Guard
+from scancell.jobs.guard_job import settings_of
+from scancell.nominal.cell import nominal_cell
 from scancell.studies.guard.campaign import Campaign, RunRow
 from scancell.studies.guard.mutations import MUTATIONS
 from scancell.studies.guard.rows import RowFile, summary, tables
 from scancell.studies.guard.run import IGNORED, CampaignOptions, campaign_of, run_campaign, search
+from scancell.studies.guard.simulation import Simulation
 from scancell.studies.guard.twins import THIRDS
 
 LONG = ("short-delay", "no-tool-path")  # errors that take hundreds of runs to find
@@ -126,3 +132,17 @@ def test_moves_to_contacts_of_a_pair_are_stopped_unless_it_is_ignored(pair: tupl
 def test_unknown_errors_of_a_guard_are_refused() -> None:
     with pytest.raises(DescriptionError, match="expected one of"):
         search(OPTIONS, 1, "none-such")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [0, 3])
+def test_an_arm_with_motors_does_not_collide(number: int) -> None:
+    """Motors, gears and inertia delay the arm behind its set-points: by hand, and in automatic operation."""
+    shipped = CellDescription.default()
+    described = shipped.model_copy(update={"robot": shipped.robot.model_copy(update={"drive": "dynamic"})})
+    nominal = nominal_cell(described, load_mesh(OPTIONS.part, "mm"))
+    guard = Guard(nominal, described.robot, settings_of(described))
+    with Campaign(Simulation(described, nominal), guard, 1) as campaign:
+        row = campaign.run(number)
+    assert row.twin_contact
+    assert (row.contact, row.touched) == ("", False)

@@ -84,9 +84,10 @@ class Simulation(Closing):
     def __init__(self, cell: CellDescription, nominal: NominalCell, folder: Path | None = None) -> None:
         self.description, self.nominal = cell, nominal
         self._cycle_us = cell.world.controller_cycle_us
-        # Nothing but the controller moves the bodies: one step of the dynamics in a sample is enough. Of the collision
-        # outputs contacts are read, not clearances.
-        world = cell.world.model_copy(update={"time_step_us": self._cycle_us // SAMPLES})
+        # Where nothing but the controller moves the bodies, one step of the dynamics in a sample is enough. Of the
+        # collision outputs contacts are read, not clearances.
+        step_us = self._cycle_us // SAMPLES if cell.robot.drive == "kinematic" else cell.world.time_step_us
+        world = cell.world.model_copy(update={"time_step_us": step_us})
         collision = cell.collision.model_copy(update={"range_mm": _RANGE_MM})
         stepped = cell.model_copy(update={"world": world, "collision": collision})
         self._described = {seen: cell_json(stepped, nominal, 0, collision_outputs=seen) for seen in (False, True)}
