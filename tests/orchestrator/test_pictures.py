@@ -13,7 +13,7 @@ from scancell.errors import OutputError
 from scancell.evaluation.deviation import Deviation
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.sampling import sample_surface
-from scancell.output.deviation_picture import _colours, colour_limit_um, deviation_picture
+from scancell.output.deviation_picture import colour_limit_um, deviation_colours, deviation_picture
 from scancell.output.drawing import Sheet, _font, ticks
 from scancell.output.stripe_picture import stripe_picture
 from scancell.output.surface_view import SurfaceView, sharp_edges, view_axes
@@ -171,10 +171,10 @@ def test_ticks_are_round_and_evenly_spaced(low: float, high: float) -> None:
 
 
 def test_colours_go_from_blue_through_pale_to_red() -> None:
-    blue, pale, red = _colours(np.array([-5.0, 0.0, 5.0]), 5.0)
+    blue, pale, red = deviation_colours(np.array([-5.0, 0.0, 5.0]), 5.0)
     assert blue[2] > 2 * blue[0] and red[0] > 2 * red[2]
     assert pale.min() > 180
-    assert (_colours(np.array([-50.0, 50.0]), 5.0) == [blue, red]).all()
+    assert (deviation_colours(np.array([-50.0, 50.0]), 5.0) == [blue, red]).all()
 
 
 def test_the_font_has_the_letters_that_are_used() -> None:

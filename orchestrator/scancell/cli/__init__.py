@@ -15,6 +15,7 @@ from scancell.cli.fmu import fmu_app
 from scancell.cli.guard import guard_app
 from scancell.cli.interrupts import INTERRUPTS
 from scancell.cli.options import CellOptions, CloudOptions, with_options
+from scancell.cli.pictures import animate, picture
 from scancell.cli.place import place
 from scancell.cli.plan import PathOption, plan
 from scancell.cli.robot import robot_app
@@ -33,7 +34,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command()(animate)
 app.command()(batch)
+app.command()(picture)
 app.command()(place)
 app.command()(plan)
 app.command()(survey)

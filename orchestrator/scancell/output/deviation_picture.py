@@ -56,7 +56,11 @@ def deviation_picture(
     sheet = Sheet(_WIDTH, _HEIGHT)
     limit = colour_limit_um(deviation.figures.d95)
     view = SurfaceView(
-        mesh, cloud.points_in_part, deviation.signed, deviation.face, lambda signed: _colours(1e6 * signed, limit)
+        mesh,
+        cloud.points_in_part,
+        deviation.signed,
+        deviation.face,
+        lambda signed: deviation_colours(1e6 * signed, limit),
     )
     width = (_RIGHT - _LEFT) // len(_VIEWS)
     for number, (azimuth, elevation) in enumerate(_VIEWS):
@@ -67,7 +71,7 @@ def deviation_picture(
     sheet.write(path)
 
 
-def _colours(values_um: Array, limit: float) -> Array:
+def deviation_colours(values_um: Array, limit: float) -> Array:
     """Colours (n, 3), 0 to 255, of deviations (n,)."""
     place = np.clip((values_um / limit + 1) / 2, 0, 1) * 255
     return _table()[place.astype(np.int64)]
@@ -104,7 +108,7 @@ def _round_below(length: float) -> float:
 def _draw_colour_bar(sheet: Sheet, limit: float, sign: str) -> None:
     left, top, right, bottom = _BAR
     level = 1 - 2 * (np.arange(bottom - top) + 0.5) / (bottom - top)
-    column = _colours(level * limit, limit).astype(np.uint8)
+    column = deviation_colours(level * limit, limit).astype(np.uint8)
     bar: Pixels = np.ascontiguousarray(np.broadcast_to(column[:, None], (bottom - top, right - left, 3)))
     middle, tip = (left + right - 1) / 2, 26
     sheet.polygon([(left, top), (right - 1, top), (middle, top - tip)], _hex(column[0]))
@@ -147,7 +151,7 @@ def _draw_histogram(sheet: Sheet, deviation: Deviation, limit: float) -> None:
         sheet.line([(_LEFT, at), (_RIGHT, at)], "#e4e6ea")
         sheet.line([(_LEFT - 6, at), (_LEFT, at)], INK)
         sheet.text(_LEFT - 11, at, label, 16.5, INK, "rm")
-    paint = _colours((edges[:-1] + edges[1:]) / 2, limit)
+    paint = deviation_colours((edges[:-1] + edges[1:]) / 2, limit)
     for left, right, height, colour in zip(x[:-1].round(), x[1:].round(), y.round(), paint, strict=True):
         if height < _PLOT_BOTTOM:
             sheet.rectangle(left, height, right, _PLOT_BOTTOM, _hex(colour))

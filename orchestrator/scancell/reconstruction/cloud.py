@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from scancell.geometry import pose
 
 Array = NDArray[np.float64]
 
@@ -51,6 +53,11 @@ class Cloud:
     def __getitem__(self, chosen: NDArray[Any] | slice) -> Self:
         """The cloud of the points selected by a mask, index array or slice."""
         return type(self)(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
+
+    def transformed(self, target_from_source: Array) -> Self:
+        """The cloud in another frame: points and normals moved by a pose (4, 4)."""
+        points = pose.transform_points(target_from_source, self.points_in_part)
+        return replace(self, points_in_part=points, normals=self.normals @ target_from_source[:3, :3].T)
 
     @classmethod
     def concatenate(cls, clouds: Sequence[Cloud]) -> Self:

@@ -16,7 +16,6 @@ xyz     all fields as text, names in the first line; positions rounded to 1 nm
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,15 +23,14 @@ from numpy.typing import NDArray
 
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
-from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.ply import read_ply, write_ply
+from scancell.reconstruction.cloud_files.ply import read_ply, read_ply_comments, write_ply
 
 # Writes a cloud with comments to a path; `write_cloud` makes the result atomic.
 _Write = Callable[[Path, Cloud, Sequence[str]], None]
 FORMATS = ("ply", "npz", "laz", "e57", "pcd", "xyz")
 
-__all__ = ["FORMATS", "parse_formats", "read_ply", "write_cloud", "write_ply"]
+__all__ = ["FORMATS", "parse_formats", "read_ply", "read_ply_comments", "write_cloud", "write_ply"]
 
 
 def write_cloud(
@@ -56,8 +54,7 @@ def write_cloud(
     """
     write = _writer(parse_formats(path.suffix.removeprefix(".").lower(), str(path))[0])
     if frame_from_part is not None and not np.array_equal(frame_from_part, np.eye(4)):
-        points = pose.transform_points(frame_from_part, cloud.points_in_part)
-        cloud = replace(cloud, points_in_part=points, normals=cloud.normals @ frame_from_part[:3, :3].T)
+        cloud = cloud.transformed(frame_from_part)
     with atomic_write(path) as temporary:
         write(temporary, cloud, comments)
 

@@ -12,6 +12,7 @@ from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files.record import RECORD, UNITS, cloud_of_record, record_of
 
 _BLOCK = 1 << 16  # points written at a time, which bounds the memory
+_HEADER = 1 << 16  # bytes in which the header of a file ends
 _PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar", "<i4": "int"}
 
 
@@ -41,7 +42,7 @@ def read_ply(path: str | Path) -> Cloud:
     if not path.is_file():
         raise MeshError(f"{path}: no such file")
     with path.open("rb") as stream:
-        count, known = _read_header(stream.read(65536))
+        count, known = _read_header(stream.read(_HEADER))
         if count is None:
             raise MeshError(f"{path}: expected a binary point cloud written by scancell")
         stream.seek(known)
@@ -49,6 +50,22 @@ def read_ply(path: str | Path) -> Cloud:
     if len(record) < count:
         raise MeshError(f"{path}: file is truncated: {len(record)} of {count} points")
     return cloud_of_record(record)
+
+
+def read_ply_comments(path: str | Path) -> list[str]:
+    """Lines of text in the header of a PLY file.
+
+    Raises
+    ------
+    MeshError
+        If the file is missing.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file")
+    with path.open("rb") as stream:
+        lines = stream.read(_HEADER).partition(b"end_header\n")[0].decode("utf-8", errors="replace").splitlines()
+    return [line.removeprefix("comment ") for line in lines if line.startswith("comment ")]
 
 
 def _properties() -> list[str]:

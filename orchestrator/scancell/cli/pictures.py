@@ -1,0 +1,102 @@
+"""`scancell picture` and `scancell animate`: the cell of a recorded run, rendered."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from scancell.cli.common import JsonOption, Outcome, ThreadsOption, run, show_progress
+
+if TYPE_CHECKING:
+    from scancell.workspace.recorded_run import RecordedRun
+
+# The words of scancell.workspace, which is slow to import.
+_View = Literal["cell", "part", "orbit", "sensor"]
+_Colour = Literal["deviation", "intensity"]
+
+_Run = Annotated[Path, typer.Argument(help="run folder of a scan")]
+_ViewOption = Annotated[
+    _View, typer.Option("--view", help="whole cell, part, once around the cell, or following the sensor")
+]
+_SizeOption = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="size in pixels")]
+_ColourOption = Annotated[_Colour, typer.Option("--colour", help="what the colours of the cloud show")]
+
+
+def picture(
+    run_folder: _Run,
+    out: Annotated[Path, typer.Option("--out", help="file for the picture (PNG)")] = Path("out/picture.png"),
+    time: Annotated[
+        float | None, typer.Option("--time", help="time in the run, s; default: that of the last exposure")
+    ] = None,
+    view: _ViewOption = "cell",
+    size: _SizeOption = "1280x720",
+    colour: _ColourOption = "deviation",
+    threads: ThreadsOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Render the cell of a run at one time: arm, sensor, table, part, laser, and the cloud measured until then."""
+
+    def work() -> Outcome:
+        from scancell.workspace import pictures  # noqa: PLC0415
+
+        options: dict[str, Any] = {"view": view, "size": _size(size), "colour": colour, "threads": threads}
+        opened, warnings = _opened(run_folder)
+        at = pictures.picture(opened, out, time=time, **options)
+        return Outcome([f"{out}: {opened.name} at {at:.2f} s"], {"time_s": at}, [str(out)], warnings)
+
+    run("picture", as_json, work)
+
+
+def animate(
+    run_folder: _Run,
+    out: Annotated[Path, typer.Option("--out", help="file for the animation (WebM)")] = Path("out/scan.webm"),
+    view: _ViewOption = "cell",
+    size: _SizeOption = "1280x720",
+    fps: Annotated[float, typer.Option("--fps", min=1, max=120, help="pictures per second")] = 25.0,
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", min=0.01, help="length of the animation, s; default: 10")
+    ] = None,
+    speed: Annotated[
+        float | None, typer.Option("--speed", min=1e-3, help="seconds of the run in one second; in place of --seconds")
+    ] = None,
+    colour: _ColourOption = "deviation",
+    threads: ThreadsOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Render a whole run as a video (WebM, VP9): the cloud grows as it is measured."""
+
+    def work() -> Outcome:
+        from scancell.workspace import pictures  # noqa: PLC0415
+
+        options: dict[str, Any] = {"view": view, "size": _size(size), "colour": colour, "threads": threads}
+        opened, warnings = _opened(run_folder)
+        with show_progress(as_json) as progress:
+            frames = pictures.animate(opened, out, fps=fps, seconds=seconds, speed=speed, progress=progress, **options)
+        length = frames / fps
+        figures = {"frames": frames, "seconds": length}
+        return Outcome([f"{out}: {frames} frames, {length:.1f} s"], figures, [str(out)], warnings)
+
+    run("animate", as_json, work)
+
+
+def _opened(folder: Path) -> tuple[RecordedRun, list[str]]:
+    """The run, and a warning where it has no cloud to show."""
+    from scancell.workspace.recorded_run import open_run  # noqa: PLC0415
+
+    opened = open_run(folder)
+    missing = opened.cloud is None
+    return opened, [f"{folder / 'cloud.ply'}: no such file: the pictures show no cloud"] if missing else []
+
+
+def _size(text: str) -> tuple[int, int]:
+    from scancell.errors import DescriptionError  # noqa: PLC0415
+
+    words = text.lower().split("x")
+    if len(words) != 2 or not all(word.isascii() and word.isdigit() for word in words):
+        raise DescriptionError(f"--size {text}: expected WIDTHxHEIGHT in pixels, such as 1280x720")
+    width, height = map(int, words)
+    if not (64 <= width <= 7680 and 64 <= height <= 7680):
+        raise DescriptionError(f"--size {text}: expected 64 to 7680 pixels each way")
+    return width, height

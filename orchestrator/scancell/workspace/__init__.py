@@ -1,0 +1,1 @@
+"""Seeing a recorded run: pictures and animations of the cell, rendered by the project's own ray tracer."""
