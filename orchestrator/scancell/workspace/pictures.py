@@ -59,7 +59,7 @@ class RunPictures:
         poses = np.stack([frames[body.moves_with] for body in run.cell.bodies])
         rendered = self._renderer.render(camera, poses, laser)
         if self._cloud is not None:
-            self._cloud.draw(rendered.light, rendered.depth, camera, frames["part"], time)
+            self._cloud.draw(rendered, camera, frames["part"], time)
         return captioned(displayed(rendered.light), run.name, time, self._cloud)
 
 
