@@ -8,7 +8,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.errors import DescriptionError
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -85,22 +84,14 @@ class ColouredCloud:
 
 
 def coloured_by(cloud: Cloud, total: int, mesh: Mesh, what: ColourBy, threads: int = 0) -> ColouredCloud:
-    """Colour a cloud, of `total` points before thinning, by its signed distance from the mesh or by its intensity.
-
-    Raises
-    ------
-    DescriptionError
-        If all intensities are 0, as those of the geometric engine are.
-    """
+    """Colour a cloud, of `total` points before thinning, by its signed distance from the mesh or by its intensity."""
     if what == "deviation":
         deviation = deviation_from_mesh(cloud, mesh, threads)
         limit = colour_limit_um(deviation.figures.d95)
         values, limits, title = 1e6 * deviation.signed, (-limit, limit), "deviation, µm"
     else:
         values, title = np.asarray(cloud.intensity, float), "intensity, DN"
-        limits = (0.0, float(np.quantile(values, 0.99)) if len(values) else 1.0)
-        if limits[1] <= 0.0:
-            raise DescriptionError("--colour intensity: all are 0 in this cloud; expected a scan by the ray tracer")
+        limits = (0.0, max(float(np.quantile(values, 0.99)) if len(values) else 0.0, 1e-9))
     scale = _scale(what)
     place = np.clip((values - limits[0]) / (limits[1] - limits[0]), 0.0, 1.0) * (len(scale) - 1)
     colours = (scale[place.astype(np.int64)] / 255) ** 2

@@ -90,7 +90,7 @@ def picture(
     Raises
     ------
     ScancellError
-        If `time` is not in the run, the cloud has no such colours, or the file cannot be written.
+        If `time` is not in the run, or the file cannot be written.
     """
     at = float(run.motion.times[-1]) if time is None else time
     if not run.motion.start <= at <= run.motion.duration:
@@ -122,7 +122,7 @@ def animate(
     Raises
     ------
     ScancellError
-        If an option is wrong, the cloud has no such colours, or the file cannot be written.
+        If an option is wrong, or the file cannot be written.
     """
     if seconds is not None and speed is not None:
         raise DescriptionError(f"--seconds {seconds:g} and --speed {speed:g}: expected one of them")
