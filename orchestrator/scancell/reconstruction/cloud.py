@@ -25,7 +25,7 @@ class Cloud:
     sigma
         (n,) standard deviation along the direction of largest uncertainty, m.
     intensity
-        (n,) amplitude of the stripe in the image, digital numbers; 0 from the geometric engine.
+        (n,) amplitude of the stripe in the image, digital numbers.
     quality
         (n,) 0 … 1, see `reconstruct.quality_of`.
     camera

@@ -44,6 +44,6 @@ def _colour_bar(sheet: Sheet, cloud: ColouredCloud, right: float, bottom: float,
     sheet.image(bar, left, top)
     low, high = cloud.limits
     for x, value in ((left, low), (left + bar.shape[1] / 2, (low + high) / 2), (left + bar.shape[1], high)):
-        label = f"{value:+g}" if low < 0 and value else f"{value:g}"
+        label = f"{value:+.3g}" if low < 0 and value else f"{value:.3g}"
         sheet.text(x, bottom, label.replace("-", "\N{MINUS SIGN}"), 0.85 * size, INK, "ms")
     sheet.text(left + bar.shape[1] / 2, top - 0.5 * size, cloud.title, 0.85 * size, INK, "ms")

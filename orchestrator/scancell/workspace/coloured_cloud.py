@@ -8,13 +8,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.errors import DescriptionError
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_picture import colour_limit_um, deviation_colours
 from scancell.reconstruction.cloud import Cloud
 from scancell.workspace.camera import PinholeCamera
+from scancell.workspace.renderer import Rendered
 from scancell.workspace.shading import SUN
 
 Array = NDArray[np.float64]
@@ -50,29 +50,31 @@ class ColouredCloud:
         """Number of points that were measured at `time` (s) or before."""
         return int(np.searchsorted(self.time, time, side="right"))
 
-    def draw(self, light: Array, depth: Array, camera: PinholeCamera, world_from_part: Array, time: float) -> None:
-        """Blend the points measured until `time` into linear light (h, w, 3), where `depth` (h, w) hides them not.
+    def draw(self, rendered: Rendered, camera: PinholeCamera, world_from_part: Array, time: float) -> None:
+        """Blend the points measured until `time` into the light of a picture, where its depth hides them not.
 
-        A point covers as many pixels as leave no gap to its neighbours, its mark fades out over one pixel.
+        A point covers as many pixels as leave no gap to its neighbours; its mark fades out over one pixel. The laser's
+        stripe stays on top.
         """
         count = self.measured_until(time)
         pixels, ahead = camera.project(pose.transform_points(world_from_part, self.points_in_part[:count]))
-        height, width = depth.shape
+        height, width = rendered.depth.shape
         with np.errstate(invalid="ignore"):
             inside = ((pixels > -0.5) & (pixels < np.array([width, height]) - 0.5)).all(1) & (ahead > 0)
         rows = np.flatnonzero(inside)
         column, row = np.rint(pixels[rows]).astype(np.int64).T
         size = ahead[rows] / camera.focal_px
-        shown = ahead[rows] < depth[row, column] + _BEHIND + 2 * size
+        shown = ahead[rows] < rendered.depth[row, column] + _BEHIND + 2 * size
         rows, column, row = rows[shown], column[shown], row[shown]
         if not len(rows):
             return
         radius = float(np.clip(0.8 * self.spacing / size[shown].mean(), 0.5, _LARGEST_PX))
         rim = int(np.ceil(radius))
         left, top = max(int(column.min()) - rim, 0), max(int(row.min()) - rim, 0)
-        part = light[top : int(row.max()) + rim + 1, left : int(column.max()) + rim + 1]
+        area = np.s_[top : int(row.max()) + rim + 1, left : int(column.max()) + rim + 1]
+        part = rendered.light[area]
         weight, colour = _marks(pixels[rows] - (left, top), self._shaded(rows, world_from_part), radius, part.shape[:2])
-        part += np.minimum(weight, 1.0)[..., None] * (colour - part)
+        part += (np.minimum(weight, 1.0) * (1 - rendered.stripe[area]))[..., None] * (colour - part)
 
     def _shaded(self, rows: NDArray[np.int64], world_from_part: Array) -> Array:
         """Colours (k, 3) of points, shaded enough to show the shape, too little to shift a reading."""
@@ -82,22 +84,14 @@ class ColouredCloud:
 
 
 def coloured_by(cloud: Cloud, total: int, mesh: Mesh, what: ColourBy, threads: int = 0) -> ColouredCloud:
-    """Colour a cloud, of `total` points before thinning, by its signed distance from the mesh or by its intensity.
-
-    Raises
-    ------
-    DescriptionError
-        If all intensities are 0, as those of the geometric engine are.
-    """
+    """Colour a cloud, of `total` points before thinning, by its signed distance from the mesh or by its intensity."""
     if what == "deviation":
         deviation = deviation_from_mesh(cloud, mesh, threads)
         limit = colour_limit_um(deviation.figures.d95)
         values, limits, title = 1e6 * deviation.signed, (-limit, limit), "deviation, µm"
     else:
         values, title = np.asarray(cloud.intensity, float), "intensity, DN"
-        limits = (0.0, float(np.quantile(values, 0.99)) if len(values) else 1.0)
-        if limits[1] <= 0.0:
-            raise DescriptionError("--colour intensity: all are 0 in this cloud; expected a scan by the ray tracer")
+        limits = (0.0, max(float(np.quantile(values, 0.99)) if len(values) else 0.0, 1e-9))
     scale = _scale(what)
     place = np.clip((values - limits[0]) / (limits[1] - limits[0]), 0.0, 1.0) * (len(scale) - 1)
     colours = (scale[place.astype(np.int64)] / 255) ** 2

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.program import Program
-from scancell.cell.recording import Recording
+from scancell.cell.recording import Recording, RecordLayout
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 
 Array = NDArray[np.float64]
 
+_RECORDED = {"part": "part[1]"}  # frames that the FMU names otherwise: it numbers its parts
 _CLOSE = 0.1  # s between exposures up to which the motion between them is interpolated
 _LIT = 0.05  # s around an exposure in which the laser counts as on
 
@@ -39,7 +40,7 @@ class RunMotion:
     Raises
     ------
     DescriptionError
-        If the recording holds no true poses, or segments that the plan does not have.
+        If the recording lacks true poses of a frame, or has segments that the plan does not have.
     """
 
     def __init__(self, cell: NominalCell, recording: Recording, program: Program | None) -> None:
@@ -47,10 +48,9 @@ class RunMotion:
         measured = recording.measured
         self.times = measured.time
         self._axes = np.column_stack([measured.q, measured.table])
-        names = [name for name in cell.frame_poses(cell.home, 0.0) if name != "world"]
-        self._recorded = {name: recording.truth_at_middle("part[1]" if name == "part" else name) for name in names}
-        if not all(np.isfinite(poses).all() for poses in self._recorded.values()):
-            raise DescriptionError("the recording holds no true poses (trigger.truth.*), which pictures show")
+        wanted = {name: _RECORDED.get(name, name) for name in cell.frame_poses(cell.home, 0.0) if name != "world"}
+        _require_true_poses(recording, wanted.values())
+        self._recorded = {name: recording.truth_at_middle(frame) for name, frame in wanted.items()}
         self._table_from_part = pose.inverse(self._recorded["table"]) @ self._recorded["part"]
         self._plan = None if program is None else _Plan(program, measured.segment, self._axes)
 
@@ -121,6 +121,15 @@ class _Plan:
     def axes(self, at: float) -> Array:
         """Joints and table angle (joints + 1,) at a time of the program's own clock, s."""
         return np.array([np.interp(at, self._times, axis) for axis in self._axes.T])
+
+
+def _require_true_poses(recording: Recording, frames: Iterable[str]) -> None:
+    missing = [frame for frame in frames if frame not in RecordLayout.of(recording.columns).frames]
+    if missing:
+        raise DescriptionError(f"the recording holds no poses of {missing[0]}, which the cell has")
+    for name, values in recording.columns.items():
+        if not np.isfinite(values).all():
+            raise DescriptionError(f"column {name}: not all values are finite; pictures show the true poses")
 
 
 def _nearest_times(times: Array, planned: Array, measured: Array) -> Array:

@@ -59,7 +59,7 @@ class RunPictures:
         poses = np.stack([frames[body.moves_with] for body in run.cell.bodies])
         rendered = self._renderer.render(camera, poses, laser)
         if self._cloud is not None:
-            self._cloud.draw(rendered.light, rendered.depth, camera, frames["part"], time)
+            self._cloud.draw(rendered, camera, frames["part"], time)
         return captioned(displayed(rendered.light), run.name, time, self._cloud)
 
 
@@ -90,7 +90,7 @@ def picture(
     Raises
     ------
     ScancellError
-        If `time` is not in the run, the cloud has no such colours, or the file cannot be written.
+        If `time` is not in the run, or the file cannot be written.
     """
     at = float(run.motion.times[-1]) if time is None else time
     if not run.motion.start <= at <= run.motion.duration:
@@ -122,7 +122,7 @@ def animate(
     Raises
     ------
     ScancellError
-        If an option is wrong, the cloud has no such colours, or the file cannot be written.
+        If an option is wrong, or the file cannot be written.
     """
     if seconds is not None and speed is not None:
         raise DescriptionError(f"--seconds {seconds:g} and --speed {speed:g}: expected one of them")

@@ -40,9 +40,13 @@ class PaintedBody:
 
 @dataclass(frozen=True)
 class Rendered:
-    """Linear light (h, w, 3), number of the body (h, w) or FLOOR or NOTHING, and depth (h, w) along the axis, m."""
+    """Linear light (h, w, 3), number of the body (h, w) or FLOOR or NOTHING, and depth (h, w) along the axis, m.
+
+    `stripe` (h, w), 0 to 1, is the share of the laser's stripe in the light.
+    """
 
     light: Array
+    stripe: Array
     body: Index
     depth: Array
 
@@ -73,12 +77,15 @@ class Renderer:
         width, height = camera.width_px, camera.height_px
         column, row = np.meshgrid(np.arange(width), np.arange(height))
         pixels = np.stack([column.ravel(), row.ravel()], -1).astype(float)
-        light, body, depth = view.trace(pixels)
+        light, stripe, body, depth = view.trace(pixels)
         edges = np.flatnonzero(_edges(light.reshape(height, width, 3), body.reshape(height, width)))
         if len(edges):
             fine = (pixels[edges][:, None] + _SUBPIXELS).reshape(-1, 2)
-            light[edges] = view.trace(fine)[0].reshape(len(edges), len(_SUBPIXELS), 3).mean(1)
-        return Rendered(light.reshape(height, width, 3), body.reshape(height, width), depth.reshape(height, width))
+            fine_light, fine_stripe, *_ = view.trace(fine)
+            light[edges] = fine_light.reshape(len(edges), len(_SUBPIXELS), 3).mean(1)
+            stripe[edges] = fine_stripe.reshape(len(edges), len(_SUBPIXELS)).mean(1)
+        shape = (height, width)
+        return Rendered(light.reshape(*shape, 3), stripe.reshape(shape), body.reshape(shape), depth.reshape(shape))
 
 
 class _View:
@@ -94,13 +101,13 @@ class _View:
         self._laser_poses[passed, 2, 3] = -_FAR
         self._shadow_box = _shadow_box(renderer._bodies, poses, self._floor_z)
 
-    def trace(self, pixels: Array) -> tuple[Array, Index, Array]:
-        """Light (n, 3), body (n,) and depth (n,) of pixels (n, 2)."""
+    def trace(self, pixels: Array) -> tuple[Array, Array, Index, Array]:
+        """Light (n, 3), stripe (n,), body (n,) and depth (n,) of pixels (n, 2); see `Rendered`."""
         blocks = [self._trace(pixels[start : start + _BLOCK_PX]) for start in range(0, len(pixels), _BLOCK_PX)]
-        light, body, depth = zip(*blocks, strict=True)
-        return np.concatenate(light), np.concatenate(body), np.concatenate(depth)
+        light, stripe, body, depth = map(np.concatenate, zip(*blocks, strict=True))
+        return light, stripe, body, depth
 
-    def _trace(self, pixels: Array) -> tuple[Array, Index, Array]:
+    def _trace(self, pixels: Array) -> tuple[Array, Array, Index, Array]:
         eye, directions = self._camera.centre, self._camera.directions(pixels)
         length = np.linalg.norm(directions, axis=1)
         origins = np.broadcast_to(eye, directions.shape)
@@ -113,11 +120,13 @@ class _View:
         light = shading.backdrop(len(pixels))
         rows = np.flatnonzero(body >= 0)
         light[rows] = self._bodies_light(body[rows], face[rows], depth[rows], directions[rows], length[rows])
-        rows = np.flatnonzero(floor)
+        x, y = (eye[i] + np.where(floor, depth, 0.0) * directions[:, i] - self._middle[i] for i in (0, 1))
+        rows = np.flatnonzero(floor & (x * x + y * y < shading.FLOOR_END**2))
         light[rows] = self._floor_light(depth[rows], directions[rows])
+        stripe = np.zeros(len(pixels))
         if self._laser is not None:
-            self._add_laser(self._laser, light, depth, directions)
-        return light, body, depth
+            self._add_laser(self._laser, light, stripe, depth, directions)
+        return light, stripe, body, depth
 
     def _bodies_light(self, body: Index, face: Index, depth: Array, directions: Array, length: Array) -> Array:
         points = self._camera.centre + depth[:, None] * directions
@@ -148,13 +157,14 @@ class _View:
         )
         return x, y
 
-    def _add_laser(self, laser: LaserSheet, light: Array, depth: Array, directions: Array) -> None:
+    def _add_laser(self, laser: LaserSheet, light: Array, stripe: Array, depth: Array, directions: Array) -> None:
         eye, source = self._camera.centre, laser.source
         rows, bright = laser.stripe(eye, directions, depth, self._camera.focal_px)
         points = eye + depth[rows, None] * directions[rows]
         # The ray ends before the surface by more than rounding, by less than anyone sees.
         end = points + 4 * _LIFT * _unit(source - points)
         bright *= ~self._blocked(np.broadcast_to(source, end.shape), end, self._laser_poses)
+        stripe[rows] = bright
         light[rows] += bright[:, None] * (_STRIPE - light[rows])
         rows, points, left = laser.veil(eye, directions, depth)
         left *= ~self._blocked(np.broadcast_to(source, points.shape), points, self._laser_poses)

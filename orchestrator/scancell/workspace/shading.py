@@ -20,7 +20,8 @@ _HIGHLIGHT, _SHARPNESS = 0.10, 5  # strength, and the exponent of the highlight 
 _FLOOR = np.array([0.76, 0.775, 0.79])
 _BACKDROP = np.array([0.89, 0.905, 0.925])
 _LINE, _LINE_WIDTH = 0.80, 1.2e-3  # darkness of grid lines, and their width, m
-_FADE = (1.0, 3.2)  # distance from the middle of the cell, m, over which the floor becomes the backdrop
+FLOOR_END = 3.2  # m from the middle of the cell, where the floor has become the backdrop
+_FADE_FROM = 1.0  # m from there, where that begins
 _GAMMA = 2.0
 
 
@@ -65,7 +66,7 @@ def floor_light(points: Array, middle: Array, pixel_sizes: tuple[Array, Array], 
     brightness = (1 - (1 - _LINE) * lines) * (0.70 + 0.30 * sunlit)
     light = _FLOOR**_GAMMA * brightness[:, None]
     away = np.hypot(points[:, 0] - middle[0], points[:, 1] - middle[1])
-    fade = np.clip((away - _FADE[0]) / (_FADE[1] - _FADE[0]), 0.0, 1.0)
+    fade = np.clip((away - _FADE_FROM) / (FLOOR_END - _FADE_FROM), 0.0, 1.0)
     fade = fade * fade * (3 - 2 * fade)
     return np.asarray(light + fade[:, None] * (_BACKDROP**_GAMMA - light))
 
