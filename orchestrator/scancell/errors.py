@@ -25,6 +25,10 @@ class CommandError(CellError):
     """The cell's controller refused a command, stopped it, or did not finish it in time."""
 
 
+class ProgramError(ScancellError):
+    """A robot program failed; the message states its file and line."""
+
+
 class SensorError(ScancellError):
     """The sensor library refused its input."""
 

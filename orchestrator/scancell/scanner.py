@@ -15,6 +15,7 @@ from scancell.config.loading import Setup, require_sensor_words
 from scancell.config.sensor import SensorDescription
 from scancell.geometry.mesh import Mesh
 from scancell.jobs.finishing import Finishing
+from scancell.jobs.guard_job import guard_of
 from scancell.jobs.prepared_cell import PreparedCell
 from scancell.jobs.single_exposure import expose, pose_of
 from scancell.planning.configuration_map import Judge
@@ -259,9 +260,17 @@ class Scanner(PreparedCell):
 
     @contextmanager
     def session(
-        self, part: str | Path | Mesh, *, unit: str = "mm", as_built: Assignments = (), seed: int = 0
+        self,
+        part: str | Path | Mesh | None = None,
+        *,
+        unit: str = "mm",
+        as_built: Assignments = (),
+        seed: int = 0,
+        guarded: bool = False,
     ) -> Iterator[ScanSession]:
-        """The running cell with a part: commands to its controller, and profiles at any time.
+        """The running cell with a part, or an empty table: commands to its controller, and profiles at any time.
+
+        A `guarded` one has a collision guard in force (docs/guard.md) in every cycle.
 
         Raises
         ------
@@ -275,9 +284,11 @@ class Scanner(PreparedCell):
         ...     points = session.profile("geometric").points_in_base
         """
         job = self._job(part, unit, as_built, seed)
+        mesh = None if part is None else job.loaded.nominal.part
+        guard = guard_of(job.setup.cell, mesh, job.setup.scan) if guarded else None
         with FmuRunner() as runner:
             instance = runner.start(job.drive_request(collision_outputs=True))
-            yield ScanSession(instance, job.loaded, job.setup, job.sensors, self.pipeline)
+            yield ScanSession(instance, job.loaded, job.setup, job.sensors, self.pipeline, guard)
 
     def shot(
         self,

@@ -32,6 +32,40 @@ def succeeded(done: Finished, command: str) -> dict:
     return report
 
 
+# --- robot programs --------------------------------------------------------------------------------------------------
+
+OVER_PART = """
+from scancell.workspace.robot import Robot, deg, location, mm
+
+def main(robot: Robot) -> None:
+    robot.move(location(450 * mm, 0, 215 * mm, rx=180 * deg))
+    print("over the part:", len(robot.profile().points_in_part) > 100)
+    robot.save(robot.scan(robot.here @ location(5 * mm, 0, 0), 1 * mm), "pass.ply")
+"""
+
+
+def test_run_reports_steps_and_files(tmp_path) -> None:
+    (tmp_path / "over_part.py").write_text(OVER_PART)
+    done = scancell_here("run", "over_part.py", "--part", PART, *QUICK, "--out", "made", "--json", cwd=tmp_path)
+    report = succeeded(done, "run")
+    steps = report["figures"]["steps"]
+    assert [step["command"] for step in steps] == ["move", "profile", "scan", "save"]
+    assert [step["line"] for step in steps] == [5, 6, 7, 7]
+    assert report["figures"]["contacts"] == []
+    assert "over the part: True" in done.err
+    assert report["files"] == ["made/pass.ply"]
+    assert len(read_ply(tmp_path / "made" / "pass.ply")) > 1000
+
+
+def test_failed_program_states_line_and_exits_1(tmp_path) -> None:
+    (tmp_path / "down.py").write_text(OVER_PART.replace("215 * mm", "60 * mm"))
+    done = scancell("run", "down.py", *QUICK, "--json", cwd=tmp_path)
+    assert done.code == 1
+    assert done.last_line["error"]["kind"] == "ProgramError"
+    assert done.message.startswith("down.py:5: move_joints: held by the guard")
+    assert done.message.endswith("sensor - table")
+
+
 # --- scan and render ------------------------------------------------------------------------------------------------
 
 NOISY = ("--set", "scan.max_profiles=40", "--seed", "7")

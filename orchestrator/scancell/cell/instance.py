@@ -128,12 +128,15 @@ class CellInstance(Closing):
     def reset(self, cell_file: Path | None = None, parameters: Mapping[str, float] | None = None) -> None:
         """Begin anew at time 0, with another cell (its JSON) or other fixed parameters, without loading again.
 
+        Nothing listens to the steps of the new run.
+
         Raises
         ------
         CellError
             If the FMU refuses; the instance is of no further use then.
         """
         self._call(self._fmu.reset)
+        self._listeners.clear()
         self._time_us = 0
         self._call(self._enter, cell_file, parameters or {})
 

@@ -35,6 +35,11 @@ class CellReadings:
         return self._cell.time_us * 1e-6
 
     @property
+    def home(self) -> Array:
+        """Joint angles (joints,) of the home position, rad."""
+        return self._nominal.home.copy()
+
+    @property
     def joints(self) -> Array:
         """Measured joint angles (joints,), rad."""
         return self._cell.get(self._position)[:-1].copy()

@@ -22,11 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scancell.cell.controller import Frame, Grip, Mode, Operation, refusal, state_in_words
-from scancell.cell.driver import DriveOptions, Driver
+from scancell.cell.driver import TRIGGER_MODES, DriveOptions, Driver
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program
 from scancell.cell.readings import CellReadings, Tool
 from scancell.cell.recording import Recording
+from scancell.cell.records import RecordCollector
 from scancell.cell.snapshot import snapshot
 from scancell.errors import CommandError
 from scancell.geometry import pose
@@ -34,6 +35,7 @@ from scancell.nominal.cell import NominalCell
 
 _AT_START = 1e-6  # rad
 _MOST_STOPPING = 5.0  # s; the slowest axis of any sensible cell brakes faster
+_MOST_HELD_US = 1_000_000  # without progress, before a move that a guard holds is given up
 
 
 class CellSession(CellReadings):
@@ -53,6 +55,7 @@ class CellSession(CellReadings):
         super().__init__(cell, nominal)
         self._cycle_us = cycle_us
         self._snapshots = 0
+        self._step_to = cell.step_to
         axes = cell.axis_names("command.")
         self._targets = cell.real_group(axes)
         self._line = cell.real_group(
@@ -101,6 +104,37 @@ class CellSession(CellReadings):
         self._cell.set(self._targets, np.append(self.destination[0], self.destination[1]))
         self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
         self._run_move(Mode.LINE_MOVE, "move_line", speed, timeout)
+
+    def record_line(
+        self,
+        world_from_sensor: ArrayLike,
+        spacing: float,
+        exposure: float,
+        *,
+        speed: float = 1.0,
+        timeout: float = 60.0,
+    ) -> Recording:
+        """Move the sensor as in `move_line`, with exposures of `exposure` seconds every `spacing` metres of its path.
+
+        The first exposure begins at the start; the path is that in the frame of the table.
+
+        Raises
+        ------
+        CommandError
+            As `move_line`, and if `spacing` is not a positive number.
+        """
+        if not (spacing > 0.0 and np.isfinite(spacing)):
+            raise CommandError(f"record_line: spacing = {spacing:g} m: expected a positive number")
+        collector = RecordCollector(self._cell, self._cycle_us, exposure)
+        self._cell.set(self._cell.real_group(["command.trigger.distance"]), np.array([spacing]))
+        self._cell.set_integer("command.trigger.mode", TRIGGER_MODES["path_distance"])
+        self._step_to = collector.step_to
+        try:
+            self.move_line(world_from_sensor, speed=speed, timeout=timeout)
+        finally:
+            self._step_to = self._cell.step_to
+            self._cell.set_integer("command.trigger.mode", TRIGGER_MODES["off"])
+        return collector.finish()
 
     def jog_joints(self, deflections: ArrayLike, duration: float) -> None:
         """Jog joints and table by hand for `duration`, then come to rest; needs manual operation.
@@ -264,7 +298,7 @@ class CellSession(CellReadings):
     def _step(self) -> None:
         """One controller cycle. A program may end inside a cycle: commands are taken at the start of the next one."""
         started = -(-self._cell.time_us // self._cycle_us)
-        self._cell.step_to((started + 1) * self._cycle_us)
+        self._step_to((started + 1) * self._cycle_us)
 
     def _end(self, timeout: float) -> int:
         return self._cell.time_us + round(timeout * 1e6)
@@ -276,7 +310,12 @@ class CellSession(CellReadings):
     def _refuse(self, command: str) -> None:
         reason = refusal(self._cell)
         if reason is not None:
-            raise CommandError(f"{command}: {reason}")
+            said = self._guard_text()
+            raise CommandError(f"{command}: {said}; {reason}" if said else f"{command}: {reason}")
+
+    def _guard_text(self) -> str:
+        """Why the guard stops the robot or slows it down; empty where it does not, or there is none."""
+        return self._cell.get_string("command.pendant.text")
 
     def _wait_for_rest(self, command: str) -> None:
         self.wait(0.0)
@@ -287,17 +326,21 @@ class CellSession(CellReadings):
         self._cell.set(self._cell.real_group(["command.speed"]), np.array([speed]))
         self._cell.set_integer("command.mode", mode)
         self._cell.set_integer("command.start", self._count("command.start"))
-        end = self._end(timeout)
+        end, progress, progressed_us = self._end(timeout), -1.0, self._cell.time_us
+        is_guarded = self.value("command.guard.max_age") > 0
         while True:
             self._step()
             self._refuse(command)
             if self._cell.get_boolean("controller.at_destination"):
                 return
+            if (now := self.value("controller.progress")) != progress:
+                progress, progressed_us = now, self._cell.time_us
+            elif is_guarded and self._guard_text() and self._cell.time_us - progressed_us >= _MOST_HELD_US:
+                raise CommandError(f"{command}: held by the guard {now:.0%} of the way: {self._guard_text()}")
             if self._cell.time_us >= end:
-                done = self.value("controller.progress")
                 monitor = self.value("command.monitor_speed")
                 raise CommandError(
-                    f"{command}: not at its destination after {timeout:g} s ({done:.0%} of the way done, monitor speed "
+                    f"{command}: not at its destination after {timeout:g} s ({now:.0%} of the way done, monitor speed "
                     f"{monitor:g}); {state_in_words(self._cell)}"
                 )
 

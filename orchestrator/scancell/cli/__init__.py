@@ -18,6 +18,7 @@ from scancell.cli.options import CellOptions, CloudOptions, with_options
 from scancell.cli.pictures import animate, picture
 from scancell.cli.place import place
 from scancell.cli.plan import PathOption, plan
+from scancell.cli.program import run_program
 from scancell.cli.robot import robot_app
 from scancell.cli.study import study_app
 from scancell.cli.survey import survey
@@ -39,6 +40,7 @@ app.command()(batch)
 app.command()(picture)
 app.command()(place)
 app.command()(plan)
+app.command("run")(run_program)
 app.command()(survey)
 app.add_typer(fmu_app, name="fmu")
 app.add_typer(guard_app, name="guard")

@@ -13,6 +13,7 @@ from scancell.guard.link import Link
 from scancell.guard.messages import CellState, GuardMessage
 
 _POLL_CYCLES = 2  # of the controller; it answers position queries no faster
+_EMERGENCY = 3  # controller.state
 _AHEAD = 32  # points of the path ahead
 
 
@@ -29,6 +30,11 @@ class GuardedCell:
         To the guard; None: without a guard.
     max_age
         Age of the last answer's state at which the controller stops, s.
+
+    Attributes
+    ----------
+    monitor_speed
+        Of the operator, 0 to 1; the lower one of this and the guard's is in force.
     """
 
     def __init__(self, cell: CellInstance, cycle_us: int, link: Link | None, max_age: float) -> None:
@@ -42,8 +48,27 @@ class GuardedCell:
         self._monitor_speed = cell.real_group(["command.monitor_speed"])
         self._polls = 0
         self._sequence = 0
+        self._allowed = 1.0 if link is None else 0.0  # by the last answer
+        self.monitor_speed = 1.0
         if link is not None:
             cell.set(cell.real_group(["command.guard.max_age"]), np.array([max_age]))
+
+    def attach(self) -> None:
+        """Poll at the end of every controller cycle from now on, however the cell is stepped.
+
+        So commands and programs of a `CellSession` cannot step the cell past its guard.
+        """
+        self.poll()
+        self._cell.on_step(self._end_step)
+
+    def _end_step(self) -> None:
+        if self._cell.time_us % self._cycle_us == 0:
+            self.poll()
+
+    def set_monitor_speed(self, share: float) -> None:
+        """Change the operator's monitor speed; at once, but never beyond what the guard allows."""
+        self.monitor_speed = share
+        self._cell.set(self._monitor_speed, np.array([min(share, self._allowed)]))
 
     def poll(self) -> list[GuardMessage]:
         """Send the state where a query is due, and obey the answers that have arrived; to be called once a cycle."""
@@ -57,9 +82,11 @@ class GuardedCell:
         if answers:
             last = answers[-1]
             self._cell.set(self._guard_time, np.array([time - self._link.age(time)]))
-            self._cell.set(self._monitor_speed, np.array([last.monitor_speed]))
+            self._allowed = last.monitor_speed
+            self.set_monitor_speed(self.monitor_speed)
             self._cell.set_boolean("command.emergency_stop", any(answer.emergency_stop for answer in answers))
-            self._cell.set_string("command.pendant.text", last.text)
+            if last.text or self._cell.get_integer("controller.state") != _EMERGENCY:  # else the reason stays
+                self._cell.set_string("command.pendant.text", last.text)
             self._cell.set_boolean("command.pendant.beep", last.beep)
         return answers
 

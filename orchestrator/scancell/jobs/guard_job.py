@@ -10,10 +10,10 @@ import numpy as np
 from scancell.config.cell import CellDescription
 from scancell.config.loading import load_setup
 from scancell.config.scan import ScanDescription
-from scancell.geometry.mesh import Mesh, box_mesh, load_mesh
+from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.guard.guard import Guard
 from scancell.guard.settings import GuardSettings
-from scancell.nominal.cell import nominal_cell
+from scancell.nominal.cell import NominalCell, nominal_cell, without_bodies
 from scancell.planning.occupancy import with_occupied_space
 
 _LEAST_NOISE = np.radians(0.005)
@@ -40,6 +40,8 @@ def guard_of(
 ) -> Guard:
     """A guard that knows a cell's bodies, the part on its table, and the space that a scan says is occupied.
 
+    It does not know free parts that a belt or a gripper can move, and lets fingers touch parts.
+
     Parameters
     ----------
     cell, scan
@@ -58,11 +60,28 @@ def guard_of(
     """
     setup = load_setup(cell, None, scan)
     mesh = load_mesh(part, unit) if isinstance(part, str | Path) else part
-    nominal = nominal_cell(setup.cell, mesh or box_mesh((0.01, 0.01, 0.01)))
-    if part is None:
-        nominal = replace(nominal, bodies=tuple(body for body in nominal.bodies if body.name != "part"))
+    nominal = without_bodies(nominal_cell(setup.cell, mesh), _moving_parts(setup.cell))
     nominal = with_occupied_space(nominal, setup.scan.occupied)
     settings = settings or settings_of(setup.cell)
     if max_age is not None:
         settings = replace(settings, max_age=max_age)
-    return Guard(nominal, setup.cell.robot, settings)
+    return Guard(nominal, setup.cell.robot, settings, _grips(nominal))
+
+
+def _moving_parts(cell: CellDescription) -> list[str]:
+    """Frames of the parts that do not stay where they are described: free ones that a belt or a gripper can move."""
+    is_moved = cell.gripper is not None
+    moving = [
+        f"part[{number}]"
+        for number, further in enumerate(cell.further_part, start=2)
+        if further.fixture == "free" and (is_moved or further.conveyor)
+    ]
+    return [*moving, "part"] if cell.part.fixture == "free" and (is_moved or cell.part.arrival) else moving
+
+
+def _grips(nominal: NominalCell) -> list[tuple[str, str]]:
+    """Pairs of fingers and parts."""
+    fingers, parts = (
+        [body.name for body in nominal.bodies if body.moves_with.startswith(frame)] for frame in ("finger[", "part")
+    )
+    return [(finger, part) for finger in fingers for part in parts]

@@ -12,6 +12,7 @@ from scancell.config.keys import Assignments, assignments
 from scancell.config.loading import Setup, load_setup
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
+from scancell.errors import DescriptionError
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.mesh_cache import MeshCache
 from scancell.jobs.job import Job
@@ -55,18 +56,20 @@ class PreparedCell(Closing):
 
     def _job(
         self,
-        part: str | Path | Mesh,
+        part: str | Path | Mesh | None,
         unit: str,
         as_built: Assignments = (),
         seed: int = 0,
         setup: Setup | None = None,
         estimated_sensor: SensorDescription | None = None,
     ) -> Job:
-        """The part in the scanner's cell, or in that of `setup`."""
+        """The part, or an empty table, in the scanner's cell or in that of `setup`."""
         setup, words = setup or self.setup, tuple(assignments(as_built))
-        loaded = self.pipeline.load(setup.cell, self.mesh(part, unit))
+        if part is None and setup.cell.part.fixture == "free":
+            raise DescriptionError('part.fixture = "free": there is no part; expected its mesh, or "clamped"')
+        loaded = self.pipeline.load(setup.cell, None if part is None else self.mesh(part, unit))
         sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
-        return Job(setup, loaded, sensors, words, seed, None if isinstance(part, Mesh) else Path(part), unit)
+        return Job(setup, loaded, sensors, words, seed, Path(part) if isinstance(part, str | Path) else None, unit)
 
     @cached_property
     def setup_warnings(self) -> tuple[str, ...]:

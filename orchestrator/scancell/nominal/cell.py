@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -26,6 +27,8 @@ from scancell.nominal.patches import Patch, part_patches
 from scancell.nominal.poses import lay_down, pose_matrix, tool_matrix
 
 Array = NDArray[np.float64]
+
+_PLACEHOLDER = box_mesh((0.01, 0.01, 0.01), "no part")
 
 OCCUPIED = "occupied["  # begins the names of bodies that are measured space; no description can have such a name
 
@@ -150,8 +153,10 @@ class NominalCell:
         return np.stack([frames[body.moves_with] for body in self.bodies], -3)
 
 
-def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
+def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
     """Assemble the nominal cell around a part whose mesh (metres) is in its own coordinate system.
+
+    Without a part there is no body of it, and a small box in its place where a mesh is required.
 
     Raises
     ------
@@ -161,12 +166,13 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         If the part is to stand freely and would not stay as it lies.
     """
     robot = cell.robot
+    is_empty, part = part is None, part or _PLACEHOLDER
     table_from_part = lay_down(part, cell.part)
-    if cell.part.fixture == "free":
+    if cell.part.fixture == "free" and not is_empty:
         _refuse_unstable(part, table_from_part, cell.part)
     further = tuple(_further_part(part_, cell) for part_ in cell.further_part)
     table_max_speed, table_max_acceleration = table_limits(cell, part, table_from_part)
-    return NominalCell(
+    nominal = NominalCell(
         arm=arm_of(robot),
         flange_from_sensor=tool_matrix(cell.tool),
         world_from_table=pose_matrix(cell.table.pose),
@@ -187,6 +193,12 @@ def nominal_cell(cell: CellDescription, part: Mesh) -> NominalCell:
         flange_from_finger=None if cell.gripper is None else _flange_from_finger(cell.gripper),
         further_parts=further,
     )
+    return without_bodies(nominal, ["part"]) if is_empty else nominal
+
+
+def without_bodies(nominal: NominalCell, moves_with: Collection[str]) -> NominalCell:
+    """The cell without the bodies that move with some frames, such as ``part``."""
+    return replace(nominal, bodies=tuple(body for body in nominal.bodies if body.moves_with not in moves_with))
 
 
 def with_unknown_obstacles(nominal: NominalCell, cell: CellDescription) -> NominalCell:

@@ -93,13 +93,13 @@ class ScanPipeline(Closing):
 
     def __init__(self, threads: int = 0) -> None:
         self.threads = threads
-        self._cells: OrderedDict[str, tuple[Mesh, LoadedCell]] = OrderedDict()
+        self._cells: OrderedDict[str, tuple[Mesh | None, LoadedCell]] = OrderedDict()
         self._plans: OrderedDict[str, Plan] = OrderedDict()
         self.runner = FmuRunner()
         self.builds = 0
 
-    def load(self, cell: CellDescription, part: Mesh) -> LoadedCell:
-        """The nominal cell with `part`, and its scene; the two used last are cached.
+    def load(self, cell: CellDescription, part: Mesh | None) -> LoadedCell:
+        """The nominal cell with `part` or an empty table, and its scene; the two used last are cached.
 
         Raises
         ------
@@ -109,7 +109,7 @@ class ScanPipeline(Closing):
             If the description of the cell is inconsistent.
         """
 
-        def make() -> tuple[Mesh, LoadedCell]:
+        def make() -> tuple[Mesh | None, LoadedCell]:
             self.builds += 1
             nominal = nominal_cell(cell, part)
             true = with_unknown_obstacles(nominal, cell)

@@ -5,20 +5,29 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from scancell.cell.controller import Operation
 from scancell.cell.instance import CellInstance
 from scancell.cell.session import CellSession
 from scancell.config.choices import Engine
 from scancell.config.loading import Setup
 from scancell.config.units import si_value
 from scancell.geometry import pose
+from scancell.guard.guard import Guard
+from scancell.guard.guarded_cell import GuardedCell
+from scancell.guard.link import Link
+from scancell.guard.transport import InProcess
 from scancell.progress import NullProgress
+from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.pipeline import LoadedCell, ScanPipeline
 from scancell.scanning.sense import ExposureImages, Sensors
 
 Array = NDArray[np.float64]
+
+_ANSWER_TIME = 0.003  # s of simulated time that the guard needs for an answer
+_SEEN = 0.1  # s, in which the guard surely gets a state and answers it
 
 
 @dataclass(frozen=True)
@@ -42,13 +51,66 @@ class ProfileResult:
 
 
 class ScanSession(CellSession):
-    """A `CellSession` that also measures."""
+    """A `CellSession` that also measures, and that a guard may watch in every cycle."""
 
     def __init__(
-        self, instance: CellInstance, loaded: LoadedCell, setup: Setup, sensors: Sensors, pipeline: ScanPipeline
+        self,
+        instance: CellInstance,
+        loaded: LoadedCell,
+        setup: Setup,
+        sensors: Sensors,
+        pipeline: ScanPipeline,
+        guard: Guard | None = None,
     ) -> None:
-        super().__init__(instance, loaded.nominal, setup.cell.world.controller_cycle_us)
+        cycle_us = setup.cell.world.controller_cycle_us
+        super().__init__(instance, loaded.nominal, cycle_us)
         self._loaded, self._setup, self._sensors, self._pipeline = loaded, setup, sensors, pipeline
+        self._guarded: GuardedCell | None = None
+        if guard is not None:
+            max_age = guard.settings.max_age
+            link = Link(InProcess(guard, _ANSWER_TIME), max_age)
+            self._guarded = GuardedCell(instance, cycle_us, link, max_age)
+            self._guarded.attach()
+
+    @property
+    def bodies(self) -> list[str]:
+        """Names of all bodies, in the order in which the FMU numbers them from 1."""
+        return [body.name for body in self._loaded.true.bodies]
+
+    def set_monitor_speed(self, share: float) -> None:
+        """As of a `CellSession`, but never beyond what the guard allows."""
+        if self._guarded is None:
+            super().set_monitor_speed(share)
+        else:
+            self._guarded.set_monitor_speed(share)
+
+    def set_operation(self, operation: Operation) -> None:
+        """As of a `CellSession`; a guard sees the robot at rest before it moves in the new operation."""
+        super().set_operation(operation)
+        if self._guarded is not None:
+            self.wait(_SEEN)
+
+    def scan_line(
+        self, world_from_sensor: ArrayLike, spacing: float, *, speed: float = 1.0, engine: Engine = "ray-traced"
+    ) -> Cloud:
+        """Move the sensor straight to a pose (4, 4), and measure a profile every `spacing` metres of its path.
+
+        The cloud has no point where the sensor saw nothing of the part.
+
+        Raises
+        ------
+        CommandError
+            As of `record_line`.
+        SensorError
+            If the sensor library reports an error.
+        """
+        recording = self.record_line(world_from_sensor, spacing, self._exposure, speed=speed)
+        sensed = self._pipeline.sense(self._loaded, recording, self._sensors, engine, NullProgress())
+        return self._pipeline.reconstruct(self._loaded.nominal, recording, sensed.profiles, self._setup)[0]
+
+    @property
+    def _exposure(self) -> float:
+        return si_value(self._setup.sensor.detector, "exposure_ms")
 
     def profile(self, engine: Engine = "ray-traced") -> ProfileResult:
         """What the sensor measures now; the cell is not stepped, and may be moving.
@@ -58,7 +120,7 @@ class ScanSession(CellSession):
         SensorError
             If the sensor library reports an error.
         """
-        recording = self.snapshot(si_value(self._setup.sensor.detector, "exposure_ms"))
+        recording = self.snapshot(self._exposure)
         kept: list[ExposureImages] = []
         result = self._pipeline.sense(self._loaded, recording, self._sensors, engine, NullProgress(), kept.append)
         nominal, measured = self._loaded.nominal, recording.measured

@@ -1,1 +1,1 @@
-"""Seeing a recorded run: pictures and animations of the cell, rendered by the project's own ray tracer."""
+"""Work with the simulated cell: robot programs, and pictures and animations of recorded runs."""

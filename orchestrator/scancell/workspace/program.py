@@ -1,0 +1,118 @@
+"""Runs robot programs: Python files with a function `main`, which is handed the robot."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+
+from scancell.config.choices import Engine
+from scancell.errors import ProgramError, ScancellError
+from scancell.scanning.session import ScanSession
+from scancell.workspace.contacts import ContactWatch
+from scancell.workspace.robot import Robot, Step
+
+_MODULE = "scancell_robot_program"
+
+
+@dataclass
+class ProgramRun:
+    """What a program did.
+
+    Attributes
+    ----------
+    steps
+        Commands that were carried out, with the lines of the program.
+    duration
+        Simulated time, s.
+    contacts
+        Pairs of bodies that came into contact, gripped parts excluded.
+    files
+        Written by the program.
+    """
+
+    steps: list[tuple[int, Step]] = field(default_factory=list)
+    duration: float = 0.0
+    contacts: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
+
+
+def run_program(
+    program: Path,
+    session: ScanSession,
+    engine: Engine = "ray-traced",
+    folder: Path | None = None,
+    show: Callable[[int, Step], None] = lambda _line, _step: None,
+) -> ProgramRun:
+    """Run the program of a file; it runs in this process, with all rights of its user.
+
+    Parameters
+    ----------
+    session
+        A running cell, guarded or not.
+    engine
+        How profiles are measured.
+    folder
+        Where the program saves clouds; None: the current one.
+    show
+        Receives each command that was carried out, after the line of the program that gave it.
+
+    Raises
+    ------
+    ProgramError
+        With file and line, whatever goes wrong in the program: a command that the controller refuses, a stop by the
+        guard, an error of Python.
+    """
+    file, run = str(program), ProgramRun()
+
+    def on_step(step: Step) -> None:
+        lines = [line for frame, line in traceback.walk_stack(None) if frame.f_code.co_filename == file]
+        run.steps.append((lines[0] if lines else 0, step))
+        show(*run.steps[-1])
+
+    watch = ContactWatch(session.cell, session.bodies)
+    robot = Robot(session, engine, folder, on_step)
+    try:
+        with _loaded(program) as module:
+            if not callable(getattr(module, "main", None)):
+                raise ProgramError(f"{program}: has no function main: expected def main(robot)")
+            module.main(robot)
+    except ProgramError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ProgramError(_message(error, file)) from error
+    run.duration, run.contacts, run.files = session.time, list(watch.pairs), robot.files
+    return run
+
+
+@contextmanager
+def _loaded(program: Path) -> Iterator[ModuleType]:
+    """The program as a module; it may import modules from its folder."""
+    try:
+        source = program.read_bytes()
+    except OSError as error:
+        raise ProgramError(f"{program}: cannot be read: {error.strerror}; expected a Python file") from error
+    module = ModuleType(_MODULE)
+    module.__file__ = str(program)
+    folder = str(program.resolve().parent)
+    sys.path.insert(0, folder)
+    sys.modules[_MODULE] = module  # dataclasses look their module up
+    try:
+        exec(compile(source, str(program), "exec"), module.__dict__)
+        yield module
+    finally:
+        sys.path.remove(folder)
+        del sys.modules[_MODULE]
+
+
+def _message(error: BaseException, file: str) -> str:
+    """Of an error that the program raised, with the innermost line of the program."""
+    if isinstance(error, SyntaxError) and error.filename == file:
+        return f"{file}:{error.lineno}: {error.msg}"
+    lines = [line for frame, line in traceback.walk_tb(error.__traceback__) if frame.f_code.co_filename == file]
+    what = str(error) if isinstance(error, ScancellError) else f"{type(error).__name__}: {error}"
+    return f"{file}:{lines[-1]}: {what}" if lines else f"{file}: {what}"

@@ -1,0 +1,223 @@
+"""Robot programs: words, straight lines, measurement, and what a guard makes of mistakes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmu_cells import moves_with_stops
+
+from scancell import Scanner
+from scancell.cell.controller import Operation
+from scancell.config.loading import assets_dir, load_setup
+from scancell.errors import CommandError, DescriptionError, ProgramError
+from scancell.geometry import pose
+from scancell.geometry.mesh import load_mesh
+from scancell.scanning.session import ScanSession
+from scancell.sensor import MeshSurface
+from scancell.workspace.program import ProgramRun, run_program
+from scancell.workspace.robot import Robot, deg, location, mm
+
+PART = assets_dir() / "parts" / "step_block.stl"
+ABOVE = location(450 * mm, 0, 300 * mm, rx=180 * deg)
+WORDS = "from scancell.workspace.robot import Robot, deg, location, mm\n"
+INTO_TABLE = """
+def main(robot):
+    robot.move(location(450 * mm, 0, 300 * mm, rx=180 * deg))
+    robot.move_line(location(450 * mm, 0, 50 * mm, rx=180 * deg))
+"""
+Run = Callable[[str, ScanSession], ProgramRun]
+
+
+@pytest.fixture(scope="module")
+def scanner() -> Iterator[Scanner]:
+    with Scanner.from_setup(load_setup(ideal=True), threads=1) as made:
+        yield made
+
+
+@pytest.fixture
+def run(tmp_path) -> Run:
+    """Runs the text of a program."""
+
+    def written(text: str, session: ScanSession) -> ProgramRun:
+        file = tmp_path / "program.py"
+        file.write_text(WORDS + text)
+        return run_program(file, session, "geometric", tmp_path)
+
+    return written
+
+
+def contacts(session: ScanSession) -> list[int]:
+    """Number of colliding pairs at every step from now on."""
+    seen: list[int] = []
+    session.cell.on_step(lambda: seen.append(session.cell.get_integer("truth.collision.pairs")))
+    return seen
+
+
+def test_guard_stops_program_before_table(scanner: Scanner, run: Run) -> None:
+    with scanner.session(guarded=True) as session:
+        seen = contacts(session)
+        with pytest.raises(ProgramError, match=r"program\.py:5: move_line: held by the guard .*sensor - table"):
+            run(INTO_TABLE, session)
+        assert len(seen) > 100
+        assert max(seen) == 0
+        assert not session.cell.get_boolean("controller.moving")
+
+
+def test_same_program_without_guard_hits_table(scanner: Scanner, run: Run) -> None:
+    with scanner.session() as session:
+        assert run(INTO_TABLE, session).contacts == ["sensor - table"]
+
+
+def test_cell_goes_on_after_guard_stop(scanner: Scanner, run: Run) -> None:
+    with scanner.session(guarded=True) as session:
+        with pytest.raises(ProgramError):
+            run(INTO_TABLE, session)
+        Robot(session).move(ABOVE)
+        np.testing.assert_allclose(session.world_from_tool(), ABOVE, atol=1e-9)
+
+
+def test_guard_stops_jog_before_table(scanner: Scanner) -> None:
+    with scanner.session(guarded=True) as session:
+        Robot(session).move(ABOVE)
+        seen = contacts(session)
+        session.set_operation(Operation.MANUAL)
+        with pytest.raises(CommandError, match=r"jog_tool: stop: sensor - table: \d+ mm; an emergency stop"):
+            session.jog_tool([0, 0, -1, 0, 0, 0], 10.0)
+        session.wait(1.0)
+        assert max(seen) == 0
+
+
+def test_operator_cannot_exceed_monitor_speed_of_guard(scanner: Scanner) -> None:
+    """Set again and again on the way to the table, the operator's full speed changes nothing."""
+
+    def course(share: float | None) -> list[float]:
+        with scanner.session(guarded=True) as session:
+            Robot(session).move(ABOVE)
+            speeds: list[float] = []
+            session.cell.on_step(lambda: speeds.append(session.value("command.monitor_speed")))
+            if share is not None:
+                session.cell.on_step(lambda: session.set_monitor_speed(share))
+            with pytest.raises(CommandError, match="held by the guard"):
+                session.move_line(location(450 * mm, 0, 50 * mm, rx=180 * deg))
+            return speeds
+
+    of_guard, halved = course(None), course(0.5)
+    assert min(of_guard) == 0.0
+    assert course(1.0) == of_guard
+    assert max(halved[1:]) == 0.5
+
+
+def test_long_settling_of_program_is_guarded(scanner: Scanner) -> None:
+    """The robot rests for longer than an answer of the guard permits motion, and goes on."""
+    with scanner.session(guarded=True) as session:
+        assert len(session.run_program(moves_with_stops(session.joints), 2e-3)) == 3
+
+
+def test_moves_reach_pose_and_report_steps(scanner: Scanner, run: Run) -> None:
+    text = """
+def main(robot: Robot) -> None:
+    target = location(450 * mm, 20 * mm, 260 * mm, rx=170 * deg, ry=5 * deg, rz=30 * deg)
+    robot.approach(target, 40 * mm)
+    robot.speed(0.5)
+    robot.move_line(target)
+    robot.turn_table(30 * deg)
+"""
+    with scanner.session(guarded=True) as session:
+        done = run(text, session)
+        target = location(450 * mm, 20 * mm, 260 * mm, rx=170 * deg, ry=5 * deg, rz=30 * deg)
+        np.testing.assert_allclose(Robot(session).here, target, atol=1e-9)
+        assert session.table == pytest.approx(30 * deg, abs=1e-9)
+    assert [(line, step.command) for line, step in done.steps] == [
+        (5, "approach"),
+        (7, "move_line"),
+        (8, "turn_table"),
+    ]
+    assert done.steps[-1][1].end == done.duration
+    assert all(step.begin < step.end for _, step in done.steps)
+    assert done.contacts == []
+
+
+def test_depart_is_straight_along_tool(scanner: Scanner) -> None:
+    with scanner.session(guarded=True) as session:
+        robot = Robot(session)
+        start = location(430 * mm, 30 * mm, 260 * mm, rx=165 * deg, ry=8 * deg)
+        robot.move(start)
+        path: list[np.ndarray] = []
+        session.cell.on_step(lambda: path.append(pose.inverse(start) @ robot.here))
+        robot.depart(60 * mm)
+        poses = np.array(path)
+    np.testing.assert_allclose(poses[:, :2, 3], 0, atol=1e-6)
+    np.testing.assert_allclose(poses[:, :3, :3], np.broadcast_to(np.eye(3), (len(poses), 3, 3)), atol=1e-6)
+    assert poses[-1, 2, 3] == pytest.approx(-60 * mm, abs=1e-9)
+    assert (np.diff(poses[:, 2, 3]) < 1e-12).all()
+
+
+def test_scan_measures_surface_of_part(scanner: Scanner, run: Run) -> None:
+    text = """
+def main(robot):
+    robot.move(location(420 * mm, 0, 190 * mm, rx=180 * deg))
+    robot.speed(0.2)
+    cloud = robot.scan(robot.here @ location(60 * mm, 0, 0), spacing=1 * mm)
+    robot.save(cloud, "pass.npz")
+"""
+    with scanner.session(PART, guarded=True) as session:
+        done = run(text, session)
+        again = Robot(session, "geometric")
+        assert again.time == done.duration
+    data = np.load(done.files[0])
+    points = data["points_in_part_mm"] * mm
+    profiles = np.unique(data["profile"])
+    assert len(profiles) == 61
+    assert len(points) > 10_000
+    mesh = load_mesh(PART)
+    distance, _ = MeshSurface(mesh.vertices, mesh.faces).signed_distances(points, 1)
+    assert np.abs(distance).max() < 20e-6
+    middle = [points[data["profile"] == number, 0].mean() for number in profiles]
+    np.testing.assert_allclose(np.diff(middle), 1 * mm, atol=20e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("def main(robot):\n    robot.move(\n", r"program\.py:3: '\(' was never closed"),
+        ("def main(robot):\n    robot.speed(1 / 0)\n", r"program\.py:3: ZeroDivisionError: division by zero"),
+        ("def main(robot):\n    robot.speed(2)\n", r"program\.py:3: speed: share = 2: expected above 0, at most 1"),
+        ("def main(robot):\n    raise SystemExit(3)\n", r"program\.py:3: SystemExit: 3"),
+        ("go = 1\n", r"program\.py: has no function main: expected def main\(robot\)"),
+        ("import nothing_here\n", r"program\.py:2: ModuleNotFoundError"),
+        (
+            "def far(robot):\n    robot.move(location(3, 0, 0))\ndef main(robot):\n    far(robot)\n",
+            r"program\.py:3: the sensor cannot be brought to \(3000\.0, 0\.0, 0\.0\) mm",
+        ),
+        ("def main(robot):\n    robot.tool('gripper')\n", r"program\.py:3: the cell has no gripper"),
+        (
+            "def main(robot):\n    robot.wait_until(lambda: False, 'nothing', 0.1)\n",
+            r"program\.py:3: timed out after 0\.1 s waiting for nothing",
+        ),
+    ],
+)
+def test_error_states_file_and_line(scanner: Scanner, run: Run, text: str, message: str) -> None:
+    with scanner.session() as session, pytest.raises(ProgramError, match=message):
+        run(text, session)
+
+
+def test_missing_file_and_missing_part(scanner: Scanner, tmp_path: Path) -> None:
+    with scanner.session() as session, pytest.raises(ProgramError, match=r"none\.py: cannot be read: No such file"):
+        run_program(tmp_path / "none.py", session)
+    free = load_setup(overrides=['cell.part.fixture="free"'])
+    with (
+        Scanner.from_setup(free) as other,
+        pytest.raises(DescriptionError, match=r'part\.fixture = "free": there is no part; expected its mesh'),
+        other.session(),
+    ):
+        pass
+
+
+def test_program_imports_from_its_folder(scanner: Scanner, run: Run, tmp_path: Path) -> None:
+    (tmp_path / "my_places.py").write_text("DOWN = 0.25\n")
+    text = "import my_places\ndef main(robot):\n    robot.wait(my_places.DOWN)\n"
+    with scanner.session() as session:
+        assert run(text, session).steps[0][1].about == "0.25 s"
