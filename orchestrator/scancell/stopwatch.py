@@ -1,9 +1,9 @@
-"""Wall time by pipeline step."""
+"""Wall time by pipeline step, and steps by the wall clock."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -22,3 +22,28 @@ class Stopwatch:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+
+class Pace:
+    """Keeps steps of equal duration at most as fast as a clock; lost time is not caught up.
+
+    Parameters
+    ----------
+    period
+        Of a step, s.
+    clock, sleep
+        s; those of the machine.
+    """
+
+    def __init__(
+        self, period: float, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
+    ) -> None:
+        self._period, self._clock, self._sleep = period, clock, sleep
+        self._due = clock()
+
+    def wait(self) -> None:
+        """Wait until a period after the last step was due, or not at all if that is over."""
+        now = self._clock()
+        self._due = max(self._due + self._period, now)
+        if self._due > now:
+            self._sleep(self._due - now)

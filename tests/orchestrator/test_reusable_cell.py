@@ -53,6 +53,18 @@ def test_restarted_cell_gives_same_recording_as_new_one(tmp_path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_listeners_end_with_their_run(tmp_path) -> None:
+    steps: list[int] = []
+    with ReusableCell(tmp_path) as reusable:
+        first = reusable.start(description())
+        first.on_step(lambda: steps.append(first.time_us))
+        first.step_to(CYCLE_US)
+        second = reusable.start(description())
+        assert second is first
+        second.step_to(CYCLE_US)
+    assert steps == [CYCLE_US]
+
+
 def test_different_variables_create_new_instance(tmp_path) -> None:
     with ReusableCell(tmp_path) as reusable:
         first = reusable.start(description(collision_outputs=False))

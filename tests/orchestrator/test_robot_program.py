@@ -21,6 +21,7 @@ from scancell.workspace.program import ProgramRun, run_program
 from scancell.workspace.robot import Robot, deg, location, mm
 
 PART = assets_dir() / "parts" / "step_block.stl"
+WITH_GRIPPER = Path(__file__).parents[2] / "docs" / "examples" / "exercises" / "gripper.toml"
 ABOVE = location(450 * mm, 0, 300 * mm, rx=180 * deg)
 WORDS = "from scancell.workspace.robot import Robot, deg, location, mm\n"
 INTO_TABLE = """
@@ -202,6 +203,24 @@ def main(robot):
 def test_error_states_file_and_line(scanner: Scanner, run: Run, text: str, message: str) -> None:
     with scanner.session() as session, pytest.raises(ProgramError, match=message):
         run(text, session)
+
+
+@pytest.mark.parametrize("fixture", ["free", "clamped"])
+def test_guard_does_not_know_parts_that_a_gripper_can_move(fixture: str, run: Run) -> None:
+    """The sensor goes through a free part, whose place nobody knows, but not through a clamped one."""
+    setup = load_setup(WITH_GRIPPER, overrides=[f'cell.part.fixture="{fixture}"'], ideal=True)
+    through = location(450 * mm, 0, 122 * mm, rx=180 * deg)
+    with (
+        Scanner.from_setup(setup, threads=1) as other,
+        other.session(PART, guarded=True) as session,
+    ):
+        robot = Robot(session)
+        robot.move(ABOVE)
+        if fixture == "free":
+            robot.move_line(through)
+        else:
+            with pytest.raises(CommandError, match=r"held by the guard .*sensor - part"):
+                robot.move_line(through)
 
 
 def test_missing_file_and_missing_part(scanner: Scanner, tmp_path: Path) -> None:

@@ -21,16 +21,16 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scancell.cell.controller import Frame, Grip, Mode, Operation, refusal, state_in_words
+from scancell.cell.commands import CellCommands
+from scancell.cell.controller import Frame, Mode, Operation, refusal, state_in_words
 from scancell.cell.driver import TRIGGER_MODES, DriveOptions, Driver
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program
-from scancell.cell.readings import CellReadings, Tool
+from scancell.cell.readings import Tool
 from scancell.cell.recording import Recording
 from scancell.cell.records import RecordCollector
 from scancell.cell.snapshot import snapshot
 from scancell.errors import CommandError
-from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 
 _AT_START = 1e-6  # rad
@@ -38,7 +38,7 @@ _MOST_STOPPING = 5.0  # s; the slowest axis of any sensible cell brakes faster
 _MOST_HELD_US = 1_000_000  # without progress, before a move that a guard holds is given up
 
 
-class CellSession(CellReadings):
+class CellSession(CellCommands):
     """A running cell that takes one command after another.
 
     Parameters
@@ -56,13 +56,6 @@ class CellSession(CellReadings):
         self._cycle_us = cycle_us
         self._snapshots = 0
         self._step_to = cell.step_to
-        axes = cell.axis_names("command.")
-        self._targets = cell.real_group(axes)
-        self._line = cell.real_group(
-            [*(f"command.target.position[{i}]" for i in (1, 2, 3)),
-             *(f"command.target.orientation[{i}]" for i in (1, 2, 3, 4))]
-        )  # fmt: skip
-        self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, len(axes) + 1)])
 
     # Motion
 
@@ -78,9 +71,8 @@ class CellSession(CellReadings):
         CommandError
             If the controller refuses or stops the move, or it takes longer than `timeout`.
         """
-        end = self.destination[1] if table is None else table
-        self._cell.set(self._targets, np.append(np.asarray(q, float), end))
-        self._run_move(Mode.JOINT_MOVE, "move_joints", speed, timeout)
+        self.start_joints(q, table, speed)
+        self._finish_move("move_joints", timeout)
 
     def move_table(self, angle: float, *, speed: float = 1.0, timeout: float = 60.0) -> None:
         """Turn the table to `angle` (not wrapped); errors as in `move_joints`."""
@@ -99,11 +91,8 @@ class CellSession(CellReadings):
         CommandError
             If the controller refuses or stops the move, or it takes longer than `timeout`.
         """
-        flange = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from(tool))
-        sensor = flange @ self._nominal.flange_from_sensor
-        self._cell.set(self._targets, np.append(self.destination[0], self.destination[1]))
-        self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
-        self._run_move(Mode.LINE_MOVE, "move_line", speed, timeout)
+        self.start_line(world_from_tool, tool, speed)
+        self._finish_move("move_line", timeout)
 
     def record_line(
         self,
@@ -158,12 +147,7 @@ class CellSession(CellReadings):
         CommandError
             If the arm has fewer than six joints, or the controller refuses; stopping before a limit is no error.
         """
-        self._cell.set_integer("command.jog_frame", frame)
-        if self._jog.count <= 6:
-            raise CommandError(f"jog_tool: the arm has {self._jog.count - 1} joints, expected at least 6")
-        tool = np.zeros(self._jog.count)
-        tool[:6] = deflections
-        self._run_jog(Mode.TOOL_JOG, "jog_tool", tool, duration)
+        self._run_jog(Mode.TOOL_JOG, "jog_tool", deflections, duration, frame)
 
     def run_program(self, program: Program, exposure: float) -> Recording:
         """Run a program, which must start where the axes are, with exposures of `exposure` seconds.
@@ -212,18 +196,13 @@ class CellSession(CellReadings):
     # Operation and emergency stop
 
     def set_operation(self, operation: Operation) -> None:
-        """Change between manual and automatic operation; whatever moves comes to rest."""
-        self._cell.set_integer("command.mode", Mode.HOLD)
-        self._cell.set_integer("command.operation", operation)
+        """Change between manual and automatic operation, and wait until whatever moves rests."""
+        self.change_operation(operation)
         self._wait_for_rest("set_operation")
-
-    def set_monitor_speed(self, share: float) -> None:
-        """Scale the speed of moves and programs by a share (0 to 1) while they run, on their paths; 0 pauses them."""
-        self._cell.set(self._cell.real_group(["command.monitor_speed"]), np.array([share]))
 
     def emergency_stop(self) -> None:
         """Press the button and wait until all axes rest; the stop stays in force until `reset`."""
-        self._cell.set_boolean("command.emergency_stop", True)
+        self.press_emergency_stop()
         self._wait_for_rest("emergency_stop")
 
     def reset(self) -> None:
@@ -234,17 +213,11 @@ class CellSession(CellReadings):
         CommandError
             If the controller stays in the emergency stop.
         """
-        self._cell.set_boolean("command.emergency_stop", False)
-        self._cell.set_integer("command.mode", Mode.HOLD)
-        self._cell.set_integer("command.reset", self._count("command.reset"))
+        self.release_emergency_stop()
         self.wait(0.0)
         self._refuse("reset")
 
     # Devices
-
-    def run_belt(self, conveyor: int, speed: float) -> None:
-        """Give conveyor number `conveyor` (from 1) another speed, m/s; its belt accelerates while the cell steps."""
-        self._cell.set(self._cell.real_group([f"command.conveyor[{conveyor}].speed"]), np.array([speed]))
 
     def open_gripper(self, width: float, *, timeout: float = 5.0) -> None:
         """Bring the pads `width` apart.
@@ -254,8 +227,7 @@ class CellSession(CellReadings):
         CommandError
             If they do not get there (the stroke is too short, or something is in between).
         """
-        self._cell.set(self._cell.real_group(["command.gripper.width"]), np.array([width]))
-        self._cell.set_integer("command.gripper.mode", Grip.WIDTH)
+        self.set_gripper_width(width)
         self.wait_until(lambda: abs(self.gripper_width - width) < 1e-4, f"pads {width * 1e3:.1f} mm apart", timeout)
 
     def grip(self, force: float, *, timeout: float = 5.0) -> None:
@@ -266,18 +238,27 @@ class CellSession(CellReadings):
         CommandError
             If they close on nothing.
         """
-        self._cell.set(self._cell.real_group(["command.gripper.force"]), np.array([force]))
-        self._cell.set_integer("command.gripper.mode", Grip.FORCE)
+        self.set_gripper_force(force)
         self.wait_until(
             lambda: self._cell.get_boolean("measured.gripper.gripped"), "something between the pads", timeout
         )
 
     # Time
 
+    @property
+    def cycle(self) -> float:
+        """The controller's cycle, s."""
+        return self._cycle_us * 1e-6
+
+    def step(self) -> None:
+        """Step to the end of the next controller cycle that begins now or later: a program may end inside one."""
+        started = -(-self._cell.time_us // self._cycle_us)
+        self._step_to((started + 1) * self._cycle_us)
+
     def wait(self, duration: float) -> None:
         """Step on for `duration`, at least one cycle."""
         for _ in range(max(1, round(duration * 1e6 / self._cycle_us))):
-            self._step()
+            self.step()
 
     def wait_until(self, condition: Callable[[], bool], what: str, timeout: float) -> None:
         """Step on until `condition` holds, looked at once a cycle; `what` names it.
@@ -291,21 +272,12 @@ class CellSession(CellReadings):
         while not condition():
             if self._cell.time_us >= end:
                 raise CommandError(f"timed out after {timeout:g} s waiting for {what}; {state_in_words(self._cell)}")
-            self._step()
+            self.step()
 
     # How it is done
 
-    def _step(self) -> None:
-        """One controller cycle. A program may end inside a cycle: commands are taken at the start of the next one."""
-        started = -(-self._cell.time_us // self._cycle_us)
-        self._step_to((started + 1) * self._cycle_us)
-
     def _end(self, timeout: float) -> int:
         return self._cell.time_us + round(timeout * 1e6)
-
-    def _count(self, name: str) -> int:
-        """Next value of a counter."""
-        return self._cell.get_integer(name) + 1
 
     def _refuse(self, command: str) -> None:
         reason = refusal(self._cell)
@@ -322,14 +294,11 @@ class CellSession(CellReadings):
         still = f"rest after {command}"
         self.wait_until(lambda: not self._cell.get_boolean("controller.moving"), still, _MOST_STOPPING)
 
-    def _run_move(self, mode: Mode, command: str, speed: float, timeout: float) -> None:
-        self._cell.set(self._cell.real_group(["command.speed"]), np.array([speed]))
-        self._cell.set_integer("command.mode", mode)
-        self._cell.set_integer("command.start", self._count("command.start"))
+    def _finish_move(self, command: str, timeout: float) -> None:
         end, progress, progressed_us = self._end(timeout), -1.0, self._cell.time_us
         is_guarded = self.value("command.guard.max_age") > 0
         while True:
-            self._step()
+            self.step()
             self._refuse(command)
             if self._cell.get_boolean("controller.at_destination"):
                 return
@@ -344,17 +313,17 @@ class CellSession(CellReadings):
                     f"{monitor:g}); {state_in_words(self._cell)}"
                 )
 
-    def _run_jog(self, mode: Mode, command: str, deflections: ArrayLike, duration: float) -> None:
-        self._cell.set(self._jog, np.asarray(deflections, float))
-        self._cell.set_integer("command.mode", mode)
+    def _run_jog(
+        self, mode: Mode, command: str, deflections: ArrayLike, duration: float, frame: Frame = Frame.WORLD
+    ) -> None:
+        self.set_jog(mode, deflections, frame)
         end = self._end(duration)
         try:
             while self._cell.time_us < end:
-                self._cell.set_integer("command.heartbeat", self._count("command.heartbeat"))
-                self._step()
+                self.renew_heartbeat()
+                self.step()
                 if refusal(self._cell) is not None and self._cell.get_integer("controller.mode") != mode:
                     self._refuse(command)
         finally:
-            self._cell.set(self._jog, np.zeros(self._jog.count))
-            self._cell.set_integer("command.mode", Mode.HOLD)
+            self.hold()
         self._wait_for_rest(command)

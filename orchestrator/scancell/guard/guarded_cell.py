@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from time import monotonic, sleep
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from scancell.cell.controller import Mode, Operation
 from scancell.cell.instance import CellInstance
 from scancell.guard.link import Link
 from scancell.guard.messages import CellState, GuardMessage
+from scancell.stopwatch import Pace
 
 _POLL_CYCLES = 2  # of the controller; it answers position queries no faster
 _EMERGENCY = 3  # controller.state
@@ -95,14 +95,12 @@ class GuardedCell:
 
         A machine that is too slow makes the cell's clock slow, which is that of the ages: lost time is not caught up.
         """
-        cycle = self._cycle_us * 1e-6
+        pace = Pace(self._cycle_us * 1e-6)
         end = self._cell.time_us + round(seconds * 1e6)
-        due = monotonic()
         while self._cell.time_us < end and not act():
             self.poll()
             self._cell.step_to(self._cell.time_us + self._cycle_us)
-            due = max(due + cycle, monotonic())
-            sleep(max(due - monotonic(), 0.0))
+            pace.wait()
 
     def state(self) -> CellState:
         """The cell as the controller answers a query."""

@@ -18,6 +18,7 @@ from scancell.guard.guard import Guard
 from scancell.guard.guarded_cell import GuardedCell
 from scancell.guard.link import Link
 from scancell.guard.transport import InProcess
+from scancell.nominal.cell import NominalCell
 from scancell.progress import NullProgress
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import ProfilePoints
@@ -73,9 +74,14 @@ class ScanSession(CellSession):
             self._guarded.attach()
 
     @property
-    def bodies(self) -> list[str]:
-        """Names of all bodies, in the order in which the FMU numbers them from 1."""
-        return [body.name for body in self._loaded.true.bodies]
+    def nominal(self) -> NominalCell:
+        """The cell as planning knows it."""
+        return self._loaded.nominal
+
+    @property
+    def true(self) -> NominalCell:
+        """The cell with unknown obstacles, too; its bodies in the order in which the FMU numbers them from 1."""
+        return self._loaded.true
 
     def set_monitor_speed(self, share: float) -> None:
         """As of a `CellSession`, but never beyond what the guard allows."""

@@ -74,7 +74,7 @@ def run_program(
         run.steps.append((lines[0] if lines else 0, step))
         show(*run.steps[-1])
 
-    watch = ContactWatch(session.cell, session.bodies)
+    watch = ContactWatch(session.cell, [body.name for body in session.true.bodies])
     robot = Robot(session, engine, folder, on_step)
     try:
         with _loaded(program) as module:

@@ -1,0 +1,113 @@
+"""Commands to a running cell that take effect while it is stepped; nothing here steps it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scancell.cell.controller import Frame, Grip, Mode, Operation
+from scancell.cell.instance import CellInstance
+from scancell.cell.readings import CellReadings, Tool
+from scancell.errors import CommandError
+from scancell.geometry import pose
+from scancell.nominal.cell import NominalCell
+
+
+class CellCommands(CellReadings):
+    """Sets the inputs of a cell; the controller looks at them at the beginning of its next cycle."""
+
+    def __init__(self, cell: CellInstance, nominal: NominalCell) -> None:
+        super().__init__(cell, nominal)
+        axes = cell.axis_names("command.")
+        self._targets = cell.real_group(axes)
+        self._line = cell.real_group(
+            [*(f"command.target.position[{i}]" for i in (1, 2, 3)),
+             *(f"command.target.orientation[{i}]" for i in (1, 2, 3, 4))]
+        )  # fmt: skip
+        self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, len(axes) + 1)])
+
+    # Motion
+
+    def start_joints(self, q: ArrayLike, table: float | None = None, speed: float = 1.0) -> None:
+        """Begin to move all joints to `q` (joints,) and the table to `table` (where given), rad."""
+        end = self.destination[1] if table is None else table
+        self._cell.set(self._targets, np.append(np.asarray(q, float), end))
+        self._start(Mode.JOINT_MOVE, speed)
+
+    def start_line(self, world_from_tool: ArrayLike, tool: Tool = "sensor", speed: float = 1.0) -> None:
+        """Begin to move a tool straight to a pose (4, 4); the table rests."""
+        flange = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from(tool))
+        sensor = flange @ self._nominal.flange_from_sensor
+        self._cell.set(self._targets, np.append(*self.destination))
+        self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
+        self._start(Mode.LINE_MOVE, speed)
+
+    def set_jog(self, mode: Mode, deflections: ArrayLike, frame: Frame = Frame.WORLD) -> None:
+        """Jog in joint or Cartesian mode: `deflections` (at most joints + 1,) -1 to 1, the others are 0.
+
+        Raises
+        ------
+        CommandError
+            If the arm has fewer joints than a Cartesian jog needs.
+        """
+        if mode is Mode.TOOL_JOG and self._jog.count <= 6:
+            raise CommandError(f"jog_tool: the arm has {self._jog.count - 1} joints, expected at least 6")
+        values = np.zeros(self._jog.count)
+        values[: np.size(deflections)] = deflections
+        self._cell.set_integer("command.jog_frame", frame)
+        self._cell.set(self._jog, values)
+        self._cell.set_integer("command.mode", mode)
+
+    def renew_heartbeat(self) -> None:
+        """Tell the controller's watchdog that a jog is still wanted."""
+        self._cell.set_integer("command.heartbeat", self._next("command.heartbeat"))
+
+    def hold(self) -> None:
+        """Let go of a jog, or give up a motion: the axes come to rest."""
+        self._cell.set(self._jog, np.zeros(self._jog.count))
+        self._cell.set_integer("command.mode", Mode.HOLD)
+
+    # Operation and emergency stop
+
+    def change_operation(self, operation: Operation) -> None:
+        """Change between manual and automatic operation; whatever moves comes to rest."""
+        self.hold()
+        self._cell.set_integer("command.operation", operation)
+
+    def set_monitor_speed(self, share: float) -> None:
+        """Scale the speed of moves and programs by a share (0 to 1) while they run, on their paths; 0 pauses them."""
+        self._cell.set(self._cell.real_group(["command.monitor_speed"]), np.array([share]))
+
+    def press_emergency_stop(self) -> None:
+        """Press the button; the stop stays in force until `release_emergency_stop` when all axes rest."""
+        self._cell.set_boolean("command.emergency_stop", True)
+
+    def release_emergency_stop(self) -> None:
+        """Release the button and reset the controller; what was stopped does not go on."""
+        self._cell.set_boolean("command.emergency_stop", False)
+        self.hold()
+        self._cell.set_integer("command.reset", self._next("command.reset"))
+
+    # Devices
+
+    def run_belt(self, conveyor: int, speed: float) -> None:
+        """Give conveyor number `conveyor` (from 1) another speed, m/s; its belt accelerates while the cell steps."""
+        self._cell.set(self._cell.real_group([f"command.conveyor[{conveyor}].speed"]), np.array([speed]))
+
+    def set_gripper_width(self, width: float) -> None:
+        """Begin to bring the pads `width` apart, m."""
+        self._cell.set(self._cell.real_group(["command.gripper.width"]), np.array([width]))
+        self._cell.set_integer("command.gripper.mode", Grip.WIDTH)
+
+    def set_gripper_force(self, force: float) -> None:
+        """Begin to close the fingers with `force`, N each."""
+        self._cell.set(self._cell.real_group(["command.gripper.force"]), np.array([force]))
+        self._cell.set_integer("command.gripper.mode", Grip.FORCE)
+
+    def _start(self, mode: Mode, speed: float) -> None:
+        self._cell.set(self._cell.real_group(["command.speed"]), np.array([speed]))
+        self._cell.set_integer("command.mode", mode)
+        self._cell.set_integer("command.start", self._next("command.start"))
+
+    def _next(self, counter: str) -> int:
+        return self._cell.get_integer(counter) + 1

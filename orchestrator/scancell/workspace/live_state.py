@@ -1,0 +1,189 @@
+"""What a view shows of a running cell, at one instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import count
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.controller import Mode, Operation, refusal
+from scancell.cell.recording import RecordLayout
+from scancell.geometry import pose
+from scancell.scanning.session import ScanSession
+
+Array = NDArray[np.float64]
+Poses = Mapping[str, Array]
+
+_STATES = ("at rest", "moving", "braking", "emergency stop")
+_NEAREST = ("truth.clearance.body_a", "truth.clearance.body_b")
+_COLLISION = ("truth.collision.pairs", "truth.collision.body_a", "truth.collision.body_b")
+
+
+@dataclass(frozen=True, eq=False)
+class LiveState:
+    """A running cell, as it truly is and as its devices say; SI units, arrays are read-only.
+
+    Attributes
+    ----------
+    time
+        Simulated, s.
+    joints, table
+        Measured angles (joints,) and of the table, rad.
+    world_from_body
+        True pose (4, 4) of each body by name.
+    target_joints, target_table
+        Where the motion in force, or the last one, leads, rad.
+    ghost_from_body
+        Nominal pose (4, 4) of each body in the world at that target.
+    controller, mode, operation
+        Of the controller; `controller` in words.
+    moving
+        Whether an axis moves.
+    refusal
+        Why the controller does not carry out its command; empty where it does.
+    message
+        The last command that was not carried out, and why; empty after one that was.
+    progress, monitor_speed
+        Share of the motion that is done, and monitor speed in force, 0 to 1.
+    pendant_text, pendant_beep, guard_text
+        What the pendant shows, and what the guard says.
+    present
+        Whether each presence sensor sees a part.
+    distances
+        What each distance sensor reads, m; None where its measurement was discarded.
+    gripper_width
+        m; None without a gripper.
+    belts
+        Speed (m/s) and travel (m) of each conveyor.
+    colliding
+        Bodies of the deepest collision; None without one.
+    nearest
+        Nearest pair of bodies and their distance, m, up to the range of the description; None beyond.
+    """
+
+    time: float
+    joints: Array
+    table: float
+    world_from_body: Poses
+    target_joints: Array
+    target_table: float
+    ghost_from_body: Poses
+    controller: str
+    moving: bool
+    mode: Mode
+    operation: Operation
+    refusal: str
+    message: str
+    progress: float
+    monitor_speed: float
+    pendant_text: str
+    pendant_beep: bool
+    guard_text: str
+    present: tuple[bool, ...]
+    distances: tuple[float | None, ...]
+    gripper_width: float | None
+    belts: tuple[tuple[float, float], ...]
+    colliding: tuple[str, str] | None
+    nearest: tuple[str, str, float] | None
+
+
+class StateReader:
+    """Reads the state of a session's cell."""
+
+    def __init__(self, session: ScanSession) -> None:
+        self._session, self._cell = session, session.cell
+        self._nominal, self._true = session.nominal, session.true
+        names = set(self._cell.names)
+
+        def number(pattern: str) -> int:
+            return next(i for i in count(1) if pattern.format(i) not in names) - 1
+
+        self._frames = RecordLayout.of(names).frames
+        self._poses = self._cell.real_group(
+            f"truth.{frame}.{part}[{i}]"
+            for frame in self._frames
+            for part, size in (("position", 3), ("orientation", 4))
+            for i in range(1, size + 1)
+        )
+        self._presence, self._distance = number("presence[{}].detected"), number("distance[{}].value")
+        self._belts = self._cell.real_group(
+            f"conveyor[{i}].{name}" for i in range(1, number("conveyor[{}].speed") + 1) for name in ("speed", "travel")
+        )
+        self._scalars = self._cell.real_group(
+            ["controller.progress", "command.monitor_speed", "truth.clearance.distance"]
+        )
+        self._has_gripper = "measured.gripper.width" in names
+        self._target, self._ghost = np.empty(0), _frozen({})
+
+    def read(self, message: str = "") -> LiveState:
+        """The present state."""
+        cell, session = self._cell, self._session
+        belts = cell.get(self._belts).reshape(-1, 2).tolist() if self._belts.count else []
+        target, target_table = session.destination
+        progress, monitor_speed, clearance = cell.get(self._scalars).tolist()
+        return LiveState(
+            time=session.time,
+            joints=_read_only(session.joints),
+            table=session.table,
+            world_from_body=self._world_from_body(),
+            target_joints=_read_only(target),
+            target_table=target_table,
+            ghost_from_body=self._ghost_at(np.append(target, target_table)),
+            controller=_STATES[cell.get_integer("controller.state")],
+            moving=cell.get_boolean("controller.moving"),
+            mode=Mode(cell.get_integer("controller.mode")),
+            operation=Operation(cell.get_integer("command.operation")),
+            refusal=refusal(cell) or "",
+            message=message,
+            progress=progress,
+            monitor_speed=monitor_speed,
+            pendant_text=cell.get_string("pendant.text"),
+            pendant_beep=cell.get_boolean("pendant.beep"),
+            guard_text=cell.get_string("command.pendant.text"),
+            present=tuple(session.present(i + 1) for i in range(self._presence)),
+            distances=tuple(session.distance(i + 1) for i in range(self._distance)),
+            gripper_width=session.gripper_width if self._has_gripper else None,
+            belts=tuple((speed, travel) for speed, travel in belts),
+            colliding=self._colliding(),
+            nearest=self._nearest(clearance),
+        )
+
+    def _world_from_body(self) -> Poses:
+        values = self._cell.get(self._poses).reshape(-1, 7)
+        frames = dict(zip(self._frames, pose.pose(values[:, :3], values[:, 3:]), strict=True))
+        frames["world"] = np.eye(4)
+        return _frozen({body.name: frames[body.fmu_frame] for body in self._true.bodies})
+
+    def _ghost_at(self, axes: Array) -> Poses:
+        if not np.array_equal(axes, self._target):
+            poses = self._nominal.body_poses(axes[:-1], axes[-1])
+            named = zip(self._nominal.bodies, poses, strict=True)
+            self._target, self._ghost = axes, _frozen({body.name: pose_ for body, pose_ in named})
+        return self._ghost
+
+    def _colliding(self) -> tuple[str, str] | None:
+        pairs, first, second = self._cell.get_integers(_COLLISION)
+        return None if pairs == 0 else (self._name(first), self._name(second))
+
+    def _nearest(self, distance: float) -> tuple[str, str, float] | None:
+        first, second = self._cell.get_integers(_NEAREST)
+        if first == 0:
+            return None
+        return self._name(first), self._name(second), distance
+
+    def _name(self, number: int) -> str:
+        return self._true.bodies[number - 1].name
+
+
+def _frozen(poses: dict[str, Array]) -> Poses:
+    return MappingProxyType({name: _read_only(value) for name, value in poses.items()})
+
+
+def _read_only(values: Array) -> Array:
+    copied = np.array(values, float)
+    copied.setflags(write=False)
+    return copied
