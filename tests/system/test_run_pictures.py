@@ -259,4 +259,4 @@ def test_run_without_a_cloud_is_shown_with_a_warning(folder, tmp_path) -> None:
     shutil.copytree(folder, other, ignore=shutil.ignore_patterns("cloud.ply"))
     done = scancell_here("picture", other, *SMALL, cwd=tmp_path)
     assert done.code == 0
-    assert "no cloud" in done.last_line["warnings"][0]
+    assert "no cloud is shown" in done.last_line["warnings"][0]

@@ -1,4 +1,4 @@
-"""`scancell picture` and `scancell animate`: the cell of a recorded run, rendered."""
+"""`scancell picture`, `animate` and `page`: the cell of a recorded run, rendered or as a page in 3D."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from scancell.cli.common import JsonOption, Outcome, ThreadsOption, run, show_pr
 if TYPE_CHECKING:
     from scancell.workspace.recorded_run import RecordedRun
 
+_LARGE_MB = 20.0
 # The words of scancell.workspace, which is slow to import.
 _View = Literal["cell", "part", "orbit", "sensor"]
 _Colour = Literal["deviation", "intensity"]
@@ -81,13 +82,42 @@ def animate(
     run("animate", as_json, work)
 
 
-def _opened(folder: Path) -> tuple[RecordedRun, list[str]]:
+def page(
+    run_folder: _Run,
+    out: Annotated[Path, typer.Option("--out", help="file for the page (HTML)")] = Path("out/run.html"),
+    points: Annotated[
+        int, typer.Option("--points", min=1, max=900_000, help="points of the cloud at most, evenly chosen")
+    ] = 500_000,
+    colour: _ColourOption = "deviation",
+    threads: ThreadsOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a run as one HTML file with a time slider, which opens in a browser without a network."""
+
+    def work() -> Outcome:
+        from scancell.workspace.page import write_page  # noqa: PLC0415
+
+        opened, warnings = _opened(run_folder, points)
+        megabytes = write_page(opened, out, colour=colour, threads=threads) / 1e6
+        if megabytes > _LARGE_MB:
+            warnings.append(
+                f"{out}: {megabytes:.1f} MB are much for an e-mail; --points {points // 2} makes it smaller"
+            )
+        shown = 0 if opened.cloud is None else len(opened.cloud)
+        figures = {"megabytes": megabytes, "points": shown}
+        text = f"{out}: {megabytes:.1f} MB, {shown:,} of {opened.cloud_points:,} points"
+        return Outcome([text], figures, [str(out)], warnings)
+
+    run("page", as_json, work)
+
+
+def _opened(folder: Path, *most_points: int) -> tuple[RecordedRun, list[str]]:
     """The run, and a warning where it has no cloud to show."""
     from scancell.workspace.recorded_run import open_run  # noqa: PLC0415
 
-    opened = open_run(folder)
+    opened = open_run(folder, *most_points)
     missing = opened.cloud is None
-    return opened, [f"{folder / 'cloud.ply'}: no such file: the pictures show no cloud"] if missing else []
+    return opened, [f"{folder / 'cloud.ply'}: no such file: no cloud is shown"] if missing else []
 
 
 def _size(text: str) -> tuple[int, int]:

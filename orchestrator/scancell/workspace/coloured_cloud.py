@@ -59,8 +59,8 @@ class ColouredCloud:
         count = self.measured_until(time)
         pixels, ahead = camera.project(pose.transform_points(world_from_part, self.points_in_part[:count]))
         height, width = rendered.depth.shape
-        with np.errstate(invalid="ignore"):
-            inside = ((pixels > -0.5) & (pixels < np.array([width, height]) - 0.5)).all(1) & (ahead > 0)
+        column, row = pixels.T  # NaN, behind the camera, compares as outside
+        inside = (column > -0.5) & (column < width - 0.5) & (row > -0.5) & (row < height - 0.5)
         rows = np.flatnonzero(inside)
         column, row = np.rint(pixels[rows]).astype(np.int64).T
         size = ahead[rows] / camera.focal_px

@@ -109,7 +109,7 @@ class _View:
 
     def _trace(self, pixels: Array) -> tuple[Array, Array, Index, Array]:
         eye, directions = self._camera.centre, self._camera.directions(pixels)
-        length = np.linalg.norm(directions, axis=1)
+        length = np.sqrt(np.einsum("ni,ni->n", directions, directions))
         origins = np.broadcast_to(eye, directions.shape)
         distance, number, face = sensor_rt.cast_rays(self._scene, self._poses, origins, directions, 1)
         body, depth = number.astype(np.int64), np.asarray(distance / length)

@@ -46,7 +46,7 @@ def shade(colour: Array, normals: Array, towards_viewer: Array, sunlit: Array) -
     facing = np.einsum("ni,ni->n", normals, towards_viewer)
     diffuse = (_BOUNCE + (_SKY - _BOUNCE) * sky) * (0.75 + 0.25 * facing) + _SUNLIGHT * cosine
     half = towards_viewer + SUN
-    gloss = np.einsum("ni,ni->n", normals, half) / np.linalg.norm(half, axis=1)
+    gloss = np.einsum("ni,ni->n", normals, half) / np.sqrt(np.einsum("ni,ni->n", half, half))
     gloss = np.maximum(gloss, 0.0) * (cosine > 0)
     for _ in range(_SHARPNESS):
         gloss = gloss * gloss
