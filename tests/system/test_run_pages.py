@@ -16,6 +16,7 @@ from PIL import Image
 from scancell.geometry import pose
 from scancell.workspace.recorded_run import open_run
 
+HANGS_MS = 300_000
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 
 
@@ -109,6 +110,7 @@ def test_browser_shows_the_run_without_a_request(folder, run) -> None:
         flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
         browser = player.chromium.launch(executable_path=BROWSER, args=flags)
         page = browser.new_page(viewport={"width": 480, "height": 320})
+        page.set_default_timeout(HANGS_MS)  # drawn by the processor, on a machine that may be busy
         page.on("request", lambda request: requests.append(request.url))
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto((folder / "run.html").as_uri())
