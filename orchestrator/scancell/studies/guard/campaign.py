@@ -201,7 +201,7 @@ class Campaign(Closing):
                 at = int(np.searchsorted(course.times, time - 1e-9))
                 near = course.axes[[max(at - 1, 0), min(at + 1, len(course.axes) - 1)]]
                 concerned = np.array([pair == decision.pair for pair in pairs])
-                before, after = self._simulation.clearances(near, np.where(concerned, np.inf, 0.0))[:, concerned]
+                before, after = self._simulation.distances_of(concerned, near)
                 yield bool(after < before)
 
 

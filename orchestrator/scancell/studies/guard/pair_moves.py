@@ -55,10 +55,6 @@ class PairMoves:
                 end = np.clip(end, self._lower, self._upper)
                 yield Scenario(Operation.AUTOMATIC, start, (Command(_BEGIN, Mode.JOINT_MOVE, end),), duration)
 
-    def _distance(self, axes: Array, pair: Flags) -> Array:
-        bound = np.where(pair, np.inf, 0.0)
-        return np.asarray(self._simulation.clearances(axes, bound)[:, pair][:, 0])
-
     def _contact(self, pair: Flags, rng: np.random.Generator) -> tuple[Array, Array] | None:
         """Axes at which a pair is in contact, and the direction in which it approaches there."""
         nominal = self._simulation.nominal
@@ -67,7 +63,7 @@ class PairMoves:
         steps = _DIFFERENCE * np.eye(len(axes))[self._free]
         down = np.zeros_like(axes)
         for _ in range(_DESCENTS):
-            found = self._distance(np.vstack([axes, axes + steps]), pair)
+            found = self._simulation.distances_of(pair, np.vstack([axes, axes + steps]))
             if found[0] == 0.0:
                 return (axes, down) if down.any() else None
             slope = (found[1:] - found[0]) / _DIFFERENCE

@@ -139,8 +139,7 @@ class Search(Closing):
         stop = next((time for time, decision in log if decision.stop), np.inf)
         permitted = [time for time, _ in log if time < stop]
         found = self._simulation.contact(course)
-        bound = np.where(pair, np.inf, 0.0)
-        clearance = float(self._simulation.clearances(course.axes, bound)[:, pair].min())
+        clearance = float(self._simulation.distances_of(pair, course.axes).min())
         last = permitted[-1] if permitted and stop < np.inf else None
         return Attempt(scenario, course, dead_from, clearance, found[1] if found else "", last)
 
@@ -158,8 +157,7 @@ class Search(Closing):
     def _approach(self, command: Command, axes: Array, pair: NDArray[np.bool_]) -> Array:
         """Deflections (joints + 1,) of a jog like `command` in which a pair approaches fastest at `axes`."""
         steps = _STEP * np.eye(len(axes))
-        bound = np.where(pair, np.inf, 0.0)
-        distance = self._simulation.clearances(np.vstack([axes + steps, axes - steps]), bound)[:, pair].reshape(2, -1)
+        distance = self._simulation.distances_of(pair, np.vstack([axes + steps, axes - steps])).reshape(2, -1)
         slope = (distance[0] - distance[1]) / (2 * _STEP)
         if command.mode is Mode.JOINT_JOG:
             return np.where(np.abs(slope) > _CONCERNED, -np.sign(slope), 0.0)

@@ -169,6 +169,10 @@ class Simulation(Closing):
         scene = self._rough_scene if rough else self.scene
         return scene.distances(self.nominal.body_poses(axes[:, :-1], axes[:, -1]), farthest, 1)
 
+    def distances_of(self, pair: NDArray[np.bool_], axes: Array) -> Array:
+        """Distances (n,), m, of the one `pair` (pairs,) of the scene, however far."""
+        return self.clearances(axes, np.where(pair, np.inf, 0.0))[:, pair][:, 0]
+
     def clearance(self, course: Course, farthest: float, rough: bool = False) -> float:
         """Smallest distance of the arm to other bodies, m, at most `farthest`."""
         outside = ~self.inner
