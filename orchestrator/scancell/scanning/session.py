@@ -28,7 +28,7 @@ from scancell.scanning.sense import ExposureImages, Sensors
 Array = NDArray[np.float64]
 
 _ANSWER_TIME = 0.003  # s of simulated time that the guard needs for an answer
-_SEEN = 0.1  # s, in which the guard surely gets a state and answers it
+SEEN = 0.1  # s, in which a guard surely gets a state and answers it
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class ScanSession(CellSession):
         """As of a `CellSession`; a guard sees the robot at rest before it moves in the new operation."""
         super().set_operation(operation)
         if self._guarded is not None:
-            self.wait(_SEEN)
+            self.wait(SEEN)
 
     def scan_line(
         self, world_from_sensor: ArrayLike, spacing: float, *, speed: float = 1.0, engine: Engine = "ray-traced"

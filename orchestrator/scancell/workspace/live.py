@@ -11,7 +11,7 @@ import numpy as np
 
 from scancell.cell.controller import Operation
 from scancell.errors import CommandError
-from scancell.scanning.session import ScanSession
+from scancell.scanning.session import SEEN, ScanSession
 from scancell.stopwatch import Pace
 from scancell.workspace.live_commands import (
     ChangeOperation,
@@ -26,7 +26,7 @@ from scancell.workspace.live_commands import (
 )
 from scancell.workspace.live_state import LiveState, StateReader
 
-_SEEN_US = 100_000  # in which a guard surely answers a state after a change of operation
+_SEEN_US = round(SEEN * 1e6)
 
 
 class LiveCell:

@@ -22,7 +22,7 @@ _ERROR = 1e-4  # m
 
 @dataclass(frozen=True)
 class Limits:
-    """A cell as its guard is told that it is, and as it is.
+    """A cell as its guard assumes it, and as it is.
 
     Attributes
     ----------
