@@ -22,6 +22,7 @@ from scancell.cli.program import run_program
 from scancell.cli.robot import robot_app
 from scancell.cli.study import study_app
 from scancell.cli.survey import survey
+from scancell.cli.workspace import workspace
 from scancell.config.choices import Mode
 
 # Typer brings a copy of click along; its error for a wrong command line is the base of one that typer exports.
@@ -43,6 +44,7 @@ app.command()(place)
 app.command()(plan)
 app.command("run")(run_program)
 app.command()(survey)
+app.command()(workspace)
 app.add_typer(fmu_app, name="fmu")
 app.add_typer(guard_app, name="guard")
 app.add_typer(robot_app, name="robot")

@@ -1,0 +1,153 @@
+"""A recorded run in a browser, played back with a slider of its time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from threading import Event, Lock
+from time import monotonic
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from scancell.config.choices import LOOPBACK
+from scancell.extras import require
+from scancell.workspace.coloured_cloud import ColourBy, coloured_by
+from scancell.workspace.recorded_run import RecordedRun
+from scancell.workspace.browser.scene import CellScene
+from scancell.workspace.shading import displayed
+
+if TYPE_CHECKING:
+    import viser
+
+_CHUNKS = 200  # of the cloud
+_RATE = 30.0  # Hz, of updates
+_SPEEDS = ("1 x", "2 x", "5 x", "10 x", "20 x")
+
+
+class Playback:
+    """Plays a run back on a server of viser; all its browsers see and control the same.
+
+    Parameters
+    ----------
+    server
+        Of viser.
+    run
+        To be shown.
+    colour
+        What the colours of the cloud show.
+    threads
+        For the deviations of the cloud; 0 uses all cores.
+
+    Attributes
+    ----------
+    scene
+        What is shown.
+    """
+
+    def __init__(self, server: viser.ViserServer, run: RecordedRun, colour: ColourBy, threads: int = 0) -> None:
+        self._run, self._lock = run, Lock()
+        self.scene = CellScene(server, run.cell, run.setup.sensor)
+        self._chunk_ends = self._add_cloud(colour, threads)
+        motion, gui = run.motion, server.gui
+        gui.set_panel_label(f"scancell: {run.name}")
+        self._slider = gui.add_slider("time, s", motion.start, motion.duration, 0.01, motion.start)
+        self._play = gui.add_button("Play")
+        self._speed = gui.add_dropdown("speed", _SPEEDS, "5 x")
+        frames = gui.add_checkbox("frames", False)
+        field = gui.add_checkbox("field of view", True)
+        self._field_shown = True
+        self._text = gui.add_markdown("")
+        self._playing = False
+        self._slider.on_update(lambda _: self._show())
+        self._play.on_click(lambda _: self._toggle())
+        frames.on_update(lambda _: self.scene.show_frames(frames.value))
+        field.on_update(lambda _: self._show_field(field.value))
+        self._show()
+
+    @property
+    def time(self) -> float:
+        """Time of the run that is shown, s."""
+        return float(self._slider.value)
+
+    def advance(self, seconds: float) -> None:
+        """Let `seconds` go by, if it plays; it ends with the run."""
+        if not self._playing:
+            return
+        later = self.time + seconds * float(self._speed.value.split()[0])
+        end = self._run.motion.duration
+        self._slider.value = min(later, end)
+        if later >= end:
+            self._toggle()
+
+    def _toggle(self) -> None:
+        self._playing = not self._playing
+        if self._playing and self.time >= self._run.motion.duration:
+            self._slider.value = self._run.motion.start
+        self._play.label = "Pause" if self._playing else "Play"
+
+    def _show_field(self, shown: bool) -> None:
+        self._field_shown = shown
+        self._show()
+
+    def _show(self) -> None:
+        with self._lock:
+            time, motion = self.time, self._run.motion
+            frames = motion.frames(time)
+            self.scene.move(frames)
+            self.scene.show_chunks(int(np.searchsorted(self._chunk_ends, time, side="right")))
+            self.scene.show_field(self._field_shown, motion.laser_on(time))
+            x, y, z = 1e3 * frames["sensor"][:3, 3]
+            self._text.content = f"sensor at x {x:.1f}, y {y:.1f}, z {z:.1f} mm"
+
+    def _add_cloud(self, colour: ColourBy, threads: int) -> list[float]:
+        """Add the cloud in chunks of the order of measurement, and return their last times, s."""
+        run = self._run
+        if run.cloud is None or not len(run.cloud):
+            return []
+        cloud = coloured_by(run.cloud, run.cloud_points, run.cell.part, colour, threads)
+        ends = []
+        for rows in np.array_split(np.arange(len(cloud.time)), min(_CHUNKS, len(cloud.time))):
+            self.scene.add_points(cloud.points_in_part[rows], displayed(cloud.colours[rows]), 1.2 * cloud.spacing)
+            ends.append(float(cloud.time[rows[-1]]))
+        return ends
+
+
+def serve_playback(
+    run: RecordedRun,
+    *,
+    host: str = LOOPBACK,
+    port: int = 8080,
+    colour: ColourBy = "deviation",
+    threads: int = 0,
+    started: Callable[[str], None] = lambda _: None,
+    stop: Event | None = None,
+) -> None:
+    """Show a run in browsers until `stop` is set or Ctrl-C.
+
+    Parameters
+    ----------
+    port
+        To listen on; a taken one makes it take the next free one.
+    started
+        Receives the address to open.
+
+    Raises
+    ------
+    ScancellError
+        If viser is not installed, or the cloud has no such colours.
+    """
+    stop = stop or Event()
+    server = require("viser", "workspace").ViserServer(host=host, port=port, verbose=False)
+    try:
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        playback = Playback(server, run, colour, threads)
+        started(f"http://{server.get_host()}:{server.get_port()}")
+        before = monotonic()
+        while not stop.wait(1 / _RATE):
+            now = monotonic()
+            playback.advance(now - before)
+            before = now
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.stop()
