@@ -21,9 +21,8 @@ STAMPS := build/stamps
 SYSTEM_PACKAGES := g++ cmake ninja-build ccache patchelf python3-venv python3-dev \
   libdart-dev libdart-collision-ode-dev libdart-collision-bullet-dev libdart-external-ikfast-dev \
   libdart-external-odelcpsolver-dev libeigen3-dev libfcl-dev libembree-dev nlohmann-json3-dev
-# GoogleTest; an importer in the tests calls unzip; dartpy loads libGL, Open3D libEGL, libusb and libgomp; pages and the
-# workspace are tested in Chromium.
-DEV_PACKAGES := libgtest-dev unzip libgl1 libegl1 libusb-1.0-0 libgomp1 chromium
+# GoogleTest; an importer in the tests calls unzip; dartpy loads libGL, Open3D libEGL, libusb and libgomp.
+DEV_PACKAGES := libgtest-dev unzip libgl1 libegl1 libusb-1.0-0 libgomp1
 
 NATIVE_SOURCES := CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))
@@ -52,6 +51,9 @@ $(STAMPS)/system: Makefile
 
 $(STAMPS)/dev-system: $(STAMPS)/system
 	$(call install_packages,$(DEV_PACKAGES))
+	@command -v chromium google-chrome >/dev/null \
+	  || DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends chromium >build/chromium.log 2>&1 \
+	  || echo "scancell: no package chromium here: tests in a browser are skipped"
 
 $(STAMPS)/venv: $(STAMPS)/system
 	@echo "scancell: making $(VENV)"

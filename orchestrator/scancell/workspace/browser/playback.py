@@ -11,9 +11,9 @@ import numpy as np
 
 from scancell.config.choices import LOOPBACK
 from scancell.extras import require
+from scancell.workspace.browser.scene import CellScene
 from scancell.workspace.coloured_cloud import ColourBy, coloured_by
 from scancell.workspace.recorded_run import RecordedRun
-from scancell.workspace.browser.scene import CellScene
 from scancell.workspace.shading import displayed
 
 if TYPE_CHECKING:
