@@ -90,23 +90,37 @@ class CellReadings:
             )
         return float(self._cell.get(self._cell.real_group([name]))[0])
 
-    def joints_for(self, world_from_tool: ArrayLike, tool: Tool = "sensor", near: ArrayLike | None = None) -> Array:
+    def joints_for(
+        self,
+        world_from_tool: ArrayLike,
+        tool: Tool = "sensor",
+        near: ArrayLike | None = None,
+        configuration: str | None = None,
+    ) -> Array:
         """Joint angles (joints,) that bring a tool to a pose (4, 4): of all branches those nearest to `near`.
 
         Without `near` (joints,) the nearest to the present joints count; nearness is the largest difference of a joint.
+        With a `configuration`, one of `Arm.branch_names`, only its branch counts.
 
         Raises
         ------
         CommandError
-            If no branch within the joint limits reaches the pose.
+            If no branch, or not that of the configuration, reaches the pose within the joint limits.
         """
         reference = self.joints if near is None else np.asarray(near, float)
         target = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from(tool))
-        branches = self._nominal.arm.ik(target, reference)[0]
+        branches, names = self._nominal.arm.ik(target, reference)[0], self._nominal.arm.branch_names
+        if configuration is not None:
+            if configuration not in names:
+                raise CommandError(f"configuration {configuration}: expected one of {', '.join(names)}")
+            branches = branches[[names.index(configuration)]]
         found = branches[np.isfinite(branches).all(-1)]
         if not len(found):
             place = ", ".join(f"{x * 1e3:.1f}" for x in np.asarray(world_from_tool, float)[:3, 3])
-            raise CommandError(f"the {tool} cannot be brought to ({place}) mm in this orientation within joint limits")
+            how = "" if configuration is None else f", configuration {configuration}"
+            raise CommandError(
+                f"the {tool} cannot be brought to ({place}) mm in this orientation within joint limits{how}"
+            )
         return np.asarray(found[np.argmin(np.abs(found - reference).max(-1))])
 
     def flange_from(self, tool: Tool) -> Array:

@@ -3,38 +3,67 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from scancell.cli.common import JsonOption, Outcome, ThreadsOption, run
+from scancell.cli.common import Outcome, run
+from scancell.cli.options import CellOptions, with_options
 from scancell.config.choices import LOOPBACK
 
+Started = Callable[[str], None]
 
+
+@with_options(CellOptions)
 def workspace(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="run folder of a scan")],
+    options: CellOptions,
+    target: Annotated[
+        Path | None, typer.Argument(metavar="[PART|RUN]", help="mesh of the part, or run folder of a scan")
+    ] = None,
     host: Annotated[str, typer.Option("--host", help="address to listen on")] = LOOPBACK,
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="port; a taken one: the next free one")] = 8080,
+    no_guard: Annotated[bool, typer.Option("--no-guard", help="run without the collision guard")] = False,
     colour: Annotated[
-        Literal["deviation", "intensity"], typer.Option("--colour", help="what the colours of the cloud show")
+        Literal["deviation", "intensity"], typer.Option("--colour", help="what the colours of a run's cloud show")
     ] = "deviation",
-    threads: ThreadsOption = 0,
-    as_json: JsonOption = False,
 ) -> None:
-    """Play a recorded run back in a browser, until Ctrl-C: the cell, and the cloud as it was measured."""
+    """Open the running cell in a browser, or play a recorded run back, until Ctrl-C (docs/workspace.md)."""
 
     def started(address: str) -> None:
-        print(f"workspace: open {address}", file=sys.stderr if as_json else sys.stdout, flush=True)
+        print(f"workspace: open {address}", file=sys.stderr if options.as_json else sys.stdout, flush=True)
         if not ip_address(host).is_loopback:
             print("warning: other machines can reach the workspace, and anyone there controls it", file=sys.stderr)
 
     def work() -> Outcome:
-        from scancell.workspace.browser.playback import serve_playback  # noqa: PLC0415
-        from scancell.workspace.recorded_run import open_run  # noqa: PLC0415
+        if target is not None and target.is_dir():
+            _play_back(target, host, port, colour, options.threads, started)
+        else:
+            _run_cell(target, options, host, port, not no_guard, started)
+        return Outcome()
 
-        serve_playback(open_run(run_folder), host=host, port=port, colour=colour, threads=threads, started=started)
-        return Outcome([], {}, [])
+    run("workspace", options.as_json, work)
 
-    run("workspace", as_json, work)
+
+def _play_back(
+    folder: Path, host: str, port: int, colour: Literal["deviation", "intensity"], threads: int, started: Started
+) -> None:
+    from scancell.workspace.browser.playback import serve_playback  # noqa: PLC0415
+    from scancell.workspace.recorded_run import open_run  # noqa: PLC0415
+
+    serve_playback(open_run(folder), host=host, port=port, colour=colour, threads=threads, started=started)
+
+
+def _run_cell(part: Path | None, options: CellOptions, host: str, port: int, guarded: bool, started: Started) -> None:
+    from scancell.scanner import Scanner  # noqa: PLC0415
+    from scancell.workspace.browser.workspace import serve_workspace  # noqa: PLC0415
+
+    setup, as_built = options.setup(), options.as_built or ()
+    with (
+        Scanner.from_setup(setup, options.threads) as scanner,
+        scanner.session(part, unit=options.unit, as_built=as_built, seed=options.seed, guarded=guarded) as session,
+    ):
+        name = "empty table" if part is None else part.name
+        serve_workspace(session, setup.sensor, name, host=host, port=port, started=started)

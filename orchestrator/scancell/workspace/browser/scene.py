@@ -78,6 +78,10 @@ class CellScene:
             node.position = world[:3, 3]
             node.wxyz = pose.quaternion_from_rotation(world[:3, :3])
 
+    def show(self, state: Any) -> None:
+        """Put all bodies where they are."""
+        self.move({body.moves_with: state.world_from_body[body.name] for body in self._bodies})
+
     def position(self, frame: str) -> Array:
         """Where a frame is shown (3,), m."""
         return np.asarray(self._nodes[frame].position, float)

@@ -1,0 +1,52 @@
+"""The panels of one browser."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from scancell.workspace.browser.desk import Desk
+from scancell.workspace.browser.panels.cell_panel import CellPanel
+from scancell.workspace.browser.panels.jog_panel import JogPanel
+from scancell.workspace.browser.panels.joint_panel import JointPanel
+from scancell.workspace.browser.panels.pose_panel import PosePanel
+from scancell.workspace.live_state import LiveState
+
+if TYPE_CHECKING:
+    import viser
+
+
+class Panel(Protocol):
+    """Part of a browser's view."""
+
+    def show(self, state: LiveState) -> None:
+        """Show a state; called ten times a second from one thread."""
+
+
+class ClientView:
+    """Shows the cell's state in one browser, whose inputs work while it is the operator.
+
+    Nothing is kept here that a reload of the page would lose.
+    """
+
+    def __init__(self, client: viser.ClientHandle, desk: Desk, state: LiveState) -> None:
+        gui, self._desk = client.gui, desk
+        self._take = gui.add_button("Take control", hint="another browser controls the cell", visible=False, order=-5)
+        self._take.on_click(desk.by_person(desk.take_control))
+        tabs = gui.add_tab_group(order=0)
+        self._panels: list[Panel] = []
+        with tabs.add_tab("Joints"):
+            self._panels.append(JointPanel(gui, desk, state))
+        with tabs.add_tab("Pose"):
+            self._panels.append(PosePanel(gui, client.scene, desk, state))
+        with tabs.add_tab("Jog"):
+            self._panels.append(JogPanel(gui, desk, state))
+        with tabs.add_tab("Cell"):
+            self._panels.append(CellPanel(gui, desk, state))
+
+    def show(self, state: LiveState) -> None:
+        """Show a state."""
+        if self._take.visible == self._desk.is_operator:
+            self._take.visible = not self._desk.is_operator
+        self._desk.enable()
+        for panel in self._panels:
+            panel.show(state)

@@ -1,0 +1,159 @@
+"""What one browser may ask of the cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.controller import Operation
+from scancell.cell.readings import Tool
+from scancell.errors import ScancellError
+from scancell.geometry import pose
+from scancell.scanning.session import ScanSession
+from scancell.workspace.browser.operators import Operators
+from scancell.workspace.live import LiveCell
+from scancell.workspace.live_commands import ChangeOperation, Command, Jog, MoveJoints, MoveTool
+
+if TYPE_CHECKING:
+    import viser
+
+Array = NDArray[np.float64]
+
+_SHOWN = 8.0  # s, of a message
+
+
+class Desk:
+    """Hands commands of one browser to the cell while it is the operator; tells its person where that fails.
+
+    Parameters
+    ----------
+    client
+        Of viser.
+    operators
+        Who controls the cell.
+    live, session
+        The running cell; the session gives nominal geometry alone, for `live` steps it.
+
+    Attributes
+    ----------
+    nominal
+        Nominal cell.
+    """
+
+    def __init__(self, client: viser.ClientHandle, operators: Operators, live: LiveCell, session: ScanSession) -> None:
+        self._client, self._operators, self._live, self._session = client, operators, live, session
+        self._inputs: list[Any] = []
+        self.nominal = session.nominal
+
+    @property
+    def is_operator(self) -> bool:
+        """Whether this browser controls the cell."""
+        return self._operators.operator == int(self._client.client_id)
+
+    @property
+    def has_gripper(self) -> bool:
+        """Whether the arm carries a gripper."""
+        return self.nominal.flange_from_finger is not None
+
+    def submit(self, command: Command) -> None:
+        """Hand over a command; a motion changes the operation first, where that is needed."""
+        if not self.is_operator:
+            self.say("Another browser controls the cell: take control first")
+            return
+        wanted = _operation_for(command)
+        state = self._live.state
+        if wanted is not None and wanted is not state.operation:
+            if state.moving:
+                return
+            self._live.submit(ChangeOperation(wanted))
+        self._live.submit(command)
+
+    def stop(self) -> None:
+        """Stop the robot; every browser may."""
+        self._live.stop()
+
+    def take_control(self) -> None:
+        """Become the operator."""
+        self._operators.take(self._client.client_id)
+
+    def joints_for(self, world_from_tool: Array, tool: Tool, configuration: str | None = None) -> Array:
+        """Joint angles (joints,) of a pose (4, 4) of a tool, see `CellReadings.joints_for`."""
+        near = self._live.state.joints
+        return self._session.joints_for(world_from_tool, tool, near, configuration)
+
+    def world_from_tool(self, tool: Tool, q: Array) -> Array:
+        """Pose (4, 4) of a tool by nominal geometry."""
+        return np.asarray(self.nominal.arm.fk(q) @ self._session.flange_from(tool))
+
+    def world_from_frame(self, name: str, table: float) -> Array:
+        """Pose (4, 4) of ``base`` or ``table``."""
+        if name == "base":
+            return self.nominal.arm.world_from_base
+        return self.nominal.world_from_table @ pose.from_rotation(pose.rotation_about(2, table))
+
+    def say(self, text: str) -> None:
+        """Show a message in this browser for a while."""
+        self._client.add_notification("scancell", text, auto_close_seconds=_SHOWN, color="orange")
+
+    # What panels are made of
+
+    def add_inputs(self, handles: Iterable[Any]) -> None:
+        """Inputs that only the operator may use."""
+        self._inputs += handles
+
+    def enable(self) -> None:
+        """Let inputs be used where this browser is the operator."""
+        for handle in self._inputs:
+            if handle.disabled == self.is_operator:
+                handle.disabled = not self.is_operator
+
+    def by_person(self, act: Callable[[], object]) -> Callable[[Any], None]:
+        """A callback of viser that acts on what a person did, not on what the program shows; says what went wrong."""
+
+        def called(event: Any) -> None:
+            if event.client is None:
+                return
+            try:
+                act()
+            except ScancellError as error:
+                self.say(str(error))
+
+        return called
+
+
+class Settled:
+    """A value that a person still changes: it counts once it has stayed for 0.2 s."""
+
+    def __init__(self, clock: Callable[[], float] = monotonic, stays: float = 0.2) -> None:
+        self._clock, self._stays = clock, stays
+        self._changed: float | None = None
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether there is a change that was not taken."""
+        return self._changed is not None
+
+    def change(self) -> None:
+        """The value has changed now."""
+        self._changed = self._clock()
+
+    def take(self) -> bool:
+        """Whether a change has stayed; it is taken then."""
+        if self._changed is None or self._clock() - self._changed < self._stays:
+            return False
+        self._changed = None
+        return True
+
+
+def _operation_for(command: Command) -> Operation | None:
+    match command:
+        case Jog():
+            return Operation.MANUAL
+        case MoveJoints() | MoveTool():
+            return Operation.AUTOMATIC
+        case _:
+            return None

@@ -1,0 +1,90 @@
+"""The state of the cell in words, and the stop button."""
+
+from __future__ import annotations
+
+import base64
+import io
+import wave
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from scancell.cell.controller import Operation
+from scancell.workspace.live_state import LiveState
+
+_ALARM, _WARNING, _CALM = "#c62828", "#e08a00", "#2f7d32"
+_BEEP_HZ, _BEEP_RATE, _BEEP_SECONDS = 880, 8000, 0.4
+
+
+class Status:
+    """Shown in all browsers, above their panels.
+
+    Parameters
+    ----------
+    gui
+        Of the server.
+    stop
+        What the button and the space bar do; for every browser.
+    """
+
+    def __init__(self, gui: Any, stop: Callable[[], None]) -> None:
+        button = gui.add_button("Stop", color="red", icon="hand-stop", hint="or the space bar", order=-10)
+        button.on_click(lambda _: stop())
+        gui.add_command("Stop", hotkey="space").on_trigger(lambda _: stop())
+        self._text = gui.add_html("", order=-9)
+        self._sound = gui.add_html("", order=-8)
+
+    def show(self, state: LiveState) -> None:
+        """Show a state."""
+        text, sound = state_html(state), _BEEP if state.pendant_beep else ""
+        if self._text.content != text:
+            self._text.content = text
+        if self._sound.content != sound:
+            self._sound.content = sound
+
+
+def state_html(state: LiveState) -> str:
+    """A state as HTML; every text of the cell is escaped."""
+    colour = _CALM
+    if state.colliding or state.controller == "emergency stop":
+        colour = _ALARM
+    elif state.guard_text or state.refusal or state.message:
+        colour = _WARNING
+    operation = "manual" if state.operation is Operation.MANUAL else "automatic"
+    lines = [f'<b style="color:{colour}">{escape(state.controller)}</b>, {operation} operation, {state.time:.1f} s']
+    if state.moving:
+        lines.append(f"{state.progress:.0%} of the motion, monitor speed {state.monitor_speed:.0%}")
+    if state.colliding:
+        lines.append(f'<b style="color:{_ALARM}">collision: {escape(" - ".join(state.colliding))}</b>')
+    if state.nearest:
+        first, second, distance = state.nearest
+        lines.append(f"nearest: {escape(first)} - {escape(second)}, {1e3 * distance:.1f} mm")
+    for name, text in (("guard", state.guard_text), ("pendant", state.pendant_text)):
+        if text:
+            lines.append(f'<b style="color:{_WARNING}">{name}: {escape(text)}</b>')
+    lines += [escape(text) for text in (state.refusal, state.message) if text]
+    for number, present in enumerate(state.present, start=1):
+        lines.append(f"presence sensor {number}: {'part' if present else 'nothing'}")
+    for number, read in enumerate(state.distances, start=1):
+        lines.append(f"distance sensor {number}: {'-' if read is None else f'{1e3 * read:.1f} mm'}")
+    if state.gripper_width is not None:
+        lines.append(f"gripper: {1e3 * state.gripper_width:.1f} mm")
+    return f'<div style="padding:0 0.75em;font-size:0.85em;line-height:1.4">{"<br>".join(lines)}</div>'
+
+
+def _beep() -> str:
+    """HTML that plays a tone again and again for as long as it is shown; made here, for nothing may be loaded."""
+    time = np.arange(round(2 * _BEEP_SECONDS * _BEEP_RATE)) / _BEEP_RATE
+    tone = np.where(time < _BEEP_SECONDS, 8000 * np.sin(2 * np.pi * _BEEP_HZ * time), 0.0).astype("<i2")
+    file = io.BytesIO()
+    with wave.open(file, "wb") as out:
+        out.setnchannels(1)
+        out.setsampwidth(2)
+        out.setframerate(_BEEP_RATE)
+        out.writeframes(tone.tobytes())
+    return f'<audio autoplay loop src="data:audio/wav;base64,{base64.b64encode(file.getvalue()).decode()}"></audio>'
+
+
+_BEEP = _beep()
