@@ -10,14 +10,12 @@ import shutil
 
 import numpy as np
 import pytest
+from chromium import Watched, chromium
 from commands import PARTS, QUICK, scancell_here
 from PIL import Image
 
 from scancell.geometry import pose
 from scancell.workspace.recorded_run import open_run
-
-HANGS_MS = 300_000
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 
 
 @pytest.fixture(scope="module")
@@ -101,18 +99,11 @@ def test_fewer_points_make_a_smaller_file(folder) -> None:
     assert done.last_line["figures"]["megabytes"] * 1e6 == pytest.approx((folder / "few.html").stat().st_size)
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
 def test_browser_shows_the_run_without_a_request(folder, run) -> None:
     """The slider moves the arm and the cloud; errors and requests are none."""
-    browsers = pytest.importorskip("playwright.sync_api")
-    requests, errors = [], []
-    with browsers.sync_playwright() as player:
-        flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-        browser = player.chromium.launch(executable_path=BROWSER, args=flags)
-        page = browser.new_page(viewport={"width": 480, "height": 320})
-        page.set_default_timeout(HANGS_MS)  # drawn by the processor, on a machine that may be busy
-        page.on("request", lambda request: requests.append(request.url))
-        page.on("pageerror", lambda error: errors.append(str(error)))
+    with chromium() as browser:
+        watched = Watched(browser, 480, 320)
+        page = watched.page
         page.goto((folder / "run.html").as_uri())
         page.wait_for_function("window.scancell")
         seen = []
@@ -125,9 +116,8 @@ def test_browser_shows_the_run_without_a_request(folder, run) -> None:
             flat = np.array(page.evaluate("time => scancell.framePose('sensor', time)", state["time"]))
             np.testing.assert_allclose(flat.reshape(4, 4).T, run.motion.frames(state["time"])["sensor"], atol=5e-3)
             seen.append((state["shown"], np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"), int)))
-        browser.close()
-    assert errors == []
-    assert requests == [(folder / "run.html").as_uri()]
+    assert watched.errors == []
+    assert watched.requests == [(folder / "run.html").as_uri()]
     assert [shown for shown, _ in seen] == [0, len(run.cloud)]
     assert np.abs(seen[0][1] - seen[1][1]).max() > 60
     assert all(picture.std() > 10 for _, picture in seen)

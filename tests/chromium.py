@@ -1,0 +1,46 @@
+"""Chromium without a display, for tests of pages; the processor draws, so that all waits are generous."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+HANGS_MS = 60_000
+EXECUTABLE = shutil.which("chromium") or shutil.which("google-chrome")
+_FLAGS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--autoplay-policy=no-user-gesture-required",
+]
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A browser of Playwright; skips the test where there is none."""
+    if EXECUTABLE is None:
+        pytest.skip("no Chromium")
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415
+
+    with sync_playwright() as player:
+        browser = player.chromium.launch(executable_path=EXECUTABLE, args=_FLAGS)
+        yield browser
+        browser.close()
+
+
+class Watched:
+    """A page whose requests and errors are recorded."""
+
+    def __init__(self, browser: Any, width: int, height: int) -> None:
+        self.page = browser.new_page(viewport={"width": width, "height": height})
+        self.page.set_default_timeout(HANGS_MS)
+        self.requests: list[str] = []
+        self.errors: list[str] = []
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("websocket", lambda socket: self.requests.append(socket.url))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
