@@ -70,15 +70,17 @@ class Driver:
         CellError
             If the FMU reports an error, or a requested exposure is not taken.
         """
-        with temporary_program_file(program, self._cell.folder) as file:
-            self._cell.set_string("command.program", str(file))
-            for segment in program.segments:
-                self._drive(segment)
-                if segment.trigger.kind == "request":
-                    self._expose_at_rest(segment, program.settle)
-                if progress:
-                    progress(float(segment.times[-1]))
-        self._disarm_trigger()
+        try:
+            with temporary_program_file(program, self._cell.folder) as file:
+                self._cell.set_string("command.program", str(file))
+                for segment in program.segments:
+                    self._drive(segment)
+                    if segment.trigger.kind == "request":
+                        self._expose_at_rest(segment, program.settle)
+                    if progress:
+                        progress(float(segment.times[-1]))
+        finally:
+            self._disarm_trigger()
         return self._records.finish()
 
     def _drive(self, segment: Segment) -> None:

@@ -75,7 +75,7 @@ class CellInstance(Closing):
         folder: Path | None = None,
     ) -> None:
         self._messages: list[str] = []
-        self._listeners: list[Callable[[], None]] = []
+        self._listeners: list[Callable[[], object]] = []
         # FMPy's function and value references by names; None where the types differ.
         self._integer_getters: dict[tuple[str, ...], tuple[Any, list[int]] | None] = {}
         self._unpacked: Path | None = None
@@ -255,9 +255,26 @@ class CellInstance(Closing):
         value = self._call(self._fmu.getString, [self._reference(name)])[0]
         return value.decode() if isinstance(value, bytes) else str(value)
 
-    def on_step(self, listener: Callable[[], None]) -> None:
-        """Call `listener` after every communication step from now on."""
+    def on_step(self, listener: Callable[[], object]) -> Callable[[], None]:
+        """Call `listener` after every communication step, until the returned function is called."""
         self._listeners.append(listener)
+
+        def end() -> None:
+            self._listeners = [one for one in self._listeners if one is not listener]
+
+        return end
+
+    def on_cycle(self, cycle_us: int, listener: Callable[[], object]) -> None:
+        """Call `listener` after every communication step that reaches or passes the end of a cycle."""
+        done = self._time_us // cycle_us
+
+        def look() -> None:
+            nonlocal done
+            before, done = done, self._time_us // cycle_us
+            if done > before:
+                listener()
+
+        self.on_step(look)
 
     @property
     def time_us(self) -> int:

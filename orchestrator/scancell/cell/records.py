@@ -34,8 +34,8 @@ class RecordCollector:
         self._group = cell.real_group(self._columns)
         self._records: list[NDArray[np.float64]] = []
         self._numbers: list[tuple[int, int]] = []
-        # The cell may have run before, and still show the last record of that run.
-        self._shown, self._queued = cell.get_integers(["trigger.index", "trigger.queued"])
+        # The cell may have run before, and still show or queue records of that run.
+        self._last, self._queued = cell.get_integers(["trigger.count", "trigger.queued"])
         cell.set(cell.real_group(["command.exposure"]), np.array([exposure]))
 
     def __len__(self) -> int:
@@ -48,8 +48,8 @@ class RecordCollector:
         for k in range(1, steps + 1):
             self._cell.step_to(start_us + (time_us - start_us) * k // steps)
             index, segment, self._queued = self._cell.get_integers(_RECORD_NUMBERS)
-            if index != self._shown:
-                self._shown = index
+            if index > self._last:
+                self._last = index
                 self._numbers.append((index, segment))
                 self._records.append(self._cell.get(self._group).copy())
 
@@ -62,7 +62,7 @@ class RecordCollector:
             If a record never comes.
         """
         limit = self._cell.time_us + PATIENCE_US
-        while self._cell.get_integer("trigger.count") > self._shown:
+        while self._cell.get_integer("trigger.count") > self._last:
             if self._cell.time_us > limit:
                 raise CellError("trigger records are missing at the end of the program")
             self.step_to(self._cell.time_us + self._cycle_us)

@@ -35,6 +35,8 @@ class GuardedCell:
     ----------
     monitor_speed
         Of the operator, 0 to 1; the lower one of this and the guard's is in force.
+    stop_pressed
+        Whether a person holds the emergency stop pressed, whatever the guard says.
     """
 
     def __init__(self, cell: CellInstance, cycle_us: int, link: Link | None, max_age: float) -> None:
@@ -50,6 +52,7 @@ class GuardedCell:
         self._sequence = 0
         self._allowed = 1.0 if link is None else 0.0  # by the last answer
         self.monitor_speed = 1.0
+        self.stop_pressed = False
         if link is not None:
             cell.set(cell.real_group(["command.guard.max_age"]), np.array([max_age]))
 
@@ -59,11 +62,7 @@ class GuardedCell:
         So commands and programs of a `CellSession` cannot step the cell past its guard.
         """
         self.poll()
-        self._cell.on_step(self._end_step)
-
-    def _end_step(self) -> None:
-        if self._cell.time_us % self._cycle_us == 0:
-            self.poll()
+        self._cell.on_cycle(self._cycle_us, self.poll)
 
     def set_monitor_speed(self, share: float) -> None:
         """Change the operator's monitor speed; at once, but never beyond what the guard allows."""
@@ -84,7 +83,8 @@ class GuardedCell:
             self._cell.set(self._guard_time, np.array([time - self._link.age(time)]))
             self._allowed = last.monitor_speed
             self.set_monitor_speed(self.monitor_speed)
-            self._cell.set_boolean("command.emergency_stop", any(answer.emergency_stop for answer in answers))
+            stop = self.stop_pressed or any(answer.emergency_stop for answer in answers)
+            self._cell.set_boolean("command.emergency_stop", stop)
             if last.text or self._cell.get_integer("controller.state") != _EMERGENCY:  # else the reason stays
                 self._cell.set_string("command.pendant.text", last.text)
             self._cell.set_boolean("command.pendant.beep", last.beep)

@@ -19,7 +19,7 @@ from scancell.guard.guarded_cell import GuardedCell
 from scancell.guard.link import Link
 from scancell.guard.transport import InProcess
 from scancell.nominal.cell import NominalCell
-from scancell.progress import NullProgress
+from scancell.progress import NullProgress, Progress
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.pipeline import LoadedCell, ScanPipeline
@@ -52,7 +52,13 @@ class ProfileResult:
 
 
 class ScanSession(CellSession):
-    """A `CellSession` that also measures, and that a guard may watch in every cycle."""
+    """A `CellSession` that also measures, and that a guard may watch in every cycle.
+
+    Attributes
+    ----------
+    progress
+        Receives what is measured, and may end it by raising.
+    """
 
     def __init__(
         self,
@@ -66,6 +72,7 @@ class ScanSession(CellSession):
         cycle_us = setup.cell.world.controller_cycle_us
         super().__init__(instance, loaded.nominal, cycle_us)
         self._loaded, self._setup, self._sensors, self._pipeline = loaded, setup, sensors, pipeline
+        self.progress: Progress = NullProgress()
         self._guarded: GuardedCell | None = None
         if guard is not None:
             max_age = guard.settings.max_age
@@ -90,6 +97,18 @@ class ScanSession(CellSession):
         else:
             self._guarded.set_monitor_speed(share)
 
+    def press_emergency_stop(self) -> None:
+        """As of a `CellSession`; the answers of a guard do not release it."""
+        super().press_emergency_stop()
+        if self._guarded is not None:
+            self._guarded.stop_pressed = True
+
+    def release_emergency_stop(self) -> None:
+        """As of a `CellSession`."""
+        if self._guarded is not None:
+            self._guarded.stop_pressed = False
+        super().release_emergency_stop()
+
     def set_operation(self, operation: Operation) -> None:
         """As of a `CellSession`; a guard sees the robot at rest before it moves in the new operation."""
         super().set_operation(operation)
@@ -111,7 +130,7 @@ class ScanSession(CellSession):
             If the sensor library reports an error.
         """
         recording = self.record_line(world_from_sensor, spacing, self._exposure, speed=speed)
-        sensed = self._pipeline.sense(self._loaded, recording, self._sensors, engine, NullProgress())
+        sensed = self._pipeline.sense(self._loaded, recording, self._sensors, engine, self.progress)
         return self._pipeline.reconstruct(self._loaded.nominal, recording, sensed.profiles, self._setup)[0]
 
     @property
@@ -128,7 +147,7 @@ class ScanSession(CellSession):
         """
         recording = self.snapshot(self._exposure)
         kept: list[ExposureImages] = []
-        result = self._pipeline.sense(self._loaded, recording, self._sensors, engine, NullProgress(), kept.append)
+        result = self._pipeline.sense(self._loaded, recording, self._sensors, engine, self.progress, kept.append)
         nominal, measured = self._loaded.nominal, recording.measured
         points = np.asarray(result.profiles.points_in_sensor, float)
         base_from_world = pose.inverse(nominal.arm.world_from_base)

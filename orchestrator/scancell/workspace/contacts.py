@@ -10,7 +10,7 @@ _OUTPUTS = ("truth.collision.pairs", "truth.collision.body_a", "truth.collision.
 
 
 class ContactWatch:
-    """Notes the pairs of bodies that come into contact from now on.
+    """Notes the pairs of bodies that come into contact, from now on until `end`.
 
     Parameters
     ----------
@@ -21,12 +21,14 @@ class ContactWatch:
     ----------
     pairs
         ``a - b`` in the order of their first contact; of several contacts at once, the deepest.
+    end
+        Ends the watch.
     """
 
     def __init__(self, cell: CellInstance, bodies: Sequence[str]) -> None:
         self._cell, self._bodies = cell, bodies
         self.pairs: list[str] = []
-        cell.on_step(self._look)
+        self.end = cell.on_step(self._look)
 
     def _look(self) -> None:
         pairs, first, second = self._cell.get_integers(_OUTPUTS)

@@ -5,36 +5,33 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future
+from typing import TypeVar
 
-import numpy as np
-
-from scancell.cell.controller import Operation
 from scancell.errors import CommandError
-from scancell.scanning.session import SEEN, ScanSession
+from scancell.progress import NullProgress
+from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Pace
-from scancell.workspace.live_commands import (
-    ChangeOperation,
-    Command,
-    Jog,
-    MoveJoints,
-    MoveTool,
-    Reset,
-    RunBelt,
-    SetGripper,
-    SetMonitorSpeed,
-)
+from scancell.workspace.live_commands import Cancel, Command, SetMonitorSpeed
+from scancell.workspace.live_control import LiveControl
+from scancell.workspace.live_jobs import Handed, JobStopped, Work
 from scancell.workspace.live_state import LiveState, StateReader
 
-_SEEN_US = round(SEEN * 1e6)
+T = TypeVar("T")
 
 
 class LiveCell:
     """Steps a running cell in whole controller cycles, and takes commands between them.
 
-    `submit`, `stop` and `state` may be called from any thread; `cycle` and `run` from one alone, which owns the cell.
-    All motion goes through the cell's controller. Moves wait for the one that runs; other commands take effect in the
-    next cycle. A stop comes before everything that was submitted, and drops it.
+    `submit`, `perform`, `between_cycles`, `stop` and `state` may be used from any thread; `cycle` and `run` from one
+    alone, which owns the cell. All motion goes through the cell's controller. Moves wait for the one that runs; other
+    commands take effect in the next cycle. A stop comes before everything that was submitted, and drops it.
+
+    A job commands the session as a script does. However it steps the cell, at the end of each controller cycle the
+    state is read, the pace is kept, and a stop or `Cancel` ends the job out of its step. A job that goes on
+    nevertheless is ended again in every cycle, and the emergency stop pressed. A job that does not step the cell holds
+    up everything until it does.
 
     Parameters
     ----------
@@ -55,20 +52,24 @@ class LiveCell:
         clock: Callable[[], float] = time.monotonic,
         state_cycles: int = 1,
     ) -> None:
-        self._session, self._cell = session, session.cell
-        self._hold_time, self._clock, self._state_cycles = hold_time, clock, state_cycles
+        self._session, self._state_cycles = session, state_cycles
+        self._control = LiveControl(session, hold_time, clock)
         self._cycles = 0
         self._lock = threading.Lock()
-        self._submitted: deque[Command] = deque()
+        self._submitted: deque[Command | Work] = deque()
+        self._looks: deque[Work] = deque()
         self._stop_pressed = False
-        self._moves: deque[MoveJoints | MoveTool] = deque()
-        self._jog_until: float | None = None
-        self._at_rest: ChangeOperation | Reset | None = None  # what waits until the robot rests
-        self._settled_us = 0
-        self._moving = False  # a move that was begun has not ended
+        self._job: Work | None = None  # runs, or waits until nothing else moves the robot
+        self._running = False
+        self._ending = ""  # why the job has to end
+        self._between_cycles = False
         self._message = ""
+        self._pace: Pace | None = None
+        self._ended: Callable[[], bool] = lambda: False
         self._reader = StateReader(session)
         self._state = self._reader.read()
+        session.progress = _StoppableProgress(self._look_at_job)
+        session.cell.on_cycle(round(session.cycle * 1e6), self._end_cycle)
 
     # From any thread
 
@@ -82,149 +83,180 @@ class LiveCell:
         with self._lock:
             self._submitted.append(command)
 
-    def stop(self) -> None:
-        """Stop the robot in an emergency stop, and drop all commands that were submitted; `Reset` ends it."""
+    def perform(self, job: Callable[[ScanSession], T], name: str = "a program") -> Future[T]:
+        """Hand over a job, which runs in the thread that owns the cell when nothing else moves the robot.
+
+        Until it has ended, other commands than `SetMonitorSpeed` and `Cancel` are refused, and so are other jobs. Its
+        errors are in the result and in `LiveState.message`; a stop or `Cancel` ends it with `JobStopped`.
+
+        Parameters
+        ----------
+        job
+            Commands the session; it must not keep it.
+        name
+            For `LiveState.job` and messages.
+        """
+        handed = Handed(name, job)
         with self._lock:
-            self._submitted.clear()
+            self._submitted.append(handed)
+        return handed.future
+
+    def between_cycles(self, work: Callable[[ScanSession], T]) -> Future[T]:
+        """Have `work` done at the end of the present cycle, also while a job runs; it must not step the cell."""
+        handed = Handed("between_cycles", work)
+        with self._lock:
+            self._looks.append(handed)
+        return handed.future
+
+    def stop(self) -> None:
+        """Stop the robot in an emergency stop, end the job, and drop all that was submitted; `Reset` ends the stop."""
+        with self._lock:
+            dropped, self._submitted = self._submitted, deque()
             self._stop_pressed = True
+        _cancel(dropped)
 
     # From the thread that owns the cell
 
     def run(self, ended: Callable[[], bool], realtime: bool = True) -> None:
         """Run cycle by cycle until `ended`, by the wall clock or as fast as possible.
 
-        A machine that is too slow makes the cell's time slow.
+        A machine that is too slow makes the cell's time slow. At the end a job is stopped, and what was handed over and
+        not begun is cancelled.
 
         Raises
         ------
         CellError
             If the FMU reports an error.
         """
-        pace = Pace(self._session.cycle)
-        while not ended():
-            self.cycle()
-            if realtime:
-                pace.wait()
+        self._pace, self._ended = Pace(self._session.cycle) if realtime else None, ended
+        try:
+            while not ended():
+                self.cycle()
+        finally:
+            self._pace, self._ended = None, lambda: False
+            with self._lock:
+                dropped, self._submitted, self._looks = [*self._submitted, *self._looks], deque(), deque()
+            _cancel(dropped)
+            self._end_job("the cell is closed")
 
     def cycle(self) -> None:
-        """Obey commands, step one controller cycle, and read the state where that is due."""
+        """Obey commands, then step one controller cycle, or run a job to its end."""
+        self._take_commands()
+        try:
+            self._control.begin_cycle()
+        except CommandError as error:
+            self._message = str(error)
+        if self._job is not None and self._control.is_free:
+            self._run_job(self._job)
+        else:
+            self._session.step()
+
+    def _take_commands(self) -> None:
         with self._lock:
             commands, self._submitted = self._submitted, deque()
             stopped, self._stop_pressed = self._stop_pressed, False
         if stopped:
-            self._press_stop()
+            self._control.press_stop()
+            self._end_job("stopped")
         for command in commands:
             try:
                 self._obey(command)
                 self._message = ""
             except CommandError as error:
                 self._message = str(error)
-        self._act_at_rest()
-        self._keep_jog()
-        self._begin_move()
-        self._session.step()
-        self._moving = self._moving and not self._move_ended()
-        self._cycles += 1
-        if self._cycles % self._state_cycles == 0:
-            self._state = self._reader.read(self._message)
 
-    def _press_stop(self) -> None:
-        self._give_up()
-        self._session.hold()
-        self._session.press_emergency_stop()
-
-    def _give_up(self) -> None:
-        """Forget what was to move the robot."""
-        self._moves.clear()
-        self._jog_until, self._at_rest, self._moving = None, None, False
-
-    def _obey(self, command: Command) -> None:
-        session = self._session
-        match command:
-            case Jog():
-                self._jog(command)
-            case MoveJoints() | MoveTool():
-                self._moves.append(command)
-            case SetMonitorSpeed():
-                session.set_monitor_speed(command.share)
-            case ChangeOperation() | Reset():
-                self._give_up()
-                session.hold()
-                self._at_rest = command
-            case SetGripper(width=None):
-                session.flange_from("gripper")
-                session.set_gripper_force(command.force or 0.0)
-            case SetGripper():
-                session.flange_from("gripper")
-                session.set_gripper_width(command.width or 0.0)
-            case RunBelt():
-                if not 1 <= command.number <= len(self._state.belts):
-                    raise CommandError(f"RunBelt: number = {command.number}: expected 1 to {len(self._state.belts)}")
-                session.run_belt(command.number, command.speed)
-
-    def _jog(self, command: Jog) -> None:
-        """Begin or renew a jog; not before the guard has seen the robot rest in manual operation."""
-        operation = Operation(self._cell.get_integer("command.operation"))
-        if self._is_settling:
-            return
-        if operation is not Operation.MANUAL:
-            raise CommandError("Jog: the cell is in automatic operation: change to manual operation first")
-        self._session.set_jog(command.mode, command.deflections, command.frame)
-        self._jog_until = self._clock() + self._hold_time
-
-    def _keep_jog(self) -> None:
-        """Tell the controller that the operator still jogs, or let go of the jog."""
-        if self._jog_until is None:
-            return
-        if self._clock() < self._jog_until:
-            self._session.renew_heartbeat()
-        else:
-            self._jog_until = None
-            self._session.hold()
-
-    def _act_at_rest(self) -> None:
-        if self._at_rest is None or self._cell.get_boolean("controller.moving"):
-            return
-        if isinstance(self._at_rest, Reset):
-            self._session.release_emergency_stop()
-            self._settled_us = self._cell.time_us + 1  # the controller resets in its next cycle
-        else:
-            self._session.change_operation(self._at_rest.operation)
-            self._settled_us = self._cell.time_us + _SEEN_US
-        self._at_rest = None
-
-    @property
-    def _is_settling(self) -> bool:
-        """Whether nothing may move the robot yet."""
-        return self._at_rest is not None or self._cell.time_us < self._settled_us
-
-    def _begin_move(self) -> None:
-        if not self._moves or self._moving or self._is_settling:
-            return
-        move = self._moves.popleft()
+    def _end_cycle(self) -> None:
+        """At the end of every controller cycle, whoever stepped the cell."""
+        if self._between_cycles:
+            raise CommandError("between_cycles: the work steps the cell, which it must not")
+        self._between_cycles = True
         try:
-            self._start(move)
-        except CommandError as error:
-            self._moves.clear()
-            self._message = str(error)
+            self._control.end_cycle()
+            if self._running:
+                self._attend_job()
+            self._cycles += 1
+            if self._cycles % self._state_cycles == 0:
+                self._read()
+            with self._lock:
+                looks, self._looks = self._looks, deque()
+            for look in looks:
+                look.run(self._session)
+        finally:
+            self._between_cycles = False
+        if self._pace is not None:
+            self._pace.wait()
+        if self._ending:
+            raise JobStopped(self._ending)
+
+    def _read(self) -> None:
+        self._state = self._reader.read(self._message, None if self._job is None else self._job.name)
+
+    # Jobs
+
+    def _run_job(self, job: Work) -> None:
+        self._running = True
+        try:
+            self._message = job.run(self._session)
+        finally:
+            ended, self._running, self._ending, self._job = bool(self._ending), False, "", None
+            if self._message or ended:
+                self._session.hold()
+            self._read()
+
+    def _attend_job(self) -> None:
+        """Obey commands in a cycle of a job, and see whether it has to end."""
+        if self._ending:  # the job goes on although it was ended
+            self._session.press_emergency_stop()
+        self._take_commands()
+        if self._ended() and not self._ending:
+            self._end_job("the cell is closed")
+
+    def _end_job(self, why: str) -> None:
+        if self._running:
+            self._ending = why
+            self._session.hold()
+        elif self._job is not None:
+            self._job.future.cancel()
+            self._job = None
+
+    def _look_at_job(self) -> None:
+        """While a job measures, which steps nothing."""
+        if self._running:
+            self._attend_job()
+            if self._ending:
+                raise JobStopped(self._ending)
+
+    def _take_job(self, job: Work) -> None:
+        if self._job is not None:
+            error = CommandError(f"{job.name}: {self._job.name} runs: cancel it first")
+            job.refuse(error)
+            raise error
+        self._job = job
+
+    def _obey(self, command: Command | Work) -> None:
+        if isinstance(command, Handed):
+            self._take_job(command)
+        elif isinstance(command, Cancel):
+            self._end_job("cancelled")
+            self._control.obey(command)
+        elif self._job is not None and not isinstance(command, SetMonitorSpeed):
+            raise CommandError(f"{type(command).__name__}: {self._job.name} runs: cancel it first")
         else:
-            self._moving = True
+            self._control.obey(command)
 
-    def _start(self, move: MoveJoints | MoveTool) -> None:
-        session = self._session
-        match move:
-            case MoveJoints():
-                if np.size(move.q) != len(session.joints):
-                    raise CommandError(f"MoveJoints: q = {move.q!r}: expected {len(session.joints)} angles")
-                session.start_joints(move.q, move.table, move.speed)
-            case MoveTool(straight=True):
-                session.start_line(move.world_from_tool, move.tool, move.speed)
-            case MoveTool():
-                session.start_joints(session.joints_for(move.world_from_tool, move.tool), speed=move.speed)
 
-    def _move_ended(self) -> bool:
-        """Whether a move is done or was refused; a refused one takes those with it that wait."""
-        if self._cell.get_integer("controller.error") != 0:
-            self._moves.clear()
-            return True
-        return self._cell.get_boolean("controller.at_destination")
+class _StoppableProgress(NullProgress):
+    """Looks at every step of a measurement whether its job has to end."""
+
+    def __init__(self, look: Callable[[], None]) -> None:
+        self._look = look
+
+    def advance(self, _steps: float) -> None:
+        """Look."""
+        self._look()
+
+
+def _cancel(dropped: Iterable[Command | Work]) -> None:
+    for one in dropped:
+        if isinstance(one, Handed):
+            one.future.cancel()

@@ -81,6 +81,11 @@ class ChangeOperation:
 
 
 @dataclass(frozen=True)
+class Cancel:
+    """End the job that runs or waits, or the moves; come to rest."""
+
+
+@dataclass(frozen=True)
 class Reset:
     """Leave an emergency stop when all axes rest."""
 
@@ -111,7 +116,7 @@ class RunBelt:
         _number("RunBelt", "speed", self.speed, -10.0, 10.0)
 
 
-Command = Jog | MoveJoints | MoveTool | SetMonitorSpeed | ChangeOperation | Reset | SetGripper | RunBelt
+Command = Jog | MoveJoints | MoveTool | SetMonitorSpeed | ChangeOperation | Cancel | Reset | SetGripper | RunBelt
 
 
 def _number(command: str, name: str, value: float, low: float, high: float) -> None:

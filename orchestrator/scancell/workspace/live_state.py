@@ -46,7 +46,9 @@ class LiveState:
     refusal
         Why the controller does not carry out its command; empty where it does.
     message
-        The last command that was not carried out, and why; empty after one that was.
+        Why the last command was not carried out, or the last job failed; empty after one that was.
+    job
+        Name of the job that runs, or waits for the robot to rest; None without one.
     progress, monitor_speed
         Share of the motion that is done, and monitor speed in force, 0 to 1.
     pendant_text, pendant_beep, guard_text
@@ -78,6 +80,7 @@ class LiveState:
     operation: Operation
     refusal: str
     message: str
+    job: str | None
     progress: float
     monitor_speed: float
     pendant_text: str
@@ -119,7 +122,7 @@ class StateReader:
         self._has_gripper = "measured.gripper.width" in names
         self._target, self._ghost = np.empty(0), _frozen({})
 
-    def read(self, message: str = "") -> LiveState:
+    def read(self, message: str = "", job: str | None = None) -> LiveState:
         """The present state."""
         cell, session = self._cell, self._session
         belts = cell.get(self._belts).reshape(-1, 2).tolist() if self._belts.count else []
@@ -139,6 +142,7 @@ class StateReader:
             operation=Operation(cell.get_integer("command.operation")),
             refusal=refusal(cell) or "",
             message=message,
+            job=job,
             progress=progress,
             monitor_speed=monitor_speed,
             pendant_text=cell.get_string("pendant.text"),

@@ -14,6 +14,7 @@ from scancell.config.choices import Engine
 from scancell.errors import ProgramError, ScancellError
 from scancell.scanning.session import ScanSession
 from scancell.workspace.contacts import ContactWatch
+from scancell.workspace.live_jobs import JobStopped
 from scancell.workspace.robot import Robot, Step
 
 _MODULE = "scancell_robot_program"
@@ -66,6 +67,8 @@ def run_program(
     ProgramError
         With file and line, whatever goes wrong in the program: a command that the controller refuses, a stop by the
         guard, an error of Python.
+    JobStopped
+        With file and line, where the program ran in a `LiveCell` and was ended.
     """
     file, run = str(program), ProgramRun()
 
@@ -83,8 +86,12 @@ def run_program(
             module.main(robot)
     except ProgramError:
         raise
+    except JobStopped as stop:
+        raise JobStopped(f"{_place(stop, file)}: {stop}") from stop
     except (Exception, SystemExit) as error:
         raise ProgramError(_message(error, file)) from error
+    finally:
+        watch.end()
     run.duration, run.contacts, run.files = session.time, list(watch.pairs), robot.files
     return run
 
@@ -113,6 +120,11 @@ def _message(error: BaseException, file: str) -> str:
     """Of an error that the program raised, with the innermost line of the program."""
     if isinstance(error, SyntaxError) and error.filename == file:
         return f"{file}:{error.lineno}: {error.msg}"
-    lines = [line for frame, line in traceback.walk_tb(error.__traceback__) if frame.f_code.co_filename == file]
     what = str(error) if isinstance(error, ScancellError) else f"{type(error).__name__}: {error}"
-    return f"{file}:{lines[-1]}: {what}" if lines else f"{file}: {what}"
+    return f"{_place(error, file)}: {what}"
+
+
+def _place(error: BaseException, file: str) -> str:
+    """File, and the innermost line of the program where it has one in the trace."""
+    lines = [line for frame, line in traceback.walk_tb(error.__traceback__) if frame.f_code.co_filename == file]
+    return f"{file}:{lines[-1]}" if lines else file

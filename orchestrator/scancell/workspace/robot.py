@@ -98,22 +98,28 @@ class Robot:
     @property
     def time(self) -> float:
         """Simulated time, s."""
-        return self._session.time
+        return self._now.time
 
     @property
     def joints(self) -> Array:
         """Measured joint angles (joints,), rad."""
-        return self._session.joints
+        return self._now.joints
 
     @property
     def table_angle(self) -> float:
         """Measured angle of the table, rad."""
-        return self._session.table
+        return self._now.table
 
     @property
     def here(self) -> Array:
         """Pose (4, 4) of the tool by the measured joints and the nominal geometry."""
-        return self._session.world_from_tool(self._tool)
+        return self._now.world_from_tool(self._tool)
+
+    @property
+    def _now(self) -> ScanSession:
+        """The session; a program that only looks, and never lets time pass, can be ended here."""
+        self._session.progress.advance(0.0)
+        return self._session
 
     # How motions are made
 
@@ -186,17 +192,17 @@ class Robot:
 
     def belt_travel(self, number: int = 1) -> float:
         """Distance that a belt has travelled, m."""
-        return self._session.value(f"conveyor[{number}].travel")
+        return self._now.value(f"conveyor[{number}].travel")
 
     # Signals and time
 
     def signal(self, number: int = 1) -> bool:
         """Whether a presence sensor, numbered from 1, sees a part."""
-        return self._session.present(number)
+        return self._now.present(number)
 
     def distance(self, number: int = 1) -> float | None:
         """What a distance sensor, numbered from 1, reads, m; None where it measures nothing."""
-        return self._session.distance(number)
+        return self._now.distance(number)
 
     def wait_signal(self, number: int = 1, *, state: bool = True, timeout: float = _PATIENCE) -> None:
         """Wait until a presence sensor, numbered from 1, sees a part, or none (`state` False)."""

@@ -1,0 +1,56 @@
+"""Work that is handed over to the thread that owns a live cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, Generic, TypeVar
+
+from scancell.errors import ScancellError
+from scancell.scanning.session import ScanSession
+
+T = TypeVar("T")
+
+
+class JobStopped(BaseException):
+    """Ends a job out of the step in which it is stopped.
+
+    It is no `Exception`, so that a program which catches errors of its commands does not go on.
+    """
+
+
+class Handed(Generic[T]):
+    """Work with its result, which another thread may wait for."""
+
+    def __init__(self, name: str, work: Callable[[ScanSession], T]) -> None:
+        self.name, self._work = name, work
+        self.future: Future[T] = Future()
+
+    def refuse(self, error: ScancellError) -> None:
+        """Give the error as the result, unless the work was cancelled."""
+        if self.future.set_running_or_notify_cancel():
+            self.future.set_exception(error)
+
+    def run(self, session: ScanSession) -> str:
+        """Do it, unless it was cancelled; what went wrong, or nothing.
+
+        Raises
+        ------
+        BaseException
+            Such as an interrupt of the process, which is no error of the work.
+        """
+        if not self.future.set_running_or_notify_cancel():
+            return ""
+        try:
+            result = self._work(session)
+        except BaseException as error:
+            self.future.set_exception(error)
+            if not isinstance(error, Exception | SystemExit | JobStopped):
+                raise
+            said = isinstance(error, ScancellError | JobStopped)
+            return str(error) if said else f"{type(error).__name__}: {error}"
+        self.future.set_result(result)
+        return ""
+
+
+Work = Handed[Any]
