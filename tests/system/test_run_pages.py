@@ -10,10 +10,10 @@ import shutil
 
 import numpy as np
 import pytest
-from chromium import Watched, chromium
 from commands import PARTS, QUICK, scancell_here
 from PIL import Image
 
+from chromium import Watched, chromium
 from scancell.geometry import pose
 from scancell.workspace.recorded_run import open_run
 

@@ -7,6 +7,7 @@ import io
 import wave
 from collections.abc import Callable
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ import numpy as np
 from scancell.cell.controller import Operation
 from scancell.workspace.live_state import LiveState
 
+# Hotkeys of viser do nothing while an input has the focus; a stop must.
+_KEYS = Path(__file__).with_name("keys.js").read_text(encoding="utf-8")
 _ALARM, _WARNING, _CALM = "#c62828", "#e08a00", "#2f7d32"
 _BEEP_HZ, _BEEP_RATE, _BEEP_SECONDS = 880, 8000, 0.4
 
@@ -26,13 +29,13 @@ class Status:
     gui
         Of the server.
     stop
-        What the button and the space bar do; for every browser.
+        What the button and the Escape key do; for every browser.
     """
 
     def __init__(self, gui: Any, stop: Callable[[], None]) -> None:
-        button = gui.add_button("Stop", color="red", icon="hand-stop", hint="or the space bar", order=-10)
+        button = gui.add_button("Stop", color="red", icon="hand-stop", hint="or the Escape key", order=-10)
         button.on_click(lambda _: stop())
-        gui.add_command("Stop", hotkey="space").on_trigger(lambda _: stop())
+        gui.add_html(_run_once(_KEYS), order=-7)
         self._text = gui.add_html("", order=-9)
         self._sound = gui.add_html("", order=-8)
 
@@ -72,6 +75,11 @@ def state_html(state: LiveState) -> str:
     if state.gripper_width is not None:
         lines.append(f"gripper: {1e3 * state.gripper_width:.1f} mm")
     return f'<div style="padding:0 0.75em;font-size:0.85em;line-height:1.4">{"<br>".join(lines)}</div>'
+
+
+def _run_once(script: str) -> str:
+    """HTML that runs a script in the page: the element's empty picture fails to load, without any request."""
+    return f'<img src="data:," alt="" style="display:none" onerror="{escape(script)}">'
 
 
 def _beep() -> str:

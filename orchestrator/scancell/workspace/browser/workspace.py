@@ -46,6 +46,7 @@ class Workspace:
         self._scene = CellScene(server, session.true, sensor)
         self._operators, self._lock = Operators(), Lock()
         self._views: dict[int, ClientView] = {}
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.set_panel_label(f"scancell: {name}")
         self._status = Status(server.gui, self.live.stop)
         server.on_client_connect(self._join)
@@ -137,7 +138,6 @@ def serve_workspace(
     stop = stop or Event()
     server = require("viser", "workspace").ViserServer(host=host, port=port, verbose=False)
     try:
-        server.gui.configure_theme(show_logo=False, show_share_button=False)
         workspace = Workspace(server, session, sensor, name)
         started(f"http://{server.get_host()}:{server.get_port()}")
         workspace.run(stop)

@@ -17,7 +17,10 @@ _TOOL_AXES = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class JogPanel:
-    """Jogs one axis in manual operation; a lost connection lets go of it."""
+    """Jogs one axis in manual operation; a lost connection lets go of it.
+
+    Digits choose the axis; keys.js makes J and K hold the buttons, and names them as here.
+    """
 
     def __init__(self, gui: Any, desk: Desk, state: LiveState) -> None:
         self._desk = desk
@@ -32,8 +35,6 @@ class JogPanel:
         plus = gui.add_button("Hold to jog +", icon="plus", hint="or hold the key K")
         for button, sign in ((minus, -1), (plus, 1)):
             button.on_hold(desk.by_person(self._jog(sign)), callback_hz=_RATE)
-        for key, label, sign in (("J", "Jog -", -1), ("K", "Jog +", 1)):
-            gui.add_command(label, hotkey=key).on_trigger(desk.by_person(self._jog(sign)))
         for key, name in zip("123456789", self._axes, strict=False):
             gui.add_command(f"Choose {name}", hotkey=key).on_trigger(desk.by_person(self._choose(name)))
         desk.add_inputs([self._axis, self._frame, self._deflection, minus, plus])
