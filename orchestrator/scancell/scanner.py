@@ -288,7 +288,7 @@ class Scanner(PreparedCell):
         guard = guard_of(job.setup.cell, mesh, job.setup.scan) if guarded else None
         with FmuRunner() as runner:
             instance = runner.start(job.drive_request(collision_outputs=True))
-            yield ScanSession(instance, job.loaded, job.setup, job.sensors, self.pipeline, guard)
+            yield ScanSession(instance, job, self.pipeline, guard)
 
     def shot(
         self,

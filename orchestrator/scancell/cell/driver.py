@@ -13,7 +13,7 @@ from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program, Segment, TriggerKind
 from scancell.cell.program_file import temporary_program_file
 from scancell.cell.recording import Recording
-from scancell.cell.records import PATIENCE_US, RecordCollector
+from scancell.cell.records import PATIENCE_US, RecordBatches, RecordCollector
 from scancell.config.loading import Setup
 from scancell.config.units import si_value
 from scancell.errors import CellError, CommandError
@@ -45,19 +45,19 @@ class DriveOptions:
 
 
 class Driver:
-    """Runs programs on one cell instance.
+    """Runs programs on one cell instance; `batches` receives the records while they come.
 
     The controller executes each segment as a whole, at the monitor speed in force. A communication step lasts at most
     one controller cycle.
     """
 
-    def __init__(self, cell: CellInstance, options: DriveOptions) -> None:
+    def __init__(self, cell: CellInstance, options: DriveOptions, batches: RecordBatches | None = None) -> None:
         self._cell = cell
         self._cycle_us = options.cycle_us
         self._clock = cell.real_group(["controller.clock"])
         self._gate = ["command.trigger.from", "command.trigger.to"]
         self._requests, self._starts = cell.get_integers(["command.trigger.request", "command.start"])
-        self._records = RecordCollector(cell, options.cycle_us, options.exposure)
+        self._records = RecordCollector(cell, options.cycle_us, options.exposure, batches)
         cell.set_integer("command.mode", Mode.PROGRAM)
 
     def run(self, program: Program, progress: Progress | None = None) -> Recording:

@@ -22,6 +22,7 @@ class CellReadings:
     def __init__(self, cell: CellInstance, nominal: NominalCell) -> None:
         self._cell, self._nominal = cell, nominal
         self._position = cell.real_group(cell.axis_names("measured."))
+        self._commanded = cell.real_group(cell.axis_names("controller.ahead[1]."))
         self._destination = cell.real_group(cell.axis_names("controller.destination."))
 
     @property
@@ -48,6 +49,11 @@ class CellReadings:
     def table(self) -> float:
         """Measured angle of the table, rad."""
         return float(self._cell.get(self._position)[-1])
+
+    @property
+    def commanded(self) -> Array:
+        """Joints and table angle (joints + 1,) that the controller commands while the robot rests, rad."""
+        return self._cell.get(self._commanded).copy()
 
     @property
     def destination(self) -> tuple[Array, float]:

@@ -177,6 +177,10 @@ class Recording:
     def _stack(self, names: list[str]) -> Array:
         return np.stack([np.asarray(self.columns[name], float) for name in names], -1)
 
+    def since(self, time: float) -> Recording:
+        """A copy whose times, s, count from `time`."""
+        return Recording({**self.columns, "trigger.time": np.asarray(self.columns["trigger.time"] - time, float)})
+
     def without_truth(self) -> Recording:
         """A copy in which every truth column is NaN."""
         return Recording(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +15,14 @@ from scancell.errors import CellError
 _RECORD_NUMBERS = (*INTEGER_COLUMNS, "trigger.queued")
 # A record must arrive within this time of its exposure, or the cell is not working.
 PATIENCE_US = 5_000_000
+
+
+@dataclass(frozen=True)
+class RecordBatches:
+    """Passes records on while they come: `size` at a time, fewer at the end."""
+
+    size: int
+    receive: Callable[[Recording], object]
 
 
 class RecordCollector:
@@ -25,10 +36,15 @@ class RecordCollector:
         The controller's cycle.
     exposure
         Duration of the exposures, s.
+    batches
+        Receives the records in addition.
     """
 
-    def __init__(self, cell: CellInstance, cycle_us: int, exposure: float) -> None:
-        self._cell, self._cycle_us = cell, cycle_us
+    def __init__(
+        self, cell: CellInstance, cycle_us: int, exposure: float, batches: RecordBatches | None = None
+    ) -> None:
+        self._cell, self._cycle_us, self._batches = cell, cycle_us, batches
+        self._passed_on = 0
         layout = RecordLayout.of(cell.names)
         self._columns = (*layout.measured, *layout.truth)
         self._group = cell.real_group(self._columns)
@@ -52,6 +68,12 @@ class RecordCollector:
                 self._last = index
                 self._numbers.append((index, segment))
                 self._records.append(self._cell.get(self._group).copy())
+        if self._batches is not None and len(self) - self._passed_on >= self._batches.size:
+            self._pass_on(self._batches)
+
+    def _pass_on(self, batches: RecordBatches) -> None:
+        first, self._passed_on = self._passed_on, len(self)
+        batches.receive(self._recording(first))
 
     def finish(self) -> Recording:
         """Step on until no record waits and none is on its way; all records.
@@ -66,8 +88,13 @@ class RecordCollector:
             if self._cell.time_us > limit:
                 raise CellError("trigger records are missing at the end of the program")
             self.step_to(self._cell.time_us + self._cycle_us)
-        values = np.array(self._records, float).reshape(-1, len(self._columns))
-        numbers = np.array(self._numbers, np.int64).reshape(-1, len(INTEGER_COLUMNS))
+        if self._batches is not None and len(self) > self._passed_on:
+            self._pass_on(self._batches)
+        return self._recording()
+
+    def _recording(self, first: int = 0) -> Recording:
+        values = np.array(self._records[first:], float).reshape(-1, len(self._columns))
+        numbers = np.array(self._numbers[first:], np.int64).reshape(-1, len(INTEGER_COLUMNS))
         columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
             name: numbers[:, i] for i, name in enumerate(INTEGER_COLUMNS)
         }

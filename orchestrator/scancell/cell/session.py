@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from scancell.cell.commands import CellCommands
 from scancell.cell.controller import Frame, Mode, Operation, refusal, state_in_words
@@ -28,7 +28,7 @@ from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program
 from scancell.cell.readings import Tool
 from scancell.cell.recording import Recording
-from scancell.cell.records import RecordCollector
+from scancell.cell.records import RecordBatches, RecordCollector
 from scancell.cell.snapshot import snapshot
 from scancell.errors import CommandError
 from scancell.nominal.cell import NominalCell
@@ -149,9 +149,10 @@ class CellSession(CellCommands):
         """
         self._run_jog(Mode.TOOL_JOG, "jog_tool", deflections, duration, frame)
 
-    def run_program(self, program: Program, exposure: float) -> Recording:
+    def run_program(self, program: Program, exposure: float, batches: RecordBatches | None = None) -> Recording:
         """Run a program, which must start where the axes are, with exposures of `exposure` seconds.
 
+        `batches` receives the records while they come.
         The monitor speed in force scales its speed, and may change while it runs (`on_step` of the instance).
 
         Raises
@@ -162,7 +163,7 @@ class CellSession(CellCommands):
             If the FMU reports an error, or a requested exposure never comes.
         """
         self.check_start(program)
-        recording = Driver(self._cell, DriveOptions(self._cycle_us, exposure)).run(program)
+        recording = Driver(self._cell, DriveOptions(self._cycle_us, exposure), batches).run(program)
         self._cell.set_integer("command.mode", Mode.HOLD)
         return recording
 
@@ -172,7 +173,7 @@ class CellSession(CellCommands):
         self.wait(0.0)
         self._refuse("run_program")
         first = program.segments[0]
-        away = np.abs(np.append(*self.destination) - np.append(first.q[0], first.table[0]))
+        away = np.abs(self.commanded - np.append(first.q[0], first.table[0]))
         axis = int(away.argmax())
         if away[axis] > _AT_START:
             name = "the table" if axis == self._jog.count - 1 else f"joint {axis + 1}"
@@ -199,6 +200,12 @@ class CellSession(CellCommands):
         """Change between manual and automatic operation, and wait until whatever moves rests."""
         self.change_operation(operation)
         self._wait_for_rest("set_operation")
+
+    def come_to_rest(self) -> NDArray[np.float64]:
+        """Let go of what moves the robot and wait until it rests; commanded joints and table angle (axes,), rad."""
+        self.hold()
+        self._wait_for_rest("come_to_rest")
+        return self.commanded
 
     def emergency_stop(self) -> None:
         """Press the button and wait until all axes rest; the stop stays in force until `reset`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from scancell.cell.recording import Recording
@@ -9,16 +10,26 @@ from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
 from scancell.config.sensor import ignored_by_geometric_engine
 from scancell.errors import DescriptionError, EmptyScanError
-from scancell.jobs.job import Job
 from scancell.planning.plan import Plan
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import why_empty
 from scancell.results import ScanResult
+from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline, envelope_of
 from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, sample_rows
 from scancell.stopwatch import Stopwatch
 
-_SAMPLE_IMAGES = 4
+SAMPLE_IMAGES = 4
+
+
+@dataclass(frozen=True)
+class Exposed:
+    """A recording with its profiles, the images of a few exposures, and the token of the FMU that made it."""
+
+    recording: Recording
+    sensed: SensingResult
+    images: tuple[ExposureImages, ...]
+    fmu_token: str
 
 
 @dataclass(frozen=True)
@@ -54,9 +65,15 @@ class Finishing:
         EmptyScanError
             When no point of the part is found.
         """
-        job, loaded = self.job, self.job.loaded
+        rows = sample_rows(len(recording), SAMPLE_IMAGES) if self.samples else []
         with watch.measure("sense"):
-            sensed, kept = self._sense(recording, progress)
+            sensed, kept = self.sense(recording, progress, rows)
+        return self.of_profiles(Exposed(recording, sensed, kept, self.pipeline.runner.token), plan, progress, watch)
+
+    def of_profiles(self, exposed: Exposed, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanResult:
+        """The result of exposures that are sensed; see `result`."""
+        job, loaded = self.job, self.job.loaded
+        recording, sensed = exposed.recording, exposed.sensed
         estimated = loaded.nominal
         with watch.measure("reconstruct"):
             progress.stage("reconstructing", 1, "cloud")
@@ -80,12 +97,12 @@ class Finishing:
             recording=recording,
             profiles=sensed.profiles,
             cloud=cloud,
-            sample_images=kept,
+            sample_images=exposed.images,
             render_seconds=sensed.timings,
             timings=watch.seconds,
             dropped=dropped,
             warnings=self._warnings(plan),
-            fmu_token=self.pipeline.runner.token if plan is not None else "",
+            fmu_token=exposed.fmu_token if plan is not None else "",
             part_file=job.part_file,
             recording_file=job.recording_file,
             unit=job.unit,
@@ -93,12 +110,13 @@ class Finishing:
             part_surface=loaded.part_surface,
         )
 
-    def _sense(self, recording: Recording, progress: Progress) -> tuple[SensingResult, tuple[ExposureImages, ...]]:
-        """Profiles, and the images of some exposures; `on_images` receives the images of all."""
+    def sense(
+        self, recording: Recording, progress: Progress, rows: Sequence[int]
+    ) -> tuple[SensingResult, tuple[ExposureImages, ...]]:
+        """Profiles, and the images of the exposures in `rows`; `on_images` receives the images of all."""
         on_images = self.on_images
         if on_images is not None and self.engine == "geometric":
             raise DescriptionError("engine = geometric: makes no images to keep; expected ray-traced")
-        rows = sample_rows(len(recording), _SAMPLE_IMAGES) if self.samples else []
         chosen = set(recording.measured.index[rows].tolist())
         kept: list[ExposureImages] = []
 

@@ -15,8 +15,8 @@ from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.mesh_cache import MeshCache
-from scancell.jobs.job import Job
 from scancell.nominal.plausibility import setup_warnings
+from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.sense import make_sensors
 

@@ -12,11 +12,11 @@ from scancell.config.choices import Engine
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError, SensorError
 from scancell.geometry import pose
-from scancell.jobs.job import Job
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import PlacedPose, Placer
 from scancell.results import ShotResult
 from scancell.scanning.exposures import still_exposure
+from scancell.scanning.job import Job
 from scancell.scanning.sense import ExposureImages
 from scancell.scanning.sensor_range import sensor_range
 

@@ -19,6 +19,28 @@ Parts = tuple[Program, NDArray[np.int64], Array, Array]
 _SMALL_MOVE = np.radians(0.5)  # joint moves up to this need no collision check: they stay within the clearance
 
 
+def approach(cell: PlanningCell, clearance: float, start: Array, program: Program) -> Program | None:
+    """Collision-free motions from `start` (axes,), rad, to where a program starts; None where it starts there.
+
+    Raises
+    ------
+    PlanningError
+        If none is found, naming the bodies that collide on the direct way.
+    """
+    first = program.segments[0]
+    goal = np.append(first.q[0], first.table[0])
+    motions = Connector(cell, clearance).connect(start, goal, "the start of the program")
+    segments = (
+        Segment(number, _times(points, cell), points[:, :-1], points[:, -1], name="to the start")
+        for number, points in enumerate(motions, start=1)
+    )
+    return Program(tuple(segments)) if motions else None
+
+
+def _times(setpoints: Array, cell: PlanningCell) -> Array:
+    return np.arange(len(setpoints), dtype=np.float64) * cell.cycle
+
+
 class Assembly:
     """Builds a program segment by segment; each segment starts at the set-point where the previous one ended.
 
@@ -142,7 +164,7 @@ class Assembly:
 
     def _append(self, setpoints: Array, rule: TriggerRule, start: float, end: float, name: str) -> int:
         number = len(self._segments) + 1
-        times: Array = np.arange(len(setpoints), dtype=np.float64) * self._cell.cycle
+        times = _times(setpoints, self._cell)
         self._segments.append(Segment(number, times, setpoints[:, :-1], setpoints[:, -1], rule, start, end, name))
         self._at = setpoints[-1]
         return number

@@ -14,9 +14,11 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.cell.fmu_file import cell_json
+from scancell.cell.program import Program
 from scancell.cell.recording import Recording
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
@@ -26,6 +28,7 @@ from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
+from scancell.planning.assembly import approach
 from scancell.planning.configuration_map import Judge
 from scancell.planning.model import PlanningCell
 from scancell.planning.occupancy import with_occupied_space
@@ -139,10 +142,8 @@ class ScanPipeline(Closing):
         PlanningError
             Naming the poses that cannot be reached, or the bodies that collide.
         """
-        cycle = setup.cell.world.controller_cycle_us * 1e-6
-        nominal = with_occupied_space(loaded.nominal, setup.scan.occupied)
-        own = pair_clearances(setup.scan, nominal)
-        cell = PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads, pair_clearance=own)
+        cell = self._planning_cell(loaded, setup, sensor)
+        nominal = cell.nominal
         sight = Sight(nominal, setup.sensor, self._measurable, self.threads)
         is_dynamic, described = setup.cell.robot.drive == "dynamic", [setup.scan.model_dump_json()]
         # Only what this plan depends on: a study of other values plans once.
@@ -152,14 +153,32 @@ class ScanPipeline(Closing):
         key += "" if saved is None else _digest([saved.program])
 
         def make() -> Plan:
-            torques = TorqueLimits(setup.cell) if is_dynamic else None
-            here, options = replace(cell, torques=torques), scan_options(setup.scan)
+            here, options = _with_torques(cell, setup), scan_options(setup.scan)
             return plan(here, options, sight, judges) if saved is None else recheck(here, saved, options)
 
         if judges:
             return make()
 
         return _kept(self._plans, key, _MAX_PLANS, make)
+
+    def approach(
+        self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor, axes: NDArray[np.float64], plan: Plan
+    ) -> Program | None:
+        """Motions from joints and table angle `axes` (joints + 1,), rad, to the start of a plan; None at the start.
+
+        Raises
+        ------
+        PlanningError
+            If no path free of collision is found, naming the bodies that collide on the direct one.
+        """
+        cell = _with_torques(self._planning_cell(loaded, setup, sensor), setup)
+        return approach(cell, scan_options(setup.scan).clearance, axes, plan.program)
+
+    def _planning_cell(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor) -> PlanningCell:
+        cycle = setup.cell.world.controller_cycle_us * 1e-6
+        nominal = with_occupied_space(loaded.nominal, setup.scan.occupied)
+        own = pair_clearances(setup.scan, nominal)
+        return PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads, pair_clearance=own)
 
     def _measurable(self, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
         return measurable_surface(nominal, sensor, cache=cache_folder(), threads=self.threads)
@@ -219,6 +238,10 @@ class ScanPipeline(Closing):
         self.runner.close()
         self._cells.clear()
         self._plans.clear()
+
+
+def _with_torques(cell: PlanningCell, setup: Setup) -> PlanningCell:
+    return replace(cell, torques=TorqueLimits(setup.cell)) if setup.cell.robot.drive == "dynamic" else cell
 
 
 def envelope_of(nominal: NominalCell, setup: Setup) -> Envelope:

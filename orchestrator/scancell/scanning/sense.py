@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +63,19 @@ class SensingResult:
 
     profiles: ProfilePoints
     timings: dict[str, float]
+
+    @classmethod
+    def joined(cls, parts: Sequence[SensingResult], exposures: Sequence[int]) -> Self:
+        """Of recordings that follow one another, with the number of exposures of each."""
+        first = np.cumsum([0, *exposures])[:-1]
+        shifted = (
+            replace(part.profiles, frame=(part.profiles.frame + row).astype(np.int32))
+            for part, row in zip(parts, first, strict=True)
+        )
+        timings: Counter[str] = Counter()
+        for part in parts:
+            timings.update(part.timings)
+        return cls(ProfilePoints.concatenate(shifted), dict(timings))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from scancell.cell.controller import Operation
 from scancell.cell.instance import CellInstance
 from scancell.cell.session import CellSession
 from scancell.config.choices import Engine
-from scancell.config.loading import Setup
 from scancell.config.units import si_value
 from scancell.geometry import pose
 from scancell.guard.guard import Guard
@@ -22,8 +21,9 @@ from scancell.nominal.cell import NominalCell
 from scancell.progress import NullProgress, Progress
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.scanning.pipeline import LoadedCell, ScanPipeline
-from scancell.scanning.sense import ExposureImages, Sensors
+from scancell.scanning.job import Job
+from scancell.scanning.pipeline import ScanPipeline
+from scancell.scanning.sense import ExposureImages
 
 Array = NDArray[np.float64]
 
@@ -56,6 +56,8 @@ class ScanSession(CellSession):
 
     Attributes
     ----------
+    job, pipeline
+        The part in the cell with its sensors, and what measures.
     progress
         Receives what is measured, and may end it by raising.
     """
@@ -63,15 +65,13 @@ class ScanSession(CellSession):
     def __init__(
         self,
         instance: CellInstance,
-        loaded: LoadedCell,
-        setup: Setup,
-        sensors: Sensors,
+        job: Job,
         pipeline: ScanPipeline,
         guard: Guard | None = None,
     ) -> None:
-        cycle_us = setup.cell.world.controller_cycle_us
-        super().__init__(instance, loaded.nominal, cycle_us)
-        self._loaded, self._setup, self._sensors, self._pipeline = loaded, setup, sensors, pipeline
+        cycle_us = job.setup.cell.world.controller_cycle_us
+        super().__init__(instance, job.loaded.nominal, cycle_us)
+        self.job, self.pipeline = job, pipeline
         self.progress: Progress = NullProgress()
         self._guarded: GuardedCell | None = None
         if guard is not None:
@@ -83,12 +83,12 @@ class ScanSession(CellSession):
     @property
     def nominal(self) -> NominalCell:
         """The cell as planning knows it."""
-        return self._loaded.nominal
+        return self.job.loaded.nominal
 
     @property
     def true(self) -> NominalCell:
         """The cell with unknown obstacles, too; its bodies in the order in which the FMU numbers them from 1."""
-        return self._loaded.true
+        return self.job.loaded.true
 
     def set_monitor_speed(self, share: float) -> None:
         """As of a `CellSession`, but never beyond what the guard allows."""
@@ -129,13 +129,15 @@ class ScanSession(CellSession):
         SensorError
             If the sensor library reports an error.
         """
-        recording = self.record_line(world_from_sensor, spacing, self._exposure, speed=speed)
-        sensed = self._pipeline.sense(self._loaded, recording, self._sensors, engine, self.progress)
-        return self._pipeline.reconstruct(self._loaded.nominal, recording, sensed.profiles, self._setup)[0]
+        job = self.job
+        recording = self.record_line(world_from_sensor, spacing, self.exposure, speed=speed)
+        sensed = self.pipeline.sense(job.loaded, recording, job.sensors, engine, self.progress)
+        return self.pipeline.reconstruct(self.nominal, recording, sensed.profiles, job.setup)[0]
 
     @property
-    def _exposure(self) -> float:
-        return si_value(self._setup.sensor.detector, "exposure_ms")
+    def exposure(self) -> float:
+        """Duration of the exposures of the description, s."""
+        return si_value(self.job.setup.sensor.detector, "exposure_ms")
 
     def profile(self, engine: Engine = "ray-traced") -> ProfileResult:
         """What the sensor measures now; the cell is not stepped, and may be moving.
@@ -145,10 +147,10 @@ class ScanSession(CellSession):
         SensorError
             If the sensor library reports an error.
         """
-        recording = self.snapshot(self._exposure)
+        recording, job = self.snapshot(self.exposure), self.job
         kept: list[ExposureImages] = []
-        result = self._pipeline.sense(self._loaded, recording, self._sensors, engine, self.progress, kept.append)
-        nominal, measured = self._loaded.nominal, recording.measured
+        result = self.pipeline.sense(job.loaded, recording, job.sensors, engine, self.progress, kept.append)
+        nominal, measured = self.nominal, recording.measured
         points = np.asarray(result.profiles.points_in_sensor, float)
         base_from_world = pose.inverse(nominal.arm.world_from_base)
         return ProfileResult(

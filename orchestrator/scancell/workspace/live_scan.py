@@ -1,0 +1,257 @@
+"""A planned scan in a live cell, whose points are handed over while it runs."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.controller import Operation
+from scancell.cell.program import Program
+from scancell.cell.recording import Recording
+from scancell.cell.records import RecordBatches
+from scancell.config.choices import Engine
+from scancell.errors import CancelledError
+from scancell.evaluation.deviation import deviation_from_mesh
+from scancell.jobs.finishing import SAMPLE_IMAGES, Exposed, Finishing
+from scancell.nominal.plausibility import setup_warnings
+from scancell.planning.plan import Plan
+from scancell.progress import NullProgress
+from scancell.reconstruction.cloud import Cloud
+from scancell.results import ScanResult
+from scancell.scanning.sense import ExposureImages, SensingResult, sample_rows
+from scancell.scanning.session import ScanSession
+from scancell.stopwatch import Stopwatch
+from scancell.workspace.live import LiveCell
+from scancell.workspace.live_jobs import JobStopped
+
+Stage = Literal["waiting", "planning", "approaching", "scanning", "sensing", "done", "failed"]
+
+_PATIENCE = 0.02  # s, after which a scan that waits for its sensing looks whether it has to end
+
+
+@dataclass(frozen=True, eq=False)
+class LiveChunk:
+    """Points (n) of successive exposures, as they are in the cloud of the result, but without normals.
+
+    Attributes
+    ----------
+    points_in_part
+        (n, 3), m.
+    intensity, quality, sigma, camera
+        (n,) as in `Cloud`.
+    deviation
+        (n,) distance from the mesh of the part, m, positive outside; absolute where the mesh is open.
+    time
+        (n,) simulated time since the scan began, s.
+    """
+
+    points_in_part: NDArray[np.float64]
+    intensity: NDArray[np.floating]
+    quality: NDArray[np.floating]
+    sigma: NDArray[np.floating]
+    camera: NDArray[np.int32]
+    deviation: NDArray[np.float64]
+    time: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LiveScanState:
+    """How far a scan is.
+
+    Attributes
+    ----------
+    planned, taken, sensed
+        Numbers of exposures: of the plan (0 before there is one), taken by the cell, and sensed.
+    points
+        Number of points handed over.
+    """
+
+    stage: Stage
+    planned: int
+    taken: int
+    sensed: int
+    points: int
+
+    @property
+    def behind(self) -> int:
+        """Number of exposures by which sensing is behind the cell."""
+        return self.taken - self.sensed
+
+
+class LiveScan:
+    """Plans and drives the scan of the session's descriptions, and senses it in another thread meanwhile.
+
+    The arm moves from where it rests to the start of the program on a planned path free of collision; manual operation
+    is left before. The cell waits, and its time with it, while sensing is too far behind.
+
+    Parameters
+    ----------
+    engine
+        How exposures are sensed.
+    on_points
+        Receives the points of successive exposures in order, in the thread that senses.
+    plan
+        In place of a new one; it is checked again.
+    batch
+        Number of exposures in a chunk.
+    most_behind
+        Largest number of chunks that wait to be sensed.
+
+    Attributes
+    ----------
+    result
+        The whole scan, as `Scanner.scan` returns it, or what it failed of.
+    """
+
+    def __init__(
+        self,
+        engine: Engine = "ray-traced",
+        on_points: Callable[[LiveChunk], object] = lambda _: None,
+        plan: Plan | None = None,
+        batch: int = 16,
+        most_behind: int = 8,
+    ) -> None:
+        self._engine, self._on_points, self._given, self._batch = engine, on_points, plan, batch
+        self._chunks: queue.Queue[Recording | None] = queue.Queue(most_behind)
+        self._given_up = threading.Event()
+        self._stage: Stage = "waiting"
+        self._planned = self._taken = self._sensed = self._points = 0
+        self._parts: list[tuple[SensingResult, int]] = []
+        self._images: list[ExposureImages] = []
+        self._begin = 0.0
+        self._watch = Stopwatch()
+        self.result: Future[ScanResult] = Future()
+        self.result.set_running_or_notify_cancel()
+
+    # From any thread
+
+    @property
+    def state(self) -> LiveScanState:
+        """At present."""
+        return LiveScanState(self._stage, self._planned, self._taken, self._sensed, self._points)
+
+    def start(self, live: LiveCell) -> None:
+        """Hand the scan over to a live cell, once."""
+        live.perform(self._drive, "a scan").add_done_callback(self._driven)
+
+    def _driven(self, driven: Future[None]) -> None:
+        error = None if driven.cancelled() else driven.exception()
+        if driven.cancelled() or isinstance(error, JobStopped):
+            self._fail(CancelledError(f"the scan was ended: {error or 'it had not begun'}"))
+        elif error is not None:
+            self._fail(error)
+
+    def _fail(self, error: BaseException) -> None:
+        self._given_up.set()
+        if not self.result.done():
+            self._stage = "failed"
+            self.result.set_exception(error)
+
+    # In the thread of the cell
+
+    def _drive(self, session: ScanSession) -> None:
+        self._stage = "planning"
+        if session.cell.get_integer("command.operation") != Operation.AUTOMATIC:
+            session.set_operation(Operation.AUTOMATIC)
+        planner = ThreadPoolExecutor(1, "plan")
+        planned = planner.submit(self._plan, session, session.come_to_rest())
+        planner.shutdown(wait=False)
+        while not planned.done():
+            session.step()
+        plan, approach = planned.result()
+        self._stage, self._planned = "approaching", len(plan.segment)
+        if approach is not None:
+            session.run_program(approach, session.exposure)
+        sensing = threading.Thread(target=self._sense_all, args=(session, plan), name="sense", daemon=True)
+        sensing.start()
+        self._stage, self._begin = "scanning", session.time
+        with self._watch.measure("drive"):
+            recording = session.run_program(
+                plan.program, session.exposure, RecordBatches(self._batch, lambda taken: self._take(taken, session))
+            )
+        self._recording = recording.since(self._begin)
+        self._stage = "sensing"
+        self._hand_over(None, session)
+
+    def _plan(self, session: ScanSession, axes: NDArray[np.float64]) -> tuple[Plan, Program | None]:
+        job, pipeline = session.job, session.pipeline
+        with self._watch.measure("plan"):
+            plan = pipeline.plan(job.loaded, job.setup, job.sensors.nominal, self._given)
+        return plan, pipeline.approach(job.loaded, job.setup, job.sensors.nominal, axes, plan)
+
+    def _take(self, taken: Recording, session: ScanSession) -> None:
+        self._taken += len(taken)
+        self._hand_over(taken.since(self._begin), session)
+
+    def _hand_over(self, chunk: Recording | None, session: ScanSession) -> None:
+        """Wait until sensing is near enough; a stop or `Cancel` ends the wait."""
+        while True:
+            session.progress.advance(0.0)
+            if self._given_up.is_set():
+                self.result.result(0)  # raises
+            try:
+                return self._chunks.put(chunk, timeout=_PATIENCE)
+            except queue.Full:
+                continue
+
+    # In the thread that senses
+
+    def _sense_all(self, session: ScanSession, plan: Plan) -> None:
+        job = session.job
+        finishing = Finishing(session.pipeline, job, self._engine, None, None, tuple(setup_warnings(job.setup)))
+        samples = np.array(sample_rows(self._planned, SAMPLE_IMAGES))
+        try:
+            while (chunk := self._next()) is not None:
+                self._sense(chunk, finishing, samples)
+            if not self._given_up.is_set():
+                self._finish(session, plan, finishing)
+        except Exception as error:
+            self._fail(error)
+
+    def _next(self) -> Recording | None:
+        """The next chunk; None at the end and where the scan was given up."""
+        while not self._given_up.is_set():
+            try:
+                return self._chunks.get(timeout=_PATIENCE)
+            except queue.Empty:
+                continue
+        return None
+
+    def _sense(self, chunk: Recording, finishing: Finishing, samples: NDArray[np.int64]) -> None:
+        rows = samples[(samples >= self._sensed) & (samples < self._sensed + len(chunk))] - self._sensed
+        with self._watch.measure("sense"):
+            sensed, images = finishing.sense(chunk, NullProgress(), rows.tolist())
+        self._parts.append((sensed, len(chunk)))
+        self._images += images
+        job, pipeline = finishing.job, finishing.pipeline
+        nominal = job.loaded.nominal
+        with self._watch.measure("reconstruct"):
+            cloud = pipeline.reconstruct(nominal, chunk, sensed.profiles, job.setup, normals=False)[0]
+            points = self._chunk(cloud, finishing)
+        self._sensed += len(chunk)
+        if len(cloud):
+            self._points += len(cloud)
+            self._on_points(points)
+
+    def _chunk(self, cloud: Cloud, finishing: Finishing) -> LiveChunk:
+        loaded = finishing.job.loaded
+        found = deviation_from_mesh(
+            cloud, loaded.part_surface, finishing.pipeline.threads, signed=loaded.nominal.part.is_closed
+        )
+        return LiveChunk(
+            cloud.points_in_part, cloud.intensity, cloud.quality, cloud.sigma, cloud.camera, found.signed, cloud.time
+        )
+
+    def _finish(self, session: ScanSession, plan: Plan, finishing: Finishing) -> None:
+        sensed = SensingResult.joined([part for part, _ in self._parts], [count for _, count in self._parts])
+        exposed = Exposed(self._recording, sensed, tuple(self._images), session.cell.token)
+        result = finishing.of_profiles(exposed, plan, NullProgress(), self._watch)
+        self._stage = "done"
+        self.result.set_result(result)
