@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from threading import Event, Lock
+from threading import Event, RLock
 from time import monotonic
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from scancell.config.choices import LOOPBACK
-from scancell.extras import require
+from scancell.workspace.browser.quiet import address, quiet_server
 from scancell.workspace.browser.scene import CellScene
 from scancell.workspace.coloured_cloud import ColourBy, coloured_by
 from scancell.workspace.recorded_run import RecordedRun
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _CHUNKS = 200  # of the cloud
 _RATE = 30.0  # Hz, of updates
-_SPEEDS = ("1 x", "2 x", "5 x", "10 x", "20 x")
+_SPEEDS = ("0.5 x", "1 x", "2 x", "5 x", "10 x", "20 x")
 
 
 class Playback:
@@ -45,23 +45,20 @@ class Playback:
     """
 
     def __init__(self, server: viser.ViserServer, run: RecordedRun, colour: ColourBy, threads: int = 0) -> None:
-        self._run, self._lock = run, Lock()
-        self.scene = CellScene(server, run.cell, run.setup.sensor)
+        self._run, self._lock = run, RLock()
+        self.scene = CellScene(server, run.cell, run.setup.sensor, run.setup.cell)
         self._chunk_ends = self._add_cloud(colour, threads)
         motion, gui = run.motion, server.gui
         gui.set_panel_label(f"scancell: {run.name}")
         self._slider = gui.add_slider("time, s", motion.start, motion.duration, 0.01, motion.start)
         self._play = gui.add_button("Play")
         self._speed = gui.add_dropdown("speed", _SPEEDS, "5 x")
-        frames = gui.add_checkbox("frames", False)
-        field = gui.add_checkbox("field of view", True)
-        self._field_shown = True
+        for label, name in (("frames", "frames"), ("field of view", "field_of_view"), ("devices", "devices")):
+            self._add_switch(server, label, name)
         self._text = gui.add_markdown("")
         self._playing = False
         self._slider.on_update(lambda _: self._show())
         self._play.on_click(lambda _: self._toggle())
-        frames.on_update(lambda _: self.scene.show_frames(frames.value))
-        field.on_update(lambda _: self._show_field(field.value))
         self._show()
 
     @property
@@ -71,23 +68,26 @@ class Playback:
 
     def advance(self, seconds: float) -> None:
         """Let `seconds` go by, if it plays; it ends with the run."""
-        if not self._playing:
-            return
-        later = self.time + seconds * float(self._speed.value.split()[0])
-        end = self._run.motion.duration
-        self._slider.value = min(later, end)
-        if later >= end:
-            self._toggle()
+        with self._lock:
+            if not self._playing:
+                return
+            later = self.time + seconds * float(self._speed.value.split()[0])
+            end = self._run.motion.duration
+            self._slider.value = min(later, end)
+            self._show()
+            if later >= end:
+                self._toggle()
+
+    def _add_switch(self, server: viser.ViserServer, label: str, option: str) -> None:
+        box = server.gui.add_checkbox(label, getattr(self.scene.options, option))
+        box.on_update(lambda _: setattr(self.scene.options, option, box.value))
 
     def _toggle(self) -> None:
-        self._playing = not self._playing
-        if self._playing and self.time >= self._run.motion.duration:
-            self._slider.value = self._run.motion.start
-        self._play.label = "Pause" if self._playing else "Play"
-
-    def _show_field(self, shown: bool) -> None:
-        self._field_shown = shown
-        self._show()
+        with self._lock:
+            self._playing = not self._playing
+            if self._playing and self.time >= self._run.motion.duration:
+                self._slider.value = self._run.motion.start
+            self._play.label = "Pause" if self._playing else "Play"
 
     def _show(self) -> None:
         with self._lock:
@@ -95,7 +95,7 @@ class Playback:
             frames = motion.frames(time)
             self.scene.move(frames)
             self.scene.show_chunks(int(np.searchsorted(self._chunk_ends, time, side="right")))
-            self.scene.show_field(self._field_shown, motion.laser_on(time))
+            self.scene.show_laser(motion.laser_on(time))
             x, y, z = 1e3 * frames["sensor"][:3, 3]
             self._text.content = f"sensor at x {x:.1f}, y {y:.1f}, z {z:.1f} mm"
 
@@ -137,17 +137,14 @@ def serve_playback(
         If viser is not installed, or the cloud has no such colours.
     """
     stop = stop or Event()
-    server = require("viser", "workspace").ViserServer(host=host, port=port, verbose=False)
     try:
-        server.gui.configure_theme(show_logo=False, show_share_button=False)
-        playback = Playback(server, run, colour, threads)
-        started(f"http://{server.get_host()}:{server.get_port()}")
-        before = monotonic()
-        while not stop.wait(1 / _RATE):
-            now = monotonic()
-            playback.advance(now - before)
-            before = now
+        with quiet_server(host, port) as server:
+            playback = Playback(server, run, colour, threads)
+            started(address(server))
+            before = monotonic()
+            while not stop.wait(1 / _RATE):
+                now = monotonic()
+                playback.advance(now - before)
+                before = now
     except KeyboardInterrupt:
         pass
-    finally:
-        server.stop()
