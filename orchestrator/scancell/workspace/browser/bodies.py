@@ -91,7 +91,7 @@ class BodyNodes:
 
     def position(self, frame: str) -> Array:
         """Where a frame is shown (3,), m."""
-        return np.asarray(self._frames.nodes[frame].position, float)
+        return np.array(self._frames.nodes[frame].position, float)
 
     def paint(self, body: str, colour: Rgb | None) -> None:
         """Give a body a colour, or its own again."""

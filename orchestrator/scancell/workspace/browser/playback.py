@@ -50,15 +50,15 @@ class Playback:
         self._chunk_ends = self._add_cloud(colour, threads)
         motion, gui = run.motion, server.gui
         gui.set_panel_label(f"scancell: {run.name}")
-        self._slider = gui.add_slider("time, s", motion.start, motion.duration, 0.01, motion.start)
+        self._slider = gui.add_slider("time, s", motion.start, motion.duration, 0.01, float(motion.start))
         self._play = gui.add_button("Play")
-        self._speed = gui.add_dropdown("speed", _SPEEDS, "5 x")
+        self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="5 x")
         for label, name in (("frames", "frames"), ("field of view", "field_of_view"), ("devices", "devices")):
             self._add_switch(server, label, name)
         self._text = gui.add_markdown("")
         self._playing = False
         self._slider.on_update(lambda _: self._show())
-        self._play.on_click(lambda _: self._toggle())
+        self._play.on_click(lambda _: self.play_or_pause())
         self._show()
 
     @property
@@ -66,28 +66,42 @@ class Playback:
         """Time of the run that is shown, s."""
         return float(self._slider.value)
 
+    @property
+    def speed(self) -> float:
+        """Seconds of the run in a second."""
+        return float(self._speed.value.split()[0])
+
+    @property
+    def plays(self) -> bool:
+        """Whether time goes on."""
+        return self._playing
+
+    def go_to(self, time: float) -> None:
+        """Show the run at a time, s."""
+        with self._lock:
+            self._slider.value = time  # which shows it
+
+    def play_or_pause(self) -> None:
+        """Play on, from the start after the end, or pause."""
+        with self._lock:
+            self._playing = not self._playing
+            if self._playing and self.time >= self._run.motion.duration:
+                self.go_to(self._run.motion.start)
+            self._play.label = "Pause" if self._playing else "Play"
+
     def advance(self, seconds: float) -> None:
         """Let `seconds` go by, if it plays; it ends with the run."""
         with self._lock:
             if not self._playing:
                 return
-            later = self.time + seconds * float(self._speed.value.split()[0])
-            end = self._run.motion.duration
-            self._slider.value = min(later, end)
-            self._show()
+            later, end = self.time + seconds * self.speed, self._run.motion.duration
+            self.go_to(min(later, end))
             if later >= end:
-                self._toggle()
+                self.play_or_pause()
 
     def _add_switch(self, server: viser.ViserServer, label: str, option: str) -> None:
         box = server.gui.add_checkbox(label, getattr(self.scene.options, option))
         box.on_update(lambda _: setattr(self.scene.options, option, box.value))
-
-    def _toggle(self) -> None:
-        with self._lock:
-            self._playing = not self._playing
-            if self._playing and self.time >= self._run.motion.duration:
-                self._slider.value = self._run.motion.start
-            self._play.label = "Pause" if self._playing else "Play"
 
     def _show(self) -> None:
         with self._lock:
