@@ -155,7 +155,8 @@ def test_serving_ends_when_it_is_told(run) -> None:
 
 def test_command_says_where_and_ends_with_ctrl_c(folder) -> None:
     words = [*COMMAND, "workspace", str(folder), "--port", "18090"]
-    with subprocess.Popen(words, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(words, env=environment(), stdout=pipe, stderr=pipe, text=True) as process:
         assert process.stdout is not None
         said = process.stdout.readline().split()
         assert said[:2] == ["workspace:", "open"]

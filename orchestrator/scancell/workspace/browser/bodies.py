@@ -74,7 +74,7 @@ class BodyNodes:
         self._colours = {body.name: body_colour(body, number) for number, body in enumerate(cell.bodies)}
         self._meshes = {
             body.name: scene.add_mesh_simple(
-                f"/frames/{body.moves_with}/{body.name}", *drawn_mesh(body.mesh), color=self._colours[body.name]
+                f"/frames/{body.moves_with}/{body.name}", *drawn_mesh(body), color=self._colours[body.name]
             )
             for body in cell.bodies
         }
