@@ -1,17 +1,30 @@
-"""The cell in browsers: bodies, frames, the sensor's field of view, and a cloud that grows."""
+"""The cell in browsers: bodies as they move, what sensors see and read, and a cloud that grows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from threading import RLock
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.cell.sensing import collision_meshes
+from scancell.config.cell import CellDescription
 from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
-from scancell.workspace.pictures import painted
+from scancell.workspace.browser.bodies import BodyNodes
+from scancell.workspace.browser.cloud import GrowingCloud
+from scancell.workspace.browser.devices import BeltMarks, DeviceView
+from scancell.workspace.browser.ghost import Ghost
+from scancell.workspace.browser.options import SceneOptions
+from scancell.workspace.browser.pairs import PairView
+from scancell.workspace.browser.sensor_view import SensorView
+from scancell.workspace.browser.trace import Trace
+from scancell.workspace.camera import framing
+from scancell.workspace.live_state import LiveState
+from scancell.workspace.shading import SUN
 
 if TYPE_CHECKING:
     import viser
@@ -19,64 +32,85 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-_AXES = 0.08  # m, of frames
-_LASER, _RANGE = (255, 40, 40), (60, 130, 220)
+_AZIMUTH, _ELEVATION = -38.0, 24.0  # deg, of the first view
+_SCREEN = (760, 800)  # px, which the first view is fitted to: what panels leave of a small window
+_HALL, _SUN = 0.38, 1.5  # intensities
+_GRID = 0.1  # m between lines on the floor
 
 
 class CellScene:
     """Shows a cell on a server; all its browsers see the same.
 
-    Poses are sent for what moved alone.
+    What did not change is not sent. All methods may be called from any thread.
 
     Parameters
     ----------
     server
         Of viser.
     cell
-        Bodies and frames.
+        Bodies and frames, with obstacles that planning does not know.
     sensor
-        Its field of view.
+        Its measuring range and laser.
+    description
+        Of the devices, and how meshes are simplified for collisions.
+
+    Attributes
+    ----------
+    options
+        What is shown.
+
+    Raises
+    ------
+    MeshError
+        If a mesh cannot be simplified.
     """
 
-    def __init__(self, server: viser.ViserServer, cell: NominalCell, sensor: SensorDescription) -> None:
-        self._scene, self._bodies = server.scene, cell.bodies
-        self._scene.set_up_direction("+z")
-        frames = cell.frame_poses(cell.home, 0.0)
-        self._nodes: dict[str, Any] = {
-            name: self._scene.add_frame(
-                f"/frames/{name}", axes_length=_AXES, axes_radius=_AXES / 30, show_axes=False, visible=True
-            )
-            for name in frames
-        }
-        self._known: dict[str, Array] = {}
-        for number, body in enumerate(cell.bodies):
-            colour = tuple(round(255 * share) for share in painted(body, number).colour)
-            self._scene.add_mesh_simple(
-                f"/frames/{body.moves_with}/{body.name}",
-                np.asarray(body.mesh.vertices, np.float32),
-                np.asarray(body.mesh.faces, np.uint32),
-                color=colour,
-                flat_shading=True,
-                side="double",
-            )
-        self._field = self._scene.add_line_segments(
-            "/frames/sensor/field_of_view", _outline(sensor), _RANGE, thickness=0.001
-        )
-        self._sheet = self._scene.add_mesh_simple(
-            "/frames/sensor/laser", *_fan(sensor), color=_LASER, opacity=0.25, side="double", cast_shadow=False
-        )
-        self._clouds: list[Any] = []
-        self.move({name: np.asarray(world) for name, world in frames.items()})
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        cell: NominalCell,
+        sensor: SensorDescription,
+        description: CellDescription,
+    ) -> None:
+        self._server, self._cell, self._lock = server, cell, RLock()
+        self._state: LiveState | None = None
+        scene = server.scene
+        scene.set_up_direction("+z")
+        _light(scene)
+        meshes = collision_meshes(description, cell)
+        self._bodies = BodyNodes(scene, cell, meshes)
+        self._sensor_view = SensorView(scene, sensor)
+        self._devices = DeviceView(scene, description)
+        self._belts = [BeltMarks(scene, belt) for belt in description.conveyor]
+        self._ghost = Ghost(scene, cell)
+        self._pairs = PairView(scene, self._bodies, meshes)
+        self._trace, self._cloud = Trace(scene), GrowingCloud(scene)
+        carried = {body.moves_with: body.name for body in reversed(cell.bodies)}
+        self._carried = {name: carried.get(name) for name in self._bodies.names if name != "world"}
+        self.options = SceneOptions(self._apply_options)
+        frames = {name: np.asarray(world) for name, world in cell.frame_poses(cell.home, np.array(0.0)).items()}
+        self._look_at(frames)
+        self._apply_options()
+        self.move(frames)
+
+    def show(self, state: LiveState) -> None:
+        """Show a running cell as it truly is."""
+        with self._lock, self._server.atomic():
+            self._state = state
+            frames = self._frames(state)
+            self._bodies.move(frames)
+            self._trace.add(frames["sensor"][:3, 3])
+            self._pairs.show(state)
+            self._devices.read(state.present, state.distances)
+            for marks, (_, travel) in zip(self._belts, state.belts, strict=True):
+                marks.show(travel)
+            self._show_ghost()
+        self._server.flush()  # viser waits for more otherwise, and sends 30 times a second
 
     def move(self, frames: Mapping[str, Array]) -> None:
-        """Put frames at poses ``world_from_frame`` (4, 4)."""
-        for name, world in frames.items():
-            node = self._nodes.get(name)
-            if node is None or np.array_equal(self._known.get(name, 0.0), world):
-                continue
-            self._known[name] = world
-            node.position = world[:3, 3]
-            node.wxyz = pose.quaternion_from_rotation(world[:3, :3])
+        """Put all frames that bodies move with at poses ``world_from_frame`` (4, 4)."""
+        with self._lock, self._server.atomic():
+            self._bodies.move(frames)
 
     def show(self, state: Any) -> None:
         """Put all bodies where they are."""
@@ -84,52 +118,104 @@ class CellScene:
 
     def position(self, frame: str) -> Array:
         """Where a frame is shown (3,), m."""
-        return np.asarray(self._nodes[frame].position, float)
+        return self._bodies.position(frame)
 
-    def show_frames(self, shown: bool) -> None:
-        """Show the axes of all frames, or none."""
-        for node in self._nodes.values():
-            node.show_axes = shown
+    @property
+    def ghosts(self) -> tuple[str, ...]:
+        """Names of the bodies whose ghosts are shown."""
+        return self._ghost.shown
 
-    def show_field(self, shown: bool, laser: bool = True) -> None:
-        """Show the field of view and, if it is on, the laser's sheet."""
-        self._field.visible = shown
-        self._sheet.visible = shown and laser
+    def belt_pitch(self, number: int) -> float:
+        """Distance between the marks of a belt, numbered from 1, m."""
+        return self._belts[number - 1].pitch
 
-    def add_points(self, points_in_part: Array, colours: Image, size: float) -> None:
-        """Add points (n, 3), m, of colours (n, 3) and a size, m, to the cloud: they are sent once."""
-        self._clouds.append(
-            self._scene.add_point_cloud(
-                f"/frames/part/cloud/{len(self._clouds)}",
-                np.asarray(points_in_part, np.float32),
-                colours,
-                point_size=size,
-                point_shape="circle",
-                precision="float32",
-            )
-        )
+    def show_laser(self, on: bool) -> None:
+        """Switch the laser's sheet on or off; it is on at first, and seen with the field of view."""
+        with self._lock:
+            self._sensor_view.show_laser(on)
+
+    def show_stripe(self, points: Array | None) -> None:
+        """Draw the stripe through world points (n, 3), m, in their order along the line, or none."""
+        with self._lock:
+            self._sensor_view.show_stripe(points)
+
+    def add_points(self, points_in_part: Array, colours: Image, size: float) -> int:
+        """Add a chunk of points (n, 3), m, of colours (n, 3) and a size, m, to the cloud, and send it once.
+
+        Returns the number of points that there was room for: `cloud.MOST_POINTS` in all.
+        """
+        with self._lock:
+            return self._cloud.add(points_in_part, colours, size)
 
     def show_chunks(self, count: int) -> None:
-        """Show the first `count` lots of points that were added."""
-        for number, cloud in enumerate(self._clouds):
-            if cloud.visible != (number < count):
-                cloud.visible = number < count
+        """Show the first `count` chunks of points that were added, and no others."""
+        with self._lock, self._server.atomic():
+            self._cloud.show(count)
+
+    def clear_points(self) -> None:
+        """Remove the cloud."""
+        with self._lock:
+            self._cloud.clear()
+
+    def clear_trace(self) -> None:
+        """Begin the trace of the sensor anew."""
+        with self._lock:
+            self._trace.clear()
+
+    def _frames(self, state: LiveState) -> Mapping[str, Array]:
+        """Poses (4, 4) of all frames: true where a body shows them, else nominal at the measured angles."""
+        frames = {name: state.world_from_body[body] for name, body in self._carried.items() if body is not None}
+        if len(frames) < len(self._carried):
+            nominal = self._cell.frame_poses(state.joints, np.array(state.table))
+            frames = {name: np.asarray(world) for name, world in nominal.items()} | frames
+        return {**frames, "world": np.eye(4)}
+
+    def _show_ghost(self) -> None:
+        if self._state is None or not self.options.ghost:
+            self._ghost.hide()
+        else:
+            self._ghost.show(self._state.ghost_from_body, self._state.world_from_body)
+
+    def _apply_options(self) -> None:
+        with self._lock, self._server.atomic():
+            options = self.options
+            self._bodies.show_frames(options.frames)
+            self._bodies.show_collision_meshes(options.collision_meshes)
+            self._sensor_view.show(options.field_of_view)
+            self._trace.show(options.trace)
+            self._pairs.show_distances(options.distances)
+            self._devices.show(options.devices)
+            self._show_ghost()
+
+    def _look_at(self, frames: Mapping[str, Array]) -> None:
+        """Floor, and a first view of the whole cell from its front."""
+        bodies = self._cell.bodies
+        points = [pose.transform_points(frames[body.moves_with], body.mesh.vertices) for body in bodies]
+        placed = np.concatenate([one[:: max(1, len(one) // 200)] for one in points])
+        middle = (placed.min(0) + placed.max(0)) / 2
+        view = framing(placed, _AZIMUTH, _ELEVATION, _SCREEN)
+        camera = self._server.initial_camera
+        camera.position = tuple(view.centre)
+        camera.look_at = tuple(view.centre + np.linalg.norm(middle - view.centre) * view.world_from_camera[:3, 2])
+        camera.fov = float(2 * np.arctan(_SCREEN[1] / 2 / view.focal_px))
+        self._server.scene.add_grid(
+            "/floor",
+            infinite_grid=True,
+            cell_size=_GRID,
+            section_size=5 * _GRID,
+            cell_color=(200, 206, 213),
+            section_color=(170, 178, 187),
+            fade_distance=4.0,
+            fade_from="origin",
+            plane_color=(226, 230, 235),
+            plane_opacity=1.0,
+            shadow_opacity=0.25,
+            position=(float(middle[0]), float(middle[1]), float(placed[:, 2].min()) - 1e-3),
+        )
 
 
-def _corners(sensor: SensorDescription) -> Array:
-    """Corners (4, 3) of the field of view in the sensor frame, m: near, near, far, far."""
-    slope = np.tan(np.radians(sensor.laser.fan_half_angle_deg))
-    z = 1e-3 * np.array([sensor.range.near_mm, sensor.range.near_mm, sensor.range.far_mm, sensor.range.far_mm])
-    y = slope * (z - 1e-3 * sensor.laser.source_z_mm) * np.array([-1, 1, 1, -1])
-    return np.stack([np.zeros(4), y, z], 1)
-
-
-def _outline(sensor: SensorDescription) -> NDArray[np.float32]:
-    corners = _corners(sensor)
-    return np.asarray(np.stack([corners, np.roll(corners, -1, 0)], 1), np.float32)
-
-
-def _fan(sensor: SensorDescription) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    source = np.array([[0.0, 0.0, 1e-3 * sensor.laser.source_z_mm]])
-    corners = np.concatenate([source, _corners(sensor)[2:]])
-    return np.asarray(corners, np.float32), np.array([[0, 1, 2]], np.uint32)
+def _light(scene: viser.SceneApi) -> None:
+    """Light of a bright hall, and a sun that casts shadows."""
+    scene.configure_default_lights(False)
+    scene.configure_environment_map("studio", environment_intensity=_HALL)
+    scene.add_light_directional("/sun", intensity=_SUN, cast_shadow=True, position=tuple(5 * SUN))

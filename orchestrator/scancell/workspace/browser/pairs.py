@@ -1,0 +1,93 @@
+"""Bodies that collide or are nearest to each other, in colour, with the line between their nearest points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.geometry.mesh import Mesh
+from scancell.proximity.scene import ProximityScene
+from scancell.workspace.browser.bodies import BodyNodes
+from scancell.workspace.browser.surfaces import Rgb
+from scancell.workspace.live_state import LiveState
+
+if TYPE_CHECKING:
+    import viser
+
+Array = NDArray[np.float64]
+
+COLLIDING, NEAREST = (215, 35, 35), (245, 165, 30)
+_LINE = (200, 60, 0)
+_PERIOD = 0.1  # s of the cell between computations of the line
+_SLACK = 2e-3  # m by which the nearest points may be farther apart than the distance that is known
+
+
+class PairView:
+    """Paints pairs of bodies, and draws the line between the nearest points of the nearest pair.
+
+    Parameters
+    ----------
+    scene
+        Of viser.
+    bodies
+        To be painted.
+    collision_meshes
+        By the names of the bodies, in their frames.
+    """
+
+    def __init__(self, scene: viser.SceneApi, bodies: BodyNodes, collision_meshes: Mapping[str, Mesh]) -> None:
+        self._bodies, self._meshes = bodies, collision_meshes
+        self._painted: dict[str, Rgb] = {}
+        self._pair: ProximityScene | None = None
+        self._computed = -np.inf  # s
+        self._shown = True
+        self._line = scene.add_line_segments(
+            "/nearest/line", np.zeros((1, 2, 3)), _LINE, thickness=3.0, thickness_units="screen", visible=False
+        )
+        self._label = scene.add_label("/nearest/distance", "", visible=False, anchor="bottom-left")
+
+    def show(self, state: LiveState) -> None:
+        """Paint the pairs of a state, and draw the line."""
+        self._paint(state)
+        if state.nearest is None or state.colliding is not None or not self._shown:
+            self._hide()
+            return
+        *names, distance = state.nearest
+        if self._pair is None or self._pair.names != tuple(names):
+            self._pair = ProximityScene({name: self._meshes[name] for name in names}, [(names[0], names[1])])
+            self._computed = -np.inf
+        self._label.text = f"{1e3 * distance:.1f} mm"
+        if abs(state.time - self._computed) >= _PERIOD:
+            self._computed = state.time
+            self._draw(np.stack([state.world_from_body[name] for name in names]), distance)
+
+    def show_distances(self, shown: bool) -> None:
+        """Show the line, from the next state on, or hide it."""
+        self._shown = shown
+        if not shown:
+            self._hide()
+
+    def _paint(self, state: LiveState) -> None:
+        nearest = () if state.nearest is None else state.nearest[:2]
+        wanted: dict[str, Rgb] = dict.fromkeys(nearest, NEAREST) | dict.fromkeys(state.colliding or (), COLLIDING)
+        if wanted == self._painted:
+            return
+        for body in self._painted.keys() | wanted.keys():
+            self._bodies.paint(body, wanted.get(body))
+        self._painted = wanted
+
+    def _draw(self, poses: Array, distance: float) -> None:
+        assert self._pair is not None
+        ends = self._pair.closest_points(poses[None], distance + _SLACK, threads=1)[1][0, 0]
+        found = bool(np.isfinite(ends).all())
+        self._line.visible = self._label.visible = found
+        if found:
+            self._line.points = ends[None]
+            self._label.position = ends.mean(0)
+
+    def _hide(self) -> None:
+        self._computed = -np.inf
+        self._line.visible = self._label.visible = False

@@ -1,0 +1,81 @@
+"""The line along which a point went, of bounded length."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    import viser
+
+Array = NDArray[np.float64]
+
+_COLOUR = (20, 150, 90)
+_STEP = 3e-3  # m between points of the line
+_JUMP = 0.1  # m that nothing moves between two updates: there the line is broken
+_PIECE, _PIECES = 50, 40  # points of a piece, which alone is sent again while it grows, and number of pieces
+
+
+class Trace:
+    """Pieces of a line; the oldest goes when there are too many.
+
+    Parameters
+    ----------
+    scene
+        Of viser.
+    """
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        self._scene, self._begun, self._visible = scene, 0, True
+        self._pieces: deque[Any] = deque()
+        self._points: list[Array] = []  # of the piece that grows
+
+    @property
+    def segments(self) -> Array:
+        """Ends of all segments (n, 2, 3) that are shown, world, m."""
+        return np.concatenate([np.zeros((0, 2, 3)), *(piece.points for piece in self._pieces)])
+
+    def add(self, point: ArrayLike) -> None:
+        """Go on to a point (3,), world, m."""
+        point = np.array(point, float)
+        way = np.linalg.norm(point - self._points[-1]) if self._points else 0.0
+        if self._points and way < _STEP:
+            return
+        if way > _JUMP:
+            self._points = []
+        self._points.append(point)
+        if len(self._points) == 1:
+            return
+        segments = np.stack([self._points[:-1], self._points[1:]], 1)
+        if len(self._points) == 2:
+            self._begin(segments)
+        else:
+            self._pieces[-1].points = segments
+        if len(self._points) > _PIECE:
+            self._points = [point]
+
+    def show(self, shown: bool) -> None:
+        """Show the line or hide it; it goes on either way."""
+        self._visible = shown
+        for piece in self._pieces:
+            piece.visible = shown
+
+    def clear(self) -> None:
+        """Begin anew."""
+        while self._pieces:
+            self._pieces.popleft().remove()
+        self._points = []
+
+    def _begin(self, segments: Array) -> None:
+        self._begun += 1
+        name = f"/trace/{self._begun}"
+        self._pieces.append(
+            self._scene.add_line_segments(
+                name, segments, _COLOUR, thickness=2.0, thickness_units="screen", visible=self._visible
+            )
+        )
+        if len(self._pieces) > _PIECES:
+            self._pieces.popleft().remove()
