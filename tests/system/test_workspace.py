@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
@@ -17,7 +19,10 @@ from chromium import Watched, chromium
 from scancell import Scanner
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
+from scancell.nominal.cell import NominalCell
 from scancell.scanning.session import ScanSession
+from scancell.workspace.browser.quiet import address, quiet_server
+from scancell.workspace.browser.serve import Host, PartFile
 from scancell.workspace.browser.workspace import Workspace
 from scancell.workspace.live_commands import MoveTool
 from scancell.workspace.live_state import LiveState
@@ -32,15 +37,23 @@ ABOVE_TABLE = location(450 * mm, 0, 260 * mm, rx=180 * deg)
 class Opened:
     """A workspace that runs, the states that it went through, and its browsers."""
 
-    workspace: Workspace
-    session: ScanSession
+    host: Host
     server: Any
     browser: Any
     states: list[LiveState] = field(default_factory=list)
 
     @property
+    def workspace(self) -> Workspace:
+        assert self.host.workspace is not None
+        return self.host.workspace
+
+    @property
+    def nominal(self) -> NominalCell:
+        return self.workspace.nominal
+
+    @property
     def address(self) -> str:
-        return f"http://127.0.0.1:{self.server.get_port()}"
+        return address(self.server)
 
     @property
     def state(self) -> LiveState:
@@ -68,9 +81,9 @@ class Opened:
         return self.until(lambda state: not state.moving and state.progress in (0.0, 1.0), "rest")
 
     def moves_to(self, world_from_tool: np.ndarray) -> None:
-        target = self.session.joints_for(world_from_tool, near=self.state.joints)
         self.workspace.live.submit(MoveTool(world_from_tool))
-        self.until(lambda state: np.abs(state.joints - target).max() < 1e-6 and not state.moving, "the pose")
+        reached = lambda state: np.allclose(self.nominal.world_from_sensor(state.joints), world_from_tool, atol=1e-6)  # noqa: E731
+        self.until(lambda state: reached(state) and not state.moving, "the pose")
 
 
 @pytest.fixture(scope="module")
@@ -86,19 +99,22 @@ def scanner() -> Iterator[Scanner]:
 
 
 @pytest.fixture
-def opened(scanner: Scanner, browser: Any) -> Iterator[Opened]:
-    with scanner.session(guarded=True) as session:
-        server = viser.ViserServer(host="127.0.0.1", port=8300, verbose=False)
-        workspace = Workspace(server, session, scanner.setup.sensor, "empty table")
-        stop = Event()
-        running = Thread(target=workspace.run, args=(stop,))
+def opened(scanner: Scanner, browser: Any, tmp_path: Path) -> Iterator[Opened]:
+    def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
+        path, unit = (None, "mm") if file is None else (file.path, file.unit)
+        return scanner.session(path, unit=unit, guarded=True)
+
+    stop, started = Event(), Event()
+    with quiet_server(port=8300) as server:
+        host = Host(server, open_session, tmp_path)
+        running = Thread(target=host.run, args=(None, stop, started.set))
         running.start()
-        yield Opened(workspace, session, server, browser)
+        assert started.wait(WAITS)
+        yield Opened(host, server, browser)
         stop.set()
         running.join()
-        server.stop()
-        for context in browser.contexts:
-            context.close()
+    for context in browser.contexts:
+        context.close()
 
 
 def entry(page: Any, label: str, number: int = 0) -> Any:
@@ -130,7 +146,7 @@ def test_slider_moves_the_arm_and_a_reload_keeps_the_state(opened: Opened) -> No
     page = opened.page().page
     fill(page, "joint 1, deg", 20.0)
     state = opened.until(lambda state: abs(state.joints[0] - 20 * deg) < 1e-6, "joint 1 at 20 deg")
-    np.testing.assert_allclose(state.joints[1:], opened.session.home[1:], atol=1e-6)
+    np.testing.assert_allclose(state.joints[1:], opened.nominal.home[1:], atol=1e-6)
     page.reload()
     page.get_by_role("tab", name="Joints").wait_for()
     entry = page.locator("input[type=text][value='20']")
@@ -160,7 +176,7 @@ def test_typed_pose_is_reached(opened: Opened) -> None:
     page.get_by_role("button", name="Move to this pose").click()
     opened.until(lambda state: state.moving, "the motion")
     state = opened.rests()
-    sensor = opened.session.nominal.world_from_sensor(state.joints)
+    sensor = opened.nominal.world_from_sensor(state.joints)
     np.testing.assert_allclose(1e3 * sensor[:3, 3], [400, 0, 260], atol=0.02)
     np.testing.assert_allclose(sensor[:3, :3], ABOVE_TABLE[:3, :3], atol=1e-4)
 
@@ -179,7 +195,7 @@ def test_jog_into_the_table_is_warned_then_stopped(opened: Opened) -> None:
     stopped = opened.until(lambda state: not state.moving and state.controller == "emergency stop", "the stop")
     page.mouse.up()
     assert not any(state.colliding for state in opened.states)
-    assert opened.session.nominal.world_from_sensor(stopped.joints)[2, 3] < ABOVE_TABLE[2, 3] - 1 * mm
+    assert opened.nominal.world_from_sensor(stopped.joints)[2, 3] < ABOVE_TABLE[2, 3] - 1 * mm
 
 
 def test_lost_connection_stops_a_jog(opened: Opened) -> None:
@@ -192,7 +208,7 @@ def test_lost_connection_stops_a_jog(opened: Opened) -> None:
     page.close()
     state = opened.until(lambda state: not state.moving, "rest")
     assert state.controller == "at rest"
-    assert np.abs(state.joints[0] - opened.session.home[0]) < 60 * deg
+    assert np.abs(state.joints[0] - opened.nominal.home[0]) < 60 * deg
 
 
 def test_held_key_jogs_until_it_is_let_go(opened: Opened) -> None:
@@ -201,10 +217,10 @@ def test_held_key_jogs_until_it_is_let_go(opened: Opened) -> None:
     page.keyboard.press("5")
     page.wait_for_timeout(1000)
     page.keyboard.down("j")
-    opened.until(lambda state: state.joints[4] < opened.session.home[4] - 3 * deg, "3 deg of joint 5")
+    opened.until(lambda state: state.joints[4] < opened.nominal.home[4] - 3 * deg, "3 deg of joint 5")
     page.keyboard.up("j")
     opened.rests()
-    np.testing.assert_allclose(opened.state.joints[:4], opened.session.home[:4], atol=1e-6)
+    np.testing.assert_allclose(opened.state.joints[:4], opened.nominal.home[:4], atol=1e-6)
 
 
 def test_stop_key_stops_and_reset_lets_the_robot_move_again(opened: Opened) -> None:
@@ -219,7 +235,7 @@ def test_stop_key_stops_and_reset_lets_the_robot_move_again(opened: Opened) -> N
     opened.until(lambda state: state.controller == "at rest", "the reset")
     page.get_by_role("tab", name="Joints").click()
     page.get_by_role("button", name="Move to home position").click()
-    opened.until(lambda state: np.abs(state.joints - opened.session.home).max() < 1e-6, "the home position")
+    opened.until(lambda state: np.abs(state.joints - opened.nominal.home).max() < 1e-6, "the home position")
 
 
 def test_second_browser_reads_until_it_takes_control(opened: Opened) -> None:
@@ -276,7 +292,7 @@ def test_dragged_gizmo_moves_the_tool_by_inverse_kinematics(opened: Opened) -> N
     page.wait_for_timeout(1000)
     page.mouse.up()
     opened.until(lambda state: state.moving, "the motion")
-    sensor = opened.session.nominal.world_from_sensor(opened.rests().joints)
+    sensor = opened.nominal.world_from_sensor(opened.rests().joints)
     moved = sensor[:3, 3] - ABOVE_TABLE[:3, 3]
     assert moved @ along == pytest.approx(0.1, abs=0.02)
     np.testing.assert_allclose(moved - (moved @ along) * along, 0.0, atol=1e-4)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from scancell.cli.common import Outcome, run
 from scancell.cli.options import CellOptions, with_options
 from scancell.config.choices import LOOPBACK
+
+if TYPE_CHECKING:
+    from scancell.scanning.session import ScanSession
 
 Started = Callable[[str], None]
 
@@ -26,6 +30,7 @@ def workspace(
     host: Annotated[str, typer.Option("--host", help="address to listen on")] = LOOPBACK,
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="port; a taken one: the next free one")] = 8080,
     no_guard: Annotated[bool, typer.Option("--no-guard", help="run without the collision guard")] = False,
+    out: Annotated[Path, typer.Option("--out", help="folder for the runs that are saved")] = Path("out/workspace"),
     colour: Annotated[
         Literal["deviation", "intensity"], typer.Option("--colour", help="what the colours of a run's cloud show")
     ] = "deviation",
@@ -41,7 +46,7 @@ def workspace(
         if target is not None and target.is_dir():
             _play_back(target, host, port, colour, options.threads, started)
         else:
-            _run_cell(target, options, host, port, not no_guard, started)
+            _run_cell(target, options, host, port, not no_guard, out, started)
         return Outcome()
 
     run("workspace", options.as_json, work)
@@ -56,14 +61,18 @@ def _play_back(
     serve_playback(open_run(folder), host=host, port=port, colour=colour, threads=threads, started=started)
 
 
-def _run_cell(part: Path | None, options: CellOptions, host: str, port: int, guarded: bool, started: Started) -> None:
+def _run_cell(
+    part: Path | None, options: CellOptions, host: str, port: int, guarded: bool, out: Path, started: Started
+) -> None:
     from scancell.scanner import Scanner  # noqa: PLC0415
-    from scancell.workspace.browser.workspace import serve_workspace  # noqa: PLC0415
+    from scancell.workspace.browser.serve import PartFile, serve_workspace  # noqa: PLC0415
 
-    setup, as_built = options.setup(), options.as_built or ()
-    with (
-        Scanner.from_setup(setup, options.threads) as scanner,
-        scanner.session(part, unit=options.unit, as_built=as_built, seed=options.seed, guarded=guarded) as session,
-    ):
-        name = "empty table" if part is None else part.name
-        serve_workspace(session, setup.sensor, name, host=host, port=port, started=started)
+    as_built = options.as_built or ()
+    with Scanner.from_setup(options.setup(), options.threads) as scanner:
+
+        def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
+            path, unit = (None, "mm") if file is None else (file.path, file.unit)
+            return scanner.session(path, unit=unit, as_built=as_built, seed=options.seed, guarded=guarded)
+
+        first = None if part is None else PartFile(part, options.unit)
+        serve_workspace(open_session, first, host=host, port=port, out=out, started=started)

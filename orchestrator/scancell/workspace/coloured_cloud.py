@@ -92,14 +92,14 @@ def coloured_by(cloud: Cloud, total: int, mesh: Mesh, what: ColourBy, threads: i
     else:
         values, title = np.asarray(cloud.intensity, float), "intensity, DN"
         limits = (0.0, max(float(np.quantile(values, 0.99)) if len(values) else 0.0, 1e-9))
-    scale = _scale(what)
+    scale = colour_scale(what)
     place = np.clip((values - limits[0]) / (limits[1] - limits[0]), 0.0, 1.0) * (len(scale) - 1)
     colours = (scale[place.astype(np.int64)] / 255) ** 2
     spacing = float(np.sqrt(mesh.areas.sum() / max(len(cloud), 1)))
     return ColouredCloud(cloud.points_in_part, cloud.normals, cloud.time, colours, total, spacing, scale, limits, title)
 
 
-def _scale(what: ColourBy) -> Array:
+def colour_scale(what: ColourBy) -> Array:
     """Displayed colours (256, 3), 0 to 255, from the least value to the largest."""
     at = np.linspace(0, 1, 256)
     if what == "deviation":

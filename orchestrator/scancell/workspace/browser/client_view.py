@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING, Protocol
 
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.panels.cell_panel import CellPanel
+from scancell.workspace.browser.panels.file_panel import FilePanel, OpenPart
 from scancell.workspace.browser.panels.jog_panel import JogPanel
 from scancell.workspace.browser.panels.joint_panel import JointPanel
 from scancell.workspace.browser.panels.pose_panel import PosePanel
+from scancell.workspace.browser.panels.scan_panel import ScanPanel
+from scancell.workspace.browser.scans import Scans
 from scancell.workspace.live_state import LiveState
 
 if TYPE_CHECKING:
@@ -28,7 +31,9 @@ class ClientView:
     Nothing is kept here that a reload of the page would lose.
     """
 
-    def __init__(self, client: viser.ClientHandle, desk: Desk, state: LiveState) -> None:
+    def __init__(
+        self, client: viser.ClientHandle, desk: Desk, scans: Scans, open_part: OpenPart, state: LiveState
+    ) -> None:
         gui, self._desk = client.gui, desk
         self._take = gui.add_button("Take control", hint="another browser controls the cell", visible=False, order=-5)
         self._take.on_click(desk.by_person(desk.take_control))
@@ -42,6 +47,11 @@ class ClientView:
             self._panels.append(JogPanel(gui, desk, state))
         with tabs.add_tab("Cell"):
             self._panels.append(CellPanel(gui, desk, state))
+        with tabs.add_tab("Scan"):
+            self._panels.append(ScanPanel(gui, desk, scans))
+        with tabs.add_tab("File"):
+            self._panels.append(FilePanel(gui, desk, open_part))
+        self.show(state)
 
     def show(self, state: LiveState) -> None:
         """Show a state."""

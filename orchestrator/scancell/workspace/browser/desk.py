@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _SHOWN = 8.0  # s, of a message
+_RENDERS = 60.0  # s, within which a browser makes a picture
 
 
 class Desk:
@@ -61,9 +62,9 @@ class Desk:
 
     def submit(self, command: Command) -> None:
         """Hand over a command; a motion changes the operation first, where that is needed."""
-        if not self.is_operator:
-            self.say("Another browser controls the cell: take control first")
-            return
+        self.as_operator(lambda: self._submit(command))
+
+    def _submit(self, command: Command) -> None:
         wanted = _operation_for(command)
         state = self._live.state
         if wanted is not None and wanted is not state.operation:
@@ -71,6 +72,21 @@ class Desk:
                 return
             self._live.submit(ChangeOperation(wanted))
         self._live.submit(command)
+
+    def as_operator(self, act: Callable[[], object]) -> None:
+        """Act if this browser controls the cell, else say that it does not: a page can send what it does not offer."""
+        if self.is_operator:
+            act()
+        else:
+            self.say("Another browser controls the cell: take control first")
+
+    def send_file(self, name: str, content: bytes) -> None:
+        """Let the browser download a file."""
+        self._client.send_file_download(name, content, save_immediately=True)
+
+    def render(self, height: int, width: int) -> NDArray[np.uint8]:
+        """What this browser shows of the scene (height, width, 3)."""
+        return np.asarray(self._client.get_render(height, width, timeout=_RENDERS), np.uint8)
 
     def stop(self) -> None:
         """Stop the robot; every browser may."""

@@ -112,10 +112,6 @@ class CellScene:
         with self._lock, self._server.atomic():
             self._bodies.move(frames)
 
-    def show(self, state: Any) -> None:
-        """Put all bodies where they are."""
-        self.move({body.moves_with: state.world_from_body[body.name] for body in self._bodies})
-
     def position(self, frame: str) -> Array:
         """Where a frame is shown (3,), m."""
         return self._bodies.position(frame)

@@ -1,0 +1,62 @@
+"""Scans of the part: start, progress, colours of the cloud, and what is kept of it."""
+
+from __future__ import annotations
+
+import tempfile
+from html import escape
+from pathlib import Path
+from typing import Any, get_args
+
+from scancell.config.choices import Engine
+from scancell.reconstruction.cloud_files import write_cloud
+from scancell.workspace.browser.desk import Desk
+from scancell.workspace.browser.live_cloud import LIVE_COLOURS
+from scancell.workspace.browser.scans import Scans
+from scancell.workspace.live_commands import Cancel
+from scancell.workspace.live_state import LiveState
+
+
+class ScanPanel:
+    """Runs the scan of the descriptions."""
+
+    def __init__(self, gui: Any, desk: Desk, scans: Scans) -> None:
+        self._desk, self._scans = desk, scans
+        self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value="geometric")
+        start, cancel = gui.add_button("Scan the part"), gui.add_button("End the scan")
+        self._progress = gui.add_progress_bar(0.0)
+        self._text = gui.add_html("")
+        self._colour = gui.add_dropdown("colours show", LIVE_COLOURS)
+        save, download = gui.add_button("Save the run folder"), gui.add_button("Download the cloud (PLY)")
+        start.on_click(desk.by_person(lambda: desk.as_operator(lambda: scans.start(self._engine.value))))
+        cancel.on_click(desk.by_person(lambda: desk.submit(Cancel())))
+        self._colour.on_update(desk.by_person(lambda: scans.cloud.colour_by(self._colour.value)))
+        save.on_click(desk.by_person(lambda: desk.as_operator(lambda: desk.say(f"saved: {scans.save()}"))))
+        download.on_click(desk.by_person(self._download))
+        desk.add_inputs([self._engine, start, cancel, self._colour, save])
+
+    def show(self, state: LiveState) -> None:
+        """Show how far the scan is."""
+        if self._colour.value != self._scans.cloud.colour:
+            self._colour.value = self._scans.cloud.colour
+        scan = self._scans.state
+        if scan is None:
+            return
+        share = 100.0 * scan.sensed / scan.planned if scan.planned else 0.0
+        if self._progress.value != share:
+            self._progress.value = share
+        lines = [
+            f"<b>{scan.stage}</b>",
+            f"{scan.sensed} of {scan.planned} profiles, {scan.points} points",
+            escape(self._scans.cloud.legend),
+            escape(self._scans.error),
+        ]
+        text = f'<div style="padding:0 0.75em;font-size:0.85em">{"<br>".join(line for line in lines if line)}</div>'
+        if self._text.content != text:
+            self._text.content = text
+
+    def _download(self) -> None:
+        cloud = self._scans.result.cloud
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "cloud.ply"
+            write_cloud(file, cloud)
+            self._desk.send_file(file.name, file.read_bytes())

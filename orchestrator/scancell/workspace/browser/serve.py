@@ -1,0 +1,176 @@
+"""Serves a live cell to browsers, one part after another."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event, RLock
+from typing import TYPE_CHECKING
+
+from scancell.config.choices import LOOPBACK
+from scancell.scanning.session import ScanSession
+from scancell.workspace.browser.quiet import address, quiet_server
+from scancell.workspace.browser.workspace import Workspace
+
+if TYPE_CHECKING:
+    import viser
+
+
+@dataclass(frozen=True)
+class PartFile:
+    """A mesh file and its unit."""
+
+    path: Path
+    unit: str = "mm"
+
+
+OpenSession = Callable[[PartFile | None], AbstractContextManager[ScanSession]]
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """A running cell, what frees it, and the name of its part."""
+
+    session: ScanSession
+    resources: ExitStack
+    name: str | None
+
+
+class Host:
+    """Keeps the browsers of a server while the cell is opened with one part after another.
+
+    Parameters
+    ----------
+    server
+        Of viser.
+    open_session
+        Starts the cell with a part, or an empty table.
+    out
+        Folder for the runs that are saved.
+    """
+
+    def __init__(self, server: viser.ViserServer, open_session: OpenSession, out: Path) -> None:
+        self._server, self._open_session, self._out = server, open_session, out
+        self._lock = RLock()
+        self._workspace: Workspace | None = None
+        self._next: _Opened | None = None
+        self._parts = tempfile.TemporaryDirectory(prefix="scancell-parts-")
+        server.on_client_connect(self._join)
+        server.on_client_disconnect(self._leave)
+
+    @property
+    def workspace(self) -> Workspace | None:
+        """What is shown."""
+        return self._workspace
+
+    def run(self, part: PartFile | None, stop: Event, started: Callable[[], None] = lambda: None) -> None:
+        """Show the cell with a part, and with each that is opened later, until `stop`.
+
+        Parameters
+        ----------
+        started
+            Called when browsers can see the cell.
+
+        Raises
+        ------
+        ScancellError
+            If the part cannot be loaded, or the FMU reports an error.
+        """
+        with self._parts:
+            opened: _Opened | None = self._open(part)
+            while opened is not None:
+                with opened.resources:
+                    workspace = self._show(opened)
+                    started()
+                    started = _nothing
+                    workspace.run(lambda: stop.is_set() or self._next is not None)
+                with self._lock:
+                    opened, self._next = self._next, None
+                if stop.is_set() and opened is not None:
+                    opened.resources.close()
+                    return
+
+    def open_part(self, name: str, content: bytes, unit: str) -> None:
+        """Load a mesh, and show the cell with it instead of the present part.
+
+        Raises
+        ------
+        ScancellError
+            If it cannot be loaded or does not fit the cell; the present part stays then.
+        """
+        path = Path(self._parts.name) / name
+        path.write_bytes(content)
+        opened = self._open(PartFile(path, unit))
+        with self._lock:
+            dropped, self._next = self._next, opened
+        if dropped is not None:
+            dropped.resources.close()
+
+    def _open(self, part: PartFile | None) -> _Opened:
+        resources = ExitStack()
+        session = resources.enter_context(self._open_session(part))
+        return _Opened(session, resources, None if part is None else part.path.name)
+
+    def _show(self, opened: _Opened) -> Workspace:
+        with self._lock:
+            self._server.scene.reset()
+            self._server.gui.reset()
+            workspace = Workspace(self._server, opened.session, opened.name, self._out, self.open_part)
+            for client in self._server.get_clients().values():
+                client.scene.reset()
+                client.gui.reset()
+                workspace.join(client)
+            self._workspace = workspace
+        return workspace
+
+    def _join(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            if self._workspace is not None:
+                self._workspace.join(client)
+
+    def _leave(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            if self._workspace is not None:
+                self._workspace.leave(client)
+
+
+def _nothing() -> None:
+    """For callers that do not listen."""
+
+
+def serve_workspace(
+    open_session: OpenSession,
+    part: PartFile | None = None,
+    *,
+    host: str = LOOPBACK,
+    port: int = 8080,
+    out: Path = Path("out/workspace"),
+    started: Callable[[str], None] = lambda _: None,
+    stop: Event | None = None,
+) -> None:
+    """Show a live cell in browsers until `stop` is set or Ctrl-C.
+
+    Parameters
+    ----------
+    open_session
+        Starts the cell with a part, or an empty table.
+    port
+        To listen on; a taken one makes it take the next free one.
+    out
+        Folder for the runs that are saved.
+    started
+        Receives the address to open.
+
+    Raises
+    ------
+    ScancellError
+        If viser is not installed, the part cannot be loaded, or the FMU reports an error.
+    """
+    try:
+        with quiet_server(host, port) as server:
+            Host(server, open_session, out).run(part, stop or Event(), lambda: started(address(server)))
+    except KeyboardInterrupt:
+        pass
