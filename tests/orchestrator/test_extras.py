@@ -17,7 +17,7 @@ PROJECT = tomllib.loads((Path(__file__).resolve().parents[2] / "pyproject.toml")
 MODULES = {
     "studies": ("distributed", "dask", "bokeh", "SALib", "jinja2", "matplotlib"),
     "formats": ("laspy", "lazrs", "pye57", "h5py"),
-    "workspace": ("viser",),
+    "workspace": ("viser", "mcap_protobuf", "foxglove_schemas_protobuf"),
 }
 
 
@@ -63,7 +63,7 @@ for package in (scancell.studies, scancell.output, scancell.cli):
 def test_extras_of_the_project_provide_the_modules() -> None:
     extras, core = PROJECT["optional-dependencies"], " ".join(PROJECT["dependencies"])
     for extra, modules in MODULES.items():
-        listed = " ".join(extras[extra])
+        listed = " ".join(extras[extra]).replace("-", "_")
         for module in modules:
             assert module in listed or module == "dask", (extra, module)  # distributed requires dask
             assert module not in core

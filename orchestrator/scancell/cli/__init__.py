@@ -15,7 +15,7 @@ from scancell.cli.fmu import fmu_app
 from scancell.cli.guard import guard_app
 from scancell.cli.interrupts import INTERRUPTS
 from scancell.cli.options import CellOptions, CloudOptions, with_options
-from scancell.cli.pictures import animate, page, picture
+from scancell.cli.pictures import animate, export, page, picture
 from scancell.cli.place import place
 from scancell.cli.plan import PathOption, plan
 from scancell.cli.program import run_program
@@ -38,6 +38,7 @@ app = typer.Typer(
 )
 app.command()(animate)
 app.command()(batch)
+app.command()(export)
 app.command()(page)
 app.command()(picture)
 app.command()(place)

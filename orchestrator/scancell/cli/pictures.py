@@ -1,4 +1,4 @@
-"""`scancell picture`, `animate` and `page`: the cell of a recorded run, rendered or as a page in 3D."""
+"""`scancell picture`, `animate`, `page` and `export`: a recorded run, rendered, as a page in 3D or as an MCAP file."""
 
 from __future__ import annotations
 
@@ -109,6 +109,31 @@ def page(
         return Outcome([text], figures, [str(out)], warnings)
 
     run("page", as_json, work)
+
+
+def export(
+    run_folder: _Run,
+    out: Annotated[Path, typer.Option("--out", help="file for the recording (MCAP)")] = Path("out/scan.mcap"),
+    points: Annotated[
+        int, typer.Option("--points", min=1, help="points of the cloud at most, evenly chosen")
+    ] = 1_000_000,
+    threads: ThreadsOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a run as an MCAP file, which Foxglove and rerun open: poses and meshes of all bodies, and the points."""
+
+    def work() -> Outcome:
+        from scancell.workspace.mcap_export import export_run  # noqa: PLC0415
+
+        opened, warnings = _opened(run_folder, points)
+        with show_progress(as_json) as progress:
+            messages = export_run(opened, out, threads, progress)
+        shown = 0 if opened.cloud is None else len(opened.cloud)
+        figures = {"messages": messages, "points": shown}
+        text = f"{out}: {messages} messages, {shown:,} of {opened.cloud_points:,} points"
+        return Outcome([text], figures, [str(out)], warnings)
+
+    run("export", as_json, work)
 
 
 def _opened(folder: Path, *most_points: int) -> tuple[RecordedRun, list[str]]:

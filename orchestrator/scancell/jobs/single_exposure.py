@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.config.choices import Engine
 from scancell.config.units import si_value
-from scancell.errors import DescriptionError, SensorError
+from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import PlacedPose, Placer
 from scancell.results import ShotResult
+from scancell.scanning import sense
 from scancell.scanning.exposures import still_exposure
 from scancell.scanning.job import Job
 from scancell.scanning.sense import ExposureImages
@@ -34,14 +35,8 @@ def expose(job: Job, part_from_sensor: Array, engine: Engine, threads: int) -> S
     loaded, sensors = job.loaded, job.sensors
     cell = PlanningCell(loaded.nominal, sensor_range(sensors.nominal), 1.0, threads=threads)
     exposure, warnings = _posture(cell, job, part_from_sensor)
-    try:
-        keep = engine == "ray-traced"
-        result = sensor_rt.scan(loaded.scene, sensors.nominal, exposure, engine, threads, keep, as_built=sensors.true)
-    except (ValueError, RuntimeError) as error:
-        raise SensorError(str(error)) from error
-    images = None
-    if result.images is not None:
-        images = ExposureImages(1, result.images[0], None if result.background is None else result.background[0])
+    result = sense.expose(loaded.scene, sensors, exposure, engine, threads, images=True)
+    images = ExposureImages.of(result, 0, trigger=1)
     points = pose.transform_points(part_from_sensor, np.asarray(result.profiles.points_in_sensor, float))
     if not len(points):
         warnings = (*warnings, "the sensor sees nothing from this pose")

@@ -53,6 +53,14 @@ class ExposureImages:
         """The smallest integer type that holds the digital numbers."""
         return np.uint8 if self.bit_depth <= 8 else np.uint16
 
+    @classmethod
+    def of(cls, result: sensor_rt.ScanResult, row: int, trigger: int, bit_depth: int = 16) -> Self | None:
+        """Of one exposure of a result; None where it keeps no images."""
+        if result.images is None:
+            return None
+        background = None if result.background is None else result.background[row]
+        return cls(trigger, result.images[row], background, bit_depth)
+
 
 OnImages = Callable[[ExposureImages], None]
 
@@ -157,13 +165,32 @@ def sense(
     """
     timings: Counter[str] = Counter()
     progress.stage("sensing", len(task.recording), "profiles")
-    try:
-        profiles = ProfilePoints.concatenate(_sensed(task, progress, timings, on_images, image_rows))
-    except (ValueError, RuntimeError) as error:
-        raise SensorError(str(error)) from error
+    profiles = ProfilePoints.concatenate(_sensed(task, progress, timings, on_images, image_rows))
     # The library numbers exposures by trigger index, which selects their noise; reconstruction by row.
     frame = np.searchsorted(task.recording.measured.index, profiles.frame).astype(np.int32)
     return SensingResult(replace(profiles, frame=frame), dict(timings))
+
+
+def expose(
+    scene: sensor_rt.Scene,
+    sensors: Sensors,
+    exposures: sensor_rt.Exposures,
+    engine: Engine,
+    threads: int,
+    images: bool,
+) -> sensor_rt.ScanResult:
+    """What the sensor measures in exposures, with their images where these are wanted and the engine makes any.
+
+    Raises
+    ------
+    SensorError
+        If the library reports an error.
+    """
+    try:
+        keep = images and engine == "ray-traced"
+        return sensor_rt.scan(scene, sensors.nominal, exposures, engine, threads, keep, as_built=sensors.true)
+    except (ValueError, RuntimeError) as error:
+        raise SensorError(str(error)) from error
 
 
 def _sensed(
@@ -180,20 +207,12 @@ def _sensed(
         on_images = None
     for rows, keep in _batches(len(recording), None if on_images is None else image_rows, on_images is not None):
         exposures = exposures_from_truth(truth, index, task.bodies, rows)
-        result = sensor_rt.scan(
-            task.scene,
-            sensors.nominal,
-            exposures,
-            task.engine,
-            task.threads,
-            keep_images=keep,
-            as_built=sensors.true,
-        )
-        if keep and on_images is not None and result.images is not None:
-            for i, trigger in enumerate(index[rows]):
-                background = None if result.background is None else result.background[i]
-                on_images(ExposureImages(int(trigger), result.images[i], background, sensors.bit_depth))
-        yield _points(result.profiles, sensors.nominal, task.engine)
+        result = expose(task.scene, sensors, exposures, task.engine, task.threads, keep)
+        for i, trigger in enumerate(index[rows]):
+            images = ExposureImages.of(result, i, int(trigger), sensors.bit_depth)
+            if on_images is not None and images is not None:
+                on_images(images)
+        yield points_of(result.profiles, sensors.nominal, task.engine)
         timings.update(result.timings)
         progress.advance(rows.stop - rows.start)
 
@@ -210,7 +229,7 @@ def _batches(count: int, image_rows: Collection[int] | None, images: bool) -> It
         start = stop + single
 
 
-def _points(profiles: sensor_rt.Profiles, sensor: sensor_rt.Sensor, engine: Engine) -> ProfilePoints:
+def points_of(profiles: sensor_rt.Profiles, sensor: sensor_rt.Sensor, engine: Engine) -> ProfilePoints:
     """Points with the time offsets of their image rows from the latch, by the nominal `sensor`."""
     time_offset = np.zeros(len(profiles))
     if engine == "ray-traced" and sensor.row_readout > 0.0:

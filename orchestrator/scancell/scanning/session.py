@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,7 +10,6 @@ from scancell.cell.instance import CellInstance
 from scancell.cell.session import CellSession
 from scancell.config.choices import Engine
 from scancell.config.units import si_value
-from scancell.geometry import pose
 from scancell.guard.guard import Guard
 from scancell.guard.guarded_cell import GuardedCell
 from scancell.guard.link import Link
@@ -20,35 +17,14 @@ from scancell.guard.transport import InProcess
 from scancell.nominal.cell import NominalCell
 from scancell.progress import NullProgress, Progress
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline
-from scancell.scanning.sense import ExposureImages
+from scancell.scanning.profile import ProfileResult, measure_profile
 
 Array = NDArray[np.float64]
 
 _ANSWER_TIME = 0.003  # s of simulated time that the guard needs for an answer
 SEEN = 0.1  # s, in which a guard surely gets a state and answers it
-
-
-@dataclass(frozen=True)
-class ProfileResult:
-    """The profile of one instant.
-
-    Attributes
-    ----------
-    profile
-        Points in the sensor frame with camera, column, sigma and intensity.
-    points_in_base, points_in_part
-        (m, 3) the same points by measured joints and nominal geometry, m.
-    images
-        Camera images, ray-traced engine only.
-    """
-
-    profile: ProfilePoints
-    points_in_base: Array
-    points_in_part: Array
-    images: ExposureImages | None
 
 
 class ScanSession(CellSession):
@@ -147,15 +123,6 @@ class ScanSession(CellSession):
         SensorError
             If the sensor library reports an error.
         """
-        recording, job = self.snapshot(self.exposure), self.job
-        kept: list[ExposureImages] = []
-        result = self.pipeline.sense(job.loaded, recording, job.sensors, engine, self.progress, kept.append)
-        nominal, measured = self.nominal, recording.measured
-        points = np.asarray(result.profiles.points_in_sensor, float)
-        base_from_world = pose.inverse(nominal.arm.world_from_base)
-        return ProfileResult(
-            result.profiles,
-            pose.transform_points(base_from_world @ nominal.world_from_sensor(measured.q[0]), points),
-            pose.transform_points(nominal.part_from_sensor(measured.q[0], measured.table[0]), points),
-            kept[0] if kept else None,
-        )
+        job = self.job
+        self.progress.advance(0.0)
+        return measure_profile(job.loaded, self.snapshot(self.exposure), job.sensors, engine, self.pipeline.threads)

@@ -76,9 +76,15 @@ def _content(run: RecordedRun, colour: ColourBy, threads: int) -> dict[str, Any]
     }
 
 
+def displayed(mesh: Mesh) -> Mesh:
+    """The mesh, coarser where it has many faces."""
+    if len(mesh.faces) <= _MANY_FACES:
+        return mesh
+    return clustered(mesh, float(np.ptp(mesh.bounds, axis=0).max()) / _CELLS)
+
+
 def _mesh(mesh: Mesh) -> dict[str, Any]:
-    if len(mesh.faces) > _MANY_FACES:
-        mesh = clustered(mesh, float(np.ptp(mesh.bounds, axis=0).max()) / _CELLS)
+    mesh = displayed(mesh)
     return {**_quantised(mesh.vertices, "vertices"), "faces": _packed(mesh.faces, "<u4")}
 
 

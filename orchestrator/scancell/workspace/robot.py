@@ -32,7 +32,8 @@ from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
-from scancell.scanning.session import ProfileResult, ScanSession
+from scancell.scanning.profile import ProfileResult
+from scancell.scanning.session import ScanSession
 
 Array = NDArray[np.float64]
 

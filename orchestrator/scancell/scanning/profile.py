@@ -1,0 +1,67 @@
+"""The profile of one instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.recording import Recording
+from scancell.config.choices import Engine
+from scancell.geometry import pose
+from scancell.reconstruction.reconstruct import ProfilePoints
+from scancell.scanning.exposures import exposures_from_truth, readout_time
+from scancell.scanning.pipeline import LoadedCell
+from scancell.scanning.sense import ExposureImages, Sensors, expose, points_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ProfileResult:
+    """The profile of one instant.
+
+    Attributes
+    ----------
+    profile
+        Points in the sensor frame with camera, column, sigma and intensity.
+    rows
+        (m,) image rows of the points, px.
+    points_in_base, points_in_part
+        (m, 3) the same points by measured joints and nominal geometry, m.
+    images
+        Camera images, ray-traced engine only.
+    """
+
+    profile: ProfilePoints
+    rows: Array
+    points_in_base: Array
+    points_in_part: Array
+    images: ExposureImages | None
+
+
+def measure_profile(
+    loaded: LoadedCell, recording: Recording, sensors: Sensors, engine: Engine, threads: int
+) -> ProfileResult:
+    """The profile of a recording of one exposure.
+
+    Raises
+    ------
+    SensorError
+        If the sensor library reports an error.
+    """
+    nominal, measured = loaded.nominal, recording.measured
+    truth = recording.truth_for_rows(readout_time(sensors.true))
+    exposures = exposures_from_truth(truth, measured.index, loaded.bodies)
+    result = expose(loaded.scene, sensors, exposures, engine, threads, images=True)
+    profile = points_of(result.profiles, sensors.nominal, engine)
+    points = np.array(profile.points_in_sensor, float)
+    base_from_world = pose.inverse(nominal.arm.world_from_base)
+    return ProfileResult(
+        replace(profile, frame=np.zeros(len(points), np.int32)),
+        np.array(result.profiles.row),
+        pose.transform_points(base_from_world @ nominal.world_from_sensor(measured.q[0]), points),
+        pose.transform_points(nominal.part_from_sensor(measured.q[0], measured.table[0]), points),
+        ExposureImages.of(result, 0, int(measured.index[0]), sensors.bit_depth),
+    )

@@ -1,0 +1,117 @@
+"""Runs and sessions as MCAP files."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from scancell.closing import Closing
+from scancell.evaluation.deviation import deviation_from_mesh
+from scancell.files import atomic_write
+from scancell.nominal.cell import NominalCell
+from scancell.progress import NullProgress, Progress
+from scancell.workspace.live_camera import CameraFrame
+from scancell.workspace.live_scan import LiveChunk
+from scancell.workspace.live_state import LiveState
+from scancell.workspace.mcap_file import McapFile
+from scancell.workspace.recorded_run import RecordedRun
+
+_STEP = 0.02  # s between poses
+_CHUNK = 0.1  # s of points in a message
+
+
+def export_run(run: RecordedRun, out: str | Path, threads: int = 0, progress: Progress | None = None) -> int:
+    """Write a recorded run, and return its number of messages.
+
+    ``/tf`` holds the poses of all bodies every 20 ms, ``/scene`` their meshes, ``/profiles`` the points as they are
+    measured, in messages of 0.1 s, and ``/cloud`` all of them at the end; points are in the frame ``part`` with
+    intensity, quality and deviation from the mesh (m).
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    MissingExtraError
+        If the packages of the extra `workspace` are not installed.
+    """
+    motion, heard = run.motion, progress or NullProgress()
+    times = np.arange(motion.start, motion.duration, _STEP)
+    heard.stage("exporting", len(times), "poses")
+    with atomic_write(out) as temporary, McapFile(temporary) as file:
+        file.bodies(float(times[0]), run.cell.bodies)
+        for time in times.tolist():
+            frames = motion.frames(time)
+            file.transforms(time, {body.name: frames[body.moves_with] for body in run.cell.bodies})
+            heard.advance(1)
+        return 1 + len(times) + _write_cloud(run, file, threads)
+
+
+def _write_cloud(run: RecordedRun, file: McapFile, threads: int) -> int:
+    """Write the points; the number of messages."""
+    cloud = run.cloud
+    if cloud is None or not len(cloud):
+        return 0
+    part = run.cell.part
+    columns = {
+        "intensity": np.asarray(cloud.intensity),
+        "quality": np.asarray(cloud.quality),
+        "deviation": deviation_from_mesh(cloud, part, threads, signed=part.is_closed).signed,
+    }
+    number = np.floor(cloud.time / _CHUNK)
+    bounds = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(cloud)]
+    for first, end in pairwise(bounds):
+        rows = slice(first, end)
+        some = {name: values[rows] for name, values in columns.items()}
+        file.points("/profiles", float(cloud.time[end - 1]), "part", cloud.points_in_part[rows], some)
+    file.points("/cloud", float(cloud.time[-1]), "part", cloud.points_in_part, columns)
+    return len(bounds)
+
+
+class SessionRecorder(Closing):
+    """Records a live cell: hand it states, chunks of scans and camera frames as they come, from any thread.
+
+    Topics are those of `export_run` but ``/cloud``, and ``/joints``, ``/camera1`` … and ``/log``.
+
+    Raises
+    ------
+    MissingExtraError
+        If the packages of the extra `workspace` are not installed.
+    OSError
+        If the file cannot be written.
+    """
+
+    def __init__(self, path: str | Path, cell: NominalCell) -> None:
+        self._file, self._cell = McapFile(Path(path)), cell
+        self._last: LiveState | None = None
+
+    def state(self, state: LiveState) -> None:
+        """Record a state, unless it was the last one."""
+        last, self._last = self._last, state
+        if last is None:
+            self._file.bodies(state.time, self._cell.bodies)
+        elif state.time <= last.time:
+            return
+        self._file.transforms(state.time, state.world_from_body)
+        names = [*(f"joint {i + 1}" for i in range(len(state.joints))), "table"]
+        self._file.joints(state.time, names, np.append(state.joints, state.table))
+        for name in ("controller", "message", "refusal", "guard_text", "job"):
+            text = getattr(state, name) or ""
+            if text != (("" if last is None else getattr(last, name)) or ""):
+                self._file.note(state.time, text, name)
+
+    def points(self, chunk: LiveChunk) -> None:
+        """Record points of a scan, at the time of the last state."""
+        columns = {"intensity": chunk.intensity, "quality": chunk.quality, "deviation": chunk.deviation}
+        time = 0.0 if self._last is None else self._last.time
+        self._file.points("/profiles", time, "part", chunk.points_in_part, columns)
+
+    def cameras(self, frame: CameraFrame) -> None:
+        """Record the images of a frame, where it has any."""
+        for number, image in enumerate(() if frame.images is None else frame.images, start=1):
+            self._file.image(f"/camera{number}", frame.time, "sensor", image)
+
+    def close(self) -> None:
+        """Complete the file."""
+        self._file.close()

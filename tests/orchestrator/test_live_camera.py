@@ -1,0 +1,176 @@
+"""Camera images of a live cell: what they show, when they are made, and what perturbations change."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from scancell import Scanner
+from scancell.config.loading import assets_dir, load_setup
+from scancell.errors import DescriptionError
+from scancell.geometry import pose
+from scancell.scanning.session import ScanSession
+from scancell.workspace import live_camera
+from scancell.workspace.live import LiveCell
+from scancell.workspace.live_camera import CameraFeed, CameraFrame
+from scancell.workspace.live_commands import MoveTool
+from scancell.workspace.robot import deg, location, mm
+
+PART = assets_dir() / "parts" / "step_block.stl"
+PATIENCE_S = 120
+
+
+class Rig:
+    """A live cell in a thread, the sensor above the part, and its cameras."""
+
+    def __init__(self, session: ScanSession) -> None:
+        self.session, self.live = session, LiveCell(session)
+        self.above = location(450 * mm, 0, 0.0, rx=180 * deg)
+        self.above[:3, 3] = session.nominal.world_from_table[:3, 3] + [0, 0, 170 * mm]
+        session.move_joints(session.joints_for(self.above))
+        self._ended, self._new = threading.Event(), threading.Condition()
+        self.frames: list[CameraFrame] = []
+        self._thread = threading.Thread(target=self.live.run, args=(self._ended.is_set,))
+        self._thread.start()
+        self.feed = CameraFeed(self.live, session, on_frame=self._keep)
+
+    def _keep(self, frame: CameraFrame) -> None:
+        with self._new:
+            self.frames.append(frame)
+            self._new.notify_all()
+
+    def frame(self, condition: Callable[[CameraFrame], bool] = lambda _: True) -> CameraFrame:
+        """The first one, of those that came and come, that is as wanted."""
+        with self._new:
+            assert self._new.wait_for(lambda: any(condition(one) for one in self.frames), PATIENCE_S)
+            return next(one for one in self.frames if condition(one))
+
+    def cycles(self, count: int) -> None:
+        for _ in range(count):
+            self.live.between_cycles(lambda _: None).result(PATIENCE_S)
+
+    def end_cell(self) -> None:
+        self._ended.set()
+        self._thread.join(PATIENCE_S)
+
+    def close(self) -> None:
+        self.end_cell()
+        self.feed.close()
+
+
+@pytest.fixture(scope="module")
+def scanner() -> Iterator[Scanner]:
+    with Scanner.from_setup(load_setup(ideal=True), threads=1) as made:
+        yield made
+
+
+@pytest.fixture
+def rig(scanner: Scanner) -> Iterator[Rig]:
+    with scanner.session(PART, guarded=True) as session:
+        made = Rig(session)
+        yield made
+        made.close()
+
+
+def test_images_show_the_stripe_where_its_points_are_found(rig: Rig) -> None:
+    rig.feed.wanted = True
+    frame = rig.frame()
+    sensor = rig.session.job.sensors.nominal
+    assert frame.images.shape == (2, sensor.cameras[0].height_px, sensor.cameras[0].width_px)
+    assert frame.images.dtype == np.uint8
+    assert [len(stripe) for stripe in frame.stripes] == [(frame.camera == camera).sum() for camera in (0, 1)]
+    for image, stripe in zip(frame.images, frame.stripes, strict=True):
+        assert len(stripe) > 200
+        column, row = np.rint(stripe).astype(int).T
+        assert np.median(image[row, column]) > 4 * (np.median(image) + 1)
+    height = pose.transform_points(
+        pose.inverse(rig.session.nominal.world_from_table) @ rig.session.nominal.arm.world_from_base,
+        frame.points_in_base,
+    )[:, 2]
+    assert np.abs(height - np.median(height)).max() < 60 * mm
+    assert height.min() > -0.1 * mm
+    alone = rig.live.between_cycles(lambda session: session.profile("ray-traced")).result(PATIENCE_S)
+    np.testing.assert_allclose(frame.points_in_base, alone.points_in_base, atol=1e-6)
+    with pytest.raises(ValueError, match="read-only"):
+        frame.images[0, 0, 0] = 1
+
+
+def test_frames_are_made_when_wanted_and_something_changed(rig: Rig) -> None:
+    rig.cycles(20)
+    assert rig.feed.frame is None
+    rig.feed.wanted = True
+    first = rig.frame()
+    rig.cycles(40)
+    assert rig.feed.frame is first
+    rig.live.submit(MoveTool(rig.above @ pose.translation((10 * mm, 0, 0)), straight=True))
+    moved = rig.frame(lambda frame: frame.number > 2)
+    assert moved.time > first.time
+    rig.feed.wanted = False
+    rig.cycles(20)
+    count = len(rig.frames)
+    rig.live.submit(MoveTool(rig.above, straight=True))
+    rig.cycles(40)
+    assert len(rig.frames) == count
+
+
+def test_perturbation_shows_at_once_in_the_profile(rig: Rig) -> None:
+    """A laser that is turned about its line's normal by 1 mrad in truth shifts what the nominal sensor says."""
+    rig.feed.engine = "geometric"
+    rig.feed.wanted = True
+    nominal = rig.frame()
+    rig.feed.perturb({"sensor.laser.turn_y_deg": 0.1})
+    turned = rig.frame(lambda frame: bool(frame.as_built))
+    assert turned.as_built == ("sensor.laser.turn_y_deg=0.1",)
+    shift = np.median(turned.points_in_sensor[:, 2]) - np.median(nominal.points_in_sensor[:, 2])
+    assert 20e-6 < abs(shift) < 2e-3
+    for words, message in (
+        ({"sensor.laser.nothing": 0.1}, "nothing"),
+        ({"tool.x_mm": 0.1}, "tool.x_mm"),
+        ({"sensor.laser.turn_y_deg": "much"}, "turn_y_deg"),
+    ):
+        with pytest.raises(DescriptionError, match=message):
+            rig.feed.perturb(words)
+    rig.feed.perturb(())
+    again = rig.frame(lambda frame: frame.number > turned.number)
+    np.testing.assert_allclose(again.points_in_sensor, nominal.points_in_sensor, atol=1e-9)
+
+
+def test_engines_agree(rig: Rig) -> None:
+    rig.feed.wanted = True
+    traced = rig.frame()
+    rig.feed.engine = "geometric"
+    ideal = rig.frame(lambda frame: frame.engine == "geometric")
+    assert ideal.images is None
+    np.testing.assert_allclose(
+        np.median(ideal.points_in_sensor, axis=0), np.median(traced.points_in_sensor, axis=0), atol=0.5 * mm
+    )
+
+
+def test_cell_goes_on_while_a_frame_is_made(rig: Rig, monkeypatch) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+    measure = live_camera.measure_profile
+
+    def slow(*inputs: object) -> object:
+        begun.set()
+        assert go_on.wait(PATIENCE_S)
+        return measure(*inputs)
+
+    monkeypatch.setattr(live_camera, "measure_profile", slow)
+    rig.feed.wanted = True
+    assert begun.wait(PATIENCE_S)
+    before = rig.live.state.time
+    rig.cycles(20)
+    assert rig.live.state.time >= before + 19 * rig.session.cycle
+    assert rig.feed.frame is None
+    go_on.set()
+    assert rig.frame().time <= before
+
+
+def test_feed_of_a_cell_that_ended_can_be_closed(rig: Rig) -> None:
+    rig.feed.wanted = True
+    rig.frame()
+    rig.end_cell()
+    rig.feed.close()
