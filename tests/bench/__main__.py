@@ -7,7 +7,17 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from . import cell_speed, guard_speed, line_speed, live_speed, planning_speed, proximity_speed, ray_speed, sensor_speed
+from . import (
+    browser_speed,
+    cell_speed,
+    guard_speed,
+    line_speed,
+    live_speed,
+    planning_speed,
+    proximity_speed,
+    ray_speed,
+    sensor_speed,
+)
 from .table import Row, print_header, print_row, write_json
 
 
@@ -28,6 +38,7 @@ def sections(largest: int) -> dict[str, Callable[[], Iterator[Row]]]:
         "fmu": cell_speed.cell_rows,
         "live": live_speed.live_rows,
         "scan": line_speed.line_rows,
+        "browser": browser_speed.browser_rows,
     }
 
 

@@ -129,6 +129,11 @@ class CameraFeed(Closing):
     def engine(self, value: Engine) -> None:
         self._setting = _Setting(value, self._setting.as_built, self._setting.sensors)
 
+    @property
+    def as_built(self) -> tuple[str, ...]:
+        """Perturbations of the sensor in force, as ``key=value`` words."""
+        return self._setting.as_built
+
     def perturb(self, as_built: Assignments) -> None:
         """Render by another true sensor from now on; the nominal one interprets the images as before.
 

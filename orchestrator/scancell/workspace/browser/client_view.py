@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+from scancell.config.sensor import SensorDescription
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.panels.cell_panel import CellPanel
 from scancell.workspace.browser.panels.file_panel import FilePanel, OpenPart
@@ -11,7 +12,9 @@ from scancell.workspace.browser.panels.jog_panel import JogPanel
 from scancell.workspace.browser.panels.joint_panel import JointPanel
 from scancell.workspace.browser.panels.pose_panel import PosePanel
 from scancell.workspace.browser.panels.scan_panel import ScanPanel
+from scancell.workspace.browser.panels.sensor_panel import SensorPanel
 from scancell.workspace.browser.scans import Scans
+from scancell.workspace.live_camera import CameraFeed
 from scancell.workspace.live_state import LiveState
 
 if TYPE_CHECKING:
@@ -32,7 +35,14 @@ class ClientView:
     """
 
     def __init__(
-        self, client: viser.ClientHandle, desk: Desk, scans: Scans, open_part: OpenPart, state: LiveState
+        self,
+        client: viser.ClientHandle,
+        desk: Desk,
+        scans: Scans,
+        feed: CameraFeed,
+        sensor: SensorDescription,
+        open_part: OpenPart,
+        state: LiveState,
     ) -> None:
         gui, self._desk = client.gui, desk
         self._take = gui.add_button("Take control", hint="another browser controls the cell", visible=False, order=-5)
@@ -47,6 +57,8 @@ class ClientView:
             self._panels.append(JogPanel(gui, desk, state))
         with tabs.add_tab("Cell"):
             self._panels.append(CellPanel(gui, desk, state))
+        with tabs.add_tab("Sensor"):
+            self._panels.append(SensorPanel(gui, desk, feed, sensor))
         with tabs.add_tab("Scan"):
             self._panels.append(ScanPanel(gui, desk, scans))
         with tabs.add_tab("File"):

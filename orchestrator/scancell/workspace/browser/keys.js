@@ -1,4 +1,5 @@
 // Keys of the workspace: Escape stops the robot wherever the focus is; J and K hold the jog buttons while they are down.
+// It runs as an inline handler, where a bare addEventListener would be that of its element.
 (() => {
   if (window.scancellKeys) return;
   window.scancellKeys = true;
@@ -13,7 +14,7 @@
     held.delete(key);
     if (button) send(button, "pointerup");
   };
-  addEventListener(
+  window.addEventListener(
     "keydown",
     (event) => {
       const key = event.key.toLowerCase();
@@ -26,6 +27,6 @@
     },
     true,
   );
-  addEventListener("keyup", (event) => release(event.key.toLowerCase()), true);
-  addEventListener("blur", () => [...held.keys()].forEach(release));
+  window.addEventListener("keyup", (event) => release(event.key.toLowerCase()), true);
+  window.addEventListener("blur", () => [...held.keys()].forEach(release));
 })();

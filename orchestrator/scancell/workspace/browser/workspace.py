@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Pace
+from scancell.workspace.browser.camera_view import CameraView
 from scancell.workspace.browser.client_view import ClientView
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.live_cloud import LiveCloud
@@ -20,6 +21,7 @@ from scancell.workspace.browser.scene import CellScene
 from scancell.workspace.browser.status import Status
 from scancell.workspace.browser.view_options import add_view_options
 from scancell.workspace.live import LiveCell
+from scancell.workspace.live_camera import CameraFeed
 
 if TYPE_CHECKING:
     import viser
@@ -54,6 +56,8 @@ class Workspace:
         What all browsers see.
     scans
         Scans of the part.
+    feed
+        Of the cameras.
     """
 
     def __init__(
@@ -61,7 +65,8 @@ class Workspace:
     ) -> None:
         self.live, self.nominal = LiveCell(session), session.nominal
         self._session, self._open_part = session, open_part
-        setup, mesh = session.job.setup, session.nominal.part if part is not None else None
+        self._setup, mesh = session.job.setup, session.nominal.part if part is not None else None
+        setup = self._setup
         self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
         self.scans = Scans(self.live, LiveCloud(self.scene), mesh, out)
         self._operators, self._lock = Operators(), Lock()
@@ -69,6 +74,9 @@ class Workspace:
         server.gui.set_panel_label(f"scancell: {part or 'empty table'}")
         self._status = Status(server.gui, self.live.stop)
         add_view_options(server.gui, self.scene)
+        self.feed = CameraFeed(self.live, session)
+        base = session.nominal.arm.world_from_base
+        self._cameras = CameraView(server, self.scene, self.feed, setup.sensor, base)
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Run the cell in real time, and show it, until `ended`.
@@ -79,7 +87,7 @@ class Workspace:
             If the FMU reports an error.
         """
         closing = Event()
-        with ThreadPoolExecutor(1, "cell") as threads:
+        with self.feed, ThreadPoolExecutor(1, "cell") as threads:
             stepping = threads.submit(self.live.run, closing.is_set)
             try:
                 pace, updates = Pace(1 / _RATE), 0
@@ -95,6 +103,7 @@ class Workspace:
         """Show the present state, in the scene and in the panels."""
         state = self.live.state
         self.scene.show(state)
+        self._cameras.show()
         if not with_panels:
             return
         self._status.show(state)
@@ -107,7 +116,7 @@ class Workspace:
         """Give a browser its panels; the first one becomes the operator."""
         self._operators.join(client.client_id)
         desk = Desk(client, self._operators, self.live, self._session)
-        view = ClientView(client, desk, self.scans, self._open_part, self.live.state)
+        view = ClientView(client, desk, self.scans, self.feed, self._setup.sensor, self._open_part, self.live.state)
         with self._lock:
             self._views[client.client_id] = view
 
