@@ -56,15 +56,15 @@ class CameraView:
         gui = server.gui
         self._panel = gui.add_panel()
         with self._panel.add_tab("Sensor"):
-            on = gui.add_checkbox("cameras", False)
+            on = gui.add_checkbox("cameras", True)
             self._text = gui.add_html("")
             blank = np.full((2, 2, 3), 40, np.uint8)
-            self._images = [gui.add_image(blank, label=name, format="jpeg") for name in self._names]
             self._plot = self._add_plot(gui)
+            self._images = [gui.add_image(blank, label=name, format="jpeg") for name in self._names]
         self._panel.dock_left()
         self._panel.set_width(_PANEL)
         on.on_update(lambda _: self._switch(on.value))
-        self._switch(False)
+        self._switch(True)
 
     def show(self) -> None:
         """Show the last frame, if it is new."""
@@ -95,7 +95,7 @@ class CameraView:
         nothing = np.zeros(1)
         # The range axis of the sensor points away from it: near is above.
         scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(dir=-1)}
-        return gui.add_uplot((nothing, *[nothing] * len(self._names)), tuple(series), scales=scales, height=260)
+        return gui.add_uplot((nothing, *[nothing] * len(self._names)), tuple(series), scales=scales, height=220)
 
 
 def with_stripe(image: NDArray[np.uint8], stripe: NDArray[np.float64]) -> Rgb:

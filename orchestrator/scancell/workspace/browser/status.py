@@ -74,7 +74,7 @@ def state_html(state: LiveState) -> str:
         lines.append(f"distance sensor {number}: {'-' if read is None else f'{1e3 * read:.1f} mm'}")
     if state.gripper_width is not None:
         lines.append(f"gripper: {1e3 * state.gripper_width:.1f} mm")
-    return f'<div style="padding:0 0.75em;font-size:0.85em;line-height:1.4">{"<br>".join(lines)}</div>'
+    return f'<div style="padding:0 0.75em 0.5em;font-size:0.85em;line-height:1.4">{"<br>".join(lines)}</div>'
 
 
 def _run_once(script: str) -> str:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import viser
 
 _RATE = 30.0  # Hz, of the scene
+_CAMERAS = 0.1  # s from one pair of images to the next at least: the cell needs the processor, too
 _PANELS_EVERY = 3  # updates of the scene from one update of the panels to the next
 
 
@@ -74,7 +75,7 @@ class Workspace:
         server.gui.set_panel_label(f"scancell: {part or 'empty table'}")
         self._status = Status(server.gui, self.live.stop)
         add_view_options(server.gui, self.scene)
-        self.feed = CameraFeed(self.live, session)
+        self.feed = CameraFeed(self.live, session, interval=_CAMERAS)
         base = session.nominal.arm.world_from_base
         self._cameras = CameraView(server, self.scene, self.feed, setup.sensor, base)
 
