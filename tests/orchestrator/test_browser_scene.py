@@ -31,7 +31,7 @@ from scancell.workspace.browser.pairs import COLLIDING, NEAREST  # noqa: E402
 from scancell.workspace.browser.quiet import quiet_server  # noqa: E402
 from scancell.workspace.browser.scene import CellScene  # noqa: E402
 from scancell.workspace.browser.sensor_view import stripe_segments  # noqa: E402
-from scancell.workspace.browser.surfaces import material_colour, split_at_creases  # noqa: E402
+from scancell.workspace.browser.surfaces import inset, material_colour, split_at_creases  # noqa: E402
 from scancell.workspace.browser.trace import Trace  # noqa: E402
 
 DEVICES = (
@@ -463,6 +463,14 @@ def test_splitting_leaves_every_triangle_where_it_was(shared) -> None:
     mesh = mesh_of(made)
     vertices, faces = split_at_creases(mesh)
     np.testing.assert_allclose(vertices[faces], mesh.vertices[mesh.faces], atol=1e-9)
+
+
+def test_inset_mesh_lies_inside_by_its_depth() -> None:
+    made = trimesh.creation.icosphere(4, 0.02)
+    made.unmerge_vertices()
+    smaller = inset(mesh_of(made), 0.3e-3)
+    np.testing.assert_allclose(np.linalg.norm(smaller.vertices, axis=1), 0.0197, atol=1e-6)
+    np.testing.assert_array_equal(smaller.faces, made.faces)
 
 
 def test_bright_materials_are_shown_brighter() -> None:

@@ -74,7 +74,7 @@ class BodyNodes:
         self._colours = {body.name: body_colour(body, number) for number, body in enumerate(cell.bodies)}
         self._meshes = {
             body.name: scene.add_mesh_simple(
-                f"/frames/{body.moves_with}/{body.name}", *drawn_mesh(body.mesh), color=self._colours[body.name]
+                f"/frames/{body.moves_with}/{body.name}", *drawn_mesh(body), color=self._colours[body.name]
             )
             for body in cell.bodies
         }
@@ -91,7 +91,7 @@ class BodyNodes:
 
     def position(self, frame: str) -> Array:
         """Where a frame is shown (3,), m."""
-        return np.asarray(self._frames.nodes[frame].position, float)
+        return np.array(self._frames.nodes[frame].position, float)
 
     def paint(self, body: str, colour: Rgb | None) -> None:
         """Give a body a colour, or its own again."""

@@ -49,7 +49,7 @@ class Ghost:
     def _add(scene: viser.SceneApi, body: Body) -> Any:
         return scene.add_mesh_simple(
             f"/ghost/{body.name}",
-            *drawn_mesh(body.mesh),
+            *drawn_mesh(body),
             color=_COLOUR,
             opacity=_OPACITY,
             scale=_LARGER,

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import viser
 
 _CHUNKS = 200  # of the cloud
+_STEP = 0.01  # s of the slider
 _RATE = 30.0  # Hz, of updates
 _SPEEDS = ("0.5 x", "1 x", "2 x", "5 x", "10 x", "20 x")
 
@@ -47,47 +48,62 @@ class Playback:
     def __init__(self, server: viser.ViserServer, run: RecordedRun, colour: ColourBy, threads: int = 0) -> None:
         self._run, self._lock = run, RLock()
         self.scene = CellScene(server, run.cell, run.setup.sensor, run.setup.cell)
-        self._chunk_ends = self._add_cloud(colour, threads)
         motion, gui = run.motion, server.gui
         gui.set_panel_label(f"scancell: {run.name}")
-        self._slider = gui.add_slider("time, s", motion.start, motion.duration, 0.01, motion.start)
+        first, last = np.floor(motion.start / _STEP) * _STEP, np.ceil(motion.duration / _STEP) * _STEP
+        self._slider = gui.add_slider("time, s", round(first, 2), round(last, 2), _STEP, initial_value=round(first, 2))
         self._play = gui.add_button("Play")
-        self._speed = gui.add_dropdown("speed", _SPEEDS, "5 x")
+        self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="5 x")
         for label, name in (("frames", "frames"), ("field of view", "field_of_view"), ("devices", "devices")):
             self._add_switch(server, label, name)
         self._text = gui.add_markdown("")
+        self._chunk_ends = self._add_cloud(gui, colour, threads)
         self._playing = False
         self._slider.on_update(lambda _: self._show())
-        self._play.on_click(lambda _: self._toggle())
+        self._play.on_click(lambda _: self.play_or_pause())
         self._show()
 
     @property
     def time(self) -> float:
         """Time of the run that is shown, s."""
-        return float(self._slider.value)
+        return float(np.clip(self._slider.value, self._run.motion.start, self._run.motion.duration))
+
+    @property
+    def speed(self) -> float:
+        """Seconds of the run in a second."""
+        return float(self._speed.value.split()[0])
+
+    @property
+    def plays(self) -> bool:
+        """Whether time goes on."""
+        return self._playing
+
+    def go_to(self, time: float) -> None:
+        """Show the run at a time, s."""
+        with self._lock:
+            self._slider.value = time  # which shows it
+
+    def play_or_pause(self) -> None:
+        """Play on, from the start after the end, or pause."""
+        with self._lock:
+            self._playing = not self._playing
+            if self._playing and self.time >= self._run.motion.duration:
+                self.go_to(self._run.motion.start)
+            self._play.label = "Pause" if self._playing else "Play"
 
     def advance(self, seconds: float) -> None:
         """Let `seconds` go by, if it plays; it ends with the run."""
         with self._lock:
             if not self._playing:
                 return
-            later = self.time + seconds * float(self._speed.value.split()[0])
-            end = self._run.motion.duration
-            self._slider.value = min(later, end)
-            self._show()
+            later, end = self.time + seconds * self.speed, self._run.motion.duration
+            self.go_to(min(later, end))
             if later >= end:
-                self._toggle()
+                self.play_or_pause()
 
     def _add_switch(self, server: viser.ViserServer, label: str, option: str) -> None:
         box = server.gui.add_checkbox(label, getattr(self.scene.options, option))
         box.on_update(lambda _: setattr(self.scene.options, option, box.value))
-
-    def _toggle(self) -> None:
-        with self._lock:
-            self._playing = not self._playing
-            if self._playing and self.time >= self._run.motion.duration:
-                self._slider.value = self._run.motion.start
-            self._play.label = "Pause" if self._playing else "Play"
 
     def _show(self) -> None:
         with self._lock:
@@ -99,8 +115,8 @@ class Playback:
             x, y, z = 1e3 * frames["sensor"][:3, 3]
             self._text.content = f"sensor at x {x:.1f}, y {y:.1f}, z {z:.1f} mm"
 
-    def _add_cloud(self, colour: ColourBy, threads: int) -> list[float]:
-        """Add the cloud in chunks of the order of measurement, and return their last times, s."""
+    def _add_cloud(self, gui: viser.GuiApi, colour: ColourBy, threads: int) -> list[float]:
+        """Add the cloud in chunks of the order of measurement and its scale, and return their last times, s."""
         run = self._run
         if run.cloud is None or not len(run.cloud):
             return []
@@ -109,6 +125,9 @@ class Playback:
         for rows in np.array_split(np.arange(len(cloud.time)), min(_CHUNKS, len(cloud.time))):
             self.scene.add_points(cloud.points_in_part[rows], displayed(cloud.colours[rows]), 1.2 * cloud.spacing)
             ends.append(float(cloud.time[rows[-1]]))
+        low, high = cloud.limits
+        scale = np.tile(np.asarray(cloud.scale, np.uint8), (12, 1, 1))
+        gui.add_image(scale, label=f"{cloud.title}: {low:.3g} to {high:.3g}", format="png")
         return ends
 
 

@@ -18,14 +18,26 @@ Rgb = tuple[int, int, int]
 
 _MOST_FACES = 150_000  # of a body on the screen; more only take longer to load
 _CREASE = np.radians(32.0)  # edges at which the surface bends by more are drawn sharp
+_INSET = 0.3e-3  # m by which the scanned part is drawn smaller, or it would hide half of its cloud
 _METALS = ("rough_conductor", "mirror")
 _PAINT, _METAL = np.array([1.0, 0.985, 0.95]), np.array([0.94, 0.97, 1.0])
 _DARKEST = 0.14  # displayed brightness; blacker surfaces would lose their shape
 
 
-def drawn_mesh(mesh: Mesh) -> tuple[Vertices, Faces]:
-    """Vertices (n, 3) and faces (m, 3) of a mesh, simplified where it is huge, with `split_at_creases`."""
-    return split_at_creases(decimated(mesh, _MOST_FACES))
+def drawn_mesh(body: Body) -> tuple[Vertices, Faces]:
+    """Vertices (n, 3), m, and faces (m, 3) of a body, simplified where it is huge, with `split_at_creases`."""
+    mesh = decimated(body.mesh, _MOST_FACES)
+    return split_at_creases(inset(mesh, _INSET) if body.moves_with == "part" else mesh)
+
+
+def inset(mesh: Mesh, depth: float) -> Mesh:
+    """The mesh with its vertices moved inwards by `depth`, m, along the mean normals of their faces."""
+    first, number = weld(mesh.vertices)
+    normals = np.zeros((len(first), 3))
+    np.add.at(normals, number[mesh.faces], (mesh.areas[:, None] * mesh.normals)[:, None])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    moved = mesh.vertices[first] - depth * normals / np.where(length > 0, length, 1.0)
+    return Mesh(moved[number], mesh.faces, mesh.source)
 
 
 def split_at_creases(mesh: Mesh, angle: float = _CREASE) -> tuple[Vertices, Faces]:
