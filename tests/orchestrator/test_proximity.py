@@ -7,9 +7,11 @@ import trimesh
 from cells import ball, planning_cell
 from fcl_collisions import colliding, collision_object
 
+from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.proximity.cell_scene import cell_pairs, intersecting_pairs
+from scancell.nominal.cell import nominal_cell
+from scancell.proximity.cell_scene import cell_pairs, cell_scene, intersecting_pairs
 from scancell.proximity.scene import ProximityScene
 
 
@@ -308,3 +310,18 @@ def test_wrong_pair_is_refused():
         ProximityScene({"a": BOX, "b": BALL}, [("a", "b"), ("a", "a")])
     with pytest.raises(KeyError, match="ghost"):
         ProximityScene({"a": BOX, "b": BALL}, [("a", "ghost")])
+
+
+def test_bodies_that_cannot_move_relative_to_each_other_are_no_pair() -> None:
+    """The gripper's housing and the sensor are both screwed to the last link."""
+    cell = nominal_cell(load_setup(assets_dir() / "cells" / "pick_and_place.toml").cell, None)
+    rng = np.random.default_rng(2)
+    poses = cell.body_poses(rng.uniform(*cell.arm.limits, (20, 6)), rng.uniform(0, 6, 20))
+    names = [body.name for body in cell.bodies]
+    pairs = set(map(frozenset, cell_scene(cell, {body.name: body.mesh for body in cell.bodies}).pairs))
+    for rigid in (("link6", "gripper"), ("sensor", "gripper")):
+        one, other = (poses[:, names.index(name)] for name in rigid)
+        between = pose.inverse(one) @ other
+        np.testing.assert_allclose(between, np.broadcast_to(between[0], between.shape), atol=1e-12)
+        assert frozenset(rigid) not in pairs
+    assert {frozenset(("link4", "gripper")), frozenset(("gripper", "table"))} <= pairs

@@ -24,6 +24,7 @@ def arm_chain(nominal: NominalCell) -> list[str]:
 def cell_scene(nominal: NominalCell, meshes: Mapping[str, Mesh]) -> ProximityScene:
     """Scene of all bodies with the pairs of `cell_pairs`, except those that intersect at nearly every configuration.
 
+    Bodies that cannot move relative to each other, such as a gripper's housing and the last link, are no pair.
     Measured space may hold the arm's base, which cannot leave it; nothing else is excepted from keeping clear of it.
 
     Parameters
@@ -33,7 +34,13 @@ def cell_scene(nominal: NominalCell, meshes: Mapping[str, Mesh]) -> ProximitySce
     """
     chain = arm_chain(nominal)
     around = [body.name for body in nominal.bodies if body.name not in chain]
-    pairs = [pair for pair in cell_pairs(chain, around) if not ("base" in pair and _measured(pair))]
+    last = f"link[{len(nominal.arm.joints)}]"
+    carrier = {body.name: last if body.moves_with == "sensor" else body.moves_with for body in nominal.bodies}
+    pairs = [
+        pair
+        for pair in cell_pairs(chain, around)
+        if carrier[pair[0]] != carrier[pair[1]] and not ("base" in pair and _measured(pair))
+    ]
     scene = ProximityScene({body.name: meshes[body.name] for body in nominal.bodies}, pairs)
     lower, upper = nominal.arm.limits
     q = np.random.default_rng(0).uniform(lower, upper, (100, len(lower)))
