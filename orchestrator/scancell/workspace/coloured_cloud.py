@@ -73,11 +73,11 @@ class ColouredCloud:
         left, top = max(int(column.min()) - rim, 0), max(int(row.min()) - rim, 0)
         area = np.s_[top : int(row.max()) + rim + 1, left : int(column.max()) + rim + 1]
         part = rendered.light[area]
-        weight, colour = _marks(pixels[rows] - (left, top), self._shaded(rows, world_from_part), radius, part.shape[:2])
+        weight, colour = _marks(pixels[rows] - (left, top), self.shaded(rows, world_from_part), radius, part.shape[:2])
         part += (np.minimum(weight, 1.0) * (1 - rendered.stripe[area]))[..., None] * (colour - part)
 
-    def _shaded(self, rows: NDArray[np.int64], world_from_part: Array) -> Array:
-        """Colours (k, 3) of points, shaded enough to show the shape, too little to shift a reading."""
+    def shaded(self, rows: NDArray[np.int64], world_from_part: Array) -> Array:
+        """Linear colours (k, 3) of points, shaded enough to show the shape, too little to shift a reading."""
         cosine = np.clip(self.normals[rows] @ (world_from_part[:3, :3].T @ SUN), 0.0, 1.0)
         shade = _SHADED + (1 - _SHADED) * np.nan_to_num(cosine, nan=1.0)
         return np.asarray(self.colours[rows] * shade[:, None])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import NominalCell
-from scancell.workspace.browser.surfaces import Rgb, body_colour, drawn_mesh
+from scancell.workspace.browser.surfaces import DrawnMesh, Rgb, body_colour
 
 if TYPE_CHECKING:
     import viser
@@ -59,11 +59,17 @@ class BodyNodes:
         Of viser.
     cell
         Bodies and frames.
-    collision_meshes
-        By the names of the bodies, in their frames.
+    drawn, collision_meshes
+        Meshes that are drawn, and those of which collisions are computed, by the names of the bodies.
     """
 
-    def __init__(self, scene: viser.SceneApi, cell: NominalCell, collision_meshes: Mapping[str, Mesh]) -> None:
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        cell: NominalCell,
+        drawn: Mapping[str, DrawnMesh],
+        collision_meshes: Mapping[str, Mesh],
+    ) -> None:
         self._scene, self._cell, self._collision_meshes = scene, cell, collision_meshes
         self.names = tuple(cell.frame_poses(cell.home, 0.0))
         self._frames = MovedNodes({name: self._add_frame(name) for name in self.names})
@@ -74,7 +80,7 @@ class BodyNodes:
         self._colours = {body.name: body_colour(body, number) for number, body in enumerate(cell.bodies)}
         self._meshes = {
             body.name: scene.add_mesh_simple(
-                f"/frames/{body.moves_with}/{body.name}", *drawn_mesh(body), color=self._colours[body.name]
+                f"/frames/{body.moves_with}/{body.name}", *drawn[body.name], color=self._colours[body.name]
             )
             for body in cell.bodies
         }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scancell.geometry import pose
 from scancell.nominal.cell import Body, NominalCell
 from scancell.workspace.browser.bodies import MovedNodes
-from scancell.workspace.browser.surfaces import drawn_mesh
+from scancell.workspace.browser.surfaces import DrawnMesh
 
 if TYPE_CHECKING:
     import viser
@@ -36,20 +36,22 @@ class Ghost:
         Of viser.
     cell
         Bodies and frames.
+    drawn
+        Meshes by the names of the bodies.
     """
 
-    def __init__(self, scene: viser.SceneApi, cell: NominalCell) -> None:
+    def __init__(self, scene: viser.SceneApi, cell: NominalCell, drawn: Mapping[str, DrawnMesh]) -> None:
         self._bodies = [body for body in cell.bodies if _moves(body)]
         self._table_from_part = cell.table_from_part
         flanges = [body.name for body in self._bodies if body.moves_with.startswith("link[")]
         self._carrier = {"finger": flanges[-1] if flanges else "", "part": "table"}
-        self._nodes = MovedNodes({body.name: self._add(scene, body) for body in self._bodies})
+        self._nodes = MovedNodes({body.name: self._add(scene, body.name, drawn[body.name]) for body in self._bodies})
 
     @staticmethod
-    def _add(scene: viser.SceneApi, body: Body) -> Any:
+    def _add(scene: viser.SceneApi, name: str, drawn: DrawnMesh) -> Any:
         return scene.add_mesh_simple(
-            f"/ghost/{body.name}",
-            *drawn_mesh(body),
+            f"/ghost/{name}",
+            *drawn,
             color=_COLOUR,
             opacity=_OPACITY,
             scale=_LARGER,

@@ -121,9 +121,11 @@ class Playback:
         if run.cloud is None or not len(run.cloud):
             return []
         cloud = coloured_by(run.cloud, run.cloud_points, run.cell.part, colour, threads)
+        world_from_part = run.motion.frames(run.motion.start)["part"]
         ends = []
         for rows in np.array_split(np.arange(len(cloud.time)), min(_CHUNKS, len(cloud.time))):
-            self.scene.add_points(cloud.points_in_part[rows], displayed(cloud.colours[rows]), 1.2 * cloud.spacing)
+            colours = displayed(cloud.shaded(rows, world_from_part))
+            self.scene.add_points(cloud.points_in_part[rows], colours, 1.2 * cloud.spacing)
             ends.append(float(cloud.time[rows[-1]]))
         low, high = cloud.limits
         scale = np.tile(np.asarray(cloud.scale, np.uint8), (12, 1, 1))

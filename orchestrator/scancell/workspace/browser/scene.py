@@ -21,6 +21,7 @@ from scancell.workspace.browser.ghost import Ghost
 from scancell.workspace.browser.options import SceneOptions
 from scancell.workspace.browser.pairs import PairView
 from scancell.workspace.browser.sensor_view import SensorView
+from scancell.workspace.browser.surfaces import drawn_mesh
 from scancell.workspace.browser.trace import Trace
 from scancell.workspace.camera import framing
 from scancell.workspace.live_state import LiveState
@@ -78,11 +79,12 @@ class CellScene:
         scene.set_up_direction("+z")
         _light(scene)
         meshes = collision_meshes(description, cell)
-        self._bodies = BodyNodes(scene, cell, meshes)
+        drawn = {body.name: drawn_mesh(body) for body in cell.bodies}
+        self._bodies = BodyNodes(scene, cell, drawn, meshes)
         self._sensor_view = SensorView(scene, sensor)
         self._devices = DeviceView(scene, description)
         self._belts = [BeltMarks(scene, belt) for belt in description.conveyor]
-        self._ghost = Ghost(scene, cell)
+        self._ghost = Ghost(scene, cell, drawn)
         self._pairs = PairView(scene, self._bodies, meshes)
         self._trace, self._cloud = Trace(scene), GrowingCloud(scene)
         carried = {body.moves_with: body.name for body in reversed(cell.bodies)}
@@ -138,7 +140,8 @@ class CellScene:
     def add_points(self, points_in_part: Array, colours: Image, size: float) -> int:
         """Add a chunk of points (n, 3), m, of colours (n, 3) and a size, m, to the cloud, and send it once.
 
-        Returns the number of points that there was room for: `cloud.MOST_POINTS` in all.
+        A browser draws each chunk by itself, so few large ones are better than many. Returns the number of points that
+        there was room for: `cloud.MOST_POINTS` in all.
         """
         with self._lock:
             return self._cloud.add(points_in_part, colours, size)

@@ -14,6 +14,7 @@ from scancell.workspace.pictures import painted
 
 Vertices = NDArray[np.float32]
 Faces = NDArray[np.uint32]
+DrawnMesh = tuple[Vertices, Faces]
 Rgb = tuple[int, int, int]
 
 _MOST_FACES = 150_000  # of a body on the screen; more only take longer to load
@@ -24,7 +25,7 @@ _PAINT, _METAL = np.array([1.0, 0.985, 0.95]), np.array([0.94, 0.97, 1.0])
 _DARKEST = 0.14  # displayed brightness; blacker surfaces would lose their shape
 
 
-def drawn_mesh(body: Body) -> tuple[Vertices, Faces]:
+def drawn_mesh(body: Body) -> DrawnMesh:
     """Vertices (n, 3), m, and faces (m, 3) of a body, simplified where it is huge, with `split_at_creases`."""
     mesh = decimated(body.mesh, _MOST_FACES)
     return split_at_creases(inset(mesh, _INSET) if body.moves_with == "part" else mesh)
@@ -40,7 +41,7 @@ def inset(mesh: Mesh, depth: float) -> Mesh:
     return Mesh(moved[number], mesh.faces, mesh.source)
 
 
-def split_at_creases(mesh: Mesh, angle: float = _CREASE) -> tuple[Vertices, Faces]:
+def split_at_creases(mesh: Mesh, angle: float = _CREASE) -> DrawnMesh:
     """Vertices (n, 3), m, and faces (m, 3), in their order, so that faces share a vertex only across smooth edges.
 
     A renderer that takes the mean normal of the faces at each vertex then draws edges sharp where the normals of both
