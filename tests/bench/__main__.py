@@ -7,7 +7,16 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from . import cell_speed, guard_speed, line_speed, planning_speed, proximity_speed, ray_speed, sensor_speed
+from . import (
+    browser_speed,
+    cell_speed,
+    guard_speed,
+    line_speed,
+    planning_speed,
+    proximity_speed,
+    ray_speed,
+    sensor_speed,
+)
 from .table import Row, print_header, print_row, write_json
 
 
@@ -27,6 +36,7 @@ def sections(largest: int) -> dict[str, Callable[[], Iterator[Row]]]:
         "guard": guard_speed.guard_rows,
         "fmu": cell_speed.cell_rows,
         "scan": line_speed.line_rows,
+        "browser": browser_speed.browser_rows,
     }
 
 
