@@ -41,7 +41,8 @@ class PairView:
     def __init__(self, scene: viser.SceneApi, bodies: BodyNodes, collision_meshes: Mapping[str, Mesh]) -> None:
         self._bodies, self._meshes = bodies, collision_meshes
         self._painted: dict[str, Rgb] = {}
-        self._pair: ProximityScene | None = None
+        self._pairs: dict[tuple[str, ...], ProximityScene] = {}
+        self._drawn: tuple[str, ...] = ()  # pair of the line
         self._computed = -np.inf  # s
         self._shown = True
         self._line = scene.add_line_segments(
@@ -55,13 +56,10 @@ class PairView:
         if state.nearest is None or state.colliding is not None or not self._shown:
             self._hide()
             return
-        *names, distance = state.nearest
-        if self._pair is None or self._pair.names != tuple(names):
-            self._pair = ProximityScene({name: self._meshes[name] for name in names}, [(names[0], names[1])])
-            self._computed = -np.inf
+        names, distance = state.nearest[:2], state.nearest[2]
         self._label.text = f"{1e3 * distance:.1f} mm"
-        if abs(state.time - self._computed) >= _PERIOD:
-            self._computed = state.time
+        if names != self._drawn or abs(state.time - self._computed) >= _PERIOD:
+            self._drawn, self._computed = names, state.time
             self._draw(np.stack([state.world_from_body[name] for name in names]), distance)
 
     def show_distances(self, shown: bool) -> None:
@@ -80,14 +78,18 @@ class PairView:
         self._painted = wanted
 
     def _draw(self, poses: Array, distance: float) -> None:
-        assert self._pair is not None
-        ends = self._pair.closest_points(poses[None], distance + _SLACK, threads=1)[1][0, 0]
+        ends = self._scene_of(self._drawn).closest_points(poses[None], distance + _SLACK, threads=1)[1][0, 0]
         found = bool(np.isfinite(ends).all())
         self._line.visible = self._label.visible = found
         if found:
             self._line.points = ends[None]
             self._label.position = ends.mean(0)
 
+    def _scene_of(self, names: tuple[str, ...]) -> ProximityScene:
+        if names not in self._pairs:
+            self._pairs[names] = ProximityScene({name: self._meshes[name] for name in names}, [(names[0], names[1])])
+        return self._pairs[names]
+
     def _hide(self) -> None:
-        self._computed = -np.inf
+        self._drawn = ()
         self._line.visible = self._label.visible = False
