@@ -290,10 +290,13 @@ def test_ray_of_a_distance_sensor_is_as_long_as_its_reading(server, scene, live)
     assert not spot.visible
 
 
-def test_light_curtain_has_all_its_beams(server, scene) -> None:
-    beams = node(server, "/frames/world/curtain/door").points
-    assert beams.shape == (16, 2, 3)
-    np.testing.assert_allclose(np.linalg.norm(beams[:, 1] - beams[:, 0], axis=1), 0.7)
+def test_light_curtain_has_all_its_beams_and_two_posts(server, scene) -> None:
+    lines = node(server, "/frames/world/curtain/door").points
+    assert lines.shape == (16 + 2, 2, 3)
+    way = np.abs(lines[:, 1] - lines[:, 0])
+    np.testing.assert_allclose(way[:16], np.tile((0, 0, 0.7), (16, 1)), atol=1e-6)
+    np.testing.assert_allclose(way[16:], np.tile((0.3, 0, 0), (2, 1)), atol=1e-6)
+    np.testing.assert_allclose(np.unique(np.round(lines[:16, 0, 0], 6)), 0.02 * np.arange(16), atol=1e-6)
 
 
 # --- cloud, trace, stripe -------------------------------------------------------------------------------------------

@@ -161,7 +161,7 @@ def _in_order(
 def painted(body: Body, number: int) -> PaintedBody:
     """A body in the colour of its kind; links differ a little from their neighbours, by `number`."""
     frame, name = body.moves_with, body.name
-    if name == "base" or frame.startswith("link["):
+    if name == "base" or (frame.startswith("link[") and name != "gripper"):
         colour = (_ARM, _JOINT)[number % 2]
     else:
         by_name = {"table_base": _STAND, "sensor": _SENSOR, "table": _TABLE, "part": _PART, "gripper": _GRIPPER}

@@ -129,9 +129,10 @@ def _presence_volume(scene: viser.SceneApi, sensor: PresenceSensorDescription) -
 
 def _curtain(scene: viser.SceneApi, curtain: LightCurtainDescription) -> Any:
     height, spacing = si_value(curtain, "height_mm"), si_value(curtain, "beam_spacing_mm")
-    x = np.arange(0.0, height + 1e-9, spacing)
-    ends = np.zeros((len(x), 2, 3))
-    ends[:, :, 0], ends[:, 1, 2] = x[:, None], si_value(curtain, "width_mm")
+    width, x = si_value(curtain, "width_mm"), np.arange(0.0, height + 1e-9, spacing)
+    beams = [((one, 0.0, 0.0), (one, 0.0, width)) for one in x.tolist()]
+    posts = [((0.0, 0.0, z), (height, 0.0, z)) for z in (0.0, width)]
+    ends = np.array([*beams, *posts])
     name = f"{_frame(curtain.moves_with)}/curtain/{curtain.name}"
     placed = _placed(pose_matrix(curtain.pose))
     return scene.add_line_segments(name, ends, _BEAM, thickness=1.0, thickness_units="screen", **placed)
