@@ -22,6 +22,7 @@ Rgb = NDArray[np.uint8]
 _WIDTH = 480  # px, of an image as it is sent
 _STRIPE = (40, 220, 60)
 _PANEL = 360  # px
+_LEAST_ROOM = 0.2  # mm above and below a profile
 _COLOURS = ("#e07820", "#2878d2", "#3ca050", "#a046aa")
 
 
@@ -52,6 +53,7 @@ class CameraView:
     ) -> None:
         self._scene, self._feed, self._world_from_base = scene, feed, world_from_base
         self._names, self._shown = [camera.name for camera in sensor.camera], 0
+        self._range = (sensor.range.near_mm, sensor.range.far_mm)
         self._uplot = require("viser.uplot", "workspace")
         gui = server.gui
         self._panel = gui.add_panel()
@@ -77,6 +79,7 @@ class CameraView:
             for number, handle in enumerate(self._images):
                 handle.image = with_stripe(frame.images[number], frame.stripes[number])
         self._plot.data = profile_data(frame, len(self._names))
+        self._fit_range(1e3 * frame.points_in_sensor[:, 2])
         self._scene.show_stripe(pose.transform_points(self._world_from_base, frame.points_in_base))
 
     def _switch(self, on: bool) -> None:
@@ -93,9 +96,22 @@ class CameraView:
             points = uplot.Series_Points(show=True, size=3, fill=colour, stroke=colour)
             series.append(uplot.Series(label=f"z, mm: {name}", stroke=colour, width=0, points=points))
         nothing = np.zeros(1)
-        # The range axis of the sensor points away from it: near is above.
-        scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(dir=-1)}
-        return gui.add_uplot((nothing, *[nothing] * len(self._names)), tuple(series), scales=scales, height=220)
+        return gui.add_uplot((nothing, *[nothing] * len(self._names)), tuple(series), scales=self._scales(), height=220)
+
+    def _scales(self) -> dict[str, Any]:
+        """The range axis of the sensor points away from it: near is above."""
+        return {"x": self._uplot.Scale(time=False), "y": self._uplot.Scale(dir=-1, range=self._range)}
+
+    def _fit_range(self, z: NDArray[np.float64]) -> None:
+        """Let the profile fill a good part of the plot; other axes make a new plot, so they do not follow each frame."""
+        if not len(z):
+            return
+        low, high = float(z.min()), float(z.max())
+        shown = self._range[1] - self._range[0]
+        room = max(0.5 * (high - low), _LEAST_ROOM)
+        if low < self._range[0] or high > self._range[1] or shown > 4 * (high - low + 2 * room):
+            self._range = (round(low - room, 2), round(high + room, 2))
+            self._plot.scales = self._scales()
 
 
 def with_stripe(image: NDArray[np.uint8], stripe: NDArray[np.float64]) -> Rgb:
