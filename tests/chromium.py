@@ -34,10 +34,10 @@ def chromium() -> Iterator[Any]:
 
 
 class Watched:
-    """A page whose requests and errors are recorded."""
+    """A page whose requests and errors are recorded; less `sharpness` than 1 draws fewer pixels than `width` x `height`."""
 
-    def __init__(self, browser: Any, width: int, height: int) -> None:
-        self.page = browser.new_page(viewport={"width": width, "height": height})
+    def __init__(self, browser: Any, width: int, height: int, sharpness: float = 1.0) -> None:
+        self.page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=sharpness)
         self.page.set_default_timeout(HANGS_MS)
         self.requests: list[str] = []
         self.errors: list[str] = []

@@ -23,7 +23,7 @@ from scancell.nominal.cell import NominalCell
 from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.quiet import address, quiet_server
 from scancell.workspace.browser.serve import Host, PartFile
-from scancell.workspace.browser.workspace import Workspace
+from scancell.workspace.browser.workspace import Workspace, WorkspaceSettings
 from scancell.workspace.live_commands import MoveTool
 from scancell.workspace.live_state import LiveState
 from scancell.workspace.robot import deg, location, mm
@@ -59,7 +59,7 @@ class Opened:
         return self.workspace.live.state
 
     def page(self) -> Watched:
-        watched = Watched(self.browser, 1200, 750)
+        watched = Watched(self.browser, 1200, 750, sharpness=0.25)
         watched.page.goto(self.address)
         watched.page.get_by_role("tab", name="Joints").wait_for()
         watched.page.locator("#webgl-software-rendering button").click()  # it covers what a test clicks
@@ -106,7 +106,7 @@ def opened(scanner: Scanner, browser: Any, tmp_path: Path) -> Iterator[Opened]:
 
     stop, started = Event(), Event()
     with quiet_server(port=8300) as server:
-        host = Host(server, open_session, tmp_path)
+        host = Host(server, open_session, WorkspaceSettings(tmp_path))
         running = Thread(target=host.run, args=(None, stop, started.set))
         running.start()
         assert started.wait(WAITS)

@@ -17,6 +17,7 @@ from scancell.config.choices import LOOPBACK
 
 if TYPE_CHECKING:
     from scancell.scanning.session import ScanSession
+    from scancell.workspace.browser.workspace import WorkspaceSettings
 
 Started = Callable[[str], None]
 
@@ -30,6 +31,9 @@ def workspace(
     host: Annotated[str, typer.Option("--host", help="address to listen on")] = LOOPBACK,
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="port; a taken one: the next free one")] = 8080,
     no_guard: Annotated[bool, typer.Option("--no-guard", help="run without the collision guard")] = False,
+    program: Annotated[
+        Path | None, typer.Option("--program", help="robot program to run from the browser (docs/programs.md)")
+    ] = None,
     out: Annotated[Path, typer.Option("--out", help="folder for the runs that are saved")] = Path("out/workspace"),
     colour: Annotated[
         Literal["deviation", "intensity"], typer.Option("--colour", help="what the colours of a run's cloud show")
@@ -46,7 +50,11 @@ def workspace(
         if target is not None and target.is_dir():
             _play_back(target, host, port, colour, options.threads, started)
         else:
-            _run_cell(target, options, host, port, not no_guard, out, started)
+            from scancell.workspace.browser.workspace import WorkspaceSettings  # noqa: PLC0415
+
+            _run_cell(
+                target, options, host, port, not no_guard, WorkspaceSettings(out, options.engine, program), started
+            )
         return Outcome()
 
     run("workspace", options.as_json, work)
@@ -62,7 +70,13 @@ def _play_back(
 
 
 def _run_cell(
-    part: Path | None, options: CellOptions, host: str, port: int, guarded: bool, out: Path, started: Started
+    part: Path | None,
+    options: CellOptions,
+    host: str,
+    port: int,
+    guarded: bool,
+    settings: WorkspaceSettings,
+    started: Started,
 ) -> None:
     from scancell.scanner import Scanner  # noqa: PLC0415
     from scancell.workspace.browser.serve import PartFile, serve_workspace  # noqa: PLC0415
@@ -75,4 +89,4 @@ def _run_cell(
             return scanner.session(path, unit=unit, as_built=as_built, seed=options.seed, guarded=guarded)
 
         first = None if part is None else PartFile(part, options.unit)
-        serve_workspace(open_session, first, host=host, port=port, out=out, started=started)
+        serve_workspace(open_session, first, host=host, port=port, settings=settings, started=started)

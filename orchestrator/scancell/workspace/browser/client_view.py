@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from scancell.config.sensor import SensorDescription
@@ -11,6 +12,7 @@ from scancell.workspace.browser.panels.file_panel import FilePanel, OpenPart
 from scancell.workspace.browser.panels.jog_panel import JogPanel
 from scancell.workspace.browser.panels.joint_panel import JointPanel
 from scancell.workspace.browser.panels.pose_panel import PosePanel
+from scancell.workspace.browser.panels.program_panel import ProgramPanel, RobotProgram
 from scancell.workspace.browser.panels.scan_panel import ScanPanel
 from scancell.workspace.browser.panels.sensor_panel import SensorPanel
 from scancell.workspace.browser.scans import Scans
@@ -28,6 +30,17 @@ class Panel(Protocol):
         """Show a state; called ten times a second from one thread."""
 
 
+@dataclass(frozen=True)
+class Shared:
+    """What all browsers work with: scans of the part, cameras, the nominal sensor, and a program where there is one."""
+
+    scans: Scans
+    feed: CameraFeed
+    sensor: SensorDescription
+    program: RobotProgram | None
+    open_part: OpenPart
+
+
 class ClientView:
     """Shows the cell's state in one browser, whose inputs work while it is the operator.
 
@@ -38,10 +51,7 @@ class ClientView:
         self,
         client: viser.ClientHandle,
         desk: Desk,
-        scans: Scans,
-        feed: CameraFeed,
-        sensor: SensorDescription,
-        open_part: OpenPart,
+        shared: Shared,
         state: LiveState,
     ) -> None:
         gui, self._desk = client.gui, desk
@@ -58,11 +68,14 @@ class ClientView:
         with tabs.add_tab("Cell"):
             self._panels.append(CellPanel(gui, desk, state))
         with tabs.add_tab("Sensor"):
-            self._panels.append(SensorPanel(gui, desk, feed, sensor))
+            self._panels.append(SensorPanel(gui, desk, shared.feed, shared.sensor))
         with tabs.add_tab("Scan"):
-            self._panels.append(ScanPanel(gui, desk, scans))
+            self._panels.append(ScanPanel(gui, desk, shared.scans))
+        if shared.program is not None:
+            with tabs.add_tab("Program"):
+                self._panels.append(ProgramPanel(gui, desk, shared.program))
         with tabs.add_tab("File"):
-            self._panels.append(FilePanel(gui, desk, open_part))
+            self._panels.append(FilePanel(gui, desk, shared.open_part))
         self.show(state)
 
     def show(self, state: LiveState) -> None:

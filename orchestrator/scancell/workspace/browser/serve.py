@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from scancell.config.choices import LOOPBACK
 from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.quiet import address, quiet_server
-from scancell.workspace.browser.workspace import Workspace
+from scancell.workspace.browser.workspace import Workspace, WorkspaceSettings
 
 if TYPE_CHECKING:
     import viser
@@ -48,12 +48,12 @@ class Host:
         Of viser.
     open_session
         Starts the cell with a part, or an empty table.
-    out
-        Folder for the runs that are saved.
+    settings
+        Of the workspace.
     """
 
-    def __init__(self, server: viser.ViserServer, open_session: OpenSession, out: Path) -> None:
-        self._server, self._open_session, self._out = server, open_session, out
+    def __init__(self, server: viser.ViserServer, open_session: OpenSession, settings: WorkspaceSettings) -> None:
+        self._server, self._open_session, self._settings = server, open_session, settings
         self._lock = RLock()
         self._workspace: Workspace | None = None
         self._next: _Opened | None = None
@@ -118,7 +118,7 @@ class Host:
         with self._lock:
             self._server.scene.reset()
             self._server.gui.reset()
-            workspace = Workspace(self._server, opened.session, opened.name, self._out, self.open_part)
+            workspace = Workspace(self._server, opened.session, opened.name, self._settings, self.open_part)
             for client in self._server.get_clients().values():
                 client.scene.reset()
                 client.gui.reset()
@@ -147,7 +147,7 @@ def serve_workspace(
     *,
     host: str = LOOPBACK,
     port: int = 8080,
-    out: Path = Path("out/workspace"),
+    settings: WorkspaceSettings | None = None,
     started: Callable[[str], None] = lambda _: None,
     stop: Event | None = None,
 ) -> None:
@@ -159,8 +159,8 @@ def serve_workspace(
         Starts the cell with a part, or an empty table.
     port
         To listen on; a taken one makes it take the next free one.
-    out
-        Folder for the runs that are saved.
+    settings
+        Of the workspace.
     started
         Receives the address to open.
 
@@ -171,6 +171,7 @@ def serve_workspace(
     """
     try:
         with quiet_server(host, port) as server:
-            Host(server, open_session, out).run(part, stop or Event(), lambda: started(address(server)))
+            cell = Host(server, open_session, settings or WorkspaceSettings())
+            cell.run(part, stop or Event(), lambda: started(address(server)))
     except KeyboardInterrupt:
         pass

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Lock
 from typing import TYPE_CHECKING
 
+from scancell.config.choices import Engine
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Pace
 from scancell.workspace.browser.camera_view import CameraView
-from scancell.workspace.browser.client_view import ClientView
+from scancell.workspace.browser.client_view import ClientView, Shared
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.live_cloud import LiveCloud
 from scancell.workspace.browser.operators import Operators
 from scancell.workspace.browser.panels.file_panel import OpenPart
+from scancell.workspace.browser.panels.program_panel import RobotProgram
 from scancell.workspace.browser.scans import Scans
 from scancell.workspace.browser.scene import CellScene
 from scancell.workspace.browser.status import Status
@@ -31,6 +34,25 @@ _CAMERAS = 0.1  # s from one pair of images to the next at least: the cell needs
 _PANELS_EVERY = 3  # updates of the scene from one update of the panels to the next
 
 
+@dataclass(frozen=True)
+class WorkspaceSettings:
+    """What a workspace is started with.
+
+    Attributes
+    ----------
+    out
+        Folder for what is saved.
+    engine
+        How profiles are measured at first, and in robot programs.
+    program
+        File of a robot program.
+    """
+
+    out: Path = Path("out/workspace")
+    engine: Engine = "ray-traced"
+    program: Path | None = None
+
+
 class Workspace:
     """Shows a live cell on a server of viser, and hands over what its browsers command.
 
@@ -42,8 +64,6 @@ class Workspace:
         A running cell that nothing else steps.
     part
         File name of the part; None: the table is empty.
-    out
-        Folder for the runs that are saved.
     open_part
         See `FilePanel`.
 
@@ -62,22 +82,29 @@ class Workspace:
     """
 
     def __init__(
-        self, server: viser.ViserServer, session: ScanSession, part: str | None, out: Path, open_part: OpenPart
+        self,
+        server: viser.ViserServer,
+        session: ScanSession,
+        part: str | None,
+        settings: WorkspaceSettings,
+        open_part: OpenPart,
     ) -> None:
         self.live, self.nominal = LiveCell(session), session.nominal
-        self._session, self._open_part = session, open_part
-        self._setup, mesh = session.job.setup, session.nominal.part if part is not None else None
-        setup = self._setup
+        self._session = session
+        setup, mesh = session.job.setup, session.nominal.part if part is not None else None
         self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
-        self.scans = Scans(self.live, LiveCloud(self.scene), mesh, out)
+        self.scans = Scans(self.live, LiveCloud(self.scene), mesh, settings.out)
         self._operators, self._lock = Operators(), Lock()
         self._views: dict[int, ClientView] = {}
         server.gui.set_panel_label(f"scancell: {part or 'empty table'}")
         self._status = Status(server.gui, self.live.stop)
         add_view_options(server.gui, self.scene)
-        self.feed = CameraFeed(self.live, session, interval=_CAMERAS)
+        self.feed = CameraFeed(self.live, session, settings.engine, interval=_CAMERAS)
         base = session.nominal.arm.world_from_base
         self._cameras = CameraView(server, self.scene, self.feed, setup.sensor, base)
+        file = settings.program
+        program = None if file is None else RobotProgram(self.live, file, settings.engine, settings.out)
+        self._shared = Shared(self.scans, self.feed, setup.sensor, program, open_part)
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Run the cell in real time, and show it, until `ended`.
@@ -117,7 +144,7 @@ class Workspace:
         """Give a browser its panels; the first one becomes the operator."""
         self._operators.join(client.client_id)
         desk = Desk(client, self._operators, self.live, self._session)
-        view = ClientView(client, desk, self.scans, self.feed, self._setup.sensor, self._open_part, self.live.state)
+        view = ClientView(client, desk, self._shared, self.live.state)
         with self._lock:
             self._views[client.client_id] = view
 

@@ -1,0 +1,72 @@
+"""A robot program of the person who started the workspace; pages cannot hand over one, for it runs with all rights."""
+
+from __future__ import annotations
+
+from collections import deque
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from scancell.config.choices import Engine
+from scancell.scanning.session import ScanSession
+from scancell.workspace.browser.desk import Desk
+from scancell.workspace.live import LiveCell
+from scancell.workspace.live_commands import Cancel
+from scancell.workspace.live_state import LiveState
+from scancell.workspace.program import run_program
+from scancell.workspace.robot import Step
+
+_LINES = 8  # of the commands that were carried out last
+
+
+class RobotProgram:
+    """A program file that runs in a live cell, again when it is told to; shown to all browsers.
+
+    Attributes
+    ----------
+    file
+        Read anew for each run.
+    """
+
+    def __init__(self, live: LiveCell, file: Path, engine: Engine, out: Path) -> None:
+        self._live, self.file, self._engine, self._out = live, file, engine, out
+        self._lines: deque[str] = deque(maxlen=_LINES)
+
+    @property
+    def lines(self) -> list[str]:
+        """The commands that were carried out last, with their lines."""
+        return list(self._lines)
+
+    def start(self) -> None:
+        """Run it when nothing else moves the robot."""
+        self._lines.clear()
+        self._live.perform(self._run, self.file.name)
+
+    def _run(self, session: ScanSession) -> None:
+        run_program(self.file, session, self._engine, self._out, self._note)
+
+    def _note(self, line: int, step: Step) -> None:
+        self._lines.append(f"line {line}: {step.command} {step.about}".rstrip())
+
+
+class ProgramPanel:
+    """Runs the program."""
+
+    def __init__(self, gui: Any, desk: Desk, program: RobotProgram) -> None:
+        self._program = program
+        gui.add_html(_small(f"<b>{escape(program.file.name)}</b>"))
+        start, cancel = gui.add_button("Run the program"), gui.add_button("End the program")
+        self._text = gui.add_html("")
+        start.on_click(desk.by_person(lambda: desk.as_operator(program.start)))
+        cancel.on_click(desk.by_person(lambda: desk.submit(Cancel())))
+        desk.add_inputs([start, cancel])
+
+    def show(self, state: LiveState) -> None:
+        """Show what the program did."""
+        text = _small("<br>".join(escape(line) for line in self._program.lines))
+        if self._text.content != text:
+            self._text.content = text
+
+
+def _small(text: str) -> str:
+    return f'<div style="padding:0 0.75em;font-size:0.85em">{text}</div>'
