@@ -250,7 +250,8 @@ class LiveScan:
         )
 
     def _finish(self, session: ScanSession, plan: Plan, finishing: Finishing) -> None:
-        sensed = SensingResult.joined([part for part, _ in self._parts], [count for _, count in self._parts])
+        parts, self._parts = self._parts, []
+        sensed = SensingResult.joined([part for part, _ in parts], [count for _, count in parts])
         exposed = Exposed(self._recording, sensed, tuple(self._images), session.cell.token)
         result = finishing.of_profiles(exposed, plan, NullProgress(), self._watch)
         self._stage = "done"
