@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmu_cells import EXPOSURE, moves_with_stops, turn_of_table
+from fmu_cells import CYCLE_US, EXPOSURE, moves_with_stops, turn_of_table
 
 from scancell import Scanner
 from scancell.cell.controller import Operation
@@ -18,6 +18,7 @@ from scancell.config.loading import load_setup
 from scancell.errors import CellError, CommandError, ProgramError
 from scancell.geometry import pose
 from scancell.scanning.session import ScanSession
+from scancell.workspace import live as live_module
 from scancell.workspace.live import LiveCell
 from scancell.workspace.live_commands import Cancel, ChangeOperation, MoveJoints, Reset, SetMonitorSpeed
 from scancell.workspace.live_jobs import JobStopped
@@ -316,6 +317,69 @@ def test_program_that_only_looks_is_stopped(scanner: Scanner, tmp_path: Path) ->
         finally:
             ended.set()
             thread.join()
+
+
+def test_second_stop_interrupts_program_that_neither_steps_nor_looks(scanner: Scanner, tmp_path: Path) -> None:
+    file = tmp_path / "program.py"
+    file.write_text("def main(robot):\n    while True:\n        pass\n")
+    now = [0.0]
+    with scanner.session(guarded=True) as session:
+        live, ended = LiveCell(session, clock=lambda: now[0]), threading.Event()
+        done = live.perform(lambda cell: run_program(file, cell))
+        thread = threading.Thread(target=live.run, args=(ended.is_set, False))
+        thread.start()
+        try:
+            while not done.running():
+                ended.wait(0.01)
+            live.stop()
+            live.stop()
+            with pytest.raises(TimeoutError):
+                done.result(0.2)
+            now[0] += 2.0
+            live.stop()
+            with pytest.raises(JobStopped, match=r"program\.py:[23]: stopped"):
+                done.result(60)
+            live.submit(Reset())
+            while live.state.controller != "at rest":
+                ended.wait(0.01)
+            assert live.perform(go()).result(60) is None
+        finally:
+            ended.set()
+            thread.join()
+
+
+def test_work_between_cycles_is_done_while_a_job_measures(cell: Watched) -> None:
+    def measure(session: ScanSession) -> float:
+        look = cell.live.between_cycles(lambda looked: looked.time)
+        session.profile("geometric")
+        return look.result(0)
+
+    time = cell.live.perform(measure)
+    cell.cycles(2)
+    assert 0 < time.result(0) < cell.live.state.time
+
+
+def test_each_cycle_of_a_job_keeps_pace(scanner: Scanner, monkeypatch: pytest.MonkeyPatch) -> None:
+    waits: list[int] = []
+
+    class Waits:
+        def __init__(self, period: float) -> None:
+            self.period = period
+
+        def wait(self) -> None:
+            waits.append(session.cell.time_us // CYCLE_US)
+            if len(waits) == 100:
+                ended.set()
+
+    monkeypatch.setattr(live_module, "Pace", Waits)
+    ended = threading.Event()
+    with scanner.session(guarded=True) as session:
+        live = LiveCell(session)
+        live.perform(lambda cell: cell.run_program(moves_with_stops(cell.joints), EXPOSURE))
+        live.run(ended.is_set)
+        # Exposures on request divide cycles into steps.
+        assert waits == list(range(1, len(waits) + 1))
+        assert 100 <= len(waits) <= 101
 
 
 def test_end_of_run_ends_job_and_drops_the_rest(scanner: Scanner) -> None:

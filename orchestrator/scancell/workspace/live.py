@@ -15,10 +15,12 @@ from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Pace
 from scancell.workspace.live_commands import Cancel, Command, SetMonitorSpeed
 from scancell.workspace.live_control import LiveControl
-from scancell.workspace.live_jobs import Handed, JobStopped, Work
+from scancell.workspace.live_jobs import Handed, JobStopped, Work, interrupt, withdraw_interrupt
 from scancell.workspace.live_state import LiveState, StateReader
 
 T = TypeVar("T")
+
+_LOST = 1.0  # s without taking commands, from which on a job can be interrupted
 
 
 class LiveCell:
@@ -31,7 +33,7 @@ class LiveCell:
     A job commands the session as a script does. However it steps the cell, at the end of each controller cycle the
     state is read, the pace is kept, and a stop or `Cancel` ends the job out of its step. A job that goes on
     nevertheless is ended again in every cycle, and the emergency stop pressed. A job that does not step the cell holds
-    up everything until it does.
+    up everything until it does; a second stop, when it has not stepped for a second, interrupts its Python code.
 
     Parameters
     ----------
@@ -52,7 +54,7 @@ class LiveCell:
         clock: Callable[[], float] = time.monotonic,
         state_cycles: int = 1,
     ) -> None:
-        self._session, self._state_cycles = session, state_cycles
+        self._session, self._clock, self._state_cycles = session, clock, state_cycles
         self._control = LiveControl(session, hold_time, clock)
         self._cycles = 0
         self._lock = threading.Lock()
@@ -62,6 +64,8 @@ class LiveCell:
         self._job: Work | None = None  # runs, or waits until nothing else moves the robot
         self._running = False
         self._ending = ""  # why the job has to end
+        self._owner = 0  # thread that runs the job
+        self._heard = clock()  # when commands were taken last
         self._between_cycles = False
         self._message = ""
         self._pace: Pace | None = None
@@ -112,6 +116,8 @@ class LiveCell:
         """Stop the robot in an emergency stop, end the job, and drop all that was submitted; `Reset` ends the stop."""
         with self._lock:
             dropped, self._submitted = self._submitted, deque()
+            if self._stop_pressed and self._running and self._clock() - self._heard > _LOST:
+                interrupt(self._owner)
             self._stop_pressed = True
         _cancel(dropped)
 
@@ -155,6 +161,7 @@ class LiveCell:
         with self._lock:
             commands, self._submitted = self._submitted, deque()
             stopped, self._stop_pressed = self._stop_pressed, False
+            self._heard = self._clock()
         if stopped:
             self._control.press_stop()
             self._end_job("stopped")
@@ -177,10 +184,7 @@ class LiveCell:
             self._cycles += 1
             if self._cycles % self._state_cycles == 0:
                 self._read()
-            with self._lock:
-                looks, self._looks = self._looks, deque()
-            for look in looks:
-                look.run(self._session)
+            self._do_looks()
         finally:
             self._between_cycles = False
         if self._pace is not None:
@@ -188,17 +192,26 @@ class LiveCell:
         if self._ending:
             raise JobStopped(self._ending)
 
+    def _do_looks(self) -> None:
+        with self._lock:
+            looks, self._looks = self._looks, deque()
+        for look in looks:
+            look.run(self._session)
+
     def _read(self) -> None:
         self._state = self._reader.read(self._message, None if self._job is None else self._job.name)
 
     # Jobs
 
     def _run_job(self, job: Work) -> None:
+        self._owner = threading.get_ident()
         self._running = True
         try:
             self._message = job.run(self._session)
         finally:
-            ended, self._running, self._ending, self._job = bool(self._ending), False, "", None
+            with self._lock:
+                ended, self._running, self._ending, self._job = bool(self._ending), False, "", None
+                withdraw_interrupt(self._owner)
             if self._message or ended:
                 self._session.hold()
             self._read()
@@ -221,10 +234,16 @@ class LiveCell:
 
     def _look_at_job(self) -> None:
         """While a job measures, which steps nothing."""
-        if self._running:
-            self._attend_job()
-            if self._ending:
-                raise JobStopped(self._ending)
+        if not self._running or self._between_cycles:
+            return
+        self._attend_job()
+        self._between_cycles = True
+        try:
+            self._do_looks()
+        finally:
+            self._between_cycles = False
+        if self._ending:
+            raise JobStopped(self._ending)
 
     def _take_job(self, job: Work) -> None:
         if self._job is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
@@ -17,6 +18,19 @@ class JobStopped(BaseException):
 
     It is no `Exception`, so that a program which catches errors of its commands does not go on.
     """
+
+    def __init__(self, why: str = "stopped") -> None:
+        super().__init__(why)
+
+
+def interrupt(thread: int) -> None:
+    """Raise `JobStopped` in a thread, by its identifier, when it next runs Python code."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(JobStopped))
+
+
+def withdraw_interrupt(thread: int) -> None:
+    """Drop an interrupt that has not been raised."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), None)
 
 
 class Handed(Generic[T]):

@@ -120,7 +120,7 @@ class LiveScan:
     ) -> None:
         self._engine, self._on_points, self._given, self._batch = engine, on_points, plan, batch
         self._chunks: queue.Queue[Recording | None] = queue.Queue(most_behind)
-        self._given_up = threading.Event()
+        self._lock, self._given_up = threading.Lock(), threading.Event()
         self._stage: Stage = "waiting"
         self._planned = self._taken = self._sensed = self._points = 0
         self._parts: list[tuple[SensingResult, int]] = []
@@ -149,10 +149,11 @@ class LiveScan:
             self._fail(error)
 
     def _fail(self, error: BaseException) -> None:
+        with self._lock:  # driving and sensing may fail at the same time
+            if not self.result.done():
+                self._stage = "failed"
+                self.result.set_exception(error)
         self._given_up.set()
-        if not self.result.done():
-            self._stage = "failed"
-            self.result.set_exception(error)
 
     # In the thread of the cell
 
@@ -250,7 +251,8 @@ class LiveScan:
         )
 
     def _finish(self, session: ScanSession, plan: Plan, finishing: Finishing) -> None:
-        sensed = SensingResult.joined([part for part, _ in self._parts], [count for _, count in self._parts])
+        parts, self._parts = self._parts, []
+        sensed = SensingResult.joined([part for part, _ in parts], [count for _, count in parts])
         exposed = Exposed(self._recording, sensed, tuple(self._images), session.cell.token)
         result = finishing.of_profiles(exposed, plan, NullProgress(), self._watch)
         self._stage = "done"
