@@ -34,7 +34,7 @@ def chromium() -> Iterator[Any]:
 
 
 class Watched:
-    """A page whose requests and errors are recorded; less `sharpness` than 1 draws fewer pixels than `width` x `height`."""
+    """A page whose requests and errors are recorded; a `sharpness` below 1 draws fewer pixels."""
 
     def __init__(self, browser: Any, width: int, height: int, sharpness: float = 1.0) -> None:
         self.page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=sharpness)

@@ -13,21 +13,33 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
+from tour import choose, entry, fill
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 from chromium import Watched, chromium
 from scancell import Scanner
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
+from scancell.reconstruction.cloud_files import read_ply
 from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.quiet import address, quiet_server
 from scancell.workspace.browser.serve import Host, PartFile
 from scancell.workspace.browser.workspace import Workspace, WorkspaceSettings
+from scancell.workspace.live_camera import CameraFrame
 from scancell.workspace.live_commands import MoveTool
 from scancell.workspace.live_state import LiveState
 from scancell.workspace.robot import deg, location, mm
 
+PARTS = Path(__file__).resolve().parents[2] / "assets" / "parts"
+INTO_TABLE = """from scancell.workspace.robot import Robot, deg, location, mm
+
+
+def main(robot: Robot) -> None:
+    robot.move(location(450 * mm, 0, 260 * mm, rx=180 * deg))
+    robot.move_line(location(450 * mm, 0, 95 * mm, rx=180 * deg))
+"""
 WAITS = 120.0  # s: a browser that draws by the processor takes its time
 ABOVE_TABLE = location(450 * mm, 0, 260 * mm, rx=180 * deg)
 
@@ -38,6 +50,7 @@ class Opened:
 
     host: Host
     server: Any
+    out: Path
     browser: Any
     states: list[LiveState] = field(default_factory=list)
 
@@ -77,6 +90,16 @@ class Opened:
             waited.wait(0.01)
         raise AssertionError(f"{what} never came: {self.state}")
 
+    def frame(self, condition: Callable[[CameraFrame], bool]) -> CameraFrame:
+        """The first picture for which a condition holds."""
+        feed, waited = self.workspace.feed, Event()
+        for _ in range(round(WAITS / 0.01)):
+            frame = feed.frame
+            if frame is not None and len(frame.points_in_sensor) and condition(frame):
+                return frame
+            waited.wait(0.01)
+        raise AssertionError(f"no such picture: {feed.frame}")
+
     def rests(self) -> LiveState:
         return self.until(lambda state: not state.moving and state.progress in (0.0, 1.0), "rest")
 
@@ -94,45 +117,32 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def scanner() -> Iterator[Scanner]:
-    with Scanner.from_setup(load_setup(ideal=True), threads=1) as made:
+    with Scanner.from_setup(load_setup(ideal=True, overrides=["scan.max_profiles=120"]), threads=1) as made:
         yield made
 
 
 @pytest.fixture
-def opened(scanner: Scanner, browser: Any, tmp_path: Path) -> Iterator[Opened]:
+def opened(scanner: Scanner, browser: Any, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Opened]:
+    """A workspace with an empty table, and with a robot program where a test gives one."""
+    program = tmp_path / "into_table.py" if hasattr(request, "param") else None
+    if program is not None:
+        program.write_text(request.param)
+
     def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
         path, unit = (None, "mm") if file is None else (file.path, file.unit)
         return scanner.session(path, unit=unit, guarded=True)
 
     stop, started = Event(), Event()
     with quiet_server(port=8300) as server:
-        host = Host(server, open_session, WorkspaceSettings(tmp_path))
+        host = Host(server, open_session, WorkspaceSettings(tmp_path / "out", program=program))
         running = Thread(target=host.run, args=(None, stop, started.set))
         running.start()
         assert started.wait(WAITS)
-        yield Opened(host, server, browser)
+        yield Opened(host, server, tmp_path / "out", browser)
         stop.set()
         running.join()
     for context in browser.contexts:
         context.close()
-
-
-def entry(page: Any, label: str, number: int = 0) -> Any:
-    """The input (the `number`-th of them) beside a label."""
-    row = page.locator("label", has_text=re.compile(f"^{re.escape(label)}$")).locator("xpath=ancestor::*[.//input][1]")
-    return row.locator("input:not([type=hidden])").nth(number)
-
-
-def fill(page: Any, label: str, value: float, number: int = 0) -> None:
-    """Type a number."""
-    entry(page, label, number).fill(f"{value:g}")
-    entry(page, label, number).press("Enter")
-
-
-def choose(page: Any, label: str, option: str) -> None:
-    """Choose from a list."""
-    entry(page, label).click()
-    page.get_by_role("option", name=option, exact=True).click()
 
 
 def test_page_makes_no_request_beyond_its_address(opened: Opened) -> None:
@@ -254,7 +264,7 @@ def test_second_browser_reads_until_it_takes_control(opened: Opened) -> None:
 
 def test_malformed_messages_do_nothing(opened: Opened) -> None:
     before = opened.state
-    address = opened.address.replace("http", "ws")
+    address_of_socket = opened.address.replace("http", "ws")
     for message in (
         b"",
         b"\xc1",
@@ -264,14 +274,94 @@ def test_malformed_messages_do_nothing(opened: Opened) -> None:
         "text",
         b"\xff" * 5000,
     ):
-        with connect(address, subprotocols=[f"viser-v{viser.__version__}"]) as socket:
+        protocol = Subprotocol(f"viser-v{viser.__version__}")
+        with connect(address_of_socket, subprotocols=[protocol], max_size=None) as socket:
             socket.send(message)
+            socket.recv(timeout=WAITS)
     page = opened.page().page
     state = opened.state
     assert state.time > before.time
     np.testing.assert_allclose(state.joints, before.joints, atol=1e-9)
     fill(page, "joint 1, deg", 20.0)
     opened.until(lambda state: abs(state.joints[0] - 20 * deg) < 1e-6, "a motion after malformed messages")
+
+
+def test_images_and_profile_follow_the_arm_and_the_perturbations(opened: Opened) -> None:
+    """The flat table is seen 160 mm away, then 150 mm; a turned laser tilts the profiles of the cameras apart."""
+    opened.moves_to(ABOVE_TABLE)
+    page = opened.page().page
+    feed = opened.workspace.feed
+    picture = page.locator("img[src^='blob:'], img[src^='data:image/jpeg']").first
+    at_160 = opened.frame(lambda frame: abs(frame.points_in_sensor[:, 2].mean() - 0.16) < 2e-5)
+    before = picture.get_attribute("src")
+    opened.moves_to(ABOVE_TABLE @ pose.translation((0, 0, 10 * mm)))
+    at_150 = opened.frame(lambda frame: abs(frame.points_in_sensor[:, 2].mean() - 0.15) < 2e-5)
+    rows = [np.mean([stripe[:, 1].mean() for stripe in frame.stripes]) for frame in (at_160, at_150)]
+    assert rows[0] - rows[1] > 20  # px
+    page.wait_for_function("([picture, before]) => picture.src !== before", arg=[picture.element_handle(), before])
+    page.get_by_role("tab", name="Sensor").last.click()
+    fill(page, "laser turn z, deg", 1.0)
+    turned = opened.frame(lambda frame: frame.as_built == ("sensor.laser.turn_z_deg=1",))
+    slopes = [np.polyfit(*turned.points_in_sensor[turned.camera == camera, 1:].T, 1)[0] for camera in (0, 1)]
+    assert slopes[0] * slopes[1] < 0
+    assert abs(slopes[0] - slopes[1]) > 0.01
+    page.get_by_role("button", name="All nominal").click()
+    opened.frame(lambda frame: frame.as_built == ())
+    assert feed.as_built == ()
+
+
+def test_scan_of_an_opened_part_runs_to_the_planned_cloud(opened: Opened) -> None:
+    """A mesh by the file chooser, a scan of it, its run folder, and the cloud as a download."""
+    page = opened.page().page
+    page.get_by_role("tab", name="File").click()
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Open a part").click()
+    chooser.value.set_files(PARTS / "step_block.stl")
+    page.get_by_text("scancell: step_block.stl").wait_for()
+    page.get_by_role("tab", name="Scan").click()
+    page.get_by_role("button", name="Scan the part").click()
+    page.get_by_text("done", exact=True).wait_for()
+    scans = opened.workspace.scans
+    result, state = scans.result, scans.state
+    assert state is not None
+    assert state.sensed == state.planned == len(result.recording)
+    assert scans.cloud.count == len(result.cloud) > 10_000
+    page.get_by_role("button", name="Save the run folder").click()
+    page.locator(".mantine-Notification-root", has_text="saved: ").wait_for()
+    saved = read_ply(opened.out / "scan_1" / "cloud.ply")
+    assert len(saved) == len(result.cloud)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download the cloud").click()
+    np.testing.assert_allclose(read_ply(download.value.path()).points_in_part, saved.points_in_part, atol=1e-7)
+
+
+def test_file_that_is_no_mesh_is_refused_and_the_part_stays(opened: Opened, tmp_path: Path) -> None:
+    page = opened.page().page
+    workspace = opened.workspace
+    broken = tmp_path / "broken.stl"
+    broken.write_bytes(b"solid nothing")
+    page.get_by_role("tab", name="File").click()
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Open a part").click()
+    chooser.value.set_files(broken)
+    page.locator(".mantine-Notification-root", has_text="broken.stl").wait_for()
+    assert opened.workspace is workspace
+
+
+@pytest.mark.parametrize("opened", [INTO_TABLE], indirect=True)
+def test_program_into_the_table_is_slowed_then_stopped(opened: Opened) -> None:
+    page = opened.page().page
+    page.get_by_role("tab", name="Program").click()
+    page.get_by_role("button", name="Run the program").click()
+    slowed = opened.until(lambda state: state.guard_text.startswith("slowed"), "a slower program")
+    assert slowed.job == "into_table.py"
+    ended = opened.until(lambda state: state.message != "", "the end of the program")
+    assert "into_table.py:6: move_line: held by the guard" in ended.message
+    page.get_by_text("held by the guard").wait_for()
+    speeds = [state.monitor_speed for state in opened.states]
+    assert any(0.05 < speed < 0.95 for speed in speeds)
+    assert not any(state.colliding for state in opened.states)
+    assert opened.nominal.world_from_sensor(ended.joints)[2, 3] > 110 * mm
 
 
 def test_dragged_gizmo_moves_the_tool_by_inverse_kinematics(opened: Opened) -> None:
