@@ -94,6 +94,7 @@ Knots brake_synchronously(double cycle, const Limits& limits, const Knots& prese
 void Jog::enter(const Knots& present) {
   const Eigen::Isometry3d pose = arm_.tool(positions(present)).pose;
   state_ = {};
+  state_.brakes_first = !at_rest(present);
   state_.position = pose.translation();
   state_.orientation = Eigen::Quaterniond(pose.linear());
 }
@@ -243,8 +244,9 @@ bool Jog::reaches_limit(const Attempt& attempt, double cycle, const Knots& prese
 }
 
 Knots Jog::cartesian(double cycle, const Command& command, const Knots& present) {
-  if (state_.blocked && jog_released(command) && at_rest(present)) enter(present);
-  if (state_.blocked) return brake_synchronously(cycle, limits_, present);
+  const bool waits = state_.brakes_first || (state_.blocked && jog_released(command));
+  if (waits && at_rest(present)) enter(present);
+  if (state_.blocked || state_.brakes_first) return brake_synchronously(cycle, limits_, present);
   const auto found = within_limits(cycle, command, present);
   if (!found) block(ControllerError::kSingular, 0);
   if (!found || reaches_limit(*found, cycle, present)) return brake_synchronously(cycle, limits_, present);

@@ -19,7 +19,8 @@ struct JogLimits {
 };
 
 struct JogState {
-  bool blocked = false;  // stopped by a limit or a singularity; cleared when the jog is released
+  bool brakes_first = false;  // a Cartesian jog that began in motion brakes first
+  bool blocked = false;         // stopped by a limit or a singularity; cleared when the jog is released
   ControllerError error = ControllerError::kNone;
   std::int32_t limit = 0;
   Vector6 twist = Vector6::Zero();  // of the tool, world axes
@@ -33,7 +34,7 @@ class Jog {
   Jog(const ArmGeometry& arm, const Limits& limits, const JogLimits& jog)
       : arm_(arm), limits_(limits), jog_(jog) {}
 
-  /// Starts a jog from rest.
+  /// Starts a jog.
   void enter(const Knots& present);
 
   /// State of the axes at the end of the next cycle (`cycle` in seconds).

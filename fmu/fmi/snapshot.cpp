@@ -148,7 +148,8 @@ void exchange(A& a, MoveState& v) {
 }
 template <class A>
 void exchange(A& a, JogState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.position, v.orientation, v.twist, v.blocked, v.error, up_to(a, kAxes, v.limit));
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.orientation, v.twist, v.brakes_first, v.blocked, v.error,
+                     up_to(a, kAxes, v.limit));
 }
 template <class A>
 void exchange(A& a, PendingMove& v) {

@@ -146,6 +146,37 @@ TEST_F(JogTest, JogsChangeNoFasterThanTheirAccelerations) {
   }
 }
 
+/// A jog that is let go and taken up again while the arm still moves brakes first, then goes on; it is never
+/// refused.
+TEST_F(JogTest, JogThatBeginsInMotionBrakesFirst) {
+  std::mt19937 random(3);
+  std::uniform_int_distribution<int> jogged(3, 30), held(1, 8);
+  for (const Mode before : {Mode::kJointJog, Mode::kCartesianJog}) {
+    for (int k = 0; k < 60; ++k) {
+      Drive drive;
+      drive.command.operation = Operation::kManual;
+      drive.command.mode = before;
+      const double sign = k % 2 == 0 ? 0.4 : -0.4;
+      drive.command.jog = {};
+      drive.command.jog[before == Mode::kJointJog ? 0 : 1] = sign;
+      drive.run(jogged(random));
+      if (k % 3 != 0) {
+        drive.command.mode = Mode::kHold;
+        drive.run(held(random));
+      }
+      drive.command.mode = Mode::kCartesianJog;
+      drive.command.jog = {0, 0, -0.4, 0, 0, 0, 0};
+      LimitWatch watch(drive);
+      drive.run(40, [&](const Knots& knots) {
+        watch(knots);
+        EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kNone) << k;
+      });
+      EXPECT_LE(watch.acceleration, 1) << k;
+      EXPECT_GT(tool_speed(drive, drive.controller.sample(drive.now)), 0.05) << k;
+    }
+  }
+}
+
 TEST_F(JogTest, ReleasedJointJogBrakesInItsDirection) {
   drive_.command.mode = Mode::kJointJog;
   drive_.command.jog = {0.5, -0.3, 0.2};
