@@ -19,8 +19,8 @@ struct JogLimits {
 };
 
 struct JogState {
-  bool brakes_first = false;  // a Cartesian jog that began in motion brakes first
-  bool blocked = false;         // stopped by a limit or a singularity; cleared when the jog is released
+  bool brakes_first = false;  // a Cartesian jog that began or was taken up again in motion
+  bool blocked = false;       // stopped by a limit or a singularity; cleared when the jog is released
   ControllerError error = ControllerError::kNone;
   std::int32_t limit = 0;
   Vector6 twist = Vector6::Zero();  // of the tool, world axes
@@ -36,6 +36,9 @@ class Jog {
 
   /// Starts a jog.
   void enter(const Knots& present);
+
+  /// The arm is moved by something else: a Cartesian jog that goes on comes to rest first.
+  void interrupt() { state_.brakes_first = true; }
 
   /// State of the axes at the end of the next cycle (`cycle` in seconds).
   Knots joints(double cycle, const Command& command, const Knots& present);

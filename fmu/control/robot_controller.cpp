@@ -65,6 +65,7 @@ void RobotController::cycle(std::int64_t now_us, const Command& command) {
     run(now_us, command);
   } else {
     state_.phase = Phase::kBraking;
+    jog_.interrupt();
     brake(now_us);
   }
 }
