@@ -10,9 +10,11 @@ from scancell.workspace.browser.panels.cell_panel import CellPanel
 from scancell.workspace.browser.panels.file_panel import FilePanel, OpenPart
 from scancell.workspace.browser.panels.jog_panel import JogPanel
 from scancell.workspace.browser.panels.joint_panel import JointPanel
+from scancell.workspace.browser.panels.plan_panel import PlanPanel
 from scancell.workspace.browser.panels.pose_panel import PosePanel
 from scancell.workspace.browser.panels.scan_panel import ScanPanel
 from scancell.workspace.browser.panels.sensor_panel import SensorPanel
+from scancell.workspace.browser.plans import Plans
 from scancell.workspace.browser.scans import Scans
 from scancell.workspace.live_camera import CameraFeed
 from scancell.workspace.live_state import LiveState
@@ -38,6 +40,7 @@ class ClientView:
         self,
         client: viser.ClientHandle,
         desk: Desk,
+        plans: Plans,
         scans: Scans,
         feed: CameraFeed,
         sensor: SensorDescription,
@@ -59,6 +62,8 @@ class ClientView:
             self._panels.append(CellPanel(gui, desk, state))
         with tabs.add_tab("Sensor"):
             self._panels.append(SensorPanel(gui, desk, feed, sensor))
+        with tabs.add_tab("Plan"):
+            self._panels.append(PlanPanel(gui, desk, plans))
         with tabs.add_tab("Scan"):
             self._panels.append(ScanPanel(gui, desk, scans))
         with tabs.add_tab("File"):

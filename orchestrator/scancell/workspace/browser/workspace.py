@@ -16,12 +16,14 @@ from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.live_cloud import LiveCloud
 from scancell.workspace.browser.operators import Operators
 from scancell.workspace.browser.panels.file_panel import OpenPart
+from scancell.workspace.browser.plans import Plans
 from scancell.workspace.browser.scans import Scans
 from scancell.workspace.browser.scene import CellScene
 from scancell.workspace.browser.status import Status
 from scancell.workspace.browser.view_options import add_view_options
 from scancell.workspace.live import LiveCell
 from scancell.workspace.live_camera import CameraFeed
+from scancell.workspace.live_plan import LivePlan
 
 if TYPE_CHECKING:
     import viser
@@ -55,6 +57,8 @@ class Workspace:
         Its nominal geometry.
     scene
         What all browsers see.
+    plans
+        The plan of the scan.
     scans
         Scans of the part.
     feed
@@ -70,6 +74,7 @@ class Workspace:
         setup = self._setup
         self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
         self.scans = Scans(self.live, LiveCloud(self.scene), mesh, out)
+        self.plans = Plans(LivePlan(self.live, session, mesh is not None), self.scene)
         self._operators, self._lock = Operators(), Lock()
         self._views: dict[int, ClientView] = {}
         server.gui.set_panel_label(f"scancell: {part or 'empty table'}")
@@ -103,6 +108,7 @@ class Workspace:
     def show(self, with_panels: bool = True) -> None:
         """Show the present state, in the scene and in the panels."""
         state = self.live.state
+        self.plans.update()
         self.scene.show(state)
         self._cameras.show()
         if not with_panels:
@@ -117,7 +123,9 @@ class Workspace:
         """Give a browser its panels; the first one becomes the operator."""
         self._operators.join(client.client_id)
         desk = Desk(client, self._operators, self.live, self._session)
-        view = ClientView(client, desk, self.scans, self.feed, self._setup.sensor, self._open_part, self.live.state)
+        view = ClientView(
+            client, desk, self.plans, self.scans, self.feed, self._setup.sensor, self._open_part, self.live.state
+        )
         with self._lock:
             self._views[client.client_id] = view
 
