@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from scancell.config.sensor import SensorDescription
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.panels.cell_panel import CellPanel
-from scancell.workspace.browser.panels.file_panel import FilePanel, OpenPart
+from scancell.workspace.browser.panels.file_panel import FilePanel, Opener
 from scancell.workspace.browser.panels.jog_panel import JogPanel
 from scancell.workspace.browser.panels.joint_panel import JointPanel
 from scancell.workspace.browser.panels.plan_panel import PlanPanel
@@ -15,6 +15,7 @@ from scancell.workspace.browser.panels.pose_panel import PosePanel
 from scancell.workspace.browser.panels.scan_panel import ScanPanel
 from scancell.workspace.browser.panels.sensor_panel import SensorPanel
 from scancell.workspace.browser.plans import Plans
+from scancell.workspace.browser.recording import SessionRecording
 from scancell.workspace.browser.scans import Scans
 from scancell.workspace.live_camera import CameraFeed
 from scancell.workspace.live_state import LiveState
@@ -43,8 +44,9 @@ class ClientView:
         plans: Plans,
         scans: Scans,
         feed: CameraFeed,
+        recording: SessionRecording,
         sensor: SensorDescription,
-        open_part: OpenPart,
+        opener: Opener,
         state: LiveState,
     ) -> None:
         gui, self._desk = client.gui, desk
@@ -67,7 +69,7 @@ class ClientView:
         with tabs.add_tab("Scan"):
             self._panels.append(ScanPanel(gui, desk, scans))
         with tabs.add_tab("File"):
-            self._panels.append(FilePanel(gui, desk, open_part))
+            self._panels.append(FilePanel(gui, desk, opener, recording))
         self.show(state)
 
     def show(self, state: LiveState) -> None:

@@ -15,8 +15,9 @@ from scancell.workspace.browser.client_view import ClientView
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.live_cloud import LiveCloud
 from scancell.workspace.browser.operators import Operators
-from scancell.workspace.browser.panels.file_panel import OpenPart
+from scancell.workspace.browser.panels.file_panel import Opener
 from scancell.workspace.browser.plans import Plans
+from scancell.workspace.browser.recording import SessionRecording
 from scancell.workspace.browser.scans import Scans
 from scancell.workspace.browser.scene import CellScene
 from scancell.workspace.browser.status import Status
@@ -46,8 +47,8 @@ class Workspace:
         File name of the part; None: the table is empty.
     out
         Folder for the runs that are saved.
-    open_part
-        See `FilePanel`.
+    opener
+        Shows something else instead.
 
     Attributes
     ----------
@@ -66,21 +67,22 @@ class Workspace:
     """
 
     def __init__(
-        self, server: viser.ViserServer, session: ScanSession, part: str | None, out: Path, open_part: OpenPart
+        self, server: viser.ViserServer, session: ScanSession, part: str | None, out: Path, opener: Opener
     ) -> None:
         self.live, self.nominal = LiveCell(session), session.nominal
-        self._session, self._open_part = session, open_part
+        self._session, self._opener = session, opener
         self._setup, mesh = session.job.setup, session.nominal.part if part is not None else None
         setup = self._setup
         self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
-        self.scans = Scans(self.live, LiveCloud(self.scene), mesh, out)
+        self.feed = CameraFeed(self.live, session, interval=_CAMERAS)
+        self._recording = SessionRecording(self.live, session.true, self.feed, out)
+        self.scans = Scans(self.live, LiveCloud(self.scene), mesh, out, self._recording.points)
         self.plans = Plans(LivePlan(self.live, session, mesh is not None), self.scene)
         self._operators, self._lock = Operators(), Lock()
         self._views: dict[int, ClientView] = {}
         server.gui.set_panel_label(f"scancell: {part or 'empty table'}")
         self._status = Status(server.gui, self.live.stop)
         add_view_options(server.gui, self.scene)
-        self.feed = CameraFeed(self.live, session, interval=_CAMERAS)
         base = session.nominal.arm.world_from_base
         self._cameras = CameraView(server, self.scene, self.feed, setup.sensor, base)
 
@@ -93,7 +95,7 @@ class Workspace:
             If the FMU reports an error.
         """
         closing = Event()
-        with self.feed, ThreadPoolExecutor(1, "cell") as threads:
+        with self.feed, self._recording, ThreadPoolExecutor(1, "cell") as threads:
             stepping = threads.submit(self.live.run, closing.is_set)
             try:
                 pace, updates = Pace(1 / _RATE), 0
@@ -124,7 +126,15 @@ class Workspace:
         self._operators.join(client.client_id)
         desk = Desk(client, self._operators, self.live, self._session)
         view = ClientView(
-            client, desk, self.plans, self.scans, self.feed, self._setup.sensor, self._open_part, self.live.state
+            client,
+            desk,
+            self.plans,
+            self.scans,
+            self.feed,
+            self._recording,
+            self._setup.sensor,
+            self._opener,
+            self.live.state,
         )
         with self._lock:
             self._views[client.client_id] = view

@@ -24,6 +24,7 @@ class PlanPanel:
         self._desk, self._plans = desk, plans
         self._shown: Plan | None = None
         self._drawn: tuple[object, ...] = ()
+        self._followed: dict[str, object] = {}
         self._make = gui.add_button("Plan the scan")
         self._text = gui.add_html("")
         self._path = gui.add_dropdown("sensor path", ("-",), visible=False)
@@ -71,13 +72,13 @@ class PlanPanel:
         self._show_map(plan)
         number = motion.segment_at(plans.time)
         _set(self._segments, "content", segments_html(plan, number))
-        _set(self._segment, "value", self._segment.options[number])
-        _set(self._time, "value", round(plans.time, 2))
+        self._follow(self._segment, self._segment.options[number])
+        self._follow(self._time, round(plans.time, 2))
         _set(self._play, "label", "Pause" if plans.plays else "Play the plan")
 
     def _open(self, plan: Plan, duration: float) -> None:
         """Fit the inputs to another plan."""
-        self._shown, self._drawn = plan, ()
+        self._shown, self._drawn, self._followed = plan, (), {}
         self._segment.options = _numbered(item.name for item in plan.program.segments)
         self._time.max = float(np.ceil(duration / _STEP) * _STEP)
         if plan.paths:
@@ -94,16 +95,22 @@ class PlanPanel:
         map_, picked = plans.map, plans.picked
         if map_ is None or not plan.paths:
             return
-        _set(self._path, "value", self._path.options[plans.path])
-        _set(self._branch, "value", self._branch.options[plans.branch])
-        _set(self._along, "value", round(100 * plans.share, 1))
-        _set(self._angle, "value", round(float(np.degrees(plans.angle)), 1))
+        self._follow(self._path, self._path.options[plans.path])
+        self._follow(self._branch, self._branch.options[plans.branch])
+        self._follow(self._along, round(100 * plans.share, 1))
+        self._follow(self._angle, round(float(np.degrees(plans.angle)), 1))
         if self._drawn == (map_, picked):
             return
         placed = plan.paths[plans.path]
         motion = placed.motion.angle if map_.branch == placed.lattice.map.branch else None
         self._drawn = (map_, picked)
         self._map.content = map_html(map_, motion, picked) + ("" if picked is None else pose_html(picked))
+
+    def _follow(self, handle: Any, value: object) -> None:
+        """Show a value that has changed; what a person enters meanwhile stays."""
+        if self._followed.get(handle.label) != value:
+            self._followed[handle.label] = value
+            _set(handle, "value", value)
 
     def _pick(self) -> None:
         self._plans.pick(self._along.value / 100, float(np.radians(self._angle.value)))
