@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
 
 from scancell import Scanner
-from scancell.config.loading import assets_dir, load_setup, with_path
+from scancell.config.loading import Setup, assets_dir, load_setup, with_path
 from scancell.errors import CommandError, PlanningError
 from scancell.planning.configuration_map import CLEARANCE, FREE, REACH, ConfigurationMap
 from scancell.planning.model import PlanningCell
@@ -39,11 +40,14 @@ class Rig:
         self.plan.start()
         self.until_ready()
 
-    def until_ready(self) -> None:
+    def until_done(self) -> None:
         for _ in range(round(PATIENCE_S / POLL_S)):
             if self.plan.state.stage not in ("planning", "evaluating"):
-                break
+                return
             self.ended.wait(POLL_S)
+
+    def until_ready(self) -> None:
+        self.until_done()
         assert self.plan.state.error == ""
         assert self.plan.state.stage == "ready"
 
@@ -164,6 +168,22 @@ def test_colliding_pose_is_refused_with_the_bodies_and_the_robot_stays(rig: Rig,
     with pytest.raises(PlanningError, match="no collision-free path to the pose"):
         rig.plan.go_to(pose.axes, "the pose").result(PATIENCE_S)
     np.testing.assert_allclose(rig.axes, before, atol=1e-6)
+
+
+def test_failed_plan_says_why_and_leaves_the_last_one(rig: Rig, map_: ConfigurationMap) -> None:
+    last, job = rig.plan.plan, rig.session.job
+    near = job.setup.scan.replace({"clearance_mm": 100.0})
+    rig.session.job = replace(job, setup=Setup(job.setup.cell, job.setup.sensor, near))
+    rig.plan.start()
+    with pytest.raises(CommandError, match="a plan is being made"):
+        rig.plan.start()
+    rig.until_done()
+    rig.session.job = job
+    assert rig.plan.state.stage == "failed"
+    assert "clearance" in rig.plan.state.error
+    assert rig.plan.plan is last
+    assert rig.plan.map_of(0, map_.branch) is map_
+    rig.planned()
 
 
 def test_empty_table_has_no_plan(rig: Rig) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -227,8 +228,19 @@ def test_texts_of_a_plan_are_escaped() -> None:
     assert "&lt;i&gt;" in pose_html(MapPose(0.5, 1.0, 0.0, "<i>", None))
 
 
+def rows(plan: Plan, now: int) -> list[list[str]]:
+    """Words in the rows of the table of segments."""
+    body = segments_html(plan, now).partition("<tbody>")[2]
+    return [re.sub("<[^>]*>", " ", row).split() for row in re.findall(r"<tr[^>]*>(.*?)</tr>", body)]
+
+
 def test_segments_say_how_long_they_take_and_what_they_expose() -> None:
-    rows = re.findall(r"<tr[^>]*>(.*?)</tr>", segments_html(plan_of(), 1))
-    texts = [re.sub("<[^>]*>", " ", row).split() for row in rows]
-    assert texts[1] == ["2", "view", "1.0", "s", "3", "exposures"]
-    assert texts[2] == ["3", "home", "1.0", "s", "moves"]
+    assert rows(plan_of(), 1)[1:] == [["2", "view", "1.0", "3"], ["3", "home", "1.0", "-"]]
+
+
+@pytest.mark.parametrize(("now", "first"), [(0, 1), (10, 8), (19, 14)])
+def test_of_many_segments_those_around_the_present_one_are_listed(now: int, first: int) -> None:
+    many = tuple(segment(number, 0.0, 0.0, "view") for number in range(1, 21))
+    plan = replace(plan_of(), program=Program(many))
+    assert [int(row[0]) for row in rows(plan, now)] == list(range(first, first + 7))
+    assert f"segments {first} to {first + 6} of 20" in segments_html(plan, now)

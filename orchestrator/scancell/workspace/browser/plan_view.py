@@ -21,6 +21,8 @@ from scancell.workspace.live_plan import LivePlanState, MapPose
 ALONG, ANGLE = "along the path, %", "table angle, deg"  # inputs that a click on the map writes into
 
 _HEIGHT = 200  # px
+_SEGMENTS = 7  # that are shown at a time: a list that scrolls would jump back with every change
+_RIGHT = "text-align:right;white-space:nowrap;padding-left:0.6em;vertical-align:top"
 _BAD, _GOOD = "#c62828", "#2f7d32"
 _TEXT = "padding:0 0.75em 0.4em;font-size:0.85em;line-height:1.4"
 _CLICK = (
@@ -79,22 +81,22 @@ def state_html(state: LivePlanState, plan: Plan | None) -> str:
 
 
 def segments_html(plan: Plan, now: int) -> str:
-    """A table of what each segment does and how long it takes; segment `now` (index) stands out."""
+    """A table of what the segments around `now` (index) do, how long they take and how many exposures they make."""
+    segments, most = plan.program.segments, _SEGMENTS
     exposures = dict(zip(*(values.tolist() for values in np.unique(plan.segment, return_counts=True)), strict=True))
+    first = max(0, min(now - most // 2, len(segments) - most))
     rows = [
-        f'<tr style="{"background:#cfe2ff" if number == now else ""}"><td>{number + 1}</td><td>{escape(item.name)}</td>'
-        f'<td style="text-align:right">{item.times[-1]:.1f} s</td>'
-        f'<td style="text-align:right">{_exposed(exposures.get(item.id, 0))}</td></tr>'
-        for number, item in enumerate(plan.program.segments)
+        f'<tr style="{"background:#cfe2ff" if number == now + 1 else ""}"><td>{number}</td><td>{escape(item.name)}</td>'
+        f'<td style="{_RIGHT}">{item.times[-1]:.1f}</td>'
+        f'<td style="{_RIGHT}">{exposures.get(item.id, "-")}</td></tr>'
+        for number, item in enumerate(segments[first : first + most], start=first + 1)
     ]
+    more = f"segments {first + 1} to {first + len(rows)} of {len(segments)}" if len(rows) < len(segments) else ""
     return (
-        f'<div style="{_TEXT};max-height:10em;overflow-y:auto"><table style="width:100%;border-spacing:0">'
-        f"{''.join(rows)}</table></div>"
+        f'<div style="{_TEXT}"><table style="width:100%;border-spacing:0"><thead><tr style="color:#7d8590"><td></td>'
+        f'<td>segment</td><td style="{_RIGHT}">time, s</td><td style="{_RIGHT}">exposures</td></tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table>{more}</div>"
     )
-
-
-def _exposed(count: int) -> str:
-    return f"{count} exposures" if count > 1 else "1 exposure" if count else "moves"
 
 
 def _line(points: Iterable[tuple[float, float]], colour: str, width: float) -> str:
