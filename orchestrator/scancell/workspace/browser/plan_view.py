@@ -22,6 +22,8 @@ ALONG, ANGLE = "along the path, %", "table angle, deg"  # inputs that a click on
 
 _HEIGHT = 200  # px
 _SEGMENTS = 7  # that are shown at a time: a list that scrolls would jump back with every change
+_NUMBER = "padding-right:0.5em;vertical-align:top"
+_ONE_LINE = "max-width:0;width:100%;overflow:hidden;text-overflow:ellipsis;white-space:nowrap"
 _RIGHT = "text-align:right;white-space:nowrap;padding-left:0.6em;vertical-align:top"
 _BAD, _GOOD = "#c62828", "#2f7d32"
 _TEXT = "padding:0 0.75em 0.4em;font-size:0.85em;line-height:1.4"
@@ -86,7 +88,8 @@ def segments_html(plan: Plan, now: int) -> str:
     exposures = dict(zip(*(values.tolist() for values in np.unique(plan.segment, return_counts=True)), strict=True))
     first = max(0, min(now - most // 2, len(segments) - most))
     rows = [
-        f'<tr style="{"background:#cfe2ff" if number == now + 1 else ""}"><td>{number}</td><td>{escape(item.name)}</td>'
+        f'<tr style="{"background:#cfe2ff" if number == now + 1 else ""}"><td style="{_NUMBER}">{number}</td>'
+        f'<td style="{"" if number == now + 1 else _ONE_LINE}" title="{escape(item.name)}">{escape(item.name)}</td>'
         f'<td style="{_RIGHT}">{item.times[-1]:.1f}</td>'
         f'<td style="{_RIGHT}">{exposures.get(item.id, "-")}</td></tr>'
         for number, item in enumerate(segments[first : first + most], start=first + 1)
