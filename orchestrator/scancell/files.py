@@ -1,4 +1,4 @@
-"""Atomic writing of files, and conversion of text to file names."""
+"""Atomic writing of files, and names for files."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 from scancell.errors import OutputError
@@ -39,3 +40,8 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 def name_for_file(text: str) -> str:
     """File name made from text: other characters than letters, digits and ``_.+-`` become ``-``; may be empty."""
     return re.sub(r"[^\w.+-]+", "-", text).strip(".-")
+
+
+def first_free(folder: Path, pattern: str) -> Path:
+    """The first of the paths of a pattern, ``scan_{}``, with 1, 2, ... that does not exist."""
+    return next(path for number in count(1) if not (path := folder / pattern.format(number)).exists())

@@ -178,6 +178,23 @@ def test_ghost_of_fingers_is_as_wide_as_the_gripper_is(server, scene, live) -> N
     assert np.linalg.norm(fingers[0] - fingers[1]) == pytest.approx(live.state.gripper_width, abs=1e-4)
 
 
+def test_preview_shows_any_axes_and_leaves_the_ghost_of_the_target(server, scene, live) -> None:
+    scene.show(live.state)
+    ghosts = scene.ghosts
+    axes = np.append(live.state.joints + 0.5, live.state.table + 0.4)
+    scene.show_preview(axes)
+    nominal = dict(zip([b.name for b in live.true.bodies], live.true.body_poses(axes[:-1], axes[-1]), strict=True))
+    for name in ("link2", "link6", "sensor"):
+        np.testing.assert_allclose(shown_at(node(server, f"/preview/{name}")), nominal[name], atol=POSE)
+    assert scene.ghosts == ghosts
+    free = node(server, "/preview/link6").color
+    scene.show_preview(axes, forbidden=True)
+    assert node(server, "/preview/link6").color != free
+    scene.show_preview(None)
+    assert scene.previews == ()
+    assert scene.ghosts == ghosts
+
+
 def test_part_on_the_belt_has_no_ghost_and_part_on_the_table_turns_with_it(scene, live) -> None:
     state = live.state
     scene.show(state)

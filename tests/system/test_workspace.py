@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
-from tour import choose, entry, fill
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
@@ -31,6 +30,7 @@ from scancell.workspace.live_camera import CameraFrame
 from scancell.workspace.live_commands import MoveTool
 from scancell.workspace.live_state import LiveState
 from scancell.workspace.robot import deg, location, mm
+from tour import choose, entry, fill
 
 PARTS = Path(__file__).resolve().parents[2] / "assets" / "parts"
 INTO_TABLE = """from scancell.workspace.robot import Robot, deg, location, mm

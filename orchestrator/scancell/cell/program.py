@@ -73,6 +73,12 @@ class Program:
         return {segment.id: segment.name for segment in self.segments}
 
     @property
+    def start(self) -> NDArray[np.float64]:
+        """Joints and table angle (joints + 1,), rad, at which it starts."""
+        first = self.segments[0]
+        return np.append(first.q[0], first.table[0])
+
+    @property
     def duration(self) -> float:
         """Seconds of motion, without settling."""
         return float(sum(segment.times[-1] for segment in self.segments))

@@ -172,8 +172,7 @@ class CellSession(CellCommands):
         self._cell.set_integer("command.mode", Mode.PROGRAM)
         self.wait(0.0)
         self._refuse("run_program")
-        first = program.segments[0]
-        away = np.abs(self.commanded - np.append(first.q[0], first.table[0]))
+        away = np.abs(self.commanded - program.start)
         axis = int(away.argmax())
         if away[axis] > _AT_START:
             name = "the table" if axis == self._jog.count - 1 else f"joint {axis + 1}"

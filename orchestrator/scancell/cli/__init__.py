@@ -10,14 +10,23 @@ from typing import Annotated, Any, cast
 import typer
 
 from scancell.cli.batch import batch
-from scancell.cli.common import JsonOption, Outcome, ScanOption, SetOption, ThreadsOption, run, show_progress
+from scancell.cli.common import (
+    JsonOption,
+    Outcome,
+    PathOption,
+    ScanOption,
+    SetOption,
+    ThreadsOption,
+    run,
+    show_progress,
+)
 from scancell.cli.fmu import fmu_app
 from scancell.cli.guard import guard_app
 from scancell.cli.interrupts import INTERRUPTS
 from scancell.cli.options import CellOptions, CloudOptions, with_options
 from scancell.cli.pictures import animate, export, page, picture
 from scancell.cli.place import place
-from scancell.cli.plan import PathOption, plan
+from scancell.cli.plan import plan
 from scancell.cli.program import run_program
 from scancell.cli.robot import robot_app
 from scancell.cli.study import study_app

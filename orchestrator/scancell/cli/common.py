@@ -25,6 +25,9 @@ EXIT_INTERRUPTED = 130
 CellOption = Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")]
 SensorOption = Annotated[Path | None, typer.Option("--sensor", help="sensor description (TOML)")]
 ScanOption = Annotated[Path | None, typer.Option("--scan", help="scan description (TOML)")]
+PathOption = Annotated[
+    Path | None, typer.Option("--path", help="sensor path (TOML) instead of the views of the scan description")
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="change the nominal description: cell.part.x_mm=20; repeatable"),

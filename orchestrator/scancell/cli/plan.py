@@ -12,6 +12,7 @@ from scancell.cli.common import (
     CellOption,
     JsonOption,
     Outcome,
+    PathOption,
     ScanOption,
     SensorOption,
     SetOption,
@@ -24,10 +25,6 @@ if TYPE_CHECKING:
     from scancell.planning.coverage import CoverageReport
     from scancell.planning.path_planner import PlacedPath
     from scancell.planning.plan import Plan
-
-PathOption = Annotated[
-    Path | None, typer.Option("--path", help="sensor path (TOML) instead of the views of the scan description")
-]
 
 
 def plan(

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from scancell.cli.common import Outcome, run
+from scancell.cli.common import Outcome, PathOption, ScanOption, run
 from scancell.cli.options import CellOptions, with_options
 from scancell.config.choices import LOOPBACK
 
 if TYPE_CHECKING:
+    from scancell.config.loading import Setup
     from scancell.scanning.session import ScanSession
     from scancell.workspace.browser.workspace import WorkspaceSettings
 
@@ -28,6 +29,8 @@ def workspace(
     target: Annotated[
         Path | None, typer.Argument(metavar="[PART|RUN]", help="mesh of the part, or run folder of a scan")
     ] = None,
+    scan: ScanOption = None,
+    path: PathOption = None,
     host: Annotated[str, typer.Option("--host", help="address to listen on")] = LOOPBACK,
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="port; a taken one: the next free one")] = 8080,
     no_guard: Annotated[bool, typer.Option("--no-guard", help="run without the collision guard")] = False,
@@ -50,11 +53,12 @@ def workspace(
         if target is not None and target.is_dir():
             _play_back(target, host, port, colour, options.threads, started)
         else:
+            from scancell.config.loading import with_path  # noqa: PLC0415
             from scancell.workspace.browser.workspace import WorkspaceSettings  # noqa: PLC0415
 
-            _run_cell(
-                target, options, host, port, not no_guard, WorkspaceSettings(out, options.engine, program), started
-            )
+            settings = WorkspaceSettings(out, options.engine, program)
+            setup = with_path(options.setup(scan), path)
+            _run_cell(target, setup, options, host, port, not no_guard, settings, started)
         return Outcome()
 
     run("workspace", options.as_json, work)
@@ -71,6 +75,7 @@ def _play_back(
 
 def _run_cell(
     part: Path | None,
+    setup: Setup,
     options: CellOptions,
     host: str,
     port: int,
@@ -82,7 +87,7 @@ def _run_cell(
     from scancell.workspace.browser.serve import PartFile, serve_workspace  # noqa: PLC0415
 
     as_built = options.as_built or ()
-    with Scanner.from_setup(options.setup(), options.threads) as scanner:
+    with Scanner.from_setup(setup, options.threads) as scanner:
 
         def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
             path, unit = (None, "mm") if file is None else (file.path, file.unit)

@@ -43,7 +43,7 @@ def draw_map(
     sheet.text(_LEFT, 28, f"{name}: table angle along the path, branch {branch}", 18, bold=True)
     cost = f"cost of the motion {motion.cost:.3f}" if motion is not None else "no motion chosen in this branch"
     sheet.text(_LEFT, 50, f"{map_.columns} x {map_.rows} cells, {cost}", 14, SOFT)
-    pixels = _pixels(map_)
+    pixels = map_pixels(map_)
     sheet.image(resized(pixels, _PLOT_WIDTH, _PLOT_HEIGHT, sharp=True), _LEFT, _TOP)
     sheet.rectangle(_LEFT - 1, _TOP - 1, _LEFT + _PLOT_WIDTH, _TOP + _PLOT_HEIGHT, outline=SOFT)
     _axes(sheet, duration)
@@ -55,8 +55,8 @@ def draw_map(
     sheet.write(file)
 
 
-def _pixels(map_: ConfigurationMap) -> Pixels:
-    """(rows, columns, 3), the largest table angle first."""
+def map_pixels(map_: ConfigurationMap) -> Pixels:
+    """Colours of the cells (rows, columns, 3), the largest table angle first."""
     quality = np.nan_to_num(map_.quality)[..., None]
     pixels = np.where(quality > 0, _LOW + quality * (_HIGH - _LOW), _COLOURS[map_.cause]).astype(np.uint8)
     pixels[np.isnan(map_.quality)] = _UNKNOWN
@@ -77,13 +77,19 @@ def _axes(sheet: Sheet, duration: float) -> None:
 
 
 def _motion(sheet: Sheet, angle: NDArray[np.float64]) -> None:
+    for line in motion_lines(angle):
+        sheet.line([(_LEFT + _PLOT_WIDTH * x, _TOP + _PLOT_HEIGHT * y) for x, y in line], INK, 3)
+
+
+def motion_lines(angle: NDArray[np.float64]) -> list[list[tuple[float, float]]]:
+    """Lines along a motion of table angles (n,), rad, in a map of height and width 1 whose origin is above on the left.
+
+    A line leaves the map at one edge, and the next one comes back at the other.
+    """
     turn = np.mod(angle, 2 * np.pi) / (2 * np.pi)
-    x = _LEFT + _PLOT_WIDTH * np.linspace(0.0, 1.0, len(angle))
-    y = _TOP + _PLOT_HEIGHT * (1 - turn)
-    # The line leaves the picture at one edge and comes back at the other.
-    for piece in np.split(np.arange(len(angle)), np.flatnonzero(np.abs(np.diff(turn)) > 0.5) + 1):
-        if len(piece) > 1:
-            sheet.line([(float(x[i]), float(y[i])) for i in piece], INK, 3)
+    points = np.column_stack([np.linspace(0.0, 1.0, len(angle)), 1 - turn])
+    pieces = np.split(points, np.flatnonzero(np.abs(np.diff(turn)) > 0.5) + 1)
+    return [[(float(x), float(y)) for x, y in piece] for piece in pieces if len(piece) > 1]
 
 
 def _cylinder(sheet: Sheet, pixels: Pixels, left: int, middle: float, motion: TableMotion | None) -> None:
@@ -112,14 +118,18 @@ def _cylinder(sheet: Sheet, pixels: Pixels, left: int, middle: float, motion: Ta
             sheet.line([(left + float(at[i]), float(height[i])) for i in piece], INK, 3)
 
 
-def _legend(sheet: Sheet, map_: ConfigurationMap) -> None:
+def map_legend(map_: ConfigurationMap) -> list[tuple[str, str]]:
+    """What colours mean, and how HTML writes them."""
     shown = [("quality 0", _LOW), ("1", _HIGH)]
     shown += [(CAUSES[i], _COLOURS[i]) for i in range(1, len(CAUSES)) if (map_.cause == i).any()]
     if map_.evaluated < map_.quality.size:
         shown.append(("not evaluated", _UNKNOWN))
+    return [(name, "#" + "".join(f"{int(c):02x}" for c in colour)) for name, colour in shown]
+
+
+def _legend(sheet: Sheet, map_: ConfigurationMap) -> None:
     x = float(_LEFT)
-    for name, colour in shown:
-        red, green, blue = (int(c) for c in colour)
-        sheet.rectangle(x, _HEIGHT - 34, x + 16, _HEIGHT - 18, f"#{red:02x}{green:02x}{blue:02x}", SOFT)
+    for name, colour in map_legend(map_):
+        sheet.rectangle(x, _HEIGHT - 34, x + 16, _HEIGHT - 18, colour, SOFT)
         sheet.text(x + 22, _HEIGHT - 20, name, 14)
         x += 22 + text_width(name, 14) + 22

@@ -19,19 +19,17 @@ Parts = tuple[Program, NDArray[np.int64], Array, Array]
 _SMALL_MOVE = np.radians(0.5)  # joint moves up to this need no collision check: they stay within the clearance
 
 
-def approach(cell: PlanningCell, clearance: float, start: Array, program: Program) -> Program | None:
-    """Collision-free motions from `start` (axes,), rad, to where a program starts; None where it starts there.
+def approach(cell: PlanningCell, clearance: float, start: Array, goal: Array, purpose: str) -> Program | None:
+    """Collision-free motions from `start` to `goal` (axes,), rad, which `purpose` names; None where both are the same.
 
     Raises
     ------
     PlanningError
         If none is found, naming the bodies that collide on the direct way.
     """
-    first = program.segments[0]
-    goal = np.append(first.q[0], first.table[0])
-    motions = Connector(cell, clearance).connect(start, goal, "the start of the program")
+    motions = Connector(cell, clearance).connect(start, goal, purpose)
     segments = (
-        Segment(number, _times(points, cell), points[:, :-1], points[:, -1], name="to the start")
+        Segment(number, _times(points, cell), points[:, :-1], points[:, -1], name=f"to {purpose}")
         for number, points in enumerate(motions, start=1)
     )
     return Program(tuple(segments)) if motions else None

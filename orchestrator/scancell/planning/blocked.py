@@ -7,7 +7,18 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.planning.configuration_map import CAUSES, CLEARANCE
+from scancell.planning.configuration_map import (
+    CAUSES,
+    CLEARANCE,
+    FREE,
+    JOINT_RANGE,
+    JOINT_SPEED,
+    REACH,
+    SINGULARITY,
+    USER,
+    ConfigurationMap,
+)
+from scancell.planning.reasons import describe
 from scancell.planning.table_motion import Lattice
 
 Indices = NDArray[np.int64]
@@ -15,6 +26,13 @@ Indices = NDArray[np.int64]
 COARSE_ROWS = 72  # table angles of the coarse map in a turn
 COARSE_COLUMNS = 60  # about as many columns of it
 _MOST_NAMED = 3  # constraints in a message
+_CAUSES = {
+    FREE: "",
+    JOINT_RANGE: "a joint is at its limit",
+    SINGULARITY: "the arm is at a singular configuration",
+    JOINT_SPEED: "no speed of the table lets all joints keep their limits of speed",
+    USER: "a further constraint of the plan forbids it",
+}
 
 
 def coarse_steps(lattice: Lattice) -> Indices:
@@ -45,6 +63,14 @@ def why_blocked(lattice: Lattice) -> str:
     return "table and joints are too slow to follow the free table angles"
 
 
+def why_forbidden(map_: ConfigurationMap, column: int, row: int) -> str:
+    """What forbids an evaluated cell, with the bodies and distances that explain it; empty where it is free."""
+    cause = int(map_.cause[column, row])
+    if cause == CLEARANCE:
+        return describe(map_.worst_clashes(column, np.array([row]))[0])
+    return map_.out_of_reach(column, row) if cause == REACH else _CAUSES[cause]
+
+
 def _widened(flags: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
     """Whether a flag (n,) within so many places, around a circle, is set."""
     if 2 * by + 1 >= len(flags):
@@ -58,7 +84,7 @@ def _forbidden(lattice: Lattice, column: int, rows: Indices) -> str:
     causes = map_.cause[column, rows]
     names: Counter[str] = Counter(CAUSES[cause] for cause in causes if cause != CLEARANCE)
     near = rows[causes == CLEARANCE]
-    names.update(f"clearance between {a} and {b}" for a, b in map_.nearest_pairs(column, near))
+    names.update(f"clearance between {clash.body_a} and {clash.body_b}" for clash in map_.worst_clashes(column, near))
     shares = [f"{name} ({100 * count / len(rows):.0f} %)" for name, count in names.most_common(_MOST_NAMED)]
     where = "every table angle" if len(rows) == COARSE_ROWS else "every table angle that can be reached"
     return f"{where} is forbidden: {', '.join(shares)}"

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from scancell.geometry import pose
 from scancell.planning import constraints
 from scancell.planning.model import PlanningCell
-from scancell.proximity.scene import ProximityScene
+from scancell.planning.reasons import out_of_reach
+from scancell.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -166,16 +167,24 @@ class ConfigurationMap:
         targets = pose.from_rotation(pose.rotation_about(2, angle)) @ self._path[np.asarray(column)]
         return self._cell.ik(targets)[:, self._branch]
 
-    def nearest_pairs(self, column: int, row: Indices) -> list[tuple[str, str]]:
+    def worst_clashes(self, column: int, row: Indices) -> list[Clash]:
         """The pair of bodies (k,) that violates its clearance most at each of the cells (k,) of a column."""
         if not len(row):
             return []
         angle = self.angle(row)
         poses = self._cell.nominal.body_poses(self.joints(np.full(len(row), column), angle), angle)
-        low = self._static.clearance[:, 0]
-        scene = self._cell.proximity
-        missing = low - scene.distances(poses, low, self._cell.threads)
-        return [scene.pairs[int(k)] for k in missing.argmax(1)]
+        low, pairs = self._static.clearance[:, 0], self._cell.proximity.pairs
+        distance = self._cell.proximity.distances(poses, low, self._cell.threads)
+        worst = (low - distance).argmax(1)
+        return [
+            Clash(i, pairs[k][0], pairs[k][1], float(distance[i, k]), float(low[k]))
+            for i, k in enumerate(worst.tolist())
+        ]
+
+    def out_of_reach(self, column: int, row: int) -> str:
+        """Why the branch does not reach a cell whose cause is that."""
+        target = pose.from_rotation(pose.rotation_about(2, self.angle(row))) @ self._path[column]
+        return out_of_reach(self._cell, target[None], slice(self._branch, self._branch + 1))
 
     def _evaluate(self, column: Indices, row: Indices) -> None:
         angle = self.angle(row)

@@ -22,14 +22,14 @@ def describe(clash: Clash) -> str:
     return f"{clash.body_a} comes within {distance:.1f} mm of {clash.body_b} (required clearance {required:g} mm)"
 
 
-def out_of_reach(cell: PlanningCell, table_from_sensor: Array) -> str:
+def out_of_reach(cell: PlanningCell, table_from_sensor: Array, branches: slice = slice(None)) -> str:
     """Message why none of several sensor poses (n, 4, 4) is feasible, with the smallest violation among them.
 
     Poses are in the frame of the table at angle 0. The violation is the distance to the reach of the arm, or the
-    angle by which a joint exceeds its limits.
+    angle by which a joint exceeds its limits; in some of the arm's `branches`.
     """
     arm = cell.nominal.arm
-    q = cell.ik(table_from_sensor, filtered=False)
+    q = cell.ik(table_from_sensor, filtered=False)[:, branches]
     exists = np.asarray(np.isfinite(q).all(axis=-1))
     if not exists.any():
         world = cell.nominal.world_from_table @ table_from_sensor

@@ -11,6 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
+from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
@@ -98,6 +99,7 @@ class ScanPipeline(Closing):
         self.threads = threads
         self._cells: OrderedDict[str, tuple[Mesh | None, LoadedCell]] = OrderedDict()
         self._plans: OrderedDict[str, Plan] = OrderedDict()
+        self._planning = Lock()
         self.runner = FmuRunner()
         self.builds = 0
 
@@ -133,7 +135,8 @@ class ScanPipeline(Closing):
     ) -> Plan:
         """The plan of the scan description, or a `saved` one checked again.
 
-        It is cached by a digest of all inputs, unless there are `judges`, see `planner.plan`.
+        It is cached by a digest of all inputs, unless there are `judges`, see `planner.plan`. Any thread may call;
+        one that asks for the same plan meanwhile waits for it.
 
         Raises
         ------
@@ -159,12 +162,19 @@ class ScanPipeline(Closing):
         if judges:
             return make()
 
-        return _kept(self._plans, key, _MAX_PLANS, make)
+        with self._planning:
+            return _kept(self._plans, key, _MAX_PLANS, make)
 
     def approach(
-        self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor, axes: NDArray[np.float64], plan: Plan
+        self,
+        loaded: LoadedCell,
+        setup: Setup,
+        sensor: sensor_rt.Sensor,
+        start: NDArray[np.float64],
+        goal: NDArray[np.float64],
+        purpose: str,
     ) -> Program | None:
-        """Motions from joints and table angle `axes` (joints + 1,), rad, to the start of a plan; None at the start.
+        """Motions between joints and table angles (joints + 1,), rad; None from a place to itself.
 
         Raises
         ------
@@ -172,7 +182,7 @@ class ScanPipeline(Closing):
             If no path free of collision is found, naming the bodies that collide on the direct one.
         """
         cell = _with_torques(self._planning_cell(loaded, setup, sensor), setup)
-        return approach(cell, scan_options(setup.scan).clearance, axes, plan.program)
+        return approach(cell, scan_options(setup.scan).clearance, start, goal, purpose)
 
     def _planning_cell(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor) -> PlanningCell:
         cycle = setup.cell.world.controller_cycle_us * 1e-6

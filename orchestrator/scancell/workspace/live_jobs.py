@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
@@ -68,3 +69,22 @@ class Handed(Generic[T]):
 
 
 Work = Handed[Any]
+
+
+def while_stepping(session: ScanSession, work: Callable[[], T]) -> T:
+    """Step a session in a job while another thread does `work`, and return its result or raise its error.
+
+    A job that is stopped leaves the other thread alone, whose result is dropped.
+    """
+    future: Future[T] = Future()
+
+    def do() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as error:
+            future.set_exception(error)
+
+    threading.Thread(target=do, name="plan", daemon=True).start()
+    while not future.done():
+        session.step()
+    return future.result()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,7 +29,7 @@ from scancell.scanning.sense import ExposureImages, SensingResult, sample_rows
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Stopwatch
 from scancell.workspace.live import LiveCell
-from scancell.workspace.live_jobs import JobStopped
+from scancell.workspace.live_jobs import JobStopped, while_stepping
 
 Stage = Literal["waiting", "planning", "approaching", "scanning", "sensing", "done", "failed"]
 
@@ -161,12 +161,8 @@ class LiveScan:
         self._stage = "planning"
         if session.cell.get_integer("command.operation") != Operation.AUTOMATIC:
             session.set_operation(Operation.AUTOMATIC)
-        planner = ThreadPoolExecutor(1, "plan")
-        planned = planner.submit(self._plan, session, session.come_to_rest())
-        planner.shutdown(wait=False)
-        while not planned.done():
-            session.step()
-        plan, approach = planned.result()
+        start = session.come_to_rest()
+        plan, approach = while_stepping(session, lambda: self._plan(session, start))
         self._stage, self._planned = "approaching", len(plan.segment)
         if approach is not None:
             session.run_program(approach, session.exposure)
@@ -181,11 +177,12 @@ class LiveScan:
         self._stage = "sensing"
         self._hand_over(None, session)
 
-    def _plan(self, session: ScanSession, axes: NDArray[np.float64]) -> tuple[Plan, Program | None]:
+    def _plan(self, session: ScanSession, start: NDArray[np.float64]) -> tuple[Plan, Program | None]:
         job, pipeline = session.job, session.pipeline
         with self._watch.measure("plan"):
             plan = pipeline.plan(job.loaded, job.setup, job.sensors.nominal, self._given)
-        return plan, pipeline.approach(job.loaded, job.setup, job.sensors.nominal, axes, plan)
+        goal, purpose = plan.program.start, "the start of the program"
+        return plan, pipeline.approach(job.loaded, job.setup, job.sensors.nominal, start, goal, purpose)
 
     def _take(self, taken: Recording, session: ScanSession) -> None:
         self._taken += len(taken)

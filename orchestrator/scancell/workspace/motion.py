@@ -12,6 +12,7 @@ from scancell.cell.recording import Recording, RecordLayout
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
+from scancell.workspace.program_motion import ProgramMotion
 
 Array = NDArray[np.float64]
 
@@ -99,15 +100,12 @@ class RunMotion:
         return np.asarray(plan.axes(float(at)) + (1 - share) * error[0] + share * error[1])
 
 
-class _Plan:
-    """Set-points of a program against its own clock; `clock` (n,) is the time in it at which exposures were taken."""
+class _Plan(ProgramMotion):
+    """The motion of a program; `clock` (n,) is the time in it at which exposures were taken."""
 
     def __init__(self, program: Program, segment: NDArray[np.int64], measured: Array) -> None:
+        super().__init__(program)
         segments = program.segments
-        begins = np.cumsum([0.0, *(float(item.times[-1]) for item in segments)])
-        self.duration = float(begins[-1])
-        self._times = np.concatenate([begin + item.times for begin, item in zip(begins, segments, strict=False)])
-        self._axes = np.concatenate([np.column_stack([item.q, item.table]) for item in segments])
         number = {item.id: i for i, item in enumerate(segments)}
         strange = sorted(set(segment.tolist()) - set(number))
         if strange:
@@ -116,11 +114,7 @@ class _Plan:
         for one in np.unique(segment):
             rows, item = np.flatnonzero(segment == one), segments[number[int(one)]]
             planned = np.column_stack([item.q, item.table])
-            self.clock[rows] = begins[number[int(one)]] + _nearest_times(item.times, planned, measured[rows])
-
-    def axes(self, at: float) -> Array:
-        """Joints and table angle (joints + 1,) at a time of the program's own clock, s."""
-        return np.array([np.interp(at, self._times, axis) for axis in self._axes.T])
+            self.clock[rows] = self.begins[number[int(one)]] + _nearest_times(item.times, planned, measured[rows])
 
 
 def _require_true_poses(recording: Recording, frames: Iterable[str]) -> None:

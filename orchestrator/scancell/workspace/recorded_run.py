@@ -48,6 +48,8 @@ class RecordedRun:
 def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
     """Read a run folder that `scancell scan`, `rerun` or `render` wrote.
 
+    Where the file of the part is missing, one of this name in the folder is read.
+
     Parameters
     ----------
     most_points
@@ -62,7 +64,9 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
     if not (folder / "resolved.toml").is_file():
         raise DescriptionError(f"{folder}: expected a run folder with resolved.toml and recording.parquet")
     setup, made = load_resolved(folder / "resolved.toml")
-    part = load_mesh(Path(made["part"]), made["unit"])
+    file = Path(made["part"])
+    beside = folder / file.name
+    part = load_mesh(beside if beside.is_file() and not file.is_file() else file, made["unit"])
     cell = with_unknown_obstacles(nominal_cell(setup.cell, part), setup.cell)
     recording = read_recording(folder / "recording.parquet")
     plan = read_plan(folder / "plan.json") if (folder / "plan.json").is_file() else None

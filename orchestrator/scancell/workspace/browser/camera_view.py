@@ -103,7 +103,7 @@ class CameraView:
         return {"x": self._uplot.Scale(time=False), "y": self._uplot.Scale(dir=-1, range=self._range)}
 
     def _fit_range(self, z: NDArray[np.float64]) -> None:
-        """Let the profile fill a good part of the plot; a change of axes makes a new plot, so not with each frame."""
+        """Let the profile fill a good part of the plot; other axes make a new plot, so not every frame changes them."""
         if not len(z):
             return
         low, high = float(z.min()), float(z.max())

@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Protocol
 from scancell.config.sensor import SensorDescription
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.panels.cell_panel import CellPanel
-from scancell.workspace.browser.panels.file_panel import FilePanel, OpenPart
+from scancell.workspace.browser.panels.file_panel import FilePanel, Opener
 from scancell.workspace.browser.panels.jog_panel import JogPanel
 from scancell.workspace.browser.panels.joint_panel import JointPanel
+from scancell.workspace.browser.panels.plan_panel import PlanPanel
 from scancell.workspace.browser.panels.pose_panel import PosePanel
 from scancell.workspace.browser.panels.program_panel import ProgramPanel, RobotProgram
 from scancell.workspace.browser.panels.scan_panel import ScanPanel
 from scancell.workspace.browser.panels.sensor_panel import SensorPanel
+from scancell.workspace.browser.plans import Plans
+from scancell.workspace.browser.recording import SessionRecording
 from scancell.workspace.browser.scans import Scans
 from scancell.workspace.live_camera import CameraFeed
 from scancell.workspace.live_state import LiveState
@@ -32,13 +35,15 @@ class Panel(Protocol):
 
 @dataclass(frozen=True)
 class Shared:
-    """What all browsers work with: scans of the part, cameras, the nominal sensor, and a program where there is one."""
+    """What all browsers work with; `program` where the workspace was started with one."""
 
+    plans: Plans
     scans: Scans
     feed: CameraFeed
+    recording: SessionRecording
     sensor: SensorDescription
     program: RobotProgram | None
-    open_part: OpenPart
+    opener: Opener
 
 
 class ClientView:
@@ -69,13 +74,15 @@ class ClientView:
             self._panels.append(CellPanel(gui, desk, state))
         with tabs.add_tab("Sensor"):
             self._panels.append(SensorPanel(gui, desk, shared.feed, shared.sensor))
+        with tabs.add_tab("Plan"):
+            self._panels.append(PlanPanel(gui, desk, shared.plans))
         with tabs.add_tab("Scan"):
             self._panels.append(ScanPanel(gui, desk, shared.scans))
         if shared.program is not None:
             with tabs.add_tab("Program"):
                 self._panels.append(ProgramPanel(gui, desk, shared.program))
         with tabs.add_tab("File"):
-            self._panels.append(FilePanel(gui, desk, shared.open_part))
+            self._panels.append(FilePanel(gui, desk, shared.opener, shared.recording))
         self.show(state)
 
     def show(self, state: LiveState) -> None:

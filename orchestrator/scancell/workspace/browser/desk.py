@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from scancell.cell.controller import Operation
 from scancell.cell.readings import Tool
-from scancell.errors import ScancellError
 from scancell.geometry import pose
 from scancell.scanning.session import ScanSession
+from scancell.workspace.browser.messages import said_to_person, say
 from scancell.workspace.browser.operators import Operators
 from scancell.workspace.live import LiveCell
 from scancell.workspace.live_commands import ChangeOperation, Command, Jog, MoveJoints, MoveTool
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_SHOWN = 8.0  # s, of a message
 _RENDERS = 60.0  # s, within which a browser makes a picture
 
 
@@ -113,7 +112,7 @@ class Desk:
 
     def say(self, text: str) -> None:
         """Show a message in this browser for a while."""
-        self._client.add_notification("scancell", text, auto_close_seconds=_SHOWN, color="orange")
+        say(self._client, text)
 
     # What panels are made of
 
@@ -128,17 +127,8 @@ class Desk:
                 handle.disabled = not self.is_operator
 
     def by_person(self, act: Callable[[], object]) -> Callable[[Any], None]:
-        """A callback of viser that acts on what a person did, not on what the program shows; says what went wrong."""
-
-        def called(event: Any) -> None:
-            if event.client is None:
-                return
-            try:
-                act()
-            except ScancellError as error:
-                self.say(str(error))
-
-        return called
+        """See `said_to_person`."""
+        return said_to_person(act)
 
 
 class Settled:

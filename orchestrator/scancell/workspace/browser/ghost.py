@@ -1,4 +1,4 @@
-"""Arm and table, translucent, where the motion in force leads."""
+"""Arm and table, translucent, where the motion in force leads or a plan would."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scancell.geometry import pose
 from scancell.nominal.cell import Body, NominalCell
 from scancell.workspace.browser.bodies import MovedNodes
-from scancell.workspace.browser.surfaces import DrawnMesh
+from scancell.workspace.browser.surfaces import DrawnMesh, Rgb
 
 if TYPE_CHECKING:
     import viser
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Poses = Mapping[str, Array]
 
-_COLOUR, _OPACITY = (40, 115, 225), 0.35
+TARGET, PREVIEW, FORBIDDEN = (40, 115, 225), (240, 150, 20), (215, 35, 35)
+_OPACITY = 0.35
 _POSITION, _ANGLE = 0.1e-3, np.radians(0.01)  # m and rad: nearer to its target, a body has no ghost
 _ON_TABLE = 5e-3  # m and rad by which a part on the table may be off its nominal pose
 _LARGER = 1.004  # scale of the ghost: faces of both in one plane would flicker
@@ -38,21 +39,30 @@ class Ghost:
         Bodies and frames.
     drawn
         Meshes by the names of the bodies.
+    root, colour
+        Name of the scene's node above the bodies, and their colour.
     """
 
-    def __init__(self, scene: viser.SceneApi, cell: NominalCell, drawn: Mapping[str, DrawnMesh]) -> None:
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        cell: NominalCell,
+        drawn: Mapping[str, DrawnMesh],
+        root: str = "/ghost",
+        colour: Rgb = TARGET,
+    ) -> None:
+        self._root, self._colour = root, colour
         self._bodies = [body for body in cell.bodies if _moves(body)]
         self._table_from_part = cell.table_from_part
         flanges = [body.name for body in self._bodies if body.moves_with.startswith("link[")]
         self._carrier = {"finger": flanges[-1] if flanges else "", "part": "table"}
         self._nodes = MovedNodes({body.name: self._add(scene, body.name, drawn[body.name]) for body in self._bodies})
 
-    @staticmethod
-    def _add(scene: viser.SceneApi, name: str, drawn: DrawnMesh) -> Any:
+    def _add(self, scene: viser.SceneApi, name: str, drawn: DrawnMesh) -> Any:
         return scene.add_mesh_simple(
-            f"/ghost/{name}",
+            f"{self._root}/{name}",
             *drawn,
-            color=_COLOUR,
+            color=self._colour,
             opacity=_OPACITY,
             scale=_LARGER,
             cast_shadow=False,
@@ -78,6 +88,13 @@ class Ghost:
             node.visible = shown
         if visible.any():
             self._nodes.move(target)
+
+    def paint(self, colour: Rgb) -> None:
+        """Give all bodies another colour."""
+        if colour != self._colour:
+            self._colour = colour
+            for node in self._nodes.nodes.values():
+                node.color = colour
 
     def hide(self) -> None:
         """Show no ghost."""

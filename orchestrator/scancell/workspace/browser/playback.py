@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scancell.config.choices import LOOPBACK
+from scancell.stopwatch import Pace
+from scancell.workspace.browser.messages import said_to_person
 from scancell.workspace.browser.quiet import address, quiet_server
 from scancell.workspace.browser.scene import CellScene
 from scancell.workspace.coloured_cloud import ColourBy, coloured_by
@@ -38,6 +40,8 @@ class Playback:
         What the colours of the cloud show.
     threads
         For the deviations of the cloud; 0 uses all cores.
+    back
+        Goes back to where the run was opened; None: there is nothing to go back to.
 
     Attributes
     ----------
@@ -45,11 +49,20 @@ class Playback:
         What is shown.
     """
 
-    def __init__(self, server: viser.ViserServer, run: RecordedRun, colour: ColourBy, threads: int = 0) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        run: RecordedRun,
+        colour: ColourBy,
+        threads: int = 0,
+        back: Callable[[], None] | None = None,
+    ) -> None:
         self._run, self._lock = run, RLock()
         self.scene = CellScene(server, run.cell, run.setup.sensor, run.setup.cell)
         motion, gui = run.motion, server.gui
         gui.set_panel_label(f"scancell: {run.name}")
+        if back is not None:
+            gui.add_button("Back to the cell").on_click(said_to_person(back))
         first, last = np.floor(motion.start / _STEP) * _STEP, np.ceil(motion.duration / _STEP) * _STEP
         self._slider = gui.add_slider("time, s", round(first, 2), round(last, 2), _STEP, initial_value=round(first, 2))
         self._play = gui.add_button("Play")
@@ -62,6 +75,21 @@ class Playback:
         self._slider.on_update(lambda _: self._show())
         self._play.on_click(lambda _: self.play_or_pause())
         self._show()
+
+    def run(self, ended: Callable[[], bool]) -> None:
+        """Let time go on, while it plays, until `ended`."""
+        pace, before = Pace(1 / _RATE), monotonic()
+        while not ended():
+            pace.wait()
+            now = monotonic()
+            self.advance(now - before)
+            before = now
+
+    def join(self, client: viser.ClientHandle) -> None:
+        """All browsers have the same panel."""
+
+    def leave(self, client: viser.ClientHandle) -> None:
+        """Nothing is kept for a browser."""
 
     @property
     def time(self) -> float:
@@ -162,10 +190,6 @@ def serve_playback(
         with quiet_server(host, port) as server:
             playback = Playback(server, run, colour, threads)
             started(address(server))
-            before = monotonic()
-            while not stop.wait(1 / _RATE):
-                now = monotonic()
-                playback.advance(now - before)
-                before = now
+            playback.run(stop.is_set)
     except KeyboardInterrupt:
         pass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from scancell.config.choices import Engine
 from scancell.errors import CommandError
+from scancell.files import first_free
 from scancell.geometry.mesh import Mesh
 from scancell.results import ScanResult
 from scancell.workspace.browser.live_cloud import LiveCloud
@@ -25,6 +27,8 @@ class Scans:
         Mesh of the part; None: there is nothing to scan.
     out
         Folder in which `save` makes run folders.
+    on_points
+        Receives the points of scans, too.
 
     Attributes
     ----------
@@ -32,8 +36,16 @@ class Scans:
         What is shown of the points.
     """
 
-    def __init__(self, live: LiveCell, cloud: LiveCloud, part: Mesh | None, out: Path) -> None:
+    def __init__(
+        self,
+        live: LiveCell,
+        cloud: LiveCloud,
+        part: Mesh | None,
+        out: Path,
+        on_points: Callable[[LiveChunk], object] = lambda _: None,
+    ) -> None:
         self._live, self.cloud, self._part, self._out = live, cloud, part, out
+        self._on_points = on_points
         self._lock = Lock()
         self._scan: LiveScan | None = None
 
@@ -89,10 +101,7 @@ class Scans:
         ScancellError
             If there is no finished scan, or the folder cannot be written.
         """
-        result = self.result
-        number = 1
-        while (folder := self._out / f"scan_{number}").exists():
-            number += 1
+        result, folder = self.result, first_free(self._out, "scan_{}")
         result.save(folder)
         return folder
 
@@ -102,4 +111,5 @@ class Scans:
             return
         # The first chunk tells how many points there will be.
         expected = max(1, state.points) / max(1, state.sensed) * state.planned
+        self._on_points(chunk)
         self.cloud.add(chunk, float(np.sqrt(self._part.areas.sum() / expected)))

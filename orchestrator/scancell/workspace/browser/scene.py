@@ -17,7 +17,7 @@ from scancell.nominal.cell import NominalCell
 from scancell.workspace.browser.bodies import BodyNodes
 from scancell.workspace.browser.cloud import GrowingCloud
 from scancell.workspace.browser.devices import BeltMarks, DeviceView
-from scancell.workspace.browser.ghost import Ghost
+from scancell.workspace.browser.ghost import FORBIDDEN, PREVIEW, Ghost
 from scancell.workspace.browser.options import SceneOptions
 from scancell.workspace.browser.pairs import PairView
 from scancell.workspace.browser.sensor_view import SensorView
@@ -84,7 +84,9 @@ class CellScene:
         self._sensor_view = SensorView(scene, sensor)
         self._devices = DeviceView(scene, description)
         self._belts = [BeltMarks(scene, belt) for belt in description.conveyor]
-        self._ghost = Ghost(scene, cell, drawn)
+        self._drawn, self._ghost = drawn, Ghost(scene, cell, drawn)
+        self._preview: Ghost | None = None
+        self._preview_from_body: Mapping[str, Array] | None = None
         self._pairs = PairView(scene, self._bodies, meshes)
         self._trace, self._cloud = Trace(scene), GrowingCloud(scene)
         carried = {body.moves_with: body.name for body in reversed(cell.bodies)}
@@ -114,14 +116,36 @@ class CellScene:
         with self._lock, self._server.atomic():
             self._bodies.move(frames)
 
+    def show_preview(self, axes: Array | None, forbidden: bool = False) -> None:
+        """Show a further ghost at joints and a table angle (joints + 1,), rad, red where that is forbidden; or none.
+
+        Its meshes are sent when it is shown first.
+        """
+        with self._lock, self._server.atomic():
+            if axes is None:
+                self._preview_from_body = None
+            else:
+                poses = self._cell.body_poses(axes[:-1], axes[-1])
+                named = zip(self._cell.bodies, poses, strict=True)
+                self._preview_from_body = {body.name: np.asarray(at) for body, at in named}
+                if self._preview is None:
+                    self._preview = Ghost(self._server.scene, self._cell, self._drawn, "/preview", PREVIEW)
+                self._preview.paint(FORBIDDEN if forbidden else PREVIEW)
+            self._show_ghost()
+
     def position(self, frame: str) -> Array:
         """Where a frame is shown (3,), m."""
         return self._bodies.position(frame)
 
     @property
     def ghosts(self) -> tuple[str, ...]:
-        """Names of the bodies whose ghosts are shown."""
+        """Names of the bodies whose ghosts are shown at the target of the motion."""
         return self._ghost.shown
+
+    @property
+    def previews(self) -> tuple[str, ...]:
+        """Names of the bodies whose further ghosts are shown."""
+        return () if self._preview is None else self._preview.shown
 
     def belt_pitch(self, number: int) -> float:
         """Distance between the marks of a belt, numbered from 1, m."""
@@ -174,6 +198,12 @@ class CellScene:
             self._ghost.hide()
         else:
             self._ghost.show(self._state.ghost_from_body, self._state.world_from_body)
+        if self._preview is None:
+            return
+        if self._state is None or self._preview_from_body is None:
+            self._preview.hide()
+        else:
+            self._preview.show(self._preview_from_body, self._state.world_from_body)
 
     def _apply_options(self) -> None:
         with self._lock, self._server.atomic():

@@ -1,4 +1,4 @@
-"""Serves a live cell to browsers, one part after another."""
+"""Serves a live cell to browsers, with one part after another, and runs in between."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, RLock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from scancell.config.choices import LOOPBACK
 from scancell.scanning.session import ScanSession
+from scancell.workspace.browser.playback import Playback
 from scancell.workspace.browser.quiet import address, quiet_server
 from scancell.workspace.browser.workspace import Workspace, WorkspaceSettings
+from scancell.workspace.run_archive import open_archive
 
 if TYPE_CHECKING:
     import viser
@@ -30,17 +32,29 @@ class PartFile:
 OpenSession = Callable[[PartFile | None], AbstractContextManager[ScanSession]]
 
 
+class View(Protocol):
+    """What a host shows on an empty page: a live cell, or a run that is played back."""
+
+    def run(self, ended: Callable[[], bool]) -> None:
+        """Keep it going until `ended`."""
+
+    def join(self, client: viser.ClientHandle) -> None:
+        """A browser has come."""
+
+    def leave(self, client: viser.ClientHandle) -> None:
+        """A browser has gone."""
+
+
 @dataclass(frozen=True)
 class _Opened:
-    """A running cell, what frees it, and the name of its part."""
+    """Makes a view, and frees what it needs."""
 
-    session: ScanSession
+    make: Callable[[], View]
     resources: ExitStack
-    name: str | None
 
 
 class Host:
-    """Keeps the browsers of a server while the cell is opened with one part after another.
+    """Keeps the browsers of a server while one view after another is shown in them.
 
     Parameters
     ----------
@@ -55,19 +69,25 @@ class Host:
     def __init__(self, server: viser.ViserServer, open_session: OpenSession, settings: WorkspaceSettings) -> None:
         self._server, self._open_session, self._settings = server, open_session, settings
         self._lock = RLock()
-        self._workspace: Workspace | None = None
+        self._view: View | None = None
         self._next: _Opened | None = None
+        self._part: PartFile | None = None
         self._parts = tempfile.TemporaryDirectory(prefix="scancell-parts-")
         server.on_client_connect(self._join)
         server.on_client_disconnect(self._leave)
 
     @property
-    def workspace(self) -> Workspace | None:
+    def view(self) -> View | None:
         """What is shown."""
-        return self._workspace
+        return self._view
+
+    @property
+    def workspace(self) -> Workspace | None:
+        """The live cell; None while a run is played back."""
+        return self._view if isinstance(self._view, Workspace) else None
 
     def run(self, part: PartFile | None, stop: Event, started: Callable[[], None] = lambda: None) -> None:
-        """Show the cell with a part, and with each that is opened later, until `stop`.
+        """Show the cell with a part, and whatever is opened later, until `stop`.
 
         Parameters
         ----------
@@ -80,13 +100,13 @@ class Host:
             If the part cannot be loaded, or the FMU reports an error.
         """
         with self._parts:
-            opened: _Opened | None = self._open(part)
+            opened: _Opened | None = self._open_cell(part)
             while opened is not None:
                 with opened.resources:
-                    workspace = self._show(opened)
+                    view = self._show(opened)
                     started()
                     started = _nothing
-                    workspace.run(lambda: stop.is_set() or self._next is not None)
+                    view.run(lambda: stop.is_set() or self._next is not None)
                 with self._lock:
                     opened, self._next = self._next, None
                 if stop.is_set() and opened is not None:
@@ -103,38 +123,60 @@ class Host:
         """
         path = Path(self._parts.name) / name
         path.write_bytes(content)
-        opened = self._open(PartFile(path, unit))
+        self._show_next(self._open_cell(PartFile(path, unit)))
+
+    def open_run(self, name: str, content: bytes) -> None:
+        """Play back a run instead; the cell is closed.
+
+        Raises
+        ------
+        ScancellError
+            See `open_archive`; the cell stays then.
+        """
+        run = open_archive(content, name)
+        self._show_next(_Opened(lambda: Playback(self._server, run, "deviation", back=self._go_back), ExitStack()))
+
+    def _go_back(self) -> None:
+        """Show the cell anew with the part that it had."""
+        self._show_next(self._open_cell(self._part))
+
+    def _show_next(self, opened: _Opened) -> None:
         with self._lock:
             dropped, self._next = self._next, opened
         if dropped is not None:
             dropped.resources.close()
 
-    def _open(self, part: PartFile | None) -> _Opened:
+    def _open_cell(self, part: PartFile | None) -> _Opened:
         resources = ExitStack()
         session = resources.enter_context(self._open_session(part))
-        return _Opened(session, resources, None if part is None else part.path.name)
+        name = None if part is None else part.path.name
 
-    def _show(self, opened: _Opened) -> Workspace:
+        def make() -> View:
+            self._part = part
+            return Workspace(self._server, session, name, self._settings, self)
+
+        return _Opened(make, resources)
+
+    def _show(self, opened: _Opened) -> View:
         with self._lock:
             self._server.scene.reset()
             self._server.gui.reset()
-            workspace = Workspace(self._server, opened.session, opened.name, self._settings, self.open_part)
+            self._view = view = opened.make()
             for client in self._server.get_clients().values():
                 client.scene.reset()
                 client.gui.reset()
-                workspace.join(client)
-            self._workspace = workspace
-        return workspace
+                view.join(client)
+        return view
 
     def _join(self, client: viser.ClientHandle) -> None:
         with self._lock:
-            if self._workspace is not None:
-                self._workspace.join(client)
+            if self._view is not None:
+                self._view.join(client)
 
     def _leave(self, client: viser.ClientHandle) -> None:
         with self._lock:
-            if self._workspace is not None:
-                self._workspace.leave(client)
+            if self._view is not None:
+                self._view.leave(client)
 
 
 def _nothing() -> None:

@@ -17,14 +17,17 @@ from scancell.workspace.browser.client_view import ClientView, Shared
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.live_cloud import LiveCloud
 from scancell.workspace.browser.operators import Operators
-from scancell.workspace.browser.panels.file_panel import OpenPart
+from scancell.workspace.browser.panels.file_panel import Opener
 from scancell.workspace.browser.panels.program_panel import RobotProgram
+from scancell.workspace.browser.plans import Plans
+from scancell.workspace.browser.recording import SessionRecording
 from scancell.workspace.browser.scans import Scans
 from scancell.workspace.browser.scene import CellScene
 from scancell.workspace.browser.status import Status
 from scancell.workspace.browser.view_options import add_view_options
 from scancell.workspace.live import LiveCell
 from scancell.workspace.live_camera import CameraFeed
+from scancell.workspace.live_plan import LivePlan
 
 if TYPE_CHECKING:
     import viser
@@ -64,8 +67,8 @@ class Workspace:
         A running cell that nothing else steps.
     part
         File name of the part; None: the table is empty.
-    open_part
-        See `FilePanel`.
+    opener
+        Shows something else instead.
 
     Attributes
     ----------
@@ -75,6 +78,8 @@ class Workspace:
         Its nominal geometry.
     scene
         What all browsers see.
+    plans
+        The plan of the scan.
     scans
         Scans of the part.
     feed
@@ -87,24 +92,26 @@ class Workspace:
         session: ScanSession,
         part: str | None,
         settings: WorkspaceSettings,
-        open_part: OpenPart,
+        opener: Opener,
     ) -> None:
         self.live, self.nominal = LiveCell(session), session.nominal
         self._session = session
         setup, mesh = session.job.setup, session.nominal.part if part is not None else None
         self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
-        self.scans = Scans(self.live, LiveCloud(self.scene), mesh, settings.out)
+        self.feed = CameraFeed(self.live, session, settings.engine, interval=_CAMERAS)
+        self._recording = SessionRecording(self.live, session.true, self.feed, settings.out)
+        self.scans = Scans(self.live, LiveCloud(self.scene), mesh, settings.out, self._recording.points)
+        self.plans = Plans(LivePlan(self.live, session, mesh is not None), self.scene)
         self._operators, self._lock = Operators(), Lock()
         self._views: dict[int, ClientView] = {}
         server.gui.set_panel_label(f"scancell: {part or 'empty table'}")
         self._status = Status(server.gui, self.live.stop)
         add_view_options(server.gui, self.scene)
-        self.feed = CameraFeed(self.live, session, settings.engine, interval=_CAMERAS)
         base = session.nominal.arm.world_from_base
         self._cameras = CameraView(server, self.scene, self.feed, setup.sensor, base)
         file = settings.program
         program = None if file is None else RobotProgram(self.live, file, settings.engine, settings.out)
-        self._shared = Shared(self.scans, self.feed, setup.sensor, program, open_part)
+        self._shared = Shared(self.plans, self.scans, self.feed, self._recording, setup.sensor, program, opener)
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Run the cell in real time, and show it, until `ended`.
@@ -115,7 +122,7 @@ class Workspace:
             If the FMU reports an error.
         """
         closing = Event()
-        with self.feed, ThreadPoolExecutor(1, "cell") as threads:
+        with self.feed, self._recording, ThreadPoolExecutor(1, "cell") as threads:
             stepping = threads.submit(self.live.run, closing.is_set)
             try:
                 pace, updates = Pace(1 / _RATE), 0
@@ -130,6 +137,7 @@ class Workspace:
     def show(self, with_panels: bool = True) -> None:
         """Show the present state, in the scene and in the panels."""
         state = self.live.state
+        self.plans.update()
         self.scene.show(state)
         self._cameras.show()
         if not with_panels:

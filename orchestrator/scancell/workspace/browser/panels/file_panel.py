@@ -1,52 +1,79 @@
-"""What stands on the table, and pictures of it."""
+"""What is opened, and pictures and recordings of it."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from html import escape
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, Protocol
 
 from PIL import Image
 
 from scancell.errors import DescriptionError
 from scancell.workspace.browser.desk import Desk
+from scancell.workspace.browser.recording import SessionRecording
 from scancell.workspace.live_state import LiveState
 
 _UNITS = ("mm", "m", "inch")
 _SUFFIXES = (".stl", ".obj", ".ply")
 _PICTURE = (720, 1280)  # px, height and width
 
-OpenPart = Callable[[str, bytes, str], None]
+
+class Opener(Protocol):
+    """Shows something else."""
+
+    def open_part(self, name: str, content: bytes, unit: str) -> None:
+        """Show the cell with a mesh file, by its name, content and unit."""
+
+    def open_run(self, name: str, content: bytes) -> None:
+        """Play back a run, by the name and content of a zip file of its folder."""
 
 
 class FilePanel:
-    """Opens another part, and saves pictures.
+    """Opens another part or a run, records the session, and saves pictures."""
 
-    Parameters
-    ----------
-    open_part
-        Receives the name of a mesh file, its content and its unit.
-    """
-
-    def __init__(self, gui: Any, desk: Desk, open_part: OpenPart) -> None:
-        self._desk, self._open_part = desk, open_part
+    def __init__(self, gui: Any, desk: Desk, opener: Opener, recording: SessionRecording) -> None:
+        self._desk, self._opener, self._recording = desk, opener, recording
         self._unit = gui.add_dropdown("unit of the mesh", _UNITS)
         self._upload = gui.add_upload_button("Open a part (STL, OBJ, PLY)", mime_type=",".join(_SUFFIXES))
+        self._run = gui.add_upload_button("Open a run (zip of a run folder)", mime_type=".zip,application/zip")
+        self._record = gui.add_checkbox("Record (MCAP)", recording.is_on)
+        self._text = gui.add_html("")
         picture = gui.add_button("Download a picture")
         self._upload.on_upload(desk.by_person(lambda: desk.as_operator(self._open)))
+        self._run.on_upload(desk.by_person(lambda: desk.as_operator(self._open_run)))
+        self._record.on_update(desk.by_person(lambda: desk.as_operator(self._switch_recording)))
         picture.on_click(desk.by_person(self._take_picture))
-        desk.add_inputs([self._unit, self._upload])
+        desk.add_inputs([self._unit, self._upload, self._run, self._record])
 
     def show(self, state: LiveState) -> None:
-        """Nothing here depends on the state."""
+        """Show whether and where the session is recorded."""
+        recording = self._recording
+        if self._record.value != recording.is_on:
+            self._record.value = recording.is_on
+        said = recording.error
+        if not said and recording.path is not None:
+            said = f"{'recording' if recording.is_on else 'recorded'}: {recording.path}"
+        text = f'<div style="padding:0 0.75em;font-size:0.85em">{escape(said)}</div>'
+        if self._text.content != text:
+            self._text.content = text
+
+    def _switch_recording(self) -> None:
+        if self._recording.is_on:
+            self._recording.stop()
+        else:
+            self._recording.start()
+
+    def _open_run(self) -> None:
+        file = self._run.value
+        self._opener.open_run(PurePath(file.name).name, file.content)
 
     def _open(self) -> None:
         file = self._upload.value
         name = PurePath(file.name).name
         if Path(name).suffix.lower() not in _SUFFIXES:
             raise DescriptionError(f"{name}: expected a mesh file, {', '.join(_SUFFIXES)}")
-        self._open_part(name, file.content, self._unit.value)
+        self._opener.open_part(name, file.content, self._unit.value)
 
     def _take_picture(self) -> None:
         pixels = self._desk.render(*_PICTURE)

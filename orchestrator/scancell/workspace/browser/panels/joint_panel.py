@@ -26,6 +26,7 @@ class JointPanel:
             gui.add_slider(name, low, high, 0.1, value)
             for name, (low, high), value in zip(names, limits, shown, strict=True)
         ]
+        self._last = shown
         self._speed = gui.add_slider("speed, %", 1, 100, 1, 30)
         home = gui.add_button("Move to home position")
         for slider in self._sliders:
@@ -37,10 +38,14 @@ class JointPanel:
         """Show a state, and move where the sliders were left."""
         if self._settled.is_pending:
             if not state.moving and self._settled.take():
-                axes = np.radians([slider.value for slider in self._sliders])
+                self._last = [slider.value for slider in self._sliders]
+                axes = np.radians(self._last)
                 self._move(axes[:-1], float(axes[-1]))
             return
-        for slider, value in zip(self._sliders, self._shown(state), strict=True):
+        if [slider.value for slider in self._sliders] != self._last:
+            return  # a person has changed one, and its callback comes
+        self._last = self._shown(state)
+        for slider, value in zip(self._sliders, self._last, strict=True):
             if slider.value != value:
                 slider.value = value
 

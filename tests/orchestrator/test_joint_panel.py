@@ -1,0 +1,98 @@
+"""Sliders of the joints against what a person enters at any moment, without a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scancell.workspace.browser.desk import Settled
+from scancell.workspace.browser.panels import joint_panel
+from scancell.workspace.live_commands import MoveJoints
+
+HOME = np.radians([10.0, 20.0])
+
+
+class Handle:
+    """An input: a person's value arrives first, its callback later, as viser has it."""
+
+    def __init__(self, value: float = 0.0) -> None:
+        self.value, self.callbacks = value, []
+
+    def on_update(self, callback: Callable[[], None]) -> None:
+        self.callbacks.append(callback)
+
+    on_click = on_update
+
+    def call_back(self) -> None:
+        for callback in self.callbacks:
+            callback()
+
+
+class Gui:
+    """Makes handles, and keeps them."""
+
+    def __init__(self) -> None:
+        self.sliders: list[Handle] = []
+
+    def add_slider(self, _name: str, _low: float, _high: float, _step: float, value: float) -> Handle:
+        self.sliders.append(Handle(value))
+        return self.sliders[-1]
+
+    def add_button(self, _name: str) -> Handle:
+        return Handle()
+
+
+class Desk:
+    """Keeps what is submitted."""
+
+    def __init__(self) -> None:
+        self.submitted: list[MoveJoints] = []
+        arm = SimpleNamespace(limits=np.radians([[-180.0] * 2, [180.0] * 2]))
+        self.nominal = SimpleNamespace(arm=arm, home=HOME)
+        self.submit = self.submitted.append
+
+    def add_inputs(self, _handles: list[Any]) -> None:
+        """All may be used."""
+
+    def by_person(self, act: Callable[[], None]) -> Callable[[], None]:
+        return act
+
+
+def state(joints: np.ndarray) -> Any:
+    return SimpleNamespace(joints=joints, table=0.0, moving=False)
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch) -> Any:
+    now = SimpleNamespace(time=0.0)
+    monkeypatch.setattr(joint_panel, "Settled", lambda: Settled(lambda: now.time))
+    gui, desk = Gui(), Desk()
+    panel = joint_panel.JointPanel(gui, desk, state(HOME))  # type: ignore[arg-type]
+    return SimpleNamespace(gui=gui, desk=desk, panel=panel, now=now)
+
+
+def test_value_that_is_shown_over_before_its_callback_comes_is_kept(rig: Any) -> None:
+    slider = rig.gui.sliders[0]
+    slider.value = 35.0
+    rig.panel.show(state(HOME))
+    slider.call_back()
+    rig.now.time = 1.0
+    rig.panel.show(state(HOME))
+    np.testing.assert_allclose(np.degrees(rig.desk.submitted[0].q), [35.0, 20.0])
+
+
+def test_sliders_follow_the_robot_and_return_to_it_where_a_motion_is_refused(rig: Any) -> None:
+    slider = rig.gui.sliders[0]
+    rig.panel.show(state(np.radians([12.0, 20.0])))
+    assert slider.value == 12.0
+    slider.value = 35.0
+    slider.call_back()
+    rig.now.time = 1.0
+    for _ in range(2):
+        rig.panel.show(state(np.radians([12.0, 20.0])))
+    assert len(rig.desk.submitted) == 1
+    assert slider.value == 12.0

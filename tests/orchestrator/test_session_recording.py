@@ -1,0 +1,109 @@
+"""Recording of a live cell while it runs: what the files hold, and how they begin and end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+
+from scancell import Scanner
+from scancell.config.loading import load_setup
+from scancell.errors import OutputError
+from scancell.workspace.browser.recording import SessionRecording
+from scancell.workspace.live import LiveCell
+from scancell.workspace.live_camera import CameraFeed
+from scancell.workspace.live_scan import LiveChunk
+
+mcap_reader = pytest.importorskip("mcap.reader")
+
+PATIENCE_S = 60
+POINTS = np.arange(12.0).reshape(4, 3)
+CHUNK = LiveChunk(POINTS, *np.ones((3, 4)), np.zeros(4, np.int32), np.zeros(4), np.zeros(4))
+
+
+class Rig:
+    """A live cell that another thread steps as fast as it can."""
+
+    def __init__(self, live: LiveCell, feed: CameraFeed, cell: object) -> None:
+        self.live, self.feed, self.cell = live, feed, cell
+
+    def recording(self, out: Path) -> SessionRecording:
+        return SessionRecording(self.live, self.cell, self.feed, out)  # type: ignore[arg-type]
+
+    def wait(self, seconds: float) -> None:
+        """Simulated time."""
+        end, waited = self.live.state.time + seconds, Event()
+        for _ in range(PATIENCE_S * 100):
+            if self.live.state.time >= end:
+                return
+            waited.wait(0.01)
+        raise AssertionError("the cell does not run")
+
+
+@pytest.fixture(scope="module")
+def rig() -> Iterator[Rig]:
+    ended = Event()
+    with Scanner.from_setup(load_setup(ideal=True), threads=1) as scanner, scanner.session(None) as session:
+        live = LiveCell(session)
+        running = Thread(target=lambda: live.run(ended.is_set))
+        running.start()
+        with CameraFeed(live, session) as feed:
+            yield Rig(live, feed, session.true)
+        ended.set()
+        running.join()
+
+
+def topics(path: Path) -> dict[str, list[float]]:
+    """Times of the messages of each topic, s; the file must be complete."""
+    found: dict[str, list[float]] = {}
+    with path.open("rb") as file:
+        reader = mcap_reader.make_reader(file)
+        assert reader.get_summary() is not None
+        for _, channel, message in reader.iter_messages():
+            found.setdefault(channel.topic, []).append(message.log_time * 1e-9)
+    return found
+
+
+def test_states_and_points_are_recorded_while_it_is_on(rig: Rig, tmp_path: Path) -> None:
+    with rig.recording(tmp_path / "new") as recording:
+        recording.points(CHUNK)  # before: not recorded
+        begin = rig.live.state.time
+        recording.start()
+        assert recording.is_on
+        rig.wait(0.5)
+        recording.points(CHUNK)
+        recording.stop()
+        assert not recording.is_on
+        end = rig.live.state.time
+        rig.wait(0.1)
+    found = topics(tmp_path / "new" / "session_1.mcap")
+    assert len(found["/profiles"]) == 1
+    assert len(found["/scene"]) == 1
+    assert begin - 1e-9 <= min(found["/tf"]) < max(found["/tf"]) <= end + 1e-9
+    assert (np.diff(found["/tf"]) > 0).all()
+
+
+def test_each_recording_has_a_file_of_its_own_and_the_end_completes_it(rig: Rig, tmp_path: Path) -> None:
+    with rig.recording(tmp_path) as recording:
+        for _ in range(2):
+            recording.start()
+            recording.start()  # it records already
+            rig.wait(0.1)
+            recording.stop()
+        recording.start()
+        rig.wait(0.1)
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["session_1.mcap", "session_2.mcap", "session_3.mcap"]
+    assert all(topics(tmp_path / name)["/tf"] for name in names)
+
+
+def test_folder_that_cannot_be_made_is_said(rig: Rig, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    recording = rig.recording(tmp_path / "file" / "folder")
+    with pytest.raises(OutputError, match=r"session_1\.mcap: cannot be written"):
+        recording.start()
+    assert not recording.is_on
+    recording.stop()

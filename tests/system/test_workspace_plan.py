@@ -1,0 +1,168 @@
+"""Plan, runs and recordings in the workspace: what a person does in a browser, and what the robot does then."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from commands import PARTS, QUICK, scancell_here
+from mcap.reader import make_reader
+from test_workspace import WAITS, Opened, entry, fill
+
+from chromium import chromium
+from scancell import Scanner
+from scancell.config.loading import assets_dir, load_setup, with_path
+from scancell.planning.configuration_map import CLEARANCE, FREE, ConfigurationMap
+from scancell.scanning.session import ScanSession
+from scancell.workspace.browser.playback import Playback
+from scancell.workspace.browser.quiet import quiet_server
+from scancell.workspace.browser.serve import Host, PartFile
+
+SPIRAL = assets_dir() / "paths" / "spiral.toml"
+PART = assets_dir() / "parts" / "sphere_on_foot.stl"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def scanner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scanner]:
+    """A post beside the table forbids some of the poses along a spiral."""
+    file = tmp_path_factory.mktemp("post") / "post.stl"
+    trimesh.creation.box((20.0, 20.0, 300.0)).export(file)
+    pose = "{ x_mm = 450.0, y_mm = 200.0, z_mm = 150.0 }"
+    post = f'cell.obstacle=[{{ name = "post", mesh = "{file}", pose = {pose} }}]'
+    with Scanner.from_setup(with_path(load_setup(ideal=True, overrides=[post]), SPIRAL), threads=1) as made:
+        yield made
+
+
+@pytest.fixture
+def opened(scanner: Scanner, browser: Any, tmp_path: Path) -> Iterator[Opened]:
+    def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
+        return scanner.session(None if file is None else file.path, guarded=True)
+
+    stop, started = Event(), Event()
+    with quiet_server(port=8350) as server:
+        host = Host(server, open_session, tmp_path)
+        running = Thread(target=host.run, args=(PartFile(PART), stop, started.set))
+        running.start()
+        assert started.wait(WAITS)
+        host.workspace.feed.wanted = False  # images take the processor, which draws the pages, too
+        yield Opened(host, server, browser)
+        stop.set()
+        running.join()
+    for context in browser.contexts:
+        context.close()
+
+
+def some_cell(map_: ConfigurationMap, cause: int) -> tuple[float, float]:
+    """Share of the way and turn, 0 to 1, of a cell away from the edges amid those that a constraint forbids."""
+    columns, rows = np.nonzero(map_.cause == cause)
+    inner = np.abs(rows / map_.rows - 0.5) < 0.45
+    columns, rows = columns[inner], rows[inner]
+    middle = len(columns) // 2
+    return columns[middle] / (map_.columns - 1), rows[middle] / map_.rows
+
+
+def click_map(page: Any, place: tuple[float, float]) -> None:
+    page.locator("[data-map]").scroll_into_view_if_needed()
+    box = page.locator("[data-map]").bounding_box()
+    page.mouse.click(box["x"] + place[0] * box["width"], box["y"] + (1 - place[1]) * box["height"])
+
+
+def test_map_is_clicked_the_robot_goes_there_and_the_plan_plays(opened: Opened) -> None:
+    page, plans = opened.page().page, opened.workspace.plans
+    page.get_by_role("tab", name="Plan").click()
+    page.get_by_role("button", name="Plan the scan").click()
+    page.locator("[data-map]").wait_for()
+    assert plans.map is not None
+
+    click_map(page, some_cell(plans.map, FREE))
+    page.locator("b", has_text="free, quality").wait_for()
+    opened.until(lambda _: opened.workspace.scene.previews != (), "the ghost")
+    np.testing.assert_allclose((plans.share, plans.angle / (2 * np.pi)), some_cell(plans.map, FREE), atol=0.01)
+    picked = plans.picked
+    assert picked is not None
+    assert picked.axes is not None
+    page.get_by_role("button", name="Go there").click()
+    opened.until(lambda state: np.abs(state.joints - picked.axes[:-1]).max() < 1e-5 and not state.moving, "the pose")
+    turned = (opened.state.table - picked.axes[-1]) / (2 * np.pi)
+    assert turned == pytest.approx(round(turned), abs=1e-6)
+    opened.until(lambda _: opened.workspace.scene.previews == (), "no ghost where the robot is")
+
+    click_map(page, some_cell(plans.map, CLEARANCE))
+    page.locator("b", has_text="forbidden: ").wait_for()
+    before = opened.state.joints
+    page.get_by_role("button", name="Go there").click()
+    opened.until(lambda state: "no collision-free path to the pose in the map" in state.message, "the refusal")
+    np.testing.assert_allclose(opened.state.joints, before, atol=1e-6)
+
+    fill(page, "time of the plan, s", 1.0)
+    opened.until(lambda _: plans.time == pytest.approx(1.0), "the time")
+    page.get_by_role("button", name="Play the plan").click()
+    opened.until(lambda _: plans.time > 2.0, "a second of play-back")
+    page.get_by_role("button", name="Pause").click()
+    opened.until(lambda _: not plans.plays, "the pause")
+    np.testing.assert_allclose(opened.state.joints, before, atol=1e-6)  # the ghost alone moves
+
+
+def test_run_is_opened_and_left_and_the_session_is_recorded(opened: Opened, tmp_path: Path) -> None:
+    page = opened.page().page
+    page.get_by_role("tab", name="File").click()
+    chooser = page.locator("input[type=file]").nth(1)
+    chooser.set_input_files({"name": "run.zip", "mimeType": "application/zip", "buffer": b"PK no run"})
+    page.locator(".mantine-Notification-root", has_text="run.zip: expected a zip file").wait_for()
+    assert opened.host.workspace is not None
+
+    chooser.set_input_files({"name": "run.zip", "mimeType": "application/zip", "buffer": zipped_run(tmp_path)})
+    back = page.get_by_role("button", name="Back to the cell")
+    back.wait_for()
+    view = opened.host.view
+    assert isinstance(view, Playback)
+    fill(page, "time, s", 2.0)
+    for _ in range(round(WAITS / 0.05)):
+        if view.time == pytest.approx(2.0):
+            break
+        page.wait_for_timeout(50)
+    assert view.time == pytest.approx(2.0)
+    back.click()
+    page.get_by_role("tab", name="File").wait_for()
+    opened.until(lambda state: state.time > 0.2, "the cell")
+
+    page.get_by_role("tab", name="File").click()
+    entry(page, "Record (MCAP)").check()
+    page.get_by_text("recording: ").wait_for()
+    page.get_by_role("tab", name="Joints").click()
+    fill(page, "joint 1, deg", 5.0)
+    opened.until(lambda state: abs(state.joints[0] - np.radians(5.0)) < 1e-6, "joint 1 at 5 deg")
+    page.get_by_role("tab", name="File").click()
+    entry(page, "Record (MCAP)").uncheck()
+    page.get_by_text("recorded: ").wait_for()
+    with (tmp_path / "session_1.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    counts = {summary.channels[number].topic: n for number, n in summary.statistics.channel_message_counts.items()}
+    assert counts["/joints"] == counts["/tf"] > 10
+    assert counts["/scene"] == 1
+
+
+def zipped_run(folder: Path) -> bytes:
+    """A small scan as a zip file of its folder."""
+    done = scancell_here("scan", PARTS / "free_form.stl", *QUICK, "--out", "run", "--json", cwd=folder)
+    assert done.code == 0, done.err
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in (folder / "run").rglob("*"):
+            archive.write(path, path.relative_to(folder))
+    return made.getvalue()
