@@ -3,13 +3,46 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
-PART = "assets/parts/free_form.stl"
+from scancell import Scanner
+from scancell.scanning.session import ScanSession
+from scancell.workspace.browser.quiet import quiet_server
+from scancell.workspace.browser.serve import Host, PartFile
+from scancell.workspace.browser.workspace import WorkspaceSettings
+
+PART = Path(__file__).resolve().parents[1] / "assets" / "parts" / "free_form.stl"
 POSE = ((450, 0, 250), (180, 0, 0))  # mm, deg
 
 Shoot = Callable[[str], None]
+
+_STARTS = 120.0  # s
+
+
+@contextmanager
+def hosted(scanner: Scanner, part: Path | None, settings: WorkspaceSettings) -> Iterator[tuple[Host, Any]]:
+    """A workspace that runs in this process, and its server."""
+
+    def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
+        path, unit = (None, "mm") if file is None else (file.path, file.unit)
+        return scanner.session(path, unit=unit, guarded=True)
+
+    stop, started = Event(), Event()
+    with quiet_server(port=0) as server:
+        host = Host(server, open_session, settings)
+        first = None if part is None else PartFile(part)
+        running = Thread(target=host.run, args=(first, stop, started.set))
+        running.start()
+        try:
+            assert started.wait(_STARTS)
+            yield host, server
+        finally:
+            stop.set()
+            running.join()
 
 
 def entry(page: Any, label: str, number: int = 0) -> Any:
@@ -47,8 +80,8 @@ def says(page: Any, text: str) -> None:
 
 def is_at_rest(page: Any) -> None:
     """Wait until the robot moves, and rests again."""
-    says(page, "of the motion")
-    page.get_by_text("of the motion").first.wait_for(state="hidden")
+    says(page, "% of the motion")
+    page.get_by_text("% of the motion").first.wait_for(state="hidden")
 
 
 def walk(page: Any, shoot: Shoot = lambda _: None) -> None:

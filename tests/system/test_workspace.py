@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -22,15 +21,14 @@ from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 from scancell.reconstruction.cloud_files import read_ply
-from scancell.scanning.session import ScanSession
-from scancell.workspace.browser.quiet import address, quiet_server
-from scancell.workspace.browser.serve import Host, PartFile
+from scancell.workspace.browser.quiet import address
+from scancell.workspace.browser.serve import Host
 from scancell.workspace.browser.workspace import Workspace, WorkspaceSettings
 from scancell.workspace.live_camera import CameraFrame
 from scancell.workspace.live_commands import MoveTool
 from scancell.workspace.live_state import LiveState
 from scancell.workspace.robot import deg, location, mm
-from tour import choose, entry, fill
+from tour import choose, entry, fill, hosted
 
 PARTS = Path(__file__).resolve().parents[2] / "assets" / "parts"
 INTO_TABLE = """from scancell.workspace.robot import Robot, deg, location, mm
@@ -128,19 +126,8 @@ def opened(scanner: Scanner, browser: Any, tmp_path: Path, request: pytest.Fixtu
     if program is not None:
         program.write_text(request.param)
 
-    def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
-        path, unit = (None, "mm") if file is None else (file.path, file.unit)
-        return scanner.session(path, unit=unit, guarded=True)
-
-    stop, started = Event(), Event()
-    with quiet_server(port=8300) as server:
-        host = Host(server, open_session, WorkspaceSettings(tmp_path / "out", program=program))
-        running = Thread(target=host.run, args=(None, stop, started.set))
-        running.start()
-        assert started.wait(WAITS)
+    with hosted(scanner, None, WorkspaceSettings(tmp_path / "out", program=program)) as (host, server):
         yield Opened(host, server, tmp_path / "out", browser)
-        stop.set()
-        running.join()
     for context in browser.contexts:
         context.close()
 

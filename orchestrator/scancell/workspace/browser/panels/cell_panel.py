@@ -18,7 +18,7 @@ class CellPanel:
     """Inputs of the controller and of the devices."""
 
     def __init__(self, gui: Any, desk: Desk, state: LiveState) -> None:
-        self._desk = desk
+        self._desk, self._shown = desk, ""
         self._operation = gui.add_dropdown("operation", tuple(_OPERATIONS))
         self._monitor = gui.add_slider("monitor speed, %", 0, 100, 1, 100)
         reset = gui.add_button("Reset after a stop")
@@ -37,8 +37,8 @@ class CellPanel:
     def show(self, state: LiveState) -> None:
         """Show the operation in force."""
         name = next(name for name, value in _OPERATIONS.items() if value is state.operation)
-        if self._operation.value != name:
-            self._operation.value = name
+        if self._shown != name:  # else a choice that is not carried out yet would be lost
+            self._shown = self._operation.value = name
 
     def _change_operation(self) -> None:
         self._desk.submit(ChangeOperation(_OPERATIONS[self._operation.value]))

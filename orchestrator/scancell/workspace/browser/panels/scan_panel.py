@@ -20,7 +20,7 @@ class ScanPanel:
     """Runs the scan of the descriptions."""
 
     def __init__(self, gui: Any, desk: Desk, scans: Scans) -> None:
-        self._desk, self._scans = desk, scans
+        self._desk, self._scans, self._shown = desk, scans, ""
         self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value="geometric")
         start, cancel = gui.add_button("Scan the part"), gui.add_button("End the scan")
         self._progress = gui.add_progress_bar(0.0)
@@ -36,8 +36,8 @@ class ScanPanel:
 
     def show(self, state: LiveState) -> None:
         """Show how far the scan is."""
-        if self._colour.value != self._scans.cloud.colour:
-            self._colour.value = self._scans.cloud.colour
+        if self._shown != self._scans.cloud.colour:  # else a choice that is not carried out yet would be lost
+            self._shown = self._colour.value = self._scans.cloud.colour
         scan = self._scans.state
         if scan is None:
             return
