@@ -12,7 +12,7 @@ from websockets.asyncio import server as websockets_server
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from scancell.errors import OutputError
+from scancell.errors import LinkError
 from scancell.workspace.browser.quiet import address, is_own_page, quiet_server
 
 
@@ -79,7 +79,7 @@ def test_viser_that_cannot_be_guarded_is_not_started(monkeypatch: pytest.MonkeyP
 
     stopped: list[bool] = []
     monkeypatch.setattr(viser.ViserServer, "__init__", unguarded)
-    with pytest.raises(OutputError, match="pages of other servers"), quiet_server(port=8500):
+    with pytest.raises(LinkError, match="pages of other servers"), quiet_server(port=8500):
         pass
     assert stopped
 

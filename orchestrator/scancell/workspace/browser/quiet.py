@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from scancell.config.choices import LOOPBACK
-from scancell.errors import OutputError
+from scancell.errors import LinkError
 from scancell.extras import require
 
 if TYPE_CHECKING:
@@ -26,15 +26,16 @@ def quiet_server(host: str = LOOPBACK, port: int = 8080) -> Iterator[viser.Viser
     ------
     MissingExtraError
         If viser is not installed.
-    OutputError
-        If the installed viser does not let foreign pages be refused.
+    LinkError
+        If `host` is no address of this machine, or the installed viser does not let foreign pages be refused.
     """
     made_by = require("viser", "workspace")
+    _require_own_address(host)
     with _without_messages(), _own_pages_alone(host) as served:
         server = made_by.ViserServer(host=host, port=port, verbose=False)
     try:
         if not served:
-            raise OutputError("the installed viser would obey pages of other servers: install viser 1.1")
+            raise LinkError("the installed viser would obey pages of other servers: install viser 1.1")
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         yield server
     finally:
@@ -45,6 +46,22 @@ def quiet_server(host: str = LOOPBACK, port: int = 8080) -> Iterator[viser.Viser
 def address(server: viser.ViserServer) -> str:
     """To open in a browser."""
     return f"http://{server.get_host()}:{server.get_port()}"
+
+
+def is_loopback(host: str) -> bool:
+    """Whether this machine alone can reach an address or name."""
+    found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    return all(ip_address(str(place[0]).partition("%")[0]).is_loopback for *_, place in found)
+
+
+def _require_own_address(host: str) -> None:
+    """Viser would try one port after another for ever."""
+    try:
+        for family, kind, protocol, _, place in socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM):
+            with socket.socket(family, kind, protocol) as probe:
+                probe.bind(place)
+    except (OSError, UnicodeError) as error:
+        raise LinkError(f"--host {host}: expected an address of this machine ({error})") from None
 
 
 def is_own_page(headers: Mapping[str, str], host: str) -> bool:
