@@ -26,6 +26,7 @@ class Viewer:
     """
 
     def __init__(self, url: str, nodes: str) -> None:
+        self.url = url
         context = multiprocessing.get_context("spawn")
         self._count, self._size = context.Value("q", 0), context.Value("q", 0)
         self._times = context.Array("d", _MOST, lock=False)

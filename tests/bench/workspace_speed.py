@@ -24,6 +24,7 @@ from scancell.workspace.browser.workspace import Workspace, WorkspaceSettings
 from scancell.workspace.live_commands import Cancel
 from scancell.workspace.robot import deg, location, mm
 
+from .display_speed import display_rows
 from .table import Row
 from .viewer import Viewer
 
@@ -47,6 +48,9 @@ def workspace_rows() -> Iterator[Row]:
             yield from _cloud_rows(workspace, viewer)
             workspace.live.submit(Cancel())
             yield from _scan_rows(workspace, viewer)
+        with _opened(scanner, "geometric") as (workspace, viewer):
+            viewer.close()  # the page is the operator
+            yield from display_rows(workspace, viewer.url)
 
 
 @contextmanager
