@@ -264,7 +264,7 @@ def test_malformed_messages_do_nothing(opened: Opened) -> None:
         "text",
         b"\xff" * 5000,
     ):
-        with connect(address, subprotocols=[f"viser-v{viser.__version__}"]) as socket:
+        with connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None) as socket:
             socket.send(message)
     page = opened.page().page
     state = opened.state
