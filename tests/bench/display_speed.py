@@ -20,6 +20,7 @@ from .table import Row
 
 _REPEATS, _TURN = 5, 0.3  # rad of joint 1 away from home, where the command leads
 _SIZE = (1280, 720)
+_PATIENCE_S = 60.0
 _ARM = np.s_[180:600, 420:860]  # of a picture, with no panel before it
 _CHANGED, _LEAST = 40, 30  # grey levels by which a pixel counts as changed, and number of such pixels
 _CLICK = """() => {
@@ -70,14 +71,28 @@ def _command_to_display(workspace: Workspace, page: Any, screen: _Screen) -> flo
     live.submit(MoveJoints(away))
     while live.state.moving or not np.allclose(live.state.joints, away, atol=1e-4):
         page.wait_for_timeout(100)
-    page.wait_for_timeout(3000)  # until that is drawn
-    before = screen.shown[-1][1]
-    screen.shown.clear()
-    begun, end = page.evaluate(_CLICK), time.monotonic() + 60.0
+    before = _still_picture(page, screen)
+    begun, end = page.evaluate(_CLICK), time.monotonic() + _PATIENCE_S
     while time.monotonic() < end:
         for at, picture in screen.shown:
-            if np.count_nonzero(cv2.absdiff(picture, before) > _CHANGED) > _LEAST:
+            if at > begun and _differ(picture, before):
                 return float(at - begun)
         screen.shown.clear()
         page.wait_for_timeout(20)
     raise TimeoutError("the arm was not seen to move")
+
+
+def _still_picture(page: Any, screen: _Screen) -> Image:
+    """What is shown once the last motion has been drawn: the clock in the panel goes on, the arm does not."""
+    end = time.monotonic() + _PATIENCE_S
+    while time.monotonic() < end:
+        screen.shown.clear()
+        page.wait_for_timeout(3000)
+        pictures = [picture for _, picture in screen.shown]
+        if len(pictures) > 1 and not any(_differ(picture, pictures[-1]) for picture in pictures):
+            return pictures[-1]
+    raise TimeoutError("the arm was not seen to rest")
+
+
+def _differ(one: Image, other: Image) -> bool:
+    return np.count_nonzero(cv2.absdiff(one, other) > _CHANGED) > _LEAST
