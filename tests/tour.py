@@ -21,6 +21,7 @@ POSE = ((450, 0, 250), (180, 0, 0))  # mm, deg
 Shoot = Callable[[str], None]
 
 _STARTS = 120.0  # s
+_SCANS_MS = 300_000
 
 
 @contextmanager
@@ -119,7 +120,7 @@ def walk(page: Any, shoot: Shoot = lambda _: None) -> None:
 
     tab(page, "Scan")
     press(page, "Scan the part")
-    page.get_by_text("done", exact=True).wait_for()
+    page.locator("b", has_text=re.compile("^done$")).wait_for(timeout=_SCANS_MS)
     shoot("scan")
     press(page, "Save the run folder")
     says(page, "saved: ")

@@ -50,7 +50,7 @@ class MessageError(ScancellError):
 
 
 class LinkError(ScancellError):
-    """No socket between cell and guard can be opened."""
+    """No socket can be opened: between cell and guard, or for browsers."""
 
 
 class EmptyScanError(ScancellError):

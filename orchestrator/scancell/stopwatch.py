@@ -25,7 +25,9 @@ class Stopwatch:
 
 
 class Pace:
-    """Keeps steps of equal duration at most as fast as a clock; lost time is not caught up.
+    """Keeps steps of equal duration to a clock; a delay is caught up as far as it is less than a period.
+
+    So sleep that takes a little too long each time does not add up, and there is no burst of steps after a long delay.
 
     Parameters
     ----------
@@ -44,6 +46,6 @@ class Pace:
     def wait(self) -> None:
         """Wait until a period after the last step was due, or not at all if that is over."""
         now = self._clock()
-        self._due = max(self._due + self._period, now)
+        self._due = max(self._due + self._period, now - self._period)
         if self._due > now:
             self._sleep(self._due - now)

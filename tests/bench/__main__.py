@@ -8,15 +8,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from . import (
-    browser_speed,
     cell_speed,
     guard_speed,
     line_speed,
-    live_speed,
     planning_speed,
     proximity_speed,
     ray_speed,
     sensor_speed,
+    workspace_speed,
 )
 from .table import Row, print_header, print_row, write_json
 
@@ -36,9 +35,8 @@ def sections(largest: int) -> dict[str, Callable[[], Iterator[Row]]]:
         "planning": planning_speed.planning_rows,
         "guard": guard_speed.guard_rows,
         "fmu": cell_speed.cell_rows,
-        "live": live_speed.live_rows,
         "scan": line_speed.line_rows,
-        "browser": browser_speed.browser_rows,
+        "workspace": workspace_speed.workspace_rows,
     }
 
 

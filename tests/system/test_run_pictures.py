@@ -12,10 +12,11 @@ from commands import PARTS, QUICK, scancell_here
 from PIL import Image
 
 from scancell.cell.recording import read_recording
+from scancell.errors import OutputError
 from scancell.geometry import pose
 from scancell.planning.plan_file import read_plan
 from scancell.reconstruction.cloud_files import read_ply, write_ply
-from scancell.workspace import pictures
+from scancell.workspace import pictures, video
 from scancell.workspace.coloured_cloud import coloured_by
 from scancell.workspace.motion import RunMotion
 from scancell.workspace.pictures import _in_order, run_pictures
@@ -178,13 +179,35 @@ def test_animation_reads_back_with_frames_size_and_rate(folder, tmp_path) -> Non
     assert done.code == 0, done.err
     assert done.last_line["figures"] == {"frames": 12, "seconds": 1.2}
     assert [path.name for path in tmp_path.iterdir()] == ["scan.webm"]
-    video = cv2.VideoCapture(str(tmp_path / "scan.webm"))
-    assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(10.0, rel=1e-3)
+    film = cv2.VideoCapture(str(tmp_path / "scan.webm"))
+    assert film.get(cv2.CAP_PROP_FPS) == pytest.approx(10.0, rel=1e-3)
     frames = []
-    while (read := video.read())[0]:
+    while (read := film.read())[0]:
         frames.append(read[1].astype(int))
     assert [frame.shape for frame in frames] == [(96, 160, 3)] * 12
     assert np.abs(frames[0] - frames[5]).max() > 50  # the arm has moved
+
+
+def test_animated_picture_holds_the_frames(folder, tmp_path) -> None:
+    words = ("--seconds", "1.2", "--fps", "10", "--out", "scan.webp")
+    done = scancell_here("animate", folder, *words, *SMALL, cwd=tmp_path)
+    assert done.code == 0, done.err
+    with Image.open(tmp_path / "scan.webp") as picture:
+        assert (picture.format, picture.size, picture.info["loop"]) == ("WEBP", (160, 96), 0)
+        frames, milliseconds = [], 0
+        for number in range(picture.n_frames):
+            picture.seek(number)
+            frames.append(np.asarray(picture.convert("RGB"), int))
+            milliseconds += picture.info["duration"]
+    assert milliseconds == 1200  # equal frames are joined
+    assert np.abs(frames[0] - frames[len(frames) // 2]).max() > 50  # the arm has moved
+
+
+def test_animated_picture_that_is_too_large_is_refused(run, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(video, "_MOST_BYTES", 5 * 64 * 64 * 3)
+    with pytest.raises(OutputError, match="more than 1 GB of frames"):
+        pictures.animate(run, tmp_path / "scan.webp", size=(64, 64), seconds=1)
+    assert not list(tmp_path.iterdir())
 
 
 def test_speed_sets_the_length(folder, run, tmp_path) -> None:
@@ -224,7 +247,7 @@ def test_cancelled_animation_leaves_no_file(run, tmp_path) -> None:
         (("picture", "RUN", "--size", "wide"), "--size wide: expected WIDTHxHEIGHT"),
         (("picture", "RUN", "--size", "10x10"), "--size 10x10: expected 64 to 7680"),
         (("picture", "nowhere"), "nowhere: expected a run folder"),
-        (("animate", "RUN", "--out", "scan.avi"), "--out scan.avi: expected a file name that ends in .webm"),
+        (("animate", "RUN", "--out", "scan.avi"), "--out scan.avi: expected a file name that ends in .webm or .webp"),
         (("animate", "RUN", "--size", "101x100"), "--size 101x100: expected even numbers"),
         (("animate", "RUN", "--seconds", "1", "--speed", "2"), "--seconds 1 and --speed 2: expected one of them"),
         (("animate", "RUN", "--out", "taken/scan.webm"), "taken/scan.webm: cannot be written"),

@@ -307,7 +307,7 @@ def test_scan_of_an_opened_part_runs_to_the_planned_cloud(opened: Opened) -> Non
     page.get_by_text("scancell: step_block.stl").wait_for()
     page.get_by_role("tab", name="Scan").click()
     page.get_by_role("button", name="Scan the part").click()
-    page.get_by_text("done", exact=True).wait_for()
+    page.locator("b", has_text=re.compile("^done$")).wait_for(timeout=1000 * WAITS)
     scans = opened.workspace.scans
     result, state = scans.result, scans.state
     assert state is not None

@@ -52,7 +52,7 @@ def picture(
 
 def animate(
     run_folder: _Run,
-    out: Annotated[Path, typer.Option("--out", help="file for the animation (WebM)")] = Path("out/scan.webm"),
+    out: Annotated[Path, typer.Option("--out", help="file of the animation, .webm or .webp")] = Path("out/scan.webm"),
     view: _ViewOption = "cell",
     size: _SizeOption = "1280x720",
     fps: Annotated[float, typer.Option("--fps", min=1, max=120, help="pictures per second")] = 25.0,
@@ -66,7 +66,7 @@ def animate(
     threads: ThreadsOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Render a whole run as a video (WebM, VP9): the cloud grows as it is measured."""
+    """Render a whole run as a video (WebM, VP9) or animated WebP: the cloud grows as it is measured."""
 
     def work() -> Outcome:
         from scancell.workspace import pictures  # noqa: PLC0415

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,6 +13,7 @@ import typer
 from scancell.cli.common import Outcome, PathOption, ScanOption, run
 from scancell.cli.options import CellOptions, with_options
 from scancell.config.choices import LOOPBACK
+from scancell.errors import ProgramError
 
 if TYPE_CHECKING:
     from scancell.config.loading import Setup
@@ -46,7 +46,9 @@ def workspace(
 
     def started(address: str) -> None:
         print(f"workspace: open {address}", file=sys.stderr if options.as_json else sys.stdout, flush=True)
-        if not ip_address(host).is_loopback:
+        from scancell.workspace.browser.quiet import is_loopback  # noqa: PLC0415
+
+        if not is_loopback(host):
             print("warning: other machines can reach the workspace, and anyone there controls it", file=sys.stderr)
 
     def work() -> Outcome:
@@ -56,6 +58,8 @@ def workspace(
             from scancell.config.loading import with_path  # noqa: PLC0415
             from scancell.workspace.browser.workspace import WorkspaceSettings  # noqa: PLC0415
 
+            if program is not None and not program.is_file():
+                raise ProgramError(f"{program}: no such file")
             settings = WorkspaceSettings(out, options.engine, program)
             setup = with_path(options.setup(scan), path)
             _run_cell(target, setup, options, host, port, not no_guard, settings, started)

@@ -93,7 +93,7 @@ class GuardedCell:
     def run(self, seconds: float, act: Callable[[], bool]) -> None:
         """Run in real time for `seconds`, or until `act`, which is called once a cycle, returns true.
 
-        A machine that is too slow makes the cell's clock slow, which is that of the ages: lost time is not caught up.
+        A machine that is too slow makes the cell's clock slow, which is that of the ages: see `Pace`.
         """
         pace = Pace(self._cycle_us * 1e-6)
         end = self._cell.time_us + round(seconds * 1e6)

@@ -21,7 +21,7 @@ from scancell.workspace.laser import laser_sheet
 from scancell.workspace.recorded_run import RecordedRun
 from scancell.workspace.renderer import PaintedBody, Renderer
 from scancell.workspace.shading import displayed
-from scancell.workspace.video import webm_writer
+from scancell.workspace.video import video_writer
 from scancell.workspace.views import CameraPath, View, camera_path
 
 Image = NDArray[np.uint8]
@@ -112,7 +112,7 @@ def animate(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> int:
-    """Write an animation of the whole run as WebM (VP9), and return the number of its frames.
+    """Write an animation of the whole run as WebM (VP9) or animated WebP, and return the number of its frames.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def animate(
     count = max(1, round(wanted * fps))
     times = start + length * np.arange(count) / max(count - 1, 1)
     progress.stage("rendering", count, "frames")
-    with webm_writer(out, size, fps) as add:
+    with video_writer(out, size, fps) as add:
         pictures = run_pictures(run, view, size, colour, threads, length / max(count - 1, 1))
         for frame in _in_order(pictures.at, times.tolist(), (np.arange(count) / count).tolist(), threads):
             add(frame)

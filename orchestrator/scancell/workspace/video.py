@@ -1,4 +1,4 @@
-"""Video files: WebM with VP9, by the FFmpeg inside OpenCV."""
+"""Video files: WebM with VP9, by the FFmpeg inside OpenCV, and animated pictures in WebP by Pillow."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image as Picture
 
 from scancell.errors import DescriptionError, OutputError
 from scancell.files import atomic_write
@@ -17,53 +18,81 @@ from scancell.files import atomic_write
 Image = NDArray[np.uint8]
 
 _CODEC = "VP90"
+_QUALITY = 65  # of WebP, 0 to 100
+_MOST_BYTES = 1_000_000_000  # of frames in memory
 
 
 @contextmanager
-def webm_writer(path: str | Path, size: tuple[int, int], fps: float) -> Iterator[Callable[[Image], None]]:
+def video_writer(path: str | Path, size: tuple[int, int], fps: float) -> Iterator[Callable[[Image], None]]:
     """Context manager: yields a function that adds a frame (height, width, 3), RGB; the file appears when all is done.
 
     Parameters
     ----------
+    path
+        ``.webm``: VP9. ``.webp``: an animated picture, which repeats, for pages that show no videos; its frames are
+        kept in memory until it is written.
     size
-        Width and height, px; even numbers, as the colour planes of the format need.
+        Width and height, px; even numbers for WebM, as the colour planes of the format need.
 
     Raises
     ------
     DescriptionError
-        If the file name does not end in .webm, or the size is odd.
+        If the file name ends otherwise, or the size is odd.
     OutputError
-        If the installed OpenCV cannot encode VP9, or the file cannot be written.
+        If the installed OpenCV cannot encode VP9, the file cannot be written, or the frames of an animated picture
+        would take more than 1 GB.
     """
     path = Path(path)
-    if path.suffix.lower() != ".webm":
-        raise DescriptionError(f"--out {path}: expected a file name that ends in .webm")
-    if size[0] % 2 or size[1] % 2:
+    writers = {".webm": _webm_writer, ".webp": _webp_writer}
+    if path.suffix.lower() not in writers:
+        raise DescriptionError(f"--out {path}: expected a file name that ends in .webm or .webp")
+    if path.suffix.lower() == ".webm" and (size[0] % 2 or size[1] % 2):
         raise DescriptionError(f"--size {size[0]}x{size[1]}: expected even numbers for a video")
     with atomic_write(path) as temporary:
         temporary.touch()  # OpenCV does not say why a file cannot be written
-        with _without_native_messages():
-            writer = cv2.VideoWriter(str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*_CODEC), fps, size)
-        if not writer.isOpened():
-            raise OutputError(
-                f"{path}: the installed OpenCV cannot encode VP9; expected one with FFmpeg, such as that of"
-                " pip install opencv-python-headless"
-            )
         count = 0
+        with writers[path.suffix.lower()](path, temporary, size, fps) as write:
 
-        def add(frame: Image) -> None:
-            nonlocal count
-            if frame.shape != (size[1], size[0], 3):
-                raise ValueError(f"frame {frame.shape}: expected ({size[1]}, {size[0]}, 3)")
-            writer.write(np.ascontiguousarray(frame[..., ::-1]))
-            count += 1
+            def add(frame: Image) -> None:
+                nonlocal count
+                if frame.shape != (size[1], size[0], 3):
+                    raise ValueError(f"frame {frame.shape}: expected ({size[1]}, {size[0]}, 3)")
+                write(frame)
+                count += 1
 
-        try:
             yield add
-        finally:
-            writer.release()
         if not count or not temporary.stat().st_size:
             raise OutputError(f"{path}: no frame could be written; is the disk full?")
+
+
+@contextmanager
+def _webm_writer(path: Path, temporary: Path, size: tuple[int, int], fps: float) -> Iterator[Callable[[Image], None]]:
+    with _without_native_messages():
+        writer = cv2.VideoWriter(str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*_CODEC), fps, size)
+    if not writer.isOpened():
+        raise OutputError(
+            f"{path}: the installed OpenCV cannot encode VP9; expected one with FFmpeg, such as that of"
+            " pip install opencv-python-headless"
+        )
+    try:
+        yield lambda frame: writer.write(np.ascontiguousarray(frame[..., ::-1]))
+    finally:
+        writer.release()
+
+
+@contextmanager
+def _webp_writer(path: Path, temporary: Path, size: tuple[int, int], fps: float) -> Iterator[Callable[[Image], None]]:
+    frames: list[Picture.Image] = []
+
+    def write(frame: Image) -> None:
+        if (len(frames) + 1) * frame.nbytes > _MOST_BYTES:
+            raise OutputError(f"{path}: more than 1 GB of frames: choose a smaller --size, --fps or --seconds, or WebM")
+        frames.append(Picture.fromarray(frame))
+
+    yield write
+    if frames:
+        options = {"duration": round(1e3 / fps), "loop": 0, "quality": _QUALITY, "method": 4}
+        frames[0].save(temporary, "WEBP", save_all=True, append_images=frames[1:], **options)
 
 
 @contextmanager

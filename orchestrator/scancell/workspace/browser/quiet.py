@@ -1,12 +1,17 @@
-"""A server of viser that prints nothing and offers no link of its own."""
+"""A server of viser that prints nothing, offers no link of its own, and answers its own pages alone."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import http
+import socket
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from ipaddress import ip_address
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from scancell.config.choices import LOOPBACK
+from scancell.errors import LinkError
 from scancell.extras import require
 
 if TYPE_CHECKING:
@@ -21,10 +26,16 @@ def quiet_server(host: str = LOOPBACK, port: int = 8080) -> Iterator[viser.Viser
     ------
     MissingExtraError
         If viser is not installed.
+    LinkError
+        If `host` is no address of this machine, or the installed viser does not let foreign pages be refused.
     """
-    with _without_messages():
-        server = require("viser", "workspace").ViserServer(host=host, port=port, verbose=False)
+    made_by = require("viser", "workspace")
+    _require_own_address(host)
+    with _without_messages(), _own_pages_alone(host) as served:
+        server = made_by.ViserServer(host=host, port=port, verbose=False)
     try:
+        if not served:
+            raise LinkError("the installed viser would obey pages of other servers: install viser 1.1")
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         yield server
     finally:
@@ -35,6 +46,75 @@ def quiet_server(host: str = LOOPBACK, port: int = 8080) -> Iterator[viser.Viser
 def address(server: viser.ViserServer) -> str:
     """To open in a browser."""
     return f"http://{server.get_host()}:{server.get_port()}"
+
+
+def is_loopback(host: str) -> bool:
+    """Whether this machine alone can reach an address or name."""
+    found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    return all(ip_address(str(place[0]).partition("%")[0]).is_loopback for *_, place in found)
+
+
+def _require_own_address(host: str) -> None:
+    """Viser would try one port after another for ever."""
+    try:
+        for family, kind, protocol, _, place in socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM):
+            with socket.socket(family, kind, protocol) as probe:
+                probe.bind(place)
+    except (OSError, UnicodeError) as error:
+        raise LinkError(f"--host {host}: expected an address of this machine ({error})") from None
+
+
+def is_own_page(headers: Mapping[str, str], host: str) -> bool:
+    """Whether a request with these headers comes from a page of the server at `host`, or from no page at all.
+
+    Browsers let any page on the internet open a websocket to this machine, and say where the page is from (RFC 6455,
+    section 10.2). Origin and Host have to agree; both may be a name which an attacker owns and lets lead here (DNS
+    rebinding), so only addresses and names of this machine are taken.
+    """
+    origin = headers.get("Origin")
+    if origin is None:
+        return True
+    if origin not in (f"http://{headers.get('Host')}", f"https://{headers.get('Host')}"):
+        return False
+    try:
+        name = urlsplit(origin).hostname or ""
+    except ValueError:
+        return False
+    return name in ("localhost", host.lower(), socket.gethostname().lower()) or _is_address(name)
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+@contextmanager
+def _own_pages_alone(host: str) -> Iterator[list[bool]]:
+    """Let the server that is made here refuse pages of others: viser has no option for what websockets can do.
+
+    Yields a list that is no longer empty when a server is made that does.
+    """
+    module = require("websockets.asyncio.server", "workspace")
+    serve = module.serve
+    served: list[bool] = []
+
+    def guarded(*words: Any, process_request: Callable[[Any, Any], Any], **options: Any) -> Any:
+        def answer(connection: Any, request: Any) -> Any:
+            if not is_own_page(request.headers, host):
+                return connection.respond(http.HTTPStatus.FORBIDDEN, "scancell: this page is not of this server\n")
+            return process_request(connection, request)
+
+        served.append(True)
+        return serve(*words, process_request=answer, **options)
+
+    module.serve = guarded
+    try:
+        yield served
+    finally:
+        module.serve = serve
 
 
 @contextmanager

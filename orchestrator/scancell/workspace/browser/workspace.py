@@ -32,9 +32,9 @@ from scancell.workspace.live_plan import LivePlan
 if TYPE_CHECKING:
     import viser
 
-_RATE = 30.0  # Hz, of the scene
-_CAMERAS = 0.1  # s from one pair of images to the next at least: the cell needs the processor, too
-_PANELS_EVERY = 3  # updates of the scene from one update of the panels to the next
+_RATE = 40.0  # Hz, of the scene at most
+_CAMERAS = 0.05  # s from one pair of images to the next at least: the cell needs the processor, too
+_PANELS_EVERY = 4  # updates of the scene from one update of the panels to the next
 
 
 @dataclass(frozen=True)

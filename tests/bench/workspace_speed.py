@@ -1,0 +1,139 @@
+"""The workspace as a person runs it, seen by a client in another process: ``python -m bench --only workspace``."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from scancell import Scanner
+from scancell.config.choices import Engine
+from scancell.config.loading import assets_dir, load_setup
+from scancell.geometry import pose
+from scancell.scanning.session import ScanSession
+from scancell.workspace.browser.cloud import MOST_POINTS
+from scancell.workspace.browser.quiet import address, quiet_server
+from scancell.workspace.browser.serve import Host, PartFile
+from scancell.workspace.browser.workspace import Workspace, WorkspaceSettings
+from scancell.workspace.live_commands import Cancel
+from scancell.workspace.robot import deg, location, mm
+
+from .display_speed import display_rows
+from .table import Row
+from .viewer import Viewer
+
+_PART = PartFile(assets_dir() / "parts" / "free_form.stl")
+_NODES = "/frames/"  # of arm, table and part
+_SPAN_S = 10.0
+_CYCLES, _SENT, _PAIRS, _GROWING = 60.0, 30.0, 15.0, 20  # wanted each second; pairs on 2 cores with AVX-512
+_CHUNK, _CHUNKS = 25_000, 30.0  # points of a chunk, and chunks each second
+_POINT = 15  # bytes of a point's position and colour
+
+
+def workspace_rows() -> Iterator[Row]:
+    """Cycles, updates and pairs of images each second while the arm moves, guarded; a scan; a growing cloud."""
+    with Scanner.from_setup(load_setup()) as scanner:
+        with _opened(scanner, "ray-traced") as (workspace, viewer):
+            _sway(workspace)
+            yield from _moving_rows(workspace, viewer, "ray-traced cameras", with_pairs=True)
+        with _opened(scanner, "geometric") as (workspace, viewer):
+            _sway(workspace)
+            yield from _moving_rows(workspace, viewer, "geometric cameras")
+            yield from _cloud_rows(workspace, viewer)
+            workspace.live.submit(Cancel())
+            yield from _scan_rows(workspace, viewer)
+        with _opened(scanner, "geometric") as (workspace, viewer):
+            viewer.close()  # the page is the operator
+            yield from display_rows(workspace, viewer.url)
+
+
+@contextmanager
+def _opened(scanner: Scanner, engine: Engine) -> Iterator[tuple[Workspace, Viewer]]:
+    """The workspace of the default cell with a client that has panels."""
+
+    def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
+        return scanner.session(None if file is None else file.path, guarded=True)
+
+    stop, started = threading.Event(), threading.Event()
+    with TemporaryDirectory() as out, quiet_server(port=0) as server:
+        host = Host(server, open_session, WorkspaceSettings(Path(out), engine))
+        running = threading.Thread(target=host.run, args=(_PART, stop, started.set))
+        running.start()
+        started.wait()
+        viewer = Viewer(address(server), _NODES)
+        try:
+            assert host.workspace is not None
+            yield host.workspace, viewer
+        finally:
+            viewer.close()
+            stop.set()
+            running.join()
+
+
+def _sway(workspace: Workspace) -> None:
+    """Let the arm go to and fro above the part, and return when it does."""
+    above = location(450 * mm, 0, 0.0, rx=180 * deg)
+    above[:3, 3] = workspace.nominal.world_from_table[:3, 3] + [0, 0, 190 * mm]
+
+    def sway(cell: ScanSession) -> None:
+        while True:
+            for x in (10 * mm, -10 * mm):
+                cell.move_line(above @ pose.translation((x, 0, 0)), speed=0.1)
+
+    live = workspace.live
+    live.perform(lambda cell: cell.move_joints(cell.joints_for(above)), "above the part").result()
+    live.perform(sway, "to and fro")
+    time.sleep(2.0)
+
+
+def _moving_rows(workspace: Workspace, viewer: Viewer, name: str, with_pairs: bool = False) -> Iterator[Row]:
+    live, feed = workspace.live, workspace.feed
+    assert feed.frame is not None
+    frames, simulated, sent = feed.frame.number, live.state.time, len(viewer.times)
+    start, processor = time.perf_counter(), time.process_time()
+    time.sleep(_SPAN_S)
+    span, processor = time.perf_counter() - start, time.process_time() - processor
+    cycles = (live.state.time - simulated) / (1e-6 * load_setup().cell.world.controller_cycle_us)
+    yield _at_least(f"{name}: cycles of the cell", cycles / span, _CYCLES)
+    yield _at_least(f"{name}: updates received", (len(viewer.times) - sent) / span, _SENT)
+    if with_pairs:
+        yield _at_least(f"{name}: pairs of images", (feed.frame.number - frames) / span, _PAIRS)
+    yield Row(f"{name}: processor", processor / span, "cores", "all", len(os.sched_getaffinity(0)))
+
+
+def _cloud_rows(workspace: Workspace, viewer: Viewer) -> Iterator[Row]:
+    rng = np.random.default_rng(0)
+    points = rng.normal(scale=0.02, size=(_CHUNK, 3))
+    colours = rng.integers(0, 256, (_CHUNK, 3), dtype=np.uint8)
+    size, sent, begin, added = viewer.size, len(viewer.times), time.perf_counter(), 0
+    while workspace.scene.add_points(points, colours, 1e-4):
+        added += 1
+        time.sleep(max(0.0, begin + added / _CHUNKS - time.perf_counter()))
+    while viewer.size < size + _POINT * MOST_POINTS:
+        time.sleep(0.01)
+    times = viewer.times[sent:]
+    yield _at_least("cloud growing to 5 M points: updates", len(times) / (time.perf_counter() - begin), float(_GROWING))
+    slowest = _GROWING / float(np.max(times[_GROWING:] - times[:-_GROWING]))
+    yield _at_least(f"the slowest {_GROWING} of them in a row", slowest, float(_GROWING))
+    workspace.scene.clear_points()
+
+
+def _scan_rows(workspace: Workspace, viewer: Viewer) -> Iterator[Row]:
+    live, scans = workspace.live, workspace.scans
+    while live.state.job is not None:
+        time.sleep(0.05)
+    scans.start("geometric")
+    while scans.state is None or scans.state.taken == 0:
+        time.sleep(0.05)
+    yield from _moving_rows(workspace, viewer, "geometric scan")
+    live.submit(Cancel())
+
+
+def _at_least(name: str, value: float, limit: float) -> Row:
+    return Row(name, value, "1/s", "wanted", limit, None, "at least")
