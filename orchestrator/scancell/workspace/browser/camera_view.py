@@ -53,6 +53,8 @@ class CameraView:
     ) -> None:
         self._scene, self._feed, self._world_from_base = scene, feed, world_from_base
         self._names, self._shown = [camera.name for camera in sensor.camera], 0
+        half = np.tan(np.radians(sensor.laser.fan_half_angle_deg)) * (sensor.range.far_mm - sensor.laser.source_z_mm)
+        self._width = (-round(float(half), 1), round(float(half), 1))
         self._range = (sensor.range.near_mm, sensor.range.far_mm)
         self._uplot = require("viser.uplot", "workspace")
         gui = server.gui
@@ -100,7 +102,10 @@ class CameraView:
 
     def _scales(self) -> dict[str, Any]:
         """The range axis of the sensor points away from it: near is above."""
-        return {"x": self._uplot.Scale(time=False), "y": self._uplot.Scale(dir=-1, range=self._range)}
+        return {
+            "x": self._uplot.Scale(time=False, range=self._width),
+            "y": self._uplot.Scale(dir=-1, range=self._range),
+        }
 
     def _fit_range(self, z: NDArray[np.float64]) -> None:
         """Let the profile fill a good part of the plot; other axes make a new plot, so not every frame changes them."""

@@ -194,7 +194,8 @@ class CellScene:
         return {**frames, "world": np.eye(4)}
 
     def _show_ghost(self) -> None:
-        if self._state is None or not self.options.ghost:
+        # What an emergency stop has ended leads nowhere.
+        if self._state is None or not self.options.ghost or self._state.controller == "emergency stop":
             self._ghost.hide()
         else:
             self._ghost.show(self._state.ghost_from_body, self._state.world_from_body)
