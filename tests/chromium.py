@@ -1,10 +1,16 @@
-"""Chromium without a display, for tests of pages; the processor draws, so that all waits are generous."""
+"""Chromium without a display, for tests of pages.
+
+The processor draws: all waits are generous, and one browser runs at a time.
+"""
 
 from __future__ import annotations
 
+import fcntl
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,8 +24,6 @@ _FLAGS = [
     "--enable-unsafe-swiftshader",
     "--autoplay-policy=no-user-gesture-required",
 ]
-
-
 @contextmanager
 def chromium() -> Iterator[Any]:
     """A browser of Playwright; skips the test where there is none."""
@@ -27,7 +31,9 @@ def chromium() -> Iterator[Any]:
         pytest.skip("no Chromium")
     from playwright.sync_api import sync_playwright  # noqa: PLC0415
 
-    with sync_playwright() as player:
+    lock = Path(tempfile.gettempdir()) / "scancell-test-chromium.lock"
+    with lock.open("w") as held, sync_playwright() as player:
+        fcntl.flock(held, fcntl.LOCK_EX)  # until the file is closed
         browser = player.chromium.launch(executable_path=EXECUTABLE, args=_FLAGS)
         yield browser
         browser.close()

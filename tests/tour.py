@@ -22,6 +22,7 @@ Shoot = Callable[[str], None]
 
 _STARTS = 120.0  # s
 _SCANS_MS = 300_000
+_BEGINS_MS = 3000
 
 
 @contextmanager
@@ -80,8 +81,8 @@ def says(page: Any, text: str) -> None:
 
 
 def is_at_rest(page: Any) -> None:
-    """Wait until the robot moves, and rests again."""
-    says(page, "% of the motion")
+    """Wait until the robot has had time to begin, and rests."""
+    page.wait_for_timeout(_BEGINS_MS)
     page.get_by_text("% of the motion").first.wait_for(state="hidden")
 
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -21,10 +19,9 @@ from chromium import chromium
 from scancell import Scanner
 from scancell.config.loading import assets_dir, load_setup, with_path
 from scancell.planning.configuration_map import CLEARANCE, FREE, ConfigurationMap
-from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.playback import Playback
-from scancell.workspace.browser.quiet import quiet_server
-from scancell.workspace.browser.serve import Host, PartFile
+from scancell.workspace.browser.workspace import WorkspaceSettings
+from tour import hosted
 
 SPIRAL = assets_dir() / "paths" / "spiral.toml"
 PART = assets_dir() / "parts" / "sphere_on_foot.stl"
@@ -49,19 +46,10 @@ def scanner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scanner]:
 
 @pytest.fixture
 def opened(scanner: Scanner, browser: Any, tmp_path: Path) -> Iterator[Opened]:
-    def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
-        return scanner.session(None if file is None else file.path, guarded=True)
-
-    stop, started = Event(), Event()
-    with quiet_server(port=8350) as server:
-        host = Host(server, open_session, tmp_path)
-        running = Thread(target=host.run, args=(PartFile(PART), stop, started.set))
-        running.start()
-        assert started.wait(WAITS)
+    with hosted(scanner, PART, WorkspaceSettings(tmp_path)) as (host, server):
+        assert host.workspace is not None
         host.workspace.feed.wanted = False  # images take the processor, which draws the pages, too
-        yield Opened(host, server, browser)
-        stop.set()
-        running.join()
+        yield Opened(host, server, tmp_path, browser)
     for context in browser.contexts:
         context.close()
 

@@ -45,11 +45,11 @@ def workspace(
     """Open the running cell in a browser, or play a recorded run back, until Ctrl-C (docs/workspace.md)."""
 
     def started(address: str) -> None:
-        print(f"workspace: open {address}", file=sys.stderr if options.as_json else sys.stdout, flush=True)
         from scancell.workspace.browser.quiet import is_loopback  # noqa: PLC0415
 
         if not is_loopback(host):
             print("warning: other machines can reach the workspace, and anyone there controls it", file=sys.stderr)
+        print(f"workspace: open {address}", file=sys.stderr if options.as_json else sys.stdout, flush=True)
 
     def work() -> Outcome:
         if target is not None and target.is_dir():

@@ -121,10 +121,16 @@ class Workspace:
         CellError
             If the FMU reports an error.
         """
-        closing = Event()
+        closing, owned = Event(), Lock()
+
+        def step() -> None:
+            with owned:
+                if not closing.is_set():
+                    self.live.run(closing.is_set)
+
         with self.feed, self._recording, ThreadPoolExecutor(1, "cell") as threads:
-            stepping = threads.submit(self.live.run, closing.is_set)
             try:
+                stepping = threads.submit(step)
                 pace, updates = Pace(1 / _RATE), 0
                 while not (ended() or stepping.done()):
                     self.show(with_panels=updates % _PANELS_EVERY == 0)
@@ -132,6 +138,8 @@ class Workspace:
                     pace.wait()
             finally:
                 closing.set()
+                with owned:  # an interrupt inside submit leaves a thread that the executor does not wait for
+                    pass
         stepping.result()
 
     def show(self, with_panels: bool = True) -> None:
