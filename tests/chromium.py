@@ -24,6 +24,8 @@ _FLAGS = [
     "--enable-unsafe-swiftshader",
     "--autoplay-policy=no-user-gesture-required",
 ]
+
+
 @contextmanager
 def chromium() -> Iterator[Any]:
     """A browser of Playwright; skips the test where there is none."""
