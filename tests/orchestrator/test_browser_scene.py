@@ -1,4 +1,4 @@
-"""What a browser is told of a cell: the nodes of a scene against the states that it shows."""
+"""Nodes of the scene in a browser, compared with the states that it shows."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ HOLD_TIME = 0.3
 
 
 class Clock:
-    """Goes on when it is told to."""
+    """Advances when `now` is set."""
 
     def __init__(self) -> None:
         self.now = 100.0

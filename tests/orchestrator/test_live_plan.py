@@ -8,10 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
 
 from scancell import Scanner
-from scancell.config.loading import Setup, assets_dir, load_setup, with_path
+from scancell.config.loading import Setup
 from scancell.errors import CommandError, PlanningError
 from scancell.planning.configuration_map import CLEARANCE, FREE, REACH, ConfigurationMap
 from scancell.planning.model import PlanningCell
@@ -20,9 +19,8 @@ from scancell.scanning.session import ScanSession
 from scancell.workspace.live import LiveCell
 from scancell.workspace.live_plan import LivePlan, nearest_turn
 from scancell.workspace.program_motion import ProgramMotion
+from spiral_cell import PART, spiral_setup
 
-SPIRAL = assets_dir() / "paths" / "spiral.toml"
-PART = assets_dir() / "parts" / "sphere_on_foot.stl"
 PATIENCE_S = 300
 POLL_S = 0.01
 
@@ -59,11 +57,7 @@ class Rig:
 @pytest.fixture(scope="module")
 def scanner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scanner]:
     """A post beside the table forbids some of the poses."""
-    file = tmp_path_factory.mktemp("post") / "post.stl"
-    trimesh.creation.box((20.0, 20.0, 300.0)).export(file)
-    pose = "{ x_mm = 450.0, y_mm = 200.0, z_mm = 150.0 }"
-    post = f'cell.obstacle=[{{ name = "post", mesh = "{file}", pose = {pose} }}]'
-    with Scanner.from_setup(with_path(load_setup(ideal=True, overrides=[post]), SPIRAL), threads=2) as made:
+    with Scanner.from_setup(spiral_setup(tmp_path_factory.mktemp("post")), threads=2) as made:
         yield made
 
 

@@ -84,7 +84,7 @@ def plan_of(paths: tuple[object, ...] = ()) -> Plan:
 
 
 class Rig:
-    """Plans with a clock that goes on when it is told to."""
+    """Plans with a clock that a test advances."""
 
     def __init__(self) -> None:
         self.made, self.scene, self.now = KnownPlans(), KnownScene(), 10.0

@@ -51,7 +51,7 @@ def wait_for(condition: Callable[[], bool], what: str) -> None:
         if condition():
             return
         time.sleep(0.05)
-    raise AssertionError(f"waited in vain for {what}")
+    raise AssertionError(f"timed out waiting for {what}")
 
 
 def cloud_points(server) -> int:

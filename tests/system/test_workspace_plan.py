@@ -10,21 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 from commands import PARTS, QUICK, scancell_here
 from mcap.reader import make_reader
 from test_workspace import WAITS, Opened, entry, fill
 
 from chromium import chromium
 from scancell import Scanner
-from scancell.config.loading import assets_dir, load_setup, with_path
 from scancell.planning.configuration_map import CLEARANCE, FREE, ConfigurationMap
 from scancell.workspace.browser.playback import Playback
 from scancell.workspace.browser.workspace import WorkspaceSettings
+from spiral_cell import PART, spiral_setup
 from tour import hosted
-
-SPIRAL = assets_dir() / "paths" / "spiral.toml"
-PART = assets_dir() / "parts" / "sphere_on_foot.stl"
 
 
 @pytest.fixture(scope="module")
@@ -36,11 +32,7 @@ def browser() -> Iterator[Any]:
 @pytest.fixture(scope="module")
 def scanner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scanner]:
     """A post beside the table forbids some of the poses along a spiral."""
-    file = tmp_path_factory.mktemp("post") / "post.stl"
-    trimesh.creation.box((20.0, 20.0, 300.0)).export(file)
-    pose = "{ x_mm = 450.0, y_mm = 200.0, z_mm = 150.0 }"
-    post = f'cell.obstacle=[{{ name = "post", mesh = "{file}", pose = {pose} }}]'
-    with Scanner.from_setup(with_path(load_setup(ideal=True, overrides=[post]), SPIRAL), threads=1) as made:
+    with Scanner.from_setup(spiral_setup(tmp_path_factory.mktemp("post")), threads=1) as made:
         yield made
 
 

@@ -8,6 +8,10 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.cell.controller import Operation
 from scancell.errors import ScancellError
 from scancell.scanning.session import ScanSession
 
@@ -69,6 +73,13 @@ class Handed(Generic[T]):
 
 
 Work = Handed[Any]
+
+
+def ready_to_move(session: ScanSession) -> NDArray[np.float64]:
+    """Change to automatic operation, where it is not in force, and come to rest; the axes (joints + 1,) there, rad."""
+    if session.cell.get_integer("command.operation") != Operation.AUTOMATIC:
+        session.set_operation(Operation.AUTOMATIC)
+    return session.come_to_rest()
 
 
 def while_stepping(session: ScanSession, work: Callable[[], T]) -> T:

@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Operation
 from scancell.cell.program import Program
 from scancell.errors import CommandError
 from scancell.planning.blocked import why_forbidden
@@ -20,7 +19,7 @@ from scancell.planning.configuration_map import ConfigurationMap
 from scancell.planning.plan import Plan
 from scancell.scanning.session import ScanSession
 from scancell.workspace.live import LiveCell
-from scancell.workspace.live_jobs import while_stepping
+from scancell.workspace.live_jobs import ready_to_move, while_stepping
 
 Array = NDArray[np.float64]
 Stage = Literal["none", "planning", "evaluating", "ready", "failed"]
@@ -154,9 +153,7 @@ class LivePlan:
     # In the thread of the cell
 
     def _go(self, session: ScanSession, axes: Array, purpose: str) -> None:
-        if session.cell.get_integer("command.operation") != Operation.AUTOMATIC:
-            session.set_operation(Operation.AUTOMATIC)
-        start = session.come_to_rest()
+        start = ready_to_move(session)
         goal = nearest_turn(axes, float(start[-1]))
         program = while_stepping(session, lambda: self._way(start, goal, purpose))
         if program is not None:

@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Operation
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording
 from scancell.cell.records import RecordBatches
@@ -29,7 +28,7 @@ from scancell.scanning.sense import ExposureImages, SensingResult, sample_rows
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Stopwatch
 from scancell.workspace.live import LiveCell
-from scancell.workspace.live_jobs import JobStopped, while_stepping
+from scancell.workspace.live_jobs import JobStopped, ready_to_move, while_stepping
 
 Stage = Literal["waiting", "planning", "approaching", "scanning", "sensing", "done", "failed"]
 
@@ -159,9 +158,7 @@ class LiveScan:
 
     def _drive(self, session: ScanSession) -> None:
         self._stage = "planning"
-        if session.cell.get_integer("command.operation") != Operation.AUTOMATIC:
-            session.set_operation(Operation.AUTOMATIC)
-        start = session.come_to_rest()
+        start = ready_to_move(session)
         plan, approach = while_stepping(session, lambda: self._plan(session, start))
         self._stage, self._planned = "approaching", len(plan.segment)
         if approach is not None:

@@ -23,7 +23,7 @@ def open_archive(content: bytes, name: str, most_bytes: int = MOST_BYTES) -> Rec
     """Read a run from a zip file of its folder.
 
     Only files that `open_run` reads are unpacked, into a temporary folder under names of their own: no path of the
-    archive is followed. A mesh beside them stands for the part where the file that the run names is missing.
+    archive is followed. A mesh beside them is used as the part where the file that the run names is missing.
 
     Parameters
     ----------

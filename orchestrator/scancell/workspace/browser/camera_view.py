@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 from scancell.config.sensor import SensorDescription
 from scancell.extras import require
 from scancell.geometry import pose
+from scancell.workspace.browser.handles import small_html
 from scancell.workspace.browser.scene import CellScene
+from scancell.workspace.browser.sensor_view import field_corners
 from scancell.workspace.live_camera import CameraFeed, CameraFrame
 
 if TYPE_CHECKING:
@@ -53,8 +56,8 @@ class CameraView:
     ) -> None:
         self._scene, self._feed, self._world_from_base = scene, feed, world_from_base
         self._names, self._shown = [camera.name for camera in sensor.camera], 0
-        half = np.tan(np.radians(sensor.laser.fan_half_angle_deg)) * (sensor.range.far_mm - sensor.laser.source_z_mm)
-        self._width = (-round(float(half), 1), round(float(half), 1))
+        half = round(1e3 * float(field_corners(sensor)[:, 1].max()), 1)
+        self._width = (-half, half)
         self._range = (sensor.range.near_mm, sensor.range.far_mm)
         self._uplot = require("viser.uplot", "workspace")
         gui = server.gui
@@ -148,4 +151,4 @@ def _summary(frame: CameraFrame) -> str:
     if len(points):
         z = 1e3 * points[:, 2]
         lines.append(f"range {z.min():.2f} to {z.max():.2f} mm, mean {z.mean():.3f} mm")
-    return f'<div style="padding:0 0.75em;font-size:0.85em">{"<br>".join(lines)}</div>'
+    return small_html(map(escape, lines))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from scancell.config.sensor import SensorDescription
 from scancell.workspace.browser.desk import Desk
+from scancell.workspace.browser.handles import set_changed
 from scancell.workspace.browser.panels.cell_panel import CellPanel
 from scancell.workspace.browser.panels.file_panel import FilePanel, Opener
 from scancell.workspace.browser.panels.jog_panel import JogPanel
@@ -87,8 +88,7 @@ class ClientView:
 
     def show(self, state: LiveState) -> None:
         """Show a state."""
-        if self._take.visible == self._desk.is_operator:
-            self._take.visible = not self._desk.is_operator
+        set_changed(self._take, "visible", not self._desk.is_operator)
         self._desk.enable()
         for panel in self._panels:
             panel.show(state)

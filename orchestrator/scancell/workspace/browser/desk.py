@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from scancell.cell.controller import Operation
 from scancell.cell.readings import Tool
-from scancell.geometry import pose
 from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.messages import said_to_person, say
 from scancell.workspace.browser.operators import Operators
@@ -87,10 +86,6 @@ class Desk:
         """What this browser shows of the scene (height, width, 3)."""
         return np.asarray(self._client.get_render(height, width, timeout=_RENDERS), np.uint8)
 
-    def stop(self) -> None:
-        """Stop the robot; every browser may."""
-        self._live.stop()
-
     def take_control(self) -> None:
         """Become the operator."""
         self._operators.take(self._client.client_id)
@@ -108,7 +103,7 @@ class Desk:
         """Pose (4, 4) of ``base`` or ``table``."""
         if name == "base":
             return self.nominal.arm.world_from_base
-        return self.nominal.world_from_table @ pose.from_rotation(pose.rotation_about(2, table))
+        return self.nominal.frame_poses(self.nominal.home, table)[name]
 
     def say(self, text: str) -> None:
         """Show a message in this browser for a while."""

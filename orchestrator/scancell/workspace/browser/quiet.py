@@ -119,7 +119,7 @@ def _own_pages_alone(host: str) -> Iterator[list[bool]]:
 
 @contextmanager
 def _without_messages() -> Iterator[None]:
-    """Without what viser prints by rich when it starts and stops, whatever it is told."""
+    """Without what viser prints by rich when it starts and stops, also with ``verbose=False``."""
     console = require("rich", "workspace").get_console()
     before, console.quiet = console.quiet, True
     try:

@@ -72,7 +72,7 @@ def stripe_segments(points: Array) -> Array:
     return segments if len(length) == 0 else segments[length <= _GAP * np.median(length)]
 
 
-def _corners(sensor: SensorDescription) -> Array:
+def field_corners(sensor: SensorDescription) -> Array:
     """Corners (4, 3) of the field of view in the sensor frame, m: near, near, far, far."""
     slope = np.tan(np.radians(sensor.laser.fan_half_angle_deg))
     z = 1e-3 * np.array([sensor.range.near_mm, sensor.range.near_mm, sensor.range.far_mm, sensor.range.far_mm])
@@ -81,11 +81,11 @@ def _corners(sensor: SensorDescription) -> Array:
 
 
 def _outline(sensor: SensorDescription) -> Array:
-    corners = _corners(sensor)
+    corners = field_corners(sensor)
     return np.stack([corners, np.roll(corners, -1, 0)], 1)
 
 
 def _fan(sensor: SensorDescription) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
     source = np.array([[0.0, 0.0, 1e-3 * sensor.laser.source_z_mm]])
-    corners = np.concatenate([source, _corners(sensor)[2:]])
+    corners = np.concatenate([source, field_corners(sensor)[2:]])
     return np.asarray(corners, np.float32), np.array([[0, 1, 2]], np.uint32)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from scancell.cell.controller import Operation
+from scancell.workspace.browser.handles import set_changed, small_html
 from scancell.workspace.live_state import LiveState
 
 # Hotkeys of viser do nothing while an input has the focus; a stop must.
@@ -42,10 +43,8 @@ class Status:
     def show(self, state: LiveState) -> None:
         """Show a state."""
         text, sound = state_html(state), _BEEP if state.pendant_beep else ""
-        if self._text.content != text:
-            self._text.content = text
-        if self._sound.content != sound:
-            self._sound.content = sound
+        set_changed(self._text, "content", text)
+        set_changed(self._sound, "content", sound)
 
 
 def state_html(state: LiveState) -> str:
@@ -74,7 +73,7 @@ def state_html(state: LiveState) -> str:
         lines.append(f"distance sensor {number}: {'-' if read is None else f'{1e3 * read:.1f} mm'}")
     if state.gripper_width is not None:
         lines.append(f"gripper: {1e3 * state.gripper_width:.1f} mm")
-    return f'<div style="padding:0 0.75em 0.5em;font-size:0.85em;line-height:1.4">{"<br>".join(lines)}</div>'
+    return small_html(lines)
 
 
 def _run_once(script: str) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 from scancell.cell.controller import Operation
 from scancell.workspace.browser.desk import Desk
+from scancell.workspace.browser.handles import Follower
 from scancell.workspace.live_commands import ChangeOperation, Reset, RunBelt, SetGripper, SetMonitorSpeed
 from scancell.workspace.live_state import LiveState
 
@@ -18,8 +19,9 @@ class CellPanel:
     """Inputs of the controller and of the devices."""
 
     def __init__(self, gui: Any, desk: Desk, state: LiveState) -> None:
-        self._desk, self._shown = desk, ""
+        self._desk = desk
         self._operation = gui.add_dropdown("operation", tuple(_OPERATIONS))
+        self._shown_operation = Follower(self._operation)
         self._monitor = gui.add_slider("monitor speed, %", 0, 100, 1, 100)
         reset = gui.add_button("Reset after a stop")
         self._operation.on_update(desk.by_person(self._change_operation))
@@ -37,8 +39,7 @@ class CellPanel:
     def show(self, state: LiveState) -> None:
         """Show the operation in force."""
         name = next(name for name, value in _OPERATIONS.items() if value is state.operation)
-        if self._shown != name:  # else a choice that is not carried out yet would be lost
-            self._shown = self._operation.value = name
+        self._shown_operation.show(name)
 
     def _change_operation(self) -> None:
         self._desk.submit(ChangeOperation(_OPERATIONS[self._operation.value]))

@@ -11,6 +11,7 @@ from PIL import Image
 
 from scancell.errors import DescriptionError
 from scancell.workspace.browser.desk import Desk
+from scancell.workspace.browser.handles import Follower, set_changed, small_html
 from scancell.workspace.browser.recording import SessionRecording
 from scancell.workspace.live_state import LiveState
 
@@ -38,6 +39,7 @@ class FilePanel:
         self._upload = gui.add_upload_button("Open a part (STL, OBJ, PLY)", mime_type=",".join(_SUFFIXES))
         self._run = gui.add_upload_button("Open a run (zip of a run folder)", mime_type=".zip,application/zip")
         self._record = gui.add_checkbox("Record (MCAP)", recording.is_on)
+        self._shown_record = Follower(self._record)
         self._text = gui.add_html("")
         picture = gui.add_button("Download a picture")
         self._upload.on_upload(desk.by_person(lambda: desk.as_operator(self._open)))
@@ -49,20 +51,23 @@ class FilePanel:
     def show(self, state: LiveState) -> None:
         """Show whether and where the session is recorded."""
         recording = self._recording
-        if self._record.value != recording.is_on:
-            self._record.value = recording.is_on
+        self._shown_record.show(recording.is_on)
         said = recording.error
         if not said and recording.path is not None:
             said = f"{'recording' if recording.is_on else 'recorded'}: {recording.path}"
-        text = f'<div style="padding:0 0.75em;font-size:0.85em">{escape(said)}</div>'
-        if self._text.content != text:
-            self._text.content = text
+        set_changed(self._text, "content", small_html([escape(said)]))
 
     def _switch_recording(self) -> None:
         if self._recording.is_on:
             self._recording.stop()
         else:
+            self._start_recording()
+
+    def _start_recording(self) -> None:
+        try:
             self._recording.start()
+        finally:
+            set_changed(self._record, "value", self._recording.is_on)
 
     def _open_run(self) -> None:
         file = self._run.value

@@ -9,6 +9,7 @@ import numpy as np
 
 from scancell.planning.plan import Plan
 from scancell.workspace.browser.desk import Desk
+from scancell.workspace.browser.handles import Follower, set_changed
 from scancell.workspace.browser.plan_view import ALONG, ANGLE, map_html, pose_html, segments_html, state_html
 from scancell.workspace.browser.plans import Plans
 from scancell.workspace.live_commands import Cancel
@@ -24,7 +25,7 @@ class PlanPanel:
         self._desk, self._plans = desk, plans
         self._shown: Plan | None = None
         self._drawn: tuple[object, ...] = ()
-        self._followed: dict[str, object] = {}
+        self._followers: dict[str, Follower] = {}
         self._make = gui.add_button("Plan the scan")
         self._text = gui.add_html("")
         self._path = gui.add_dropdown("sensor path", ("-",), visible=False)
@@ -64,21 +65,23 @@ class PlanPanel:
         """Show the plan, and the place that is looked at."""
         plans = self._plans
         plan, motion = plans.plan, plans.motion
-        _set(self._text, "content", state_html(plans.state, plan))
+        set_changed(self._text, "content", state_html(plans.state, plan))
         if plan is None or motion is None:
             return
         if plan is not self._shown:
             self._open(plan, motion.duration)
         self._show_map(plan)
         number = motion.segment_at(plans.time)
-        _set(self._segments, "content", segments_html(plan, number))
+        set_changed(self._segments, "content", segments_html(plan, number))
         self._follow(self._segment, self._segment.options[number])
         self._follow(self._time, round(plans.time, 2))
-        _set(self._play, "label", "Pause" if plans.plays else "Play the plan")
+        set_changed(self._play, "label", "Pause" if plans.plays else "Play the plan")
 
     def _open(self, plan: Plan, duration: float) -> None:
         """Fit the inputs to another plan."""
-        self._shown, self._drawn, self._followed = plan, (), {}
+        self._shown, self._drawn = plan, ()
+        inputs = (self._path, self._branch, self._along, self._angle, self._segment, self._time)
+        self._followers = {handle.label: Follower(handle) for handle in inputs}
         self._segment.options = _numbered(item.name for item in plan.program.segments)
         self._time.max = float(np.ceil(duration / _STEP) * _STEP)
         if plan.paths:
@@ -107,10 +110,7 @@ class PlanPanel:
         self._map.content = map_html(map_, motion, picked) + ("" if picked is None else pose_html(picked))
 
     def _follow(self, handle: Any, value: object) -> None:
-        """Show a value that has changed; what a person enters meanwhile stays."""
-        if self._followed.get(handle.label) != value:
-            self._followed[handle.label] = value
-            _set(handle, "value", value)
+        self._followers[handle.label].show(value)
 
     def _pick(self) -> None:
         self._plans.pick(self._along.value / 100, float(np.radians(self._angle.value)))
@@ -130,9 +130,3 @@ class PlanPanel:
 def _numbered(names: Any) -> tuple[str, ...]:
     """Names that differ."""
     return tuple(f"{number}: {name}" for number, name in enumerate(names, start=1))
-
-
-def _set(handle: Any, name: str, value: Any) -> None:
-    """Change what differs alone: each change is sent."""
-    if getattr(handle, name) != value:
-        setattr(handle, name, value)

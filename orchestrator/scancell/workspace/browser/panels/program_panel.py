@@ -10,6 +10,7 @@ from typing import Any
 from scancell.config.choices import Engine
 from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.desk import Desk
+from scancell.workspace.browser.handles import set_changed, small_html
 from scancell.workspace.live import LiveCell
 from scancell.workspace.live_commands import Cancel
 from scancell.workspace.live_state import LiveState
@@ -20,7 +21,7 @@ _LINES = 8  # of the commands that were carried out last
 
 
 class RobotProgram:
-    """A program file that runs in a live cell, again when it is told to; shown to all browsers.
+    """A program file that runs in a live cell, on request and as often as requested; shown to all browsers.
 
     Attributes
     ----------
@@ -54,7 +55,7 @@ class ProgramPanel:
 
     def __init__(self, gui: Any, desk: Desk, program: RobotProgram) -> None:
         self._program = program
-        gui.add_html(_small(f"<b>{escape(program.file.name)}</b>"))
+        gui.add_html(small_html([f"<b>{escape(program.file.name)}</b>"]))
         start, cancel = gui.add_button("Run the program"), gui.add_button("End the program")
         self._text = gui.add_html("")
         start.on_click(desk.by_person(lambda: desk.as_operator(program.start)))
@@ -63,10 +64,4 @@ class ProgramPanel:
 
     def show(self, state: LiveState) -> None:
         """Show what the program did."""
-        text = _small("<br>".join(escape(line) for line in self._program.lines))
-        if self._text.content != text:
-            self._text.content = text
-
-
-def _small(text: str) -> str:
-    return f'<div style="padding:0 0.75em;font-size:0.85em">{text}</div>'
+        set_changed(self._text, "content", small_html(map(escape, self._program.lines)))

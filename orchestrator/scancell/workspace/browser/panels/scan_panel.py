@@ -10,6 +10,7 @@ from typing import Any, get_args
 from scancell.config.choices import Engine
 from scancell.reconstruction.cloud_files import write_cloud
 from scancell.workspace.browser.desk import Desk
+from scancell.workspace.browser.handles import Follower, set_changed, small_html
 from scancell.workspace.browser.live_cloud import LIVE_COLOURS
 from scancell.workspace.browser.scans import Scans
 from scancell.workspace.live_commands import Cancel
@@ -20,12 +21,13 @@ class ScanPanel:
     """Runs the scan of the descriptions."""
 
     def __init__(self, gui: Any, desk: Desk, scans: Scans) -> None:
-        self._desk, self._scans, self._shown = desk, scans, ""
+        self._desk, self._scans = desk, scans
         self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value="geometric")
         start, cancel = gui.add_button("Scan the part"), gui.add_button("End the scan")
         self._progress = gui.add_progress_bar(0.0)
         self._text = gui.add_html("")
         self._colour = gui.add_dropdown("colours show", LIVE_COLOURS)
+        self._shown_colour = Follower(self._colour)
         save, download = gui.add_button("Save the run folder"), gui.add_button("Download the cloud (PLY)")
         start.on_click(desk.by_person(lambda: desk.as_operator(lambda: scans.start(self._engine.value))))
         cancel.on_click(desk.by_person(lambda: desk.submit(Cancel())))
@@ -36,23 +38,19 @@ class ScanPanel:
 
     def show(self, state: LiveState) -> None:
         """Show how far the scan is."""
-        if self._shown != self._scans.cloud.colour:  # else a choice that is not carried out yet would be lost
-            self._shown = self._colour.value = self._scans.cloud.colour
+        self._shown_colour.show(self._scans.cloud.colour)
         scan = self._scans.state
         if scan is None:
             return
         share = 100.0 * scan.sensed / scan.planned if scan.planned else 0.0
-        if self._progress.value != share:
-            self._progress.value = share
+        set_changed(self._progress, "value", share)
         lines = [
             f"<b>{scan.stage}</b>",
             f"{scan.sensed} of {scan.planned} profiles, {scan.points} points",
             escape(self._scans.cloud.legend),
             escape(self._scans.error),
         ]
-        text = f'<div style="padding:0 0.75em;font-size:0.85em">{"<br>".join(line for line in lines if line)}</div>'
-        if self._text.content != text:
-            self._text.content = text
+        set_changed(self._text, "content", small_html(lines))
 
     def _download(self) -> None:
         cloud = self._scans.result.cloud

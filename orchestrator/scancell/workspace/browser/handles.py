@@ -1,0 +1,36 @@
+"""What panels do with their handles of viser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+
+def set_changed(handle: Any, name: str, value: Any) -> None:
+    """Change what differs alone: each change is sent."""
+    if getattr(handle, name) != value:
+        setattr(handle, name, value)
+
+
+class Follower:
+    """An input that shows a value of the cell.
+
+    It is written when the value changes alone: what a person enters meanwhile, and what is not carried out yet, stays.
+    """
+
+    def __init__(self, handle: Any) -> None:
+        self._handle = handle
+        self._shown: object = None
+
+    def show(self, value: object) -> None:
+        """Show the value, if it has changed."""
+        if value != self._shown:
+            self._shown = value
+            set_changed(self._handle, "value", value)
+
+
+def small_html(lines: Iterable[str]) -> str:
+    """Small text of lines of HTML; empty ones are left out."""
+    return (
+        f'<div style="padding:0 0.75em 0.4em;font-size:0.85em;line-height:1.4">{"<br>".join(filter(None, lines))}</div>'
+    )
