@@ -76,8 +76,8 @@ $(STAMPS)/dev: $(STAMPS)/dev-system $(STAMPS)/installed
 scan: setup
 	@$(BIN)/scancell scan $(PART) --out $(OUT)
 
-# A process for each core, and each file in one of them, for its tests share what is costly to make.
-PYTEST := $(BIN)/pytest -q -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder --slowest-files $(SLOWEST)
+# A process for each core, and each file, or group of files, in one of them: its tests share what is costly to make.
+PYTEST := $(BIN)/pytest -q -n auto --maxprocesses 8 --dist loadgroup --no-loadscope-reorder --slowest-files $(SLOWEST)
 test: dev native-tests
 	@$(PYTEST)
 

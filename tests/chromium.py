@@ -42,13 +42,23 @@ def chromium() -> Iterator[Any]:
 
 
 class Watched:
-    """A page whose requests and errors are recorded; a `sharpness` below 1 draws fewer pixels."""
+    """A page whose requests and errors are recorded; a `sharpness` below 1 draws fewer pixels.
+
+    A page of viser draws a pixel for each of the window's at least, whatever the sharpness, unless its address says
+    otherwise: see `opens`.
+    """
 
     def __init__(self, browser: Any, width: int, height: int, sharpness: float = 1.0) -> None:
         self.page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=sharpness)
         self.page.set_default_timeout(HANGS_MS)
+        self._sharpness = sharpness
         self.requests: list[str] = []
         self.errors: list[str] = []
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("websocket", lambda socket: self.requests.append(socket.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+
+    def opens(self, address: str) -> None:
+        """Go to a page of viser, and close what it says of rendering by software, which covers what a test clicks."""
+        self.page.goto(f"{address}/?fixedDpr={self._sharpness}")
+        self.page.locator("#webgl-software-rendering button").click()

@@ -26,8 +26,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """A cache of the tests' own for what `scancell` keeps between scans; the processes of one run share it."""
+    """A cache of the tests' own for what `scancell` keeps between scans, which the processes of one run share.
+
+    Each of them has a core: threads of the linear algebra, whose matrices are small, would only wait for each other.
+    """
     if not hasattr(config, "workerinput"):
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         os.environ["SCANCELL_CACHE"] = tempfile.mkdtemp(prefix="scancell-cache-")
 
 
@@ -41,13 +45,21 @@ def pytest_itemcollected(item: pytest.Item) -> None:
     slow = item.path.parent.name in SLOW_FOLDERS or item.path.stem in SLOW_FILES
     if slow and item.path.stem not in FAST_FILES:
         item.add_marker(pytest.mark.slow)
+    item.add_marker(pytest.mark.xdist_group("browser" if _has_browser(item) else item.path.stem))
+
+
+def _has_browser(item: pytest.Item) -> bool:
+    return hasattr(getattr(item, "module", None), "chromium")
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """The longest files first, so that no process is left alone with one of them at the end."""
+    """The longest files first, so that no process is left alone with one of them at the end.
+
+    Files with a browser, which runs once at a time, are one group (see `pytest_itemcollected`) and come before all.
+    """
     if hasattr(config, "workerinput"):
-        items.sort(key=lambda item: item.path.parent.name != "system")
+        items.sort(key=lambda item: (not _has_browser(item), item.path.parent.name != "system"))
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

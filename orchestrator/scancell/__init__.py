@@ -11,7 +11,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scancell.api import batch, extract, place, plan, render, scan, shot, study, survey
+    from scancell.api import (
+        batch,
+        calibrate,
+        calibrate_sensor,
+        evaluate,
+        extract,
+        mesh,
+        place,
+        plan,
+        render,
+        scan,
+        shot,
+        study,
+        survey,
+    )
     from scancell.config.cell import CellDescription
     from scancell.config.loading import Setup
     from scancell.config.scan import ScanDescription
@@ -36,8 +50,13 @@ _MODULE_OF = {
     "Setup": "config.loading",
     "ShotResult": "results",
     "SurveyResult": "scanning.survey",
+    "acceptance": "api",
     "batch": "api",
+    "calibrate": "api",
+    "calibrate_sensor": "api",
+    "evaluate": "api",
     "extract": "api",
+    "mesh": "api",
     "place": "api",
     "plan": "api",
     "render": "api",
@@ -59,8 +78,13 @@ __all__ = [
     "Setup",
     "ShotResult",
     "SurveyResult",
+    "acceptance",
     "batch",
+    "calibrate",
+    "calibrate_sensor",
+    "evaluate",
     "extract",
+    "mesh",
     "place",
     "plan",
     "render",

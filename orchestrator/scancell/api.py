@@ -3,23 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from scancell.config.cell import CellDescription
+from scancell.config.choices import Align, CalibrationTarget, Engine, Reconstruction, SensorTarget
 from scancell.config.keys import Assignments, assignments
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
+from scancell.errors import DescriptionError
+from scancell.extras import require
 from scancell.geometry.mesh import Mesh
+from scancell.geometry.shapes import ShapeGroup
+from scancell.jobs.calibration_job import CalibrationRequest
+from scancell.jobs.calibration_report import CalibrationReport
+from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest
+from scancell.jobs.sensor_calibration_report import SensorCalibrationReport
+from scancell.nominal.parts import load_artefact, load_part
 from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.sources import cloud_of, points_of
 from scancell.results import ScanResult, ShotResult
 from scancell.scanner import Scanner
 from scancell.scanning.survey import SurveyResult
 
 if TYPE_CHECKING:
+    from scancell.evaluation.artefact import ArtefactEvaluation
+    from scancell.evaluation.mesh_evaluation import MeshEvaluation
     from scancell.output.run_folder import RunReport
+    from scancell.studies.acceptance.report import AcceptanceReport
     from scancell.studies.report import StudyReport
 
 Cell = str | Path | CellDescription | None
@@ -104,6 +122,37 @@ def place(
         return scanner.place(part, share, unit=unit)
 
 
+def calibrate(
+    request: CalibrationRequest | CalibrationTarget = "all",
+    artefact: str | Path | Mesh | None = None,
+    *,
+    cell: Cell = None,
+    sensor: Sensor = None,
+    scan: Scan = None,
+    settings: Assignments = (),
+    ideal: bool = False,
+    threads: int = 0,
+    **options: Any,
+) -> CalibrationReport:
+    """Find the deviations of a cell; `options` are those of `Scanner.calibrate`, the other parameters `Scanner`'s."""
+    with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
+        return scanner.calibrate(request, artefact, **options)
+
+
+def calibrate_sensor(
+    request: SensorCalibrationRequest | SensorTarget = "ball",
+    *,
+    sensor: Sensor = None,
+    settings: Assignments = (),
+    ideal: bool = False,
+    threads: int = 0,
+    **options: Any,
+) -> SensorCalibrationReport:
+    """Find the deviations of a sensor; `options` are those of `Scanner.calibrate_sensor`."""
+    with Scanner(sensor=sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
+        return scanner.calibrate_sensor(request, **options)
+
+
 def survey(
     part: str | Path | Mesh,
     *,
@@ -154,6 +203,153 @@ def extract(
     files, background = ([Path(item) for item in items] for items in (images, laser_off))
     request = ExtractionRequest(files, setup.sensor, peaks, threads, background, sheet_um)
     return extract_to_folder(request, Path(out))
+
+
+def evaluate(
+    cloud: str | Path | Cloud | NDArray[np.float64],
+    *,
+    mesh: str | Path | Mesh | None = None,
+    artefact: str | Path | ShapeGroup | None = None,
+    align: Align = "none",
+    datum: Sequence[str] = (),
+    out: str | Path | None = None,
+    unit: str = "mm",
+    threads: int = 0,
+) -> MeshEvaluation | ArtefactEvaluation:
+    """Compare a cloud with a mesh or with an artefact of exact shape.
+
+    Parameters
+    ----------
+    cloud
+        Cloud file (mm), run folder, `Cloud` or points (n, 3), m, in the frame of the part.
+    mesh, artefact
+        What to compare with; one of them. A mesh file in `unit`; an artefact description (TOML).
+    align
+        What is done before: nothing, the best fit (least squares), or the fit to datum planes.
+    datum
+        Datum faces of the artefact, or numbers of plane regions of the mesh, in order of precedence.
+    out
+        Folder for figures (JSON, CSV) and a picture.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected.
+    """
+    from scancell.evaluation.artefact import evaluate_against_artefact  # noqa: PLC0415
+    from scancell.evaluation.mesh_evaluation import evaluate_against_mesh  # noqa: PLC0415
+
+    if (mesh is None) == (artefact is None):
+        raise DescriptionError("evaluate: expected either a mesh or an artefact to compare with")
+    points = points_of(cloud)
+    found: MeshEvaluation | ArtefactEvaluation
+    if mesh is not None:
+        part = mesh if isinstance(mesh, Mesh) else load_part(mesh, unit)
+        found = evaluate_against_mesh(points, part, align, _region_numbers(datum), threads=threads)
+    else:
+        assert artefact is not None
+        group = artefact if isinstance(artefact, ShapeGroup) else load_artefact(artefact)
+        found = evaluate_against_artefact(points, group, align, datum)
+    if out is not None:
+        from scancell.output.evaluation_files import write_evaluation  # noqa: PLC0415
+        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
+
+        with RunFolder(Path(out)) as folder:
+            write_evaluation(found, folder)
+    return found
+
+
+def mesh(
+    run: str | Path | Cloud,
+    out: str | Path | None = None,
+    *,
+    method: Reconstruction = "poisson",
+    spacing_mm: float | None = None,
+) -> Mesh:
+    """Surface of a scan, by Open3D; it needs the extra ``mesh``.
+
+    Parameters
+    ----------
+    run
+        Run folder, cloud file of scancell (PLY), or a `Cloud` with normals.
+    out
+        STL, PLY or OBJ file, mm, which `scan` accepts as a part.
+    method
+        Screened Poisson reconstruction, without the surface where points are sparse; or ball pivoting.
+    spacing_mm
+        Size of the smallest details; by default 1/250 of the extent.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected.
+    """
+    from scancell.reconstruction.surface import reconstruct_surface, write_surface  # noqa: PLC0415
+
+    surface = reconstruct_surface(cloud_of(run), method, None if spacing_mm is None else 1e-3 * spacing_mm)
+    if out is not None:
+        write_surface(surface, Path(out))
+    return surface
+
+
+def _region_numbers(words: Sequence[str]) -> list[int]:
+    if not all(str(word).isdigit() for word in words):
+        raise DescriptionError(f"datum: {', '.join(map(str, words))}: expected numbers of plane regions of the mesh")
+    return [int(word) for word in words]
+
+
+def acceptance(
+    sensor: Sensor = None,
+    *,
+    cell: Cell = None,
+    scan: Scan = None,
+    settings: Assignments = (),
+    as_built: Assignments = (),
+    engine: Engine = "geometric",
+    seed: int = 0,
+    quick: bool = False,
+    repeats: int | None = None,
+    factors: str | Path | None = None,
+    out: str | Path | None = None,
+    threads: int = 0,
+    progress: Progress | ProgressCallback | None = None,
+) -> AcceptanceReport:
+    """Acceptance test of a sensor in the simulated cell: artefacts over its measuring range, in both scan modes.
+
+    Parameters
+    ----------
+    scan
+        Speeds, spacing and settling time; the views are those of the test.
+    quick
+        Fewer positions, repeats and points.
+    repeats
+        Scans of each artefact at each position in each mode; 20 unless given.
+    factors
+        Study description (TOML) whose factors are drawn anew for each repeat (JCGM 101).
+    out
+        Folder for ``acceptance.json``, ``.csv`` and ``.html``; the page needs the extra ``studies``.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected.
+    """
+    from scancell.studies.acceptance.programme import QUICK, Programme  # noqa: PLC0415
+    from scancell.studies.acceptance.report import AcceptanceRequest, run_acceptance  # noqa: PLC0415
+
+    if out is not None:
+        for module in ("matplotlib", "jinja2"):
+            require(module, "studies")  # before the work
+    file = None if factors is None else Path(factors)
+    programme = QUICK if quick else Programme()
+    if repeats is not None:
+        programme = replace(programme, repeats=repeats)
+    request = AcceptanceRequest(programme, engine, tuple(assignments(as_built)), seed, file)
+    with Scanner(cell, sensor, scan, settings=settings, threads=threads) as scanner:
+        report = run_acceptance(scanner, request, as_progress(progress))
+    if out is not None:
+        report.save(out)
+    return report
 
 
 def study(
@@ -207,7 +403,7 @@ def batch(
     Parameters
     ----------
     parts
-        Mesh files, or folders of them.
+        Mesh files, folders of them, or artefact files.
     config
         Batch description (TOML).
     options

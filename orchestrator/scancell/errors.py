@@ -33,6 +33,10 @@ class SensorError(ScancellError):
     """The sensor library refused its input."""
 
 
+class CalibrationError(ScancellError):
+    """Measured data do not determine what is to be calibrated; the message states what is missing."""
+
+
 class ImageError(ScancellError):
     """An image file is missing, unreadable, or not what the sensor's description says."""
 
@@ -51,6 +55,10 @@ class MessageError(ScancellError):
 
 class LinkError(ScancellError):
     """No socket can be opened: between cell and guard, or for browsers."""
+
+
+class FitError(ScancellError):
+    """Points do not determine a geometric element; the message states what is missing."""
 
 
 class EmptyScanError(ScancellError):

@@ -14,8 +14,11 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.config.choices import Frame
+from scancell.config.files import plain_data
+from scancell.config.sensor import SensorDescription
 from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
+from scancell.geometry.part_surface import PartSurface
 from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
 from scancell.scanning.result import ScanData
 from scancell.scanning.sense import ExposureImages
@@ -39,15 +42,14 @@ class ScanResult(ScanData):
     recording_file: Path | None = None
     unit: str = "mm"
     threads: int = 0
-    part_surface: sensor_rt.MeshSurface | None = field(default=None, repr=False)
+    part_surface: PartSurface | None = field(default=None, repr=False)
+    estimated_sensor: SensorDescription | None = field(default=None, repr=False)
 
     @cached_property
     def deviation(self) -> Deviation:
-        """Signed distance of every point of the cloud to the mesh of the part, with figures in metres."""
+        """Signed distance of every point of the cloud to the surface of the part, with figures in metres."""
         with Stopwatch(self.timings).measure("evaluate"):
-            part = self.nominal.part
-            surface = self.part_surface or sensor_rt.MeshSurface(part.vertices, part.faces)
-            return deviation_from_mesh(self.cloud, surface, self.threads, signed=part.is_closed)
+            return deviation_from_mesh(self.cloud, self.part_surface or self.nominal.part, self.threads)
 
     @cached_property
     def coverage(self) -> Coverage:
@@ -173,7 +175,7 @@ class ScanResult(ScanData):
         from scancell.output.run_files import RunRecord, write_run  # noqa: PLC0415
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
-        run = {
+        run: dict[str, Any] = {
             "part": str(self.part_file.absolute()) if self.part_file else self.part,
             "unit": self.unit,
             "engine": self.engine,
@@ -185,6 +187,8 @@ class ScanResult(ScanData):
             run["recording"] = str(self.recording_file.absolute())
         if self.plan is not None and self.plan.source:
             run["plan"] = self.plan.source
+        if self.estimated_sensor is not None:
+            run["estimated_sensor"] = plain_data(self.estimated_sensor)
         inputs = [file for file in (self.part_file, self.recording_file) if file is not None]
         record = RunRecord(inputs, run, parse_formats(",".join(formats), "formats"), frame)
         write_run(self, self.deviation, self.coverage, record, folder, Stopwatch(self.timings))
@@ -199,7 +203,7 @@ class ScanResult(ScanData):
             path = Path(folder) / "deviation.png"
             deviation_picture(
                 path,
-                self.cloud,
+                self.cloud.points_in_part,
                 self.deviation,
                 self.nominal.part,
                 name=self.part,

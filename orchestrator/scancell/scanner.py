@@ -8,15 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from scancell.cell.recording import Recording, read_recording
-from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
+from scancell.config.estimated import EstimatedDescription
 from scancell.config.keys import Assignments, assignments
 from scancell.config.loading import Setup, require_sensor_words
 from scancell.config.sensor import SensorDescription
 from scancell.geometry.mesh import Mesh
+from scancell.jobs.calibrating_cell import CalibratingCell
 from scancell.jobs.finishing import Finishing
 from scancell.jobs.guard_job import guard_of
-from scancell.jobs.prepared_cell import PreparedCell
 from scancell.jobs.single_exposure import expose, pose_of
 from scancell.planning.configuration_map import Judge
 from scancell.planning.options import scan_options
@@ -33,7 +33,7 @@ from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
 from scancell.stopwatch import Stopwatch
 
 
-class Scanner(PreparedCell):
+class Scanner(CalibratingCell):
     """Scans parts with one simulated cell; a context manager.
 
     The FMU instance, the ray tracing scene and the plan are kept between calls, so that a second scan of the same part
@@ -74,7 +74,7 @@ class Scanner(PreparedCell):
         seed: int = 0,
         setup: Setup | None = None,
         plan: Plan | str | Path | None = None,
-        estimated_cell: CellDescription | None = None,
+        estimated: EstimatedDescription | None = None,
         estimated_sensor: SensorDescription | None = None,
         normals: bool = True,
         samples: bool = True,
@@ -87,7 +87,7 @@ class Scanner(PreparedCell):
         Parameters
         ----------
         part
-            Mesh file (STL, OBJ, PLY) in `unit`, or a mesh in metres.
+            Mesh file (STL, OBJ, PLY) in `unit`, artefact file (TOML), or a mesh in metres.
         engine
             ``ray-traced`` renders the camera images and finds the stripe in them; ``geometric`` intersects the laser
             rays with the surfaces.
@@ -99,8 +99,10 @@ class Scanner(PreparedCell):
             Descriptions of this scan in place of the scanner's.
         plan
             A plan, or its file, in place of a new one; it is checked again in this cell.
-        estimated_cell, estimated_sensor
-            Calibrated descriptions that reconstruction uses in place of the nominal ones.
+        estimated
+            Deviations of the cell that reconstruction assumes, in place of those of its description.
+        estimated_sensor
+            Calibrated sensor that reconstruction uses in place of the nominal one.
         normals
             Whether to estimate normals.
         samples
@@ -132,7 +134,7 @@ class Scanner(PreparedCell):
             recording = self.pipeline.drive(job.drive_request(hook is not None), made, heard, hook)
         # Descriptions of this scan alone are not checked again.
         doubts = self.setup_warnings if job.setup is self.setup else ()
-        finishing = Finishing(self.pipeline, job, engine, estimated_cell, on_images, doubts, normals, samples)
+        finishing = Finishing(self.pipeline, job, engine, estimated, on_images, doubts, normals, samples)
         return finishing.result(recording, made, heard, watch)
 
     def render(
@@ -144,7 +146,7 @@ class Scanner(PreparedCell):
         engine: Engine = "ray-traced",
         as_built: Assignments = (),
         seed: int = 0,
-        estimated_cell: CellDescription | None = None,
+        estimated: EstimatedDescription | None = None,
         estimated_sensor: SensorDescription | None = None,
         on_images: OnImages | None = None,
         progress: Progress | ProgressCallback | None = None,
@@ -164,7 +166,7 @@ class Scanner(PreparedCell):
             if not isinstance(recording, Recording):
                 job = replace(job, recording_file=Path(recording))
                 recording = read_recording(Path(recording))
-        finishing = Finishing(self.pipeline, job, engine, estimated_cell, on_images, self.setup_warnings)
+        finishing = Finishing(self.pipeline, job, engine, estimated, on_images, self.setup_warnings)
         return finishing.result(recording, None, heard, watch)
 
     def plan(

@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -106,12 +107,16 @@ const Camera& camera_of(const Sensor& sensor, int camera) {
 }
 
 Points triangulate_pixels(const Pixels& pixels, const Sensor& sensor, int camera, const std::string& form) {
-  Eigen::Vector3d (*locate)(const Camera&, const Eigen::Vector2d&) = nullptr;
-  if (form == "exact") locate = triangulate_exact;
+  const SheetSurface sheet = form == "sheet" ? sensor.laser.surface() : SheetSurface{};
+  const auto on_sheet = [&](const Camera& c, const Eigen::Vector2d& p) {
+    return triangulate_exact(c, sheet, p);
+  };
+  std::function<Eigen::Vector3d(const Camera&, const Eigen::Vector2d&)> locate;
+  if (form == "exact" || form == "sheet") locate = on_sheet;
   if (form == "ray") locate = triangulate_ray;
   if (form == "eq4_as_printed") locate = triangulate_eq4_as_printed;
-  if (locate == nullptr) {
-    throw std::invalid_argument("form \"" + form + "\": expected exact, ray or eq4_as_printed");
+  if (!locate) {
+    throw std::invalid_argument("form \"" + form + "\": expected exact, sheet, ray or eq4_as_printed");
   }
   const Camera& optics = camera_of(sensor, camera);
   Points points(pixels.rows(), 3);
@@ -195,11 +200,10 @@ void bind_imaging(py::module_& module) {
       py::arg("keep_rejected") = false,
       "Points of peaks. Peaks with a flag of PEAK_REJECTED are skipped unless keep_rejected, points outside "
       "the range always.");
-  module.def(
-      "triangulate_pixels", &triangulate_pixels, py::arg("pixels"), py::arg("sensor"), py::arg("camera"),
-      py::arg("form"),
-      "Points (n, 3) on the laser sheet, m, seen at pixels (n, 2) = (column, row). form: exact, ray or "
-      "eq4_as_printed.");
+  module.def("triangulate_pixels", &triangulate_pixels, py::arg("pixels"), py::arg("sensor"),
+             py::arg("camera"), py::arg("form"),
+             "Points (n, 3) on the laser sheet, m, seen at pixels (n, 2) = (column, row). form: exact (plane "
+             "X = 0), sheet (as described), ray (exact without the closed form) or eq4_as_printed.");
 }
 
 }  // namespace sensor_rt

@@ -47,6 +47,18 @@ void add_cylinder(Scene& scene, const std::string& body, const Doubles& body_fro
                      to_material(material));
 }
 
+void add_cone(Scene& scene, const std::string& body, const Doubles& body_from_cone, double bottom_radius,
+              double top_radius, double height, const py::object& material) {
+  scene.add_cone(body, to_pose(body_from_cone, "body_from_cone"), bottom_radius, top_radius, height,
+                 to_material(material));
+}
+
+void add_ring(Scene& scene, const std::string& body, const Doubles& body_from_ring, double inner_radius,
+              double outer_radius, double height, const py::object& material) {
+  scene.add_ring(body, to_pose(body_from_ring, "body_from_ring"), inner_radius, outer_radius, height,
+                 to_material(material));
+}
+
 void add_plane(Scene& scene, const std::string& body, const Doubles& body_from_plane, const Doubles& size,
                const py::object& material) {
   require_shape(size, "size", {2});
@@ -185,6 +197,10 @@ void bind_scene(py::module_& module) {
            py::arg("material"))
       .def("add_cylinder", &add_cylinder, py::arg("name"), py::arg("body_from_cylinder"), py::arg("radius"),
            py::arg("height"), py::arg("material"))
+      .def("add_cone", &add_cone, py::arg("name"), py::arg("body_from_cone"), py::arg("bottom_radius"),
+           py::arg("top_radius"), py::arg("height"), py::arg("material"))
+      .def("add_ring", &add_ring, py::arg("name"), py::arg("body_from_ring"), py::arg("inner_radius"),
+           py::arg("outer_radius"), py::arg("height"), py::arg("material"))
       .def("add_plane", &add_plane, py::arg("name"), py::arg("body_from_plane"), py::arg("size"),
            py::arg("material"))
       .def("add_light", &add_light, py::arg("name"), py::arg("kind"), py::arg("body_from_light"),

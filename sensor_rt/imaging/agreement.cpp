@@ -139,7 +139,7 @@ class Comparison {
   std::vector<SheetPoint> locate(const CameraPeaks& p) const {
     std::vector<SheetPoint> found(p.fits.size());
     for (std::size_t i = 0; i < found.size(); ++i) {
-      found[i].point = triangulate_exact(camera(p), {p.candidates[i].column, p.fits[i].row});
+      found[i].point = triangulate_exact(camera(p), geometry_.sheet, {p.candidates[i].column, p.fits[i].row});
       const double z = found[i].point.z();
       const bool possible = z >= geometry_.near && z <= geometry_.far && z > geometry_.source_z;
       found[i].bin = possible && (p.fits[i].flags & kNoise) == 0 ? 0 : -1;
@@ -181,8 +181,9 @@ class Comparison {
   /// `seen`.
   double transferred_sigma(std::size_t a, std::size_t i, std::size_t b, const Eigen::Vector2d& seen) const {
     const StripeFit& fit = peaks_[a].fits[i];
-    const Eigen::Vector3d shifted = triangulate_exact(
-        camera(peaks_[a]), {peaks_[a].candidates[i].column, fit.row + static_cast<double>(fit.row_sigma)});
+    const Eigen::Vector3d shifted =
+        triangulate_exact(camera(peaks_[a]), geometry_.sheet,
+                          {peaks_[a].candidates[i].column, fit.row + static_cast<double>(fit.row_sigma)});
     return std::fabs(project(b, shifted).y() - seen.y());
   }
 
@@ -283,7 +284,9 @@ class Comparison {
   /// Returns the change of depth of peak i of camera a per row, m/px.
   double row_step(std::size_t a, std::size_t i) const {
     const CameraPeaks& p = peaks_[a];
-    return std::fabs(triangulation_jacobian(camera(p), {p.candidates[i].column, p.fits[i].row})(2, 1));
+    const Eigen::Vector2d pixel(p.candidates[i].column, p.fits[i].row);
+    return std::fabs(
+        triangulation_jacobian(camera(p), geometry_.sheet, pixel, sheet_points_[a][i].point)(2, 1));
   }
 
   void weigh(std::size_t a, std::size_t i, bool vouched, const RayBins& rays) {

@@ -8,6 +8,7 @@
 #include "sensor_rt/geometry/image.h"
 #include "sensor_rt/imaging/peaks.h"
 #include "sensor_rt/optics/camera.h"
+#include "sensor_rt/optics/laser_sheet.h"
 
 namespace sensor_rt {
 
@@ -68,6 +69,7 @@ struct ImageNoise {
 /// Geometry of cameras and laser, for the comparison of cameras.
 struct SheetGeometry {
   std::vector<Camera> cameras;
+  SheetSurface sheet;     ///< on which points are triangulated
   double source_z = 0.0;  ///< sensor Z of the laser's point source, m
   double near = 0.0;      ///< measuring range along sensor Z, m
   double far = 0.0;       ///< m

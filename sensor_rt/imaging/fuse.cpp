@@ -18,9 +18,10 @@ struct Meeting {
 
 class PointFusion {
  public:
-  PointFusion(const std::vector<Camera>& cameras, double tolerance_px, std::size_t begin, Profiles& profiles,
-              const Sampling* sampling)
+  PointFusion(const std::vector<Camera>& cameras, const SheetSurface& sheet, double tolerance_px,
+              std::size_t begin, Profiles& profiles, const Sampling* sampling)
       : cameras_(cameras),
+        sheet_(sheet),
         tolerance_px_(tolerance_px),
         begin_(begin),
         profiles_(profiles),
@@ -68,7 +69,7 @@ class PointFusion {
     const std::size_t left = right - 1;
     if (!adjacent(left, right)) return;
     const Eigen::Vector3d per_row =
-        triangulation_jacobian(cameras_[camera_of(i)], {column(i), profiles_.row[i]}).col(1);
+        triangulation_jacobian(cameras_[camera_of(i)], sheet_, {column(i), profiles_.row[i]}, point).col(1);
     const Eigen::Vector3d along = per_row.normalized();
     const double own = square(along.dot(profiles_.deviation[i].cast<double>()));
     Meeting met;
@@ -114,6 +115,7 @@ class PointFusion {
   }
 
   const std::vector<Camera>& cameras_;
+  const SheetSurface& sheet_;
   double tolerance_px_;
   std::size_t begin_;
   Profiles& profiles_;
@@ -125,9 +127,9 @@ class PointFusion {
 
 }  // namespace
 
-void fuse(const std::vector<Camera>& cameras, double tolerance_px, std::size_t begin, Profiles& profiles,
-          const Sampling* sampling) {
-  PointFusion(cameras, tolerance_px, begin, profiles, sampling).run();
+void fuse(const std::vector<Camera>& cameras, const SheetSurface& sheet, double tolerance_px,
+          std::size_t begin, Profiles& profiles, const Sampling* sampling) {
+  PointFusion(cameras, sheet, tolerance_px, begin, profiles, sampling).run();
 }
 
 }  // namespace sensor_rt

@@ -21,7 +21,7 @@ struct Sampling {
 /// sheet, towards its intersection with the segment between two points of another camera. The points of the
 /// later camera are removed. Points that differ by more than `tolerance_px` plus four standard deviations are
 /// not changed. `sampling` begins with the first of the points.
-void fuse(const std::vector<Camera>& cameras, double tolerance_px, std::size_t begin, Profiles& profiles,
-          const Sampling* sampling = nullptr);
+void fuse(const std::vector<Camera>& cameras, const SheetSurface& sheet, double tolerance_px,
+          std::size_t begin, Profiles& profiles, const Sampling* sampling = nullptr);
 
 }  // namespace sensor_rt

@@ -1,6 +1,7 @@
 #include "sensor_rt/imaging/triangulate.h"
 
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -31,19 +32,41 @@ Eigen::Matrix2d paper_jacobian(const Camera& camera, const Eigen::Vector2d& pixe
   return camera.focal_px * signs * camera.ray_jacobian(camera.ray(pixel));
 }
 
-/// Jacobian d point / d (column, row) of triangulate_ray: the end of the ray moves within the sheet.
-Eigen::Matrix<double, 3, 2> ray_form_jacobian(const Camera& camera, const Eigen::Vector2d& pixel) {
+/// The end of the ray, at `point`, moves within the surface whose normal is `gradient`.
+Eigen::Matrix<double, 3, 2> ray_form_jacobian(const Camera& camera, const Eigen::Vector2d& pixel,
+                                              const Eigen::Vector3d& point, const Eigen::Vector3d& gradient) {
   const Eigen::Vector3d in_camera = camera.ray(pixel);
   const Eigen::Vector3d ray_in_sensor = camera.sensor_from_camera.rotation * in_camera;
-  const double reach = -camera.sensor_from_camera.translation.x() / ray_in_sensor.x();
+  const double reach =
+      ray_in_sensor.dot(point - camera.sensor_from_camera.translation) / ray_in_sensor.squaredNorm();
   const Eigen::Matrix<double, 3, 2> turn =
       camera.sensor_from_camera.rotation.leftCols<2>() * camera.ray_jacobian(in_camera);
-  return reach * (turn - ray_in_sensor * turn.row(0) / ray_in_sensor.x());
+  return reach * (turn - ray_in_sensor * (gradient.transpose() * turn) / gradient.dot(ray_in_sensor));
+}
+
+/// Intersection of the pixel's ray with a sheet that is not the plane X = 0.
+Eigen::Vector3d meet_sheet(const Camera& camera, const SheetSurface& sheet, const Eigen::Vector2d& pixel) {
+  constexpr int kIterations = 20;     // four suffice for a sheet bent by some mrad
+  constexpr double kSettled = 1e-15;  // m
+  const Eigen::Vector3d ray = (camera.sensor_from_camera.rotation * camera.ray(pixel)).normalized();
+  Eigen::Vector3d point = triangulate_ray(camera, pixel);
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    const SheetSurface::Offset offset = sheet.offset(point);
+    const double step = offset.value / offset.gradient.dot(ray);
+    point -= step * ray;
+    if (std::abs(step) < kSettled) return point;
+  }
+  // The last digit of the step may alternate; anything larger did not converge.
+  constexpr double kConverged = 1e-12;  // m
+  if (std::abs(sheet.offset(point).value) < kConverged) return point;
+  return Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
 }
 
 }  // namespace
 
-Eigen::Vector3d triangulate_exact(const Camera& camera, const Eigen::Vector2d& pixel) {
+Eigen::Vector3d triangulate_exact(const Camera& camera, const SheetSurface& sheet,
+                                  const Eigen::Vector2d& pixel) {
+  if (!sheet.is_nominal()) return meet_sheet(camera, sheet, pixel);
   if (!camera.is_aligned()) return triangulate_ray(camera, pixel);
   const Eigen::Vector2d p = camera.paper_coordinates(pixel);
   const double s = std::sin(camera.tilt);
@@ -68,8 +91,11 @@ Eigen::Vector3d triangulate_eq4_as_printed(const Camera& camera, const Eigen::Ve
           camera.baseline / std::tan(angle) + camera.height};
 }
 
-Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const Eigen::Vector2d& pixel) {
-  if (!camera.is_aligned()) return ray_form_jacobian(camera, pixel);
+Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const SheetSurface& sheet,
+                                                   const Eigen::Vector2d& pixel,
+                                                   const Eigen::Vector3d& point) {
+  if (!sheet.is_nominal()) return ray_form_jacobian(camera, pixel, point, sheet.offset(point).gradient);
+  if (!camera.is_aligned()) return ray_form_jacobian(camera, pixel, point, Eigen::Vector3d::UnitX());
   const Eigen::Vector2d p = camera.paper_coordinates(pixel);
   const double s = std::sin(camera.tilt);
   const double c = std::cos(camera.tilt);
@@ -82,6 +108,12 @@ Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const E
 }
 
 namespace {
+
+Eigen::Vector3d locate_by(TriangulationForm form, const Camera& camera, const SheetSurface& sheet,
+                          const Eigen::Vector2d& pixel) {
+  return form == TriangulationForm::kExact ? triangulate_exact(camera, sheet, pixel)
+                                           : triangulate_eq4_as_printed(camera, pixel);
+}
 
 SENSOR_RT_MULTIVERSION
 void locate_simply(const Triangulator::Constants& k, const double* __restrict column,
@@ -102,10 +134,12 @@ void locate_simply(const Triangulator::Constants& k, const double* __restrict co
 
 }  // namespace
 
-Triangulator::Triangulator(const Camera& camera, TriangulationForm form)
+Triangulator::Triangulator(const Camera& camera, TriangulationForm form, const SheetSurface& sheet)
     : camera_(camera),
       form_(form),
-      simple_(camera.is_plain() && camera.is_aligned() && form == TriangulationForm::kExact),
+      sheet_(sheet),
+      simple_(camera.is_plain() && camera.is_aligned() && form == TriangulationForm::kExact &&
+              sheet.is_nominal()),
       constants_{static_cast<double>(camera.side),
                  camera.cx_px,
                  camera.cy_px,
@@ -120,11 +154,11 @@ void Triangulator::locate(const double* column, const double* row, Lanes3& point
     locate_simply(constants_, column, row, point, per_row);
     return;
   }
-  const auto place = form_ == TriangulationForm::kExact ? triangulate_exact : triangulate_eq4_as_printed;
   for (int l = 0; l < kLanes; ++l) {
     const Eigen::Vector2d pixel(column[l], row[l]);
-    set_lane(point, l, place(camera_, pixel));
-    set_lane(per_row, l, triangulation_jacobian(camera_, pixel).col(1));
+    const Eigen::Vector3d at = locate_by(form_, camera_, sheet_, pixel);
+    set_lane(point, l, at);
+    set_lane(per_row, l, triangulation_jacobian(camera_, sheet_, pixel, at).col(1));
   }
 }
 
@@ -133,8 +167,6 @@ namespace {
 void triangulate_range(const Peaks& peaks, std::size_t begin, std::size_t end,
                        const std::vector<Camera>& cameras, const TriangulationOptions& options,
                        Profiles& out) {
-  const auto locate =
-      options.form == TriangulationForm::kExact ? triangulate_exact : triangulate_eq4_as_printed;
   for (std::size_t i = begin; i < end; ++i) {
     const auto index = static_cast<std::size_t>(peaks.camera[i]);
     if (peaks.camera[i] < 0 || index >= cameras.size()) {
@@ -144,11 +176,12 @@ void triangulate_range(const Peaks& peaks, std::size_t begin, std::size_t end,
     }
     if (!options.keep_rejected && (peaks.flags[i] & kPeakRejected) != 0) continue;
     const Eigen::Vector2d pixel(peaks.column[i], peaks.row[i]);
-    const Eigen::Vector3d point = locate(cameras[index], pixel);
+    const Eigen::Vector3d point = locate_by(options.form, cameras[index], options.sheet, pixel);
     if (!(point.z() >= options.near && point.z() <= options.far)) continue;
     // The column centre is exact, so that the point is uncertain only along the image of its column.
     const auto row_sigma = static_cast<double>(peaks.row_sigma[i]);
-    const Eigen::Vector3d deviation = triangulation_jacobian(cameras[index], pixel).col(1) * row_sigma;
+    const Eigen::Vector3d deviation =
+        triangulation_jacobian(cameras[index], options.sheet, pixel, point).col(1) * row_sigma;
     out.frame.push_back(peaks.frame[i]);
     out.camera.push_back(peaks.camera[i]);
     out.column.push_back(peaks.column[i]);
@@ -171,7 +204,7 @@ void triangulate(const Peaks& peaks, const std::vector<Camera>& cameras, const T
     while (end < peaks.size() && peaks.frame[end] == peaks.frame[begin]) ++end;
     const std::size_t first = out.size();
     triangulate_range(peaks, begin, end, cameras, options, out);
-    if (options.fusion == Fusion::kWeighted) fuse(cameras, options.agreement_px, first, out);
+    if (options.fusion == Fusion::kWeighted) fuse(cameras, options.sheet, options.agreement_px, first, out);
     begin = end;
   }
 }

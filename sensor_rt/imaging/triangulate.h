@@ -11,6 +11,7 @@
 #include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/imaging/peaks.h"
 #include "sensor_rt/optics/camera.h"
+#include "sensor_rt/optics/laser_sheet.h"
 
 namespace sensor_rt {
 
@@ -22,6 +23,7 @@ enum class Fusion { kNone, kWeighted };
 
 struct TriangulationOptions {
   TriangulationForm form = TriangulationForm::kExact;
+  SheetSurface sheet;  ///< that kExact intersects; by default the plane X = 0
   Fusion fusion = Fusion::kNone;
   double agreement_px =
       0.0;            ///< points of two cameras that differ by more than this and their noise are not merged
@@ -30,7 +32,8 @@ struct TriangulationOptions {
   bool keep_rejected = false;  ///< true: also triangulate peaks whose flags are in kPeakRejected
 };
 
-/// Points of any number of frames, as a structure of arrays. Metres, sensor frame (x = 0 on the laser sheet).
+/// Points of any number of frames, as a structure of arrays. Metres, sensor frame (x = 0 on the nominal laser
+/// sheet).
 struct Profiles {
   LargeVector<std::int64_t> frame;
   LargeVector<std::int32_t> camera;
@@ -55,9 +58,12 @@ struct Profiles {
   void move(std::size_t from, std::size_t to);
 };
 
-/// Returns the point on the laser sheet seen at a pixel: closed form (pinhole in the frame of the paper,
-/// distortion and sensor tilt removed first); the ray form for cameras whose pose deviates from the paper's.
-Eigen::Vector3d triangulate_exact(const Camera& camera, const Eigen::Vector2d& pixel);
+/// Returns the point on the laser sheet seen at a pixel. On the plane X = 0 by the closed form (pinhole in
+/// the frame of the paper, distortion and sensor tilt removed first), and by the ray form for cameras whose
+/// pose deviates from the paper's; on any other sheet by Newton's method along the pixel's ray, which starts
+/// on that plane. Not a number where the ray misses the sheet.
+Eigen::Vector3d triangulate_exact(const Camera& camera, const SheetSurface& sheet,
+                                  const Eigen::Vector2d& pixel);
 
 /// Returns the intersection of the pixel's ray with the sheet X = 0, from the camera pose alone.
 Eigen::Vector3d triangulate_ray(const Camera& camera, const Eigen::Vector2d& pixel);
@@ -66,13 +72,15 @@ Eigen::Vector3d triangulate_ray(const Camera& camera, const Eigen::Vector2d& pix
 /// Z).
 Eigen::Vector3d triangulate_eq4_as_printed(const Camera& camera, const Eigen::Vector2d& pixel);
 
-/// Returns the Jacobian d point / d (column, row) of triangulate_exact, m/px.
-Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const Eigen::Vector2d& pixel);
+/// Returns the Jacobian d point / d (column, row) of triangulate_exact at its point, m/px.
+Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const SheetSurface& sheet,
+                                                   const Eigen::Vector2d& pixel,
+                                                   const Eigen::Vector3d& point);
 
 /// Triangulates sixteen pixels of a camera at a time.
 class Triangulator {
  public:
-  Triangulator(const Camera& camera, TriangulationForm form);
+  Triangulator(const Camera& camera, TriangulationForm form, const SheetSurface& sheet);
 
   /// Computes the points, and d point / d row of triangulate_exact, m/px.
   void locate(const double* column, const double* row, Lanes3& point, Lanes3& per_row) const;
@@ -85,6 +93,7 @@ class Triangulator {
  private:
   Camera camera_;
   TriangulationForm form_;
+  SheetSurface sheet_;
   bool simple_;  ///< the closed form applies
   Constants constants_;
 };

@@ -18,6 +18,33 @@ double interpolate(const std::vector<double>& at, const std::vector<double>& val
 
 }  // namespace
 
+SheetSurface::SheetSurface(const Rigid3& sensor_from_sheet, double source_z, double tangent,
+                           const std::array<double, kStraightness>& straightness)
+    : is_nominal_(straightness == std::array<double, kStraightness>{} && sensor_from_sheet == Rigid3{}),
+      sensor_from_sheet_(sensor_from_sheet),
+      source_z_(source_z),
+      tangent_(tangent),
+      straightness_(straightness) {}
+
+SheetSurface::Offset SheetSurface::offset(const Eigen::Vector3d& point_in_sensor) const {
+  const Eigen::Vector3d in_sheet =
+      sensor_from_sheet_.rotation.transpose() * (point_in_sensor - sensor_from_sheet_.translation);
+  const double depth = in_sheet.z() - source_z_;
+  const double place = in_sheet.y() / (depth * tangent_);
+  double bend = 0.0;
+  double slope = 0.0;  // d bend / d place, by Horner's scheme
+  for (auto c = straightness_.rbegin(); c != straightness_.rend(); ++c) {
+    slope = slope * place + bend;
+    bend = bend * place + *c;
+  }
+  const Eigen::Vector3d gradient(1.0, -slope / tangent_, slope * place - bend);
+  return {in_sheet.x() - depth * bend, sensor_from_sheet_.rotation * gradient};
+}
+
+SheetSurface LaserSheet::surface() const {
+  return {sensor_from_sheet, source_z, std::tan(fan_half_angle), straightness};
+}
+
 double LaserSheet::sigma_at(double z) const { return std::hypot(sheet_sigma, divergence * (z - waist_z)); }
 
 double LaserSheet::max_bend() const {

@@ -8,12 +8,42 @@
 
 namespace sensor_rt {
 
+/// The surface that the centre of the laser sheet sweeps, as an implicit function of points in the sensor
+/// frame. By default the plane X = 0.
+///
+/// In the frame of the sheet, with depth = z - source_z, it is x = depth * bend(y / (depth * tangent)).
+class SheetSurface {
+ public:
+  static constexpr int kStraightness = 6;
+
+  /// Signed offset from the surface along x of the sheet's frame, m, and its gradient in the sensor frame.
+  struct Offset {
+    double value;
+    Eigen::Vector3d gradient;
+  };
+
+  SheetSurface() = default;
+  /// `tangent`: of the fan's half angle.
+  SheetSurface(const Rigid3& sensor_from_sheet, double source_z, double tangent,
+               const std::array<double, kStraightness>& straightness);
+
+  bool is_nominal() const { return is_nominal_; }
+  Offset offset(const Eigen::Vector3d& point_in_sensor) const;
+
+ private:
+  bool is_nominal_ = true;
+  Rigid3 sensor_from_sheet_;
+  double source_z_ = 0.0;
+  double tangent_ = 1.0;
+  std::array<double, kStraightness> straightness_{};
+};
+
 /// Laser sheet of the profile sensor. All lengths in metres, angles in radians.
 ///
 /// Nominally the light is emitted at (0, 0, source_z) within the plane X = 0 of the sensor frame. The sheet
 /// frame is the true pose: its plane x = 0 holds the centre of the sheet, apart from the straightness error.
 struct LaserSheet {
-  static constexpr int kStraightness = 6;
+  static constexpr int kStraightness = SheetSurface::kStraightness;
 
   double wavelength = 0.0;
   double power = 0.0;           ///< W, total within the fan angle
@@ -34,6 +64,8 @@ struct LaserSheet {
   bool is_straight() const { return straightness == std::array<double, kStraightness>{}; }
   /// True when the centre of the sheet is the plane X = 0 of the sensor.
   bool is_nominal() const { return is_straight() && sensor_from_sheet == Rigid3{}; }
+  /// Returns the centre of the sheet.
+  SheetSurface surface() const;
   bool is_even() const { return profile_angle.empty(); }
 
   /// Returns the standard deviation of the irradiance across the sheet at z.

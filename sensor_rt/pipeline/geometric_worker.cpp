@@ -104,7 +104,8 @@ FanGeometry fan_geometry(const Sensor& as_built, const Sensor& sensor, bool exac
 }
 
 bool is_exact(const Sensor& as_built, const Sensor& sensor) {
-  return &as_built == &sensor && as_built.laser.is_nominal() && !as_built.noise &&
+  const bool on_sheet = as_built.laser.is_nominal() || !sensor.triangulation.sheet.is_nominal();
+  return &as_built == &sensor && on_sheet && !as_built.noise &&
          sensor.triangulation.form == TriangulationForm::kExact;
 }
 
@@ -119,7 +120,7 @@ GeometricWorker::GeometricWorker(const Sensor& as_built, const Sensor& sensor, b
       caster_(fan_geometry(as_built, sensor, exact_)) {
   const bool background = lamps || as_built.ambient_irradiance > 0.0;
   for (std::size_t k = 0; k < sensor.cameras.size(); ++k) {
-    triangulators_.emplace_back(sensor.cameras[k], sensor.triangulation.form);
+    triangulators_.emplace_back(sensor.cameras[k], sensor.triangulation.form, sensor.triangulation.sheet);
     if (!as_built.noise) continue;
     const auto response = [&](const Sensor& one) {
       return StripeResponse::shared(sensor.extraction, with_dark_current(one), one.cameras[k],
@@ -289,7 +290,7 @@ void GeometricWorker::fuse_points(Profiles& out) {
   }
   if (out.is_exact()) out.deviation.assign(out.size(), Eigen::Vector3f::Zero());
   const Sampling sampling{column_.data(), ray_.data()};
-  fuse(sensor_.cameras, sensor_.triangulation.agreement_px, 0, out, &sampling);
+  fuse(sensor_.cameras, sensor_.triangulation.sheet, sensor_.triangulation.agreement_px, 0, out, &sampling);
 }
 
 }  // namespace sensor_rt

@@ -140,8 +140,9 @@ void read_extraction(JsonObject json, Sensor& sensor) {
   e.continuity_px = json.positive("continuity_px");
   e.agreement_px = json.positive("agreement_px");
   sensor.triangulation.agreement_px = e.agreement_px;
-  constexpr TriangulationForm kForms[] = {TriangulationForm::kExact, TriangulationForm::kEq4AsPrinted};
-  sensor.triangulation.form = kForms[json.choice("triangulation", {"exact", "eq4_as_printed"})];
+  const std::size_t form = json.choice("triangulation", {"exact", "eq4_as_printed", "sheet"});
+  if (form == 1) sensor.triangulation.form = TriangulationForm::kEq4AsPrinted;
+  if (form == 2) sensor.triangulation.sheet = sensor.laser.surface();
   e.threshold_sigma = json.positive("threshold_sigma");
   e.min_amplitude_dn = json.non_negative("min_amplitude_dn");
   e.min_sigma_px = json.positive("min_sigma_px");
@@ -181,7 +182,7 @@ void read_range(JsonObject json, Sensor& sensor) {
 Extractor make_extractor(const Sensor& sensor, bool all_peaks) {
   return {sensor.extraction,
           sensor.image_noise,
-          {sensor.cameras, sensor.laser.source_z, sensor.near, sensor.far},
+          {sensor.cameras, sensor.triangulation.sheet, sensor.laser.source_z, sensor.near, sensor.far},
           all_peaks};
 }
 

@@ -132,7 +132,7 @@ StripeResponse::Axis StripeResponse::height_axis(const ImageNoise& noise) {
 void StripeResponse::fill(std::size_t level, const ExtractionOptions& options, const ImageNoise& noise,
                           const Camera& camera, bool laser_off) {
   const FineImage fine(options, noise, background_e_[level], laser_off);
-  Extractor extractor(fine.options, fine.noise, {{camera}, 0.0, 0.0, 1.0}, false);
+  Extractor extractor(fine.options, fine.noise, {{camera}, {}, 0.0, 0.0, 1.0}, false);
   const int skipped = margin(options.detector);
   const int cell = kPhases + 2 * skipped;
   const int heights = height_.nodes();

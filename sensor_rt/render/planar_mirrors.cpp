@@ -24,7 +24,7 @@ PlanarMirrors::PlanarMirrors(const ExposureViews& views) : views_(views) {
     if (shapes[s].kind == ShapeKind::kMesh) add_mesh(s);
     if (shapes[s].kind == ShapeKind::kRectangle) planes_.push_back({s, Eigen::Vector3d::UnitZ(), 0.0});
     const bool is_box = shapes[s].kind == ShapeKind::kBox;
-    const bool has_ends = is_box || shapes[s].kind == ShapeKind::kCylinder;
+    const bool has_ends = is_box || shapes[s].kind == ShapeKind::kFrustum;
     for (int axis = is_box ? 0 : 2; has_ends && axis < 3; ++axis) {
       planes_.push_back({s, Eigen::Vector3d::Unit(axis), half[axis]});
       planes_.push_back({s, -Eigen::Vector3d::Unit(axis), half[axis]});

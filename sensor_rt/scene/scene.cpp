@@ -28,7 +28,28 @@ void Scene::add_box(const std::string& body, const Rigid3& body_from_box, const 
 
 void Scene::add_cylinder(const std::string& body, const Rigid3& body_from_cylinder, double radius,
                          double height, const Material& material) {
-  add_primitive(body, ShapeKind::kCylinder, body_from_cylinder, {radius, radius, 0.5 * height}, material);
+  add_cone(body, body_from_cylinder, radius, radius, height, material);
+}
+
+void Scene::add_cone(const std::string& body, const Rigid3& body_from_cone, double bottom_radius,
+                     double top_radius, double height, const Material& material) {
+  if (!(bottom_radius >= 0.0 && top_radius >= 0.0)) {
+    throw std::invalid_argument("body " + body + ": radii must be positive, or one of them 0");
+  }
+  const double largest = std::max(bottom_radius, top_radius);
+  const Frustum frustum{0.5 * (bottom_radius + top_radius), (top_radius - bottom_radius) / height,
+                        0.5 * height};
+  add_primitive(body, ShapeKind::kFrustum, body_from_cone, {largest, largest, 0.5 * height}, material,
+                frustum);
+}
+
+void Scene::add_ring(const std::string& body, const Rigid3& body_from_ring, double inner_radius,
+                     double outer_radius, double height, const Material& material) {
+  if (!(inner_radius > 0.0 && inner_radius < outer_radius)) {
+    throw std::invalid_argument("body " + body + ": the bore must be positive and smaller than the ring");
+  }
+  add_primitive(body, ShapeKind::kFrustum, body_from_ring, {outer_radius, outer_radius, 0.5 * height},
+                material, {outer_radius, 0.0, 0.5 * height, inner_radius});
 }
 
 void Scene::add_plane(const std::string& body, const Rigid3& body_from_plane, const Eigen::Vector2d& size,
@@ -39,7 +60,8 @@ void Scene::add_plane(const std::string& body, const Rigid3& body_from_plane, co
 }
 
 void Scene::add_primitive(const std::string& body, ShapeKind kind, const Rigid3& body_from_shape,
-                          const Eigen::Vector3d& half_size, const Material& material) {
+                          const Eigen::Vector3d& half_size, const Material& material,
+                          const Frustum& frustum) {
   validate_material(material, "body " + body);
   if (!half_size.allFinite() || !(half_size.minCoeff() > 0.0)) {
     throw std::invalid_argument("body " + body + ": sizes must be finite and positive");
@@ -50,6 +72,7 @@ void Scene::add_primitive(const std::string& body, ShapeKind kind, const Rigid3&
   Shape shape;
   shape.kind = kind;
   shape.half_size = half_size;
+  shape.frustum = frustum;
   shape.shape_from_body = body_from_shape.inverse();
   add_shape(body, std::move(shape), material);
 }

@@ -27,6 +27,12 @@ class Scene {
   /// Adds a capped cylinder along its own z axis, centred in its own frame.
   void add_cylinder(const std::string& body, const Rigid3& body_from_cylinder, double radius, double height,
                     const Material& material);
+  /// Adds a capped cone frustum along its own z axis, centred in its own frame; one of the radii may be 0.
+  void add_cone(const std::string& body, const Rigid3& body_from_cone, double bottom_radius,
+                double top_radius, double height, const Material& material);
+  /// Adds a cylinder along its own z axis with a concentric bore through it, centred in its own frame.
+  void add_ring(const std::string& body, const Rigid3& body_from_ring, double inner_radius,
+                double outer_radius, double height, const Material& material);
   /// Adds a rectangle with edges `size` in the xy plane of its own frame, centred, visible from both sides.
   void add_plane(const std::string& body, const Rigid3& body_from_plane, const Eigen::Vector2d& size,
                  const Material& material);
@@ -45,7 +51,7 @@ class Scene {
 
  private:
   void add_primitive(const std::string& body, ShapeKind kind, const Rigid3& body_from_shape,
-                     const Eigen::Vector3d& half_size, const Material& material);
+                     const Eigen::Vector3d& half_size, const Material& material, const Frustum& frustum = {});
   void add_shape(const std::string& body, Shape shape, const Material& material);
   int body_number(const std::string& body);
 

@@ -14,7 +14,16 @@
 
 namespace sensor_rt {
 
-enum class ShapeKind { kMesh, kSphere, kBox, kCylinder, kRectangle };
+enum class ShapeKind { kMesh, kSphere, kBox, kFrustum, kRectangle };
+
+/// Cone frustum or cylinder along z with end faces at z = ±half_height, of radius `middle_radius + slope *
+/// z`, with a bore through it unless `bore_radius` is 0.
+struct Frustum {
+  double middle_radius = 0.0;
+  double slope = 0.0;
+  double half_height = 0.0;
+  double bore_radius = 0.0;
+};
 
 /// Surface in its own frame, centred in its bounding box to preserve single precision.
 struct Shape {
@@ -23,9 +32,10 @@ struct Shape {
   double reflectance = 0.0;  ///< directional-hemispherical, at normal incidence
   std::shared_ptr<const Bsdf> surface;
   Rigid3 shape_from_body;
-  /// Half extents of the bounding box. For primitives these are the dimensions: radius of a sphere; radius,
-  /// radius and half height of a cylinder along z; a rectangle lies in z = 0.
+  /// Half extents of the bounding box. For a sphere, a box and a rectangle, which lies in z = 0, these are
+  /// the dimensions.
   Eigen::Vector3d half_size = Eigen::Vector3d::Zero();
+  Frustum frustum;                  ///< frusta only
   std::vector<FacePlane> planes;    ///< meshes only, one per face
   std::vector<float> planar_radii;  ///< meshes only, see planar_radii.h
   SceneHandle embree;               ///< meshes only

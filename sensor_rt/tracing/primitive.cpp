@@ -76,38 +76,101 @@ void intersect_box(double hx, double hy, double hz, const Lanes3& __restrict o, 
   }
 }
 
-SENSOR_RT_MULTIVERSION
-void intersect_cylinder(double radius, double half, const Lanes3& __restrict o, const Lanes3& __restrict d,
-                        double* __restrict t, Lanes3& __restrict n) {
+/// Interval of the parameter of a ray; empty if enter > leave.
+struct Span {
+  double enter;
+  double leave;
+};
+
+/// Returns where the ray o + t d is inside the cone of radius `middle + slope * z` about z; not where that
+/// radius is negative, unless the whole interval is. Roots of a quadratic without cancellation: Press et al.,
+/// Numerical Recipes, 3rd ed., section 5.6.
+[[gnu::always_inline]] inline Span inside_cone(double middle, double slope, double ox, double oy, double oz,
+                                               double dx, double dy, double dz) {
+  const double radius = middle + slope * oz;
+  const double growth = slope * dz;
+  const double a = dx * dx + dy * dy - growth * growth;
+  const double b = ox * dx + oy * dy - radius * growth;
+  const double c = ox * ox + oy * oy - radius * radius;
+  const double discriminant = b * b - a * c;
+  const double q = -(b + std::copysign(std::sqrt(discriminant > 0.0 ? discriminant : 0.0), b));
+  const double one = q / (a + std::copysign(1e-300, a));
+  const double other = q != 0.0 ? c / q : one;
+  const double low = one < other ? one : other;
+  const double high = one < other ? other : one;
+  // A ray steeper than the cone crosses both nappes and stays inside after, or before, the crossing with the
+  // nappe of positive radius.
+  const bool is_steep = a < 0.0;
+  const bool is_along_axis = (a == 0.0) & (b == 0.0);
+  const bool misses = (!is_steep & (discriminant < 0.0)) | (is_along_axis & (c > 0.0));
+  const double enter = is_steep ? (growth > 0.0 ? high : -kNone) : low;
+  const double leave = is_steep ? (growth > 0.0 ? kNone : low) : high;
+  return {misses ? kNone : (is_along_axis ? -kNone : enter),
+          misses ? -kNone : (is_along_axis ? kNone : leave)};
+}
+
+/// Solid of revolution: a cone frustum or cylinder with end faces, with or without a bore through it. Inlined
+/// into its callers, which are compiled for several instruction sets.
+template <bool kHasBore>
+[[gnu::always_inline]] inline void intersect_frustum(const Frustum& shape, const Lanes3& __restrict o,
+                                                     const Lanes3& __restrict d, double* __restrict t,
+                                                     Lanes3& __restrict n) {
+  const double middle = shape.middle_radius;
+  const double slope = shape.slope;
+  const double bore = shape.bore_radius;
+  const double half = shape.half_height;
+  const double tilt = 1.0 / std::sqrt(1.0 + slope * slope);
   for (int l = 0; l < kLanes; ++l) {
-    const double a = d.x[l] * d.x[l] + d.y[l] * d.y[l];
-    const double inverse =
-        1.0 /
-        (a +
-         1e-300);  // a ray along the axis never leaves through the side: its intersection is very far away
-    const double nearest = -(o.x[l] * d.x[l] + o.y[l] * d.y[l]) * inverse;
-    const double x = o.x[l] + nearest * d.x[l];
-    const double y = o.y[l] + nearest * d.y[l];
-    const double rest = radius * radius - (x * x + y * y);
-    const double reach = std::sqrt((rest > 0.0 ? rest : 0.0) * inverse);
+    // Uses the ray's closest point to the centre, which avoids cancellation far away from a small solid.
+    const double length2 = d.x[l] * d.x[l] + d.y[l] * d.y[l] + d.z[l] * d.z[l];
+    const double start = -(o.x[l] * d.x[l] + o.y[l] * d.y[l] + o.z[l] * d.z[l]) / length2;
+    const double x = o.x[l] + start * d.x[l];
+    const double y = o.y[l] + start * d.y[l];
+    const double z = o.z[l] + start * d.z[l];
+    const Span side = inside_cone(middle, slope, x, y, z, d.x[l], d.y[l], d.z[l]);
     const double iz = safe_reciprocal(d.z[l]);
     const double cap_in = (-std::copysign(half, iz) - o.z[l]) * iz;
     const double cap_out = (std::copysign(half, iz) - o.z[l]) * iz;
-    const double side_in = nearest - reach;
-    const double side_out = nearest + reach;
+    const double side_in = start + side.enter;
+    const double side_out = start + side.leave;
     const double enter = side_in > cap_in ? side_in : cap_in;
     const double leave = side_out < cap_out ? side_out : cap_out;
-    const double crossing = first_crossing(enter, leave);
-    const double hit = rest >= 0.0 ? crossing : kNone;
+    double hit = first_crossing(enter, leave);
+    double on_bore = 0.0;
+    if constexpr (kHasBore) {
+      const Span hole = inside_cone(bore, 0.0, x, y, z, d.x[l], d.y[l], d.z[l]);
+      const double hole_in = start + hole.enter;
+      const double hole_out = start + hole.leave;
+      const double before = first_crossing(enter, leave < hole_in ? leave : hole_in);
+      const double behind = first_crossing(enter > hole_out ? enter : hole_out, leave);
+      hit = before < behind ? before : behind;
+      on_bore = (hit == hole_in) | (hit == hole_out) ? 1.0 : 0.0;
+    }
     t[l] = hit;
-    const bool inside = !(enter > 0.0);
-    const double sign = inside ? 1.0 : -1.0;
-    const double on_cap = (inside ? cap_out : cap_in) == (inside ? leave : enter) ? 1.0 : 0.0;
+    const double on_cap_in = hit == cap_in ? 1.0 : 0.0;
+    const double on_cap_out = (1.0 - on_cap_in) * (hit == cap_out ? 1.0 : 0.0);
+    const double on_side = (1.0 - on_cap_in) * (1.0 - on_cap_out);
     const double at = hit < kNone ? hit : 0.0;
-    n.x[l] = (1.0 - on_cap) * (o.x[l] + at * d.x[l]) / radius;
-    n.y[l] = (1.0 - on_cap) * (o.y[l] + at * d.y[l]) / radius;
-    n.z[l] = on_cap * std::copysign(1.0, sign * iz);
+    const double px = o.x[l] + at * d.x[l];
+    const double py = o.y[l] + at * d.y[l];
+    const double radius = std::sqrt(px * px + py * py);
+    const double is_apex = radius > 0.0 ? 0.0 : 1.0;
+    const double across = on_side * (on_bore > 0.0 ? -1.0 : tilt) / (radius + is_apex);
+    const double along = (1.0 - on_bore) * (is_apex > 0.0 ? std::copysign(1.0, -slope) : -slope * tilt);
+    n.x[l] = across * px;
+    n.y[l] = across * py;
+    n.z[l] = on_side * along + (on_cap_out - on_cap_in) * std::copysign(1.0, iz);
   }
+}
+
+SENSOR_RT_MULTIVERSION
+void intersect_unbored(const Frustum& shape, const Lanes3& o, const Lanes3& d, double* t, Lanes3& n) {
+  intersect_frustum<false>(shape, o, d, t, n);
+}
+
+SENSOR_RT_MULTIVERSION
+void intersect_bored(const Frustum& shape, const Lanes3& o, const Lanes3& d, double* t, Lanes3& n) {
+  intersect_frustum<true>(shape, o, d, t, n);
 }
 
 SENSOR_RT_MULTIVERSION
@@ -134,8 +197,9 @@ void intersect_primitive(const Shape& shape, const Lanes3& origin, const Lanes3&
       return intersect_sphere(h.x(), origin, direction, t, normal);
     case ShapeKind::kBox:
       return intersect_box(h.x(), h.y(), h.z(), origin, direction, t, normal);
-    case ShapeKind::kCylinder:
-      return intersect_cylinder(h.x(), h.z(), origin, direction, t, normal);
+    case ShapeKind::kFrustum:
+      return shape.frustum.bore_radius > 0.0 ? intersect_bored(shape.frustum, origin, direction, t, normal)
+                                             : intersect_unbored(shape.frustum, origin, direction, t, normal);
     case ShapeKind::kRectangle:
       return intersect_rectangle(h.x(), h.y(), origin, direction, t, normal);
     case ShapeKind::kMesh:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.sampling import sample_surface
 
 from .peers.check import PeerMissingError
 from .raw_embree import RAYS, Fans, raw_times, turning_fans
@@ -23,6 +25,7 @@ Array = NDArray[np.float64]
 
 FANS = 256
 POINTS = 1_000_000
+EVALUATED_TRIANGLES = 100_000
 
 
 def import_open3d() -> Any:
@@ -106,19 +109,55 @@ def _whole_profiles() -> tuple[Timing, int]:
 
 
 def closest_point_rows() -> Iterator[Row]:
-    """Seconds for the closest points of a million points near the part."""
+    """Seconds for the closest points of a million points near the part, and for their signed distances alone."""
     vertices, faces = bumpy_part(PART_TRIANGLES)
     points = vertices[np.arange(POINTS) % len(vertices)] + np.random.default_rng(1).normal(0, 1e-3, (POINTS, 3))
-    timing, name = measure(lambda: sensor_rt.closest_points(vertices, faces, points), 2), "closest points, 1 M points"
+    yield _distance_row(
+        "closest points, 1 M points",
+        lambda: sensor_rt.closest_points(vertices, faces, points),
+        lambda peer, single: peer.compute_closest_points(single),
+        (vertices, faces, points),
+    )
+    # A cloud as `scancell evaluate` compares it: within some 20 um of the surface.
+    vertices, faces = bumpy_part(EVALUATED_TRIANGLES)
+    mesh, surface = Mesh(vertices, faces.astype(np.int64)), sensor_rt.MeshSurface(vertices, faces)
+    points, face = sample_surface(mesh, POINTS, 1)
+    points += np.random.default_rng(2).normal(0, 20e-6, (POINTS, 1)) * mesh.normals[face]
+    yield _distance_row(
+        f"signed distances, 1 M points, {len(faces):,} faces",
+        lambda: surface.signed_distances(points),
+        lambda peer, single: peer.compute_distance(single),
+        (vertices, faces, points),
+        0.5,
+    )
+
+
+def _distance_row(
+    name: str,
+    work: Callable[[], object],
+    peer_work: Callable[[Any, Any], object],
+    given: tuple[Array, Faces, Array],
+    limit: float = 0.0,
+) -> Row:
+    """Processor seconds of all threads together, at most `limit` of the peer's where it is set."""
+    timing = measure(work, 2)
     try:
         open3d = import_open3d()
     except PeerMissingError as missing:
-        print(f"  closest points against Open3D: skipped: {missing}")
-        yield Row(name, timing.processor, "s", "1 s", 1.0, timing.spread, clock="processor", other=timing.best)
-        return
+        print(f"  {name} against Open3D: skipped: {missing}")
+        return Row(name, timing.processor, "s", "1 s", 1.0, timing.spread, clock="processor", other=timing.best)
+    vertices, faces, points = given
     peer, single = open3d_scene(open3d, vertices, faces), open3d.core.Tensor(points.astype(np.float32))
-    theirs = measure(lambda: peer.compute_closest_points(single), 2)
-    peer_name = "Open3D RaycastingScene"
-    yield Row(
-        name, timing.processor, "s", peer_name, theirs.processor, timing.spread, clock="processor", other=timing.best
+    theirs, peer_name = measure(lambda: peer_work(peer, single), 2), "Open3D RaycastingScene"
+    return Row(
+        name,
+        timing.processor,
+        "s",
+        peer_name,
+        theirs.processor,
+        timing.spread,
+        "at most" if limit else "",
+        limit or 1.0,
+        clock="processor",
+        other=timing.best,
     )

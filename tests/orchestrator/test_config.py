@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from scancell.config.artefact import ArtefactDescription
 from scancell.config.cell import CellDescription
 from scancell.config.description import FileDescription, PoseDescription
 from scancell.config.keys import join_path
@@ -25,7 +26,13 @@ from scancell.config.units import si_value, split_unit, to_si
 from scancell.errors import DescriptionError, OutputError
 from scancell.output.manifest import resolved_toml
 
-FILES: list[type[FileDescription]] = [CellDescription, RobotDescription, SensorDescription, ScanDescription]
+FILES: list[type[FileDescription]] = [
+    ArtefactDescription,
+    CellDescription,
+    RobotDescription,
+    SensorDescription,
+    ScanDescription,
+]
 
 
 def test_units_are_converted_once() -> None:
@@ -300,7 +307,7 @@ def test_override_words_and_paths() -> None:
 
 def test_schemas_are_complete_and_strict() -> None:
     schemas = json_schemas()
-    assert set(schemas) == {"cell", "robot", "sensor", "scan", "path", "study", "batch"}
+    assert set(schemas) == {"cell", "robot", "sensor", "scan", "path", "artefact", "study", "batch"}
     assert set(schemas["scan"]["properties"]) == set(ScanDescription.model_fields)
     assert all(schema["additionalProperties"] is False for schema in schemas.values())
 
@@ -330,7 +337,7 @@ def test_schema_files_are_up_to_date(kind: str) -> None:
 
 def test_shipped_files_name_their_schema() -> None:
     kinds = {"cells": "cell", "robots": "robot", "sensors": "sensor", "scans": "scan", "studies": "study"}
-    for folder, kind in {**kinds, "batches": "batch"}.items():
+    for folder, kind in {**kinds, "batches": "batch", "artefacts": "artefact"}.items():
         files = list((assets_dir() / folder).glob("*.toml"))
         assert files
         for file in files:

@@ -11,9 +11,9 @@ import trimesh
 
 from scancell.evaluation.deviation import Deviation, DeviationFigures, deviation_from_mesh
 from scancell.geometry.mesh import Mesh
+from scancell.geometry.part_surface import PartSurface
 from scancell.geometry.sampling import sample_surface
 from scancell.reconstruction import Cloud
-from scancell.sensor import MeshSurface
 
 
 def mesh_of(solid: trimesh.Trimesh) -> Mesh:
@@ -103,7 +103,7 @@ def test_native_search_matches_brute_force() -> None:
     points = np.random.default_rng(5).uniform(-0.04, 0.04, (200, 3))
     brute = by_brute_force(cloud_of(points), BALL)
     native = deviation_from_mesh(cloud_of(points), BALL)
-    prepared = deviation_from_mesh(cloud_of(points), MeshSurface(BALL.vertices, BALL.faces), threads=1)
+    prepared = deviation_from_mesh(cloud_of(points), PartSurface(BALL), threads=1)
     assert np.array_equal(native.signed, prepared.signed) and np.array_equal(native.face, prepared.face)
     assert np.abs(brute.signed - native.signed).max() < 1e-12
 

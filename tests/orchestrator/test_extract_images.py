@@ -59,6 +59,19 @@ def test_points_lie_where_the_rays_of_the_stripe_meet_the_sheet(tmp_path, suffix
     assert np.abs(cloud.points_in_part[:, 0]).max() == 0.0
 
 
+def test_described_sheet_gives_points_on_it(tmp_path):
+    """A sheet turned about Y through the source: x = z tan(angle), by either camera."""
+    write_pair(tmp_path, "flat", 400.3)
+    described = ("sensor.laser.turn_y_deg=0.3", "sensor.extraction.triangulation=sheet")
+    run([tmp_path], tmp_path / "out", *described)
+    rows = table(tmp_path / "out" / "profiles.csv")
+    x, z, camera = (np.array([float(row[key]) for row in rows]) for key in ("x_mm", "z_mm", "camera"))
+    np.testing.assert_allclose(x, z * np.tan(np.radians(0.3)), rtol=0, atol=1e-5)
+    assert z[camera == 1].mean() - z[camera == 0].mean() > 1.0  # equal rows are different ranges now
+    cloud = read_ply(tmp_path / "out" / "profiles.ply")
+    np.testing.assert_allclose(cloud.points_in_part[:, 0] * 1e3, x, atol=1e-5)
+
+
 def test_exposures_come_in_natural_order_and_know_their_names(tmp_path):
     for number in (2, 10, 1):
         write_pair(tmp_path, f"scan_{number}", 300.0 + 10 * number)

@@ -17,6 +17,7 @@ PROJECT = tomllib.loads((Path(__file__).resolve().parents[2] / "pyproject.toml")
 MODULES = {
     "studies": ("distributed", "dask", "bokeh", "SALib", "jinja2", "matplotlib"),
     "formats": ("laspy", "lazrs", "pye57", "h5py"),
+    "mesh": ("open3d",),
     "workspace": ("viser", "mcap_protobuf", "foxglove_schemas_protobuf"),
 }
 

@@ -50,7 +50,7 @@ def test_deviation_picture_of_many_few_and_no_points(tmp_path: Path, count: int)
     offset = 1e-6 * np.arange(count)
     face = np.zeros(count, np.int64)
     deviation = Deviation.of(cloud_of(points), offset, face)
-    deviation_picture(tmp_path / "deviation.png", cloud_of(points), deviation, BOX, name="box", coverage_fraction=0.5)
+    deviation_picture(tmp_path / "deviation.png", points, deviation, BOX, name="box", coverage_fraction=0.5)
     image = imread(tmp_path / "deviation.png")
     assert image.shape[0] > 800 and image.shape[1] > 1200
     assert [entry.name for entry in tmp_path.iterdir()] == ["deviation.png"]

@@ -363,11 +363,16 @@ def test_reflected_light_in_mirror_matches_path_tracing(thickness: float) -> Non
     assert abs(fast - truth) < 4 * noise + 0.005 * truth
 
 
-def test_white_furnace_of_path_tracing() -> None:
+@pytest.mark.parametrize("shapes", ["ball and box", "ring and cone"])
+def test_white_furnace_of_path_tracing(shapes: str) -> None:
     """Lossless bodies under uniform light are invisible, including all shadows and interreflection."""
-    scene = Scene()
-    scene.add_sphere("ball", [0, 0, 0], 0.012, 1.0)
-    scene.add_box("box", np.eye(4), [0.02, 0.03, 0.01], Material(1.0, "rough_conductor", 0.4, 1.0))
+    scene, metal = Scene(), Material(1.0, "rough_conductor", 0.4, 1.0)
+    if shapes == "ball and box":
+        scene.add_sphere("a", [0, 0, 0], 0.012, 1.0)
+        scene.add_box("b", np.eye(4), [0.02, 0.03, 0.01], metal)
+    else:
+        scene.add_ring("a", np.eye(4), 0.006, 0.014, 0.01, 1.0)
+        scene.add_cone("b", np.eye(4), 0.012, 0.005, 0.014, metal)
     scene.add_plane("floor", np.eye(4), [0.5, 0.5], Material(1.0, "oren_nayar", 0.6, 1.0))
     render = {"mode": "path", "bounces": 64, "samples_per_pixel": 64}
     sensor = make_sensor(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 import trimesh
 from scenes import Array, pose, random_pose
 
-from scancell.sensor import MeshSurface, Scene, cast_rays, closest_points
+from scancell.geometry.shapes import Box, Cone, Cylinder, Plane, Ring, Shape
+from scancell.sensor import MeshSurface, Scene, cast_rays, closest_points, occluded
 
 
 @pytest.fixture
@@ -51,43 +54,88 @@ def test_sphere_hits_are_exact(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(face, np.where(np.isfinite(distance), 0, -1))
 
 
-@pytest.mark.parametrize("shape", ["box", "cylinder", "plane"])
-def test_primitive_hits_match_implicit_form(shape: str, rng: np.random.Generator) -> None:
-    """A hit lies on the surface, and no earlier point of the ray lies inside."""
-    scene = Scene()
-    body_from_shape = random_pose(rng, 0.02)
-    if shape == "box":
-        size = np.array([0.03, 0.05, 0.02])
-        scene.add_box("body", body_from_shape, size, 0.5)
+SHAPES = {
+    "box": Box(0.03, 0.05, 0.02),
+    "cylinder": Cylinder(0.02, 0.05),
+    "plane": Plane(0.04, 0.06),
+    "tapered cone": Cone(0.02, 0.008, 0.04),
+    "widening cone": Cone(0.005, 0.025, 0.01),
+    "pointed cone": Cone(0.02, 0.0, 0.05),
+    "ring": Ring(0.012, 0.025, 0.02),
+}
 
-        def level(p: Array) -> Array:
-            return np.max(np.abs(p) - size / 2, axis=-1)
-    elif shape == "cylinder":
-        scene.add_cylinder("body", body_from_shape, 0.02, 0.05, 0.5)
 
-        def level(p: Array) -> Array:
-            return np.maximum(np.hypot(p[..., 0], p[..., 1]) - 0.02, np.abs(p[..., 2]) - 0.025)
+def add_shape(scene: Scene, name: str, body_from_shape: Array, shape: Shape) -> None:
+    values = [float(getattr(shape, field.name)) for field in fields(shape)]
+    if isinstance(shape, Box | Plane):
+        add = scene.add_box if isinstance(shape, Box) else scene.add_plane
+        add(name, body_from_shape, values, 0.5)
     else:
-        scene.add_plane("body", body_from_shape, [0.04, 0.06], 0.5)
+        getattr(scene, f"add_{type(shape).__name__.lower()}")(name, body_from_shape, *values, 0.5)
 
-        def level(p: Array) -> Array:
-            return np.maximum(np.abs(p[..., 2]), np.max(np.abs(p[..., :2]) - [0.02, 0.03], axis=-1))
 
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("start", ["outside", "among"])
+def test_primitive_hits_match_signed_distance(name: str, start: str, rng: np.random.Generator) -> None:
+    """A hit lies on the surface, and the ray crosses it nowhere before; also from inside and from a bore."""
+    shape, scene, body_from_shape = SHAPES[name], Scene(), random_pose(rng, 0.02)
+    add_shape(scene, "body", body_from_shape, shape)
     world_from_body = random_pose(rng, 0.01)
-    origins, directions = rays_towards(rng, 3000, 0.3, 0.04)
+    origins, directions = rays_towards(rng, 1500, 0.3, 0.04)
+    if start == "among":
+        target = world_from_body @ body_from_shape
+        origins = rng.uniform(-0.03, 0.03, (1500, 3)) @ target[:3, :3].T + target[:3, 3]
     distance, _, _ = cast_rays(scene, world_from_body[None], origins, directions)
     o, d = in_body(world_from_body @ body_from_shape, origins, directions)
     hit = np.isfinite(distance)
-    assert 200 < hit.sum() < 2900
-    np.testing.assert_allclose(level(o[hit] + distance[hit, None] * d[hit]), 0.0, atol=1e-15)
-    if shape == "plane":
+    assert 100 < hit.sum() < 1450
+    assert np.abs(shape.nearest(o[hit] + distance[hit, None] * d[hit])[0]).max() < 1e-15
+    if name == "plane":
         t = -o[:, 2] / d[:, 2]
         across = np.abs(o + t[:, None] * d)[:, :2]
         np.testing.assert_array_equal(hit, (t > 0) & (across < [0.02, 0.03]).all(axis=1))
         return
     end = np.where(hit, distance - 1e-9, 1.0)
-    steps = np.linspace(0.0, 1.0, 4001)[:, None, None]
-    assert level(o + steps * end[:, None] * d).min() > -1e-9
+    steps = np.linspace(0.0, 1.0, 501)[:, None, None]
+    path = (o + steps * end[:, None] * d).reshape(-1, 3)
+    side = np.sign(shape.nearest(o)[0])
+    assert (side * shape.nearest(path)[0].reshape(len(steps), -1)).min() > -1e-9
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_occlusion_by_primitives_agrees_with_hits(name: str, rng: np.random.Generator) -> None:
+    scene = Scene()
+    add_shape(scene, "body", np.eye(4), SHAPES[name])
+    starts, ends = rng.uniform(-0.05, 0.05, (2, 4000, 3))
+    distance, _, _ = cast_rays(scene, np.eye(4)[None], starts, ends - starts)
+    length = np.linalg.norm(ends - starts, axis=1)
+    blocked = occluded(scene, np.eye(4)[None], starts, ends)
+    clear = np.abs(distance - length) > 1e-9
+    np.testing.assert_array_equal(blocked[clear], (distance < length)[clear])
+    assert 200 < blocked.sum() < 3800
+
+
+def test_ring_is_open_along_its_axis() -> None:
+    scene = Scene()
+    scene.add_ring("ring", np.eye(4), 0.01, 0.02, 0.03, 0.5)
+    origins = [[0, 0, 1], [0.0099, 0, 1], [0.0101, 0, 1], [0.0201, 0, 1], [0, 0, 0], [0.015, 0, 0]]
+    directions = [[0, 0, -1], [0, 0, -1], [0, 0, -1], [0, 0, -1], [1, 0, 0], [-1, 0, 0]]
+    distance, _, _ = cast_rays(scene, np.eye(4)[None], origins, directions)
+    np.testing.assert_allclose(distance, [np.inf, np.inf, 0.985, np.inf, 0.01, 0.005], rtol=1e-14)
+
+
+def test_cone_is_hit_along_its_axis_its_flank_and_its_apex() -> None:
+    scene = Scene()
+    scene.add_cone("cone", np.eye(4), 0.03, 0.0, 0.04, 0.5)
+    flank = np.array([-0.03, 0.0, 0.04])
+    inside = [0.015 - 1e-6, 0.0, 0.0]  # on a ray that runs along the flank at a depth of 0.8 µm
+    origins = [[0, 0, 1], [0, 0, -1], [0.015, 0, 1], [0.0, 0.0, 0.0], inside]
+    directions = [[0, 0, -1], [0, 0, 1], [0, 0, -1], [1, 0, 0], flank / np.linalg.norm(flank)]
+    distance, _, _ = cast_rays(scene, np.eye(4)[None], origins, directions)
+    # The ray along the flank leaves through the opposite side, just below the apex.
+    leaves = (0.02 - 1e-6 * 4 / 6) / 0.8
+    np.testing.assert_allclose(distance[:4], [0.98, 0.98, 1.0, 0.015], rtol=1e-14)
+    assert distance[4] == pytest.approx(leaves, abs=1e-12)
 
 
 def test_axis_parallel_rays_hit_primitives() -> None:
@@ -282,6 +330,11 @@ def test_invalid_shapes_and_rays_are_rejected() -> None:
         scene.add_box("box", np.eye(4), [0.1, np.nan, 0.1], 0.5)
     with pytest.raises(ValueError, match="rigid"):
         scene.add_cylinder("pin", 2 * np.eye(4), 0.1, 0.1, 0.5)
+    for radii in ((-0.1, 0.1), (0.1, np.nan), (0.0, 0.0)):
+        with pytest.raises(ValueError, match="positive"):
+            scene.add_cone("cone", np.eye(4), *radii, 0.1, 0.5)
+    with pytest.raises(ValueError, match="smaller than the ring"):
+        scene.add_ring("ring", np.eye(4), 0.1, 0.1, 0.1, 0.5)
     with pytest.raises(ValueError, match="name"):
         scene.add_sphere("", [0, 0, 0], 0.01, 0.5)
     assert scene.bodies == []

@@ -40,9 +40,12 @@ struct World {
     scene.add_sphere("ball", Vector(0.0, 0.01, 0.0), 0.006, white);
     scene.add_box("box", Rigid3{}, Vector(0.01, 0.01, 0.01), white);
     scene.add_cylinder("post", Rigid3{}, 0.004, 0.03, white);
+    scene.add_cone("cone", Rigid3{}, 0.006, 0.002, 0.01, white);
+    scene.add_ring("ring", Rigid3{}, 0.004, 0.008, 0.006, white);
     scene.add_sphere("beside", Vector::Zero(), 0.02, white);
-    const Vector places[] = {
-        {0.0, 0.0, 0.14}, {0.0, 0.0, 0.1}, {0.0, -0.012, 0.09}, {0.001, 0.025, 0.12}, {0.3, 0.0, 0.1}};
+    const Vector places[] = {{0.0, 0.0, 0.14},     {0.0, 0.0, 0.1},    {0.0, -0.012, 0.09},
+                             {0.001, 0.025, 0.12}, {0.0, -0.02, 0.11}, {0.0, 0.014, 0.08},
+                             {0.3, 0.0, 0.1}};
     for (const Vector& place : places) {
       Rigid3 pose;
       pose.rotation =
@@ -108,6 +111,66 @@ TEST(RayView, AnswersLikeSceneQuery) {
   }
   EXPECT_GT(met, 1000);
   EXPECT_GT(blocked, 500);
+}
+
+/// Normals against the gradients of the surfaces' implicit forms, from all sides and from inside.
+TEST(SceneQuery, NormalsOfFrustaPointOutwards) {
+  struct Case {
+    double bottom, top, bore;
+  };
+  for (const Case& of :
+       {Case{0.02, 0.02, 0.0}, Case{0.02, 0.005, 0.0}, Case{0.0, 0.02, 0.0}, Case{0.02, 0.02, 0.01}}) {
+    constexpr double kHeight = 0.03;
+    Scene scene;
+    if (of.bore > 0.0) {
+      scene.add_ring("body", Rigid3{}, of.bore, of.top, kHeight, Material());
+    } else {
+      scene.add_cone("body", Rigid3{}, of.bottom, of.top, kHeight, Material());
+    }
+    const Rigid3 pose;
+    PoseTrack track;
+    track.set_still(scene, &pose);
+    const SceneQuery query(scene, track);
+    const std::size_t instants[kLanes] = {};
+    const double slope = (of.top - of.bottom) / kHeight;
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> uniform(-0.04, 0.04);
+    int on_end = 0;
+    int on_flank = 0;
+    int on_bore = 0;
+    for (int packet = 0; packet < 200; ++packet) {
+      Lanes3 origin;
+      Lanes3 direction;
+      for (int l = 0; l < kLanes; ++l) {
+        set_lane(origin, l, Vector(uniform(random), uniform(random), uniform(random)));
+        set_lane(direction, l,
+                 0.5 * Vector(uniform(random), uniform(random), uniform(random)) - lane(origin, l));
+      }
+      PacketHits hits;
+      query.intersect(instants, origin, direction, kAll, hits);
+      for (int l = 0; l < kLanes; ++l) {
+        if (hits.shape[l] < 0) continue;
+        const Vector at = lane(origin, l) + hits.t[l] * lane(direction, l);
+        const double radius = std::hypot(at.x(), at.y());
+        const double flank = 0.5 * (of.bottom + of.top) + slope * at.z();
+        Vector expected(at.x() / radius, at.y() / radius, -slope);
+        if (std::abs(std::abs(at.z()) - 0.5 * kHeight) < 1e-12) {
+          expected = Vector(0.0, 0.0, std::copysign(1.0, at.z()));
+          ++on_end;
+        } else if (std::abs(radius - flank) < 1e-12) {
+          ++on_flank;
+        } else {
+          ASSERT_NEAR(radius, of.bore, 1e-12);
+          expected = -expected;
+          ++on_bore;
+        }
+        EXPECT_NEAR((lane(hits.normal, l) - expected.normalized()).norm(), 0.0, 1e-12);
+      }
+    }
+    EXPECT_GT(on_end, 100);
+    EXPECT_GT(on_flank, 100);
+    EXPECT_EQ(on_bore > 100, of.bore > 0.0);
+  }
 }
 
 /// Distances and sizes from millimetres to a hundred metres.

@@ -54,6 +54,42 @@ def test_misaligned_sheet_displaces_points(
     assert np.abs(points.points_in_sensor[:, 0]).max() == 0.0
 
 
+@pytest.mark.parametrize(("engine", "tolerance"), [("geometric", 1e-9), ("ray-traced", 3e-6)])
+@pytest.mark.parametrize("extraction", [{}, {"fusion": "weighted"}, {"peak": "agreement"}], ids=str)
+def test_described_sheet_leaves_no_error(
+    extraction: dict[str, str], engine: Literal["geometric", "ray-traced"], tolerance: float
+) -> None:
+    """A sheet that is out of place, turned and bent: triangulated on the plane X = 0, and as it is described."""
+    laser = {"offset_x": 3e-4, "turn_y": 0.003, "turn_z": 0.01, "straightness": [0, 0, 5e-4, 0, 0, 0]}
+    as_built = probe(laser=laser)
+    described = probe(laser=laser, extraction=extraction | {"triangulation": "sheet"})
+    scene, exposures = plane_at(Z)
+    counts = []
+    for sensor in (described, probe(extraction=extraction)):
+        profiles = scan(scene, sensor, exposures, engine, as_built=as_built).profiles
+        counts.append(len(profiles))
+        error = profiles.points_in_sensor[:, 2] - Z
+        if sensor is described:
+            assert np.sqrt(np.mean(error**2)) < tolerance
+            assert len(profiles) > 600
+        elif len(profiles):
+            assert np.sqrt(np.mean(error**2)) > 50e-6
+    # By the nominal plane the cameras disagree: all points of the images contradict one another.
+    if engine == "ray-traced" and extraction == {"peak": "agreement"}:
+        assert counts[1] < 0.3 * counts[0]
+
+
+def test_ideal_rays_of_described_sheet_are_exact_points() -> None:
+    """The geometric engine without noise: its hit points themselves, as triangulation would give them."""
+    laser = {"turn_y": 0.003, "straightness": [0, 0, 5e-4, 0, 0, 0]}
+    sensor = probe(laser=laser, extraction={"triangulation": "sheet"})
+    scene, exposures = plane_at(Z)
+    hits = scan(scene, sensor, exposures, "geometric").profiles
+    triangulated = scan(scene, sensor, exposures, "geometric", as_built=probe(laser=laser)).profiles
+    assert hits.sigma.max() == 0.0
+    np.testing.assert_allclose(hits.points_in_sensor, triangulated.points_in_sensor, rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("engine", ["geometric", "ray-traced"])
 def test_longer_true_baseline_shrinks_ranges(engine: Literal["geometric", "ray-traced"]) -> None:
     """All triangulated distances are proportional to the baseline."""

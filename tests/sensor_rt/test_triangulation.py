@@ -73,6 +73,60 @@ def test_triangulation_inverts_projection(camera):
     np.testing.assert_allclose(triangulate_pixels(seen, sensor, camera, "exact"), points, atol=1e-12)
 
 
+SHEETS = {
+    "shifted": {"offset_x": 3e-4},
+    "turned": {"turn_y": 0.004, "turn_z": -0.02},
+    "curved": {"straightness": [0.0, 0.0, 5e-4, -3e-4, 0.0, 1e-4]},
+    "all, from a raised source": {
+        "offset_x": -2e-4,
+        "turn_y": -0.003,
+        "turn_z": 0.01,
+        "straightness": [1e-4, 2e-4, 5e-4, 3e-4, -2e-4, 1e-4],
+        "source_z": 0.01,
+    },
+}
+
+
+def points_on_sheet(laser):
+    """Points (n, 3) that the centre of the described sheet passes through, by its definition in the laser's frame."""
+    source = np.array([0.0, 0.0, laser.get("source_z", 0.0)])
+    place, depth = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.5, 0.5, 11), np.linspace(0.06, 0.15, 9)))
+    bend = np.polynomial.polynomial.polyval(place, laser.get("straightness", [0.0]))
+    in_laser = np.stack([depth * bend, depth * place * np.tan(0.28), depth], axis=1)
+    turn_y, turn_z = laser.get("turn_y", 0.0), laser.get("turn_z", 0.0)
+    about_y = np.array([[np.cos(turn_y), 0.0, np.sin(turn_y)], [0.0, 1.0, 0.0], [-np.sin(turn_y), 0.0, np.cos(turn_y)]])
+    about_z = np.array([[np.cos(turn_z), -np.sin(turn_z), 0.0], [np.sin(turn_z), np.cos(turn_z), 0.0], [0.0, 0.0, 1.0]])
+    return in_laser @ (about_z @ about_y).T + source + [laser.get("offset_x", 0.0), 0.0, 0.0]
+
+
+@pytest.mark.parametrize("optics", [{}, {"distortion": DISTORTION, "offset_y": 1e-3, "pan": 0.01, "roll": -0.02}])
+@pytest.mark.parametrize("laser", SHEETS.values(), ids=SHEETS)
+def test_points_of_described_sheet_are_recovered_from_their_pixels(laser, optics):
+    sensor = make_sensor(cameras=2, laser=laser, camera=optics)
+    points = points_on_sheet(laser)
+    for k, camera in enumerate(sensor.cameras):
+        found = triangulate_pixels(np.asarray(camera.project(points)), sensor, k, "sheet")
+        np.testing.assert_allclose(found, points, rtol=0, atol=1e-12)
+        nominal = triangulate_pixels(np.asarray(camera.project(points)), sensor, k, "exact")
+        assert np.abs(nominal - points).max() > 1e-5  # the shape of the sheet matters here
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+@pytest.mark.parametrize("optics", [{}, {"distortion": DISTORTION}, {"pan": 0.01}])
+def test_nominal_sheet_gives_exact_form(camera, optics):
+    sensor = make_sensor(cameras=2, camera=optics)
+    np.testing.assert_array_equal(
+        triangulate_pixels(pixels(), sensor, camera, "sheet"), triangulate_pixels(pixels(), sensor, camera, "exact")
+    )
+
+
+def test_ray_that_misses_sheet_has_no_point():
+    """A sheet turned parallel to a pixel's ray."""
+    ray = np.asarray(make_sensor().cameras[0].view_rays(np.array([[639.5, 511.5]])))[0]
+    sensor = make_sensor(laser={"turn_y": float(np.arctan2(ray[0], ray[2]))})
+    assert not (np.abs(triangulate_pixels(np.array([[639.5, 511.5]]), sensor, 0, "sheet")) < 1e3).all()
+
+
 @pytest.mark.parametrize("camera", [0, 1])
 def test_printed_form_has_known_y_scale_error(camera):
     sensor = make_sensor(cameras=2)
@@ -166,15 +220,16 @@ def test_points_of_single_camera_survive_fusion():
 
 
 @pytest.mark.parametrize("camera", [0, 1])
-def test_covariance_with_distortion_matches_finite_differences(camera):
-    sensor = make_sensor(cameras=2, camera=OFF_CENTRE | {"distortion": DISTORTION})
+@pytest.mark.parametrize("form", ["exact", "sheet"])
+def test_covariance_with_distortion_matches_finite_differences(camera, form):
+    optics, laser = OFF_CENTRE | {"distortion": DISTORTION}, SHEETS["all, from a raised source"]
+    sensor = make_sensor(cameras=2, camera=optics, laser=laser, extraction={"triangulation": form})
     profiles = triangulate(extract(two_views(sensor, 1, 0.15), sensor), sensor)
     mine = profiles.camera == camera
     pixel = np.stack([profiles.column[mine], profiles.row[mine]], axis=1)
     step = np.array([0.0, 1e-3])
     slope = (
-        triangulate_pixels(pixel + step, sensor, camera, "exact")
-        - triangulate_pixels(pixel - step, sensor, camera, "exact")
+        triangulate_pixels(pixel + step, sensor, camera, form) - triangulate_pixels(pixel - step, sensor, camera, form)
     ) / 2e-3
     direction = np.einsum("ni,nij,nj->n", slope, profiles.covariance[mine], slope)
     np.testing.assert_allclose(direction, profiles.sigma[mine] ** 2 * (slope**2).sum(axis=1), rtol=1e-4)

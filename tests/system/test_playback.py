@@ -14,15 +14,13 @@ import numpy as np
 import pytest
 from commands import COMMAND, PARTS, PATIENCE_S, QUICK, environment, scancell_here
 
+from chromium import Watched, chromium
 from scancell.workspace.recorded_run import open_run
 
 viser = pytest.importorskip("viser")
 
 from scancell.workspace.browser.playback import Playback, serve_playback  # noqa: E402
 from scancell.workspace.browser.quiet import address, quiet_server  # noqa: E402
-
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
-FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 @pytest.fixture(scope="module")
@@ -108,21 +106,13 @@ def test_run_without_a_cloud_plays(server, folder, tmp_path) -> None:
     assert cloud_points(server) == 0
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
 def test_browser_asks_nobody_else_and_its_slider_moves_the_arm(server, run) -> None:
-    browsers = pytest.importorskip("playwright.sync_api")
     playback = Playback(server, run, "deviation")
     home = playback.scene.position("sensor")
-    requests, errors = [], []
-    with browsers.sync_playwright() as player:
-        browser = player.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        page = browser.new_page(viewport={"width": 640, "height": 420})
-        page.set_default_timeout(1e3 * PATIENCE_S)  # drawn by the processor, on a machine that may be busy
-        page.on("request", lambda request: requests.append(request.url))
-        page.on("websocket", lambda socket: requests.append(socket.url))
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(address(server))
-        page.wait_for_selector("canvas")
+    with chromium() as browser:
+        watched = Watched(browser, 640, 420, sharpness=0.25)
+        page = watched.page
+        watched.opens(address(server))
         page.get_by_role("slider").first.press("End")
         wait_for(lambda: playback.time > run.motion.duration - 0.02, "the slider's end")
         last = playback.scene.position("sensor")
@@ -133,12 +123,12 @@ def test_browser_asks_nobody_else_and_its_slider_moves_the_arm(server, run) -> N
         assert np.linalg.norm(playback.scene.position("sensor") - home) > 0.01
         page.get_by_role("button", name="Pause").click()
         wait_for(lambda: not playback.plays, "the button")
-        browser.close()
-    assert errors == []
+    assert watched.errors == []
     place = address(server).removeprefix("http://")
-    assert {"ws"} < {url.partition(":")[0] for url in requests}
+    assert {"ws"} < {url.partition(":")[0] for url in watched.requests}
     own = ("http://", "ws://")
-    assert all(url.startswith(("data:", "blob:", *(f"{kind}{place}" for kind in own))) for url in requests), requests
+    allowed = ("data:", "blob:", *(f"{kind}{place}" for kind in own))
+    assert all(url.startswith(allowed) for url in watched.requests), watched.requests
 
 
 def test_serving_ends_when_it_is_told(run) -> None:

@@ -12,6 +12,7 @@ import pytest
 import scancell
 from scancell.cell.program import Program
 from scancell.cell.recording import write_recording
+from scancell.config.estimated import EstimatedDescription
 from scancell.errors import CancelledError, DescriptionError, EmptyScanError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh, load_mesh
@@ -93,9 +94,8 @@ def test_clouds_in_other_frames_are_rigid_copies(result, tmp_path) -> None:
 
 def test_estimated_cell_removes_a_known_error(scanner) -> None:
     plain = scanner.scan(PART, engine="geometric", as_built={"tool.z_mm": 0.2})
-    reach = scanner.setup.cell.tool.fixture.reach_mm
-    calibrated = scanner.setup.cell.replace({"tool.fixture.reach_mm": reach + 0.2})
-    known = scanner.scan(PART, engine="geometric", as_built={"tool.z_mm": 0.2}, estimated_cell=calibrated)
+    estimated = EstimatedDescription().replace({"tool.z_mm": 0.2})
+    known = scanner.scan(PART, engine="geometric", as_built={"tool.z_mm": 0.2}, estimated=estimated)
     assert plain.deviation.rms > 50e-6
     assert known.deviation.rms < 0.05 * plain.deviation.rms
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from commands import scancell_here
 from test_perturbations import geometry, smooth_points, surface_normals, thinned
 
+from scancell.errors import DescriptionError
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.output.build import build_version
 from scancell.progress import NullProgress
@@ -239,6 +241,28 @@ def figures_one_by_one(folder: Path, head: str, changes: dict[str, float]) -> li
         worker.close()
     assert [row["message"] for row in rows] == [""] * len(rows)
     return [row["figures"] for row in rows]
+
+
+def test_calibration_in_every_trial_removes_what_it_finds(tmp_path) -> None:
+    wide = OFFSET.replace("0.05", "0.5").replace("x_mm", "z_mm")
+    figures = {}
+    for name, calibrate in {"before": "", "after": '[calibrate]\nwhat = "tool"\nposes = 8\n'}.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        study = open_study(write_study(folder, HEAD, DESIGN.replace("4", "2"), wide, calibrate))
+        with closing(study.worker()) as worker:
+            rows = [worker.row(trial, Stopwatch()) for trial in study.trials]
+        assert [row["message"] for row in rows] == ["", ""]
+        figures[name] = [row["figures"] for row in rows]
+    for before, after in zip(figures["before"], figures["after"], strict=True):
+        assert after["rms_um"] < 0.1 * before["rms_um"]
+        assert abs(after["calibration.tool.z_error_mm"]) < 3 * after["calibration.tool.z_half_width_mm"] < 0.1
+
+
+def test_missing_artefact_of_a_study_is_named(tmp_path) -> None:
+    path = write_study(tmp_path, HEAD, DESIGN, OFFSET, '[calibrate]\nartefact = "no.toml"\n')
+    with pytest.raises(DescriptionError, match=r"small\.toml: calibrate\.artefact = 'no\.toml': no such file"):
+        open_study(path)
 
 
 def test_encoder_latency_shifts_part_by_table_travel(tmp_path) -> None:

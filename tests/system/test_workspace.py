@@ -71,9 +71,8 @@ class Opened:
 
     def page(self) -> Watched:
         watched = Watched(self.browser, 1200, 750, sharpness=0.25)
-        watched.page.goto(self.address)
+        watched.opens(self.address)
         watched.page.get_by_role("tab", name="Joints").wait_for()
-        watched.page.locator("#webgl-software-rendering button").click()  # it covers what a test clicks
         return watched
 
     def until(self, condition: Callable[[LiveState], bool], what: str) -> LiveState:

@@ -30,8 +30,7 @@ def test_first_time_user_scans_a_part(tmp_path: Path) -> None:
         hosted(scanner, PART, WorkspaceSettings(tmp_path)) as (_, server),
     ):
         watched = Watched(browser, 1280, 900, sharpness=0.25)
-        watched.page.goto(address(server))
-        watched.page.locator("#webgl-software-rendering button").click()
+        watched.opens(address(server))
         walk(watched.page, shown.append)
     assert watched.errors == []
     assert re.findall(r"pictures/tour_(\w+)\.jpg", TOUR.read_text()) == shown

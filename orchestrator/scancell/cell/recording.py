@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +104,10 @@ class TriggerRecords:
     qd: Array
     table: Array
     table_rate: Array
+
+    def after(self, latency: float) -> TriggerRecords:
+        """With joints and table angle `latency` (s) later than they were latched, at their latched rates."""
+        return replace(self, q=self.q + latency * self.qd, table=self.table + latency * self.table_rate)
 
 
 @dataclass(frozen=True)

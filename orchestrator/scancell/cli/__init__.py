@@ -9,7 +9,9 @@ from typing import Annotated, Any, cast
 
 import typer
 
+from scancell.cli.acceptance import acceptance
 from scancell.cli.batch import batch
+from scancell.cli.calibrate import calibrate
 from scancell.cli.common import (
     JsonOption,
     Outcome,
@@ -20,9 +22,11 @@ from scancell.cli.common import (
     run,
     show_progress,
 )
+from scancell.cli.evaluate import evaluate
 from scancell.cli.fmu import fmu_app
 from scancell.cli.guard import guard_app
 from scancell.cli.interrupts import INTERRUPTS
+from scancell.cli.mesh import mesh
 from scancell.cli.options import CellOptions, CloudOptions, with_options
 from scancell.cli.pictures import animate, export, page, picture
 from scancell.cli.place import place
@@ -45,12 +49,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command()(acceptance)
 app.command()(animate)
 app.command()(batch)
+app.command()(evaluate)
 app.command()(export)
+app.command()(mesh)
 app.command()(page)
 app.command()(picture)
 app.command()(place)
+app.command()(calibrate)
 app.command()(plan)
 app.command("run")(run_program)
 app.command()(survey)
@@ -64,7 +72,7 @@ app.add_typer(study_app, name="study")
 @app.command()
 @with_options(CloudOptions)
 def scan(
-    part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
+    part: Annotated[Path, typer.Argument(help="mesh (STL, OBJ, PLY) or artefact (TOML)")],
     options: CloudOptions,
     scan: ScanOption = None,
     path: PathOption = None,
@@ -99,7 +107,9 @@ def rerun(
     """Repeat a scan from the descriptions that its run folder holds."""
 
     def work() -> Outcome:
+        from scancell.config.description import validate  # noqa: PLC0415
         from scancell.config.loading import load_resolved  # noqa: PLC0415
+        from scancell.config.sensor import SensorDescription  # noqa: PLC0415
         from scancell.scanner import Scanner  # noqa: PLC0415
 
         resolved = run_folder / "resolved.toml" if run_folder.is_dir() else run_folder
@@ -111,13 +121,25 @@ def rerun(
             unit=made["unit"],
             as_json=as_json,
         )
-        part = Path(made["part"])
+        part, calibrated = Path(made["part"]), None
+        if "estimated_sensor" in made:
+            calibrated = validate(SensorDescription, made["estimated_sensor"], f"{resolved}: run.estimated_sensor")
         with show_progress(as_json) as progress, Scanner.from_setup(setup, threads) as scanner:
             if "recording" in made:
                 recording = Path(made["recording"])
-                return options.run_into(out, setup, progress, lambda given: scanner.render(recording, part, **given))
+                return options.run_into(
+                    out,
+                    setup,
+                    progress,
+                    lambda given: scanner.render(recording, part, estimated_sensor=calibrated, **given),
+                )
             plan_file = made.get("plan")
-            return options.run_into(out, setup, progress, lambda given: scanner.scan(part, plan=plan_file, **given))
+            return options.run_into(
+                out,
+                setup,
+                progress,
+                lambda given: scanner.scan(part, plan=plan_file, estimated_sensor=calibrated, **given),
+            )
 
     run("rerun", as_json, work)
 
@@ -125,7 +147,7 @@ def rerun(
 @app.command()
 @with_options(CellOptions)
 def shot(
-    part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
+    part: Annotated[Path, typer.Argument(help="mesh (STL, OBJ, PLY) or artefact (TOML)")],
     options: CellOptions,
     pose: Annotated[
         str, typer.Option("--pose", help="part_from_sensor: x,y,z in mm and XYZ' angles rx,ry,rz in degrees")
@@ -159,7 +181,7 @@ def shot(
 @with_options(CloudOptions)
 def render(
     recording: Annotated[Path, typer.Argument(help="table of trigger records (Parquet or CSV), columns as in the FMU")],
-    part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
+    part: Annotated[Path, typer.Argument(help="mesh (STL, OBJ, PLY) or artefact (TOML)")],
     options: CloudOptions,
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/render"),
 ) -> None:

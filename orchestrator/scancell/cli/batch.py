@@ -36,7 +36,7 @@ _MAX_LISTED = 5  # failures that are printed; the index has all
 
 
 def batch(
-    parts: Annotated[list[Path], typer.Argument(help="meshes (STL, OBJ, PLY), or folders of them")],
+    parts: Annotated[list[Path], typer.Argument(help="meshes (STL, OBJ, PLY), folders of them, or artefacts (TOML)")],
     out: Annotated[Path, typer.Option("--out", help="folder for the results")],
     config: Annotated[
         Path | None, typer.Option("--config", help="batch description (TOML); options override its keys")

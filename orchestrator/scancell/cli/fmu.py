@@ -41,11 +41,11 @@ def fmu_build(
         from scancell.cell.fmu_package.contents import FmuOptions  # noqa: PLC0415
         from scancell.cell.sensing import simplified  # noqa: PLC0415
         from scancell.config.loading import assets_dir, load_setup  # noqa: PLC0415
-        from scancell.geometry.mesh import load_mesh  # noqa: PLC0415
         from scancell.nominal.cell import nominal_cell, with_unknown_obstacles  # noqa: PLC0415
+        from scancell.nominal.parts import load_part  # noqa: PLC0415
 
         setup = load_setup(cell, overrides=set_ or [])
-        mesh = load_mesh(part, unit) if part else load_mesh(assets_dir() / "parts" / "step_block.stl")
+        mesh = load_part(part, unit) if part else load_part(assets_dir() / "parts" / "step_block.stl")
         nominal = with_unknown_obstacles(nominal_cell(setup.cell, mesh), setup.cell)
         description = cell_json(setup.cell, nominal, seed)
         files = []

@@ -63,6 +63,12 @@ class CloudOptions(CellOptions):
     format_: Annotated[
         str, typer.Option("--format", help="formats of the cloud, separated by commas: ply, npz, laz, e57, pcd, xyz")
     ] = "ply"
+    estimated_sensor: Annotated[
+        Path | None,
+        typer.Option(
+            "--estimated-sensor", help="calibrated sensor (TOML) that interprets the images of the sensor as built"
+        ),
+    ] = None
     frame: Annotated[
         Frame, typer.Option("--frame", help="frame of the points in the cloud files; table, base and world: table at 0")
     ] = "part"
@@ -71,12 +77,20 @@ class CloudOptions(CellOptions):
         self, out: Path, setup: Setup, progress: Progress, scan: Callable[[dict[str, Any]], ScanResult]
     ) -> Outcome:
         """Make a scan with the options and leave its files in `out`, whole or not at all."""
+        from scancell.config.sensor import SensorDescription  # noqa: PLC0415
         from scancell.output.frames import ImageWriter  # noqa: PLC0415
         from scancell.output.run_folder import RunFolder  # noqa: PLC0415
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
         formats = parse_formats(self.format_, "--format")
-        given = {"unit": self.unit, "engine": self.engine, "as_built": self.as_built or (), "seed": self.seed}
+        given: dict[str, Any] = {
+            "unit": self.unit,
+            "engine": self.engine,
+            "as_built": self.as_built or (),
+            "seed": self.seed,
+        }
+        if self.estimated_sensor is not None:
+            given["estimated_sensor"] = SensorDescription.from_toml(self.estimated_sensor)
         with RunFolder(out) as folder:
             if self.images and self.engine == "geometric":
                 raise DescriptionError("--images: the geometric engine makes no images; expected --engine ray-traced")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def place(
-    part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
+    part: Annotated[Path, typer.Argument(help="mesh (STL, OBJ, PLY) or artefact (TOML)")],
     cell: CellOption = None,
     sensor: SensorOption = None,
     scan: ScanOption = None,

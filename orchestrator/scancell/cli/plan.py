@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def plan(
-    part: Annotated[Path, typer.Argument(help="mesh of the part (STL, OBJ, PLY)")],
+    part: Annotated[Path, typer.Argument(help="mesh (STL, OBJ, PLY) or artefact (TOML)")],
     path: PathOption = None,
     cell: CellOption = None,
     sensor: SensorOption = None,

@@ -24,7 +24,7 @@ from scancell.cli.common import (
 
 
 def survey(
-    part: Annotated[Path, typer.Argument(help="mesh of the part on the table (STL, OBJ, PLY)")],
+    part: Annotated[Path, typer.Argument(help="part on the table: mesh (STL, OBJ, PLY) or artefact (TOML)")],
     out: Annotated[Path, typer.Option("--out", help="file for the voxels (NPZ)")] = Path("out/survey.npz"),
     radius_mm: Annotated[
         float | None,

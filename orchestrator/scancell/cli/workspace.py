@@ -27,7 +27,7 @@ Started = Callable[[str], None]
 def workspace(
     options: CellOptions,
     target: Annotated[
-        Path | None, typer.Argument(metavar="[PART|RUN]", help="mesh of the part, or run folder of a scan")
+        Path | None, typer.Argument(metavar="[PART|RUN]", help="mesh or artefact, or run folder of a scan")
     ] = None,
     scan: ScanOption = None,
     path: PathOption = None,

@@ -29,6 +29,7 @@ from scancell.config.devices import (
     check_devices,
 )
 from scancell.config.drives import InertiaDescription
+from scancell.config.estimated import EstimatedDescription
 from scancell.config.gripper import GripperDescription
 from scancell.config.light import LightDescription
 from scancell.config.material import MaterialDescription
@@ -241,6 +242,9 @@ class CellDescription(FileDescription):
     collision: CollisionDescription = Field(
         default=CollisionDescription(), description="collision and clearance outputs of the FMU"
     )
+    estimated: EstimatedDescription | None = Field(
+        default=None, description="deviations that calibration found; reconstruction applies them"
+    )
 
     @model_validator(mode="after")
     def _devices_fit(self) -> Self:
@@ -248,7 +252,7 @@ class CellDescription(FileDescription):
         return self
 
     @model_validator(mode="after")
-    def _links_exist(self) -> Self:
+    def _joints_exist(self) -> Self:
         sensors = {
             "presence_sensor": self.presence_sensor,
             "distance_sensor": self.distance_sensor,
@@ -257,7 +261,10 @@ class CellDescription(FileDescription):
         frames = {f"light[{i}].frame": lamp.frame for i, lamp in enumerate(self.light, 1)}
         for key, devices in sensors.items():
             frames |= {f"{key}[{i}].moves_with": device.moves_with for i, device in enumerate(devices, 1)}
-        links = {f"link[{i}]" for i in range(1, len(self.robot.joint) + 1)}
+        joints = len(self.robot.joint)
+        if self.estimated is not None and len(self.estimated.dh) not in (0, joints):
+            raise ValueError(f"estimated.dh has {len(self.estimated.dh)} rows: expected {joints}, one for each joint")
+        links = {f"link[{i}]" for i in range(1, joints + 1)}
         for key, frame in frames.items():
             if frame.startswith("link") and frame not in links:
                 raise ValueError(f"{key} = '{frame}': expected link[1] to link[{len(links)}], one for each joint")

@@ -5,8 +5,12 @@ from __future__ import annotations
 from typing import Literal
 
 Engine = Literal["ray-traced", "geometric"]
+CalibrationTarget = Literal["tool", "table", "latency", "all"]
+SensorTarget = Literal["ball", "step", "checkered"]
 Mode = Literal["dynamic", "stop-and-look"]
 Frame = Literal["part", "table", "base", "world"]
+Align = Literal["none", "best-fit", "datum"]
+Reconstruction = Literal["poisson", "ball-pivoting"]
 TransportProtocol = Literal["udp", "tcp"]
 
 LOOPBACK = "127.0.0.1"  # where servers listen unless told otherwise

@@ -28,7 +28,7 @@ class FurtherPartDescription(Description):
     """A part beside the scanned one, which is ``part[1]``; these are numbered from 2 in the order of the file."""
 
     name: Name = Field(description="unique name of the part")
-    mesh: str = Field(description="file of the part's mesh, part frame")
+    mesh: str = Field(description="file of the part's mesh, or of an artefact, part frame")
     unit: Literal["mm", "m", "inch"] = Field(default="mm", description="length unit of the mesh file")
     stands_on: str = Field(
         default="table",
@@ -93,7 +93,7 @@ class ObstacleDescription(Description):
     """
 
     name: Name = Field(description="unique name of the obstacle")
-    mesh: str = Field(description="file of the obstacle's mesh, its own frame")
+    mesh: str = Field(description="file of the obstacle's mesh, or of an artefact, its own frame")
     unit: Literal["mm", "m", "inch"] = Field(default="mm", description="length unit of the mesh file")
     moves_with: Literal["world", "table"] = Field(
         default="world", description="world: does not move; table: turns with the table"

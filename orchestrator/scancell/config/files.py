@@ -27,7 +27,7 @@ FILE_KEYS = (
 )
 # Sections of a file that holds several descriptions, and the folder of the shipped descriptions of that kind.
 _SECTIONS = ("cell", "sensor", "scan")
-_FOLDERS = {"cell": "cells", "robot": "robots", "sensor": "sensors", "scan": "scans", "path": "paths"}
+_FOLDERS = {kind: f"{kind}s" for kind in ("cell", "robot", "sensor", "scan", "path", "artefact")}
 
 
 def assets_dir() -> Path:
@@ -57,7 +57,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def read_description(kind: str, path: Path) -> tuple[dict[str, Any], str, list[Origin]]:
-    """Plain data of a cell, robot, sensor, scan or path file, its name for messages, and sources other than that file.
+    """Plain data of a file of some kind, its name for messages, and sources other than that file.
 
     A file with sections ``[cell]``, ``[sensor]``, ``[scan]`` (the resolved.toml of a run) gives the one of its kind.
     A robot that a cell names by path is read in. Paths become absolute: relative to the file that names them, else

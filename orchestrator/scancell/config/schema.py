@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from scancell.config.artefact import ArtefactDescription
 from scancell.config.batch import BatchDescription
 from scancell.config.cell import CellDescription
 from scancell.config.path import PathDescription
@@ -16,13 +17,14 @@ _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
-    """Schemas by kind of file: ``cell``, ``robot``, ``sensor``, ``scan``, ``path``, ``study``, ``batch``."""
+    """Schemas by kind of file, such as ``cell`` and ``robot``."""
     schemas = {
         "cell": CellDescription.model_json_schema(),
         "robot": RobotDescription.model_json_schema(),
         "sensor": SensorDescription.model_json_schema(),
         "scan": ScanDescription.model_json_schema(),
         "path": PathDescription.model_json_schema(),
+        "artefact": ArtefactDescription.model_json_schema(),
         "batch": BatchDescription.model_json_schema(),
         "study": StudyDescription.model_json_schema(),
     }

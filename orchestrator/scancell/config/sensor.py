@@ -19,8 +19,9 @@ class LaserDescription(Description):
     """Laser sheet, nominally in the sensor's YZ plane, from a point or line source.
 
     Images contain the sheet as described, with its curvature, rotation and shift; triangulation assumes the nominal
-    plane. The out-of-plane angle of the sheet is a polynomial c0 + c1 s + c2 s² + ... of the position s along the line,
-    -1 and 1 at its ends: ``straightness_mrad = [0, 0, 0.5]`` displaces both ends by 60 µm at 120 mm.
+    plane unless ``extraction.triangulation`` is ``sheet``. The out-of-plane angle of the sheet is a polynomial
+    c0 + c1 s + c2 s² + ... of the position s along the line, -1 and 1 at its ends: ``straightness_mrad = [0, 0, 0.5]``
+    displaces both ends by 60 µm at 120 mm.
     """
 
     wavelength_nm: Annotated[float, Field(ge=200.0, le=2000.0)] = Field(description="wavelength of the laser, nm")
@@ -272,8 +273,10 @@ class ExtractionDescription(Description):
     agreement_px: Positive = Field(
         default=0.5, description="peak = agreement: largest row difference between cameras beyond noise, px"
     )
-    triangulation: Literal["exact", "eq4_as_printed"] = Field(
-        default="exact", description="exact, or the published Eq. 4 of Dumitrache & Borangiu for comparison"
+    triangulation: Literal["exact", "sheet", "eq4_as_printed"] = Field(
+        default="exact",
+        description="exact: on the nominal plane of the laser sheet; sheet: on the sheet as described in [laser], for"
+        " calibrated sensors; eq4_as_printed: the published Eq. 4 of Dumitrache & Borangiu for comparison",
     )
     fusion: Literal["none", "weighted"] = Field(
         default="none", description="weighted: points seen by two cameras become one, weighted by their variances"

@@ -8,10 +8,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.choices import Engine
+from scancell.config.choices import CalibrationTarget, Engine
 from scancell.config.description import Description, Finite, Positive, validate
 from scancell.config.loading import override, read_toml
 from scancell.config.variation import VaryingScansDescription, refuse_twins
+from scancell.errors import DescriptionError
 
 
 class SphereDescription(Description):
@@ -22,6 +23,26 @@ class SphereDescription(Description):
     radius_mm: Positive = Field(description="nominal radius")
     reach_mm: Positive = Field(default=1.0, description="largest distance of used points from the nominal surface")
     above_mm: Finite | None = Field(default=None, description="smallest z of used points; all unless given")
+
+
+class CalibrateDescription(Description):
+    """Calibration of every trial's cell before its scan, which the scan is reconstructed with."""
+
+    what: CalibrationTarget = Field(default="all", description="what is calibrated: tool, table, latency, or all")
+    artefact: str | None = Field(
+        default=None, description="file of the artefact (TOML) or of the mesh of any part; default: a shipped one"
+    )
+    also: tuple[str, ...] = Field(default=(), description="further deviations to find, such as dh[3].theta")
+    wobble: bool = Field(default=False, description="whether the wobble of the table axis is found, too")
+    poses: Annotated[int, Field(ge=0, le=10_000)] | None = Field(
+        default=None, description="exposures at rest; default 24, none for latency"
+    )
+    passes: Annotated[int, Field(ge=0, le=1000)] | None = Field(
+        default=None, description="passes in motion; default 8 for latency and all, else none"
+    )
+    pose: Literal["described", "unknown"] | None = Field(
+        default=None, description="whether the artefact is exactly where the cell puts it; default as of the command"
+    )
 
 
 class StudyDescription(VaryingScansDescription):
@@ -47,6 +68,9 @@ class StudyDescription(VaryingScansDescription):
     probability: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
         default=0.95, description="coverage probability of all intervals"
     )
+    calibrate: CalibrateDescription | None = Field(
+        default=None, description="calibration in every trial, so that figures are those after calibration"
+    )
     sphere: tuple[SphereDescription, ...] = Field(default=(), description="spheres to fit")
 
     @model_validator(mode="after")
@@ -69,4 +93,10 @@ def load_study(path: Path, overrides: Sequence[str] = ()) -> StudyDescription:
     """
     raw = read_toml(path)
     origins = [override(raw, word, "--set") for word in overrides]
-    return validate(StudyDescription, raw, str(path), origins)
+    study = validate(StudyDescription, raw, str(path), origins)
+    if study.calibrate is None or study.calibrate.artefact is None:
+        return study
+    artefact = (path.parent / study.calibrate.artefact).resolve()
+    if not artefact.is_file():
+        raise DescriptionError(f"{path}: calibrate.artefact = {study.calibrate.artefact!r}: no such file ({artefact})")
+    return study.replace({"calibrate.artefact": str(artefact)})

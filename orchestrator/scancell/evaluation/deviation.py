@@ -1,4 +1,4 @@
-"""Deviation of a cloud from the CAD mesh: signed distances and their statistics."""
+"""Deviation of a cloud from the CAD mesh or the exact shapes of the part: signed distances and their statistics."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.geometry.mesh import Mesh
+from scancell.geometry.part_surface import PartSurface
 from scancell.reconstruction.cloud import Cloud
-from scancell.sensor import MeshSurface
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,8 @@ class DeviationFigures:
 class Deviation:
     """Signed distance (n,) of each point of a cloud, in m, the mesh face nearest to it, and the figures.
 
-    Distances to a mesh that is not closed are absolute; `is_signed` says so.
+    Distances to a mesh that is not closed are absolute; `is_signed` says so. `is_exact`: they are distances to the
+    exact shapes of the part, of which the mesh is a tessellation.
     """
 
     signed: Array
@@ -77,17 +78,26 @@ class Deviation:
     by_camera: dict[int, DeviationFigures]
     by_segment: dict[int, DeviationFigures]
     is_signed: bool = True
+    is_exact: bool = False
 
     @classmethod
-    def of(cls, cloud: Cloud, signed: Array, face: NDArray[np.integer[Any]], is_signed: bool = True) -> Deviation:
+    def of(
+        cls,
+        cloud: Cloud,
+        signed: Array,
+        face: NDArray[np.integer[Any]],
+        is_signed: bool = True,
+        is_exact: bool = False,
+    ) -> Deviation:
         """From the distance (n,) of each point of the cloud and its nearest face (n,)."""
         return cls(
             signed=signed,
             face=face.astype(np.int32),
             figures=DeviationFigures.of(signed),
-            by_camera=_groups(signed, cloud.camera),
-            by_segment=_groups(signed, cloud.segment),
+            by_camera=figures_by_label(signed, cloud.camera),
+            by_segment=figures_by_label(signed, cloud.segment),
             is_signed=is_signed,
+            is_exact=is_exact,
         )
 
     @property
@@ -113,7 +123,8 @@ class Deviation:
     def as_json(self, cameras: Sequence[str], segments: Mapping[int, str]) -> dict[str, Any]:
         """Plain data for ``deviation.json``; `cameras` and `segments` are names by index and by id."""
         return {
-            "what": "distance from each exported point to the nearest point of the mesh, "
+            "what": "distance from each exported point to the nearest point of the "
+            + ("exact shapes, " if self.is_exact else "mesh, ")
             + ("positive outside" if self.is_signed else "unsigned because the mesh is not closed"),
             "d95_um": "95 % of the absolute distances are smaller",
             "d99_9_um": "99.9 % of the absolute distances are smaller",
@@ -126,15 +137,15 @@ class Deviation:
         }
 
 
-def deviation_from_mesh(cloud: Cloud, mesh: Mesh | MeshSurface, threads: int = 0, signed: bool = True) -> Deviation:
-    """Distances of all points of the cloud to a mesh in the same frame; no point is left out.
+def deviation_from_mesh(cloud: Cloud, mesh: Mesh | PartSurface, threads: int = 0) -> Deviation:
+    """Distances of all points of the cloud to a mesh, or its exact shapes, in the same frame; no point is left out.
 
-    A `MeshSurface` is a mesh prepared for queries, which serves any number of clouds. `threads` does not change the
-    result; 0 uses all cores. With `signed` False the distances are absolute: an open mesh has no inside.
+    A `PartSurface` is a mesh prepared for queries, which serves any number of clouds. `threads` does not change the
+    result; 0 uses all cores. Distances to an open mesh are absolute: it has no inside.
     """
-    surface = mesh if isinstance(mesh, MeshSurface) else MeshSurface(mesh.vertices, mesh.faces)
-    distance, face = surface.signed_distances(cloud.points_in_part, threads)
-    return Deviation.of(cloud, distance if signed else np.abs(distance), face, signed)
+    surface = mesh if isinstance(mesh, PartSurface) else PartSurface(mesh)
+    distance, face = surface.distances(cloud.points_in_part, threads)
+    return Deviation.of(cloud, distance, face, surface.is_signed, surface.is_exact)
 
 
 def _upper_quantiles(values: Array, shares: tuple[float, ...]) -> list[float]:
@@ -146,8 +157,8 @@ def _upper_quantiles(values: Array, shares: tuple[float, ...]) -> list[float]:
     return [float(value) for value in np.interp(places - first, np.arange(len(largest)), largest)]
 
 
-def _groups(signed: Array, label: NDArray[np.int32]) -> dict[int, DeviationFigures]:
-    """Figures of the points of each label."""
+def figures_by_label(signed: Array, label: NDArray[np.integer[Any]]) -> dict[int, DeviationFigures]:
+    """Figures of the points of each label (n,), by rising label."""
     if not len(label):
         return {}
     lowest = int(label.min())

@@ -2,8 +2,8 @@
 
 Laser rays, four per image column, are cast from the true sensor at mid-exposure, and the points that a camera sees are
 projected into its image: this gives the centre line of the stripe to a small fraction of a pixel. The camera ray
-through such a pixel is intersected with the meshes in double precision, for the surface point, face and normal.
-Reconstruction does not use any of this.
+through such a pixel is intersected with meshes and exact shapes in double precision, for the surface point, face and
+normal. Reconstruction does not use any of this.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from scancell.config.sensor import (
 )
 from scancell.errors import SensorError
 from scancell.geometry import pose
+from scancell.geometry.shapes import ShapeMesh
 from scancell.nominal.cell import Body, Lamp
 from scancell.reconstruction.cloud import Cloud
 from scancell.scanning.exposures import build_scene, exposures_from_truth, true_poses
@@ -41,7 +42,10 @@ _NONE = -1
 
 @dataclass(frozen=True)
 class Surface:
-    """Surface points and unit normals (n, 3) in the true part frame, m, body and face index (n,); NaN and -1: none."""
+    """Surface points and unit normals (n, 3) in the true part frame, m, body and face index (n,); NaN and -1: none.
+
+    The face of a body of exact shapes is the number of the shape.
+    """
 
     points_in_part: Array
     normals: Array
@@ -190,9 +194,14 @@ class TrueWorld:
             mesh = self._bodies[number].mesh
             part_from_body = pose.inverse(self.world_from_part[at]) @ world_from_body[number]
             in_body = pose.transform_points(pose.inverse(world_from_body[number]), points[seen])
-            on_face = clamp_to_triangles(in_body, mesh.vertices[mesh.faces[face[seen]]])
-            surface.points_in_part[group[seen]] = pose.transform_points(part_from_body, on_face)
-            surface.normals[group[seen]] = mesh.normals[face[seen]] @ part_from_body[:3, :3].T
+            if isinstance(mesh, ShapeMesh):
+                on_surface = in_body
+                _, normals, surface.face[group[seen]] = mesh.shapes.nearest(in_body)
+            else:
+                on_surface = clamp_to_triangles(in_body, mesh.vertices[mesh.faces[face[seen]]])
+                normals = mesh.normals[face[seen]]
+            surface.points_in_part[group[seen]] = pose.transform_points(part_from_body, on_surface)
+            surface.normals[group[seen]] = normals @ part_from_body[:3, :3].T
 
     def _project(self, points_in_sensor: Array, camera: Integers) -> Array:
         pixels = np.zeros((len(points_in_sensor), 2))

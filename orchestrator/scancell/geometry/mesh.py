@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +23,7 @@ __all__ = [
     "box_mesh",
     "clustered",
     "is_stable_pose",
+    "joined",
     "load_mesh",
     "mass_properties",
 ]
@@ -133,6 +135,13 @@ def box_mesh(size: ArrayLike, source: str = "box") -> Mesh:
     quads = [(0, 1, 3, 2), (0, 4, 5, 1), (0, 2, 6, 4), (1, 5, 7, 3), (2, 3, 7, 6), (4, 6, 7, 5)]
     faces = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
     return Mesh(corners * np.asarray(size, float), np.array(faces, np.int64), source)
+
+
+def joined(meshes: Sequence[Mesh], source: str) -> Mesh:
+    """All meshes as one; vertices are not shared between them."""
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces), source)
 
 
 def clustered(mesh: Mesh, grid: float) -> Mesh:

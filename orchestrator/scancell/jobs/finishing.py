@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from scancell.cell.recording import Recording
-from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
+from scancell.config.estimated import EstimatedDescription
 from scancell.config.sensor import ignored_by_geometric_engine
 from scancell.errors import DescriptionError, EmptyScanError
+from scancell.nominal.estimated import estimated_cell
 from scancell.planning.plan import Plan
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import why_empty
@@ -38,8 +39,8 @@ class Finishing:
 
     Attributes
     ----------
-    estimated_cell
-        Calibrated description that reconstruction uses in place of the nominal one.
+    estimated
+        Deviations of the cell that reconstruction assumes, in place of those of its description.
     on_images
         Receives the images of every exposure.
     normals, samples
@@ -51,7 +52,7 @@ class Finishing:
     pipeline: ScanPipeline
     job: Job
     engine: Engine
-    estimated_cell: CellDescription | None
+    estimated: EstimatedDescription | None
     on_images: OnImages | None
     setup_warnings: tuple[str, ...]
     normals: bool = True
@@ -74,11 +75,11 @@ class Finishing:
         """The result of exposures that are sensed; see `result`."""
         job, loaded = self.job, self.job.loaded
         recording, sensed = exposed.recording, exposed.sensed
-        estimated = loaded.nominal
+        estimated = loaded.estimated
         with watch.measure("reconstruct"):
             progress.stage("reconstructing", 1, "cloud")
-            if self.estimated_cell is not None:
-                estimated = self.pipeline.load(self.estimated_cell, loaded.nominal.part).nominal
+            if self.estimated is not None:
+                estimated = estimated_cell(loaded.nominal, self.estimated.deviations())
             cloud, dropped = self.pipeline.reconstruct(estimated, recording, sensed.profiles, job.setup, self.normals)
             progress.advance(1)
         if not len(cloud):
@@ -108,6 +109,7 @@ class Finishing:
             unit=job.unit,
             threads=self.pipeline.threads,
             part_surface=loaded.part_surface,
+            estimated_sensor=job.estimated_sensor,
         )
 
     def sense(

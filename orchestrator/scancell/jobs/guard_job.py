@@ -10,10 +10,11 @@ import numpy as np
 from scancell.config.cell import CellDescription
 from scancell.config.loading import load_setup
 from scancell.config.scan import ScanDescription
-from scancell.geometry.mesh import Mesh, load_mesh
+from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
 from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import NominalCell, nominal_cell, without_bodies
+from scancell.nominal.parts import load_part
 from scancell.planning.occupancy import with_occupied_space
 
 _LEAST_NOISE = np.radians(0.005)
@@ -47,7 +48,7 @@ def guard_of(
     cell, scan
         Descriptions or their files; None: the shipped default.
     part
-        Mesh (m) or mesh file (`unit`); None: the table is empty.
+        Mesh (m), mesh file (`unit`) or artefact; None: the table is empty.
     settings
         The worst case; None: that of the description.
     max_age
@@ -59,7 +60,7 @@ def guard_of(
         Naming what is wrong and what was expected.
     """
     setup = load_setup(cell, None, scan)
-    mesh = load_mesh(part, unit) if isinstance(part, str | Path) else part
+    mesh = load_part(part, unit) if isinstance(part, str | Path) else part
     nominal = without_bodies(nominal_cell(setup.cell, mesh), _moving_parts(setup.cell))
     nominal = with_occupied_space(nominal, setup.scan.occupied)
     settings = settings or settings_of(setup.cell)

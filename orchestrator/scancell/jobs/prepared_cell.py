@@ -14,7 +14,7 @@ from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import Mesh
-from scancell.geometry.mesh_cache import MeshCache
+from scancell.nominal.parts import PartCache
 from scancell.nominal.plausibility import setup_warnings
 from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline
@@ -37,7 +37,7 @@ class PreparedCell(Closing):
     ) -> None:
         self.setup = setup or load_setup(cell, sensor, scan, assignments(settings), ideal)
         self.pipeline = ScanPipeline(threads)
-        self._meshes = MeshCache()
+        self._parts = PartCache()
 
     @classmethod
     def from_setup(cls, setup: Setup, threads: int = 0) -> Self:
@@ -45,14 +45,14 @@ class PreparedCell(Closing):
         return cls(threads=threads, setup=setup)
 
     def mesh(self, part: str | Path | Mesh, unit: str = "mm") -> Mesh:
-        """The mesh of a part in metres; a file is read again only when it has changed.
+        """The mesh of a part in metres, see `load_part`; a file is read again only when it has changed.
 
         Raises
         ------
-        MeshError
+        ScancellError
             If the file is missing, unreadable, empty or broken.
         """
-        return self._meshes.mesh(part, unit)
+        return self._parts.part(part, unit)
 
     def _job(
         self,
@@ -69,7 +69,8 @@ class PreparedCell(Closing):
             raise DescriptionError('part.fixture = "free": there is no part; expected its mesh, or "clamped"')
         loaded = self.pipeline.load(setup.cell, None if part is None else self.mesh(part, unit))
         sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
-        return Job(setup, loaded, sensors, words, seed, Path(part) if isinstance(part, str | Path) else None, unit)
+        file = Path(part) if isinstance(part, str | Path) else None
+        return Job(setup, loaded, sensors, words, seed, file, unit, estimated_sensor=estimated_sensor)
 
     @cached_property
     def setup_warnings(self) -> tuple[str, ...]:
@@ -79,4 +80,4 @@ class PreparedCell(Closing):
     def close(self) -> None:
         """Free the FMU, its files and the scenes."""
         self.pipeline.close()
-        self._meshes.clear()
+        self._parts.clear()

@@ -23,6 +23,7 @@ from scancell.geometry.arm import Arm, HeldJoint, Joint
 from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
 from scancell.nominal.friction import table_limits
 from scancell.nominal.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
+from scancell.nominal.parts import load_part
 from scancell.nominal.patches import Patch, part_patches
 from scancell.nominal.poses import lay_down, pose_matrix, tool_matrix
 
@@ -90,7 +91,9 @@ class FurtherPart:
 class NominalCell:
     """Nominal geometry of arm, tool, table and part; poses are (4, 4) ``target_from_source``, metres.
 
-    `flange_from_finger` (2, 4, 4) holds the gripper's fingers as they start, where the cell has one.
+    `flange_from_finger` (2, 4, 4) holds the gripper's fingers as they start, where the cell has one. An estimated cell
+    also has an `eccentricity` of the platter (x, y), a `wobble` of the axis (rx_cos, rx_sin, ry_cos, ry_sin), see
+    `EstimatedTableDescription`, and a `trigger_latency`, s.
     """
 
     arm: Arm
@@ -107,6 +110,9 @@ class NominalCell:
     lamps: tuple[Lamp, ...] = ()
     further_parts: tuple[FurtherPart, ...] = ()
     flange_from_finger: Array | None = None
+    eccentricity: tuple[float, ...] = (0.0, 0.0)
+    wobble: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    trigger_latency: float = 0.0
 
     @property
     def axis_max_speed(self) -> Array:
@@ -122,10 +128,21 @@ class NominalCell:
         """(..., 4, 4) for joint angles q (..., joints)."""
         return np.asarray(self.arm.fk(q) @ self.flange_from_sensor)
 
+    def world_from_platter(self, table: ArrayLike) -> Array:
+        """(..., 4, 4) for table angles (...,): the frame that turns with the table."""
+        angle = np.asarray(table, float)
+        axis = self.world_from_table
+        if any(self.wobble):
+            rx_cos, rx_sin, ry_cos, ry_sin = self.wobble
+            c, s = np.cos(angle), np.sin(angle)
+            tilt = pose.rotation_about(0, rx_cos * c + rx_sin * s) @ pose.rotation_about(1, ry_cos * c + ry_sin * s)
+            axis = axis @ pose.from_rotation(tilt)
+        turn = pose.from_rotation(pose.rotation_about(2, angle))
+        return np.asarray(axis @ turn @ pose.translation((*self.eccentricity, 0.0)))
+
     def world_from_part(self, table: ArrayLike) -> Array:
         """(..., 4, 4) for table angles (...,)."""
-        turn = pose.from_rotation(pose.rotation_about(2, table))
-        return np.asarray(self.world_from_table @ turn @ self.table_from_part)
+        return np.asarray(self.world_from_platter(table) @ self.table_from_part)
 
     def part_from_sensor(self, q: ArrayLike, table: ArrayLike) -> Array:
         """(..., 4, 4) for joint angles q (..., joints) and table angles (...,)."""
@@ -135,10 +152,9 @@ class NominalCell:
         """``world_from_frame`` (..., 4, 4) of every frame that a body can move with."""
         links = self.arm.link_poses(q)
         frames = {f"link[{i}]": links[..., i, :, :] for i in range(1, links.shape[-3])}
-        turn = pose.from_rotation(pose.rotation_about(2, table))
         frames["world"] = np.broadcast_to(np.eye(4), (*links.shape[:-3], 4, 4))
         frames["sensor"] = links[..., -1, :, :] @ self.flange_from_sensor
-        frames["table"] = self.world_from_table @ turn
+        frames["table"] = self.world_from_platter(table)
         frames["part"] = frames["table"] @ self.table_from_part
         for number, further in enumerate(self.further_parts, start=2):
             frames[f"part[{number}]"] = frames[further.carrier] @ further.carrier_from_part
@@ -226,7 +242,7 @@ def arm_of(robot: RobotDescription) -> Arm:
 
 def _further_part(description: FurtherPartDescription, cell: CellDescription) -> FurtherPart:
     support_from_part = pose_matrix(description.pose)
-    mesh = load_mesh(Path(description.mesh), description.unit)
+    mesh = load_part(description.mesh, description.unit)
     if description.conveyor is None:
         return FurtherPart(description, mesh, description.stands_on, support_from_part)
     world_from_belt = pose_matrix(cell.conveyor[description.conveyor - 1].pose)
@@ -263,7 +279,7 @@ def _obstacles(cell: CellDescription, *, known: bool) -> tuple[Body, ...]:
         Body(
             item.name,
             item.moves_with,
-            load_mesh(Path(item.mesh), item.unit).transformed(pose_matrix(item.pose)),
+            load_part(item.mesh, item.unit).transformed(pose_matrix(item.pose)),
             _material(item.material, item.reflectance),
             clearance=None if item.clearance_mm is None else si_value(item, "clearance_mm"),
         )

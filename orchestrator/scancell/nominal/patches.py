@@ -12,6 +12,7 @@ from scancell.config.cell import MaterialRegionDescription, PartDescription
 from scancell.config.material import Material
 from scancell.errors import CellError
 from scancell.geometry.mesh import Mesh
+from scancell.geometry.shapes import ShapeMesh
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,13 @@ def part_patches(part: Mesh, description: PartDescription) -> tuple[Patch, ...]:
     Raises
     ------
     CellError
-        If the file of face materials cannot be read or does not fit the mesh.
+        If the file of face materials cannot be read or does not fit the mesh, or the part has no faces.
     """
     regions = description.material_region
+    if isinstance(part, ShapeMesh):
+        if regions or description.face_materials is not None:
+            raise CellError(f"{part.source}: part.material_region: an artefact has one material, that of the part")
+        return ()
     number = np.zeros(len(part.faces), np.int64)
     middle_mm = part.vertices[part.faces].mean(axis=1) * 1e3
     for i, region in enumerate(regions, 1):

@@ -11,7 +11,6 @@ from scancell.evaluation.deviation import Deviation, DeviationFigures
 from scancell.geometry.mesh import Mesh
 from scancell.output.drawing import INK, SOFT, Pixels, Sheet, text_width, ticks
 from scancell.output.surface_view import SurfaceView, view_axes
-from scancell.reconstruction.cloud import Cloud
 
 Array = NDArray[np.float64]
 
@@ -37,14 +36,14 @@ _PLOT_TOP, _PLOT_BOTTOM = 744, 1094
 
 def deviation_picture(
     path: str | Path,
-    cloud: Cloud,
+    points_in_part: Array,
     deviation: Deviation,
     mesh: Mesh,
     *,
     name: str,
     coverage_fraction: float | None = None,
 ) -> None:
-    """Draw the deviation of `cloud` from `mesh` (both in the part frame) and write it as PNG.
+    """Draw the deviation of points (n, 3), m, from `mesh` in the same frame, and write it as PNG.
 
     Each view draws at most 150 000 points, evenly chosen; the histogram and the figures hold all of them.
 
@@ -57,7 +56,7 @@ def deviation_picture(
     limit = colour_limit_um(deviation.figures.d95)
     view = SurfaceView(
         mesh,
-        cloud.points_in_part,
+        points_in_part,
         deviation.signed,
         deviation.face,
         lambda signed: deviation_colours(1e6 * signed, limit),
@@ -65,7 +64,7 @@ def deviation_picture(
     width = (_RIGHT - _LEFT) // len(_VIEWS)
     for number, (azimuth, elevation) in enumerate(_VIEWS):
         _draw_view(sheet, view, azimuth, elevation, _LEFT + number * width, width)
-    _draw_colour_bar(sheet, limit, "+ outside the material" if mesh.is_closed else "the mesh is open: no inside")
+    _draw_colour_bar(sheet, limit, "+ outside the material" if deviation.is_signed else "the mesh is open: no inside")
     _draw_histogram(sheet, deviation, limit)
     _write_title(sheet, name, deviation.figures, coverage_fraction)
     sheet.write(path)

@@ -145,11 +145,12 @@ def _extract(
 
 
 def _write_profiles(path: Path, batches: Sequence[_Batch], sets: ImageSet, sheet_um: float | None) -> None:
-    """Columns in millimetres, pixels and digital numbers; x is 0 on the laser sheet."""
+    """Columns in millimetres, pixels and digital numbers; x is 0 unless triangulation is on the described sheet."""
     points = _joined([batch.profiles.points_in_sensor for batch in batches]) * _MM
     flags = _joined([batch.profiles.flags for batch in batches])
     columns = {
         "row_px": _joined([batch.profiles.row for batch in batches]).astype(float),
+        "x_mm": points[:, 0],
         "y_mm": points[:, 1],
         "z_mm": points[:, 2],
         "sigma_mm": _joined([batch.profiles.sigma for batch in batches]) * _MM,

@@ -79,7 +79,7 @@ def write_pictures(data: ScanData, part: Mesh, deviation: Deviation, coverage: C
     """Write ``deviation.png`` and the sample images with the extracted stripe."""
     deviation_picture(
         folder.path("deviation.png"),
-        data.cloud,
+        data.cloud.points_in_part,
         deviation,
         part,
         name=data.part,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -59,6 +59,20 @@ def _field(values: NDArray[Any]) -> tuple[str, list[Any]]:
 
 def _quoted(word: str) -> str:
     return '"' + word.replace('"', '""') + '"' if any(letter in word for letter in ',"\r\n') else word
+
+
+def columns_of(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Columns for `write_csv` of rows that may lack some of the keys."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    return {name: _column([row.get(name) for row in rows]) for name in names}
+
+
+def _column(values: Sequence[Any]) -> Any:
+    if any(isinstance(value, str) for value in values):
+        return np.array([value or "" for value in values])
+    if all(isinstance(value, int) for value in values):
+        return np.array([int(value) for value in values])
+    return np.array([np.nan if value is None else float(value) for value in values])
 
 
 def write_profile_csv(path: Path, profiles: ProfileColumns, points_in_part: NDArray[np.float64]) -> None:

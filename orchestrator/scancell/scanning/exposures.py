@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import ExposureTruth, Recording
+from scancell.config.material import Material
+from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, ShapeMesh, Sphere
 from scancell.nominal.cell import Body, Lamp, NominalCell
 from scancell.nominal.patches import Patch
 
@@ -38,20 +40,46 @@ def build_scene(bodies: Sequence[Body | Lamp]) -> sensor_rt.Scene:
 
 
 def _add_body(scene: sensor_rt.Scene, body: Body) -> None:
-    """Add one mesh per material of the body, all under its name, so that they move together."""
+    """Add the exact shapes of the body, or one mesh per material, all under its name, so that they move together."""
+    if isinstance(body.mesh, ShapeMesh):
+        for placed in body.mesh.shapes.shapes:
+            _add_shape(scene, body.name, placed, _native(body.material))
+        return
     patched = np.zeros(len(body.mesh.faces), bool)
     for patch in body.patches:
         patched[patch.faces] = True
     for patch in (Patch(np.flatnonzero(~patched), body.material), *body.patches):
         if len(patch.faces) == 0:
             continue
-        m = patch.material
-        material = sensor_rt.Material(m.reflectance, m.model, m.roughness, m.refractive_index)
+        material = _native(patch.material)
         if len(patch.faces) == len(patched):
             scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material)
         else:
             used, faces = np.unique(body.mesh.faces[patch.faces], return_inverse=True)
             scene.add_mesh(body.name, body.mesh.vertices[used], faces.reshape(-1, 3), material)
+
+
+def _add_shape(scene: sensor_rt.Scene, name: str, placed: PlacedShape, material: sensor_rt.Material) -> None:
+    shape, pose = placed.shape, placed.frame_from_shape
+    match shape:
+        case Sphere():
+            scene.add_sphere(name, pose[:3, 3], shape.radius, material)
+        case Plane():
+            scene.add_plane(name, pose, (shape.size_x, shape.size_y), material)
+        case Box():
+            scene.add_box(name, pose, shape.size, material)
+        case Cylinder():
+            scene.add_cylinder(name, pose, shape.radius, shape.height, material)
+        case Cone():
+            scene.add_cone(name, pose, shape.bottom_radius, shape.top_radius, shape.height, material)
+        case Ring():
+            scene.add_ring(name, pose, shape.inner_radius, shape.outer_radius, shape.height, material)
+        case _:
+            raise TypeError(f"{name}: the ray tracer has no {type(shape).__name__}")
+
+
+def _native(m: Material) -> sensor_rt.Material:
+    return sensor_rt.Material(m.reflectance, m.model, m.roughness, m.refractive_index)
 
 
 def exposures_from_truth(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from scancell.config.loading import Setup
+from scancell.config.sensor import SensorDescription
 from scancell.scanning.drive import DriveRequest
 from scancell.scanning.pipeline import LoadedCell
 from scancell.scanning.sense import Sensors
@@ -23,6 +24,8 @@ class Job:
         Files of the part and of a recording, where these are from files.
     unit
         Of the part's file.
+    estimated_sensor
+        Calibrated sensor that interprets the images in place of the nominal one.
     """
 
     setup: Setup
@@ -33,6 +36,7 @@ class Job:
     part_file: Path | None
     unit: str
     recording_file: Path | None = None
+    estimated_sensor: SensorDescription | None = None
 
     @property
     def part(self) -> str:

@@ -28,7 +28,9 @@ from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value
 from scancell.geometry.mesh import Mesh
+from scancell.geometry.part_surface import PartSurface
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
+from scancell.nominal.estimated import estimated_cell
 from scancell.planning.assembly import approach
 from scancell.planning.configuration_map import Judge
 from scancell.planning.model import PlanningCell
@@ -61,20 +63,21 @@ T = TypeVar("T")
 class LoadedCell:
     """A nominal cell around a part, and the bodies that light can meet in the order of `scene`.
 
-    `true` also has the obstacles that planning and reconstruction do not know.
+    `estimated` is the nominal cell with what calibration found, `true` the nominal one with the obstacles that planning
+    and reconstruction do not know.
     """
 
     nominal: NominalCell
+    estimated: NominalCell
     true: NominalCell
     bodies: tuple[Body | Lamp, ...]
     scene: sensor_rt.Scene
     description: CellDescription
 
     @cached_property
-    def part_surface(self) -> sensor_rt.MeshSurface:
-        """The mesh of the part, prepared for distance queries."""
-        part = self.nominal.part
-        return sensor_rt.MeshSurface(part.vertices, part.faces)
+    def part_surface(self) -> PartSurface:
+        """The surface of the part, prepared for distance queries."""
+        return PartSurface(self.nominal.part)
 
     def for_fmu(self, seed: int, collision_outputs: bool = False) -> dict[str, Any]:
         """The cell as the FMU reads it; collision outputs cost most of a run, and no scan reads them."""
@@ -120,7 +123,9 @@ class ScanPipeline(Closing):
             true = with_unknown_obstacles(nominal, cell)
             check_cell(true)
             bodies = visible_bodies(true)
-            return part, LoadedCell(nominal, true, bodies, build_scene(bodies), cell)
+            found = cell.estimated
+            estimated = nominal if found is None else estimated_cell(nominal, found.deviations())
+            return part, LoadedCell(nominal, estimated, true, bodies, build_scene(bodies), cell)
 
         # The cached reference to the mesh prevents reuse of its id.
         return _kept(self._cells, f"{id(part)} {cell.model_dump_json()}", _MAX_CELLS, make)[1]
@@ -230,11 +235,11 @@ class ScanPipeline(Closing):
     ) -> tuple[Cloud, Dropped]:
         """Cloud from measured joints and nominal geometry alone, and the points that are not the part's.
 
-        `nominal` may be an estimated (calibrated) cell.
+        `nominal` may be an estimated (calibrated) cell, see `LoadedCell.estimated`.
         """
         return reconstruct_and_count(
             profiles,
-            recording.measured,
+            recording.measured.after(nominal.trigger_latency),
             nominal.part_from_sensor,
             nominal.table_from_part,
             envelope_of(nominal, setup),

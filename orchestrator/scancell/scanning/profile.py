@@ -29,7 +29,7 @@ class ProfileResult:
     rows
         (m,) image rows of the points, px.
     points_in_base, points_in_part
-        (m, 3) the same points by measured joints and nominal geometry, m.
+        (m, 3) the same points by measured joints and nominal or estimated geometry, m.
     images
         Camera images, ray-traced engine only.
     """
@@ -51,17 +51,18 @@ def measure_profile(
     SensorError
         If the sensor library reports an error.
     """
-    nominal, measured = loaded.nominal, recording.measured
+    cell = loaded.estimated
+    measured = recording.measured.after(cell.trigger_latency)
     truth = recording.truth_for_rows(readout_time(sensors.true))
     exposures = exposures_from_truth(truth, measured.index, loaded.bodies)
     result = expose(loaded.scene, sensors, exposures, engine, threads, images=True)
     profile = points_of(result.profiles, sensors.nominal, engine)
     points = np.array(profile.points_in_sensor, float)
-    base_from_world = pose.inverse(nominal.arm.world_from_base)
+    base_from_world = pose.inverse(cell.arm.world_from_base)
     return ProfileResult(
         replace(profile, frame=np.zeros(len(points), np.int32)),
         np.array(result.profiles.row),
-        pose.transform_points(base_from_world @ nominal.world_from_sensor(measured.q[0]), points),
-        pose.transform_points(nominal.part_from_sensor(measured.q[0], measured.table[0]), points),
+        pose.transform_points(base_from_world @ cell.world_from_sensor(measured.q[0]), points),
+        pose.transform_points(cell.part_from_sensor(measured.q[0], measured.table[0]), points),
         ExposureImages.of(result, 0, int(measured.index[0]), sensors.bit_depth),
     )

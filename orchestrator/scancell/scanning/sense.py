@@ -17,7 +17,7 @@ from scancell.config.choices import Engine
 from scancell.config.loading import as_built_sensor
 from scancell.config.resolved import sensor_json
 from scancell.config.sensor import SensorDescription
-from scancell.errors import SensorError
+from scancell.errors import DescriptionError, SensorError
 from scancell.nominal.cell import Body, Lamp
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
@@ -124,14 +124,25 @@ def make_sensors(
     Raises
     ------
     DescriptionError
-        If a perturbation is invalid.
+        If a perturbation is invalid, or the images of the calibrated sensor are of other sizes.
     SensorError
         If the library rejects a description.
     """
+    if estimated is not None:
+        _require_same_images(nominal, estimated)
     interpreting = make_sensor(nominal if estimated is None else estimated, seed)
     true = as_built_sensor(nominal, as_built)
     same = estimated is None and true is nominal
     return Sensors(interpreting, interpreting if same else make_sensor(true, seed), true.detector.bit_depth)
+
+
+def _require_same_images(nominal: SensorDescription, estimated: SensorDescription) -> None:
+    sizes, expected = ([f"{one.width_px} x {one.height_px}" for one in each.camera] for each in (estimated, nominal))
+    if sizes != expected:
+        raise DescriptionError(
+            f"estimated sensor '{estimated.name}': cameras of {', '.join(sizes)} px cannot interpret the images of"
+            f" '{nominal.name}'; expected {', '.join(expected)} px"
+        )
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ class ScanSession(CellSession):
         job = self.job
         recording = self.record_line(world_from_sensor, spacing, self.exposure, speed=speed)
         sensed = self.pipeline.sense(job.loaded, recording, job.sensors, engine, self.progress)
-        return self.pipeline.reconstruct(self.nominal, recording, sensed.profiles, job.setup)[0]
+        return self.pipeline.reconstruct(job.loaded.estimated, recording, sensed.profiles, job.setup)[0]
 
     @property
     def exposure(self) -> float:

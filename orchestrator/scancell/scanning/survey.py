@@ -17,7 +17,7 @@ from scancell.config.loading import Setup
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh
+from scancell.geometry.mesh import Mesh, joined
 from scancell.geometry.voxels import MAX_VOXELS, VoxelGrid
 from scancell.nominal.cell import NominalCell
 from scancell.planning.assembly import Assembly
@@ -227,7 +227,7 @@ class Survey:
         recording = pipeline.drive(self._request, plan, progress)
         profiles = pipeline.sense(loaded, recording, self._sensors, "geometric", progress).profiles
         nominal = loaded.nominal
-        world_from_table = nominal.world_from_part(recording.measured.table) @ pose.inverse(nominal.table_from_part)
+        world_from_table = nominal.world_from_platter(recording.measured.table)
         table_from_sensor = pose.inverse(world_from_table) @ nominal.world_from_sensor(recording.measured.q)
         seen = Profiles(table_from_sensor, profiles.points_in_sensor, np.asarray(profiles.frame, np.int64))
         self.space.add(seen, self._range)
@@ -294,6 +294,4 @@ def _merged(nominal: NominalCell, frames: dict[str, Array], kinds: tuple[str, ..
     table_from_world = pose.inverse(frames["table"])
     chosen = [body for body in nominal.bodies if body.moves_with.partition("[")[0] in kinds]
     placed = [body.mesh.transformed(table_from_world @ frames[body.moves_with]) for body in chosen]
-    offset = np.cumsum([0, *(len(mesh.vertices) for mesh in placed)])
-    faces = [mesh.faces + start for mesh, start in zip(placed, offset, strict=False)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in placed]), np.concatenate(faces), "cell")
+    return joined(placed, "cell")

@@ -116,6 +116,26 @@ class Scene:
         self, name: str, body_from_cylinder: ArrayLike, radius: float, height: float, material: Material | float
     ) -> None:
         """Add an exact capped cylinder along its own z axis, centred in its own frame."""
+    def add_cone(
+        self,
+        name: str,
+        body_from_cone: ArrayLike,
+        bottom_radius: float,
+        top_radius: float,
+        height: float,
+        material: Material | float,
+    ) -> None:
+        """Add an exact capped cone frustum along its own z axis, centred in its own frame; one radius may be 0."""
+    def add_ring(
+        self,
+        name: str,
+        body_from_ring: ArrayLike,
+        inner_radius: float,
+        outer_radius: float,
+        height: float,
+        material: Material | float,
+    ) -> None:
+        """Add an exact cylinder along its own z axis with a concentric bore, centred in its own frame."""
     def add_plane(self, name: str, body_from_plane: ArrayLike, size: ArrayLike, material: Material | float) -> None:
         """Add an exact rectangle with edges `size` (2,) in the xy plane of its own frame, centred."""
     def add_light(
@@ -248,8 +268,13 @@ def triangulate(peaks: Peaks, sensor: Sensor, keep_rejected: bool = False) -> Pr
     """
 
 def triangulate_pixels(
-    pixels: NDArray[np.float64], sensor: Sensor, camera: int, form: Literal["exact", "ray", "eq4_as_printed"]
-) -> NDArray[np.float64]: ...
+    pixels: NDArray[np.float64], sensor: Sensor, camera: int, form: Literal["exact", "sheet", "ray", "eq4_as_printed"]
+) -> NDArray[np.float64]:
+    """Return the points (n, 3) on the laser sheet, m, that a camera sees at pixels (n, 2) = (column, row).
+
+    exact: on the plane X = 0; sheet: on the sheet as described, NaN where the ray misses it; ray: exact, without the
+    closed form; eq4_as_printed: the published formula.
+    """
 
 class ScanResult:
     """Result of `scan`."""

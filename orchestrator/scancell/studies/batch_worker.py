@@ -14,7 +14,7 @@ from scancell.config.loading import as_built_sensor
 from scancell.errors import OutputError
 from scancell.evaluation.ground_truth import TrueWorld
 from scancell.geometry import pose
-from scancell.geometry.mesh import load_mesh
+from scancell.nominal.parts import load_part
 from scancell.output.build import build_version
 from scancell.output.dataset_files import ImageStack, Truth, dataset_file, stripe_masks, write_measured, write_truth
 from scancell.output.manifest import resolved_toml
@@ -95,7 +95,7 @@ class BatchWorker:
     def _part(self, payload: Mapping[str, Any]) -> ScanWorker:
         key = payload["mesh_sha256"]
         if key not in self._parts:
-            mesh = load_mesh(payload["mesh"], self._batch.unit)
+            mesh = load_part(payload["mesh"], self._batch.unit)
             self._parts[key] = ScanWorker(self._batch, self._setup, mesh, "batch")
         self._parts.move_to_end(key)
         while len(self._parts) > _KEPT_PARTS:

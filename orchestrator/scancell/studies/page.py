@@ -26,22 +26,31 @@ _UNEXPLAINED = {
 
 def study_page(analysis: dict[str, Any], rows: Sequence[dict[str, Any]], about: dict[str, str]) -> str:
     """HTML of the whole report; `about` has versions and sources."""
-    jinja2 = require("jinja2", "studies")
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES), autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters["figure"] = format_figure
     failed = [[row["trial"], row["seed"], row["message"]] for row in analysis["failed"]]
-    text: str = environment.get_template("study.html.j2").render(
-        name=analysis["name"],
-        subtitle=_subtitle(analysis),
-        notes=analysis["notes"],
-        engines=[_engine(name, found, rows, analysis) for name, found in analysis["engines"].items()],
-        failed=failed[:_MAX_LISTED],
-        failed_count=len(failed),
-        about=list(about.items()),
+    text: str = (
+        environment()
+        .get_template("study.html.j2")
+        .render(
+            name=analysis["name"],
+            subtitle=_subtitle(analysis),
+            notes=analysis["notes"],
+            engines=[_engine(name, found, rows, analysis) for name, found in analysis["engines"].items()],
+            failed=failed[:_MAX_LISTED],
+            failed_count=len(failed),
+            about=list(about.items()),
+        )
     )
     return text
+
+
+def environment() -> Any:
+    """Jinja2 with the templates of reports and the filter ``figure``."""
+    jinja2 = require("jinja2", "studies")
+    made = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES), autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    made.filters["figure"] = format_figure
+    return made
 
 
 def format_figure(value: Any) -> str:

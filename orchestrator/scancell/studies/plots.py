@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_INK, _GREY, _BLUE, _ORANGE = "#222222", "#9aa3ad", "#2f6db5", "#d9822b"
+INK, GREY, BLUE, ORANGE = "#222222", "#9aa3ad", "#2f6db5", "#d9822b"
 _STYLE = {
     "font.size": 10,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.edgecolor": _GREY,
-    "text.color": _INK,
+    "axes.edgecolor": GREY,
+    "text.color": INK,
     "svg.fonttype": "none",  # text stays text: smaller, and searchable
     "svg.hashsalt": "scancell",  # the same study gives the same bytes
     "font.family": "sans-serif",
@@ -28,7 +28,8 @@ _STYLE = {
 _MAX_POINTS = 1500
 
 
-def _svg(width: float, height: float, columns: int, draw: Any) -> str:
+def svg(width: float, height: float, columns: int, draw: Any) -> str:
+    """SVG text of a row of axes, of a size in inches, on which `draw` draws."""
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         draw(*np.atleast_1d(figure.subplots(1, columns)))
@@ -42,16 +43,16 @@ def distribution(sample: Array, said: dict[str, Any], label: str) -> str:
     """Histogram of a figure with its mean and both coverage intervals."""
 
     def draw(axes: Axes) -> None:
-        axes.hist(sample, bins="auto" if len(sample) > 30 else 10, color=_BLUE, alpha=0.75)
-        axes.axvline(said["mean"], color=_INK, linewidth=1.5, label="mean")
-        for name, colour, style in (("symmetric", _ORANGE, "-"), ("shortest", _INK, ":")):
+        axes.hist(sample, bins="auto" if len(sample) > 30 else 10, color=BLUE, alpha=0.75)
+        axes.axvline(said["mean"], color=INK, linewidth=1.5, label="mean")
+        for name, colour, style in (("symmetric", ORANGE, "-"), ("shortest", INK, ":")):
             ends = said[f"interval_{name}"]
             for k, end in enumerate(ends or ()):
                 axes.axvline(end, color=colour, linestyle=style, label=f"{name} interval" if k == 0 else None)
         axes.set(xlabel=label, ylabel="trials")
         axes.legend(frameon=False, fontsize=8)
 
-    return _svg(5.2, 2.8, 1, draw)
+    return svg(5.2, 2.8, 1, draw)
 
 
 def convergence(rows: Sequence[dict[str, float]], label: str) -> str:
@@ -62,16 +63,16 @@ def convergence(rows: Sequence[dict[str, float]], label: str) -> str:
         mean, error, std = (
             np.array([row[k] for row in rows]) for k in ("mean", "standard_error", "standard_deviation")
         )
-        axes.fill_between(count, mean - 2 * error, mean + 2 * error, color=_BLUE, alpha=0.25, linewidth=0)
-        axes.plot(count, mean, color=_BLUE, label="mean ± 2 standard errors")
-        axes.plot(count, std, color=_ORANGE, label="standard deviation")
+        axes.fill_between(count, mean - 2 * error, mean + 2 * error, color=BLUE, alpha=0.25, linewidth=0)
+        axes.plot(count, mean, color=BLUE, label="mean ± 2 standard errors")
+        axes.plot(count, std, color=ORANGE, label="standard deviation")
         axes.set(xscale="log", xlabel="trials", ylabel=label)
         axes.set_xticks(np.unique(count[[0, len(count) // 2, -1]]))  # a range below a decade has no automatic ticks
         axes.set_xticks([], minor=True)
         axes.xaxis.set_major_formatter("{x:.0f}")
         axes.legend(frameon=False, fontsize=8)
 
-    return _svg(5.2, 2.8, 1, draw)
+    return svg(5.2, 2.8, 1, draw)
 
 
 def bars(names: Sequence[str], series: Mapping[str, tuple[Array, Array | None]], label: str) -> str:
@@ -88,16 +89,16 @@ def bars(names: Sequence[str], series: Mapping[str, tuple[Array, Array | None]],
                 height * 0.9,
                 xerr=spread,
                 label=title,
-                color=(_BLUE, _ORANGE)[k % 2],
-                error_kw={"ecolor": _INK, "elinewidth": 1, "capsize": 2},
+                color=(BLUE, ORANGE)[k % 2],
+                error_kw={"ecolor": INK, "elinewidth": 1, "capsize": 2},
             )
         axes.set(yticks=place, yticklabels=list(names), xlabel=label)
         axes.invert_yaxis()
-        axes.axvline(0, color=_GREY, linewidth=0.8)
+        axes.axvline(0, color=GREY, linewidth=0.8)
         if len(series) > 1:
             axes.legend(frameon=False, fontsize=8)
 
-    return _svg(6.4, 0.9 + 0.32 * len(names) * max(1, len(series) * 0.7), 1, draw)
+    return svg(6.4, 0.9 + 0.32 * len(names) * max(1, len(series) * 0.7), 1, draw)
 
 
 def effects(rows: Sequence[dict[str, Any]], label: str) -> str:
@@ -106,7 +107,7 @@ def effects(rows: Sequence[dict[str, Any]], label: str) -> str:
     def draw(axes: Axes) -> None:
         size = [row["mean_magnitude"] for row in rows]
         spread = [row["spread"] for row in rows]
-        axes.scatter(size, spread, color=_BLUE)
+        axes.scatter(size, spread, color=BLUE)
         for row in rows:
             axes.annotate(
                 row["factor"],
@@ -119,7 +120,7 @@ def effects(rows: Sequence[dict[str, Any]], label: str) -> str:
         axes.set_xlim(left=0)
         axes.set_ylim(bottom=0)
 
-    return _svg(6.4, 3.4, 1, draw)
+    return svg(6.4, 3.4, 1, draw)
 
 
 def scatters(names: Sequence[str], values: Sequence[Sequence[Any]], outputs: Array, label: str) -> str:
@@ -132,7 +133,7 @@ def scatters(names: Sequence[str], values: Sequence[Sequence[Any]], outputs: Arr
                 list(column)[::step],
                 outputs[::step],
                 s=16 if len(outputs) < 200 else 6,
-                color=_BLUE,
+                color=BLUE,
                 alpha=0.6,
                 linewidth=0,
             )
@@ -143,4 +144,4 @@ def scatters(names: Sequence[str], values: Sequence[Sequence[Any]], outputs: Arr
             if k == 0:
                 axes.set_ylabel(label)
 
-    return _svg(2.4 * len(names) + 0.6, 2.5, len(names), draw)
+    return svg(2.4 * len(names) + 0.6, 2.5, len(names), draw)

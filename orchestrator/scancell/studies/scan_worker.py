@@ -13,11 +13,15 @@ from typing import Any
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
 from scancell.config.description import validate
+from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import Setup
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
+from scancell.config.study import CalibrateDescription
 from scancell.config.variation import VaryingScansDescription
 from scancell.geometry.mesh import Mesh
+from scancell.jobs.calibration_job import CalibrationRequest
+from scancell.jobs.calibration_report import CalibrationReport
 from scancell.nominal.cell import NominalCell
 from scancell.results import ScanResult
 from scancell.scanner import Scanner
@@ -45,8 +49,32 @@ class ScanWorker:
         self._factors = Factors(scans, setup, source)
         self._scanner = Scanner.from_setup(setup, threads=1)
 
-    def scan(self, trial: Trial, on_images: OnImages | None = None, normals: bool = False) -> ScanResult:
-        """Scan with the values of the trial.
+    def calibrated(self, trial: Trial, calibrate: CalibrateDescription) -> CalibrationReport:
+        """Calibrate the cell of the trial.
+
+        Raises
+        ------
+        ScancellError
+            If any of it cannot be done.
+        """
+        inputs = self._factors.inputs(trial.values)
+        return self._scanner.calibrate(
+            CalibrationRequest.of(calibrate),
+            calibrate.artefact,
+            engine=trial.engine,
+            as_built=inputs.as_built,
+            seed=trial.seed,
+            setup=inputs.setup,
+        )
+
+    def scan(
+        self,
+        trial: Trial,
+        on_images: OnImages | None = None,
+        normals: bool = False,
+        estimated: EstimatedDescription | None = None,
+    ) -> ScanResult:
+        """Scan with the values of the trial; `estimated` are deviations that reconstruction assumes.
 
         Raises
         ------
@@ -60,6 +88,7 @@ class ScanWorker:
             as_built=inputs.as_built,
             seed=trial.seed,
             setup=inputs.setup,
+            estimated=estimated,
             normals=normals,
             samples=False,
             on_images=on_images,

@@ -7,6 +7,7 @@ import os
 import socket
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
@@ -18,8 +19,10 @@ from scancell.config.description import validate
 from scancell.config.loading import Setup
 from scancell.config.study import SphereDescription, StudyDescription
 from scancell.config.units import to_si
-from scancell.evaluation.sphere_fit import Sphere, fit_sphere
-from scancell.geometry.mesh import load_mesh
+from scancell.errors import FitError
+from scancell.geometry.fits import fit_sphere
+from scancell.jobs.calibration_report import CalibrationReport
+from scancell.nominal.parts import load_part
 from scancell.output.build import build_version
 from scancell.reconstruction.cloud import Cloud
 from scancell.results import ScanResult
@@ -31,12 +34,16 @@ from scancell.visibility.measurable import MeasurableSurface, cache_folder, meas
 ROWS = "rows.json"
 TIMINGS = "timings.json"
 
+_SPHERE_FIGURES = ("x_um", "y_um", "z_um", "diameter_error_um", "form_um", "rms_um")
+_LEAST_POINTS = 10  # for the figures of a sphere
+_FORM_QUANTILES = (0.025, 0.975)  # 95 % of the points, against outliers of a noisy cloud
+
 
 class TrialWorker(ScanWorker):
     """Runs trials of one study in this process."""
 
     def __init__(self, study: StudyDescription, setup: Setup, part: Path) -> None:
-        super().__init__(study, setup, load_mesh(part, study.unit), study.name)
+        super().__init__(study, setup, load_part(part, study.unit), study.name)
         self._study = study
 
     @cached_property
@@ -60,14 +67,24 @@ class TrialWorker(ScanWorker):
         plain = {**asdict(trial), "values": list(trial.values)}
         try:
             with watch.measure("all"):
-                scan = self.scan(trial)
-                figures = self._figures(scan)
-            watch.seconds.update(scan.timings)
+                figures = self._trial(trial, watch)
         except Exception as error:  # a trial that fails is a result, too; the others go on
             if disk_error(error):
                 raise
             return {**plain, "status": "failed", "message": f"{type(error).__name__}: {error}", "figures": {}}
         return {**plain, "status": "ok", "message": "", "figures": figures}
+
+    def _trial(self, trial: Trial, watch: Stopwatch) -> dict[str, Any]:
+        """Figures of the scan, and of a calibration before it where the study has one."""
+        figures, estimated = {}, None
+        if self._study.calibrate is not None:
+            with watch.measure("calibrate"):
+                report = self.calibrated(trial, self._study.calibrate)
+            figures, estimated = calibration_figures(report), report.estimated
+        scan = self.scan(trial, estimated=estimated)
+        figures = {**self._figures(scan), **figures}
+        watch.seconds.update(scan.timings)
+        return figures
 
     def _figures(self, scan: ScanResult) -> dict[str, Any]:
         figures = deviation_figures(scan)
@@ -85,6 +102,15 @@ def deviation_figures(scan: ScanResult) -> dict[str, Any]:
     return {"profiles": len(scan.recording), "points": len(scan.cloud), **in_um}
 
 
+def calibration_figures(report: CalibrationReport) -> dict[str, Any]:
+    """Errors of the deviations that were found, and the half widths of their intervals, by name and unit."""
+    figures: dict[str, Any] = {"calibration.rms_um": 1e6 * report.result.rms}
+    for row in report.rows:
+        figures[f"calibration.{row.name}_error_{row.unit}"] = row.error
+        figures[f"calibration.{row.name}_half_width_{row.unit}"] = row.half_width
+    return figures
+
+
 def open_trials(spec: Mapping[str, Any]) -> TrialWorker:
     """A worker from plain data, see `Study.spec`."""
     sweep_temporary()
@@ -93,17 +119,21 @@ def open_trials(spec: Mapping[str, Any]) -> TrialWorker:
 
 
 def _sphere_figures(description: SphereDescription, cloud: Cloud) -> dict[str, Any]:
+    """Displacement of the centre, error of the diameter, form and rms in um of the points near a nominal sphere."""
     si = to_si(description.model_dump(exclude={"name"}))
     lowest = -np.inf if si["above"] is None else si["above"]
-    found = fit_sphere(cloud.points_in_part, Sphere(np.array(si["centre"]), si["radius"], si["reach"], lowest))
-    named = {
-        "points": found.points,
-        **{f"{axis}_um": 1e6 * shift for axis, shift in zip("xyz", found.shift.tolist(), strict=True)},
-        "diameter_error_um": 1e6 * found.diameter_error,
-        "form_um": 1e6 * found.form,
-        "rms_um": 1e6 * found.rms,
-    }
-    return {f"{description.name}.{key}": None if np.isnan(value) else value for key, value in named.items()}
+    centre, points = np.array(si["centre"]), cloud.points_in_part
+    near = np.abs(np.linalg.norm(points - centre, axis=1) - si["radius"]) <= si["reach"]
+    chosen = points[near & (points[:, 2] >= lowest)]
+    values = np.full(len(_SPHERE_FIGURES), np.nan)
+    if len(chosen) >= _LEAST_POINTS:
+        with suppress(FitError):
+            found = fit_sphere(chosen)
+            form = np.ptp(np.quantile(found.residuals, _FORM_QUANTILES))
+            values = 1e6 * np.array([*(found.centre - centre), 2 * (found.radius - si["radius"]), form, found.rms])
+    named = dict(zip(_SPHERE_FIGURES, values.tolist(), strict=True))
+    plain = {"points": len(chosen), **{key: None if np.isnan(value) else value for key, value in named.items()}}
+    return {f"{description.name}.{key}": value for key, value in plain.items()}
 
 
 def _process() -> dict[str, Any]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh
+from scancell.geometry.mesh import Mesh, joined
 from scancell.geometry.sampling import sample_surface
 from scancell.nominal.cell import Body, NominalCell
 from scancell.progress import Progress
@@ -75,7 +75,7 @@ class SurfaceSearch:
         """(n,) whether each sample is measurable."""
         count = len(self.samples)
         progress.stage("measurable surface", count, "samples")
-        mesh = _joined(self.obstacles)
+        mesh = joined(self.obstacles, "part and table")
         fixed = Tracer(self._fixed, self._threads) if self._fixed else None
         searches = [self._pose_search(mesh, side) for side in self._sides]
         measurable = np.zeros(count, bool)
@@ -95,7 +95,7 @@ class SurfaceSearch:
             not looked at.
         """
         on_table = pose.transform_points(self._nominal.table_from_part, self.samples)
-        mesh, found, poses = _joined(self.obstacles), [np.zeros(0, np.int64)], [np.zeros((0, 4, 4))]
+        mesh, found, poses = joined(self.obstacles, "part and table"), [np.zeros(0, np.int64)], [np.zeros((0, 4, 4))]
         for side in self._sides:
             search, left = self._pose_search(mesh, side), rows
             for _ in range(_MOST_TRIES):
@@ -193,12 +193,6 @@ def orientations() -> Array:
 
 def _bodies(nominal: NominalCell, frames: set[str]) -> list[Body]:
     return [body for body in nominal.bodies if body.moves_with in frames]
-
-
-def _joined(meshes: list[Mesh]) -> Mesh:
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces), "part and table")
 
 
 def _feed(sha: hashlib._Hash, *arrays: NDArray[np.generic]) -> None:

@@ -226,9 +226,8 @@ class LiveScan:
         self._parts.append((sensed, len(chunk)))
         self._images += images
         job, pipeline = finishing.job, finishing.pipeline
-        nominal = job.loaded.nominal
         with self._watch.measure("reconstruct"):
-            cloud = pipeline.reconstruct(nominal, chunk, sensed.profiles, job.setup, normals=False)[0]
+            cloud = pipeline.reconstruct(job.loaded.estimated, chunk, sensed.profiles, job.setup, normals=False)[0]
             points = self._chunk(cloud, finishing)
         self._sensed += len(chunk)
         if len(cloud):
@@ -237,9 +236,7 @@ class LiveScan:
 
     def _chunk(self, cloud: Cloud, finishing: Finishing) -> LiveChunk:
         loaded = finishing.job.loaded
-        found = deviation_from_mesh(
-            cloud, loaded.part_surface, finishing.pipeline.threads, signed=loaded.nominal.part.is_closed
-        )
+        found = deviation_from_mesh(cloud, loaded.part_surface, finishing.pipeline.threads)
         return LiveChunk(
             cloud.points_in_part, cloud.intensity, cloud.quality, cloud.sigma, cloud.camera, found.signed, cloud.time
         )

@@ -11,8 +11,8 @@ from scancell.cell.recording import read_recording
 from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
-from scancell.geometry.mesh import load_mesh
 from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
+from scancell.nominal.parts import load_part
 from scancell.planning.plan_file import read_plan
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import read_ply, read_ply_comments
@@ -66,7 +66,7 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
     setup, made = load_resolved(folder / "resolved.toml")
     file = Path(made["part"])
     beside = folder / file.name
-    part = load_mesh(beside if beside.is_file() and not file.is_file() else file, made["unit"])
+    part = load_part(beside if beside.is_file() and not file.is_file() else file, made["unit"])
     cell = with_unknown_obstacles(nominal_cell(setup.cell, part), setup.cell)
     recording = read_recording(folder / "recording.parquet")
     plan = read_plan(folder / "plan.json") if (folder / "plan.json").is_file() else None

@@ -16,14 +16,14 @@ MOST_BYTES = 1 << 30  # of the files that are unpacked
 
 _START = "resolved.toml"
 _FILES = {_START, "recording.parquet", "plan.json", "cloud.ply"}
-_MESH = re.compile(r"\w[\w .+-]*\.(stl|obj|ply)", re.IGNORECASE)
+_PART = re.compile(r"\w[\w .+-]*\.(stl|obj|ply|toml)", re.IGNORECASE)
 
 
 def open_archive(content: bytes, name: str, most_bytes: int = MOST_BYTES) -> RecordedRun:
     """Read a run from a zip file of its folder.
 
     Only files that `open_run` reads are unpacked, into a temporary folder under names of their own: no path of the
-    archive is followed. A mesh beside them is used as the part where the file that the run names is missing.
+    archive is followed. A mesh or artefact beside them is the part where the file that the run names is missing.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def _unpack(archive: zipfile.ZipFile, name: str, folder: Path, most: int) -> Non
     wanted = {}
     for entry in entries:
         path = PurePosixPath(entry.filename)
-        if path.parent == starts[0].parent and (path.name in _FILES or _MESH.fullmatch(path.name)):
+        if path.parent == starts[0].parent and (path.name in _FILES or _PART.fullmatch(path.name)):
             wanted[path.name] = entry
     size = sum(entry.file_size for entry in wanted.values())
     if size > most:

@@ -20,10 +20,11 @@ from scancell.config.cell import CellDescription
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
-from scancell.geometry.mesh import Mesh, load_mesh
+from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
 from scancell.jobs.guard_job import settings_of
 from scancell.nominal.cell import nominal_cell
+from scancell.nominal.parts import load_part
 from scancell.studies.guard.campaign import Campaign, RunRow
 from scancell.studies.guard.mutations import MUTATIONS, Mutation
 from scancell.studies.guard.rows import RowFile, summary, tables
@@ -69,7 +70,7 @@ def campaign_of(options: CampaignOptions, folder: Path | None = None) -> Campaig
 
 
 def _loaded(options: CampaignOptions) -> tuple[CellDescription, Mesh]:
-    return load_setup(options.cell).cell, load_mesh(options.part, options.unit)
+    return load_setup(options.cell).cell, load_part(options.part, options.unit)
 
 
 _kept = cache(campaign_of)  # a worker process keeps its cell

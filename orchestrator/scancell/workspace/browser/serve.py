@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PartFile:
-    """A mesh file and its unit."""
+    """The file of a part, and the unit of a mesh."""
 
     path: Path
     unit: str = "mm"

@@ -10,13 +10,13 @@ from typing import Any, Protocol
 from PIL import Image
 
 from scancell.errors import DescriptionError
+from scancell.nominal.parts import PART_FORMATS
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.handles import Follower, set_changed, small_html
 from scancell.workspace.browser.recording import SessionRecording
 from scancell.workspace.live_state import LiveState
 
 _UNITS = ("mm", "m", "inch")
-_SUFFIXES = (".stl", ".obj", ".ply")
 _PICTURE = (720, 1280)  # px, height and width
 
 
@@ -24,7 +24,7 @@ class Opener(Protocol):
     """Shows something else."""
 
     def open_part(self, name: str, content: bytes, unit: str) -> None:
-        """Show the cell with a mesh file, by its name, content and unit."""
+        """Show the cell with the file of a part, by its name, content and unit."""
 
     def open_run(self, name: str, content: bytes) -> None:
         """Play back a run, by the name and content of a zip file of its folder."""
@@ -36,7 +36,7 @@ class FilePanel:
     def __init__(self, gui: Any, desk: Desk, opener: Opener, recording: SessionRecording) -> None:
         self._desk, self._opener, self._recording = desk, opener, recording
         self._unit = gui.add_dropdown("unit of the mesh", _UNITS)
-        self._upload = gui.add_upload_button("Open a part (STL, OBJ, PLY)", mime_type=",".join(_SUFFIXES))
+        self._upload = gui.add_upload_button("Open a part (STL, OBJ, PLY, TOML)", mime_type=",".join(PART_FORMATS))
         self._run = gui.add_upload_button("Open a run (zip of a run folder)", mime_type=".zip,application/zip")
         self._record = gui.add_checkbox("Record (MCAP)", recording.is_on)
         self._shown_record = Follower(self._record)
@@ -76,8 +76,8 @@ class FilePanel:
     def _open(self) -> None:
         file = self._upload.value
         name = PurePath(file.name).name
-        if Path(name).suffix.lower() not in _SUFFIXES:
-            raise DescriptionError(f"{name}: expected a mesh file, {', '.join(_SUFFIXES)}")
+        if Path(name).suffix.lower() not in PART_FORMATS:
+            raise DescriptionError(f"{name}: expected the file of a part, {', '.join(PART_FORMATS)}")
         self._opener.open_part(name, file.content, self._unit.value)
 
     def _take_picture(self) -> None:

@@ -1,0 +1,183 @@
+"""`scancell calibrate`: find the deviations of a cell, or of a sensor, from its description."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast
+
+import typer
+
+from scancell.cli.common import (
+    AsBuiltOption,
+    JsonOption,
+    Outcome,
+    SeedOption,
+    SensorOption,
+    SetOption,
+    ThreadsOption,
+    show_progress,
+)
+from scancell.cli.common import run as run_command
+from scancell.config.choices import CalibrationTarget, Engine, SensorTarget
+from scancell.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from scancell.progress import Progress
+
+# Parameters of the calibration of a cell alone, and of simulated targets alone.
+_OF_CELL = ("artefact", "wobble", "poses", "passes", "random_poses", "robot_noise", "engine", "sensor")
+_OF_SIMULATION = ("target", "pose", "as_built")
+
+
+def calibrate(
+    context: typer.Context,
+    what: Annotated[
+        Literal["tool", "table", "latency", "all", "sensor"],
+        typer.Argument(
+            help="pose of the sensor on the flange, axis of the table, delay of the exposures, or all;"
+            " or cameras and laser sheet of the sensor"
+        ),
+    ],
+    description: Annotated[
+        Path | None,
+        typer.Argument(metavar="[CELL|SENSOR]", help="cell or sensor description (TOML); the shipped one by default"),
+    ] = None,
+    artefact: Annotated[
+        Path | None,
+        typer.Option(
+            "--artefact",
+            help="artefact description (TOML), or the mesh of any part; default: a sphere, or a ball plate",
+        ),
+    ] = None,
+    target: Annotated[
+        list[str] | None,
+        typer.Option("--target", help="what the sensor sees: ball (default), step, checkered; repeatable"),
+    ] = None,
+    from_points: Annotated[
+        Path | None,
+        typer.Option(
+            "--from-points",
+            help="points and joints of a real cell, or peaks of a real sensor (CSV, Parquet), not simulated",
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", help="folder for the calibrated description, figures and points")
+    ] = Path("out/calibration"),
+    also: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--also",
+            metavar="NAME",
+            help="further deviation to find: dh[3].theta, sensor.camera[1].distortion[2]; repeatable",
+        ),
+    ] = None,
+    wobble: Annotated[bool, typer.Option("--wobble", help="also find the wobble of the table axis")] = False,
+    poses: Annotated[int | None, typer.Option("--poses", min=0, help="exposures at rest; default 24")] = None,
+    passes: Annotated[
+        int | None, typer.Option("--passes", min=0, help="passes over the artefact in motion; default 8 for latency")
+    ] = None,
+    pose: Annotated[
+        Literal["described", "unknown"] | None,
+        typer.Option("--pose", help="whether the artefact, or stage of the target, is exactly where it is said to be"),
+    ] = None,
+    unknown_size: Annotated[
+        bool, typer.Option("--unknown-size", help="also find the sizes of the shapes of artefact or target")
+    ] = False,
+    random_poses: Annotated[
+        bool, typer.Option("--random-poses", help="poses at random, instead of by their expected covariance")
+    ] = False,
+    robot_noise: Annotated[
+        Literal["none", "joints", "flange"],
+        typer.Option("--robot-noise", help="random errors of the robot that the covariance includes"),
+    ] = "flange",
+    engine: Annotated[Engine, typer.Option("--engine", help="rendered images, or ideal ray intersection")] = (
+        "geometric"
+    ),
+    sensor: SensorOption = None,
+    set_: SetOption = None,
+    as_built: AsBuiltOption = None,
+    seed: SeedOption = 0,
+    threads: ThreadsOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Scan an artefact, find the deviations of the cell, and write a calibrated cell; or likewise of a sensor."""
+
+    def cell_report(progress: Progress) -> _Report:
+        from scancell.config.loading import load_setup  # noqa: PLC0415
+        from scancell.jobs.calibration_job import CalibrationRequest  # noqa: PLC0415
+        from scancell.scanner import Scanner  # noqa: PLC0415
+
+        _refuse(context, what, ("target",))
+        request = CalibrationRequest(
+            what=cast(CalibrationTarget, what),
+            also=tuple(also or ()),
+            wobble=wobble,
+            poses=poses,
+            passes=passes,
+            is_pose_known=None if pose is None else pose == "described",
+            is_size_known=not unknown_size,
+            designed=not random_poses,
+            robot_noise=robot_noise,
+            pose_seed=seed,
+        )
+        with Scanner.from_setup(load_setup(description, sensor, None, set_ or []), threads) as scanner:
+            return scanner.calibrate(
+                request,
+                artefact,
+                engine=engine,
+                as_built=as_built or (),
+                seed=seed,
+                from_points=from_points,
+                progress=progress,
+            )
+
+    def sensor_report(progress: Progress) -> _Report:
+        from scancell.config.loading import load_setup  # noqa: PLC0415
+        from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest  # noqa: PLC0415
+        from scancell.scanner import Scanner  # noqa: PLC0415
+
+        _refuse(context, what, _OF_CELL)
+        if from_points is not None:
+            _refuse(context, "sensor --from-points", _OF_SIMULATION)
+        request = SensorCalibrationRequest(
+            targets=cast("tuple[SensorTarget, ...]", tuple(target or ("ball",))),
+            from_points=from_points,
+            is_pose_known=pose != "unknown",
+            is_size_known=not unknown_size,
+            also=tuple(also or ()),
+        )
+        with Scanner.from_setup(load_setup(None, description, None, set_ or []), threads) as scanner:
+            return scanner.calibrate_sensor(request, as_built=as_built or (), seed=seed, progress=progress)
+
+    def work() -> Outcome:
+        with show_progress(as_json) as progress:
+            report = sensor_report(progress) if what == "sensor" else cell_report(progress)
+        files = report.save(out)
+        written = next(file for file in files if file.name.startswith("calibrated"))
+        lines = [*report.lines(), f"  calibrated {'sensor' if what == 'sensor' else 'cell  '}  {written}"]
+        return Outcome(lines, report.figures(), [str(file) for file in files], report.warnings)
+
+    run_command("calibrate", as_json, work)
+
+
+class _Report(Protocol):
+    """Report of a calibration."""
+
+    @property
+    def warnings(self) -> list[str]: ...
+
+    def lines(self) -> list[str]: ...
+
+    def figures(self) -> dict[str, Any]: ...
+
+    def save(self, folder: str | Path) -> list[Path]: ...
+
+
+def _refuse(context: typer.Context, what: str, names: Sequence[str]) -> None:
+    """Refuse options that do not apply."""
+    for name in names:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            option = "--" + name.replace("_", "-")
+            raise DescriptionError(f"{option}: does not apply to calibrate {what}")

@@ -1,0 +1,210 @@
+"""Cloud against an artefact of exact shape: alignment, points of each face, figures, outliers, missing points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.config.choices import Align
+from scancell.errors import FitError
+from scancell.evaluation.alignment import MOST_POINTS, DatumPlane, best_fit, datum_fit
+from scancell.evaluation.characteristics import Characteristic, FittedFace, characteristics, fitted_face
+from scancell.evaluation.deviation import DeviationFigures
+from scancell.evaluation.faces import Face, assign, faces_of
+from scancell.evaluation.mesh_evaluation import alignment_json
+from scancell.geometry import pose
+from scancell.geometry.sampling import sample_surface
+from scancell.geometry.shapes import ShapeGroup
+
+Array = NDArray[np.float64]
+
+REACH = 2e-3  # m
+GUARD = 1e-3  # m
+_LEAST_POINTS = 20  # of a face with figures of its own
+_SAMPLES = 20_000  # of the artefact's surface, for missing points
+_TOLERANCE = 1e-3  # m: a sample with no point within is missing
+_COARSE = 100e-6  # m: chord error of the surface that is sampled
+
+
+@dataclass(frozen=True)
+class ArtefactEvaluation:
+    """Comparison of n points with an artefact.
+
+    Attributes
+    ----------
+    points_in_artefact
+        (n, 3) aligned points, m.
+    artefact_from_cloud
+        (4, 4) alignment.
+    face, signed
+        (n,) number of the measured face, -1 for none, and signed distance from the nominal artefact, m.
+    faces
+        Faces with enough points, and their fits.
+    unfitted
+        Faces with points that do not determine them, and why.
+    figures
+        Statistics of the signed distances of the points that belong to a face.
+    outlier_rate
+        Share of the points that lie farther than the reach from every shape.
+    missing_rate
+        Share of each face (by name) without a point within 1 mm, away from edges.
+    """
+
+    artefact: ShapeGroup
+    points_in_artefact: Array
+    artefact_from_cloud: Array
+    align: Align
+    face: NDArray[np.int64]
+    signed: Array
+    faces: tuple[FittedFace, ...]
+    unfitted: dict[str, str]
+    characteristics: tuple[Characteristic, ...]
+    figures: DeviationFigures
+    outlier_rate: float
+    missing_rate: dict[str, float]
+    reach: float
+    guard: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data for ``evaluation.json``."""
+        return {
+            "artefact": self.artefact.source,
+            "what": "figures in the style of VDI/VDE 2634-2 and -3, ISO 10360-8 and -13; least-squares elements; "
+            "standard uncertainties from the covariance of the fits",
+            "alignment": alignment_json(self.align, self.artefact_from_cloud),
+            "reach_mm": 1e3 * self.reach,
+            "edge_guard_mm": 1e3 * self.guard,
+            "all": self.figures.as_um(),
+            "outlier_rate": self.outlier_rate,
+            "missing_rate": {name: rate if rate >= 0 else None for name, rate in self.missing_rate.items()},
+            "unfitted": self.unfitted,
+            "points": {one.face.name: len(one.points) for one in self.faces},
+            "characteristics": self.rows(),
+        }
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each characteristic, for JSON and CSV."""
+        return [one.as_row() for one in self.characteristics]
+
+
+def evaluate_against_artefact(
+    points: Array,
+    artefact: ShapeGroup,
+    align: Align = "none",
+    datum: Sequence[str] = (),
+    *,
+    reach: float = REACH,
+    guard: float = GUARD,
+) -> ArtefactEvaluation:
+    """Align points (n, 3), m, to an artefact, and measure it from them.
+
+    Parameters
+    ----------
+    datum
+        For ``align="datum"``: three plane faces in order of precedence, or any faces to which alone the points are
+        fitted; by default all measured faces.
+    reach
+        Largest distance of a point from the face that it belongs to, m.
+    guard
+        Points nearer to an edge do not count, m.
+
+    Raises
+    ------
+    FitError
+        If no face has enough points, or they do not determine the alignment.
+    """
+    faces = faces_of(artefact)
+    moved = _alignment(points, artefact, faces, align, datum, reach, guard)
+    aligned = points if align == "none" else pose.transform_points(moved, points)
+    assigned = assign(aligned, artefact, faces, reach, guard)
+    counts = np.bincount(assigned.face + 1, minlength=len(faces) + 1)[1:]
+    measured, unfitted = [], {}
+    for number, face in enumerate(faces):
+        if counts[number] >= _LEAST_POINTS:
+            try:
+                measured.append(fitted_face(face, aligned[assigned.face == number]))
+            except FitError as error:
+                unfitted[face.name] = str(error)
+    if not measured:
+        raise FitError(
+            f"{artefact.source}: no face has {_LEAST_POINTS} points within {1e3 * reach:g} mm; "
+            "is the cloud in the frame of the artefact?"
+        )
+    signed = artefact.nearest(aligned)[0]
+    return ArtefactEvaluation(
+        artefact=artefact,
+        points_in_artefact=aligned,
+        artefact_from_cloud=moved,
+        align=align,
+        face=assigned.face,
+        signed=signed,
+        faces=tuple(measured),
+        unfitted=unfitted,
+        characteristics=tuple(characteristics(measured)),
+        figures=DeviationFigures.of(np.concatenate([one.signed for one in measured])),
+        outlier_rate=float(assigned.outlier.mean()),
+        missing_rate=_missing(aligned, artefact, faces, measured, guard),
+        reach=reach,
+        guard=guard,
+    )
+
+
+def _alignment(
+    points: Array,
+    artefact: ShapeGroup,
+    faces: list[Face],
+    align: Align,
+    datum: Sequence[str],
+    reach: float,
+    guard: float,
+) -> Array:
+    if align == "none":
+        return np.eye(4)
+    known = [face.name for face in faces]
+    unknown = [name for name in datum if name not in known]
+    if unknown:
+        raise FitError(f"datum: {artefact.source} has no face {unknown[0]}; expected {', '.join(known)}")
+    start = best_fit(points, lambda at: artefact.nearest(at)[:2])
+    if align == "best-fit":
+        return start
+    chosen = [known.index(name) for name in (datum or known)]
+    assigned = assign(pose.transform_points(start, points), artefact, faces, reach, guard).face
+    if len(chosen) == 3 and all(faces[number].kind == "plane" for number in chosen):
+        planes = [(DatumPlane(faces[k].point, faces[k].axis), points[assigned == k]) for k in chosen]
+        return datum_fit(planes)
+    rows = np.flatnonzero(np.isin(assigned, chosen))
+    numbers = assigned[rows]
+
+    def distances(at: Array) -> tuple[Array, Array]:
+        signed, normal = np.zeros(len(at)), np.zeros_like(at)
+        for number in chosen:
+            own = numbers == number
+            signed[own], normal[own] = faces[number].distances(at[own])[:2]
+        return signed, normal
+
+    # As many as `best_fit` uses, so that it leaves none out.
+    step = max(1, len(rows) // MOST_POINTS)
+    rows, numbers = rows[::step], numbers[::step]
+    return best_fit(pose.transform_points(start, points[rows]), distances) @ start
+
+
+def _missing(
+    points: Array, artefact: ShapeGroup, faces: list[Face], measured: Sequence[FittedFace], guard: float
+) -> dict[str, float]:
+    """Share of the samples of each measured face without a point near them; those near edges are left out."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415
+
+    samples, _ = sample_surface(artefact.mesh(_COARSE), _SAMPLES, 0)
+    samples = samples[artefact.nearest(samples)[0] > -2 * _COARSE]  # the others lie inside another shape
+    owner = assign(samples, artefact, faces, 2 * _COARSE, guard).face
+    far = cKDTree(points).query(samples, distance_upper_bound=_TOLERANCE)[0] > _TOLERANCE
+    names = [face.name for face in faces]
+    rates = {}
+    for one in measured:
+        own = owner == names.index(one.face.name)
+        rates[one.face.name] = float(far[own].mean()) if own.any() else float("nan")
+    return rates

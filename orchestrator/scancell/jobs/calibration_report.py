@@ -1,0 +1,160 @@
+"""Report of a calibration: deviations with uncertainty, the calibrated cell, files."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scancell.calibration.kinematics import written_unit
+from scancell.calibration.result import CalibrationResult
+from scancell.config.cell import CellDescription
+from scancell.config.estimated import EstimatedDescription
+from scancell.config.loading import Setup
+from scancell.jobs.calibration import Calibration
+from scancell.jobs.calibration_points import write_points
+from scancell.output.manifest import manifest, resolved_toml
+from scancell.output.residual_picture import residual_picture
+from scancell.output.run_files import write_json
+from scancell.output.run_folder import RunFolder
+from scancell.planning.plan_file import plan_json
+
+_DOUBTFUL = 3.0  # times the stated noise of points, from which a warning says so
+
+
+@dataclass(frozen=True)
+class Row:
+    """A calibrated deviation in `unit`: value, half width of its interval, and where known the true value."""
+
+    name: str
+    unit: str
+    value: float
+    half_width: float
+    true: float | None = None
+
+    @property
+    def error(self) -> float | None:
+        """Value minus true value."""
+        return None if self.true is None else self.value - self.true
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """A calibration of a described cell.
+
+    Attributes
+    ----------
+    true
+        True deviations by name, SI, where the cell is simulated.
+    probability
+        Of the intervals.
+    """
+
+    calibration: Calibration
+    setup: Setup
+    inputs: Sequence[Path]
+    run: Mapping[str, Any]
+    true: Mapping[str, float] | None = None
+    probability: float = 0.95
+
+    @property
+    def result(self) -> CalibrationResult:
+        """The solution."""
+        return self.calibration.result
+
+    @property
+    def estimated(self) -> EstimatedDescription:
+        """The estimated deviations as a section of the cell's description."""
+        return EstimatedDescription.of(self.result.deviations, len(self.setup.cell.robot.joint))
+
+    @property
+    def cell(self) -> CellDescription:
+        """The calibrated cell."""
+        return self.setup.cell.model_copy(update={"estimated": self.estimated})
+
+    @property
+    def rows(self) -> list[Row]:
+        """The deviations that were found."""
+        found = zip(self.result.names, self.result.values, self.result.half_widths(self.probability), strict=True)
+        rows = []
+        for name, value, half in found:
+            unit, scale = written_unit(name)
+            true = None if self.true is None else self.true.get(name, 0.0) / scale
+            rows.append(Row(name, unit, float(value / scale), float(half / scale), true))
+        return rows
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is doubtful."""
+        planned = self.calibration.planned
+        found = list(planned.plan.warnings) if planned is not None else []
+        if self.result.noise_of_points > _DOUBTFUL:
+            found.append(
+                f"points scatter {self.result.noise_of_points:.1f} times as much as their stated sigma: is the artefact"
+                " the described one, and does the cell have other deviations than those to find?"
+            )
+        return found
+
+    def figures(self) -> dict[str, Any]:
+        """Plain figures, in the units that their names state."""
+        result = self.result
+        return {
+            "deviations": [{**asdict(row), "error": row.error} for row in self.rows],
+            "probability": self.probability,
+            "covariance_si": result.covariance.tolist(),
+            "observability": [
+                {"direction": one.text(result.names), "standard_deviation_mm_mrad_ms": one.standard_deviation}
+                for one in result.directions
+            ],
+            "degrees_of_freedom": result.degrees_of_freedom.tolist(),
+            "exposures": len(np.unique(result.frame)),
+            "points": result.points,
+            "points_used": len(result.residuals),
+            "rms_um": 1e6 * result.rms,
+            "noise_of_points": result.noise_of_points,
+            "noise_of_robot_si": list(result.noise_of_robot),
+            "artefact_position_mm": (1e3 * result.platter_from_artefact[:3, 3]).tolist(),
+            "size_errors_um": (1e6 * result.sizes).tolist(),
+        }
+
+    def lines(self) -> list[str]:
+        """The figures as lines of text."""
+        result = self.result
+        percent = f"{100 * self.probability:g} %"
+        lines = [
+            f"{len(result.residuals)} of {result.points} points of {len(np.unique(result.frame))} exposures, "
+            f"RMS {1e6 * result.rms:.2f} um",
+            f"  {'deviation':24} {'estimate':>10}   {percent + ' interval':>14}"
+            + ("" if self.true is None else f" {'true':>10} {'error':>10}"),
+        ]
+        for row in self.rows:
+            text = f"  {row.name + ' ' + row.unit:24} {row.value:10.5f} +- {row.half_width:12.5f} "
+            if row.true is not None and row.error is not None:
+                inside = "" if abs(row.error) <= row.half_width else "  outside"
+                text += f" {row.true:10.5f} {row.error:10.5f}{inside}"
+            lines.append(text)
+        return lines
+
+    def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
+        """Write ``calibrated.toml``, ``calibration.json``, ``points.parquet``, ``residuals.png`` and the manifest.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written.
+        """
+        with RunFolder(Path(folder)) as run:
+            if self.calibration.planned is not None:
+                write_json(run.path("plan.json"), plan_json(self.calibration.planned.plan))
+            self.cell.to_toml(run.path("calibrated.toml"))
+            write_json(run.path("calibration.json"), self.figures())
+            write_points(self.calibration.problem.observations, run.path("points.parquet"))
+            residual_picture(run.path("residuals.png"), self.result.residuals, self.result.frame)
+            run.path("resolved.toml").write_text(resolved_toml(self.setup, self.run))
+            entries = {**self.run, "command_line": list(sys.argv[1:] if command_line is None else command_line)}
+            write_json(run.path("manifest.json"), manifest(self.setup, self.inputs, entries))
+        return [Path(folder) / name for name in run.names]

@@ -1,0 +1,101 @@
+"""Parts from their files: a mesh, or the description of an artefact of exact shape."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from scancell.config.artefact import ArtefactDescription
+from scancell.config.units import to_si
+from scancell.errors import MeshError
+from scancell.geometry.mesh import FORMATS, METRES_PER_UNIT, Mesh, load_mesh
+from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, Shape, ShapeGroup, Sphere
+from scancell.nominal.poses import pose_matrix
+
+PART_FORMATS = (*FORMATS, ".toml")
+
+_MOST_KEPT = 2
+
+_SHAPES: dict[str, Callable[[dict[str, Any]], Shape]] = {
+    "sphere": lambda si: Sphere(si["diameter"] / 2),
+    "plane": lambda si: Plane(*si["size"]),
+    "box": lambda si: Box(*si["size"]),
+    "cylinder": lambda si: Cylinder(si["diameter"] / 2, si["height"]),
+    "cone": lambda si: Cone(si["bottom_diameter"] / 2, si["top_diameter"] / 2, si["height"]),
+    "ring": lambda si: Ring(si["inner_diameter"] / 2, si["outer_diameter"] / 2, si["height"]),
+}
+
+
+def shape_group(artefact: ArtefactDescription, source: str | None = None) -> ShapeGroup:
+    """The shapes of an artefact in the part frame, m; `source` is its file, by default its name."""
+    shapes = [
+        PlacedShape(one.name, _SHAPES[one.kind](to_si(one.model_dump())), pose_matrix(one.pose), one.role)
+        for one in artefact.shape
+    ]
+    return ShapeGroup(tuple(shapes), source or artefact.name)
+
+
+def load_part(path: str | Path, unit: str = "mm") -> Mesh:
+    """Read a part: an STL, OBJ or PLY file in `unit` (mm, m or inch), or an artefact (TOML), whose keys have units.
+
+    The mesh of an artefact is a `ShapeMesh`: a tessellation that holds the exact shapes.
+
+    Raises
+    ------
+    MeshError
+        With the file and the fault, see `load_mesh`.
+    DescriptionError
+        Naming the file of an artefact, key, value and what was expected.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".toml":
+        return load_mesh(path, unit)
+    if unit not in METRES_PER_UNIT:
+        raise MeshError(f"{path}: unit {unit!r} is not known; expected one of {', '.join(METRES_PER_UNIT)}")
+    return load_artefact(path).mesh()
+
+
+def load_artefact(path: str | Path) -> ShapeGroup:
+    """Read the shapes of an artefact (TOML), in the part frame, m.
+
+    Raises
+    ------
+    DescriptionError
+        Naming file, key, value and what was expected.
+    """
+    return shape_group(ArtefactDescription.from_toml(Path(path)), str(path))
+
+
+class PartCache:
+    """Parts from files; the two used last are kept."""
+
+    def __init__(self) -> None:
+        self._parts: OrderedDict[tuple[str, str, int, int], Mesh] = OrderedDict()
+
+    def part(self, part: str | Path | Mesh, unit: str) -> Mesh:
+        """The part of a file, see `load_part`, or the mesh itself; a file is read again only when it has changed.
+
+        Raises
+        ------
+        ScancellError
+            If the file is missing, unreadable, empty or broken.
+        """
+        if isinstance(part, Mesh):
+            if not len(part.faces):
+                raise MeshError(f"{part.source or 'mesh'}: has no faces")
+            return part
+        path = Path(part)
+        status = path.stat() if path.is_file() else None
+        key = (str(path.absolute()), unit, status.st_mtime_ns if status else 0, status.st_size if status else 0)
+        if key not in self._parts:
+            self._parts[key] = load_part(path, unit)
+        self._parts.move_to_end(key)
+        if len(self._parts) > _MOST_KEPT:
+            self._parts.popitem(last=False)
+        return self._parts[key]
+
+    def clear(self) -> None:
+        """Forget all parts."""
+        self._parts.clear()

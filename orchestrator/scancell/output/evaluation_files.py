@@ -1,0 +1,55 @@
+"""Files of an evaluation: figures as JSON and CSV, and a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from scancell.evaluation.artefact import ArtefactEvaluation
+from scancell.evaluation.deviation import Deviation
+from scancell.evaluation.mesh_evaluation import MeshEvaluation
+from scancell.geometry.part_surface import PartSurface
+from scancell.output.deviation_picture import deviation_picture
+from scancell.output.run_files import write_json
+from scancell.output.run_folder import RunFolder
+from scancell.output.tables import columns_of, write_csv
+
+
+def write_evaluation(evaluation: MeshEvaluation | ArtefactEvaluation, folder: RunFolder) -> None:
+    """Write ``evaluation.json``, ``evaluation.csv`` (one row per characteristic or region) and ``evaluation.png``.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    write_json(folder.path("evaluation.json"), evaluation.as_json())
+    write_csv(folder.path("evaluation.csv"), columns_of(evaluation.rows()))
+    path = folder.path("evaluation.png")
+    if isinstance(evaluation, MeshEvaluation):
+        _draw_mesh(evaluation, path)
+    else:
+        draw_artefact(evaluation, path)
+
+
+def _draw_mesh(evaluation: MeshEvaluation, path: Path) -> None:
+    deviation = Deviation(evaluation.signed, evaluation.face, evaluation.figures, {}, {}, evaluation.is_signed)
+    name = Path(evaluation.mesh.source).stem
+    deviation_picture(path, evaluation.points_in_part, deviation, evaluation.mesh, name=name)
+
+
+def draw_artefact(evaluation: ArtefactEvaluation, path: Path) -> None:
+    """Picture (PNG) of the deviation of the points on measured faces.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    mesh = evaluation.artefact.mesh()
+    shown = np.flatnonzero(evaluation.face >= 0)
+    points = evaluation.points_in_artefact[shown]
+    face = PartSurface(mesh).distances(points)[1].astype(np.int32)
+    deviation = Deviation(evaluation.signed[shown], face, evaluation.figures, {}, {})
+    deviation_picture(path, points, deviation, mesh, name=Path(evaluation.artefact.source).stem)

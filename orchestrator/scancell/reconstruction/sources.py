@@ -1,0 +1,51 @@
+"""Clouds and points from what a person names: a file, a run folder, or the data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.errors import DescriptionError
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.cloud_files import read_ply
+from scancell.reconstruction.cloud_files.points import read_points
+
+Array = NDArray[np.float64]
+
+
+def points_of(cloud: str | Path | Cloud | Array) -> Array:
+    """Points (n, 3), m, of a cloud, a cloud file in mm, or a run folder.
+
+    Raises
+    ------
+    DescriptionError
+        If the file is missing, of another kind, broken or without points.
+    """
+    if isinstance(cloud, Cloud):
+        return cloud.points_in_part
+    if isinstance(cloud, np.ndarray):
+        return np.asarray(cloud, float)
+    return read_points(_file(Path(cloud)))
+
+
+def cloud_of(run: str | Path | Cloud) -> Cloud:
+    """Cloud of a run folder, or of a PLY file that scancell has written.
+
+    Raises
+    ------
+    MeshError
+        If the file is missing or not a cloud of scancell.
+    DescriptionError
+        If the folder holds no ``cloud.ply``.
+    """
+    return run if isinstance(run, Cloud) else read_ply(_file(Path(run)))
+
+
+def _file(path: Path) -> Path:
+    if not path.is_dir():
+        return path
+    if not (path / "cloud.ply").is_file():
+        raise DescriptionError(f"{path}: holds no cloud.ply; expected a run folder with one, or a cloud file")
+    return path / "cloud.ply"

@@ -1,0 +1,1 @@
+"""Acceptance test of a sensor in the simulated cell: artefacts over the measuring range, in both scan modes."""

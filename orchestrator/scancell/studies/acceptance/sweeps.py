@@ -1,0 +1,121 @@
+"""Signed bias and standard deviation of the sensor against range, angles, reflectance and speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scancell.config.choices import Engine
+from scancell.config.loading import Setup
+from scancell.evaluation.plane_trial import Linearity, PlaneReading, PlaneTarget, linearity, measure_plane
+from scancell.progress import Progress
+from scancell.scanning.sense import Sensors, make_sensors
+from scancell.studies.acceptance.programme import Programme
+
+_RANGE_MARGIN = 0.02  # of the measuring range, left free at both ends
+_STEEPEST = np.radians(60.0)
+_REFLECTANCES = (0.02, 0.95)
+_SLOPE = np.radians(30.0)  # of the moving target: motion along a level one changes nothing
+_FASTEST = 4.0  # times the speed of the passes
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Figures of a matt plane while one thing changes; `values` in `unit`, one of `rows` for each."""
+
+    name: str
+    unit: str
+    values: tuple[float, ...]
+    rows: tuple[dict[str, Any], ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "name": self.name,
+            "unit": self.unit,
+            "rows": [{"value": value, **row} for value, row in zip(self.values, self.rows, strict=True)],
+        }
+
+
+@dataclass(frozen=True)
+class SensorSweeps:
+    """All sweeps, and the linearity over the range."""
+
+    sweeps: tuple[Sweep, ...]
+    linearity: Linearity
+
+
+def sensor_sweeps(
+    setup: Setup,
+    as_built: Sequence[str],
+    programme: Programme,
+    engine: Engine,
+    seed: int,
+    threads: int,
+    progress: Progress,
+) -> SensorSweeps:
+    """Expose a matt plane at rest, or moving, in front of the sensor alone.
+
+    Raises
+    ------
+    ScancellError
+        If the sensor is wrong.
+    """
+    sensors = make_sensors(setup.sensor, as_built, seed)
+    quiet = setup.sensor.replace({"render.noise": False})
+    ideal = make_sensors(quiet, as_built, seed)
+    listed = _targets(setup, programme.steps)
+    progress.stage("sensor", sum(len(values) for _, _, values, _ in listed), "targets")
+    found, over_range = [], Linearity(float("nan"), float("nan"))
+    for name, unit, values, target in listed:
+        readings = [
+            _reading(sensors, ideal, target(value), programme.exposures, engine, threads, progress) for value in values
+        ]
+        rows = tuple(one.figures().as_row() for one in readings)
+        found.append(Sweep(name, unit, tuple(values), rows))
+        seen = [one for one in readings if len(one.signed)]
+        if name == "range" and len(seen) > 2:
+            over_range = linearity(seen)
+    return SensorSweeps(tuple(found), over_range)
+
+
+def _reading(
+    sensors: Sensors,
+    ideal: Sensors,
+    target: PlaneTarget,
+    exposures: int,
+    engine: Engine,
+    threads: int,
+    progress: Progress,
+) -> PlaneReading:
+    progress.advance(1)
+    return measure_plane(sensors, ideal, target, exposures, engine, threads)
+
+
+def _targets(setup: Setup, steps: int) -> list[tuple[str, str, list[float], Callable[[float], PlaneTarget]]]:
+    """Name, unit, values and target of each sweep."""
+    near, far = setup.sensor.range.near_mm, setup.sensor.range.far_mm
+    free, middle = _RANGE_MARGIN * (far - near), 0.5e-3 * (near + far)
+    steepest = float(np.degrees(_STEEPEST))
+    angles = np.linspace(-steepest, steepest, steps).tolist()
+    fastest = _FASTEST * setup.scan.raster.speed_mm_s
+    return [
+        ("range", "mm", np.linspace(near + free, far - free, steps).tolist(), lambda z: PlaneTarget(1e-3 * z)),
+        ("in-plane angle", "deg", angles, lambda angle: PlaneTarget(middle, in_plane=np.radians(angle))),
+        ("out-of-plane angle", "deg", angles, lambda angle: PlaneTarget(middle, out_of_plane=np.radians(angle))),
+        (
+            "reflectance",
+            "1",
+            np.geomspace(*_REFLECTANCES, steps).tolist(),
+            lambda share: PlaneTarget(middle, reflectance=share),
+        ),
+        (
+            "speed",
+            "mm/s",
+            np.linspace(0.0, fastest, steps).tolist(),
+            lambda speed: PlaneTarget(middle, out_of_plane=_SLOPE, speed=1e-3 * speed),
+        ),
+    ]

@@ -1,0 +1,202 @@
+"""Accuracy of calibration from synthetic profiles: ``PYTHONPATH=tests python -m bench.calibration_figures``.
+
+Prints the tables of ``docs/calibration_figures.md`` and draws ``docs/pictures/calibration_poses.png``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration_data import REALISTIC, RobotErrors, SphereCase, misaligned, passing_sphere, sphere_views
+from scancell.calibration.design import design_poses
+from scancell.calibration.kinematics import LATENCY, PLATTER, TABLE, TOOL, AxisReadings, written_unit
+from scancell.calibration.solve import solve
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+Array = NDArray[np.float64]
+
+PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "calibration_poses.png"
+ALL = (*TOOL, *TABLE, *PLATTER, LATENCY)
+POSES, PASSES, PER_PASS, SPEED = 24, 6, 15, 0.05
+CANDIDATES = 600
+ROBOTS = {"perfect": RobotErrors(), "realistic": REALISTIC}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Errors (p,), SI, of a calibration, 95 % half widths (p,), and whether the joint region contains the truth."""
+
+    errors: Array
+    half_widths: Array
+    is_inside: bool
+
+
+def joined(*parts: AxisReadings) -> AxisReadings:
+    """Readings one after the other."""
+    fields = ("q", "table", "qd", "table_rate")
+    return AxisReadings(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
+
+
+def calibrate(readings: AxisReadings, robot: RobotErrors, free: tuple[str, ...], known: bool, seed: int) -> Trial:
+    """A calibration with random deviations; `known` is whether the pose of the sphere is."""
+    rng = np.random.default_rng([seed, 1])
+    case = SphereCase(misaligned(rng, *free), robot)
+    result = solve(case.problem(case.observe(readings, rng), free, is_pose_known=known))
+    true = np.array([case.deviations[name] for name in free])
+    return Trial(result.values - true, result.half_widths(), result.contains(true))
+
+
+def everything(robot: RobotErrors, seed: int) -> Trial:
+    """Tool, table, eccentricity and latency, from poses at rest and passes in motion."""
+    rng = np.random.default_rng([seed, 2])
+    still = AxisReadings.at_rest(*sphere_views(rng, POSES))
+    return calibrate(joined(still, passing_sphere(rng, PASSES, PER_PASS, SPEED)), robot, ALL, True, seed)
+
+
+def at_rest(robot: RobotErrors, seed: int) -> Trial:
+    """Tool and table from poses at rest; where the sphere is is not known."""
+    rng = np.random.default_rng([seed, 3])
+    return calibrate(AxisReadings.at_rest(*sphere_views(rng, POSES)), robot, TOOL + TABLE, False, seed)
+
+
+def with_poses(designed: bool, counts: Sequence[int], seed: int) -> Array:
+    """Errors (counts, p) of tool and table by a realistic robot, from random poses or designed ones."""
+    rng = np.random.default_rng([seed, 4])
+    readings = AxisReadings.at_rest(*sphere_views(rng, CANDIDATES))
+    rows = np.arange(CANDIDATES)
+    if designed:
+        exact = SphereCase(noise=0.0)
+        candidates = exact.problem(exact.observe(readings, rng), TOOL + TABLE, placed_off=(0.0, 0.0, 0.0))
+        noise = np.log([1.0, REALISTIC.position**2, REALISTIC.orientation**2])
+        rows = design_poses(candidates, noise, max(counts)).rows
+    trials = [calibrate(readings.rows(rows[:n]), REALISTIC, TOOL + TABLE, False, seed) for n in counts]
+    return np.array([trial.errors for trial in trials])
+
+
+def run_all(work: partial[Trial], seeds: int, workers: int) -> list[Trial]:
+    """Trials of all seeds."""
+    with ProcessPoolExecutor(workers) as pool:
+        return list(pool.map(work, range(seeds), chunksize=5))
+
+
+def length(errors: Array, names: Sequence[str], group: str, unit: str) -> Array:
+    """Length (n,) of the part of errors (n, p) that belongs to a group, in a unit."""
+    chosen = [i for i, name in enumerate(names) if name.startswith(group) and written_unit(name)[0] == unit]
+    return np.asarray(np.linalg.norm(errors[:, chosen], axis=1) / written_unit(names[chosen[0]])[1])
+
+
+def accuracy_rows(seeds: int, workers: int) -> Iterator[str]:
+    """Medians, as lines of a table."""
+    yield "| robot | unknowns | tool | table axis | eccentricity | latency |"
+    yield "|---|---|---|---|---|---|"
+    for name, robot in ROBOTS.items():
+        for work, free in ((everything, ALL), (at_rest, TOOL + TABLE)):
+            errors = np.array([trial.errors for trial in run_all(partial(work, robot), seeds, workers)])
+            cells = [
+                f"{1e3 * np.median(length(errors, free, group, 'mm')):.2f} um / "
+                f"{np.median(length(errors, free, group, 'deg')):.5f} deg"
+                for group in ("tool.", "table.")
+            ]
+            cells.append(
+                f"{1e3 * np.median(length(errors, free, 'platter.', 'mm')):.2f} um" if work is everything else ""
+            )
+            cells.append(f"{np.median(length(errors, free, LATENCY, 'ms')):.4f} ms" if work is everything else "")
+            yield f"| {name} | {len(free)} | {' | '.join(cells)} |"
+
+
+def coverage_rows(seeds: int, workers: int) -> Iterator[str]:
+    """How often intervals and regions of 95 % contain the truth, as lines of a table."""
+    trials = {name: run_all(partial(everything, robot), seeds, workers) for name, robot in ROBOTS.items()}
+    yield "| unknown | " + " | ".join(f"{name} robot" for name in trials) + " |"
+    yield "|---|" + "---|" * len(trials)
+    inside = {
+        name: np.mean([np.abs(trial.errors) <= trial.half_widths for trial in found], 0)
+        for name, found in trials.items()
+    }
+    for number, unknown in enumerate(ALL):
+        yield f"| {unknown} | " + " | ".join(f"{100 * shares[number]:.1f} %" for shares in inside.values()) + " |"
+    joint = [f"{100 * np.mean([trial.is_inside for trial in found]):.1f} %" for found in trials.values()]
+    yield f"| all together | {' | '.join(joint)} |"
+
+
+def poses_rows(seeds: int, workers: int) -> Iterator[str]:
+    """Errors against the number of poses, as lines of a table; draws the picture."""
+    counts = (6, 8, 12, 24, 50, 100, 200, 400)
+    found = {}
+    for designed in (True, False):
+        with ProcessPoolExecutor(workers) as pool:
+            found[designed] = np.array(list(pool.map(partial(with_poses, designed, counts), range(seeds))))
+    medians = {
+        (designed, group, unit): np.array(
+            [np.median(length(errors[:, i], TOOL + TABLE, group, unit)) for i in range(len(counts))]
+        )
+        for designed, errors in found.items()
+        for group in ("tool.", "table.")
+        for unit in ("mm", "deg")
+    }
+    yield "| poses | tool, designed | tool, random | table, designed | table, random |"
+    yield "|---|---|---|---|---|"
+    for i, count in enumerate(counts):
+        cells = [
+            f"{1e3 * medians[designed, group, 'mm'][i]:.1f} um / {medians[designed, group, 'deg'][i]:.4f} deg"
+            for group in ("tool.", "table.")
+            for designed in (True, False)
+        ]
+        yield f"| {count} | {' | '.join(cells)} |"
+    draw(counts, medians)
+
+
+def draw(counts: Sequence[int], medians: dict[tuple[bool, str, str], Array]) -> None:
+    """Draw the errors against the number of poses."""
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    for axis, unit, scale, label in zip(axes, ("mm", "deg"), (1e3, 1.0), ("position (um)", "angle (deg)"), strict=True):
+        for (designed, group, its_unit), values in medians.items():
+            if its_unit != unit:
+                continue
+            colour = "#2f6db5" if group == "tool." else "#c2582b"
+            style = "-o" if designed else "--s"
+            what = f"{'tool' if group == 'tool.' else 'table axis'}, {'designed' if designed else 'random'} poses"
+            axis.loglog(counts, scale * values, style, color=colour, label=what, markersize=4)
+        axis.set(xlabel="number of poses", ylabel=f"median error of the {label}")
+        axis.set_xticks(counts, [str(count) for count in counts])
+        axis.minorticks_off()
+        axis.grid(alpha=0.3)
+    axes[0].legend()
+    figure.savefig(PICTURE, dpi=110)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=1000, help="of the coverage; the medians use 50 at most")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--only", choices=("accuracy", "coverage", "poses"))
+    chosen = parser.parse_args()
+    few = min(chosen.seeds, 50)
+    tables = {
+        "accuracy": lambda: accuracy_rows(few, chosen.workers),
+        "coverage": lambda: coverage_rows(chosen.seeds, chosen.workers),
+        "poses": lambda: poses_rows(min(few, 20), chosen.workers),
+    }
+    for name, rows in tables.items():
+        if chosen.only in (None, name):
+            print(f"\n{name}\n")
+            for row in rows():
+                print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""Synthetic calibration data: exact profiles of an artefact in a cell with known deviations, and noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.calibration.kinematics import AxisReadings, CellKinematics
+from scancell.calibration.problem import Artefact, CalibrationProblem, Observations, RobotNoise
+from scancell.config.loading import load_setup
+from scancell.geometry import pose
+from scancell.geometry.shapes import Shape, Sphere
+from scancell.nominal.cell import arm_of
+from scancell.nominal.poses import pose_matrix, tool_matrix
+
+Array = NDArray[np.float64]
+
+RADIUS = 0.0125
+CENTRE = (0.03, 0.02, 0.06)
+COLUMNS = 600
+HALF_LINE = 0.03
+PROFILE_NOISE = 10e-6
+
+
+@cache
+def default_kinematics() -> CellKinematics:
+    cell = load_setup().cell
+    return CellKinematics(arm_of(cell.robot), tool_matrix(cell.tool), pose_matrix(cell.table.pose))
+
+
+class OneSurface:
+    """A shape whose points are all used."""
+
+    def __init__(self, shape: Shape, frame_from_shape: Array | None = None) -> None:
+        self._shape = shape
+        self._pose = np.eye(4) if frame_from_shape is None else frame_from_shape
+
+    def assign(self, points: Array) -> NDArray[np.intp]:
+        return np.zeros(len(points), np.intp)
+
+    def distance(self, points: Array, shape: NDArray[np.intp]) -> tuple[Array, Array]:
+        signed, normal = self._shape.nearest(pose.transform_points(pose.inverse(self._pose), points))
+        return signed, normal @ self._pose[:3, :3].T
+
+
+@dataclass(frozen=True)
+class RobotErrors:
+    """Random errors of every exposure: position (m) and orientation (rad) of the flange, and joint readings (rad)."""
+
+    position: float = 0.0
+    orientation: float = 0.0
+    joints: float = 0.0
+
+
+REALISTIC = RobotErrors(position=20e-6, orientation=float(np.radians(0.003)))
+
+
+def sphere_views(
+    rng: np.random.Generator, count: int, centre: Sequence[float] = CENTRE, turn_table: bool = True
+) -> tuple[Array, Array]:
+    """Joints (n, joints) and table angles (n,), rad, from which the sensor sees a sphere about `centre`."""
+    cell = default_kinematics()
+    q, angles = [], []
+    while len(q) < count:
+        rotation = pose.looking_from(rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 1.4))
+        rotation = rotation @ pose.rotation_about(2, rng.uniform(-np.pi, np.pi))
+        offset = np.array([rng.uniform(-0.6, 0.6) * RADIUS, rng.uniform(-0.015, 0.015), rng.uniform(0.09, 0.15)])
+        angle = rng.uniform(-np.pi, np.pi) if turn_table else 0.0
+        platter = cell.world_from_table @ pose.from_rotation(pose.rotation_about(2, angle))
+        world_from_sensor = pose.from_rotation(
+            rotation, platter[:3, :3] @ np.asarray(centre) + platter[:3, 3] - rotation @ offset
+        )
+        found = cell.arm.ik((world_from_sensor @ pose.inverse(cell.flange_from_sensor))[None])[0]
+        found = found[~np.isnan(found).any(1)]
+        if len(found):
+            q.append(found[rng.integers(len(found))])
+            angles.append(angle)
+    return np.array(q), np.array(angles)
+
+
+def passing_sphere(
+    rng: np.random.Generator, count: int, per_pass: int, speed: float, centre: Sequence[float] = CENTRE
+) -> AxisReadings:
+    """Exposures while the sensor passes the sphere along its x, there and back in turn, at `speed`, m/s."""
+    cell = default_kinematics()
+    q, angles = sphere_views(rng, count, centre)
+    along = np.linspace(-0.6, 0.6, per_pass) * RADIUS
+    rows, rates = [], []
+    for number, joints in enumerate(q):
+        pose_ = cell.arm.fk(joints) @ cell.flange_from_sensor
+        direction = pose_[:3, 0] * (1 - 2 * (number % 2))
+        # The flange moves like the sensor, for neither turns.
+        rate = np.linalg.solve(cell.arm.jacobian(joints), np.append(direction, np.zeros(3)))
+        rows.append(joints + along[:, None] * rate)
+        rates.append(np.tile(speed * rate, (per_pass, 1)))
+    table = np.repeat(angles, per_pass)
+    return AxisReadings(np.concatenate(rows), table, np.concatenate(rates), np.zeros_like(table))
+
+
+@dataclass(frozen=True)
+class SphereCase:
+    """A sphere that is measured in a cell with deviations."""
+
+    deviations: Mapping[str, float] = field(default_factory=dict)
+    robot: RobotErrors = RobotErrors()
+    noise: float = PROFILE_NOISE
+    radius: float = RADIUS
+    centre: Sequence[float] = CENTRE
+
+    def observe(self, readings: AxisReadings, rng: np.random.Generator) -> Observations:
+        """Profiles of the upper part of the sphere, with noise along the sensor's z."""
+        cell = default_kinematics()
+        true = self._true_poses(cell, readings, rng)
+        sensor_from_platter = pose.inverse(true)
+        points, frames = [], []
+        for number, local in enumerate(sensor_from_platter):
+            centre = local[:3, :3] @ np.asarray(self.centre) + local[:3, 3]
+            y = np.linspace(-HALF_LINE, HALF_LINE, COLUMNS)
+            square = self.radius**2 - centre[0] ** 2 - (y - centre[1]) ** 2
+            seen = square > (0.3 * self.radius) ** 2
+            z = centre[2] - np.sqrt(square[seen]) + self.noise * rng.normal(size=int(seen.sum()))
+            points.append(np.column_stack([np.zeros_like(z), y[seen], z]))
+            frames.append(np.full(len(z), number))
+        every = np.concatenate(points)
+        sigma = np.full(len(every), self.noise or PROFILE_NOISE)
+        return Observations.along_z(readings, every, sigma, np.concatenate(frames))
+
+    def _true_poses(self, cell: CellKinematics, readings: AxisReadings, rng: np.random.Generator) -> Array:
+        n, robot = len(readings), self.robot
+        true = AxisReadings(
+            readings.q + robot.joints * rng.normal(size=readings.q.shape),
+            readings.table,
+            readings.qd,
+            readings.table_rate,
+        )
+        tool = [self.deviations.get(f"tool.{key}", 0.0) for key in ("x", "y", "z", "rx", "ry", "rz")]
+        flange_from_sensor = cell.flange_from_sensor @ pose.from_euler_xyz(tool[:3], tool[3:])
+        error = pose.from_rotation(
+            pose.exp_rotation(robot.orientation * rng.normal(size=(n, 3))), robot.position * rng.normal(size=(n, 3))
+        )
+        platter_from_flange = cell.poses(true, self.deviations).platter_from_sensor @ pose.inverse(flange_from_sensor)
+        return np.asarray(platter_from_flange @ error @ flange_from_sensor)
+
+    def problem(
+        self,
+        observed: Observations,
+        free: tuple[str, ...],
+        *,
+        is_pose_known: bool = False,
+        unknown_sizes: tuple[int, ...] = (),
+        robot_noise: RobotNoise = "flange",
+        placed_off: Sequence[float] = (0.5e-3, -0.5e-3, 0.3e-3),
+    ) -> CalibrationProblem:
+        """The problem; an unknown pose of the sphere starts `placed_off` from the true one, m."""
+        at = np.asarray(self.centre) + (0.0 if is_pose_known else np.asarray(placed_off))
+        artefact = Artefact(OneSurface(Sphere(RADIUS)), pose.translation(at), is_pose_known, unknown_sizes)
+        return CalibrationProblem(default_kinematics(), observed, artefact, free, robot_noise=robot_noise)
+
+
+def misaligned(rng: np.random.Generator, *names: str) -> dict[str, float]:
+    """Random deviations: 1 mm, 0.5 deg of the tool, 0.5 mm, 0.2 deg of the table, 0.1 deg of joints, 2 ms."""
+    sizes = {"tool": (1e-3, 0.5), "table": (0.5e-3, 0.2), "platter": (0.5e-3, 0.0), "dh": (0.3e-3, 0.1)}
+
+    def size(name: str) -> float:
+        if name == "trigger.latency":
+            return 2e-3
+        length, angle = sizes[name.split(".", maxsplit=1)[0].split("[", maxsplit=1)[0]]
+        if "wobble" in name:
+            return float(np.radians(0.02))
+        return length if name.rsplit(".", 1)[1] in {"x", "y", "z", "a", "d"} else float(np.radians(angle))
+
+    return {name: size(name) * float(rng.uniform(-1.0, 1.0)) for name in names}

@@ -1,0 +1,241 @@
+"""Calibration of cameras and laser sheet from exact stripe peaks with noise, and what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic_stripes import exact_exposure, native, noisy
+
+from bench.sensor_calibration import CAMERAS, CASES, SHEET, Case, calibrated, exact, trial
+from scancell.calibration.sensor import solve
+from scancell.calibration.sensor_parameters import RADIUS_OFFSET, SensorParameters, free_parameters
+from scancell.calibration.sensor_problem import Corners, SensorProblem, StripePeaks, TargetExposure
+from scancell.config.loading import as_built_sensor
+from scancell.config.sensor import SensorDescription
+from scancell.errors import CalibrationError
+from scancell.geometry import pose
+from scancell.jobs.sensor_calibration import range_error
+from scancell.jobs.sensor_targets import ball, ball_poses, step_block, step_poses
+
+NOMINAL = SensorDescription.default()
+KNOWN = free_parameters(NOMINAL, poses_known=True, checkered=False)
+SIGMA = 0.07
+
+
+def exposures(as_built, target, poses, mounting=None):
+    sensor = native(as_built)
+    return tuple(exact_exposure(sensor, target, one, SIGMA, 32, mounting) for one in poses)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_exact_peaks_give_exact_parameters(case: Case) -> None:
+    as_built, measured = exact(case)
+    result = solve(SensorProblem(NOMINAL, measured, free_parameters(NOMINAL, case.poses_known, checkered=False)))
+    error = result.values - SensorParameters(as_built, result.names).start_values
+    assert np.abs(error / result.sigma).max() < 1e-3
+    assert range_error(as_built, result.sensor, align=False) < 1e-9
+    assert range_error(as_built, NOMINAL, align=True) > 50e-6  # the start is far off
+    assert result.sensor.extraction.triangulation == "sheet"
+    assert result.discarded == 0
+
+
+@pytest.mark.slow
+def test_regions_of_95_percent_hold_true_values_and_points_are_unbiased() -> None:
+    """12 seeds of each case; the binomial deviation of the joint share is 3.1 % of 48, and 6.3 % of 12."""
+    joint = []
+    for case in CASES:
+        intervals, own, bias = zip(*(trial(case, seed) for seed in range(12)), strict=True)
+        joint += own
+        assert np.mean(intervals) == pytest.approx(0.95, abs=0.05)
+        assert np.sum(own) >= 9  # fewer has a probability of 0.2 %
+        assert np.median(bias) < (1.5e-6 if case.target == "ball" else 5e-6)
+    assert np.mean(joint) > 0.86
+
+
+def test_stated_noise_is_that_of_residuals() -> None:
+    result = calibrated(CASES[0], 1)
+    assert result.chi_square == pytest.approx(1.0, abs=0.1)
+
+
+def test_more_noise_than_stated_widens_covariance() -> None:
+    rng = np.random.default_rng(2)
+    measured = exact(CASES[0])[1]
+    twice = tuple(
+        TargetExposure(
+            one.target,
+            one.sensor_from_target,
+            StripePeaks(
+                one.stripe.camera,
+                one.stripe.column,
+                one.stripe.row + 2.0 * SIGMA * rng.standard_normal(len(one.stripe.row)),
+                one.stripe.sigma,
+            ),
+        )
+        for one in measured
+    )
+    result = solve(SensorProblem(NOMINAL, twice, KNOWN))
+    assert result.chi_square == pytest.approx(4.0, rel=0.1)
+    np.testing.assert_allclose(result.sigma, 2.0 * calibrated(CASES[0], 1).sigma, rtol=0.1)
+
+
+def test_outliers_are_discarded() -> None:
+    rng = np.random.default_rng(3)
+    measured = [noisy(one, rng) for one in exact(CASES[0])[1]]
+    wrong = measured[0].stripe
+    row = wrong.row.copy()
+    row[::10] += 40.0
+    spoilt = StripePeaks(wrong.camera, wrong.column, row, wrong.sigma)
+    measured[0] = TargetExposure(measured[0].target, measured[0].sensor_from_target, spoilt)
+    result = solve(SensorProblem(NOMINAL, tuple(measured), KNOWN))
+    assert result.discarded >= len(row[::10])
+    error = result.values - SensorParameters(exact(CASES[0])[0], KNOWN).start_values
+    assert np.abs(error / result.sigma).max() < 4.0
+
+
+def test_unknown_radius_of_ball_is_found_with_sensor() -> None:
+    as_built = as_built_sensor(NOMINAL, CAMERAS + SHEET)
+    measured = exposures(as_built, ball(0.02504), ball_poses(NOMINAL))
+    stated = tuple(TargetExposure(ball(), one.sensor_from_target, one.stripe) for one in measured)
+    result = solve(SensorProblem(NOMINAL, stated, (*KNOWN, RADIUS_OFFSET)))
+    assert result.values[-1] == pytest.approx(0.02, abs=1e-5)
+    assert range_error(as_built, result.sensor, align=False) < 1e-8
+
+
+def test_ball_on_stage_mounted_anywhere_gives_mounting() -> None:
+    """The stage is 1 mm and 1 degree away from where it is said to be; its travel is known."""
+    as_built = as_built_sensor(NOMINAL, CAMERAS)
+    away = pose.from_euler_xyz((1e-3, -5e-4, 8e-4), np.radians([1.0, -0.5, 0.3]))
+    measured = exposures(as_built, ball(), [away @ one for one in ball_poses(NOMINAL)], mounting=1)
+    stated = tuple(
+        TargetExposure(one.target, start, one.stripe, mounting=1)
+        for one, start in zip(measured, ball_poses(NOMINAL), strict=True)
+    )
+    result = solve(SensorProblem(NOMINAL, stated, free_parameters(NOMINAL, poses_known=False, checkered=False)))
+    np.testing.assert_allclose(result.displacement[1], away, atol=1e-7)
+    assert range_error(as_built, result.sensor, align=False) < 1e-8
+
+
+def corner_exposures(as_built, poses, mountings):
+    """Corners of a board of 9 x 7 in the images of all cameras."""
+    grid = np.stack(np.meshgrid(np.linspace(-0.016, 0.016, 9), np.linspace(-0.012, 0.012, 7)), -1).reshape(-1, 2)
+    in_target = np.column_stack([grid, np.zeros(len(grid))])
+    sensor, found = native(as_built), []
+    for one, mounting in zip(poses, mountings, strict=True):
+        pixels = [np.asarray(camera.project(pose.transform_points(one, in_target))) for camera in sensor.cameras]
+        camera = np.repeat(np.arange(len(pixels), dtype=np.int32), len(grid))
+        corners = Corners(camera, np.concatenate(pixels), np.tile(in_target, (len(pixels), 1)), 0.05)
+        stripe = exact_exposure(sensor, step_block(1, width=0.04), one, SIGMA, 32).stripe
+        found.append(TargetExposure(step_block(1, width=0.04), one, stripe, corners, mounting))
+    return tuple(found)
+
+
+def test_checkered_target_gives_principal_point_too() -> None:
+    """Every view of the board has an unknown pose; corners and the stripe on the board are solved together."""
+    words = (*CAMERAS, "sensor.camera[1].cx_px=645", "sensor.camera[1].cy_px=507", "sensor.camera[2].cx_px=636")
+    as_built = as_built_sensor(NOMINAL, words)
+    poses = [one @ pose.from_euler_xyz((0, 0, 0), (0, 0, 0.3 * k)) for k, one in enumerate(step_poses(NOMINAL, 3))]
+    free = free_parameters(NOMINAL, poses_known=False, checkered=True)
+    result = solve(SensorProblem(NOMINAL, corner_exposures(as_built, poses, range(1, len(poses) + 1)), free))
+    error = result.values - SensorParameters(as_built, free).start_values
+    assert np.abs(error / result.sigma).max() < 1e-2
+    assert range_error(as_built, result.sensor, align=False) < 1e-8
+
+
+def refused(measured, free=KNOWN) -> str:
+    with pytest.raises(CalibrationError) as error:
+        solve(SensorProblem(NOMINAL, tuple(measured), free))
+    return str(error.value)
+
+
+def test_one_height_is_refused() -> None:
+    poses = [one for one in step_poses(NOMINAL) if abs(one[2, 3] - step_poses(NOMINAL)[10][2, 3]) < 1e-6]
+    text = refused(exposures(NOMINAL, step_block(1), poses))
+    assert "do not determine" in text
+    assert "heights: all points lie at z =" in text
+
+
+def test_equal_exposures_are_refused() -> None:
+    text = refused(exposures(NOMINAL, ball(), [ball_poses(NOMINAL)[20]] * 30))
+    assert "heights: all points lie at z =" in text
+
+
+def test_level_plane_moved_along_one_axis_is_refused() -> None:
+    """Heights alone do not show errors along the line: the plane is the same everywhere."""
+    text = refused(exposures(NOMINAL, step_block(1, width=0.06), step_poses(NOMINAL, 9)[::5]))
+    assert "directions: all surfaces face the same way" in text
+    assert "camera[1].offset_y_mm" in text
+
+
+def test_frame_of_sensor_is_refused_without_known_poses() -> None:
+    measured = exposures(NOMINAL, ball(), ball_poses(NOMINAL), mounting=1)
+    text = refused(measured)
+    assert "unknown poses of the targets take up these directions" in text
+    assert text.count("standard deviation of the first") == 6  # the rigid motions
+
+
+def test_principal_point_is_refused_without_checkered_target() -> None:
+    free = free_parameters(NOMINAL, poses_known=True, checkered=True)
+    text = refused(exposures(NOMINAL, step_block(), step_poses(NOMINAL)), free)
+    assert "cy_px" in text
+    assert "checkered target" in text
+
+
+def test_radius_is_refused_without_ball() -> None:
+    text = refused(exposures(NOMINAL, step_block(), step_poses(NOMINAL)), (*KNOWN, RADIUS_OFFSET))
+    assert "target.radius_offset_mm" in text
+    assert "a ball: no target has a radius to find" in text
+
+
+def test_no_measurements_are_refused() -> None:
+    assert "no measurements" in refused([])
+    none = StripePeaks(np.zeros(0, np.int32), *np.zeros((3, 0)))
+    assert "hold none" in refused([TargetExposure(ball(), ball_poses(NOMINAL)[0], none)])
+
+
+def test_exposure_without_stripe_changes_nothing() -> None:
+    """The target may leave the field of view."""
+    measured = exact(CASES[1])[1]
+    none = TargetExposure(
+        ball(), ball_poses(NOMINAL)[0], StripePeaks(np.zeros(0, np.int32), *np.zeros((3, 0))), None, 7
+    )
+    free = free_parameters(NOMINAL, poses_known=False, checkered=False)
+    with_it, without = (solve(SensorProblem(NOMINAL, one, free)) for one in ((*measured, none), measured))
+    np.testing.assert_allclose(with_it.values, without.values, rtol=0, atol=1e-9)
+
+
+def test_few_peaks_are_refused() -> None:
+    one = exposures(NOMINAL, ball(), ball_poses(NOMINAL)[:1])[0]
+    few = StripePeaks(*(getattr(one.stripe, key)[:5] for key in ("camera", "column", "row", "sigma")))
+    assert "do not determine" in refused([TargetExposure(one.target, one.sensor_from_target, few)])
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("sensor.camera[3].tilt_deg",), r"sensor.camera\[3\].tilt_deg"),
+        (("sensor.camera[1].f_number",), "expected one of the keys"),
+        (("sensor.laser.turn_y_deg", "sensor.laser.turn_y_deg"), "twice"),
+    ],
+)
+def test_wrong_names_of_parameters_are_refused(names, message) -> None:
+    with pytest.raises(CalibrationError, match=message):
+        SensorParameters(NOMINAL, names).start_values  # noqa: B018
+
+
+@pytest.mark.parametrize("target", ["ball", "step block"])
+def test_sensor_far_from_its_start_is_found(target) -> None:
+    """Deviations of 0.5 to 1 mm and degree; treads of 4 mm rise are seen 5 mm off at the start."""
+    words = (
+        "sensor.camera[1].tilt_deg=30.3",
+        "sensor.camera[1].pan_deg=0.7",
+        "sensor.camera[2].roll_deg=-0.8",
+        "sensor.camera[2].height_mm=-1",
+        "sensor.laser.turn_y_deg=-0.6",
+        "sensor.laser.turn_z_deg=0.5",
+        "sensor.laser.offset_x_mm=0.5",
+    )
+    as_built = as_built_sensor(NOMINAL, words)
+    shape, poses = (ball(), ball_poses(NOMINAL)) if target == "ball" else (step_block(), step_poses(NOMINAL))
+    assert range_error(as_built, NOMINAL, align=False) > 2e-3
+    result = solve(SensorProblem(NOMINAL, exposures(as_built, shape, poses), KNOWN))
+    assert range_error(as_built, result.sensor, align=False) < 1e-8

@@ -1,0 +1,152 @@
+"""Calibration of a misaligned sensor from ray-traced images, and use of the result."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic_stripes import exact_exposure, native
+
+from scancell import sensor as sensor_rt
+from scancell.calibration.checkered import CheckeredBoard, start_from_corners
+from scancell.calibration.sensor_parameters import free_parameters
+from scancell.calibration.sensor_problem import Corners, TargetExposure
+from scancell.config.loading import as_built_sensor
+from scancell.config.sensor import SensorDescription
+from scancell.errors import CalibrationError
+from scancell.geometry import pose
+from scancell.jobs import sensor_targets
+from scancell.jobs.sensor_calibration import calibrate_from, calibrate_sensor, measure, range_error
+from scancell.jobs.sensor_targets import board_poses, step_block
+from scancell.scanning.exposures import still_exposure
+
+NOMINAL = SensorDescription.default()
+AS_BUILT = (
+    "sensor.camera[1].tilt_deg=29.4",
+    "sensor.camera[1].roll_deg=0.15",
+    "sensor.camera[2].baseline_mm=60.2",
+    "sensor.camera[2].pan_deg=-0.1",
+    "sensor.camera[1].distortion=[-0.05,0,0,0,0]",
+    "sensor.camera[2].distortion=[0.03,0,0,0,0]",
+    "sensor.laser.turn_y_deg=0.2",
+    "sensor.laser.straightness_mrad=[0,0,0.5]",
+)
+BUILT = as_built_sensor(NOMINAL, AS_BUILT)
+# A quarter of the pixels: rendering the board takes most of the time.
+SMALL = NOMINAL.replace(
+    {f"camera[{k}].{key}": size for k in (1, 2) for key, size in (("width_px", 640), ("height_px", 512))}
+)
+SMALL_BUILT = as_built_sensor(SMALL, AS_BUILT)
+AWAY = pose.from_euler_xyz((4e-4, -3e-4, 5e-4), np.radians([0.3, -0.2, 0.4]))
+
+
+@pytest.fixture(scope="module")
+def by_ball():
+    """Calibrated by a ball at known places."""
+    return calibrate_sensor(NOMINAL, AS_BUILT, ("ball",))
+
+
+@pytest.mark.slow
+def test_ball_at_known_places_removes_range_error(by_ball) -> None:
+    assert range_error(BUILT, NOMINAL, align=False) > 1e-3
+    assert range_error(BUILT, by_ball.sensor, align=False) < 1e-6
+    assert 1.0 <= by_ball.chi_square < 1.5
+    assert by_ball.discarded < 1e-3 * by_ball.used
+
+
+@pytest.mark.slow
+def test_step_block_on_stage_mounted_anywhere_removes_range_error() -> None:
+    """The sensor frame is free then: what remains after a rigid motion counts."""
+    result = calibrate_sensor(NOMINAL, AS_BUILT, ("step",), AWAY)
+    assert range_error(BUILT, NOMINAL, align=True) > 1e-3
+    assert range_error(BUILT, result.sensor, align=True) < 1e-6
+    assert result.sensor.laser.turn_y_deg == 0.0
+
+
+@pytest.fixture(scope="module")
+def board_views():
+    """Views of the checkered board."""
+    return measure(SMALL, AS_BUILT, ("checkered",), None, 1)
+
+
+@pytest.mark.slow
+def test_checkered_board_alone_removes_range_error(board_views) -> None:
+    assert len(board_views) == len(board_poses(SMALL))
+    result = calibrate_from(SMALL, board_views)
+    assert range_error(SMALL_BUILT, SMALL, align=True) > 1e-3
+    assert range_error(SMALL_BUILT, result.sensor, align=True) < 5e-6
+    for camera in result.sensor.camera:
+        assert camera.cx_px == pytest.approx(319.5, abs=1.5)
+        assert camera.cy_px == pytest.approx(255.5, abs=1.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("engine", "tolerance"), [("geometric", 2e-6), ("ray-traced", 2e-6)])
+def test_calibrated_file_gives_points_on_surface(by_ball, tmp_path, engine, tolerance) -> None:
+    """A plane across the range, seen by the sensor as built, read by nominal and calibrated description."""
+    by_ball.sensor.to_toml(tmp_path / "calibrated.toml")
+    calibrated = SensorDescription.from_toml(tmp_path / "calibrated.toml")
+    assert calibrated == by_ball.sensor
+    scene = sensor_rt.Scene()
+    scene.add_plane("plane", np.eye(4), [0.2, 0.2], 0.5)
+    for z in (0.085, 0.12, 0.155):
+        exposure = still_exposure(np.eye(4), pose.translation((0.0, 0.0, z))[None], 5e-4)
+        error = []
+        for used in (NOMINAL, calibrated):
+            result = sensor_rt.scan(scene, native(used), exposure, engine, as_built=native(BUILT))
+            error.append(result.profiles.points_in_sensor[:, 2] - z)
+        assert np.sqrt(np.mean(error[0] ** 2)) > 3e-4
+        assert np.abs(np.mean(error[1])) < tolerance
+        assert np.sqrt(np.mean(error[1] ** 2)) < 4e-6  # noise included
+
+
+@pytest.mark.slow
+def test_corners_of_board_are_found_in_rendered_images(monkeypatch) -> None:
+    """One tilted view in images of full size."""
+    true_pose = board_poses(NOMINAL)[1]
+    monkeypatch.setattr(sensor_targets, "board_poses", lambda sensor: true_pose[None])
+    (view,) = measure(NOMINAL, AS_BUILT, ("checkered",), None, 1)
+    in_sensor = pose.transform_points(true_pose, view.corners.points_in_target)
+    for k, camera in enumerate(native(BUILT).cameras):
+        own = view.corners.camera == k
+        error = view.corners.pixels[own] - np.asarray(camera.project(in_sensor[own]))
+        assert own.sum() > 40
+        assert np.sqrt(np.mean(error**2)) < 1.5 * view.corners.sigma
+
+
+def exact_views(as_built):
+    """Corners of a board that fills the images, without noise."""
+    grid = np.stack(np.meshgrid(np.linspace(-0.016, 0.016, 9), np.linspace(-0.012, 0.012, 7)), -1).reshape(-1, 2)
+    points = np.column_stack([grid, np.zeros(len(grid))])
+    views = []
+    for one in board_poses(NOMINAL):
+        pixels = [np.asarray(c.project(pose.transform_points(one, points))) for c in native(as_built).cameras]
+        camera = np.repeat(np.arange(2, dtype=np.int32), len(points))
+        corners = Corners(camera, np.concatenate(pixels), np.tile(points, (2, 1)), 0.05)
+        views.append(TargetExposure(CheckeredBoard().surface, np.eye(4), None, corners, 1))
+    return views
+
+
+def test_opencv_gives_intrinsics_and_poses_as_start() -> None:
+    words = ("sensor.camera[1].half_angle_deg=9.4", "sensor.camera[1].cx_px=650", "sensor.camera[1].cy_px=500")
+    as_built = as_built_sensor(NOMINAL, (*words, "sensor.camera[1].distortion=[-0.05,0,0,0,0]"))
+    start, placed = start_from_corners(NOMINAL, exact_views(as_built))
+    camera = start.camera[0]
+    assert camera.half_angle_deg == pytest.approx(9.4, abs=1e-3)
+    assert (camera.cx_px, camera.cy_px) == pytest.approx((650.0, 500.0), abs=0.2)
+    assert camera.distortion[0] == pytest.approx(-0.05, abs=1e-3)
+    for one, expected in zip(placed, board_poses(NOMINAL), strict=True):
+        np.testing.assert_allclose(one.sensor_from_target, expected, atol=2e-4)
+
+
+def test_view_without_corners_has_no_start() -> None:
+    view = exact_exposure(native(NOMINAL), step_block(1), board_poses(NOMINAL)[0], 0.1, 64)
+    with pytest.raises(CalibrationError, match="no corners"):
+        start_from_corners(NOMINAL, [view])
+
+
+def test_free_parameters_follow_what_is_known() -> None:
+    known, unknown = (free_parameters(NOMINAL, poses_known=one, checkered=False) for one in (True, False))
+    assert len(known) == len(unknown) + 6
+    assert set(unknown) < set(known)
+    checkered = set(free_parameters(NOMINAL, poses_known=True, checkered=True)) - set(known)
+    assert checkered == {f"sensor.camera[{k}].{axis}" for k in (1, 2) for axis in ("cx_px", "cy_px")}

@@ -1,0 +1,103 @@
+"""Sensor presets: geometry, noise and linearity land in the class that data sheets publish."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.sensor_presets import CLASSES, preset_file, simulate
+from scancell.config.loading import load_setup
+from scancell.evaluation.plane_trial import PlaneTarget, linearity, measure_plane
+from scancell.scanning.sense import Sensors, make_sensors
+
+
+def sensors(name: str, *words: str, ideal: bool = False) -> Sensors:
+    return make_sensors(load_setup(sensor=preset_file(name), ideal=ideal).sensor, words, 0)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_preset_is_in_the_class_of_its_data_sheets(name: str) -> None:
+    """Noise in the middle: half to all of the published one; linearity: a fifth to all; repeatability: at most."""
+    wanted, found = CLASSES[name], simulate(name, "ray-traced", exposures=4)
+    assert found.line == pytest.approx(wanted.line, rel=0.02)
+    assert 0.9 * wanted.points <= found.points <= wanted.points
+    assert 0.5 * wanted.noise <= found.noise[1] <= wanted.noise
+    assert found.repeatability <= wanted.repeatability
+    assert 0.2 * wanted.linearity <= found.linearity <= wanted.linearity
+    assert found.linearity_of_mean <= wanted.linearity
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_measuring_range_is_that_of_the_description(name: str) -> None:
+    """Every camera sees the whole described range, and points beyond it are discarded."""
+    described, made = load_setup(sensor=preset_file(name)).sensor, sensors(name).nominal
+    assert (described.range.near_mm, described.range.far_mm) == (CLASSES[name].near, CLASSES[name].far)
+    for camera in range(len(described.camera)):
+        z = made.trapezoid(camera)[:, 1]
+        assert z.min() < made.range[0] < made.range[1] < z.max()
+    for beyond in (0.99 * made.range[0], 1.01 * made.range[1]):
+        reading = measure_plane(sensors(name), sensors(name, ideal=True), PlaneTarget(beyond), 1, "geometric")
+        assert len(reading.signed) == 0
+
+
+def test_engines_agree_on_noise() -> None:
+    """Noise of single points, dominated by speckle, by rendered images and by the model of the geometric engine."""
+    traced, modelled = (simulate("medium_range_50", engine, 4, 3) for engine in ("ray-traced", "geometric"))
+    assert traced.noise == pytest.approx(modelled.noise, rel=0.15)
+    assert traced.linearity == pytest.approx(modelled.linearity, rel=0.15)
+
+
+def test_plane_trial_finds_a_displaced_sheet() -> None:
+    """A sheet displaced by d along X moves measured heights by d z / baseline: bias and, over the range, a slope."""
+    offset, baseline, z = 0.1e-3, 60e-3, 0.12
+    moved, exact = make_ideal("sensor.laser.offset_x_mm=0.1"), make_ideal()
+    by_camera = []
+    for distance in (0.09, z, 0.15):
+        reading = measure_plane(moved, exact, PlaneTarget(distance), 1, "geometric")
+        assert reading.figures().missing_rate == 0.0
+        by_camera.append([reading.signed[reading.camera == k].mean() for k in (0, 1)])
+    plus, minus = by_camera[1]
+    assert abs(plus) == pytest.approx(offset * z / baseline, rel=0.01)
+    assert plus == pytest.approx(-minus, rel=0.01)
+    assert np.ptp([plus for plus, _ in by_camera]) == pytest.approx(offset * 0.06 / baseline, rel=0.01)
+
+
+def make_ideal(*words: str) -> Sensors:
+    """The default sensor without noise."""
+    return make_sensors(load_setup(ideal=True).sensor, words, 0)
+
+
+def test_tilted_plane_has_no_bias_and_linear_sensor_no_linearity_error() -> None:
+    """Signed distances are from the tilted target; a sensor without errors measures it exactly."""
+    exact = make_ideal()
+    targets = [
+        PlaneTarget(0.12, in_plane=0.4),
+        PlaneTarget(0.12, out_of_plane=-0.5),
+        PlaneTarget(0.1),
+        PlaneTarget(0.14),
+    ]
+    readings = [measure_plane(exact, exact, target, 1, "geometric") for target in targets]
+    assert max(np.abs(one.signed).max() for one in readings) < 1e-9
+    assert linearity(readings[2:]).of_field < 1e-9
+
+
+def test_missing_points_and_outliers_are_counted() -> None:
+    """A black target is not seen; a brighter one is, without outliers beyond those of a normal distribution."""
+    noisy, exact = make_sensors(load_setup().sensor, (), 0), make_ideal()
+    dark = measure_plane(noisy, exact, PlaneTarget(0.12, reflectance=1e-4), 3, "geometric").figures()
+    assert dark.missing_rate > 0.99
+    bright = measure_plane(noisy, exact, PlaneTarget(0.12), 3, "geometric").figures()
+    assert bright.missing_rate < 0.01
+    assert bright.outlier_rate < 1e-3
+
+
+def test_speed_makes_no_bias_on_a_slope() -> None:
+    """The target is in its place at the middle of the exposure."""
+    noisy, exact = make_sensors(load_setup().sensor, (), 0), make_ideal()
+    slope = {"out_of_plane": np.radians(30.0)}
+    still, moving = (
+        measure_plane(noisy, exact, PlaneTarget(0.12, **slope, speed=speed), 10, "ray-traced").figures()
+        for speed in (0.0, 0.4)
+    )
+    travel = 0.4 * 0.5e-3 * np.sin(np.radians(30.0))
+    assert abs(moving.bias - still.bias) < 0.02 * travel

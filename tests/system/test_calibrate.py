@@ -1,0 +1,193 @@
+"""Calibration in the simulated cell: what it finds, what clouds gain, its files, and points of a real cell."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from commands import scancell_here
+
+import scancell
+from scancell.calibration.kinematics import LATENCY
+from scancell.config.cell import CellDescription
+from scancell.config.loading import assets_dir
+from scancell.errors import CalibrationError, DescriptionError
+from scancell.jobs.calibration_job import CalibrationRequest
+
+PART = assets_dir() / "parts" / "sphere_on_foot.stl"
+MISALIGNED = {
+    "tool.x_mm": 0.6,
+    "tool.y_mm": -0.6,
+    "tool.z_mm": 0.53,
+    "tool.rx_deg": 0.3,
+    "tool.ry_deg": 0.3,
+    "tool.rz_deg": 0.265,
+    "platter.x_mm": 0.4,
+    "platter.y_mm": 0.3,
+    "table.rx_deg": 0.16,
+    "table.ry_deg": 0.12,
+    "trigger.latency_ms": 2.0,
+}
+
+
+def errors_in_half_widths(report) -> np.ndarray:
+    return np.array([row.error / row.half_width for row in report.rows])
+
+
+@pytest.fixture(scope="module")
+def scanner():
+    with scancell.Scanner(settings={"scan.max_profiles": 200}) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def everything(scanner):
+    return scanner.calibrate("all", as_built=MISALIGNED, seed=1)
+
+
+def test_all_deviations_are_found(everything) -> None:
+    assert len(everything.rows) == 13
+    assert np.abs(errors_in_half_widths(everything)).max() < 3
+    assert everything.result.noise_of_points == pytest.approx(1.0, abs=0.3)
+    assert not everything.warnings
+
+
+def test_cloud_after_calibration_is_nearly_the_ideal_one(scanner, everything) -> None:
+    options = {"engine": "geometric", "seed": 2, "normals": False, "samples": False}
+    before = scanner.scan(PART, as_built=MISALIGNED, **options).deviation.figures.rms
+    after = scanner.scan(PART, as_built=MISALIGNED, estimated=everything.estimated, **options).deviation.figures.rms
+    ideal = scanner.scan(PART, **options).deviation.figures.rms
+    assert before > 200e-6
+    assert np.sqrt(max(after**2 - ideal**2, 0.0)) < 15e-6
+
+
+def test_calibrated_cell_is_a_description_that_scans_use(scanner, everything, tmp_path) -> None:
+    everything.save(tmp_path / "out")
+    written = CellDescription.from_toml(tmp_path / "out/calibrated.toml")
+    assert written.estimated == everything.estimated
+    options = {"engine": "geometric", "seed": 2, "normals": False, "samples": False, "as_built": MISALIGNED}
+    with scancell.Scanner(tmp_path / "out/calibrated.toml", settings={"scan.max_profiles": 200}) as other:
+        by_file = other.scan(PART, **options)
+        profile = other.plan(PART)
+    by_argument = scanner.scan(PART, **options, estimated=everything.estimated)
+    assert by_file.cloud.points_in_part == pytest.approx(by_argument.cloud.points_in_part, abs=1e-9)
+    # Planning and the simulated cell go by the description, not by the estimates.
+    assert profile.q == pytest.approx(scanner.plan(PART).q, abs=1e-12)
+    figures = json.loads((tmp_path / "out/calibration.json").read_text())
+    assert {row["name"] for row in figures["deviations"]} == set(everything.result.names)
+    assert np.array(figures["covariance_si"]).shape == (13, 13)
+
+
+def test_live_profiles_and_lines_use_the_estimates(tmp_path) -> None:
+    described = CellDescription.default().replace({"estimated.tool.z_mm": 1.0})
+    points = {}
+    for name, cell in {"nominal": None, "estimated": described}.items():
+        with scancell.Scanner(cell) as opened, opened.session(PART) as session:
+            points[name] = session.profile("geometric").points_in_base
+            axis = session.nominal.world_from_sensor(session.joints)[:3, 2]
+    assert points["estimated"] - points["nominal"] == pytest.approx(np.tile(1e-3 * axis, (len(points["nominal"]), 1)))
+
+
+@pytest.mark.slow
+def test_tool_from_rendered_images(scanner) -> None:
+    as_built = {"tool.x_mm": 0.5, "tool.ry_deg": 0.2}
+    report = scanner.calibrate(CalibrationRequest("tool", poses=10), as_built=as_built, engine="ray-traced", seed=3)
+    by_name = {row.name: row for row in report.rows}
+    assert by_name["tool.x"].value == pytest.approx(0.5, abs=0.01)
+    assert by_name["tool.ry"].value == pytest.approx(0.2, abs=0.01)
+
+
+def test_encoder_noise_is_found_as_noise_of_the_robot() -> None:
+    noise = {f"cell.robot.joint[{joint}].encoder_noise_deg": 0.003 for joint in range(1, 7)}
+    with scancell.Scanner(settings=noise) as noisy:
+        report = noisy.calibrate(CalibrationRequest("tool", robot_noise="joints"), as_built={"tool.y_mm": 0.5}, seed=4)
+    assert np.degrees(report.result.noise_of_robot[0]) == pytest.approx(0.003, rel=0.4)
+    assert np.abs(errors_in_half_widths(report)).max() < 2
+
+
+def test_tool_far_from_its_description_is_found_from_a_sphere(scanner) -> None:
+    as_built = {"tool.x_mm": 4.0, "tool.z_mm": -3.0, "tool.ry_deg": 2.0, "tool.rz_deg": 1.5}
+    report = scanner.calibrate("tool", as_built=as_built, seed=8)
+    assert np.abs(errors_in_half_widths(report)).max() < 3
+    assert max(row.half_width for row in report.rows) < 0.02
+
+
+def test_wobble_of_the_table_is_found(scanner) -> None:
+    as_built = {"table.wobble_amplitude_deg": 0.05, "table.wobble_phase_deg": 30.0, "table.wobble_direction_deg": 70.0}
+    report = scanner.calibrate(CalibrationRequest("table", wobble=True), as_built=as_built, seed=5)
+    assert max(abs(row.true) for row in report.rows if "wobble" in row.name) > 0.01
+    assert np.abs(errors_in_half_widths(report)).max() < 3
+
+
+def test_table_axis_from_the_mesh_of_a_part(scanner) -> None:
+    request = CalibrationRequest("table", is_pose_known=False)
+    part = assets_dir() / "parts" / "free_form.stl"
+    report = scanner.calibrate(request, part, as_built={"table.x_mm": 0.3, "table.ry_deg": 0.15}, seed=9)
+    assert np.abs(errors_in_half_widths(report)).max() < 3
+    assert max(row.half_width for row in report.rows) < 0.01
+
+
+def test_latency_from_the_mesh_of_a_part(scanner) -> None:
+    request = CalibrationRequest("latency", passes=6)
+    report = scanner.calibrate(request, PART, as_built={"trigger.latency_ms": 3.0}, seed=6)
+    assert report.result.deviations[LATENCY] == pytest.approx(3e-3, abs=0.05e-3)
+
+
+def test_points_of_a_file_give_the_same_calibration(scanner, tmp_path) -> None:
+    first = scanner.calibrate("tool", as_built={"tool.x_mm": 0.5}, seed=7)
+    first.save(tmp_path)
+    table = pyarrow.parquet.read_table(tmp_path / "points.parquet")
+    pyarrow.csv.write_csv(table, tmp_path / "points.csv")
+    for name in ("points.parquet", "points.csv"):
+        again = scanner.calibrate("tool", from_points=tmp_path / name)
+        assert again.true is None
+        assert again.result.values == pytest.approx(first.result.values, abs=1e-8)
+        assert again.result.standard_deviations == pytest.approx(first.result.standard_deviations, rel=1e-3)
+
+
+def test_wrong_points_are_refused(scanner, tmp_path) -> None:
+    good = "exposure,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,table_deg,y_mm,z_mm\n1,0,0,0,0,0,0,0,1,100\n"
+    cases = {
+        "missing": (good.replace("table_deg", "turn"), "column 'table_deg' is missing"),
+        "words": (good.replace(",1,100", ",left,100"), "column 'y_mm', row 1: is left: expected a number"),
+        "unequal": (good + "1,5,0,0,0,0,0,0,1,100\n", "row 2: q differs from that in the first row of exposure 1"),
+        "few": (good, "0 exposures show the artefact with 5 points or more: 6 unknowns need 3 at least"),
+    }
+    for name, (text, message) in cases.items():
+        file = tmp_path / f"{name}.csv"
+        file.write_text(text)
+        with pytest.raises((DescriptionError, CalibrationError), match=message):
+            scanner.calibrate("tool", from_points=file)
+    with pytest.raises(DescriptionError, match="no such file"):
+        scanner.calibrate("tool", from_points=tmp_path / "none.csv")
+
+
+def test_command_writes_a_calibrated_cell(tmp_path) -> None:
+    out = tmp_path / "calibration"
+    done = scancell_here(
+        "calibrate", "tool", "--as-built", "tool.x_mm=0.4", "--poses", "8", "--out", out, "--json", cwd=tmp_path
+    )
+    assert done.code == 0, done.err
+    assert done.last_line["ok"] and len(done.last_line["figures"]["deviations"]) == 6
+    assert {item.name for item in out.iterdir()} == {
+        *(
+            "calibrated.toml",
+            "calibration.json",
+            "manifest.json",
+            "plan.json",
+            "points.parquet",
+            "residuals.png",
+            "resolved.toml",
+        )
+    }
+    assert CellDescription.from_toml(out / "calibrated.toml").estimated.tool.x_mm == pytest.approx(0.4, abs=0.01)
+
+
+def test_two_poses_are_refused_with_a_message(tmp_path) -> None:
+    done = scancell_here("calibrate", "tool", "--poses", "2", "--out", tmp_path / "out", cwd=tmp_path)
+    assert done.code == 1
+    assert "6 unknowns need 3 at least" in done.err
+    assert not (tmp_path / "out").exists()
