@@ -20,6 +20,7 @@ from scancell.guard.transport import PacketStream, resolved
 _MAX_CONNECTIONS = 8
 _MAX_DATAGRAMS = 64  # between two answers
 _SEND_BUFFER = 16_384  # bytes: answers do not pile up for a cell that does not read them
+_UNACKNOWLEDGED = 5_000  # ms: with full receive buffers on both sides, neither side sees what the other one acknowledges
 
 
 def serve(
@@ -125,6 +126,7 @@ class _Connections:
         connection.setblocking(False)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNACKNOWLEDGED)
         self._streams[connection] = PacketStream()
         self._selector.register(connection, EVENT_READ)
 
