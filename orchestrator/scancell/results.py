@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -172,6 +171,7 @@ class ScanResult(ScanData):
         command_line: Sequence[str] | None = None,
     ) -> None:
         """Write the files of the run into an open `RunFolder`."""
+        from scancell.output.manifest import command_words  # noqa: PLC0415
         from scancell.output.run_files import RunRecord, write_run  # noqa: PLC0415
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
@@ -181,7 +181,7 @@ class ScanResult(ScanData):
             "engine": self.engine,
             "as_built": list(self.as_built),
             "seed": self.seed,
-            "command_line": list(sys.argv[1:] if command_line is None else command_line),
+            "command_line": command_words(command_line),
         }
         if self.recording_file is not None:
             run["recording"] = str(self.recording_file.absolute())

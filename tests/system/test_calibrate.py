@@ -11,6 +11,7 @@ import pytest
 from commands import scancell_here
 
 import scancell
+from bench.calibration_cloud import AS_BUILT as MISALIGNED
 from scancell.calibration.kinematics import LATENCY
 from scancell.config.cell import CellDescription
 from scancell.config.loading import assets_dir
@@ -18,19 +19,6 @@ from scancell.errors import CalibrationError, DescriptionError
 from scancell.jobs.calibration_job import CalibrationRequest
 
 PART = assets_dir() / "parts" / "sphere_on_foot.stl"
-MISALIGNED = {
-    "tool.x_mm": 0.6,
-    "tool.y_mm": -0.6,
-    "tool.z_mm": 0.53,
-    "tool.rx_deg": 0.3,
-    "tool.ry_deg": 0.3,
-    "tool.rz_deg": 0.265,
-    "platter.x_mm": 0.4,
-    "platter.y_mm": 0.3,
-    "table.rx_deg": 0.16,
-    "table.ry_deg": 0.12,
-    "trigger.latency_ms": 2.0,
-}
 
 
 def errors_in_half_widths(report) -> np.ndarray:

@@ -44,37 +44,28 @@ class Moments:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Least-squares step `x` (p,), its covariance (p, p), and logarithms of the variances: of points, of each mode."""
+    """Covariance (p, p) of least squares, logarithms of the variances (of points, of each mode), and degrees of
+    freedom (p,) of the unknowns' variances.
+    """
 
-    x: Array
     covariance: Array
     log_variances: Array
     degrees_of_freedom: Array
 
 
-def estimate(moments: Moments, start: Array, find_variances: bool) -> Estimate:
+def estimate(moments: Moments, start: Array) -> Estimate:
     """Generalised least squares at the variances of highest restricted likelihood.
 
     Parameters
     ----------
     start
         (1 + modes,) logarithms of the variance of points, relative to their stated one, and of each mode, SI.
-    find_variances
-        Whether to change them.
     """
-    log_variances = start
-    if find_variances:
-        bounds = [_BOUNDS_OF_POINTS, *[_BOUNDS_OF_MODES] * len(moments.modes)]
-        found = minimize(
-            lambda t: _criterion(moments, t), start, method="L-BFGS-B", bounds=bounds, options={"eps": 1e-4}
-        )
-        log_variances = np.asarray(found.x)
-    information, gradient, _, _ = normal_equations(moments, log_variances)
-    covariance = np.asarray(np.linalg.inv(information), float)
-    degrees = (
-        _degrees_of_freedom(moments, log_variances, covariance) if find_variances else np.full(len(gradient), np.inf)
-    )
-    return Estimate(covariance @ gradient, covariance, log_variances, degrees)
+    bounds = [_BOUNDS_OF_POINTS, *[_BOUNDS_OF_MODES] * len(moments.modes)]
+    found = minimize(lambda t: _criterion(moments, t), start, method="L-BFGS-B", bounds=bounds, options={"eps": 1e-4})
+    log_variances = np.asarray(found.x)
+    covariance = np.asarray(np.linalg.inv(normal_equations(moments, log_variances)[0]), float)
+    return Estimate(covariance, log_variances, _degrees_of_freedom(moments, log_variances, covariance))
 
 
 def informations(moments: Moments, log_variances: Array) -> Array:

@@ -9,7 +9,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.kinematics import AxisReadings, CellKinematics
+from scancell.calibration.kinematics import LATENCY, AxisReadings, CellKinematics, SensorPoses
+from scancell.geometry import pose
 
 Array = NDArray[np.float64]
 RobotNoise = Literal["none", "joints", "flange"]
@@ -88,8 +89,8 @@ class Artefact:
     platter_from_artefact
         (4, 4) nominal pose.
     is_pose_known
-        Whether this pose is exact; else it is found with the calibration, and the eccentricity of the platter cannot be
-        told from it.
+        Whether this pose is exact; else it is found with the calibration, and cannot be distinguished from the
+        eccentricity of the platter.
     unknown_sizes
         Numbers of shapes of which a common offset of the surface (an error of the radius) is found, too.
     """
@@ -125,3 +126,12 @@ class CalibrationProblem:
     free: tuple[str, ...]
     start: Mapping[str, float] = field(default_factory=dict)
     robot_noise: RobotNoise = "flange"
+
+
+def points_on_platter(observations: Observations, poses: SensorPoses) -> Array:
+    """Points (m, 3) at poses of the sensor, each moved on to the time at which it was exposed."""
+    points = pose.transform_each(poses.platter_from_sensor[observations.frame], observations.points_in_sensor)
+    if observations.time_offset.any():
+        motion = poses.deviations[LATENCY][observations.frame]
+        points = points + observations.time_offset[:, None] * (motion[:, :3] + np.cross(motion[:, 3:], points))
+    return points

@@ -61,7 +61,7 @@ def free_parameters(sensor: SensorDescription, poses_known: bool, checkered: boo
     """Parameters that a complete set of measurements determines.
 
     Of every camera the pose, the field of view and the first radial distortion; of the sheet its plane and curvature.
-    The principal point cannot be told from the camera's direction by points on the sheet alone: it is free with a
+    Points on the sheet alone do not distinguish the principal point from the camera's direction: it is free with a
     checkered target.
 
     Parameters

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.kinematics import LATENCY, UNIT, SensorPoses
+from scancell.calibration.kinematics import UNIT, SensorPoses
 from scancell.calibration.noise import Estimate, Moments, estimate, normal_equations, pose_errors
 from scancell.calibration.observability import determined_basis, require_determined
-from scancell.calibration.problem import MOST_OBLIQUE, CalibrationProblem
+from scancell.calibration.problem import MOST_OBLIQUE, CalibrationProblem, points_on_platter
 from scancell.calibration.result import CalibrationResult
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
@@ -81,11 +81,11 @@ def solve(problem: CalibrationProblem) -> CalibrationResult:
     for _ in range(_NOISE_ROUNDS):
         inner = replace(problem, observations=problem.observations.chosen(kept))
         _, moments, _ = _converge(inner, state, log_variances)
-        log_variances = estimate(moments, log_variances, find_variances=True).log_variances
+        log_variances = estimate(moments, log_variances).log_variances
         kept = _inliers(problem, state, log_variances)
     inner = replace(problem, observations=problem.observations.chosen(kept))
     residuals, moments, basis = _converge(inner, state, log_variances)
-    last = estimate(moments, log_variances, find_variances=True)
+    last = estimate(moments, log_variances)
     return _result(inner, state, last, basis, residuals, len(kept))
 
 
@@ -151,11 +151,7 @@ def _check(problem: CalibrationProblem) -> None:
 
 def _points_in_artefact(problem: CalibrationProblem, state: _State, poses: SensorPoses) -> tuple[Array, Array]:
     """Points (m, 3) on the platter and in the artefact."""
-    data = problem.observations
-    points = pose.transform_each(poses.platter_from_sensor[data.frame], data.points_in_sensor)
-    if data.time_offset.any():
-        motion = poses.deviations[LATENCY][data.frame]
-        points = points + data.time_offset[:, None] * (motion[:, :3] + np.cross(motion[:, 3:], points))
+    points = points_on_platter(problem.observations, poses)
     return points, pose.transform_points(pose.inverse(state.platter_from_artefact), points)
 
 

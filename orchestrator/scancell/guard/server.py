@@ -20,7 +20,9 @@ from scancell.guard.transport import PacketStream, resolved
 _MAX_CONNECTIONS = 8
 _MAX_DATAGRAMS = 64  # between two answers
 _SEND_BUFFER = 16_384  # bytes: answers do not pile up for a cell that does not read them
-_UNACKNOWLEDGED = 5_000  # ms: with full receive buffers on both sides, neither side sees what the other one acknowledges
+_UNACKNOWLEDGED = (
+    5_000  # ms: with full receive buffers on both sides, neither side sees what the other one acknowledges
+)
 
 
 def serve(

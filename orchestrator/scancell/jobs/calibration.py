@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.calibration.design import PoseDesign, design_poses
+from scancell.calibration.design import design_poses
 from scancell.calibration.kinematics import TOOL, AxisReadings, CellKinematics
-from scancell.calibration.problem import Artefact, CalibrationProblem, Observations, RobotNoise
+from scancell.calibration.problem import Artefact, CalibrationProblem, Observations, RobotNoise, points_on_platter
 from scancell.calibration.result import CalibrationResult
 from scancell.calibration.solve import solve
 from scancell.calibration.sphere_start import sphere_start
@@ -81,20 +81,12 @@ class CalibrationOptions:
 
 
 @dataclass(frozen=True)
-class CalibrationPlan:
-    """A program that measures an artefact; `expected` of its poses at rest is None where they were not designed."""
-
-    plan: Plan
-    expected: PoseDesign | None
-
-
-@dataclass(frozen=True)
 class Calibration:
     """A calibration with what led to it; without a plan where the points came from a file."""
 
     problem: CalibrationProblem
     result: CalibrationResult
-    planned: CalibrationPlan | None = None
+    plan: Plan | None = None
 
 
 def kinematics_of(nominal: NominalCell) -> CellKinematics:
@@ -167,7 +159,7 @@ class CalibrationScan:
         self._cell = PlanningCell(job.loaded.nominal, range_, cycle, threads=pipeline.threads)
 
     @cached_property
-    def plan(self) -> CalibrationPlan:
+    def plan(self) -> Plan:
         """The poses and passes, connected without collision.
 
         Raises
@@ -178,9 +170,9 @@ class CalibrationScan:
             If no collision-free path is found.
         """
         rng, options = np.random.default_rng(self.options.pose_seed), self.options
-        still, expected = self._still(rng)
+        still = self._still(rng)
         moving = passes(self._cell, options.passes, rng, self._scan) if options.passes else []
-        return CalibrationPlan(plan_views(self._cell, self._scan, still, moving), expected)
+        return plan_views(self._cell, self._scan, still, moving)
 
     def run(self, job: Job, engine: Engine, progress: Progress) -> Calibration:
         """Drive, sense and solve; `job` is that of the nominal cell with as-built deviations and a seed of its own.
@@ -191,9 +183,9 @@ class CalibrationScan:
             If the artefact cannot be measured, or what was measured does not determine the unknowns.
         """
         progress.stage("planning", 1, "plan")
-        planned = self.plan
+        plan = self.plan
         progress.advance(1)
-        recording = self.pipeline.drive(job.drive_request(), planned.plan, progress)
+        recording = self.pipeline.drive(job.drive_request(), plan, progress)
         sensed = self.pipeline.sense(job.loaded, recording, job.sensors, engine, progress)
         measured = recording.measured
         readings = AxisReadings(measured.q, measured.table, measured.qd, measured.table_rate)
@@ -201,7 +193,7 @@ class CalibrationScan:
         progress.stage("solving", 1, "solution")
         result = solve(problem)
         progress.advance(1)
-        return Calibration(problem, result, planned)
+        return Calibration(problem, result, plan)
 
     def problem(self, measured: Observations) -> CalibrationProblem:
         """The problem that measured profiles of the artefact pose."""
@@ -219,12 +211,12 @@ class CalibrationScan:
             robot_noise=options.robot_noise,
         )
 
-    def _still(self, rng: np.random.Generator) -> tuple[Candidates, PoseDesign | None]:
+    def _still(self, rng: np.random.Generator) -> Candidates:
         """Poses at rest."""
         options = self.options
         wanted = max(_PER_POSE * options.poses, _LEAST_CANDIDATES) if options.poses else 0
         if not wanted:
-            return Candidates(np.zeros((0, len(self._cell.nominal.home))), np.zeros(0)), None
+            return Candidates(np.zeros((0, len(self._cell.nominal.home))), np.zeros(0))
         found = candidates(self._cell, wanted, rng, self._scan.clearance, options.turn_table)
         problem = self._problem(self._expected_observations(found))
         problem = replace(problem, observations=problem.observations.chosen(on_artefact(problem)))
@@ -236,11 +228,10 @@ class CalibrationScan:
                 f"{options.poses} poses were asked for: place it where the sensor sees more of it"
             )
         if not options.designed:
-            return Candidates(found.q[seen[: options.poses]], found.table[seen[: options.poses]]), None
+            return Candidates(found.q[seen[: options.poses]], found.table[seen[: options.poses]])
         problem = replace(_of_exposures(problem, seen), robot_noise="flange")
-        designed = design_poses(problem, _EXPECTED, options.poses)
-        rows = seen[designed.rows]
-        return Candidates(found.q[rows], found.table[rows]), designed
+        rows = seen[design_poses(problem, _EXPECTED, options.poses).rows]
+        return Candidates(found.q[rows], found.table[rows])
 
     def _expected_observations(self, found: Candidates) -> Observations:
         """What the nominal sensor measures from the candidates in the nominal cell, by ideal rays."""
@@ -277,7 +268,7 @@ def on_artefact(problem: CalibrationProblem) -> NDArray[np.bool_]:
     """Which points (m,) lie on the artefact within its reach and above the table, by the start of the problem."""
     data, artefact = problem.observations, problem.artefact
     poses = problem.kinematics.poses(data.readings, problem.start)
-    points = pose.transform_each(poses.platter_from_sensor[data.frame], data.points_in_sensor)
+    points = points_on_platter(data, poses)
     local = pose.transform_points(pose.inverse(artefact.platter_from_artefact), points)
     return np.asarray((artefact.surface.assign(local) >= 0) & (points[:, 2] > _ABOVE_TABLE))
 

@@ -100,7 +100,7 @@ def calibrate_in_cell(
         Naming what is wrong and what was expected.
     """
     made = scan.run(job, engine, progress)
-    units = scan.pipeline.runner.start(job.drive_request()).units()
+    units = scan.pipeline.runner.units(job.drive_request())
     return _report(made, job, request, true_deviations(parse_as_built(job.as_built, units)))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import Setup
 from scancell.jobs.calibration import Calibration
 from scancell.jobs.calibration_points import write_points
-from scancell.output.manifest import manifest, resolved_toml
+from scancell.output.manifest import command_words, manifest, resolved_toml
 from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
@@ -90,8 +89,8 @@ class CalibrationReport:
     @property
     def warnings(self) -> list[str]:
         """What is doubtful."""
-        planned = self.calibration.planned
-        found = list(planned.plan.warnings) if planned is not None else []
+        plan = self.calibration.plan
+        found = list(plan.warnings) if plan is not None else []
         if self.result.noise_of_points > _DOUBTFUL:
             found.append(
                 f"points scatter {self.result.noise_of_points:.1f} times as much as their stated sigma: is the artefact"
@@ -133,10 +132,7 @@ class CalibrationReport:
         ]
         for row in self.rows:
             text = f"  {row.name + ' ' + row.unit:24} {row.value:10.5f} +- {row.half_width:12.5f} "
-            if row.true is not None and row.error is not None:
-                inside = "" if abs(row.error) <= row.half_width else "  outside"
-                text += f" {row.true:10.5f} {row.error:10.5f}{inside}"
-            lines.append(text)
+            lines.append(text + comparison_text(row.true, row.value, row.half_width))
         return lines
 
     def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
@@ -148,13 +144,21 @@ class CalibrationReport:
             If the folder cannot be written.
         """
         with RunFolder(Path(folder)) as run:
-            if self.calibration.planned is not None:
-                write_json(run.path("plan.json"), plan_json(self.calibration.planned.plan))
+            if self.calibration.plan is not None:
+                write_json(run.path("plan.json"), plan_json(self.calibration.plan))
             self.cell.to_toml(run.path("calibrated.toml"))
             write_json(run.path("calibration.json"), self.figures())
             write_points(self.calibration.problem.observations, run.path("points.parquet"))
             residual_picture(run.path("residuals.png"), self.result.residuals, self.result.frame)
             run.path("resolved.toml").write_text(resolved_toml(self.setup, self.run))
-            entries = {**self.run, "command_line": list(sys.argv[1:] if command_line is None else command_line)}
+            entries = {**self.run, "command_line": command_words(command_line)}
             write_json(run.path("manifest.json"), manifest(self.setup, self.inputs, entries))
         return [Path(folder) / name for name in run.names]
+
+
+def comparison_text(true: float | None, value: float, half_width: float) -> str:
+    """Columns of a true value and the error of an estimate, and whether its interval misses it; empty if unknown."""
+    if true is None:
+        return ""
+    inside = "" if abs(value - true) <= half_width else "  outside"
+    return f" {true:10.5f} {value - true:10.5f}{inside}"

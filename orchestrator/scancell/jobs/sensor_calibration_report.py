@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -17,9 +16,10 @@ from scancell.calibration.sensor_parameters import FRAME, SensorParameters
 from scancell.calibration.sensor_problem import TargetExposure
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
+from scancell.jobs.calibration_report import comparison_text
 from scancell.jobs.sensor_calibration import poses_known, range_error
 from scancell.jobs.sensor_points import write_exposures
-from scancell.output.manifest import manifest
+from scancell.output.manifest import command_words, manifest
 from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
@@ -159,10 +159,7 @@ class SensorCalibrationReport:
         ]
         for row in self.rows:
             text = f"  {row.name:34} {row.nominal:10.5f} {row.value:10.5f} +- {row.half_width:14.5f}"
-            if row.true is not None and row.error is not None:
-                inside = "" if abs(row.error) <= row.half_width else "  outside"
-                text += f" {row.true:10.5f} {row.error:10.5f}{inside}"
-            lines.append(text)
+            lines.append(text + comparison_text(row.true, row.value, row.half_width))
         if error is not None:
             how = " after alignment" if error.aligned else ""
             lines.append(f"  range error{how}: {1e6 * error.before:.2f} um before, {1e6 * error.after:.2f} um after")
@@ -181,7 +178,7 @@ class SensorCalibrationReport:
             write_json(run.path("calibration.json"), self.figures())
             write_exposures(self.exposures, run.path("peaks.parquet"))
             residual_picture(run.path("distances.png"), self.result.distances, self.result.exposure)
-            entries = {**self.run, "command_line": list(sys.argv[1:] if command_line is None else command_line)}
+            entries = {**self.run, "command_line": command_words(command_line)}
             write_json(run.path("manifest.json"), manifest(self.setup, self.inputs, entries))
         return [Path(folder) / name for name in run.names]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as package_version
@@ -36,6 +37,11 @@ def _version_of(package: str) -> str:
         return package_version(package)
     except PackageNotFoundError:
         return "not installed"
+
+
+def command_words(given: Sequence[str] | None) -> list[str]:
+    """Arguments of the command for a manifest: those given, else the process's."""
+    return list(sys.argv[1:] if given is None else given)
 
 
 def sha256(path: Path) -> str:

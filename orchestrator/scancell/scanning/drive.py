@@ -72,6 +72,10 @@ class FmuRunner(Closing):
         self.token = instance.token
         return instance
 
+    def units(self, request: DriveRequest) -> dict[str, str | None]:
+        """Units of the deviations that the requested cell knows; raises what `start` raises."""
+        return self.start(request).units()
+
     def run(
         self, request: DriveRequest, program: Program, progress: Progress, hook: PreScanHook | None = None
     ) -> Recording:

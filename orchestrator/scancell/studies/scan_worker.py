@@ -108,7 +108,7 @@ class ScanWorker:
         """Units of the deviations that the FMU knows."""
         setup, pipeline = self._scanner.setup, self._scanner.pipeline
         loaded = pipeline.load(setup.cell, self._part)
-        return pipeline.runner.start(DriveRequest(setup, loaded.nominal, loaded.for_fmu(0))).units()
+        return pipeline.runner.units(DriveRequest(setup, loaded.nominal, loaded.for_fmu(0)))
 
     def close(self) -> None:
         """Free the FMU and the files of this worker."""

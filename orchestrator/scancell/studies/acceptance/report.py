@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -15,7 +14,7 @@ from scancell.config.study import StudyDescription, load_study
 from scancell.errors import FitError
 from scancell.evaluation.artefact import ArtefactEvaluation
 from scancell.output.evaluation_files import draw_artefact
-from scancell.output.manifest import manifest, versions
+from scancell.output.manifest import command_words, manifest, versions
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
 from scancell.output.tables import columns_of, write_csv
@@ -142,7 +141,7 @@ class AcceptanceReport:
         from scancell.studies.acceptance.page import acceptance_page  # noqa: PLC0415  (needs the extra "studies")
 
         inputs = [] if self.request.factors is None else [self.request.factors]
-        words = list(sys.argv[1:] if command_line is None else command_line)
+        words = command_words(command_line)
         figures = self.figures()
         with RunFolder(Path(folder)) as run:
             write_json(run.path("acceptance.json"), {**figures, "versions": versions()})
