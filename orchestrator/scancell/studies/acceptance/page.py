@@ -27,8 +27,8 @@ _STATISTICS = {
     "mean": "mean",
     "standard_uncertainty": "std. uncertainty",
     "interval_symmetric": "95 % interval",
-    "interval_shortest": "shortest interval",
 }
+_DETAILS = {**_STATISTICS, "interval_shortest": "shortest interval"}
 
 
 def acceptance_page(figures: Mapping[str, Any], pictures: Mapping[str, bytes], failures: Sequence[str]) -> str:
@@ -111,7 +111,7 @@ def _artefact(name: str, figures: Mapping[str, Any], pictures: Mapping[str, byte
     table = [
         [
             *(row["of"], row["name"], row["position"], round(row["standoff_mm"], 1), row["mode"]),
-            *(_UNITS.get(row["unit"], row["unit"]), row["repeats"], *(row[key] for key in _STATISTICS)),
+            *(_UNITS.get(row["unit"], row["unit"]), row["repeats"], *(row[key] for key in _DETAILS)),
             *(row["minimum"], row["maximum"], row["fit_uncertainty"]),
         ]
         for row in rows
@@ -121,7 +121,7 @@ def _artefact(name: str, figures: Mapping[str, Any], pictures: Mapping[str, byte
         "title": title,
         "drawings": drawings,
         "head": [
-            *("of", "characteristic", "position", "standoff, mm", "mode", "unit", "repeats", *_STATISTICS.values()),
+            *("of", "characteristic", "position", "standoff, mm", "mode", "unit", "repeats", *_DETAILS.values()),
             *("minimum", "maximum", "uncertainty by the fit"),
         ],
         "rows": table,

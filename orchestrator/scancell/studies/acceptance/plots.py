@@ -56,16 +56,17 @@ def sweep(found: dict[str, Any]) -> str:
         for key in ("value", "bias_um", "std_um", "outlier_rate", "missing_rate")
     )
     scale = "log" if found["name"] == "reflectance" else "linear"
+    label = found["name"] if found["unit"] == "1" else f"{found['name']} ({found['unit']})"
 
     def draw(left: Axes, right: Axes) -> None:
         left.fill_between(value, bias - std, bias + std, color=BLUE, alpha=0.25, linewidth=0, label="± std of points")
         left.plot(value, bias, "o-", ms=3, color=BLUE, label="bias")
         left.axhline(0.0, color=GREY, linewidth=0.8)
-        left.set(xlabel=f"{found['name']} ({found['unit']})", ylabel="µm", xscale=scale)
+        left.set(xlabel=label, ylabel="µm", xscale=scale)
         left.legend(frameon=False, fontsize=8)
         right.plot(value, 100 * missing, "o-", ms=3, color=ORANGE, label="missing points")
         right.plot(value, 100 * outliers, "s--", ms=3, color=INK, label="outliers")
-        right.set(xlabel=f"{found['name']} ({found['unit']})", ylabel="%", xscale=scale)
+        right.set(xlabel=label, ylabel="%", xscale=scale)
         right.set_ylim(bottom=0.0, top=max(1.0, 110 * float(np.nanmax(np.append(missing, outliers)))))
         right.legend(frameon=False, fontsize=8)
 
