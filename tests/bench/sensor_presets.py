@@ -1,4 +1,4 @@
-"""`PYTHONPATH=tests python -m bench.sensor_presets`: sensor presets against the class figures of data sheets."""
+"""`PYTHONPATH=tests python -m bench.sensor_presets`: sensor presets against the figures of their classes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MARGIN = 0.02  # of the measuring range, left free at both ends
 
 @dataclass(frozen=True)
 class ClassFigures:
-    """What data sheets of probes of a class publish, rounded.
+    """Figures of a class of probes; docs/sensor_presets.md compares them with published ones.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class ClassFigures:
 
 
 CLASSES = {
-    "short_range_8": ClassFigures(52.5, 60.5, (9.4, 10.0, 10.7), 1280, 1.0, 0.2, 0.2),
+    "short_range_8": ClassFigures(52.5, 60.5, (9.4, 10.0, 10.7), 1280, 1.0, 0.2, 0.1),
     "short_range_25": ClassFigures(53.5, 78.5, (23.4, 26.0, 29.1), 1280, 2.0, 0.4, 0.1),
     "medium_range_50": ClassFigures(70.0, 120.0, (42.0, 50.0, 58.0), 1280, 4.0, 0.5, 0.1),
     "medium_range_80": ClassFigures(90.0, 170.0, (47.0, 66.0, 85.0), 1280, 10.0, 0.8, 0.05),

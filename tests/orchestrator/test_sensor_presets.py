@@ -1,4 +1,4 @@
-"""Sensor presets: geometry, noise and linearity land in the class that data sheets publish."""
+"""Sensor presets: geometry, noise and linearity land in the figures of their classes."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def sensors(name: str, *words: str, ideal: bool = False) -> Sensors:
 
 
 @pytest.mark.parametrize("name", CLASSES)
-def test_preset_is_in_the_class_of_its_data_sheets(name: str) -> None:
-    """Noise in the middle: half to all of the published one; linearity: a fifth to all; repeatability: at most."""
+def test_preset_is_in_its_class(name: str) -> None:
+    """Noise in the middle: half to all of the class figure; linearity: a fifth to all; repeatability: at most."""
     wanted, found = CLASSES[name], simulate(name, "ray-traced", exposures=4)
     assert found.line == pytest.approx(wanted.line, rel=0.02)
     assert 0.9 * wanted.points <= found.points <= wanted.points
