@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
+import trimesh
 from commands import scancell_here
 
 import scancell
@@ -41,6 +42,22 @@ def test_all_deviations_are_found(everything) -> None:
     assert np.abs(errors_in_half_widths(everything)).max() < 3
     assert everything.result.noise_of_points == pytest.approx(1.0, abs=0.3)
     assert not everything.warnings
+
+
+@pytest.mark.parametrize("artefact", ["plane", "v_groove", "ridge"])
+def test_tool_from_other_artefacts(scanner, artefact, tmp_path) -> None:
+    """One plane, a groove, and the two faces along a straight edge; where they stand is found, too."""
+    path = assets_dir() / "artefacts" / f"{artefact}.toml"
+    if artefact == "ridge":
+        path = tmp_path / "ridge.stl"
+        bottom = [[-40, -40, 0], [40, -40, 0], [40, 40, 0], [-40, 40, 0]]
+        faces = [[0, 2, 1], [0, 3, 2], [0, 1, 5], [0, 5, 4], [2, 3, 4], [2, 4, 5], [1, 2, 5], [3, 0, 4]]
+        trimesh.Trimesh([*bottom, [-40, 0, 30], [40, 0, 30]], faces).export(path)
+    built = {"tool.x_mm": 1.0, "tool.y_mm": -0.6, "tool.rx_deg": 0.5, "tool.rz_deg": 0.3}
+    report = scanner.calibrate("tool", path, as_built=built, seed=1)
+    for row in report.rows:
+        assert abs(row.error) < (0.005 if row.unit == "mm" else 0.001), row
+    assert np.abs(errors_in_half_widths(report)).max() < 3
 
 
 def test_cloud_after_calibration_is_nearly_the_ideal_one(scanner, everything) -> None:
