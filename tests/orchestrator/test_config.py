@@ -104,6 +104,15 @@ def test_override_conflict_names_both_sources(word: str, file: str, expected: st
     assert file in str(caught.value)
 
 
+def test_wrong_item_alone_in_its_list_is_one_error() -> None:
+    with pytest.raises(DescriptionError) as caught:
+        load_setup(sensor=assets_dir() / "sensors/short_range_25.toml", overrides=["sensor.camera[1].tilt_deg=1"])
+    assert "must be below tilt_deg (1)" in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+    with pytest.raises(DescriptionError, match="at least 1 item"):
+        load_setup(overrides=["sensor.camera=[]"])
+
+
 def test_invalid_study_override_error() -> None:
     with pytest.raises(DescriptionError, match=r"^--set design.trials=-1: design.trials = -1: must be"):
         load_study(assets_dir() / "studies/vibration.toml", ["design.trials=-1"])

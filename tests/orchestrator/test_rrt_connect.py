@@ -54,6 +54,15 @@ def test_retreat_points_and_home_do_not_lead_past_the_wall(walled, ends, monkeyp
         Connector(walled, CLEARANCE).connect(*ends, "the other side")
 
 
+def test_search_is_tried_from_either_end(walled, ends, monkeypatch) -> None:
+    """Trees that start at the other end are other trees."""
+    start, goal = ends
+    found = {start[0]: None, goal[0]: [goal, 0.5 * (start + goal), start]}
+    monkeypatch.setattr(RrtConnect, "path", lambda _, one, other: found[one[0]])
+    path = np.concatenate(Connector(walled, CLEARANCE).connect(start, goal, "the other side"))
+    np.testing.assert_allclose(path[[0, -1]], ends, atol=1e-12)
+
+
 @pytest.mark.slow
 def test_search_leads_past_the_wall(walled, ends) -> None:
     motions = Connector(walled, CLEARANCE).connect(*ends, "the other side")

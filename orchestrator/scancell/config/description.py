@@ -148,7 +148,12 @@ def _messages(
 ) -> list[str]:
     """One line per wrong key, where the alternatives of a key with several types are joined."""
     expected: dict[str, list[str]] = {}
-    for item in error.errors():
+    found = error.errors()
+    for item in found:
+        # A list whose only item is wrong counts as too short as well.
+        inside = [other for other in found if other["loc"][: len(item["loc"])] == item["loc"]]
+        if item["type"] == "too_short" and len(inside) > 1:
+            continue
         path = _path_in(data, item["loc"], item["type"] == "missing")
         name, hidden = _origin(path, source, origins, item["msg"])
         key = join_path(path[hidden:])

@@ -23,6 +23,8 @@ from scancell.output.run_folder import RunFolder
 from scancell.planning.plan_file import plan_json
 
 _DOUBTFUL = 3.0  # times the stated noise of points, from which a warning says so
+# Pose errors from exposure to exposure from which a warning says so: of a position (m) and an orientation (rad).
+_DOUBTFUL_POSE = (0.2e-3, np.radians(0.03))
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,13 @@ class CalibrationReport:
             found.append(
                 f"points scatter {self.result.noise_of_points:.1f} times as much as their stated sigma: is the artefact"
                 " the described one, and does the cell have other deviations than those to find?"
+            )
+        errors = self.result.noise_of_robot  # none, of the joints, or of position and orientation
+        if any(error > limit for error, limit in zip(errors[::-1], _DOUBTFUL_POSE[::-1], strict=False)):
+            position = f"{1e3 * errors[0]:.3f} mm and " if len(errors) > 1 else ""
+            found.append(
+                f"exposures differ by random pose errors of {position}{np.degrees(errors[-1]):.3f} deg: is the sensor"
+                " calibrated, and does the cell have other deviations than those to find?"
             )
         return found
 

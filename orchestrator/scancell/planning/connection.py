@@ -100,11 +100,16 @@ class Connector:
         raise PlanningError(f"no collision-free path to {purpose}: {reason} on the direct path")
 
     def _search(self, start: Array, end: Array) -> list[Array] | None:
-        """Waypoints (axes,) by RRT-Connect; the table turns no farther than from start to end."""
+        """Waypoints (axes,) by RRT-Connect, from either end; the table turns no farther than from start to end."""
         lower, upper = self._cell.nominal.arm.limits
         table = np.sort([start[-1], end[-1]])
         limits = np.append(lower, table[0]), np.append(upper, table[1])
-        return RrtConnect(self._motions, *limits).path(start, end)
+        search = RrtConnect(self._motions, *limits)
+        found = search.path(start, end)
+        if found is None:  # other samples grow other trees
+            found = search.path(end, start)
+            return None if found is None else found[::-1]
+        return found
 
     def _candidate_paths(self, start: Array, end: Array) -> Iterator[list[Array]]:
         """Lists of waypoints (axes,), simplest first: direct, through retreat points at either end, through home."""
