@@ -35,7 +35,7 @@ def residual_picture(path: Path, residuals: NDArray[np.float64], frame: NDArray[
         return _BOTTOM - (value - low) / (high - low) * (_BOTTOM - _TOP)
 
     sheet = Sheet(_WIDTH, _HEIGHT)
-    sheet.text(_LEFT, 28, "Distance of the points to the artefact after calibration", 18, bold=True)
+    sheet.text(_LEFT, 28, "Distance of the points from the measured surface after calibration", 18, bold=True)
     sheet.text(_LEFT, 50, "by exposure: central 95 %, central 50 %, median", 14, SOFT)
     for k, (lowest, lower, median, upper, highest) in enumerate(quantiles.tolist()):
         left, right = _LEFT + (k + 0.15) * step, _LEFT + (k + 0.85) * step
