@@ -77,7 +77,7 @@ scan: setup
 	@$(BIN)/scancell scan $(PART) --out $(OUT)
 
 # A process for each core, and each file, or group of files, in one of them: its tests share what is costly to make.
-PYTEST := $(BIN)/pytest -q -n auto --maxprocesses 8 --dist loadgroup --no-loadscope-reorder --slowest-files $(SLOWEST)
+PYTEST := $(BIN)/pytest -q -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder --slowest-files $(SLOWEST)
 test: dev native-tests
 	@$(PYTEST)
 

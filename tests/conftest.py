@@ -6,10 +6,15 @@ import os
 import shutil
 import tempfile
 from collections import Counter
+from functools import cache
+from pathlib import Path
 
 import pytest
+from xdist.remote import Producer
+from xdist.scheduler import LoadScopeScheduling
 
 _SECONDS: Counter[str] = Counter()
+_ROOT = Path(__file__).parents[1]
 
 # Left out by `make test-fast`: whole scans, FMUs or path tracing for more than a few seconds.
 SLOW_FOLDERS = {"system", "fmu"}
@@ -45,25 +50,41 @@ def pytest_itemcollected(item: pytest.Item) -> None:
     slow = item.path.parent.name in SLOW_FOLDERS or item.path.stem in SLOW_FILES
     if slow and item.path.stem not in FAST_FILES:
         item.add_marker(pytest.mark.slow)
-    item.add_marker(pytest.mark.xdist_group("browser" if _has_browser(item) else item.path.stem))
 
 
-def _has_browser(item: pytest.Item) -> bool:
-    return hasattr(getattr(item, "module", None), "chromium")
+@cache
+def _group(file: str) -> str:
+    """Tests of a group share a process: those of a file, and all that have a browser, which runs once at a time."""
+    return "browser" if "from chromium import" in (_ROOT / file).read_text() else file
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """The longest files first, so that no process is left alone with one of them at the end.
 
-    Files with a browser, which runs once at a time, are one group (see `pytest_itemcollected`) and come before all.
+    Those with a browser, one group, come before all.
     """
     if hasattr(config, "workerinput"):
-        items.sort(key=lambda item: (not _has_browser(item), item.path.parent.name != "system"))
+        items.sort(key=lambda item: (_group(_file(item.nodeid)) != "browser", item.path.parent.name != "system"))
+
+
+class GroupScheduling(LoadScopeScheduling):
+    """A group of files to a process; pytest-xdist's own groups are lost with pytest 9.2."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return _group(_file(nodeid))
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> GroupScheduling:
+    return GroupScheduling(config, log)
+
+
+def _file(nodeid: str) -> str:
+    return nodeid.partition("::")[0]
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    _SECONDS[report.nodeid.split("::")[0]] += report.duration
+    _SECONDS[_file(report.nodeid)] += report.duration
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
