@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -107,17 +107,16 @@ def test_run_is_opened_and_left_and_the_session_is_recorded(opened: Opened, tmp_
 
     chooser.set_input_files({"name": "run.zip", "mimeType": "application/zip", "buffer": zipped_run(tmp_path)})
     back = page.get_by_role("button", name="Back to the cell")
+    # The page of a view is there a moment before the view.
     back.wait_for()
+    waits(page, lambda: isinstance(opened.host.view, Playback), "the run")
     view = opened.host.view
     assert isinstance(view, Playback)
     fill(page, "time, s", 2.0)
-    for _ in range(round(WAITS / 0.05)):
-        if view.time == pytest.approx(2.0):
-            break
-        page.wait_for_timeout(50)
-    assert view.time == pytest.approx(2.0)
+    waits(page, lambda: view.time == pytest.approx(2.0), "the time")
     back.click()
     page.get_by_role("tab", name="File").wait_for()
+    waits(page, lambda: opened.host.workspace is not None, "the cell")
     opened.until(lambda state: state.time > 0.2, "the cell")
 
     page.get_by_role("tab", name="File").click()
@@ -135,6 +134,14 @@ def test_run_is_opened_and_left_and_the_session_is_recorded(opened: Opened, tmp_
     counts = {summary.channels[number].topic: n for number, n in summary.statistics.channel_message_counts.items()}
     assert counts["/joints"] == counts["/tf"] > 10
     assert counts["/scene"] == 1
+
+
+def waits(page: Any, condition: Callable[[], bool], what: str) -> None:
+    for _ in range(round(WAITS / 0.05)):
+        if condition():
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"{what} never came")
 
 
 def zipped_run(folder: Path) -> bytes:
