@@ -25,7 +25,7 @@ from scancell.config.choices import SensorTarget
 from scancell.config.loading import as_built_sensor
 from scancell.config.sensor import SensorDescription
 from scancell.jobs import sensor_targets
-from scancell.jobs.sensor_calibration import calibrate_sensor, range_error
+from scancell.jobs.sensor_calibration import calibrate_from, measure, range_error
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "orchestrator"))
 
@@ -101,7 +101,7 @@ def rendered_trial(target: SensorTarget, seed: int) -> tuple[Array, float, float
     """By ray-traced images: errors in standard deviations, bias RMS (m), and the scale of the covariance."""
     nominal, words = SensorDescription.default(), CAMERAS + SHEET
     built = as_built_sensor(nominal, words)
-    result = calibrate_sensor(nominal, words, (target,), seed=seed)
+    result = calibrate_from(nominal, measure(nominal, words, (target,), None, seed))
     error = result.values - SensorParameters(built, result.names).start_values
     return error / result.sigma, range_error(built, result.sensor, align=False), result.covariance_scale
 

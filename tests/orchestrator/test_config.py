@@ -109,6 +109,10 @@ def test_wrong_item_alone_in_its_list_is_one_error() -> None:
         load_setup(sensor=assets_dir() / "sensors/short_range_25.toml", overrides=["sensor.camera[1].tilt_deg=1"])
     assert "must be below tilt_deg (1)" in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+    with pytest.raises(DescriptionError) as caught:
+        load_setup(sensor=assets_dir() / "sensors/short_range_25.toml", overrides=["sensor.camera[1].tilt_deg='steep'"])
+    assert "must be a valid number" in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
     with pytest.raises(DescriptionError, match="at least 1 item"):
         load_setup(overrides=["sensor.camera=[]"])
 

@@ -151,8 +151,8 @@ def _messages(
     found = error.errors()
     for item in found:
         # A list whose only item is wrong counts as too short as well.
-        inside = [other for other in found if other["loc"][: len(item["loc"])] == item["loc"]]
-        if item["type"] == "too_short" and len(inside) > 1:
+        depth = len(item["loc"])
+        if item["type"] == "too_short" and any(other["loc"][:depth] == item["loc"] != other["loc"] for other in found):
             continue
         path = _path_in(data, item["loc"], item["type"] == "missing")
         name, hidden = _origin(path, source, origins, item["msg"])

@@ -42,29 +42,17 @@ class _Placed:
     board: CheckeredBoard | None = None
 
 
-def calibrate_sensor(
-    sensor: SensorDescription,
-    as_built: Sequence[str] = (),
-    targets: Sequence[SensorTarget] = ("ball",),
-    displacement_as_built: Array | None = None,
-    also: Sequence[str] = (),
-    seed: int = 1,
-    threads: int = 0,
+def calibrate_from(
+    sensor: SensorDescription, exposures: Sequence[TargetExposure], also: Sequence[str] = ()
 ) -> SensorCalibration:
-    """Calibrate a sensor from ray-traced images of targets.
+    """Calibrate a sensor from measurements, simulated or real.
+
+    Views of a checkered board need no start for their poses and the cameras' intrinsics: `start_from_corners` finds it.
 
     Parameters
     ----------
     sensor
-        Nominal description: the start, and what the images are extracted with.
-    as_built
-        Perturbations as ``key=value`` words; those of ``sensor.`` count.
-    targets
-        ``ball``: 25 mm, at 45 places; ``step``: three treads of 4 mm rise at 25 poses; ``checkered``: a ChArUco board
-        in 10 views of unknown poses, under a lamp and by the laser.
-    displacement_as_built
-        How far (4, 4) the stage of ball and step block is from where it is said to be, which the solution does not
-        know; None: their poses in the sensor frame are known.
+        Nominal description: the start.
     also
         Free parameters beside `free_parameters`.
 
@@ -72,18 +60,6 @@ def calibrate_sensor(
     ------
     CalibrationError
         If the measurements do not determine the free parameters.
-    DescriptionError, SensorError
-        If a perturbation or a description is invalid.
-    """
-    return calibrate_from(sensor, measure(sensor, as_built, targets, displacement_as_built, seed, threads), also)
-
-
-def calibrate_from(
-    sensor: SensorDescription, exposures: Sequence[TargetExposure], also: Sequence[str] = ()
-) -> SensorCalibration:
-    """Calibrate a sensor from measurements, simulated or real; see `calibrate_sensor`.
-
-    Views of a checkered board need no start for their poses and the cameras' intrinsics: `start_from_corners` finds it.
     """
     views = [one for one in exposures if one.corners is not None]
     start, placed = start_from_corners(sensor, views)
@@ -107,7 +83,26 @@ def measure(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> tuple[TargetExposure, ...]:
-    """Measurements of the targets by the sensor as built; see `calibrate_sensor`."""
+    """Measurements of the targets in ray-traced images of the sensor as built.
+
+    Parameters
+    ----------
+    sensor
+        Nominal description, with which the images are extracted.
+    as_built
+        Perturbations as ``key=value`` words; those of ``sensor.`` count.
+    targets
+        ``ball``: 25 mm, at 45 places; ``step``: three treads of 4 mm rise at 25 poses; ``checkered``: a ChArUco board
+        in 10 views of unknown poses, under a lamp and by the laser.
+    displacement_as_built
+        How far (4, 4) the stage of ball and step block is from where it is said to be, which the solution does not
+        know; None: their poses in the sensor frame are known.
+
+    Raises
+    ------
+    DescriptionError, SensorError
+        If a perturbation or a description is invalid.
+    """
     built = as_built_sensor(sensor, as_built)
     # Cameras that are not calibrated yet cannot vouch for each other's peaks.
     trusting = sensor.replace({"extraction.peak": "brightest"} if sensor.extraction.peak == "agreement" else {})
@@ -139,16 +134,17 @@ def range_error(as_built: SensorDescription, used: SensorDescription, align: boo
         Move the points rigidly on one another first: the tool transform takes up where the sensor frame lies.
     """
     found, expected = [], []
+    built, own = make_sensor(as_built, 0), make_sensor(used, 0)
     for camera, one in enumerate(used.camera):
         axes = [np.linspace(0.02, 0.98, 41) * (size - 1) for size in (one.width_px, one.height_px)]
         pixels = np.stack(np.meshgrid(*axes), -1).reshape(-1, 2)
-        points = sensor_rt.triangulate_pixels(pixels, make_sensor(as_built, 0), camera, "sheet")
+        points = sensor_rt.triangulate_pixels(pixels, built, camera, "sheet")
         inside = (points[:, 2] > si_value(as_built.range, "near_mm")) & (
             points[:, 2] < si_value(as_built.range, "far_mm")
         )
         form = used.extraction.triangulation
         expected.append(points[inside])
-        found.append(sensor_rt.triangulate_pixels(pixels[inside], make_sensor(used, 0), camera, form))
+        found.append(sensor_rt.triangulate_pixels(pixels[inside], own, camera, form))
     a, b = np.concatenate(found), np.concatenate(expected)
     return float(np.sqrt(np.mean(np.sum(((_moved(a, b) if align else a) - b) ** 2, 1))))
 

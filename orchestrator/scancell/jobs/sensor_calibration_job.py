@@ -30,7 +30,7 @@ class SensorCalibrationRequest:
     Attributes
     ----------
     targets
-        Simulated targets, see `scancell.jobs.sensor_calibration.calibrate_sensor`.
+        Simulated targets, see `scancell.jobs.sensor_calibration.measure`.
     from_points
         Table of peaks of a real sensor (docs/calibration_sensor.md) in place of simulated targets.
     is_pose_known

@@ -124,15 +124,7 @@ def _corner_points(table: MeasuredTable) -> Array:
     return corner
 
 
-@dataclass(frozen=True)
-class _Peaks:
-    camera: NDArray[np.int32]
-    column: Array
-    row: Array
-    sigma: Array
-
-
-def _peaks(table: MeasuredTable, sensor: SensorDescription) -> _Peaks:
+def _peaks(table: MeasuredTable, sensor: SensorDescription) -> StripePeaks:
     """The measured pixels of all rows, within the images."""
     camera, sigma = table.numbers("camera"), table.numbers("row_sigma_px")
     count = len(sensor.camera)
@@ -148,7 +140,7 @@ def _peaks(table: MeasuredTable, sensor: SensorDescription) -> _Peaks:
         if (wrong := np.flatnonzero((values < -0.5) | (values > limit))).size:
             table.refuse(int(wrong[0]), name, f"expected a pixel of the image, 0 to {limit[wrong[0]] - 0.5:g}")
         pixels.append(values)
-    return _Peaks(index, pixels[0], pixels[1], sigma)
+    return StripePeaks(index, pixels[0], pixels[1], sigma)
 
 
 def _require_equal(table: MeasuredTable, rows: Rows, columns: Sequence[tuple[str, Array]], names: list[str]) -> None:
@@ -188,7 +180,7 @@ def _targets(
     return found, files
 
 
-def _stripe(peaks: _Peaks, rows: Rows) -> StripePeaks | None:
+def _stripe(peaks: StripePeaks, rows: Rows) -> StripePeaks | None:
     """Peaks of an exposure, `PEAK_SPACING` or more columns apart; None without any."""
     kept: list[int] = []
     for row in rows[np.lexsort((peaks.column[rows], peaks.camera[rows]))].tolist():
@@ -204,7 +196,7 @@ def _stripe(peaks: _Peaks, rows: Rows) -> StripePeaks | None:
     return StripePeaks(peaks.camera[kept], peaks.column[kept], peaks.row[kept], peaks.sigma[kept])
 
 
-def _corners(peaks: _Peaks, corner: Array, rows: Rows) -> Corners | None:
+def _corners(peaks: StripePeaks, corner: Array, rows: Rows) -> Corners | None:
     if not len(rows):
         return None
     points = np.column_stack([1e-3 * corner[rows], np.zeros(len(rows))])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -234,4 +235,4 @@ def _csv_row(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _finite(values: Mapping[str, float]) -> dict[str, float | None]:
-    return {name: None if value != value else value for name, value in values.items()}  # noqa: PLR0124 (NaN)
+    return {name: None if math.isnan(value) else value for name, value in values.items()}
