@@ -110,6 +110,7 @@ class ScanResult(ScanData):
             "profiles": len(self.recording),
             "points": len(self.cloud),
             "points_without_normal": self.points_without_normal,
+            "points_on_table": self.dropped.low,
             "points_on_neighbours": dict(self.dropped.foreign),
             "deviation": self.deviation.figures.as_um(),
             "coverage": None if np.isnan(covered.fraction) else covered.fraction,
@@ -127,10 +128,16 @@ class ScanResult(ScanData):
             f"  deviation  mean {figures.mean * um:+.2f} um, RMS {figures.rms * um:.2f} um, "
             f"95 % within {figures.d95 * um:.1f} um, 99.9 % within {figures.d99_9 * um:.1f} um, "
             f"max {figures.max_abs * um:.1f} um{signed}",
+            f"  dropped    {self.dropped.low} points on the table{self._kept_low}",
             *(f"  dropped    {count} points on '{name}'" for name, count in self.dropped.foreign.items()),
             f"  coverage   {self.coverage.fraction:.1%} of the measurable surface, "
             f"{self.coverage.surface_fraction:.1%} of the whole",
         ]
+
+    @property
+    def _kept_low(self) -> str:
+        low = self.dropped.kept_low
+        return f"; {low} as low are on the part by its nominal outline" if low else ""
 
     def save(
         self,

@@ -114,10 +114,47 @@ def test_callback_receives_stages_and_cancels(scanner) -> None:
     assert len(scanner.scan(PART, engine="geometric").cloud) > 1000, "the scanner works after a cancelled scan"
 
 
-def test_part_thinner_than_the_table_margin_is_an_error_that_names_the_key(scanner) -> None:
-    plate = box_mesh((0.06, 0.04, 0.0004), "plate")
-    with pytest.raises(EmptyScanError, match=r"scan\.table_margin_mm = 0\.5"):
-        scanner.scan(plate, engine="geometric")
+@pytest.mark.parametrize("thickness", [0.4e-3, 0.5e-3])
+def test_sheet_no_thicker_than_the_table_margin_is_measured_without_bias(scanner, thickness) -> None:
+    result = scanner.scan(box_mesh((0.06, 0.04, thickness), "sheet"), engine="geometric")
+    dropped = result.dropped
+    assert abs(result.deviation.mean) < 1e-9
+    assert (np.ptp(result.cloud.points_in_part[:, :2], axis=0) > (0.0598, 0.0398)).all()
+    assert dropped.kept_low > 0.4 * len(result.cloud)
+    assert 0 < dropped.low == result.figures()["points_on_table"]
+    assert f"dropped    {dropped.low} points on the table; {dropped.kept_low} as low are on" in str(result)
+    assert not any("table_margin_mm" in warning for warning in result.warnings)
+    lost = result.recording.without_truth()
+    again, counts = scanner.pipeline.reconstruct(result.estimated, lost, result.profiles, result.setup)
+    np.testing.assert_array_equal(again.points_in_part, result.cloud.points_in_part)
+    assert counts == dropped
+
+
+def test_sheet_on_a_lower_table_is_kept_with_a_warning(scanner, tmp_path) -> None:
+    sheet = box_mesh((0.06, 0.04, 0.0005), "sheet")
+    result = scanner.scan(sheet, engine="geometric", as_built={"table.z_mm": -0.4})
+    assert (np.ptp(result.cloud.points_in_part[:, :2], axis=0) > (0.057, 0.037)).all()
+    (warning,) = [warning for warning in result.warnings if "table_margin_mm" in warning]
+    assert "do table, part and tool stand as described?" in warning
+    result.save(tmp_path / "run")
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert warning in manifest["warnings"]
+    assert manifest["points"] == {
+        "measured": result.dropped.measured,
+        "kept": len(result.cloud),
+        "dropped_on_table": result.dropped.low,
+        "dropped_above": result.dropped.high,
+        "dropped_beside_table": result.dropped.outside,
+        "dropped_on_neighbours": {},
+        "kept_as_low_as_table": result.dropped.kept_low,
+        "ambiguous": result.dropped.ambiguous,
+    }
+
+
+def test_sheet_farther_below_than_errors_explain_is_an_error_that_names_the_key(scanner) -> None:
+    sheet = box_mesh((0.06, 0.04, 0.0005), "sheet")
+    with pytest.raises(EmptyScanError, match=r"scan\.table_margin_mm = 0\.5.*highest of them at -2\.5"):
+        scanner.scan(sheet, engine="geometric", as_built={"table.z_mm": -3})
 
 
 def test_images_of_the_geometric_engine_are_refused(scanner) -> None:

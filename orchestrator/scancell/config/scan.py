@@ -98,7 +98,8 @@ class ScanDescription(FileDescription):
     )
     table_margin_mm: Finite = Field(
         default=0.5,
-        description="points less than this above the nominal top face of the table are removed as table points, mm",
+        description="points less than this above the nominal top face of the table are removed as table points, except "
+        "where a low upper side of the nominal part covers the table, mm",
     )
     sweep: SweepDescription = Field(default=SweepDescription(), description="turns of the table under a fixed sensor")
     raster: RasterDescription = Field(default=RasterDescription(), description="straight passes over the part's top")

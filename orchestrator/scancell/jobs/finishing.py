@@ -13,7 +13,7 @@ from scancell.errors import DescriptionError, EmptyScanError
 from scancell.nominal.estimated import estimated_cell
 from scancell.planning.plan import Plan
 from scancell.progress import Progress
-from scancell.reconstruction.reconstruct import why_empty
+from scancell.reconstruction.reconstruct import table_warnings, why_empty
 from scancell.results import ScanResult
 from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline, envelope_of
@@ -102,7 +102,7 @@ class Finishing:
             render_seconds=sensed.timings,
             timings=watch.seconds,
             dropped=dropped,
-            warnings=self._warnings(plan),
+            warnings=(*self._warnings(plan), *table_warnings(dropped, job.setup.scan.table_margin_mm)),
             fmu_token=exposed.fmu_token if plan is not None else "",
             part_file=job.part_file,
             recording_file=job.recording_file,

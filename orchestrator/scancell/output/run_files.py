@@ -69,7 +69,12 @@ def write_run(
         figures = deviation.as_json(data.camera_names, data.segment_names)
         write_json(folder.path("deviation.json"), {**figures, "coverage": coverage.as_json()})
         folder.path("resolved.toml").write_text(resolved_toml(data.setup, record.run))
-        run = {**record.run, "fmu_token": data.fmu_token, "warnings": list(data.warnings)}
+        run = {
+            **record.run,
+            "fmu_token": data.fmu_token,
+            "warnings": list(data.warnings),
+            "points": data.dropped.as_json(),
+        }
         write_json(folder.path("manifest.json"), manifest(data.setup, record.inputs, run))
     with watch.measure("draw"):
         write_pictures(data, data.nominal.part, deviation, coverage, folder)

@@ -22,7 +22,7 @@ from scancell.sensor import closest_points
 
 Array = NDArray[np.float64]
 
-_TOLERANCE = 1e-3  # m: more than as-built errors move points, less than parts stand apart
+TOLERANCE = 1e-3  # m: more than as-built errors move points, less than parts stand apart
 _CONTACT = 1.5  # tolerances between surfaces of neighbour and part up to which points count as the part's
 
 
@@ -45,7 +45,7 @@ class Neighbours:
     bodies: tuple[Neighbour, ...]
     part: Mesh
     table_from_part: Array
-    tolerance: float = _TOLERANCE
+    tolerance: float = TOLERANCE
 
     @cached_property
     def part_in_table(self) -> Mesh:

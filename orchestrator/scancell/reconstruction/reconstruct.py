@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.foreign import Neighbours, foreign_points
+from scancell.reconstruction.footprint import Footprint
+from scancell.reconstruction.foreign import TOLERANCE, Neighbours, foreign_points
 from scancell.reconstruction.normals import estimate_normals
 
 Array = NDArray[np.float64]
 
 _NODES = 17  # poses per frame between which points of a rolling shutter are interpolated
 _BLOCK = 1 << 14  # points that are transformed at a time
+_AMBIGUOUS = 0.01  # share of the cloud from which a warning names points that may be the table's
 REFERENCE_SIGMA = 20e-6  # m: standard deviation at which `quality_of` is 1/2
 
 
@@ -118,15 +120,19 @@ class ProfilePoints:
 class Envelope:
     """Cylindrical volume above the table in which points are kept, by nominal geometry.
 
-    `lowest` and `highest` are heights above the table's top face, `radius` is the distance from its axis, m.
+    `lowest` and `highest` are heights above the table's top face, `radius` is the distance from its axis, m. Points
+    lower than `lowest` are the table's, except on the `footprint` of the part; without one, all of them. `outline` is the
+    lower and upper corner (2, 2) of a rectangle around the part, seen from above.
     """
 
     lowest: float
     highest: float
     radius: float
+    footprint: Footprint | None = None
+    outline: Array | None = None
 
     def contains(self, points_in_table: Array) -> NDArray[np.bool_]:
-        """Whether points (n, 3) in the table frame, m, lie in the volume, (n,)."""
+        """Whether points (n, 3) in the table frame, m, lie in the cylinder, (n,)."""
         height, distance = points_in_table[:, 2], np.hypot(points_in_table[:, 0], points_in_table[:, 1])
         return np.asarray((height >= self.lowest) & (height <= self.highest) & (distance <= self.radius))
 
@@ -137,7 +143,9 @@ class Dropped:
 
     `measured` counts all points, `low`, `high` and `outside` those beyond the envelope (in this order: a point counts
     once), `foreign` those on each neighbour by name. `highest_low` is the greatest height (m) among the low ones, NaN
-    without any.
+    without any. `kept_low` points are as low, but on the part's footprint and thus in the cloud. `ambiguous` counts the
+    points, dropped or kept, for which footprint and height contradict each other, `beside` those in the cloud that lie
+    beside the part, a little higher than table points may.
     """
 
     measured: int
@@ -146,11 +154,45 @@ class Dropped:
     outside: int
     foreign: Mapping[str, int]
     highest_low: float
+    kept_low: int = 0
+    ambiguous: int = 0
+    beside: int = 0
 
     @property
     def kept(self) -> int:
         """Number of points in the cloud."""
         return self.measured - self.low - self.high - self.outside - sum(self.foreign.values())
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain counts for the manifest."""
+        return {
+            "measured": self.measured,
+            "kept": self.kept,
+            "dropped_on_table": self.low,
+            "dropped_above": self.high,
+            "dropped_beside_table": self.outside,
+            "dropped_on_neighbours": dict(self.foreign),
+            "kept_as_low_as_table": self.kept_low,
+            "ambiguous": self.ambiguous,
+        }
+
+
+def table_warnings(dropped: Dropped, table_margin_mm: float) -> list[str]:
+    """Warnings about points that may be the table's or the part's."""
+    margin, limit = f"scan.table_margin_mm = {table_margin_mm:g}", _AMBIGUOUS * dropped.kept
+    found = []
+    if dropped.ambiguous > limit:
+        found.append(
+            f"{dropped.ambiguous} points lower than {margin} are on the part by its nominal outline and on the table "
+            f"by their height, or the other way round ({dropped.kept_low} low points kept, {dropped.low} dropped): do "
+            "table, part and tool stand as described?"
+        )
+    if dropped.beside > limit:
+        found.append(
+            f"{dropped.beside} points beside the part lie up to {1e3 * TOLERANCE:g} mm higher than {margin} and are "
+            "kept: if they are on the table, raise it, or correct the height of the table"
+        )
+    return found
 
 
 def why_empty(dropped: Dropped, envelope: Envelope) -> list[str]:
@@ -280,6 +322,12 @@ def _sort_out(
     `table_angle` gives the angle (k,) of the table at the points of some rows, rad.
     """
     inside = envelope.contains(points_in_table)
+    on_part = ambiguous = np.zeros(0, bool)
+    if envelope.footprint is not None:
+        radius = np.hypot(points_in_table[:, 0], points_in_table[:, 1])
+        near_table = np.flatnonzero((points_in_table[:, 2] < envelope.lowest) & (radius <= envelope.radius))
+        on_part, ambiguous = envelope.footprint.part_points(points_in_table[near_table])
+        inside[near_table[on_part]] = True
     kept, beyond = np.flatnonzero(inside), points_in_table[~inside]
     low, high = beyond[:, 2] < envelope.lowest, beyond[:, 2] > envelope.highest
     foreign: dict[str, int] = {}
@@ -288,6 +336,11 @@ def _sort_out(
         found = zip(*np.unique(owner[owner >= 0], return_counts=True), strict=True)
         foreign = {neighbours.bodies[number].name: int(count) for number, count in found}
         kept = kept[owner < 0]
+    beside = 0
+    if envelope.outline is not None:
+        lowest = points_in_table[kept[points_in_table[kept, 2] < envelope.lowest + TOLERANCE], :2]
+        away = (lowest < envelope.outline[0] - TOLERANCE) | (lowest > envelope.outline[1] + TOLERANCE)
+        beside = int(away.any(1).sum())
     return kept, Dropped(
         measured=len(points_in_table),
         low=int(low.sum()),
@@ -295,6 +348,9 @@ def _sort_out(
         outside=len(beyond) - int(low.sum()) - int(high.sum()),
         foreign=foreign,
         highest_low=float(beyond[low, 2].max()) if low.any() else float("nan"),
+        kept_low=int(on_part.sum()),
+        ambiguous=int(ambiguous.sum()),
+        beside=beside,
     )
 
 

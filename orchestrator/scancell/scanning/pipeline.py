@@ -27,6 +27,7 @@ from scancell.config.choices import Engine
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value
+from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.part_surface import PartSurface
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
@@ -44,6 +45,7 @@ from scancell.planning.verification import recheck
 from scancell.progress import Progress
 from scancell.proximity.cell_check import check_cell
 from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.footprint import footprint_of
 from scancell.reconstruction.foreign import neighbours_of
 from scancell.reconstruction.reconstruct import Dropped, Envelope, ProfilePoints, reconstruct_and_count
 from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
@@ -262,7 +264,11 @@ def _with_torques(cell: PlanningCell, setup: Setup) -> PlanningCell:
 def envelope_of(nominal: NominalCell, setup: Setup) -> Envelope:
     """Room above the nominal table in which points are kept."""
     lowest = si_value(setup.scan, "table_margin_mm")
-    return Envelope(lowest=lowest, highest=_ENVELOPE_HEIGHT, radius=nominal.table_radius)
+    footprint = footprint_of(nominal.part, nominal.table_from_part, lowest)
+    corners = np.stack(np.meshgrid(*nominal.part.bounds.T), -1).reshape(-1, 3)
+    placed = pose.transform_points(nominal.table_from_part, corners)[:, :2]
+    outline = np.stack([placed.min(0), placed.max(0)])
+    return Envelope(lowest, _ENVELOPE_HEIGHT, nominal.table_radius, footprint, outline)
 
 
 def _kept(store: OrderedDict[str, T], key: str, limit: int, make: Callable[[], T]) -> T:

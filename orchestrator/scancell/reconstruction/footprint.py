@@ -1,0 +1,134 @@
+"""Points of thin parts near the table, told from table points by the part's nominal footprint.
+
+Where the nominal part covers the table, a point cannot be on the table, however low it lies. Only places where the
+upper side of the part is low matter; elsewhere the part has no points near the table. Within a tolerance of places
+where the table is visible both are possible: there a point belongs to the nearer of the two heights. No distance to the
+part is used: the footprint keeps points, it removes none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.reconstruction.foreign import TOLERANCE
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_WALL = 0.1  # vertical component of the normal up to which a face is a wall, which has no footprint
+_CELLS = 4  # of the grid in a tolerance
+_MOST_CELLS = 2000  # along a side
+# Position of the rays in their cells: no symmetry of a part puts all of them on edges, where rays may miss.
+_OFF_CENTRE = np.array([0.4571, 0.5312])
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Grid of the heights of the part's low upper sides, in the frame of the table at angle 0, m.
+
+    Attributes
+    ----------
+    corner, step
+        Lower corner (2,) of the grid and edge of its cells.
+    covered
+        (nx, ny) whether the part covers the table in the cell.
+    surely_covered
+        (nx, ny) whether it covers the table everywhere within the tolerance.
+    lowest_top, highest_top
+        (nx, ny) extremes of the heights of the low upper sides within the tolerance; infinite, and -infinite, without.
+    base
+        Height of the lowest point of the part.
+    tolerance
+        Distance by which as-built errors move points.
+    """
+
+    corner: Array
+    step: float
+    covered: Flags
+    surely_covered: Flags
+    lowest_top: Array
+    highest_top: Array
+    base: float
+    tolerance: float
+
+    def part_points(self, points_in_table: Array) -> tuple[Flags, Flags]:
+        """Which low points (n, 3) are the part's, (n,), and for which place and height contradict each other, (n,)."""
+        shape = np.array(self.covered.shape)
+        index = np.floor((points_in_table[:, :2] - self.corner) / self.step)
+        rows = np.flatnonzero(((index >= 0) & (index < shape)).all(1) & (points_in_table[:, 2] > self._floor))
+        cell = tuple(index[rows].astype(np.intp).T)
+        height, sure = points_in_table[rows, 2], self.surely_covered[cell]
+        top = np.where(sure, self.lowest_top[cell], self.highest_top[cell])
+        near = np.isfinite(top)
+        high = near & (height >= (self.base + top) / 2)
+        kept, ambiguous = np.zeros((2, len(points_in_table)), bool)
+        kept[rows] = high | (near & sure)
+        ambiguous[rows] = near & (high != self.covered[cell])
+        return kept, ambiguous
+
+    @property
+    def _floor(self) -> float:
+        return self.base - self.tolerance
+
+
+def footprint_of(part: Mesh, table_from_part: Array, lowest: float, tolerance: float = TOLERANCE) -> Footprint | None:
+    """The footprint of the nominal part; None if it has no upper side near or below the height `lowest`, m."""
+    ceiling = lowest + tolerance
+    height = part.vertices @ table_from_part[2, :3] + table_from_part[2, 3]
+    below = height < ceiling
+    a, b, c = part.faces.T
+    low_faces = part.faces[below[a] | below[b] | below[c]]
+    corners = pose.transform_points(table_from_part, part.vertices[low_faces].reshape(-1, 3)).reshape(-1, 3, 3)
+    low = corners[_upwards(corners) > _WALL]
+    if not len(low):
+        return None
+    bounds = low[..., :2].reshape(-1, 2)
+    corner, end = bounds.min(0) - 2 * tolerance, bounds.max(0) + 2 * tolerance
+    step = max(tolerance / _CELLS, float((end - corner).max()) / _MOST_CELLS)
+    reach = 2 * int(np.ceil(tolerance / step)) + 1
+    top = _tops(part, table_from_part, corner, step, np.ceil((end - corner) / step).astype(int), ceiling)
+
+    from scipy.ndimage import maximum_filter, minimum_filter  # noqa: PLC0415
+
+    covered, is_low = ~np.isnan(top), np.isfinite(top)
+    return Footprint(
+        corner=corner,
+        step=step,
+        covered=covered,
+        surely_covered=minimum_filter(covered, reach),
+        lowest_top=minimum_filter(np.where(is_low, top, np.inf), reach),
+        highest_top=maximum_filter(np.where(is_low, top, -np.inf), reach),
+        base=float(height.min()),
+        tolerance=tolerance,
+    )
+
+
+def _tops(
+    part: Mesh, table_from_part: Array, corner: Array, step: float, shape: NDArray[np.int_], ceiling: float
+) -> Array:
+    """Height (nx, ny) of the upper side below the ceiling; infinite where it is above, NaN where there is no part."""
+    scene = sensor_rt.Scene()
+    scene.add_mesh("part", part.vertices, part.faces, 0.5)
+    x, y = (corner[axis] + step * (np.arange(shape[axis]) + _OFF_CENTRE[axis]) for axis in (0, 1))
+    origins = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full(shape, ceiling)], -1).reshape(-1, 3)
+    down = np.tile([0.0, 0.0, -1.0], (len(origins), 1))
+    distance, body, face = sensor_rt.cast_rays(scene, table_from_part[None], origins, down)
+    hit = np.flatnonzero(body >= 0)
+    top = np.full(len(origins), np.nan)
+    upwards = part.normals[face[hit]] @ table_from_part[2, :3]
+    # A ray that starts inside the part leaves it by its lower side.
+    top[hit] = np.where(upwards > _WALL, ceiling - distance[hit], np.inf)
+    return top.reshape(shape)
+
+
+def _upwards(corners: Array) -> Array:
+    """Vertical component (n,) of the unit normals of triangles (n, 3, 3)."""
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(cross, axis=1)
+    return np.asarray(cross[:, 2] / np.where(length > 0, length, 1.0))
