@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from scancell.config.loading import assets_dir
-from scancell.errors import FitError
+from scancell.errors import DescriptionError, FitError
 from scancell.evaluation.artefact import ArtefactEvaluation, evaluate_against_artefact
 from scancell.evaluation.characteristics import Characteristic, narrowest_range
 from scancell.evaluation.faces import assign, faces_of
@@ -189,6 +189,21 @@ def test_alignment_recovers_the_pose_of_the_artefact(align: str) -> None:
     found = evaluate_against_artefact(points, box, align, datum)  # type: ignore[arg-type]
     assert np.abs(found.artefact_from_cloud @ moved - np.eye(4)).max() < 1e-9
     assert found.figures.max_abs < 1e-9
+
+
+def test_datum_faces_without_points_are_named() -> None:
+    box = group(part("block", Box(30e-3, 20e-3, 10e-3)))
+    points = cloud(box, noise=0.0)
+    points = points[points[:, 2] > -4.9e-3]
+    with pytest.raises(FitError, match=r"datum: 0 points lie on block:-z of .*; measured: block:\+x, "):
+        evaluate_against_artefact(points, box, "datum", ("block:-z", "block:+x", "block:+y"))
+    assert evaluate_against_artefact(points, box, "datum").datum == tuple(
+        f"block:{f}" for f in ("+x", "-x", "+y", "-y", "+z")
+    )
+    with pytest.raises(DescriptionError, match="align = 'bestfit'"):
+        evaluate_against_artefact(points, box, "bestfit")  # type: ignore[arg-type]
+    with pytest.raises(DescriptionError, match="holds no points"):
+        evaluate_against_artefact(points[:0], box)
 
 
 def test_datum_makes_the_primary_plane_fit_and_leaves_the_deviation_elsewhere() -> None:

@@ -45,7 +45,9 @@ def test_formats_and_units(tmp_path, suffix, unit, metres):
 
 def test_obj_polygons_texture_indices_and_negative_indices(tmp_path):
     path = tmp_path / "quad.obj"
-    path.write_text("# two squares\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nf 1/1/1 2//2 3/1 4\nf -4 -3 -2 -1\n")
+    path.write_text(
+        "# both sides of a square\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nf 1/1/1 2//2 3/1 4\nf -1 -2 -3 -4\n"
+    )
     mesh = load_mesh(path, "m")
     assert len(mesh.faces) == 4
     assert mesh.areas.sum() == pytest.approx(2.0)
@@ -107,6 +109,27 @@ def test_degenerate_triangles_among_good_ones_are_accepted(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 1 2\n")
     assert len(load_mesh(path).faces) == 2
+
+
+@pytest.mark.parametrize("repeated", [slice(0, 1), slice(3, 9), slice(None)])
+def test_repeated_faces_are_removed(tmp_path, repeated):
+    solid = trimesh.creation.box((40, 60, 100))
+    faces = np.asarray(solid.faces)
+    again = np.roll(faces[repeated], 1, axis=1)  # begins with another vertex
+    trimesh.Trimesh(solid.vertices, np.concatenate([faces, again]), process=False).export(tmp_path / "box.stl")
+    mesh = load_mesh(tmp_path / "box.stl")
+    assert mesh.is_closed
+    assert mesh.areas.sum() == pytest.approx(2 * (24 + 40 + 60) * 1e-4)
+    np.testing.assert_allclose(mesh.vertices[mesh.faces] * 1e3, solid.vertices[faces], atol=1e-5)
+    (remark,) = mesh.warnings
+    assert f"{len(again)} of {12 + len(again)} faces repeat another" in remark
+
+
+def test_both_sides_of_a_sheet_are_kept(tmp_path):
+    faces = np.array([[0, 1, 2], [2, 1, 0], [0, 2, 3], [3, 2, 0]])
+    corners = np.array([[0, 0, 0], [50, 0, 0], [50, 40, 0], [0, 40, 0]], float)
+    trimesh.Trimesh(corners, faces, process=False).export(tmp_path / "sheet.stl")
+    assert len(load_mesh(tmp_path / "sheet.stl").faces) == 4
 
 
 def test_normals_and_areas_of_a_box_close():

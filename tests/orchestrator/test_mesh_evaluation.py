@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from scancell.config.loading import assets_dir
-from scancell.errors import FitError
+from scancell.errors import DescriptionError, FitError
 from scancell.evaluation.alignment import DatumPlane, best_fit, datum_fit
 from scancell.evaluation.mesh_evaluation import evaluate_against_mesh
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.geometry.regions import smooth_regions
 from scancell.geometry.sampling import sample_surface
-from scancell.geometry.shapes import Cylinder
+from scancell.geometry.shapes import Cylinder, Sphere
 
 
 def mesh_of(solid: trimesh.Trimesh) -> Mesh:
@@ -115,3 +117,94 @@ def test_figures_and_coverage_by_region() -> None:
     assert found.region_coverage[region] > 0.99
     assert 48 / 208 <= found.coverage <= (48 + 0.2 * 28 * 1.1) / 208  # and 2 mm of the sides below the edges
     assert sum(figures.count for figures in found.by_region.values()) == len(found.signed)
+
+
+def test_unknown_alignments_and_empty_clouds_are_refused() -> None:
+    with pytest.raises(DescriptionError, match="align = 'bestfit': expected none, best-fit, datum"):
+        evaluate_against_mesh(np.zeros((9, 3)), BOX, "bestfit")  # type: ignore[arg-type]
+    with pytest.raises(DescriptionError, match="holds no points"):
+        evaluate_against_mesh(np.zeros((0, 3)), BOX)
+
+
+_CORNERS = [*product((0, 80), (0, 60), (0,)), (0, 0, 40), (80, 0, 25), (0, 60, 30), (80, 60, 15)]
+WEDGE = mesh_of(trimesh.convex.convex_hull(1e-3 * np.array(_CORNERS)))  # a box with a sloping top: no symmetry
+
+
+def seen_from_above(mesh: Mesh, count: int = 20_000) -> np.ndarray:
+    """Points (n, 3) on all faces but those that look down."""
+    points, face = sample_surface(mesh, count, 9)
+    return points[mesh.normals[face][:, 2] > -0.5]
+
+
+def test_default_datum_faces_were_measured() -> None:
+    """The lower side is the largest of all, and no scan sees it."""
+    found = evaluate_against_mesh(pose.transform_points(MOVED, seen_from_above(WEDGE)), WEDGE, "datum")
+    assert np.abs(found.part_from_cloud @ MOVED - np.eye(4)).max() < 1e-9
+    assert len(found.datum) == 3
+    assert all(found.regions.normals[number][2] > -0.5 for number in found.datum)
+    assert found.as_json()["alignment"]["datum"] == list(found.datum)
+    lower = int(np.argmin(found.regions.normals[:, 2]))
+    with pytest.raises(FitError, match=rf"region {lower} \(plane, .*, -1.00\).* not measured: .*; measured: region"):
+        evaluate_against_mesh(seen_from_above(WEDGE), WEDGE, "datum", (lower, *found.datum[1:]))
+
+
+def test_datum_of_two_measured_directions_leaves_the_third_to_the_best_fit() -> None:
+    points, face = sample_surface(BOX, 20_000, 7)
+    points = points[(BOX.normals[face][:, 2] > 0.9) | (BOX.normals[face][:, 1] > 0.9)]
+    found = evaluate_against_mesh(pose.transform_points(MOVED, points), BOX, "datum")
+    assert found.regions.normals[list(found.datum)] == pytest.approx(np.array([[0, 0, 1], [0, 1, 0]]))
+    error = found.part_from_cloud @ MOVED
+    assert np.abs(error[:3, :3] - np.eye(3)).max() < 1e-9
+    assert np.abs(error[1:3, 3]).max() < 1e-12
+    assert abs(error[0, 3]) < 2e-3
+    (warning,) = found.warnings
+    assert "2 of three directions" in warning
+    sphere = Sphere(0.02).mesh()
+    with pytest.raises(FitError, match="no plane face of sphere was measured"):
+        evaluate_against_mesh(sample_surface(sphere, 5000, 1)[0], sphere, "datum")
+
+
+def test_regions_state_normal_and_centre() -> None:
+    moved = BOX.transformed(pose.translation((0.1, 0.0, 0.02)))
+    rows = evaluate_against_mesh(sample_surface(moved, 20_000, 8)[0], moved).rows()
+    assert len(rows) == 6
+    for row in rows:
+        normal = np.array([row[f"normal_{axis}"] for axis in "xyz"])
+        centre = np.array([row[f"centre_{axis}_mm"] for axis in "xyz"])
+        assert centre == pytest.approx(np.array([100, 0, 20]) + normal * [40, 30, 20])
+    cylinder = Cylinder(0.02, 0.05).mesh()
+    side = evaluate_against_mesh(sample_surface(cylinder, 5000, 8)[0], cylinder).rows()[0]
+    assert side["normal_x"] is None
+    assert side["centre_z_mm"] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", [[0, 0, np.pi], [np.pi, 0, 0], [0.4, 1.9, -1.1], [2.2, -2.2, 0.3]])
+def test_best_fit_finds_a_turned_cloud(turn: list[float]) -> None:
+    moved = pose.from_rotation(Rotation.from_rotvec(turn).as_matrix(), [0.03, -0.02, 0.05])
+    points = seen_from_above(WEDGE, 4000)
+    found = evaluate_against_mesh(pose.transform_points(moved, points), WEDGE, "best-fit")
+    assert found.figures.rms < 1e-8
+    if turn == [0, 0, np.pi]:
+        (warning,) = found.warnings
+        assert "from another start" in warning
+        assert "turns the cloud by 180 deg" in warning
+
+
+def test_best_fit_of_a_mirrored_cloud_asks_for_the_axis() -> None:
+    found = evaluate_against_mesh(seen_from_above(WEDGE, 4000) * [1, -1, 1], WEDGE, "best-fit")
+    assert found.figures.rms > 0.5e-3
+    assert any("mirror image of the cloud fits with" in warning for warning in found.warnings)
+
+
+def test_best_fit_to_another_part_is_doubted() -> None:
+    found = evaluate_against_mesh(seen_from_above(WEDGE, 4000), Cylinder(0.03, 0.05).mesh(1e-3), "best-fit")
+    assert any("is the cloud one of this part" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("scale", "units"), [(25.4, "inch and mm"), (1 / 25.4, "mm and inch"), (1e-3, "mm and m"), (39.37, "m and inch")]
+)
+def test_cloud_in_another_unit_than_the_mesh_is_warned_of(scale: float, units: str) -> None:
+    (warning,) = evaluate_against_mesh(scale * sample_surface(BOX, 500, 1)[0], BOX).warnings
+    assert f"differ as {units} do" in warning
+    assert not evaluate_against_mesh(0.5 * sample_surface(BOX, 500, 1)[0], BOX).warnings

@@ -151,6 +151,15 @@ def test_points_of_a_file_give_the_same_calibration(scanner, tmp_path) -> None:
         assert again.true is None
         assert again.result.values == pytest.approx(first.result.values, abs=1e-8)
         assert again.result.standard_deviations == pytest.approx(first.result.standard_deviations, rel=1e-3)
+    # Points beside the artefact are counted, not used.
+    off = table.to_pydict()
+    away = {name: [*values, *values[:40]] for name, values in off.items()}
+    away["z_mm"][-40:] = [value - 30 for value in away["z_mm"][-40:]]
+    pyarrow.csv.write_csv(pyarrow.table(away), tmp_path / "more.csv")
+    more = scanner.calibrate("tool", from_points=tmp_path / "more.csv")
+    assert more.figures()["points"] == len(table) + 40
+    assert more.figures()["points_on_artefact"] <= len(table)
+    assert more.lines()[0].startswith(f"{len(more.result.residuals)} of {len(table) + 40} points")
 
 
 def test_wrong_points_are_refused(scanner, tmp_path) -> None:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from scancell.evaluation.mesh_evaluation import MeshEvaluation
 
 _SHOWN = 40  # lines of figures for people; all are in the files
+_SHOWN_REGIONS = 12
 
 
 def evaluate(
@@ -45,7 +46,8 @@ def evaluate(
             cloud, mesh=mesh, artefact=artefact, align=align, datum=words, out=out, unit=unit, threads=threads
         )
         files = [str(out / f"evaluation.{suffix}") for suffix in ("json", "csv", "png")]
-        return Outcome([f"{cloud}: {len(found.signed)} points", *_lines(found)], found.as_json(), files)
+        lines = [f"{cloud}: {len(found.signed)} points", *_lines(found)]
+        return Outcome(lines, found.as_json(), files, list(found.warnings))
 
     run("evaluate", as_json, work)
 
@@ -59,10 +61,28 @@ def _lines(found: MeshEvaluation | ArtefactEvaluation) -> list[str]:
         f" D95 % {1e6 * figures.d95:.1f} um"
     ]
     if not isinstance(found, ArtefactEvaluation):
-        return [*lines, f"  {100 * found.coverage:.1f} % of the surface covered, {len(found.regions)} regions"]
+        return [*lines, *_region_lines(found)]
+    if found.datum:
+        lines.append(f"  datum faces: {', '.join(found.datum)}")
     lines += [_line(one.as_row()) for one in found.characteristics[:_SHOWN]]
     if len(found.characteristics) > _SHOWN:
         lines.append(f"  … {len(found.characteristics) - _SHOWN} more in evaluation.csv")
+    return lines
+
+
+def _region_lines(found: MeshEvaluation) -> list[str]:
+    """Coverage, datum regions, and the largest regions with their frames."""
+    from scancell.evaluation.mesh_evaluation import region_text  # noqa: PLC0415
+
+    lines = [f"  {100 * found.coverage:.1f} % of the surface covered, {len(found.regions)} regions"]
+    if found.datum:
+        lines.append(f"  datum faces: {', '.join(f'region {number}' for number in found.datum)}")
+    shown = list(found.by_region.items())[:_SHOWN_REGIONS]
+    for number, figures in shown:
+        text = region_text(found.regions, number)
+        lines.append(f"  region {number}: {text}: {figures.count} points, RMS {1e6 * figures.rms:.1f} um")
+    if len(found.by_region) > len(shown):
+        lines.append(f"  … {len(found.by_region) - len(shown)} more in evaluation.csv")
     return lines
 
 

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from scancell.config.choices import Align
 from scancell.errors import FitError
-from scancell.evaluation.alignment import MOST_POINTS, DatumPlane, best_fit, datum_fit
+from scancell.evaluation.alignment import (
+    MOST_POINTS,
+    DatumPlane,
+    best_fit,
+    best_fit_of_starts,
+    check_request,
+    datum_fit,
+)
 from scancell.evaluation.characteristics import Characteristic, FittedFace, characteristics, fitted_face
 from scancell.evaluation.deviation import DeviationFigures
 from scancell.evaluation.faces import Face, assign, faces_of
@@ -52,6 +59,10 @@ class ArtefactEvaluation:
         Share of the points that lie farther than the reach from every shape.
     missing_rate
         Share of each face (by name) without a point within 1 mm, away from edges.
+    datum
+        Names of the datum faces.
+    warnings
+        What is doubtful about the alignment.
     """
 
     artefact: ShapeGroup
@@ -68,6 +79,8 @@ class ArtefactEvaluation:
     missing_rate: dict[str, float]
     reach: float
     guard: float
+    datum: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Plain data for ``evaluation.json``."""
@@ -75,7 +88,7 @@ class ArtefactEvaluation:
             "artefact": self.artefact.source,
             "what": "figures in the style of VDI/VDE 2634-2 and -3, ISO 10360-8 and -13; least-squares elements; "
             "standard uncertainties from the covariance of the fits",
-            "alignment": alignment_json(self.align, self.artefact_from_cloud),
+            "alignment": alignment_json(self.align, self.artefact_from_cloud, self.datum),
             "reach_mm": 1e3 * self.reach,
             "edge_guard_mm": 1e3 * self.guard,
             "all": self.figures.as_um(),
@@ -114,11 +127,14 @@ def evaluate_against_artefact(
 
     Raises
     ------
+    DescriptionError
+        If `align` is unknown, or there are no points.
     FitError
         If no face has enough points, or they do not determine the alignment.
     """
+    check_request(points, align)
     faces = faces_of(artefact)
-    moved = _alignment(points, artefact, faces, align, datum, reach, guard)
+    moved, used, warnings = _alignment(points, artefact, faces, align, datum, reach, guard)
     aligned = points if align == "none" else pose.transform_points(moved, points)
     assigned = assign(aligned, artefact, faces, reach, guard)
     counts = np.bincount(assigned.face + 1, minlength=len(faces) + 1)[1:]
@@ -150,6 +166,8 @@ def evaluate_against_artefact(
         missing_rate=_missing(aligned, artefact, faces, measured, guard),
         reach=reach,
         guard=guard,
+        datum=used,
+        warnings=tuple(warnings),
     )
 
 
@@ -161,21 +179,32 @@ def _alignment(
     datum: Sequence[str],
     reach: float,
     guard: float,
-) -> Array:
+) -> tuple[Array, tuple[str, ...], list[str]]:
+    """Pose (4, 4) that moves the points, the datum faces used, and warnings."""
     if align == "none":
-        return np.eye(4)
+        return np.eye(4), (), []
     known = [face.name for face in faces]
     unknown = [name for name in datum if name not in known]
     if unknown:
         raise FitError(f"datum: {artefact.source} has no face {unknown[0]}; expected {', '.join(known)}")
-    start = best_fit(points, lambda at: artefact.nearest(at)[:2])
+    bounds = artefact.mesh(_COARSE).bounds
+    start, warnings = best_fit_of_starts(points, lambda at: artefact.nearest(at)[:2], bounds)
     if align == "best-fit":
-        return start
+        return start, (), warnings
     chosen = [known.index(name) for name in (datum or known)]
     assigned = assign(pose.transform_points(start, points), artefact, faces, reach, guard).face
+    counts = {known[k]: int((assigned == k).sum()) for k in chosen}
+    missing = [name for name in datum if counts[name] < _LEAST_POINTS]
+    if missing:
+        measured = [face.name for number, face in enumerate(faces) if (assigned == number).sum() >= _LEAST_POINTS]
+        raise FitError(
+            f"datum: {counts[missing[0]]} points lie on {missing[0]} of {artefact.source}; measured: "
+            f"{', '.join(measured) or 'no face'}"
+        )
+    used = tuple(name for name in (known[k] for k in chosen) if counts[name])
     if len(chosen) == 3 and all(faces[number].kind == "plane" for number in chosen):
         planes = [(DatumPlane(faces[k].point, faces[k].axis), points[assigned == k]) for k in chosen]
-        return datum_fit(planes)
+        return datum_fit(planes), used, warnings
     rows = np.flatnonzero(np.isin(assigned, chosen))
     numbers = assigned[rows]
 
@@ -189,7 +218,7 @@ def _alignment(
     # As many as `best_fit` uses, so that it leaves none out.
     step = max(1, len(rows) // MOST_POINTS)
     rows, numbers = rows[::step], numbers[::step]
-    return best_fit(pose.transform_points(start, points[rows]), distances) @ start
+    return best_fit(pose.transform_points(start, points[rows]), distances) @ start, used, warnings
 
 
 def _missing(

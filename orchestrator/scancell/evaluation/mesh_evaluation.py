@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,10 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.config.choices import Align
 from scancell.errors import FitError
-from scancell.evaluation.alignment import DatumPlane, best_fit, datum_fit
+from scancell.evaluation.alignment import DatumPlane, best_fit_of_starts, check_request, datum_fit
 from scancell.evaluation.deviation import DeviationFigures, figures_by_label
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh
+from scancell.geometry.mesh import METRES_PER_UNIT, Mesh
 from scancell.geometry.part_surface import PartSurface
 from scancell.geometry.regions import Regions, smooth_regions
 from scancell.geometry.sampling import sample_surface
@@ -26,6 +27,13 @@ Array = NDArray[np.float64]
 
 _DATUM_REACH = 1e-3  # m: points farther from a datum plane do not belong to it
 _DATUM_EDGE = 0.5e-3  # m: points nearer to another region do not, either
+_DATUM_POINTS = 20  # that a face needs to be chosen as datum
+_NAMED = 10  # regions in a message
+_DATUM_AREA = 1e-6  # m², over which they must spread
+_DIRECTIONS = 0.3  # least singular value of the unit normals of chosen datum faces
+_SIZES_DIFFER = 3.0  # factor between the extents of cloud and mesh from which on a unit is doubted
+_SAME_SIZE = 1.5  # factor up to which another unit explains it
+_UNIT_PAIRS = tuple(permutations(METRES_PER_UNIT, 2))
 _COVERAGE_SAMPLES = 20_000
 _COVERAGE_TOLERANCE = 1e-3  # m
 _LISTED = 100  # regions with figures of their own
@@ -47,6 +55,10 @@ class MeshEvaluation:
         Statistics of all points, and of those nearest to each of the largest regions.
     coverage
         Share of the surface, and (k,) of each region, with a point within `tolerance` (m).
+    datum
+        Numbers of the datum regions in order of precedence.
+    warnings
+        What is doubtful about mesh, cloud and alignment.
     """
 
     points_in_part: Array
@@ -62,6 +74,8 @@ class MeshEvaluation:
     region_coverage: Array
     tolerance: float
     is_signed: bool
+    datum: tuple[int, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Plain data for ``evaluation.json``."""
@@ -69,7 +83,7 @@ class MeshEvaluation:
             "mesh": self.mesh.source,
             "what": "distance from each point to the nearest point of the part, "
             + ("positive outside" if self.is_signed else "unsigned because the mesh is not closed"),
-            "alignment": alignment_json(self.align, self.part_from_cloud),
+            "alignment": alignment_json(self.align, self.part_from_cloud, self.datum),
             "all": self.figures.as_um(),
             "coverage": {"fraction": self.coverage, "tolerance_mm": 1e3 * self.tolerance},
             "regions": self.rows(),
@@ -81,12 +95,21 @@ class MeshEvaluation:
             {
                 "region": number,
                 "plane": bool(self.regions.is_plane[number]),
+                **self._frame(number),
                 "area_mm2": 1e6 * float(self.regions.areas[number]),
                 "coverage": float(self.region_coverage[number]) if self.region_coverage[number] >= 0 else None,
                 **figures.as_um(),
             }
             for number, figures in self.by_region.items()
         ]
+
+    def _frame(self, number: int) -> dict[str, float | None]:
+        """Centre of a region, and the normal of a plane one."""
+        is_plane, normal = self.regions.is_plane[number], self.regions.normals[number]
+        return {
+            **{f"normal_{axis}": float(v) if is_plane else None for axis, v in zip("xyz", normal, strict=True)},
+            **{f"centre_{a}_mm": 1e3 * float(v) for a, v in zip("xyz", self.regions.centres[number], strict=True)},
+        }
 
 
 def evaluate_against_mesh(
@@ -103,18 +126,21 @@ def evaluate_against_mesh(
     Parameters
     ----------
     datum
-        Numbers of three plane regions in order of precedence, for ``align="datum"``; by default the three largest of
-        three directions.
+        Numbers of three plane regions in order of precedence, for ``align="datum"``; by default the three of which most
+        was measured, of three directions.
     tolerance
         Distance within which a point covers the surface, m.
 
     Raises
     ------
+    DescriptionError
+        If `align` is unknown, or there are no points.
     FitError
         If the points do not determine the alignment.
     """
+    check_request(points, align)
     surface, regions = PartSurface(mesh), smooth_regions(mesh)
-    moved = _alignment(points, mesh, surface, regions, align, datum, threads)
+    moved, chosen, warnings = _alignment(points, mesh, surface, regions, align, datum, threads)
     aligned = points if align == "none" else pose.transform_points(moved, points)
     signed, face = surface.distances(aligned, threads)
     of_point = regions.of_face[face]
@@ -134,13 +160,16 @@ def evaluate_against_mesh(
         region_coverage=region_coverage,
         tolerance=tolerance,
         is_signed=surface.is_signed,
+        datum=chosen,
+        warnings=(*mesh.warnings, *_size_warnings(points, mesh), *warnings),
     )
 
 
-def alignment_json(align: Align, part_from_cloud: Array) -> dict[str, Any]:
+def alignment_json(align: Align, part_from_cloud: Array, datum: Sequence[int | str]) -> dict[str, Any]:
     """Alignment as plain data."""
     return {
         "method": align,
+        "datum": list(datum),
         "part_from_cloud": [[*row[:3], 1e3 * row[3]] for row in part_from_cloud[:3].tolist()],
         "unit": "mm",
     }
@@ -154,9 +183,10 @@ def _alignment(
     align: Align,
     datum: Sequence[int],
     threads: int,
-) -> Array:
+) -> tuple[Array, tuple[int, ...], list[str]]:
+    """Pose (4, 4) that moves the points, the datum regions used, and warnings."""
     if align == "none":
-        return np.eye(4)
+        return np.eye(4), (), []
 
     def distances(at: Array) -> tuple[Array, Array]:
         if isinstance(mesh, ShapeMesh):
@@ -169,35 +199,116 @@ def _alignment(
         side = np.einsum("ni,ni->n", at - mesh.vertices[mesh.faces[face, 0]], normal)
         return np.copysign(signed, side), normal
 
-    start = best_fit(points, distances)
+    start, warnings = best_fit_of_starts(points, distances, mesh.bounds)
     if align == "best-fit":
-        return start
-    numbers = list(datum) or _default_datum(regions)
+        return start, (), warnings
     moved = pose.transform_points(start, points)
     signed, face = surface.distances(moved, threads)
-    planes = []
-    for number in numbers:
-        if not 0 <= number < len(regions) or not regions.is_plane[number]:
-            raise FitError(f"datum: region {number} of {mesh.source} is not one of its plane regions")
-        own = regions.of_face == number
-        near = np.flatnonzero((regions.of_face[face] == number) & (np.abs(signed) < _DATUM_REACH))
-        others = MeshSurface(mesh.vertices, mesh.faces[~own])
-        near = near[np.abs(others.signed_distances(moved[near], threads)[0]) > _DATUM_EDGE]
-        point = mesh.vertices[mesh.faces[own, 0]].mean(0)
-        planes.append((DatumPlane(point, regions.normals[number]), points[near]))
-    return datum_fit(planes)
+    near = np.abs(signed) < _DATUM_REACH
+    faces = _DatumFaces(mesh, regions, moved[near], regions.of_face[face[near]], threads)
+    if datum:
+        planes = faces.named(datum)
+        return datum_fit(list(planes.values())) @ start, tuple(planes), warnings
+    planes = faces.chosen()
+    if len(planes) < 3:
+        text = ", ".join(f"region {number} ({region_text(regions, number)})" for number in planes)
+        warnings.append(
+            f"datum: the measured plane faces have {len(planes)} of three directions: {text}; motions that they leave "
+            "free are those of the best fit"
+        )
+    return datum_fit(list(planes.values()), least=1) @ start, tuple(planes), warnings
 
 
-def _default_datum(regions: Regions) -> list[int]:
-    """The largest plane region, and the next ones across those before."""
-    chosen: list[int] = []
-    for number in np.flatnonzero(regions.is_plane):
-        normals = regions.normals[[*chosen, int(number)]]
-        if np.linalg.svd(normals, compute_uv=False)[-1] > 0.3:
-            chosen.append(int(number))
-        if len(chosen) == 3:
-            break
-    return chosen
+@dataclass(frozen=True)
+class _DatumFaces:
+    """Plane regions of a mesh and the points (n, 3) near the region of each, (n,), as datum faces."""
+
+    mesh: Mesh
+    regions: Regions
+    points: Array
+    of_point: NDArray[np.int64]
+    threads: int
+
+    def named(self, numbers: Sequence[int]) -> dict[int, tuple[DatumPlane, Array]]:
+        """The planes that a person names, and their points."""
+        planes = {}
+        for number in numbers:
+            if not 0 <= number < len(self.regions) or not self.regions.is_plane[number]:
+                raise FitError(f"datum: region {number} of {self.mesh.source} is not one of its plane regions")
+            planes[number] = self._plane(number)
+            if measured_area(planes[number][1]) < _DATUM_AREA:
+                raise FitError(
+                    f"datum: {self._text(number)} of {self.mesh.source} was not measured: {len(planes[number][1])} "
+                    f"points lie on it; {self._measured_text()}"
+                )
+        return planes
+
+    def chosen(self) -> dict[int, tuple[DatumPlane, Array]]:
+        """The planes of up to three directions of which most was measured, and their points."""
+        planes: dict[int, tuple[DatumPlane, Array]] = {}
+        for number in self._measured():
+            if np.linalg.svd(self.regions.normals[[*planes, number]], compute_uv=False)[-1] < _DIRECTIONS:
+                continue
+            plane = self._plane(number)
+            if len(plane[1]) >= _DATUM_POINTS and measured_area(plane[1]) >= _DATUM_AREA:
+                planes[number] = plane
+            if len(planes) == 3:
+                break
+        if not planes:
+            raise FitError(f"datum: no plane face of {self.mesh.source} was measured; use best-fit")
+        return planes
+
+    def _measured(self) -> list[int]:
+        """Plane regions with enough points, by falling measured area."""
+        count = np.bincount(self.of_point, minlength=len(self.regions))
+        numbers = np.flatnonzero(self.regions.is_plane & (count >= _DATUM_POINTS))
+        area = {int(n): min(measured_area(self.points[self.of_point == n]), self.regions.areas[n]) for n in numbers}
+        return sorted((n for n in area if area[n] >= _DATUM_AREA), key=lambda n: -area[n])
+
+    def _plane(self, number: int) -> tuple[DatumPlane, Array]:
+        """Nominal plane of a region, and the points on it, away from other regions."""
+        own = self.regions.of_face == number
+        points = self.points[self.of_point == number]
+        if not own.all():
+            others = MeshSurface(self.mesh.vertices, self.mesh.faces[~own])
+            points = points[np.abs(others.signed_distances(points, self.threads)[0]) > _DATUM_EDGE]
+        return DatumPlane(self.regions.centres[number], self.regions.normals[number]), points
+
+    def _measured_text(self) -> str:
+        return "measured: " + (", ".join(self._text(n) for n in self._measured()[:_NAMED]) or "no plane region")
+
+    def _text(self, number: int) -> str:
+        return f"region {number} ({region_text(self.regions, number)})"
+
+
+def region_text(regions: Regions, number: int) -> str:
+    """Normal of a plane region and centre of any, for people."""
+    centre = ", ".join(f"{1e3 * value:.1f}" for value in regions.centres[number])
+    normal = ", ".join(f"{value + 0.0:.2f}" for value in regions.normals[number])
+    return (f"plane, normal ({normal}), " if regions.is_plane[number] else "") + f"centre ({centre}) mm"
+
+
+def measured_area(points: Array) -> float:
+    """Area (m²) of a rectangle with the in-plane standard deviations of points (n, 3) near a plane; 0 for a line."""
+    if len(points) < 3:
+        return 0.0
+    spread = np.linalg.svd(points - points.mean(0), compute_uv=False) / np.sqrt(len(points))
+    return float(12 * spread[0] * spread[1])
+
+
+def _size_warnings(points: Array, mesh: Mesh) -> list[str]:
+    """A warning if cloud and mesh differ in size by more than views and surroundings explain."""
+    cloud, part = (float(np.ptp(corners, axis=0).max()) for corners in (points, mesh.bounds))
+    if max(cloud, part) < _SIZES_DIFFER * min(cloud, part):
+        return []
+    ratios = {f"{one} and {other}": METRES_PER_UNIT[one] / METRES_PER_UNIT[other] for one, other in _UNIT_PAIRS}
+    explained = min(ratios, key=lambda pair: abs(np.log(cloud / part / ratios[pair])))
+    same = abs(np.log(cloud / part / ratios[explained])) < np.log(_SAME_SIZE)
+    return [
+        f"{mesh.source}: the largest extent of the mesh is {1e3 * part:.3g} mm, that of the cloud {1e3 * cloud:.3g} mm"
+        + (f", which differ as {explained} do" if same else "")
+        + ": is the unit of the mesh (--unit) right?"
+    ]
 
 
 def _coverage(points: Array, mesh: Mesh, regions: Regions, tolerance: float) -> tuple[float, Array]:

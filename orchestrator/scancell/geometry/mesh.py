@@ -173,8 +173,8 @@ class MassProperties:
 def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     """Read an STL, OBJ or PLY file whose coordinates are in `unit` (mm, m or inch).
 
-    Equal vertices are joined and faces that certainly look the wrong way are turned over; `Mesh.warnings` says so.
-    The order of the faces is that of the file.
+    Equal vertices are joined, repeated faces removed and faces that certainly look the wrong way turned over;
+    `Mesh.warnings` says so. The order of the faces is that of the file.
 
     Raises
     ------
@@ -193,6 +193,10 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     faces = (np.cumsum(used) - 1)[number][faces]
     metres = vertices[first[used]].astype(float) * METRES_PER_UNIT[unit]
     remarks = _size_remarks(float(np.ptp(metres, axis=0).max()), unit, str(path))
+    once = _first_of_equal_faces(faces)
+    if len(once) < len(faces):
+        remarks = (*remarks, f"{path}: {len(faces) - len(once)} of {len(faces)} faces repeat another and were removed")
+        faces = faces[once]
     winding = orientation.wind_outwards(metres, faces)
     return Mesh(metres, winding.faces, str(path), (*remarks, *_winding_remarks(winding, str(path))))
 
@@ -214,6 +218,22 @@ def _check_mesh(vertices: Vertices, faces: NDArray[np.int64], source: str) -> No
     blocks = (vertices[faces[start : start + _BLOCK]].astype(float) for start in range(0, len(faces), _BLOCK))
     if not any(np.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]).any() for b in blocks):
         raise MeshError(f"{source}: all {len(faces)} triangles are degenerate (no area)")
+
+
+def _first_of_equal_faces(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows of the faces (m, 3) that are no repetition of another with the same winding, in their order."""
+    words = np.random.default_rng(0).integers(2**64, size=faces.max() + 1, dtype=np.uint64)
+    a, b, c = words[faces].T
+    with np.errstate(over="ignore"):
+        key = a + b + c  # different for different vertices, but for a chance of 2^-64
+    ordered = np.sort(key)
+    suspects = np.flatnonzero(np.isin(key, ordered[1:][ordered[1:] == ordered[:-1]]))
+    # The same three vertices: compare them in their order, beginning with the lowest.
+    begin = faces[suspects].argmin(1)[:, None]
+    turned = np.take_along_axis(faces[suspects], (begin + np.arange(3)) % 3, axis=1)
+    _, first = np.unique(turned, axis=0, return_index=True)
+    removed = np.delete(suspects, first)
+    return np.delete(np.arange(len(faces)), removed)
 
 
 def _size_remarks(extent: float, unit: str, source: str) -> tuple[str, ...]:

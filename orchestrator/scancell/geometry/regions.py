@@ -28,6 +28,8 @@ class Regions:
         (k,) m².
     normals
         (k, 3) mean unit normals.
+    centres
+        (k, 3) centroids, m.
     is_plane
         (k,) whether all faces have the mean normal.
     """
@@ -35,6 +37,7 @@ class Regions:
     of_face: NDArray[np.int64]
     areas: Array
     normals: Array
+    centres: Array
     is_plane: NDArray[np.bool_]
 
     def __len__(self) -> int:
@@ -63,9 +66,14 @@ def smooth_regions(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Regions:
     rank = np.empty(len(areas), np.int64)
     rank[np.argsort(-areas, kind="stable")] = np.arange(len(areas))
     of_face = rank[label]
-    summed = np.stack([np.bincount(of_face, mesh.areas * mesh.normals[:, axis]) for axis in range(3)], 1)
+    summed, moment = (
+        np.stack([np.bincount(of_face, mesh.areas * values[:, axis]) for axis in range(3)], 1)
+        for values in (mesh.normals, mesh.vertices[mesh.faces].mean(1))
+    )
+    areas = np.sort(areas)[::-1]
     length = np.linalg.norm(summed, axis=1, keepdims=True)
     normals = summed / np.where(length > 0, length, 1.0)
     aligned = np.einsum("ni,ni->n", mesh.normals, normals[of_face]) >= _FLAT_COSINE
     bent = np.bincount(of_face, ~aligned & (mesh.areas > 0))
-    return Regions(of_face, np.sort(areas)[::-1], normals, (bent == 0) & (length[:, 0] > 0))
+    centres = moment / np.where(areas > 0, areas, 1.0)[:, None]
+    return Regions(of_face, areas, normals, centres, (bent == 0) & (length[:, 0] > 0))

@@ -82,10 +82,14 @@ class CalibrationOptions:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibration with what led to it; without a plan where the points came from a file."""
+    """A calibration with what led to it; without a plan where the points came from a file.
+
+    `measured` is the number of points, those beside the artefact included, which are no part of the problem.
+    """
 
     problem: CalibrationProblem
     result: CalibrationResult
+    measured: int
     plan: Plan | None = None
 
 
@@ -189,11 +193,12 @@ class CalibrationScan:
         sensed = self.pipeline.sense(job.loaded, recording, job.sensors, engine, progress)
         measured = recording.measured
         readings = AxisReadings(measured.q, measured.table, measured.qd, measured.table_rate)
-        problem = self.problem(observations_of(sensed.profiles, readings, job.sensors.nominal))
+        observed = observations_of(sensed.profiles, readings, job.sensors.nominal)
+        problem = self.problem(observed)
         progress.stage("solving", 1, "solution")
         result = solve(problem)
         progress.advance(1)
-        return Calibration(problem, result, plan)
+        return Calibration(problem, result, len(observed.sigma), plan)
 
     def problem(self, measured: Observations) -> CalibrationProblem:
         """The problem that measured profiles of the artefact pose."""

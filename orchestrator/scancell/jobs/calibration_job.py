@@ -114,8 +114,9 @@ def calibrate_from_points(
     ScancellError
         Naming what is wrong and what was expected.
     """
-    problem = scan.problem(read_points(points, len(job.setup.cell.robot.joint)))
-    report = _report(Calibration(problem, solve(problem)), job, request, None)
+    observed = read_points(points, len(job.setup.cell.robot.joint))
+    problem = scan.problem(observed)
+    report = _report(Calibration(problem, solve(problem), len(observed.sigma)), job, request, None)
     return replace(report, inputs=(*report.inputs, points))
 
 

@@ -120,7 +120,8 @@ class CalibrationReport:
             ],
             "degrees_of_freedom": result.degrees_of_freedom.tolist(),
             "exposures": len(np.unique(result.frame)),
-            "points": result.points,
+            "points": self.calibration.measured,
+            "points_on_artefact": result.points,
             "points_used": len(result.residuals),
             "rms_um": 1e6 * result.rms,
             "noise_of_points": result.noise_of_points,
@@ -133,8 +134,9 @@ class CalibrationReport:
         """The figures as lines of text."""
         result = self.result
         percent = f"{100 * self.probability:g} %"
+        exposures = len(np.unique(result.frame))
         lines = [
-            f"{len(result.residuals)} of {result.points} points of {len(np.unique(result.frame))} exposures, "
+            f"{len(result.residuals)} of {self.calibration.measured} points of {exposures} exposures, "
             f"RMS {1e6 * result.rms:.2f} um",
             f"  {'deviation':24} {'estimate':>10}   {percent + ' interval':>14}"
             + ("" if self.true is None else f" {'true':>10} {'error':>10}"),

@@ -121,7 +121,7 @@ class Envelope:
     """Cylindrical volume above the table in which points are kept, by nominal geometry.
 
     `lowest` and `highest` are heights above the table's top face, `radius` is the distance from its axis, m. Points
-    lower than `lowest` are the table's, except on the `footprint` of the part; without one, all of them. `outline` is the
+    lower than `lowest` are the table's, except on the `footprint` of the part; without one, all of them. `outline`:
     lower and upper corner (2, 2) of a rectangle around the part, seen from above.
     """
 
