@@ -12,7 +12,8 @@ from commands import PARTS, Finished, scancell_here
 
 import scancell
 from scancell.config.loading import assets_dir
-from scancell.geometry.mesh import load_mesh
+from scancell.geometry.mesh import box_mesh, load_mesh
+from scancell.reconstruction.surface import write_surface
 
 ARTEFACTS = assets_dir() / "artefacts"
 EXACT = ("--engine", "geometric", "--ideal")
@@ -35,7 +36,9 @@ def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_cloud_against_its_mesh(scan: Path, tmp_path: Path) -> None:
     mesh = PARTS / "free_form.stl"
     words = ("--align", "best-fit", "--out", "results")
-    figures = run("evaluate", scan, "--mesh", mesh, *words, cwd=tmp_path).last_line["figures"]
+    done = run("evaluate", scan, "--mesh", mesh, *words, cwd=tmp_path)
+    assert "region 0: centre (" in done.err
+    figures = done.last_line["figures"]
     of_scan = json.loads((scan / "deviation.json").read_text())
     assert figures["all"]["count"] == of_scan["all"]["count"]
     assert figures["all"]["rms_um"] == pytest.approx(of_scan["all"]["rms_um"], abs=1e-3)
@@ -46,6 +49,19 @@ def test_cloud_against_its_mesh(scan: Path, tmp_path: Path) -> None:
         rows = list(csv.DictReader(stream))
     assert sum(int(row["count"]) for row in rows) == figures["all"]["count"]
     assert (tmp_path / "results" / "evaluation.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_datum_faces_are_named_with_their_frames(tmp_path: Path) -> None:
+    block = box_mesh((0.03, 0.02, 0.01), "block")
+    points = np.random.default_rng(1).uniform(-0.5, 0.5, (3000, 3))
+    points[np.arange(3000), np.arange(3000) % 3] = 0.5
+    np.savetxt(tmp_path / "cloud.xyz", 1e3 * points * (0.03, 0.02, 0.01))
+    write_surface(block, tmp_path / "block.stl")
+    done = run("evaluate", "cloud.xyz", "--mesh", "block.stl", "--align", "datum", cwd=tmp_path)
+    assert done.err.count("datum face: region") == 3
+    assert "plane, normal (0.00, 0.00, 1.00), centre (0.0, 0.0, 5.0) mm" in done.err
+    assert done.last_line["figures"]["all"]["rms_um"] < 1e-3
+    assert done.last_line["warnings"] == []
 
 
 def test_surface_of_a_scan_is_scanned_again(scan: Path, tmp_path: Path) -> None:

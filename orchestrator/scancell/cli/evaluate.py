@@ -75,8 +75,7 @@ def _region_lines(found: MeshEvaluation) -> list[str]:
     from scancell.evaluation.mesh_evaluation import region_text  # noqa: PLC0415
 
     lines = [f"  {100 * found.coverage:.1f} % of the surface covered, {len(found.regions)} regions"]
-    if found.datum:
-        lines.append(f"  datum faces: {', '.join(f'region {number}' for number in found.datum)}")
+    lines += [f"  datum face: region {number}: {region_text(found.regions, number)}" for number in found.datum]
     shown = list(found.by_region.items())[:_SHOWN_REGIONS]
     for number, figures in shown:
         text = region_text(found.regions, number)
