@@ -40,8 +40,10 @@ bool RobotController::motion_runs() const {
   return move_.active() || state_.advanced_us == servo_.state().start_us;
 }
 
-/// Whether a programmed motion waits at its start for an answer to a state that shows its path.
-bool RobotController::waits_for_guard() const { return move_.active() && state_.guard.waits(); }
+/// Whether a motion waits at its start for an answer to a state that shows its path.
+bool RobotController::waits_for_guard() const {
+  return move_.active() ? state_.guard.waits() : state_.jog_permit.waits();
+}
 
 RunningSegment RobotController::running_segment(std::int64_t time_us) const {
   if (!motion_runs() || waits_for_guard() || !move_.state().segment) return {};
@@ -54,10 +56,11 @@ PathAhead RobotController::path_ahead(std::int64_t time_us) const {
   for (std::size_t i = 0; i < kAxes; ++i) position[i] = now[i].position;
   PathAhead ahead;
   ahead.fill(position);
+  if (is_jog(state_.mode)) return jog_.path_ahead(state_.jog_permit.shown(), now, cycle_);
   if (!motion_runs()) return ahead;
   double clock = path_clock(time_us).clock;
   for (Axes& point : ahead) {
-    clock += kAheadCycles * cycle_;
+    clock += cycle_;
     position = point = move_.position_at(clock, position);
   }
   return ahead;

@@ -36,17 +36,6 @@ Knot constant_acceleration_knot(const Knot& start, double speed, const AxisLimit
   return {inside, inside == end ? speed : 0};
 }
 
-/// `from` moved towards `to` by at most `max_distance`.
-Eigen::Vector3d moved_towards(const Eigen::Vector3d& from, const Eigen::Vector3d& to, double max_distance) {
-  const Eigen::Vector3d change = to - from;
-  const double distance = change.norm();
-  return distance <= max_distance ? to : Eigen::Vector3d(from + change * (max_distance / distance));
-}
-
-Eigen::Vector3d limited_to_unit_norm(const Eigen::Vector3d& vector) {
-  return vector / std::max(1.0, vector.norm());
-}
-
 bool jog_released(const Command& command) {
   return std::all_of(command.jog.begin(), command.jog.end(), [](double j) { return j == 0; });
 }
@@ -91,6 +80,55 @@ Knots brake_synchronously(double cycle, const Limits& limits, const Knots& prese
   return knots;
 }
 
+Axes Jog::deflection(const Command& command) {
+  Axes deflection = command.jog;
+  if (command.mode != Mode::kCartesianJog) return deflection;
+  for (double* part : {deflection.data(), deflection.data() + 3}) {
+    Eigen::Map<Eigen::Vector3d> vector(part);
+    vector /= std::max(1.0, vector.norm());
+  }
+  return deflection;
+}
+
+PathAhead Jog::path_ahead(const Command& command, const Knots& present, double step) const {
+  Axes position = positions(present);
+  Axes change;  // in a step, of axes that keep their speeds
+  for (std::size_t i = 0; i < kAxes; ++i) change[i] = step * present[i].velocity;
+  JogSpeed speed = commanded_speed(command);
+  if (state_.speed.norm() > speed.norm()) speed = state_.speed;
+  const bool joints = command.mode == Mode::kJointJog;
+  bool straight = !joints && !state_.brakes_first && !state_.blocked;
+  Eigen::Isometry3d pose = arm_.tool(position).pose;
+  PathAhead ahead;
+  for (Axes& point : ahead) {
+    if (joints) {
+      const Axes rates = joint_rates(command.jog, arm_.tool(position).jacobian);
+      for (std::size_t i = 0; i < kAxes; ++i) {
+        if (std::abs(step * rates[i]) > std::abs(change[i])) change[i] = step * rates[i];
+      }
+    } else if (straight) {
+      // In the frame of the tool the speed turns with it, until the middle of the step by half of its
+      // rotation.
+      Vector6 way = step * speed.head<6>();
+      const bool turns = command.jog_frame == JogFrame::kTool;
+      const Eigen::Matrix3d half = interpolate_pose(Eigen::Isometry3d::Identity(), way, 0.5).linear();
+      if (turns) way.head<3>() = half * way.head<3>();
+      const Eigen::Isometry3d next = interpolate_pose(pose, way, 1);
+      const auto solution = solve_inverse_kinematics(arm_, next, position);
+      straight = solution.has_value();
+      if (straight) {
+        pose = next;
+        if (turns) speed.head<3>() = half * half * speed.head<3>();
+        for (std::size_t i = 0; i < kMaxJoints; ++i) change[i] = solution->position[i] - position[i];
+        change[kTableAxis] = step * speed[6];
+      }
+    }
+    for (std::size_t i = 0; i < kAxes; ++i) position[i] += change[i];
+    point = position;
+  }
+  return ahead;
+}
+
 void Jog::enter(const Knots& present) {
   const Eigen::Isometry3d pose = arm_.tool(positions(present)).pose;
   state_ = {};
@@ -120,27 +158,31 @@ Knots Jog::joints(double cycle, const Command& command, const Knots& present) {
   state_.error = ControllerError::kNone;
   state_.limit = 0;
   if (jog_released(command)) return brake_synchronously(cycle, limits_, present);
-  Axes wanted;
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    wanted[i] = command.jog[i] * jog_.joint_share * limits_[i].max_speed;
-  }
   const Jacobian jacobian = arm_.tool(positions(present)).jacobian;
-  Eigen::Vector3d tool_velocity = Eigen::Vector3d::Zero();
-  for (int i = 0; i < jacobian.cols(); ++i) {
-    tool_velocity += wanted[static_cast<std::size_t>(i)] * jacobian.col(i).head<3>();
-  }
-  const double tool_speed = tool_velocity.norm();
-  const double scale = std::min(1.0, jog_.line_speed / std::max(tool_speed, 1e-12));
+  const Axes wanted = joint_rates(command.jog, jacobian);
   Axes change{};
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    change[i] = (i < kTableAxis ? scale * wanted[i] : wanted[i]) - present[i].velocity;
-  }
+  for (std::size_t i = 0; i < kAxes; ++i) change[i] = wanted[i] - present[i].velocity;
   const double ratio = std::max(1.0, change_ratio(change, jacobian, cycle));
   Knots knots;
   for (std::size_t i = 0; i < kAxes; ++i) {
     knots[i] = axis(i, present[i].velocity + change[i] / ratio, cycle, present);
   }
   return knots;
+}
+
+/// Speeds of the axes in a joint jog, reduced in proportion to the speed limit of the tool.
+Axes Jog::joint_rates(const Axes& deflection, const Jacobian& jacobian) const {
+  Axes rates;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    rates[i] = deflection[i] * jog_.joint_share * limits_[i].max_speed;
+  }
+  Eigen::Vector3d tool_velocity = Eigen::Vector3d::Zero();
+  for (int i = 0; i < jacobian.cols(); ++i) {
+    tool_velocity += rates[static_cast<std::size_t>(i)] * jacobian.col(i).head<3>();
+  }
+  const double scale = std::min(1.0, jog_.line_speed / std::max(tool_velocity.norm(), 1e-12));
+  for (double& rate : rates) rate *= scale;
+  return rates;
 }
 
 /// Largest ratio of a change of axis speeds within a cycle to the limits of axes and tool.
@@ -157,65 +199,72 @@ double Jog::change_ratio(const Axes& change, const Jacobian& jacobian, double cy
 }
 
 struct Jog::Attempt {
-  Vector6 twist;
+  JogSpeed speed;
   Eigen::Isometry3d pose;
   Jacobian columns;  // of Cartesian motion
-  Knots knots{};     // joints of the arm; the table is set later
+  Knots knots{};
 };
 
-Vector6 Jog::commanded_twist(const Command& command) const {
-  const auto& jog = command.jog;
-  Vector6 twist;
-  twist << limited_to_unit_norm({jog[0], jog[1], jog[2]}) * jog_.line_speed,
-      limited_to_unit_norm({jog[3], jog[4], jog[5]}) * jog_.angular_speed;
+JogSpeed Jog::commanded_speed(const Command& command) const {
+  const Axes jog = deflection(command);
+  JogSpeed speed;
+  speed << Eigen::Map<const Eigen::Vector3d>(jog.data()) * jog_.line_speed,
+      Eigen::Map<const Eigen::Vector3d>(jog.data() + 3) * jog_.angular_speed,
+      jog[kTableAxis] * jog_.joint_share * limits_[kTableAxis].max_speed;
   if (command.jog_frame == JogFrame::kTool) {
-    twist.head<3>() = state_.orientation * twist.head<3>();
-    twist.tail<3>() = state_.orientation * twist.tail<3>();
+    speed.head<3>() = state_.orientation * speed.head<3>();
+    speed.segment<3>(3) = state_.orientation * speed.segment<3>(3);
   }
-  return twist;
+  return speed;
 }
 
-Vector6 Jog::ramped(const Vector6& wanted, double cycle) const {
-  Vector6 twist;
-  twist << moved_towards(state_.twist.head<3>(), wanted.head<3>(), jog_.line_acceleration * cycle),
-      moved_towards(state_.twist.tail<3>(), wanted.tail<3>(), jog_.angular_acceleration * cycle);
-  return twist;
+/// Translation, rotation and table change in proportion: the path does not depend on the speed.
+JogSpeed Jog::ramped(const JogSpeed& wanted, double cycle) const {
+  const JogSpeed change = wanted - state_.speed;
+  const double table_acceleration = jog_.joint_share * limits_[kTableAxis].max_acceleration;
+  const double ratio = std::max({change.head<3>().norm() / (jog_.line_acceleration * cycle),
+                                 change.segment<3>(3).norm() / (jog_.angular_acceleration * cycle),
+                                 std::abs(change[6]) / (table_acceleration * cycle)});
+  return ratio <= 1 ? wanted : JogSpeed(state_.speed + change / ratio);
 }
 
-/// Joint motion for which the tool has the twist `twist` at the end of the cycle; empty where the inverse
-/// kinematics fails.
-std::optional<Jog::Attempt> Jog::attempt(const Vector6& twist, double cycle, const Knots& present) const {
+/// Motion of the axes with the speed `speed` at the end of the cycle; empty where the inverse kinematics
+/// fails.
+std::optional<Jog::Attempt> Jog::attempt(const JogSpeed& speed, double cycle, const Knots& present) const {
   const Eigen::Isometry3d here = Eigen::Translation3d(state_.position) * state_.orientation;
-  Attempt attempt{twist, interpolate_pose(here, state_.twist + twist, cycle / 2), {}, {}};
+  const Vector6 twist = speed.head<6>();
+  const Vector6 twice = state_.speed.head<6>() + twist;
+  Attempt attempt{speed, interpolate_pose(here, twice, cycle / 2), {}, {}};
   const auto solution = solve_inverse_kinematics(arm_, attempt.pose, positions(present));
   if (!solution) return std::nullopt;
   attempt.columns = solution->columns;
   const Axes rates = resolved_rates(arm_, solution->columns, twist);
   for (std::size_t i = 0; i < kMaxJoints; ++i) attempt.knots[i] = {solution->position[i], rates[i]};
+  attempt.knots[kTableAxis] =
+      constant_acceleration_knot(present[kTableAxis], speed[6], limits_[kTableAxis], cycle);
   return attempt;
 }
 
-/// Motion with the commanded twist, scaled down to the speed and acceleration limits of the joints.
+/// Motion with the commanded speed, scaled down to the speed and acceleration limits of the joints.
 std::optional<Jog::Attempt> Jog::within_limits(double cycle, const Command& command,
                                                const Knots& present) const {
-  Vector6 wanted = commanded_twist(command);
-  auto found = attempt(ramped(wanted, cycle), cycle, present);
+  auto found = attempt(ramped(commanded_speed(command), cycle), cycle, present);
   if (!found) return found;
   double speed_ratio = 1;
   for (std::size_t i = 0; i < kMaxJoints; ++i) {
     speed_ratio = std::max(speed_ratio, std::abs(found->knots[i].velocity) / (0.9 * limits_[i].max_speed));
   }
-  if (speed_ratio > 1) found = attempt(ramped(found->twist / speed_ratio, cycle), cycle, present);
+  if (speed_ratio > 1) found = attempt(ramped(found->speed / speed_ratio, cycle), cycle, present);
   if (!found) return found;
-  const Vector6 change = found->twist - state_.twist;
-  const Axes rates = resolved_rates(arm_, found->columns, change);
+  const JogSpeed change = found->speed - state_.speed;
+  const Axes rates = resolved_rates(arm_, found->columns, change.head<6>());
   double acceleration_ratio = std::max(1.0, change_ratio(rates, Jacobian(), cycle));
   for (std::size_t i = 0; i < kMaxJoints; ++i) {
     const double acceleration = peak_acceleration(present[i], found->knots[i], cycle);
     acceleration_ratio = std::max(acceleration_ratio, acceleration / (0.8 * limits_[i].max_acceleration));
   }
   if (acceleration_ratio > 1) {
-    found = attempt(state_.twist + change / acceleration_ratio, cycle, present);
+    found = attempt(state_.speed + change / acceleration_ratio, cycle, present);
   }
   return found;
 }
@@ -250,18 +299,12 @@ Knots Jog::cartesian(double cycle, const Command& command, const Knots& present)
   const auto found = within_limits(cycle, command, present);
   if (!found) block(ControllerError::kSingular, 0);
   if (!found || reaches_limit(*found, cycle, present)) return brake_synchronously(cycle, limits_, present);
-  state_.twist = found->twist;
+  state_.speed = found->speed;
   state_.position = found->pose.translation();
   state_.orientation = Eigen::Quaterniond(found->pose.linear());
-  Knots knots = found->knots;
   state_.error = ControllerError::kNone;
   state_.limit = 0;
-  const AxisLimits& table = limits_[kTableAxis];
-  const double turning = present[kTableAxis].velocity;
-  const double wanted = command.jog[kTableAxis] * jog_.joint_share * table.max_speed;
-  const double step = jog_.joint_share * table.max_acceleration * cycle;
-  knots[kTableAxis] = axis(kTableAxis, turning + std::clamp(wanted - turning, -step, step), cycle, present);
-  return knots;
+  return found->knots;
 }
 
 }  // namespace robotcell::control

@@ -5,6 +5,7 @@
 
 #include "fmu/control/arm_geometry.h"
 #include "fmu/control/command.h"
+#include "fmu/control/path_ahead.h"
 
 namespace robotcell::control {
 
@@ -18,12 +19,15 @@ struct JogLimits {
   double angular_acceleration = 0;  // rad/s^2
 };
 
+/// Twist of the tool, world axes, and rate of the table.
+using JogSpeed = Eigen::Matrix<double, 7, 1>;
+
 struct JogState {
   bool brakes_first = false;  // a Cartesian jog that began or was taken up again in motion
   bool blocked = false;       // stopped by a limit or a singularity; cleared when the jog is released
   ControllerError error = ControllerError::kNone;
   std::int32_t limit = 0;
-  Vector6 twist = Vector6::Zero();  // of the tool, world axes
+  JogSpeed speed = JogSpeed::Zero();
   Eigen::Vector3d position =
       Eigen::Vector3d::Zero();  // of the tool, world; the reference integrated by the jog
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
@@ -37,6 +41,15 @@ class Jog {
   /// Starts a jog.
   void enter(const Knots& present);
 
+  /// Deflections of a command: in a Cartesian jog those of translation and of rotation have norms of at
+  /// most 1.
+  static Axes deflection(const Command& command);
+
+  /// Positions `step` seconds apart of a jog that holds the deflection of `command`, or the present speed
+  /// where that is higher. Limits and singularities do not end it: where the inverse kinematics fails, and
+  /// where the jog brakes, the axes keep their speeds.
+  PathAhead path_ahead(const Command& command, const Knots& present, double step) const;
+
   /// The arm is moved by something else: a Cartesian jog that goes on comes to rest first.
   void interrupt() { state_.brakes_first = true; }
 
@@ -49,10 +62,11 @@ class Jog {
 
  private:
   struct Attempt;
+  Axes joint_rates(const Axes& deflection, const Jacobian& jacobian) const;
   double change_ratio(const Axes& change, const Jacobian& jacobian, double cycle) const;
-  Vector6 commanded_twist(const Command& command) const;
-  Vector6 ramped(const Vector6& wanted, double cycle) const;
-  std::optional<Attempt> attempt(const Vector6& twist, double cycle, const Knots& present) const;
+  JogSpeed commanded_speed(const Command& command) const;
+  JogSpeed ramped(const JogSpeed& wanted, double cycle) const;
+  std::optional<Attempt> attempt(const JogSpeed& speed, double cycle, const Knots& present) const;
   std::optional<Attempt> within_limits(double cycle, const Command& command, const Knots& present) const;
   bool reaches_limit(const Attempt& attempt, double cycle, const Knots& present);
   Knot axis(std::size_t i, double wanted, double cycle, const Knots& present);

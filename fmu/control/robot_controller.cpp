@@ -66,6 +66,7 @@ void RobotController::cycle(std::int64_t now_us, const Command& command) {
   } else {
     state_.phase = Phase::kBraking;
     jog_.interrupt();
+    state_.jog_permit.withdraw();
     brake(now_us);
   }
 }
@@ -132,6 +133,7 @@ Mode RobotController::requested_mode(const Command& command) const {
 void RobotController::enter(Mode mode) {
   state_.mode = mode;
   move_.cancel();
+  state_.jog_permit = {};
   if (is_jog(mode)) jog_.enter(present());
   if (moves(mode)) return;
   state_.pending_move.pending = false;
@@ -158,14 +160,19 @@ void RobotController::run(std::int64_t now_us, const Command& command) {
       run_move(now_us, command);
       return;
     case Mode::kJointJog:
-    case Mode::kCartesianJog: {
-      const Knots end = state_.mode == Mode::kJointJog ? jog_.joints(cycle_, command, present())
-                                                       : jog_.cartesian(cycle_, command, present());
-      servo_.advance(now_us, end, jog_.state().limit);
-      state_.destination = present_position();
+    case Mode::kCartesianJog:
+      run_jog(now_us, command);
       return;
-    }
   }
+}
+
+void RobotController::run_jog(std::int64_t now_us, const Command& command) {
+  Command permitted = command;
+  permitted.jog = state_.jog_permit.read(command, at_rest(), now_us, state_.guard);
+  const Knots end = state_.mode == Mode::kJointJog ? jog_.joints(cycle_, permitted, present())
+                                                   : jog_.cartesian(cycle_, permitted, present());
+  servo_.advance(now_us, end, jog_.state().limit);
+  state_.destination = present_position();
 }
 
 void RobotController::run_move(std::int64_t now_us, const Command& command) {

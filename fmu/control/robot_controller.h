@@ -1,13 +1,13 @@
 // The robot controller: modes, operation, monitor speed, emergency stop. Independent of dynamics and FMI.
 #pragma once
 
-#include <array>
 #include <cstdint>
 
 #include "fmu/control/arm_geometry.h"
 #include "fmu/control/command.h"
 #include "fmu/control/guard_watch.h"
 #include "fmu/control/jog.h"
+#include "fmu/control/jog_permit.h"
 #include "fmu/control/programmed_move.h"
 #include "fmu/control/servo_controller.h"
 
@@ -46,15 +46,11 @@ struct ControllerState {
   std::int32_t start = 0, reset = 0, heartbeat = 0;  // counters at the last cycle
   std::int64_t heartbeat_us = 0;
   GuardWatch guard;
+  JogPermit jog_permit;
   std::int64_t advanced_us = -1;  // last cycle in which a programmed motion advanced
   std::int32_t runs = 0;          // number of segments started
   Axes destination{};
 };
-
-/// Positions on the path ahead of the present instant, `kAheadCycles` controller cycles of path clock apart.
-constexpr std::size_t kAheadPoints = 32;
-constexpr int kAheadCycles = 2;
-using PathAhead = std::array<Axes, kAheadPoints>;
 
 /// Path clock of a running segment, for the trigger.
 struct RunningSegment {
@@ -69,9 +65,10 @@ struct RunningSegment {
 /// an infeasible one does not start. In manual operation only jogs are accepted, in automatic operation
 /// everything else.
 ///
-/// A guard that watches the robot must answer states of the robot in time. A programmed motion waits at its
-/// start until a state that shows its path is answered. It slows down with the age of the last answer and
-/// rests on its path where that is too old, until a reset; set-points and jogs then end in an emergency stop.
+/// A guard that watches the robot must answer states of the robot in time. A programmed motion and a jog wait
+/// at their start until a state that shows their path is answered. A programmed motion slows down with the
+/// age of the last answer and rests on its path where that is too old, until a reset; set-points and jogs
+/// then end in an emergency stop.
 class RobotController {
  public:
   RobotController(const ControllerSettings& settings, const ArmGeometry& arm, const Axes& start);
@@ -86,7 +83,8 @@ class RobotController {
 
   Report report(std::int64_t time_us) const;
 
-  /// Positions ahead on the path of the running motion, its end beyond it; the present ones where none runs.
+  /// Positions ahead on the path of the running motion, its end beyond it, or of the jog; the present ones
+  /// where there is neither.
   PathAhead path_ahead(std::int64_t time_us) const;
 
   /// Whether a command that is read now starts a motion.
@@ -109,6 +107,7 @@ class RobotController {
   void enter(Mode mode);
   void run(std::int64_t now_us, const Command& command);
   void brake(std::int64_t now_us);
+  void run_jog(std::int64_t now_us, const Command& command);
   void run_move(std::int64_t now_us, const Command& command);
   void plan();
   void plan_segment();

@@ -49,8 +49,9 @@ void add_path_ahead(TableBuilder& table, control::PathAhead& ahead, const Depend
   for (std::size_t k = 0; k < ahead.size(); ++k) {
     const std::string prefix = indexed("controller.ahead", k) + ".";
     const std::string text =
-        " on the path of the running move or segment, " + std::to_string((k + 1) * control::kAheadCycles) +
-        " controller cycles of path clock ahead, at most at its end; at present where none runs";
+        " on the path of the running move or segment, " + std::to_string(k + 1) +
+        " controller cycles of path clock ahead, at most at its end, or of the jog, held so long; at present "
+        "where nothing runs";
     for (std::size_t i = 0; i < table.joints(); ++i) {
       table.add(indexed(prefix + "q", i), Causality::kOutput, Variability::kContinuous, kRadian,
                 "Angle of joint " + std::to_string(i + 1) + text, ahead[k][i], dependencies.file);

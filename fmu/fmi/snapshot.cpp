@@ -148,7 +148,7 @@ void exchange(A& a, MoveState& v) {
 }
 template <class A>
 void exchange(A& a, JogState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.position, v.orientation, v.twist, v.brakes_first, v.blocked, v.error,
+  ROBOTCELL_EXCHANGE(a, v, v.position, v.orientation, v.speed, v.brakes_first, v.blocked, v.error,
                      up_to(a, kAxes, v.limit));
 }
 template <class A>
@@ -161,10 +161,14 @@ void exchange(A& a, GuardWatch& v) {
   ROBOTCELL_EXCHANGE(a, v, v.answered_us, v.path_us, v.guarded, v.share, v.stopped);
 }
 template <class A>
+void exchange(A& a, JogPermit& v) {
+  ROBOTCELL_EXCHANGE(a, v, v.mode, v.frame, v.direction, v.deflection, v.proposed);
+}
+template <class A>
 void exchange(A& a, ControllerState& v) {
   ROBOTCELL_EXCHANGE(a, v, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.collision,
                      v.error, v.path_error, up_to(a, kAxes, v.path_limit), v.start, v.reset, v.heartbeat,
-                     v.heartbeat_us, v.guard, v.advanced_us, v.runs, v.destination);
+                     v.heartbeat_us, v.guard, v.jog_permit, v.advanced_us, v.runs, v.destination);
 }
 template <class A>
 void exchange(A& a, BeltState& v) {

@@ -225,7 +225,7 @@ struct MotionCommand {
             bounded(
                 {"monitor_speed", kNone,
                  "Speed override of moves and segments, 0 to 1, while they run, without leaving the path; 0 "
-                 "pauses. Streamed set-points and jogs are not scaled"},
+                 "pauses. Streamed set-points and jogs are not scaled; with a guard, 0 lets no jog begin"},
                 0, 1)),
         field(c.jog,
               with_axes(bounded({"jog", kNone,
@@ -261,11 +261,11 @@ struct MotionCommand {
         field(c.guard_max_age,
               bounded(
                   {"guard.max_age", kSecond,
-                   "Largest allowed age of command.guard.time. Moves and segments wait at their start until "
-                   "command.guard.time is after controller.path_time; they slow down from full speed at "
-                   "half this age to rest at this age and wait on their paths for an increase of "
-                   "command.reset; older, set-points and jogs (modes 1, 4, 5) end in an emergency stop; 0: "
-                   "no guard"},
+                   "Largest allowed age of command.guard.time. Moves, segments and jogs wait at their start "
+                   "until command.guard.time is after controller.path_time, jogs for a command.monitor_speed "
+                   "above 0, too. Moves and segments slow down from full speed at half this age to rest at "
+                   "this age and wait on their paths for an increase of command.reset; older, set-points and "
+                   "jogs (modes 1, 4, 5) end in an emergency stop; 0: no guard"},
                   0)));
   }
 };
@@ -486,11 +486,12 @@ struct ControllerOutputs {
                                                "Age of the latest state of the robot that a message of the "
                                                "guard has answered (command.guard.time)"}),
                                    0)),
-        field(o.path_time,
-              {"path_time", kSecond,
-               "Simulation time at which the controller took up the running or last move or segment: from "
-               "then on controller.ahead shows its path. With a guard it waits at its start for a later "
-               "command.guard.time"}));
+        field(
+            o.path_time,
+            {"path_time", kSecond,
+             "Simulation time at which the controller took up the running or last move or segment, or with a "
+             "guard the latest jog or increase of its deflection: from then on controller.ahead shows its "
+             "path. With a guard it waits for a later command.guard.time"}));
   }
 };
 

@@ -387,13 +387,13 @@ def test_path_ahead_is_where_the_axes_will_be(build: Build, tmp_path: Path, vers
     cell = build(version)
     present = np.append(cell.vector("measured.q", 6), cell.get("measured.table"))
     points = [[*(f"controller.ahead[{k}].q[{i}]" for i in range(1, 7)), f"controller.ahead[{k}].table"]
-              for k in range(1, 33)]  # fmt: skip
+              for k in range(1, 65)]  # fmt: skip
     assert all(np.array_equal(cell.get(*names), present) for names in points)
     start(cell, write(tmp_path, program_data()))
     cell.step(CYCLE_US, 20)
     ahead = [cell.get(*names) for names in points]
     for point in ahead:
-        cell.step(2 * CYCLE_US)
+        cell.step(CYCLE_US)
         np.testing.assert_allclose(
             np.append(cell.vector("measured.q", 6), cell.get("measured.table")), point, atol=1e-10
         )

@@ -163,13 +163,20 @@ def test_stops_proved_for_too_short_a_reaction_collide():
     assert collided >= 3
 
 
-def test_arm_at_rest_near_a_wall_needs_no_stop():
+def test_motion_too_slow_to_measure_needs_room_near_a_wall():
+    """States that move by less than the noise: the motion may lead anywhere within the errors of the rates."""
     rng = np.random.default_rng(36)
-    for axes, _, _, cell, scene in square(rng, (0.001, 0.002), 5):
-        motion = Motion("rest", Path.JOINT, POLLS, np.tile(axes, (3, 1)))
-        verdict = judged(cell, scene, motion, rng)
-        assert verdict.stop_is_proved
-        assert not verdict.contacts
+    for gap, proved in ((0.0025, False), (0.01, True)):
+        for axes, direction, _, cell, scene in square(rng, (gap, gap), 5):
+            rates = straight(axes, rng.choice([-1.0, 1.0]) * 0.25e-3 * direction)
+            motion = Motion("crawl", Path.BASE, POLLS, axes + (POLLS - POLLS[-1])[:, None] * rates)
+            assert judged(cell, scene, motion, rng).stop_is_proved == proved
+
+
+def test_no_hypothesis_is_no_proof():
+    axes, _, _, cell, scene = next(iter(square(np.random.default_rng(37), (0.05, 0.05), 1)))
+    assert axes is not None
+    assert not ManualCheck(cell, scene, CONTACT, WORST, HORIZON).check([]).stop_is_proved
 
 
 def test_unseen_changes_take_room():

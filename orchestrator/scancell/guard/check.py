@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.guard.motion import Hypothesis, Path
+from scancell.guard.near import NearPairs
 from scancell.guard.predict import Predictor
 from scancell.guard.stopping import Stop, WorstCase, braking_time, latest_stop
 from scancell.guard.tool import Tool
 from scancell.guard.unseen import UnseenApproach
 from scancell.nominal.cell import NominalCell
+from scancell.proximity.motion_bounds import MotionBounds
 from scancell.proximity.motion_check import Budget, MotionCheck
 from scancell.proximity.scene import ProximityScene
 
@@ -25,7 +27,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _PIECES = 4  # straight in the axes, of a predicted motion
-_FINER = 16  # parts of a piece in which the contact is looked for
+_PARTS = 64  # of a motion in which the contact is looked for
 _SOON = 1e-3  # s in which the distance changes, for its rate
 _STILL = 1e-6  # m/s: slower pairs do not approach
 _SURELY = 5e-3  # m/s: faster pairs approach whatever the noise of the rates, and are warned of
@@ -57,7 +59,7 @@ class Contact:
     approach
         The pair, now.
     path
-        How the motion goes on.
+        How the motion goes on; None: as the controller shows.
     free_until, contact_by
         Times between which the first contact is, s from the measured state; before, the motion is proved free.
     travel
@@ -65,7 +67,7 @@ class Contact:
     """
 
     approach: Approach
-    path: Path
+    path: Path | None
     free_until: float
     contact_by: float
     travel: float
@@ -126,43 +128,88 @@ class ManualCheck:
         self._number = {pair: i for i, pair in enumerate(scene.pairs)}
         self._predictor, self._tool = Predictor(nominal), Tool(nominal)
         self._unseen = None if worst.unseen is None else UnseenApproach(nominal, scene.pairs, worst.unseen)
+        self._bounds = MotionBounds(nominal, scene.pairs)
+        self._near = NearPairs(nominal, scene.pairs, self._clearance, worst.angle_error)
         self._worst, self._horizon = worst, horizon
         self._known: tuple[bytes, dict[int, Approach]] = b"", {}
 
-    def check(self, hypotheses: Sequence[Hypothesis], only_stop: bool = False) -> Verdict:
-        """Contacts ahead of each hypothesis, and whether its stop is proved; an arm at rest needs none.
+    def reset(self) -> None:
+        """Forget the pairs within their clearance."""
+        self._near.reset()
 
-        With `only_stop` contacts are not looked for, nor further pairs, as soon as a stop is not proved.
+    def check(self, hypotheses: Sequence[Hypothesis], only_stop: bool = False, begins: bool = False) -> Verdict:
+        """Contacts ahead of each hypothesis of a robot that moves, and whether its stop is proved.
+
+        With `only_stop` contacts are not looked for, nor further pairs, as soon as a stop is not proved. Where the
+        motion `begins`, from rest in the states that it was identified by, its speed exceeds no noise yet: then a pair
+        moves apart that does so by the rates as they are.
         """
-        moving = [hypothesis for hypothesis in hypotheses if hypothesis.rates.any()]
-        if not moving:
-            return Verdict((), (), False)
-        stops = [latest_stop(hypothesis, self._worst) for hypothesis in moving]
-        ends = [self._worst.reaction] * len(moving) + [self._horizon] * len(moving)
+        if not hypotheses:
+            return Verdict((), (), True)
+        ends = [self._worst.reaction] * len(hypotheses) + [self._horizon] * len(hypotheses)
         times = np.linspace(0.0, ends, _PIECES + 1).T
-        axes = self._predictor.axes([*moving, *moving], times)
+        axes = self._predictor.axes([*hypotheses, *hypotheses], times)
+        motions = []
+        for i, hypothesis in enumerate(hypotheses):
+            later = i + len(hypotheses)
+            stop = latest_stop(hypothesis, self._worst)
+            way = _stop_way(axes[i], times[i], stop, self._worst, hypothesis.path is Path.JOINT)
+            now, rates = hypothesis.state.axes, hypothesis.rates
+            error = np.zeros_like(rates) if begins else hypothesis.rate_error
+            motions.append(_Motion(hypothesis.path, now, rates, error, stop, way, axes[later], times[later]))
+        return self._verdict(motions, only_stop)
+
+    def check_shown(self, axes: Array, ahead: Array, spacing: float, only_stop: bool = False) -> Verdict:
+        """The same of a jog that the controller shows, which a person cannot change before a state shows the change.
+
+        Parameters
+        ----------
+        axes
+            Measured joints and table angle, (joints + 1,), rad.
+        ahead
+            Where the jog leads, (n, joints + 1), rad, `spacing` (s) apart, from one `spacing` after the state on. The
+            robot follows this path, at most as fast.
+        spacing
+            s.
+        only_stop
+            As in `check`.
+        """
+        pieces = int(np.ceil(self._worst.reaction / spacing - 1e-9))
+        if pieces + 1 > len(ahead) or len(ahead) < 3:
+            return Verdict((), (), True)
+        # The rows are set-points: by them the path begins where the measured axes are but for their errors.
+        begin = 3 * ahead[0] - 3 * ahead[1] + ahead[2]
+        points = np.vstack([begin, ahead])
+        times = spacing * np.arange(len(points))
+        rates = (points[1] - points[0]) / spacing
+        error = np.abs(begin - axes) + self._worst.angle_error
+        stop = Stop(braking_time(rates, self._worst.deceleration), error, 0.0)
+        way = _stop_way(points[: pieces + 1], times[: pieces + 1], stop, self._worst, False)
+        soon = times <= self._horizon + spacing / 2
+        motion = _Motion(None, begin, rates, np.zeros_like(rates), stop, way, points[soon], times[soon])
+        return self._verdict([motion], only_stop)
+
+    def _verdict(self, motions: Sequence[_Motion], only_stop: bool) -> Verdict:
         without_stop, contacts, astray = [], [], False
         budget = Budget(_WORK)
-        for row, (hypothesis, stop) in enumerate(zip(moving, stops, strict=True)):
-            way = _stop_way(hypothesis.path, axes[row], times[row], stop, self._worst)
-            if (stop.deviation + way.bend).max() > _FARTHEST_ASTRAY:
+        for i, motion in enumerate(motions):
+            if (motion.stop.deviation + motion.way.bend).max() > _FARTHEST_ASTRAY:
                 astray = True
                 continue
-            if blocked := self._unstoppable(hypothesis, way, stop, budget.share(len(moving) - row)):
+            if blocked := self._unstoppable(motion, budget.share(len(motions) - i)):
                 without_stop.append(blocked)
                 if only_stop:
                     break
         if not (only_stop and (without_stop or astray)):
-            for row, hypothesis in enumerate(moving, start=len(moving)):
-                if contact := self._contact(hypothesis, axes[row], times[row], budget.share(len(axes) - row)):
+            for i, motion in enumerate(motions):
+                if contact := self._contact(motion, budget.share(len(motions) - i)):
                     contacts.append(contact)
         contacts.sort(key=lambda contact: contact.free_until)
         return Verdict(tuple(contacts), tuple(without_stop), astray)
 
-    def _approaches(self, hypothesis: Hypothesis, pairs: Flags, budget: Budget) -> list[Approach]:
+    def _approaches(self, motion: _Motion, pairs: Flags, budget: Budget) -> list[Approach]:
         """Distance of some `pairs` (pairs,) of the scene, and its rate as the motion begins; the nearest one first."""
-        now = hypothesis.state.axes
-        ends = np.stack([now, now + _SOON * hypothesis.rates])
+        ends = np.stack([motion.now, motion.now + _SOON * motion.rates])
         key = ends.tobytes()
         if self._known[0] != key:  # hypotheses of one state have mostly the same rates
             self._known = key, {}
@@ -175,37 +222,49 @@ class ManualCheck:
             known[int(i)] = Approach(*self._scene.pairs[i], float(distance[i]), float(rate[i]))
         return sorted((known[int(i)] for i in np.flatnonzero(pairs)), key=lambda approach: approach.distance)
 
-    def _unstoppable(self, hypothesis: Hypothesis, way: _Way, stop: Stop, budget: Budget) -> Approach | None:
-        """A pair for which the stop along a way is not proved."""
-        clearance = self._clearance
+    def _unstoppable(self, motion: _Motion, budget: Budget) -> Approach | None:
+        """A pair for which the stop is not proved.
+
+        A pair that does not approach, whatever the error of the rates, needs no room for a stop, but may not come much
+        nearer on the way of the stop; one within its clearance may not come nearer at all.
+        """
+        clearance, way = self._clearance, motion.way
         if self._unseen is not None:
-            clearance = clearance + self._unseen.bound(hypothesis.state.axes, stop.unseen)
-        violated = self._motions.violations(*way.near, stop.deviation + way.bend, clearance, budget)
+            clearance = clearance + self._unseen.bound(motion.now, motion.stop.unseen)
+        violated = self._motions.violations(*way.near, motion.stop.deviation + way.bend, clearance, budget)
         if not violated.any():
+            self._near.reset()
             return None
         if budget.left <= 0:  # one of them is enough to name
             violated &= np.cumsum(violated) == 1
-            return self._approaches(hypothesis, violated, budget)[0]
-        found = self._approaches(hypothesis, violated, budget)
-        nearer = [approach for approach in found if approach.rate < -_STILL]
-        if nearer:
-            return nearer[0]
-        kept = np.full(len(self._clearance), -np.inf)
+            return self._approaches(motion, violated, budget)[0]
+        found = self._approaches(motion, violated, budget)
+        distance, rate = np.full(len(self._clearance), np.nan), np.zeros(len(self._clearance))
         for one in found:
-            nearer_by = min(max(_NEARER, _NEARER_SHARE * one.distance), one.distance / 2)
-            kept[self._number[one.body_a, one.body_b]] = one.distance - nearer_by
+            number = self._number[one.body_a, one.body_b]
+            distance[number], rate[number] = one.distance, one.rate
+        near, kept = self._near.update(motion.now, distance)
+        of_axes = self._bounds.pairs(motion.now[None], np.diag(motion.rate_error)[:, None])[:, 0]
+        surely = np.sqrt((of_axes**2).sum(0))  # the errors of the axes are independent
+        approaching = ~near & violated & (rate < surely - _STILL)
+        if approaching.any():
+            return next(one for one in found if approaching[self._number[one.body_a, one.body_b]])
+        nearer_by = np.maximum(_NEARER, _NEARER_SHARE * distance)
+        far = violated & ~near
+        kept = np.where(far, np.maximum(self._clearance, distance - nearer_by), kept)
         nearer_later = self._motions.violations(*way.predicted, clearance=kept, budget=budget, finest=_FINE)
         return next((one for one in found if nearer_later[self._number[one.body_a, one.body_b]]), None)
 
-    def _contact(self, hypothesis: Hypothesis, axes: Array, times: Array, budget: Budget) -> Contact | None:
-        """The first contact of an approaching pair along `axes` (n, joints + 1) at `times` (n,)."""
+    def _contact(self, motion: _Motion, budget: Budget) -> Contact | None:
+        """The first contact of an approaching pair."""
+        axes, times = motion.axes, motion.times
         clearance = self._clearance.copy()
         while True:
-            first = self._motions.first_violations(axes, _FINER, clearance=clearance, budget=budget)
+            first = self._motions.first_violations(axes, motion.finer, clearance=clearance, budget=budget)
             touching = np.isfinite(first)
             if not touching.any() or budget.left <= 0:
                 return None
-            found = next((one for one in self._approaches(hypothesis, touching, budget) if one.rate < -_SURELY), None)
+            found = next((one for one in self._approaches(motion, touching, budget) if one.rate < -_SURELY), None)
             if found is not None:
                 break
             clearance[touching] = -np.inf
@@ -214,7 +273,40 @@ class ManualCheck:
         reached = axes[piece] + (begin - piece) * (axes[piece + 1] - axes[piece])
         travel = self._tool.length(np.vstack([axes[: piece + 1], reached])[:, :-1])
         until = float(times[0] + begin * step)
-        return Contact(found, hypothesis.path, until, float(until + step / _FINER), travel)
+        return Contact(found, motion.path, until, float(until + step / motion.finer), travel)
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """A possible motion.
+
+    Attributes
+    ----------
+    path
+        How it goes on; None: as the controller shows.
+    now
+        Axes from which it goes on, (joints + 1,), rad.
+    rates, rate_error
+        There, and a bound on their error, (joints + 1,), rad/s.
+    stop, way
+        The latest stop, and where it leads.
+    axes, times
+        Where the motion leads if it goes on, (n, joints + 1), rad, at equally spaced times (n,), s.
+    """
+
+    path: Path | None
+    now: Array
+    rates: Array
+    rate_error: Array
+    stop: Stop
+    way: _Way
+    axes: Array
+    times: Array
+
+    @property
+    def finer(self) -> int:
+        """Parts of a piece in which a contact is looked for, a power of 2."""
+        return max(1, _PARTS >> int(np.ceil(np.log2(len(self.times) - 1))))
 
 
 @dataclass(frozen=True)
@@ -236,7 +328,7 @@ class _Way:
     predicted: tuple[Array, Array]
 
 
-def _stop_way(path: Path, axes: Array, times: Array, stop: Stop, worst: WorstCase) -> _Way:
+def _stop_way(axes: Array, times: Array, stop: Stop, worst: WorstCase, is_line: bool) -> _Way:
     """Way of all stops from the predicted motion through `axes` (n, joints + 1) at equally spaced `times` (n,).
 
     Until braking begins the axes follow the path, then its tangent, as far as in half the braking time. All stops are
@@ -253,7 +345,7 @@ def _stop_way(path: Path, axes: Array, times: Array, stop: Stop, worst: WorstCas
     longer = braking_time(np.abs(rates).max(0) - np.abs(rates[0]), worst.deceleration)
     half = (stop.braking_time + longer) / 2
     bend = curvature * (step**2 / 2 + step * half)
-    if path is Path.JOINT:  # all tangents are one
+    if is_line:  # all tangents are one
         line = axes[:1], axes[-1:] + half * rates[-1:]
         return _Way(line, bend, line)
     middle = slice(1, None, 2)

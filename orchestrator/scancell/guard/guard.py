@@ -18,7 +18,7 @@ from scancell.cell.controller import Operation
 from scancell.config.robot import RobotDescription
 from scancell.errors import MessageError
 from scancell.geometry.reduction import reduced
-from scancell.guard.check import Contact, ManualCheck
+from scancell.guard.check import Contact, ManualCheck, Verdict
 from scancell.guard.identify import Identifier
 from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage
 from scancell.guard.motion import Hypothesis, MeasuredState
@@ -35,7 +35,6 @@ Array = NDArray[np.float64]
 _MAX_FACES = 400
 _STATES = 3
 _BEEP = 0.5  # s to a contact
-_STILL = 1e-6  # rad: a path that is no motion
 
 
 @dataclass(frozen=True)
@@ -97,12 +96,12 @@ class Guard:
         scene = scene.without([frozenset(pair) for pair in ignored])
         clearance = settings.position_error + np.array([meshes[a].error + meshes[b].error for a, b in scene.pairs])
         deceleration = settings.deceleration * nominal.axis_max_acceleration
-        worst = WorstCase(
-            settings.max_age, 0.0, 2 * settings.cycle, deceleration, settings.angle_error, jog_limits(robot, nominal)
-        )
+        angle_error = np.broadcast_to(np.asarray(settings.angle_error, float), (self._axes,))
+        age, delay = settings.latency + settings.max_age, 2 * settings.cycle
+        worst = WorstCase(age, 0.0, delay, deceleration, angle_error, jog_limits(robot, nominal))
         self._identifier = Identifier(nominal, settings.noise)
         self._manual = ManualCheck(nominal, scene, clearance, worst, settings.horizon)
-        self._automatic = PathCheck(nominal, scene, clearance, settings.reaction, deceleration, settings.angle_error)
+        self._automatic = PathCheck(nominal, scene, clearance, settings.reaction, deceleration, angle_error)
         self._motions = MotionCheck(nominal, scene, clearance, settings.threads)
         self.reset()
 
@@ -111,6 +110,9 @@ class Guard:
         self._number = 0
         self._operation: Operation | None = None
         self._states: deque[MeasuredState] = deque(maxlen=_STATES)
+        self._moving = 0  # states since the robot was at rest
+        self._manual.reset()
+        self._automatic.reset()
         self._speeds: deque[tuple[float, float]] = deque()
         self._stopping = False
         self.decision = Decision()
@@ -144,22 +146,22 @@ class Guard:
         )
 
     def _by_hand(self, state: CellState) -> Decision:
-        axes = np.asarray(state.axes)
+        axes, ahead = np.asarray(state.axes), np.asarray(state.ahead)
         oldest = state.time - _STATES * self.settings.max_age
         while self._states and self._states[0].time < oldest:
             self._states.popleft()
         self._states.append(MeasuredState(state.time, axes[:-1], float(axes[-1])))
-        if not state.moving:
+        self._moving = self._moving + 1 if state.moving else 0
+        if not state.moving and not _leads_away(ahead):
             return Decision()
-        if len(self._states) < 2:
+        if len(ahead):
+            verdict = self._manual.check_shown(axes, ahead, state.spacing, only_stop=True)
+        elif len(self._states) < 2:
             return Decision(True, text="stop: the robot moves in an unknown way", beep=True)
-        verdict = self._manual.check(self._hypotheses(), only_stop=True)
-        if verdict.without_stop:
-            near = verdict.without_stop[0]
-            pair = near.body_a, near.body_b
-            return Decision(True, text=f"stop: {' - '.join(pair)}: {near.distance * 1e3:.0f} mm", beep=True, pair=pair)
-        if verdict.astray:
-            return Decision(True, text="stop: the motion changes too fast", beep=True)
+        else:
+            verdict = self._manual.check(self._hypotheses(), only_stop=True, begins=self._moving < _STATES)
+        if not verdict.stop_is_proved:
+            return _refusal(verdict, state.moving)
         if verdict.contacts:
             return _warning(verdict.contacts[0])
         return Decision()
@@ -172,7 +174,7 @@ class Guard:
         ahead = np.asarray(state.ahead)
         if not len(ahead) and state.moving:
             return Decision(True, text="stop: no path is known")
-        if not state.moving and (not len(ahead) or np.ptp(ahead, axis=0).max() <= _STILL):
+        if not state.moving and not _leads_away(ahead):
             self._speeds.append((state.time, 1.0))
             return Decision()
         verdict = self._path_verdict(state, np.vstack([state.axes, ahead]))
@@ -195,6 +197,21 @@ class Guard:
             self._speeds.popleft()
         allowed = max((speed for _, speed in self._speeds), default=0.0)
         return self._automatic.check(points, state.spacing, state.rate, allowed)
+
+
+def _leads_away(ahead: Array) -> bool:
+    """Whether a path ahead (n, joints + 1) is a motion."""
+    return len(ahead) > 0 and bool(np.ptp(ahead, axis=0).any())
+
+
+def _refusal(verdict: Verdict, moving: bool) -> Decision:
+    """An emergency stop, or for a robot at rest the refusal of the jog that it shows."""
+    speed, word = (1.0, "stop") if moving else (0.0, "no jog")
+    if not verdict.without_stop:
+        return Decision(moving, speed, f"{word}: the motion changes too fast", True)
+    near = verdict.without_stop[0]
+    pair = near.body_a, near.body_b
+    return Decision(moving, speed, f"{word}: {' - '.join(pair)}: {near.distance * 1e3:.0f} mm", True, pair)
 
 
 def _warning(contact: Contact) -> Decision:

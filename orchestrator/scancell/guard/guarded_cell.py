@@ -14,7 +14,7 @@ from scancell.stopwatch import Pace
 
 _POLL_CYCLES = 2  # of the controller; it answers position queries no faster
 _EMERGENCY = 3  # controller.state
-_AHEAD = 32  # points of the path ahead
+_AHEAD = 64  # points of the path ahead, a cycle of path clock apart
 
 
 class GuardedCell:
@@ -30,6 +30,8 @@ class GuardedCell:
         To the guard; None: without a guard.
     max_age
         Age of the last answer's state at which the controller stops, s.
+    shows_jogs
+        Whether the guard sees where a jog leads before it moves the robot; else it identifies jogs by measured states.
 
     Attributes
     ----------
@@ -39,8 +41,10 @@ class GuardedCell:
         Whether a person holds the emergency stop pressed, whatever the guard says.
     """
 
-    def __init__(self, cell: CellInstance, cycle_us: int, link: Link | None, max_age: float) -> None:
-        self._cell, self._cycle_us, self._link = cell, cycle_us, link
+    def __init__(
+        self, cell: CellInstance, cycle_us: int, link: Link | None, max_age: float, shows_jogs: bool = True
+    ) -> None:
+        self._cell, self._cycle_us, self._link, self._shows_jogs = cell, cycle_us, link, shows_jogs
         axes = cell.axis_names("")
         self._measured = cell.real_group([f"measured.{axis}" for axis in axes])
         self._rate = cell.real_group(["controller.rate"])
@@ -65,9 +69,10 @@ class GuardedCell:
         self._cell.on_cycle(self._cycle_us, self.poll)
 
     def set_monitor_speed(self, share: float) -> None:
-        """Change the operator's monitor speed; at once, but never beyond what the guard allows."""
+        """Change the operator's monitor speed; at once, but never beyond what the guard allows. It scales no jog."""
         self.monitor_speed = share
-        self._cell.set(self._monitor_speed, np.array([min(share, self._allowed)]))
+        manual = self._cell.get_integer("command.operation") == Operation.MANUAL
+        self._cell.set(self._monitor_speed, np.array([self._allowed if manual else min(share, self._allowed)]))
 
     def poll(self) -> list[GuardMessage]:
         """Send the state where a query is due, and obey the answers that have arrived; to be called once a cycle."""
@@ -107,7 +112,8 @@ class GuardedCell:
         cell = self._cell
         operation = Operation(cell.get_integer("command.operation"))
         mode = Mode(cell.get_integer("controller.mode"))
-        follows = operation is Operation.AUTOMATIC and mode not in (Mode.HOLD, Mode.SERVO)
+        automatic = operation is Operation.AUTOMATIC
+        follows = mode not in (Mode.HOLD, Mode.SERVO) if automatic else self._shows_jogs
         self._sequence = (self._sequence + 1) % 2**32
         axes = cell.get(self._measured).copy()
         return CellState(
@@ -119,6 +125,6 @@ class GuardedCell:
             axes,
             float(np.clip(cell.get(self._rate)[0], 0.0, 1.0)),
             cell.get(self._ahead).reshape(_AHEAD, len(axes)).copy() if follows else (),
-            _POLL_CYCLES * self._cycle_us * 1e-6 if follows else 0.0,
+            self._cycle_us * 1e-6 if follows else 0.0,
             float(cell.get(self._path_time)[0]) if follows else 0.0,
         )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.guard.near import NearPairs
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.motion_check import Budget, MotionCheck, MotionClash
 from scancell.proximity.scene import ProximityScene
@@ -25,7 +26,6 @@ _LONGER = 1.5  # braking on a path against braking straight on
 _TARGETS = np.linspace(0.0, 1.0, 51)
 _EASY = 2.0  # 1/s: change of the rate for which the monitor speed leaves room
 _REST = 0.02  # s of path clock that are left when the robot waits
-_STILL = 1e-6  # rad: pieces of a path that are no motion
 
 # Of the controller: the rate follows the monitor speed no faster, 1/s, but for the start of a path, where it is that of
 # the monitor speed at once.
@@ -70,7 +70,7 @@ class PathCheck:
     deceleration
         That every axis attains, (joints + 1,), rad/s².
     angle_error
-        Of the measured angles, rad.
+        Of the measured angles, one or (joints + 1,), rad.
     """
 
     def __init__(
@@ -80,13 +80,18 @@ class PathCheck:
         clearance: ArrayLike,
         reaction: float,
         deceleration: ArrayLike,
-        angle_error: float,
+        angle_error: ArrayLike,
     ) -> None:
         self._motions = MotionCheck(nominal, scene, clearance, 1, _FINEST)
         self._pairs = scene.pairs
         self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
-        self._reaction, self._angle_error = reaction, angle_error
+        self._reaction, self._angle_error = reaction, np.asarray(angle_error, float)
         self._deceleration = np.asarray(deceleration, float)
+        self._near = NearPairs(nominal, scene.pairs, self._clearance, angle_error)
+
+    def reset(self) -> None:
+        """Forget the pairs within their clearance."""
+        self._near.reset()
 
     def check(self, points: Array, spacing: float, rate: float, allowed: float) -> PathVerdict:
         """Verdict on the path through `points` (n, joints + 1), rad, `spacing` (s of path clock) apart.
@@ -97,7 +102,7 @@ class PathCheck:
         braking = self._braking(points, spacing)
         needed = self._advance(rate or allowed, max(allowed, rate), braking)
         free, clash = self._free(points, spacing, needed)
-        if clash is None and np.abs(points[-1] - points[-2]).max() <= _STILL:
+        if clash is None and (points[-1] == points[-2]).all():
             free = np.inf  # the motion ends within what is known
         room = _REST + 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY) + braking / 2)
         speed = float(_TARGETS[room <= free].max(initial=0.0))
@@ -106,13 +111,20 @@ class PathCheck:
     def _free(self, points: Array, spacing: float, needed: float) -> tuple[float, MotionClash | None]:
         """Path clock that is proved free, s, and what is not behind it; the `needed` way of a stop is proved first."""
         bend = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4 + self._angle_error
-        moving = np.flatnonzero(np.abs(np.diff(points, axis=0)).max(1) > _STILL)
+        moving = np.flatnonzero((np.diff(points, axis=0) != 0).any(1))
         last = int(moving[-1]) + 1 if len(moving) else 0
         of_stop = min(int(np.ceil(needed / spacing)), last)
         budget = Budget(_WORK)
+        near, kept = self._near_pairs(points[0], budget)
         for begin, end in ((0, of_stop), (of_stop, last)):
             way = points[begin : end + 1]
-            first = self._motions.first_violations(way, _FINER, bend, budget=budget) if end > begin else np.empty(0)
+            if end <= begin:
+                continue
+            room = np.where(near, -np.inf, self._clearance)
+            first = self._motions.first_violations(way, _FINER, bend, room, budget)
+            if near.any():
+                nearer = self._motions.first_violations(way, _FINER, _bend_aside(points), kept, budget)
+                first = np.minimum(first, nearer)
             pairs = np.flatnonzero(np.isfinite(first))
             if not len(pairs):
                 continue
@@ -125,6 +137,12 @@ class PathCheck:
             return spacing * (begin + piece + share), clash
         return spacing * (len(points) - 1), None
 
+    def _near_pairs(self, axes: Array, budget: Budget) -> tuple[NDArray[np.bool_], Array]:
+        """As `NearPairs.update` at the measured `axes`."""
+        without_room = self._motions.violations(axes[None], axes[None], self._angle_error, budget=budget)
+        distance = self._motions.distances(axes[None], without_room, budget)[0]
+        return self._near.update(axes, distance)
+
     def _braking(self, points: Array, spacing: float) -> float:
         """Path clock that braking from full speed takes, s; from the rate r it takes r times that."""
         speed = np.abs(np.diff(points, axis=0)).max(0) / spacing
@@ -135,3 +153,12 @@ class PathCheck:
         growing = min((allowed - rate) / RATE_SLOPE, self._reaction)
         last = min(allowed, rate + RATE_SLOPE * self._reaction)
         return (rate + last) / 2 * growing + last * (self._reaction - growing) + last**2 * braking / 2
+
+
+def _bend_aside(points: Array) -> Array:
+    """Bound (joints + 1,), rad, on how far the motion through set-points leaves the straight lines sideways."""
+    change, along = np.diff(points, n=2, axis=0), points[2:] - points[:-2]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    unit = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
+    aside = change - unit * (change * unit).sum(1, keepdims=True)
+    return np.asarray(np.abs(aside).max(0, initial=0.0) / 4)

@@ -21,7 +21,9 @@ class GuardSettings:
     noise
         Standard deviation of the measured angles, rad.
     angle_error
-        Largest error of the measured angles, rad.
+        Largest error of the measured angles, rad, one or (joints + 1,): of the encoders, and of the gears behind them.
+    latency
+        Largest age of measured angles when the controller stamps them, s.
     position_error
         By which bodies may be elsewhere than the nominal geometry says, m.
     mesh_error
@@ -37,7 +39,8 @@ class GuardSettings:
     max_age: float = 0.12
     cycle: float = 0.016
     noise: float = float(np.radians(0.005))
-    angle_error: float = float(np.radians(0.025))
+    angle_error: float | tuple[float, ...] = float(np.radians(0.025))
+    latency: float = 0.0
     position_error: float = 1e-3
     mesh_error: float = 1e-3
     deceleration: float = 0.95
@@ -47,4 +50,4 @@ class GuardSettings:
     @property
     def reaction(self) -> float:
         """Time from a measured state to the beginning of braking, if no later answer arrives, s."""
-        return self.max_age + 2 * self.cycle
+        return self.latency + self.max_age + 2 * self.cycle

@@ -22,12 +22,26 @@ _SIGMAS = 5.0  # of the largest error of an angle
 
 
 def settings_of(cell: CellDescription) -> GuardSettings:
-    """The worst case of a described cell: its controller's cycle, and the noise of its encoders."""
-    encoders = [(joint.encoder_noise_deg, joint.encoder_resolution_deg) for joint in cell.robot.joint]
-    encoders.append((cell.table.encoder_noise_deg, cell.table.encoder_resolution_deg))
-    noise = max(_LEAST_NOISE, *(np.radians(np.hypot(noise, step / np.sqrt(12))) for noise, step in encoders))
-    cycle = cell.world.controller_cycle_us * 1e-6
-    return GuardSettings(cycle=cycle, noise=float(noise), angle_error=float(_SIGMAS * noise))
+    """The worst case of a described cell: its controller's cycle, its encoders, and the gears of its drives.
+
+    A gear is twisted by at most the torque of its motor over its stiffness, and turns in its backlash; the encoder on
+    the motor sees neither.
+    """
+    encoders = [*cell.robot.joint, cell.table]
+    sigma = [np.hypot(one.encoder_noise_deg, one.encoder_resolution_deg / np.sqrt(12)) for one in encoders]
+    noise = max(_LEAST_NOISE, float(np.radians(max(sigma))))
+    twist = np.zeros(len(encoders))
+    if cell.robot.drive == "dynamic":
+        drives = [joint.drive for joint in cell.robot.joint if joint.drive is not None]
+        twist[:-1] = [
+            drive.max_torque_n_m / drive.gear_stiffness_n_m_rad + np.radians(drive.backlash_deg) for drive in drives
+        ]
+    return GuardSettings(
+        cycle=cell.world.controller_cycle_us * 1e-6,
+        noise=noise,
+        angle_error=tuple(float(error) for error in _SIGMAS * noise + twist),
+        latency=1e-3 * max(one.encoder_latency_ms for one in encoders),
+    )
 
 
 def guard_of(

@@ -1,0 +1,65 @@
+"""Pairs of bodies within their clearance: a motion may not bring them nearer than they were when they came there.
+
+They have no room for a stop, so that nothing could move them apart if it were asked for.  A motion that never brings
+such a pair nearer is permitted.  What the errors of the measured angles feign is permitted as well, but once: the
+distance to be kept is remembered until the pair has its room again, however often motions begin and end meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.nominal.cell import NominalCell
+from scancell.proximity.motion_bounds import MotionBounds
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_ROUNDING = 5e-6  # m: of proofs, which need some room
+
+
+class NearPairs:
+    """Distances that pairs within their clearance have to keep.
+
+    Parameters
+    ----------
+    nominal
+        Kinematics and bodies.
+    pairs
+        Names of the bodies of each pair.
+    clearance
+        Distance that counts as contact, one for all pairs or (pairs,), m.
+    angle_error
+        Of the measured angles, one or (joints + 1,), rad.
+    """
+
+    def __init__(
+        self, nominal: NominalCell, pairs: Sequence[tuple[str, str]], clearance: ArrayLike, angle_error: ArrayLike
+    ) -> None:
+        self._bounds = MotionBounds(nominal, pairs)
+        self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(pairs),))
+        self._error = np.broadcast_to(np.asarray(angle_error, float), (len(nominal.arm.joints) + 1,))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all pairs."""
+        self._kept = np.full(len(self._clearance), np.inf)
+
+    def update(self, axes: Array, distance: Array) -> tuple[Flags, Array]:
+        """Which pairs (pairs,) are within their clearance, and the distances (pairs,), m, that those have to keep.
+
+        Parameters
+        ----------
+        axes
+            Measured joints and table angle, (joints + 1,), rad.
+        distance
+            Of the pairs at `axes`, (pairs,), m; NaN or infinite for pairs that have their room.
+        """
+        error = self._bounds.pairs(axes[None], self._error[None])[0]
+        near = distance <= self._clearance + error
+        known = np.isfinite(self._kept)
+        self._kept = np.where(near, np.where(known, self._kept, distance - error - _ROUNDING), np.inf)
+        return near, np.where(near, self._kept, -np.inf)

@@ -1,0 +1,191 @@
+// Jogs with a guard: the robot moves by hand only where an answered state has shown it.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <random>
+
+#include "tests/fmu/arm_model.h"
+
+namespace {
+
+using namespace robotcell::control;
+using namespace robotcell::testing;
+
+constexpr double kMaxAge = 0.12;
+constexpr Mode kJogs[] = {Mode::kJointJog, Mode::kCartesianJog};
+
+/// A drive at home in manual operation whose guard has answered the state of the present instant.
+class GuardedJog : public ::testing::TestWithParam<Mode> {
+ protected:
+  GuardedJog() {
+    drive_.command.operation = Operation::kManual;
+    drive_.command.guard_max_age = kMaxAge;
+    drive_.command.mode = GetParam();
+    answered(5);
+  }
+  /// Cycles whose states are answered at once.
+  void answered(int cycles) {
+    for (int k = 0; k < cycles; ++k) {
+      drive_.command.guard_us = drive_.now;
+      drive_.run(1);
+    }
+  }
+  bool waits() const { return drive_.controller.report(drive_.now).guard_waits; }
+  bool moving() const { return drive_.controller.report(drive_.now).moving; }
+  PathAhead ahead() const { return drive_.controller.path_ahead(drive_.now); }
+
+  Drive drive_;
+};
+
+INSTANTIATE_TEST_SUITE_P(Jogs, GuardedJog, ::testing::ValuesIn(kJogs));
+
+TEST_P(GuardedJog, WaitsAtRestUntilAStateThatShowsItIsAnswered) {
+  EXPECT_EQ(ahead().back(), home());
+  drive_.command.jog[1] = 0.5;
+  drive_.command.guard_us = drive_.now;  // measured before the controller reads the jog
+  drive_.run(5);
+  EXPECT_EQ(drive_.position(), home());
+  EXPECT_TRUE(waits());
+  EXPECT_NE(ahead().back(), home());
+  drive_.command.guard_us = drive_.now;
+  drive_.run(1);
+  EXPECT_FALSE(waits());
+  EXPECT_TRUE(moving());
+}
+
+TEST_P(GuardedJog, MonitorSpeedZeroLetsNoJogBeginAndStopsOne) {
+  drive_.command.monitor_speed = 0;
+  drive_.command.jog[1] = 0.5;
+  answered(10);
+  EXPECT_EQ(drive_.position(), home());
+  drive_.command.monitor_speed = 1e-3;
+  answered(3);
+  EXPECT_TRUE(moving());
+  drive_.command.monitor_speed = 0;
+  answered(20);
+  EXPECT_FALSE(moving());
+  EXPECT_NE(drive_.position(), home());
+  EXPECT_NE(drive_.controller.report(drive_.now).phase, Phase::kEmergencyStop);
+}
+
+TEST_P(GuardedJog, GrowsOnlyWithAnAnswerShrinksAtOnceAndReversesAtRest) {
+  drive_.command.jog[1] = 0.1;
+  answered(20);
+  const auto speed = [this] { return drive_.controller.sample(drive_.now)[1].velocity; };
+  const double slow = speed();
+  drive_.command.jog[1] = 1;
+  drive_.command.guard_us = drive_.now;
+  drive_.run(4);
+  EXPECT_NEAR(speed(), slow, 0.05 * std::abs(slow));
+  answered(20);
+  EXPECT_GT(std::abs(speed()), 5 * std::abs(slow));
+  const double fast = std::abs(speed());
+  drive_.command.jog[1] = 0.05;
+  drive_.command.guard_us = drive_.now;
+  drive_.run(4);
+  EXPECT_LT(std::abs(speed()), fast);
+  drive_.command.jog[1] = -1;
+  bool rested = false;
+  for (int k = 0; k < 100 && !rested; ++k) {
+    answered(1);
+    ASSERT_GE(speed() * slow, 0) << "no reversal before the axes rest";
+    rested = speed() == 0;
+  }
+  EXPECT_TRUE(rested);
+  answered(20);
+  EXPECT_LT(speed() * slow, 0);
+}
+
+TEST_P(GuardedJog, WithoutAGuardItBeginsAtOnce) {
+  drive_.command.guard_max_age = 0;
+  drive_.command.jog[1] = 0.5;
+  drive_.run(1);
+  EXPECT_TRUE(moving());
+  EXPECT_FALSE(waits());
+}
+
+/// Largest difference of an axis from the way through `home` and the first `count` points of a path.
+double off_path(const Axes& begin, const PathAhead& path, int count, const Axes& position) {
+  double least = std::numeric_limits<double>::infinity();
+  const auto off = [&position](const Axes& from, const Axes& to, double share) {
+    double largest = 0;
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      largest = std::max(largest, std::abs(from[i] + share * (to[i] - from[i]) - position[i]));
+    }
+    return largest;
+  };
+  for (int k = 0; k < count; ++k) {
+    const Axes &from = k == 0 ? begin : path[static_cast<std::size_t>(k - 1)],
+               &to = path[static_cast<std::size_t>(k)];
+    double squared = 0, along = 0;
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      squared += (to[i] - from[i]) * (to[i] - from[i]);
+      along += (to[i] - from[i]) * (position[i] - from[i]);
+    }
+    least = std::min(least, off(from, to, squared > 0 ? std::clamp(along / squared, 0.0, 1.0) : 0));
+  }
+  return least;
+}
+
+/// Random jogs, whose states are answered late, out of order, or never: the robot is on the path that the
+/// newest answered state has shown, and not farther on it than the time since then.
+TEST(GuardedJogs, RobotStaysOnTheShownPath) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> uniform;
+  struct Shown {
+    std::int64_t time = 0;
+    Axes begin{};
+    PathAhead ahead{};
+  };
+  int moved = 0, refused = 0;
+  for (int run = 0; run < 60; ++run) {
+    Drive drive;
+    drive.command.operation = Operation::kManual;
+    drive.command.guard_max_age = kMaxAge;
+    std::deque<std::pair<std::int64_t, Shown>> answers;  // with their arrival
+    Shown newest{0, home(), drive.controller.path_ahead(0)};
+    for (int k = 0; k < 300; ++k) {
+      if (uniform(random) < 0.05) {
+        drive.command.mode = uniform(random) < 0.5 ? Mode::kJointJog : Mode::kCartesianJog;
+        drive.command.jog_frame = uniform(random) < 0.5 ? JogFrame::kWorld : JogFrame::kTool;
+        drive.command.jog = {};
+        const double size = std::pow(10, -3 * uniform(random));
+        for (int n = 0; n < 3 && uniform(random) < 0.8; ++n) {
+          const auto axis = static_cast<std::size_t>(7 * uniform(random));
+          drive.command.jog[axis == 6 ? kTableAxis : axis] = size * (2 * uniform(random) - 1);
+        }
+      } else if (uniform(random) < 0.1) {
+        const double factor = uniform(random) < 0.5 ? 0.5 : 2;
+        bool fits = true;
+        for (const double value : drive.command.jog) fits = fits && std::abs(factor * value) <= 1;
+        for (double& value : drive.command.jog) value *= fits ? factor : 1;
+      }
+      drive.command.monitor_speed = uniform(random) < 0.02 ? 0 : 1;
+      if (drive.controller.report(drive.now).phase == Phase::kEmergencyStop) break;
+      if (k % 2 == 0 && uniform(random) < 0.9) {
+        answers.emplace_back(drive.now + static_cast<std::int64_t>(80'000 * uniform(random)),
+                             Shown{drive.now, drive.position(), drive.controller.path_ahead(drive.now)});
+      }
+      for (auto answer = answers.begin(); answer != answers.end();) {
+        const bool arrives = answer->first <= drive.now;
+        if (arrives && answer->second.time > newest.time) newest = answer->second;
+        answer = arrives ? answers.erase(answer) : answer + 1;
+      }
+      drive.command.guard_us = newest.time;
+      const Axes before = drive.position();
+      drive.run(1);
+      const ControllerError error = drive.controller.report(drive.now).error;
+      if (error == ControllerError::kSingular || error == ControllerError::kPathOutOfLimits) break;
+      const int cycles = static_cast<int>((drive.now - newest.time) / kCycle);
+      moved += drive.position() != before;
+      refused += drive.controller.report(drive.now).guard_waits;
+      ASSERT_LT(off_path(newest.begin, newest.ahead, cycles, drive.position()), 1e-4) << run << ' ' << k;
+    }
+  }
+  EXPECT_GT(moved, 2000);
+  EXPECT_GT(refused, 500);
+}
+
+}  // namespace

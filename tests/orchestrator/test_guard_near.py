@@ -1,0 +1,132 @@
+"""The guard near a wall: jogs that the controller shows, from very slow to fast, and pairs within their clearance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from guard_walls import behind_wall, boxes, distances, near_home, straight
+
+from bench.guard_retreat import CYCLE, ROWS, SETTINGS, run
+from guard_motions import NOISE, POLL, unit
+from scancell.cell.controller import Mode, Operation
+from scancell.config.loading import load_setup
+from scancell.guard.guard import Guard
+from scancell.guard.messages import CellState
+from scancell.guard.near import NearPairs
+from scancell.guard.settings import GuardSettings
+from scancell.guard.stopping import braking_time
+
+ROBOT = load_setup().cell.robot
+CLEARANCE = SETTINGS.position_error
+SPEEDS = (0.25e-3, 2.5e-3, 0.025, 0.25)  # m/s: 0.1 to 100 % of the jog speed
+
+
+def wall(seed: int, gap: float):
+    """Axes, direction of the wall, cell and scene; nothing else is near."""
+    rng = np.random.default_rng(seed)
+    while True:
+        axes, direction = near_home(rng), unit(rng)
+        cell, scene = behind_wall(axes, direction, gap)
+        others = [k for k, pair in enumerate(scene.pairs) if pair != ("sensor", "wall")]
+        if distances(cell, scene, axes[None], 0.2)[0, others].min() > 0.15:
+            return axes, direction, cell, scene
+
+
+def gap_of(cell, scene, axes: np.ndarray) -> float:
+    return float(distances(cell, scene, axes[None], 0.2)[0, scene.pairs.index(("sensor", "wall"))])
+
+
+def shown(number: int, axes: np.ndarray, rates: np.ndarray, moving: bool, operation=Operation.MANUAL) -> CellState:
+    ahead = axes + CYCLE * np.arange(1.0, ROWS + 1)[:, None] * rates
+    mode = Mode.TOOL_JOG if operation is Operation.MANUAL else Mode.JOINT_MOVE
+    return CellState(number, POLL * number, operation, mode, moving, axes, 0.0, ahead, CYCLE, POLL * (number - 1))
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_jog_is_stopped_where_its_stop_is_still_free_and_not_much_earlier(speed):
+    """What is left: the way of the stop, the clearance, one poll, and errors of the angles, which are 0.4 mm here."""
+    axes, direction, cell, scene = wall(51, 0.1)
+    guard = Guard(cell, ROBOT, SETTINGS)
+    rates = straight(axes, speed * direction)
+    stop = speed * (SETTINGS.reaction + braking_time(rates, SETTINGS.deceleration * boxes().axis_max_acceleration) / 2)
+    axes = axes + (max(0.0, 0.1 - CLEARANCE - stop - 0.004) / speed - 3 * POLL) * rates
+    for number in range(1, 1200):
+        if guard.answer(shown(number, axes, rates, True)).emergency_stop:
+            break
+        axes = axes + POLL * rates
+    left = gap_of(cell, scene, axes)
+    assert left + speed * POLL > CLEARANCE + stop
+    assert left < CLEARANCE + 1.1 * stop + speed * POLL + 0.0025
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_jog_towards_a_wall_within_its_clearance_is_refused_at_rest_and_away_it_is_not(speed):
+    axes, direction, cell, _ = wall(52, 0.0008)
+    guard = Guard(cell, ROBOT, SETTINGS)
+    towards = guard.answer(shown(1, axes, straight(axes, speed * direction), False))
+    assert guard.decision.pair == ("sensor", "wall")
+    away = guard.answer(shown(2, axes, straight(axes, -speed * direction), False))
+    # Below the errors of the angles the guard cannot say whether it is one.
+    assert (towards.monitor_speed, towards.emergency_stop) == (0 if speed > 2e-3 else towards.monitor_speed, False)
+    assert (away.monitor_speed, away.emergency_stop) == (1, False)
+
+
+def test_motions_that_bring_no_near_pair_nearer_are_permitted():
+    """Random jogs and moves from poses within the clearance of a wall, against dense samples of the distances."""
+    counts = run(60, 2)
+    assert counts.away >= 120
+    assert counts.away_refused == 0
+    assert counts.nearer >= 8
+    assert counts.nearer_permitted == 0
+
+
+@pytest.mark.parametrize("operation", Operation)
+def test_short_motions_repeated_do_not_add_up(operation):
+    """100 motions of 0.1 mm towards a wall within its clearance: those permitted end where angles may be wrong."""
+    axes, direction, cell, scene = wall(53, 0.0009)
+    guard = Guard(cell, ROBOT, SETTINGS)
+    rng, first = np.random.default_rng(5), gap_of(cell, scene, axes)
+    rates = straight(axes, 1e-3 * direction)
+    travel = np.minimum(CYCLE * np.arange(1.0, ROWS + 1), 0.1)
+    for number in range(1, 101):
+        measured = axes + NOISE * rng.standard_normal(axes.shape)
+        ahead = axes + travel[:, None] * rates
+        state = CellState(
+            number, float(number), operation, Mode.JOINT_MOVE, False, measured, 0.0, ahead, CYCLE, number - 0.5
+        )
+        answer = guard.answer(state)
+        if answer.monitor_speed > 0 and not answer.emergency_stop:
+            axes = ahead[-1]
+    assert first - gap_of(cell, scene, axes) < 0.0005
+
+
+def test_distance_to_be_kept_is_remembered_until_there_is_room():
+    cell = boxes()
+    pairs = [("sensor", "table")]
+    near = NearPairs(cell, pairs, 0.003, 1e-4)
+    axes = np.append(cell.home, 0.0)
+    _, kept = near.update(axes, np.array([0.002]))
+    assert kept[0] == pytest.approx(0.002, abs=2e-4)
+    assert near.update(axes, np.array([0.0019]))[1] == pytest.approx(kept)
+    assert not near.update(axes, np.array([0.01]))[0].any()
+    assert near.update(axes, np.array([0.0019]))[1] < kept
+
+
+def test_crawling_path_is_proved_like_any_other():
+    """A path of less than 1e-6 rad in what is shown leads into a wall: the robot may go on only while it is free."""
+    axes, direction, cell, scene = wall(54, 0.0021)
+    guard = Guard(cell, ROBOT, SETTINGS)
+    rates = straight(axes, 4e-7 * direction)
+    assert CYCLE * ROWS * np.abs(rates).max() < 2e-6
+    for number in range(1, 60):
+        answer = guard.answer(shown(number, axes, rates, True, Operation.AUTOMATIC))
+        if answer.monitor_speed == 0 or answer.emergency_stop:
+            break
+        axes = axes + 100.0 * rates
+    assert gap_of(cell, scene, axes) > CLEARANCE
+
+
+def test_too_short_a_path_ahead_is_no_proof():
+    axes, direction, cell, _ = wall(55, 0.1)
+    guard = Guard(cell, ROBOT, GuardSettings(noise=NOISE, max_age=1.2))
+    assert guard.answer(shown(1, axes, straight(axes, -0.1 * direction), True)).emergency_stop
