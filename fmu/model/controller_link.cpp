@@ -104,7 +104,7 @@ PendantOutputs pendant_of(const control::Report& report, const std::string& refu
     pendant.text = "Stopped: guard message too old, reset to go on";
   } else if (!refusal.empty()) {
     pendant.text = "Rejected: " + refusal;
-  } else if (report.guard_waits) {
+  } else if (report.guard_waits && command.text.empty()) {
     pendant.text = "Waits for the guard";
   } else if (running && report.guard_share < 1) {
     const auto percent = static_cast<int>(std::lround(100 * report.guard_share));

@@ -65,7 +65,8 @@ class CellState:
     rate
         Rate of the path clock, 0 to 1; 1 is the programmed speed.
     ahead
-        Axes on the path ahead, (m, joints + 1), rad, one row per `spacing` of path clock; m = 0 in manual operation.
+        Axes on the path ahead, (m, joints + 1), rad, one row per `spacing` of path clock, or of time in a jog; m = 0 if
+        nothing is shown.
     spacing
         s of path clock; 0 if there is no path ahead.
     path_time
