@@ -9,12 +9,14 @@ from guard_walls import behind_wall, boxes, distances, near_home, straight
 from bench.guard_retreat import CYCLE, ROWS, SETTINGS, run
 from guard_motions import NOISE, POLL, unit
 from scancell.cell.controller import Mode, Operation
+from scancell.config.drives import DriveDescription
 from scancell.config.loading import load_setup
 from scancell.guard.guard import Guard
 from scancell.guard.messages import CellState
 from scancell.guard.near import NearPairs
 from scancell.guard.settings import GuardSettings
 from scancell.guard.stopping import braking_time
+from scancell.jobs.guard_job import settings_of
 
 ROBOT = load_setup().cell.robot
 CLEARANCE = SETTINGS.position_error
@@ -133,3 +135,20 @@ def test_too_short_a_path_ahead_is_no_proof():
     axes, direction, cell, _ = wall(55, 0.1)
     guard = Guard(cell, ROBOT, GuardSettings(noise=NOISE, max_age=1.2))
     assert guard.answer(shown(1, axes, straight(axes, -0.1 * direction), True)).emergency_stop
+
+
+def test_settings_follow_every_key_of_encoders_and_drives():
+    """Latency of an encoder, and the twist and play of the gear behind it, which it does not see."""
+    shipped = load_setup().cell
+    joint = shipped.robot.joint[1]
+    known = {"max_torque_n_m": 150.0, "gear_stiffness_n_m_rad": 60000.0, "backlash_deg": 0.01}
+    drive = DriveDescription(motor_inertia_kg_m2=0.5, gear_damping_n_m_s_rad=40.0, **known)
+    joints = tuple(one.model_copy(update={"drive": drive}) for one in shipped.robot.joint)
+    late = joint.model_copy(update={"drive": drive, "encoder_latency_ms": 40.0, "encoder_noise_deg": 0.02})
+    robot = shipped.robot.model_copy(update={"drive": "dynamic", "joint": (joints[0], late, *joints[2:])})
+    plain, driven = settings_of(shipped), settings_of(shipped.model_copy(update={"robot": robot}))
+    assert driven.reaction == pytest.approx(plain.reaction + 0.04)
+    assert driven.noise == pytest.approx(np.radians(0.02))
+    twist = 150.0 / 60000.0 + np.radians(0.01)
+    assert np.asarray(driven.angle_error)[:-1] == pytest.approx(5 * driven.noise + twist)
+    assert np.asarray(driven.angle_error)[-1] == pytest.approx(5 * driven.noise)

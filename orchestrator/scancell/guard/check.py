@@ -180,7 +180,7 @@ class ManualCheck:
         # The rows are set-points: by them the path begins where the measured axes are but for their errors.
         begin = 3 * ahead[0] - 3 * ahead[1] + ahead[2]
         points = np.vstack([begin, ahead])
-        times = spacing * np.arange(len(points))
+        times = np.asarray(spacing * np.arange(len(points)), np.float64)
         rates = (points[1] - points[0]) / spacing
         error = np.abs(begin - axes) + self._worst.angle_error
         stop = Stop(braking_time(rates, self._worst.deceleration), error, 0.0)

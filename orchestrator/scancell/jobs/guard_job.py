@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from scancell.config.cell import CellDescription
+from scancell.config.cell import CellDescription, TableDescription
 from scancell.config.loading import load_setup
+from scancell.config.robot import JointDescription
 from scancell.config.scan import ScanDescription
 from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
@@ -27,7 +28,7 @@ def settings_of(cell: CellDescription) -> GuardSettings:
     A gear is twisted by at most the torque of its motor over its stiffness, and turns in its backlash; the encoder on
     the motor sees neither.
     """
-    encoders = [*cell.robot.joint, cell.table]
+    encoders: list[JointDescription | TableDescription] = [*cell.robot.joint, cell.table]
     sigma = [np.hypot(one.encoder_noise_deg, one.encoder_resolution_deg / np.sqrt(12)) for one in encoders]
     noise = max(_LEAST_NOISE, float(np.radians(max(sigma))))
     twist = np.zeros(len(encoders))
