@@ -148,7 +148,7 @@ def test_settings_follow_every_key_of_encoders_and_drives():
     robot = shipped.robot.model_copy(update={"drive": "dynamic", "joint": (joints[0], late, *joints[2:])})
     plain, driven = settings_of(shipped), settings_of(shipped.model_copy(update={"robot": robot}))
     assert driven.reaction == pytest.approx(plain.reaction + 0.04)
-    assert driven.noise == pytest.approx(np.radians(0.02))
+    assert driven.noise == pytest.approx(np.radians(0.02), rel=1e-4)
     twist = 150.0 / 60000.0 + np.radians(0.01)
     assert np.asarray(driven.angle_error)[:-1] == pytest.approx(5 * driven.noise + twist)
     assert np.asarray(driven.angle_error)[-1] == pytest.approx(5 * driven.noise)
