@@ -246,3 +246,16 @@ def test_pairs_of_no_clearance_are_not_checked(cell):
 def test_motion_without_travel_is_a_static_check(cell):
     home = np.append(cell.home, 0.0)
     assert MotionCheck(cell, scene_of(cell), 0.001).first_clashes(home, home) == [None]
+
+
+@pytest.mark.parametrize(("argument", "value"), [("clearance", np.nan), ("deviation", np.nan), ("deviation", -1e-9)])
+def test_clearances_and_deviations_that_prove_nothing_are_rejected(cell, argument, value):
+    check = MotionCheck(cell, scene_of(cell), 0.0)
+    path = np.linspace(*(np.append(cell.home + 0.01 * k, 0.0) for k in (0, 1)), 3)
+    for function, motions in (
+        (check.violations, (path[:-1], path[1:])),
+        (check.first_clashes, (path[:-1], path[1:])),
+        (check.first_violations, (path, 4)),
+    ):
+        with pytest.raises(ValueError, match=r"expected (finite )?(angles|clearances)"):
+            function(*motions, **{argument: value})

@@ -99,6 +99,12 @@ Motions to_motions(const MotionProof& proof, const Doubles& start, const Doubles
       if (!std::isfinite(array->data()[i])) throw std::invalid_argument("motions: expected finite angles");
     }
   }
+  for (py::ssize_t i = 0; i < deviation.size(); ++i) {
+    if (deviation.data()[i] < 0) throw std::invalid_argument("deviation: expected angles of at least 0");
+  }
+  for (py::ssize_t i = 0; i < required.size(); ++i) {
+    if (std::isnan(required.data()[i])) throw std::invalid_argument("required: expected clearances, got NaN");
+  }
   return {start.data(), end.data(), deviation.data(), required.data(), static_cast<std::size_t>(count),
           finest};
 }
