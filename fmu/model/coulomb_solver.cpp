@@ -30,6 +30,13 @@ bool CoulombSolver::solve(int n, double* A, double* x, double* b, int nub, doubl
   return true;
 }
 
+bool GaussSeidelSolver::solve(int n, double* A, double* x, double* b, int nub, double* lo, double* hi,
+                              int* findex, bool earlyTermination) {
+  const bool solved = PgsBoxedLcpSolver::solve(n, A, x, b, nub, lo, hi, findex, earlyTermination);
+  if (!solved) ++*fallbacks_;
+  return solved;
+}
+
 bool FallbackSolver::solve(int n, double* A, double* x, double* b, int nub, double* lo, double* hi,
                            int* findex, bool earlyTermination) {
   ++*fallbacks_;

@@ -36,6 +36,18 @@ class CoulombSolver : public dart::constraint::DantzigBoxedLcpSolver {
   FallbackCount fallbacks_;
 };
 
+/// Projected Gauss-Seidel as the primary solver; problems on which it does not converge are counted.
+class GaussSeidelSolver : public dart::constraint::PgsBoxedLcpSolver {
+ public:
+  explicit GaussSeidelSolver(FallbackCount fallbacks) : fallbacks_(std::move(fallbacks)) {}
+
+  bool solve(int n, double* A, double* x, double* b, int nub, double* lo, double* hi, int* findex,
+             bool earlyTermination) override;
+
+ private:
+  FallbackCount fallbacks_;
+};
+
 /// Projected Gauss-Seidel where the primary solver fails; each use is counted.
 class FallbackSolver : public dart::constraint::PgsBoxedLcpSolver {
  public:

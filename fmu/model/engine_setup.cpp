@@ -30,7 +30,8 @@ std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDes
                                                                 const FallbackCount& fallbacks) {
   using namespace dart::constraint;
   if (contact.gauss_seidel) {
-    return std::make_unique<BoxedLcpConstraintSolver>(std::make_shared<PgsBoxedLcpSolver>(), nullptr);
+    return std::make_unique<BoxedLcpConstraintSolver>(std::make_shared<GaussSeidelSolver>(fallbacks),
+                                                      nullptr);
   }
   return std::make_unique<BoxedLcpConstraintSolver>(std::make_shared<CoulombSolver>(fallbacks),
                                                     std::make_shared<FallbackSolver>(fallbacks));

@@ -16,7 +16,7 @@ void prepare_engine();
 void prepare_thread();
 
 /// Creates the contact solver. Projected Gauss-Seidel is the fallback where Dantzig's method fails;
-/// `fallbacks` counts these, and sweeps that do not converge.
+/// `fallbacks` counts these, and sweeps that do not converge, with either solver.
 std::unique_ptr<dart::constraint::ConstraintSolver> make_solver(const ContactDescription& contact,
                                                                 const FallbackCount& fallbacks);
 

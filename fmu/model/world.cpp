@@ -43,6 +43,15 @@ double static_compression(const PartDescription& part, double gravity) {
 World::World(const CellDescription& cell, const Kinematics& kinematics, const PrescribedMotion& start)
     : time_step_(static_cast<double>(cell.time_step_us) * kSecondsPerMicrosecond), kinematics_(kinematics) {
   const std::lock_guard<std::mutex> lock(building_mutex());
+  try {
+    build(cell, start);
+  } catch (...) {
+    engine_.reset();  // destroyed under the lock, too
+    throw;
+  }
+}
+
+void World::build(const CellDescription& cell, const PrescribedMotion& start) {
   prepare_engine();
   engine_ = std::make_unique<Engine>();
   engine_->stick = cell.contact.stick;

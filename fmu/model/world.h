@@ -99,6 +99,7 @@ class World {
   void add_gripper(const GripperDescription& description);
   void add_contact_bodies(const CellDescription& cell);
   void add_parts(const CellDescription& cell);
+  void build(const CellDescription& cell, const PrescribedMotion& start);
   void settle(const CellDescription& cell, const PrescribedMotion& start);
   void prescribe(const PrescribedMotion& prescribed);
   void prescribe_velocities(const PrescribedMotion& from, const PrescribedMotion& to);

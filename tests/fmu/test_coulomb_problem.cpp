@@ -14,6 +14,7 @@ namespace {
 using robotcell::CoulombProblem;
 using robotcell::CoulombSolver;
 using robotcell::FallbackSolver;
+using robotcell::GaussSeidelSolver;
 
 constexpr double kFriction = 0.3;
 
@@ -108,6 +109,9 @@ TEST(SolverFallbacks, AreCounted) {
   FallbackSolver fallback(count);
   solve(fallback);
   EXPECT_EQ(*count, 2);
+  GaussSeidelSolver primary(count);
+  solve(primary);
+  EXPECT_EQ(*count, 3);
 }
 
 }  // namespace
