@@ -239,13 +239,12 @@ void exchange(Archive& archive, std::string& text) {
 }
 
 /// A member that is serialized by a function of its own.
-template <class T, class Function>
+template <class Function>
 struct Special {
-  using Member = T;
   Function function;
 };
 template <class T, class Function>
-Special<T, Function> special(T& /*member*/, Function function) {
+Special<Function> special(T& /*member*/, Function function) {
   return {std::move(function)};
 }
 
@@ -273,21 +272,13 @@ auto within(Archive& archive, double max_magnitude, T& value) {
 }
 
 template <class T>
-struct MemberOf {
-  using Type = T;
-  static constexpr bool kSpecial = false;
-};
-template <class T, class Function>
-struct MemberOf<Special<T, Function>> {
-  using Type = T;
-  static constexpr bool kSpecial = true;
-};
-template <class T>
-using MemberTraits = MemberOf<std::remove_cv_t<std::remove_reference_t<T>>>;
+constexpr bool kIsSpecial = false;
+template <class Function>
+constexpr bool kIsSpecial<Special<Function>> = true;
 
 template <class Archive, class T>
 void exchange_member(Archive& archive, T& value) {
-  if constexpr (MemberTraits<T>::kSpecial) {
+  if constexpr (kIsSpecial<std::remove_const_t<T>>) {
     value.function();
   } else {
     exchange(archive, value);
@@ -296,9 +287,8 @@ void exchange_member(Archive& archive, T& value) {
 
 /// `names` are those of the members, for the fingerprint.
 template <class Archive, class Structure, class... T>
-void exchange_members(Archive& archive, Structure& /*structure*/, const char* names, T&&... members) {
-  static_assert(has_all_members<Structure, typename MemberTraits<T>::Type...>(),
-                "list all members, in the order of their declaration");
+void exchange_members(Archive& archive, Structure& structure, const char* names, T&&... members) {
+  require_members<sizeof...(T)>(structure);
   if constexpr (Archive::kDescribes) archive.text(names);
   (exchange_member(archive, members), ...);
 }
@@ -315,8 +305,7 @@ struct FieldArchive {
 
   template <class Structure, class... T>
   void operator()(Structure& structure, const Declared<T>&... members) {
-    static_assert(has_all_members<Structure, T...>(), "declare all members");
-    static_cast<void>(structure);
+    require_members<sizeof...(T)>(structure);
     (visit(members), ...);
   }
 

@@ -221,24 +221,6 @@ class Listing {
   bool clock_;
 };
 
-struct UnitDefinition {
-  Unit unit;
-  const char* base;            // exponents of the SI base units
-  const char* display_factor;  // display unit per unit
-};
-
-constexpr const char* kDegrees = "57.29577951308232";
-constexpr UnitDefinition kUnits[] = {
-    {kSecond, "s=\"1\"", "1000"},
-    {kMetre, "m=\"1\"", "1000"},
-    {kRadian, "rad=\"1\"", kDegrees},
-    {kNewton, "kg=\"1\" m=\"1\" s=\"-2\"", "1"},
-    {kMetrePerSecond, "m=\"1\" s=\"-1\"", "1000"},
-    {kHertz, "s=\"-1\"", "60"},
-    {kNewtonMetre, "kg=\"1\" m=\"2\" s=\"-2\"", "100"},
-    {kRadianPerSecond, "rad=\"1\" s=\"-1\"", kDegrees},
-};
-
 /// Enumerations of a table, each once.
 std::vector<const Enumeration*> enumerations_of(const VariableTable& table) {
   std::vector<const Enumeration*> found;
@@ -265,13 +247,12 @@ void write_enumeration(std::ostream& xml, const Enumeration& enumeration, int ve
 
 void write_units_and_types(std::ostream& xml, const VariableTable& table, int version) {
   xml << "  <UnitDefinitions>\n";
-  for (const auto& [unit, base, factor] : kUnits) {
-    xml << "    <Unit name=\"" << unit.name << "\"><BaseUnit " << base << "/><DisplayUnit name=\""
-        << unit.display << "\" factor=\"" << factor << "\"/></Unit>\n";
+  for (const Unit& unit : kUnits) {
+    xml << "    <Unit name=\"" << unit.name << "\"><BaseUnit " << unit.base << "/><DisplayUnit name=\""
+        << unit.display << "\" factor=\"" << unit.display_factor << "\"/></Unit>\n";
   }
   xml << "  </UnitDefinitions>\n  <TypeDefinitions>\n";
-  for (const UnitDefinition& definition : kUnits) {
-    const Unit& unit = definition.unit;
+  for (const Unit& unit : kUnits) {
     const std::string name = std::string(" name=\"") + unit.quantity + "\"";
     const std::string attributes = std::string(" quantity=\"") + unit.quantity + "\" unit=\"" + unit.name +
                                    "\" displayUnit=\"" + unit.display + "\"/>";

@@ -111,8 +111,7 @@ class FieldTable {
 
   template <class Structure, class... T>
   void operator()(Structure& structure, const Declared<T>&... members) {
-    static_assert(has_all_members<Structure, T...>(), "declare all members");
-    static_cast<void>(structure);
+    require_members<sizeof...(T)>(structure);
     (add(members), ...);
   }
 

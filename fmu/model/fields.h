@@ -15,28 +15,31 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <type_traits>
-#include <utility>
 
 #include "fmu/control/enumeration.h"
 
 namespace robotcell {
 
 struct Unit {
-  const char* name;      // "" for a dimensionless number
-  const char* display;   // "" for none
-  const char* quantity;  // name of the declared type; "" for none
+  const char* name;            // "" for a dimensionless number
+  const char* display;         // "" for none
+  const char* quantity;        // name of the declared type; "" for none
+  const char* base;            // exponents of the SI base units
+  const char* display_factor;  // display unit per unit
 };
 
-constexpr Unit kNone{"", "", ""};
-constexpr Unit kSecond{"s", "ms", "Time"};
-constexpr Unit kMetre{"m", "mm", "Length"};
-constexpr Unit kRadian{"rad", "deg", "Angle"};
-constexpr Unit kNewton{"N", "N", "Force"};
-constexpr Unit kMetrePerSecond{"m/s", "mm/s", "Velocity"};
-constexpr Unit kNewtonMetre{"N.m", "N.cm", "Torque"};
-constexpr Unit kHertz{"Hz", "1/min", "Frequency"};
-constexpr Unit kRadianPerSecond{"rad/s", "deg/s", "AngularVelocity"};
+constexpr const char* kDegrees = "57.29577951308232";
+constexpr Unit kNone{"", "", "", "", ""};
+constexpr Unit kSecond{"s", "ms", "Time", "s=\"1\"", "1000"};
+constexpr Unit kMetre{"m", "mm", "Length", "m=\"1\"", "1000"};
+constexpr Unit kRadian{"rad", "deg", "Angle", "rad=\"1\"", kDegrees};
+constexpr Unit kNewton{"N", "N", "Force", "kg=\"1\" m=\"1\" s=\"-2\"", "1"};
+constexpr Unit kMetrePerSecond{"m/s", "mm/s", "Velocity", "m=\"1\" s=\"-1\"", "1000"};
+constexpr Unit kHertz{"Hz", "1/min", "Frequency", "s=\"-1\"", "60"};
+constexpr Unit kNewtonMetre{"N.m", "N.cm", "Torque", "kg=\"1\" m=\"2\" s=\"-2\"", "100"};
+constexpr Unit kRadianPerSecond{"rad/s", "deg/s", "AngularVelocity", "rad=\"1\" s=\"-1\"", kDegrees};
+constexpr Unit kUnits[] = {kSecond,         kMetre, kRadian,      kNewton,
+                           kMetrePerSecond, kHertz, kNewtonMetre, kRadianPerSecond};
 
 enum class Variability { kFixed, kDiscrete, kContinuous };
 
@@ -136,42 +139,32 @@ constexpr Declared<T> state(T& value, const char* name) {
   return {value, Field{name}};
 }
 
-/// Converts to anything, to count the members of an aggregate.
-struct AnyMember {
-  template <class T>
-  operator T() const;
-};
-
-template <class T, class Indices, class = void>
-struct HasMemberCount : std::false_type {};
-template <class T, std::size_t... I>
-struct HasMemberCount<T, std::index_sequence<I...>, std::void_t<decltype(T{((void)I, AnyMember())...})>>
-    : std::true_type {};
-
-/// Size of a structure with these members in this order.
-template <class... Members>
-constexpr std::size_t size_with_members() {
-  std::size_t end = 0;
-  std::size_t alignment = 1;
-  const auto add = [&](std::size_t size, std::size_t align) {
-    end = (end + align - 1) / align * align + size;
-    alignment = align > alignment ? align : alignment;
-  };
-  (add(sizeof(Members), alignof(Members)), ...);
-  return (end + alignment - 1) / alignment * alignment;
-}
-
-/// Whether a list of members is complete: by their number in an aggregate, else by the size of the structure,
-/// for which they must be in the order of their declaration.
-template <class Structure, class... Members>
-constexpr bool has_all_members() {
-  constexpr std::size_t count = sizeof...(Members);
-  if constexpr (std::is_aggregate_v<Structure>) {
-    return HasMemberCount<Structure, std::make_index_sequence<count>>::value &&
-           !HasMemberCount<Structure, std::make_index_sequence<count + 1>>::value;
-  } else {
-    return size_with_members<Members...>() == sizeof(Structure);
-  }
+/// Does not compile where a structure has not `count` members, none of them private.
+template <std::size_t count, class Structure>
+constexpr void require_members([[maybe_unused]] Structure& structure) {
+  static_assert(count >= 1 && count <= 20, "add a line for this number of members");
+  // clang-format off
+  if constexpr (count == 1) { [[maybe_unused]] auto& [a] = structure; }
+  else if constexpr (count == 2) { [[maybe_unused]] auto& [a, b] = structure; }
+  else if constexpr (count == 3) { [[maybe_unused]] auto& [a, b, c] = structure; }
+  else if constexpr (count == 4) { [[maybe_unused]] auto& [a, b, c, d] = structure; }
+  else if constexpr (count == 5) { [[maybe_unused]] auto& [a, b, c, d, e] = structure; }
+  else if constexpr (count == 6) { [[maybe_unused]] auto& [a, b, c, d, e, f] = structure; }
+  else if constexpr (count == 7) { [[maybe_unused]] auto& [a, b, c, d, e, f, g] = structure; }
+  else if constexpr (count == 8) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h] = structure; }
+  else if constexpr (count == 9) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i] = structure; }
+  else if constexpr (count == 10) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j] = structure; }
+  else if constexpr (count == 11) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k] = structure; }
+  else if constexpr (count == 12) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l] = structure; }
+  else if constexpr (count == 13) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m] = structure; }
+  else if constexpr (count == 14) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n] = structure; }
+  else if constexpr (count == 15) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o] = structure; }
+  else if constexpr (count == 16) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p] = structure; }
+  else if constexpr (count == 17) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q] = structure; }
+  else if constexpr (count == 18) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r] = structure; }
+  else if constexpr (count == 19) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s] = structure; }
+  else if constexpr (count == 20) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s, t] = structure; }
+  // clang-format on
 }
 
 }  // namespace robotcell

@@ -287,19 +287,6 @@ TEST(StateLayout, StateOfAnotherLayoutIsRejected) {
   }
 }
 
-/// A list that misses a member does not compile: by number in an aggregate, by size in another structure.
-struct WithConstructor {
-  explicit WithConstructor(int n) : values(static_cast<std::size_t>(n)) {}
-  bool flag = false;
-  std::vector<double> values;
-  double last = 0;
-};
-static_assert(has_all_members<Version1, double, std::int32_t>());
-static_assert(!has_all_members<Version1, double>());
-static_assert(!has_all_members<Version1, double, std::int32_t, std::int32_t>());
-static_assert(has_all_members<WithConstructor, bool, std::vector<double>, double>());
-static_assert(!has_all_members<WithConstructor, bool, std::vector<double>>());
-
 /// A member of another type does not become a variable.
 template <class T, class = void>
 struct HasType : std::false_type {};
