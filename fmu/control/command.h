@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "fmu/control/axis.h"
 #include "fmu/control/enumeration.h"
@@ -36,12 +37,12 @@ inline constexpr EnumerationItem kJogFrameItems[] = {
 
 struct Command {
   Mode mode = Mode::kHold;
-  Axes position{};                                         // rad, set-points in servo mode, targets of moves
-  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();  // world_from_tool, target of a linear move
-  std::shared_ptr<const ProgramSegment> segment;           // to run in program mode; null: there is none
-  double speed = 1;                                        // fraction of the full speed, above 0
-  double monitor_speed = 1;                                // speed override of programmed motions, 0 to 1
-  Axes jog{};                                              // deflection of each axis, -1 to 1
+  Axes position{};                                // rad, set-points in servo mode, targets of moves
+  std::optional<Eigen::Isometry3d> pose;          // world_from_tool, target of a linear move
+  std::shared_ptr<const ProgramSegment> segment;  // to run in program mode; null: there is none
+  double speed = 1;                               // fraction of the full speed, above 0
+  double monitor_speed = 1;                       // speed override of programmed motions, 0 to 1
+  Axes jog{};                                     // deflection of each axis, -1 to 1
   JogFrame jog_frame = JogFrame::kWorld;
   Operation operation = Operation::kAutomatic;
   std::int32_t start = 0;  // an increase starts a move or a segment
@@ -76,6 +77,9 @@ enum class ControllerError : std::int32_t {
   kElsewhere,  // the axes are not where the segment starts
   kTooFast,    // the segment exceeds a limit of speed or acceleration
   kGuardTimeout,
+  kInvalidOrientation,
+  kTriggerInterval,  // a periodic trigger mode without interval
+  kTriggerQueue,     // exposures do not fire: too many records are queued
 };
 
 inline constexpr EnumerationItem kControllerErrorItems[] = {
@@ -91,6 +95,14 @@ inline constexpr EnumerationItem kControllerErrorItems[] = {
     {"elsewhere", "axes are not at the start of the segment"},
     {"too_fast", "segment exceeds a limit of speed or acceleration"},
     {"guard_timeout", "guard message too old, reset needed"},
+    {"invalid_orientation",
+     "command.target.orientation is no unit quaternion: its norm must be from 0.99 to 1.01"},
+    {"trigger_interval",
+     "trigger mode without interval: command.trigger.period must be at least 1 microsecond, .angle or "
+     ".distance above 0"},
+    {"trigger_queue",
+     "65536 trigger records are queued, and no more exposures fire: every communication step outputs one "
+     "record, use smaller steps"},
 };
 
 /// Path clock against time: clock in s, rate of the clock against real time, 0 to 1.

@@ -31,8 +31,9 @@ Report RobotController::report(std::int64_t time_us) const {
 /// Path clock of the running or last programmed motion; its rate is 0 where none runs.
 ClockPoint RobotController::path_clock(std::int64_t time_us) const {
   if (state_.advanced_us != servo_.state().start_us) return {move_.state().end.clock, 0};
-  const double since = static_cast<double>(time_us - state_.advanced_us) * kSecondsPerMicrosecond;
-  return move_.clock_at(std::min(1.0, since / cycle_), cycle_);
+  const double duration_us = servo_.state().duration_us;
+  const double s = static_cast<double>(time_us - state_.advanced_us) / duration_us;
+  return move_.clock_at(std::min(1.0, s), duration_us * kSecondsPerMicrosecond);
 }
 
 /// Whether a programmed motion moves the axes in the current cycle or pauses on its path.

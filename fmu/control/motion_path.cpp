@@ -56,7 +56,8 @@ void tighten(ProfileLimits& profile, const PathPoint& point, const Limits& limit
   }
 }
 
-ProfileLimits limits_of_tool(const MotionPath& path, const MotionLimits& limits, double speed) {
+/// Limits of the speeds of tool and table at the fraction `speed`, and of the accelerations of the tool.
+ProfileLimits commanded_limits(const MotionPath& path, const MotionLimits& limits, double speed) {
   constexpr double kNoLimit = std::numeric_limits<double>::infinity();
   ProfileLimits profile{kNoLimit, kNoLimit, kNoLimit};
   const double length = path.translation.norm();
@@ -65,6 +66,11 @@ ProfileLimits limits_of_tool(const MotionPath& path, const MotionLimits& limits,
   if (angle > 0) {
     profile.speed = std::min(profile.speed, speed * limits.angular_speed / angle);
     profile.acceleration = std::min(profile.acceleration, limits.angular_acceleration / angle);
+  }
+  const double table = std::abs(path.to[kTableAxis] - path.from[kTableAxis]);
+  if (table > 0) {
+    const double table_speed = kSpeedShare * limits.axes[kTableAxis].max_speed;
+    profile.speed = std::min(profile.speed, speed * table_speed / table);
   }
   return profile;
 }
@@ -77,7 +83,7 @@ double number_of_points(const MotionPath& path) {
 PathReport check_line_path(const MotionPath& path, const ArmGeometry& arm, const MotionLimits& limits,
                            double speed) {
   PathReport report;
-  report.profile = limits_of_tool(path, limits, speed);
+  report.profile = commanded_limits(path, limits, speed);
   Axes near = path.from;
   const double points = number_of_points(path);
   for (double k = 0; k <= points; ++k) {

@@ -105,29 +105,36 @@ double ProgrammedMove::acceleration_ratio(double cycle, const Knots& present, co
 }
 
 /// The rate approaches its target as far as the acceleration limits allow; the feasible change is found by
-/// bisection.
-Knots ProgrammedMove::advance(double cycle, const RateRamp& change, const Knots& present) {
+/// bisection. A motion whose last part is too short for a cycle of braking goes on at its rate to the end and
+/// rests there for the remainder of the cycle.
+CycleEnd ProgrammedMove::advance(double cycle, const RateRamp& change, const Knots& present) {
   const Axes near = positions(present);
   const double rate = state_.end.rate;
   const double max_change = change.max_slope * cycle;
   const double step = std::clamp(change.target - rate, -max_change, max_change);
+  const auto allowed = [&](const CycleResult& result) {
+    return acceleration_ratio(cycle, present, result.knots) <= kMaxAccelerationRatio;
+  };
   CycleResult best = cycle_result(cycle, rate + step, near);
-  if (step != 0 && acceleration_ratio(cycle, present, best.knots) > kMaxAccelerationRatio) {
+  if (step != 0 && !allowed(best)) {
     best = cycle_result(cycle, rate, near);
     double feasible = 0;
     double infeasible = 1;
     for (int i = 0; i < kHalvings; ++i) {
       const double fraction = (feasible + infeasible) / 2;
       const CycleResult next = cycle_result(cycle, rate + fraction * step, near);
-      const bool allowed = acceleration_ratio(cycle, present, next.knots) <= kMaxAccelerationRatio;
-      (allowed ? feasible : infeasible) = fraction;
-      if (allowed) best = next;
+      const bool possible = allowed(next);
+      (possible ? feasible : infeasible) = fraction;
+      if (possible) best = next;
     }
   }
+  const bool arrives_within = best.arrived && !allowed(best);
+  const double duration =
+      arrives_within ? std::min(cycle, (this->duration() - state_.end.clock) / rate) : cycle;
   state_.start = state_.end;
   state_.end = best.point;
   state_.active = !best.arrived;
-  return best.knots;
+  return {best.knots, duration};
 }
 
 }  // namespace robotcell::control

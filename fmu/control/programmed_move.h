@@ -21,6 +21,12 @@ struct RateRamp {
   double max_slope = 0;  // 1/s, maximum change of the rate
 };
 
+/// Axes at the end of a cycle. `duration` (s) is shorter than the cycle where the axes arrive within it.
+struct CycleEnd {
+  Knots knots;
+  double duration = 0;
+};
+
 /// Speed is scaled by the rate of the path clock alone, so the path does not change. The rate changes no
 /// faster than the acceleration limits of all axes allow.
 class ProgrammedMove {
@@ -36,7 +42,7 @@ class ProgrammedMove {
 
   /// Advances by one cycle (seconds) from `present`; inactive once the end is reached. Throws
   /// std::logic_error where the inverse kinematics fails on a path that was checked.
-  Knots advance(double cycle, const RateRamp& change, const Knots& present);
+  CycleEnd advance(double cycle, const RateRamp& change, const Knots& present);
 
   void cancel() { state_.active = false; }
   bool active() const { return state_.active; }

@@ -58,9 +58,12 @@ void RobotController::cycle(std::int64_t now_us, const Command& command) {
   if (state_.error == ControllerError::kNone && state_.guard.stopped && moves(command.mode)) {
     state_.error = ControllerError::kGuardTimeout;
   }
+  if (next != state_.pending_move.mode) state_.pending_move = {};  // its start is not carried over
+  // An interrupted motion comes to rest and ends, also where its mode is commanded again before.
+  const bool interrupted = state_.phase == Phase::kBraking && move_.active();
   const bool at_once = streams(state_.mode) && streams(next);
   if (next != state_.mode && (at_once || at_rest())) enter(next);
-  if (next == state_.mode && !state_.stopped) {
+  if (next == state_.mode && !state_.stopped && !interrupted) {
     state_.phase = Phase::kMoving;
     run(now_us, command);
   } else {
@@ -91,13 +94,17 @@ void RobotController::latch_inputs(std::int64_t now_us, const Command& command) 
   state_.path_error = ControllerError::kNone;
   state_.path_limit = 0;
   if (state_.guard.stopped || check_preconditions(now_us, command) != ControllerError::kNone) return;
-  state_.pending_move = {true,
-                         command.mode,
-                         command.segment,
-                         command.position,
-                         command.pose.translation(),
-                         Eigen::Quaterniond(command.pose.linear()),
-                         command.speed};
+  PendingMove& move = state_.pending_move;
+  move = {};
+  move.pending = true;
+  move.mode = command.mode;
+  move.segment = command.segment;
+  move.position = command.position;
+  move.speed = command.speed;
+  if (!command.pose) return;
+  move.has_pose = true;
+  move.tool_position = command.pose->translation();
+  move.tool_orientation = Eigen::Quaterniond(command.pose->linear());
 }
 
 /// Stops the robot where the last message of the guard is too old: a programmed motion on its path, anything
@@ -136,7 +143,6 @@ void RobotController::enter(Mode mode) {
   state_.jog_permit = {};
   if (is_jog(mode)) jog_.enter(present());
   if (moves(mode)) return;
-  state_.pending_move.pending = false;
   state_.path_error = ControllerError::kNone;
   state_.path_limit = 0;
 }
@@ -176,7 +182,7 @@ void RobotController::run_jog(std::int64_t now_us, const Command& command) {
 }
 
 void RobotController::run_move(std::int64_t now_us, const Command& command) {
-  if (state_.pending_move.pending && state_.pending_move.mode == state_.mode) {
+  if (state_.pending_move.pending) {
     if (!at_rest()) return brake(now_us);
     state_.mode == Mode::kProgram ? plan_segment() : plan();
     state_.pending_move = {};
@@ -190,7 +196,8 @@ void RobotController::run_move(std::int64_t now_us, const Command& command) {
 }
 
 void RobotController::advance(std::int64_t now_us, const RateRamp& change) {
-  servo_.advance(now_us, move_.advance(cycle_, change, present()), 0);
+  const CycleEnd end = move_.advance(cycle_, change, present());
+  servo_.advance(now_us, end.knots, 0, end.duration);
   state_.advanced_us = now_us;
 }
 
@@ -198,6 +205,11 @@ void RobotController::advance(std::int64_t now_us, const RateRamp& change) {
 void RobotController::plan() {
   const PendingMove& pending_move = state_.pending_move;
   const bool line = pending_move.mode == Mode::kLineMove;
+  move_.cancel();
+  if (line && !pending_move.has_pose) {
+    state_.path_error = ControllerError::kInvalidOrientation;
+    return;
+  }
   const Axes from = present_position();
   const Eigen::Isometry3d target =
       Eigen::Translation3d(pending_move.tool_position) * pending_move.tool_orientation;
@@ -206,7 +218,6 @@ void RobotController::plan() {
   const PathReport report = check_path(path, arm_, settings_.motion, pending_move.speed);
   state_.path_error = error_of(report.fault);
   state_.path_limit = report.axis;
-  move_.cancel();
   if (report.fault != PathFault::kNone) return;
   state_.destination = report.end;
   move_.start(path, report);

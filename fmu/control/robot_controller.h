@@ -25,6 +25,7 @@ struct PendingMove {
   Mode mode = Mode::kJointMove;
   std::shared_ptr<const ProgramSegment> segment;  // in program mode; null: there is none
   Axes position{};
+  bool has_pose = false;  // of the tool; false: the command had none
   Eigen::Vector3d tool_position = Eigen::Vector3d::Zero();
   Eigen::Quaterniond tool_orientation = Eigen::Quaterniond::Identity();
   double speed = 1;

@@ -61,6 +61,7 @@ ServoController::ServoController(const Limits& limits, std::int64_t cycle_us, co
     : limits_(limits),
       cycle_us_(cycle_us),
       duration_(static_cast<double>(cycle_us) * kSecondsPerMicrosecond) {
+  state_.duration_us = static_cast<double>(cycle_us);
   state_.set_point = state_.set_point_before = start;
   for (std::size_t i = 0; i < kAxes; ++i) state_.start[i] = state_.end[i] = {start[i], 0};
 }
@@ -68,12 +69,14 @@ ServoController::ServoController(const Limits& limits, std::int64_t cycle_us, co
 void ServoController::begin_cycle(std::int64_t now_us) {
   state_.start = state_.end;
   state_.start_us = now_us;
+  state_.duration_us = static_cast<double>(cycle_us_);
   state_.limit = 0;
 }
 
-void ServoController::advance(std::int64_t now_us, const Knots& end, std::int32_t limit) {
+void ServoController::advance(std::int64_t now_us, const Knots& end, std::int32_t limit, double duration) {
   begin_cycle(now_us);
   state_.end = end;
+  if (duration < duration_) state_.duration_us = duration * kMicrosecondsPerSecond;
   state_.limit = limit;
   for (std::size_t i = 0; i < kAxes; ++i) shift_set_points(i, end[i].position);
 }
@@ -172,11 +175,12 @@ Knot ServoController::braking_knot(std::size_t axis) const {
 }
 
 Knots ServoController::sample(std::int64_t time_us) const {
-  const double s = static_cast<double>(time_us - state_.start_us) / static_cast<double>(cycle_us_);
+  const double s = static_cast<double>(time_us - state_.start_us) / state_.duration_us;
   if (s >= 1) return state_.end;
+  const double duration = state_.duration_us * kSecondsPerMicrosecond;
   Knots knots;
   for (std::size_t i = 0; i < kAxes; ++i) {
-    knots[i] = cubic_between(state_.start[i], state_.end[i], duration_, s);
+    knots[i] = cubic_between(state_.start[i], state_.end[i], duration, s);
     const double inside = std::clamp(knots[i].position, limits_[i].min, limits_[i].max);
     if (inside != knots[i].position) knots[i] = {inside, 0};  // hard stop
   }
@@ -184,7 +188,7 @@ Knots ServoController::sample(std::int64_t time_us) const {
 }
 
 bool ServoController::moving(std::int64_t time_us) const {
-  if (time_us >= state_.start_us + cycle_us_) {
+  if (static_cast<double>(time_us - state_.start_us) >= state_.duration_us) {
     return std::any_of(state_.end.begin(), state_.end.end(), [](const Knot& k) { return k.velocity != 0; });
   }
   for (std::size_t i = 0; i < kAxes; ++i) {

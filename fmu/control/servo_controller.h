@@ -20,6 +20,7 @@ struct ServoState {
   Axes set_point_before{};    // one cycle before
   Knots start{};
   Knots end{};
+  double duration_us = 0;  // from start to end, at most a cycle: a programmed motion may end within one
   std::int32_t limit = 0;  // first axis kept from its set-point, counted from 1; 0: none
 };
 
@@ -38,7 +39,11 @@ class ServoController {
   void cycle(std::int64_t now_us, const ServoCommand& command);
 
   /// Starts a cycle towards knots computed elsewhere; `limit` as in ServoState.
-  void advance(std::int64_t now_us, const Knots& end, std::int32_t limit);
+  void advance(std::int64_t now_us, const Knots& end, std::int32_t limit) {
+    advance(now_us, end, limit, duration_);
+  }
+  /// The axes are at rest at the knots after `duration` seconds, at most a cycle, and stay there.
+  void advance(std::int64_t now_us, const Knots& end, std::int32_t limit, double duration);
 
   /// Set-points of position and velocity at an instant of the current cycle.
   Knots sample(std::int64_t time_us) const;

@@ -15,7 +15,7 @@ void add_commands(TableBuilder& table, CellInputs& in) {
   table.add_declared("command.trigger.", "the trigger", input, in.trigger);
   table.add("command.exposure", input, Variability::kDiscrete, kSecond,
             "Duration of exposures fired from now on; not negative", in.exposure);
-  table.bound(0);
+  table.bound(0, kMaxDuration);
 }
 
 }  // namespace robotcell::fmi

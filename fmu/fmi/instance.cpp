@@ -140,8 +140,9 @@ StepResult Instance::do_step(double current, double step) {
   std::int64_t reached = running.time_us();
   while (reached < end) {
     const std::int64_t stop = next_stop(end);
-    reached = running.run(values_.inputs, stop, wanted);
-    if (reached < stop) break;  // stopped at an event
+    const bool at_event = running.run(values_.inputs, stop, wanted);
+    reached = running.time_us();
+    if (at_event) break;
     if (reached < end) end = intermediate_update(reached, end);
   }
   const Events happened = running.end_step();

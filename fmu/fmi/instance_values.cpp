@@ -143,7 +143,7 @@ template bool Instance::set(std::uint32_t, const std::string&, Type);
 
 void Instance::refresh_outputs() {
   if (phase_ == Phase::kInstantiated) reject_call("getting an output", phase_);
-  cell().write_outputs(values_.inputs, values_.outputs);
+  cell().write_outputs(values_.outputs);
   ahead_fresh_ = false;
   for (double* time : table_.instants()) *time = *time == kNoInstant ? 0 : *time + start_time_;
   values_.time = communication_time_;

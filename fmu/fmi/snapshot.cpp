@@ -61,8 +61,8 @@ void exchange(A& a, TriggerState& v) {
   const auto pending =
       fmi::special(v.pending, [&] { fmi::exchange_sequence(a, v.pending, PendingRecord(v.current_record)); });
   ROBOTCELL_EXCHANGE(a, v, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry,
-                     v.gated, v.gate, v.run, v.entry_angle, v.path, v.path_reference, pending, v.incomplete,
-                     v.current_record);
+                     v.skipped, v.gated, v.gate, v.run, v.entry_angle, v.path, v.path_reference, pending,
+                     v.incomplete, v.current_record);
 }
 template <class A>
 void exchange(A& a, AxesState& v) {
@@ -117,8 +117,9 @@ void exchange(A& a, Knot& v) {
 }
 template <class A>
 void exchange(A& a, ServoState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.start_us, v.set_point, v.set_point_before, v.start, v.end,
+  ROBOTCELL_EXCHANGE(a, v, v.start_us, v.set_point, v.set_point_before, v.start, v.end, v.duration_us,
                      up_to(a, kAxes, v.limit));
+  if (A::kReads && !(v.duration_us > 0)) fmi::reject_value();
 }
 template <class A>
 void exchange(A& a, MotionPath& v) {
@@ -153,8 +154,8 @@ void exchange(A& a, JogState& v) {
 }
 template <class A>
 void exchange(A& a, PendingMove& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.pending, v.mode, v.segment, v.position, v.tool_position, v.tool_orientation,
-                     v.speed);
+  ROBOTCELL_EXCHANGE(a, v, v.pending, v.mode, v.segment, v.position, v.has_pose, v.tool_position,
+                     v.tool_orientation, v.speed);
 }
 template <class A>
 void exchange(A& a, GuardWatch& v) {
@@ -199,14 +200,14 @@ void exchange(A& a, TimedAxes& v) {
 }
 template <class A>
 void exchange(A& a, LoadedProgram& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.path, v.program);
+  ROBOTCELL_EXCHANGE(a, v, v.path, v.program, v.fault);
 }
 template <class A>
 void exchange(A& a, CellState& v) {
   constexpr double kMax = fmi::kMaxMagnitude;
   ROBOTCELL_EXCHANGE(a, v, v.time_us, within(a, kMax, v.from), within(a, kMax, v.to),
                      within(a, kMax, v.history), v.controller, v.program, within(a, kMax, v.arm),
-                     within(a, kMax, v.parts), within(a, kMax, v.grasp), v.trigger);
+                     within(a, kMax, v.parts), within(a, kMax, v.grasp), v.trigger, v.pendant);
 }
 
 }  // namespace robotcell

@@ -63,7 +63,7 @@ void Cell::read_world() {
 
 void Cell::begin_step(const CellInputs& inputs, double start_time) {
   start_time_ = start_time;
-  command_of(inputs.motion);  // invalid commands are rejected before anything changes
+  pendant_ = inputs.pendant;
   trigger_.command(inputs, time_us_, *this);
   collided_at_begin_ = collides(readings());
 }
@@ -74,7 +74,7 @@ Events Cell::end_step() {
   return events;
 }
 
-std::int64_t Cell::run(const CellInputs& inputs, std::int64_t to_us, Events wanted) {
+bool Cell::run(const CellInputs& inputs, std::int64_t to_us, Events wanted) {
   bool at_event = false;
   while (time_us_ < to_us && !at_event) {
     if (time_us_ == to_.time_us) step_dynamics(inputs);
@@ -88,7 +88,7 @@ std::int64_t Cell::run(const CellInputs& inputs, std::int64_t to_us, Events want
     trigger_.latch(end_us, *this);
     time_us_ = end_us;
   }
-  return time_us_;
+  return at_event;
 }
 
 /// First instant in (now, to] at which an event occurs, within the current dynamics step; a later instant
@@ -96,9 +96,12 @@ std::int64_t Cell::run(const CellInputs& inputs, std::int64_t to_us, Events want
 std::int64_t Cell::next_event(Events wanted, std::int64_t to_us) const {
   std::int64_t next = std::numeric_limits<std::int64_t>::max();
   if ((wanted & kRecordPublished) != 0) {
-    Trigger lookahead = trigger_;
-    lookahead.fire_until(time_us_, to_us, false, *this);
-    next = std::min(next, lookahead.next_complete_us());
+    next = trigger_.next_complete_us();
+    if (trigger_.is_idle()) {
+      Trigger lookahead = trigger_;
+      lookahead.fire_until(time_us_, to_us, false, *this);
+      next = lookahead.next_complete_us();
+    }
   }
   if ((wanted & kCollisionChanged) != 0 && collides(from_.readings) != collides(to_.readings)) {
     next = std::min(next, to_.time_us);
@@ -106,23 +109,23 @@ std::int64_t Cell::next_event(Events wanted, std::int64_t to_us) const {
   return std::max(next, time_us_ + 1);
 }
 
-/// The commanded segment; null where it is not available, with the reason in program_fault_.
+/// The commanded segment; null where it is not available, with the reason in program_.fault.
 std::shared_ptr<const control::ProgramSegment> Cell::requested_segment(const CellInputs& inputs) {
   const std::string& path = inputs.motion.program;
-  program_fault_.clear();
+  program_.fault.clear();
   if (!program_.program || program_.path != path) {
-    program_ = {path, nullptr};
+    program_ = {path, nullptr, ""};
     try {
       if (path.empty()) throw DescriptionError("command.program is empty: expected the path of a saved plan");
       program_.program = read_program(path.front() == '/' ? path : folder_ + "/" + path,
                                       description_.joints.size(), description_.controller_cycle_us);
     } catch (const DescriptionError& error) {
-      program_fault_ = error.what();
+      program_.fault = error.what();
       return nullptr;
     }
   }
   auto segment = control::find_segment(program_.program, inputs.segment);
-  if (!segment) program_fault_ = path + ": no segment has the id " + std::to_string(inputs.segment);
+  if (!segment) program_.fault = path + ": no segment has the id " + std::to_string(inputs.segment);
   return segment;
 }
 
@@ -218,6 +221,7 @@ CellState Cell::state() const {
   state.parts = world_.free_parts();
   state.grasp = world_.grasp();
   state.trigger = trigger_.state();
+  state.pendant = pendant_;
   return state;
 }
 
@@ -242,6 +246,7 @@ void Cell::restore(const CellState& state) {
   controller_.restore(state.controller);
   program_ = state.program;
   trigger_.restore(state.trigger);
+  pendant_ = state.pendant;
 }
 
 }  // namespace robotcell

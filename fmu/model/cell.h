@@ -44,6 +44,7 @@ struct GridPoint {
 struct LoadedProgram {
   std::string path;  // as commanded
   std::shared_ptr<const control::Program> program;
+  std::string fault;  // why the segment requested last is not available; empty: it is
 };
 
 /// Events that are reported to importers in event mode: one bit for each source.
@@ -66,6 +67,7 @@ struct CellState {
   std::vector<FreePartState> parts;
   GraspState grasp;
   TriggerState trigger;
+  PendantCommand pendant;
 };
 
 /// Runs the dynamics on a grid of its own, independent of the communication steps. Between two grid points
@@ -74,20 +76,21 @@ struct CellState {
 /// on the communication step.
 ///
 /// At each instant of the controller cycle the controller reads the inputs of the communication step that
-/// starts or continues there. The trigger reads its commands at the start of every communication step.
+/// starts or continues there. Trigger and pendant read their commands at the start of every communication
+/// step.
 class Cell : private MotionView {
  public:
   /// `bodies` holds the meshes of the description; relative paths of programs begin in `folder`.
   Cell(const CellDescription& description, const proximity::BodySet& bodies, const CellParameters& parameters,
        std::string folder);
 
-  /// Starts a communication step: the trigger reads its commands. `start_time` (s) is the simulation time at
-  /// the start. Throws std::exception.
+  /// Starts a communication step: trigger and pendant read their commands. `start_time` (s) is the simulation
+  /// time at the start. Throws std::exception.
   void begin_step(const CellInputs& inputs, double start_time);
 
   /// Advances to an instant (microseconds from the start) with constant inputs, or to the first of the
-  /// `wanted` events before it. Returns the instant reached; throws std::exception.
-  std::int64_t run(const CellInputs& inputs, std::int64_t to_us, Events wanted);
+  /// `wanted` events up to it. Returns whether one occurred at the instant reached; throws std::exception.
+  bool run(const CellInputs& inputs, std::int64_t to_us, Events wanted);
 
   /// Ends a communication step: the next complete record becomes the current one. Returns the events of the
   /// step.
@@ -103,7 +106,7 @@ class Cell : private MotionView {
   std::string refusal() const;
 
   /// Writes the outputs at the present instant.
-  void write_outputs(const CellInputs& inputs, CellOutputs& outputs) const;
+  void write_outputs(CellOutputs& outputs) const;
   control::PathAhead path_ahead() const { return controller_.path_ahead(time_us_); }
 
   /// Pairs of bodies that intersect at the start and therefore do not touch each other, as text; empty: none.
@@ -115,6 +118,7 @@ class Cell : private MotionView {
 
  private:
   std::int64_t next_event(Events wanted, std::int64_t to_us) const;
+  control::Report report() const;
 
   control::Knot table(std::int64_t time_us) const override;
   SensorInTable sensor_in_table(std::int64_t time_us) const override;
@@ -153,10 +157,10 @@ class Cell : private MotionView {
   NominalArm nominal_arm_;
   control::RobotController controller_;
   LoadedProgram program_;
-  std::string program_fault_;  // why the segment requested last is not available
   World world_;
   Sensing sensing_;
   Trigger trigger_;
+  PendantCommand pendant_;
   double start_time_ = 0;  // s, simulation time at the start
   std::int64_t time_us_ = 0;
   GridPoint from_;

@@ -82,6 +82,7 @@ template <>
 inline constexpr Enumeration enumeration_of<TriggerMode> = make_enumeration("TriggerMode", kTriggerModeItems);
 
 constexpr double kMaxPathClock = 1e9;  // s: longer than any segment
+constexpr double kMaxDuration = 1e9;   // s: the largest simulation time
 
 struct TriggerCommand {
   std::int32_t mode = 0;
@@ -102,7 +103,7 @@ struct TriggerCommand {
                      "instead when the path clock of a segment reaches command.trigger.from"}),
         field(c.period, bounded({"period", kSecond,
                                  "Time between two exposures in trigger mode 1; at least 1 microsecond"},
-                                0)),
+                                0, kMaxDuration)),
         field(c.angle,
               bounded({"angle", kRadian,
                        "Rotation of the table, in either direction, between two exposures in trigger mode "
@@ -208,18 +209,20 @@ struct MotionCommand {
               with_elements(
                   bounded({"target.orientation", kNone,
                            "Target of the next linear move: {e} of the unit quaternion world_from_sensor, by "
-                           "the nominal geometry of the arm"},
+                           "the nominal geometry of the arm; scaled to unit length where its norm is from "
+                           "0.99 to 1.01"},
                           -1, 1),
                   kQuaternionElements)),
         field(c.start,
               {"start", kNone,
                "Counter: every increase in mode 2 or 3 starts a move to the present target, in mode 6 the "
                "segment command.segment of the program. A running motion first stops on its path"}),
-        field(c.speed,
-              bounded({"speed", kNone,
-                       "Speed of the next move as a fraction, at most 1: in mode 2 of the axis speed limits, "
-                       "in mode 3 of the linear and angular speed limits of the tool"},
-                      kMinSpeed, 1)),
+        field(
+            c.speed,
+            bounded({"speed", kNone,
+                     "Speed of the next move as a fraction, at most 1: in mode 2 of the axis speed limits, "
+                     "in mode 3 of the linear and angular speed limits of the tool and of that of the table"},
+                    kMinSpeed, 1)),
         field(
             c.monitor_speed,
             bounded(
@@ -279,7 +282,8 @@ struct PendantCommand {
   static void declare(Visitor& visit, PendantCommand& c) {
     visit(c,
           field(c.text, {"text", kNone,
-                         "Text for the pendant, shown while the controller has no message of its own"}),
+                         "Text for the pendant from the next communication step on, shown while the "
+                         "controller has no message of its own"}),
           field(c.beep, {"beep", kNone, "True: the pendant beeps"}));
   }
 };

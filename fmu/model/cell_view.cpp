@@ -109,26 +109,33 @@ void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   }
 }
 
+/// Status of the controller, with the error of the trigger where it has none of its own.
+control::Report Cell::report() const {
+  control::Report report = controller_.report(time_us_);
+  if (report.error == control::ControllerError::kNone) report.error = trigger_.error();
+  return report;
+}
+
 std::string Cell::refusal() const {
-  const control::Report report = controller_.report(time_us_);
+  const control::Report report = this->report();
   if (report.error == control::ControllerError::kNone) return "";
   const ControllerOutputs outputs = outputs_of(report, description_.joints.size(), start_time_);
   std::string text = enumeration_of<control::ControllerError>.items[outputs.error].text;
-  if (report.error == control::ControllerError::kNoSegment) return text + ": " + program_fault_;
+  if (report.error == control::ControllerError::kNoSegment) return text + ": " + program_.fault;
   if (outputs.limit != 0) text += ": axis " + std::to_string(outputs.limit);
   return text;
 }
 
-void Cell::write_outputs(const CellInputs& inputs, CellOutputs& outputs) const {
+void Cell::write_outputs(CellOutputs& outputs) const {
   outputs.measured = measurement(time_us_);
   outputs.truth.position = true_axes_at(time_us_).position;
   write_truth(time_us_, outputs.truth.bodies);
   outputs.trigger_count = trigger_.count();
   outputs.trigger_queued = trigger_.queued();
   outputs.trigger = trigger_.current_record();
-  const control::Report report = controller_.report(time_us_);
+  const control::Report report = this->report();
   outputs.controller = outputs_of(report, description_.joints.size(), start_time_);
-  outputs.pendant = pendant_of(report, refusal(), inputs.pendant);
+  outputs.pendant = pendant_of(report, refusal(), pendant_);
   outputs.gripper = gripper_outputs();
   if (description_.dynamics) {
     const ArmDynamicsState arm = world_.arm();

@@ -3,10 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 #include <string>
 
 namespace robotcell {
+namespace {
+
+constexpr double kNormRounding = 0.01;  // of a quaternion that was written with few digits
+
+}  // namespace
 
 NominalArm::NominalArm(const CellDescription& cell) : kinematics_(cell, AsBuilt{}) {
   const std::vector<int>& held = cell.held_joints;
@@ -61,11 +65,9 @@ control::Command command_of(const MotionCommand& motion) {
   const auto& p = motion.target_position;
   const auto& q = motion.target_orientation;
   const Eigen::Quaterniond orientation(q[0], q[1], q[2], q[3]);
-  if (command.mode == control::Mode::kLineMove && !(std::abs(orientation.norm() - 1) < 1e-6)) {
-    throw std::invalid_argument("command.target.orientation must be a unit quaternion, but its norm is " +
-                                std::to_string(orientation.norm()));
+  if (std::abs(orientation.norm() - 1) < kNormRounding) {
+    command.pose = Eigen::Translation3d(p[0], p[1], p[2]) * orientation.normalized();
   }
-  command.pose = Eigen::Translation3d(p[0], p[1], p[2]) * orientation.normalized();
   command.speed = motion.speed;
   command.monitor_speed = motion.monitor_speed;
   command.jog = motion.jog;
@@ -80,18 +82,20 @@ control::Command command_of(const MotionCommand& motion) {
 
 ControllerOutputs outputs_of(const control::Report& report, std::size_t joints, double start_time) {
   const bool table_limited = report.limit == static_cast<std::int32_t>(kTableAxis) + 1;
-  return {static_cast<std::int32_t>(report.mode),
-          static_cast<std::int32_t>(report.phase),
-          static_cast<std::int32_t>(report.error),
-          report.moving,
-          table_limited ? static_cast<std::int32_t>(joints) + 1 : report.limit,
-          report.progress,
-          report.path_clock.clock,
-          report.path_clock.rate,
-          report.at_destination,
-          report.destination,
-          report.guard_age,
-          start_time + static_cast<double>(report.path_us) * kSecondsPerMicrosecond};
+  ControllerOutputs outputs;
+  outputs.mode = static_cast<std::int32_t>(report.mode);
+  outputs.state = static_cast<std::int32_t>(report.phase);
+  outputs.error = static_cast<std::int32_t>(report.error);
+  outputs.moving = report.moving;
+  outputs.limit = table_limited ? static_cast<std::int32_t>(joints) + 1 : report.limit;
+  outputs.progress = report.progress;
+  outputs.clock = report.path_clock.clock;
+  outputs.rate = report.path_clock.rate;
+  outputs.at_destination = report.at_destination;
+  outputs.destination = report.destination;
+  outputs.guard_age = report.guard_age;
+  outputs.path_time = start_time + static_cast<double>(report.path_us) * kSecondsPerMicrosecond;
+  return outputs;
 }
 
 PendantOutputs pendant_of(const control::Report& report, const std::string& refusal,

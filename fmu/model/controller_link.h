@@ -23,7 +23,7 @@ class NominalArm : public control::ArmGeometry {
 
 control::ControllerSettings settings_of(const CellDescription& cell);
 
-/// Throws std::invalid_argument for an invalid command.
+/// Without a pose where the target orientation is no unit quaternion.
 control::Command command_of(const MotionCommand& motion);
 
 /// Outputs for an arm with this number of joints in a simulation from `start_time` (s) on.

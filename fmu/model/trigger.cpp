@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
-#include <string>
 
 #include "fmu/control/time_units.h"
 #include "fmu/model/random.h"
@@ -13,6 +11,7 @@ namespace robotcell {
 namespace {
 
 constexpr std::size_t kMaxPending = 65536;
+constexpr double kMaxIntervals = 1e18;  // within an integer of 64 bits
 /// Relative tolerance of an interval, so that an exact multiple is not rounded up by a microsecond.
 constexpr double kRounding = 1e-9;
 /// s of the path clock: exposures fire at whole microseconds, one at the end of the gate included.
@@ -24,8 +23,6 @@ bool is_complete(const PendingRecord& record) { return record.measured && record
 
 bool is_periodic(TriggerMode mode) { return mode != TriggerMode::kOff && mode != TriggerMode::kRequest; }
 
-TriggerMode mode_of(const TriggerCommand& command) { return static_cast<TriggerMode>(command.mode); }
-
 /// First instant in (lower, upper] at which a condition holds that holds at `upper`.
 template <class Condition>
 std::int64_t first_instant(std::int64_t lower, std::int64_t upper, const Condition& holds) {
@@ -36,8 +33,10 @@ std::int64_t first_instant(std::int64_t lower, std::int64_t upper, const Conditi
   return upper;
 }
 
+TriggerMode commanded_mode(const TriggerCommand& command) { return static_cast<TriggerMode>(command.mode); }
+
 double interval(const TriggerCommand& command) {
-  switch (mode_of(command)) {
+  switch (commanded_mode(command)) {
     case TriggerMode::kTime:
       return command.period;
     case TriggerMode::kTableAngle:
@@ -49,17 +48,16 @@ double interval(const TriggerCommand& command) {
   }
 }
 
-void check(const CellInputs& inputs) {
-  const TriggerMode mode = mode_of(inputs.trigger);
-  if (mode == TriggerMode::kTime && microseconds(inputs.trigger.period) < 1) {
-    throw std::invalid_argument("command.trigger.period must be at least 1 microsecond, not " +
-                                std::to_string(inputs.trigger.period) + " s");
-  }
-  if (is_periodic(mode) && interval(inputs.trigger) <= 0) {
-    const std::string name = mode == TriggerMode::kTableAngle ? "angle" : "distance";
-    throw std::invalid_argument("command.trigger." + name + " must be positive, not " +
-                                std::to_string(interval(inputs.trigger)));
-  }
+/// Whether a periodic mode has an interval.
+bool is_carried_out(const TriggerCommand& command) {
+  const TriggerMode mode = commanded_mode(command);
+  if (mode == TriggerMode::kTime) return microseconds(command.period) >= 1;
+  return !is_periodic(mode) || interval(command) > 0;
+}
+
+/// Mode that is carried out.
+TriggerMode mode_of(const TriggerCommand& command) {
+  return is_carried_out(command) ? commanded_mode(command) : TriggerMode::kOff;
 }
 
 }  // namespace
@@ -68,7 +66,6 @@ Trigger::Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uin
     : layout_(layout), errors_(errors), key_(key), state_(layout) {}
 
 void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view) {
-  check(inputs);
   const TriggerCommand before = state_.command;
   state_.command = inputs.trigger;
   state_.segment = inputs.segment;
@@ -79,6 +76,7 @@ void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const Motio
   state_.gated = gated;
   if (gate_changes || inputs.trigger.mode != before.mode || interval(inputs.trigger) != interval(before)) {
     state_.gate = TriggerGate::kWaiting;
+    state_.skipped = false;
     restart(now_us, view);
     if (is_periodic(mode) && !gated) fire(now_us);
   }
@@ -166,6 +164,10 @@ void Trigger::fire_until(std::int64_t from_us, std::int64_t to_us, bool step_end
     const std::int64_t due_us =
         first_instant(from_us, to_us, [&](std::int64_t time_us) { return is_due(time_us, view); });
     if (gated && is_beyond_gate(due_us, view)) break;
+    if (is_full()) {
+      skip_due(to_us, view);
+      break;
+    }
     fire(due_us);
   }
   if (gated && is_beyond_gate(to_us, view)) state_.gate = TriggerGate::kPassed;
@@ -183,12 +185,31 @@ std::int64_t Trigger::light_instant(std::int64_t fired_us, std::int64_t middle_u
   return std::max(fired_us, middle_us + microseconds(delay));
 }
 
-void Trigger::fire(std::int64_t time_us) {
-  if (state_.pending.size() >= kMaxPending) {
-    throw std::runtime_error(
-        std::to_string(kMaxPending) +
-        " trigger records are queued: every communication step outputs only one, use smaller steps");
+bool Trigger::is_full() const { return state_.pending.size() >= kMaxPending; }
+
+control::ControllerError Trigger::error() const {
+  if (!is_carried_out(state_.command)) return control::ControllerError::kTriggerInterval;
+  return state_.skipped ? control::ControllerError::kTriggerQueue : control::ControllerError::kNone;
+}
+
+/// Leaves out the periodic exposures that are due at or before an instant.
+void Trigger::skip_due(std::int64_t time_us, const MotionView& view) {
+  double travelled = 0;  // since the mode was entered, in the unit of the interval
+  if (mode_of(state_.command) == TriggerMode::kTime) {
+    travelled = static_cast<double>(time_us - state_.entered_us) / kMicrosecondsPerSecond;
+  } else if (mode_of(state_.command) == TriggerMode::kTableAngle) {
+    travelled = std::abs(view.table(time_us).position - state_.entry_angle);
+  } else {
+    travelled = path_length(view.sensor_in_table(time_us).position);
   }
+  state_.skipped = true;
+  const double due = travelled / interval(state_.command);
+  state_.fired_since_entry = static_cast<std::int64_t>(std::min(due, kMaxIntervals)) + 1;
+}
+
+void Trigger::fire(std::int64_t time_us) {
+  state_.skipped = is_full();
+  if (state_.skipped) return;
   ++state_.count;
   ++state_.fired_since_entry;
   PendingRecord pending{TriggerRecord(layout_)};

@@ -52,6 +52,7 @@ struct TriggerState {
   std::int32_t count = 0;
   std::int64_t entered_us = 0;
   std::int64_t fired_since_entry = 0;  // without requested exposures
+  bool skipped = false;                // the last exposure did not fire: the queue of records was full
   bool gated = false;  // controller mode 6 is commanded: periodic modes fire within the gate alone
   TriggerGate gate = TriggerGate::kWaiting;
   std::int32_t run = 0;  // of the segment to which the gate belongs
@@ -65,14 +66,15 @@ struct TriggerState {
 
 /// Intervals count from the instant at which a mode is entered or its interval changed, or at which a segment
 /// of a program reaches the gate; the first exposure fires at that instant. Later ones fire at the first
-/// whole microsecond at which the interval is complete. Exposures at places (table angle, path distance,
+/// whole microsecond at which the interval is complete. Exposures that find the queue of records full do not
+/// fire. Exposures at places (table angle, path distance,
 /// gate) fire early by half their duration at the present speed, so that their middles are at the places at
 /// any speed.
 class Trigger {
  public:
   Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uint64_t key);
 
-  /// Reads commands at a communication point; may fire there. Throws std::invalid_argument.
+  /// Reads commands at a communication point; may fire there. A mode whose interval is missing is off.
   void command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view);
 
   /// Fires all exposures due in (from, to]; `step_ends` is true where `to` is on the dynamics grid.
@@ -89,6 +91,10 @@ class Trigger {
 
   const TriggerRecord& current_record() const { return state_.current_record; }
   std::int32_t count() const { return state_.count; }
+  /// Whether no record is pending.
+  bool is_idle() const { return state_.pending.empty(); }
+  /// Why the command is not carried out.
+  control::ControllerError error() const;
   /// Number of complete records in the queue.
   std::int32_t queued() const;
 
@@ -105,7 +111,9 @@ class Trigger {
   bool enter_gate(std::int64_t& from_us, std::int64_t to_us, const MotionView& view);
   double lead() const;
   void restart(std::int64_t now_us, const MotionView& view);
+  bool is_full() const;
   void fire(std::int64_t time_us);
+  void skip_due(std::int64_t time_us, const MotionView& view);
 
   CellLayout layout_;
   std::int64_t light_instant(std::int64_t fired_us, std::int64_t middle_us) const;

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cell_fixture import CYCLE_US, START_DEG, Build, CellFmu, all_reals, cell_description, pose, runtime_folder
+from test_fmu_sensing import collision_cell
 
 FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 LATENCY = 0.0004
@@ -91,6 +92,56 @@ def test_early_return_at_the_instant_of_each_record(build: Build, step_us: int) 
     # The current record differs, the cell itself does not.
     present = [n for n, v in cell.variables.items() if v.type == "Float64" and n.split(".")[0] in ("measured", "truth")]
     np.testing.assert_array_equal(cell.get(*present), plain.get(*present))
+
+
+@pytest.mark.parametrize("intermediate", [False, True])
+def test_events_are_the_same_at_every_communication_step(build: Build, intermediate: bool) -> None:
+    """Records whose exposures end on controller cycles, and collisions, which begin and end there."""
+
+    def events(step_us: int) -> list[tuple[int, int, int]]:
+        watch = Intermediate()
+        options = {"intermediateUpdate": watch} if intermediate else {}
+        cell = watch.cell = build(3, collision_cell(), eventModeUsed=True, earlyReturnAllowed=True, **options)
+        cell.slave.updateDiscreteStates()
+        cell.command(table=6.0)
+        cell.trigger(1, CYCLE_US / 2 * 1e-6)
+        cell.slave.enterStepMode()
+        found = []
+        while cell.time_us < 50 * CYCLE_US:
+            size_us = min(step_us, 50 * CYCLE_US - cell.time_us)
+            event, _, _, reached = cell.slave.doStep(cell.time_us * 1e-6, size_us * 1e-6)
+            cell.time_us = round(reached * 1e6)
+            if not event:
+                continue
+            found.append((cell.time_us, cell.get_int("trigger.index"), cell.get_int("truth.collision.pairs")))
+            cell.slave.enterEventMode()
+            cell.slave.updateDiscreteStates()
+            cell.slave.enterStepMode()
+        return found
+
+    expected = events(1000)
+    assert [(time_us, index) for time_us, index, _ in expected[1:]] == [
+        (k * CYCLE_US // 2, k + 1) for k in range(1, len(expected))
+    ]
+    assert len(expected) == 101
+    assert {pairs for _, _, pairs in expected} == {0, 1}
+    for step_us in (4000, CYCLE_US, 50_000, 7300):
+        assert events(step_us) == expected, step_us
+
+
+def test_collision_alone_is_an_event_with_intermediate_updates(build: Build) -> None:
+    watch = Intermediate()
+    cell = watch.cell = build(
+        3, collision_cell(), eventModeUsed=True, earlyReturnAllowed=True, intermediateUpdate=watch
+    )
+    cell.slave.updateDiscreteStates()
+    cell.command(table=6.0)
+    cell.slave.enterStepMode()
+    event, _, early, reached = cell.slave.doStep(0.0, 2.0)
+    assert event
+    assert early
+    assert reached % (CYCLE_US * 1e-6) == pytest.approx(0, abs=1e-12) or reached < 2.0
+    assert cell.get_int("truth.collision.pairs") == 1
 
 
 def test_event_is_reported_at_step_end_without_early_return(build: Build) -> None:

@@ -227,6 +227,9 @@ def test_text_that_is_no_program_is_rejected(
     cell = build(version, loggingOn=True)
     start(cell, write(tmp_path, text))
     expect_rejected(cell, NO_SEGMENT, message)
+    other = build(version)
+    other.restore(other.deserialize(cell.serialize(cell.save())), cell.time_us)
+    assert other.get_string("pendant.text") == cell.get_string("pendant.text")
 
 
 @pytest.mark.parametrize(
@@ -374,6 +377,13 @@ def test_pendant_shows_given_text_and_stops(build: Build) -> None:
     cell = build()
     cell.set("command.pendant.text", "wait for the part")
     cell.set("command.pendant.beep", 1)
+    assert cell.get_string("pendant.text") == ""  # no output depends on an input without a step
+    assert not cell.get_int("pendant.beep")
+    cell.step(1)
+    state = cell.serialize(cell.save())
+    other = build()
+    other.restore(other.deserialize(state), cell.time_us)
+    assert other.get_string("pendant.text") == "wait for the part"
     cell.step(CYCLE_US)
     assert cell.get_string("pendant.text") == "wait for the part"
     assert cell.get_int("pendant.beep")

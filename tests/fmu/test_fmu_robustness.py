@@ -30,9 +30,11 @@ from cell_fixture import (
     all_reals,
     cell_description,
     continue_motion,
+    conveyor,
     pose,
     write_fmu,
 )
+from grasp_fixture import grasp_cell
 from test_fmu_dynamic_arm import dynamic_cell
 from test_fmu_sensing import full_sensing_cell
 from test_fmu_soft_part import soft_cell
@@ -191,8 +193,6 @@ def test_non_finite_values_are_rejected_until_reset(build: Build, version: int) 
         (lambda c: c.slave.doStep(0.0, np.nan), "must be positive"),
         (lambda c: c.slave.doStep(0.0, 1e300), "must be positive and finite"),
         (lambda c: c.slave.exitInitializationMode(), "leaving initialization mode is not allowed"),
-        (lambda c: (c.trigger(1, 0.0), c.step(1000)), "command.trigger.period"),
-        (lambda c: (c.trigger(2, 0.0), c.step(1000)), "command.trigger.angle"),
     ],
 )
 def test_illegal_calls_are_errors_with_message(
@@ -205,6 +205,112 @@ def test_illegal_calls_are_errors_with_message(
     cell.slave.reset()
     cell.initialize()
     cell.step(1000)
+
+
+INVALID_ORIENTATION, TRIGGER_INTERVAL, TRIGGER_QUEUE = 12, 13, 14
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(("mode", "name", "value"), [(1, "period", 0.01), (2, "angle", 1e-3), (3, "distance", 1e-3)])
+def test_trigger_without_interval_is_refused_until_it_has_one(
+    build: Build, version: int, mode: int, name: str, value: float
+) -> None:
+    cell = build(version, loggingOn=True)
+    cell.command(table=1.0)
+    cell.set("command.trigger.mode", mode)
+    cell.set("command.trigger.request", 1)
+    cell.step(CYCLE_US, 5)
+    assert cell.get_int("controller.error") == TRIGGER_INTERVAL
+    assert cell.get_int("trigger.count") == 0
+    assert sum("controller: trigger mode without interval" in text for text in cell.messages) == 1
+    assert cell.get("measured.table")[0] > 0
+    cell.set(f"command.trigger.{name}", value)
+    cell.step(CYCLE_US, 5)
+    assert cell.get_int("controller.error") == 0
+    assert cell.get_int("trigger.count") > 2
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_target_orientation_is_normalised_or_refused(build: Build, version: int) -> None:
+    cell = build(version, loggingOn=True)
+    position, orientation = cell.vector("truth.sensor.position", 3), cell.vector("truth.sensor.orientation", 4)
+    cell.set("command.mode", 3)
+    for start, scale in enumerate((0.0, 0.98, 1.02, 1.000002), start=1):
+        for name, values in (("position", position + np.array([0, 0, 0.02])), ("orientation", scale * orientation)):
+            for i, value in enumerate(values, start=1):
+                cell.set(f"command.target.{name}[{i}]", float(value))
+        cell.set("command.start", start)
+        cell.step(CYCLE_US, 60)
+        reached = start == 4
+        assert cell.get_int("controller.error") == (0 if reached else INVALID_ORIENTATION)
+        assert bool(cell.get_int("controller.at_destination"))
+        expected = position + np.array([0, 0, 0.02 * reached])
+        np.testing.assert_allclose(cell.vector("truth.sensor.position", 3), expected, atol=1e-9)
+    assert any("command.target.orientation is no unit quaternion" in text for text in cell.messages)
+
+
+def test_exposures_do_not_fire_while_the_queue_of_records_is_full(build: Build) -> None:
+    cell = build(3, loggingOn=True)
+    cell.command(table=1.0)
+    cell.trigger(1, 1e-6)
+    cell.step(70_000)
+    assert cell.get_int("trigger.count") == 65536
+    assert cell.get_int("controller.error") == TRIGGER_QUEUE
+    assert any("65536 trigger records are queued" in text for text in cell.messages)
+    cell.trigger(2, 1e-300)
+    cell.step(1000, 3)
+    assert cell.get_int("trigger.index") == 4
+    assert cell.get_int("trigger.count") < 65536 + 5
+    cell.trigger(0)
+    cell.step(1000, 2)
+    assert cell.get_int("controller.error") == 0
+    assert cell.get("measured.table")[0] > 0
+
+
+# Values at the ends of the ranges, and where a command is incomplete.
+EDGES = (0.0, 1.0, -1.0, 1e-300, -1e-12, 1e-6, 0.5, 1e3, 1e9, -1e9, 1e300, -1e300)
+
+
+def random_value(random: np.random.Generator, variable: Any) -> float | int | str:
+    """A value that an importer may set: any one within the declared bounds."""
+    if variable.type == "String":
+        return str(random.choice(["", "no such file", "cell.json"]))
+    if variable.type == "Boolean":
+        return int(random.random() < 0.2)
+    low, high = (float(b) if b is not None else d for b, d in ((variable.min, -np.inf), (variable.max, np.inf)))
+    if variable.type in ("Real", "Float64"):
+        value = random.choice(EDGES) if random.random() < 0.3 else random.normal()
+        return float(np.clip(value, low, high))
+    if variable.type == "Enumeration":
+        return int(random.choice([item.value for item in variable.declaredType.items]))
+    return int(random.choice([*range(6), -(2**31), 2**31 - 1]))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", ["dynamic", "gripper"])
+def test_random_inputs_in_random_order_are_carried_out_or_refused(build: Build, version: int, name: str) -> None:
+    """Every call returns OK, all outputs stay finite, and each refusal is in the log."""
+    description = DYNAMIC if name == "dynamic" else {**grasp_cell(), "conveyors": [conveyor()]}
+    cell = build(version, description, loggingOn=True)
+    random = np.random.default_rng(version)
+    inputs = [v for v in cell.variables.values() if v.causality == "input"]
+    errors = set()
+    for _ in range(300):
+        for variable in random.choice(inputs, random.integers(0, len(inputs) // 2)):
+            cell.set(variable.name, random_value(random, variable))
+        if random.random() < 0.3:  # what lets the robot move, for a while
+            cell.set("command.emergency_stop", 0)
+            cell.set("command.max_age", 0.0)
+            cell.set("command.guard.max_age", 0.0)
+        known = len(cell.messages)
+        cell.step(int(random.choice([1, 250, 1000, 7300, CYCLE_US, 50_000])))
+        assert np.isfinite(all_reals(cell)).all()
+        error = cell.get_int("controller.error")
+        if error not in (0, *errors):
+            assert any(text.startswith("controller: ") for text in cell.messages[known:]), error
+        errors.add(error)
+    assert len(errors) > 5
+    assert all(status < 3 for status, _ in cell.log)  # no error
 
 
 def test_unknown_references_and_types_are_errors(build: Build) -> None:

@@ -236,6 +236,17 @@ TEST(LineMove, CruisesAtToolSpeedLimit) {
   EXPECT_LT(*std::max_element(speeds.begin(), speeds.end()), 0.1 * 1.002);
 }
 
+TEST(LineMove, TableThatTravelsAloneKeepsTheCommandedSpeed) {
+  Drive drive;
+  drive.command.speed = 0.1;
+  drive.command.position[kTableAxis] = 1.5;
+  drive.start_line(drive.arm.tool(home()).pose);
+  LimitWatch watch(drive);
+  drive.run_to_rest(watch);
+  EXPECT_EQ(drive.position()[kTableAxis], 1.5);
+  EXPECT_NEAR(watch.speed, 0.1, 2e-4);
+}
+
 TEST(LineMove, StaysOnLineDuringMonitorSpeedChangesAndEmergencyStop) {
   Drive drive;
   const Eigen::Isometry3d from = drive.arm.tool(home()).pose;
@@ -296,6 +307,41 @@ TEST(LineMove, BeyondJointLimitReportsAxis) {
   drive.run(5);
   EXPECT_EQ(drive.position(), near_limit);
   EXPECT_EQ(drive.controller.report(drive.now).limit, 6);
+}
+
+/// A segment whose acceleration is largest at its end, and there close to its limit.
+std::shared_ptr<const ProgramSegment> hard_stop() {
+  constexpr double kPi = 3.14159265358979;
+  constexpr int kKnots = 26;
+  const double duration = (kKnots - 1) * kCycleSeconds;
+  const double travel = 19.8 * 2 * duration * duration / (kPi * kPi);
+  std::vector<Axes> points(kKnots, home());
+  for (int k = 0; k < kKnots; ++k) points[k][0] -= travel * (1 - std::cos(kPi * k / (kKnots - 1))) / 2;
+  return std::make_shared<const ProgramSegment>(interpolated_segment(1, kCycleSeconds, points));
+}
+
+TEST(ProgrammedMove, ArrivesWithinAccelerationLimitsAfterAnOverride) {
+  const auto segment = hard_stop();
+  double largest = 0;
+  for (int slow = 0; slow < 20; ++slow) {
+    for (const double speed : {1.0, 0.9, 0.5, 0.0}) {
+      Drive drive;
+      drive.command.mode = Mode::kProgram;
+      drive.command.segment = segment;
+      ++drive.command.start;
+      LimitWatch watch(drive);
+      drive.run(2, watch);
+      drive.command.monitor_speed = speed;
+      drive.run(slow, watch);
+      drive.command.monitor_speed = 1;
+      drive.run_to_rest(watch);
+      EXPECT_EQ(drive.position(), segment->end());
+      EXPECT_TRUE(drive.controller.report(drive.now).at_destination);
+      EXPECT_EQ(drive.controller.report(drive.now).progress, 1);
+      largest = std::max(largest, watch.acceleration);
+    }
+  }
+  EXPECT_LE(largest, 1.001);
 }
 
 TEST(ProgrammedMove, ContinuesFromRestoredState) {

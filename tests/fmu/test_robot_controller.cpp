@@ -70,6 +70,43 @@ TEST(Operation, SwitchToManualStopsMoveOnPath) {
   EXPECT_LE(watch.acceleration, 1);
 }
 
+TEST(Operation, StartOfAModeThatWasLeftMovesNothingLater) {
+  Drive drive;
+  Axes target = home();
+  target[0] += 0.5;
+  drive.start_joints(target);
+  drive.run(12);
+  target[1] -= 0.3;
+  drive.start_joints(target);  // accepted, but the axes still move
+  drive.run(1);
+  drive.command.mode = Mode::kLineMove;
+  drive.run_to_rest();
+  const Axes stopped = drive.position();
+  drive.command.mode = Mode::kJointMove;
+  drive.run(20);
+  EXPECT_EQ(drive.position(), stopped);
+}
+
+TEST(Operation, InterruptedMoveDoesNotGoOnWithoutAStart) {
+  Drive drive;
+  Axes target = home();
+  target[0] += 0.5;
+  drive.start_joints(target);
+  drive.run(12);
+  drive.command.mode = Mode::kHold;
+  drive.run(2);
+  ASSERT_TRUE(drive.controller.report(drive.now).moving);
+  drive.command.mode = Mode::kJointMove;
+  drive.run_to_rest();
+  const Axes stopped = drive.position();
+  EXPECT_NE(stopped, target);
+  drive.run(20);
+  EXPECT_EQ(drive.position(), stopped);
+  ++drive.command.start;
+  drive.run_to_rest();
+  EXPECT_EQ(drive.position(), target);
+}
+
 class JogTest : public ::testing::Test {
  protected:
   JogTest() { drive_.command.operation = Operation::kManual; }
