@@ -14,7 +14,7 @@ PACKAGE = ROOT / "orchestrator" / "scancell"
 
 # A package may import packages of earlier tiers, and itself.
 TIERS = [
-    {"closing", "errors", "extras", "files", "progress", "stopwatch", "geometry", "sensor"},
+    {"arguments", "closing", "errors", "extras", "files", "progress", "stopwatch", "geometry", "sensor"},
     {"config"},
     {"nominal"},
     {"proximity", "reconstruction", "visibility"},

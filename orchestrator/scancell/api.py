@@ -7,9 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from scancell.arguments import Count, Length, Points, Seed, Share, Threads, checked_arguments, checked_value
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Align, CalibrationTarget, Engine, Reconstruction, SensorTarget
 from scancell.config.keys import Assignments, assignments
@@ -45,6 +43,7 @@ Sensor = str | Path | SensorDescription | None
 Scan = str | Path | ScanDescription | None
 
 
+@checked_arguments
 def scan(
     part: str | Path | Mesh,
     *,
@@ -53,7 +52,7 @@ def scan(
     scan: Scan = None,
     settings: Assignments = (),
     ideal: bool = False,
-    threads: int = 0,
+    threads: Threads = 0,
     **options: Any,
 ) -> ScanResult:
     """Scan a part once; `options` are those of `Scanner.scan`, the other parameters those of `Scanner`."""
@@ -61,6 +60,7 @@ def scan(
         return scanner.scan(part, **options)
 
 
+@checked_arguments
 def shot(
     part: str | Path | Mesh,
     pose: Sequence[float],
@@ -69,7 +69,7 @@ def shot(
     sensor: Sensor = None,
     settings: Assignments = (),
     ideal: bool = False,
-    threads: int = 0,
+    threads: Threads = 0,
     **options: Any,
 ) -> ShotResult:
     """Expose once from a pose; `options` are those of `Scanner.shot`."""
@@ -77,6 +77,7 @@ def shot(
         return scanner.shot(part, pose, **options)
 
 
+@checked_arguments
 def render(
     recording: str | Path,
     part: str | Path | Mesh,
@@ -85,7 +86,7 @@ def render(
     sensor: Sensor = None,
     settings: Assignments = (),
     ideal: bool = False,
-    threads: int = 0,
+    threads: Threads = 0,
     **options: Any,
 ) -> ScanResult:
     """Images and a cloud from a recording; `options` are those of `Scanner.render`."""
@@ -93,6 +94,7 @@ def render(
         return scanner.render(recording, part, **options)
 
 
+@checked_arguments
 def plan(
     part: str | Path | Mesh,
     *,
@@ -101,27 +103,31 @@ def plan(
     scan: Scan = None,
     settings: Assignments = (),
     unit: str = "mm",
+    progress: Progress | ProgressCallback | None = None,
 ) -> Plan:
     """The checked program of the scan of a part, see `Scanner.plan`."""
     with Scanner(cell, sensor, scan, settings=settings) as scanner:
-        return scanner.plan(part, unit=unit)
+        return scanner.plan(part, unit=unit, progress=progress)
 
 
+@checked_arguments
 def place(
     part: str | Path | Mesh,
-    share: float = 0.99,
+    share: Share = 0.99,
     *,
     cell: Cell = None,
     sensor: Sensor = None,
     scan: Scan = None,
     settings: Assignments = (),
     unit: str = "mm",
+    progress: Progress | ProgressCallback | None = None,
 ) -> SetUps:
     """How a free part is best set up for scanning, see `Scanner.place`."""
     with Scanner(cell, sensor, scan, settings=settings) as scanner:
-        return scanner.place(part, share, unit=unit)
+        return scanner.place(part, share, unit=unit, progress=progress)
 
 
+@checked_arguments
 def calibrate(
     request: CalibrationRequest | CalibrationTarget = "all",
     artefact: str | Path | Mesh | None = None,
@@ -131,7 +137,7 @@ def calibrate(
     scan: Scan = None,
     settings: Assignments = (),
     ideal: bool = False,
-    threads: int = 0,
+    threads: Threads = 0,
     **options: Any,
 ) -> CalibrationReport:
     """Find the deviations of a cell; `options` are those of `Scanner.calibrate`, the other parameters `Scanner`'s."""
@@ -139,13 +145,14 @@ def calibrate(
         return scanner.calibrate(request, artefact, **options)
 
 
+@checked_arguments
 def calibrate_sensor(
     request: SensorCalibrationRequest | SensorTarget = "ball",
     *,
     sensor: Sensor = None,
     settings: Assignments = (),
     ideal: bool = False,
-    threads: int = 0,
+    threads: Threads = 0,
     **options: Any,
 ) -> SensorCalibrationReport:
     """Find the deviations of a sensor; `options` are those of `Scanner.calibrate_sensor`."""
@@ -153,6 +160,7 @@ def calibrate_sensor(
         return scanner.calibrate_sensor(request, **options)
 
 
+@checked_arguments
 def survey(
     part: str | Path | Mesh,
     *,
@@ -161,7 +169,7 @@ def survey(
     scan: Scan = None,
     settings: Assignments = (),
     ideal: bool = False,
-    threads: int = 0,
+    threads: Threads = 0,
     **options: Any,
 ) -> SurveyResult:
     """Find what stands around the table; `options` are those of `Scanner.survey`, the other parameters `Scanner`'s."""
@@ -169,6 +177,7 @@ def survey(
         return scanner.survey(part, **options)
 
 
+@checked_arguments
 def extract(
     images: Sequence[str | Path],
     out: str | Path,
@@ -176,9 +185,9 @@ def extract(
     sensor: Sensor = None,
     settings: Assignments = (),
     laser_off: Sequence[str | Path] = (),
-    sheet_um: float | None = None,
+    sheet_um: Length | None = None,
     peaks: bool = False,
-    threads: int = 0,
+    threads: Threads = 0,
 ) -> RunReport:
     """Measure the stripe in images of a sensor, real or simulated, and write profiles into the folder `out`.
 
@@ -205,16 +214,17 @@ def extract(
     return extract_to_folder(request, Path(out))
 
 
+@checked_arguments
 def evaluate(
-    cloud: str | Path | Cloud | NDArray[np.float64],
+    cloud: str | Path | Cloud | Points,
     *,
     mesh: str | Path | Mesh | None = None,
     artefact: str | Path | ShapeGroup | None = None,
     align: Align = "none",
-    datum: Sequence[str] = (),
+    datum: Sequence[str | int] = (),
     out: str | Path | None = None,
     unit: str = "mm",
-    threads: int = 0,
+    threads: Threads = 0,
 ) -> MeshEvaluation | ArtefactEvaluation:
     """Compare a cloud with a mesh or with an artefact of exact shape.
 
@@ -241,15 +251,17 @@ def evaluate(
 
     if (mesh is None) == (artefact is None):
         raise DescriptionError("evaluate: expected either a mesh or an artefact to compare with")
-    points = points_of(cloud)
+    points = checked_value("cloud", points_of(cloud), Points)
+    if not len(points):
+        raise DescriptionError("cloud: holds no points; expected at least one")
     found: MeshEvaluation | ArtefactEvaluation
     if mesh is not None:
-        part = mesh if isinstance(mesh, Mesh) else load_part(mesh, unit)
+        part = mesh.usable if isinstance(mesh, Mesh) else load_part(mesh, unit)
         found = evaluate_against_mesh(points, part, align, _region_numbers(datum), threads=threads)
     else:
         assert artefact is not None
         group = artefact if isinstance(artefact, ShapeGroup) else load_artefact(artefact)
-        found = evaluate_against_artefact(points, group, align, datum)
+        found = evaluate_against_artefact(points, group, align, [str(name) for name in datum])
     if out is not None:
         from scancell.output.evaluation_files import write_evaluation  # noqa: PLC0415
         from scancell.output.run_folder import RunFolder  # noqa: PLC0415
@@ -259,12 +271,13 @@ def evaluate(
     return found
 
 
+@checked_arguments
 def mesh(
     run: str | Path | Cloud,
     out: str | Path | None = None,
     *,
     method: Reconstruction = "poisson",
-    spacing_mm: float | None = None,
+    spacing_mm: Length | None = None,
 ) -> Mesh:
     """Surface of a scan, by Open3D; it needs the extra ``mesh``.
 
@@ -292,12 +305,13 @@ def mesh(
     return surface
 
 
-def _region_numbers(words: Sequence[str]) -> list[int]:
+def _region_numbers(words: Sequence[str | int]) -> list[int]:
     if not all(str(word).isdigit() for word in words):
         raise DescriptionError(f"datum: {', '.join(map(str, words))}: expected numbers of plane regions of the mesh")
     return [int(word) for word in words]
 
 
+@checked_arguments
 def acceptance(
     sensor: Sensor = None,
     *,
@@ -306,12 +320,12 @@ def acceptance(
     settings: Assignments = (),
     as_built: Assignments = (),
     engine: Engine = "geometric",
-    seed: int = 0,
+    seed: Seed = 0,
     quick: bool = False,
-    repeats: int | None = None,
+    repeats: Count | None = None,
     factors: str | Path | None = None,
     out: str | Path | None = None,
-    threads: int = 0,
+    threads: Threads = 0,
     progress: Progress | ProgressCallback | None = None,
 ) -> AcceptanceReport:
     """Acceptance test of a sensor in the simulated cell: artefacts over its measuring range, in both scan modes.
@@ -352,12 +366,13 @@ def acceptance(
     return report
 
 
+@checked_arguments
 def study(
     file: str | Path,
     out: str | Path,
     *,
     settings: Assignments = (),
-    workers: int = 0,
+    workers: Threads = 0,
     progress: Progress | ProgressCallback | None = None,
 ) -> StudyReport:
     """Run the trials of a study that `out` does not hold yet, and write its report there.
@@ -388,13 +403,14 @@ def study(
     return write_report(opened, folder, made.failed)
 
 
+@checked_arguments
 def batch(
     parts: Sequence[str | Path],
     out: str | Path,
     *,
     config: str | Path | None = None,
-    variants: int | None = None,
-    workers: int = 0,
+    variants: Count | None = None,
+    workers: Threads = 0,
     progress: Progress | ProgressCallback | None = None,
     **options: Any,
 ) -> list[dict[str, Any]]:

@@ -25,6 +25,8 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         If the file cannot be written.
     """
     path = Path(path)
+    if not path.name:
+        raise OutputError(f"'{path}': expected the name of a file")
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

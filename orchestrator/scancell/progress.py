@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
+
+import numpy as np
 
 from scancell.errors import CancelledError
 
@@ -12,6 +14,7 @@ from scancell.errors import CancelledError
 ProgressCallback = Callable[[str, float, float], object]
 
 
+@runtime_checkable
 class Progress(Protocol):
     """Receives the stages of a piece of work and the steps done in them."""
 
@@ -61,7 +64,8 @@ class CallbackProgress:
     def advance(self, steps: float) -> None:
         """Add steps."""
         self._done += steps
-        if self._callback(self._name, self._done, self._total) is False:
+        answer = self._callback(self._name, self._done, self._total)
+        if isinstance(answer, bool | np.bool_) and not answer:
             raise CancelledError(f"cancelled while {self._name} ({self._done:.0f} of {self._total:.0f})")
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arguments import Count, checked_arguments, checked_fields
 from scancell.config.choices import Frame
 from scancell.config.files import plain_data
 from scancell.config.sensor import SensorDescription
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+@checked_fields
 @dataclass(frozen=True)
 class ScanResult(ScanData):
     """A scan with its evaluation, which is worked out when first asked for.
@@ -55,7 +57,8 @@ class ScanResult(ScanData):
         """Share of the measurable surface that the cloud covers."""
         return self.coverage_of(COVERAGE_SAMPLES)
 
-    def coverage_of(self, samples: int, surface: MeasurableSurface | None = None) -> Coverage:
+    @checked_arguments
+    def coverage_of(self, samples: Count, surface: MeasurableSurface | None = None) -> Coverage:
         """Coverage by a number of surface samples, at most 20 000.
 
         Parameters
@@ -80,6 +83,7 @@ class ScanResult(ScanData):
                 self.nominal, self.setup.sensor, COVERAGE_SAMPLES, progress, cache_folder(), self.threads
             )
 
+    @checked_arguments
     def evaluate(self, progress: Progress | ProgressCallback | None = None) -> Self:
         """Work out deviation and coverage now, with progress; without this call, when they are first asked for.
 
@@ -139,6 +143,7 @@ class ScanResult(ScanData):
         low = self.dropped.kept_low
         return f"; {low} as low are on the part by its nominal outline" if low else ""
 
+    @checked_arguments
     def save(
         self,
         folder: str | Path,
@@ -242,6 +247,7 @@ def _short(value: Any) -> str:
     return f"{value:.3f}" if isinstance(value, float) else str(value)
 
 
+@checked_fields
 @dataclass(frozen=True)
 class ShotResult:
     """One exposure from a given pose.
@@ -269,6 +275,7 @@ class ShotResult:
         camera = np.asarray(self.profiles.camera)
         return {one.name: int((camera == k).sum()) for k, one in enumerate(self.sensor.cameras)}
 
+    @checked_arguments
     def save(self, folder: str | Path) -> list[Path]:
         """Write ``profile.csv`` and the images, whole or not at all.
 

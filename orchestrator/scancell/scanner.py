@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from scancell.arguments import Length, Seed, Share, checked_arguments
 from scancell.cell.recording import Recording, read_recording
 from scancell.config.choices import Engine
 from scancell.config.estimated import EstimatedDescription
@@ -23,6 +24,7 @@ from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
 from scancell.planning.plan_file import read_plan
 from scancell.planning.setups import SetUpPlanner, SetUps
+from scancell.planning.work import Work
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.results import ScanResult, ShotResult
 from scancell.scanning.drive import FmuRunner, PreScanHook
@@ -64,6 +66,7 @@ class Scanner(CalibratingCell):
     >>> result.deviation.figures.rms
     """
 
+    @checked_arguments
     def scan(
         self,
         part: str | Path | Mesh,
@@ -71,7 +74,7 @@ class Scanner(CalibratingCell):
         unit: str = "mm",
         engine: Engine = "ray-traced",
         as_built: Assignments = (),
-        seed: int = 0,
+        seed: Seed = 0,
         setup: Setup | None = None,
         plan: Plan | str | Path | None = None,
         estimated: EstimatedDescription | None = None,
@@ -128,7 +131,7 @@ class Scanner(CalibratingCell):
         with watch.measure("plan"):
             heard.stage("planning", 1, "plan")
             saved = read_plan(Path(plan)) if isinstance(plan, str | Path) else plan
-            made = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, saved)
+            made = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, saved, progress=heard)
             heard.advance(1)
         with watch.measure("drive"):
             recording = self.pipeline.drive(job.drive_request(hook is not None), made, heard, hook)
@@ -137,6 +140,7 @@ class Scanner(CalibratingCell):
         finishing = Finishing(self.pipeline, job, engine, estimated, on_images, doubts, normals, samples)
         return finishing.result(recording, made, heard, watch)
 
+    @checked_arguments
     def render(
         self,
         recording: str | Path | Recording,
@@ -145,7 +149,7 @@ class Scanner(CalibratingCell):
         unit: str = "mm",
         engine: Engine = "ray-traced",
         as_built: Assignments = (),
-        seed: int = 0,
+        seed: Seed = 0,
         estimated: EstimatedDescription | None = None,
         estimated_sensor: SensorDescription | None = None,
         on_images: OnImages | None = None,
@@ -169,6 +173,7 @@ class Scanner(CalibratingCell):
         finishing = Finishing(self.pipeline, job, engine, estimated, on_images, self.setup_warnings)
         return finishing.result(recording, None, heard, watch)
 
+    @checked_arguments
     def plan(
         self,
         part: str | Path | Mesh,
@@ -176,6 +181,7 @@ class Scanner(CalibratingCell):
         unit: str = "mm",
         setup: Setup | None = None,
         judges: Sequence[Judge] = (),
+        progress: Progress | ProgressCallback | None = None,
     ) -> Plan:
         """The checked program of the scan of a part, which `scan` takes.
 
@@ -184,27 +190,35 @@ class Scanner(CalibratingCell):
         judges
             Constraints of your own for motions along sensor paths: functions of joints (n, joints) and table angles
             (n,), rad, that return factors (n,) in [0, 1], by which the quality is multiplied; 0 forbids.
+        progress
+            Receives (stage, done, total); returning False cancels.
 
         Raises
         ------
         PlanningError
-            Naming the poses that cannot be reached, or which bodies collide.
+            Naming the poses that cannot be reached, which bodies collide, or what was reached when
+            ``scan.max_planning_work`` was used up.
         """
+        heard = as_progress(progress)
+        heard.stage("planning", 1, "plan")
         job = self._job(part, unit, setup=setup)
-        return self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, judges=judges)
+        made = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, judges=judges, progress=heard)
+        heard.advance(1)
+        return made
 
+    @checked_arguments
     def survey(
         self,
         part: str | Path | Mesh,
         *,
         unit: str = "mm",
-        radius: float | None = None,
-        height: float = 0.2,
-        voxel: float = 0.01,
-        pitch: float = 0.005,
+        radius: Length | None = None,
+        height: Length = 0.2,
+        voxel: Length = 0.01,
+        pitch: Length = 0.005,
         inflation: float = 0.002,
         as_built: Assignments = (),
-        seed: int = 0,
+        seed: Seed = 0,
         progress: Progress | ProgressCallback | None = None,
     ) -> SurveyResult:
         """Find what stands around the table beside the known bodies, by the geometric engine.
@@ -234,10 +248,11 @@ class Scanner(CalibratingCell):
         survey = Survey(job.setup, job.loaded, job.sensors, self.pipeline, region, seed, job.as_built)
         return survey.run(as_progress(progress))
 
+    @checked_arguments
     def place(
         self,
         part: str | Path | Mesh,
-        share: float = 0.99,
+        share: Share = 0.99,
         *,
         unit: str = "mm",
         progress: Progress | ProgressCallback | None = None,
@@ -257,17 +272,21 @@ class Scanner(CalibratingCell):
         setup, mesh = self.setup, self.mesh(part, unit)
         range_ = sensor_range(make_sensors(setup.sensor, (), 0).nominal)
         cycle = setup.cell.world.controller_cycle_us * 1e-6
-        planner = SetUpPlanner(setup.cell, setup.sensor, range_, scan_options(setup.scan), cycle, self.pipeline.threads)
-        return planner.propose(mesh, share, as_progress(progress))
+        heard = as_progress(progress)
+        work = Work(setup.scan.max_planning_work, heard)
+        options, threads = scan_options(setup.scan), self.pipeline.threads
+        planner = SetUpPlanner(setup.cell, setup.sensor, range_, options, cycle, threads, work)
+        return planner.propose(mesh, share, heard)
 
     @contextmanager
+    @checked_arguments
     def session(
         self,
         part: str | Path | Mesh | None = None,
         *,
         unit: str = "mm",
         as_built: Assignments = (),
-        seed: int = 0,
+        seed: Seed = 0,
         guarded: bool = False,
     ) -> Iterator[ScanSession]:
         """The running cell with a part, or an empty table: commands to its controller, and profiles at any time.
@@ -292,6 +311,7 @@ class Scanner(CalibratingCell):
             instance = runner.start(job.drive_request(collision_outputs=True))
             yield ScanSession(instance, job, self.pipeline, guard)
 
+    @checked_arguments
     def shot(
         self,
         part: str | Path | Mesh,
@@ -300,7 +320,7 @@ class Scanner(CalibratingCell):
         unit: str = "mm",
         engine: Engine = "ray-traced",
         as_built: Assignments = (),
-        seed: int = 0,
+        seed: Seed = 0,
     ) -> ShotResult:
         """One exposure of the whole cell from a pose.
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import ball, block
-from pydantic import ValidationError
 
 from scancell.config.path import PathDescription, SpiralDescription, WaypointDescription
 from scancell.errors import DescriptionError, PlanningError
@@ -109,6 +108,6 @@ def test_a_path_without_length_is_refused() -> None:
 )
 def test_a_description_names_exactly_one_kind_of_path(given: dict[str, object]) -> None:
     with pytest.raises(
-        ValidationError, match=r"give exactly one of spiral, contour, waypoint and recorded|expected at least two"
+        DescriptionError, match=r"give exactly one of spiral, contour, waypoint and recorded|expected at least two"
     ):
         PathDescription(**given)  # type: ignore[arg-type]

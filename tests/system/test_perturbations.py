@@ -7,16 +7,27 @@ mesh can see. Measured distances are regressed on it: the slope must be 1 within
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from line import Line
+from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import TriggerRecords
+from scancell.config.cell import CellDescription
+from scancell.config.units import split_unit
+from scancell.geometry import pose
+from scancell.nominal.cell import NominalCell
 from scancell.reconstruction.cloud import Cloud
+from scancell.scanner import Scanner
+
+Array = NDArray[np.float64]
 
 LINKS = [  # a, d (m), alpha (rad)
     (0.075, 0.335, -np.pi / 2),
@@ -179,3 +190,85 @@ def test_ray_traced_scan_error_matches_prediction(planned, case) -> None:
     slope, spread, _ = regress(planned("free_form", "scan.max_profiles=100", *words), "ray-traced", word, displacement)
     assert spread > 10e-6
     assert slope == pytest.approx(1.0, abs=0.02)
+
+
+# --- meaning of the deviations, as docs/as_built.md states it --------------------------------------------------------
+
+TABLE_ANGLE = 0.7
+MOVED = {"x_mm": 1.0, "y_mm": -2.0, "z_mm": 3.0}
+GROUPS = {
+    **{f"dh[{i}]": {"theta_deg": 1.0, "a_mm": 2.0, "d_mm": -3.0, "alpha_deg": 2.0} for i in (1, 3, 6)},
+    "dh[2]": {"theta_deg": 1.0, "a_mm": 2.0, "d_mm": -3.0, "alpha_deg": 2.0, "beta_deg": 3.0},
+    "tool": {**MOVED, "rx_deg": 2.0, "ry_deg": 3.0, "rz_deg": -4.0},
+    "table": {**MOVED, "rx_deg": 2.0, "ry_deg": 3.0},
+    "table.wobble": {"amplitude_deg": 2.0, "phase_deg": 20.0, "direction_deg": 30.0},
+    "platter": {"x_mm": 1.0, "y_mm": -2.0},
+    # A sine of frequency 0 is a constant displacement.
+    **{
+        f"vibration.{place}": {**MOVED, "frequency_hz": 0.0, "phase_deg": 30.0} for place in ("base", "flange", "table")
+    },
+}
+
+
+def rotation(axis: int, angle: float) -> Array:
+    return np.asarray(pose.from_rotation(pose.rotation_about(axis, angle)))
+
+
+def documented_poses(nominal: NominalCell, q: Array, group: str, delta: dict[str, float]) -> tuple[Array, Array]:
+    """``world_from_sensor`` and ``world_from_platter`` by the products of docs/as_built.md, deviations in SI units."""
+
+    def of(name: str, *keys: str) -> list[float]:
+        return [delta.get(key, 0.0) if group == name else 0.0 for key in keys]
+
+    def shift(place: str) -> Array:
+        sine = np.sin(of(f"vibration.{place}", "phase")[0])
+        return sine * np.array(of(f"vibration.{place}", "x", "y", "z"))
+
+    here = nominal.arm.world_from_base @ pose.translation(shift("base"))
+    for number, (joint, angle) in enumerate(zip(nominal.arm.joints, q, strict=True), start=1):
+        theta, a, d, alpha, beta = of(f"dh[{number}]", "theta", "a", "d", "alpha", "beta")
+        here = here @ rotation(2, angle + joint.theta + theta) @ pose.translation((joint.a + a, 0.0, joint.d + d))
+        here = here @ rotation(0, joint.alpha + alpha) @ rotation(1, joint.beta + beta)
+    rx, ry, rz = of("tool", "rx", "ry", "rz")
+    sensor = here @ pose.translation(shift("flange")) @ nominal.flange_from_sensor
+    sensor = sensor @ pose.translation(of("tool", "x", "y", "z")) @ rotation(0, rx) @ rotation(1, ry) @ rotation(2, rz)
+    rx, ry = of("table", "rx", "ry")
+    axis = nominal.world_from_table @ pose.translation(of("table", "x", "y", "z")) @ rotation(0, rx) @ rotation(1, ry)
+    amplitude, phase, direction = of("table.wobble", "amplitude", "phase", "direction")
+    tilt = rotation(2, direction) @ rotation(0, amplitude * np.cos(TABLE_ANGLE + phase)) @ rotation(2, -direction)
+    platter = axis @ tilt @ rotation(2, TABLE_ANGLE) @ pose.translation((*of("platter", "x", "y"), 0.0))
+    return sensor, pose.translation(nominal.world_from_table[:3, :3] @ shift("table")) @ platter
+
+
+@pytest.fixture(scope="module")
+def turned_cell() -> Iterator[Scanner]:
+    cell = CellDescription.default().replace({"table.pose.rx_deg": 5.0, "robot.base.rz_deg": 3.0})
+    with Scanner(cell, ideal=True) as scanner:
+        yield scanner
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_deviation_acts_in_its_documented_frame_order_and_side(group: str, turned_cell: Scanner) -> None:
+    mark = "_" if group == "table.wobble" else "."
+    given = {f"{group}{mark}{key}": value for key, value in GROUPS[group].items()}
+    delta = {split_unit(key)[0]: value * split_unit(key)[1] for key, value in GROUPS[group].items()}
+    with turned_cell.session(as_built=given) as session:
+        session.move_table(TABLE_ANGLE)
+        record = session.snapshot(session.exposure)
+        assert record.measured.table == pytest.approx([TABLE_ANGLE], abs=1e-9)
+        sensor, platter = documented_poses(session.nominal, record.measured.q[0], group, delta)
+    np.testing.assert_allclose(record.truth_at_middle("sensor")[0], sensor, atol=1e-9)
+    np.testing.assert_allclose(record.truth_at_middle("table")[0], platter, atol=1e-9)
+
+
+def test_every_deviation_of_the_cell_is_documented(turned_cell: Scanner) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "as_built.md").read_text()
+    with turned_cell.session() as session:
+        names = [name.removeprefix("as_built.") for name in session.cell.names if name.startswith("as_built.")]
+    assert names
+    for name in names:
+        general = re.sub(r"dh\[\d\]", "dh[i]", name)
+        general = re.sub(r"vibration\.(\w+)\.(?![xyz]$)", r"vibration.PLACE.", general)
+        stem, _, key = general.rpartition(".")
+        assert stem in text, name
+        assert re.search(rf"\.{key}_\w+`", text), name

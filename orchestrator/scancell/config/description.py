@@ -5,10 +5,11 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from scancell.arguments import checked_arguments
 from scancell.config.files import assets_dir, plain_data, read_description, resolve_files, toml_text
 from scancell.config.keys import KeyPath, Origin, join_path, set_value, split_path
 from scancell.errors import DescriptionError
@@ -25,6 +26,20 @@ class Description(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False, validate_default=True)
 
+    if not TYPE_CHECKING:  # type checkers know the keys
+
+        def __init__(self, **values: Any) -> None:
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                raise DescriptionError(
+                    "\n".join(_messages(type(self), values, error, type(self).__name__, ()))
+                ) from None
+
+        # Tables inside a description are made as by BaseModel's own, which joins their errors to those of the whole.
+        __init__.__pydantic_base_init__ = True
+
+    @checked_arguments
     def replace(self, changes: Mapping[str, Any] | None = None, /, **values: Any) -> Self:
         """Return a copy with some values changed, checked like a file.
 
@@ -64,6 +79,7 @@ class FileDescription(Description):
         return cls.from_toml(assets_dir() / cls.shipped)
 
     @classmethod
+    @checked_arguments
     def from_toml(cls, path: str | Path) -> Self:
         """Read and check a file, or the section of its kind of a run's ``resolved.toml``.
 
@@ -76,6 +92,7 @@ class FileDescription(Description):
         """
         return checked(cls, *read_description(cls.kind, Path(path)))
 
+    @checked_arguments
     def to_toml(self, path: str | Path) -> None:
         """Write a file that `from_toml` reads as an equal description; values equal to their defaults are left out.
 

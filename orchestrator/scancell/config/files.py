@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 from pydantic import BaseModel
 
@@ -110,7 +111,9 @@ def toml_text(data: Mapping[str, Any], folder: Path | None = None) -> str:
 
 
 def plain_data(value: Any) -> Any:
-    """Descriptions, tables and sequences as new dicts and lists, without keys whose value is None."""
+    """Descriptions, tables, sequences and arrays as new dicts and lists, without keys whose value is None."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
     if isinstance(value, BaseModel):
         value = value.model_dump(exclude_none=True)
     if isinstance(value, Mapping):

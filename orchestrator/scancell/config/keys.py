@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from scancell.errors import DescriptionError
 
 KeyPath = tuple[str | int, ...]
-Assignments = Mapping[str, float | int | str | bool] | Sequence[str]
+Assignments = Mapping[str, bool | int | float | str | Sequence[Any] | Mapping[str, Any]] | Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -47,10 +50,16 @@ def assignments(given: Assignments) -> list[str]:
     return list(given)
 
 
-def _toml_value(value: float | str | bool) -> str:
+def _toml_value(value: Any) -> str:
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
     if isinstance(value, bool):
         return str(value).lower()
-    return repr(value) if isinstance(value, int | float) else f'"{value}"'
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "[" + ", ".join(map(_toml_value, value)) + "]"
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
 
 
 def parse_assignment(word: str) -> tuple[str, Any]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from scancell.arguments import checked_fields
 from scancell.config.cell import CellDescription
 from scancell.config.description import FileDescription, checked, validate
 from scancell.config.files import FILE_KEYS, assets_dir, plain_data, read_description, read_toml
@@ -37,6 +38,7 @@ _SECTIONS = tuple(model.kind for model in _MODELS)
 _BUILT = ("laser", "camera", "detector", "ambient")  # properties of the sensor's hardware
 
 
+@checked_fields
 @dataclass(frozen=True)
 class Setup:
     """The nominal descriptions of a scan: everything that planning and reconstruction know beside the part's mesh.

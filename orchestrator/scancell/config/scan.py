@@ -7,7 +7,15 @@ from typing import Annotated, ClassVar, Self
 from pydantic import Field, model_validator
 
 from scancell.config.choices import Mode
-from scancell.config.description import Description, FileDescription, Finite, NonNegative, PoseDescription, Positive
+from scancell.config.description import (
+    Description,
+    FileDescription,
+    Finite,
+    Fraction,
+    NonNegative,
+    PoseDescription,
+    Positive,
+)
 from scancell.config.occupied import OccupiedDescription
 from scancell.config.path import PathDescription
 
@@ -88,6 +96,14 @@ class ScanDescription(FileDescription):
     clearance_mm: NonNegative = Field(default=5.0, description="smallest distance allowed between bodies, mm")
     pair_clearance: tuple[PairClearanceDescription, ...] = Field(
         default=(), description="pairs of bodies with a clearance of their own"
+    )
+    max_planning_work: Positive = Field(
+        default=300.0,
+        description="largest work of planning, counted and not timed: a unit is about a second of one core",
+    )
+    max_lost_share: Fraction = Field(
+        default=0.2,
+        description="share of the surface seen by the requested sweeps and passes that infeasible ones may lose",
     )
     verify: bool = Field(
         default=True,

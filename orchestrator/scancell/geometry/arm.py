@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -119,13 +119,20 @@ class Arm(Chain):
         targets = np.asarray(world_from_flange, float).reshape(-1, 1, 4, 4)
         return self.ik_along(targets, reference, filtered)[:, 0]
 
-    def ik_along(self, paths: ArrayLike, reference: ArrayLike | None = None, filtered: bool = True) -> Array:
+    def ik_along(
+        self,
+        paths: ArrayLike,
+        reference: ArrayLike | None = None,
+        filtered: bool = True,
+        on_step: Callable[[int], None] | None = None,
+    ) -> Array:
         """Joint angles (n, k, branches, joints), rad, along paths of poses (n, k, 4, 4): a branch is one motion.
 
-        Numbered branches are those of `ik` at the first pose, continued. Parameters as in `ik`.
+        Numbered branches are those of `ik` at the first pose, continued; `on_step` is called with the number of
+        solutions before each step of that. Other parameters as in `ik`.
         """
         paths = np.asarray(paths, float)
-        found = [part.along(paths) for part in self._parts]
+        found = [part.along(paths, on_step) for part in self._parts]
         q = found[0] if len(found) == 1 else np.concatenate(found, axis=2)
         if reference is not None:
             reference = np.broadcast_to(np.asarray(reference, float), (len(paths), len(self.joints)))[:, None, None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -56,7 +56,7 @@ class Branches:
             return spherical_wrist.BRANCH_NAMES
         return tuple(str(i) for i in range(1, numeric_ik.number_of_branches(self._completed[0]) + 1))
 
-    def along(self, paths: Array) -> Array:
+    def along(self, paths: Array, on_step: Callable[[int], None] | None = None) -> Array:
         """Joints (n, k, branches, joints) of the whole chain along paths (n, k, 4, 4), without regard to limits."""
         targets = paths @ self._flange_from_end
         n, k = paths.shape[:2]
@@ -64,7 +64,7 @@ class Branches:
             q = self._configurations(targets.reshape(-1, 4, 4))
             q = q.reshape(n, k, *q.shape[1:])
         else:
-            q = self._continued(targets)
+            q = self._continued(targets, on_step)
         if not self._held:
             return q
         whole = np.full((*q.shape[:-1], self._count), np.nan)
@@ -108,7 +108,7 @@ class Branches:
         base_from_end = pose.inverse(self._chain.world_from_base) @ targets
         return np.asarray(self._sign * spherical_wrist.solve(*self.dimensions, base_from_end) - self._theta)
 
-    def _continued(self, targets: Array) -> Array:
+    def _continued(self, targets: Array, on_step: Callable[[int], None] | None) -> Array:
         """Numbered branches (n, k, branches, joints) along paths (n, k, 4, 4)."""
         completed, flange_from_last = self._completed
         joints, count = len(self._theta), numeric_ik.number_of_branches(completed)
@@ -117,7 +117,7 @@ class Branches:
         seeds = numeric_ik.candidates(completed, joints, base_from_last) - self._theta
         start = numeric_ik.distinct_solutions(self._chain, first, seeds, count)
         path = np.repeat(targets.swapaxes(0, 1), count, axis=1)
-        q = numeric_ik.continued(self._chain, path, start.reshape(-1, joints))
+        q = numeric_ik.continued(self._chain, path, start.reshape(-1, joints), on_step)
         return q.reshape(-1, len(first), count, joints).swapaxes(0, 1)
 
     @cached_property

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arguments import Shape, checked_arguments, checked_fields
 from scancell.errors import MeshError
 from scancell.geometry import orientation, pose
 from scancell.geometry.mesh_files import FORMATS, Vertices, read_mesh, weld
@@ -39,6 +41,7 @@ _HULL_ERROR = 1e-4  # of the largest extent by which points may lie outside an a
 _BLOCK = 1 << 14  # faces worked on at a time, which stay in the cache
 
 
+@checked_fields
 @dataclass(frozen=True)
 class Mesh:
     """Vertices (n, 3) in metres, faces (m, 3) of vertex numbers; `source` is the file or a name.
@@ -46,10 +49,16 @@ class Mesh:
     `warnings` are sentences for people about what was found, and repaired, when the file was read.
     """
 
-    vertices: Array
-    faces: NDArray[np.int64]
+    vertices: Annotated[Array, Shape((None, 3), finite=False)]
+    faces: Annotated[NDArray[np.int64], Shape((None, 3), int)]
     source: str = ""
     warnings: tuple[str, ...] = ()
+
+    @cached_property
+    def usable(self) -> Mesh:
+        """The mesh itself; `MeshError` unless it has finite vertices and faces of them, one of which has an area."""
+        _check_mesh(self.vertices, self.faces, self.source or "mesh")
+        return self
 
     @cached_property
     def bounds(self) -> Array:
@@ -98,7 +107,8 @@ class Mesh:
         a, b, c = np.moveaxis(self.vertices[self.faces], 1, 0)
         return np.cross(b - a, c - a)
 
-    def transformed(self, target_from_part: ArrayLike) -> Mesh:
+    @checked_arguments
+    def transformed(self, target_from_part: Annotated[ArrayLike, Shape((4, 4))]) -> Mesh:
         """The mesh in another frame."""
         return Mesh(pose.transform_points(target_from_part, self.vertices), self.faces, self.source, self.warnings)
 

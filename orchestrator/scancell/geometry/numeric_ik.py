@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Protocol
 
@@ -120,10 +121,11 @@ def distinct_solutions(arm: Kinematics, targets: Array, seeds: Array, count: int
     return np.take_along_axis(q, order[..., None], 1)
 
 
-def continued(arm: Kinematics, path: Array, start: Array) -> Array:
+def continued(arm: Kinematics, path: Array, start: Array, on_step: Callable[[int], None] | None = None) -> Array:
     """Joints (k, n, joints), rad, along paths of poses (k, n, 4, 4) that begin at joints `start` (n, joints).
 
     Poses between are straight. NaN from where a path leaves the reach, or passes a singular pose on another branch.
+    `on_step` is called with the number of solutions before each step.
     """
     q = [start]
     for here, there in pairwise(path):
@@ -131,6 +133,8 @@ def continued(arm: Kinematics, path: Array, start: Array) -> Array:
         legs = _legs(here, there)
         for k in range(1, legs + 1):
             alive = np.isfinite(at).all(-1)
+            if on_step is not None:
+                on_step(int(alive.sum()))
             between = there if k == legs else pose.interpolate_straight(here, there, np.full(len(here), k / legs))
             reached = refine(arm, between[alive], at[alive], iterations=12)
             reached[~(np.abs(reached - at[alive]).max(-1) < _LARGEST_CHANGE)] = np.nan

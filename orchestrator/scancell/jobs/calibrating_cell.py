@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from scancell.arguments import Seed, checked_arguments
 from scancell.config.choices import CalibrationTarget, Engine, SensorTarget
 from scancell.config.files import assets_dir
 from scancell.config.keys import Assignments, assignments
@@ -29,6 +30,7 @@ class CalibratingCell(PreparedCell):
 
     _calibration: CalibrationScan | None = None
 
+    @checked_arguments
     def calibrate(
         self,
         request: CalibrationRequest | CalibrationTarget = "all",
@@ -37,7 +39,7 @@ class CalibratingCell(PreparedCell):
         unit: str = "mm",
         engine: Engine = "geometric",
         as_built: Assignments = (),
-        seed: int = 0,
+        seed: Seed = 0,
         setup: Setup | None = None,
         from_points: str | Path | None = None,
         progress: Progress | ProgressCallback | None = None,
@@ -74,12 +76,13 @@ class CalibratingCell(PreparedCell):
             return calibrate_from_points(scan, job, wanted, Path(from_points))
         return calibrate_in_cell(scan, job, wanted, engine, as_progress(progress))
 
+    @checked_arguments
     def calibrate_sensor(
         self,
         request: SensorCalibrationRequest | SensorTarget = "ball",
         *,
         as_built: Assignments = (),
-        seed: int = 0,
+        seed: Seed = 0,
         progress: Progress | ProgressCallback | None = None,
     ) -> SensorCalibrationReport:
         """Find the deviations of the sensor's cameras and laser sheet from its description.

@@ -8,6 +8,7 @@ from typing import Literal, Self
 
 import numpy as np
 
+from scancell.arguments import Seed, checked_fields
 from scancell.calibration.kinematics import LATENCY, PLATTER, TABLE, TOOL, WOBBLE
 from scancell.calibration.solve import solve
 from scancell.cell.as_built import parse_as_built
@@ -23,6 +24,7 @@ from scancell.scanning.job import Job
 _PASSES = 8
 
 
+@checked_fields
 @dataclass(frozen=True)
 class CalibrationRequest:
     """What to calibrate, and how; None for what suits `what`.
@@ -49,7 +51,7 @@ class CalibrationRequest:
     is_size_known: bool = True
     designed: bool = True
     robot_noise: Literal["none", "joints", "flange"] = "flange"
-    pose_seed: int = 0
+    pose_seed: Seed = 0
 
     @classmethod
     def of(cls, described: CalibrateDescription) -> Self:

@@ -23,7 +23,7 @@ class MeasuredTable:
     Raises
     ------
     DescriptionError
-        If the file is missing or no table.
+        If the file is missing, no table, or has no rows.
     """
 
     def __init__(self, path: Path) -> None:
@@ -32,9 +32,11 @@ class MeasuredTable:
             raise DescriptionError(f"{path}: no such file")
         try:
             is_csv = path.suffix.lower() == ".csv"
-            self._table = pyarrow.csv.read_csv(path) if is_csv else pyarrow.parquet.read_table(path)
+            self._table = _read_csv(path) if is_csv else pyarrow.parquet.read_table(path)
         except (pa.ArrowException, OSError) as error:
             raise DescriptionError(f"{path}: expected a Parquet or CSV table: {error}") from None
+        if not len(self):
+            raise DescriptionError(f"{path}: holds no rows below its header; expected at least one")
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
@@ -93,6 +95,12 @@ class MeasuredTable:
             return float(value)
         except (ValueError, TypeError):
             self.refuse(row, name, "expected a number")
+
+
+def _read_csv(path: Path) -> Any:
+    """Only an empty field is none: ``nan`` is a value, which messages show."""
+    options = pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=False)
+    return pyarrow.csv.read_csv(path, convert_options=options)
 
 
 def write_measured_table(path: Path, columns: dict[str, Any]) -> None:

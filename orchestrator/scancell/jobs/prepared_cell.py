@@ -6,13 +6,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Self
 
+from scancell.arguments import Threads, checked_arguments
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
 from scancell.config.keys import Assignments, assignments
 from scancell.config.loading import Setup, load_setup
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
-from scancell.errors import DescriptionError
+from scancell.errors import DescriptionError, ScancellError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import PartCache
 from scancell.nominal.plausibility import setup_warnings
@@ -24,6 +25,7 @@ from scancell.scanning.sense import make_sensors
 class PreparedCell(Closing):
     """Makes jobs for parts; see `Scanner` for the parameters."""
 
+    @checked_arguments
     def __init__(
         self,
         cell: str | Path | CellDescription | None = None,
@@ -32,18 +34,33 @@ class PreparedCell(Closing):
         *,
         settings: Assignments = (),
         ideal: bool = False,
-        threads: int = 0,
+        threads: Threads = 0,
         setup: Setup | None = None,
     ) -> None:
         self.setup = setup or load_setup(cell, sensor, scan, assignments(settings), ideal)
-        self.pipeline = ScanPipeline(threads)
+        self._pipeline: ScanPipeline | None = ScanPipeline(threads)
         self._parts = PartCache()
 
     @classmethod
-    def from_setup(cls, setup: Setup, threads: int = 0) -> Self:
+    @checked_arguments
+    def from_setup(cls, setup: Setup, threads: Threads = 0) -> Self:
         """A scanner for checked descriptions."""
         return cls(threads=threads, setup=setup)
 
+    @property
+    def pipeline(self) -> ScanPipeline:
+        """The steps of scans and what they keep; `ScancellError` after `close`."""
+        if self._pipeline is None:
+            raise ScancellError(
+                "the scanner is closed: expected a new one, or calls before the end of its `with` block"
+            )
+        return self._pipeline
+
+    def __enter__(self) -> Self:
+        _ = self.pipeline
+        return self
+
+    @checked_arguments
     def mesh(self, part: str | Path | Mesh, unit: str = "mm") -> Mesh:
         """The mesh of a part in metres, see `load_part`; a file is read again only when it has changed.
 
@@ -52,6 +69,7 @@ class PreparedCell(Closing):
         ScancellError
             If the file is missing, unreadable, empty or broken.
         """
+        _ = self.pipeline
         return self._parts.part(part, unit)
 
     def _job(
@@ -78,6 +96,8 @@ class PreparedCell(Closing):
         return tuple(setup_warnings(self.setup))
 
     def close(self) -> None:
-        """Free the FMU, its files and the scenes."""
-        self.pipeline.close()
+        """Free the FMU, its files and the scenes; the scanner refuses further calls."""
+        if self._pipeline is not None:
+            self._pipeline.close()
+        self._pipeline = None
         self._parts.clear()

@@ -10,6 +10,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import checked_fields
 from scancell.calibration.sensor_parameters import RADIUS_OFFSET, SensorParameters
 from scancell.config.choices import SensorTarget
 from scancell.config.loading import Setup, as_built_sensor, require_sensor_words
@@ -23,6 +24,7 @@ from scancell.progress import Progress
 _MOUNTING_MM, _MOUNTING_DEG = 0.5, 0.3  # standard deviations of a simulated stage's mounting
 
 
+@checked_fields
 @dataclass(frozen=True)
 class SensorCalibrationRequest:
     """What a sensor is calibrated by, and what is known.

@@ -83,9 +83,7 @@ class PartCache:
             If the file is missing, unreadable, empty or broken.
         """
         if isinstance(part, Mesh):
-            if not len(part.faces):
-                raise MeshError(f"{part.source or 'mesh'}: has no faces")
-            return part
+            return part.usable
         path = Path(part)
         status = path.stat() if path.is_file() else None
         key = (str(path.absolute()), unit, status.st_mtime_ns if status else 0, status.st_size if status else 0)

@@ -136,6 +136,7 @@ class Assembly:
         return float(angle + turn * np.round((self._at[-1] - angle) / turn))
 
     def _go(self, goal: Array, purpose: str) -> None:
+        self._approaching(purpose)
         for setpoints in self._connector.connect(self._at, goal, purpose):
             self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {purpose}")
 
@@ -152,6 +153,7 @@ class Assembly:
         """
         checked = slice(None, -1 if table_is_free else None)
         for point in points:
+            self._approaching(name)
             far = np.abs(point - self._at)[checked].max() > _SMALL_MOVE
             motions = self._connector.connect(self._at, point, name) if far else []
             for setpoints in motions[:-1]:
@@ -159,6 +161,9 @@ class Assembly:
             last = motions[-1] if motions else self._connector.move(self._at, point)
             number = self._append(last, TriggerRule("request"), 0.0, 0.0, name)
             self._exposures.append((number, point[None]))
+
+    def _approaching(self, name: str) -> None:
+        self._cell.work.doing = f"finding the motion to {name}; {len(self._segments)} segments were made"
 
     def _append(self, setpoints: Array, rule: TriggerRule, start: float, end: float, name: str) -> int:
         number = len(self._segments) + 1

@@ -17,12 +17,14 @@ from scancell.geometry import pose
 from scancell.planning import constraints
 from scancell.planning.model import PlanningCell
 from scancell.planning.reasons import out_of_reach
+from scancell.planning.work import CELL
 from scancell.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
+_BLOCK = 4096  # cells between two looks at the work
 ROTATION_LENGTH = 0.3  # m: weighs rotations against translations in singularity distances
 
 # Constraints of a cell, in the order of evaluation; user functions follow.
@@ -155,7 +157,9 @@ class ConfigurationMap:
         if new.any():
             # Neighbours in time follow each other, which shortens the distance queries.
             cells = np.unique(row[new] * self.columns + column[new])
-            self._evaluate(cells % self.columns, cells // self.columns)
+            for block in np.array_split(cells, -(-len(cells) // _BLOCK)):
+                self._cell.work.spend(CELL * len(block))
+                self._evaluate(block % self.columns, block // self.columns)
 
     def require_all(self) -> None:
         """Evaluate the whole map."""

@@ -31,6 +31,7 @@ from scancell.planning.placement import PATH_ACCELERATION, Infeasible, Placed, P
 from scancell.planning.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Judgements, Sight
 from scancell.planning.surface import Surface
 from scancell.planning.views import Pass, Sweep, exposure_counts
+from scancell.planning.work import WorkLimitError
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -44,6 +45,7 @@ _LEAST_GAIN = 2  # samples that a view must add
 _MOST_REFUSED = 60  # infeasible candidates in a row after which the others of a round are not tried
 _TRANSIT = 0.8  # s, about the time from one view to the next
 _SEED = 0
+CHOICE_SHARE = 0.7  # of the limit of work, after which no further views are chosen
 
 
 @dataclass(frozen=True)
@@ -240,7 +242,12 @@ class CoveragePlanner:
             self.covered.mean() >= self._wish.share
             or len(self._chosen) >= self._wish.max_views
             or self._spent() >= self._wish.max_time
+            or self._is_spent()
         )
+
+    def _is_spent(self) -> bool:
+        """Whether the work is used up that the choice may take; the rest is for the motions between views."""
+        return self._cell.work.spent > CHOICE_SHARE * self._cell.work.limit
 
     def _spent(self) -> float:
         return float(sum(self._pool.time[i] for i in self._chosen))
@@ -257,6 +264,7 @@ class CoveragePlanner:
             if gain[best] < min(_LEAST_GAIN, missing):
                 return
             view = self._pool.views[best]
+            self._cell.work.doing = self._reached(f"trying {view.name}")
             placed = self._place(view, self._count(view))
             if isinstance(placed, Infeasible):
                 self._pool.obstacle[best] = placed.reason
@@ -281,9 +289,15 @@ class CoveragePlanner:
         try:
             self._connector.connect(np.append(home, start[-1]), start, view.name)
             self._connector.connect(end, np.append(home, end[-1]), view.name)
+        except WorkLimitError:
+            raise
         except PlanningError as error:
             return Infeasible(str(error))
         return placed
+
+    def _reached(self, doing: str) -> str:
+        seen = 100 * float(self.covered.mean())
+        return f"{doing}; {len(self._chosen)} views that see {seen:.1f} % of the measurable surface were chosen"
 
     def _report(self) -> CoverageReport:
         seen, time = np.array(self._pool.seen), np.array(self._pool.time)

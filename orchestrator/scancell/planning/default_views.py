@@ -17,7 +17,6 @@ from scancell.planning.views import Sweep, exposure_counts, seen_by
 Flags = NDArray[np.bool_]
 
 # Largest fraction of the surface seen by all views that infeasible views may lose.
-_MAX_LOSS = 0.2
 # Replacements of an infeasible sweep: changes of elevation (rad) and of distance (m).
 _ALTERNATIVES = ((0.0, 0.015), (0.0, 0.03), *((np.radians(k), 0.0) for k in (15, 30, 45)))
 
@@ -39,7 +38,7 @@ def default_views(
     Raises
     ------
     PlanningError
-        If infeasible views lose more than a fifth of the surface, or there are too few exposures.
+        If infeasible views lose more of the surface than `ScanOptions.max_lost_share`, or there are too few exposures.
     """
     turns = paths.sweeps(part, cell.range, options.sweep) if options.sweep else []
     lines = paths.passes(part, cell.range, options.raster) if options.raster else []
@@ -63,7 +62,7 @@ def default_views(
                 warnings += [item.note] if item.note else []
     wanted = seen_by([*turns, *lines], cell.range, part)
     seen = seen_by([item.view for item, _ in placed], cell.range, part)
-    _check_loss(wanted, seen, warnings)
+    _check_loss(wanted, seen, options.max_lost_share, warnings)
     return placed, seen, warnings
 
 
@@ -87,9 +86,12 @@ def _reach_sweeps(placer: Placer, views: list[Sweep], warnings: list[str]) -> li
     return result
 
 
-def _check_loss(wanted: Flags, seen: Flags, warnings: list[str]) -> None:
-    """`PlanningError` when more than `_MAX_LOSS` of the samples (n,) that wanted views see is not `seen`."""
+def _check_loss(wanted: Flags, seen: Flags, most: float, warnings: list[str]) -> None:
+    """`PlanningError` when more than the share `most` of the samples (n,) that wanted views see is not `seen`."""
     lost = float((wanted & ~seen).mean() / max(wanted.mean(), 1e-12))
-    if lost > _MAX_LOSS:
-        title = f"{100 * lost:.0f} % of the surface seen by the requested views is out of reach"
+    if lost > most:
+        title = (
+            f"{100 * lost:.0f} % of the surface seen by the requested views is out of reach;"
+            f" scan.max_lost_share = {most:g} allows {100 * most:.0f} %"
+        )
         raise PlanningError(join_reasons(title, warnings))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from scancell.geometry.reduction import ReducedMesh, reduced
 from scancell.nominal.cell import OCCUPIED, NominalCell
 from scancell.planning.torques import TorqueLimits
 from scancell.planning.trajectory import Limits
+from scancell.planning.work import CONFIGURATION, NUMERICAL_POSE, NUMERICAL_ROW, NUMERICAL_STEP, POSE, Work
 from scancell.proximity.cell_scene import arm_chain, cell_scene
 from scancell.proximity.motion_check import MotionCheck
 from scancell.proximity.scene import Clash, ProximityScene
@@ -27,6 +28,7 @@ _TOUCHING = 1e-4  # m
 MOTION_SHARE = 0.8
 _MAX_FACES = 5000  # meshes with more are reduced
 _MAX_ERROR = 0.5e-3  # m: what a reduced mesh may leave out, which is added to the clearance
+_BLOCK = 512  # poses of inverse kinematics between two looks at the work
 _MAX_JUDGED_FACES = 100_000  # python-fcl takes 3 s to prepare a million
 
 
@@ -81,6 +83,8 @@ class PlanningCell:
         Torque limits of the joints, where the arm has dynamic drives.
     pair_clearance
         Clearances (m) of pairs of bodies by their names, in place of all other values for them.
+    work
+        Counts what is done with the cell, and ends it beyond a limit.
     """
 
     nominal: NominalCell
@@ -90,6 +94,7 @@ class PlanningCell:
     threads: int = 0
     torques: TorqueLimits | None = None
     pair_clearance: Mapping[frozenset[str], float] = field(default_factory=dict)
+    work: Work = field(default_factory=Work)
 
     @cached_property
     def axis_limits(self) -> Limits:
@@ -134,7 +139,7 @@ class PlanningCell:
     def motion_check(self, clearance: float) -> MotionCheck:
         """Check that motions keep `MOTION_SHARE` of the clearance of every pair, see `clearances`."""
         required = MOTION_SHARE * self.clearances(clearance) + self._errors
-        return MotionCheck(self.nominal, self.proximity, required, self.threads)
+        return MotionCheck(self.nominal, self.proximity, required, self.threads, spend=self.work.spend)
 
     def clearances(self, clearance: float) -> Array:
         """Distance (pairs,), m, that the bodies of each pair of `proximity` have to keep.
@@ -166,8 +171,15 @@ class PlanningCell:
 
     def clearance_violations(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
         """Pairs of bodies nearer than their `clearances` at joints (n, joints) and table angles (n,), rad."""
-        poses = self.nominal.body_poses(q, table)
-        return self.proximity.clearance_violations(poses, self.clearances(clearance) + self._errors, self.threads)
+        q, table = np.atleast_2d(np.asarray(q, float)), np.atleast_1d(np.asarray(table, float))
+        required, found = self.clearances(clearance) + self._errors, []
+        for first in range(0, len(q), _BLOCK):
+            rows = slice(first, first + _BLOCK)
+            self.work.spend(CONFIGURATION * len(q[rows]))
+            poses = self.nominal.body_poses(q[rows], table[rows])
+            clashes = self.proximity.clearance_violations(poses, required, self.threads)
+            found += [replace(clash, index=first + clash.index) for clash in clashes]
+        return found
 
     def contacts(self, q: ArrayLike, table: ArrayLike) -> list[Clash]:
         """Pairs of bodies that touch (0.1 mm) at joints (n, joints) and table angles (n,), rad."""
@@ -183,11 +195,33 @@ class PlanningCell:
 
         Parameters as in `Arm.ik`.
         """
-        return self.nominal.arm.ik(self._world_from_flange(table_from_sensor), reference, filtered)
+        targets = self._world_from_flange(table_from_sensor).reshape(-1, 4, 4)
+        shape = (len(targets), len(self.nominal.arm.joints))
+        near = None if reference is None else np.broadcast_to(np.asarray(reference, float), shape)
+        found = []
+        for start in range(0, max(1, len(targets)), _BLOCK):
+            rows = slice(start, start + _BLOCK)
+            self.work.spend(self._pose_work * len(targets[rows]))
+            found.append(self.nominal.arm.ik(targets[rows], None if near is None else near[rows], filtered))
+        return np.concatenate(found)
 
     def ik_along(self, table_from_sensor: ArrayLike, reference: ArrayLike | None = None) -> Array:
         """Joints (n, k, branches, joints), rad, along paths of sensor poses (n, k, 4, 4), see `Arm.ik_along`."""
-        return self.nominal.arm.ik_along(self._world_from_flange(table_from_sensor), reference)
+        targets = self._world_from_flange(table_from_sensor)
+        self.work.spend(self._pose_work * (len(targets) if self._is_numerical else targets[..., 0, 0].size))
+
+        def step(solutions: int) -> None:
+            self.work.spend(NUMERICAL_STEP + NUMERICAL_ROW * solutions)
+
+        return self.nominal.arm.ik_along(targets, reference, on_step=step)
+
+    @cached_property
+    def _is_numerical(self) -> bool:
+        return not self.nominal.arm.has_named_branches
+
+    @property
+    def _pose_work(self) -> float:
+        return NUMERICAL_POSE if self._is_numerical else POSE
 
     def _world_from_flange(self, table_from_sensor: ArrayLike) -> Array:
         world_from_sensor = self.nominal.world_from_table @ np.asarray(table_from_sensor, float)

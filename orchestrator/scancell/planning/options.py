@@ -76,6 +76,7 @@ class ScanOptions:
     verify: bool = True
     paths: tuple[PathDescription, ...] = ()
     coverage: CoverageOptions | None = None
+    max_lost_share: float = 0.2
 
     @property
     def spacing(self) -> Spacing:
@@ -131,6 +132,7 @@ def scan_options(scan: ScanDescription) -> ScanOptions:
         poses=poses,
         verify=scan.verify,
         paths=scan.path,
+        max_lost_share=scan.max_lost_share,
         coverage=CoverageOptions(scan.coverage.share, scan.coverage.max_views, scan.coverage.max_time_s)
         if scan.coverage.enabled
         else None,

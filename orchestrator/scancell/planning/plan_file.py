@@ -91,6 +91,8 @@ def read_plan(file: Path) -> Plan:
     DescriptionError
         If the file cannot be read or holds no plan, naming key, value and what was expected.
     """
+    if not file.is_file():
+        raise DescriptionError(f"{file}: no such file")
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

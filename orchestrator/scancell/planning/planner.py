@@ -11,7 +11,7 @@ from scancell.errors import PlanningError
 from scancell.planning import surface
 from scancell.planning.assembly import Assembly
 from scancell.planning.configuration_map import Judge
-from scancell.planning.coverage import CoveragePlanner
+from scancell.planning.coverage import CHOICE_SHARE, CoveragePlanner
 from scancell.planning.default_views import default_views
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import ScanOptions
@@ -41,7 +41,7 @@ def plan(cell: PlanningCell, options: ScanOptions, sight: Sight | None = None, j
     placer = Placer(cell, options.azimuth, options.clearance)
     assembly = Assembly(cell, options)
     if len(options.poses):
-        _plan_poses(options, placer, assembly)
+        _plan_poses(cell, options, placer, assembly)
         return verified(cell, options, Plan(*assembly.finish(), None, (), reduced=_reductions(cell)))
     along = _place_paths(cell, options, judges)
     needed = sum(len(item.exposures) for item in along)
@@ -56,8 +56,14 @@ def plan(cell: PlanningCell, options: ScanOptions, sight: Sight | None = None, j
     if options.coverage:
         assert sight is not None
         views, report = CoveragePlanner(cell, sight, options).choose(part, left)
+        if cell.work.spent > CHOICE_SHARE * cell.work.limit:
+            warnings.append(
+                f"views were chosen until {100 * CHOICE_SHARE:.0f} % of scan.max_planning_work ="
+                f" {cell.work.limit:g} was used: they see {100 * report.share:.1f} % of the measurable surface"
+            )
         seen = seen_by([placed.view for placed, _ in views], cell.range, part)
     else:
+        cell.work.doing = "placing sweeps and passes"
         views, seen, warnings = default_views(cell, options, part, placer, left, is_needed=not along)
     warnings += [item.note for item in along if item.note]
     _assemble(assembly, views, in_order=report is None)
@@ -74,9 +80,10 @@ def _reductions(cell: PlanningCell) -> tuple[str, ...]:
     return tuple(one.line(name) for name, one in found if one.original_faces > len(one.mesh.faces))
 
 
-def _plan_poses(options: ScanOptions, placer: Placer, assembly: Assembly) -> None:
+def _plan_poses(cell: PlanningCell, options: ScanOptions, placer: Placer, assembly: Assembly) -> None:
     if len(options.poses) > options.max_profiles:
         raise PlanningError(f"{len(options.poses)} poses are given, max_profiles allows {options.max_profiles}")
+    cell.work.doing = f"placing {len(options.poses)} poses"
     found = placer.poses(options.poses)
     reasons = [item.reason for item in found if isinstance(item, Infeasible)]
     if reasons:
@@ -97,7 +104,10 @@ def _place_paths(cell: PlanningCell, options: ScanOptions, judges: Sequence[Judg
         path for item in options.paths for path in sensor_paths(item, cell.nominal.part, cell.nominal.table_from_part)
     ]
     planner = PathPlanner(cell, options.clearance, judges)
-    placed = [planner.place(path) for path in found]
+    placed = []
+    for number, path in enumerate(found, start=1):
+        cell.work.doing = f"placing path {number} of {len(found)} ({path.name})"
+        placed.append(planner.place(path))
     reasons = [item for item in placed if isinstance(item, str)]
     if reasons:
         raise PlanningError(join_reasons("infeasible paths", reasons))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -25,6 +24,7 @@ from scancell.planning.options import CoverageOptions, ScanOptions
 from scancell.planning.reasons import join_reasons
 from scancell.planning.sight import Sight
 from scancell.planning.verification import check_part
+from scancell.planning.work import Work, WorkLimitError
 from scancell.progress import Progress
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 
@@ -124,6 +124,8 @@ class SetUpPlanner:
         Controller cycle, s.
     threads
         0: all cores.
+    work
+        Counts and limits the work of all set-ups together.
     """
 
     def __init__(
@@ -134,9 +136,10 @@ class SetUpPlanner:
         options: ScanOptions,
         cycle: float,
         threads: int = 0,
+        work: Work | None = None,
     ) -> None:
         self._cell, self._sensor, self._range, self._options = cell, sensor, sensor_range, options
-        self._cycle, self._threads = cycle, threads
+        self._cycle, self._threads, self._work = cycle, threads, work or Work()
         self._coverage = CoverageOptions(1.0, _MOST_VIEWS, _MOST_TIME)
 
     def propose(self, part: Mesh, share: float, progress: Progress) -> SetUps:
@@ -154,11 +157,14 @@ class SetUpPlanner:
             raise PlanningError(f'{part.source}: rests stably in no pose; clamp it (part.fixture = "clamped")')
         progress.stage("resting poses", min(len(all_rests), _MOST_RESTS), "poses")
         rests, seen, reasons = [], [], []
-        for rest in all_rests[:_MOST_RESTS]:
+        for number, rest in enumerate(all_rests[:_MOST_RESTS], start=1):
+            self._work.doing = f"looking at resting pose {number} of {min(len(all_rests), _MOST_RESTS)}"
             try:
                 nominal = self._nominal(part, self._placed(rest, 0.0, 0.0))
                 seen.append(self._measurable(nominal).measurable)
                 rests.append(rest)
+            except WorkLimitError:
+                raise
             except PlanningError as error:
                 reasons.append(str(error))
             progress.advance(1)
@@ -186,16 +192,23 @@ class SetUpPlanner:
         progress.stage("placements", len(_HEIGHTS_MM) * len(_OFFSETS), "placements")
         found = []
         for placed in self._placements(part, rest):
-            with suppress(PlanningError):  # beyond the edge of the table
+            try:
                 nominal = self._nominal(part, placed)
-                found.append((placed, nominal, self._measurable(nominal)))
-            progress.advance(1)
+            except WorkLimitError:
+                raise
+            except PlanningError:  # beyond the edge of the table
+                continue
+            finally:
+                progress.advance(1)
+            found.append((placed, nominal, self._measurable(nominal)))
         central, best = found[0], max(found, key=lambda item: item[2].measurable_fraction)
         gains = best[2].measurable_fraction > central[2].measurable_fraction + _WORTH
         made, reasons = [], []
         for placement in (central, best) if gains else (central,):
             try:
                 made.append(self._set_up(rest, *placement))
+            except WorkLimitError:
+                raise
             except PlanningError as error:
                 reasons.append(str(error))
         if not made:
@@ -234,15 +247,15 @@ class SetUpPlanner:
         return nominal
 
     def _planning_cell(self, nominal: NominalCell) -> PlanningCell:
-        return PlanningCell(nominal, self._range, self._cycle, threads=self._threads)
+        return PlanningCell(nominal, self._range, self._cycle, threads=self._threads, work=self._work)
 
     def _measurable(self, nominal: NominalCell) -> MeasurableSurface:
-        return measurable_surface(nominal, self._sensor, _SAMPLES, threads=self._threads)
+        return measurable_surface(nominal, self._sensor, _SAMPLES, self._work, threads=self._threads)
 
     def _scanned(self, nominal: NominalCell, found: MeasurableSurface) -> tuple[Flags, float]:
         """(n,) samples that feasible views see, and their time (s)."""
         cell = self._planning_cell(nominal)
-        sight = Sight(nominal, self._sensor, lambda *_: found, self._threads)
+        sight = Sight(nominal, self._sensor, lambda *_: found, self._threads, self._work)
         options = replace(self._options, coverage=self._coverage)
         part = surface.sample(nominal.part, nominal.table_from_part)
         planner = CoveragePlanner(cell, sight, options)

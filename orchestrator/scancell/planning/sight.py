@@ -12,6 +12,7 @@ from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 from scancell.planning.views import View
+from scancell.planning.work import SIGHT, Work
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 from scancell.visibility.sensor_field import SensorField, SensorOptics
 from scancell.visibility.surface_search import INCIDENCE_LIMIT, SurfaceSearch
@@ -46,6 +47,8 @@ class Sight:
         Finds the measurable surface; asked for once.
     threads
         0: all cores. Results do not depend on it.
+    work
+        Counts the judgements.
     """
 
     def __init__(
@@ -54,9 +57,10 @@ class Sight:
         sensor: SensorDescription,
         measurable: Callable[[NominalCell, SensorDescription], MeasurableSurface] = measurable_surface,
         threads: int = 0,
+        work: Work | None = None,
     ) -> None:
         self._nominal, self._description, self._measurable = nominal, sensor, measurable
-        self._threads = threads
+        self._threads, self._work = threads, work or Work()
 
     @cached_property
     def surface(self) -> MeasurableSurface:
@@ -104,6 +108,7 @@ class Sight:
 
     def judge_at(self, table_from_sensor: Array, rows: Indices) -> Judgements:
         """(k,) the same for the samples `rows` (k,), each from a pose (k, 4, 4) with the sample in the laser sheet."""
+        self._work.spend(SIGHT * len(rows))
         points, normals = self.points[rows], self.normals[rows]
         result = np.full(len(rows), OUT_OF_RANGE, np.int8)
         in_view = self.optics.contains(pose.transform_each(pose.inverse(table_from_sensor), points))

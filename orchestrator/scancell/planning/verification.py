@@ -11,9 +11,11 @@ from scancell.planning.options import ScanOptions
 from scancell.planning.plan import Plan
 from scancell.planning.reasons import describe
 from scancell.planning.timing import axis_name
-from scancell.proximity.judge import first_collision
+from scancell.planning.work import CONFIGURATION
+from scancell.proximity.judge import Judge
 
 _SAME_PLACE = 1e-6  # rad
+_BLOCK = 1024  # poses that python-fcl checks between two looks at the work
 
 
 def check_part(cell: PlanningCell) -> None:
@@ -96,11 +98,18 @@ def verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
         np.concatenate([segment.q[::2] for segment in segments]),
         np.concatenate([segment.table[::2] for segment in segments]),
     )
-    clash = first_collision(cell.judged_meshes, cell.proximity.pairs, cell.proximity.names, poses)
-    if clash is None:
+    cell.work.doing = "checking the finished plan by python-fcl"
+    judge = Judge(cell.judged_meshes, cell.proximity.pairs, cell.proximity.names)
+    for first in range(0, len(poses), _BLOCK):
+        block = poses[first : first + _BLOCK]
+        cell.work.spend(CONFIGURATION * len(block))
+        clash = judge.first_collision(block)
+        if clash is not None:
+            break
+    else:
         return made
     starts = np.cumsum([0, *(len(segment.times[::2]) for segment in segments)])
-    number = int(np.searchsorted(starts, clash.index, side="right")) - 1
-    segment, at = segments[number], 2 * int(clash.index - starts[number])
+    number = int(np.searchsorted(starts, first + clash.index, side="right")) - 1
+    segment, at = segments[number], 2 * int(first + clash.index - starts[number])
     place = f"segment {segment.id} ({segment.name}), {segment.times[at]:.3f} s after its start"
     raise PlanningError(f"python-fcl finds that {clash.body_a} hits {clash.body_b} in {place}")

@@ -9,6 +9,7 @@ than their spacing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,8 @@ Flags = NDArray[np.bool_]
 _CONTACT = 1e-9  # m: bodies closer than this intersect
 _FINEST = 1e-5  # rad
 _UNLIMITED = 2**62
+_BLOCK = 512  # motions between two looks at the work
+_MOTION_WORK = 3e-4  # about seconds, for a motion and for each radian of it
 
 
 @dataclass
@@ -70,6 +73,8 @@ class MotionCheck:
         Threads of the distance queries, which do not change the result; 0 uses all cores.
     finest
         Angle from the middle of an interval to its ends, rad: what is not proved there counts as a violation.
+    spend
+        Called with the estimated work of every block of motions of `first_clashes`, before it is done.
     """
 
     def __init__(
@@ -79,11 +84,12 @@ class MotionCheck:
         clearance: ArrayLike,
         threads: int = 0,
         finest: float = _FINEST,
+        spend: Callable[[float], None] | None = None,
     ) -> None:
         self._scene = scene
         self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
         self._threads = threads
-        self._finest = finest
+        self._finest, self._spend = finest, spend
         self._native = MotionProof(scene.native, MotionBounds(nominal, scene.pairs).native)
 
     def first_clashes(
@@ -103,13 +109,18 @@ class MotionCheck:
         """
         motions = self._motions(start, end, deviation, clearance)
         found: list[MotionClash | None] = []
-        for i, clash in enumerate(self._native.first_clashes(*motions, self._finest, self._threads)):
-            if clash is None:
-                found.append(None)
-                continue
-            pair, distance, fraction = clash
-            required = max(float(motions[3][i, pair]), _CONTACT)
-            found.append(MotionClash(i, *self._scene.pairs[pair], distance, required, fraction))
+        for first in range(0, len(motions[0]), _BLOCK):
+            from_, to, slack, required = (one[first : first + _BLOCK] for one in motions)
+            if self._spend is not None:
+                self._spend(_MOTION_WORK * float((1 + np.abs(to - from_).max(1)).sum()))
+            clashes = self._native.first_clashes(from_, to, slack, required, self._finest, self._threads)
+            for i, clash in enumerate(clashes):
+                if clash is None:
+                    found.append(None)
+                    continue
+                pair, distance, fraction = clash
+                needed = max(float(required[i, pair]), _CONTACT)
+                found.append(MotionClash(first + i, *self._scene.pairs[pair], distance, needed, fraction))
         return found
 
     def violations(

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import Pose, Shape, checked_arguments, checked_fields
+from scancell.errors import DescriptionError
 from scancell.geometry import pose
 
 Array = NDArray[np.float64]
 
+_VECTORS = Shape((None, 3), finite=False)
+_NUMBERS, _INTEGERS = Shape((None,), finite=False), Shape((None,), int)
 
+
+@checked_fields
 @dataclass(frozen=True)
 class Cloud:
     """Point cloud of n points in the part frame (the coordinate system of the mesh file), m and s.
@@ -36,16 +42,29 @@ class Cloud:
         (n,) index, segment and mid-exposure time (s) of the trigger.
     """
 
-    points_in_part: Array
-    normals: Array
-    sigma: NDArray[np.floating[Any]]
-    intensity: NDArray[np.floating[Any]]
-    quality: NDArray[np.floating[Any]]
-    camera: NDArray[np.int32]
-    column: NDArray[np.int32]
-    profile: NDArray[np.int32]
-    segment: NDArray[np.int32]
-    time: Array
+    points_in_part: Annotated[Array, _VECTORS]
+    normals: Annotated[Array, _VECTORS]
+    sigma: Annotated[NDArray[np.floating[Any]], _NUMBERS]
+    intensity: Annotated[NDArray[np.floating[Any]], _NUMBERS]
+    quality: Annotated[NDArray[np.floating[Any]], _NUMBERS]
+    camera: Annotated[NDArray[np.int32], _INTEGERS]
+    column: Annotated[NDArray[np.int32], _INTEGERS]
+    profile: Annotated[NDArray[np.int32], _INTEGERS]
+    segment: Annotated[NDArray[np.int32], _INTEGERS]
+    time: Annotated[Array, _NUMBERS]
+
+    def __post_init__(self) -> None:
+        """Refuse columns of different lengths.
+
+        Raises
+        ------
+        DescriptionError
+            Naming the column and its length.
+        """
+        for field in fields(self):
+            length = len(getattr(self, field.name))
+            if length != len(self):
+                raise DescriptionError(f"{field.name}: {length} rows: expected {len(self)}, one for each point")
 
     def __len__(self) -> int:
         return len(self.points_in_part)
@@ -54,13 +73,17 @@ class Cloud:
         """The cloud of the points selected by a mask, index array or slice."""
         return type(self)(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
 
-    def transformed(self, target_from_source: Array) -> Self:
+    @checked_arguments
+    def transformed(self, target_from_source: Pose) -> Self:
         """The cloud in another frame: points and normals moved by a pose (4, 4)."""
         points = pose.transform_points(target_from_source, self.points_in_part)
         return replace(self, points_in_part=points, normals=self.normals @ target_from_source[:3, :3].T)
 
     @classmethod
+    @checked_arguments
     def concatenate(cls, clouds: Sequence[Cloud]) -> Self:
         """Concatenation of several clouds."""
+        if not clouds:
+            raise DescriptionError("clouds: expected at least one")
         names = [field.name for field in fields(cls)]
         return cls(**{name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in names})

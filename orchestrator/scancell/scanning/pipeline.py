@@ -10,7 +10,7 @@ import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -42,6 +42,7 @@ from scancell.planning.planner import plan
 from scancell.planning.sight import Sight
 from scancell.planning.torques import TorqueLimits
 from scancell.planning.verification import recheck
+from scancell.planning.work import Work
 from scancell.progress import Progress
 from scancell.proximity.cell_check import check_cell
 from scancell.reconstruction.cloud import Cloud
@@ -139,11 +140,13 @@ class ScanPipeline(Closing):
         sensor: sensor_rt.Sensor,
         saved: Plan | None = None,
         judges: Sequence[Judge] = (),
+        progress: Progress | None = None,
     ) -> Plan:
         """The plan of the scan description, or a `saved` one checked again.
 
         It is cached by a digest of all inputs, unless there are `judges`, see `planner.plan`. Any thread may call;
-        one that asks for the same plan meanwhile waits for it.
+        one that asks for the same plan meanwhile waits for it. `progress` may
+        cancel; its steps are not counted.
 
         Raises
         ------
@@ -152,9 +155,10 @@ class ScanPipeline(Closing):
         PlanningError
             Naming the poses that cannot be reached, or the bodies that collide.
         """
-        cell = self._planning_cell(loaded, setup, sensor)
+        work = Work(setup.scan.max_planning_work, progress)
+        cell = replace(self._planning_cell(loaded, setup, sensor), work=work)
         nominal = cell.nominal
-        sight = Sight(nominal, setup.sensor, self._measurable, self.threads)
+        sight = Sight(nominal, setup.sensor, partial(self._measurable, work), self.threads, work)
         is_dynamic, described = setup.cell.robot.drive == "dynamic", [setup.scan.model_dump_json()]
         # Only what this plan depends on: a study of other values plans once.
         described += [setup.sensor.model_dump_json()] if setup.scan.coverage.enabled else []
@@ -197,8 +201,8 @@ class ScanPipeline(Closing):
         own = pair_clearances(setup.scan, nominal)
         return PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads, pair_clearance=own)
 
-    def _measurable(self, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
-        return measurable_surface(nominal, sensor, cache=cache_folder(), threads=self.threads)
+    def _measurable(self, work: Work, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
+        return measurable_surface(nominal, sensor, progress=work, cache=cache_folder(), threads=self.threads)
 
     def drive(
         self,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.cell.recording import Recording
 from scancell.config.choices import Engine, Frame
 from scancell.config.loading import Setup
@@ -90,12 +90,13 @@ class ScanData:
         """Names of the cameras, by camera index."""
         return [camera.name for camera in self.sensors.nominal.cameras]
 
+    @checked_arguments
     def frame_from_part(self, frame: Frame, table_angle: float = 0.0) -> Array:
         """Estimated pose (4, 4) of the part in a frame, with the table at `table_angle` (rad).
 
         Raises
         ------
-        ValueError
+        DescriptionError
             If `frame` is not part, table, base or world.
         """
         cell = self.estimated
@@ -108,8 +109,8 @@ class ScanData:
                 return cell.world_from_part(table_angle)
             case "base":
                 return np.asarray(pose.inverse(cell.arm.world_from_base) @ cell.world_from_part(table_angle))
-        raise ValueError(f"frame = {frame!r}: expected {', '.join(get_args(Frame))}")
 
+    @checked_arguments
     def points_in(self, frame: Frame, table_angle: float = 0.0) -> Array:
         """Points (n, 3) of the cloud in a frame, m, with the table at `table_angle` rad; see `frame_from_part`."""
         return pose.transform_points(self.frame_from_part(frame, table_angle), self.cloud.points_in_part)

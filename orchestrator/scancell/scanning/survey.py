@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import checked_arguments, checked_fields
 from scancell.config.loading import Setup
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError, PlanningError
@@ -28,6 +29,7 @@ from scancell.planning.placement import PlacedPose
 from scancell.planning.plan import Plan
 from scancell.planning.space_map import Profiles, SpaceMap
 from scancell.planning.verification import check_part
+from scancell.planning.work import Work, WorkLimitError
 from scancell.progress import Progress
 from scancell.scanning.drive import DriveRequest
 from scancell.scanning.pipeline import LoadedCell, ScanPipeline
@@ -85,6 +87,7 @@ class SurveyRegion:
             )
 
 
+@checked_fields
 @dataclass(frozen=True)
 class SurveyResult:
     """What a survey found.
@@ -123,6 +126,7 @@ class SurveyResult:
         over = np.linalg.norm(blocked.centres[..., :2], axis=-1) <= self.table_radius
         return {"fixed": blocked, "table": replace(blocked, occupied=blocked.occupied & over)}
 
+    @checked_arguments
     def save(self, path: str | Path) -> Path:
         """Write the voxels for ``[[occupied]]`` of a scan (NPZ).
 
@@ -185,14 +189,16 @@ class Survey:
         Raises
         ------
         PlanningError
-            If the home position is not free, or no exposure is possible.
+            If the home position is not free, no exposure is possible, or ``scan.max_planning_work`` is used up.
         CellError
             If the FMU reports an error.
         """
-        counts = np.zeros(3, np.int64)
+        counts, work = np.zeros(3, np.int64), Work(self._setup.scan.max_planning_work, progress)
         layers = self._layers()
         for height in layers:
-            counts += self._survey_layer(self._poses(height), progress)
+            progress.stage("planning a layer", 1, "plan")
+            work.doing = f"planning the layer {1e3 * height:.0f} mm above the table"
+            counts += self._survey_layer(self._poses(height), work, progress)
         if not counts[0]:
             raise PlanningError("no pose of the survey can be reached: reduce its radius or height")
         return SurveyResult(self.space, self._region, self._loaded.nominal.table_radius, *counts.tolist())
@@ -218,9 +224,9 @@ class Survey:
             found += [pose.translation((x, y, height)) @ down for x in seen[:: 1 if number % 2 else -1]]
         return np.array(found)
 
-    def _survey_layer(self, poses: Array, progress: Progress) -> NDArray[np.int64]:
+    def _survey_layer(self, poses: Array, work: Work, progress: Progress) -> NDArray[np.int64]:
         """Numbers of exposures, of poses left out, and of points; adds what is seen to the map."""
-        plan, left_out = self._plan(poses)
+        plan, left_out = self._plan(poses, work)
         if plan is None:
             return np.array([0, left_out, 0])
         pipeline, loaded = self._pipeline, self._loaded
@@ -233,7 +239,7 @@ class Survey:
         self.space.add(seen, self._range)
         return np.array([len(recording), left_out, len(profiles.points_in_sensor)])
 
-    def _plan(self, poses: Array) -> tuple[Plan | None, int]:
+    def _plan(self, poses: Array, work: Work) -> tuple[Plan | None, int]:
         """A motion through free space to those of the poses that it leads to, and the number of the others."""
         setup, nominal = self._setup, self._loaded.nominal
         blocked = {"fixed": self.space.blocked(self._region.inflation)}
@@ -242,6 +248,7 @@ class Survey:
             self._range,
             setup.cell.world.controller_cycle_us * 1e-6,
             threads=self._pipeline.threads,
+            work=work,
         )
         check_part(cell)
         choices = self._free_joints(cell, poses)
@@ -278,6 +285,8 @@ class Survey:
                 return None
             try:
                 assembly.add_pose(PlacedPose("survey", choices[choice], 0.0))
+            except WorkLimitError:
+                raise
             except PlanningError:
                 continue
             return np.asarray(choices[choice])

@@ -26,6 +26,7 @@ from scancell.studies.batch_worker import ROW, open_batch_worker
 from scancell.studies.designs import trial_seed
 from scancell.studies.factors import Factors, nominal_setup
 from scancell.studies.results import INDEX_KEYS, index_table, write_table
+from scancell.studies.run_record import DESCRIPTION
 from scancell.studies.scan_worker import ScanWorker
 from scancell.studies.series import ScanSeries
 from scancell.studies.task import OpenWorker, Task
@@ -191,4 +192,8 @@ def write_index(batch: Batch, out: Path, failed: Mapping[str, str]) -> Collected
         else:
             missing.append(task.name)
     write_table(index_table(rows, batch.description.labels, batch.folder), out / INDEX)
-    return Collected(rows, missing)
+    collected = Collected(rows, missing)
+    if rows and not missing and len(collected.failed) == len(rows):
+        # Nothing is finished that another request could spoil: a mended one may begin here.
+        (out / DESCRIPTION).unlink(missing_ok=True)
+    return collected

@@ -1,0 +1,301 @@
+"""Checks of arguments at the public functions: NumPy scalars become plain numbers, wrong types a clear message.
+
+The annotations of a function say what it takes; `checked_arguments` holds callers to them.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import sys
+import types
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Integral, Real
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.errors import DescriptionError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+C = TypeVar("C", bound=type)
+
+_LONGEST = 80  # characters of a value in a message
+_LONGEST_NAME = 255  # bytes in the name of a file
+
+
+@dataclass(frozen=True)
+class Within:
+    """Bounds of a number, for ``Annotated``; a float is finite in any case."""
+
+    low: float = -np.inf
+    high: float = np.inf
+    above: bool = False  # whether `low` itself is excluded
+
+    def __contains__(self, value: float) -> bool:
+        return (self.low < value if self.above else self.low <= value) and value <= self.high
+
+    def __str__(self) -> str:
+        low = "" if self.low == -np.inf else f" {'above' if self.above else 'from'} {self.low:g}"
+        return low + ("" if self.high == np.inf else f" to {self.high:.12g}")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Shape of an array of numbers, for ``Annotated``; None: any length."""
+
+    lengths: tuple[int | None, ...]
+    dtype: type = float
+    finite: bool = True
+
+    def __str__(self) -> str:
+        lengths = ", ".join("n" if length is None else str(length) for length in self.lengths)
+        kind = "integers" if self.dtype is int else "finite numbers" if self.finite else "numbers"
+        return f"{kind} of shape ({lengths}{',' if len(self.lengths) == 1 else ''})"
+
+    def converted(self, value: Any) -> NDArray[Any]:
+        """The value as such an array, not copied where it is one."""
+        try:
+            array = np.asarray(value)
+        except (TypeError, ValueError):  # rows of several lengths
+            raise _RefusedError from None
+        if array.dtype.kind not in ("iu" if self.dtype is int else "iuf") and array.size:
+            raise _RefusedError
+        if array.ndim != len(self.lengths) or any(
+            wanted not in (None, length) for wanted, length in zip(self.lengths, array.shape, strict=True)
+        ):
+            raise _RefusedError(f"{self}; the shape is {array.shape}")
+        if self.finite and array.dtype.kind == "f" and not np.isfinite(array).all():
+            wrong = np.argwhere(~np.isfinite(array))
+            raise _RefusedError(f"{self}; {len(wrong)} are not finite, the first at {wrong[0].tolist()}")
+        return array
+
+
+Seed = Annotated[int, Within(0, 2**31 - 1)]
+Threads = Annotated[int, Within(0, 1024)]
+Count = Annotated[int, Within(1)]
+Length = Annotated[float, Within(0.0, 1e6, above=True)]
+Share = Annotated[float, Within(0.0, 1.0, above=True)]
+Pose = Annotated[NDArray[np.float64], Shape((4, 4))]
+Points = Annotated[NDArray[np.float64], Shape((None, 3))]
+
+_NUMBERS = (bool, int, float)
+
+
+class _RefusedError(Exception):
+    """A value, or the item at `path` of it, is not what was `expected`; empty: the whole type was not."""
+
+    def __init__(self, expected: str = "", path: str = "", value: Any = None) -> None:
+        super().__init__(expected)
+        self.expected, self.path, self.value = expected, path, value
+
+
+def checked_arguments(function: Callable[P, R], owner: type | None = None) -> Callable[P, R]:
+    """Hold the callers of a function to its annotations, or to those of the dataclass `owner` that it makes.
+
+    Numbers of NumPy become plain ones. An argument of another type raises a `DescriptionError` that names the argument,
+    its value and what was expected. Arguments that do not fit the signature raise a TypeError, as without the check.
+    """
+    signature = inspect.signature(function)
+
+    @functools.cache
+    def hints() -> dict[str, Any]:
+        if owner is not None:
+            return get_type_hints(owner, include_extras=True)
+        # Of the parameters only: a return type may be known to type checkers alone.
+        variadic = {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
+        given = {
+            name: one.annotation
+            for name, one in signature.parameters.items()
+            if one.kind not in variadic and one.annotation is not one.empty
+        }
+        return get_type_hints(
+            types.SimpleNamespace(__annotations__=given), vars(sys.modules[function.__module__]), include_extras=True
+        )
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        bound = signature.bind(*args, **kwargs)
+        for name, value in bound.arguments.items():
+            if name in hints():
+                bound.arguments[name] = checked_value(name, value, hints()[name])
+        return function(*bound.args, **bound.kwargs)
+
+    return call
+
+
+def checked_fields(cls: C) -> C:
+    """Hold whoever makes a dataclass to the types of its fields, as `checked_arguments` does."""
+    cls.__init__ = checked_arguments(cls.__init__, cls)  # type: ignore[misc]
+    return cls
+
+
+def checked_value(name: str, value: Any, hint: Any) -> Any:
+    """The value as the type `hint` has it.
+
+    Raises
+    ------
+    DescriptionError
+        Naming the argument, its value and what was expected.
+    """
+    try:
+        return _converted(value, hint)
+    except _RefusedError as error:
+        wrong = error.value if error.path else value
+        raise DescriptionError(
+            f"{name}{error.path} = {shown(wrong)}: expected {error.expected or _text(hint)}"
+        ) from None
+
+
+def shown(value: Any) -> str:
+    """A value in a message, on one line and not too long."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # of a foreign object
+        text = type(value).__name__
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}… ({type(value).__name__})"
+
+
+def _converted(value: Any, hint: Any) -> Any:  # noqa: PLR0911
+    origin, arguments = get_origin(hint), get_args(hint)
+    if hint in (Any, object):
+        return value
+    if origin is Annotated:
+        return _bounded(value, arguments[0], hint.__metadata__)
+    if origin in (Union, types.UnionType):
+        return _first(value, arguments)
+    if origin is Literal:
+        return _choice(value, arguments)
+    if hint in _NUMBERS:
+        return _number(value, hint)
+    if hint is str:
+        return _string(value)
+    if hint is Path:
+        return Path(_file_name(value.__fspath__() if isinstance(value, PathLike) else None))
+    if origin is not None:
+        return _collection(value, origin, arguments)
+    return _required(value, isinstance(value, types.NoneType if hint is None else hint))
+
+
+def _required(value: Any, condition: bool) -> Any:
+    if not condition:
+        raise _RefusedError
+    return value
+
+
+def _bounded(value: Any, hint: Any, bounds: Sequence[Any]) -> Any:
+    for bound in bounds:
+        if isinstance(bound, Shape):
+            value = bound.converted(value)
+        elif isinstance(bound, Within):
+            value = _converted(value, hint)
+            if value not in bound:
+                raise _RefusedError(f"{_text(hint)}{bound}")
+    return value
+
+
+def _first(value: Any, hints: Sequence[Any]) -> Any:
+    """The value as the first of several types that takes it."""
+    if isinstance(value, str) and Path in hints:
+        return _file_name(value)
+    inner = None
+    for hint in hints:
+        try:
+            return _converted(value, hint)
+        except _RefusedError as error:
+            if error.expected:  # of the right type, with a wrong content
+                inner = inner or error
+    raise inner or _RefusedError
+
+
+def _choice(value: Any, choices: tuple[Any, ...]) -> Any:
+    for choice in choices:
+        if isinstance(value, type(choice)) and value == choice:
+            return choice
+    raise _RefusedError
+
+
+def _number(value: Any, kind: type) -> Any:
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    is_flag = isinstance(value, bool | np.bool_)
+    if kind is bool:
+        return bool(_required(value, is_flag))
+    if kind is int:
+        return int(_required(value, isinstance(value, Integral) and not is_flag))
+    try:
+        number = float(_required(value, isinstance(value, Real) and not is_flag))
+    except OverflowError:  # an integer too large
+        raise _RefusedError from None
+    return _required(number, bool(np.isfinite(number)))
+
+
+def _string(value: Any) -> str:
+    if "\0" in _required(value, isinstance(value, str)):
+        raise _RefusedError("text without NUL characters")
+    return str(value)
+
+
+def _file_name(value: Any) -> str:
+    path = _string(value)
+    if any(len(name.encode(errors="replace")) > _LONGEST_NAME for name in path.split("/")):
+        raise _RefusedError(f"a path whose names have at most {_LONGEST_NAME} bytes")
+    return path
+
+
+def _collection(value: Any, origin: Any, arguments: tuple[Any, ...]) -> Any:
+    if not issubclass(origin, Mapping | Sequence):
+        return _required(value, isinstance(value, origin))
+    if issubclass(origin, Mapping):
+        _required(value, isinstance(value, Mapping))
+        made = {_item(key, arguments[0], key): _item(item, arguments[1], key) for key, item in value.items()}
+        return value if origin is dict else made  # a dict may be shared
+    is_array = isinstance(value, np.ndarray) and value.ndim > 0
+    _required(value, is_array or (isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray)))
+    hints = [arguments[0]] * len(value)
+    if origin is tuple and arguments[-1] is not Ellipsis:
+        hints = list(_required(arguments, len(arguments) == len(value)))
+    items = [_item(item, hint, number) for number, (item, hint) in enumerate(zip(value, hints, strict=True))]
+    return tuple(items) if origin is tuple else items
+
+
+def _item(value: Any, hint: Any, key: object) -> Any:
+    try:
+        return _converted(value, hint)
+    except _RefusedError as error:
+        wrong = error.value if error.path else value
+        raise _RefusedError(error.expected or _text(hint), f"[{key!r}]{error.path}", wrong) from None
+
+
+def _text(hint: Any) -> str:  # noqa: PLR0911
+    """What a type takes, in words."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return "".join(
+            str(one) if isinstance(one, Shape) else f"{_text(arguments[0])}{one}" for one in hint.__metadata__
+        )
+    if origin in (Union, types.UnionType):
+        return " or ".join(dict.fromkeys(_text(one) for one in arguments))
+    if origin is Literal:
+        return ", ".join(f"'{one}'" for one in arguments)
+    if origin is Callable:
+        return "a function"
+    if origin is not None and issubclass(origin, Mapping):
+        return "a mapping"
+    if origin is not None and issubclass(origin, Sequence):
+        return (
+            f"a sequence of ({_text(arguments[0])})"
+            if get_args(arguments[0])
+            else f"a sequence of {_text(arguments[0])}"
+        )
+    if origin is np.ndarray:
+        return "an array"
+    names = {float: "a finite number", int: "an integer", bool: "True or False", str: "text", Path: "a path"}
+    if hint in (None, types.NoneType):
+        return "None"
+    return names.get(hint) or f"a {getattr(hint, '__name__', hint)}"

@@ -1,0 +1,369 @@
+"""`PYTHONPATH=tests python -m bench.api_fuzzer --calls 500`: wrong arguments to everything that scancell exports.
+
+Half of the calls are valid but for one argument, in the others any argument may be wrong. A call may return or raise a
+`ScancellError`. The table counts both, and any other exception, which is a defect. Work that takes long gets a progress
+callback that cancels it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import faulthandler
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, chdir
+from dataclasses import dataclass, field, fields
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import scancell
+from scancell.geometry.mesh import box_mesh
+from scancell.jobs.calibration_job import CalibrationRequest
+from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest
+
+Arguments = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Target:
+    """Something to call, by name, and valid arguments of it.
+
+    Attributes
+    ----------
+    takes_long
+        Whether a call takes more than a second unless its progress cancels; it always does.
+    """
+
+    name: str
+    call: Callable[..., Any]
+    valid: Arguments
+    takes_long: bool = False
+
+    @property
+    def exported(self) -> str:
+        """Name in ``scancell.__all__``."""
+        return self.name.partition(".")[0]
+
+
+@dataclass
+class Outcome:
+    """Counts of a target's calls, and those that raised what they must not, with their numbers."""
+
+    name: str
+    returned: int = 0
+    refused: int = 0
+    defects: list[str] = field(default_factory=list)
+    kinds: Counter[str] = field(default_factory=Counter)
+    slowest: float = 0.0
+
+
+class Fuzzer(AbstractContextManager["Fuzzer"]):
+    """Targets that share a scanner, a scan and a folder, which is the current one meanwhile."""
+
+    def __init__(self) -> None:
+        self._stack = ExitStack()
+        self.folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="scancell-fuzz-")))
+        self._stack.enter_context(chdir(self.folder))
+        pose = {"x_mm": 0.0, "y_mm": 0.0, "z_mm": 130.0, "rx_deg": 180.0}
+        self.scan = scancell.ScanDescription(
+            pose=[pose, {**pose, "x_mm": 1.0}], mode="stop-and-look", settle_ms=0, verify=False
+        )
+        self.part = box_mesh((0.03, 0.03, 0.02), "block")
+        self.scanner = self._stack.enter_context(scancell.Scanner(scan=self.scan, threads=1))
+        self.closed = scancell.Scanner(scan=self.scan)
+        self.closed.close()
+        self.plan = self.scanner.plan(self.part)
+        self.result = self.scanner.scan(self.part, engine="geometric", plan=self.plan)
+        self.exposure = self.scanner.shot(self.part, [0, 0, 130, 180, 0, 0])
+        self.space = self.scanner.survey(self.part, radius=0.05, height=0.05, voxel=0.02, pitch=0.02)
+        self.result.save("run")
+        self.exposure.save("shot")
+        Path("part.obj").write_text("v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+        Path("study.toml").write_text(_STUDY)
+        Path("points.csv").write_text("x_mm,y_mm,z_mm\n")
+        self.targets = [*self._descriptions(), *self._data(), *self._scanner_calls(), *self._functions()]
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def run(self, target: Target, calls: int, seed: int) -> Outcome:
+        """Call a target with random arguments."""
+        outcome = Outcome(target.name)
+        for number in range(calls):
+            self.call(target, number, seed, outcome)
+        return outcome
+
+    def call(self, target: Target, number: int, seed: int, outcome: Outcome) -> None:
+        """Make one call and count it; the same number and seed make the same call."""
+        rng = np.random.default_rng([seed, *target.name.encode(), number])
+        given, start = self._arguments(target, number, rng), time.perf_counter()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                target.call(**given)
+        except scancell.ScancellError as error:
+            outcome.refused += 1
+            outcome.kinds[type(error).__name__] += 1
+        except Exception as error:
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            what = f"{type(error).__name__}: {error}"[:200]
+            shown = ", ".join(f"{key}={value!r:.80}" for key, value in given.items() if value is not target.valid[key])
+            outcome.defects.append(f"call {number}: {shown}\n    {what} ({Path(where.filename).name}:{where.lineno})")
+        else:
+            outcome.returned += 1
+        outcome.slowest = max(outcome.slowest, time.perf_counter() - start)
+
+    def _arguments(self, target: Target, number: int, rng: np.random.Generator) -> Arguments:
+        names = list(target.valid)
+        one = [names[rng.integers(len(names))]] if names else []
+        wrong = one if number % 2 == 0 else [name for name in names if rng.random() < 0.3]
+        return {name: self._odd(target, name, rng) if name in wrong else target.valid[name] for name in names}
+
+    def _odd(self, target: Target, name: str, rng: np.random.Generator) -> Any:
+        """Another value for an argument: of any type, or like the valid one."""
+        values = _like(target.valid[name]) if rng.random() < 0.4 else []
+        values = values or self._values()
+        value = values[rng.integers(len(values))]
+        return cancels if value is None and name == "progress" and target.takes_long else value
+
+    def _values(self) -> list[Any]:
+        """Values that an argument may be given; new ones each time, because a call may change them."""
+        plain = [None, True, False, 0, -1, 1, 3, 2**31, 10**400, 0.0, 0.5, -1.5, 1e300, np.nan, np.inf, 1j]
+        numpy = [
+            *(np.float32(0.5), np.float64(np.nan), np.float16(2), np.int64(2), np.uint8(1), np.bool_(True)),
+            *(np.str_("mm"), np.datetime64("2020-01-01"), np.array(0.5), np.array(3), np.array("text")),
+            *(np.zeros(0), np.zeros(3), np.zeros((0, 3)), np.zeros((4, 2)), np.zeros((2, 3)), np.ones((2, 3), int)),
+            *(np.full((2, 3), np.nan), np.eye(4), np.array([None, 1], object), np.zeros(6), np.zeros((2, 3), complex)),
+        ]
+        text = [
+            "",
+            "x",
+            "mm",
+            "geometric",
+            "a\0b",
+            "ä" * 300,
+            "no/such.stl",
+            "part.obj",
+            "run",
+            "points.csv",
+            "study.toml",
+        ]
+        paths = [Path("part.obj"), Path(), Path("missing"), b"part.obj", Path("run/cloud.ply"), Path("study.toml/x")]
+        collections = [
+            *([], {}, (), set(), [1, 2], [1, "a"], [None], ["x"], [[1], [2, 3]], range(3), iter([1]), {"a": 1}, {1: 2}),
+            *([("tool.x_mm", 0.1)], {"tool.x_mm": 0.1}, {"tool.x_mm": np.float32(0.1)}, {"tool.x_mm": "far"}),
+            *(["tool.x_mm=0.1"], ["tool.x_mm"], ["=1"], {"": 1}, {"sensor.laser.turn_y_deg": 0.1}, {"sensor": 1}),
+            *(
+                {"cell.part.x_mm": np.int64(1)},
+                {"cell.part.x_mm": np.nan},
+                {"scan.max_profiles": [1]},
+                {"cell[1].a": 1},
+            ),
+            *([1.0, 2.0, 130.0, 180.0, 0.0, 0.0], ["part.obj"], ["shot"], {"scan.max_profiles": [1]}, [0]),
+        ]
+        objects = [
+            *(object(), ..., cancels, ValueError("x"), Decimal(1), Fraction(1, 3), datetime.date(2020, 1, 1)),
+            *(self.part, self.result.cloud, self.plan, self.scan, self.scanner.setup, self.closed, self.result),
+            *(self.exposure, self.space, box_mesh((1e-6, 1e-6, 1e-6)), self.scanner.setup.sensor),
+        ]
+        return [*plain, *numpy, *text, *paths, *collections, *objects]
+
+    def _descriptions(self) -> list[Target]:
+        setup = self.scanner.setup
+        made = []
+        for one in (setup.cell, setup.sensor, setup.scan):
+            name, kind = type(one).__name__, type(one)
+            made += [
+                Target(name, kind, dict(one)),
+                Target(f"{name}.replace", lambda changes, one=one: one.replace(changes), {"changes": {}}),
+                Target(f"{name}.from_toml", kind.from_toml, {"path": "study.toml"}),
+                Target(f"{name}.to_toml", one.to_toml, {"path": "out.toml"}),
+            ]
+        return [*made, Target("Setup", scancell.Setup, vars(setup).copy())]
+
+    def _data(self) -> list[Target]:
+        cloud, result = self.result.cloud, self.result
+        return [
+            Target("Cloud", scancell.Cloud, _fields(cloud)),
+            Target("Cloud.transformed", cloud.transformed, {"target_from_source": np.eye(4)}),
+            Target("Cloud.concatenate", scancell.Cloud.concatenate, {"clouds": [cloud, cloud]}),
+            Target("Mesh", scancell.Mesh, _fields(self.part)),
+            Target("Mesh.transformed", self.part.transformed, {"target_from_part": np.eye(4)}),
+            Target("ScanResult", scancell.ScanResult, _fields(result)),
+            Target("ScanResult.save", result.save, {"folder": "saved", "formats": ["ply"], "frame": "part"}),
+            Target("ScanResult.evaluate", result.evaluate, {"progress": cancels}),
+            Target("ScanResult.coverage_of", result.coverage_of, {"samples": 100, "surface": None}),
+            Target("ScanResult.points_in", result.points_in, {"frame": "world", "table_angle": 0.5}),
+            Target("ScancellError", scancell.ScancellError, {}),
+            Target("ShotResult", scancell.ShotResult, _fields(self.exposure)),
+            Target("ShotResult.save", self.exposure.save, {"folder": "saved"}),
+            Target("SurveyResult", scancell.SurveyResult, _fields(self.space)),
+            Target("SurveyResult.save", self.space.save, {"path": "saved.npz"}),
+        ]
+
+    def _scanner_calls(self) -> list[Target]:
+        scanner, part = self.scanner, self.part
+        built: Arguments = {"as_built": {"tool.x_mm": 0.1}, "seed": 1}
+        of_sensor: Arguments = {"as_built": {"sensor.laser.turn_y_deg": 0.1}, "seed": 1}
+        estimated: Arguments = {"estimated": None, "estimated_sensor": None}
+        setup = {"cell": None, "sensor": None, "scan": self.scan, "settings": {}, "ideal": True, "threads": 1}
+        scan = {"part": part, "unit": "mm", "engine": "geometric", **built, **estimated, "plan": self.plan}
+        scan |= {"setup": None, "normals": True, "samples": True, "on_images": None, "hook": None, "progress": None}
+        survey = {"part": part, "unit": "mm", "radius": 0.05, "height": 0.05, "voxel": 0.02, "pitch": 0.02}
+        survey |= {"inflation": 0.002, **built, "progress": cancels}
+        calibrate = {"request": "tool", "artefact": None, "unit": "mm", "engine": "geometric", **built}
+        calibrate |= {"setup": None, "from_points": None, "progress": cancels}
+        render = {"recording": "run", "part": part, "unit": "mm", "engine": "geometric", **of_sensor, **estimated}
+        plan = {"part": part, "unit": "mm", "setup": None, "judges": (), "progress": None}
+        place = {"part": part, "share": 0.9, "unit": "mm", "progress": cancels}
+        sensor = {"request": "ball", **of_sensor, "progress": cancels}
+        shot = {"part": part, "pose": [0, 0, 130, 180, 0, 0], "unit": "mm", "engine": "geometric", **of_sensor}
+        return [
+            Target("Scanner", scancell.Scanner, {**setup, "setup": None}),
+            Target("Scanner.from_setup", scancell.Scanner.from_setup, {"setup": scanner.setup, "threads": 1}),
+            Target("Scanner.mesh", scanner.mesh, {"part": "part.obj", "unit": "mm"}),
+            Target("Scanner.scan", scanner.scan, scan),
+            Target("Scanner.scan closed", self.closed.scan, scan),
+            Target("Scanner.render", scanner.render, {**render, "on_images": None, "progress": None}),
+            Target("Scanner.plan", scanner.plan, plan),
+            Target("Scanner.survey", scanner.survey, survey, takes_long=True),
+            Target("Scanner.place", scanner.place, place, takes_long=True),
+            Target("Scanner.session", self._session, {"part": part, "unit": "mm", **built, "guarded": False}),
+            Target("Scanner.shot", scanner.shot, shot),
+            Target("Scanner.calibrate", scanner.calibrate, calibrate, takes_long=True),
+            Target("Scanner.calibrate_sensor", scanner.calibrate_sensor, sensor, takes_long=True),
+            Target("calibrate.Request", CalibrationRequest, _fields(CalibrationRequest())),
+            Target("calibrate_sensor.Request", SensorCalibrationRequest, _fields(SensorCalibrationRequest())),
+        ]
+
+    def _session(self, **arguments: Any) -> None:
+        with self.scanner.session(**arguments):
+            pass
+
+    def _functions(self) -> list[Target]:
+        part, sensor = self.part, self.scanner.setup.sensor
+        cell: Arguments = {"cell": None, "sensor": sensor, "scan": self.scan, "settings": {}}
+        run: Arguments = {"ideal": True, "threads": 1}
+        built: Arguments = {"as_built": {}, "seed": 1}
+        of_part: Arguments = {"part": part, "unit": "mm"}
+        no_scan = {name: value for name, value in cell.items() if name != "scan"}
+        of_acceptance = {"quick": True, "repeats": 1, "factors": None, "out": None, "threads": 1}
+        of_batch = {"parts": ["part.obj"], "out": "batch", "config": None, "variants": 1, "workers": 1, "seed": 1}
+        of_sensor = {"request": "ball", "sensor": sensor, "settings": {}}
+        evaluate = {
+            "cloud": self.result.cloud,
+            "mesh": part,
+            "artefact": None,
+            "align": "none",
+            "datum": (),
+            "out": None,
+        }
+        extract = {"images": ["shot"], "out": "extracted", "sensor": sensor, "settings": {}, "laser_off": ()}
+        geometric: Arguments = {"engine": "geometric"}
+        calibrate = {"request": "tool", "artefact": None, **cell, **run, **built}
+        render = {"recording": "run", **of_part, **no_scan, **run, **geometric}
+        shot = {**of_part, "pose": [0, 0, 130, 180, 0, 0], **no_scan, **run, **geometric}
+        study = {"file": "study.toml", "out": "study", "settings": {}, "workers": 1}
+        survey = {**of_part, **cell, **run, "radius": 0.05, "voxel": 0.02}
+        short = [
+            Target("evaluate", scancell.evaluate, {**evaluate, "out": None, "unit": "mm", "threads": 1}),
+            Target("extract", scancell.extract, {**extract, "sheet_um": None, "peaks": False, "threads": 1}),
+            Target("mesh", scancell.mesh, {"run": "run", "out": None, "method": "ball-pivoting", "spacing_mm": 5.0}),
+            Target("plan", scancell.plan, {**of_part, **cell, "progress": None}),
+            Target("render", scancell.render, render),
+            Target("scan", scancell.scan, {**of_part, **cell, **run, **built, **geometric, "plan": self.plan}),
+            Target("shot", scancell.shot, shot),
+        ]
+        long = [
+            Target("acceptance", scancell.acceptance, {**cell, **built, **geometric, **of_acceptance}),
+            Target("batch", scancell.batch, {**of_batch, **geometric}),
+            Target("calibrate", scancell.calibrate, calibrate),
+            Target("calibrate_sensor", scancell.calibrate_sensor, {**of_sensor, **run}),
+            Target("place", scancell.place, {**of_part, "share": 0.9, **cell}),
+            Target("study", scancell.study, study),
+            Target("survey", scancell.survey, survey),
+        ]
+        return [*short, *(Target(one.name, one.call, {**one.valid, "progress": cancels}, True) for one in long)]
+
+
+_STUDY = """
+name = "fuzz"
+part = "part.obj"
+engine = "geometric"
+[design]
+kind = "monte_carlo"
+trials = 1
+[[factor]]
+path = "as_built.tool.x_mm"
+distribution = { kind = "uniform", low = 0.0, high = 0.1 }
+"""
+
+
+def _like(valid: Any) -> list[Any]:  # noqa: PLR0911
+    """Values of the type of a valid one, or of NumPy's, right and wrong."""
+    if isinstance(valid, bool):
+        return [np.bool_(valid), np.array(valid), not valid]
+    if isinstance(valid, int | float):
+        kind = np.int64 if isinstance(valid, int) else np.float32
+        return [kind(valid), np.array(valid), -valid, 2 * valid, type(valid)(1e-3 * valid), 10**6 * valid]
+    if isinstance(valid, str):
+        return [np.str_(valid), Path(valid), valid.upper(), valid + " ", valid[:-1]]
+    if isinstance(valid, dict):
+        numbers = {key: np.float64(0.01) for key in valid}
+        return [numbers, dict.fromkeys(valid, "x"), [f"{key}=0.01" for key in valid], {**valid, "x": 1}]
+    if isinstance(valid, np.ndarray):
+        return [valid.tolist(), valid.astype(np.float32), valid[:-1], valid[::-1], np.full(valid.shape, np.nan), -valid]
+    if isinstance(valid, list | tuple):
+        return [tuple(valid), list(valid), valid[:-1], [*valid, *valid], [*valid, None]]
+    return []
+
+
+def cancels(*_: object) -> bool:
+    """A progress callback that cancels."""
+    return False
+
+
+def _fields(data: Any) -> Arguments:
+    return {one.name: getattr(data, one.name) for one in fields(data) if one.init}
+
+
+def main() -> None:
+    """Run the command."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--calls", type=int, default=500, help="calls of each target")
+    parser.add_argument("--seed", type=int, default=0, help="random seed")
+    parser.add_argument("--only", nargs="*", default=(), help="targets whose names begin with one of these")
+    parser.add_argument("--call", type=int, help="only the call of this number, with its traceback")
+    given = parser.parse_args()
+    faulthandler.enable()
+    total: Counter[str] = Counter()
+    with Fuzzer() as fuzzer:
+        print(f"{'target':<46}{'calls':>7}{'returned':>10}{'refused':>9}{'defects':>9}{'slowest s':>11}")
+        for target in fuzzer.targets:
+            if given.only and not target.name.startswith(tuple(given.only)):
+                continue
+            outcome = Outcome(target.name)
+            if given.call is not None:
+                fuzzer.call(target, given.call, given.seed, outcome)
+            else:
+                outcome = fuzzer.run(target, given.calls, given.seed)
+            total.update(calls=outcome.returned + outcome.refused + len(outcome.defects), defects=len(outcome.defects))
+            counts = f"{outcome.returned:>10}{outcome.refused:>9}{len(outcome.defects):>9}{outcome.slowest:>11.2f}"
+            print(f"{target.name:<46}{given.calls:>7}{counts}", flush=True)
+            for defect in outcome.defects[:8]:
+                print(f"  {defect}", flush=True)
+    print(f"{total['calls']} calls, {total['defects']} defects")
+    raise SystemExit(bool(total["defects"]))
+
+
+if __name__ == "__main__":
+    main()
