@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 import scancell
+from scancell.errors import CancelledError
 from scancell.geometry.mesh import box_mesh
 from scancell.jobs.calibration_job import CalibrationRequest
 from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest
@@ -41,12 +42,15 @@ class Target:
     ----------
     takes_long
         Whether a call takes more than a second unless its progress cancels; it always does.
+    is_refused
+        Whether even valid arguments are refused.
     """
 
     name: str
     call: Callable[..., Any]
     valid: Arguments
     takes_long: bool = False
+    is_refused: bool = False
 
     @property
     def exported(self) -> str:
@@ -96,8 +100,14 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         self._stack.close()
 
     def run(self, target: Target, calls: int, seed: int) -> Outcome:
-        """Call a target with random arguments."""
+        """Call a target with valid arguments, then with random ones."""
         outcome = Outcome(target.name)
+        try:
+            target.call(**target.valid)
+        except CancelledError:
+            assert target.takes_long, target.name
+        except scancell.ScancellError as error:
+            assert target.is_refused, f"{target.name}: {error}"
         for number in range(calls):
             self.call(target, number, seed, outcome)
         return outcome
@@ -182,10 +192,11 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         made = []
         for one in (setup.cell, setup.sensor, setup.scan):
             name, kind = type(one).__name__, type(one)
+            one.to_toml(f"{name}.toml")
             made += [
                 Target(name, kind, dict(one)),
                 Target(f"{name}.replace", lambda changes, one=one: one.replace(changes), {"changes": {}}),
-                Target(f"{name}.from_toml", kind.from_toml, {"path": "study.toml"}),
+                Target(f"{name}.from_toml", kind.from_toml, {"path": f"{name}.toml"}),
                 Target(f"{name}.to_toml", one.to_toml, {"path": "out.toml"}),
             ]
         return [*made, Target("Setup", scancell.Setup, vars(setup).copy())]
@@ -200,7 +211,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("Mesh.transformed", self.part.transformed, {"target_from_part": np.eye(4)}),
             Target("ScanResult", scancell.ScanResult, _fields(result)),
             Target("ScanResult.save", result.save, {"folder": "saved", "formats": ["ply"], "frame": "part"}),
-            Target("ScanResult.evaluate", result.evaluate, {"progress": cancels}),
+            Target("ScanResult.evaluate", result.evaluate, {"progress": cancels}, takes_long=True),
             Target("ScanResult.coverage_of", result.coverage_of, {"samples": 100, "surface": None}),
             Target("ScanResult.points_in", result.points_in, {"frame": "world", "table_angle": 0.5}),
             Target("ScancellError", scancell.ScancellError, {}),
@@ -222,7 +233,14 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         survey |= {"inflation": 0.002, **built, "progress": cancels}
         calibrate = {"request": "tool", "artefact": None, "unit": "mm", "engine": "geometric", **built}
         calibrate |= {"setup": None, "from_points": None, "progress": cancels}
-        render = {"recording": "run", "part": part, "unit": "mm", "engine": "geometric", **of_sensor, **estimated}
+        render = {
+            "recording": "run/recording.parquet",
+            "part": part,
+            "unit": "mm",
+            "engine": "geometric",
+            **of_sensor,
+            **estimated,
+        }
         plan = {"part": part, "unit": "mm", "setup": None, "judges": (), "progress": None}
         place = {"part": part, "share": 0.9, "unit": "mm", "progress": cancels}
         sensor = {"request": "ball", **of_sensor, "progress": cancels}
@@ -232,8 +250,8 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("Scanner.from_setup", scancell.Scanner.from_setup, {"setup": scanner.setup, "threads": 1}),
             Target("Scanner.mesh", scanner.mesh, {"part": "part.obj", "unit": "mm"}),
             Target("Scanner.scan", scanner.scan, scan),
-            Target("Scanner.scan closed", self.closed.scan, scan),
-            Target("Scanner.render", scanner.render, {**render, "on_images": None, "progress": None}),
+            Target("Scanner.scan closed", self.closed.scan, scan, is_refused=True),
+            Target("Scanner.render", scanner.render, {**render, **estimated, "on_images": None, "progress": None}),
             Target("Scanner.plan", scanner.plan, plan),
             Target("Scanner.survey", scanner.survey, survey, takes_long=True),
             Target("Scanner.place", scanner.place, place, takes_long=True),
@@ -270,14 +288,14 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         extract = {"images": ["shot"], "out": "extracted", "sensor": sensor, "settings": {}, "laser_off": ()}
         geometric: Arguments = {"engine": "geometric"}
         calibrate = {"request": "tool", "artefact": None, **cell, **run, **built}
-        render = {"recording": "run", **of_part, **no_scan, **run, **geometric}
+        render = {"recording": "run/recording.parquet", **of_part, **no_scan, **run, **geometric}
         shot = {**of_part, "pose": [0, 0, 130, 180, 0, 0], **no_scan, **run, **geometric}
         study = {"file": "study.toml", "out": "study", "settings": {}, "workers": 1}
         survey = {**of_part, **cell, **run, "radius": 0.05, "voxel": 0.02}
         short = [
             Target("evaluate", scancell.evaluate, {**evaluate, "out": None, "unit": "mm", "threads": 1}),
             Target("extract", scancell.extract, {**extract, "sheet_um": None, "peaks": False, "threads": 1}),
-            Target("mesh", scancell.mesh, {"run": "run", "out": None, "method": "ball-pivoting", "spacing_mm": 5.0}),
+            Target("mesh", scancell.mesh, {"run": "run", "out": None, "method": "ball-pivoting", "spacing_mm": 1.0}),
             Target("plan", scancell.plan, {**of_part, **cell, "progress": None}),
             Target("render", scancell.render, render),
             Target("scan", scancell.scan, {**of_part, **cell, **run, **built, **geometric, "plan": self.plan}),

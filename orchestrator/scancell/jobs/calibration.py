@@ -27,6 +27,7 @@ from scancell.nominal.cell import NominalCell
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
+from scancell.planning.work import Work
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.job import Job
@@ -187,6 +188,7 @@ class CalibrationScan:
             If the artefact cannot be measured, or what was measured does not determine the unknowns.
         """
         progress.stage("planning", 1, "plan")
+        self._cell = replace(self._cell, work=Work(self.job.setup.scan.max_planning_work, progress))
         plan = self.plan
         progress.advance(1)
         recording = self.pipeline.drive(job.drive_request(), plan, progress)

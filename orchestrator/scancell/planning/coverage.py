@@ -152,6 +152,7 @@ class CoveragePlanner:
         """
         if not len(self._sight.points):
             raise PlanningError("nothing of the part is measurable: no pose that the arm reaches sees its surface")
+        self._cell.work.doing = self._reached("judging sweeps")
         self._add_sweeps(part)
         fruitless, rng = 0, np.random.default_rng(_SEED)
         for _ in range(_ROUNDS if self._options.raster else 1):
@@ -159,6 +160,7 @@ class CoveragePlanner:
             is_enough = self._possible().mean() >= self._wish.share
             wanted = ~self.covered if is_enough or not self._pool.has_legs else ~self._possible()
             before = int(self._possible().sum() + self.covered.sum())
+            self._cell.work.doing = self._reached("judging passes")
             self._add_legs(np.flatnonzero(wanted), rng)
             if self._possible().mean() >= self._wish.share:
                 self._extend()

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import dask
-from distributed import Client, KilledWorker, LocalCluster, WorkerPlugin, as_completed
+from distributed import Client, KilledWorker, LocalCluster, WorkerPlugin, wait
 from distributed.client import FutureCancelledError
 
 from scancell.errors import EngineError
@@ -35,6 +35,7 @@ _SETTINGS = {
     "distributed.admin.tick.limit": "60s",  # no warnings about a busy machine
     "distributed.nanny.pre-spawn-environ.DASK_LOGGING__DISTRIBUTED": "critical",
 }
+_HEARTBEAT_S = 1.0
 _LOST = (FutureCancelledError, OSError, TimeoutError)
 
 
@@ -49,8 +50,10 @@ class _IgnoreInterrupts(WorkerPlugin):  # type: ignore[misc]
 
 def run_on_dask(
     job: Job, todo: Sequence[Task], target: ExecutionTarget, started: Callable[[str], None]
-) -> Iterator[TaskReport]:
-    """Reports of the tasks in the order in which they end; `started` is called with the dashboard's address.
+) -> Iterator[TaskReport | None]:
+    """Reports of the tasks in the order in which they end, and None every second without one.
+
+    `started` is called with the dashboard's address.
 
     Raises
     ------
@@ -71,12 +74,18 @@ def run_on_dask(
                 return future
             return None
 
-        running = as_completed([future for _ in range(ahead) if (future := submit()) is not None], loop=client.loop)
-        for future in running:
-            yield _report(client, future, futures.pop(future.key))
-            following = submit()
-            if following is not None:
-                running.add(following)
+        running = {future for _ in range(ahead) if (future := submit()) is not None}
+        while running:
+            try:
+                done, running = wait(running, timeout=_HEARTBEAT_S, return_when="FIRST_COMPLETED")
+            except TimeoutError:
+                yield None
+                continue
+            for future in done:
+                yield _report(client, future, futures.pop(future.key))
+                following = submit()
+                if following is not None:
+                    running.add(following)
 
 
 def _report(client: Client, future: Any, task: Task) -> TaskReport:

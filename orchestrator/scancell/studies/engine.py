@@ -102,8 +102,9 @@ def run_tasks(
     reports = _reports(job, todo, target, outcome, announce, began)
     try:
         for report in reports:
-            outcome.add(report)
-            progress.advance(1)
+            if report is not None:
+                outcome.add(report)
+            progress.advance(0 if report is None else 1)
     finally:
         reports.close()  # ends the workers now, not when the generator is collected
         job.store.sweep()  # files of workers that were killed
@@ -113,7 +114,7 @@ def run_tasks(
 
 def _reports(
     job: Job, todo: Sequence[Task], target: ExecutionTarget, outcome: RunOutcome, announce: Announce, began: float
-) -> Generator[TaskReport, None, None]:
+) -> Generator[TaskReport | None, None, None]:
     if target.shard is not None or not todo:
         outcome.start_seconds = time.perf_counter() - began
         try:
