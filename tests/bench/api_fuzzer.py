@@ -89,12 +89,17 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         self.result = self.scanner.scan(self.part, engine="geometric", plan=self.plan)
         self.exposure = self.scanner.shot(self.part, [0, 0, 130, 180, 0, 0])
         self.space = self.scanner.survey(self.part, radius=0.05, height=0.05, voxel=0.02, pitch=0.02)
-        self.result.save("run")
-        self.exposure.save("shot")
-        Path("part.obj").write_text("v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
-        Path("study.toml").write_text(_STUDY)
-        Path("points.csv").write_text("x_mm,y_mm,z_mm\n")
+        # Calls may write over what lies in the current folder: valid arguments are read from another one.
+        for folder in ("inputs", "."):
+            self._write_files(Path(folder))
         self.targets = [*self._descriptions(), *self._data(), *self._scanner_calls(), *self._functions()]
+
+    def _write_files(self, folder: Path) -> None:
+        self.result.save(folder / "run")
+        self.exposure.save(folder / "shot")
+        (folder / "part.obj").write_text(_TETRAHEDRON)
+        (folder / "study.toml").write_text(_STUDY)
+        (folder / "points.csv").write_text("x_mm,y_mm,z_mm\n")
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
@@ -192,11 +197,11 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         made = []
         for one in (setup.cell, setup.sensor, setup.scan):
             name, kind = type(one).__name__, type(one)
-            one.to_toml(f"{name}.toml")
+            one.to_toml(f"inputs/{name}.toml")
             made += [
                 Target(name, kind, dict(one)),
                 Target(f"{name}.replace", lambda changes, one=one: one.replace(changes), {"changes": {}}),
-                Target(f"{name}.from_toml", kind.from_toml, {"path": f"{name}.toml"}),
+                Target(f"{name}.from_toml", kind.from_toml, {"path": f"inputs/{name}.toml"}),
                 Target(f"{name}.to_toml", one.to_toml, {"path": "out.toml"}),
             ]
         return [*made, Target("Setup", scancell.Setup, vars(setup).copy())]
@@ -234,7 +239,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         calibrate = {"request": "tool", "artefact": None, "unit": "mm", "engine": "geometric", **built}
         calibrate |= {"setup": None, "from_points": None, "progress": cancels}
         render = {
-            "recording": "run/recording.parquet",
+            "recording": "inputs/run/recording.parquet",
             "part": part,
             "unit": "mm",
             "engine": "geometric",
@@ -248,7 +253,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         return [
             Target("Scanner", scancell.Scanner, {**setup, "setup": None}),
             Target("Scanner.from_setup", scancell.Scanner.from_setup, {"setup": scanner.setup, "threads": 1}),
-            Target("Scanner.mesh", scanner.mesh, {"part": "part.obj", "unit": "mm"}),
+            Target("Scanner.mesh", scanner.mesh, {"part": "inputs/part.obj", "unit": "mm"}),
             Target("Scanner.scan", scanner.scan, scan),
             Target("Scanner.scan closed", self.closed.scan, scan, is_refused=True),
             Target("Scanner.render", scanner.render, {**render, **estimated, "on_images": None, "progress": None}),
@@ -275,7 +280,14 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         of_part: Arguments = {"part": part, "unit": "mm"}
         no_scan = {name: value for name, value in cell.items() if name != "scan"}
         of_acceptance = {"quick": True, "repeats": 1, "factors": None, "out": None, "threads": 1}
-        of_batch = {"parts": ["part.obj"], "out": "batch", "config": None, "variants": 1, "workers": 1, "seed": 1}
+        of_batch = {
+            "parts": ["inputs/part.obj"],
+            "out": "batch",
+            "config": None,
+            "variants": 1,
+            "workers": 1,
+            "seed": 1,
+        }
         of_sensor = {"request": "ball", "sensor": sensor, "settings": {}}
         evaluate = {
             "cloud": self.result.cloud,
@@ -285,17 +297,19 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             "datum": (),
             "out": None,
         }
-        extract = {"images": ["shot"], "out": "extracted", "sensor": sensor, "settings": {}, "laser_off": ()}
+        extract = {"images": ["inputs/shot"], "out": "extracted", "sensor": sensor, "settings": {}, "laser_off": ()}
         geometric: Arguments = {"engine": "geometric"}
         calibrate = {"request": "tool", "artefact": None, **cell, **run, **built}
-        render = {"recording": "run/recording.parquet", **of_part, **no_scan, **run, **geometric}
+        render = {"recording": "inputs/run/recording.parquet", **of_part, **no_scan, **run, **geometric}
         shot = {**of_part, "pose": [0, 0, 130, 180, 0, 0], **no_scan, **run, **geometric}
-        study = {"file": "study.toml", "out": "study", "settings": {}, "workers": 1}
+        study = {"file": "inputs/study.toml", "out": "study", "settings": {}, "workers": 1}
         survey = {**of_part, **cell, **run, "radius": 0.05, "voxel": 0.02}
         short = [
             Target("evaluate", scancell.evaluate, {**evaluate, "out": None, "unit": "mm", "threads": 1}),
             Target("extract", scancell.extract, {**extract, "sheet_um": None, "peaks": False, "threads": 1}),
-            Target("mesh", scancell.mesh, {"run": "run", "out": None, "method": "ball-pivoting", "spacing_mm": 1.0}),
+            Target(
+                "mesh", scancell.mesh, {"run": "inputs/run", "out": None, "method": "ball-pivoting", "spacing_mm": 1.0}
+            ),
             Target("plan", scancell.plan, {**of_part, **cell, "progress": None}),
             Target("render", scancell.render, render),
             Target("scan", scancell.scan, {**of_part, **cell, **run, **built, **geometric, "plan": self.plan}),
@@ -313,6 +327,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         return [*short, *(Target(one.name, one.call, {**one.valid, "progress": cancels}, True) for one in long)]
 
 
+_TETRAHEDRON = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 _STUDY = """
 name = "fuzz"
 part = "part.obj"

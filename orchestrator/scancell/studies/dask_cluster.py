@@ -77,10 +77,13 @@ def run_on_dask(
         running = {future for _ in range(ahead) if (future := submit()) is not None}
         while running:
             try:
-                done, running = wait(running, timeout=_HEARTBEAT_S, return_when="FIRST_COMPLETED")
+                with client.as_current():
+                    done, running = wait(running, timeout=_HEARTBEAT_S, return_when="FIRST_COMPLETED")
             except TimeoutError:
                 yield None
                 continue
+            except _LOST as error:
+                raise _lost(client) from error
             for future in done:
                 yield _report(client, future, futures.pop(future.key))
                 following = submit()
@@ -95,10 +98,14 @@ def _report(client: Client, future: Any, task: Task) -> TaskReport:
         limit = dask.config.get("distributed.scheduler.allowed-failures")
         return TaskReport(task.name, "failed", f"{limit + 1} workers died while they ran it")
     except _LOST as error:
-        raise EngineError(f"lost the scheduler {client.scheduler.address}; resume to continue") from error
+        raise _lost(client) from error
     finally:
         future.release()
     return report
+
+
+def _lost(client: Client) -> EngineError:
+    return EngineError(f"lost the scheduler {client.scheduler.address}; resume to continue")
 
 
 @contextmanager
