@@ -234,7 +234,8 @@ def test_infeasible_scan_is_rejected(description, placement, message):
 
 
 def test_error_states_loss_for_too_tall_part():
-    with pytest.raises(PlanningError, match=r"% of the surface .* out of reach.*(by \d+ mm|outside its limits|hits)"):
+    pattern = r"% of the surface .* out of reach; scan\.max_lost_share = 0\.2 .*(by \d+ mm|outside its limits|hits)"
+    with pytest.raises(PlanningError, match=pattern):
         planned(mesh_of(trimesh.creation.cylinder(0.03, 1.5)))
 
 

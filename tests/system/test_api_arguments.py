@@ -14,6 +14,7 @@ from bench.api_fuzzer import Fuzzer, cancels
 from scancell.arguments import Seed, checked_arguments, checked_value
 from scancell.config.keys import Assignments
 from scancell.errors import CancelledError, DescriptionError, PlanningError, ScancellError
+from scancell.jobs.measured_table import MeasuredTable
 
 CALLS = 6  # of each target
 
@@ -142,11 +143,11 @@ def test_planning_ends_at_its_limit_of_work_and_states_what_it_reached(fuzzer: F
 
 def test_coverage_plan_keeps_the_views_that_its_limit_of_work_allowed(fuzzer: Fuzzer) -> None:
     settings = {"scan.coverage.enabled": True}
-    with scancell.Scanner(settings={**settings, "scan.max_planning_work": 1.0}) as scanner:
+    with scancell.Scanner(settings={**settings, "scan.max_planning_work": 3.2}) as scanner:
         few = scanner.plan(fuzzer.part)
     assert few.report is not None
     assert few.report.views >= 1
-    assert any("views were chosen until 70 % of scan.max_planning_work = 1 was used" in text for text in few.warnings)
+    assert any("views were chosen until 70 % of scan.max_planning_work = 3.2 was used" in text for text in few.warnings)
 
 
 def test_planning_is_cancelled_by_its_progress(fuzzer: Fuzzer) -> None:
@@ -162,3 +163,44 @@ def test_planning_is_cancelled_by_its_progress(fuzzer: Fuzzer) -> None:
             scanner.plan(fuzzer.part, progress=later)
         with pytest.raises(CancelledError):
             scanner.plan(fuzzer.part, progress=lambda *_: np.bool_(cancels()))
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+def test_missing_plan_file_is_named(fuzzer: Fuzzer) -> None:
+    with pytest.raises(DescriptionError, match=r"missing\.json: no such file"):
+        fuzzer.scanner.scan(fuzzer.part, plan="missing.json")
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("", r"points\.csv: holds no rows below its header"),
+        ("1,nan\n", r"points\.csv: column 'b', row 1: is nan: expected a finite number"),
+        ("1,\n", r"points\.csv: column 'b', row 1: is empty: expected a finite number"),
+    ],
+)
+def test_table_without_rows_and_value_that_is_no_number_are_named(tmp_path: Path, rows: str, message: str) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("a,b\n" + rows)
+    with pytest.raises(DescriptionError, match=message):
+        MeasuredTable(file).numbers("b")
+
+
+@pytest.mark.parametrize("kind", ["xyz", "ply", "csv"])
+def test_points_file_with_a_header_alone_is_named(fuzzer: Fuzzer, tmp_path: Path, kind: str) -> None:
+    text = {
+        "xyz": "x y z\n",
+        "csv": "x_mm,y_mm,z_mm\n",
+        "ply": "ply\nformat ascii 1.0\nelement vertex 0\n"
+        + "".join(f"property float {axis}\n" for axis in "xyz")
+        + "end_header\n",
+    }
+    file = tmp_path / f"points.{kind}"
+    file.write_text(text[kind])
+    with pytest.raises(ScancellError, match=rf"points\.{kind}"):
+        scancell.evaluate(file, mesh=fuzzer.part)
+    if kind == "csv":
+        with pytest.raises(ScancellError, match=r"points\.csv: holds no rows"):
+            fuzzer.scanner.calibrate("tool", from_points=file)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import os
 import signal
 import subprocess
@@ -250,6 +251,12 @@ def test_batch_fails_if_all_scans_fail(tmp_path) -> None:
     assert "all 1 scans failed" in done.message
     assert "empty.obj" in done.message
     assert len(pyarrow.parquet.read_table(tmp_path / "out" / "index.parquet")) == 1
+    # Nothing is finished that another batch could spoil: the folder takes a mended one.
+    shutil.rmtree(tmp_path / "parts")
+    parts(tmp_path, "step_block")
+    words = ("batch", "parts", *QUICK, "--out", "out", "--seed", "2", "--shard", "1/1", "--json")
+    done = scancell_here(*words, cwd=tmp_path)
+    assert done.code == 0, done
 
 
 @pytest.fixture(scope="module")

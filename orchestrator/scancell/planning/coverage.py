@@ -244,7 +244,7 @@ class CoveragePlanner:
             self.covered.mean() >= self._wish.share
             or len(self._chosen) >= self._wish.max_views
             or self._spent() >= self._wish.max_time
-            or self._is_spent()
+            or (self._chosen and self._is_spent())
         )
 
     def _is_spent(self) -> bool:
