@@ -23,6 +23,7 @@ from scancell.guard.messages import CellState, GuardMessage
 from scancell.guard.server import serve
 
 SLOW_FROM, STOP_FROM = 0.5, 1.0  # rad
+FAILS = -9.0  # rad: there the guard raises an exception
 JOINTS = 6
 HANGS = 60.0  # s
 Result = TypeVar("Result")
@@ -42,6 +43,8 @@ class JointLimitGuard:
         self.states.append(state)
         self.sequence += 1
         angle = float(state.axes[0])
+        if angle <= FAILS:
+            raise OverflowError("an error of the guard")
         speed = float(np.clip((STOP_FROM - angle) / (STOP_FROM - SLOW_FROM), 0, 1))
         text = f"joint 1 at {np.degrees(angle):.1f}°" if speed < 1 else ""
         return GuardMessage(
@@ -84,6 +87,7 @@ def guard_process(protocol: str, port: int = 0) -> Iterator[GuardProcess]:
     process = subprocess.Popen(
         [sys.executable, __file__, protocol, str(port)],
         stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])},
     )

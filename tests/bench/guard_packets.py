@@ -1,32 +1,42 @@
 """Random and mutated packets between cell and guard: ``python -m bench.guard_packets [--packets N] [--udp N]``.
 
 PYTHONPATH=tests. Mutants of a packet are sent before it, to both ends of a session in this process and, a part of them,
-to a server over UDP. None of them may count; the packet itself must.
+to a server over UDP. None of them may count; the packet itself must. ``--guard N`` of them are sent to
+``scancell guard serve`` with a part, between states that are valid, but whose values are anywhere in their bounds: each
+must be answered without an error of the guard.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import json
+import signal
 import socket
 import struct
+import subprocess
+import sys
 import time
 import zlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from guard_answers import HANGS, guard_process
 from scancell.cell.controller import Mode, Operation
-from scancell.guard.endpoints import CellEndpoint, GuardEndpoint, Outcome
+from scancell.guard.endpoints import FAILED, LEAST_PERIOD, SILENCE, CellEndpoint, GuardEndpoint, Outcome
 from scancell.guard.messages import CellState, GuardMessage, decode
 
 MUTANTS = 16  # of a packet
 SESSION_LENGTH = 200  # exchanges
 PERIOD = 0.032  # s
 TEXTS = ("", "joint 1 → wall 20 mm", "é" * 60)
+
+PART = Path(__file__).resolve().parents[2] / "assets" / "parts" / "step_block.stl"
 
 _HEADER, _CRC = 28, 4  # bytes
 _BAD = struct.pack("<d", np.nan), struct.pack("<d", np.inf), struct.pack("<d", -1e300)
@@ -50,6 +60,39 @@ def random_state(rng: np.random.Generator, sequence: int, joints: int | None = N
         0.016 if rows else 0.0,
         float(rng.uniform(-1, sequence * PERIOD)) if rows else 0.0,
     )
+
+
+def extreme_states(rng: np.random.Generator, joints: int) -> Iterator[CellState]:
+    """States of one session whose values are anywhere in their bounds, by orders of magnitude; times increase."""
+    time, axes = _anywhere(rng, -1e9, 0.0), rng.uniform(-3, 3, joints + 1)
+    for sequence in range(2**32):
+        time += LEAST_PERIOD + 1e-6 + float(rng.choice([0.0, PERIOD, _anywhere(rng, 0.0, 1e3)]))
+        step = 10.0 ** rng.uniform(-12, 4)
+        axes = np.clip(axes + step * rng.uniform(-1, 1, joints + 1), -1e4, 1e4)
+        if rng.random() < 0.3:
+            axes = rng.uniform(-3, 3, joints + 1)
+        is_automatic = rng.random() < 0.6
+        rows = int(rng.integers(0, 65)) if is_automatic else 0
+        steps = 10.0 ** rng.uniform(-12, 4) * rng.uniform(-1, 1, (rows, joints + 1))
+        yield CellState(
+            sequence,
+            time,
+            Operation(int(is_automatic)),
+            Mode(int(rng.integers(7))),
+            bool(rng.integers(4)),
+            axes,
+            _anywhere(rng, 0.0, 1.0),
+            np.clip(axes + np.cumsum(steps, 0), -1e4, 1e4),
+            _anywhere(rng, 1e-3, 10.0) if rows else 0.0,
+            min(_anywhere(rng, -1e9, 1e9), time) if rows else 0.0,
+        )
+
+
+def _anywhere(rng: np.random.Generator, low: float, high: float) -> float:
+    """A bound, or a number between: equally distributed, or by its order of magnitude from the smallest one on."""
+    magnitude = 10.0 ** rng.uniform(-323.5, np.log10(max(abs(low), abs(high))))
+    drawn = rng.choice([low, high, magnitude, -magnitude, rng.uniform(low, high), rng.uniform(low, high)])
+    return float(np.clip(drawn, low, high))
 
 
 def random_answer(rng: np.random.Generator, sequence: int, state_sequence: int, state_time: float) -> GuardMessage:
@@ -222,16 +265,67 @@ def run_over_udp(traffic: Traffic, packets: int, counts: Counter[str]) -> None:
             counts[f"UDP: outcome {outcome}"] += number
 
 
+@contextlib.contextmanager
+def served_guard(counts: Counter[str]) -> Iterator[int]:
+    """Port of ``scancell guard serve`` with a part; packets that it counted are in `counts` at the end."""
+    command = [sys.executable, "-m", "scancell", "guard", "serve", "--part", str(PART), "--json"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stderr is not None
+        yield int(process.stderr.readline().split()[-1])
+        process.send_signal(signal.SIGTERM)
+        out, err = process.communicate(timeout=HANGS)
+        assert process.returncode == 0, err
+        counts.update(json.loads(out.splitlines()[-1])["figures"]["packets"])
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def run_against_guard(traffic: Traffic, packets: int, counts: Counter[str]) -> None:
+    """Send extreme states and mutants of them to a guard of the default cell, over UDP."""
+    served: Counter[str] = Counter()
+    longest, cell = 0.0, CellEndpoint(age_limit=HANGS)
+    with served_guard(served) as port, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.connect(("127.0.0.1", port))
+        own.settimeout(HANGS)
+        sent = states = 0
+        while sent < packets:
+            for sequence, state in enumerate(extreme_states(traffic.rng, joints=6)):
+                if sequence == SESSION_LENGTH or sent >= packets or state.time > 9e8:
+                    break
+                packet = cell.packet(state)
+                for _ in range(min(MUTANTS // 2, packets - sent) if sequence else 0):
+                    own.send(traffic.mutant(packet)[1])
+                    sent += 1
+                start = time.perf_counter()
+                own.send(packet)
+                answer = own.recv(2048)
+                longest = max(longest, time.perf_counter() - start)
+                assert cell.receive(answer, state.time) is not None
+                traffic.remember(packet)
+                states += 1
+            time.sleep(1.1 * SILENCE)  # until another session may begin
+            cell.reset()
+    assert served[FAILED] == 0
+    assert served[Outcome.ACCEPTED] == states
+    counts["guard: mutants sent, none accepted"] += sent
+    counts["guard: extreme states, all answered"] += states
+    counts["guard: longest answer, ms"] = round(1e3 * longest)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.guard_packets", description=__doc__)
     parser.add_argument("--packets", type=int, default=1_000_000, help="mutants in all")
     parser.add_argument("--udp", type=int, default=200_000, help="of these, over UDP")
+    parser.add_argument("--guard", type=int, default=100_000, help="further mutants, to a guard with a part over UDP")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     counts: Counter[str] = Counter()
     start = time.perf_counter()
     run_in_process(Traffic(options.seed), options.packets - options.udp, counts)
     run_over_udp(Traffic(options.seed + 1), options.udp, counts)
+    run_against_guard(Traffic(options.seed + 2), options.guard, counts)
     for name, number in counts.items():
         print(f"{number:>10,} {name}")
     print(f"{time.perf_counter() - start:.0f} s")

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import islice
 
 import numpy as np
 import pytest
 from guard_walls import Square, boxes, distances, near_home, square, straight
 
+from bench.guard_packets import extreme_states
 from guard_motions import NOISE, POLL, cartesian
 from scancell.cell.controller import Mode, Operation
 from scancell.config.loading import load_setup
@@ -236,3 +238,11 @@ def test_motion_is_checked_before_it_is_sent():
                 free += 1
     assert refused >= 8
     assert free >= 5
+
+
+def test_states_anywhere_in_their_bounds_are_answered():
+    guard, rng = guard_of(boxes()), np.random.default_rng(11)
+    for _ in range(15):
+        guard.reset()
+        for state in islice(extreme_states(rng, joints=6), 20):
+            assert guard.answer(state).state_sequence == state.sequence

@@ -129,6 +129,10 @@ def test_wrong_values_of_an_answer_are_refused_though_the_crc_is_right(at, new):
         {"ahead": np.zeros((2, 6)), "spacing": 0.1},
         {"ahead": np.zeros((2, 7))},
         {"spacing": 0.1},
+        {"ahead": np.zeros((2, 7)), "spacing": 5e-324},
+        {"ahead": np.zeros((2, 7)), "spacing": 9.9e-4},
+        {"ahead": np.zeros((2, 7)), "spacing": 10.1},
+        {"ahead": np.zeros((2, 7)), "spacing": np.nan},
         {"ahead": np.zeros((2, 7)), "spacing": 0.1, "path_time": 0.1},  # later than the state
         {"ahead": np.zeros((2, 7)), "spacing": 0.1, "path_time": np.nan},
         {"path_time": -0.1},
@@ -203,7 +207,9 @@ def test_state_measured_before_the_last_one_is_refused():
     cell, end, _ = connected()
     assert exchanged(cell, end, 2)
     assert not end.receive(cell.packet(replace(state_at(1), sequence=3)), 0.0)
-    assert end.counts[Outcome.TIME_NOT_LATER] == 1
+    assert not end.receive(cell.packet(replace(state_at(2), sequence=3, time=state_at(2).time + 9e-5)), 0.0)
+    assert end.counts[Outcome.TIME_NOT_LATER] == 2
+    assert end.receive(cell.packet(replace(state_at(2), sequence=4, time=state_at(2).time + 1.1e-4)), 0.0)
 
 
 def test_answers_to_states_that_were_not_sent_are_refused():

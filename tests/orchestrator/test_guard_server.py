@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from bench.guard_packets import Traffic, run_over_udp
-from guard_answers import HANGS, STOP_FROM, JointLimitGuard, guard_process, state_at, until
+from guard_answers import FAILS, HANGS, STOP_FROM, JointLimitGuard, guard_process, state_at, until
 from scancell.config.channel import LinkDescription
 from scancell.config.choices import LOOPBACK
 from scancell.errors import LinkError
-from scancell.guard.endpoints import REJECTED, SUPERSEDED, Outcome
+from scancell.guard.endpoints import FAILED, REJECTED, SUPERSEDED, Outcome
 from scancell.guard.link import Link, faulty_link
 from scancell.guard.messages import CellState, GuardMessage
 from scancell.guard.server import serve
@@ -139,6 +139,52 @@ def test_state_of_another_arm_does_not_end_the_server(protocol):
         assert server.counts.get(REJECTED, 0) + server.counts.get(SUPERSEDED, 0) == 50
 
 
+@both_protocols
+def test_error_of_the_guard_leaves_a_state_without_answer_and_the_server_running(protocol):
+    with guard_process(protocol) as server:
+        link = link_to(protocol, server.port)
+        answered(link, state_at(0))
+        link.send(state_at(1, FAILS), state_at(1).time)
+        assert server.process.stdout is not None
+        while "OverflowError: an error of the guard" not in server.process.stdout.readline():
+            pass
+        answered(link, state_at(2))
+        link.close()
+        assert server.end() == 0
+        assert link.counts == {Outcome.ACCEPTED: 2}
+        assert server.counts == {Outcome.ACCEPTED: 3, FAILED: 1}
+
+
+def test_flood_does_not_displace_states_of_the_cell():
+    """The server is stopped until the flood has filled the buffers of its port."""
+    with guard_process("udp") as server, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        link = link_to("udp", server.port)
+        answered(link, state_at(0))
+        for i in range(1, 20):
+            server.process.send_signal(signal.SIGSTOP)
+            for _ in range(2000):
+                other.sendto(bytes(1000), (LOOPBACK, server.port))
+            link.send(state_at(i), state_at(i).time)
+            server.process.send_signal(signal.SIGCONT)
+            answers = until(lambda i=i: link.poll(state_at(i).time) or None)
+            assert [answer.state_sequence for answer in answers] == [i]
+        link.close()
+        assert server.end() == 0
+        assert server.counts[Outcome.ACCEPTED] == 20
+        assert server.counts[Outcome.MALFORMED] > 0
+
+
+def test_port_in_use_is_refused_while_a_cell_is_served():
+    with guard_process("udp") as server:
+        link = link_to("udp", server.port)
+        answered(link, state_at(0))
+        with pytest.raises(LinkError, match=f"127.0.0.1:{server.port}: expected an address to listen on"):
+            serve(JointLimitGuard(), port=server.port)
+        answered(link, state_at(1))
+        link.close()
+        assert server.end() == 0
+
+
 def test_random_and_mutated_datagrams_are_refused():
     counts: Counter[str] = Counter()
     run_over_udp(Traffic(seed=4), 3000, counts)
@@ -167,17 +213,31 @@ def test_connection_with_anything_but_packets_is_closed():
         link.close()
 
 
-def test_idle_connections_do_not_shut_out_the_cell():
+def test_idle_connections_shut_out_neither_the_cell_nor_a_newcomer():
     with guard_process("tcp") as server:
-        link = link_to("tcp", server.port)
+        oldest = socket.create_connection((LOOPBACK, server.port), HANGS)
+        link, silent = link_to("tcp", server.port), link_to("tcp", server.port)
         answered(link, state_at(0))
-        idle = [socket.create_connection((LOOPBACK, server.port), HANGS) for _ in range(20)]
-        assert closed(idle[0])
+        idle = [socket.create_connection((LOOPBACK, server.port), HANGS) for _ in range(100)]
+        assert closed(idle[-1])  # beyond the limit
         answered(link, state_at(1))
-        for connection in idle:
+        reopened(silent, 2)  # a connection that had not sent yet
+        oldest.setblocking(False)
+        until(lambda: makes_room(oldest, server.port))
+        for connection in (oldest, *idle):
             connection.close()
-        assert server.end() == 0
         link.close()
+        silent.close()
+        assert server.end() == 0
+
+
+def makes_room(oldest: socket.socket, port: int) -> bool | None:
+    """Whether the oldest connection is closed for a new one; None if not yet."""
+    socket.create_connection((LOOPBACK, port), HANGS).close()
+    try:
+        return oldest.recv(1) == b""
+    except BlockingIOError:
+        return None
 
 
 def test_cell_that_does_not_read_its_answers_is_disconnected():

@@ -16,6 +16,7 @@ from scancell.errors import MessageError
 from scancell.guard.messages import CellState, GuardMessage, Packet, decode
 
 SILENCE = 0.5  # s after which another cell may open a session
+LEAST_PERIOD = 1e-4  # s between the times of two states
 _REMEMBERED_STATES = 256
 _REMEMBERED_SESSIONS = 64
 
@@ -39,6 +40,7 @@ class Outcome(StrEnum):
 
 SUPERSEDED = "superseded"  # accepted, but a newer state came before the guard was free
 REJECTED = "rejected by the guard"  # accepted, but not a state of the guard's cell
+FAILED = "not answered: error of the guard"  # accepted, but the guard raised an exception
 
 
 class Answerer(Protocol):
@@ -214,7 +216,7 @@ class GuardEndpoint:
             return Outcome.OTHER_SESSION
         if (outcome := self._order.check(state.sequence)) is not Outcome.ACCEPTED:
             return outcome
-        return Outcome.ACCEPTED if state.time > self._last_time else Outcome.TIME_NOT_LATER
+        return Outcome.ACCEPTED if state.time >= self._last_time + LEAST_PERIOD else Outcome.TIME_NOT_LATER
 
     def _open(self, session: int) -> None:
         self._ended.append(self._session)

@@ -36,7 +36,7 @@ MAX_PACKET = _HEADER.size + _STATE.size + 8 * (MAX_JOINTS + 1) * (1 + MAX_AHEAD)
 
 _MAX_TIME = 1e9  # s
 _MAX_ANGLE = 1e4  # rad
-_MAX_SPACING = 10.0  # s
+_SPACING = 1e-3, 10.0  # s, least and greatest
 
 
 class Kind(IntEnum):
@@ -68,7 +68,7 @@ class CellState:
         Axes on the path ahead, (m, joints + 1), rad, one row per `spacing` of path clock, or of time in a jog; m = 0 if
         nothing is shown.
     spacing
-        s of path clock; 0 if there is no path ahead.
+        s of path clock, 0.001 to 10; 0 if there is no path ahead.
     path_time
         Time at which the controller took up the path ahead, by its clock, s: only answers to later states let it move
         on the path. 0 if there is no path ahead.
@@ -102,8 +102,7 @@ class CellState:
         _check_number(self, "sequence", 0, 2**32 - 1)
         _check_number(self, "time", -_MAX_TIME, _MAX_TIME)
         _check_number(self, "rate", 0.0, 1.0)
-        _check_number(self, "spacing", 0.0, _MAX_SPACING)
-        _require((self.spacing > 0) == (len(ahead) > 0), "spacing", self.spacing, "above 0 with a path ahead, else 0")
+        _check_number(self, "spacing", *(_SPACING if len(ahead) else (0.0, 0.0)))
         earliest, latest = (-_MAX_TIME, self.time) if len(ahead) else (0.0, 0.0)
         _check_number(self, "path_time", earliest, latest)
         for name, array in (("axes", axes), ("ahead", ahead)):

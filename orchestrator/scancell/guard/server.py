@@ -6,19 +6,23 @@ import contextlib
 import signal
 import socket
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from selectors import EVENT_READ, DefaultSelector
-from typing import Any
+from typing import Any, TypeVar
 
 from scancell.config.choices import LOOPBACK, TransportProtocol
 from scancell.errors import LinkError, MessageError
-from scancell.guard.endpoints import Answerer, GuardEndpoint
+from scancell.guard.endpoints import FAILED, Answerer, GuardEndpoint
 from scancell.guard.messages import MAX_PACKET
 from scancell.guard.transport import PacketStream, resolved
 
-_MAX_CONNECTIONS = 8
-_MAX_DATAGRAMS = 64  # between two answers
+Result = TypeVar("Result")
+
+_MAX_CONNECTIONS = 64
+_FIRST_STATE = 2.0  # s that a connection has for its first state before it may give way to another one
+_MAX_DATAGRAMS = 64  # of one socket, between two answers
 _SEND_BUFFER = 16_384  # bytes: answers do not pile up for a cell that does not read them
 _UNACKNOWLEDGED = (
     5_000  # ms: with full receive buffers on both sides, neither side sees what the other one acknowledges
@@ -34,8 +38,8 @@ def serve(
 ) -> Counter[str]:
     """Answer states until SIGINT or SIGTERM; to be called in the main thread.
 
-    Packets that do not count are counted, and nothing else comes of them. An exception of the answerer ends the server:
-    without answers the robot stops.
+    Packets that do not count are counted, and nothing else comes of them. Where the answerer raises an exception, the
+    state gets no answer, and without answers the robot stops; the first such exception is printed.
 
     Parameters
     ----------
@@ -52,55 +56,131 @@ def serve(
     Returns
     -------
     Counter
-        Packets received, by `Outcome`; ``broken streams``: TCP connections closed because they held something else.
+        Packets received, by `Outcome`; `FAILED`: states at which the answerer raised an exception; ``broken streams``:
+        TCP connections closed because they held something else; ``refused connections``: those beyond the limit.
 
     Raises
     ------
     LinkError
         If the address cannot be listened on.
     """
-    endpoint = GuardEndpoint(answerer)
+    service = _Service(answerer)
     kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM
     with _bound(host, port, kind) as listener, _stop_signals() as stop, DefaultSelector() as selector:
         selector.register(stop, EVENT_READ)
         started(*listener.getsockname()[:2])
         if protocol == "udp":
-            _serve_datagrams(endpoint, listener, stop, selector)
+            _Datagrams(service, listener, selector).serve(stop)
         else:
-            _Connections(endpoint, listener, selector).serve(stop)
-    return endpoint.counts
+            _Connections(service, listener, selector).serve(stop)
+    return service.counts
 
 
-def _serve_datagrams(
-    endpoint: GuardEndpoint, listener: socket.socket, stop: socket.socket, selector: DefaultSelector
-) -> None:
-    selector.register(listener, EVENT_READ)
-    cell: tuple[Any, ...] = ()
-    while stop not in (ready := [key.fileobj for key, _ in selector.select()]):
-        for _ in range(_MAX_DATAGRAMS if listener in ready else 0):
+class _Service:
+    """The guard's end of the connection; no exception of the guard leaves it."""
+
+    def __init__(self, answerer: Answerer) -> None:
+        self._endpoint = GuardEndpoint(answerer)
+
+    @property
+    def counts(self) -> Counter[str]:
+        return self._endpoint.counts
+
+    def receive(self, packet: bytes) -> bool:
+        """Whether a packet counts."""
+        return self._attempted(lambda: self._endpoint.receive(packet, time.monotonic())) or False
+
+    def answer(self) -> bytes | None:
+        """The answer that is due."""
+        return self._attempted(self._endpoint.answer)
+
+    def _attempted(self, act: Callable[[], Result]) -> Result | None:
+        try:
+            return act()
+        except Exception:
+            if not self.counts[FAILED]:
+                traceback.print_exc()
+            self.counts[FAILED] += 1
+            return None
+
+
+class _Datagrams:
+    """Datagrams of UDP.
+
+    The cell of the session has a socket of its own at the same port, connected to it: a flood from elsewhere fills the
+    buffer of the other one only.
+    """
+
+    def __init__(self, service: _Service, listener: socket.socket, selector: DefaultSelector) -> None:
+        self._service, self._listener, self._selector = service, listener, selector
+        self._cell: socket.socket | None = None
+
+    def serve(self, stop: socket.socket) -> None:
+        """Answer until `stop` is readable."""
+        self._selector.register(self._listener, EVENT_READ)
+        try:
+            while stop not in (ready := [key.fileobj for key, _ in self._selector.select()]):
+                if self._listener in ready and (sender := self._read(self._listener)) is not None:
+                    self._connect(sender)
+                if self._cell is not None:
+                    self._read(self._cell)
+                if (answer := self._service.answer()) is not None and self._cell is not None:
+                    with contextlib.suppress(OSError):
+                        self._cell.send(answer)
+        finally:
+            self._disconnect()
+
+    def _read(self, source: socket.socket) -> Any:
+        """Address from which the last packet that counts came; None if none did."""
+        accepted = None
+        for _ in range(_MAX_DATAGRAMS):
             try:
-                packet, sender = listener.recvfrom(MAX_PACKET + 1)
+                packet, sender = source.recvfrom(MAX_PACKET + 1)
             except BlockingIOError:
                 break
             except OSError:  # about an answer to a cell that has gone
                 continue
-            if endpoint.receive(packet, time.monotonic()):
-                cell = sender
-        if (answer := endpoint.answer()) is not None:
-            with contextlib.suppress(OSError):
-                listener.sendto(answer, cell)
+            if self._service.receive(packet):
+                accepted = sender
+        return accepted
+
+    def _connect(self, cell: Any) -> None:
+        self._disconnect()
+        made = socket.socket(self._listener.family, socket.SOCK_DGRAM)
+        try:
+            made.setblocking(False)
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            # For this moment only: another process shall not bind the same port.
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            made.bind(self._listener.getsockname())
+            made.connect(cell)
+        except OSError:  # no address that can be answered
+            made.close()
+            return
+        finally:
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
+        self._selector.register(made, EVENT_READ)
+        self._cell = made
+
+    def _disconnect(self) -> None:
+        if self._cell is not None:
+            self._selector.unregister(self._cell)
+            self._cell.close()
+            self._cell = None
 
 
 class _Connections:
     """TCP connections.
 
-    One that sends anything else than packets, or does not read its answers, is closed; so is the oldest without a
-    session where there are too many.
+    One that sends anything else than packets, or does not read its answers, is closed. Where there are too many, a new
+    one replaces the oldest without a session that had the time to send a first state; where none had, it is refused.
     """
 
-    def __init__(self, endpoint: GuardEndpoint, listener: socket.socket, selector: DefaultSelector) -> None:
-        self._endpoint, self._listener, self._selector = endpoint, listener, selector
+    def __init__(self, service: _Service, listener: socket.socket, selector: DefaultSelector) -> None:
+        self._service, self._listener, self._selector = service, listener, selector
         self._streams: dict[socket.socket, PacketStream] = {}
+        self._accepted: dict[socket.socket, float] = {}  # s, in this order
         self._cell: socket.socket | None = None
 
     def serve(self, stop: socket.socket) -> None:
@@ -123,33 +203,39 @@ class _Connections:
             connection, _ = self._listener.accept()
         except OSError:  # it has gone already
             return
+        now = time.monotonic()
         if len(self._streams) >= _MAX_CONNECTIONS:
-            self._close(next(other for other in self._streams if other is not self._cell))
+            oldest = next(other for other in self._accepted if other is not self._cell)
+            if now - self._accepted[oldest] < _FIRST_STATE:
+                self._service.counts["refused connections"] += 1
+                connection.close()
+                return
+            self._close(oldest)
         connection.setblocking(False)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNACKNOWLEDGED)
-        self._streams[connection] = PacketStream()
+        self._streams[connection], self._accepted[connection] = PacketStream(), now
         self._selector.register(connection, EVENT_READ)
 
     def _read(self, connection: socket.socket) -> None:
         try:
             received = connection.recv(MAX_PACKET)
             for packet in self._streams[connection].packets(received):
-                if self._endpoint.receive(packet, time.monotonic()):
+                if self._service.receive(packet):
                     self._cell = connection
             if not received:
                 self._close(connection)
         except BlockingIOError:
             pass
         except MessageError:
-            self._endpoint.counts["broken streams"] += 1
+            self._service.counts["broken streams"] += 1
             self._close(connection)
         except OSError:
             self._close(connection)
 
     def _answer(self) -> None:
-        answer = self._endpoint.answer()
+        answer = self._service.answer()
         if answer is None or self._cell is None:
             return
         try:
@@ -161,7 +247,7 @@ class _Connections:
 
     def _close(self, connection: socket.socket) -> None:
         self._selector.unregister(connection)
-        del self._streams[connection]
+        del self._streams[connection], self._accepted[connection]
         connection.close()
         if connection is self._cell:
             self._cell = None
