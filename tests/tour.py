@@ -120,6 +120,7 @@ def walk(page: Any, shoot: Shoot = lambda _: None) -> None:
     press(page, "All nominal")
 
     tab(page, "Scan")
+    choose(page, "engine", "geometric")
     press(page, "Scan the part")
     page.locator("b", has_text=re.compile("^done$")).wait_for(timeout=_SCANS_MS)
     shoot("scan")

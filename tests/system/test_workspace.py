@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,7 @@ import viser
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from bench.workspace_messages import run
 from chromium import Watched, chromium
 from scancell import Scanner
 from scancell.config.loading import load_setup
@@ -276,6 +278,13 @@ def test_malformed_messages_do_nothing(opened: Opened) -> None:
     opened.until(lambda state: abs(state.joints[0] - 20 * deg) < 1e-6, "a motion after malformed messages")
 
 
+def test_mutated_messages_leave_the_cell_to_its_browsers(opened: Opened, capfd: pytest.CaptureFixture[str]) -> None:
+    counts: Counter[str] = Counter()
+    run(opened.host, opened.server, 600, seed=1, counts=counts, length=200)
+    assert counts["mutants sent"] == 600
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_images_and_profile_follow_the_arm_and_the_perturbations(opened: Opened) -> None:
     """The flat table is seen 160 mm away, then 150 mm; a turned laser tilts the profiles of the cameras apart."""
     opened.moves_to(ABOVE_TABLE)
@@ -309,6 +318,7 @@ def test_scan_of_an_opened_part_runs_to_the_planned_cloud(opened: Opened) -> Non
     chooser.value.set_files(PARTS / "step_block.stl")
     page.get_by_text("scancell: step_block.stl").wait_for()
     page.get_by_role("tab", name="Scan").click()
+    choose(page, "engine", "geometric")
     page.get_by_role("button", name="Scan the part").click()
     page.locator("b", has_text=re.compile("^done$")).wait_for(timeout=1000 * WAITS)
     scans = opened.workspace.scans

@@ -19,6 +19,8 @@ import viser
 from commands import COMMAND, PARTS, PATIENCE_S, environment, scancell_here
 from websockets.sync.client import connect
 
+from bench.interrupts import interrupted
+
 PART = str(PARTS / "free_form.stl")
 
 
@@ -50,11 +52,12 @@ def ended(process: subprocess.Popen[str], number: int) -> str:
     """End the command by a signal: nothing of it is left. Returns what it said on standard error."""
     process.send_signal(number)
     out, err = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 0, err
+    assert process.returncode == 130, err
     assert out == ""
+    assert err.endswith("scancell: interrupted\n")
     with pytest.raises(ProcessLookupError):
         os.killpg(process.pid, 0)
-    return err
+    return err.removesuffix("scancell: interrupted\n")
 
 
 def files(folder: Path) -> list[str]:
@@ -71,6 +74,14 @@ def test_signal_closes_the_workspace_with_a_browser_open(tmp_path: Path, number:
             assert browser.recv(timeout=PATIENCE_S)
             assert ended(process, number) == ""
     assert files(tmp_path) == ["tmp"]
+
+
+@pytest.mark.parametrize(("state", "delay"), [("planning", 0.3), ("ray-traced scan", 2.0), ("program", 0.1)])
+def test_interrupt_ends_the_command_whatever_computes(tmp_path: Path, state: str, delay: float) -> None:
+    """Threads that plan or sense in C++ are not ended as Python ends them, which aborts the process."""
+    status, _, err, _ = interrupted(state, delay, tmp_path)
+    assert status == 130, err
+    assert err in ("", "scancell: interrupted\n")
 
 
 def test_taken_port_takes_the_next_free_one(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scancell.cli.interrupts import InterruptibleProgress
+from scancell.cli.interrupts import EXIT_INTERRUPTED, InterruptibleProgress
 from scancell.errors import ScancellError
 from scancell.progress import NullProgress, Progress
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from scancell.output.run_folder import RunReport
 
 EXIT_ERROR = 1
-EXIT_INTERRUPTED = 130
 
 CellOption = Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")]
 SensorOption = Annotated[Path | None, typer.Option("--sensor", help="sensor description (TOML)")]

@@ -9,8 +9,12 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
-from contextlib import AbstractContextManager
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from types import TracebackType
 from typing import Any, Self
 
@@ -33,6 +37,11 @@ class Interrupts:
         self._received = True
         raise KeyboardInterrupt
 
+    @property
+    def received(self) -> bool:
+        """Whether SIGINT or SIGTERM has arrived since `install`."""
+        return self._received
+
     def check(self) -> None:
         """Raise the interrupt that arrived, if any.
 
@@ -51,6 +60,40 @@ def _report_dropped(dropped: sys.UnraisableHookArgs) -> None:
 
 
 INTERRUPTS = Interrupts()
+
+
+EXIT_INTERRUPTED = 130
+
+
+@contextmanager
+def leaves_when_interrupted(within: float) -> Iterator[None]:
+    """End the process when the block is interrupted, with status 130, at the latest `within` s after the signal.
+
+    Python would wait for threads, or end those that compute in C++, which aborts the process. So nothing of Python is
+    ended: the block has to free what must not stay. What takes longer than `within` is left as it is.
+    """
+    received, waker = socket.socketpair()
+    waker.setblocking(False)
+
+    def leave_later() -> None:
+        if received.recv(1):
+            time.sleep(within)
+            os._exit(EXIT_INTERRUPTED)
+
+    with received, waker:
+        before = signal.set_wakeup_fd(waker.fileno())
+        threading.Thread(target=leave_later, name="interrupt", daemon=True).start()
+        try:
+            yield
+        except BaseException:
+            if INTERRUPTS.received:
+                sys.stdout.flush()
+                sys.stderr.flush()
+                os._exit(EXIT_INTERRUPTED)
+            raise
+        finally:
+            signal.set_wakeup_fd(before)
+            received.shutdown(socket.SHUT_RDWR)
 
 
 class InterruptibleProgress:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from scancell.cli.common import Outcome, PathOption, ScanOption, run
+from scancell.cli.interrupts import leaves_when_interrupted
 from scancell.cli.options import CellOptions, with_options
 from scancell.config.choices import LOOPBACK
 from scancell.errors import ProgramError
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from scancell.workspace.browser.workspace import WorkspaceSettings
 
 Started = Callable[[str], None]
+
+_LEAVES = 1.8  # s after an interrupt
 
 
 @with_options(CellOptions)
@@ -65,7 +68,8 @@ def workspace(
             _run_cell(target, setup, options, host, port, not no_guard, settings, started)
         return Outcome()
 
-    run("workspace", options.as_json, work)
+    with leaves_when_interrupted(_LEAVES):
+        run("workspace", options.as_json, work)
 
 
 def _play_back(

@@ -66,6 +66,11 @@ class ScanSession(CellSession):
         """The cell with unknown obstacles, too; its bodies in the order in which the FMU numbers them from 1."""
         return self.job.loaded.true
 
+    @property
+    def monitor_speed(self) -> float:
+        """Of the operator, 0 to 1; a guard may allow less."""
+        return self.value("command.monitor_speed") if self._guarded is None else self._guarded.monitor_speed
+
     def set_monitor_speed(self, share: float) -> None:
         """As of a `CellSession`, but never beyond what the guard allows."""
         if self._guarded is None:

@@ -51,6 +51,8 @@ class LiveState:
         Name of the job that runs, or waits for the robot to rest; None without one.
     progress, monitor_speed
         Share of the motion that is done, and monitor speed in force, 0 to 1.
+    operator_speed
+        Monitor speed that the operator has chosen; a guard may allow less.
     pendant_text, pendant_beep, guard_text
         What the pendant shows, and what the guard says.
     present
@@ -83,6 +85,7 @@ class LiveState:
     job: str | None
     progress: float
     monitor_speed: float
+    operator_speed: float
     pendant_text: str
     pendant_beep: bool
     guard_text: str
@@ -145,6 +148,7 @@ class StateReader:
             job=job,
             progress=progress,
             monitor_speed=monitor_speed,
+            operator_speed=session.monitor_speed,
             pendant_text=cell.get_string("pendant.text"),
             pendant_beep=cell.get_boolean("pendant.beep"),
             guard_text=cell.get_string("command.pendant.text"),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from scancell.config.sensor import SensorDescription
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.handles import set_changed
+from scancell.workspace.browser.messages import report_errors
 from scancell.workspace.browser.panels.cell_panel import CellPanel
 from scancell.workspace.browser.panels.file_panel import FilePanel, Opener
 from scancell.workspace.browser.panels.jog_panel import JogPanel
@@ -84,6 +86,7 @@ class ClientView:
                 self._panels.append(ProgramPanel(gui, desk, shared.program))
         with tabs.add_tab("File"):
             self._panels.append(FilePanel(gui, desk, shared.opener, shared.recording))
+        self._said: dict[Panel, str] = {}
         self.show(state)
 
     def show(self, state: LiveState) -> None:
@@ -91,4 +94,9 @@ class ClientView:
         set_changed(self._take, "visible", not self._desk.is_operator)
         self._desk.enable()
         for panel in self._panels:
-            panel.show(state)
+            failures: list[str] = []
+            report_errors(partial(panel.show, state), failures.append)
+            text = "".join(failures)
+            if text and text != self._said.get(panel):  # it may fail in every update
+                self._desk.say(text)
+            self._said[panel] = text

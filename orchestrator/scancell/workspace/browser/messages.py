@@ -24,9 +24,16 @@ def said_to_person(act: Callable[[], object]) -> Callable[[Any], None]:
     def called(event: Any) -> None:
         if event.client is None:
             return
-        try:
-            act()
-        except ScancellError as error:
-            say(event.client, str(error))
+        report_errors(act, lambda text: say(event.client, text))
 
     return called
+
+
+def report_errors(act: Callable[[], object], say: Callable[[str], None]) -> None:
+    """Act; any error is said, as nobody else would hear of it."""
+    try:
+        act()
+    except ScancellError as error:
+        say(str(error))
+    except Exception as error:
+        say(f"This failed: {type(error).__name__}: {error}")

@@ -171,7 +171,7 @@ def serve_playback(
     started: Callable[[str], None] = lambda _: None,
     stop: Event | None = None,
 ) -> None:
-    """Show a run in browsers until `stop` is set or Ctrl-C.
+    """Show a run in browsers until `stop` is set.
 
     Parameters
     ----------
@@ -186,10 +186,7 @@ def serve_playback(
         If viser is not installed, or the cloud has no such colours.
     """
     stop = stop or Event()
-    try:
-        with quiet_server(host, port) as server:
-            playback = Playback(server, run, colour, threads)
-            started(address(server))
-            playback.run(stop.is_set)
-    except KeyboardInterrupt:
-        pass
+    with quiet_server(host, port) as server:
+        playback = Playback(server, run, colour, threads)
+        started(address(server))
+        playback.run(stop.is_set)

@@ -1,4 +1,4 @@
-"""A server of viser that prints nothing, offers no link of its own, and answers its own pages alone."""
+"""A server of viser that prints nothing, offers no link of its own, and takes messages of its own pages alone."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from urllib.parse import urlsplit
 from scancell.config.choices import LOOPBACK
 from scancell.errors import LinkError
 from scancell.extras import require
+from scancell.workspace.browser.messages import say
 
 if TYPE_CHECKING:
     import viser
+
+    from scancell.workspace.browser.gate import Gate
 
 
 @contextmanager
@@ -31,10 +34,10 @@ def quiet_server(host: str = LOOPBACK, port: int = 8080) -> Iterator[viser.Viser
     """
     made_by = require("viser", "workspace")
     _require_own_address(host)
-    with _without_messages(), _own_pages_alone(host) as served:
-        server = made_by.ViserServer(host=host, port=port, verbose=False)
+    with _without_messages(), _guarded(host) as guarded:
+        server = guarded.server = made_by.ViserServer(host=host, port=port, verbose=False)
     try:
-        if not served:
+        if not guarded.is_installed:
             raise LinkError("the installed viser would obey pages of other servers: install viser 1.1")
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         yield server
@@ -91,28 +94,80 @@ def _is_address(name: str) -> bool:
     return True
 
 
+class _GatedConnection:
+    """A connection of websockets that receives what a `Gate` lets pass."""
+
+    def __init__(self, connection: Any, gate: Gate, say: Callable[[str], None]) -> None:
+        self._connection, self._gate, self._say = connection, gate, say
+
+    async def recv(self) -> Any:
+        """The next message that is not refused."""
+        while refusal := self._gate.refusal(frame := await self._connection.recv()):
+            self._say(refusal)
+        return frame
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._connection, name)
+
+
+class _Guarded:
+    """What a server refuses: pages of others, and messages that its own pages do not send."""
+
+    def __init__(self, host: str) -> None:
+        self._host = host
+        self.is_installed = False
+        self.server: Any = None
+
+    def serve(self, serve: Callable[..., Any]) -> Callable[..., Any]:
+        """In place of the function of websockets that serves."""
+
+        def guarded(
+            handler: Callable[[Any], Any], *words: Any, process_request: Callable[[Any, Any], Any], **options: Any
+        ) -> Any:
+            def answer(connection: Any, request: Any) -> Any:
+                if not is_own_page(request.headers, self._host):
+                    return connection.respond(http.HTTPStatus.FORBIDDEN, "scancell: this page is not of this server\n")
+                return process_request(connection, request)
+
+            async def handle(connection: Any) -> None:
+                from scancell.workspace.browser.gate import Gate  # noqa: PLC0415  (an extra)
+
+                last: list[Any] = []  # the browser that a message is about
+
+                def handle_of(uuid: str) -> Any:
+                    found, client = self._input(uuid)
+                    last[:] = [] if client is None else [client]
+                    return found
+
+                def tell(refusal: str) -> None:
+                    for client in last:
+                        say(client, refusal)
+                    last.clear()
+
+                await handler(_GatedConnection(connection, Gate(handle_of), tell))
+
+            self.is_installed = True
+            return serve(handle, *words, process_request=answer, **options)
+
+        return guarded
+
+    def _input(self, uuid: str) -> tuple[Any, Any]:
+        """An input of the server or of one of its browsers, and that browser."""
+        clients = self.server.get_clients().values() if self.server is not None else ()
+        for owner in (*clients, self.server):
+            if owner is not None and (found := owner.gui._gui_input_handle_from_uuid.get(uuid)) is not None:
+                return found, owner if owner is not self.server else None
+        return None, None
+
+
 @contextmanager
-def _own_pages_alone(host: str) -> Iterator[list[bool]]:
-    """Let the server that is made here refuse pages of others: viser has no option for what websockets can do.
-
-    Yields a list that is no longer empty when a server is made that does.
-    """
+def _guarded(host: str) -> Iterator[_Guarded]:
+    """Let the server that is made here be `_Guarded`: viser has no option for what websockets can do."""
     module = require("websockets.asyncio.server", "workspace")
-    serve = module.serve
-    served: list[bool] = []
-
-    def guarded(*words: Any, process_request: Callable[[Any, Any], Any], **options: Any) -> Any:
-        def answer(connection: Any, request: Any) -> Any:
-            if not is_own_page(request.headers, host):
-                return connection.respond(http.HTTPStatus.FORBIDDEN, "scancell: this page is not of this server\n")
-            return process_request(connection, request)
-
-        served.append(True)
-        return serve(*words, process_request=answer, **options)
-
-    module.serve = guarded
+    serve, made = module.serve, _Guarded(host)
+    module.serve = made.serve(serve)
     try:
-        yield served
+        yield made
     finally:
         module.serve = serve
 

@@ -27,6 +27,8 @@ class Scans:
         Mesh of the part; None: there is nothing to scan.
     out
         Folder in which `save` makes run folders.
+    engine
+        That is offered first.
     on_points
         Receives the points of scans, too.
 
@@ -42,10 +44,11 @@ class Scans:
         cloud: LiveCloud,
         part: Mesh | None,
         out: Path,
+        engine: Engine = "ray-traced",
         on_points: Callable[[LiveChunk], object] = lambda _: None,
     ) -> None:
         self._live, self.cloud, self._part, self._out = live, cloud, part, out
-        self._on_points = on_points
+        self.engine, self._on_points = engine, on_points
         self._lock = Lock()
         self._scan: LiveScan | None = None
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Event, RLock
+from threading import Event, Lock, RLock
 from typing import TYPE_CHECKING, Protocol
 
 from scancell.config.choices import LOOPBACK
+from scancell.errors import CommandError
 from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.playback import Playback
 from scancell.workspace.browser.quiet import address, quiet_server
@@ -73,6 +74,7 @@ class Host:
         self._next: _Opened | None = None
         self._part: PartFile | None = None
         self._parts = tempfile.TemporaryDirectory(prefix="scancell-parts-")
+        self._opening = Lock()
         server.on_client_connect(self._join)
         server.on_client_disconnect(self._leave)
 
@@ -121,9 +123,10 @@ class Host:
         ScancellError
             If it cannot be loaded or does not fit the cell; the present part stays then.
         """
-        path = Path(self._parts.name) / name
-        path.write_bytes(content)
-        self._show_next(self._open_cell(PartFile(path, unit)))
+        with self._one_file():
+            path = Path(self._parts.name) / name
+            path.write_bytes(content)
+            self._show_next(self._open_cell(PartFile(path, unit)))
 
     def open_run(self, name: str, content: bytes) -> None:
         """Play back a run instead; the cell is closed.
@@ -133,8 +136,18 @@ class Host:
         ScancellError
             See `open_archive`; the cell stays then.
         """
-        run = open_archive(content, name)
-        self._show_next(_Opened(lambda: Playback(self._server, run, "deviation", back=self._go_back), ExitStack()))
+        with self._one_file():
+            run = open_archive(content, name)
+            self._show_next(_Opened(lambda: Playback(self._server, run, "deviation", back=self._go_back), ExitStack()))
+
+    @contextmanager
+    def _one_file(self) -> Iterator[None]:
+        if not self._opening.acquire(blocking=False):
+            raise CommandError("a file is being opened: wait until it is shown")
+        try:
+            yield
+        finally:
+            self._opening.release()
 
     def _go_back(self) -> None:
         """Show the cell anew with the part that it had."""
@@ -193,7 +206,7 @@ def serve_workspace(
     started: Callable[[str], None] = lambda _: None,
     stop: Event | None = None,
 ) -> None:
-    """Show a live cell in browsers until `stop` is set or Ctrl-C.
+    """Show a live cell in browsers until `stop` is set.
 
     Parameters
     ----------
@@ -211,9 +224,6 @@ def serve_workspace(
     ScancellError
         If viser is not installed, the part cannot be loaded, or the FMU reports an error.
     """
-    try:
-        with quiet_server(host, port) as server:
-            cell = Host(server, open_session, settings or WorkspaceSettings())
-            cell.run(part, stop or Event(), lambda: started(address(server)))
-    except KeyboardInterrupt:
-        pass
+    with quiet_server(host, port) as server:
+        cell = Host(server, open_session, settings or WorkspaceSettings())
+        cell.run(part, stop or Event(), lambda: started(address(server)))

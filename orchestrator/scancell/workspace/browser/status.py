@@ -56,6 +56,8 @@ def state_html(state: LiveState) -> str:
         colour = _WARNING
     operation = "manual" if state.operation is Operation.MANUAL else "automatic"
     lines = [f'<b style="color:{colour}">{escape(state.controller)}</b>, {operation} operation, {state.time:.1f} s']
+    if state.job is not None:
+        lines.append(f"<b>{escape(state.job)}</b> runs")
     if state.moving:
         lines.append(f"{state.progress:.0%} of the motion, monitor speed {state.monitor_speed:.0%}")
     if state.colliding:

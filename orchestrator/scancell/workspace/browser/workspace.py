@@ -46,7 +46,7 @@ class WorkspaceSettings:
     out
         Folder for what is saved.
     engine
-        How profiles are measured at first, and in robot programs.
+        How profiles are measured at first, in scans and robot programs.
     program
         File of a robot program.
     """
@@ -100,7 +100,9 @@ class Workspace:
         self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
         self.feed = CameraFeed(self.live, session, settings.engine, interval=_CAMERAS)
         self._recording = SessionRecording(self.live, session.true, self.feed, settings.out)
-        self.scans = Scans(self.live, LiveCloud(self.scene), mesh, settings.out, self._recording.points)
+        self.scans = Scans(
+            self.live, LiveCloud(self.scene), mesh, settings.out, settings.engine, self._recording.points
+        )
         self.plans = Plans(LivePlan(self.live, session, mesh is not None), self.scene)
         self._operators, self._lock = Operators(), Lock()
         self._views: dict[int, ClientView] = {}

@@ -23,6 +23,7 @@ class CellPanel:
         self._operation = gui.add_dropdown("operation", tuple(_OPERATIONS))
         self._shown_operation = Follower(self._operation)
         self._monitor = gui.add_slider("monitor speed, %", 0, 100, 1, 100)
+        self._shown_monitor = Follower(self._monitor)
         reset = gui.add_button("Reset after a stop")
         self._operation.on_update(desk.by_person(self._change_operation))
         self._monitor.on_update(desk.by_person(lambda: desk.submit(SetMonitorSpeed(self._monitor.value / 100))))
@@ -37,9 +38,10 @@ class CellPanel:
         self.show(state)
 
     def show(self, state: LiveState) -> None:
-        """Show the operation in force."""
+        """Show the operation and the monitor speed that were chosen."""
         name = next(name for name, value in _OPERATIONS.items() if value is state.operation)
         self._shown_operation.show(name)
+        self._shown_monitor.show(round(100 * state.operator_speed))
 
     def _change_operation(self) -> None:
         self._desk.submit(ChangeOperation(_OPERATIONS[self._operation.value]))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import io
 from html import escape
 from pathlib import Path, PurePath
+from threading import Lock
 from typing import Any, Protocol
 
 from PIL import Image
 
-from scancell.errors import DescriptionError
+from scancell.errors import CommandError, DescriptionError
 from scancell.nominal.parts import PART_FORMATS
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.handles import Follower, set_changed, small_html
@@ -18,6 +19,7 @@ from scancell.workspace.live_state import LiveState
 
 _UNITS = ("mm", "m", "inch")
 _PICTURE = (720, 1280)  # px, height and width
+_LONGEST_NAME = 200  # bytes
 
 
 class Opener(Protocol):
@@ -32,6 +34,8 @@ class Opener(Protocol):
 
 class FilePanel:
     """Opens another part or a run, records the session, and saves pictures."""
+
+    _picture = Lock()  # a browser that does not answer keeps one thread of the server, not all
 
     def __init__(self, gui: Any, desk: Desk, opener: Opener, recording: SessionRecording) -> None:
         self._desk, self._opener, self._recording = desk, opener, recording
@@ -71,17 +75,30 @@ class FilePanel:
 
     def _open_run(self) -> None:
         file = self._run.value
-        self._opener.open_run(PurePath(file.name).name, file.content)
+        self._opener.open_run(_checked_name(file), file.content)
 
     def _open(self) -> None:
         file = self._upload.value
-        name = PurePath(file.name).name
+        name = _checked_name(file)
         if Path(name).suffix.lower() not in PART_FORMATS:
             raise DescriptionError(f"{name}: expected the file of a part, {', '.join(PART_FORMATS)}")
         self._opener.open_part(name, file.content, self._unit.value)
 
     def _take_picture(self) -> None:
-        pixels = self._desk.render(*_PICTURE)
+        if not self._picture.acquire(blocking=False):
+            raise CommandError("a picture is being made: wait for it")
+        try:
+            pixels = self._desk.render(*_PICTURE)
+        finally:
+            self._picture.release()
         file = io.BytesIO()
         Image.fromarray(pixels).save(file, "PNG")
         self._desk.send_file("scancell.png", file.getvalue())
+
+
+def _checked_name(file: Any) -> str:
+    name = PurePath(file.name).name
+    if not name.isprintable() or not 0 < len(name.encode()) <= _LONGEST_NAME:
+        shown = ascii(name if len(name) <= 60 else f"{name[:40]}...{name[-10:]}")
+        raise DescriptionError(f"{shown}: expected a file name of at most {_LONGEST_NAME} printable characters")
+    return name

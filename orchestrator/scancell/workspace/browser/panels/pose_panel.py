@@ -44,7 +44,7 @@ class PosePanel:
             handle.on_update(desk.by_person(self._read))
         for handle in (self._position, self._angles, self._configuration):
             handle.on_update(desk.by_person(lambda: self._judge(self._typed_pose())))
-        self._gizmo.on_update(self._drag)
+        self._gizmo.on_update(lambda event: desk.by_person(lambda: self._drag(event.phase))(event))
         inputs = (self._tool, self._relative_to, self._position, self._angles, self._configuration, self._straight)
         desk.add_inputs([*inputs, self._speed, move, here, self._dragged])
         self._read()
@@ -61,11 +61,11 @@ class PosePanel:
                 self._gizmo.position = world_from_tool[:3, 3]
             self._gizmo.wxyz = pose.quaternion_from_rotation(world_from_tool[:3, :3])
 
-    def _drag(self, event: Any) -> None:
-        self._is_held = event.phase != "end"
+    def _drag(self, phase: str) -> None:
+        self._is_held = phase != "end"
         target = pose.pose(self._gizmo.position, self._gizmo.wxyz)
-        if self._judge(target) and event.phase == "end":
-            self._desk.by_person(lambda: self._move(target))(event)
+        if self._judge(target) and phase == "end":
+            self._move(target)
 
     def _present(self) -> Array:
         return self._desk.world_from_tool(self._tool.value, self._state.joints)

@@ -22,7 +22,7 @@ class ScanPanel:
 
     def __init__(self, gui: Any, desk: Desk, scans: Scans) -> None:
         self._desk, self._scans = desk, scans
-        self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value="geometric")
+        self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value=scans.engine)
         start, cancel = gui.add_button("Scan the part"), gui.add_button("End the scan")
         self._progress = gui.add_progress_bar(0.0)
         self._text = gui.add_html("")

@@ -7,7 +7,6 @@ from typing import Any, get_args
 
 from scancell.config.choices import Engine
 from scancell.config.sensor import SensorDescription
-from scancell.errors import ScancellError
 from scancell.workspace.browser.desk import Desk, Settled
 from scancell.workspace.live_camera import CameraFeed
 from scancell.workspace.live_state import LiveState
@@ -77,10 +76,7 @@ class SensorPanel:
     def show(self, state: LiveState) -> None:
         """Perturb the sensor when the sliders were left."""
         if self._settled.take():
-            try:
-                self._desk.as_operator(lambda: self._feed.perturb(self._words()))
-            except ScancellError as error:
-                self._desk.say(str(error))
+            self._desk.as_operator(lambda: self._feed.perturb(self._words()))
 
     def _words(self) -> list[str]:
         changed = [(one.key, slider.value) for one, slider in self._sliders if abs(slider.value - one.nominal) > 1e-9]
