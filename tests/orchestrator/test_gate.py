@@ -20,6 +20,7 @@ INPUTS = {
     "choice": SimpleNamespace(label="axis", value="a", options=("a", "b")),
     "switch": SimpleNamespace(label="on", value=False),
     "text": SimpleNamespace(label="others", value=""),
+    "u": SimpleNamespace(label="Open a part", value=None, mime_type=".stl"),
     "vector": SimpleNamespace(label="x, y, z", value=(0.0, 0.0, 0.0)),
 }
 
@@ -115,6 +116,7 @@ def part(transfer: str, index: int, content: bytes) -> dict[str, Any]:
 
 
 def test_files_are_received_within_their_size_and_a_limit_for_all_that_are_begun() -> None:
+    assert refusal({**start("a", 1, 5), "source_component_uuid": "choice"}) != ""
     large = Gate(INPUTS.get)
     assert refusal(start("a", 2, 2**28), large) == ""
     assert "expected at most 268 MB" in refusal(start("b", 2, 1), large)

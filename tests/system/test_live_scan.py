@@ -126,21 +126,28 @@ def test_scan_waits_for_slow_sensing(session: ScanSession) -> None:
 
 
 @pytest.mark.parametrize("stage", ["planning", "scanning"])
-def test_stop_ends_scan_and_cell_takes_commands(session: ScanSession, stage) -> None:
+def test_stop_ends_scan_keeps_what_was_measured_and_cell_takes_commands(session: ScanSession, tmp_path, stage) -> None:
     rig = Rig(session, engine="geometric")
-    at_stage = 0
 
     def stop() -> None:
-        nonlocal at_stage
-        if rig.scan.state.stage == stage:
-            at_stage += 1
-            if at_stage == (1 if stage == "planning" else 60):
-                rig.live.stop()
+        state = rig.scan.state
+        if state.stage == stage and (stage == "planning" or state.taken > 30):
+            rig.live.stop()
 
     session.cell.on_cycle(16_000, stop)
-    with pytest.raises(CancelledError, match="ended: stopped"):
-        rig.run()
-    assert rig.scan.state.stage == "failed"
+    if stage == "planning":
+        with pytest.raises(CancelledError, match="ended: stopped"):
+            rig.run()
+    else:
+        result = rig.run()
+        state = rig.scan.state
+        assert 0 < state.sensed == len(result.recording) < state.planned
+        assert len(result.cloud) == state.points == sum(len(chunk.time) for chunk in rig.chunks) > 100
+        assert f"stopped after {state.sensed} of {state.planned} exposures: stopped" in result.warnings
+        result.save(tmp_path / "run")
+        assert len(open_run(tmp_path / "run", len(result.cloud)).cloud) == len(result.cloud)
+    assert rig.scan.state.stage == "stopped"
+    assert rig.scan.state.ended_by == ("" if stage == "planning" else "stopped")
     assert rig.live.state.controller == "emergency stop"
     rig.live.submit(Reset())
     rig.cycles(5)

@@ -6,7 +6,7 @@ A recording is a table whose columns are named like the FMU's variables, so that
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -180,6 +180,11 @@ class Recording:
 
     def _stack(self, names: list[str]) -> Array:
         return np.stack([np.asarray(self.columns[name], float) for name in names], -1)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Recording]) -> Recording:
+        """The rows of recordings with the same columns, one after another."""
+        return cls({name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns})
 
     def since(self, time: float) -> Recording:
         """A copy whose times, s, count from `time`."""

@@ -15,7 +15,7 @@ from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Pace
 from scancell.workspace.live_commands import Cancel, Command, SetMonitorSpeed
 from scancell.workspace.live_control import LiveControl
-from scancell.workspace.live_jobs import Handed, JobStopped, Work, interrupt, withdraw_interrupt
+from scancell.workspace.live_jobs import CLOSED, Handed, JobStopped, Work, interrupt, withdraw_interrupt
 from scancell.workspace.live_state import LiveState, StateReader
 
 T = TypeVar("T")
@@ -143,7 +143,7 @@ class LiveCell:
             with self._lock:
                 dropped, self._submitted, self._looks = [*self._submitted, *self._looks], deque(), deque()
             _cancel(dropped)
-            self._end_job("the cell is closed")
+            self._end_job(CLOSED)
 
     def cycle(self) -> None:
         """Obey commands, then step one controller cycle, or run a job to its end."""
@@ -222,7 +222,7 @@ class LiveCell:
             self._session.press_emergency_stop()
         self._take_commands()
         if self._ended() and not self._ending:
-            self._end_job("the cell is closed")
+            self._end_job(CLOSED)
 
     def _end_job(self, why: str) -> None:
         if self._running:

@@ -17,6 +17,8 @@ from scancell.scanning.session import ScanSession
 
 T = TypeVar("T")
 
+CLOSED = "the cell is closed"  # why a job ends with the cell
+
 
 class JobStopped(BaseException):
     """Ends a job out of the step in which it is stopped.

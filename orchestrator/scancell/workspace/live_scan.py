@@ -6,7 +6,7 @@ import queue
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,7 +16,7 @@ from scancell.cell.program import Program
 from scancell.cell.recording import Recording
 from scancell.cell.records import RecordBatches
 from scancell.config.choices import Engine
-from scancell.errors import CancelledError
+from scancell.errors import CancelledError, CommandError, EmptyScanError
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.jobs.finishing import SAMPLE_IMAGES, Exposed, Finishing
 from scancell.nominal.plausibility import setup_warnings
@@ -28,9 +28,9 @@ from scancell.scanning.sense import ExposureImages, SensingResult, sample_rows
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Stopwatch
 from scancell.workspace.live import LiveCell
-from scancell.workspace.live_jobs import JobStopped, ready_to_move, while_stepping
+from scancell.workspace.live_jobs import CLOSED, JobStopped, ready_to_move, while_stepping
 
-Stage = Literal["waiting", "planning", "approaching", "scanning", "sensing", "done", "failed"]
+Stage = Literal["waiting", "planning", "approaching", "scanning", "sensing", "done", "stopped", "failed"]
 
 _PATIENCE = 0.02  # s, after which a scan that waits for its sensing looks whether it has to end
 
@@ -70,6 +70,8 @@ class LiveScanState:
         Numbers of exposures: of the plan (0 before there is one), taken by the cell, and sensed.
     points
         Number of points handed over.
+    ended_by
+        Why it was stopped; empty where it was not.
     """
 
     stage: Stage
@@ -77,6 +79,7 @@ class LiveScanState:
     taken: int
     sensed: int
     points: int
+    ended_by: str = ""
 
     @property
     def behind(self) -> int:
@@ -88,7 +91,8 @@ class LiveScan:
     """Plans and drives the scan of the session's descriptions, and senses it in another thread meanwhile.
 
     The arm moves from where it rests to the start of the program on a planned path free of collision; manual operation
-    is left before. The cell waits, and its time with it, while sensing is too far behind.
+    is left before. The cell waits, and its time with it, while sensing is too far behind. Where the scan is stopped, or
+    the controller does not go on with it, what was measured until then is the result, with a warning.
 
     Parameters
     ----------
@@ -106,7 +110,7 @@ class LiveScan:
     Attributes
     ----------
     result
-        The whole scan, as `Scanner.scan` returns it, or what it failed of.
+        The scan, as `Scanner.scan` returns it, or what it failed of.
     """
 
     def __init__(
@@ -122,7 +126,8 @@ class LiveScan:
         self._lock, self._given_up = threading.Lock(), threading.Event()
         self._stage: Stage = "waiting"
         self._planned = self._taken = self._sensed = self._points = 0
-        self._parts: list[tuple[SensingResult, int]] = []
+        self._parts: list[tuple[SensingResult, Recording]] = []
+        self._ended_by = ""
         self._images: list[ExposureImages] = []
         self._begin = 0.0
         self._watch = Stopwatch()
@@ -134,23 +139,31 @@ class LiveScan:
     @property
     def state(self) -> LiveScanState:
         """At present."""
-        return LiveScanState(self._stage, self._planned, self._taken, self._sensed, self._points)
+        counts = self._planned, self._taken, self._sensed, self._points
+        return LiveScanState(self._stage, *counts, self._ended_by)
 
     def start(self, live: LiveCell) -> None:
         """Hand the scan over to a live cell, once."""
         live.perform(self._drive, "a scan").add_done_callback(self._driven)
 
     def _driven(self, driven: Future[None]) -> None:
-        error = None if driven.cancelled() else driven.exception()
-        if driven.cancelled() or isinstance(error, JobStopped):
-            self._fail(CancelledError(f"the scan was ended: {error or 'it had not begun'}"))
-        elif error is not None:
+        if driven.cancelled():
+            self._fail(CancelledError("the scan was ended: it had not begun"), "stopped")
+        elif (error := driven.exception()) is None:
+            return
+        elif not isinstance(error, JobStopped | CommandError):
+            self._fail(error)
+        elif self._taken and str(error) != CLOSED:
+            self._ended_by = str(error)  # what was taken is still sensed
+        elif isinstance(error, JobStopped):
+            self._fail(CancelledError(f"the scan was ended: {error}"), "stopped")
+        else:
             self._fail(error)
 
-    def _fail(self, error: BaseException) -> None:
+    def _fail(self, error: BaseException, stage: Stage = "failed") -> None:
         with self._lock:  # driving and sensing may fail at the same time
             if not self.result.done():
-                self._stage = "failed"
+                self._stage = stage
                 self.result.set_exception(error)
         self._given_up.set()
 
@@ -167,10 +180,9 @@ class LiveScan:
         sensing.start()
         self._stage, self._begin = "scanning", session.time
         with self._watch.measure("drive"):
-            recording = session.run_program(
+            session.run_program(
                 plan.program, session.exposure, RecordBatches(self._batch, lambda taken: self._take(taken, session))
             )
-        self._recording = recording.since(self._begin)
         self._stage = "sensing"
         self._hand_over(None, session)
 
@@ -205,25 +217,28 @@ class LiveScan:
         try:
             while (chunk := self._next()) is not None:
                 self._sense(chunk, finishing, samples)
-            if not self._given_up.is_set():
+            if not self._given_up.is_set() and self._parts:
                 self._finish(session, plan, finishing)
+            elif self._ended_by:
+                self._fail(CancelledError(f"the scan was ended: {self._ended_by}"), "stopped")
         except Exception as error:
             self._fail(error)
 
     def _next(self) -> Recording | None:
-        """The next chunk; None at the end and where the scan was given up."""
+        """The next chunk; None at the end, also of a scan that was stopped, and where it was given up."""
         while not self._given_up.is_set():
             try:
                 return self._chunks.get(timeout=_PATIENCE)
             except queue.Empty:
-                continue
+                if self._ended_by:
+                    break
         return None
 
     def _sense(self, chunk: Recording, finishing: Finishing, samples: NDArray[np.int64]) -> None:
         rows = samples[(samples >= self._sensed) & (samples < self._sensed + len(chunk))] - self._sensed
         with self._watch.measure("sense"):
             sensed, images = finishing.sense(chunk, NullProgress(), rows.tolist())
-        self._parts.append((sensed, len(chunk)))
+        self._parts.append((sensed, chunk))
         self._images += images
         job, pipeline = finishing.job, finishing.pipeline
         with self._watch.measure("reconstruct"):
@@ -243,8 +258,15 @@ class LiveScan:
 
     def _finish(self, session: ScanSession, plan: Plan, finishing: Finishing) -> None:
         parts, self._parts = self._parts, []
-        sensed = SensingResult.joined([part for part, _ in parts], [count for _, count in parts])
-        exposed = Exposed(self._recording, sensed, tuple(self._images), session.cell.token)
-        result = finishing.of_profiles(exposed, plan, NullProgress(), self._watch)
-        self._stage = "done"
+        chunks = [chunk for _, chunk in parts]
+        sensed = SensingResult.joined([part for part, _ in parts], [len(chunk) for chunk in chunks])
+        if self._ended_by:
+            warning = f"stopped after {self._sensed} of {self._planned} exposures: {self._ended_by}"
+            finishing = replace(finishing, setup_warnings=(*finishing.setup_warnings, warning))
+        exposed = Exposed(Recording.joined(chunks), sensed, tuple(self._images), session.cell.token)
+        try:
+            result = finishing.of_profiles(exposed, plan, NullProgress(), self._watch)
+        except EmptyScanError as error:
+            return self._fail(error, "stopped" if self._ended_by else "failed")
+        self._stage = "stopped" if self._ended_by else "done"
         self.result.set_result(result)

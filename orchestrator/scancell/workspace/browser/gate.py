@@ -157,6 +157,8 @@ class Gate:
         return f"{getattr(handle, 'label', 'input')} = {str(value)[:40]}: expected {expected}" if expected else ""
 
     def _begin_upload(self, message: _FileTransferStartUpload) -> str:
+        if getattr(self._handle_of(message.source_component_uuid), "mime_type", None) is None:
+            return f"{message.filename[:80]}: no input for a file"
         if message.size_bytes + self._uploaded > _MOST_UPLOADED:
             return f"{message.filename[:80]}: expected at most {_MOST_UPLOADED / 1e6:.0f} MB"
         if message.transfer_uuid in self._uploads:

@@ -48,6 +48,7 @@ class ScanPanel:
             f"<b>{scan.stage}</b>",
             f"{scan.sensed} of {scan.planned} profiles, {scan.points} points",
             escape(self._scans.cloud.legend),
+            escape(scan.ended_by),
             escape(self._scans.error),
         ]
         set_changed(self._text, "content", small_html(lines))
