@@ -10,7 +10,7 @@ import viser
 import zstandard
 from websockets.sync.client import connect
 
-WAITS = 120.0  # s
+WAITS = 600.0  # s: only a hang takes longer
 _CAMERA = {"wxyz": [1, 0, 0, 0], "position": [1, 1, 1], "fov": 1.0, "near": 0.01, "far": 100.0}
 _SIZE = {"image_height": 500, "image_width": 500, "look_at": [0, 0, 0], "up_direction": [0, 0, 1]}
 

@@ -9,20 +9,27 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
+import numpy as np
+
 from scancell import Scanner
 from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.quiet import quiet_server
 from scancell.workspace.browser.serve import Host, PartFile
 from scancell.workspace.browser.workspace import WorkspaceSettings
+from scancell.workspace.live_camera import CameraFrame
 
 PART = Path(__file__).resolve().parents[1] / "assets" / "parts" / "free_form.stl"
 POSE = ((450, 0, 250), (180, 0, 0))  # mm, deg
 
 Shoot = Callable[[str], None]
 
-_STARTS = 120.0  # s
+_STARTS = 600.0  # s: only a hang takes longer
 _SCANS_MS = 300_000
-_BEGINS_MS = 3000
+_FRAMES = """left => new Promise(done => {
+  const next = () => left-- > 0 ? requestAnimationFrame(next) : done();
+  next();
+})"""
+_NEAR = 1e-3  # rad, with the noise of the encoders
 
 
 @contextmanager
@@ -80,20 +87,42 @@ def says(page: Any, text: str) -> None:
     page.get_by_text(text).first.wait_for()
 
 
-def is_at_rest(page: Any) -> None:
-    """Wait until the robot has had time to begin, and rests."""
-    page.wait_for_timeout(_BEGINS_MS)
-    page.get_by_text("% of the motion").first.wait_for(state="hidden")
+def waits(page: Any, condition: Callable[[], object], what: str) -> None:
+    """Wait for a state of the program while the page goes on."""
+    for _ in range(round(_STARTS / 0.05)):
+        if condition():
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"{what} never came")
 
 
-def walk(page: Any, shoot: Shoot = lambda _: None) -> None:
+def draws(page: Any, frames: int = 10) -> None:
+    """Wait until the page has drawn so many frames: then it shows, and can be pointed at, what it was sent before."""
+    page.evaluate(_FRAMES, frames)
+
+
+def moves(page: Any, host: Host, act: Callable[[], None]) -> None:
+    """Act, and wait until the robot is where that leads."""
+    assert host.workspace is not None
+    live = host.workspace.live
+    before = live.state.target_joints
+    act()
+    waits(page, lambda: not np.array_equal(live.state.target_joints, before), "the motion")
+
+    def is_there() -> bool:
+        state = live.state
+        return not state.moving and bool(np.abs(state.joints - state.target_joints).max() < _NEAR)
+
+    waits(page, is_there, "the end of the motion")
+
+
+def walk(page: Any, host: Host, shoot: Shoot = lambda _: None) -> None:
     """Walk the tour on a page that shows the workspace with `PART`; `shoot` gets the name of each picture."""
     tab(page, "Joints")
     shoot("open")
-    fill(page, "joint 1, deg", 10)
-    is_at_rest(page)
+    moves(page, host, lambda: fill(page, "joint 1, deg", 10))
 
-    go_over_the_part(page)
+    go_over_the_part(page, host)
     says(page, "points,")
     shoot("profile")
 
@@ -109,13 +138,13 @@ def walk(page: Any, shoot: Shoot = lambda _: None) -> None:
     press(page, "Reset after a stop")
     says(page, "at rest")
     tab(page, "Joints")
-    press(page, "Move to home position")
-    is_at_rest(page)
+    moves(page, host, lambda: press(page, "Move to home position"))
 
-    go_over_the_part(page)
+    go_over_the_part(page, host)
     tab(page, "Sensor")
     fill(page, "laser turn z, deg", 1)
-    page.wait_for_timeout(2000)
+    waits(page, lambda: shown_frame(host).as_built == ("sensor.laser.turn_z_deg=1",), "the turned laser")
+    draws(page)
     shoot("perturbed")
     press(page, "All nominal")
 
@@ -128,11 +157,18 @@ def walk(page: Any, shoot: Shoot = lambda _: None) -> None:
     says(page, "saved: ")
 
 
-def go_over_the_part(page: Any) -> None:
+def shown_frame(host: Host) -> CameraFrame:
+    """The last pair of images."""
+    assert host.workspace is not None
+    frame = host.workspace.feed.frame
+    assert frame is not None
+    return frame
+
+
+def go_over_the_part(page: Any, host: Host) -> None:
     """The third step."""
     tab(page, "Pose")
     for label, values in zip(("x, y, z, mm", "XYZ' angles, deg"), POSE, strict=True):
         for number, value in enumerate(values):
             fill(page, label, value, number)
-    press(page, "Move to this pose")
-    is_at_rest(page)
+    moves(page, host, lambda: press(page, "Move to this pose"))

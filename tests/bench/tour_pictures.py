@@ -21,7 +21,7 @@ def main(folder: Path) -> None:
         tempfile.TemporaryDirectory() as out,
         Scanner() as scanner,
         chromium() as browser,
-        hosted(scanner, PART, WorkspaceSettings(Path(out))) as (_, server),
+        hosted(scanner, PART, WorkspaceSettings(Path(out))) as (host, server),
     ):
         page = Watched(browser, 1280, 800).page
         page.goto(address(server))
@@ -31,7 +31,7 @@ def main(folder: Path) -> None:
             page.wait_for_timeout(_DRAWS_MS)
             page.screenshot(path=folder / f"tour_{name}.jpg", type="jpeg", quality=80)
 
-        walk(page, shoot)
+        walk(page, host, shoot)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ from scancell.workspace.browser.serve import Host
 from scancell.workspace.browser.workspace import WorkspaceSettings
 from tour import hosted
 
-WAITS = 120.0  # s
+WAITS = 600.0  # s: only a hang takes longer
 SESSION_LENGTH = 1000  # messages of a connection
 HONEST_EVERY = 500  # messages
 _NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, 0.0, -1.0, 1e4, 2**63 - 1, -(2**63), 0.5, 1, 45.0)
@@ -176,6 +176,7 @@ class Honest:
             workspace = self._host.workspace
             assert workspace is not None
             self._press(connection, number, "Take control")
+            _until(lambda: True if workspace._operators.operator == number else None, "control")
             self._press(connection, number, "Reset after a stop")
             _until(lambda: True if workspace.live.state.controller != "emergency stop" else None, "the reset")
             self._turns += 1
@@ -183,7 +184,21 @@ class Honest:
             for label, value in (("speed, %", 100), ("monitor speed, %", 100), ("joint 1, deg", angle)):
                 self._send(connection, number, label, value)
             at_angle = lambda: abs(np.degrees(workspace.live.state.joints[0]) - angle) < 1e-3 or None  # noqa: E731
-            _until(at_angle, f"joint 1 at {angle} deg")
+            try:
+                _until(at_angle, f"joint 1 at {angle} deg")
+            except TimeoutError as error:
+                state = workspace.live.state
+                names = (
+                    "controller",
+                    "operation",
+                    "job",
+                    "message",
+                    "refusal",
+                    "guard_text",
+                    "joints",
+                    "operator_speed",
+                )
+                raise TimeoutError(f"{error}: { ({name: getattr(state, name) for name in names}) }") from None
         return time.monotonic() - start
 
     def _press(self, connection: ClientConnection, number: int, label: str) -> None:

@@ -210,7 +210,7 @@ def test_frozen_clock_of_jog_is_the_operators_not_the_cells(operator: Operator) 
 
 def test_jog_needs_manual_operation(operator: Operator) -> None:
     state = operator.cycle(5, Jog(Mode.JOINT_JOG, [1.0, 0, 0, 0, 0, 0, 0]))
-    assert state.message == "Jog: the cell is in automatic operation: change to manual operation first"
+    assert state.message == "jog: the cell is in automatic operation: change to manual operation first"
     assert state.controller == "at rest"
     operator.live.submit(MoveJoints(state.joints + 0.3, speed=0.2))
     operator.cycle(20)

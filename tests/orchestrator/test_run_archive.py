@@ -5,13 +5,22 @@ from __future__ import annotations
 import io
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
 
+from scancell.cell.recording import INTEGER_COLUMNS, RecordLayout
+from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import DescriptionError
 from scancell.files import first_free
+from scancell.output.manifest import resolved_toml
 from scancell.workspace import run_archive
 
+PART = assets_dir() / "parts" / "step_block.stl"
 UNPACKED = ("resolved.toml", "recording.parquet", "plan.json", "cloud.ply", "my part.STL")
 
 
@@ -28,10 +37,12 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, bytes]]:
     """Files of the folders that are read as runs."""
     found: list[dict[str, bytes]] = []
 
-    def open_run(folder: str) -> None:
+    def open_run(folder: str) -> Any:
         found.append({path.name: path.read_bytes() for path in Path(folder).iterdir()})
+        return SimpleNamespace(cell=SimpleNamespace(part=SimpleNamespace(faces=[])))
 
     monkeypatch.setattr(run_archive, "open_run", open_run)
+    monkeypatch.setattr(run_archive, "require_readable", lambda *_: None)
     return found
 
 
@@ -54,6 +65,34 @@ def test_large_archives_are_refused_before_they_are_unpacked(opened: list[dict[s
     with pytest.raises(DescriptionError, match=r"run.zip: 10 MB unpacked: expected at most 1 MB"):
         run_archive.open_archive(content, "run.zip", most_bytes=1_000_000)
     assert opened == []
+
+
+def test_archives_of_far_larger_files_are_refused(opened: list[dict[str, bytes]]) -> None:
+    content = zipped({"resolved.toml": b"", "cloud.ply": bytes(10_000_000)})
+    with pytest.raises(DescriptionError, match=r"run.zip: 10.0 MB in 0.0 MB: expected at most 50 times as much"):
+        run_archive.open_archive(content, "run.zip")
+    assert opened == []
+
+
+def test_run_that_takes_too_much_memory_or_time_is_refused(tmp_path: Path) -> None:
+    """A table of equal values is small in its file and large in memory."""
+    setup = load_setup()
+    (tmp_path / "resolved.toml").write_text(resolved_toml(setup, {"part": str(PART), "unit": "mm"}))
+    layout = RecordLayout()
+    columns = (*INTEGER_COLUMNS, *layout.measured, *layout.truth)
+    values = pa.array(np.ones(2_000_000))
+    pyarrow.parquet.write_table(pa.table(dict.fromkeys(columns, values)), tmp_path / "recording.parquet")
+    assert (tmp_path / "recording.parquet").stat().st_size < 2_000_000
+    with pytest.raises(DescriptionError, match=r"run.zip: it cannot be read within 30 s .* and 1611 MB of memory"):
+        run_archive.require_readable(tmp_path, "run.zip")
+    with pytest.raises(DescriptionError, match=r"run.zip: it cannot be read within 1 s"):
+        run_archive.require_readable(tmp_path, "run.zip", seconds=1, memory=1 << 40)
+
+
+def test_errors_name_the_archive_and_no_path_of_the_server() -> None:
+    with pytest.raises(DescriptionError, match=r"^run.zip: resolved.toml") as refused:
+        run_archive.open_archive(zipped({"resolved.toml": b"x = ["}), "run.zip")
+    assert "scancell-run-" not in str(refused.value)
 
 
 def test_what_is_no_archive_of_a_run_is_refused() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 from commands import PARTS, QUICK, scancell_here
 from mcap.reader import make_reader
-from test_workspace import WAITS, Opened, entry, fill
+from test_workspace import Opened, entry, fill
 
 from chromium import chromium
 from scancell import Scanner
 from scancell.planning.configuration_map import CLEARANCE, FREE, ConfigurationMap
+from scancell.workspace.browser.plans import Plans
 from scancell.workspace.browser.playback import Playback
 from scancell.workspace.browser.workspace import WorkspaceSettings
 from spiral_cell import PART, spiral_setup
-from tour import hosted
+from tour import hosted, waits
 
 
 @pytest.fixture(scope="module")
@@ -55,20 +56,31 @@ def some_cell(map_: ConfigurationMap, cause: int) -> tuple[float, float]:
     return columns[middle] / (map_.columns - 1), rows[middle] / map_.rows
 
 
-def click_map(page: Any, place: tuple[float, float]) -> None:
-    page.locator("[data-map]").scroll_into_view_if_needed()
-    box = page.locator("[data-map]").bounding_box()
-    page.mouse.click(box["x"] + place[0] * box["width"], box["y"] + (1 - place[1]) * box["height"])
+def click_map(page: Any, plans: Plans, place: tuple[float, float]) -> None:
+    """Click a place of the map until it is looked at: inputs that appear move the map away from under a click."""
+    drawn = page.locator("[data-map]")
+
+    def is_looked_at() -> bool:
+        return plans.picked is not None and np.allclose((plans.share, plans.angle / (2 * np.pi)), place, atol=0.01)
+
+    def clicked() -> bool:
+        if not is_looked_at():
+            box = drawn.bounding_box()
+            drawn.click(position={"x": place[0] * box["width"], "y": (1 - place[1]) * box["height"]})
+        return is_looked_at()
+
+    waits(page, clicked, "the pose in the map")
 
 
 def test_map_is_clicked_the_robot_goes_there_and_the_plan_plays(opened: Opened) -> None:
     page, plans = opened.page().page, opened.workspace.plans
     page.get_by_role("tab", name="Plan").click()
     page.get_by_role("button", name="Plan the scan").click()
+    waits(page, lambda: plans.map is not None and plans.state.stage == "ready", "the plan")
     page.locator("[data-map]").wait_for()
     assert plans.map is not None
 
-    click_map(page, some_cell(plans.map, FREE))
+    click_map(page, plans, some_cell(plans.map, FREE))
     page.locator("b", has_text="free, quality").wait_for()
     opened.until(lambda _: opened.workspace.scene.previews != (), "the ghost")
     np.testing.assert_allclose((plans.share, plans.angle / (2 * np.pi)), some_cell(plans.map, FREE), atol=0.01)
@@ -81,7 +93,7 @@ def test_map_is_clicked_the_robot_goes_there_and_the_plan_plays(opened: Opened) 
     assert turned == pytest.approx(round(turned), abs=1e-6)
     opened.until(lambda _: opened.workspace.scene.previews == (), "no ghost where the robot is")
 
-    click_map(page, some_cell(plans.map, CLEARANCE))
+    click_map(page, plans, some_cell(plans.map, CLEARANCE))
     page.locator("b", has_text="forbidden: ").wait_for()
     before = opened.state.joints
     page.get_by_role("button", name="Go there").click()
@@ -134,14 +146,6 @@ def test_run_is_opened_and_left_and_the_session_is_recorded(opened: Opened, tmp_
     counts = {summary.channels[number].topic: n for number, n in summary.statistics.channel_message_counts.items()}
     assert counts["/joints"] == counts["/tf"] > 10
     assert counts["/scene"] == 1
-
-
-def waits(page: Any, condition: Callable[[], bool], what: str) -> None:
-    for _ in range(round(WAITS / 0.05)):
-        if condition():
-            return
-        page.wait_for_timeout(50)
-    raise AssertionError(f"{what} never came")
 
 
 def zipped_run(folder: Path) -> bytes:

@@ -27,11 +27,11 @@ def test_first_time_user_scans_a_part(tmp_path: Path) -> None:
     with (
         Scanner.from_setup(setup) as scanner,
         chromium() as browser,
-        hosted(scanner, PART, WorkspaceSettings(tmp_path)) as (_, server),
+        hosted(scanner, PART, WorkspaceSettings(tmp_path)) as (host, server),
     ):
         watched = Watched(browser, 1280, 900, sharpness=0.25)
         watched.opens(address(server))
-        walk(watched.page, shown.append)
+        walk(watched.page, host, shown.append)
     assert watched.errors == []
     assert re.findall(r"pictures/tour_(\w+)\.jpg", TOUR.read_text()) == shown
     run = open_run(tmp_path / "scan_1")

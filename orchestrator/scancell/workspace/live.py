@@ -13,7 +13,7 @@ from scancell.errors import CommandError
 from scancell.progress import NullProgress
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Pace
-from scancell.workspace.live_commands import Cancel, Command, SetMonitorSpeed
+from scancell.workspace.live_commands import NAMES, Cancel, Command, SetMonitorSpeed
 from scancell.workspace.live_control import LiveControl
 from scancell.workspace.live_jobs import CLOSED, Handed, JobStopped, Work, interrupt, withdraw_interrupt
 from scancell.workspace.live_state import LiveState, StateReader
@@ -259,7 +259,7 @@ class LiveCell:
             self._end_job("cancelled")
             self._control.obey(command)
         elif self._job is not None and not isinstance(command, SetMonitorSpeed):
-            raise CommandError(f"{type(command).__name__}: {self._job.name} runs: cancel it first")
+            raise CommandError(f"{NAMES[type(command)]}: {self._job.name} runs: cancel it first")
         else:
             self._control.obey(command)
 

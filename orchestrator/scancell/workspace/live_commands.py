@@ -23,11 +23,11 @@ class Jog:
     frame: Frame = Frame.WORLD
 
     def __post_init__(self) -> None:
-        values = _array("Jog", "deflections", self.deflections, (None,))
+        values = _array("jog", "deflections", self.deflections, (None,))
         if self.mode not in (Mode.JOINT_JOG, Mode.TOOL_JOG):
-            raise CommandError(f"Jog: mode = {self.mode!r}: expected JOINT_JOG or TOOL_JOG")
+            raise CommandError(f"jog: mode = {self.mode!r}: expected JOINT_JOG or TOOL_JOG")
         if np.abs(values).max(initial=0.0) > 1.0 or (self.mode is Mode.TOOL_JOG and len(values) != 6):
-            raise CommandError(f"Jog: deflections = {values}: expected numbers from -1 to 1, 6 for the tool")
+            raise CommandError(f"jog: deflections = {values}: expected numbers from -1 to 1, 6 for the tool")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +39,10 @@ class MoveJoints:
     speed: float = 1.0
 
     def __post_init__(self) -> None:
-        _array("MoveJoints", "q", self.q, (None,))
-        _number("MoveJoints", "speed", self.speed, 1e-6, 1.0)
+        _array("move", "q", self.q, (None,))
+        _number("move", "speed", self.speed, 1e-6, 1.0)
         if self.table is not None:
-            _number("MoveJoints", "table", self.table, -1e4, 1e4)
+            _number("move", "table", self.table, -1e4, 1e4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +55,12 @@ class MoveTool:
     speed: float = 1.0
 
     def __post_init__(self) -> None:
-        target = _array("MoveTool", "world_from_tool", self.world_from_tool, (4, 4))
+        target = _array("move", "world_from_tool", self.world_from_tool, (4, 4))
         rotation = target[:3, :3]
         is_pose = np.abs(rotation @ rotation.T - np.eye(3)).max() < _RIGID and np.linalg.det(rotation) > 0
         if not is_pose or not np.array_equal(target[3], [0, 0, 0, 1]):
-            raise CommandError(f"MoveTool: world_from_tool = {target.tolist()}: expected a rigid transform")
-        _number("MoveTool", "speed", self.speed, 1e-6, 1.0)
+            raise CommandError(f"move: world_from_tool = {target.tolist()}: expected a rigid transform")
+        _number("move", "speed", self.speed, 1e-6, 1.0)
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class SetMonitorSpeed:
     share: float
 
     def __post_init__(self) -> None:
-        _number("SetMonitorSpeed", "share", self.share, 0.0, 1.0)
+        _number("monitor speed", "share", self.share, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,10 @@ class SetGripper:
 
     def __post_init__(self) -> None:
         if (self.width is None) == (self.force is None):
-            raise CommandError("SetGripper: expected either width or force")
+            raise CommandError("gripper: expected either width or force")
         for name in ("width", "force"):
             if (value := getattr(self, name)) is not None:
-                _number("SetGripper", name, value, 0.0, 1e4)
+                _number("gripper", name, value, 0.0, 1e4)
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,19 @@ class RunBelt:
     speed: float
 
     def __post_init__(self) -> None:
-        _number("RunBelt", "speed", self.speed, -10.0, 10.0)
+        _number("conveyor", "speed", self.speed, -10.0, 10.0)
 
+
+# For messages to persons.
+NAMES: dict[type, str] = {
+    Jog: "jog",
+    MoveJoints: "move",
+    MoveTool: "move",
+    ChangeOperation: "change of operation",
+    Reset: "reset",
+    SetGripper: "gripper",
+    RunBelt: "conveyor",
+}
 
 Command = Jog | MoveJoints | MoveTool | SetMonitorSpeed | ChangeOperation | Cancel | Reset | SetGripper | RunBelt
 

@@ -86,7 +86,7 @@ class LiveControl:
                 session.set_gripper_width(command.width or 0.0)
             case RunBelt():
                 if not 1 <= command.number <= self._belts:
-                    raise CommandError(f"RunBelt: number = {command.number}: expected 1 to {self._belts}")
+                    raise CommandError(f"conveyor: number = {command.number}: expected 1 to {self._belts}")
                 session.run_belt(command.number, command.speed)
             case Cancel():
                 self.give_up()
@@ -113,7 +113,7 @@ class LiveControl:
         if self._is_settling:
             return
         if operation is not Operation.MANUAL:
-            raise CommandError("Jog: the cell is in automatic operation: change to manual operation first")
+            raise CommandError("jog: the cell is in automatic operation: change to manual operation first")
         self._session.set_jog(command.mode, command.deflections, command.frame)
         self._jog_until = self._clock() + self._hold_time
 
@@ -159,7 +159,7 @@ class LiveControl:
         match move:
             case MoveJoints():
                 if np.size(move.q) != len(session.joints):
-                    raise CommandError(f"MoveJoints: q = {move.q!r}: expected {len(session.joints)} angles")
+                    raise CommandError(f"move: q = {move.q!r}: expected {len(session.joints)} angles")
                 session.start_joints(move.q, move.table, move.speed)
             case MoveTool(straight=True):
                 session.start_line(move.world_from_tool, move.tool, move.speed)

@@ -267,6 +267,7 @@ class LiveScan:
         try:
             result = finishing.of_profiles(exposed, plan, NullProgress(), self._watch)
         except EmptyScanError as error:
-            return self._fail(error, "stopped" if self._ended_by else "failed")
+            self._fail(error, "stopped" if self._ended_by else "failed")
+            return
         self._stage = "stopped" if self._ended_by else "done"
         self.result.set_result(result)

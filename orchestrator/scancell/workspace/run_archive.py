@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import io
+import os
 import re
+import subprocess
+import sys
 import tempfile
 import zipfile
 import zlib
@@ -13,6 +16,22 @@ from scancell.errors import DescriptionError
 from scancell.workspace.recorded_run import RecordedRun, open_run
 
 MOST_BYTES = 1 << 30  # of the files that are unpacked
+MOST_RATIO, _ANY_RATIO = 50, 1 << 20  # of these files to the archive, beyond some bytes
+MOST_SECONDS, MOST_MEMORY = 30, 3 << 29  # s of the processor and bytes in which a run must be read
+MOST_FACES = 2_000_000  # of the part
+
+# Files may hold far more than their size says, as tables of equal values do: only reading them shows it.
+_READ = """import resource, sys
+limits = resource.RLIMIT_CPU, resource.RLIMIT_DATA
+for limit, most in zip(limits, map(int, sys.argv[2:])):
+    resource.setrlimit(limit, (most, most))
+from scancell.errors import ScancellError
+from scancell.workspace.recorded_run import open_run
+try:
+    open_run(sys.argv[1])
+except ScancellError as error:
+    sys.exit(f"scancell: {error}")
+"""
 
 _START = "resolved.toml"
 _FILES = {_START, "recording.parquet", "plan.json", "cloud.ply"}
@@ -43,7 +62,32 @@ def open_archive(content: bytes, name: str, most_bytes: int = MOST_BYTES) -> Rec
                 _unpack(archive, name, Path(folder), most_bytes)
         except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:  # the last two: encrypted
             raise DescriptionError(f"{name}: expected a zip file of a run folder: {error}") from None
-        return open_run(folder)
+        require_readable(Path(folder), name)
+        run = open_run(folder)
+    if (faces := len(run.cell.part.faces)) > MOST_FACES:
+        raise DescriptionError(f"{name}: a part of {faces} faces: expected at most {MOST_FACES}")
+    return run
+
+
+def require_readable(folder: Path, name: str, seconds: int = MOST_SECONDS, memory: int = MOST_MEMORY) -> None:
+    """Read a run in a process of its own, within limits of time (s) and memory (bytes).
+
+    Raises
+    ------
+    DescriptionError
+        If that fails.
+    """
+    words = [sys.executable, "-c", _READ, str(folder), str(seconds), str(memory)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        return
+    said = done.stderr.strip().rpartition("\n")[2]
+    if said.startswith("scancell: "):
+        raise DescriptionError(said.removeprefix("scancell: ").replace(f"{folder}/", f"{name}: "))
+    raise DescriptionError(
+        f"{name}: it cannot be read within {seconds} s of the processor and {memory / 1e6:.0f} MB of memory"
+    )
 
 
 def _unpack(archive: zipfile.ZipFile, name: str, folder: Path, most: int) -> None:
@@ -59,5 +103,10 @@ def _unpack(archive: zipfile.ZipFile, name: str, folder: Path, most: int) -> Non
     size = sum(entry.file_size for entry in wanted.values())
     if size > most:
         raise DescriptionError(f"{name}: {size / 1e6:.0f} MB unpacked: expected at most {most / 1e6:.0f} MB")
+    packed = sum(entry.compress_size for entry in wanted.values())
+    if size > _ANY_RATIO + MOST_RATIO * packed:
+        raise DescriptionError(
+            f"{name}: {size / 1e6:.1f} MB in {packed / 1e6:.1f} MB: expected at most {MOST_RATIO} times as much"
+        )
     for file, entry in wanted.items():
         (folder / file).write_bytes(archive.read(entry))  # at most `file_size`, else an error
