@@ -134,7 +134,6 @@ def walk(page: Any, host: Host, shoot: Shoot = lambda _: None) -> None:
     says(page, "emergency stop")
     page.mouse.up()
     shoot("stopped")
-    tab(page, "Cell")
     press(page, "Reset after a stop")
     says(page, "at rest")
     tab(page, "Joints")

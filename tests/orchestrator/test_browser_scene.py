@@ -223,6 +223,24 @@ def test_colliding_bodies_are_red_the_nearest_amber_and_then_as_before(server, s
     assert colours() == before
 
 
+@pytest.mark.parametrize(
+    "text", ["stop: sensor - table: 33 mm", "slowed to 50%: sensor - table", "sensor - table: 40 mm, contact in 0.4 s"]
+)
+def test_bodies_that_the_guard_names_are_painted_with_a_line_between_them(server, scene, live, text: str) -> None:
+    still = replace(live.state, colliding=None, nearest=None, guard_text=text)
+    scene.show(still)
+    assert still.guarded_pair == ("sensor", "table")
+    assert [node(server, f"/frames/{frame}").color for frame in ("sensor/sensor", "table/table")] == [NEAREST] * 2
+    line, label = node(server, "/nearest/line"), node(server, "/nearest/distance")
+    assert line.visible
+    length = float(np.linalg.norm(np.diff(line.points[0], axis=0)))
+    assert label.text == f"{1e3 * length:.1f} mm"
+    scene.show(replace(still, guard_text="", time=still.time + 1))
+    assert not line.visible
+    for nothing in ("", "stop: the motion changes too fast", "stop: nobody - nothing: 3 mm"):
+        assert replace(still, guard_text=nothing).guarded_pair is None
+
+
 def test_line_between_nearest_bodies_is_as_long_as_the_cell_says(server) -> None:
     setup = load_setup()
     with Scanner.from_setup(setup, threads=1) as scanner, scanner.session(block(0.04, 0.03, 0.02)) as session:

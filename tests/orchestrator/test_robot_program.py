@@ -240,3 +240,22 @@ def test_program_imports_from_its_folder(scanner: Scanner, run: Run, tmp_path: P
     text = "import my_places\ndef main(robot):\n    robot.wait(my_places.DOWN)\n"
     with scanner.session() as session:
         assert run(text, session).steps[0][1].about == "0.25 s"
+
+
+def test_main_without_the_robot_is_named(scanner: Scanner, run: Run) -> None:
+    with (
+        scanner.session(None) as session,
+        pytest.raises(ProgramError, match=r"main does not take the robot: expected def"),
+    ):
+        run("def main() -> int:\n    return 0\n", session)
+
+
+def test_prints_of_a_program_are_handed_over(
+    scanner: Scanner, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, printed = tmp_path / "program.py", []
+    file.write_text("def main(robot):\n    print('at', 1.5, sep='=')\n    print()\n")
+    with scanner.session(None) as session:
+        run_program(file, session, "geometric", tmp_path, printed=printed.append)
+    assert printed == ["at=1.5", ""]
+    assert capsys.readouterr().out == ""

@@ -231,7 +231,6 @@ def test_stop_key_stops_and_reset_lets_the_robot_move_again(opened: Opened) -> N
     page.keyboard.press("Escape")  # while an input has the focus
     state = opened.until(lambda state: state.controller == "emergency stop" and not state.moving, "the stop")
     assert abs(state.joints[0] + 60 * deg) > 10 * deg
-    page.get_by_role("tab", name="Cell").click()
     page.get_by_role("button", name="Reset after a stop").click()
     opened.until(lambda state: state.controller == "at rest", "the reset")
     page.get_by_role("tab", name="Joints").click()

@@ -96,6 +96,15 @@ class LiveState:
     colliding: tuple[str, str] | None
     nearest: tuple[str, str, float] | None
 
+    @property
+    def guarded_pair(self) -> tuple[str, str] | None:
+        """Bodies that the guard warns of, slows down for or has stopped for; None if it names none."""
+        for part in self.guard_text.split(": "):
+            first, _, second = part.partition(" - ")
+            if first in self.world_from_body and second in self.world_from_body:
+                return first, second
+        return None
+
 
 class StateReader:
     """Reads the state of a session's cell."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import io
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -9,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from scancell.config.choices import Engine
 from scancell.errors import ProgramError, ScancellError
@@ -48,6 +51,7 @@ def run_program(
     engine: Engine = "ray-traced",
     folder: Path | None = None,
     show: Callable[[int, Step], None] = lambda _line, _step: None,
+    printed: Callable[[str], None] | None = None,
 ) -> ProgramRun:
     """Run the program of a file; it runs in this process, with all rights of its user.
 
@@ -61,6 +65,8 @@ def run_program(
         Where the program saves clouds; None: the current one.
     show
         Receives each command that was carried out, after the line of the program that gave it.
+    printed
+        Receives the text that the program prints; None: it goes to standard output.
 
     Raises
     ------
@@ -80,9 +86,8 @@ def run_program(
     watch = ContactWatch(session.cell, [body.name for body in session.true.bodies])
     robot = Robot(session, engine, folder, on_step)
     try:
-        with _loaded(program) as module:
-            if not callable(getattr(module, "main", None)):
-                raise ProgramError(f"{program}: has no function main: expected def main(robot)")
+        with _loaded(program, printed) as module:
+            _require_main(module, program)
             module.main(robot)
     except ProgramError:
         raise
@@ -96,8 +101,21 @@ def run_program(
     return run
 
 
+def _require_main(module: ModuleType, program: Path) -> None:
+    main = getattr(module, "main", None)
+    if not callable(main):
+        raise ProgramError(f"{program}: has no function main: expected def main(robot)")
+    try:
+        inspect.signature(main).bind(None)
+    except TypeError:
+        raise ProgramError(
+            f"{program}: main does not take the robot: expected def main(robot); a script that makes a cell of its own "
+            "is run by Python itself"
+        ) from None
+
+
 @contextmanager
-def _loaded(program: Path) -> Iterator[ModuleType]:
+def _loaded(program: Path, printed: Callable[[str], None] | None) -> Iterator[ModuleType]:
     """The program as a module; it may import modules from its folder."""
     try:
         source = program.read_bytes()
@@ -105,6 +123,8 @@ def _loaded(program: Path) -> Iterator[ModuleType]:
         raise ProgramError(f"{program}: cannot be read: {error.strerror}; expected a Python file") from error
     module = ModuleType(_MODULE)
     module.__file__ = str(program)
+    if printed is not None:
+        module.__dict__["print"] = _printing_to(printed)
     folder = str(program.resolve().parent)
     sys.path.insert(0, folder)
     sys.modules[_MODULE] = module  # dataclasses look their module up
@@ -114,6 +134,18 @@ def _loaded(program: Path) -> Iterator[ModuleType]:
     finally:
         sys.path.remove(folder)
         del sys.modules[_MODULE]
+
+
+def _printing_to(printed: Callable[[str], None]) -> Callable[..., None]:
+    """In place of `print`."""
+
+    def print_(*values: object, file: Any = None, **options: Any) -> None:
+        text = io.StringIO()
+        print(*values, file=text if file is None else file, **options)
+        if file is None:
+            printed(text.getvalue().rstrip("\n"))
+
+    return print_
 
 
 def _message(error: BaseException, file: str) -> str:

@@ -23,6 +23,7 @@ from scancell.workspace.browser.plans import Plans
 from scancell.workspace.browser.recording import SessionRecording
 from scancell.workspace.browser.scans import Scans
 from scancell.workspace.live_camera import CameraFeed
+from scancell.workspace.live_commands import Reset
 from scancell.workspace.live_state import LiveState
 
 if TYPE_CHECKING:
@@ -65,6 +66,11 @@ class ClientView:
         gui, self._desk = client.gui, desk
         self._take = gui.add_button("Take control", hint="another browser controls the cell", visible=False, order=-5)
         self._take.on_click(desk.by_person(desk.take_control))
+        self._reset = gui.add_button(
+            "Reset after a stop", hint="release the stop; nothing moves", visible=False, order=-6
+        )
+        self._reset.on_click(desk.by_person(lambda: desk.submit(Reset())))
+        desk.add_inputs([self._reset])
         tabs = gui.add_tab_group(order=0)
         self._panels: list[Panel] = []
         with tabs.add_tab("Joints"):
@@ -92,6 +98,7 @@ class ClientView:
     def show(self, state: LiveState) -> None:
         """Show a state."""
         set_changed(self._take, "visible", not self._desk.is_operator)
+        set_changed(self._reset, "visible", state.controller == "emergency stop")
         self._desk.enable()
         for panel in self._panels:
             failures: list[str] = []

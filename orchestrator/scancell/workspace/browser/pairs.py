@@ -1,4 +1,4 @@
-"""Bodies that collide or are nearest to each other, in colour, with the line between their nearest points."""
+"""Bodies that collide, that the guard names or that are nearest, in colour, with the line between nearest points."""
 
 from __future__ import annotations
 
@@ -22,11 +22,14 @@ Array = NDArray[np.float64]
 COLLIDING, NEAREST = (215, 35, 35), (245, 165, 30)
 _LINE = (200, 60, 0)
 _PERIOD = 0.1  # s of the cell between computations of the line
+_GUARDED_REACH = 1.0  # m
 _SLACK = 2e-3  # m by which the nearest points may be farther apart than the distance that is known
 
 
 class PairView:
-    """Paints pairs of bodies, and draws the line between the nearest points of the nearest pair.
+    """Paints pairs of bodies, and draws the line between the nearest points of one.
+
+    It is the pair that the guard names, else the nearest one.
 
     Parameters
     ----------
@@ -53,14 +56,12 @@ class PairView:
     def show(self, state: LiveState) -> None:
         """Paint the pairs of a state, and draw the line."""
         self._paint(state)
-        if state.nearest is None or state.colliding is not None or not self._shown:
+        names, reach = _pair(state)
+        if not names or state.colliding is not None or not self._shown:
             self._hide()
-            return
-        names, distance = state.nearest[:2], state.nearest[2]
-        self._label.text = f"{1e3 * distance:.1f} mm"
-        if names != self._drawn or abs(state.time - self._computed) >= _PERIOD:
+        elif names != self._drawn or abs(state.time - self._computed) >= _PERIOD:
             self._drawn, self._computed = names, state.time
-            self._draw(np.stack([state.world_from_body[name] for name in names]), distance)
+            self._draw(np.stack([state.world_from_body[name] for name in names]), reach)
 
     def show_distances(self, shown: bool) -> None:
         """Show the line, from the next state on, or hide it."""
@@ -69,20 +70,22 @@ class PairView:
             self._hide()
 
     def _paint(self, state: LiveState) -> None:
-        nearest = () if state.nearest is None else state.nearest[:2]
-        wanted: dict[str, Rgb] = dict.fromkeys(nearest, NEAREST) | dict.fromkeys(state.colliding or (), COLLIDING)
+        wanted: dict[str, Rgb] = dict.fromkeys(_pair(state)[0], NEAREST) | dict.fromkeys(
+            state.colliding or (), COLLIDING
+        )
         if wanted == self._painted:
             return
         for body in self._painted.keys() | wanted.keys():
             self._bodies.paint(body, wanted.get(body))
         self._painted = wanted
 
-    def _draw(self, poses: Array, distance: float) -> None:
-        ends = self._scene_of(self._drawn).closest_points(poses[None], distance + _SLACK, threads=1)[1][0, 0]
+    def _draw(self, poses: Array, reach: float) -> None:
+        ends = self._scene_of(self._drawn).closest_points(poses[None], reach, threads=1)[1][0, 0]
         found = bool(np.isfinite(ends).all())
         self._line.visible = self._label.visible = found
         if found:
             self._line.points = ends[None]
+            self._label.text = f"{1e3 * np.linalg.norm(ends[1] - ends[0]):.1f} mm"
             self._label.position = ends.mean(0)
 
     def _scene_of(self, names: tuple[str, ...]) -> ProximityScene:
@@ -93,3 +96,10 @@ class PairView:
     def _hide(self) -> None:
         self._drawn = ()
         self._line.visible = self._label.visible = False
+
+
+def _pair(state: LiveState) -> tuple[tuple[str, ...], float]:
+    """Names of the two bodies to show, and a bound on their distance, m; no names if there are none."""
+    if (guarded := state.guarded_pair) is not None:
+        return guarded, _GUARDED_REACH
+    return ((), 0.0) if state.nearest is None else (state.nearest[:2], state.nearest[2] + _SLACK)

@@ -8,7 +8,7 @@ from typing import Any
 from scancell.cell.controller import Operation
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.handles import Follower
-from scancell.workspace.live_commands import ChangeOperation, Reset, RunBelt, SetGripper, SetMonitorSpeed
+from scancell.workspace.live_commands import ChangeOperation, RunBelt, SetGripper, SetMonitorSpeed
 from scancell.workspace.live_state import LiveState
 
 _OPERATIONS = {"automatic": Operation.AUTOMATIC, "manual": Operation.MANUAL}
@@ -24,11 +24,9 @@ class CellPanel:
         self._shown_operation = Follower(self._operation)
         self._monitor = gui.add_slider("monitor speed, %", 0, 100, 1, 100)
         self._shown_monitor = Follower(self._monitor)
-        reset = gui.add_button("Reset after a stop")
         self._operation.on_update(desk.by_person(self._change_operation))
         self._monitor.on_update(desk.by_person(lambda: desk.submit(SetMonitorSpeed(self._monitor.value / 100))))
-        reset.on_click(desk.by_person(lambda: desk.submit(Reset())))
-        desk.add_inputs([self._operation, self._monitor, reset])
+        desk.add_inputs([self._operation, self._monitor])
         if state.gripper_width is not None:
             self._add_gripper(gui, state.gripper_width)
         for number, (speed, _) in enumerate(state.belts, start=1):

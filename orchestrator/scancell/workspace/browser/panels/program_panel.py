@@ -17,7 +17,7 @@ from scancell.workspace.live_state import LiveState
 from scancell.workspace.program import run_program
 from scancell.workspace.robot import Step
 
-_LINES = 8  # of the commands that were carried out last
+_LINES = 12  # of the commands that were carried out last, and of what was printed
 
 
 class RobotProgram:
@@ -35,7 +35,7 @@ class RobotProgram:
 
     @property
     def lines(self) -> list[str]:
-        """The commands that were carried out last, with their lines."""
+        """The commands that were carried out last, with their lines, and what the program printed."""
         return list(self._lines)
 
     def start(self) -> None:
@@ -44,7 +44,7 @@ class RobotProgram:
         self._live.perform(self._run, self.file.name)
 
     def _run(self, session: ScanSession) -> None:
-        run_program(self.file, session, self._engine, self._out, self._note)
+        run_program(self.file, session, self._engine, self._out, self._note, self._lines.append)
 
     def _note(self, line: int, step: Step) -> None:
         self._lines.append(f"line {line}: {step.command} {step.about}".rstrip())
@@ -63,5 +63,6 @@ class ProgramPanel:
         desk.add_inputs([start, cancel])
 
     def show(self, state: LiveState) -> None:
-        """Show what the program did."""
-        set_changed(self._text, "content", small_html(map(escape, self._program.lines)))
+        """Show whether the program runs, and what it did."""
+        now = "<b>runs</b>" if state.job == self._program.file.name else ""
+        set_changed(self._text, "content", small_html([now, *map(escape, self._program.lines)]))
