@@ -28,6 +28,7 @@ import numpy as np
 
 from guard_answers import HANGS, guard_process
 from scancell.cell.controller import Mode, Operation
+from scancell.config.loading import load_setup
 from scancell.guard.endpoints import FAILED, LEAST_PERIOD, SILENCE, CellEndpoint, GuardEndpoint, Outcome
 from scancell.guard.messages import CellState, GuardMessage, decode
 
@@ -36,6 +37,7 @@ SESSION_LENGTH = 200  # exchanges
 PERIOD = 0.032  # s
 TEXTS = ("", "joint 1 → wall 20 mm", "é" * 60)
 
+COMMAND = [sys.executable, "-c", "from scancell.cli import main; main()"]
 PART = Path(__file__).resolve().parents[2] / "assets" / "parts" / "step_block.stl"
 
 _HEADER, _CRC = 28, 4  # bytes
@@ -268,7 +270,7 @@ def run_over_udp(traffic: Traffic, packets: int, counts: Counter[str]) -> None:
 @contextlib.contextmanager
 def served_guard(counts: Counter[str]) -> Iterator[int]:
     """Port of ``scancell guard serve`` with a part; packets that it counted are in `counts` at the end."""
-    command = [sys.executable, "-m", "scancell", "guard", "serve", "--part", str(PART), "--json"]
+    command = [*COMMAND, "guard", "serve", "--part", str(PART), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stderr is not None
@@ -314,11 +316,47 @@ def run_against_guard(traffic: Traffic, packets: int, counts: Counter[str]) -> N
     counts["guard: longest answer, ms"] = round(1e3 * longest)
 
 
+_FLOOD = """import socket, sys
+own = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+while True:
+    own.sendto(bytes(1000), ("127.0.0.1", int(sys.argv[1])))
+"""
+
+
+def run_beside_flood(states: int, counts: Counter[str]) -> None:
+    """Send states every 32 ms to a guard of the default cell beside a process that floods its port."""
+    served: Counter[str] = Counter()
+    cell = CellEndpoint(age_limit=0.12)
+    home = np.radians([*load_setup().cell.robot.home_deg, 0.0])
+    with served_guard(served) as port, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.connect(("127.0.0.1", port))
+        own.settimeout(PERIOD)
+        flood = subprocess.Popen([sys.executable, "-c", _FLOOD, str(port)])
+        try:
+            for sequence in range(states):
+                start = time.perf_counter()
+                now = sequence * PERIOD
+                state = CellState(
+                    sequence, now, Operation.MANUAL, Mode.JOINT_JOG, True, home + 1e-3 * sequence * PERIOD
+                )
+                own.send(cell.packet(state))
+                while (left := start + PERIOD - time.perf_counter()) > 0:
+                    own.settimeout(left)
+                    with contextlib.suppress(TimeoutError):
+                        counts["flood: answers"] += cell.receive(own.recv(2048), now) is not None
+        finally:
+            flood.kill()
+            flood.wait()
+    counts["flood: states"] += states
+    counts["flood: foreign datagrams refused"] += served[Outcome.MALFORMED]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.guard_packets", description=__doc__)
     parser.add_argument("--packets", type=int, default=1_000_000, help="mutants in all")
     parser.add_argument("--udp", type=int, default=200_000, help="of these, over UDP")
     parser.add_argument("--guard", type=int, default=100_000, help="further mutants, to a guard with a part over UDP")
+    parser.add_argument("--flood", type=int, default=150, help="states of a cell beside a flood")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     counts: Counter[str] = Counter()
@@ -326,6 +364,7 @@ def main() -> None:
     run_in_process(Traffic(options.seed), options.packets - options.udp, counts)
     run_over_udp(Traffic(options.seed + 1), options.udp, counts)
     run_against_guard(Traffic(options.seed + 2), options.guard, counts)
+    run_beside_flood(options.flood, counts)
     for name, number in counts.items():
         print(f"{number:>10,} {name}")
     print(f"{time.perf_counter() - start:.0f} s")
