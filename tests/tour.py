@@ -55,8 +55,9 @@ def hosted(scanner: Scanner, part: Path | None, settings: WorkspaceSettings) -> 
 
 
 def entry(page: Any, label: str, number: int = 0) -> Any:
-    """The input (the `number`-th of them) beside a label."""
-    row = page.locator("label", has_text=re.compile(f"^{re.escape(label)}$")).locator("xpath=ancestor::*[.//input][1]")
+    """The input (the `number`-th of them) beside a label that is shown."""
+    shown = page.locator("label", has_text=re.compile(f"^{re.escape(label)}$")).locator("visible=true")
+    row = shown.locator("xpath=ancestor::*[.//input][1]")
     return row.locator("input:not([type=hidden])").nth(number)
 
 
