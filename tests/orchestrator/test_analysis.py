@@ -13,6 +13,8 @@ from scancell.config.study import StudyDescription
 from scancell.studies.analysis import analyse
 from scancell.studies.designs import design
 from scancell.studies.page import study_page
+from scancell.studies.report import StudyReport
+from scancell.studies.study import Collected
 
 NAMES = ["a", "b & <b>", "c"]
 
@@ -52,7 +54,26 @@ def test_budget_adds_up_and_names_the_main_contributor(kind, trials) -> None:
     assert sum(row["share"] for row in rms["budget"]) + rms["unexplained"] == pytest.approx(1)
     assert found["engines"]["geometric"]["undetected"] == ["c"]
     assert found["notes"] == []
+    for row in rms["budget"]:
+        for key in ("share", "uncertainty"):
+            low, high = row[f"{key}_interval"]
+            assert 0 <= low <= row[key] <= high
     json.dumps(found, allow_nan=False)
+
+
+@pytest.mark.parametrize("kind", ["monte_carlo", "morris", "one_at_a_time"])
+def test_command_states_the_interval_of_every_share_and_uncertainty_that_it_prints(kind) -> None:
+    study = study_of(kind, 40)
+    rows = rows_of(study)
+    lines = StudyReport(analyse(study, NAMES, rows), Collected(rows, [], []), []).lines()
+    (line,) = (line for line in lines if line.split()[0] == "b")
+    number = r"[\d.e+-]+"
+    if kind == "morris":
+        assert re.search(rf"mean magnitude of the effect {number} \+- {number}$", line)
+    else:
+        percent = rf"{number}%"
+        expected = rf"{percent} \[{percent}, {percent}\] of the variance, uncertainty {number} \[{number}, {number}\]$"
+        assert re.search(expected, line)
 
 
 def test_few_trials_are_noted() -> None:

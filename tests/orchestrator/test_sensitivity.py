@@ -70,7 +70,26 @@ def test_morris_of_a_linear_function_is_its_slopes() -> None:
 def test_one_at_a_time_combines_slopes_and_uncertainties() -> None:
     values = [np.array([0.5, 0.0, 1.0, 0.5, 0.5]), np.array([0.5, 0.5, 0.5, 0.0, 1.0])]
     outputs = 3 * values[0] - 2 * values[1]
-    rows = one_at_a_time_budget(values, outputs, [2, 2], lambda j: (1.0, 2.0)[j])
+    rows = one_at_a_time_budget(values, outputs, [2, 2], (1.0, 2.0), 0.95, 0)
     assert [row["slope"] for row in rows] == pytest.approx([3, -2])
     assert [row["uncertainty"] for row in rows] == pytest.approx([3, 4])
     assert [row["share"] for row in rows] == pytest.approx([0.36, 0.64])
+    assert [row["share_interval"] for row in rows] == [None, None], "two levels leave no scatter to judge by"
+
+
+def test_one_at_a_time_intervals_contain_the_truth_as_often_as_they_say() -> None:
+    levels, slopes, spreads = [4, 5, 4], np.array([3.0, -2.0, 0.0]), (1.0, 2.0, 1.5)
+    values = [np.full(14, 0.5) for _ in levels]
+    for j, count in enumerate(levels):
+        start = 1 + sum(levels[:j])
+        values[j][start : start + count] = np.linspace(0.0, 1.0, count)
+    rng, inside = np.random.default_rng(0), []
+    exact = np.square(slopes * spreads) / np.square(slopes * spreads).sum()
+    for seed in range(200):
+        outputs = slopes @ values + 0.5 * rng.standard_normal(14)
+        rows = one_at_a_time_budget(values, outputs, levels, spreads, 0.95, seed)
+        assert sum(row["share"] for row in rows) == pytest.approx(1)
+        for row, share, uncertainty in zip(rows, exact, np.abs(slopes) * spreads, strict=True):
+            for key, true in (("share_interval", share), ("uncertainty_interval", uncertainty)):
+                inside.append(row[key][0] <= true <= row[key][1])
+    assert 0.925 <= np.mean(inside) <= 0.985

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scancell.config.study import StudyDescription
 from scancell.studies.budget import Terms, undetected_factors, variance_budget
 from scancell.studies.designs import design, hashed
-from scancell.studies.distributions import middles, quantiles
+from scancell.studies.distributions import middles
 from scancell.studies.intervals import convergence, summary
+from scancell.studies.population import Population, population_of
 from scancell.studies.sensitivity import morris_effects, one_at_a_time_budget, sobol_indices
 
 Array = NDArray[np.float64]
@@ -43,17 +44,21 @@ class Rows:
         }
         return cls(ordered, columns)
 
-    def terms(self, chosen: NDArray[np.bool_], factors: int) -> list[Terms]:
+    def terms(self, chosen: NDArray[np.bool_], population: Population) -> list[Terms]:
         """Regressors of each factor in the chosen rows."""
         values = [row["values"] for row, take in zip(self.plain, chosen, strict=True) if take]
-        return [Terms.of([row[j] for row in values]) for j in range(factors)]
+        return [Terms.of([row[j] for row in values], of_factor) for j, of_factor in enumerate(population.values)]
 
 
 def analyse(study: StudyDescription, labels: Sequence[str], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Plain data for ``study.json``: the trials, the failed ones, and per engine statistics of the figures."""
     failed = [row for row in rows if row["status"] != "ok"]
     names = list(dict.fromkeys(row["engine"] for row in sorted(rows, key=lambda row: int(row["number"]))))
-    engines = {name: _engine(study, labels, Rows.of([row for row in rows if row["engine"] == name])) for name in names}
+    population = population_of(study)
+    engines = {
+        name: _engine(study, labels, population, Rows.of([row for row in rows if row["engine"] == name]))
+        for name in names
+    }
     return {
         "name": study.name,
         "design": study.design.model_dump(mode="json"),
@@ -78,20 +83,20 @@ def independent_rows(kind: str, factors: int, count: int) -> NDArray[np.bool_]:
     return np.asarray((position == 0) | (position == factors + 1))
 
 
-def _engine(study: StudyDescription, labels: Sequence[str], rows: Rows) -> dict[str, Any]:
+def _engine(study: StudyDescription, labels: Sequence[str], population: Population, rows: Rows) -> dict[str, Any]:
     drawn = independent_rows(study.design.kind, len(labels), len(rows.plain))
     names = [name for name in rows.figures if name in _ANALYSED or name.endswith(_ANALYSED_OF_SPHERES)]
     sensitivity = {
         name: {
             "convergence": convergence(_finite(rows.figures[name][drawn])),
-            **_contributions(study, labels, rows, rows.figures[name]),
+            **_contributions(study, labels, population, rows, rows.figures[name]),
         }
         for name in names
     }
     return {
         "figures": {name: summary(_finite(values[drawn]), study.probability) for name, values in rows.figures.items()},
         "sensitivity": sensitivity,
-        "undetected": [labels[j] for j in _undetected(rows, len(labels))],
+        "undetected": [labels[j] for j in _undetected(rows, population)],
         "notes": _notes(study.design.kind, len(labels), rows, sensitivity),
     }
 
@@ -100,12 +105,12 @@ def _finite(values: Array) -> Array:
     return values[np.isfinite(values)]
 
 
-def _undetected(rows: Rows, factors: int) -> list[int]:
+def _undetected(rows: Rows, population: Population) -> list[int]:
     good = np.array([row["status"] == "ok" for row in rows.plain])
     if not good.any():
         return []
     figures = [values[good] for values in rows.figures.values()]
-    return undetected_factors(rows.terms(good, factors), [values for values in figures if np.isfinite(values).all()])
+    return undetected_factors(rows.terms(good, population), [values for values in figures if np.isfinite(values).all()])
 
 
 def _notes(kind: str, factors: int, rows: Rows, sensitivity: dict[str, dict[str, Any]]) -> list[str]:
@@ -128,13 +133,15 @@ def _is_wide(row: dict[str, Any]) -> bool:
     return bool(high - low > row["share"])
 
 
-def _contributions(study: StudyDescription, labels: Sequence[str], rows: Rows, outputs: Array) -> dict[str, Any]:
+def _contributions(
+    study: StudyDescription, labels: Sequence[str], population: Population, rows: Rows, outputs: Array
+) -> dict[str, Any]:
     """What the design allows to say about the factors; ``budget`` and ``morris`` in falling order."""
     seed, kind = hashed(study.seed, 3, 0) >> 33, study.design.kind
     whole = kind in {"sobol", "morris", "one_at_a_time"} and len(rows.plain) == _design_size(study)
     if kind == "sobol" and whole:
         indices, growing = sobol_indices(outputs, len(labels), study.probability, seed)
-        budget = _budget(study, labels, rows, outputs, len(labels) + 2)
+        budget = _budget(study, labels, population, rows, outputs, len(labels) + 2)
         return {"sobol": _named(labels, indices), "sobol_convergence": growing, **budget}
     if kind == "morris" and whole:
         low, high = study.design.quantiles
@@ -142,13 +149,18 @@ def _contributions(study: StudyDescription, labels: Sequence[str], rows: Rows, o
         effects = morris_effects(cube, outputs, study.design.levels, study.probability, seed)
         return {"morris": _ranked(_named(labels, effects), "mean_magnitude")}
     if kind == "one_at_a_time" and whole and _all_numbers(rows, len(labels)):
-        slopes = _named(labels, _slopes(study, rows, outputs))
+        slopes = _named(labels, _slopes(study, population, rows, outputs))
         return {"budget": _ranked([row for row in slopes if np.isfinite(row["slope"])], "share")}
-    return _budget(study, labels, rows, outputs)
+    return _budget(study, labels, population, rows, outputs)
 
 
 def _budget(
-    study: StudyDescription, labels: Sequence[str], rows: Rows, outputs: Array, rows_per_sample: int = 1
+    study: StudyDescription,
+    labels: Sequence[str],
+    population: Population,
+    rows: Rows,
+    outputs: Array,
+    rows_per_sample: int = 1,
 ) -> dict[str, Any]:
     """Variance budget of the rows in which the figure exists; of rows that belong together, all or none."""
     good = np.isfinite(outputs.reshape(-1, rows_per_sample)).all(1).repeat(rows_per_sample)
@@ -157,23 +169,19 @@ def _budget(
     if not good.any():
         return {}
     seed = hashed(study.seed, 3, 0) >> 33
-    found = variance_budget(rows.terms(good, len(labels)), outputs[good], study.probability, seed, rows_per_sample)
+    terms = rows.terms(good, population)
+    found = variance_budget(
+        terms, outputs[good], study.probability, seed, rows_per_sample, correlation=population.correlation
+    )
     return {**found, "budget": _ranked(_named(labels, found["budget"]), "share")} if found else {}
 
 
-def _slopes(study: StudyDescription, rows: Rows, outputs: Array) -> list[dict[str, Any]]:
+def _slopes(study: StudyDescription, population: Population, rows: Rows, outputs: Array) -> list[dict[str, Any]]:
     values = [np.array([row["values"][j] for row in rows.plain], float) for j in range(len(study.factor))]
     listed = [middles(factor.distribution) for factor in study.factor]
     levels = [study.design.levels if found is None else len(found) for found in listed]
-
-    def spread(j: int) -> float:
-        distribution = study.factor[j].distribution
-        drawn = quantiles(distribution, (np.arange(2000) + 0.5) / 2000)
-        if listed[j] is not None:
-            drawn = np.array(getattr(distribution, "values"), float)[drawn.astype(int)]  # noqa: B009
-        return float(np.std(drawn.astype(float)))
-
-    return one_at_a_time_budget(values, outputs, levels, spread)
+    spreads = [float(np.std(np.asarray(drawn, float))) for drawn in population.values]
+    return one_at_a_time_budget(values, outputs, levels, spreads, study.probability, hashed(study.seed, 3, 0) >> 33)
 
 
 def _all_numbers(rows: Rows, factors: int) -> bool:

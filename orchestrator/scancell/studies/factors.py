@@ -21,13 +21,13 @@ from scancell.config.description import validate
 from scancell.config.loading import FILE_KEYS, Setup, as_built_sensor, load_setup, parse_assignment, split_path
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
-from scancell.config.variation import DiscreteDescription, FactorDescription, Mode, VaryingScansDescription
+from scancell.config.variation import DiscreteDescription, Mode, VaryingScansDescription
 from scancell.errors import DescriptionError
 from scancell.studies.designs import design
-from scancell.studies.distributions import correlated_normal, extremes, middles, quantiles
+from scancell.studies.distributions import correlated_normal, extremes, middles
+from scancell.studies.population import Value, values_at
 
 Array = NDArray[np.float64]
-Value = bool | int | float | str
 Units = Mapping[str, str | None]
 
 _AS_BUILT = "as_built."
@@ -91,7 +91,7 @@ class Factors:
         blocks = [block.covariance_matrix for block in study.block]
         listed = [middles(factor.distribution) for factor in study.factor] + [None] * sum(len(b) for b in blocks)
         cube = design(study.design, listed, study.seed)
-        columns: list[list[Value]] = [_plain(factor, cube[:, j]) for j, factor in enumerate(study.factor)]
+        columns: list[list[Value]] = [values_at(factor, cube[:, j]) for j, factor in enumerate(study.factor)]
         start = len(columns)
         for block, covariance in zip(study.block, blocks, strict=True):
             mean = np.array(block.mean or np.zeros(len(covariance)))
@@ -193,13 +193,6 @@ class Factors:
             if raw["scan"] is self._raw["scan"]
             else validate(ScanDescription, raw["scan"], "scan"),
         )
-
-
-def _plain(factor: FactorDescription, probabilities: Array) -> list[Value]:
-    drawn = quantiles(factor.distribution, probabilities).tolist()
-    if isinstance(factor.distribution, DiscreteDescription):
-        return [factor.distribution.values[position] for position in drawn]
-    return list(drawn)
 
 
 def _changed(nominal: Any, mode: Mode, value: Any) -> Value:

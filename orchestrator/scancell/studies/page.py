@@ -143,7 +143,7 @@ def _contributions(name: str, found: dict[str, Any], probability: float) -> Iter
         yield plots.effects(found["morris"], name)
     if found.get("budget"):
         rows = found["budget"]
-        ends = np.array([r["share_interval"] for r in rows]) if "share_interval" in rows[0] else None
+        ends = np.array([r["share_interval"] for r in rows]) if rows[0]["share_interval"] else None
         shares = {"share": (np.array([r["share"] for r in rows]), ends)}
         yield plots.bars([r["factor"] for r in rows], shares, f"share of the variance of {name}")
 
@@ -156,5 +156,5 @@ def _budget_table(table: Sequence[dict[str, Any]], found: dict[str, Any]) -> tup
     rows = [[rank, row["factor"], *(row[key] for key in keys)] for rank, row in enumerate(table, 1)]
     if "unexplained" in found:
         label = _UNEXPLAINED["interactions" in found["regression"]]
-        rows.append([None, label, *(found["unexplained"] if key == "share" else None for key in keys)])
+        rows.append([None, label, *(found["residual"][key] for key in keys)])
     return ["rank", "factor", *(key.replace("_", " ") for key in keys)], rows

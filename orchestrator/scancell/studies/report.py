@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,8 @@ from scancell.studies.control_scans import factors_without_effect
 from scancell.studies.results import results_table, timings_table, write_table
 from scancell.studies.study import Collected, Study, collect
 from scancell.studies.task import ExecutionTarget
+
+_MOST_CONTRIBUTORS = 3
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class StudyReport:
         lines = [f"{self.analysis['name']}: {made} trials" + (f", {missing} missing" if missing else "")]
         for engine, said in self.analysis["engines"].items():
             for name, found in said["sensitivity"].items():
-                lines.append(_line(engine, name, said["figures"][name], found))
+                lines.extend(_figure_lines(engine, name, said["figures"][name], found))
         lines.extend(
             f"  failed     trial {f['trial']} (seed {f['seed']}): {f['message']}" for f in self.analysis["failed"][:5]
         )
@@ -108,14 +110,19 @@ def _timing(collected: Collected) -> dict[str, Any]:
     }
 
 
-def _line(engine: str, name: str, statistics: dict[str, Any], found: dict[str, Any]) -> str:
-    ends = statistics["interval_symmetric"]
-    interval = f" [{ends[0]:.4g}, {ends[1]:.4g}]" if ends else ""
-    if found.get("budget"):
-        leaders = ", ".join(f"{row['factor']} {row['share']:.0%}" for row in found["budget"][:2])
-        explained = f" (explained: {found['explained']:.0%})" if "explained" in found else ""
-    else:
-        leaders = ", ".join(f"{row['factor']} {row['mean_magnitude']:.3g}" for row in found.get("morris", [])[:2])
-        explained = ""
-    main = f"   main contributors: {leaders}{explained}" if leaders else ""
-    return f"  {engine:<10} {name:<24} {statistics['mean'] or 0:.4g}{interval}{main}"
+def _figure_lines(engine: str, name: str, statistics: dict[str, Any], found: dict[str, Any]) -> Iterator[str]:
+    """Mean and interval of a figure, and its main contributors."""
+    explained = f"   explained by the factors: {found['explained']:.0%}" if "explained" in found else ""
+    mean = f"{statistics['mean'] or 0:.4g}{_interval(statistics['interval_symmetric'])}"
+    yield f"  {engine:<10} {name:<24} {mean}{explained}"
+    for row in found.get("budget", [])[:_MOST_CONTRIBUTORS]:
+        share = f"{row['share']:.1%}{_interval(row['share_interval'], '.1%')} of the variance"
+        uncertainty = f"{row['uncertainty']:.3g}{_interval(row['uncertainty_interval'], '.3g')}"
+        yield f"    {row['factor']:<33} {share}, uncertainty {uncertainty}"
+    for row in found.get("morris", [])[:_MOST_CONTRIBUTORS]:
+        mean = f"{row['mean_magnitude']:.3g} +- {row['mean_magnitude_confidence']:.2g}"
+        yield f"    {row['factor']:<33} mean magnitude of the effect {mean}"
+
+
+def _interval(ends: Sequence[float] | None, form: str = ".4g") -> str:
+    return f" [{ends[0]:{form}}, {ends[1]:{form}}]" if ends else ""

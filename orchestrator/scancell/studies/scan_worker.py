@@ -27,7 +27,8 @@ from scancell.results import ScanResult
 from scancell.scanner import Scanner
 from scancell.scanning.drive import FOLDER_PREFIX, DriveRequest
 from scancell.scanning.sense import OnImages
-from scancell.studies.factors import Factors, Units, Value
+from scancell.studies.factors import Factors, Units
+from scancell.studies.population import Value
 from scancell.studies.task_store import is_running
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.extras import require
+from scancell.studies.budget import Fit, shares_of
 from scancell.studies.designs import morris_problem
+from scancell.studies.shapley import ShapleyForms
 
 Array = NDArray[np.float64]
 
@@ -92,23 +94,43 @@ def morris_effects(
 
 
 def one_at_a_time_budget(
-    values: Sequence[Array], outputs: Array, levels: Sequence[int], spread_of: Callable[[int], float]
+    values: Sequence[Array],
+    outputs: Array,
+    levels: Sequence[int],
+    spreads: Sequence[float],
+    probability: float,
+    seed: int,
 ) -> list[dict[str, Any]]:
     """Slope of each factor through its levels, times its standard uncertainty, combined as in GUM 5.1.
 
-    The shares are those of the combined variance of independent factors with linear effects and add up to 1.
-    `outputs` (1 + sum of levels,) begin with the trial in which all factors are at their median; `spread_of` returns
-    the standard deviation of a factor.
+    The shares are those of the combined variance of independent factors with linear effects and add up to 1. Intervals
+    have the scatter of the outputs about all slopes; they are None where two levels per factor leave none.
+
+    Parameters
+    ----------
+    outputs
+        (1 + sum of levels,), first the trial in which all factors are at their median.
+    spreads
+        Standard deviation of each factor.
     """
-    rows, start = [], 1
+    slopes, precisions, squares, free, start = [], [], 0.0, 0, 1
     for j, count in enumerate(levels):
         chosen = slice(start, start + count)
         good = np.isfinite(outputs[chosen])
         x, y = values[j][chosen][good], outputs[chosen][good]
-        slope = float(np.polyfit(x, y, 1)[0]) if len(x) > 1 and np.ptp(x) > 0 else float("nan")
-        rows.append({"slope": slope, "uncertainty": abs(slope) * spread_of(j)})
+        fitted = len(x) > 1 and np.ptp(x) > 0
+        coefficients = np.polyfit(x, y, 1) if fitted else np.full(2, np.nan)
+        slopes.append(float(coefficients[0]))
+        precisions.append(float(((x - x.mean()) ** 2).sum()) if fitted else np.inf)
+        if fitted:
+            squares += float(((y - np.polyval(coefficients, x)) ** 2).sum())
+            free += len(x) - 2
         start += count
-    combined = float(np.sqrt(np.nansum([row["uncertainty"] ** 2 for row in rows])))
-    for row in rows:  # NaN where too few levels were measured
-        row["share"] = row["uncertainty"] ** 2 / combined**2 if combined > 0 else 0.0
-    return rows
+    known = np.isfinite(slopes)
+    scatter = squares / free if free else 0.0
+    effects = np.where(known, slopes, 0.0) * spreads
+    covariance = np.diag(scatter * np.square(spreads) / precisions)
+    forms = ShapleyForms(np.eye(len(slopes)), [(j,) for j in range(len(slopes))], len(slopes))
+    *rows, _ = shares_of(Fit(effects, covariance, 0.0, max(free, 1)), forms, probability, seed)
+    missing = {} if free else {"share_interval": None, "uncertainty_interval": None}
+    return [{"slope": slope, **row, **missing} for slope, row in zip(slopes, rows, strict=True)]

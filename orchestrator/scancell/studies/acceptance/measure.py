@@ -19,7 +19,8 @@ from scancell.results import ScanResult
 from scancell.scanner import Scanner
 from scancell.studies.acceptance.programme import Programme, Station, stations
 from scancell.studies.designs import trial_seed
-from scancell.studies.factors import Inputs, Value
+from scancell.studies.factors import Inputs
+from scancell.studies.population import Value
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from scancell.config.choices import Engine
 from scancell.config.loading import Setup
 from scancell.config.study import StudyDescription, load_study
@@ -27,6 +30,9 @@ from scancell.studies.acceptance.statistics import PROBABILITY, contributions, f
 from scancell.studies.acceptance.sweeps import SensorSweeps, sensor_sweeps
 from scancell.studies.designs import trial_seed
 from scancell.studies.factors import Factors, Inputs
+from scancell.studies.population import population_of
+
+Array = NDArray[np.float64]
 
 WHAT = (
     "figures in the style of VDI/VDE 2634-2 and -3 and ISO 10360-8 and -13; least-squares elements; uncertainty after"
@@ -177,7 +183,7 @@ def run_acceptance(scanner: Scanner, request: AcceptanceRequest, progress: Progr
         Naming what is wrong and what was expected; `FitError` if nothing could be measured at all.
     """
     setup, programme = scanner.setup, request.programme
-    trials, labels = _trials(setup, request, programme.repeats)
+    trials, labels, correlation = _trials(setup, request, programme.repeats)
     scale = artefact_scale(setup)
     artefacts = {name: scaled_artefact(name, scale) for name in programme.artefacts}
     sweeps = sensor_sweeps(
@@ -190,7 +196,7 @@ def run_acceptance(scanner: Scanner, request: AcceptanceRequest, progress: Progr
         setup=setup,
         request=request,
         rows=figure_rows(found.samples),
-        budgets=contributions(found.samples, trials, labels, request.seed),
+        budgets=contributions(found.samples, trials, labels, request.seed, correlation),
         sweeps=sweeps,
         failures=found.failures,
         pictured=found.pictured,
@@ -200,11 +206,14 @@ def run_acceptance(scanner: Scanner, request: AcceptanceRequest, progress: Progr
     )
 
 
-def _trials(setup: Setup, request: AcceptanceRequest, count: int) -> tuple[list[Trial], list[str]]:
-    """Repeats with seeds of their own and, where the request names a study, its factors drawn for each."""
+def _trials(setup: Setup, request: AcceptanceRequest, count: int) -> tuple[list[Trial], list[str], Array | None]:
+    """Repeats with seeds of their own and, where the request names a study, its factors drawn for each.
+
+    Also the labels of these factors, and their correlation.
+    """
     seeds = [trial_seed(request.seed, k) for k in range(count)]
     if request.factors is None:
-        return [Trial(seed, (), lambda own: Inputs(own, request.as_built)) for seed in seeds], []
+        return [Trial(seed, (), lambda own: Inputs(own, request.as_built)) for seed in seeds], [], None
     study = _varying(load_study(request.factors), request, count)
     source = str(request.factors)
     values = Factors(study, setup, source).draw()
@@ -212,7 +221,7 @@ def _trials(setup: Setup, request: AcceptanceRequest, count: int) -> tuple[list[
     def inputs_of(k: int) -> Trial:
         return Trial(seeds[k], values[k], lambda own: Factors(study, own, source).inputs(values[k]))
 
-    return [inputs_of(k) for k in range(count)], study.labels
+    return [inputs_of(k) for k in range(count)], study.labels, population_of(study).correlation
 
 
 def _varying(study: StudyDescription, request: AcceptanceRequest, count: int) -> StudyDescription:

@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from scancell.studies.acceptance.measure import Samples, Trial
 from scancell.studies.budget import Terms, variance_budget
 from scancell.studies.intervals import summary
+
+Array = NDArray[np.float64]
 
 PROBABILITY = 0.95
 REPEATABILITY = "repeatability"
@@ -56,24 +60,30 @@ def largest_rows(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def contributions(
-    samples: Sequence[Samples], trials: Sequence[Trial], labels: Sequence[str], seed: int
+    samples: Sequence[Samples],
+    trials: Sequence[Trial],
+    labels: Sequence[str],
+    seed: int,
+    correlation: Array | None = None,
 ) -> list[dict[str, Any]]:
     """Shares of position, mode and drawn factors in the variance of each characteristic; the rest is repeatability.
 
     A characteristic of an artefact is one population over faces, positions, modes and repeats, without the mean of each
-    face.
+    face. `correlation` (labels, labels) is that of drawn factors that are not independent.
     """
     found = []
     keys = dict.fromkeys((one.station.artefact, one.name) for one in samples)
     for artefact, name in keys:
         own = [one for one in samples if (one.station.artefact, one.name) == (artefact, name)]
-        budget = _budget(own, trials, labels, seed)
+        budget = _budget(own, trials, labels, seed, correlation)
         if budget:
             found.append({"artefact": artefact, "name": name, "unit": own[0].unit, **budget})
     return found
 
 
-def _budget(own: Sequence[Samples], trials: Sequence[Trial], labels: Sequence[str], seed: int) -> dict[str, Any]:
+def _budget(
+    own: Sequence[Samples], trials: Sequence[Trial], labels: Sequence[str], seed: int, correlation: Array | None
+) -> dict[str, Any]:
     faces = np.concatenate([np.full(len(one.errors), _number_of(one.of, own)) for one in own])
     errors = np.concatenate([one.errors for one in own])
     for face in np.unique(faces):
@@ -84,19 +94,18 @@ def _budget(own: Sequence[Samples], trials: Sequence[Trial], labels: Sequence[st
     }
     for j, label in enumerate(labels):
         columns[label] = [trials[k].values[j] for one in own for k in one.trials]
-    varying = {name: values for name, values in columns.items() if len(set(values)) > 1}
+    between = block_diag(np.eye(2), np.eye(len(labels)) if correlation is None else correlation)
+    chosen = [j for j, values in enumerate(columns.values()) if len(set(values)) > 1]
+    varying = {name: values for j, (name, values) in enumerate(columns.items()) if j in chosen}
     if not varying:
         return {}
-    budget = variance_budget([Terms.of(values) for values in varying.values()], errors, PROBABILITY, seed)
+    terms = [Terms.of(values) for values in varying.values()]
+    budget = variance_budget(terms, errors, PROBABILITY, seed, correlation=between[np.ix_(chosen, chosen)])
     if not budget:
         return {}
-    shares = [{"factor": name, **row} for name, row in zip(varying, budget["budget"], strict=True)]
-    repeatability = {
-        "factor": REPEATABILITY,
-        "share": budget["unexplained"],
-        "uncertainty": float(np.sqrt(max(budget["unexplained"], 0.0)) * errors.std()),
-    }
-    return {"regression": budget["regression"], "trials": len(errors), "budget": [*shares, repeatability]}
+    rows = zip([*varying, REPEATABILITY], [*budget["budget"], budget["residual"]], strict=True)
+    shares = [{"factor": name, **row} for name, row in rows]
+    return {"regression": budget["regression"], "trials": len(errors), "budget": shares}
 
 
 def _number_of(face: str, own: Sequence[Samples]) -> int:
