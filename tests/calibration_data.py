@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.kinematics import AxisReadings, CellKinematics
+from scancell.calibration.kinematics import LATENCY, AxisReadings, CellKinematics
 from scancell.calibration.problem import Artefact, CalibrationProblem, Observations, RobotNoise
+from scancell.cell.recording import slopes
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.geometry.shapes import Shape, Sphere
@@ -87,18 +88,41 @@ def passing_sphere(
 ) -> AxisReadings:
     """Exposures while the sensor passes the sphere along its x, there and back in turn, at `speed`, m/s."""
     cell = default_kinematics()
-    q, angles = sphere_views(rng, count, centre)
-    along = np.linspace(-0.6, 0.6, per_pass) * RADIUS
-    rows, rates = [], []
-    for number, joints in enumerate(q):
-        pose_ = cell.arm.fk(joints) @ cell.flange_from_sensor
-        direction = pose_[:3, 0] * (1 - 2 * (number % 2))
-        # The flange moves like the sensor, for neither turns.
-        rate = np.linalg.solve(cell.arm.jacobian(joints), np.append(direction, np.zeros(3)))
-        rows.append(joints + along[:, None] * rate)
-        rates.append(np.tile(speed * rate, (per_pass, 1)))
-    table = np.repeat(angles, per_pass)
-    return AxisReadings(np.concatenate(rows), table, np.concatenate(rates), np.zeros_like(table))
+    middle, angles = sphere_views(rng, count, centre)
+    direction = (cell.arm.fk(middle) @ cell.flange_from_sensor)[:, :3, 0] * (1 - 2 * (np.arange(count) % 2))[:, None]
+    # The flange moves like the sensor, for neither turns.
+    velocity = np.repeat(speed * direction, per_pass, axis=0)
+    time = np.tile(np.linspace(-0.6, 0.6, per_pass) * RADIUS / speed, count)
+    q = after_straight_motion(np.repeat(middle, per_pass, axis=0), velocity, time)
+    qd = joint_rates(q, velocity)
+    table, segment = np.repeat(angles, per_pass), np.repeat(np.arange(count), per_pass)
+    qdd = slopes(qd, time + 60.0 * segment, segment)
+    return AxisReadings(q, table, qd, np.zeros_like(table), qdd, np.zeros_like(table))
+
+
+def joined(*parts: AxisReadings) -> AxisReadings:
+    """Readings one after the other."""
+    names = [one.name for one in fields(AxisReadings)]
+    return AxisReadings(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def joint_rates(q: Array, velocity: Array) -> Array:
+    """Joint rates (n, joints) at which the flange moves at velocities (n, 3), m/s, and does not turn."""
+    twist = np.hstack([velocity, np.zeros_like(velocity)])
+    return np.asarray(np.linalg.solve(default_kinematics().arm.jacobian(q), twist[..., None])[..., 0])
+
+
+def after_straight_motion(q: Array, velocity: Array, time: Array) -> Array:
+    """Joints (n, joints) after the flange has moved along straight lines at velocities (n, 3), m/s, for times (n,)."""
+    arm = default_kinematics().arm
+    target = arm.fk(q)
+    target[:, :3, 3] += time[:, None] * velocity
+    for _ in range(5):
+        reached = arm.fk(q)
+        turn = pose.log_rotation(target[:, :3, :3] @ np.swapaxes(reached[:, :3, :3], 1, 2))
+        missing = np.hstack([target[:, :3, 3] - reached[:, :3, 3], turn])
+        q = q + np.linalg.solve(arm.jacobian(q), missing[..., None])[..., 0]
+    return q
 
 
 @dataclass(frozen=True)
@@ -131,18 +155,18 @@ class SphereCase:
 
     def _true_poses(self, cell: CellKinematics, readings: AxisReadings, rng: np.random.Generator) -> Array:
         n, robot = len(readings), self.robot
-        true = AxisReadings(
-            readings.q + robot.joints * rng.normal(size=readings.q.shape),
-            readings.table,
-            readings.qd,
-            readings.table_rate,
-        )
+        deviations = dict(self.deviations)
+        # The true motion goes on along its straight line; it is not extrapolated from the readings.
+        later = np.full(n, deviations.pop(LATENCY, 0.0))
+        velocity = np.einsum("nij,nj->ni", cell.arm.jacobian(readings.q)[:, :3], readings.qd)
+        q = after_straight_motion(readings.q, velocity, later) + robot.joints * rng.normal(size=readings.q.shape)
+        true = AxisReadings.at_rest(q, readings.table + later * readings.table_rate)
         tool = [self.deviations.get(f"tool.{key}", 0.0) for key in ("x", "y", "z", "rx", "ry", "rz")]
         flange_from_sensor = cell.flange_from_sensor @ pose.from_euler_xyz(tool[:3], tool[3:])
         error = pose.from_rotation(
             pose.exp_rotation(robot.orientation * rng.normal(size=(n, 3))), robot.position * rng.normal(size=(n, 3))
         )
-        platter_from_flange = cell.poses(true, self.deviations).platter_from_sensor @ pose.inverse(flange_from_sensor)
+        platter_from_flange = cell.poses(true, deviations).platter_from_sensor @ pose.inverse(flange_from_sensor)
         return np.asarray(platter_from_flange @ error @ flange_from_sensor)
 
     def problem(
@@ -161,16 +185,26 @@ class SphereCase:
         return CalibrationProblem(default_kinematics(), observed, artefact, free, robot_noise=robot_noise)
 
 
-def misaligned(rng: np.random.Generator, *names: str) -> dict[str, float]:
-    """Random deviations: 1 mm, 0.5 deg of the tool, 0.5 mm, 0.2 deg of the table, 0.1 deg of joints, 2 ms."""
-    sizes = {"tool": (1e-3, 0.5), "table": (0.5e-3, 0.2), "platter": (0.5e-3, 0.0), "dh": (0.3e-3, 0.1)}
+# Largest deviations: of lengths (m) and angles (deg) by group, and the latency (s).
+Sizes = Mapping[str, tuple[float, float]]
+SMALL: Sizes = {
+    "tool": (1e-3, 0.5),
+    "table": (0.5e-3, 0.2),
+    "platter": (0.5e-3, 0.0),
+    "dh": (0.3e-3, 0.1),
+    "trigger": (2e-3, 0.0),
+}
+LARGE: Sizes = {"tool": (2.5e-3, 1.5), "table": (1.2e-3, 0.8), "platter": (1.2e-3, 0.0), "trigger": (12e-3, 0.0)}
+
+
+def misaligned(rng: np.random.Generator, *names: str, sizes: Sizes = SMALL) -> dict[str, float]:
+    """Random deviations up to `sizes`, SI."""
 
     def size(name: str) -> float:
-        if name == "trigger.latency":
-            return 2e-3
         length, angle = sizes[name.split(".", maxsplit=1)[0].split("[", maxsplit=1)[0]]
         if "wobble" in name:
             return float(np.radians(0.02))
-        return length if name.rsplit(".", 1)[1] in {"x", "y", "z", "a", "d"} else float(np.radians(angle))
+        is_angle = name.rsplit(".", 1)[1] in {"rx", "ry", "rz", "theta", "alpha", "beta"}
+        return float(np.radians(angle)) if is_angle else length
 
     return {name: size(name) * float(rng.uniform(-1.0, 1.0)) for name in names}

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 import scancell
 from scancell import sensor as sensor_rt
-from scancell.calibration.kinematics import AxisReadings
 from scancell.calibration.result import CalibrationResult
 from scancell.config.loading import assets_dir
 from scancell.geometry import pose
-from scancell.jobs.calibration import kinematics_of
+from scancell.jobs.calibration import kinematics_of, readings_of
 from scancell.jobs.calibration_job import CalibrationRequest
 from scancell.nominal.estimated import estimated_cell
 from scancell.reconstruction.reconstruct import points_in_part
@@ -78,7 +77,7 @@ class Reconstruction:
         part = scan.nominal.part
         self._surface = sensor_rt.MeshSurface(part.vertices, part.faces)
         measured = scan.recording.measured
-        self._readings = AxisReadings(measured.q, measured.table, measured.qd, measured.table_rate)
+        self._readings = readings_of(measured)
         self._rows = np.arange(0, len(scan.profiles.frame), _THINNING)
         on_part = np.abs(self.distances(true)) < _ON_PART
         lowest = pose.transform_points(scan.nominal.table_from_part, self.points(true))[:, 2]

@@ -1,6 +1,6 @@
 """Accuracy of calibration from synthetic profiles: ``PYTHONPATH=tests python -m bench.calibration_figures``.
 
-Prints the tables of ``docs/calibration_figures.md`` and draws ``docs/pictures/calibration_poses.png``.
+Prints the tables of ``docs/calibration.md`` and draws ``docs/pictures/calibration_poses.png``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,18 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration_data import REALISTIC, RobotErrors, SphereCase, misaligned, passing_sphere, sphere_views
+from calibration_data import (
+    LARGE,
+    REALISTIC,
+    SMALL,
+    RobotErrors,
+    Sizes,
+    SphereCase,
+    joined,
+    misaligned,
+    passing_sphere,
+    sphere_views,
+)
 from scancell.calibration.design import design_poses
 from scancell.calibration.kinematics import LATENCY, PLATTER, TABLE, TOOL, AxisReadings, written_unit
 from scancell.calibration.solve import solve
@@ -43,26 +54,22 @@ class Trial:
     is_inside: bool
 
 
-def joined(*parts: AxisReadings) -> AxisReadings:
-    """Readings one after the other."""
-    fields = ("q", "table", "qd", "table_rate")
-    return AxisReadings(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
-
-
-def calibrate(readings: AxisReadings, robot: RobotErrors, free: tuple[str, ...], known: bool, seed: int) -> Trial:
-    """A calibration with random deviations; `known` is whether the pose of the sphere is."""
+def calibrate(
+    readings: AxisReadings, robot: RobotErrors, free: tuple[str, ...], known: bool, seed: int, sizes: Sizes = SMALL
+) -> Trial:
+    """A calibration with random deviations up to `sizes`; `known` is whether the pose of the sphere is."""
     rng = np.random.default_rng([seed, 1])
-    case = SphereCase(misaligned(rng, *free), robot)
+    case = SphereCase(misaligned(rng, *free, sizes=sizes), robot)
     result = solve(case.problem(case.observe(readings, rng), free, is_pose_known=known))
     true = np.array([case.deviations[name] for name in free])
     return Trial(result.values - true, result.half_widths(), result.contains(true))
 
 
-def everything(robot: RobotErrors, seed: int) -> Trial:
+def everything(robot: RobotErrors, seed: int, sizes: Sizes = SMALL) -> Trial:
     """Tool, table, eccentricity and latency, from poses at rest and passes in motion."""
     rng = np.random.default_rng([seed, 2])
     still = AxisReadings.at_rest(*sphere_views(rng, POSES))
-    return calibrate(joined(still, passing_sphere(rng, PASSES, PER_PASS, SPEED)), robot, ALL, True, seed)
+    return calibrate(joined(still, passing_sphere(rng, PASSES, PER_PASS, SPEED)), robot, ALL, True, seed, sizes)
 
 
 def at_rest(robot: RobotErrors, seed: int) -> Trial:
@@ -116,9 +123,9 @@ def accuracy_rows(seeds: int, workers: int) -> Iterator[str]:
             yield f"| {name} | {len(free)} | {' | '.join(cells)} |"
 
 
-def coverage_rows(seeds: int, workers: int) -> Iterator[str]:
+def coverage_rows(seeds: int, workers: int, sizes: Sizes) -> Iterator[str]:
     """How often intervals and regions of 95 % contain the truth, as lines of a table."""
-    trials = {name: run_all(partial(everything, robot), seeds, workers) for name, robot in ROBOTS.items()}
+    trials = {name: run_all(partial(everything, robot, sizes=sizes), seeds, workers) for name, robot in ROBOTS.items()}
     yield "| unknown | " + " | ".join(f"{name} robot" for name in trials) + " |"
     yield "|---|" + "---|" * len(trials)
     inside = {
@@ -127,6 +134,8 @@ def coverage_rows(seeds: int, workers: int) -> Iterator[str]:
     }
     for number, unknown in enumerate(ALL):
         yield f"| {unknown} | " + " | ".join(f"{100 * shares[number]:.1f} %" for shares in inside.values()) + " |"
+    every = [f"{100 * shares.mean():.1f} %" for shares in inside.values()]
+    yield f"| mean | {' | '.join(every)} |"
     joint = [f"{100 * np.mean([trial.is_inside for trial in found]):.1f} %" for found in trials.values()]
     yield f"| all together | {' | '.join(joint)} |"
 
@@ -183,12 +192,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=1000, help="of the coverage; the medians use 50 at most")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--only", choices=("accuracy", "coverage", "poses"))
+    parser.add_argument("--only", choices=("accuracy", "coverage", "large", "poses"))
     chosen = parser.parse_args()
     few = min(chosen.seeds, 50)
     tables = {
         "accuracy": lambda: accuracy_rows(few, chosen.workers),
-        "coverage": lambda: coverage_rows(chosen.seeds, chosen.workers),
+        "coverage": lambda: coverage_rows(chosen.seeds, chosen.workers, SMALL),
+        "large": lambda: coverage_rows(chosen.seeds, chosen.workers, LARGE),
         "poses": lambda: poses_rows(min(few, 20), chosen.workers),
     }
     for name, rows in tables.items():

@@ -9,12 +9,14 @@ import pytest
 
 from calibration_data import (
     CENTRE,
+    LARGE,
     RADIUS,
     REALISTIC,
     OneSurface,
     RobotErrors,
     SphereCase,
     default_kinematics,
+    joined,
     misaligned,
     passing_sphere,
     sphere_views,
@@ -24,32 +26,23 @@ from scancell.calibration.kinematics import LATENCY, PLATTER, TABLE, TOOL, WOBBL
 from scancell.calibration.problem import Artefact, CalibrationProblem, Observations
 from scancell.calibration.solve import solve
 from scancell.calibration.sphere_start import sphere_start
+from scancell.cell.recording import TriggerRecords
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import load_setup
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.shapes import Plane
+from scancell.jobs.calibration import readings_of
 from scancell.nominal.cell import nominal_cell
 from scancell.nominal.estimated import estimated_cell
 
 
 def some_readings(rng: np.random.Generator, count: int) -> AxisReadings:
-    return AxisReadings(
-        rng.normal(size=(count, 6)), rng.normal(size=count), rng.normal(size=(count, 6)), rng.normal(size=count)
-    )
+    return AxisReadings(*(rng.normal(size=shape) for _ in range(3) for shape in ((count, 6), count)))
 
 
 def at_rest(rng: np.random.Generator, count: int, turn_table: bool = True) -> AxisReadings:
     return AxisReadings.at_rest(*sphere_views(rng, count, turn_table=turn_table))
-
-
-def joined(first: AxisReadings, second: AxisReadings) -> AxisReadings:
-    return AxisReadings(
-        np.concatenate([first.q, second.q]),
-        np.concatenate([first.table, second.table]),
-        np.concatenate([first.qd, second.qd]),
-        np.concatenate([first.table_rate, second.table_rate]),
-    )
 
 
 @pytest.mark.parametrize("name", default_kinematics().names)
@@ -73,12 +66,14 @@ def test_calibration_and_reconstruction_share_one_geometry() -> None:
     rng = np.random.default_rng(2)
     cell, nominal = default_kinematics(), nominal_cell(load_setup().cell, None)
     deviations = {name: 0.01 * rng.normal() for name in cell.names}
-    readings = some_readings(rng, 6)
+    made, number = some_readings(rng, 6), np.arange(6)
+    measured = TriggerRecords(
+        number, number // 4, 0.02 * number, np.full(6, 1e-3), made.q, made.qd, made.table, made.table_rate
+    )
     estimated = estimated_cell(nominal, deviations)
-    late_q = readings.q + estimated.trigger_latency * readings.qd
-    late_table = readings.table + estimated.trigger_latency * readings.table_rate
-    expected = pose.inverse(estimated.world_from_platter(late_table)) @ estimated.world_from_sensor(late_q)
-    assert cell.poses(readings, deviations).platter_from_sensor == pytest.approx(expected, abs=1e-12)
+    late = measured.after(estimated.trigger_latency)
+    expected = pose.inverse(estimated.world_from_platter(late.table)) @ estimated.world_from_sensor(late.q)
+    assert cell.poses(readings_of(measured), deviations).platter_from_sensor == pytest.approx(expected, abs=1e-12)
 
 
 def test_estimated_description_keeps_deviations() -> None:
@@ -121,6 +116,18 @@ def test_all_deviations_with_known_artefact_and_motion() -> None:
     true = np.array([case.deviations[name] for name in free])
     assert np.all(np.abs(result.values - true) < result.half_widths(0.9999))
     assert abs(result.deviations[LATENCY] - case.deviations[LATENCY]) < 0.05e-3
+
+
+def test_large_deviations_and_latency_are_found_exactly_without_noise() -> None:
+    """The path goes on straight during the latency, its joints do not go on at their latched rates."""
+    rng = np.random.default_rng(12)
+    free = (*TOOL, *TABLE, *PLATTER, LATENCY)
+    case = SphereCase(misaligned(rng, *free, sizes=LARGE) | {LATENCY: 12e-3}, noise=0.0)
+    readings = joined(at_rest(rng, 24), passing_sphere(rng, 6, 15, 0.05))
+    result = solve(case.problem(case.observe(readings, rng), free, is_pose_known=True))
+    error = {name: value - case.deviations[name] for name, value in zip(free, result.values, strict=True)}
+    for name in free:
+        assert abs(error[name]) < {"mm": 0.02e-6, "deg": np.radians(2e-5), "ms": 0.1e-6}[written_unit(name)[0]], name
 
 
 def test_sphere_on_the_axis_of_the_platter_converges() -> None:

@@ -9,6 +9,7 @@ from scancell.cell.recording import (
     INTEGER_COLUMNS,
     Recording,
     RecordLayout,
+    TriggerRecords,
     read_recording,
     write_recording,
 )
@@ -39,6 +40,34 @@ def test_file_round_trip_is_lossless(tmp_path, suffix) -> None:
         assert np.array_equal(read.columns[name], values), name
     assert all(read.columns[name].dtype == np.int64 for name in INTEGER_COLUMNS)
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
+
+
+def accelerating(time: np.ndarray, segment: np.ndarray) -> TriggerRecords:
+    """Joints and table that accelerate by 1 … 6 rad/s² and 7 rad/s²."""
+    acceleration = np.arange(1.0, 7.0)
+    count = len(time)
+    q, qd = 0.5 * acceleration * time[:, None] ** 2, acceleration * time[:, None]
+    return TriggerRecords(np.arange(count), segment, time, np.zeros(count), q, qd, 3.5 * time**2, 7.0 * time)
+
+
+@pytest.mark.parametrize("pitch", [1e-3, 14e-3])
+def test_later_readings_follow_the_acceleration(pitch) -> None:
+    time = 1.0 + pitch * np.arange(30)
+    late = accelerating(time, np.full(30, 4)).after(12e-3)
+    expected = accelerating(time + 12e-3, np.full(30, 4))
+    assert late.q == pytest.approx(expected.q, abs=1e-12)
+    assert late.table == pytest.approx(expected.table, abs=1e-12)
+
+
+def test_accelerations_are_of_one_segment_and_zero_for_a_single_row() -> None:
+    time = np.array([0.0, 0.02, 0.04, 0.06, 0.08, 0.10])
+    segment = np.array([1, 1, 2, 3, 3, 3])
+    measured = accelerating(time, segment)
+    measured.qd[3:] += 100.0
+    assert measured.qdd[[0, 1, 3, 4, 5]] == pytest.approx(np.tile(np.arange(1.0, 7.0), (5, 1)))
+    assert measured.qdd[2] == pytest.approx(0)
+    empty = accelerating(np.zeros(0), np.zeros(0, np.int64))
+    assert empty.qdd.shape == (0, 6)
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "csv"])

@@ -9,7 +9,7 @@ general tilt of an axis that repeats with every revolution.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,24 +36,27 @@ def joint_names(count: int, *quantities: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class AxisReadings:
-    """Measured joints (n, joints) and table angles (n,), rad, of n exposures, and their rates, rad/s."""
+    """Measured joints (n, joints) and table angles (n,), rad, of n exposures, their rates and accelerations."""
 
     q: Array
     table: Array
     qd: Array
     table_rate: Array
+    qdd: Array
+    table_acceleration: Array
 
     def __len__(self) -> int:
         return len(self.table)
 
     def rows(self, chosen: NDArray[np.intp]) -> AxisReadings:
         """Those of some exposures, by row."""
-        return AxisReadings(self.q[chosen], self.table[chosen], self.qd[chosen], self.table_rate[chosen])
+        return AxisReadings(**{one.name: getattr(self, one.name)[chosen] for one in fields(self)})
 
     @classmethod
     def at_rest(cls, q: Array, table: Array) -> AxisReadings:
         """Readings of axes that do not move."""
-        return cls(q, table, np.zeros_like(q), np.zeros_like(table))
+        still, still_table = np.zeros_like(q), np.zeros_like(table)
+        return cls(q, table, still, still_table, still, still_table)
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,8 @@ class CellKinematics:
     def poses(self, readings: AxisReadings, deviations: Mapping[str, float]) -> SensorPoses:
         """Poses of the sensor on the platter, when light falls on it.
 
-        That is the latched instant, or later by the latency: joints and table are extrapolated at their latched rates.
+        That is the latched instant, or later by the latency: joints and table are extrapolated by their rates and
+        accelerations. Without these a straight path is missed by the square of the way over twice the arm's length.
 
         Parameters
         ----------
@@ -123,8 +127,10 @@ class CellKinematics:
         """
         value = {name: float(deviations.get(name, 0.0)) for name in self.names}
         latency = value[LATENCY]
-        arm = self._sensor(readings.q + latency * readings.qd, value)
-        angle = readings.table + latency * readings.table_rate
+        qd = readings.qd + latency * readings.qdd
+        table_rate = readings.table_rate + latency * readings.table_acceleration
+        arm = self._sensor(readings.q + latency * (readings.qd + qd) / 2, value)
+        angle = readings.table + latency * (readings.table_rate + table_rate) / 2
         table = self._platter(angle, value)
         world_from_platter = table.world_from_frame
         flange = _flange_screws(arm.screws.pop("flange"))
@@ -138,7 +144,7 @@ class CellKinematics:
             along, across = value[f"table.wobble_{name}_cos"], value[f"table.wobble_{name}_sin"]
             named[f"table.wobble_{name}_cos"], named[f"table.wobble_{name}_sin"] = tilt * cosine, tilt * sine
             turn = turn + tilt * (across * cosine - along * sine)
-        named[LATENCY] = np.einsum("nij,nj->ni", joints, readings.qd) + turn * readings.table_rate[:, None]
+        named[LATENCY] = np.einsum("nij,nj->ni", joints, qd) + turn * table_rate[:, None]
         return SensorPoses(
             platter_from_sensor=pose.inverse(world_from_platter) @ arm.world_from_frame,
             deviations=named,

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 _PARTS_OF_POSE = (("position", 3), ("orientation", 4), ("velocity", 3), ("angular_velocity", 3))
 _TRUTH = "trigger.truth."
+_SPAN = 0.01  # s
 
 
 def _indexed(name: str, count: int) -> list[str]:
@@ -105,9 +106,41 @@ class TriggerRecords:
     table: Array
     table_rate: Array
 
+    @property
+    def qdd(self) -> Array:
+        """Accelerations (n, joints) of the joints, rad/s², see `slopes`."""
+        return slopes(self.qd, self.time, self.segment)
+
+    @property
+    def table_acceleration(self) -> Array:
+        """Accelerations (n,) of the table, rad/s², see `slopes`."""
+        return slopes(self.table_rate, self.time, self.segment)
+
     def after(self, latency: float) -> TriggerRecords:
-        """With joints and table angle `latency` (s) later than they were latched, at their latched rates."""
-        return replace(self, q=self.q + latency * self.qd, table=self.table + latency * self.table_rate)
+        """With joints and table angle `latency` (s) later than they were latched, by their rates and accelerations."""
+        if not latency:
+            return self
+        return replace(
+            self,
+            q=self.q + latency * (self.qd + latency / 2 * self.qdd),
+            table=self.table + latency * (self.table_rate + latency / 2 * self.table_acceleration),
+        )
+
+
+def slopes(values: Array, time: Array, segment: NDArray[np.int64]) -> Array:
+    """Slopes (n, ...) of values (n, ...) at rising times (n,), s, between rows of the same segment.
+
+    Between the nearest ones `_SPAN` before and after, as noise of the values allows no shorter time; 0 for a row that
+    is alone.
+    """
+    ends = np.append(np.flatnonzero(np.diff(segment)), len(segment) - 1)
+    run = np.searchsorted(ends, np.arange(len(segment)))
+    first, last = np.append(-1, ends)[run] + 1, ends[run]
+    before = np.maximum(np.searchsorted(time, time - _SPAN, "right") - 1, first)
+    after = np.minimum(np.searchsorted(time, time + _SPAN, "left"), last)
+    duration = (time[after] - time[before]).reshape(-1, *[1] * (values.ndim - 1))
+    change = np.where(duration > 0, values[after] - values[before], 0.0)
+    return np.asarray(change / np.where(duration > 0, duration, 1.0))
 
 
 @dataclass(frozen=True)

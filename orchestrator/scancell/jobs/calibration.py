@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from scancell.calibration.problem import Artefact, CalibrationProblem, Observati
 from scancell.calibration.result import CalibrationResult
 from scancell.calibration.solve import solve
 from scancell.calibration.sphere_start import sphere_start
+from scancell.cell.recording import TriggerRecords
 from scancell.config.choices import Engine
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
@@ -97,6 +98,11 @@ class Calibration:
 def kinematics_of(nominal: NominalCell) -> CellKinematics:
     """Kinematics of the nominal cell for calibration."""
     return CellKinematics(nominal.arm, nominal.flange_from_sensor, nominal.world_from_table)
+
+
+def readings_of(measured: TriggerRecords) -> AxisReadings:
+    """What the controller measured at every trigger, with the accelerations between triggers."""
+    return AxisReadings(**{one.name: getattr(measured, one.name) for one in fields(AxisReadings)})
 
 
 def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sensor_rt.Sensor) -> Observations:
@@ -194,8 +200,7 @@ class CalibrationScan:
         recording = self.pipeline.drive(job.drive_request(), plan, progress)
         sensed = self.pipeline.sense(job.loaded, recording, job.sensors, engine, progress)
         measured = recording.measured
-        readings = AxisReadings(measured.q, measured.table, measured.qd, measured.table_rate)
-        observed = observations_of(sensed.profiles, readings, job.sensors.nominal)
+        observed = observations_of(sensed.profiles, readings_of(measured), job.sensors.nominal)
         problem = self.problem(observed)
         progress.stage("solving", 1, "solution")
         result = solve(problem)

@@ -28,11 +28,16 @@ def write_points(data: Observations, path: Path) -> None:
     """
     readings, frame = data.readings, data.frame
     columns: dict[str, NDArray[np.generic]] = {"exposure": frame + 1}
-    for name, values, unit in (("q", readings.q, "deg"), ("qd", readings.qd, "deg_s")):
+    for name, values, unit in (
+        ("q", readings.q, "deg"),
+        ("qd", readings.qd, "deg_s"),
+        ("qdd", readings.qdd, "deg_s2"),
+    ):
         for joint, column in enumerate(np.degrees(values).T, 1):
             columns[f"{name}{joint}_{unit}"] = column[frame]
     columns["table_deg"] = np.degrees(readings.table)[frame]
     columns["table_rate_deg_s"] = np.degrees(readings.table_rate)[frame]
+    columns["table_acceleration_deg_s2"] = np.degrees(readings.table_acceleration)[frame]
     for axis, values in zip("xyz", data.points_in_sensor.T, strict=True):
         columns[f"{axis}_mm"] = 1e3 * values
     for axis, values in zip("xyz", data.direction.T, strict=True):
@@ -61,8 +66,10 @@ def read_points(path: Path, joints: int) -> Observations:
     per_point = {
         "q": np.column_stack([table.numbers(f"q{joint}_deg") for joint in range(1, joints + 1)]),
         "qd": np.column_stack([table.numbers(f"qd{joint}_deg_s", 0.0) for joint in range(1, joints + 1)]),
+        "qdd": np.column_stack([table.numbers(f"qdd{joint}_deg_s2", 0.0) for joint in range(1, joints + 1)]),
         "table": table.numbers("table_deg"),
         "table_rate": table.numbers("table_rate_deg_s", 0.0),
+        "table_acceleration": table.numbers("table_acceleration_deg_s2", 0.0),
     }
     readings = {}
     for name, values in per_point.items():
