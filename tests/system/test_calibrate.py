@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
+import pyarrow.compute
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
@@ -160,6 +162,80 @@ def test_points_of_a_file_give_the_same_calibration(scanner, tmp_path) -> None:
     assert more.figures()["points"] == len(table) + 40
     assert more.figures()["points_on_artefact"] <= len(table)
     assert more.lines()[0].startswith(f"{len(more.result.residuals)} of {len(table) + 40} points")
+
+
+@pytest.fixture(scope="module")
+def plate_points(everything, tmp_path_factory):
+    """Points of the ball plate in a file."""
+    folder = tmp_path_factory.mktemp("everything")
+    everything.save(folder)
+    return folder / "points.parquet"
+
+
+def altered_plate(folder, *replacements: tuple[str, str]):
+    text = (assets_dir() / "artefacts" / "ball_plate.toml").read_text()
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "altered.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(("described", "difference"), [(14.98, "+0.020"), (15.06, "-0.060")])
+def test_wrong_diameter_is_named(scanner, plate_points, tmp_path, described, difference) -> None:
+    """Some errors of the size pass as pose errors of the robot, others determine nothing: both must name the size."""
+    artefact = altered_plate(tmp_path, ("diameter_mm = 15.0", f"diameter_mm = {described}"))
+    expected = rf"differs from the described one, of 'ball1' by {re.escape(difference)} mm"
+    try:
+        said = " ".join(scanner.calibrate("all", artefact, from_points=plate_points).warnings)
+    except CalibrationError as error:
+        said = str(error)
+    assert re.search(expected, said), said
+    sized = CalibrationRequest("all", is_size_known=False)
+    report = scanner.calibrate(sized, artefact, from_points=plate_points)
+    seen = report.result.size_standard_deviations > 0
+    assert seen.sum() >= 4, "without points on it, a ball keeps its size"
+    assert 2e3 * report.result.sizes[seen] == pytest.approx(15.0 - described, abs=2e-3)
+    assert (report.result.size_standard_deviations < 0.5e-6).all()
+    assert not report.warnings
+
+
+def mirrored(points, folder):
+    table = pyarrow.parquet.read_table(points)
+    number = table.column_names.index("y_mm")
+    path = folder / "mirrored.parquet"
+    y = pyarrow.compute.negate(table.column("y_mm"))
+    pyarrow.parquet.write_table(table.set_column(number, "y_mm", y), path)
+    return path
+
+
+def test_mirrored_profiles_are_asked_about(scanner, plate_points, tmp_path) -> None:
+    """Profiles of one sphere do not tell a mirrored sensor from one that is mounted the other way round."""
+    with pytest.raises(CalibrationError, match=r"with the sign of y_mm changed the points agree .*: is y mirrored\?"):
+        scanner.calibrate("all", from_points=mirrored(plate_points, tmp_path))
+    scanner.calibrate("tool", seed=7).save(tmp_path)
+    report = scanner.calibrate("tool", from_points=mirrored(tmp_path / "points.parquet", tmp_path))
+    (warning,) = report.warnings
+    assert re.match(r"tool.rz = -?180 deg is implausibly large: is y mirrored", warning)
+
+
+def test_shift_of_an_artefact_without_its_supports_is_stated(scanner, plate_points, tmp_path) -> None:
+    """Balls of the plate without plate and stems come to stand on the table, 32.5 mm below where they were measured."""
+    text = (assets_dir() / "artefacts" / "ball_plate.toml").read_text()
+    head, *shapes = text.split("[[shape]]")
+    artefact = tmp_path / "balls.toml"
+    artefact.write_text("[[shape]]".join([head, *(one for one in shapes if '"support"' not in one)]))
+    with pytest.raises(CalibrationError) as refused:
+        scanner.calibrate("all", artefact, from_points=plate_points)
+    said = str(refused.value)
+    assert "0 exposures show the artefact with 5 points or more" in said
+    distance = float(re.search(r"median distance of these others is ([\d.]+) mm", said)[1])
+    assert 15 < distance < 40
+    assert "coordinates are shifted by (0.0, 0.0, -32.5) mm" in said
+    report = scanner.calibrate(CalibrationRequest("all", passes=2, poses=12), artefact)
+    assert any("shifted by (0.0, 0.0, -32.5) mm" in warning for warning in report.warnings)
+    assert "origin of the artefact's coordinates on the table: (0.000, 0.000, -32.500) mm" in report.lines()[1]
 
 
 def test_wrong_points_are_refused(scanner, tmp_path) -> None:

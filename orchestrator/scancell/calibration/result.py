@@ -51,8 +51,8 @@ class CalibrationResult:
         Deviations that were given and kept.
     platter_from_artefact
         (4, 4) pose of the artefact.
-    sizes
-        Offsets of the surfaces with unknown size, m.
+    sizes, size_standard_deviations
+        Offsets (s,) of the surfaces with unknown size, m.
     residuals, frame
         Distance of each used point to the artefact (k,), m, and its exposure (k,).
     points
@@ -70,6 +70,7 @@ class CalibrationResult:
     held: Mapping[str, float]
     platter_from_artefact: Array
     sizes: Array
+    size_standard_deviations: Array
     residuals: Array
     frame: NDArray[np.intp]
     points: int

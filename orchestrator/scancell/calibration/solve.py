@@ -280,6 +280,7 @@ def _result(
 ) -> CalibrationResult:
     count = len(problem.free)
     spread = basis[:count] @ last.covariance @ basis[:count].T * UNIT**2
+    of_sizes = basis[len(basis) - len(state.sizes) :]
     # Of each deviation by the unknown of the basis that carries most of it.
     main = np.abs(basis[:count] * np.sqrt(np.diag(last.covariance))).argmax(1)
     noise = np.exp(0.5 * last.log_variances)
@@ -291,6 +292,7 @@ def _result(
         held={name: value for name, value in state.deviations.items() if name not in problem.free},
         platter_from_artefact=state.platter_from_artefact,
         sizes=state.sizes,
+        size_standard_deviations=np.sqrt(np.diag(of_sizes @ last.covariance @ of_sizes.T)) * UNIT,
         residuals=found.distance,
         frame=problem.observations.frame,
         points=points,

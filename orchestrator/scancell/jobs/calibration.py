@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -22,6 +22,7 @@ from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh, Sphere
+from scancell.jobs.calibration_checks import ABOVE_TABLE, mirrored, shift_of, shift_text, where_points_lie, wrong_sizes
 from scancell.jobs.calibration_surfaces import surface_of
 from scancell.jobs.calibration_views import Candidates, candidates, passes, plan_views
 from scancell.nominal.cell import NominalCell
@@ -41,7 +42,6 @@ Array = NDArray[np.float64]
 _PER_POSE = 20  # candidates per wanted pose
 _LEAST_CANDIDATES = 400
 _AGREED = 1e-3  # m: rms distance of a sphere's centres up to which they are taken as a start
-_ABOVE_TABLE = 3e-3  # m: lower points may be the table's
 _LEAST_POINTS = 30  # of a candidate, on the artefact
 # Expected pose errors of the robot: position (m) and orientation (rad) of the flange.
 _EXPECTED = np.log([1.0, 20e-6**2, np.radians(0.003) ** 2])
@@ -87,12 +87,14 @@ class Calibration:
     """A calibration with what led to it; without a plan where the points came from a file.
 
     `measured` is the number of points, those beside the artefact included, which are no part of the problem.
+    `shift` (3,) is that of the artefact's coordinates on the table, see `shift_of`.
     """
 
     problem: CalibrationProblem
     result: CalibrationResult
     measured: int
-    plan: Plan | None = None
+    plan: Plan | None
+    shift: Array
 
 
 def kinematics_of(nominal: NominalCell) -> CellKinematics:
@@ -200,12 +202,35 @@ class CalibrationScan:
         recording = self.pipeline.drive(job.drive_request(), plan, progress)
         sensed = self.pipeline.sense(job.loaded, recording, job.sensors, engine, progress)
         measured = recording.measured
-        observed = observations_of(sensed.profiles, readings_of(measured), job.sensors.nominal)
-        problem = self.problem(observed)
+        readings = readings_of(measured)
         progress.stage("solving", 1, "solution")
-        result = solve(problem)
+        found = self.solve(observations_of(sensed.profiles, readings, job.sensors.nominal), plan)
         progress.advance(1)
-        return Calibration(problem, result, len(observed.sigma), plan)
+        return found
+
+    def solve(self, measured: Observations, plan: Plan | None = None) -> Calibration:
+        """Calibrate by measured profiles of the artefact.
+
+        Raises
+        ------
+        CalibrationError
+            If they do not determine the unknowns; the message names what is likely to be the cause.
+        """
+        problem = self.problem(measured)
+        try:
+            shift = shift_of(self.job.loaded.nominal, self.job.setup.cell.part)
+            return Calibration(problem, solve(problem), len(measured.sigma), plan, shift)
+        except CalibrationError as error:
+            raise CalibrationError("; ".join([str(error), *filter(None, self._causes(measured, problem))])) from None
+
+    def _causes(self, measured: Observations, problem: CalibrationProblem) -> Iterator[str]:
+        """What is likely to make the points unusable; the first cause that explains all is the only one."""
+        cause = wrong_sizes(problem, self._part) or mirrored(self.problem, measured)
+        if cause:
+            yield cause
+            return
+        yield where_points_lie(replace(problem, observations=measured), self._part)
+        yield shift_text(shift_of(self.job.loaded.nominal, self.job.setup.cell.part))
 
     def problem(self, measured: Observations) -> CalibrationProblem:
         """The problem that measured profiles of the artefact pose."""
@@ -282,7 +307,7 @@ def on_artefact(problem: CalibrationProblem) -> NDArray[np.bool_]:
     poses = problem.kinematics.poses(data.readings, problem.start)
     points = points_on_platter(data, poses)
     local = pose.transform_points(pose.inverse(artefact.platter_from_artefact), points)
-    return np.asarray((artefact.surface.assign(local) >= 0) & (points[:, 2] > _ABOVE_TABLE))
+    return np.asarray((artefact.surface.assign(local) >= 0) & (points[:, 2] > ABOVE_TABLE))
 
 
 def _of_exposures(problem: CalibrationProblem, rows: NDArray[np.intp]) -> CalibrationProblem:

@@ -10,7 +10,6 @@ import numpy as np
 
 from scancell.arguments import Seed, checked_fields
 from scancell.calibration.kinematics import LATENCY, PLATTER, TABLE, TOOL, WOBBLE
-from scancell.calibration.solve import solve
 from scancell.cell.as_built import parse_as_built
 from scancell.config.choices import CalibrationTarget, Engine
 from scancell.config.loading import Setup
@@ -116,9 +115,7 @@ def calibrate_from_points(
     ScancellError
         Naming what is wrong and what was expected.
     """
-    observed = read_points(points, len(job.setup.cell.robot.joint))
-    problem = scan.problem(observed)
-    report = _report(Calibration(problem, solve(problem), len(observed.sigma)), job, request, None)
+    report = _report(scan.solve(read_points(points, len(job.setup.cell.robot.joint))), job, request, None)
     return replace(report, inputs=(*report.inputs, points))
 
 
@@ -132,7 +129,8 @@ def _report(
         "as_built": list(job.as_built),
         "free": list(made.problem.free),
     }
-    return CalibrationReport(made, job.setup, () if job.part_file is None else (job.part_file,), run, true)
+    inputs = () if job.part_file is None else (job.part_file,)
+    return CalibrationReport(made, job.setup, job.loaded.nominal.part, inputs, run, true)
 
 
 def start_of(setup: Setup) -> dict[str, float]:

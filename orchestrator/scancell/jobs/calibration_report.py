@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ from scancell.calibration.result import CalibrationResult
 from scancell.config.cell import CellDescription
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import Setup
+from scancell.geometry.mesh import Mesh
 from scancell.jobs.calibration import Calibration
+from scancell.jobs.calibration_checks import implausible, shift_text, wrong_sizes
 from scancell.jobs.calibration_points import write_points
 from scancell.output.manifest import command_words, manifest, resolved_toml
 from scancell.output.residual_picture import residual_picture
@@ -57,6 +60,7 @@ class CalibrationReport:
 
     calibration: Calibration
     setup: Setup
+    artefact: Mesh
     inputs: Sequence[Path]
     run: Mapping[str, Any]
     true: Mapping[str, float] | None = None
@@ -88,11 +92,17 @@ class CalibrationReport:
             rows.append(Row(name, unit, float(value / scale), float(half / scale), true))
         return rows
 
+    @cached_property
+    def _wrong_sizes(self) -> str:
+        return wrong_sizes(self.calibration.problem, self.artefact)
+
     @property
     def warnings(self) -> list[str]:
         """What is doubtful."""
         plan = self.calibration.plan
         found = list(plan.warnings) if plan is not None else []
+        found += filter(None, [shift_text(self.calibration.shift), self._wrong_sizes])
+        found += implausible(self.result)
         if self.result.noise_of_points > _DOUBTFUL:
             found.append(
                 f"points scatter {self.result.noise_of_points:.1f} times as much as their stated sigma: is the artefact"
@@ -127,6 +137,7 @@ class CalibrationReport:
             "noise_of_points": result.noise_of_points,
             "noise_of_robot_si": list(result.noise_of_robot),
             "artefact_position_mm": (1e3 * result.platter_from_artefact[:3, 3]).tolist(),
+            "artefact_shift_mm": (1e3 * self.calibration.shift).tolist(),
             "size_errors_um": (1e6 * result.sizes).tolist(),
         }
 
@@ -141,6 +152,8 @@ class CalibrationReport:
             f"  {'deviation':24} {'estimate':>10}   {percent + ' interval':>14}"
             + ("" if self.true is None else f" {'true':>10} {'error':>10}"),
         ]
+        position = ", ".join(f"{1e3 * value:.3f}" for value in result.platter_from_artefact[:3, 3])
+        lines.insert(1, f"  origin of the artefact's coordinates on the table: ({position}) mm")
         for row in self.rows:
             text = f"  {row.name + ' ' + row.unit:24} {row.value:10.5f} +- {row.half_width:12.5f} "
             lines.append(text + comparison_text(row.true, row.value, row.half_width))

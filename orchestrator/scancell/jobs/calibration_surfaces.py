@@ -31,6 +31,13 @@ def measured_meshes(part: Mesh) -> list[Mesh]:
     return [one.shape.mesh(_COARSE).transformed(one.frame_from_shape) for one in part.shapes.measured]
 
 
+def distances_to(part: Mesh, points: Array) -> Array:
+    """Distances (n,) of points (n, 3) in the part frame from its nearest surface, supports included, m."""
+    if isinstance(part, ShapeMesh):
+        return np.abs(part.shapes.nearest(points)[0])
+    return np.abs(sensor_rt.MeshSurface(part.vertices, part.faces).signed_distances(points)[0])
+
+
 @dataclass(frozen=True)
 class MeasuredShapes:
     """Shapes, see `Surface`: supports, edges and points beyond `REACH` are not used."""
