@@ -226,7 +226,7 @@ double FanCaster::lamp_light(const SceneQuery& query, std::size_t p, const View&
   int l = kLanes / 2;
   for (int k = 0; k < kLanes && !unoccluded(l); ++k) l = (l + 1) % kLanes;
   const Shape& shape = query.scene().shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
-  const SurfacePoint at(lane(landing.point, l), lane(landing.normal, l),
+  const SurfacePoint at(shape, lane(landing.point, l), lane(landing.normal, l),
                         -lane(view.direction, l).normalized());
   return lamps.brightness(at, *shape.surface, 0);
 }

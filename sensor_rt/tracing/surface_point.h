@@ -14,7 +14,7 @@ struct SurfacePoint {
   Eigen::Vector3d position;
   Eigen::Vector3d normal;  ///< unit, towards the side of the incoming ray
   Eigen::Vector3d back;    ///< unit, towards the origin of the ray
-  double offset = 0.0;     ///< m, see Shape::ray_offset
+  double offset;           ///< m, see Shape::ray_offset
 
   SurfacePoint(const Scene& scene, const Lanes3& origin, const Lanes3& direction, const PacketHits& hits,
                int l)
@@ -24,8 +24,12 @@ struct SurfacePoint {
         offset(scene.shapes()[static_cast<std::size_t>(hits.shape[l])].ray_offset()) {
     if (normal.dot(back) < 0.0) normal = -normal;
   }
-  SurfacePoint(Eigen::Vector3d at, Eigen::Vector3d towards_viewer, Eigen::Vector3d to_viewer)
-      : position(std::move(at)), normal(std::move(towards_viewer)), back(std::move(to_viewer)) {}
+  SurfacePoint(const Shape& shape, Eigen::Vector3d at, Eigen::Vector3d towards_viewer,
+               Eigen::Vector3d to_viewer)
+      : position(std::move(at)),
+        normal(std::move(towards_viewer)),
+        back(std::move(to_viewer)),
+        offset(shape.ray_offset()) {}
 
   /// Returns the light reflected towards the origin of the ray, as the equivalent irradiance on a white
   /// diffuse surface.

@@ -189,6 +189,38 @@ def test_lamps_add_noise_but_no_points() -> None:
     assert_alike(traced, with_lamp)
 
 
+def box_mesh(size: float) -> tuple[Array, NDArray[np.uint32]]:
+    """Upper half of a tilted box, whose coordinates are not exact in single precision."""
+    corners = pose(angles=(0.2, 0.1, 0.3))[:3, :3] @ (size * np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [0, 0, 0, 0]]))
+    return corners.T, np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
+
+
+@pytest.mark.parametrize("shape", ["mesh", "large mesh", "plane", "box", "cylinder"])
+def test_lamp_reaches_every_point_of_a_lit_surface(shape: str) -> None:
+    """A lamp far above: the stated sigma varies slowly along the profile and exceeds that without the lamp."""
+    scenes = []
+    for lamp in (0.0, 400.0):
+        scene = Scene()
+        if shape.endswith("mesh"):
+            scene.add_mesh("body", *box_mesh(100.0 if shape == "large mesh" else 0.3), 0.5)
+        elif shape == "plane":
+            scene.add_plane("body", np.eye(4), [0.7, 0.7], 0.5)
+        elif shape == "box":
+            scene.add_box("body", pose((0, 0, 0.05)), [0.3, 0.3, 0.1], 0.5)
+        else:
+            scene.add_cylinder("body", pose((0, 0, 0.05)), 0.3, 0.1, 0.5)
+        scene.add_light("lamp", "point", np.eye(4), [0, 0], lamp, 0.3)
+        scenes.append(scene)
+    level = np.linalg.inv(pose(angles=(0.2, 0.1, 0.3))) if shape.endswith("mesh") else np.eye(4)
+    exposures = still(tilted(0.12) @ level, pose((0.02, 0, -0.3)))
+    dark, lit = (scan(scene, noisy(), exposures, "geometric").profiles for scene in scenes)
+    assert len(dark) > 2000
+    for camera in (0, 1):
+        without, stated = (p.sigma[p.camera == camera] for p in (dark, lit))
+        np.testing.assert_array_less(1.2 * without.mean(), stated)
+        np.testing.assert_allclose(stated[16:], stated[:-16], rtol=0.03)
+
+
 def test_saturated_stripes_are_flagged_then_lost() -> None:
     world_from_plane = tilted(0.12)
     for power, flagged, kept in ((2e-3, False, True), (8e-3, True, True), (50.0, True, False)):
