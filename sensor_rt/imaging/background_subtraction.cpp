@@ -32,6 +32,7 @@ BackgroundSubtraction::BackgroundSubtraction(const ImageNoise& noise, float satu
   noise_.background = static_cast<float>(pedestal_);
   noise_.variance_floor = static_cast<float>(2.0 * (read_dn * read_dn + 1.0 / 12.0));
   noise_.gain = static_cast<float>(noise.gain_dn_per_e);
+  noise_.pattern = static_cast<float>(noise.prnu * noise.prnu);
   noise_.saturation = static_cast<float>(marker_) - 0.25f;
 }
 

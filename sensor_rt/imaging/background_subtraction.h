@@ -18,8 +18,8 @@ class BackgroundSubtraction {
   /// Throws std::invalid_argument when the images differ in size.
   ImageRows subtract(ImageRows lit, ImageRows background);
 
-  /// Returns the noise of the difference without stripe and background light: pixel offsets cancel, read
-  /// noise and quantisation count twice.
+  /// Returns the noise of the difference without stripe and background light: pixel offsets and the
+  /// sensitivities to background light cancel, read noise and quantisation count twice.
   const PixelNoise& noise() const { return noise_; }
 
  private:

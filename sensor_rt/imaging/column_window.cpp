@@ -14,8 +14,7 @@ constexpr float kShapeReach = 3.0f;  // standard deviations to either side in a 
 ColumnWindow gather(ImageRows image, const PixelNoise& noise, const Candidate& candidate, double reach) {
   RowWindow rows = window(candidate, static_cast<float>(reach), image.height);
   rows.last = std::min(rows.last, rows.first + kWindowRows - 1);
-  // In sums over the window, speckle is treated as independent between pixels.
-  const auto speckle = static_cast<double>(noise.speckle.of_sums());
+  const auto relative = static_cast<double>(noise.relative_of_sums());
   ColumnWindow w;
   w.first = rows.first;
   w.count = std::max(0, rows.last - rows.first + 1);
@@ -24,7 +23,7 @@ ColumnWindow gather(ImageRows image, const PixelNoise& noise, const Candidate& c
     w.signal[i] = static_cast<double>(value - noise.background);
     const double light = std::max(0.0, w.signal[i]);
     w.variance[i] = static_cast<double>(noise.variance_floor + candidate.light_variance) +
-                    static_cast<double>(noise.gain) * light + speckle * light * light;
+                    static_cast<double>(noise.gain) * light + relative * light * light;
     w.clipped[i] = !(value < noise.saturation);
   }
   return w;

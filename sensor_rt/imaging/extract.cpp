@@ -49,6 +49,7 @@ void validate(const ExtractionOptions& o, const ImageNoise& n, const SheetGeomet
   positive("full_well_e", n.full_well_e);
   require(n.read_noise_e >= 0.0, "read_noise_e", n.read_noise_e, "a number >= 0");
   require(n.dsnu_e >= 0.0, "dsnu_e", n.dsnu_e, "a number >= 0");
+  require(n.prnu >= 0.0 && n.prnu < 1.0, "prnu", n.prnu, "a number from 0 to below 1");
   require(n.speckle_contrast >= 0.0 && n.speckle_contrast <= 1.0, "speckle_contrast", n.speckle_contrast,
           "a number from 0 to 1");
   require(n.black_level_dn >= 0.0, "black_level_dn", n.black_level_dn, "a number >= 0");
@@ -116,6 +117,7 @@ class Extractor::Impl {
     const double dark_dn = noise.gain_dn_per_e * std::hypot(noise.read_noise_e, noise.dsnu_e);
     noise_.variance_floor = static_cast<float>(dark_dn * dark_dn + 1.0 / 12.0);
     noise_.gain = static_cast<float>(noise.gain_dn_per_e);
+    noise_.pattern = static_cast<float>(noise.prnu * noise.prnu);
     noise_.saturation = saturation_level(noise);
     difference_ = std::make_unique<BackgroundSubtraction>(noise, noise_.saturation);
     for (const Camera& camera : geometry_.cameras) {
@@ -126,9 +128,11 @@ class Extractor::Impl {
   void measure(ImageView<const std::uint16_t> image, int camera) {
     PixelNoise noise = noise_;
     noise.background = background_level(image, image_noise_.black_level_dn, sample_);
-    // Uniform background light adds shot noise.
+    // Uniform background light adds shot noise, and is modulated by the pixel sensitivities as the stripe is.
     const auto black = static_cast<float>(image_noise_.black_level_dn);
-    noise.variance_floor += noise.gain * std::max(0.0f, noise.background - black);
+    const float light = std::max(0.0f, noise.background - black);
+    noise.variance_floor += (noise.gain + noise.pattern * light) * light;
+    noise.gain += 2.0f * noise.pattern * light;
     measure_stripe(image, noise, nullptr, camera);
   }
 

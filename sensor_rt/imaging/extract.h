@@ -62,6 +62,7 @@ struct ImageNoise {
   double full_well_e = 0.0;
   int bit_depth = 0;
   double dsnu_e = 0.0;            ///< dark signal non-uniformity: fixed but unknown pixel offsets
+  double prnu = 0.0;              ///< photo response non-uniformity: fixed but unknown pixel sensitivities
   double speckle_contrast = 0.0;  ///< contrast of fully resolved speckle
   double wavelength = 0.0;        ///< laser wavelength, m
 };

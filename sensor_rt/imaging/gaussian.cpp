@@ -73,7 +73,7 @@ StripeFit result(const Candidate& c, const GaussianBatch& b, int l, const RowWin
   for (int k = 0; k < 4; ++k) explained += b.he3_gradient[k].v[l] * b.to_he3[k].v[l];
   const float information = std::max(b.he3_norm.v[l] - explained, 1e-6f * b.he3_norm.v[l] + 1e-12f);
   fit.asymmetry = b.he3_misfit.v[l] / information;
-  fit.asymmetry_sigma = std::sqrt(1.0f + b.he3_speckle.v[l] / information) / std::sqrt(information);
+  fit.asymmetry_sigma = std::sqrt(1.0f + b.he3_relative.v[l] / information) / std::sqrt(information);
   if (fit.width < kShapeless) fit.asymmetry = 0.0f;
   if (fit.width <= kMinSigma) fit.row_sigma = std::hypot(fit.row_sigma, kHeldError);
   const float count = std::max(b.count.v[l], 1.0f);
@@ -101,6 +101,7 @@ void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* 
   const int iterations = noise.speckle.enabled() ? kIterationsOfGrains : kIterations;
   for (std::size_t begin = 0; begin < count; begin += kLanes) {
     GaussianBatch b{};
+    b.pattern = noise.pattern;
     b.speckle = noise.speckle;
     RowWindow rows[kLanes];
     const std::size_t lanes = std::min<std::size_t>(kLanes, count - begin);

@@ -64,7 +64,7 @@ inline void clear_sums(Batch& b) {
     for (int k = 0; k < 10; ++k) b.hessian[k].v[l] = 0.0f;
     for (int k = 0; k < 4; ++k) b.gradient[k].v[l] = b.he3_gradient[k].v[l] = 0.0f;
     b.he3_norm.v[l] = b.he3_misfit.v[l] = 0.0f;
-    b.row_variance.v[l] = b.misfit.v[l] = b.noise.v[l] = b.count.v[l] = 0.0f;
+    b.row_variance.v[l] = b.he3_relative.v[l] = b.misfit.v[l] = b.noise.v[l] = b.count.v[l] = 0.0f;
     const float prior = 1.0f / (kBackgroundError * kBackgroundError);
     b.hessian[9].v[l] = prior;
     b.gradient[3].v[l] = prior * (0.0f - b.background.v[l]);
@@ -185,6 +185,7 @@ SENSOR_RT_MULTIVERSION void measure_shape(Batch& b) {
 }
 
 SENSOR_RT_MULTIVERSION void measure_noise(Batch& b) {
+  const float pattern = b.pattern;
   const float speckle = b.speckle.covariance[0];
   first_edge(b);
   for (int row = 0; row < b.rows; ++row) {
@@ -199,27 +200,29 @@ SENSOR_RT_MULTIVERSION void measure_noise(Batch& b) {
         explained += b.to_he3[k].v[l] * s.d[k];
       }
       const float light = b.area.v[l] * s.d[2];
-      b.light_to_row[row].v[l] = w * influence * light;
-      b.light_to_he3[row].v[l] = w * (s.he3 - explained) * light;
-      b.row_variance.v[l] += w * w * influence * influence * noise;
+      const float to_row = w * influence * light;
+      const float to_he3 = w * (s.he3 - explained) * light;
+      b.light_to_row[row].v[l] = to_row;
+      b.light_to_he3[row].v[l] = to_he3;
+      b.row_variance.v[l] += w * w * influence * influence * noise + pattern * to_row * to_row;
+      b.he3_relative.v[l] += pattern * to_he3 * to_he3;
       const float z = (static_cast<float>(row) - b.mu.v[l]) / b.sigma.v[l];
       const float inside = z * z < 6.25f ? b.mask[row].v[l] : 0.0f;
       const float misfit = b.data[row].v[l] - s.model;
       b.misfit.v[l] += inside * misfit * misfit;
-      b.noise.v[l] += inside * (noise + speckle * light * light);
+      b.noise.v[l] += inside * (noise + (pattern + speckle) * light * light);
       b.count.v[l] += inside;
     }
   }
 }
 
 SENSOR_RT_MULTIVERSION void add_speckle(Batch& b) {
-  for (int l = 0; l < kLanes; ++l) b.he3_speckle.v[l] = 0.0f;
   for (int apart = 0; apart < kSpeckleRows; ++apart) {
     const float covariance = (apart == 0 ? 1.0f : 2.0f) * b.speckle.covariance[apart];
     for (int row = 0; row + apart < b.rows; ++row) {
       for (int l = 0; l < kLanes; ++l) {
         b.row_variance.v[l] += covariance * b.light_to_row[row].v[l] * b.light_to_row[row + apart].v[l];
-        b.he3_speckle.v[l] += covariance * b.light_to_he3[row].v[l] * b.light_to_he3[row + apart].v[l];
+        b.he3_relative.v[l] += covariance * b.light_to_he3[row].v[l] * b.light_to_he3[row + apart].v[l];
       }
     }
   }

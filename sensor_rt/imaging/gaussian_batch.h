@@ -4,8 +4,8 @@
 // Weights are 1 / (noise variance + model error²): with pure noise weights the fit would depend on the
 // flanks, where real stripes differ from the model. The uncertainty follows from the true noise variance by
 // the sandwich formula. In the weights, the speckle variance is proportional to the light, like shot noise:
-// with its square the dark flanks would dominate. Below kMinSigma the width is not observable and held
-// constant.
+// with its square the dark flanks would dominate; the pixel sensitivities are covered by the model error.
+// Below kMinSigma the width is not observable and held constant.
 #pragma once
 
 #include "sensor_rt/geometry/lanes.h"
@@ -38,11 +38,12 @@ struct GaussianBatch {
       he3_misfit;             // projection of the third Hermite function onto the model's derivatives
   Lane to_row[4], to_he3[4];  // solutions of H x = e_mu and H x = he3_gradient
   Lane row_variance, misfit, noise, count;
-  Lane cdf, pdf;  // at the lower edge of the pixel
+  Lane cdf, pdf;         // at the lower edge of the pixel
+  float pattern = 0.0f;  // variance of the relative pixel sensitivities
   SpeckleNoise speckle;
   // Sensitivity of row and he3_misfit to a relative change of a pixel:
   Lane light_to_row[kMaxRows], light_to_he3[kMaxRows];
-  Lane he3_speckle;  // speckle variance of he3_misfit
+  Lane he3_relative;  // variance of he3_misfit due to pixel sensitivities and speckle
 };
 
 /// Performs one damped Gauss-Newton step in all lanes. Steps are bounded so that a poor first guess does not

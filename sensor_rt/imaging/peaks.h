@@ -39,7 +39,8 @@ struct Peaks {
   std::vector<float>
       amplitude;             ///< height above the background, DN (of the stripe, not of the brightest pixel)
   std::vector<float> width;  ///< standard deviation of the stripe, px
-  std::vector<float> row_sigma;  ///< standard deviation of row from shot, read and quantisation noise, px
+  std::vector<float> row_sigma;  ///< standard deviation of row from shot, read and quantisation noise, pixel
+                                 ///< sensitivities and speckle, px
   std::vector<float>
       asymmetry;  ///< third Hermite coefficient (skewness / 6); > 0: the tail lies at larger rows
   std::vector<float> residual;  ///< RMS misfit beyond the expected noise, relative to amplitude

@@ -113,7 +113,7 @@ class Ridge {
   }
 
   double propagate(const Kernel& down, double nx, double ny, double bend) const {
-    const auto speckle = static_cast<double>(noise_.speckle.of_sums());
+    const auto relative = static_cast<double>(noise_.relative_of_sums());
     double variance = 0.0;
     for (int i = 0; i < across_.count; ++i) {
       for (int j = 0; j < down.count; ++j) {
@@ -124,7 +124,7 @@ class Ridge {
             (across_.d1[i] * down.g[j] * nx + across_.g[i] * down.d1[j] * ny) / (bend * ny);
         variance += influence * influence *
                     (static_cast<double>(noise_.variance_floor + c_.light_variance) +
-                     static_cast<double>(noise_.gain) * light + speckle * light * light);
+                     static_cast<double>(noise_.gain) * light + relative * light * light);
       }
     }
     return variance;

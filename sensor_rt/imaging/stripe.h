@@ -11,13 +11,19 @@
 
 namespace sensor_rt {
 
-/// Noise of a pixel: variance = floor + gain * (signal above the black level) + speckle * signal², all in DN.
+/// Noise of a pixel: variance = floor + gain * (signal above the background) + (pattern + speckle) * signal²,
+/// all in DN.
 struct PixelNoise {
   float background = 0.0f;      ///< level of the background image
   float variance_floor = 0.0f;  ///< read noise and quantisation, DN²
   float gain = 0.0f;            ///< DN per electron: shot noise has variance gain * signal
+  float pattern = 0.0f;         ///< variance of the relative pixel sensitivities
   float saturation = 0.0f;      ///< larger values are ignored
   SpeckleNoise speckle;
+
+  /// Returns the relative variance of the light of a pixel in sums over the window, in which speckle is
+  /// treated as independent between pixels.
+  float relative_of_sums() const { return pattern + speckle.of_sums(); }
 };
 
 /// A run of rows in one column that may contain the stripe.

@@ -51,12 +51,9 @@ void look_up(const std::uint32_t* bits, float* normals) {
   for (int l = 0; l < kLanes; ++l) normals[l] = table.sample(bits[l]);
 }
 
-/// Limits of the extraction, and its error sources beyond the stripe response.
+/// Limits of the extraction beyond the stripe response.
 struct Limits {
   float amplitude, narrowest, widest;
-  /// Variance of the row due to PRNU, per width: the centre of gravity of a Gaussian stripe of width w, whose
-  /// pixels have the relative sensitivity error prnu, has the variance prnu² w / (4 sqrt(pi)).
-  float pattern;
 };
 
 /// Computes rows and amplitudes with their errors; lost[lane] is 1 for stripes that are not detected or
@@ -69,15 +66,14 @@ void add_noise(const Stripes& __restrict stripes, const StripeResponse::Reading&
                std::int32_t* __restrict lost) {
   for (int l = 0; l < kLanes; ++l) {
     const float width = stripes.width[l];
-    const float noise = truth.row_sigma[l];
-    const float sigma = std::sqrt(noise * noise + limits.pattern * width);
+    const float sigma = truth.row_sigma[l];
     const float relative = sigma / width;
     const float seen_width = std::sqrt(width * width + 1.0f / 12.0f);
     const float measured_width = width + relative * seen_width * normals.width[l];
     const float amplitude = stated.amplitude[l] * (1.0f + relative * normals.height[l]);
     row[l] = stripes.row[l] + static_cast<double>(sigma * normals.row[l]);
     intensity[l] = amplitude;
-    const bool found = (stated.row_sigma[l] > 0.0f) & (noise > 0.0f);
+    const bool found = (stated.row_sigma[l] > 0.0f) & (sigma > 0.0f);
     const bool accepted = (amplitude >= limits.amplitude) & (measured_width >= limits.narrowest) &
                           (measured_width <= limits.widest);
     lost[l] = found & accepted ? 0 : 1;
@@ -192,10 +188,8 @@ void GeometricWorker::measure_lanes(std::int64_t frame, std::size_t first, std::
   look_up(words[1], normals.height);
   look_up(words[2], normals.width);
   const ExtractionOptions& options = sensor_.extraction;
-  const double prnu = as_built_.detector.prnu;
   const Limits limits{static_cast<float>(options.min_amplitude_dn), static_cast<float>(options.min_sigma_px),
-                      static_cast<float>(options.max_sigma_px),
-                      static_cast<float>(prnu * prnu / (4.0 * std::sqrt(M_PI)))};
+                      static_cast<float>(options.max_sigma_px)};
   alignas(64) double row[kLanes];
   alignas(64) float intensity[kLanes];
   alignas(64) std::int32_t lost[kLanes];

@@ -115,8 +115,15 @@ void read_detector(JsonObject json, Sensor& sensor) {
   sensor.row_readout = json.non_negative("row_readout");
   sensor.laser_off_frame = json.boolean("laser_off_frame");
   json.finish();
-  sensor.image_noise = {
-      d.black_level_dn, d.gain_dn_per_e, d.read_noise_e, d.full_well_e, d.bit_depth, d.dsnu_e, 0.0, 0.0};
+  sensor.image_noise = {d.black_level_dn,
+                        d.gain_dn_per_e,
+                        d.read_noise_e,
+                        d.full_well_e,
+                        d.bit_depth,
+                        d.dsnu_e,
+                        d.prnu,
+                        0.0,
+                        0.0};
 }
 
 void read_extraction(JsonObject json, Sensor& sensor) {

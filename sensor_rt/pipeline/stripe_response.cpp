@@ -36,30 +36,24 @@ ExtractionOptions without_neighbours(ExtractionOptions options) {
   return options;
 }
 
-/// Image in counts finer than digital numbers, so that noise-free images are not rounded. Rounding noise and
-/// background shot noise are added to the read noise, which raises the saturation level by as much as it
-/// lowers it.
+/// Image in counts finer than digital numbers, so that noise-free images are not rounded. The rounding noise
+/// is added to the read noise, and the full well keeps the saturation level where it was.
 struct FineImage {
   ExtractionOptions options;
   ImageNoise noise;
   double per_dn = 1.0;
   double clipped = 0.0;  ///< value of a saturated pixel, fine counts
 
-  FineImage(const ExtractionOptions& given, const ImageNoise& coarse, double background_e, bool laser_off)
+  FineImage(const ExtractionOptions& given, const ImageNoise& coarse)
       : options(without_neighbours(given)), noise(coarse) {
     constexpr int kFinest = 14;
     noise.bit_depth = std::max(kFinest, coarse.bit_depth);
     per_dn = std::exp2(noise.bit_depth - coarse.bit_depth);
     options.min_amplitude_dn *= per_dn;
     const double gain = coarse.gain_dn_per_e;
-    const double images = laser_off ? 2.0 : 1.0;
-    const double rounding2 = 1.0 / (12.0 * gain * gain);
-    noise.read_noise_e =
-        std::sqrt(images * (coarse.read_noise_e * coarse.read_noise_e + rounding2 + background_e));
-    if (laser_off) noise.dsnu_e = 0.0;
-    noise.full_well_e =
-        std::max(1.0, coarse.full_well_e - background_e + 4.0 * (noise.read_noise_e - coarse.read_noise_e));
-    noise.black_level_dn = per_dn * (coarse.black_level_dn + gain * background_e);
+    noise.read_noise_e = std::hypot(coarse.read_noise_e, 1.0 / (std::sqrt(12.0) * gain));
+    noise.full_well_e = coarse.full_well_e + 4.0 * (noise.read_noise_e - coarse.read_noise_e);
+    noise.black_level_dn = per_dn * coarse.black_level_dn;
     noise.gain_dn_per_e = per_dn * gain;
     clipped = std::min(std::exp2(noise.bit_depth) - 1.0,
                        per_dn * (coarse.black_level_dn + gain * coarse.full_well_e));
@@ -131,12 +125,16 @@ StripeResponse::Axis StripeResponse::height_axis(const ImageNoise& noise) {
 
 void StripeResponse::fill(std::size_t level, const ExtractionOptions& options, const ImageNoise& noise,
                           const Camera& camera, bool laser_off) {
-  const FineImage fine(options, noise, background_e_[level], laser_off);
+  const FineImage fine(options, noise);
+  const double dark =
+      std::min(fine.noise.black_level_dn + fine.noise.gain_dn_per_e * background_e_[level], fine.clipped);
+  const auto background = static_cast<std::uint16_t>(std::lround(dark));
   Extractor extractor(fine.options, fine.noise, {{camera}, {}, 0.0, 0.0, 1.0}, false);
   const int skipped = margin(options.detector);
   const int cell = kPhases + 2 * skipped;
   const int heights = height_.nodes();
   Image<std::uint16_t> image;
+  Image<std::uint16_t> off;
   std::vector<double> shape;
   Peaks peaks;
   for (int w = 0; w < width_.nodes(); ++w) {
@@ -144,9 +142,7 @@ void StripeResponse::fill(std::size_t level, const ExtractionOptions& options, c
     const int lit = static_cast<int>(std::ceil(6.0 * width)) + 2;  // rows to either side
     const int rows = 6 * lit + 48;                                 // most of them dark
     const int middle = rows / 2;
-    image.resize(heights * cell, rows);
-    const auto black = static_cast<std::uint16_t>(std::lround(fine.noise.black_level_dn));
-    std::fill_n(image.view().data, static_cast<std::size_t>(heights * cell) * rows, black);
+    image.resize(heights * cell, rows, background);
     shape.resize(static_cast<std::size_t>(2 * lit + 1));
     for (int k = 0; k < cell; ++k) {
       const double phase = (k - skipped + 0.5) / kPhases - 0.5;
@@ -158,14 +154,18 @@ void StripeResponse::fill(std::size_t level, const ExtractionOptions& options, c
       for (int h = 0; h < heights; ++h) {
         const double height = fine.per_dn * static_cast<double>(height_.node(h));
         for (int y = -lit; y <= lit; ++y) {
-          const double value = fine.noise.black_level_dn + height * shape[static_cast<std::size_t>(y + lit)];
+          const double value = dark + height * shape[static_cast<std::size_t>(y + lit)];
           image.view().at(middle + y, h * cell + k) =
               static_cast<std::uint16_t>(std::lround(std::min(value, fine.clipped)));
         }
       }
     }
-    const ImageView<std::uint16_t> view = image.view();
-    extractor.measure({view.data, view.width, view.height, view.stride}, 0);
+    if (laser_off) {
+      off.resize(heights * cell, rows, background);
+      extractor.measure(std::as_const(image).view(), std::as_const(off).view(), 0);
+    } else {
+      extractor.measure(std::as_const(image).view(), 0);
+    }
     peaks.clear();
     extractor.finish(0, peaks);
     Node* to = &nodes_[level * per_level_ + static_cast<std::size_t>(w * heights)];
@@ -254,6 +254,7 @@ std::shared_ptr<const StripeResponse> StripeResponse::shared(const ExtractionOpt
           n.full_well_e,
           static_cast<double>(n.bit_depth),
           n.dsnu_e,
+          n.prnu,
           laser_off ? 1.0 : 0.0,
           background ? 1.0 : 0.0};
   if (n.speckle_contrast > 0.0) {  // without speckle the response does not depend on the camera

@@ -221,6 +221,42 @@ def test_lamp_reaches_every_point_of_a_lit_surface(shape: str) -> None:
         np.testing.assert_allclose(stated[16:], stated[:-16], rtol=0.03)
 
 
+@pytest.mark.parametrize("prnu", [0.005, 0.02])
+@pytest.mark.parametrize("engine", ENGINES)
+def test_stated_sigma_includes_pixel_sensitivities(engine: Engine, prnu: float) -> None:
+    """Planes at distances of millimetres, so that every stripe falls on other pixels of the fixed pattern."""
+    scores = []
+    for z in np.linspace(0.09, 0.15, 40):
+        plane_pose = tilted(z)
+        exposures = still(plane_pose, first=round(1e6 * z))
+        profiles = scan(plane(plane_pose, 0.5), noisy(detector={"prnu": prnu}), exposures, engine).profiles
+        points, normal = profiles.points_in_sensor, plane_pose[:3, 2]
+        stated = np.sqrt(np.einsum("i,nij,j->n", normal, profiles.covariance, normal))
+        off = (points - plane_pose[:3, 3]) @ normal
+        scores.append((off / stated)[np.abs(points[:, 1]) < MIDDLE])
+    score = np.concatenate(scores)
+    print(f"{engine}, PRNU {prnu:g}: error over stated sigma {score.std():.4f}, n = {len(score)}")
+    assert len(score) > 40_000
+    assert score.std() == pytest.approx(1.0, abs=0.02)
+
+
+def test_sensitivities_to_uniform_light_cancel_in_differences() -> None:
+    """The background's pattern adds to sigma, but not where the image without laser is subtracted."""
+    plane_pose = tilted(0.12)
+    growth = {}
+    for engine in ENGINES:
+        for off in (False, True):
+            stated = []
+            for prnu in (0.0, 0.02):
+                sensor = noisy(ambient={"irradiance": 100.0}, detector={"prnu": prnu, "laser_off_frame": off})
+                stated.append(scan(plane(plane_pose, 0.2), sensor, still(plane_pose), engine).profiles.sigma.mean())
+            growth[engine, off] = float(np.sqrt((stated[1] / stated[0]) ** 2 - 1.0))
+    print(growth)
+    for off in (False, True):
+        assert growth["geometric", off] == pytest.approx(growth["ray-traced", off], rel=0.1)
+    assert growth["ray-traced", False] > 1.5 * growth["ray-traced", True]
+
+
 def test_saturated_stripes_are_flagged_then_lost() -> None:
     world_from_plane = tilted(0.12)
     for power, flagged, kept in ((2e-3, False, True), (8e-3, True, True), (50.0, True, False)):

@@ -174,7 +174,9 @@ class DetectorDescription(Description):
     bit_depth: Annotated[int, Field(ge=8, le=16)] = Field(description="bits per pixel of the digital image")
     black_level_dn: NonNegative = Field(description="digital number without light")
     prnu: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(
-        default=0.0, description="photo response non-uniformity: relative standard deviation of gain between pixels"
+        default=0.0,
+        description="photo response non-uniformity: relative standard deviation of gain between pixels; part of the"
+        " stated standard deviation of every point",
     )
     dsnu_e: NonNegative = Field(
         default=0.0, description="dark signal non-uniformity: standard deviation of offset between pixels, electrons"
