@@ -35,6 +35,14 @@ inline constexpr EnumerationItem kJogFrameItems[] = {
     {"sensor", "axes of the sensor"},
 };
 
+/// Collision of bodies of the cell at the last controller cycle.
+enum class Collision {
+  kNone,
+  kPresent,
+  kDeepens,  // a pair of bodies has become deeper
+  kBegins,   // a pair of bodies collides that did not before
+};
+
 struct Command {
   Mode mode = Mode::kHold;
   Axes position{};                                // rad, set-points in servo mode, targets of moves
@@ -47,12 +55,12 @@ struct Command {
   Operation operation = Operation::kAutomatic;
   std::int32_t start = 0;  // an increase starts a move or a segment
   bool emergency_stop = false;
-  bool collision = false;      // its beginning starts an emergency stop
-  std::int32_t reset = 0;      // an increase ends an emergency stop
-  std::int32_t heartbeat = 0;  // any change restarts the watchdog
-  double max_age = 0;          // s, timeout of the watchdog; 0 disables it
-  std::int64_t guard_us = 0;   // instant of the state that the last message of the guard answers
-  double guard_max_age = 0;    // s, largest age of that state; 0: there is no guard
+  Collision collision = Collision::kNone;  // begins: emergency stop; deepens: unless the axes return
+  std::int32_t reset = 0;                  // an increase ends an emergency stop
+  std::int32_t heartbeat = 0;              // any change restarts the watchdog
+  double max_age = 0;                      // s, timeout of the watchdog; 0 disables it
+  std::int64_t guard_us = 0;               // instant of the state that the last message of the guard answers
+  double guard_max_age = 0;                // s, largest age of that state; 0: there is no guard
 };
 
 enum class Phase : std::int32_t { kRest, kMoving, kBraking, kEmergencyStop };

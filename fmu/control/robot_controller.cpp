@@ -47,7 +47,7 @@ RobotController::RobotController(const ControllerSettings& settings, const ArmGe
       servo_(settings.motion.axes, settings.cycle_us, start),
       move_(arm, settings_.motion.axes),
       jog_(arm, settings_.motion.axes, settings.jog) {
-  state_.destination = start;
+  state_.destination = state_.free = start;
 }
 
 void RobotController::cycle(std::int64_t now_us, const Command& command) {
@@ -83,9 +83,9 @@ void RobotController::latch_inputs(std::int64_t now_us, const Command& command) 
   state_.start = command.start;
   state_.reset = command.reset;
   watch_guard(now_us, command, resets);
-  const bool collides = command.collision && !state_.collision;
-  state_.collision = command.collision;
-  if (command.emergency_stop || collides) {
+  if (command.collision == Collision::kNone) state_.free = present_position();
+  const bool deepens = command.collision == Collision::kDeepens && !returns_to_free();
+  if (command.emergency_stop || deepens || command.collision == Collision::kBegins) {
     state_.stopped = true;
   } else if (resets && at_rest() && command.mode == Mode::kHold) {
     state_.stopped = false;
@@ -255,6 +255,15 @@ void RobotController::hold(std::int64_t now_us) { servo_.cycle(now_us, {false, {
 
 bool RobotController::at_rest() const {
   return std::all_of(present().begin(), present().end(), [](const Knot& knot) { return knot.velocity == 0; });
+}
+
+/// Whether the axes approach the position at the last cycle without a collision.
+bool RobotController::returns_to_free() const {
+  double rate = 0;  // of half the squared distance
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    rate += (present()[i].position - state_.free[i]) * present()[i].velocity;
+  }
+  return rate < 0;
 }
 
 Axes RobotController::present_position() const {

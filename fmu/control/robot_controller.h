@@ -40,7 +40,6 @@ struct ControllerState {
   Mode mode = Mode::kHold;  // active mode
   Phase phase = Phase::kRest;
   bool stopped = false;                                 // emergency stop active
-  bool collision = false;                               // at the last cycle
   ControllerError error = ControllerError::kNone;       // of the current command
   ControllerError path_error = ControllerError::kNone;  // of the last requested move
   std::int32_t path_limit = 0;
@@ -51,6 +50,7 @@ struct ControllerState {
   std::int64_t advanced_us = -1;  // last cycle in which a programmed motion advanced
   std::int32_t runs = 0;          // number of segments started
   Axes destination{};
+  Axes free{};  // position at the last cycle without a collision
 };
 
 /// Path clock of a running segment, for the trigger.
@@ -65,6 +65,10 @@ struct RunningSegment {
 /// programmed motion stops on its path. A move or segment starts from where the axes have come to rest, and
 /// an infeasible one does not start. In manual operation only jogs are accepted, in automatic operation
 /// everything else.
+///
+/// A collision that begins ends in an emergency stop, and so does one that becomes deeper after a reset,
+/// unless the axes approach the position of the last cycle without a collision: a motion back is always
+/// possible.
 ///
 /// A guard that watches the robot must answer states of the robot in time. A programmed motion and a jog wait
 /// at their start until a state that shows their path is answered. A programmed motion slows down with the
@@ -116,6 +120,7 @@ class RobotController {
   ClockPoint path_clock(std::int64_t time_us) const;
   void hold(std::int64_t now_us);
   bool at_rest() const;
+  bool returns_to_free() const;
   const Knots& present() const { return servo_.state().end; }
   Axes present_position() const;
 

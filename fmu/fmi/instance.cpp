@@ -136,6 +136,7 @@ StepResult Instance::do_step(double current, double step) {
   const Events wanted = options_.event_mode && options_.early_return ? kAllEvents : 0;
   Cell& running = cell();
   const bool approximate_before = running.solver_fallbacks() > 0;
+  const bool truncated_before = running.truncated_contacts() > 0;
   running.begin_step(values_.inputs, start_time_);
   std::int64_t reached = running.time_us();
   while (reached < end) {
@@ -158,6 +159,11 @@ StepResult Instance::do_step(double current, double step) {
         LogCategory::kWarning,
         "contact forces are approximate from " + std::to_string(communication_time_) +
             " s on: the contact solver did not converge; truth.contact.solver_fallbacks counts how often");
+  }
+  if (!truncated_before && running.truncated_contacts() > 0) {
+    log_.write(LogCategory::kWarning,
+               "a pair of bodies has more contact points from " + std::to_string(communication_time_) +
+                   " s on than the collision detector finds; truth.contact.truncated counts how often");
   }
   log_refusal();
   if (log_.wants(LogCategory::kEvent)) log_step(happened, reached < planned);

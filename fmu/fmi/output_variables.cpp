@@ -24,6 +24,11 @@ void add_solver(TableBuilder& table, CellOutputs& out) {
       "Number of contact problems since the start whose forces are approximate: Dantzig's method failed, "
       "or the iteration on the friction cone did not converge",
       out.solver_fallbacks);
+  table.add(
+      "truth.contact.truncated", Causality::kOutput, Variability::kDiscrete, kNone,
+      "Number of times since the start that a pair of bodies had more than 250 contact points in a dynamics "
+      "step: the collision detector finds no more of them, so that the points kept may not be the best ones",
+      out.truncated_contacts);
 }
 
 void add_record(TableBuilder& table, CellOutputs& out) {

@@ -102,6 +102,10 @@ void exchange(A& a, FreePartState& v) {
 }
 
 template <class A>
+void exchange(A& a, PairCollision& v) {
+  ROBOTCELL_EXCHANGE(a, v, v.pair, v.depth, v.point, v.least_depth);
+}
+template <class A>
 void exchange(A& a, Readings& v) {
   ROBOTCELL_EXCHANGE(a, v, v.sensors, v.collision);
 }
@@ -167,9 +171,9 @@ void exchange(A& a, JogPermit& v) {
 }
 template <class A>
 void exchange(A& a, ControllerState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.collision,
-                     v.error, v.path_error, up_to(a, kAxes, v.path_limit), v.start, v.reset, v.heartbeat,
-                     v.heartbeat_us, v.guard, v.jog_permit, v.advanced_us, v.runs, v.destination);
+  ROBOTCELL_EXCHANGE(a, v, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.error,
+                     v.path_error, up_to(a, kAxes, v.path_limit), v.start, v.reset, v.heartbeat,
+                     v.heartbeat_us, v.guard, v.jog_permit, v.advanced_us, v.runs, v.destination, v.free);
 }
 template <class A>
 void exchange(A& a, BeltState& v) {
@@ -192,7 +196,7 @@ void exchange(A& a, ArmDynamicsState& v) {
 template <class A>
 void exchange(A& a, GridPoint& v) {
   ROBOTCELL_EXCHANGE(a, v, v.time_us, v.prescribed, v.true_axes, v.encoders, v.parts, v.gripper, v.readings,
-                     v.solver_fallbacks);
+                     v.solver_fallbacks, v.truncated_contacts);
 }
 template <class A>
 void exchange(A& a, TimedAxes& v) {

@@ -48,7 +48,7 @@ double distance_to_kept(const Contact& contact, const std::vector<Contact>& kept
   return nearest;
 }
 
-std::vector<Contact> most_spread_contacts(std::vector<Contact> contacts, std::size_t limit) {
+std::vector<Contact> most_spread_contacts(const std::vector<Contact>& contacts, std::size_t limit) {
   if (contacts.size() <= limit) return contacts;
   const auto deepest = std::max_element(
       contacts.begin(), contacts.end(),
@@ -92,19 +92,20 @@ bool CappedCollisionDetector::collide(dart::collision::CollisionGroup* group,
                                       const dart::collision::CollisionOption& option,
                                       CollisionResult* result) {
   if (result == nullptr) return collide_locked(*this, group, option, nullptr);
+  dart::collision::CollisionOption all_contacts = option;
+  all_contacts.maxNumContacts = std::numeric_limits<std::size_t>::max();
   CollisionResult all;
-  const bool found_contact = collide_locked(*this, group, option, &all);
+  const bool found_contact = collide_locked(*this, group, all_contacts, &all);
   result->clear();
-  std::vector<Contact> remaining = all.getContacts();
-  while (!remaining.empty()) {
-    const auto other =
-        std::stable_partition(remaining.begin(), remaining.end(),
-                              [first = remaining.front()](const Contact& c) { return same_pair(first, c); });
-    for (const Contact& contact :
-         most_spread_contacts({remaining.begin(), other}, max_contacts(remaining.front()))) {
+  const std::vector<Contact>& contacts = all.getContacts();
+  for (auto first = contacts.begin(); first != contacts.end();) {  // those of a pair follow each other
+    const auto next =
+        std::find_if(first, contacts.end(), [&](const Contact& c) { return !same_pair(*first, c); });
+    const std::vector<Contact> of_pair(first, next);
+    if (of_pair.size() >= kMaxFound) ++truncated_;
+    for (const Contact& contact : most_spread_contacts(of_pair, max_contacts(*first)))
       result->addContact(contact);
-    }
-    remaining.erase(remaining.begin(), other);
+    first = next;
   }
   return found_contact;
 }

@@ -27,6 +27,12 @@ PartPose pose_of(const PartPlacement& placement) {
           Eigen::Quaterniond(placement.body_from_part.linear())};
 }
 
+control::Collision collision_of(const CollisionReading& reading) {
+  if (reading.begins) return control::Collision::kBegins;
+  if (reading.deepens) return control::Collision::kDeepens;
+  return reading.pairs > 0 ? control::Collision::kPresent : control::Collision::kNone;
+}
+
 bool collides(const Readings& readings) { return readings.collision.pairs > 0; }
 
 }  // namespace
@@ -43,6 +49,7 @@ Cell::Cell(const CellDescription& description, const proximity::BodySet& bodies,
       controller_(settings_of(description), nominal_arm_, start_of(description).axes.position),
       world_(description, true_, start_of(description)),
       sensing_(description, bodies, parameters.seed),
+      sensed_(layout_of(description)),
       trigger_(layout_of(description), parameters.as_built.trigger,
                key_of_seeds(description.seed, parameters.seed) + kTriggerKey),
       from_(layout_of(description)),
@@ -54,6 +61,7 @@ Cell::Cell(const CellDescription& description, const proximity::BodySet& bodies,
   read_axes(to_);
   read_world();
   from_ = to_;
+  place_sensed_bodies();
 }
 
 void Cell::read_world() {
@@ -129,14 +137,20 @@ std::shared_ptr<const control::ProgramSegment> Cell::requested_segment(const Cel
   return segment;
 }
 
+/// Microseconds from the start of a state that a message of the guard answers. 0 is the value of the input
+/// before any message, also where the simulation starts at a negative time.
+std::int64_t Cell::guard_instant(double guard_time) const {
+  return guard_time == 0 ? 0 : std::llround((guard_time - start_time_) * kMicrosecondsPerSecond);
+}
+
 /// Reads the commands at an instant of the controller cycle.
 void Cell::take_commands(const CellInputs& inputs) {
   control::Command command = command_of(inputs.motion);
   if (command.mode == control::Mode::kProgram && controller_.starts(command)) {
     command.segment = requested_segment(inputs);
   }
-  command.guard_us = std::llround((inputs.motion.guard_time - start_time_) * kMicrosecondsPerSecond);
-  command.collision = description_.sensing.collision.stops_arm && collides(to_.readings);
+  command.guard_us = guard_instant(inputs.motion.guard_time);
+  if (description_.sensing.collision.stops_arm) command.collision = collision_of(to_.readings.collision);
   controller_.cycle(to_.time_us, command);
   for (std::size_t i = 0; i < description_.conveyors.size(); ++i) {
     const double limit = description_.conveyors[i].max_speed;
@@ -159,9 +173,10 @@ void Cell::step_dynamics(const CellInputs& inputs) {
   for (std::size_t i = 0; i < to_.prescribed.belts.size(); ++i) {
     to_.prescribed.belts[i] = belt_at(i, to_.time_us);
   }
-  const std::int32_t fallbacks = world_.solver_fallbacks();
+  const std::int32_t fallbacks = world_.solver_fallbacks(), truncated = world_.truncated_contacts();
   world_.step(from_.prescribed, to_.prescribed);
   to_.solver_fallbacks += world_.solver_fallbacks() - fallbacks;
+  to_.truncated_contacts += world_.truncated_contacts() - truncated;
   read_axes(to_);
   read_world();
   update_supporting_bodies();
@@ -186,13 +201,17 @@ void Cell::update_supporting_bodies() {
   }
 }
 
+void Cell::place_sensed_bodies() {
+  write_truth(to_.time_us, sensed_);
+  sensing_.place(sensed_);
+}
+
 const Readings& Cell::readings() const { return time_us_ == to_.time_us ? to_.readings : from_.readings; }
 
 void Cell::read_sensors() {
   if (!sensing_.due(to_.time_us)) return;
-  Bodies truth(layout_of(description_));
-  write_truth(to_.time_us, truth);
-  sensing_.read(to_.time_us, truth, to_.readings);
+  write_truth(to_.time_us, sensed_);
+  sensing_.read(to_.time_us, sensed_, to_.readings);
 }
 
 /// Kinematic drives follow the set-points exactly. With dynamic drives the motors deviate from them, and the
@@ -238,6 +257,7 @@ void Cell::restore(const CellState& state) {
     throw std::invalid_argument(
         "the times of the state are inconsistent: expected from <= time <= to, one time step apart");
   }
+  for (const GridPoint* point : {&state.from, &state.to}) sensing_.check(point->readings);
   world_.restore(state.to.prescribed, state.arm, state.parts, state.grasp);
   time_us_ = state.time_us;
   from_ = state.from;
@@ -247,6 +267,7 @@ void Cell::restore(const CellState& state) {
   program_ = state.program;
   trigger_.restore(state.trigger);
   pendant_ = state.pendant;
+  place_sensed_bodies();
 }
 
 }  // namespace robotcell

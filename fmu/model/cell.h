@@ -37,7 +37,8 @@ struct GridPoint {
   std::vector<PartPose> parts;
   GripperPoint gripper;
   Readings readings;
-  std::int32_t solver_fallbacks = 0;  // since the start, up to the step that ends here
+  std::int32_t solver_fallbacks = 0;    // since the start, up to the step that ends here
+  std::int32_t truncated_contacts = 0;  // the same
 };
 
 /// The program that was read last.
@@ -101,6 +102,8 @@ class Cell : private MotionView {
 
   /// Number of contact problems since the start that were not solved as intended.
   std::int32_t solver_fallbacks() const { return to_.solver_fallbacks; }
+  /// Number of times since the start that contacts of a pair of bodies were lost.
+  std::int32_t truncated_contacts() const { return to_.truncated_contacts; }
 
   /// Why the controller does not execute its command, as text; empty: it does.
   std::string refusal() const;
@@ -147,6 +150,8 @@ class Cell : private MotionView {
   /// Sensor readings at the present instant.
   const Readings& readings() const;
   void read_sensors();
+  void place_sensed_bodies();
+  std::int64_t guard_instant(double guard_time) const;
 
   CellDescription description_;
   std::string folder_;
@@ -159,6 +164,7 @@ class Cell : private MotionView {
   LoadedProgram program_;
   World world_;
   Sensing sensing_;
+  Bodies sensed_;  // poses at the last call of sensing_
   Trigger trigger_;
   PendantCommand pendant_;
   double start_time_ = 0;  // s, simulation time at the start

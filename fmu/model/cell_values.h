@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "fmu/control/robot_controller.h"
 #include "fmu/model/cell_layout.h"
@@ -259,7 +260,8 @@ struct MotionCommand {
             c.guard_time,
             bounded({"guard.time", kSecond,
                      "Simulation time of the state of the robot that the last message of the guard answers. "
-                     "Times in the future, and earlier ones than the latest so far, are ignored"},
+                     "Times in the future, and earlier ones than the latest so far, are ignored; 0: no "
+                     "message yet"},
                     -kMaxGuardTime, kMaxGuardTime)),
         field(c.guard_max_age,
               bounded(
@@ -570,6 +572,14 @@ struct GripperOutputs {
 constexpr Element kCollisionPointElements[] = {
     {"truth.collision.point[1]", "x"}, {"truth.collision.point[2]", "y"}, {"truth.collision.point[3]", "z"}};
 
+/// A colliding pair of bodies.
+struct PairCollision {
+  std::int32_t pair = 0;          // zero-based, in the order of the description
+  double depth = 0;               // m
+  std::array<double, 3> point{};  // m, world, the deepest one
+  double least_depth = 0;         // m, since the collision began or was last reported as deeper
+};
+
 /// Bodies are numbered in the order of the description, from 1; 0: none.
 struct CollisionReading {
   std::int32_t pairs = 0;  // number of colliding pairs
@@ -579,6 +589,10 @@ struct CollisionReading {
   double clearance = 0;           // m, smallest distance; the range where all distances exceed it
   std::int32_t near_a = 0, near_b = 0;
   std::array<std::int32_t, 2> near_faces{};  // internal: closest faces, from which the next search starts
+  bool begins = false;                       // internal: a pair collides that did not at the cycle before
+  bool deepens = false;                      // internal: a pair has become deeper
+  std::vector<PairCollision> colliding;      // internal: at the last cycle
+  std::vector<PairCollision> passed;         // internal: since then, of pairs that did not collide there
 
   /// {} is replaced by the numbers of the bodies.
   template <class Visitor>
@@ -586,10 +600,12 @@ struct CollisionReading {
     visit(
         r,
         field(r.pairs,
-              bounded({"truth.collision.pairs", kNone,
-                       "Number of monitored pairs of bodies whose surfaces intersect at the last controller "
-                       "cycle"},
-                      0)),
+              bounded(
+                  {"truth.collision.pairs", kNone,
+                   "Number of monitored pairs of bodies that collide at the last controller cycle, or have "
+                   "collided between it and the cycle before: their surfaces intersect, or one body encloses "
+                   "the other"},
+                  0)),
         field(r.body_a,
               bounded({"truth.collision.body_a", kNone, "First body of the deepest collision{}"}, 0)),
         field(r.body_b,
@@ -610,7 +626,8 @@ struct CollisionReading {
                         0))),
         field(r.near_a, bounded({"truth.clearance.body_a", kNone, "First body of the closest pair{}"}, 0)),
         field(r.near_b, bounded({"truth.clearance.body_b", kNone, "Second body of the closest pair{}"}, 0)),
-        state(r.near_faces, "near_faces"));
+        state(r.near_faces, "near_faces"), state(r.begins, "begins"), state(r.deepens, "deepens"),
+        state(r.colliding, "colliding"), state(r.passed, "passed"));
   }
 };
 
@@ -638,7 +655,8 @@ struct CellOutputs {
   PerDevice<ConveyorOutputs> conveyors;
   GripperOutputs gripper;
   Readings readings;
-  std::int32_t solver_fallbacks = 0;  // contact problems that were not solved as intended
+  std::int32_t solver_fallbacks = 0;    // contact problems that were not solved as intended
+  std::int32_t truncated_contacts = 0;  // pairs of bodies whose contacts were lost in part
 };
 
 }  // namespace robotcell

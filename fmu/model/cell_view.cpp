@@ -149,6 +149,7 @@ void Cell::write_outputs(CellOutputs& outputs) const {
   }
   outputs.readings = readings();
   outputs.solver_fallbacks = solver_fallbacks();
+  outputs.truncated_contacts = truncated_contacts();
 }
 
 /// Forces are those of the current dynamics step.

@@ -9,7 +9,7 @@ PresenceSensor::PresenceSensor(const JsonReader& json, const SensorContext& cont
       size(json.at("x_size").length(), json.at("y_size").length(), json.at("z_size").length()) {}
 
 PresenceSensor::Reading PresenceSensor::read(const SensorView& view) const {
-  return {view.part_in_box(view.world_from_sensor(), size)};
+  return {view.body_in_box(view.world_from_sensor(), size)};
 }
 
 }  // namespace robotcell

@@ -1,4 +1,4 @@
-// Presence sensor: a box that detects parts.
+// Presence sensor: a box that detects bodies.
 #pragma once
 
 #include "fmu/model/fields.h"
@@ -17,11 +17,10 @@ struct PresenceSensor {
 
     template <class Visitor>
     static void declare(Visitor& visit, Reading& reading) {
-      visit(reading,
-            field(reading.detected,
-                  {"detected", kNone,
-                   "True if any part intersected the volume of {} at its last reading; false before the "
-                   "first reading"}));
+      visit(reading, field(reading.detected, {"detected", kNone,
+                                              "True if any body intersected or enclosed the volume of {} at "
+                                              "its last reading; false before the "
+                                              "first reading"}));
     }
   };
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 #include "fmu/control/time_units.h"
 #include "fmu/model/random.h"
@@ -30,6 +31,19 @@ proximity::Selection visible_bodies(const SensorMount& mount, const std::vector<
   return visible;
 }
 
+/// m: a collision that becomes deeper by less is not reported as deeper.
+constexpr double kDeeper = 1e-4;
+
+PairCollision pair_collision(const proximity::Collision& found) {
+  const Vector3d& point = found.point;
+  return {static_cast<std::int32_t>(found.pair), found.depth, {point.x(), point.y(), point.z()}, found.depth};
+}
+
+std::vector<PairCollision>::const_iterator find_pair(const std::vector<PairCollision>& collisions,
+                                                     std::int32_t pair) {
+  return std::find_if(collisions.begin(), collisions.end(), [pair](const auto& c) { return c.pair == pair; });
+}
+
 std::int32_t one_based(std::size_t body) { return static_cast<std::int32_t>(body) + 1; }
 
 }  // namespace
@@ -48,10 +62,9 @@ class Sensing::View : public SensorView {
   Isometry3d world_from_sensor() const override { return world_from_sensor_; }
   double time() const override { return static_cast<double>(time_us_) * kSecondsPerMicrosecond; }
   double noise() const override { return normal(mixed(mixed(key_) ^ static_cast<std::uint64_t>(time_us_))); }
-  bool part_in_box(const Isometry3d& world_from_box, const Vector3d& size) const override {
+  bool body_in_box(const Isometry3d& world_from_box, const Vector3d& size) const override {
     for (std::size_t i = 0; i < sensing_.bodies_.size(); ++i) {
-      if (sensing_.description_.bodies[i].frame.kind != FrameRef::Kind::kPart) continue;
-      if (sensing_.bodies_.intersects_box(i, world_from_box, size)) return true;
+      if (visible_[i] && sensing_.bodies_.intersects_box(i, world_from_box, size)) return true;
     }
     return false;
   }
@@ -87,7 +100,8 @@ void Sensing::initialize(Readings& readings) const {
 }
 
 bool Sensing::due(std::int64_t time_us) const {
-  bool due = description_.collision.outputs && time_us % collision_period_us_ == 0;
+  const CollisionDescription& collision = description_.collision;
+  bool due = collision.outputs && (collision.swept || time_us % collision_period_us_ == 0);
   for_each_sensor_kind([&](auto kind) {
     for (const auto& sensor : std::get<kind>(description_.sensors)) {
       due = due || time_us % sensor.mount.period_us == 0;
@@ -96,10 +110,27 @@ bool Sensing::due(std::int64_t time_us) const {
   return due;
 }
 
-void Sensing::read(std::int64_t time_us, const Bodies& truth, Readings& readings) {
-  for (std::size_t i = 0; i < bodies_.size(); ++i) {
-    bodies_.set_pose(i, frame_pose(description_.bodies[i].frame, truth));
+void Sensing::check(const Readings& readings) const {
+  for (const auto* collisions : {&readings.collision.colliding, &readings.collision.passed}) {
+    for (const PairCollision& collision : *collisions) {
+      const auto pair = static_cast<std::size_t>(collision.pair);
+      if (collision.pair >= 0 && pair < description_.collision.pairs.size()) continue;
+      throw std::invalid_argument("the state belongs to a cell with other pairs of bodies");
+    }
   }
+}
+
+void Sensing::place(const Bodies& truth) {
+  poses_.resize(bodies_.size());
+  for (std::size_t i = 0; i < bodies_.size(); ++i) {
+    poses_[i] = frame_pose(description_.bodies[i].frame, truth);
+    bodies_.set_pose(i, poses_[i]);
+  }
+}
+
+void Sensing::read(std::int64_t time_us, const Bodies& truth, Readings& readings) {
+  before_.swap(poses_);
+  place(truth);
   for_each_sensor_kind([&](auto kind) {
     const auto& sensors = std::get<kind>(description_.sensors);
     for (std::size_t i = 0; i < sensors.size(); ++i) {
@@ -111,9 +142,9 @@ void Sensing::read(std::int64_t time_us, const Bodies& truth, Readings& readings
           sensors[i].read(View(*this, visible_[kind][i], world_from_sensor, key, time_us));
     }
   });
-  if (description_.collision.outputs && time_us % collision_period_us_ == 0) {
-    read_collisions(readings.collision);
-  }
+  const CollisionDescription& collision = description_.collision;
+  if (collision.outputs && collision.swept) follow_bodies(readings.collision);
+  if (collision.outputs && time_us % collision_period_us_ == 0) read_collisions(readings.collision);
 }
 
 Isometry3d Sensing::frame_pose(const FrameRef& frame, const Bodies& truth) const {
@@ -145,20 +176,47 @@ std::optional<proximity::Nearest> Sensing::nearest_of(const CollisionReading& re
   return proximity::Nearest{static_cast<std::size_t>(found - pairs.begin()), {face(0), face(1)}, 0};
 }
 
+/// Adds the pairs that have collided since the last call, and did not collide at the last cycle.
+void Sensing::follow_bodies(CollisionReading& reading) {
+  proximity::Selection known(description_.collision.pairs.size(), false);
+  for (const auto* collisions : {&reading.colliding, &reading.passed}) {
+    for (const PairCollision& collision : *collisions) known[static_cast<std::size_t>(collision.pair)] = true;
+  }
+  for (const proximity::Collision& found : pair_monitor_.collisions_between(before_, bodies_, known)) {
+    reading.passed.push_back(pair_collision(found));
+  }
+}
+
 void Sensing::read_collisions(CollisionReading& reading) {
   const CollisionReading before = reading;
   reading = {};
   reading.clearance = description_.collision.range;
-  const auto collisions = pair_monitor_.collisions(bodies_);
+  for (const proximity::Collision& found : pair_monitor_.collisions(bodies_)) {
+    PairCollision& collision = reading.colliding.emplace_back(pair_collision(found));
+    const auto known = find_pair(before.colliding, collision.pair);
+    if (known == before.colliding.end()) {
+      reading.begins = true;
+    } else if (collision.depth > known->least_depth + kDeeper) {
+      reading.deepens = true;
+    } else {
+      collision.least_depth = std::min(known->least_depth, collision.depth);
+    }
+  }
+  std::vector<PairCollision> collisions = reading.colliding;
+  for (const PairCollision& passed : before.passed) {
+    if (find_pair(reading.colliding, passed.pair) != reading.colliding.end()) continue;
+    collisions.push_back(passed);
+    reading.begins = true;
+  }
   reading.pairs = static_cast<std::int32_t>(collisions.size());
   if (!collisions.empty()) {
     const auto deepest = std::max_element(collisions.begin(), collisions.end(),
                                           [](const auto& a, const auto& b) { return a.depth < b.depth; });
-    const auto& pair = pair_monitor_.pair(deepest->pair);
+    const auto& pair = pair_monitor_.pair(static_cast<std::size_t>(deepest->pair));
     reading.body_a = reading.near_a = one_based(pair.first);
     reading.body_b = reading.near_b = one_based(pair.second);
     reading.depth = deepest->depth;
-    Eigen::Map<Vector3d>(reading.point.data()) = deepest->point;
+    reading.point = deepest->point;
     reading.clearance = 0;
     return;
   }

@@ -14,8 +14,8 @@
 namespace robotcell {
 
 /// Each device reads at the multiples of its period, for the first time after one period, and holds its
-/// reading in between. The collision monitor reads once per controller cycle. Readings depend on poses and
-/// time only.
+/// reading in between. The collision monitor reads once per controller cycle, and unless its collisions are
+/// only sampled it follows the bodies in between. Readings depend on poses and time only.
 class Sensing {
  public:
   /// `bodies` in the order of the description.
@@ -24,7 +24,13 @@ class Sensing {
   /// Sets values before the first reading.
   void initialize(Readings& readings) const;
 
-  /// Whether any device reads at this instant.
+  /// Throws std::invalid_argument where the readings belong to another cell.
+  void check(const Readings& readings) const;
+
+  /// Starts at these poses of all bodies, without a reading.
+  void place(const Bodies& truth);
+
+  /// Whether any device reads, or the bodies are followed, at this instant.
   bool due(std::int64_t time_us) const;
 
   /// Updates the devices that read at this instant; `truth` holds the poses of all bodies then.
@@ -35,12 +41,14 @@ class Sensing {
 
   Eigen::Isometry3d frame_pose(const FrameRef& frame, const Bodies& truth) const;
   std::optional<proximity::Nearest> nearest_of(const CollisionReading& reading) const;
+  void follow_bodies(CollisionReading& reading);
   void read_collisions(CollisionReading& reading);
 
   SensingDescription description_;
   std::int64_t collision_period_us_;
   std::uint64_t key_;
   proximity::BodySet bodies_;
+  std::vector<Eigen::Isometry3d> poses_, before_;  // of the bodies at the last call, and at the one before
   proximity::PairMonitor pair_monitor_;
   std::array<std::vector<proximity::Selection>, kSensorKinds> visible_;  // bodies, by kind and sensor
 };

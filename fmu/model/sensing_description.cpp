@@ -23,10 +23,11 @@ std::size_t body_number(const JsonReader& json, const std::vector<BodyDescriptio
 }
 
 CollisionDescription parse_collision(const JsonReader& json, const std::vector<BodyDescription>& bodies) {
-  json.expect_keys({"outputs", "stops_arm", "range", "pairs"});
+  json.expect_keys({"outputs", "stops_arm", "swept", "range", "pairs"});
   CollisionDescription collision;
   collision.outputs = json.at("outputs").boolean();
   collision.stops_arm = json.at("stops_arm").boolean();
+  collision.swept = json.at("swept").boolean();
   collision.range = json.at("range").positive();
   for (const JsonReader& pair : json.at("pairs").items()) {
     const auto names = pair.items(2);

@@ -23,8 +23,9 @@ struct BodyDescription {
 /// Pairs of bodies monitored for collisions and smallest distance.
 struct CollisionDescription {
   bool outputs = false;
-  bool stops_arm = false;                                  // emergency stop when a collision begins
-  double range = 0;                                        // m, maximum distance that is reported
+  bool stops_arm = false;  // emergency stop when a collision begins or deepens
+  bool swept = true;       // also looks for collisions between two cycles
+  double range = 0;        // m, maximum distance that is reported
   std::vector<std::pair<std::size_t, std::size_t>> pairs;  // zero-based body numbers
 };
 

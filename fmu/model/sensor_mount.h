@@ -42,10 +42,11 @@ class SensorView {
   virtual double time() const = 0;
   /// Standard normal number of this sensor at this instant; it depends on the seeds only.
   virtual double noise() const = 0;
-  /// Whether any part intersects a box, or encloses it; `size` holds its edge lengths.
-  virtual bool part_in_box(const Eigen::Isometry3d& world_from_box, const Eigen::Vector3d& size) const = 0;
-  /// Distance to the nearest surface along a ray (world, unit direction) between two distances. Bodies in the
-  /// sensor's own frame are not seen, unless that is the world.
+  /// Whether any body intersects a box, or encloses it; `size` holds its edge lengths. Bodies in the sensor's
+  /// own frame are not seen, unless that is the world.
+  virtual bool body_in_box(const Eigen::Isometry3d& world_from_box, const Eigen::Vector3d& size) const = 0;
+  /// Distance to the nearest surface along a ray (world, unit direction) between two distances, of the
+  /// same bodies.
   virtual std::optional<double> cast_ray(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                          double nearest, double farthest) const = 0;
 };

@@ -260,6 +260,8 @@ PartPlacement World::placement(std::size_t index) const {
 
 std::int32_t World::solver_fallbacks() const { return *engine_->solver_fallbacks; }
 
+std::int32_t World::truncated_contacts() const { return engine_->detector->truncated(); }
+
 ArmDynamicsState World::arm() const {
   return engine_->dynamic_arm ? engine_->dynamic_arm->state() : ArmDynamicsState();
 }

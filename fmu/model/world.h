@@ -80,6 +80,10 @@ class World {
   /// friction cone did not converge, so that the contact forces were approximate.
   std::int32_t solver_fallbacks() const;
 
+  /// Number of times since the construction that a pair of bodies had more contact points than the collision
+  /// detector can find, so that the kept ones were chosen among a part of them.
+  std::int32_t truncated_contacts() const;
+
   /// Default values in a cell without gripper.
   GripperPoint gripper() const;
   GraspState grasp() const;

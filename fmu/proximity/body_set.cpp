@@ -3,7 +3,10 @@
 #include <fcl/geometry/shape/box.h>
 #include <fcl/narrowphase/collision.h>
 
+#include <algorithm>
 #include <cmath>
+#include <map>
+#include <numeric>
 #include <stdexcept>
 
 #include "fmu/proximity/collision_body.h"
@@ -35,10 +38,9 @@ bool crosses(const Eigen::AlignedBox3d& box, const Vector3d& origin, const Vecto
 }  // namespace
 
 Shape::Shape(TriangleMesh triangles) : mesh(std::move(triangles)) {
-  for (const Vector3d& vertex : mesh.vertices) {
-    bounds.extend(vertex);
-    radius = std::max(radius, vertex.norm());
-  }
+  for (const Vector3d& vertex : mesh.vertices) bounds.extend(vertex);
+  centre = bounds.center();
+  for (const Vector3d& vertex : mesh.vertices) radius = std::max(radius, (vertex - centre).norm());
   std::vector<fcl::Triangle> faces;
   faces.reserve(mesh.faces.size());
   for (const auto& face : mesh.faces) {
@@ -53,14 +55,57 @@ Shape::Shape(TriangleMesh triangles) : mesh(std::move(triangles)) {
   }
 }
 
+Inside::Inside(const TriangleMesh& mesh) {
+  const auto before = [](const Vector3d& a, const Vector3d& b) {
+    return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end());
+  };
+  std::map<Vector3d, std::size_t, decltype(before)> places(before);
+  std::vector<std::size_t> place_of;
+  for (const Vector3d& vertex : mesh.vertices)
+    place_of.push_back(places.emplace(vertex, places.size()).first->second);
+  std::vector<std::size_t> piece(places.size());  // a place of the same piece; itself for the first one
+  std::iota(piece.begin(), piece.end(), 0);
+  const auto first_of = [&piece](std::size_t place) {
+    while (piece[place] != place) place = piece[place] = piece[piece[place]];
+    return place;
+  };
+  std::map<std::pair<std::size_t, std::size_t>, int> faces_of_edge;
+  for (const auto& face : mesh.faces) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::size_t a = place_of[static_cast<std::size_t>(face[i])];
+      const std::size_t b = place_of[static_cast<std::size_t>(face[(i + 1) % 3])];
+      if (a == b) continue;  // of a face without area
+      ++faces_of_edge[std::minmax(a, b)];
+      piece[first_of(a)] = first_of(b);
+    }
+  }
+  closed = std::all_of(faces_of_edge.begin(), faces_of_edge.end(),
+                       [](const auto& e) { return e.second % 2 == 0; });
+  std::vector<bool> seen(places.size(), false);
+  for (const auto& face : mesh.faces) {
+    const auto vertex = static_cast<std::size_t>(face[0]);
+    const std::size_t first = first_of(place_of[vertex]);
+    if (!seen[first]) points.push_back(mesh.vertices[vertex]);
+    seen[first] = true;
+  }
+}
+
+bool contains(const BodySet::Body& body, const Vector3d& point) {
+  return body.inside->closed && body.shape->bounds.contains(point) && contains(body.shape->mesh, point);
+}
+
 BodySet::BodySet(std::vector<TriangleMesh> meshes, const BodySet* known) {
   for (TriangleMesh& mesh : meshes) {
-    std::shared_ptr<const Shape> shape;
-    for (std::size_t i = 0; known != nullptr && !shape && i < known->size(); ++i) {
-      if (equal(known->bodies_[i].shape->mesh, mesh)) shape = known->bodies_[i].shape;
+    Body body;
+    for (std::size_t i = 0; known != nullptr && !body.shape && i < known->size(); ++i) {
+      if (equal(known->bodies_[i].shape->mesh, mesh)) body = known->bodies_[i];
     }
-    if (!shape) shape = std::make_shared<Shape>(std::move(mesh));
-    bodies_.push_back({shape});
+    if (!body.shape) {
+      body.shape = std::make_shared<Shape>(std::move(mesh));
+      body.inside = std::make_shared<Inside>(body.shape->mesh);
+    }
+    body.world_from_body = Eigen::Isometry3d::Identity();
+    bodies_.push_back(body);
   }
 }
 
@@ -108,7 +153,7 @@ bool BodySet::intersects_box(std::size_t number, const Eigen::Isometry3d& world_
                fcl::CollisionRequestd(), result);
   if (result.isCollision()) return true;
   // The surface does not intersect the box, which is therefore entirely inside or outside the body.
-  return contains(body.shape->mesh, body_from_box.translation());
+  return contains(body, body_from_box.translation());
 }
 
 }  // namespace robotcell::proximity

@@ -5,6 +5,7 @@
 #include <fcl/math/bv/OBBRSS.h>
 
 #include <memory>
+#include <vector>
 
 #include "fmu/proximity/body_set.h"
 
@@ -18,13 +19,26 @@ struct Shape {
 
   TriangleMesh mesh;
   Eigen::AlignedBox3d bounds;  // of the mesh, body frame
-  double radius = 0;           // of the bounding sphere about the body origin
+  Eigen::Vector3d centre;      // of the bounding sphere, body frame
+  double radius = 0;
   Model model;
+};
+
+/// Where the inside of a mesh is. Vertices at the same place are one.
+struct Inside {
+  explicit Inside(const TriangleMesh& mesh);
+
+  bool closed = false;                  // every edge belongs to an even number of faces
+  std::vector<Eigen::Vector3d> points;  // a vertex of each connected piece, body frame
 };
 
 struct BodySet::Body {
   std::shared_ptr<const Shape> shape;
+  std::shared_ptr<const Inside> inside;
   Eigen::Isometry3d world_from_body = Eigen::Isometry3d::Identity();
 };
+
+/// Whether a point (body frame) is inside a body; nothing is inside an open mesh.
+bool contains(const BodySet::Body& body, const Eigen::Vector3d& point);
 
 }  // namespace robotcell::proximity

@@ -66,10 +66,9 @@ double distance_from_surface(const BodySet::Body& body, const Vector3d& point_in
   return result.min_distance + kSmall;
 }
 
-void update_depth(const BodySet::Body& of, const Crossings& crossings, const BodySet::Body& within,
+void update_depth(const BodySet::Body& of, const std::vector<Vector3d>& points, const BodySet::Body& within,
                   Depth& depth) {
   const Eigen::Isometry3d within_from_of = within.world_from_body.inverse() * of.world_from_body;
-  const std::vector<Vector3d> points = candidates(of, crossings);
   const std::size_t stride = points.size() / kMaxPoints + 1;
   for (std::size_t i = 0; i < points.size(); i += stride) {
     const Vector3d point = within_from_of * points[i];
@@ -78,6 +77,13 @@ void update_depth(const BodySet::Body& of, const Crossings& crossings, const Bod
     if (distance <= depth.depth) continue;
     depth = {distance, within.world_from_body * point};
   }
+}
+
+bool has_piece_inside(const BodySet::Body& of, const BodySet::Body& within) {
+  const Eigen::Isometry3d within_from_of = within.world_from_body.inverse() * of.world_from_body;
+  const auto& points = of.inside->points;
+  return std::any_of(points.begin(), points.end(),
+                     [&](const Vector3d& point) { return contains(within, within_from_of * point); });
 }
 
 }  // namespace
@@ -89,8 +95,19 @@ Depth depth_at(const BodySet::Body& a, const BodySet::Body& b, const std::vector
     add_crossings(b, face_b, a, face_a, of_b);
   }
   Depth depth;
-  update_depth(a, of_a, b, depth);
-  update_depth(b, of_b, a, depth);
+  update_depth(a, candidates(a, of_a), b, depth);
+  update_depth(b, candidates(b, of_b), a, depth);
+  return depth;
+}
+
+bool one_encloses_other(const BodySet::Body& a, const BodySet::Body& b) {
+  return has_piece_inside(a, b) || has_piece_inside(b, a);
+}
+
+Depth depth_inside(const BodySet::Body& a, const BodySet::Body& b) {
+  Depth depth;
+  update_depth(a, a.shape->mesh.vertices, b, depth);
+  update_depth(b, b.shape->mesh.vertices, a, depth);
   return depth;
 }
 

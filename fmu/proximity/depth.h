@@ -1,4 +1,4 @@
-// Penetration depth of two bodies.
+// Penetration depth of two bodies, and enclosure.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,5 +17,12 @@ struct Depth {
 /// inside the other one, near the intersecting faces. For bodies that touch at one place it is the distance
 /// by which they must be separated; for deeply interpenetrating bodies only the rim is considered.
 Depth depth_at(const BodySet::Body& a, const BodySet::Body& b, const std::vector<FacePair>& intersections);
+
+/// Whether a connected piece of one body, whose surfaces do not intersect those of the other, lies inside it.
+bool one_encloses_other(const BodySet::Body& a, const BodySet::Body& b);
+
+/// Largest distance to the surface of the other body among the vertices of either body inside the other one,
+/// for bodies whose surfaces do not intersect.
+Depth depth_inside(const BodySet::Body& a, const BodySet::Body& b);
 
 }  // namespace robotcell::proximity

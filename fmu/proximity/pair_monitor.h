@@ -2,9 +2,12 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
+#include "fmu/proximity/pair_search.h"
 #include "fmu/proximity/triangle.h"
 
 namespace robotcell::proximity {
@@ -22,36 +25,68 @@ struct Nearest {
   double distance = 0;  // m; 0 where surfaces intersect
 };
 
+/// Two bodies collide where their surfaces intersect, or where one encloses a connected piece of the other.
+///
+/// What earlier calls established is kept, to skip pairs that cannot have come close enough since. It affects
+/// the cost, not the results. The bodies must be the same in every call.
 class PairMonitor {
  public:
   using Pair = std::pair<std::size_t, std::size_t>;
 
-  explicit PairMonitor(std::vector<Pair> pairs) : pairs_(std::move(pairs)), bounds_(pairs_.size()) {}
+  explicit PairMonitor(std::vector<Pair> pairs)
+      : pairs_(std::move(pairs)),
+        bounds_(pairs_.size()),
+        clear_up_to_(pairs_.size(), 0),
+        memory_(pairs_.size()) {}
 
   const Pair& pair(std::size_t number) const { return pairs_[number]; }
 
-  /// Depth and deepest point of each pair whose surfaces intersect.
+  /// Depth and deepest point of each pair that collides.
   std::vector<Collision> collisions(const BodySet& bodies) const;
+
+  /// Collisions on the way from earlier poses (world_from_body) to those of `bodies`, of pairs that do not
+  /// collide at the earlier ones and are not in `left_out`. In between, the centre of one body of a pair
+  /// moves relative to the other at constant velocity, and the body turns about a fixed axis.
+  ///
+  /// The way is halved until each part is proved to be free, by distance and motion as in `MotionProof`, or
+  /// is shorter than `kFinest`. So at worst a graze of less than this depth is missed. A pair is
+  /// reported once, at the first colliding pose found.
+  std::vector<Collision> collisions_between(const std::vector<Eigen::Isometry3d>& before,
+                                            const BodySet& bodies, const Selection& left_out);
+
+  static constexpr double kFinest = 5e-5;  // m
 
   /// The smallest of all distances, exact below `bound`; empty where all exceed it. `last` is an earlier
   /// result: the present distance of its faces bounds the search.
-  ///
-  /// Lower bounds from earlier searches are kept, to skip pairs that cannot have come close enough since.
-  /// They affect the cost, not the result. The bodies must be the same in every call.
   std::optional<Nearest> nearest(const BodySet& bodies, double bound, const std::optional<Nearest>& last);
 
  private:
-  /// Lower bound of a pair's distance at a relative pose.
+  /// Lower bound of the distance of a pair's surfaces at a relative pose.
   struct DistanceBound {
-    Eigen::Isometry3d a_from_b = Eigen::Isometry3d::Identity();
+    Eigen::Isometry3d larger_from_smaller = Eigen::Isometry3d::Identity();
     double lower_bound = 0;  // m
+    bool encloses = false;   // one of the bodies the other one, there
   };
+  class Way;
+
+  /// Bodies of a pair: the smaller one moves less far where it rotates.
+  std::pair<std::size_t, std::size_t> larger_and_smaller(std::size_t pair, const BodySet& bodies) const;
 
   /// Lower bound of a pair's distance at the present poses.
   double lower_bound(std::size_t pair, const BodySet& bodies) const;
 
+  /// The collision in a part of the way, from the fraction `middle` by `half` to either side.
+  std::optional<Collision> collision_on(const Way& way, const BodySet& bodies, double middle, double half);
+
+  const SearchBody& search_body(std::size_t body, const BodySet& bodies);
+
   std::vector<Pair> pairs_;
   std::vector<DistanceBound> bounds_;
+  double travelled_ = 0;             // m, bound on the relative motion of any two bodies in all sweeps
+  std::vector<double> clear_up_to_;  // value of `travelled_` up to which a pair cannot collide
+  PairSearch search_;
+  std::vector<PairMemory> memory_;                                // of the search, for each pair
+  std::vector<std::shared_ptr<const SearchBody>> search_bodies_;  // null until needed
 };
 
 }  // namespace robotcell::proximity

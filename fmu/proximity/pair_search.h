@@ -14,7 +14,8 @@ namespace robotcell::proximity {
 
 /// A mesh prepared for `PairSearch`.
 struct SearchBody {
-  explicit SearchBody(TriangleMesh mesh) : shape(std::make_shared<Shape>(std::move(mesh))), tree(*shape) {}
+  explicit SearchBody(std::shared_ptr<const Shape> of) : shape(std::move(of)), tree(*shape) {}
+  explicit SearchBody(TriangleMesh mesh) : SearchBody(std::make_shared<const Shape>(std::move(mesh))) {}
 
   std::shared_ptr<const Shape> shape;
   BoundingTree tree;

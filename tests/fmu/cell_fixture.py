@@ -96,7 +96,7 @@ def cell_description(**part: Any) -> dict[str, Any]:
             "solver": "dantzig", "points": 4, "stick": True, "friction": 0.3, "bodies": [], "pairs": [],
         },
         "bodies": [], "presence_sensors": [], "distance_sensors": [],
-        "collision": {"outputs": False, "stops_arm": False, "range": 0.05, "pairs": []},
+        "collision": {"outputs": False, "stops_arm": False, "swept": True, "range": 0.05, "pairs": []},
     }  # fmt: skip
 
 

@@ -133,6 +133,112 @@ TEST(PairMonitor, CachedBoundsDoNotChangeResult) {
   EXPECT_GT(changes, 3u);
 }
 
+/// Pieces of several meshes as one mesh.
+TriangleMesh joined(const std::vector<std::pair<TriangleMesh, Vector3d>>& pieces) {
+  TriangleMesh all;
+  for (const auto& [piece, place] : pieces) {
+    const int first = static_cast<int>(all.vertices.size());
+    for (const Vector3d& vertex : piece.vertices) all.vertices.push_back(vertex + place);
+    for (const auto& face : piece.faces) {
+      all.faces.push_back({face[0] + first, face[1] + first, face[2] + first});
+    }
+  }
+  return all;
+}
+
+TEST(PairMonitor, EnclosedBodyCollidesAtAnyDistanceFromTheSurface) {
+  const TriangleMesh small = box(0.02, 0.02, 0.02), large = box(1, 1, 1);
+  TriangleMesh open = large;
+  open.faces.resize(10);
+  const TriangleMesh hollow = joined({{large, Vector3d::Zero()}, {box(0.9, 0.9, 0.9), Vector3d::Zero()}});
+  const TriangleMesh pieces = joined({{small, Vector3d::Zero()}, {small, Vector3d(2, 0, 0)}});
+  const std::array<TriangleMesh, 4> outer{large, open, hollow, large}, inner{small, small, small, pieces};
+  const std::array<bool, 4> encloses{true, false, false, true};
+  for (std::size_t i = 0; i < 4; ++i) {
+    for (const bool swapped : {false, true}) {
+      BodySet bodies(swapped ? std::vector{inner[i], outer[i]} : std::vector{outer[i], inner[i]});
+      PairMonitor watch({{0, 1}});
+      for (const double x : {0.0, 0.001, 0.2, 0.3, 0.1}) {  // with what earlier searches established
+        bodies.set_pose(swapped ? 0 : 1, at(x, 0.01, 0));
+        const auto found = watch.collisions(bodies);
+        ASSERT_EQ(found.size(), encloses[i] ? 1u : 0u) << i << " at " << x;
+        if (encloses[i]) EXPECT_NEAR(found[0].depth, 0.5 - std::max(x - 0.01, 0.0), 0.0201);
+        watch.nearest(bodies, 1, std::nullopt);
+      }
+      bodies.set_pose(swapped ? 0 : 1, at(0, 3, 0));
+      EXPECT_TRUE(watch.collisions(bodies).empty());
+    }
+  }
+}
+
+/// Positions of a body on the way of `collisions_between`, at any fraction.
+struct Step {
+  Isometry3d from, to;
+
+  Isometry3d at(double fraction) const {
+    const Eigen::AngleAxisd turn(to.linear() * from.linear().transpose());
+    Isometry3d pose;
+    pose.linear() = Eigen::AngleAxisd(fraction * turn.angle(), turn.axis()) * from.linear();
+    pose.translation() = (1 - fraction) * from.translation() + fraction * to.translation();
+    return pose;
+  }
+};
+
+TEST(PairMonitor, BodiesThatPassEachOtherCollide) {
+  const double thickness = 0.0005;
+  BodySet bodies({box(0.1, 0.1, thickness), box(0.1, 0.1, thickness), box(0.1, 0.1, thickness)});
+  const std::vector<PairMonitor::Pair> pairs{{0, 1}, {0, 2}};
+  PairMonitor watch(pairs);
+  for (const double gap : {-0.002, -0.0001, 0.0001, 0.002}) {  // how far the plates pass beside each other
+    const std::vector<Isometry3d> before{at(0, 0, 0), at(0.1 + gap, 0, -0.008), at(0, 0.5, 0)};
+    for (std::size_t i = 0; i < 3; ++i) bodies.set_pose(i, before[i]);
+    EXPECT_TRUE(watch.collisions(bodies).empty());
+    bodies.set_pose(1, at(0.1 + gap, 0, 0.0083));
+    EXPECT_TRUE(watch.collisions(bodies).empty());
+    const auto found = watch.collisions_between(before, bodies, {false, false});
+    ASSERT_EQ(found.size(), gap < 0 ? 1u : 0u) << gap;
+    EXPECT_TRUE(watch.collisions_between(before, bodies, {true, false}).empty());
+    if (found.empty()) continue;
+    EXPECT_EQ(found[0].pair, 0u);
+    EXPECT_GT(found[0].depth, 0);
+    EXPECT_LE(found[0].depth, thickness);
+    EXPECT_LT(std::abs(found[0].point.z()), 2 * thickness);
+  }
+}
+
+/// Against poses at many instants of random motions, in which the bodies turn, too.
+TEST(PairMonitor, CollisionsOnTheWayAreThoseOfManyPoses) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  const auto vector = [&] { return Vector3d(uniform(random), uniform(random), uniform(random)); };
+  BodySet bodies({box(0.3, 0.2, 0.004), box(0.002, 0.06, 0.1)});
+  PairMonitor watch({{0, 1}});
+  int passed = 0, apart = 0;
+  for (int k = 0; k < 300; ++k) {
+    const Isometry3d from =
+        Eigen::Translation3d(0.1 * vector()) * Eigen::AngleAxisd(3 * uniform(random), vector().normalized());
+    Step step{from, Eigen::Translation3d(0.03 * vector()) * from};
+    step.to.linear() = Eigen::AngleAxisd(0.1 * uniform(random), vector().normalized()) * from.linear();
+    int collides = 0;
+    const int poses = 300;
+    for (int i = 0; i <= poses; ++i) {
+      bodies.set_pose(1, step.at(i / static_cast<double>(poses)));
+      collides += watch.collisions(bodies).empty() ? 0 : 1;
+      if (i == 0 && collides > 0) break;
+    }
+    bodies.set_pose(1, step.from);
+    if (!watch.collisions(bodies).empty()) continue;
+    bodies.set_pose(1, step.to);
+    const auto found = watch.collisions_between({Isometry3d::Identity(), step.from}, bodies, {false});
+    if (collides > 0) EXPECT_EQ(found.size(), 1u) << k;
+    if (collides == 0 && !found.empty()) EXPECT_LT(found[0].depth, 3e-4) << k;  // between two of the poses
+    passed += collides > 0 && watch.collisions(bodies).empty() ? 1 : 0;
+    apart += found.empty() ? 1 : 0;
+  }
+  EXPECT_GT(passed, 10);
+  EXPECT_GT(apart, 50);
+}
+
 TEST(PairMonitor, PenetrationDepthOfBoxInPlate) {
   BodySet bodies({box(1, 1, 0.1), box(0.06, 0.05, 0.04), box(0.1, 0.1, 0.1)});
   PairMonitor watch({{0, 1}, {0, 2}});

@@ -6,8 +6,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, Build, CellFmu, box_hull, cell_description, conveyor, pose
+from cell_fixture import (
+    CYCLE_US,
+    START_DEG,
+    Array,
+    Build,
+    CellFmu,
+    box_hull,
+    box_part,
+    cell_description,
+    conveyor,
+    pose,
+)
 from test_fmu_dynamic_arm import dynamic_cell
+
+from scancell.cell.mesh_json import mesh_json
 
 START = np.radians(START_DEG)
 MAX_TORQUE = 150.0
@@ -44,7 +57,7 @@ def with_floor(cell: dict[str, Any], floor: float, **pair: Any) -> dict[str, Any
         **cell,
         "contact": {**cell["contact"], **contact},
         "bodies": [{"name": n, "frame": frame, "mesh": hull} for n, frame, hull in bodies],
-        "collision": {"outputs": True, "stops_arm": False, "range": 0.05, "pairs": [["tool", "floor"]]},
+        "collision": {"outputs": True, "stops_arm": False, "swept": True, "range": 0.05, "pairs": [["tool", "floor"]]},
     }  # fmt: skip
 
 
@@ -97,16 +110,80 @@ def test_arm_that_stands_in_a_collision_can_be_moved_away(build: Build, floor_he
     description["collision"]["stops_arm"] = True
     cell = build(3, description)
     jog_down(cell, 60)
-    cell.command(mode=0)
-    cell.set("command.jog[3]", 0.0)
-    cell.set("command.reset", 1)
-    cell.step(CYCLE_US, 2)
+    reset(cell, 1)
     assert cell.get_int("controller.state") == 0
     cell.command(mode=JOG)
     cell.set("command.jog[3]", 1.0)
     cell.step(CYCLE_US, 30)
     assert tool_height(cell) > floor_height
     assert cell.get_int("truth.collision.pairs") == 0
+
+
+def test_reset_arm_in_a_collision_moves_away_but_no_deeper(build: Build, floor_height: float) -> None:
+    """Each attempt to go deeper ends 0.1 mm, two cycles from rest and the braking distance further down."""
+    description = with_floor(cell_description(), floor_height)
+    description["collision"]["stops_arm"] = True
+    cell = build(3, description)
+    depths = [floor_height - jog_down(cell, 60)[-1]]
+    for attempt in range(1, 6):
+        reset(cell, attempt)
+        cell.step(CYCLE_US, 10)
+        assert cell.get_int("controller.state") == 0  # at rest in the collision
+        depths.append(floor_height - jog_down(cell, 40)[-1])
+        assert cell.get_int("controller.state") == EMERGENCY_STOP
+    gained, acceleration = np.diff(depths), 0.8
+    assert np.all(gained > 0)
+    assert np.all(gained < 1e-4 + 2 * acceleration * (3 * CYCLE_US * 1e-6) ** 2)
+    reset(cell, 6)
+    cell.command(mode=JOG)
+    cell.set("command.jog[3]", 1.0)
+    for _ in range(60):
+        cell.step(CYCLE_US)
+        assert cell.get_int("controller.state") != EMERGENCY_STOP
+    assert cell.get_int("truth.collision.pairs") == 0
+
+
+def reset(cell: CellFmu, count: int) -> None:
+    cell.command(mode=0)
+    cell.set("command.jog[3]", 0.0)
+    cell.set("command.reset", count)
+    cell.step(CYCLE_US, 2)
+
+
+def prism(sides: int, radius: float, height: float) -> dict[str, Any]:
+    """Hull of an upright prism on a regular polygon."""
+    angle = 2 * np.pi * np.arange(sides) / sides
+    vertices = [[radius * np.cos(a), radius * np.sin(a), z] for z in (0.0, height) for a in angle]
+    faces = [[0, i + 1, i] for i in range(1, sides - 1)] + [
+        [sides, sides + i, sides + i + 1] for i in range(1, sides - 1)
+    ]
+    for i in range(sides):
+        k = (i + 1) % sides
+        faces += [[i, k, sides + k], [i, sides + k, sides + i]]
+    return mesh_json(vertices, faces)
+
+
+@pytest.mark.parametrize("support", ["world", "conveyor[1]"])
+def test_sixty_prisms_of_48_sides_load_and_rest(build: Build, support: str) -> None:
+    """Several thousand contact points in a step; each prism rests on four of its own."""
+    hull, corner = prism(48, 0.02, 0.03), {"world": [-0.6, 0.5], "conveyor[1]": [-1.0, -0.1]}[support]
+    description = {**cell_description(), "time_step_us": 4000}
+    description["conveyors"] = [conveyor(length=4.0, width=0.5)]
+    description["contact"]["bodies"] = [{"name": "floor", "frame": "world", "hull": slab(0.0)}]
+    description["parts"] = [
+        box_part(0.04, 0.04, 0.03, name=f"prism {k}", fixture="free", stands_on=support, hull=hull,
+                 support_from_part=pose([corner[0] + 0.06 * (k % 20), corner[1] + 0.06 * (k // 20), 0.0]))
+        for k in range(60)
+    ]  # fmt: skip
+    cell = build(3, description)
+    names = [f"truth.part[{k}].position[{i}]" for k in range(1, 61) for i in (1, 2, 3)]
+    before = cell.get(*names).reshape(60, 3)
+    cell.set("command.conveyor[1].speed", 0.2)
+    cell.step(CYCLE_US, 12)
+    moved = cell.get(*names).reshape(60, 3) - before
+    travel = cell.get("conveyor[1].travel")[0] if support == "conveyor[1]" else 0.0
+    np.testing.assert_allclose(moved, np.tile([travel, 0, 0], (60, 1)), atol=1e-6)
+    assert cell.get_int("truth.contact.truncated") == 0
 
 
 def box_corners(cell: CellFmu) -> Array:
@@ -140,7 +217,13 @@ def test_kinematic_arm_pushes_free_part(build: Build) -> None:
     description["contact"]["bodies"] = bodies
     meshes = (tool, ("box", "part[1]", box_hull(0.06, 0.04, 0.05)))
     description["bodies"] = [{"name": n, "frame": f, "mesh": mesh} for n, f, mesh in meshes]
-    description["collision"] = {"outputs": True, "stops_arm": False, "range": 0.05, "pairs": [["tool", "box"]]}
+    description["collision"] = {
+        "outputs": True,
+        "stops_arm": False,
+        "swept": True,
+        "range": 0.05,
+        "pairs": [["tool", "box"]],
+    }
     cell = build(3, description)
     start = cell.body("part[1]")[0, 3]
     cell.command(mode=JOG)

@@ -373,6 +373,21 @@ def test_times_of_guard_and_path_count_from_the_start_time(build: Build, tmp_pat
     assert cell.get("controller.guard.age", "controller.path_time") == pytest.approx([2 * CYCLE, 100 + 2 * CYCLE])
 
 
+@pytest.mark.parametrize("begin", [-5.0, -0.1, 0.0, 5.0])
+def test_guard_that_never_answers_starts_no_motion(build: Build, tmp_path: Path, begin: float) -> None:
+    """`command.guard.time` keeps its start value 0, which a simulation that starts before it passes."""
+    cell = build()
+    cell.slave.reset()
+    cell.initialize(start_time=begin)
+    cell.set("command.guard.max_age", 20.0)
+    start(cell, write(tmp_path, program_data()))
+    for k in range(450):
+        cell.slave.doStep(begin + k * CYCLE, CYCLE)
+        if k % 50 == 49:
+            assert not cell.get_int("controller.moving")
+            assert cell.get("controller.guard.age")[0] == pytest.approx((k + 1) * CYCLE)
+
+
 def test_pendant_shows_given_text_and_stops(build: Build) -> None:
     cell = build()
     cell.set("command.pendant.text", "wait for the part")

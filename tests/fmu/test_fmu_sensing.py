@@ -99,6 +99,24 @@ def test_presence_depends_on_height_and_detects_larger_parts(build: Build, heigh
     assert bool(cell.get_int("presence[1].detected")) == expected
 
 
+def test_presence_sees_bodies_of_every_kind_but_those_of_its_own_frame(build: Build) -> None:
+    """A small box on a link, on the flange, on the table and in the world, each in the middle of a volume."""
+    cell = sensing_cell()
+    frames = ["link[3]", "link[6]", "table", "world", "sensor"]
+    at = [0.3, 0.1, 0.7]
+    small = placed_box((0.01, 0.01, 0.01), at)
+    cell["bodies"] = [body(f"on {frame}", frame, small) for frame in frames]
+    poses = build(3, cell)
+    sensors = [presence(at, (0.03, 0.03, 0.03), name=f"own {frame}", frame=frame) for frame in frames]
+    for frame in frames:
+        where = np.eye(4) if frame == "world" else poses.body(frame)
+        sensors.append(presence((where @ [*at, 1])[:3], (0.03, 0.03, 0.03), name=f"at {frame}"))
+    instance = build(3, {**cell, "presence_sensors": sensors})
+    instance.step(CYCLE_US)
+    seen = [bool(instance.get_int(f"presence[{i + 1}].detected")) for i in range(2 * len(frames))]
+    assert seen == [frame == "world" for frame in frames] + [True] * len(frames)
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_light_curtain_counts_beams_through_rotating_box(build: Build, version: int) -> None:
     """Beams along the world's x axis, one above the other, at y = 40 mm from the table's axis."""
@@ -231,7 +249,14 @@ def collision_cell(**collision: Any) -> dict[str, Any]:
     )
     return {
         **cell,
-        "collision": {"outputs": True, "stops_arm": False, "range": 0.05, "pairs": [["part", "post"]], **collision},
+        "collision": {
+            "outputs": True,
+            "stops_arm": False,
+            "swept": True,
+            "range": 0.05,
+            "pairs": [["part", "post"]],
+            **collision,
+        },
     }
 
 
@@ -277,6 +302,86 @@ def test_clearance_and_collision_at_controller_cycle(build: Build) -> None:
             assert np.abs(point[:2] - POST).max() < 0.05
     assert met > 5
     assert shallow > 2
+
+
+FIN = (0.06, 0.001)  # m: a plate that stands on the platter, its length along the radius and its thickness
+FIN_RADIUS, FIN_POST = 0.08, (0.001, 0.03)
+
+
+def fin_cell(**collision: Any) -> dict[str, Any]:
+    """A thin plate on the platter, and a thin plate of the world in its way at the angle 90 degrees."""
+    cell = sensing_cell()
+    fin = placed_box((*FIN, 0.05), [FIN_RADIUS, 0, 0.08])
+    post = placed_box((*FIN_POST, 0.05), beside_table(0, FIN_RADIUS, 0.09))
+    cell["bodies"] = [body("fin", "table", fin), body("post", "world", post)]
+    watched = {"outputs": True, "stops_arm": False, "swept": True, "range": 0.05, "pairs": [["fin", "post"]]}
+    return {**cell, "collision": {**watched, **collision}}
+
+
+def fins_overlap(angle: float) -> bool:
+    centre = FIN_RADIUS * np.array([np.cos(angle), np.sin(angle)])
+    return rectangles_overlap(centre, angle, FIN, [0, FIN_RADIUS], FIN_POST)
+
+
+def test_thin_bodies_do_not_pass_each_other_unseen_between_two_cycles(build: Build) -> None:
+    """At 0.64 m/s the plates overlap for 3 ms of a cycle of 16 ms."""
+    swept, sampled = build(3, fin_cell()), build(3, fin_cell(swept=False))
+    before, unseen = 0.0, 0
+    for k in range(1, 260):
+        for cell in (swept, sampled):
+            rotate_table(cell, k * CYCLE_US, rate=8.0)
+        angle = float(swept.get("truth.table")[0])
+        way = np.linspace(before, angle, 400)
+        now, met = fins_overlap(angle), any(fins_overlap(passed) for passed in way)
+        assert sampled.get_int("truth.collision.pairs") == now, angle
+        assert swept.get_int("truth.collision.pairs") == (met and not fins_overlap(before)) or now, angle
+        if met and not now and not fins_overlap(before):
+            unseen += 1
+            assert swept.get("truth.clearance.distance")[0] == 0
+            assert [swept.get_int(f"truth.collision.body_{x}") for x in "ab"] == [1, 2]
+            assert 0 < swept.get("truth.collision.depth")[0] <= 0.5e-3 + 1e-9  # half of a thickness
+            point = swept.vector("truth.collision.point", 3) - beside_table(0, FIN_RADIUS, 0.09)
+            assert np.all(np.abs(point) < [0.003, 0.035, 0.036])
+        before = angle
+    assert unseen >= 3
+
+
+@pytest.mark.parametrize("step_us", [CYCLE_US, 700])
+def test_swept_collisions_survive_a_saved_state_at_any_instant(build: Build, step_us: int) -> None:
+    """Run once; then again, with a restore into a new instance at instants within one cycle of a crossing."""
+    cell = build(3, fin_cell())
+    seen, states = [], []
+    while cell.time_us < 60 * CYCLE_US:
+        rotate_table(cell, cell.time_us + 1, rate=8.0, step_us=step_us)
+        seen.append((cell.time_us, cell.get_int("truth.collision.pairs"), *all_reals(cell)[1:]))
+        state = cell.save()
+        states.append(cell.serialize(state))
+        cell.free_state(state)
+    crossing = next(i for i, values in enumerate(seen) if values[1])
+    for first in range(crossing - CYCLE_US // step_us, crossing + 2):
+        other = build(3, fin_cell())
+        other.restore(other.deserialize(states[first]), seen[first][0])
+        for values in seen[first + 1 : crossing + 3]:
+            rotate_table(other, other.time_us + 1, rate=8.0, step_us=step_us)
+            assert (other.time_us, other.get_int("truth.collision.pairs"), *all_reals(other)[1:]) == values
+
+
+@pytest.mark.parametrize("swept", [True, False])
+def test_a_body_inside_another_one_collides_with_it(build: Build, swept: bool) -> None:
+    """A box on the table inside a larger one; open at the top it encloses nothing."""
+    around = placed_box((0.4, 0.4, 0.2), beside_table(0, 0, 0.05))
+    vertices, faces = read_mesh_json(around)
+    open_top = [face for face in faces if not np.all(vertices[face][:, 2] > TABLE[2] + 0.1)]
+    assert len(open_top) == len(faces) - 2
+    for mesh, pairs, depth in ((around, 1, 0.1), (mesh_json(vertices, open_top), 0, 0.0)):
+        description = collision_cell(pairs=[["part", "around"]], range=1.0, swept=swept)
+        description["bodies"].append(body("around", "world", mesh))
+        cell = build(3, description)
+        cell.step(CYCLE_US)
+        for _ in range(3):
+            assert cell.get_int("truth.collision.pairs") == pairs
+            assert cell.get("truth.collision.depth")[0] == pytest.approx(depth, abs=1e-6)
+            rotate_table(cell, cell.time_us + 5 * CYCLE_US)
 
 
 def test_collision_causes_early_return_in_event_mode(build: Build) -> None:
@@ -407,10 +512,14 @@ TOO_DENSE = {
         ("light_curtains", [TOO_DENSE], "light_curtains[0].beam_spacing: expected at most 1000 beams"),
         (
             "collision",
-            {"outputs": True, "stops_arm": False, "range": 0.05, "pairs": [["part", "nobody"]]},
+            {"outputs": True, "stops_arm": False, "swept": True, "range": 0.05, "pairs": [["part", "nobody"]]},
             "collision.pairs[0][1]",
         ),
-        ("collision", {"outputs": True, "stops_arm": False, "range": 0.05, "pairs": []}, "collision.pairs"),
+        (
+            "collision",
+            {"outputs": True, "stops_arm": False, "swept": True, "range": 0.05, "pairs": []},
+            "collision.pairs",
+        ),
         (
             "bodies",
             [body("part", "part[1]", mesh_json(np.zeros((1, 3)), []))],

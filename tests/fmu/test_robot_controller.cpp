@@ -365,6 +365,36 @@ TEST(EmergencyStop, IsLatchedUntilResetInHoldAndMotionIsNotResumed) {
   EXPECT_EQ(drive.position(), target);
 }
 
+TEST(EmergencyStop, OfACollisionLetsTheAxesReturnButGoNoDeeper) {
+  Drive drive;
+  drive.command.operation = Operation::kManual;
+  const auto jog = [&](double deflection, Collision collision, int cycles) {
+    drive.command.mode = deflection == 0 ? Mode::kHold : Mode::kJointJog;
+    drive.command.jog[1] = deflection;
+    drive.command.collision = collision;
+    drive.run(cycles);
+    return drive.controller.report(drive.now).phase;
+  };
+  const auto reset = [&] {
+    ++drive.command.reset;
+    return jog(0, Collision::kPresent, 5);
+  };
+  jog(1, Collision::kNone, 20);
+  const double free = drive.position()[1];
+  EXPECT_EQ(jog(1, Collision::kBegins, 1), Phase::kEmergencyStop);
+  jog(1, Collision::kPresent, 30);
+  EXPECT_EQ(reset(), Phase::kRest);
+  EXPECT_EQ(jog(1, Collision::kPresent, 10), Phase::kMoving);  // on the surface, say
+  EXPECT_EQ(jog(1, Collision::kDeepens, 1), Phase::kEmergencyStop);
+  jog(1, Collision::kPresent, 30);
+  EXPECT_EQ(reset(), Phase::kRest);
+  jog(-1, Collision::kPresent, 5);
+  while (drive.position()[1] > free + 0.01) {  // out through something else
+    ASSERT_EQ(jog(-1, Collision::kDeepens, 1), Phase::kMoving);
+  }
+  EXPECT_EQ(jog(-1, Collision::kBegins, 1), Phase::kEmergencyStop);
+}
+
 TEST(EmergencyStop, StopsJogInItsDirection) {
   Drive drive;
   drive.command.operation = Operation::kManual;

@@ -66,7 +66,7 @@ class CellReadings:
         return np.asarray(self._nominal.arm.fk(self.joints) @ self.flange_from(tool))
 
     def present(self, sensor: int) -> bool:
-        """Whether presence sensor number `sensor` (from 1) sees a part."""
+        """Whether presence sensor number `sensor` (from 1) sees a body."""
         return self._cell.get_boolean(f"presence[{sensor}].detected")
 
     def distance(self, sensor: int) -> float | None:

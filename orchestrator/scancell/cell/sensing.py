@@ -91,6 +91,7 @@ def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outpu
         "collision": {
             "outputs": collision_outputs,
             "stops_arm": collision_outputs and cell.collision.stops_arm,
+            "swept": cell.collision.swept,
             "range": si_value(cell.collision, "range_mm"),
             "pairs": [list(pair) for pair in pairs],
         },

@@ -26,7 +26,7 @@ class SensorDescription(Description):
 
 
 class PresenceSensorDescription(SensorDescription):
-    """A box that detects whether any part intersects it. The origin of its frame is the box's centre."""
+    """A box that detects whether any body intersects it. The origin of its frame is the box's centre."""
 
     x_size_mm: Positive = Field(description="size of the box along its x, mm")
     y_size_mm: Positive = Field(description="size of the box along its y, mm")
@@ -74,7 +74,13 @@ class CollisionDescription(Description):
 
     outputs: bool = Field(default=True, description="whether the FMU has outputs for collision and clearance")
     stops_arm: bool = Field(
-        default=False, description="whether the controller makes an emergency stop when a collision begins"
+        default=False,
+        description="whether the controller makes an emergency stop when a collision begins or becomes deeper",
+    )
+    swept: bool = Field(
+        default=True,
+        description="whether collisions between two controller cycles are found, too; false: poses are sampled once "
+        "per cycle, which costs less",
     )
     range_mm: Positive = Field(
         default=20.0, description="largest clearance that is computed, mm; larger values cost time"

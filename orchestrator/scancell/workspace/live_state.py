@@ -56,7 +56,7 @@ class LiveState:
     pendant_text, pendant_beep, guard_text
         What the pendant shows, and what the guard says.
     present
-        Whether each presence sensor sees a part.
+        Whether each presence sensor sees a body.
     distances
         What each distance sensor reads, m; None where its measurement was discarded.
     gripper_width

@@ -198,7 +198,7 @@ class Robot:
     # Signals and time
 
     def signal(self, number: int = 1) -> bool:
-        """Whether a presence sensor, numbered from 1, sees a part."""
+        """Whether a presence sensor, numbered from 1, sees a body."""
         return self._now.present(number)
 
     def distance(self, number: int = 1) -> float | None:
@@ -206,7 +206,7 @@ class Robot:
         return self._now.distance(number)
 
     def wait_signal(self, number: int = 1, *, state: bool = True, timeout: float = _PATIENCE) -> None:
-        """Wait until a presence sensor, numbered from 1, sees a part, or none (`state` False)."""
+        """Wait until a presence sensor, numbered from 1, sees a body, or none (`state` False)."""
         with self._step("wait_signal", f"{number} {'on' if state else 'off'}"):
             what = f"signal {number} to be {'on' if state else 'off'}"
             self._session.wait_until(lambda: self.signal(number) == state, what, timeout)

@@ -70,7 +70,7 @@ def state_html(state: LiveState) -> str:
             lines.append(f'<b style="color:{_WARNING}">{name}: {escape(text)}</b>')
     lines += [escape(text) for text in (state.refusal, state.message) if text]
     for number, present in enumerate(state.present, start=1):
-        lines.append(f"presence sensor {number}: {'part' if present else 'nothing'}")
+        lines.append(f"presence sensor {number}: {'something' if present else 'nothing'}")
     for number, read in enumerate(state.distances, start=1):
         lines.append(f"distance sensor {number}: {'-' if read is None else f'{1e3 * read:.1f} mm'}")
     if state.gripper_width is not None:
