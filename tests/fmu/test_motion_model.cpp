@@ -36,6 +36,12 @@ double fastest(const Knots& knots) {
   return speed;
 }
 
+bool approaches(const Axes& target, const Knots& knots) {
+  double rate = 0;
+  for (std::size_t i = 0; i < kAxes; ++i) rate += (target[i] - knots[i].position) * knots[i].velocity;
+  return rate > 0;
+}
+
 /// Which axes may move, from the history of the commands. It knows nothing of paths, speeds or braking.
 class Model {
  public:
@@ -45,7 +51,9 @@ class Model {
     const bool starts = command.start > start_;
     const bool resets = command.reset > reset_;
     if (command.heartbeat != heartbeat_) heartbeat_us_ = now;
-    if (command.emergency_stop || (command.collision && !collision_)) {
+    if (command.collision == Collision::kNone) free_ = position;
+    const bool deepens = command.collision == Collision::kDeepens && !approaches(free_, knots);
+    if (command.emergency_stop || deepens || command.collision == Collision::kBegins) {
       stopped_ = true;
     } else if (resets && at_rest(knots) && command.mode == Mode::kHold) {
       stopped_ = false;
@@ -53,7 +61,6 @@ class Model {
     start_ = command.start;
     reset_ = command.reset;
     heartbeat_ = command.heartbeat;
-    collision_ = command.collision;
     const bool jog = is_jog(command.mode);
     const bool permitted = !stopped_ && jog == (command.operation == Operation::kManual);
     if (!permitted || (move_ && move_->mode != command.mode)) move_.reset();
@@ -106,7 +113,8 @@ class Model {
 
   std::int32_t start_ = 0, reset_ = 0, heartbeat_ = 0;
   std::int64_t heartbeat_us_ = 0;
-  bool collision_ = false, stopped_ = false;
+  Axes free_{};  // position without a collision
+  bool stopped_ = false;
   std::optional<Command> move_;  // the last accepted start, until another mode or a stop takes its place
 };
 
@@ -116,6 +124,7 @@ class Draw {
   explicit Draw(unsigned seed) : random_(seed) {}
 
   void change(Command& command) {
+    if (command.collision == Collision::kBegins) command.collision = Collision::kPresent;
     while (chance(0.3)) change_one(command);
     if (chance(0.1)) let_move(command);
   }
@@ -123,8 +132,9 @@ class Draw {
  private:
   /// What an operator does to let the robot move.
   void let_move(Command& command) {
-    if (command.emergency_stop || command.collision || chance(0.3)) {
-      command.emergency_stop = command.collision = false;
+    if (command.emergency_stop || command.collision != Collision::kNone || chance(0.3)) {
+      command.emergency_stop = false;
+      command.collision = Collision::kNone;
       command.mode = Mode::kHold;
       ++command.reset;
       return;
@@ -161,7 +171,7 @@ class Draw {
         command.emergency_stop = chance(0.1);
         return;
       case 6:
-        command.collision = chance(0.1);
+        command.collision = chance(0.9) ? Collision::kNone : static_cast<Collision>(index(4));
         return;
       case 7:
         command.operation = static_cast<Operation>(index(2));
@@ -210,7 +220,7 @@ struct Counts {
 /// Whether a jog or a move from rest must set an axis in motion: far from all limits, with nothing against
 /// it.
 bool must_move(const Command& command, std::size_t axis, const AxisSet& may, const Axes& position) {
-  if (!may[axis] || command.collision || axis >= kArmJoints ||
+  if (!may[axis] || command.collision != Collision::kNone || axis >= kArmJoints ||
       std::abs(position[axis] - home()[axis]) > 0.3) {
     return false;
   }
