@@ -121,16 +121,18 @@ void Sensing::check(const Readings& readings) const {
 }
 
 void Sensing::place(const Bodies& truth) {
-  poses_.resize(bodies_.size());
+  set_poses(truth);
+  pair_monitor_.begin(bodies_);
+}
+
+void Sensing::set_poses(const Bodies& truth) {
   for (std::size_t i = 0; i < bodies_.size(); ++i) {
-    poses_[i] = frame_pose(description_.bodies[i].frame, truth);
-    bodies_.set_pose(i, poses_[i]);
+    bodies_.set_pose(i, frame_pose(description_.bodies[i].frame, truth));
   }
 }
 
 void Sensing::read(std::int64_t time_us, const Bodies& truth, Readings& readings) {
-  before_.swap(poses_);
-  place(truth);
+  set_poses(truth);
   for_each_sensor_kind([&](auto kind) {
     const auto& sensors = std::get<kind>(description_.sensors);
     for (std::size_t i = 0; i < sensors.size(); ++i) {
@@ -182,7 +184,7 @@ void Sensing::follow_bodies(CollisionReading& reading) {
   for (const auto* collisions : {&reading.colliding, &reading.passed}) {
     for (const PairCollision& collision : *collisions) known[static_cast<std::size_t>(collision.pair)] = true;
   }
-  for (const proximity::Collision& found : pair_monitor_.collisions_between(before_, bodies_, known)) {
+  for (const proximity::Collision& found : pair_monitor_.follow(bodies_, known)) {
     reading.passed.push_back(pair_collision(found));
   }
 }

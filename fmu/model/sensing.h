@@ -41,6 +41,7 @@ class Sensing {
 
   Eigen::Isometry3d frame_pose(const FrameRef& frame, const Bodies& truth) const;
   std::optional<proximity::Nearest> nearest_of(const CollisionReading& reading) const;
+  void set_poses(const Bodies& truth);
   void follow_bodies(CollisionReading& reading);
   void read_collisions(CollisionReading& reading);
 
@@ -48,7 +49,6 @@ class Sensing {
   std::int64_t collision_period_us_;
   std::uint64_t key_;
   proximity::BodySet bodies_;
-  std::vector<Eigen::Isometry3d> poses_, before_;  // of the bodies at the last call, and at the one before
   proximity::PairMonitor pair_monitor_;
   std::array<std::vector<proximity::Selection>, kSensorKinds> visible_;  // bodies, by kind and sensor
 };

@@ -151,13 +151,20 @@ std::vector<Collision> PairMonitor::collisions(const BodySet& bodies) const {
   return found;
 }
 
-std::vector<Collision> PairMonitor::collisions_between(const std::vector<Eigen::Isometry3d>& before,
-                                                       const BodySet& bodies, const Selection& left_out) {
+void PairMonitor::begin(const BodySet& bodies) {
+  followed_.clear();
+  for (std::size_t i = 0; i < bodies.size(); ++i) followed_.push_back(bodies.body(i).world_from_body);
+  travelled_ = 0;
+  std::fill(clear_up_to_.begin(), clear_up_to_.end(), 0);
+}
+
+std::vector<Collision> PairMonitor::follow(const BodySet& bodies, const Selection& left_out) {
   std::vector<Collision> found;
   double moved = 0;
   for (std::size_t i = 0; i < bodies.size(); ++i) {
     const BodySet::Body& body = bodies.body(i);
-    const double by = motion_bound(body.shape->centre, body.shape->radius, before[i], body.world_from_body);
+    const double by =
+        motion_bound(body.shape->centre, body.shape->radius, followed_[i], body.world_from_body);
     moved = std::max(moved, by);
   }
   if (moved == 0) return found;
@@ -166,7 +173,7 @@ std::vector<Collision> PairMonitor::collisions_between(const std::vector<Eigen::
     // The margin allows for bodies that move on curves relative to each other.
     if (left_out[i] || clear_up_to_[i] > travelled_ + kFinest) continue;
     const auto [larger, smaller] = larger_and_smaller(i, bodies);
-    const Way way(i, larger, smaller, before, bodies);
+    const Way way(i, larger, smaller, followed_, bodies);
     const double apart = lower_bound(i, bodies);
     if (apart > way.length()) {
       clear_up_to_[i] = travelled_ + apart;
@@ -176,6 +183,7 @@ std::vector<Collision> PairMonitor::collisions_between(const std::vector<Eigen::
       found.push_back(*collision);
     }
   }
+  for (std::size_t i = 0; i < bodies.size(); ++i) followed_[i] = bodies.body(i).world_from_body;
   return found;
 }
 

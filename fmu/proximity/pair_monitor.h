@@ -44,15 +44,18 @@ class PairMonitor {
   /// Depth and deepest point of each pair that collides.
   std::vector<Collision> collisions(const BodySet& bodies) const;
 
-  /// Collisions on the way from earlier poses (world_from_body) to those of `bodies`, of pairs that do not
-  /// collide at the earlier ones and are not in `left_out`. In between, the centre of one body of a pair
-  /// moves relative to the other at constant velocity, and the body turns about a fixed axis.
+  /// Begins to follow the bodies, from their present poses.
+  void begin(const BodySet& bodies);
+
+  /// Collisions on the way of the bodies from their poses in the last call of this or `begin` to the present
+  /// ones, of pairs that did not collide at the last one and are not in `left_out`. In between, the centre of
+  /// one body of a pair moves relative to the other at constant velocity, and the body turns about a fixed
+  /// axis.
   ///
   /// The way is halved until each part is proved to be free, by distance and motion as in `MotionProof`, or
-  /// is shorter than `kFinest`. So at worst a graze of less than this depth is missed. A pair is
-  /// reported once, at the first colliding pose found.
-  std::vector<Collision> collisions_between(const std::vector<Eigen::Isometry3d>& before,
-                                            const BodySet& bodies, const Selection& left_out);
+  /// is shorter than `kFinest`. So at worst a graze of less than this depth is missed. A pair is reported
+  /// once, at the first colliding pose found.
+  std::vector<Collision> follow(const BodySet& bodies, const Selection& left_out);
 
   static constexpr double kFinest = 5e-5;  // m
 
@@ -82,7 +85,8 @@ class PairMonitor {
 
   std::vector<Pair> pairs_;
   std::vector<DistanceBound> bounds_;
-  double travelled_ = 0;             // m, bound on the relative motion of any two bodies in all sweeps
+  std::vector<Eigen::Isometry3d> followed_;  // world_from_body up to which the bodies are followed
+  double travelled_ = 0;             // m, bound on the relative motion of any two bodies since `begin`
   std::vector<double> clear_up_to_;  // value of `travelled_` up to which a pair cannot collide
   PairSearch search_;
   std::vector<PairMemory> memory_;                                // of the search, for each pair

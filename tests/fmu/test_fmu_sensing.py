@@ -348,7 +348,7 @@ def test_thin_bodies_do_not_pass_each_other_unseen_between_two_cycles(build: Bui
 
 @pytest.mark.parametrize("step_us", [CYCLE_US, 700])
 def test_swept_collisions_survive_a_saved_state_at_any_instant(build: Build, step_us: int) -> None:
-    """Run once; then again, with a restore into a new instance at instants within one cycle of a crossing."""
+    """Run once; then again from instants within a cycle of a crossing, in an instance that jumps back each time."""
     cell = build(3, fin_cell())
     seen, states = [], []
     while cell.time_us < 60 * CYCLE_US:
@@ -358,8 +358,8 @@ def test_swept_collisions_survive_a_saved_state_at_any_instant(build: Build, ste
         states.append(cell.serialize(state))
         cell.free_state(state)
     crossing = next(i for i, values in enumerate(seen) if values[1])
+    other = build(3, fin_cell())
     for first in range(crossing - CYCLE_US // step_us, crossing + 2):
-        other = build(3, fin_cell())
         other.restore(other.deserialize(states[first]), seen[first][0])
         for values in seen[first + 1 : crossing + 3]:
             rotate_table(other, other.time_us + 1, rate=8.0, step_us=step_us)

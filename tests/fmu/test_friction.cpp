@@ -5,6 +5,7 @@
 #include <dart/constraint/DantzigBoxedLcpSolver.hpp>
 
 #include "fmu/model/coulomb_solver.h"
+#include "fmu/model/hull_shape.h"
 #include "tests/fmu/engine_world.h"
 
 namespace {
@@ -100,6 +101,48 @@ TEST(FrictionMoment, SlowsSpinningBoxOnItsCorners) {
 TEST(FrictionPyramid, ExceedsConeAlongEdges) {
   OnFloor pyramid(std::make_shared<dart::constraint::DantzigBoxedLcpSolver>());
   EXPECT_LT(pulled(pyramid, M_PI / 4, 1.40).norm(), 1e-6);
+}
+
+Hull prism(int sides, double radius, double height) {
+  Hull hull;
+  for (const double z : {0.0, height}) {
+    for (int i = 0; i < sides; ++i) {
+      const double angle = 2 * M_PI * i / sides;
+      hull.vertices.emplace_back(radius * std::cos(angle), radius * std::sin(angle), z);
+    }
+  }
+  for (int i = 0; i < sides; ++i) {
+    const int k = (i + 1) % sides;
+    if (i > 0 && k > 0) hull.faces.push_back({0, k, i});
+    if (i > 0 && k > 0) hull.faces.push_back({sides, sides + i, sides + k});
+    hull.faces.push_back({i, k, sides + k});
+    hull.faces.push_back({i, sides + k, sides + i});
+  }
+  return hull;
+}
+
+/// However many bodies there are, each one has its contacts; pairs with more than ODE finds are counted.
+TEST(Contacts, AreBoundedForEachPairAndNotInTotal) {
+  for (const auto& [sides, truncated] : {std::pair(48, 0), std::pair(600, 40)}) {
+    const auto world = make_world(std::make_shared<CoulombSolver>());
+    add_floor(world, 0.5);
+    const PlacedShape shape = make_mesh_shape(prism(sides, 0.02, 0.03));
+    for (int i = 0; i < 40; ++i) {
+      SkeletonPtr skeleton = Skeleton::create("prism " + std::to_string(i));
+      BodyNode* body = skeleton->createJointAndBodyNodePair<FreeJoint>().second;
+      body->createShapeNodeWith<CollisionAspect, DynamicsAspect>(shape.shape);
+      const Isometry3d pose(Eigen::Translation3d(0.05 * (i % 8), 0.05 * (i / 8), -1e-5));
+      skeleton->setPositions(FreeJoint::convertToPositions(pose * shape.hull_from_shape));
+      world->addSkeleton(skeleton);
+    }
+    auto* solver = world->getConstraintSolver();
+    dart::collision::CollisionResult found;
+    solver->getCollisionGroup()->collide(solver->getCollisionOption(), &found);
+    EXPECT_EQ(found.getNumContacts(), 160u);
+    const auto detector = std::dynamic_pointer_cast<CappedCollisionDetector>(solver->getCollisionDetector());
+    ASSERT_TRUE(detector);
+    EXPECT_EQ(detector->truncated(), truncated) << sides;
+  }
 }
 
 }  // namespace
