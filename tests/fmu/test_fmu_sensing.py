@@ -110,7 +110,7 @@ def test_presence_sees_bodies_of_every_kind_but_those_of_its_own_frame(build: Bu
     sensors = [presence(at, (0.03, 0.03, 0.03), name=f"own {frame}", frame=frame) for frame in frames]
     for frame in frames:
         where = np.eye(4) if frame == "world" else poses.body(frame)
-        sensors.append(presence((where @ [*at, 1])[:3], (0.03, 0.03, 0.03), name=f"at {frame}"))
+        sensors.append(presence((where @ [*at, 1])[:3].tolist(), (0.03, 0.03, 0.03), name=f"at {frame}"))
     instance = build(3, {**cell, "presence_sensors": sensors})
     instance.step(CYCLE_US)
     seen = [bool(instance.get_int(f"presence[{i + 1}].detected")) for i in range(2 * len(frames))]
