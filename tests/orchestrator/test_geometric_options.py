@@ -41,7 +41,7 @@ CHANGES: dict[str, tuple[str, ...]] = {
     "camera.width_px": ("640",),
     "camera.height_px": ("512",),
     "camera.cx_px": ("640",),
-    "camera.cy_px": ("512",),
+    "camera.cy_px": ("511.7",),
     "camera.distortion": ("[-0.1, 0, 0, 0, 0]",),
     "camera.f_number": ("8",),
     "camera.pixel_pitch_um": ("4.8",),
