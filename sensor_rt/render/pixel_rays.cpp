@@ -62,12 +62,9 @@ PixelRays::PixelRay PixelRays::pixel_ray(int column, int row) const {
 }
 
 void PixelRays::through_samples(int column, int row, std::size_t packet, Lanes3& direction) const {
-  direct(pixel_ray(column, row), &samples_.column[packet * kLanes], &samples_.row[packet * kLanes], packet,
-         direction);
-}
-
-void PixelRays::direct(const PixelRay& ray, const double* du, const double* dv, std::size_t packet,
-                       Lanes3& direction) const {
+  const PixelRay ray = pixel_ray(column, row);
+  const double* du = &samples_.column[packet * kLanes];
+  const double* dv = &samples_.row[packet * kLanes];
   const double values[6] = {ray.x, ray.y, ray.dx_du, ray.dx_dv, ray.dy_du, ray.dy_dv};
   if (share_viewpoint()) {
     spread_directions(axes_, values, du, dv, direction);
@@ -79,7 +76,9 @@ void PixelRays::direct(const PixelRay& ray, const double* du, const double* dv, 
 
 void PixelRays::through_middle(int column, int row, Lanes3& direction) const {
   constexpr double kCentre[kLanes] = {};
-  direct(pixel_ray(column, row), kCentre, kCentre, 0, direction);
+  const PixelRay ray = pixel_ray(column, row);
+  const double values[6] = {ray.x, ray.y, ray.dx_du, ray.dx_dv, ray.dy_du, ray.dy_dv};
+  spread_directions(axes_, values, kCentre, kCentre, direction);
 }
 
 void PixelRays::through_corners(const int* columns, const int* rows, Lanes3& direction) const {

@@ -25,7 +25,7 @@ class PixelRays {
   /// Computes the directions (sensor frame, any length) of the `packet`-th sixteen samples of a pixel.
   void through_samples(int column, int row, std::size_t packet, Lanes3& direction) const;
 
-  /// Sets all lanes to the direction through the pixel centre, from the lens samples of the first packet.
+  /// Sets all lanes to the direction from the centre of the lens through the pixel centre.
   void through_middle(int column, int row, Lanes3& direction) const;
 
   /// Computes the directions through pixel corners: the left and upper corners of the given columns and rows.
@@ -43,9 +43,6 @@ class PixelRays {
   const Lanes3& viewpoints(std::size_t packet) const { return samples_.viewpoints[packet]; }
 
  private:
-  void direct(const PixelRay& ray, const double* du, const double* dv, std::size_t packet,
-              Lanes3& direction) const;
-
   std::size_t number_;
   const Camera& camera_;
   const CameraSamples& samples_;

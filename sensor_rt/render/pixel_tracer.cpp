@@ -127,53 +127,39 @@ double PixelTracer::trace(int column, int row, const Patch& patch) const {
 }
 
 PixelTracer::Middle PixelTracer::trace_middle(int column, int row) const {
-  Middle middle{views_of(row), 0, {}, {}};
+  Middle middle{views_of(row), {}, {}};
   rays_.through_middle(column, row, middle.direction);
-  alignas(64) int valid[kLanes] = {};
-  // The instants of the first packet are spread over the exposure; the one closest to the middle is used.
-  const std::size_t samples = plan_.pattern.size();
-  const auto from_middle = [&](std::size_t l) {
-    const std::size_t twice = 2 * middle.views.lane_instants[l] + 1;
-    return twice > samples ? twice - samples : samples - twice;
-  };
-  std::size_t best = 0;
-  for (std::size_t l = 1; l < std::min<std::size_t>(kLanes, samples); ++l)
-    best = from_middle(l) < from_middle(best) ? l : best;
-  valid[best] = -1;
-  middle.lane = static_cast<int>(best);
-  middle.views.cameras[rays_.camera()].intersect(0, middle.direction, valid, kInfinity, middle.hits);
+  alignas(64) const int valid[kLanes] = {-1};
+  middle.views.middles[rays_.camera()].intersect(0, middle.direction, valid, kInfinity, middle.hits);
   return middle;
 }
 
 double PixelTracer::reflectance(int column, int row) const {
   const Middle middle = trace_middle(column, row);
-  const int l = middle.lane;
-  if (middle.hits.shape[l] < 0) return 0.0;
-  const Surface& surface = surfaces_[static_cast<std::size_t>(middle.hits.shape[l])];
+  if (middle.hits.shape[0] < 0) return 0.0;
+  const Surface& surface = surfaces_[static_cast<std::size_t>(middle.hits.shape[0])];
   if (surface.brdf == nullptr) return surface.reflectance;
   return surface.brdf->albedo(
-      std::abs(lane(middle.hits.normal, l).dot(lane(middle.direction, l).normalized())));
+      std::abs(lane(middle.hits.normal, 0).dot(lane(middle.direction, 0).normalized())));
 }
 
 LampView PixelTracer::lamp_light(int column, int row) const {
   const Middle middle = trace_middle(column, row);
-  const int l = middle.lane;
-  const std::int32_t shape = middle.hits.shape[l];
+  const std::int32_t shape = middle.hits.shape[0];
   if (shape < 0) return {};
   Lanes3 origin;
-  set_lane(origin, l, lane(rays_.viewpoints(0), l));
+  set_lane(origin, 0, Eigen::Map<const Eigen::Vector3d>(rays_.viewpoint()));
   const SceneQuery& query = middle.views.query;
-  const SurfacePoint at(query.scene(), origin, middle.direction, middle.hits, l);
+  const SurfacePoint at(query.scene(), origin, middle.direction, middle.hits, 0);
   const SensorModel& model = plan_.settings.model;
   const Lamps lamps(query, model.band_pass, model.laser.wavelength);
-  const double light =
-      lamps.brightness(at, query.brdf(shape), middle.views.lane_instants[static_cast<std::size_t>(l)]);
+  const double light = lamps.brightness(at, query.brdf(shape), middle.views.middle_instant());
   return {light > 0.0 ? electrons(column, row, light) : 0.0, shape, at.normal};
 }
 
 std::int32_t PixelTracer::shape_at(int column, int row) const {
   const Middle middle = trace_middle(column, row);
-  return middle.hits.shape[middle.lane];
+  return middle.hits.shape[0];
 }
 
 }  // namespace sensor_rt

@@ -49,10 +49,9 @@ class PixelTracer {
   }
 
  private:
-  /// Ray through the centre of a pixel, and its hit in one lane.
+  /// Ray through the centres of the lens and a pixel at mid-exposure, and its hit, in lane 0.
   struct Middle {
     const ExposureViews& views;
-    int lane;
     Lanes3 direction;
     PacketHits hits;
   };

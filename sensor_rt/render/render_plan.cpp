@@ -48,7 +48,7 @@ std::vector<Eigen::Vector3d> spread_sources(const LaserSheet& laser, const Sampl
   if (laser.source_length == 0.0) return {middle};
   std::vector<Eigen::Vector3d> sources;
   for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
-    const double place = pattern.source[std::min(i, pattern.size() - 1)];
+    const double place = pattern.source[pattern.sample_of(i)];
     sources.push_back(middle + Eigen::Vector3d(0.0, laser.source_length * place, 0.0));
   }
   return sources;
@@ -58,7 +58,7 @@ std::vector<Eigen::Vector3d> spread_viewpoints(const Camera& camera, const Sampl
   if (!camera.has_depth_of_field()) return {camera.sensor_from_camera.translation};
   std::vector<Eigen::Vector3d> viewpoints;
   for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
-    const std::size_t sample = std::min(i, pattern.size() - 1);
+    const std::size_t sample = pattern.sample_of(i);
     viewpoints.push_back(camera.sensor_from_camera *
                          Eigen::Vector3d(pattern.lens_x[sample] * camera.aperture_radius(),
                                          pattern.lens_y[sample] * camera.aperture_radius(), 0.0));
@@ -69,7 +69,7 @@ std::vector<Eigen::Vector3d> spread_viewpoints(const Camera& camera, const Sampl
 CameraSamples spread_samples(const Camera& camera, const SamplingPattern& pattern) {
   CameraSamples samples;
   for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
-    const std::size_t sample = std::min(i, pattern.size() - 1);
+    const std::size_t sample = pattern.sample_of(i);
     samples.column.push_back(blurred_pixel_quantile(pattern.column[sample] + 0.5, camera.psf_sigma_px));
     samples.row.push_back(blurred_pixel_quantile(pattern.row[sample] + 0.5, camera.psf_sigma_px));
     samples.lens_x.push_back(pattern.lens_x[sample] * camera.aperture_radius());

@@ -23,6 +23,8 @@ struct SamplingPattern {
   std::size_t size() const { return row.size(); }
   /// Returns the size rounded up to full packets.
   std::size_t padded_size() const { return (size() + kLanes - 1) / kLanes * kLanes; }
+  /// Returns the sample of a lane of the padded packets: all samples in turn, because photons use every lane.
+  std::size_t sample_of(std::size_t lane) const { return lane % size(); }
 };
 
 SamplingPattern make_sampling_pattern(std::size_t samples);

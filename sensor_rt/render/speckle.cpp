@@ -74,7 +74,7 @@ void Speckle::modulate(const ExposureViews& views, int column, int row, std::siz
   for (int l = 0; l < kLanes; ++l) {
     if (lit[l] == 0) continue;
     const std::size_t number = packet * kLanes + static_cast<std::size_t>(l);
-    const std::size_t sample = std::min(number, plan_.pattern.size() - 1);
+    const std::size_t sample = plan_.pattern.sample_of(number);
     const std::int32_t shape = hits.shape[l];
     const Eigen::Vector3d point = plan_.viewpoint(camera_, packet, l) + hits.t[l] * lane(direction, l);
     const Eigen::Vector3d point_in_shape =

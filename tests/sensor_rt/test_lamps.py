@@ -104,6 +104,22 @@ def test_filter_transmits_in_band_fraction() -> None:
         np.testing.assert_allclose(measured, passed * whole, rtol=1e-4)
 
 
+@pytest.mark.parametrize("samples", [4, 16])
+def test_defocused_surface_under_lamp_stays_in_place(samples: int) -> None:
+    """A small plate out of focus: blur is symmetric, so that the centre of its light is that of a sharp image."""
+    centres = []
+    for focus in (0.0, 0.04):
+        scene = Scene()
+        scene.add_plane("plate", np.eye(4), [0.006, 0.004], REFLECTANCE)
+        scene.add_light("lamp", "point", np.eye(4), [0, 0], 2.0, in_band=1.0)
+        tracing = sensor(samples=samples, camera={"focus": focus, "f_number": 4.0})
+        images = expected_electrons(scene, tracing, still(pose((0, 0, Z)), pose((0, 0, -0.05))))[0].astype(float)
+        assert (images > 0).sum() > 100
+        rows, columns = np.mgrid[:128, :160]
+        centres.append([((images * grid).sum((1, 2)) / images.sum((1, 2))) for grid in (rows, columns)])
+    np.testing.assert_allclose(centres[1], centres[0], atol=0.1)
+
+
 @pytest.mark.parametrize("mode", ["fast", "path"])
 def test_bodies_cast_lamp_shadows(mode: str) -> None:
     lamp, ball, radius = np.array([0.05, 0.0, -0.05]), np.array([0.01, 0.002, 0.07]), 0.004

@@ -104,6 +104,19 @@ def test_closed_form_of_groove() -> None:
     assert energy == pytest.approx(POWER / 2, rel=0.02)
 
 
+@pytest.mark.parametrize("samples", [4, 16])
+def test_photons_are_spread_evenly_over_the_lens(samples: int) -> None:
+    """Out of focus the centre of the reflected light stays where it is in a sharp image of the same photons."""
+    _, poses = groove(0.8, 0.8)
+    render = {"samples_per_pixel": samples, "photons": 16_384}
+    rows = []
+    for focus in (0.0, 0.06):
+        images = bounced(0.8, 0.8, still(*poses), render=render, camera={"focus": focus, "f_number": 0.5})
+        light = images[0, 1].sum(axis=1)  # of the camera that sees it in the middle of its image
+        rows.append((light * np.arange(len(light))).sum() / light.sum())
+    assert rows[1] == pytest.approx(rows[0], abs=2.0)
+
+
 def test_first_bounce_in_groove_matches_form_factor() -> None:
     _, poses = groove(0.8, 0.6)
     images = bounced(0.8, 0.6, still(*poses, count=2)).mean(axis=0)
