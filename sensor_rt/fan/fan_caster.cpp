@@ -120,8 +120,7 @@ FanCaster::FanCaster(const FanGeometry& geometry)
     relative_power_[static_cast<std::size_t>(i)] = laser.relative_power(angle_of(geometry_, i));
   }
   laser_region_ = laser_region(laser, 0.0);
-  constexpr double kMaxDistance = 10.0;  // m
-  const double beyond = 1e-9 + laser.max_bend() * std::min(geometry_.far, kMaxDistance);
+  const double beyond = 1e-9 + laser.max_bend() * std::min(geometry_.far, kFarthest);
   for (const Camera& camera : geometry_.cameras) {
     camera_regions_.push_back(camera_region(camera, beyond));
     projectors_.emplace_back(camera);

@@ -1,6 +1,8 @@
 #include "sensor_rt/optics/camera.h"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace sensor_rt {
 namespace {
@@ -90,14 +92,59 @@ Eigen::Vector2d Camera::project(const Eigen::Vector3d& point_in_camera) const {
   return {focal_px * s.x() + cx_px, focal_px * s.y() + cy_px};
 }
 
+Camera::Reach Camera::reach() const {
+  constexpr double kFarthest = 5.67;  // tangent of 80 degrees
+  constexpr int kSteps = 400;
+  constexpr int kDirections = 32;
+  const bool is_radial = distortion[2] == 0.0 && distortion[3] == 0.0;
+  Reach reach{kFarthest, std::numeric_limits<double>::infinity()};
+  for (int i = 0; i < (is_radial ? 1 : kDirections); ++i) {
+    const Eigen::Vector2d way(std::cos(2.0 * M_PI * i / kDirections), std::sin(2.0 * M_PI * i / kDirections));
+    const auto folds = [&](double radius) {
+      return !(distort(distortion, radius * way.x(), radius * way.y()).jacobian.determinant() > 0.0);
+    };
+    for (int step = 1; step <= kSteps; ++step) {
+      double beyond = kFarthest * step / kSteps;
+      if (beyond >= reach.direction) break;
+      if (!folds(beyond)) continue;
+      double within = kFarthest * (step - 1) / kSteps;
+      for (int k = 0; k < 40; ++k)
+        (folds(0.5 * (within + beyond)) ? beyond : within) = 0.5 * (within + beyond);
+      reach.direction = within;
+      break;
+    }
+  }
+  for (int i = 0; i < (is_radial ? 1 : kDirections); ++i) {
+    const Eigen::Vector2d rim = reach.direction * Eigen::Vector2d(std::cos(2.0 * M_PI * i / kDirections),
+                                                                  std::sin(2.0 * M_PI * i / kDirections));
+    reach.image_px = std::min(reach.image_px, focal_px * distort(distortion, rim.x(), rim.y()).point.norm());
+  }
+  return reach;
+}
+
+double Camera::axis_distance_px(const Eigen::Vector2d& pixel) const {
+  const Eigen::Vector2d on_sensor((pixel.x() - cx_px) / focal_px, (pixel.y() - cy_px) / focal_px);
+  return focal_px * (is_tilted() ? untilted(on_sensor) : on_sensor).norm();
+}
+
 Eigen::Vector3d Camera::ray(const Eigen::Vector2d& pixel) const {
   const Eigen::Vector2d on_sensor((pixel.x() - cx_px) / focal_px, (pixel.y() - cy_px) / focal_px);
   const Eigen::Vector2d target = is_tilted() ? untilted(on_sensor) : on_sensor;
   Eigen::Vector2d p = target;
   if (is_distorted()) {
-    for (int iteration = 0; iteration < 20; ++iteration) {
+    // Newton's method, whose first step from the axis is `target`; steps that lead away are halved.
+    Eigen::Vector2d step = target;
+    double last = target.squaredNorm();
+    for (int iteration = 0; iteration < 100; ++iteration) {
       const Distorted d = distort(distortion, p.x(), p.y());
-      const Eigen::Vector2d step = d.jacobian.inverse() * (target - d.point);
+      const Eigen::Vector2d rest = target - d.point;
+      if ((rest.squaredNorm() > last || !(d.jacobian.determinant() > 0.0)) && step.squaredNorm() > 1e-20) {
+        step *= 0.5;
+        p -= step;
+        continue;
+      }
+      last = rest.squaredNorm();
+      step = d.jacobian.inverse() * rest;
       p += step;
       if (!(step.squaredNorm() > 1e-32)) break;
     }

@@ -72,8 +72,22 @@ struct Camera {
   /// Returns the pixel (column, row) of a point in the camera frame (z > 0), distortion applied.
   Eigen::Vector2d project(const Eigen::Vector3d& point_in_camera) const;
 
+  /// Limits of the lens model, as radii about the optical axis.
+  struct Reach {
+    double direction;  ///< of directions (x, y, 1)
+    double image_px;   ///< of the image before the tilt of the sensor, px
+  };
+
+  /// Returns the radii up to which the distortion has an inverse, at most those of a direction 80 degrees off
+  /// the axis. Its Jacobian is symmetric, hence within the disc of directions in which it stays positive
+  /// definite the distortion is the gradient of a convex function, and one-to-one.
+  Reach reach() const;
+
+  /// Returns the distance of a pixel from the optical axis in the image before the tilt of the sensor, px.
+  double axis_distance_px(const Eigen::Vector2d& pixel) const;
+
   /// Returns the viewing direction (x, y, 1) of a pixel (column, row) in the camera frame, distortion
-  /// removed.
+  /// removed. Valid within reach().
   Eigen::Vector3d ray(const Eigen::Vector2d& pixel) const;
 
   /// Jacobian d (x, y) / d (column, row) of `ray` at the direction (x, y, 1).

@@ -1,5 +1,6 @@
 #include "sensor_rt/optics/projector.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "sensor_rt/geometry/multiversion.h"
@@ -28,18 +29,21 @@ Projector::Projector(const Camera& camera) : camera_(camera) {
   const Rigid3 camera_from_sensor = camera.sensor_from_camera.inverse();
   for (int k = 0; k < 9; ++k) rotation_[k] = camera_from_sensor.rotation(k / 3, k % 3);
   for (int k = 0; k < 3; ++k) translation_[k] = camera_from_sensor.translation[k];
+  if (camera.is_plain()) return;
+  const double farthest_px =
+      std::min(camera.width_px + camera.height_px + 0.0, camera.focal_px * camera.reach().direction);
+  reach2_ = farthest_px * farthest_px;
 }
 
 void Projector::project(const Lanes3& points_in_sensor, double* column, double* row) const {
   project_pinhole(rotation_, translation_, camera_.focal_px, camera_.cx_px, camera_.cy_px, points_in_sensor,
                   column, row);
   if (camera_.is_plain()) return;
-  // The distortion polynomial is valid within the field of view; far outside it may fold back into the image.
-  const double reach = camera_.width_px + camera_.height_px;
+  // Beyond its reach the lens model may fold back into the image.
   for (int l = 0; l < kLanes; ++l) {
     const double x = column[l] - camera_.cx_px;
     const double y = row[l] - camera_.cy_px;
-    const bool in_field = std::abs(x) < reach && std::abs(y) < reach;
+    const bool in_field = x * x + y * y < reach2_;
     const Eigen::Vector2d pixel = camera_.project({x / camera_.focal_px, y / camera_.focal_px, 1.0});
     column[l] = in_field ? pixel.x() : kNotVisible;
     row[l] = in_field ? pixel.y() : kNotVisible;

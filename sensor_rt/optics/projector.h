@@ -19,7 +19,8 @@ class Projector {
 
  private:
   Camera camera_;
-  double rotation_[9];  ///< camera_from_sensor, row-major
+  double reach2_ = 0.0;  ///< squared radius, px, up to which the lens model is valid; plain cameras: unused
+  double rotation_[9];   ///< camera_from_sensor, row-major
   double translation_[3];
 };
 

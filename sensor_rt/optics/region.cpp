@@ -3,13 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
+#include <string>
 
 namespace sensor_rt {
 namespace {
 
-/// Calls visit(direction in the camera frame) for points along the image border, `margin` px outside it.
+/// Calls visit(pixel) for points along the image border, `margin` px outside it.
 template <typename Visit>
-void visit_border(const Camera& camera, double margin, const Visit& visit) {
+void visit_border_pixels(const Camera& camera, double margin, const Visit& visit) {
   const double first = -0.5 - margin;
   const double right = camera.width_px - 0.5 + margin;
   const double bottom = camera.height_px - 0.5 + margin;
@@ -17,11 +19,17 @@ void visit_border(const Camera& camera, double margin, const Visit& visit) {
   for (int i = 0; i <= kSteps; ++i) {
     const double u = first + (right - first) * i / kSteps;
     const double v = first + (bottom - first) * i / kSteps;
-    visit(camera.ray({u, first}));
-    visit(camera.ray({u, bottom}));
-    visit(camera.ray({first, v}));
-    visit(camera.ray({right, v}));
+    visit(Eigen::Vector2d(u, first));
+    visit(Eigen::Vector2d(u, bottom));
+    visit(Eigen::Vector2d(first, v));
+    visit(Eigen::Vector2d(right, v));
   }
+}
+
+/// Calls visit(direction in the camera frame) for the same points.
+template <typename Visit>
+void visit_border(const Camera& camera, double margin, const Visit& visit) {
+  visit_border_pixels(camera, margin, [&](const Eigen::Vector2d& pixel) { visit(camera.ray(pixel)); });
 }
 
 /// Returns the distance along a direction in the camera frame to the sheet X = 0; infinite when the direction
@@ -40,13 +48,30 @@ double spill_px(const Camera& camera) {
   double largest = 0.0;
   visit_border(camera, 0.0, [&](const Eigen::Vector3d& d) {
     const double sheet_distance = distance_to_sheet(camera, d);
-    constexpr double kMaxDistance = 10.0;  // m
-    largest = std::max(largest, camera.blur_radius_px(std::min(sheet_distance, kMaxDistance) * d));
+    largest = std::max(largest, camera.blur_radius_px(std::min(sheet_distance, kFarthest) * d));
   });
   return spill + 1.1 * largest;
 }
 
 }  // namespace
+
+void require_inverse(const Camera& camera) {
+  if (!camera.is_distorted()) return;
+  const double reach_px = camera.reach().image_px;
+  const auto require = [&](double margin) {
+    double farthest_px = 0.0;
+    visit_border_pixels(camera, margin, [&](const Eigen::Vector2d& pixel) {
+      farthest_px = std::max(farthest_px, camera.axis_distance_px(pixel));
+    });
+    if (farthest_px < reach_px) return;
+    const auto rounded = [](double px) { return std::to_string(std::lround(px)); };
+    throw std::invalid_argument("has no inverse from a radius of " + rounded(reach_px) +
+                                " px about the optical axis on; expected one in the whole image, up to " +
+                                rounded(farthest_px) + " px");
+  };
+  require(0.0);
+  require(spill_px(camera));
+}
 
 std::vector<HalfSpace> laser_region(const LaserSheet& laser, double slope) {
   const Eigen::Vector3d source(0.0, 0.0, laser.source_z);

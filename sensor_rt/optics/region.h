@@ -9,6 +9,13 @@
 
 namespace sensor_rt {
 
+/// Distance, m, beyond which nothing is measured: ends fields of view that are unbounded.
+constexpr double kFarthest = 10.0;
+
+/// Throws std::invalid_argument that names the radius when the distortion has no inverse in the whole image,
+/// or in the margin from which blurred light reaches it.
+void require_inverse(const Camera& camera);
+
 /// Returns the region of the laser fan within `slope` (x per metre along z) of the sheet's centre.
 std::vector<HalfSpace> laser_region(const LaserSheet& laser, double slope);
 

@@ -6,6 +6,7 @@
 #include <limits>
 #include <stdexcept>
 
+#include "sensor_rt/optics/region.h"
 #include "sensor_rt/pipeline/json_object.h"
 
 namespace sensor_rt {
@@ -96,6 +97,11 @@ Camera read_camera(JsonObject& json) {
   camera.pan = json.number("pan");
   camera.roll = json.number("roll");
   camera.sensor_from_camera = sensor_from_camera(camera);
+  try {
+    require_inverse(camera);
+  } catch (const std::invalid_argument& error) {
+    json.fail("distortion", error.what());
+  }
   json.finish();
   return camera;
 }
@@ -179,6 +185,7 @@ void read_range(JsonObject json, Sensor& sensor) {
   sensor.near = json.number("near");
   sensor.far = json.number("far");
   if (!(sensor.near < sensor.far)) json.fail("near", "must be below far");
+  if (sensor.far > kFarthest) json.fail("far", "must be at most 10 m");
   json.finish();
   sensor.triangulation.near = sensor.near;
   sensor.triangulation.far = sensor.far;

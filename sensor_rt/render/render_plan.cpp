@@ -20,10 +20,9 @@ double largest_slope(const SensorModel& model) {
     far = std::max(far, depth.far);
   }
   const LaserSheet& laser = model.laser;
-  constexpr double kMaxDistance = 10.0;  // m: limit for unbounded fields of view
-  constexpr double kNearest = 1e-3;      // m from the source
+  constexpr double kNearest = 1e-3;  // m from the source
   near = std::max(near, laser.source_z + kNearest);
-  far = std::max(near, std::min(far, kMaxDistance));
+  far = std::max(near, std::min(far, kFarthest));
   double slope = 0.0;
   constexpr int kSteps = 256;
   for (int i = 0; i <= kSteps; ++i) {
@@ -112,7 +111,7 @@ RenderPlan::RenderPlan(const RenderSettings& given)
   pixel_size = std::numeric_limits<double>::infinity();
   for (const Camera& camera : model.cameras) {
     const DepthRange depth = visible_depth(camera);
-    const double far = std::min(depth.far, 10.0);
+    const double far = std::min(depth.far, kFarthest);
     const Eigen::Vector3d nearest(0.0, 0.0, depth.near);
     pixel_size =
         std::min(pixel_size, (nearest - camera.sensor_from_camera.translation).norm() / camera.focal_px);

@@ -33,6 +33,55 @@ def test_project_inverts_view_rays(distortion: list[float]) -> None:
         np.testing.assert_allclose(camera.project(points), pixels, atol=1e-9)
 
 
+def lens(distortion: Array, **camera: Any) -> Sensor:
+    """A camera with 60 degrees of view across its diagonal."""
+    return probe(camera={"distortion": [float(k) for k in distortion], "focal_px": 1420.0} | camera)
+
+
+@pytest.mark.parametrize(
+    ("distortion", "radius"),
+    [((-0.5, 0, 0, 0, 0), 773), ((-0.2, 0, 0, 0, 0), 1222), ((0.3, -2.0, 0, 0, 0), 723)],
+    ids=["barrel", "weak barrel", "moustache"],
+)
+def test_lens_without_inverse_is_refused_with_its_radius(distortion: tuple[float, ...], radius: int) -> None:
+    """The image of a ray at angle atan(r) turns back where d/dr (r + k1 r³ + k2 r⁵) = 0."""
+    k1, k2 = distortion[:2]
+    roots = np.roots([5 * k2, 0, 3 * k1, 0, 1] if k2 else [3 * k1, 0, 1])
+    fold = min(r.real for r in roots if abs(r.imag) < 1e-12 and r.real > 0)
+    assert round(1420 * (fold + k1 * fold**3 + k2 * fold**5)) == radius
+    if radius > np.hypot(640, 512):
+        lens(np.array(distortion))
+    else:
+        with pytest.raises(
+            ValueError, match=rf"cameras\[0\]\.distortion: has no inverse from a radius of {radius} px .* 820 px"
+        ):
+            lens(np.array(distortion))
+    with pytest.raises(ValueError, match=rf"from a radius of {radius} px"):  # blurred light comes from farther away
+        lens(np.array(distortion), psf_sigma_px=100.0)
+
+
+def test_accepted_lenses_have_an_inverse_in_every_pixel() -> None:
+    rng = np.random.default_rng(3)
+    rows, columns = np.mgrid[-0.5:1024:32, -0.5:1280:32]
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=1)
+    accepted = 0
+    for _ in range(400):
+        size = 10.0 ** rng.uniform(-2, 0.5)
+        distortion = size * rng.normal(size=5) * (1, 3, 0.02, 0.02, 10)
+        tilt = {"scheimpflug_x": float(rng.uniform(-0.3, 0.3))}
+        try:
+            cameras = lens(distortion, **tilt).cameras
+        except ValueError as error:
+            assert "has no inverse" in str(error)
+            continue
+        accepted += 1
+        for camera in cameras:
+            points = camera.sensor_from_camera[:3, 3] + 0.1 * camera.view_rays(pixels)
+            np.testing.assert_allclose(camera.project(points), pixels, atol=1e-6, err_msg=str(distortion))
+    print(f"{accepted} of 400 lenses are accepted")
+    assert 100 < accepted < 350
+
+
 def test_distortion_matches_opencv() -> None:
     camera = probe(camera={"distortion": LENS}).cameras[0]
     rng = np.random.default_rng(5)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections import Counter
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal, Self
@@ -12,6 +14,7 @@ from scancell.config.description import Description, FileDescription, Finite, Fr
 
 _Pixels = Annotated[int, Field(ge=16, le=16_384)]
 _Lean = Annotated[float, Field(ge=-40.0, le=40.0)]
+_Coefficient = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 _Small = Annotated[float, Field(ge=-10.0, le=10.0)]
 
 
@@ -84,7 +87,7 @@ class RangeDescription(Description):
     """Measuring range along sensor Z; points outside it are discarded."""
 
     near_mm: Positive = Field(description="start of the measuring range, sensor Z, mm")
-    far_mm: Positive = Field(description="end of the measuring range, sensor Z, mm")
+    far_mm: Annotated[float, Field(gt=0.0, le=10_000.0)] = Field(description="end of the measuring range, sensor Z, mm")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -118,8 +121,10 @@ class CameraDescription(Description):
     cy_px: Finite | None = Field(
         default=None, description="row of the principal point, px; default: image centre (height_px - 1) / 2"
     )
-    distortion: Annotated[tuple[float, ...], Field(min_length=5, max_length=5)] = Field(
-        default=(0.0, 0.0, 0.0, 0.0, 0.0), description="Brown-Conrady coefficients k1, k2, p1, p2, k3 (OpenCV order)"
+    distortion: Annotated[tuple[_Coefficient, ...], Field(min_length=5, max_length=5)] = Field(
+        default=(0.0, 0.0, 0.0, 0.0, 0.0),
+        description="Brown-Conrady coefficients k1, k2, p1, p2, k3 (OpenCV order); the lens must have an inverse in the"
+        " whole image",
     )
     f_number: Positive = Field(
         description="working f-number: image distance over aperture diameter; sets light, defocus and speckle size"
@@ -378,6 +383,19 @@ class SensorDescription(FileDescription):
                 f'detector.shutter = "rolling" supports direct light only: render.bounces must be 0, not'
                 f" {self.render.bounces}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _lenses_have_an_inverse(self) -> Self:
+        if any(any(camera.distortion) for camera in self.camera):
+            from scancell.config.resolved import sensor_json  # noqa: PLC0415  (it imports this module)
+            from scancell.sensor import Sensor  # noqa: PLC0415  (few descriptions need the library)
+
+            try:
+                Sensor(json.dumps(sensor_json(self, seed=0)))
+            except ValueError as error:
+                key = re.sub(r"^sensor\.cameras\[(\d+)\]", lambda found: f"camera[{int(found[1]) + 1}]", str(error))
+                raise ValueError(key) from None
         return self
 
 
