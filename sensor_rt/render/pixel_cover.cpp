@@ -59,20 +59,53 @@ bool extend(const Shape& shape, std::uint32_t face, Patch& patch) {
   return true;
 }
 
+struct LinePoint {
+  Eigen::Vector3d point;  ///< in the reference frame
+  double px_per_m;        ///< largest motion in the image per motion of the point
+};
+
+/// Returns the ends of the part of the laser line that a camera sees, at both ends of the measuring range.
+/// The motion of a rigid body is linear in the point, so that it is largest there.
+std::vector<LinePoint> ends_of_seen_line(const SensorModel& model, const Camera& camera) {
+  const Rigid3& pose = camera.sensor_from_camera;
+  const Eigen::Vector3d forward = pose.rotation.col(2);
+  std::vector<LinePoint> ends;
+  for (const double z : {model.near, model.far}) {
+    const double depth = forward.dot(Eigen::Vector3d(0.0, 0.0, z) - pose.translation);
+    if (!(depth > 0.0)) continue;
+    double low = kInfinity;
+    double high = -kInfinity;
+    for (const double column : {-0.5, camera.width_px - 0.5}) {
+      for (const double row : {-0.5, camera.height_px - 0.5}) {
+        const double y = pose.translation.y() + depth * (pose.rotation * camera.ray({column, row})).y();
+        low = std::min(low, y);
+        high = std::max(high, y);
+      }
+    }
+    const double lit =
+        (z - model.laser.source_z) * std::tan(model.laser.fan_half_angle) + 0.5 * model.laser.source_length;
+    for (const double y : {std::clamp(low, -lit, lit), std::clamp(high, -lit, lit)}) {
+      const Eigen::Vector3d point(0.0, y, z);
+      const double distance = (point - pose.translation).norm();
+      ends.push_back({point, camera.focal_px * distance / (depth * depth)});
+    }
+  }
+  return ends;
+}
+
 }  // namespace
 
 double max_motion_px(const SensorModel& model, const PoseTrack& track,
                      const std::vector<std::size_t>& shapes) {
-  const std::size_t last = track.instants() - 1;
-  if (last == 0) return 0.0;
   double farthest_px = 0.0;
-  for (const std::size_t s : shapes) {
-    const Rigid3 moved = track.shape_from_reference(s, last).inverse() * track.shape_from_reference(s, 0);
-    for (const double z : {model.near, model.far}) {
-      const Eigen::Vector3d point(0.0, 0.0, z);
-      for (const Camera& camera : model.cameras) {
-        const double distance = (point - camera.sensor_from_camera.translation).norm();
-        farthest_px = std::max(farthest_px, (moved * point - point).norm() * camera.focal_px / distance);
+  for (const Camera& camera : model.cameras) {
+    for (const LinePoint& end : ends_of_seen_line(model, camera)) {
+      for (const std::size_t s : shapes) {
+        const Eigen::Vector3d in_shape = track.shape_from_reference(s, 0) * end.point;
+        for (std::size_t instant = 1; instant < track.instants(); ++instant) {
+          const Eigen::Vector3d meanwhile = track.shape_from_reference(s, instant) * end.point;
+          farthest_px = std::max(farthest_px, (meanwhile - in_shape).norm() * end.px_per_m);
+        }
       }
     }
   }

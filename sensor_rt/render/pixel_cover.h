@@ -80,7 +80,8 @@ class PixelCover {
   Corners& corners_;
 };
 
-/// Returns the largest motion of `shapes` in any camera image between first and last instant, in pixels.
+/// Returns a bound of the motion of `shapes` in any camera image from the first instant to any other, over
+/// the laser line within the measuring range, in pixels.
 double max_motion_px(const SensorModel& model, const PoseTrack& track,
                      const std::vector<std::size_t>& shapes);
 

@@ -32,8 +32,8 @@ def grid_mesh(spacing: float, amplitude: float) -> tuple[Array, NDArray[np.uint3
 
 
 def exposures_of(place: Array, moves: bool) -> Exposures:
-    """A shift and a turn by some 0.7 px during the exposure, or none."""
-    later: Array = pose((1.5e-5, -1e-5, 1e-5), (1e-4, 5e-5, 1e-4)) @ place
+    """A shift and a turn by up to 0.9 px at the ends of the line during the exposure, or none."""
+    later: Array = pose((1.2e-5, -8e-6, 8e-6), (8e-5, 4e-5, 8e-5)) @ place
     return moving([[place], [later]], [np.eye(4)] * 2) if moves else still(place)
 
 

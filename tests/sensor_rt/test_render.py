@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scenes import (
     BARE,
+    COARSE,
     Array,
     assert_same_light,
     cluttered,
@@ -114,6 +115,23 @@ def test_marked_pixels_contain_all_light(moves: bool, distortion: list[float]) -
     band = expected_electrons(scene, sensor, exposures, closed_form=False)
     whole = expected_electrons(scene, sensor, exposures, **BARE)
     assert_same_light(band, whole)
+
+
+@pytest.mark.parametrize("motion", ["rotation about Z", "vibration"])
+def test_pixel_cover_is_not_used_where_any_part_of_the_line_moves(motion: str) -> None:
+    """A thin strip along the line passes pixels whose corners show the table at both ends of the exposure."""
+    scene = Scene()
+    scene.add_plane("table", pose((0, 0, 0.01)), [0.2, 0.2], 0.2)
+    scene.add_plane("strip", np.eye(4), [4e-5, 0.06], 0.9)
+    aside, at = pose((0, 0, 0.12)), pose((5e-4, 0, 0.12))
+    turned = [pose((0, 0, 0.12), (0, 0, angle)) for angle in (-0.02, 0.02)]
+    poses = turned if motion == "rotation about Z" else [aside, at, aside]
+    sensor = probe(camera=COARSE)
+    exposures = moving([[p, p] for p in poses], [np.eye(4)] * len(poses))
+    traced = expected_electrons(scene, sensor, exposures, **(BARE | {"lit_pixels": True}))
+    covered = expected_electrons(scene, sensor, exposures, **(BARE | {"lit_pixels": True, "pixel_cover": True}))
+    assert (traced > 0.0).sum() > 5000
+    np.testing.assert_array_equal(covered, traced)
 
 
 @pytest.mark.parametrize("switch", ["lit_pixels", "pixel_cover"])
