@@ -133,11 +133,12 @@ class Extractor::Impl {
     const float light = std::max(0.0f, noise.background - black);
     noise.variance_floor += (noise.gain + noise.pattern * light) * light;
     noise.gain += 2.0f * noise.pattern * light;
-    measure_stripe(image, noise, nullptr, camera);
+    measure_stripe(image, noise, nullptr, 1.0f, camera);
   }
 
   void measure(ImageRows image, ImageRows background, int camera) {
-    measure_stripe(difference_->subtract(image, background), difference_->noise(), &background, camera);
+    measure_stripe(difference_->subtract(image, background), difference_->noise(), &background,
+                   difference_->dn_per_count(), camera);
   }
 
   void finish(std::int64_t frame, Peaks& out) {
@@ -151,8 +152,10 @@ class Extractor::Impl {
   }
 
  private:
-  /// `background` is not null when the image is a difference from it.
-  void measure_stripe(ImageRows image, PixelNoise noise, const ImageRows* background, int camera) {
+  /// `background` is not null when the image is a difference from it. `image` and `noise` are in counts of
+  /// `dn_per_count`, `background` in digital numbers.
+  void measure_stripe(ImageRows image, PixelNoise noise, const ImageRows* background, float dn_per_count,
+                      int camera) {
     if (image.width < 1 || image.height < 3) {
       throw std::invalid_argument("image of " + std::to_string(image.width) + " x " +
                                   std::to_string(image.height) + " pixels: expected at least 1 x 3");
@@ -162,17 +165,17 @@ class Extractor::Impl {
     PixelNoise lit_noise = noise;
     if (background != nullptr) {
       const float light = background_level(*background, image_noise_.black_level_dn, sample_) - black;
-      lit_noise.variance_floor += 2.0f * noise.gain * std::max(0.0f, light);
+      lit_noise.variance_floor += 2.0f * noise.gain * std::max(0.0f, light) / dn_per_count;
     }
     const double noise_of_sum = std::sqrt(3.0 * static_cast<double>(lit_noise.variance_floor));
     // A stripe of the minimum amplitude has a sum over three rows of at least about its amplitude.
-    const auto threshold =
-        static_cast<float>(std::max(options_.threshold_sigma * noise_of_sum, options_.min_amplitude_dn));
+    const double least = options_.min_amplitude_dn / static_cast<double>(dn_per_count);
+    const auto threshold = static_cast<float>(std::max(options_.threshold_sigma * noise_of_sum, least));
     CameraPeaks& peaks = next();
     peaks.camera = camera;
     std::vector<Candidate>& found = finder_.find(image, lit_noise, threshold, image_noise_.bit_depth);
     if (background != nullptr)
-      add_background_noise(*background, black, noise, options_.threshold_sigma, found);
+      add_background_noise(*background, black, dn_per_count, noise, options_.threshold_sigma, found);
     set_limits(found, image.height);
     peaks.candidates = found;
     // Candidates that cannot be chosen are not measured.
@@ -181,7 +184,10 @@ class Extractor::Impl {
     peaks.fits.resize(peaks.candidates.size());
     locator(options_.detector)(image, noise, peaks.candidates.data(), peaks.candidates.size(),
                                peaks.fits.data());
-    for (StripeFit& fit : peaks.fits) judge_shape(options_, fit);
+    for (StripeFit& fit : peaks.fits) {
+      fit.amplitude *= dn_per_count;
+      judge_shape(options_, fit);
+    }
   }
 
   CameraPeaks& next() {

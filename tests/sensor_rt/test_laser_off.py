@@ -9,7 +9,18 @@ import pytest
 from scenes import Array, cluttered, moving, pose, still
 from stripe_images import make_sensor
 
-from scancell.sensor import PEAK_REJECTED, Exposures, Peaks, Scene, Sensor, extract, render, scan, triangulate
+from scancell.sensor import (
+    PEAK_FLAGS,
+    PEAK_REJECTED,
+    Exposures,
+    Peaks,
+    Scene,
+    Sensor,
+    extract,
+    render,
+    scan,
+    triangulate,
+)
 
 DEEP = {"bit_depth": 12, "gain_dn_per_e": 0.36, "black_level_dn": 64.0}
 Z = 0.12
@@ -170,6 +181,38 @@ def test_saturated_pixels_are_detected_after_subtraction() -> None:
     np.testing.assert_array_equal(alone.flags & 1, both.flags & 1)
     assert (both.flags & 1).mean() > 0.9
     np.testing.assert_allclose(both.row, alone.row, atol=0.01)
+
+
+@pytest.mark.parametrize("bits", [8, 12, 15, 16])
+@pytest.mark.parametrize("black", [0.0, 0.016])
+def test_whole_range_of_digital_numbers_is_measured(bits: int, black: float) -> None:
+    """A stripe just below saturation, in front of nothing: the difference is as good as the image."""
+    detector = {"bit_depth": bits, "gain_dn_per_e": 2.0**bits / 12_000, "black_level_dn": round(black * 2**bits)}
+    quiet = sensor(noise=False, detector=detector, laser={"power": 5.4e-3})
+    places = still(pose((0.0, 0.0, Z), (0.1, 0.0, 0.0)))
+    lit, background = render(plane(), quiet, places), render(plane(), quiet, places, laser_on=False)
+    assert 0.88 < lit.max() / 2**bits < 0.95
+    alone, both = extract(lit, quiet), extract(lit, quiet, background=background)
+    assert len(both) == len(alone) > 2000
+    assert not ((alone.flags | both.flags) & PEAK_FLAGS["saturated"]).any()
+    np.testing.assert_allclose(both.row, alone.row, atol=2e-4)
+    np.testing.assert_allclose(both.amplitude, alone.amplitude, rtol=1e-4)
+
+
+@pytest.mark.parametrize("irradiance", [0.0, 30.0])
+def test_sigma_of_differences_does_not_depend_on_bit_depth(irradiance: float) -> None:
+    stated, scores = [], []
+    for bits in (14, 16):
+        detector = {"bit_depth": bits, "gain_dn_per_e": 2.0**bits / 12_000, "black_level_dn": 0.016 * 2**bits}
+        options = {"detector": detector, "ambient": {"irradiance": irradiance}, "laser": {"power": 1.5e-3}}
+        where = pose((0.0, 0.0, Z), (0.1, 0.0, 0.0))
+        found = scan(plane(), sensor(**options), still(where, count=4)).profiles
+        stated.append(float(found.sigma.mean()))
+        normal = where[:3, 2]
+        along = np.sqrt(np.einsum("i,nij,j->n", normal, found.covariance, normal))
+        scores.append(float((((found.points_in_sensor - where[:3, 3]) @ normal) / along).std()))
+    assert stated[1] == pytest.approx(stated[0], rel=0.01)
+    assert scores == pytest.approx([1.0, 1.0], abs=0.05)
 
 
 def test_mismatched_background_is_rejected() -> None:
