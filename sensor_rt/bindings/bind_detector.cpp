@@ -17,8 +17,7 @@ namespace {
 /// Returns one value per frame, or throws std::invalid_argument.
 template <typename T>
 std::vector<T> per_frame(const char* name, const py::array& array, std::size_t frames) {
-  if (!py::dtype::of<T>().is(array.dtype()) || array.ndim() != 1 ||
-      array.shape(0) != static_cast<py::ssize_t>(frames)) {
+  if (!has_type<T>(array) || array.ndim() != 1 || array.shape(0) != static_cast<py::ssize_t>(frames)) {
     throw std::invalid_argument(std::string(name) + ": expected " +
                                 py::str(py::dtype::of<T>()).cast<std::string>() + " (" +
                                 std::to_string(frames) + "), got " + describe(array));

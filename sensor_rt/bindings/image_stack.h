@@ -20,6 +20,13 @@ inline std::string describe(const pybind11::array& array) {
   return text + ")";
 }
 
+/// Whether the elements are T in native byte order. Equal types need not be one object: a pickled array has
+/// its own.
+template <typename T>
+bool has_type(const pybind11::array& array) {
+  return pybind11::dtype::of<T>().equal(array.dtype());
+}
+
 /// Images of all frames and cameras of a sensor, contiguous.
 template <typename T>
 class ImageStack {
@@ -30,7 +37,7 @@ class ImageStack {
     const auto wrong = [&](const std::string& expected) {
       throw std::invalid_argument(std::string(name) + ": expected " + expected + ", got " + describe(array));
     };
-    if (!pybind11::dtype::of<T>().is(array.dtype()) || array.ndim() != 4) {
+    if (!has_type<T>(array) || array.ndim() != 4) {
       wrong(pybind11::str(pybind11::dtype::of<T>()).cast<std::string>() +
             " (frames, cameras, height, width)");
     }

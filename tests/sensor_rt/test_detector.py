@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from scenes import one_plane, pose, still
 from scipy import stats
 from stripe_images import make_sensor
 
-from scancell.sensor import Scene, expose, render
+from scancell.sensor import Scene, expose, extract, render
 
 QUIET = {"read_noise_e": 0.0, "black_level_dn": 0.0, "gain_dn_per_e": 1.0, "full_well_e": 1e5, "bit_depth": 12}
 
@@ -167,6 +169,21 @@ def test_invalid_durations_are_rejected():
         expose(light, sensor, np.zeros(2), np.zeros(2))
     with pytest.raises(ValueError, match="exposure"):
         expose(light, sensor, np.array([0.0, -1.0]), np.zeros(2, np.int64))
+
+
+def test_arrays_of_equal_type_are_accepted_and_other_byte_orders_refused():
+    """A pickled array has a type object of its own."""
+    sensor = make_sensor(64, 48, cameras=2)
+    light, duration, index = np.full((2, 2, 48, 64), 50.0, np.float32), np.full(2, 1e-3), np.arange(2)
+    images = expose(light, sensor, duration, index)
+    copies = [pickle.loads(pickle.dumps(array)) for array in (light, duration, index)]
+    np.testing.assert_array_equal(expose(copies[0], sensor, *copies[1:]), images)
+    np.testing.assert_array_equal(expose(light, sensor, duration, index.astype(np.longlong)), images)
+    sent = pickle.loads(pickle.dumps(images))
+    assert len(extract(sent, sensor, background=pickle.loads(pickle.dumps(images)))) == 0
+    for wrong in (images.astype(">u2"), images.astype(np.int16), images.astype(np.uint32)):
+        with pytest.raises(ValueError, match="images: expected uint16"):
+            extract(wrong, sensor)
 
 
 def test_sparse_and_dense_input_give_same_bytes():
