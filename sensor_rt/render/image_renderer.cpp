@@ -133,6 +133,15 @@ class CameraImage {
   void add_lit(int column, int row, double electrons_per_second) {
     if (electrons_per_second > 0.0) add(column, row, electrons_per_second);
   }
+  /// Visits the pixels in the order that suits their views.
+  template <typename Visit>
+  void visit_pixels(const PixelMask& pixels, const Visit& visit) const {
+    if (rows_ != nullptr) {
+      pixels.for_each_by_row(visit);
+    } else {
+      pixels.for_each(visit);
+    }
+  }
   PixelMask find_mirrors(const PixelTracer& tracer) const;
   void trace_lit(const PixelTracer& tracer, const PathTracer* mirrored, const PixelMask& mirrors,
                  const PixelMask& lit, PixelCover::Corners& corners);
@@ -152,7 +161,7 @@ class CameraImage {
 /// Ground truth.
 void CameraImage::trace_paths(const PixelMask& pixels) {
   const PathTracer paths(plan_, PathTracer::Mode::kAllBounces, views_, rows_, number_, frame_);
-  pixels.for_each([&](int column, int row) { add_lit(column, row, paths.trace(column, row)); });
+  visit_pixels(pixels, [&](int column, int row) { add_lit(column, row, paths.trace(column, row)); });
 }
 
 /// Light of laser, surroundings and lamps on directly visible surfaces, and all light by way of mirrors when
@@ -196,7 +205,7 @@ void CameraImage::trace_lit(const PixelTracer& tracer, const PathTracer* mirrore
     const double beyond = edge != nullptr ? tracer.beyond_first_face(column, row, *edge) : 0.0;
     add_lit(column, row, electrons_per_second + beyond);
   };
-  lit.for_each([&](int column, int row) {
+  visit_pixels(lit, [&](int column, int row) {
     const Patch patch = cover ? cover->patch(column, row) : Patch{};
     if (mirrored != nullptr && mirrors.test(column, row)) {
       add_lit(column, row, mirrored->trace(column, row));

@@ -11,7 +11,6 @@ namespace sensor_rt {
 class PixelMask {
  public:
   void resize(int width, int height);
-  void clear();
   void mark_all();
 
   /// Marks columns first_column..last_column of rows first_row..last_row, clipped to the image.
@@ -50,6 +49,16 @@ class PixelMask {
       for (int word = 0; word < words_; ++word) {
         std::uint64_t bits = bits_[index(column, word)];
         for (; bits != 0; bits &= bits - 1) visit(column, 64 * word + __builtin_ctzll(bits));
+      }
+    }
+  }
+
+  /// Calls visit(column, row) in ascending rows, then columns.
+  template <typename Visit>
+  void for_each_by_row(const Visit& visit) const {
+    for (int row = 0; row < height_; ++row) {
+      for (int column = 0; column < width_; ++column) {
+        if (test(column, row)) visit(column, row);
       }
     }
   }

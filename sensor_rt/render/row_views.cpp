@@ -3,22 +3,27 @@
 #include <algorithm>
 
 namespace sensor_rt {
+namespace {
+
+constexpr std::size_t kSamplesKept = 65'536;
+
+}  // namespace
 
 RowViews::RowViews(const RenderPlan& plan, const Scene& scene, const Exposures& exposures,
                    std::size_t exposure, Rows& rows)
     : plan_(plan), scene_(scene), exposures_(exposures), exposure_(exposure), rows_(rows) {
   for (const Camera& camera : plan.settings.model.cameras) tallest_ = std::max(tallest_, camera.height_px);
-  rows_.resize(2 * static_cast<std::size_t>(tallest_));
+  rows_.resize(std::min(2 * static_cast<std::size_t>(tallest_), kSamplesKept / plan.pattern.padded_size()));
   for (const std::unique_ptr<Row>& row : rows_) {
-    if (row) row->is_set = false;
+    if (row) row->half_rows = kNone;
   }
 }
 
 const ExposureViews& RowViews::of_row(std::size_t camera, int row) {
   const int half_rows = 2 * row + tallest_ - plan_.settings.model.cameras[camera].height_px;
-  std::unique_ptr<Row>& kept = rows_[static_cast<std::size_t>(half_rows)];
+  std::unique_ptr<Row>& kept = rows_[static_cast<std::size_t>(half_rows) % rows_.size()];
   if (!kept) kept = std::make_unique<Row>();
-  if (kept->is_set) return kept->views;
+  if (kept->half_rows == half_rows) return kept->views;
   const double open = exposures_.duration[exposure_];
   const double span = open + plan_.settings.row_readout * (tallest_ - 1);
   const double first = plan_.settings.laser_on ? 0.0 : span;
@@ -30,7 +35,7 @@ const ExposureViews& RowViews::of_row(std::size_t camera, int row) {
   }
   kept->track.set(scene_, exposures_, exposure_, fractions, plan_.sensor_from_reference);
   kept->views.set(plan_, SceneQuery(scene_, kept->track));
-  kept->is_set = true;
+  kept->half_rows = half_rows;
   return kept->views;
 }
 

@@ -12,15 +12,17 @@ namespace sensor_rt {
 /// Rows are exposed sequentially, each as long as a global-shutter image. The poses of the exposure cover the
 /// time from the start of the first to the end of the last row of the tallest camera; the middle row of each
 /// camera is exposed at the centre of that time. Views are computed on request, with the exact poses at the
-/// instants of the samples, and kept for the exposure.
+/// instants of the samples; those of the last rows are kept, as many as samples permit, so that rows are best
+/// visited in ascending order.
 class RowViews {
  public:
   /// Views of a row. Their memory is reused from exposure to exposure.
   struct Row {
     PoseTrack track;
     ExposureViews views;
-    bool is_set = false;
+    int half_rows = kNone;
   };
+  static constexpr int kNone = -1;
   using Rows = std::vector<std::unique_ptr<Row>>;
 
   /// Scene, poses and `rows` must outlive it.
@@ -35,7 +37,7 @@ class RowViews {
   const Exposures& exposures_;
   std::size_t exposure_;
   int tallest_ = 0;  ///< rows
-  Rows& rows_;       ///< spaced by half a row, as camera heights may differ
+  Rows& rows_;       ///< by half rows, as camera heights may differ, modulo their number
 };
 
 }  // namespace sensor_rt

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -120,6 +123,33 @@ def test_static_scene_matches_global_shutter(light: dict[str, Any]) -> None:
     a, b = render(scene, rolling(**options), exposures), render(scene, probe(**options), exposures)
     assert a.max() > 50
     assert a.tobytes() == b.tobytes()
+
+
+MEMORY_OF_DENSE_ROWS = """
+import resource
+from scenes import cluttered_exposures, probe
+from scancell.sensor import expected_electrons
+camera = {"width_px": 64, "cx_px": 31.5}
+render = {"noise": False, "samples_per_pixel": 1024}
+sensor = probe(detector={"row_readout": 8e-6}, camera=camera, render=render)
+scene, exposures = cluttered_exposures(True)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+assert expected_electrons(scene, sensor, exposures, threads=1).sum() > 0.0
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+def test_memory_is_bounded_with_many_samples_in_many_rows() -> None:
+    """Every row has poses of its own for every sample; those of all 1024 rows take a gigabyte."""
+    done = subprocess.run(
+        [sys.executable, "-c", MEMORY_OF_DENSE_ROWS],
+        cwd=Path(__file__).parent,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    print(f"{int(done.stdout) / 1024:.0f} MB")
+    assert int(done.stdout) < 400 * 1024
 
 
 def test_zero_readout_time_is_global_shutter() -> None:
