@@ -11,8 +11,6 @@ void PixelMask::resize(int width, int height) {
   bits_.assign(static_cast<std::size_t>(width) * static_cast<std::size_t>(words_), 0);
 }
 
-void PixelMask::clear() { std::fill(bits_.begin(), bits_.end(), 0); }
-
 void PixelMask::mark_all() { mark(0, width_ - 1, 0, height_ - 1); }
 
 void PixelMask::mark(int first_column, int last_column, int first_row, int last_row) {

@@ -8,7 +8,6 @@ namespace {
 
 constexpr std::size_t kMaxPlanes = 32;  ///< largest number of planes of a mesh
 constexpr double kSameNormal = 1.0 - 1e-9;
-constexpr double kSamePlane = 1e-6;  // m
 
 Eigen::Vector3d mirrored(const Eigen::Vector3d& normal, double offset, const Eigen::Vector3d& point) {
   return point - 2.0 * (normal.dot(point) - offset) * normal;
@@ -34,14 +33,15 @@ PlanarMirrors::PlanarMirrors(const ExposureViews& views) : views_(views) {
 
 void PlanarMirrors::add_mesh(std::size_t shape) {
   const std::size_t before = planes_.size();
-  for (const FacePlane& face : views_.query.scene().shapes()[shape].planes) {
+  const Shape& mesh = views_.query.scene().shapes()[shape];
+  for (const FacePlane& face : mesh.planes) {
     const Eigen::Vector3d normal(face.normal[0], face.normal[1], face.normal[2]);
     if (normal.isZero()) continue;
     // Faces of either winding reflect on both sides.
     const auto same = [&](const Plane& known) {
       const double cosine = known.normal.dot(normal);
       const double offset = cosine < 0.0 ? -face.offset : face.offset;
-      return std::abs(cosine) > kSameNormal && std::abs(known.offset - offset) < kSamePlane;
+      return std::abs(cosine) > kSameNormal && std::abs(known.offset - offset) < mesh.ray_offset();
     };
     if (std::any_of(planes_.begin() + static_cast<std::ptrdiff_t>(before), planes_.end(), same)) continue;
     if (planes_.size() == before + kMaxPlanes) {

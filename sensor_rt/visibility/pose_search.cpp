@@ -16,9 +16,16 @@ namespace {
 
 constexpr double kPi = 3.14159265358979323846;
 
-/// Offset of ray origins from the surface, m: above the rounding of single precision, below the size of any
-/// feature.
-constexpr double kLift = 10e-6;
+/// Returns the offset of ray origins from the surface, m: above the rounding of single precision at the rim
+/// of the mesh.
+double lift_above(const MeshView& mesh, const Eigen::Vector3d& centre) {
+  constexpr double kLeast = 10e-6;
+  double radius = 0.0;
+  for (std::size_t i = 0; i < mesh.vertex_count; ++i) {
+    radius = std::max(radius, (mesh.vertex(i) - centre).norm());
+  }
+  return std::max(kLeast, 1e-6 * radius);
+}
 
 /// Returns all tiles in strides of about the golden section of their number, so that the first ones are
 /// spread over the sphere.
@@ -71,6 +78,7 @@ PoseSearch::PoseSearch(const MeshView& mesh, SurfaceSamples samples, PoseGrid gr
     throw std::invalid_argument("incidence_limit: expected more than 0 and at most 90 degrees");
   validate_mesh(mesh, "mesh");
   centre_ = mesh_centre(mesh);
+  lift_ = lift_above(mesh, centre_);
   scene_ = build_triangle_scene(mesh, centre_);
   order_ = spread_order(grid_.directions().tiles());
   for (int k = 0; k < grid_.orientations().azimuths; ++k) {
@@ -120,7 +128,7 @@ void PoseSearch::check_numbers(const std::int64_t* samples, std::size_t count) c
 bool PoseSearch::find(std::size_t sample, FreeDistances& free_distances, FoundPose& found) {
   const DirectionGrid& directions = grid_.directions();
   const Eigen::Vector3d& normal = samples_.normals[sample];
-  const Eigen::Vector3d origin = samples_.points[sample] + kLift * normal - centre_;
+  const Eigen::Vector3d origin = samples_.points[sample] + lift_ * normal - centre_;
   // Directions within a cell differ from its centre by less than the cell size.
   const double slack = std::max(0.0, std::cos(std::min(kPi, std::acos(min_cosine_) + directions.step())));
   free_distances.start(origin.cast<float>(), normal.cast<float>(), static_cast<float>(std::max(slack, 1e-6)));
@@ -177,7 +185,7 @@ bool PoseSearch::try_pose(std::size_t sample, std::size_t number, int azimuth, c
 bool PoseSearch::is_free(std::size_t sample, const Eigen::Vector3d& source,
                          const Eigen::Vector3d& camera) const {
   const Eigen::Vector3d& normal = samples_.normals[sample];
-  const Eigen::Vector3d start = samples_.points[sample] + kLift * normal;
+  const Eigen::Vector3d start = samples_.points[sample] + lift_ * normal;
   alignas(64) int valid[16] = {-1, -1};
   RTCRay16 rays{};
   for (int l = 0; l < 2; ++l) {

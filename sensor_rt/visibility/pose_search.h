@@ -69,6 +69,7 @@ class PoseSearch {
   double min_cosine_;
   ReachMap reach_;
   Eigen::Vector3d centre_;
+  double lift_ = 0.0;  ///< offset of ray origins from the surface, m
   SceneHandle scene_;
   std::vector<int> order_;  ///< tiles of the direction grid
   std::vector<Eigen::Matrix3d> azimuth_rotations_;

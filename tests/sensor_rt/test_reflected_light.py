@@ -308,6 +308,36 @@ def test_mirror_mesh_reflects_like_rectangle(flipped: tuple[bool, ...]) -> None:
     np.testing.assert_allclose(light.sum(axis=(0, 2, 3)), expected.sum(axis=(0, 2, 3)), rtol=2e-3)
 
 
+def test_facets_of_large_mirror_are_one_plane() -> None:
+    """Vertices in single precision, as in an STL file: on a wall of 100 m they lie micrometres off the plane."""
+    size, count = 100.0, 9
+    place = np.stack(np.meshgrid(*[np.linspace(-size / 2, size / 2, count)] * 2, [0.0], indexing="ij"), -1).reshape(
+        -1, 3
+    )
+    corner = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).ravel()
+    faces = np.concatenate(
+        [
+            np.stack([corner, corner + count, corner + 1], 1),
+            np.stack([corner + 1, corner + count, corner + count + 1], 1),
+        ]
+    )
+    turn = pose(angles=(0.3, 0.2, 0.1))
+    vertices = (place @ turn[:3, :3].T).astype(np.float32).astype(float)
+    light = []
+    for mesh in (False, True):
+        scene = Scene()
+        if mesh:
+            scene.add_mesh("a", vertices, faces.astype(np.uint32), MIRROR)
+        else:
+            scene.add_plane("a", turn, [size, size], MIRROR)
+        scene.add_plane("b", np.eye(4), [WALL, 0.2], 0.6)
+        _, (wall_a, wall_b) = groove(MIRROR, 0.6)
+        poses = still(wall_a @ np.linalg.inv(turn), wall_b)
+        light.append(expected_electrons(scene, small_probe(render={"bounces": 2}), poses).sum(axis=(0, 2, 3)))
+    assert light[0].min() > 0.0
+    np.testing.assert_allclose(light[1], light[0], rtol=5e-3)
+
+
 @pytest.mark.parametrize("mode", ["fast", "path"])
 def test_chain_of_two_mirrors_matches_image_method(mode: str) -> None:
     """Laser, mirror a, wall b, two mirrors, camera: mirror a and one across its end form a right angle.

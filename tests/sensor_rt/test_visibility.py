@@ -79,6 +79,17 @@ def test_rim_of_hole_occludes_camera_ray() -> None:
     assert share - 0.02 < found.mean() < share + 0.01
 
 
+@pytest.mark.parametrize("side", [1.0, 100.0, 2000.0])
+def test_large_plate_does_not_occlude_itself(side: float) -> None:
+    """Samples at its corner, where single precision rounds by a hundred micrometres on the largest one."""
+    turn = trimesh.transformations.euler_matrix(0.2, 0.1, 0.3)[:3, :3]
+    flat = np.array([[0, 0, 0], [side, 0, 0], [side, side, 0], [0, side, 0]]) - [0.5, 0.5, 0]
+    plate = trimesh.Trimesh(flat @ turn.T, [[0, 1, 2], [0, 2, 3]], process=False)
+    places = np.random.default_rng(1).uniform(-0.1, 0.1, (200, 3)) * [1, 1, 0]
+    found = measured(search(plate, places @ turn.T, np.tile(turn @ UP, (200, 1)), lowest=[1.0]), 200)
+    assert found.all()
+
+
 def test_only_plates_below_sensor_occlude() -> None:
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.025)
     plates = [trimesh.creation.box((0.5, 0.5, 1e-3)).apply_translation([0, 0, z]) for z in (0.05, 0.3)]

@@ -11,7 +11,7 @@ BsdfSample Bsdf::sample(const Eigen::Vector3d& normal, const Eigen::Vector3d& fr
   const Eigen::Vector3d out = sample_cosine(u1, u2);
   if (!(out.z() > 0.0)) return result;
   result.towards = TangentFrame(normal).to_world(out);
-  result.pdf = out.z() / M_PI;
+  result.pdf = pdf(normal, from, result.towards);
   result.weight = pi_brdf(normal, from, result.towards);
   return result;
 }

@@ -59,7 +59,7 @@ BsdfSample MicrofacetBsdf::sample(const Eigen::Vector3d& normal, const Eigen::Ve
   const Eigen::Vector3d out = u0 < share ? sample_ggx(local, alpha_, u1, u2) : sample_cosine(u1, u2);
   if (!(out.z() > 0.0)) return result;
   result.towards = frame.to_world(out);
-  result.pdf = share * ggx_pdf(local, out, alpha_) + (1.0 - share) * out.z() / M_PI;
+  result.pdf = pdf(normal, from, result.towards);
   if (!(result.pdf > 0.0)) return result;
   result.weight = pi_brdf(normal, from, result.towards) * (out.z() / M_PI) / result.pdf;
   return result;
