@@ -92,6 +92,7 @@ WRONG: list[tuple[Callable[[Fuzzer], Any], str]] = [
     (lambda f: scancell.evaluate(np.zeros((0, 3)), mesh=f.part), "cloud: holds no points"),
     (lambda f: scancell.evaluate(np.zeros((3, 3)), mesh=f.part, align="bestfit"), "align = 'bestfit': expected"),
     (lambda _: scancell.ScanDescription(mode="sideways"), "ScanDescription: mode = 'sideways': must be"),
+    (lambda f: f.scanner.survey(f.part, voxel=1.0), "survey: voxel = 1: expected at most"),
     (lambda f: f.result.cloud[0], "points_in_part = "),
 ]
 

@@ -158,6 +158,11 @@ class Survey:
         Space to survey.
     seed, as_built
         Of the simulated cell, as for a scan.
+
+    Raises
+    ------
+    DescriptionError
+        If a voxel is larger than 0.9 times the measuring range.
     """
 
     def __init__(
@@ -172,6 +177,12 @@ class Survey:
     ) -> None:
         self._setup, self._loaded, self._sensors, self._pipeline = setup, loaded, sensors, pipeline
         self._region, self._range = region, sensor_range(sensors.nominal)
+        # Layers and rows overlap by a voxel.
+        largest = 0.9 * min(self._range.far - self._range.near, 2 * self._range.half_near)
+        if region.voxel > largest:
+            raise DescriptionError(
+                f"survey: voxel = {region.voxel:g}: expected at most {largest:.3g} m, by the measuring range"
+            )
         self._request = DriveRequest(setup, loaded.nominal, loaded.for_fmu(seed), as_built)
         nominal = loaded.nominal
         tolerance = max(region.inflation, 1e-3)
