@@ -208,6 +208,8 @@ def extract(
     from scancell.config.loading import load_setup  # noqa: PLC0415
     from scancell.output.extract_images import ExtractionRequest, extract_to_folder  # noqa: PLC0415
 
+    if not images:
+        raise DescriptionError("images: expected at least one image file or folder")
     setup = load_setup(None, sensor, None, assignments(settings))
     files, background = ([Path(item) for item in items] for items in (images, laser_off))
     request = ExtractionRequest(files, setup.sensor, peaks, threads, background, sheet_um)

@@ -93,6 +93,7 @@ WRONG: list[tuple[Callable[[Fuzzer], Any], str]] = [
     (lambda f: scancell.evaluate(np.zeros((3, 3)), mesh=f.part, align="bestfit"), "align = 'bestfit': expected"),
     (lambda _: scancell.ScanDescription(mode="sideways"), "ScanDescription: mode = 'sideways': must be"),
     (lambda f: f.scanner.survey(f.part, voxel=1.0), "survey: voxel = 1: expected at most"),
+    (lambda _: scancell.extract([], "out"), "images: expected at least one"),
     (lambda f: f.result.cloud[0], "points_in_part = "),
 ]
 
