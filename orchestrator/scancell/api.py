@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scancell.arguments import Count, Length, Points, Seed, Share, Threads, checked_arguments, checked_value
+from scancell.arguments import Count, Length, Points, Repeats, Seed, Share, Threads, checked_arguments, checked_value
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Align, CalibrationTarget, Engine, Reconstruction, SensorTarget
 from scancell.config.keys import Assignments, assignments
@@ -324,7 +324,7 @@ def acceptance(
     engine: Engine = "geometric",
     seed: Seed = 0,
     quick: bool = False,
-    repeats: Count | None = None,
+    repeats: Repeats | None = None,
     factors: str | Path | None = None,
     out: str | Path | None = None,
     threads: Threads = 0,

@@ -79,6 +79,7 @@ class Shape:
 Seed = Annotated[int, Within(0, 2**31 - 1)]
 Threads = Annotated[int, Within(0, 1024)]
 Count = Annotated[int, Within(1)]
+Repeats = Annotated[int, Within(1, 10_000)]
 Length = Annotated[float, Within(0.0, 1e6, above=True)]
 Share = Annotated[float, Within(0.0, 1.0, above=True)]
 Pose = Annotated[NDArray[np.float64], Shape((4, 4))]
