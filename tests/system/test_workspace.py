@@ -343,7 +343,9 @@ def test_file_that_is_no_mesh_is_refused_and_the_part_stays(opened: Opened, tmp_
     with page.expect_file_chooser() as chooser:
         page.get_by_role("button", name="Open a part").click()
     chooser.value.set_files(broken)
-    page.locator(".mantine-Notification-root", has_text="broken.stl").wait_for()
+    said = page.locator(".mantine-Notification-root", has_text="broken.stl: ")
+    said.wait_for()
+    assert said.inner_text().splitlines()[-1].startswith("broken.stl: ")
     assert opened.workspace is workspace
 
 

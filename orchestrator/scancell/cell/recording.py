@@ -277,6 +277,8 @@ def _read_table(path: Path) -> pa.Table:
         raise DescriptionError(f"{path}: no such file")
     try:
         return pyarrow.csv.read_csv(path) if path.suffix.lower() == ".csv" else pyarrow.parquet.read_table(path)
+    except MemoryError:  # no fault of the file's format
+        raise
     except (pa.ArrowException, OSError) as error:
         raise DescriptionError(f"{path}: expected a Parquet or CSV table: {error}") from None
 

@@ -11,7 +11,7 @@ from threading import Event, Lock, RLock
 from typing import TYPE_CHECKING, Protocol
 
 from scancell.config.choices import LOOPBACK
-from scancell.errors import CommandError
+from scancell.errors import CommandError, ScancellError
 from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.playback import Playback
 from scancell.workspace.browser.quiet import address, quiet_server
@@ -126,7 +126,10 @@ class Host:
         with self._one_file():
             path = Path(self._parts.name) / name
             path.write_bytes(content)
-            self._show_next(self._open_cell(PartFile(path, unit)))
+            try:
+                self._show_next(self._open_cell(PartFile(path, unit)))
+            except ScancellError as error:  # without the folder, which says nothing to the person at the browser
+                raise type(error)(str(error).replace(f"{self._parts.name}/", "")) from None
 
     def open_run(self, name: str, content: bytes) -> None:
         """Play back a run instead; the cell is closed.
