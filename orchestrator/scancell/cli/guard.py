@@ -65,7 +65,10 @@ def guard_serve(
 class GuardedOptions:
     """Options of commands that run guarded cells."""
 
-    cell: Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")] = None
+    cell: Annotated[
+        Path | None,
+        typer.Option("--cell", help="cell description (TOML); default: all shipped ones in turn, in a search one"),
+    ] = None
     unit: UnitOption = "mm"
     seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1
 
@@ -79,9 +82,9 @@ class GuardedOptions:
 @guard_app.command("campaign")
 @with_options(GuardedOptions)
 def guard_campaign(
-    part: Annotated[Path, typer.Argument(help="mesh of the part on the table")],
+    part: Annotated[Path, typer.Argument(help="mesh of a part on the table; parts that stick out take turns with it")],
     options: GuardedOptions,
-    runs: Annotated[int, typer.Option("--runs", min=1, help="number of runs, each with its twin")] = 200,
+    runs: Annotated[int, typer.Option("--runs", min=1, help="number of runs, each with its twin")] = 180,
     out: Annotated[Path, typer.Option("--out", help="folder of the rows and tables")] = Path("out/guard"),
     workers: WorkersOption = 0,
     as_json: JsonOption = False,
@@ -108,8 +111,9 @@ def guard_campaign(
 
 
 def _show(row: RunRow) -> None:
-    if row.contact or row.touched:
-        print(f"run {row.number}: COLLISION of {row.contact or 'bodies'} ({row.operation}, network: {row.fault})")
+    if row.collided:
+        what = f"{row.contact or 'bodies'} ({row.cell}, {row.motion} at {row.speed:.2%}, network: {row.fault})"
+        print(f"run {row.number}: COLLISION of {what}")
     elif row.number % 100 == 99:
         print(f"{row.number + 1} runs", flush=True)
 

@@ -1,57 +1,49 @@
-"""Many runs with a guard over a bad network, each beside its twin without a guard.
+"""Paired runs with and without a guard, over a bad network.
 
-A third of the twins collides, another third has near misses, the others do ordinary work; manual and automatic
-operation and the faults of the network take turns.  Everything follows from the campaign's seed and the number of a
-run, so that campaigns can be interrupted, and single runs repeated.
+A third of the twins without a guard collides, another third has near misses, the others do ordinary work, in every
+decade of speed, by hand and in automatic operation alike.  Cells, parts, faults of the network and errors of the
+geometry take turns.  Everything follows from the campaign's seed and the number of a run, so that campaigns can be
+interrupted, and single runs repeated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.controller import Operation
 from scancell.closing import Closing
-from scancell.config.channel import ChannelDescription, LinkDescription
-from scancell.config.units import si_value
+from scancell.config.cell import CellDescription
+from scancell.config.channel import LinkDescription
+from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
-from scancell.guard.settings import GuardSettings
-from scancell.guard.stopping import braking_time
-from scancell.guard.unseen import UnseenApproach, jog_limits
-from scancell.proximity.motion_bounds import MotionBounds
 from scancell.studies.guard.guarded import GuardedRuns
-from scancell.studies.guard.simulation import SAMPLES, Course, Simulation
-from scancell.studies.guard.twins import THIRDS, Twin, Twins
+from scancell.studies.guard.mutations import Mutation
+from scancell.studies.guard.simulation import Course, Simulation
+from scancell.studies.guard.strata import DECADES, FAULTS, Stratum, random_network, stratum_of
+from scancell.studies.guard.twins import Twin, Twins
+from scancell.studies.guard.worlds import KnownWorld, known_world, world_of
 
 Array = NDArray[np.float64]
 
-_DURATION = 4.0  # s, of a run
 _SEEN = 0.06  # m: clearances of guarded runs are not looked for beyond
-_SLOW = ChannelDescription(delay_ms=4.0, jitter_ms=2.0)
+_KNOWN = 8  # cells with a part that are kept
+_FALSE = 5e-3  # m beyond the stated distance
+_ON_PATH = 5e-3  # m: distance at which a motion on a known path is stopped at most
+
+# Speed, m/s, and distance, m, at which a robot that a person jogs against something comes to rest (docs/guard.md).
+_STATED = ((0.0, 0.030), (0.005, 0.030), (0.0125, 0.031), (0.025, 0.033), (0.05, 0.036), (0.125, 0.049), (0.25, 0.072))
 
 
-def _both(name: str, **faults: float) -> tuple[str, LinkDescription]:
-    channel = _SLOW.model_copy(update=faults)
-    return name, LinkDescription(to_guard=channel, to_cell=channel)
-
-
-FAULTS: dict[str, LinkDescription] = dict(
-    [
-        _both("none", delay_ms=0.0, jitter_ms=0.0),
-        _both("delay"),
-        _both("jitter", jitter_ms=10.0),
-        _both("loss", loss=0.05),
-        _both("bursts", burst=0.01, burst_packets=4.0),
-        _both("reordering", jitter_ms=20.0),
-        _both("duplication", duplication=0.3, replay=0.1, replay_ms=300.0),
-        ("clock", LinkDescription(to_guard=_SLOW, to_cell=_SLOW, clock_offset_ms=-700.0, clock_drift_ppm=2000.0)),
-        ("stale", LinkDescription(to_guard=_SLOW, to_cell=_SLOW, stale=0.2)),
-        ("dead", LinkDescription(to_guard=_SLOW, to_cell=_SLOW)),
-    ]
-)
+def stated_distance(speed: float) -> float:
+    """Largest distance, m, at which the guard stops a jog of `speed`, m/s; in proportion beyond the last one."""
+    speeds, distances = np.transpose(_STATED)
+    return float(np.interp(speed, speeds, distances) * max(1.0, speed / speeds[-1]))
 
 
 @dataclass(frozen=True)
@@ -60,8 +52,12 @@ class RunRow:
 
     Attributes
     ----------
-    number, third, operation, fault, draws
+    number, third, operation, decade, fault, cell, part, silent, draws
         Which run, and how many scenarios were drawn until the twin did what its third does.
+    speed
+        Largest share of the full speed.
+    motion
+        How the robot is moved: the modes of the controller, and `+ resets` where a person resets it after stops.
     twin_contact_at, twin_contact
         Of the twin, s and pair; NaN and empty: none.
     twin_clearance
@@ -71,7 +67,8 @@ class RunRow:
     clearance
         Smallest distance of the arm to other bodies in the guarded run, m, at most 0.06.
     stop, stop_at, stopped_pair
-        What stopped the robot: ``guard``, ``age`` of the last answer, or nothing; when, s, and for which pair.
+        What held the robot first: a stop by the ``guard``, by the ``age`` of the last answer, a ``refused`` jog, or
+        nothing; when, s, and for which pair.
     false_stop
         Whether the twin never came near what the guard stopped for.
     halted
@@ -85,8 +82,14 @@ class RunRow:
     number: int
     third: str
     operation: str
+    decade: str
     fault: str
+    cell: str
+    part: str
+    silent: bool
     draws: int
+    speed: float
+    motion: str
     twin_contact_at: float
     twin_contact: str
     twin_clearance: float
@@ -103,59 +106,123 @@ class RunRow:
     twin_arrived_at: float
     arrived_at: float
 
+    @property
+    def collided(self) -> bool:
+        """Whether the guarded robot collided, by either judge."""
+        return bool(self.contact) or self.touched
+
 
 class Campaign(Closing):
     """Runs of a campaign.
 
     Parameters
     ----------
-    simulation
-        The cell.
-    guard
-        Its guard.
+    cells
+        Descriptions by name, which take turns.
+    parts
+        Meshes by name, m, one of which is on the table.
     seed
         Of the campaign.
+    mutation
+        Error of the guard.
+    folder
+        For the files of the FMU; None: where the system keeps temporary files.
     """
 
-    def __init__(self, simulation: Simulation, guard: Guard, seed: int) -> None:
-        self._simulation, self._seed = simulation, seed
-        self._twins = Twins(simulation, seed, _DURATION)
-        self._guarded = GuardedRuns(simulation, guard)
-        self._distance = stopping_distances(simulation, guard.settings)
+    def __init__(
+        self,
+        cells: Mapping[str, CellDescription],
+        parts: Mapping[str, Mesh],
+        seed: int,
+        mutation: Mutation | None = None,
+        folder: Path | None = None,
+    ) -> None:
+        self._cells, self._parts, self._seed, self._folder = cells, parts, seed, folder
+        self._mutation = mutation or Mutation()
+        self._known = lru_cache(_KNOWN)(lambda cell, part: known_world(cells[cell], parts[part]))
+        self._guard = lru_cache(_KNOWN)(self._made_guard)
+        self._block: _Block | None = None
 
     def close(self) -> None:
         """Free the cell."""
-        self._simulation.close()
+        if self._block is not None:
+            self._block.simulation.close()
+            self._block = None
 
     def run(self, number: int) -> RunRow:
-        """Run number `number`."""
-        third = THIRDS[number % len(THIRDS)]
-        operation = Operation(number // len(THIRDS) % 2)
-        fault = list(FAULTS)[number // (2 * len(THIRDS)) % len(FAULTS)]
-        twin = self._twins.draw(number, third, operation)
-        course = self._guarded.run(twin.scenario, *self._network(number, fault))
-        return self._row(number, third, fault, twin, course)
-
-    def _network(self, number: int, fault: str) -> tuple[LinkDescription, int]:
-        """Faults and their seed."""
+        """Run number `number`; quicker in the order of numbers."""
+        stratum = stratum_of(number)
+        block = self._block_of(stratum)
+        twin = block.twins.draw(stratum)
         rng = np.random.default_rng([self._seed, number, 1])
-        description, seed = FAULTS[fault], int(rng.integers(2**32))
-        if fault == "dead":
-            dead = description.to_cell.model_copy(update={"dead_from_s": float(rng.uniform(0.5, 3.0))})
-            description = description.model_copy(update={"to_cell": dead})
-        return description, seed
+        network = random_network(stratum.fault, twin.scenario.duration, rng)
+        course = block.guarded.run(twin.scenario, *network)
+        return _Pair(block, stratum, twin, course, network[0]).row()
 
-    def _row(self, number: int, third: str, fault: str, twin: Twin, course: Course) -> RunRow:
-        simulation = self._simulation
+    def _block_of(self, stratum: Stratum) -> _Block:
+        if self._block is None or self._block.number != stratum.block:
+            self.close()
+            rng = np.random.default_rng([self._seed, stratum.block, 2])
+            turn = stratum.block + stratum.block // len(FAULTS)
+            cell = list(self._cells)[turn % len(self._cells)]
+            part = str(rng.choice(list(self._parts)))
+            known = self._known(cell, part)
+            described, nominal = world_of(known, stratum, rng)
+            simulation = Simulation(described, nominal, known.ignored, self._folder)
+            twins = Twins(simulation, self._seed, known.is_clear)
+            guard = self._guard(cell, part)
+            patience = self._mutation.patience * guard.settings.max_age
+            guarded = GuardedRuns(simulation, guard, patience, self._mutation.link)
+            self._block = _Block(stratum.block, cell, part, known, simulation, twins, guarded)
+        return self._block
+
+    def _made_guard(self, cell: str, part: str) -> Guard:
+        known = self._known(cell, part)
+        return known.guard(self._mutation.guard, self._mutation.assumed(known.settings))
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Runs with one cell."""
+
+    number: int
+    cell: str
+    part: str
+    known: KnownWorld
+    simulation: Simulation
+    twins: Twins
+    guarded: GuardedRuns
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """A run and its twin."""
+
+    block: _Block
+    stratum: Stratum
+    twin: Twin
+    course: Course
+    link: LinkDescription
+
+    def row(self) -> RunRow:
+        """Outcome of the run."""
+        simulation, twin, course, stratum = self.block.simulation, self.twin, self.course, self.stratum
         contact = simulation.contact(course)
-        stop, pair = self._stop_of(course)
-        warnings = list(self._warnings(course, FAULTS[fault]))
+        stop, stop_at, pair = self._stop()
+        warnings = list(self._warnings())
+        modes = dict.fromkeys(command.mode.name.lower() for command in twin.scenario.commands)
         return RunRow(
-            number,
-            third,
+            stratum.number,
+            stratum.third,
             twin.scenario.operation.name.lower(),
-            fault,
+            DECADES[stratum.decade],
+            stratum.fault,
+            self.block.cell,
+            self.block.part,
+            stratum.silent,
             twin.draws,
+            twin.scenario.speed,
+            " + ".join([*modes, *(["resets"] if twin.scenario.resets else [])]),
             twin.contact[0] if twin.contact else np.nan,
             twin.contact[1] if twin.contact else "",
             twin.clearance,
@@ -163,62 +230,52 @@ class Campaign(Closing):
             course.touched,
             simulation.clearance(course, _SEEN),
             stop,
-            course.stopped_at if course.stopped_at is not None else np.nan,
+            stop_at,
             " - ".join(pair),
-            stop == "guard" and not self._was_near(twin, pair),
-            stop == "" and course.rate == 0 and course.arrived_at is None and twin.course.arrived_at is not None,
+            stop in ("guard", "refused") and not self._was_near(pair),
+            stop == "" and stratum.operation is Operation.AUTOMATIC and course.rate == 0 and course.arrived_at is None,
             len(warnings),
             sum(not approaches for approaches in warnings),
             np.nan if twin.course.arrived_at is None else twin.course.arrived_at,
             np.nan if course.arrived_at is None else course.arrived_at,
         )
 
-    def _was_near(self, twin: Twin, pair: tuple[str, ...]) -> bool:
-        """Whether a twin came nearer than the worst-case stopping distance and 10 mm, with `pair` or another body.
+    def _stop(self) -> tuple[str, float, tuple[str, ...]]:
+        """What held the robot first, when, s, and the pair for which the guard did."""
+        course, log = self.course, self.block.guarded.log
+        stopped = np.inf if course.stopped_at is None else course.stopped_at
+        if course.refused_at is not None and course.refused_at < stopped:
+            held = (decision for _, decision in log if decision.monitor_speed == 0.0 and not decision.stop)
+            return "refused", course.refused_at, next((decision.pair for decision in held), ())
+        if stopped == np.inf:
+            return "", np.nan, ()
+        if not any(answer.emergency_stop and time <= stopped + 1e-9 for time, answer in course.answers):
+            return "age", stopped, ()
+        return "guard", stopped, next((decision.pair for _, decision in log if decision.stop), ())
 
-        On a path that is known, nothing but a contact is a reason to stop: there the distance is 0.
+    def _was_near(self, pair: tuple[str, ...]) -> bool:
+        """Whether the twin came nearer than the stated distance and 5 mm, with `pair` or a body around the arm.
+
+        The distance is that for the largest speed of the pair in the twin.  On a path that is known nothing but a
+        contact is a reason to stop.
         """
-        simulation = self._simulation
-        manual = twin.scenario.operation is Operation.MANUAL
+        simulation, course = self.block.simulation, self.twin.course
+        distance = _ON_PATH
+        if self.twin.scenario.operation is Operation.MANUAL:
+            distance = stated_distance(simulation.fastest(course, (pair[0], pair[1])) if pair else 0.0)
         concerned = ~simulation.inner | np.array([found == pair for found in simulation.scene.pairs])
-        within = np.where(concerned, (self._distance if manual else 0.0) + 0.01, 0.0)
-        return bool((simulation.clearances(twin.course.axes[::SAMPLES], within, rough=True) < within).any())
+        within = np.where(concerned, distance + _FALSE, 0.0)
+        axes = course.axes[course.spaced(1e-3)]
+        return bool((simulation.clearances(axes, within, rough=True) < within).any())
 
-    def _stop_of(self, course: Course) -> tuple[str, tuple[str, ...]]:
-        """What stopped the robot, and the pair for which the guard did."""
-        if course.stopped_at is None:
-            return "", ()
-        if not any(answer.emergency_stop and time <= course.stopped_at + 1e-9 for time, answer in course.answers):
-            return "age", ()
-        return "guard", next(decision.pair for _, decision in self._guarded.log if decision.stop)
-
-    def _warnings(self, course: Course, link: LinkDescription) -> Iterator[bool]:
+    def _warnings(self) -> Iterator[bool]:
         """Whether the pair of each warning truly approached when the state was measured."""
-        pairs = self._simulation.scene.pairs
-        for shown, decision in self._guarded.log:
+        simulation, course, link = self.block.simulation, self.course, self.link
+        for shown, decision in self.block.guarded.log:
             if "contact in" in decision.text:
                 time = (shown - 1e-3 * link.clock_offset_ms) / (1 + 1e-6 * link.clock_drift_ppm)
                 at = int(np.searchsorted(course.times, time - 1e-9))
                 near = course.axes[[max(at - 1, 0), min(at + 1, len(course.axes) - 1)]]
-                concerned = np.array([pair == decision.pair for pair in pairs])
-                before, after = self._simulation.distances_of(concerned, near)
+                concerned = np.array([pair == decision.pair for pair in simulation.scene.pairs])
+                before, after = simulation.distances_of(concerned, near)
                 yield bool(after < before)
-
-
-def stopping_distances(simulation: Simulation, settings: GuardSettings) -> Array:
-    """Worst-case stopping distance (pairs,), m, by hand of the pairs of a simulation's scene.
-
-    The tool moves at its jog speed for the reaction time, accelerates all the while, and brakes as long as its slowest
-    axis does. Bodies of the arm approach each other by what the joints between them do in that time, if that is less.
-    """
-    nominal, robot = simulation.nominal, simulation.description.robot
-    limits = jog_limits(robot, nominal)
-    rates = robot.motion.jog_joint_share * nominal.axis_max_speed
-    braking = braking_time(rates, settings.deceleration * nominal.axis_max_acceleration)
-    longest = settings.reaction + braking / 2
-    time_squared = settings.reaction**2 + settings.reaction * braking
-    pairs = simulation.scene.pairs
-    changed = UnseenApproach(nominal, pairs, limits).bound(np.append(nominal.home, 0.0), time_squared)
-    by_joints = MotionBounds(nominal, pairs).pairs(np.append(nominal.home, 0.0)[None], (rates * longest)[None])[0]
-    by_tool = si_value(robot.motion, "jog_speed_mm_s") * longest
-    return np.asarray(np.where(simulation.inner, np.minimum(by_joints, by_tool), by_tool) + changed)

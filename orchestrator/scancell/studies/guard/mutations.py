@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from scancell.cell.controller import Operation
+from scancell.config.robot import RobotDescription
+from scancell.guard.check import ManualCheck
 from scancell.guard.guard import Guard
 from scancell.guard.link import Link
 from scancell.guard.messages import GuardMessage, decode
 from scancell.guard.motion import Hypothesis, Path
+from scancell.guard.path_check import PathCheck
 from scancell.guard.settings import GuardSettings
+from scancell.nominal.cell import NominalCell
+from scancell.studies.guard.strata import Stratum
 
 _POLL = 0.032  # s
+_SLOW = 0.01  # rad/s
 
 
 @dataclass(frozen=True)
@@ -30,6 +39,8 @@ class Mutation:
         Another link of the cell.
     ignored
         A pair of bodies that the guard does not compare.
+    strata
+        Whether runs of a campaign like this one are to find it, not the search at the limits; None: the search is.
     """
 
     guard: type[Guard] = Guard
@@ -37,6 +48,7 @@ class Mutation:
     patience: float = 1.0
     link: type[Link] = Link
     ignored: tuple[str, str] | None = None
+    strata: Callable[[Stratum], bool] | None = None
 
 
 class _Credulous(Link):
@@ -65,6 +77,44 @@ def _without(path: Path) -> Mutation:
     return Mutation(Forgetful)
 
 
+class _NoClearance(Guard):
+    """A guard that takes positions of bodies and its own meshes for exact."""
+
+    def __init__(
+        self,
+        nominal: NominalCell,
+        robot: RobotDescription,
+        settings: GuardSettings | None = None,
+        ignored: Collection[tuple[str, str]] = (),
+    ) -> None:
+        super().__init__(nominal, robot, settings, ignored)
+        known, scene, worst = self.settings, self._manual._scene, self._manual._worst
+        self._manual = ManualCheck(nominal, scene, 0.0, worst, known.horizon)
+        self._automatic = PathCheck(nominal, scene, 0.0, known.reaction, worst.deceleration, known.angle_error)
+
+
+class _NoTable(Guard):
+    """A guard for which the table rests while a person jogs."""
+
+    def _hypotheses(self) -> Sequence[Hypothesis]:
+        turning = np.append(np.ones(self._axes - 1), 0.0)
+        return [
+            replace(found, rates=turning * found.rates, rate_error=turning * found.rate_error)
+            for found in super()._hypotheses()
+        ]
+
+
+class _SlowIsRest(Guard):
+    """A guard for which slow motion is none: that of version 0.2.0."""
+
+    def _hypotheses(self) -> Sequence[Hypothesis]:
+        return [found for found in super()._hypotheses() if np.abs(found.rates).max() > _SLOW]
+
+
+def _by_hand(stratum: Stratum) -> bool:
+    return stratum.operation is Operation.MANUAL
+
+
 MUTATIONS: dict[str, Mutation] = {
     "short-delay": Mutation(assumed=lambda true: replace(true, max_age=true.max_age - _POLL)),
     "high-deceleration": Mutation(assumed=lambda true: replace(true, deceleration=1.25 * true.deceleration)),
@@ -73,4 +123,7 @@ MUTATIONS: dict[str, Mutation] = {
     "no-tool-path": _without(Path.TOOL),
     "double-age": Mutation(patience=2.0),
     "stale-answers": Mutation(link=_Credulous),
+    "no-clearance": Mutation(_NoClearance, strata=lambda _: True),
+    "no-table-rate": Mutation(_NoTable, strata=_by_hand),
+    "slow-is-rest": Mutation(_SlowIsRest, strata=lambda stratum: _by_hand(stratum) and stratum.decade < 2),
 }

@@ -1,10 +1,10 @@
-"""Rows of a campaign in a file, and what they say."""
+"""Rows of a campaign in a file, and tables of them."""
 
 from __future__ import annotations
 
 import csv
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 
 from scancell.errors import DescriptionError
 from scancell.studies.guard.campaign import RunRow
-from scancell.studies.guard.twins import THIRDS
+from scancell.studies.guard.strata import DECADES, FAULTS, THIRDS
 
 _READ: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "str": str, "bool": lambda text: text == "True"}
 
@@ -54,19 +54,19 @@ def _line(row: RunRow) -> str:
 
 def summary(rows: Sequence[RunRow]) -> dict[str, Any]:
     """Figures of a campaign."""
-    collisions = [row for row in rows if row.contact or row.touched]
-    stops = Counter(row.stop for row in rows if row.stop)
+    collisions = sum(row.collided for row in rows)
     done = [row for row in rows if np.isfinite(row.arrived_at) and np.isfinite(row.twin_arrived_at)]
     loss = [row.arrived_at / row.twin_arrived_at - 1 for row in done]
     return {
         "runs": len(rows),
-        "collisions": len(collisions),
+        "collisions": collisions,
+        "collisions_by_decade": {decade: sum(row.collided for row in own) for decade, own in _by_decade(rows)},
         "collisions_of_twins": sum(bool(row.twin_contact) for row in rows),
         "pairs_of_twins": len({row.twin_contact for row in rows if row.twin_contact}),
         # Upper end of the one-sided 95 % interval: that of the rule of three where nothing happened.
         "probability_bound": 1 - 0.05 ** (1 / len(rows)) if rows and not collisions else None,
-        "stops": dict(stops),
-        "false_stops": {third: _share(rows, third) for third in THIRDS},
+        "stops": dict(Counter(row.stop for row in rows if row.stop)),
+        "false_stops": {decade: _share(own) for decade, own in _by_decade(rows)},
         "warnings": sum(row.warnings for row in rows),
         "warnings_while_retreating": sum(row.warned_retreating for row in rows),
         "cycle_time_loss_median": float(np.median(loss)) if loss else None,
@@ -74,40 +74,62 @@ def summary(rows: Sequence[RunRow]) -> dict[str, Any]:
     }
 
 
-def _share(rows: Sequence[RunRow], third: str) -> float | None:
-    of_third = [row for row in rows if row.third == third]
-    return sum(row.false_stop for row in of_third) / len(of_third) if of_third else None
+def _by_decade(rows: Sequence[RunRow]) -> Iterator[tuple[str, list[RunRow]]]:
+    for decade in DECADES:
+        yield decade, [row for row in rows if row.decade == decade]
+
+
+def _share(rows: Sequence[RunRow]) -> float | None:
+    return sum(row.false_stop for row in rows) / len(rows) if rows else None
+
+
+_COUNTS: dict[str, Callable[[RunRow], bool]] = {
+    "twins collided": lambda row: bool(row.twin_contact),
+    "collisions": lambda row: row.collided,
+    "stopped by the guard": lambda row: row.stop == "guard",
+    "refused": lambda row: row.stop == "refused",
+    "false": lambda row: row.false_stop,
+    "by age": lambda row: row.stop == "age",
+    "waiting on the path": lambda row: row.halted,
+}
 
 
 def tables(rows: Sequence[RunRow]) -> Iterator[str]:
     """Markdown tables of a campaign."""
-    yield "| third | runs | operation | collisions | stopped by the guard | false | by age | waiting on the path |"
-    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
-    for third in THIRDS:
-        for operation in ("manual", "automatic"):
-            own = [row for row in rows if row.third == third and row.operation == operation]
-            counts = [
-                sum(bool(row.contact) or row.touched for row in own),
-                sum(row.stop == "guard" for row in own),
-                sum(row.false_stop for row in own),
-                sum(row.stop == "age" for row in own),
-                sum(row.halted for row in own),
-            ]
-            yield f"| {third} | {len(own)} | {operation} | " + " | ".join(str(count) for count in counts) + " |"
-    yield ""
-    yield "| fault | runs | collisions | stopped by the guard | by age |"
-    yield "| --- | --- | --- | --- | --- |"
-    for fault in dict.fromkeys(row.fault for row in rows):
-        own = [row for row in rows if row.fault == fault]
-        hits = sum(bool(row.contact) or row.touched for row in own)
-        stops = [sum(row.stop == kind for row in own) for kind in ("guard", "age")]
-        yield f"| {fault} | {len(own)} | {hits} | {stops[0]} | {stops[1]} |"
-    yield ""
+    by_decade: dict[str, Callable[[RunRow], str]] = {"speed": lambda row: row.decade}
+    yield from _table(by_decade, rows)
+    yield from _table({**by_decade, "operation": lambda row: row.operation, "twin": lambda row: row.third}, rows)
+    yield from _table({"fault": lambda row: row.fault}, rows)
+    yield from _table({"cell": lambda row: row.cell}, rows)
+    yield from _table({"part": lambda row: row.part}, rows)
+    yield from _table({"moved by": lambda row: row.motion}, rows)
+    yield from _table({"shows jogs": lambda row: "no" if row.silent else "yes", **by_decade}, rows)
     shares = (0, 1, 5, 25, 50, 75)
-    yield "| smallest clearance, mm | " + " | ".join(f"{share} %" for share in shares) + " |"
-    yield "| --- |" + " --- |" * len(shares)
-    for third in THIRDS:
-        own = [row for row in rows if row.third == third]
-        if own:
-            values = 1e3 * np.percentile([row.clearance for row in own], shares)
-            yield f"| {third} | " + " | ".join(f"{value:.1f}" for value in values) + " |"
+    yield "| smallest clearance, mm | twin | " + " | ".join(f"{share} %" for share in shares) + " |"
+    yield "| --- | --- |" + " --- |" * len(shares)
+    for decade, of_decade in _by_decade(rows):
+        for third in THIRDS:
+            own = [1e3 * row.clearance for row in of_decade if row.third == third]
+            if own:
+                values = np.percentile(own, shares)
+                yield f"| {decade} | {third} | " + " | ".join(f"{value:.1f}" for value in values) + " |"
+
+
+def _table(keys: Mapping[str, Callable[[RunRow], str]], rows: Sequence[RunRow]) -> Iterator[str]:
+    """Counts of the rows by keys, and the smallest clearance."""
+    groups: dict[tuple[str, ...], list[RunRow]] = {}
+    for row in rows:
+        groups.setdefault(tuple(key(row) for key in keys.values()), []).append(row)
+    yield f"| {' | '.join(keys)} | runs | {' | '.join(_COUNTS)} | smallest clearance, mm |"
+    yield "| --- " * (len(keys) + len(_COUNTS) + 2) + "|"
+    for names, own in sorted(groups.items(), key=lambda group: _order(group[0])):
+        counts = " | ".join(str(sum(counted(row) for row in own)) for counted in _COUNTS.values())
+        smallest = 1e3 * min(row.clearance for row in own)
+        yield f"| {' | '.join(names)} | {len(own)} | {counts} | {smallest:.1f} |"
+    yield ""
+
+
+def _order(names: tuple[str, ...]) -> list[tuple[int, str]]:
+    """Decades, operations, thirds and faults in their own order, other names in that of the alphabet."""
+    known = [*DECADES, "manual", "automatic", *THIRDS, *FAULTS]
+    return [(known.index(name) if name in known else 0, name) for name in names]

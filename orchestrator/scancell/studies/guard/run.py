@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import cache, partial
-from itertools import islice
+from itertools import count, islice
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,17 +21,17 @@ from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 from scancell.geometry.mesh import Mesh
-from scancell.guard.guard import Guard
-from scancell.jobs.guard_job import settings_of
-from scancell.nominal.cell import nominal_cell
 from scancell.nominal.parts import load_part
 from scancell.studies.guard.campaign import Campaign, RunRow
 from scancell.studies.guard.mutations import MUTATIONS, Mutation
+from scancell.studies.guard.parts import standing_parts
 from scancell.studies.guard.rows import RowFile, summary, tables
 from scancell.studies.guard.search import Search
-from scancell.studies.guard.simulation import Simulation
+from scancell.studies.guard.strata import BLOCK, THIRDS, stratum_of
+from scancell.studies.guard.worlds import described_cells
 
 IGNORED = "ignored-pair"
+IN_CAMPAIGN = "campaign"
 _MOVES = 6  # to the contact of a pair
 
 
@@ -42,7 +42,7 @@ class CampaignOptions:
     Attributes
     ----------
     cell
-        File of the cell's description; None: the shipped default.
+        File of the cell's description; None: all shipped ones take turns.
     part
         Mesh file of the part, in `unit`.
     seed
@@ -55,7 +55,7 @@ class CampaignOptions:
     seed: int = 1
 
 
-def campaign_of(options: CampaignOptions, folder: Path | None = None) -> Campaign:
+def campaign_of(options: CampaignOptions, mutation: Mutation | None = None, folder: Path | None = None) -> Campaign:
     """The campaign, in this process; its files lie in `folder`, or where the system keeps temporary files.
 
     Raises
@@ -63,10 +63,9 @@ def campaign_of(options: CampaignOptions, folder: Path | None = None) -> Campaig
     ScancellError
         Naming what is wrong and what was expected.
     """
-    description, part = _loaded(options)
-    nominal = nominal_cell(description, part)
-    guard = Guard(nominal, description.robot, settings_of(description))
-    return Campaign(Simulation(description, nominal, folder), guard, options.seed)
+    given = load_part(options.part, options.unit)
+    parts = {Path(options.part).stem: given, **standing_parts()}
+    return Campaign(described_cells(options.cell), parts, options.seed, mutation, folder)
 
 
 def _loaded(options: CampaignOptions) -> tuple[CellDescription, Mesh]:
@@ -76,8 +75,9 @@ def _loaded(options: CampaignOptions) -> tuple[CellDescription, Mesh]:
 _kept = cache(campaign_of)  # a worker process keeps its cell
 
 
-def _run(options: CampaignOptions, folder: Path, number: int) -> RunRow:
-    return _kept(options, folder).run(number)
+def _run(options: CampaignOptions, folder: Path, numbers: Sequence[int]) -> list[RunRow]:
+    campaign = _kept(options, None, folder)
+    return [campaign.run(number) for number in numbers]
 
 
 def run_campaign(
@@ -102,17 +102,25 @@ def run_campaign(
     described.write_text(json.dumps(asdict(options), indent=1))
     file = RowFile(folder / "rows.csv")
     done = {row.number for row in file.rows}
-    missing = [number for number in range(runs) if number not in done]
-    count = min(workers or os.cpu_count() or 1, max(len(missing), 1))
+    blocks: dict[int, list[int]] = {}  # runs with one cell, which a process makes one after the other
+    for number in range(runs):
+        if number not in done:
+            blocks.setdefault(number // BLOCK, []).append(number)
+    processes = min(workers or os.cpu_count() or 1, max(len(blocks), 1))
     # Worker processes end without freeing what they keep.
     with (
         TemporaryDirectory(prefix="scancell-campaign-") as files,
-        ProcessPoolExecutor(count, get_context("spawn")) as pool,
+        ProcessPoolExecutor(processes, get_context("spawn")) as pool,
     ):
-        for row in pool.map(partial(_run, options, Path(files)), missing):
-            file.append(row)
-            if progress:
-                progress(row)
+        try:
+            for made in pool.map(partial(_run, options, Path(files)), blocks.values()):
+                for row in made:
+                    file.append(row)
+                    if progress:
+                        progress(row)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
     rows = [row for row in file.rows if row.number < runs]
     with atomic_write(folder / "tables.md") as temporary:
         temporary.write_text("\n".join(tables(rows)) + "\n")
@@ -128,7 +136,8 @@ class SearchOutcome:
     error
         Deliberate error of the guard; empty: none.
     pair
-        Pair of bodies that moves were to bring in contact, ``A - B``; empty: a search by hand.
+        Pair of bodies that moves were to bring in contact, ``A - B``; empty: a search by hand; `IN_CAMPAIGN`: runs of a
+        campaign.
     runs
         Guarded runs, to the first contact.
     contact
@@ -145,7 +154,7 @@ class SearchOutcome:
 
 
 def search(options: CampaignOptions, runs: int, error: str = "", pair: tuple[str, str] | None = None) -> SearchOutcome:
-    """At most `runs` attempts at a collision, by hand or with moves to the contact of a pair.
+    """At most `runs` attempts at a collision, by hand, with moves to the contact of a pair, or as in a campaign.
 
     `error` is one of `MUTATIONS`, or `IGNORED`: the guard does not compare the pair.
 
@@ -157,8 +166,11 @@ def search(options: CampaignOptions, runs: int, error: str = "", pair: tuple[str
     known = MUTATIONS | ({IGNORED: Mutation(ignored=pair)} if pair else {})
     if error and error not in known:
         raise DescriptionError(f"error '{error}': expected one of {', '.join(known)}")
+    mutation = known[error] if error else None
+    if mutation and mutation.strata:
+        return _search_campaign(options, runs, error, mutation)
     clearance, contact, done = np.inf, "", 0
-    with Search(*_loaded(options), options.seed, known[error] if error else None) as made:
+    with Search(*_loaded(options), options.seed, mutation) as made:
         attempts = made.on_path(pair) if pair else made.by_hand()
         for attempt in islice(attempts, runs):
             done += 1
@@ -166,6 +178,23 @@ def search(options: CampaignOptions, runs: int, error: str = "", pair: tuple[str
             if contact:
                 break
     return SearchOutcome(error, " - ".join(pair or ()), done, contact, float(clearance) if done else None)
+
+
+def _search_campaign(options: CampaignOptions, runs: int, error: str, mutation: Mutation) -> SearchOutcome:
+    """At most `runs` runs of a campaign whose twins collide."""
+    assert mutation.strata
+    strata = (stratum_of(number) for number in count())
+    concerned = (one for one in strata if one.third == THIRDS[0] and mutation.strata(one))
+    clearance, contact, done = np.inf, "", 0
+    with campaign_of(options, mutation) as made:
+        for stratum in islice(concerned, runs):
+            row = made.run(stratum.number)
+            done += 1
+            clearance = min(clearance, row.clearance)
+            contact = row.contact or ("bodies" if row.touched else "")
+            if contact:
+                break
+    return SearchOutcome(error, IN_CAMPAIGN, done, contact, float(clearance) if done else None)
 
 
 def search_all(options: CampaignOptions, runs: int, workers: int = 0) -> Iterator[SearchOutcome]:

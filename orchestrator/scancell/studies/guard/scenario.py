@@ -1,31 +1,40 @@
-"""What a person or a program does with the robot, drawn from a seed."""
+"""Commands of a person or a program to the robot."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.controller import Frame, Mode, Operation
 from scancell.cell.instance import CellInstance
-from scancell.nominal.cell import NominalCell
+from scancell.cell.program import Program, Segment
+from scancell.cell.program_file import program_data
 
 Array = NDArray[np.float64]
 
-_PAUSE = 0.4  # s in which the arm comes to rest between kinds of jogs
-_NEAR_HOME = 0.7  # rad
+JOGS = (Mode.JOINT_JOG, Mode.TOOL_JOG)
+_EMERGENCY_STOP = 3  # of controller.state
+_RESET_CYCLES = 3  # of the controller, from a reset to the next command
+_LINE = [f"command.target.{name}" for name in (*(f"position[{i}]" for i in (1, 2, 3)),
+                                               *(f"orientation[{i}]" for i in (1, 2, 3, 4)))]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Command:
-    """A jog or a move from `time` (s) on.
+    """A jog or a motion from `time` (s) on.
 
     Attributes
     ----------
     values
-        Deflections (joints + 1,) of a jog, target (joints + 1,), rad, of a joint move, or pose (7,) of a line move:
-        position, m, and quaternion.
+        Deflections (joints + 1,) of a jog; target (joints + 1,), rad, of a joint move; position, m, quaternion and
+        table angle (8,) of a line move; set-points (n, joints + 1), rad, of a program, one per controller cycle.
+    frame
+        Of a Cartesian jog.
     speed
         Share of the full speed of a move.
     """
@@ -39,98 +48,139 @@ class Command:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Commands from a start (joints + 1,), rad, on, in the order of time, for `duration` s."""
+    """Commands from a start (joints + 1,), rad, on, in the order of time, for `duration` s.
+
+    Attributes
+    ----------
+    speed
+        Largest share of the full speed.
+    resets
+        After so many stops the person resets the controller and gives the last command again.
+    """
 
     operation: Operation
     start: Array
     commands: tuple[Command, ...]
     duration: float
-
-
-def random_scenario(
-    operation: Operation, nominal: NominalCell, start: Array, duration: float, rng: np.random.Generator
-) -> Scenario:
-    """A person who jogs, or moves to random places one after the other, for `duration` s."""
-    if operation is Operation.MANUAL:
-        return Scenario(operation, start, tuple(_jogs(nominal, start, duration, rng)), duration)
-    return Scenario(operation, start, tuple(_moves(nominal, start, rng)), duration)
-
-
-def random_start(nominal: NominalCell, rng: np.random.Generator) -> Array:
-    """Axes (joints + 1,), rad: near home in half of all cases, else anywhere within the limits."""
-    lower, upper = nominal.arm.limits
-    q = nominal.home + rng.uniform(-_NEAR_HOME, _NEAR_HOME, len(lower))
-    if rng.random() < 0.5:
-        q = rng.uniform(lower, upper)
-    held = [joint.index for joint in nominal.arm.held]
-    q[held] = nominal.home[held]
-    return np.append(np.clip(q, lower + 0.02, upper - 0.02), 0.0)
-
-
-def _jogs(nominal: NominalCell, start: Array, duration: float, rng: np.random.Generator) -> list[Command]:
-    commands: list[Command] = []
-    time, before = 0.1, None
-    cartesian = len(nominal.arm.joints) - len(nominal.arm.held) == 6
-    while time < duration:
-        mode = Mode.TOOL_JOG if cartesian and rng.random() < 0.5 else Mode.JOINT_JOG
-        if before is not None and mode is not before:
-            commands.append(Command(time, before, np.zeros(len(start))))
-            time += _PAUSE
-        axes = 6 if mode is Mode.TOOL_JOG else len(start)
-        chosen = rng.permutation(axes)[: 1 if rng.random() < 0.6 else int(rng.integers(2, 4))]
-        values = np.zeros(len(start))
-        values[chosen] = rng.choice([-1.0, 1.0], len(chosen)) * rng.choice([1.0, rng.uniform(0.1, 1.0)])
-        commands.append(Command(time, mode, values, Frame(int(rng.integers(2)))))
-        time += rng.uniform(0.3, 1.5) if rng.random() < 0.5 else rng.uniform(1.5, duration)
-        before = mode
-    return commands
-
-
-def _moves(nominal: NominalCell, start: Array, rng: np.random.Generator) -> list[Command]:
-    lower, upper = nominal.arm.limits
-    held = [joint.index for joint in nominal.arm.held]
-    commands, here = [], start
-    for _ in range(int(rng.integers(1, 4))):
-        reach = rng.choice([0.3, 1.0, 3.0])
-        q = np.clip(here[:-1] + rng.uniform(-reach, reach, len(lower)), lower + 0.02, upper - 0.02)
-        q[held] = here[:-1][held]
-        here = np.append(q, here[-1] + rng.uniform(-1.5, 1.5))
-        speed = float(rng.choice([1.0, rng.uniform(0.1, 1.0)]))
-        commands.append(Command(0.1, Mode.JOINT_MOVE, here, speed=speed))
-    return commands
+    speed: float = 1.0
+    resets: int = 0
 
 
 class Operator:
-    """Gives the commands of a scenario to a cell, jogs at their times, moves one after the other."""
+    """Gives the commands of a scenario to a cell: jogs at their times, moves one after the other.
 
-    def __init__(self, cell: CellInstance, scenario: Scenario) -> None:
+    Parameters
+    ----------
+    cell
+        A running instance.
+    scenario
+        Its commands.
+    cycle
+        Of the controller, s.
+    folder
+        For the files of programs.
+    """
+
+    def __init__(self, cell: CellInstance, scenario: Scenario, cycle: float, folder: Path) -> None:
         self._cell, self._commands = cell, list(scenario.commands)
-        self._targets = cell.real_group(cell.axis_names("command."))
-        self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, len(scenario.start) + 1)])
+        self._cycle, self._folder = cycle, folder
+        axes = cell.axis_names("command.")
+        self._targets, self._line = cell.real_group(axes), cell.real_group(_LINE)
+        self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, len(axes) + 1)])
         self._speed = cell.real_group(["command.speed"])
         self._starts = 0
+        self._resets_left, self._resets, self._waits = scenario.resets, 0, 0
+        self._last: Command | None = None
         cell.set_integer("command.operation", scenario.operation)
+
+    @property
+    def next_time(self) -> float:
+        """Time of the next command, s."""
+        return self._commands[0].time if self._commands else np.inf
 
     @property
     def done(self) -> bool:
         """Whether all commands were given."""
         return not self._commands
 
-    def act(self) -> None:
-        """Give the next command if it is its time; to be called once a cycle."""
+    @property
+    def jogs(self) -> bool:
+        """Whether a jog is pressed."""
+        return self._last is not None and self._last.mode in JOGS and bool(self._last.values.any())
+
+    def act(self, state: int) -> bool:
+        """Give the next command if it is its time, or reset a stopped controller; to be called once a cycle.
+
+        Returns whether the person waits for nothing: False while there is a stop to reset.
+        """
+        if state == _EMERGENCY_STOP and self._resets_left:
+            self._reset()
+            return False
+        if self._waits:
+            self._waits = 0
+            assert self._last is not None
+            self._give(self._last)
         time = self._cell.time_us * 1e-6
-        if not self._commands or time < self._commands[0].time:
-            return
-        moves = self._commands[0].mode not in (Mode.JOINT_JOG, Mode.TOOL_JOG)
-        if moves and self._starts and not self._cell.get_boolean("controller.at_destination"):
-            return
-        command = self._commands.pop(0)
+        if self._commands and time >= self._commands[0].time and self._is_free(self._commands[0]):
+            self._give(self._commands.pop(0))
+        return True
+
+    def _is_free(self, command: Command) -> bool:
+        moved = command.mode not in JOGS and self._starts > 0
+        return not moved or self._cell.get_boolean("controller.at_destination")
+
+    def _reset(self) -> None:
+        """Let go of the jog and reset the controller as soon as the robot is at rest."""
+        if not self._waits:
+            self._cell.set(self._jog, np.zeros(self._jog.count))
+            self._cell.set_integer("command.mode", Mode.HOLD)
+        elif self._waits % _RESET_CYCLES == 0 and not self._cell.get_boolean("controller.moving"):
+            self._resets += 1
+            self._cell.set_integer("command.reset", self._resets)
+            self._resets_left -= 1
+        self._waits += 1
+
+    def _give(self, command: Command) -> None:
+        self._last = command
         self._cell.set_integer("command.mode", command.mode)
-        if moves:
-            self._cell.set(self._speed, np.array([command.speed]))
-            self._cell.set(self._targets, command.values)
-            self._starts += 1
-            self._cell.set_integer("command.start", self._starts)
-        else:
+        if command.mode in JOGS:
             self._cell.set_integer("command.jog_frame", command.frame)
             self._cell.set(self._jog, command.values)
+            return
+        self._cell.set(self._speed, np.array([command.speed]))
+        if command.mode is Mode.LINE_MOVE:
+            self._cell.set(self._line, command.values[:-1])
+            self._cell.set(self._targets, np.append(np.zeros(self._targets.count - 1), command.values[-1]))
+        elif command.mode is Mode.PROGRAM:
+            self._load(command.values)
+        else:
+            self._cell.set(self._targets, command.values)
+        self._starts += 1
+        self._cell.set_integer("command.start", self._starts)
+
+    def _load(self, points: Array) -> None:
+        times = np.asarray(self._cycle * np.arange(len(points)), np.float64)
+        program = Program((Segment(1, times, points[:, :-1], np.asarray(points[:, -1], np.float64)),))
+        path = (self._folder / f"program{self._starts}.json").absolute()
+        path.write_text(json.dumps(program_data(program)))
+        self._cell.set_string("command.program", str(path))
+        self._cell.set_integer("command.segment", 1)
+
+
+def pressed(
+    start: Array,
+    mode: Mode,
+    values: Array,
+    frame: Frame,
+    duration: float,
+    presses: Iterable[tuple[float, float]] = (),
+    speed: float = 1.0,
+    resets: int = 0,
+) -> Scenario:
+    """A person who jogs from `start` (joints + 1,) with deflections `values` (joints + 1,).
+
+    `presses` are times, s, at which the deflections change, and the factor that they have from then on; without, the
+    jog is pressed all the time.
+    """
+    commands = [Command(time, mode, share * values, frame) for time, share in presses or [(0.1, 1.0)]]
+    return Scenario(Operation.MANUAL, start, tuple(commands), duration, speed, resets)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Frame, Mode, Operation
+from scancell.cell.controller import Frame, Mode
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
 from scancell.config.channel import ChannelDescription, LinkDescription
@@ -28,7 +28,7 @@ from scancell.studies.guard.mutations import Mutation
 from scancell.studies.guard.pair_moves import PairMoves
 from scancell.studies.guard.scenario import Command, Scenario
 from scancell.studies.guard.simulation import SAMPLES, Course, Simulation
-from scancell.studies.guard.twins import THIRDS, Twins
+from scancell.studies.guard.twins import Twins
 
 Array = NDArray[np.float64]
 
@@ -103,10 +103,10 @@ class Search(Closing):
 
     def by_hand(self) -> Iterator[Attempt]:
         """Attempts in manual operation, without an end."""
-        twins = Twins(self._simulation, self._seed, _DURATION)
+        twins = Twins(self._simulation, self._seed)
         number = 0
         while True:
-            twin = twins.draw(number, THIRDS[0], Operation.MANUAL)
+            twin = twins.persons(number, _DURATION)
             number += 1
             assert twin.contact is not None
             pair = np.array([" - ".join(names) == twin.contact[1] for names in self.pairs])

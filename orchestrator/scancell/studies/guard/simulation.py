@@ -1,8 +1,9 @@
-"""Runs of a simulated cell with and without its guard, and what an independent judge says of them."""
+"""Runs of a simulated cell with and without its guard, and the verdict of an independent judge."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.cell.controller import Operation
 from scancell.cell.fmu_file import cell_json
 from scancell.cell.instance import CellInstance
 from scancell.cell.reusable import ReusableCell
@@ -27,13 +29,20 @@ from scancell.studies.guard.scenario import Operator, Scenario
 
 Array = NDArray[np.float64]
 
-SAMPLES = 4  # of the motion in a controller cycle that is judged
+SAMPLES = 4  # of the motion in a controller cycle that is judged, at full speed
 _MAX_FACES = 5000
 _MAX_ERROR = 0.5e-3  # m
 _ROUGH_FACES = 400
 _ROUGH_ERROR = 1e-3  # m
 _RANGE_MM = 1.0
 _FAR = 0.15  # m: distances are not searched beyond
+_FAST = 1 / 16  # share of the full speed from which on a cycle has several samples
+_MOST_CYCLES = 16  # between two samples of slow motion
+_JUDGED = 0.2e-3  # m: points that are judged are no further apart, unless they are consecutive samples
+_MEASURED = 1e-3  # m: the same, of points whose distances are measured
+_REACH = 1.2  # m: no point of arm or table is further from an axis
+_REST = 1.0  # s without motion after which a run is over
+_STILL = 1e-7  # rad in that time
 
 # States of the controller, as its output `controller.state` numbers them.
 _EMERGENCY_STOP = 3
@@ -41,7 +50,7 @@ _EMERGENCY_STOP = 3
 
 @dataclass(frozen=True)
 class Course:
-    """What happened in a run.
+    """Record of a run.
 
     Attributes
     ----------
@@ -50,22 +59,37 @@ class Course:
     answers
         Of the guard, as the controller received them, with the times of receipt, s.
     stopped_at
-        Time of an emergency stop, s; None: there was none.
+        Time of the first emergency stop, s; None: there was none.
+    refused_at
+        Time at which the first answer held a jog at rest, s; None: there was none.
     arrived_at
         Time at which the last move was at its destination, s; None: it was not, or there was none.
     rate
         Of the path clock at the end.
     touched
         Whether the cell's own collision outputs reported a contact.
+    rejected
+        Whether the controller does not carry out its last command at the end.
     """
 
     times: Array
     axes: Array
     answers: tuple[tuple[float, GuardMessage], ...]
     stopped_at: float | None
+    refused_at: float | None
     arrived_at: float | None
     rate: float
     touched: bool
+    rejected: bool
+
+    def spaced(self, distance: float) -> NDArray[np.int64]:
+        """Numbers of samples between which no point moves further than `distance`, m, or which are consecutive."""
+        travelled = _REACH * np.append(0.0, np.cumsum(np.abs(np.diff(self.axes, axis=0)).sum(1)))
+        kept = [0]
+        while kept[-1] < len(travelled) - 1:
+            farthest = int(np.searchsorted(travelled, travelled[kept[-1]] + distance, "right")) - 1
+            kept.append(max(kept[-1] + 1, farthest))
+        return np.array(kept)
 
 
 class Simulation(Closing):
@@ -76,13 +100,22 @@ class Simulation(Closing):
     cell
         Description.
     nominal
-        Its geometry with a part.
+        True geometry of its bodies with a part.
+    ignored
+        Pairs of bodies that may touch.
     folder
         For the files of the FMU; None: where the system keeps temporary files.
     """
 
-    def __init__(self, cell: CellDescription, nominal: NominalCell, folder: Path | None = None) -> None:
+    def __init__(
+        self,
+        cell: CellDescription,
+        nominal: NominalCell,
+        ignored: Collection[tuple[str, str]] = (),
+        folder: Path | None = None,
+    ) -> None:
         self.description, self.nominal = cell, nominal
+        self._ignored = [frozenset(pair) for pair in ignored]
         self._cycle_us = cell.world.controller_cycle_us
         # Where nothing but the controller moves the bodies, one step of the dynamics in a sample is enough. Of the
         # collision outputs contacts are read, not clearances.
@@ -92,6 +125,12 @@ class Simulation(Closing):
         stepped = cell.model_copy(update={"world": world, "collision": collision})
         self._described = {seen: cell_json(stepped, nominal, 0, collision_outputs=seen) for seen in (False, True)}
         self._cells = {seen: ReusableCell(folder) for seen in self._described}
+        self._files = tempfile.TemporaryDirectory(prefix="scancell-programs-", dir=folder)
+
+    @property
+    def cycle(self) -> float:
+        """Of the controller, s."""
+        return self._cycle_us * 1e-6
 
     @cached_property
     def scene(self) -> ProximityScene:
@@ -101,13 +140,16 @@ class Simulation(Closing):
     @cached_property
     def _rough_scene(self) -> ProximityScene:
         """The same pairs of bodies of few triangles, within 1 mm."""
+        if max(len(body.mesh.faces) for body in self.nominal.bodies) <= _MAX_FACES // 2:
+            return self.scene  # meshes of few triangles
         scene = self._scene_of(_ROUGH_FACES, _ROUGH_ERROR)
         kept = {frozenset(pair) for pair in self.scene.pairs}
         return scene.without([frozenset(pair) for pair in scene.pairs if frozenset(pair) not in kept])
 
     def _scene_of(self, faces: int, error: float) -> ProximityScene:
         bodies = self.nominal.bodies
-        return cell_scene(self.nominal, {body.name: reduced(body.mesh, faces, error).mesh for body in bodies})
+        scene = cell_scene(self.nominal, {body.name: reduced(body.mesh, faces, error).mesh for body in bodies})
+        return scene.without(self._ignored)
 
     @cached_property
     def _judge(self) -> Judge:
@@ -128,37 +170,58 @@ class Simulation(Closing):
     ) -> Course:
         """Run a scenario, with a guard behind a link or without.
 
-        The run ends with a contact. A `rough` course has one sample in a cycle of the controller, and no contacts.
+        The run ends with a contact, or where nothing moves any more. A `rough` course has at most one sample in a cycle
+        of the controller, and no contacts. Slow motion has fewer samples.
         """
         cell = self._started(scenario.start, not rough)
-        samples = 1 if rough else SAMPLES
         guarded = GuardedCell(cell, self._cycle_us, link() if link else None, max_age)
-        operator = Operator(cell, scenario)
+        operator = Operator(cell, scenario, self.cycle, Path(self._files.name))
         truth = cell.real_group(cell.axis_names("truth."))
+        samples = SAMPLES if scenario.speed > _FAST and not rough else 1
+        sparse = min(max(int(_FAST / scenario.speed), 1), _MOST_CYCLES)  # cycles between looks for contacts
+        manual = scenario.operation is Operation.MANUAL
         times, axes, answers = [0.0], [cell.get(truth).copy()], []
-        stopped = arrived = None
-        touched = False
+        stopped = refused = arrived = None
+        touched, cycles, rest_us = False, 0, 0
         while cell.time_us < scenario.duration * 1e6 and not touched:
-            now = cell.time_us * 1e-6
-            operator.act()
-            answers += [(now, answer) for answer in guarded.poll()]
             start_us = cell.time_us
+            now = start_us * 1e-6
+            state = cell.get_integer("controller.state")
+            if stopped is None and state == _EMERGENCY_STOP:
+                stopped = now
+            waits = operator.act(state)
+            received = guarded.poll()
+            answers += [(now, answer) for answer in received]
+            if refused is None and manual and operator.jogs and any(_holds(answer) for answer in received):
+                refused = now
+            stride = sparse if link is None else 1
+            due = int(np.ceil(min(operator.next_time, 1e6) * 1e6 / self._cycle_us)) - start_us // self._cycle_us
+            end_us = start_us + self._cycle_us * min(stride, max(due, 1))
             for k in range(1, samples + 1):
-                cell.step_to(start_us + k * self._cycle_us // samples)
+                cell.step_to(start_us + k * (end_us - start_us) // samples)
                 times.append(cell.time_us * 1e-6)
                 axes.append(cell.get(truth).copy())
-            touched = not rough and cell.get_integer("truth.collision.pairs") > 0
-            if stopped is None and cell.get_integer("controller.state") == _EMERGENCY_STOP:
-                stopped = now
-            if operator.done and cell.get_boolean("controller.at_destination"):
-                arrived = now if arrived is None else arrived
+            cycles += 1
+            looks = link is None or cycles % sparse == 0
+            touched = not rough and looks and cell.get_integer("truth.collision.pairs") > 0
+            if operator.done and not manual and arrived is None and cell.get_boolean("controller.at_destination"):
+                arrived = cell.time_us * 1e-6
+                break
+            moved = np.abs(axes[-1] - axes[-1 - samples]).max() > _STILL / _REST * (end_us - start_us) * 1e-6
+            if moved or not operator.done or not waits:
+                rest_us = cell.time_us
+            elif cell.time_us - rest_us >= _REST * 1e6:
+                break
         rate = float(cell.get(cell.real_group(["controller.rate"]))[0])
-        return Course(np.array(times), np.array(axes), tuple(answers), stopped, arrived, rate, touched)
+        recorded = np.array(times), np.array(axes)
+        rejected = cell.get_integer("controller.error") != 0
+        return Course(*recorded, tuple(answers), stopped, refused, arrived, rate, touched, rejected)
 
     def _started(self, start: Array, seen: bool) -> CellInstance:
         described = self._described[seen]
         for joint, angle in zip(described["robot"]["joints"], start[:-1], strict=True):
             joint["start"] = float(angle)
+        described["table"]["start"] = float(start[-1])
         return self._cells[seen].start(described)
 
     def clearances(self, axes: Array, farthest: ArrayLike = _FAR, rough: bool = False) -> Array:
@@ -176,16 +239,41 @@ class Simulation(Closing):
     def clearance(self, course: Course, farthest: float, rough: bool = False) -> float:
         """Smallest distance of the arm to other bodies, m, at most `farthest`."""
         outside = ~self.inner
-        clearances = self.clearances(course.axes[::SAMPLES], np.where(outside, farthest, 0.0), rough)
+        axes = course.axes[course.spaced(_MEASURED)]
+        clearances = self.clearances(axes, np.where(outside, farthest, 0.0), rough)
         return float(clearances[:, outside].min())
 
     def contact(self, course: Course) -> tuple[float, str] | None:
         """Time and pair of the first contact that python-fcl finds in the recorded motion."""
-        poses = self.nominal.body_poses(course.axes[:, :-1], course.axes[:, -1])
-        found = self._judge.first_collision(poses)
-        return None if found is None else (float(course.times[found.index]), f"{found.body_a} - {found.body_b}")
+        judged = course.spaced(_JUDGED)
+        axes = course.axes[judged]
+        found = self._judge.first_collision(self.nominal.body_poses(axes[:, :-1], axes[:, -1]))
+        return None if found is None else (float(course.times[judged[found.index]]), f"{found.body_a} - {found.body_b}")
+
+    def fastest(self, course: Course, pair: tuple[str, str]) -> float:
+        """Largest speed, m/s, of a corner of the bounding box of one body of a pair, seen from the other."""
+        kept = course.spaced(_MEASURED)
+        axes, times = course.axes[kept], course.times[kept]
+        poses = self.nominal.body_poses(axes[:, :-1], axes[:, -1])
+        names = [body.name for body in self.nominal.bodies]
+        one, other = (names.index(name) for name in pair)
+        speed = 0.0
+        for a, b in ((one, other), (other, one)):
+            low, high = self.nominal.bodies[b].mesh.bounds
+            corners = np.array(np.meshgrid(*np.stack([low, high], 1))).reshape(3, -1)
+            seen = np.linalg.inv(poses[:, a]) @ poses[:, b]
+            points = seen[:, :3, :3] @ corners + seen[:, :3, 3:]
+            step = np.linalg.norm(np.diff(points, axis=0), axis=1).max(1)
+            speed = max(speed, float((step / np.diff(times)).max(initial=0.0)))
+        return speed
 
     def close(self) -> None:
         """Free the FMU and its files."""
         for cell in self._cells.values():
             cell.close()
+        self._files.cleanup()
+
+
+def _holds(answer: GuardMessage) -> bool:
+    """Whether an answer holds a jog at rest."""
+    return answer.monitor_speed == 0.0 and not answer.emergency_stop
