@@ -9,7 +9,7 @@ interrupted, and single runs repeated.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 _SEEN = 0.06  # m: clearances of guarded runs are not looked for beyond
 _KNOWN = 8  # cells with a part that are kept
 _FALSE = 5e-3  # m beyond the stated distance
+_LATER = 1.25  # times as long as its twin takes a motion that its guard slows down on a path to a contact
 _ON_PATH = 5e-3  # m: distance at which a motion on a known path is stopped at most
 
 # Speed, m/s, and distance, m, at which a robot that a person jogs against something comes to rest (docs/guard.md).
@@ -156,7 +157,8 @@ class Campaign(Closing):
         twin = block.twins.draw(stratum)
         rng = np.random.default_rng([self._seed, number, 1])
         network = random_network(stratum.fault, twin.scenario.duration, rng)
-        course = block.guarded.run(twin.scenario, *network)
+        longer = _LATER if twin.contact and stratum.operation is Operation.AUTOMATIC else 1.0
+        course = block.guarded.run(replace(twin.scenario, duration=longer * twin.scenario.duration), *network)
         return _Pair(block, stratum, twin, course, network[0]).row()
 
     def _block_of(self, stratum: Stratum) -> _Block:

@@ -181,18 +181,18 @@ def search(options: CampaignOptions, runs: int, error: str = "", pair: tuple[str
 
 
 def _search_campaign(options: CampaignOptions, runs: int, error: str, mutation: Mutation) -> SearchOutcome:
-    """At most `runs` runs of a campaign whose twins collide."""
+    """At most `runs` runs of a campaign whose twins collide; contacts of a guard without the error do not count."""
     assert mutation.strata
     strata = (stratum_of(number) for number in count())
     concerned = (one for one in strata if one.third == THIRDS[0] and mutation.strata(one))
     clearance, contact, done = np.inf, "", 0
-    with campaign_of(options, mutation) as made:
+    with campaign_of(options, mutation) as made, campaign_of(options) as plain:
         for stratum in islice(concerned, runs):
             row = made.run(stratum.number)
             done += 1
             clearance = min(clearance, row.clearance)
-            contact = row.contact or ("bodies" if row.touched else "")
-            if contact:
+            if row.collided and not plain.run(stratum.number).collided:
+                contact = row.contact or "bodies"
                 break
     return SearchOutcome(error, IN_CAMPAIGN, done, contact, float(clearance) if done else None)
 

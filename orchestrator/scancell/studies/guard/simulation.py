@@ -38,6 +38,7 @@ _RANGE_MM = 1.0
 _FAR = 0.15  # m: distances are not searched beyond
 _FAST = 1 / 16  # share of the full speed from which on a cycle has several samples
 _MOST_CYCLES = 16  # between two samples of slow motion
+ROUGH_CYCLES = 4  # the same, of a rough course
 _JUDGED = 0.2e-3  # m: points that are judged are no further apart, unless they are consecutive samples
 _MEASURED = 1e-3  # m: the same, of points whose distances are measured
 _REACH = 1.2  # m: no point of arm or table is further from an axis
@@ -119,11 +120,13 @@ class Simulation(Closing):
         self._cycle_us = cell.world.controller_cycle_us
         # Where nothing but the controller moves the bodies, one step of the dynamics in a sample is enough. Of the
         # collision outputs contacts are read, not clearances.
-        step_us = self._cycle_us // SAMPLES if cell.robot.drive == "kinematic" else cell.world.time_step_us
-        world = cell.world.model_copy(update={"time_step_us": step_us})
         collision = cell.collision.model_copy(update={"range_mm": _RANGE_MM})
-        stepped = cell.model_copy(update={"world": world, "collision": collision})
-        self._described = {seen: cell_json(stepped, nominal, 0, collision_outputs=seen) for seen in (False, True)}
+        self._described = {}
+        for seen, samples in ((False, 1), (True, SAMPLES)):
+            step_us = self._cycle_us // samples if cell.robot.drive == "kinematic" else cell.world.time_step_us
+            world = cell.world.model_copy(update={"time_step_us": step_us})
+            stepped = cell.model_copy(update={"world": world, "collision": collision})
+            self._described[seen] = cell_json(stepped, nominal, 0, collision_outputs=seen)
         self._cells = {seen: ReusableCell(folder) for seen in self._described}
         self._files = tempfile.TemporaryDirectory(prefix="scancell-programs-", dir=folder)
 
@@ -170,8 +173,8 @@ class Simulation(Closing):
     ) -> Course:
         """Run a scenario, with a guard behind a link or without.
 
-        The run ends with a contact, or where nothing moves any more. A `rough` course has at most one sample in a cycle
-        of the controller, and no contacts. Slow motion has fewer samples.
+        The run ends with a contact, or where nothing moves any more. Slow motion has fewer samples, and so does a
+        `rough` course, which has no contacts.
         """
         cell = self._started(scenario.start, not rough)
         guarded = GuardedCell(cell, self._cycle_us, link() if link else None, max_age)
@@ -179,6 +182,7 @@ class Simulation(Closing):
         truth = cell.real_group(cell.axis_names("truth."))
         samples = SAMPLES if scenario.speed > _FAST and not rough else 1
         sparse = min(max(int(_FAST / scenario.speed), 1), _MOST_CYCLES)  # cycles between looks for contacts
+        sparse = max(sparse, ROUGH_CYCLES) if rough else sparse
         manual = scenario.operation is Operation.MANUAL
         times, axes, answers = [0.0], [cell.get(truth).copy()], []
         stopped = refused = arrived = None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,12 @@ Array = NDArray[np.float64]
 
 NEAR_MISS = 0.05  # m
 _AFTER = 1.0  # s: a person who jogs at random collides later
+_WITHIN_ARM = 0.3  # share of the contacts of two bodies of the arm that is kept: random motion finds many
+_TOUCHING = 1e-3  # m
 _START_OUTSIDE, _START_INSIDE = 0.06, 0.015  # m: least clearances of a random start, to other bodies, within the arm
+_TRIED = 60  # random axes
 _DRAWS = 2000  # scenarios tried for a run
-_SPARSE = 8  # cycles between the samples of a first look
+_SPARSE = 2  # samples of a rough course to each of a first look
 _ROUGH = 0.01  # m by which bodies may be nearer between them
 _SEEN = 0.1  # m: clearances are not looked for beyond
 _LOOK = 4.0  # s of motion at full speed in which a contact is looked for
@@ -35,7 +39,7 @@ _PERSON = 4.0  # s, of a run of a person who jogs at random
 _AT_RANDOM = (0.0, 0.25, 0.5)  # share of random persons and programs among the colliding twins, by decade
 _GAPS = (4e-3, 40e-3), (4e-3, 80e-3), (4e-3, 150e-3)  # m, of the start from the contact, by decade
 _SILENT_GAP = 20e-3  # m: from nearer a controller that does not show its jogs may collide before the first answer
-_STEPS = 16  # points between two samples of a course at which a start is looked for
+_STEPS = 64  # points between two samples of a rough course at which a start is looked for
 _POINTS = 320  # at most
 _TAIL = 0.5, 1.15  # s and share, by which runs last longer than the motion to the contact is estimated to take
 _RESETS, _RESET_TIME = 40, 14.0  # of a person who insists, and the time for it, s
@@ -159,21 +163,28 @@ class Twins:
     def _possible(self, scenario: Scenario, third: str) -> bool:
         """Whether a first look at a scenario agrees with its third."""
         rough = self._simulation.run(scenario, rough=True)
-        distances = self._distances(rough.axes[::_SPARSE])
+        distances = self._distances(rough.axes[::_SPARSE], 2 * _ROUGH)
         return bool(distances.min() <= _ROUGH) == (third == THIRDS[0])
 
-    def _distances(self, axes: Array) -> Array:
-        """Smallest distance (n,), m, of all pairs, within 1 mm; of pairs within the arm at most 10 mm."""
-        farthest = np.where(self._simulation.inner, _ROUGH + 1e-6, _SEEN)
-        found = self._simulation.clearances(axes, farthest, rough=True)
-        return np.asarray(np.where(found < farthest, found, _SEEN).min(1))
+    def _distances(self, axes: Array, farthest: float = _SEEN) -> Array:
+        """Smallest distance (n,), m, of all pairs, within 1 mm, at most `farthest`; within the arm at most 10 mm."""
+        bounds = np.where(self._simulation.inner, _ROUGH + 1e-6, farthest)
+        found = self._simulation.clearances(axes, bounds, rough=True)
+        return np.asarray(np.where(found < bounds, found, farthest).min(1))
+
+    @cached_property
+    def _least(self) -> Array:
+        """Least clearances (pairs,), m, of a start: smaller for pairs that are always near each other."""
+        least = np.where(self._simulation.inner, _START_INSIDE, _START_OUTSIDE)
+        rng = np.random.default_rng(0)
+        axes = np.array([self._draws.start(rng) for _ in range(_TRIED)])
+        largest = self._simulation.clearances(axes, 2 * least, rough=True).max(0)
+        return np.asarray(np.minimum(least, largest / 2))
 
     def _start(self, rng: np.random.Generator) -> Array:
-        simulation = self._simulation
-        least = np.where(simulation.inner, _START_INSIDE, _START_OUTSIDE)
         while True:
             start = self._draws.start(rng)
-            if (simulation.clearances(start[None], least, rough=True)[0] >= least).all():
+            if (self._simulation.clearances(start[None], self._least, rough=True)[0] >= self._least).all():
                 return start
 
     def _approach(self, manual: bool, rng: np.random.Generator) -> _Approach | None:
@@ -187,12 +198,19 @@ class Twins:
             assert command is not None
             scenario = Scenario(Operation.AUTOMATIC, start, (command,), _LOOK)
         course = self._simulation.run(scenario, rough=True)
-        near = np.flatnonzero(self._distances(course.axes[::_SPARSE]) <= _ROUGH)
+        near = np.flatnonzero(self._distances(course.axes[::_SPARSE], 2 * _ROUGH) <= _ROUGH)
         if not len(near):
             return None
         last = min(int(near[0] + 1) * _SPARSE, len(course.axes) - 1)
         first = max(last - _POINTS // _STEPS, 0)
-        return self._before_contact(course.axes[first : last + 1], jog, command)
+        approach = self._before_contact(course.axes[first : last + 1], jog, command)
+        rare = rng.random() < _WITHIN_ARM
+        return approach if approach and (rare or self._is_outside(approach.axes[-1])) else None
+
+    def _is_outside(self, contact: Array) -> bool:
+        """Whether the arm touches another body at axes (joints + 1,)."""
+        found = self._simulation.clearances(contact[None], _TOUCHING, rough=True)[0]
+        return bool((found[~self._simulation.inner] <= 0.0).any())
 
     def _before_contact(self, axes: Array, jog: Jog | None, command: Command | None) -> _Approach | None:
         """The part of a motion through samples (n, joints + 1) that ends with its first contact."""
