@@ -203,17 +203,18 @@ def _corners(
     scene = build_scene([placed.body, replace(_LAMP, power=power)])
     sensor = make_sensor(built.replace({"render.mode": "path", "render.samples_per_pixel": 16}), seed)
     found = []
-    for exposures in _batches(with_lamp, duration):
+    # Lamp light takes seconds in each, between which progress may cancel.
+    for exposures in _batches(with_lamp, duration, 1):
         images = sensor_rt.render(scene, sensor, exposures, threads, laser_on=False)
         found += [placed.board.detect(one, built.detector.bit_depth) for one in images]
         progress.advance(len(exposures))
     return found
 
 
-def _batches(poses: Array, duration: float) -> Iterator[sensor_rt.Exposures]:
+def _batches(poses: Array, duration: float, most: int = _BATCH) -> Iterator[sensor_rt.Exposures]:
     """Exposures at rest, numbered from 1, of bodies at `poses` (n, bodies, 4, 4) in the sensor frame."""
-    for first in range(0, len(poses), _BATCH):
-        some = poses[first : first + _BATCH]
+    for first in range(0, len(poses), most):
+        some = poses[first : first + most]
         count = len(some)
         still = np.broadcast_to(np.eye(4), (count, 1, 4, 4))
         index = np.arange(first + 1, first + count + 1, dtype=np.int64)
