@@ -25,6 +25,7 @@ CENTRE = (0.03, 0.02, 0.06)
 COLUMNS = 600
 HALF_LINE = 0.03
 PROFILE_NOISE = 10e-6
+MOST_JOINT_RATE = 2.0  # rad/s
 
 
 @cache
@@ -95,6 +96,8 @@ def passing_sphere(
     time = np.tile(np.linspace(-0.6, 0.6, per_pass) * RADIUS / speed, count)
     q = after_straight_motion(np.repeat(middle, per_pass, axis=0), velocity, time)
     qd = joint_rates(q, velocity)
+    if np.abs(qd).max() > MOST_JOINT_RATE:  # a robot does not pass so near to a singular position
+        return passing_sphere(rng, count, per_pass, speed, centre)
     table, segment = np.repeat(angles, per_pass), np.repeat(np.arange(count), per_pass)
     qdd = slopes(qd, time + 60.0 * segment, segment)
     return AxisReadings(q, table, qd, np.zeros_like(table), qdd, np.zeros_like(table))

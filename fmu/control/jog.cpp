@@ -94,7 +94,7 @@ PathAhead Jog::path_ahead(const Command& command, const Knots& present, double s
   Axes position = positions(present);
   Axes change;  // in a step, of axes that keep their speeds
   for (std::size_t i = 0; i < kAxes; ++i) change[i] = step * present[i].velocity;
-  JogSpeed speed = commanded_speed(command);
+  JogSpeed speed = commanded_speed(command, 0);
   if (state_.speed.norm() > speed.norm()) speed = state_.speed;
   const bool joints = command.mode == Mode::kJointJog;
   bool straight = !joints && !state_.brakes_first && !state_.blocked;
@@ -205,14 +205,18 @@ struct Jog::Attempt {
   Knots knots{};
 };
 
-JogSpeed Jog::commanded_speed(const Command& command) const {
+/// Speed of a jog `later` seconds after the reference: in the frame of the tool its direction turns with it.
+JogSpeed Jog::commanded_speed(const Command& command, double later) const {
   const Axes jog = deflection(command);
   JogSpeed speed;
   speed << Eigen::Map<const Eigen::Vector3d>(jog.data()) * jog_.line_speed,
       Eigen::Map<const Eigen::Vector3d>(jog.data() + 3) * jog_.angular_speed,
       jog[kTableAxis] * jog_.joint_share * limits_[kTableAxis].max_speed;
   if (command.jog_frame == JogFrame::kTool) {
-    speed.head<3>() = state_.orientation * speed.head<3>();
+    Vector6 turned = Vector6::Zero();
+    turned.tail<3>() = state_.speed.segment<3>(3);
+    const Eigen::Matrix3d turn = interpolate_pose(Eigen::Isometry3d::Identity(), turned, later).linear();
+    speed.head<3>() = turn * (state_.orientation * speed.head<3>());
     speed.segment<3>(3) = state_.orientation * speed.segment<3>(3);
   }
   return speed;
@@ -248,7 +252,7 @@ std::optional<Jog::Attempt> Jog::attempt(const JogSpeed& speed, double cycle, co
 /// Motion with the commanded speed, scaled down to the speed and acceleration limits of the joints.
 std::optional<Jog::Attempt> Jog::within_limits(double cycle, const Command& command,
                                                const Knots& present) const {
-  auto found = attempt(ramped(commanded_speed(command), cycle), cycle, present);
+  auto found = attempt(ramped(commanded_speed(command, cycle), cycle), cycle, present);
   if (!found) return found;
   double speed_ratio = 1;
   for (std::size_t i = 0; i < kMaxJoints; ++i) {

@@ -64,7 +64,7 @@ class Jog {
   struct Attempt;
   Axes joint_rates(const Axes& deflection, const Jacobian& jacobian) const;
   double change_ratio(const Axes& change, const Jacobian& jacobian, double cycle) const;
-  JogSpeed commanded_speed(const Command& command) const;
+  JogSpeed commanded_speed(const Command& command, double later) const;
   JogSpeed ramped(const JogSpeed& wanted, double cycle) const;
   std::optional<Attempt> attempt(const JogSpeed& speed, double cycle, const Knots& present) const;
   std::optional<Attempt> within_limits(double cycle, const Command& command, const Knots& present) const;

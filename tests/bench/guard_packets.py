@@ -74,7 +74,7 @@ def extreme_states(rng: np.random.Generator, joints: int) -> Iterator[CellState]
         if rng.random() < 0.3:
             axes = rng.uniform(-3, 3, joints + 1)
         is_automatic = rng.random() < 0.6
-        rows = int(rng.integers(0, 65)) if is_automatic else 0
+        rows = int(rng.integers(0, 65)) if is_automatic or rng.random() < 0.5 else 0
         steps = 10.0 ** rng.uniform(-12, 4) * rng.uniform(-1, 1, (rows, joints + 1))
         yield CellState(
             sequence,

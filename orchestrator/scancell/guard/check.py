@@ -174,7 +174,7 @@ class ManualCheck:
         only_stop
             As in `check`.
         """
-        pieces = int(np.ceil(self._worst.reaction / spacing - 1e-9))
+        pieces = max(2, int(np.ceil(self._worst.reaction / spacing - 1e-9)))  # rates need three points
         if pieces + 1 > len(ahead) or len(ahead) < 3:
             return Verdict((), (), True)
         # The rows are set-points: by them the path begins where the measured axes are but for their errors.
@@ -185,7 +185,7 @@ class ManualCheck:
         error = np.abs(begin - axes) + self._worst.angle_error
         stop = Stop(braking_time(rates, self._worst.deceleration), error, 0.0)
         way = _stop_way(points[: pieces + 1], times[: pieces + 1], stop, self._worst, False)
-        soon = times <= self._horizon + spacing / 2
+        soon = times <= max(self._horizon, spacing) + spacing / 2  # a piece at least
         motion = _Motion(None, begin, rates, np.zeros_like(rates), stop, way, points[soon], times[soon])
         return self._verdict([motion], only_stop)
 

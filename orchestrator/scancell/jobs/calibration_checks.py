@@ -81,6 +81,8 @@ def wrong_sizes(problem: CalibrationProblem, part: Mesh) -> str:
     spheres = [
         i for i, one in enumerate(part.shapes.shapes) if one.role == "measured" and isinstance(one.shape, Sphere)
     ]
+    if not spheres:
+        return ""
     try:
         found = solve(replace(problem, artefact=replace(problem.artefact, unknown_sizes=tuple(spheres))))
     except CalibrationError:
