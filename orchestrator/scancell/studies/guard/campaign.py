@@ -169,8 +169,8 @@ class Campaign(Closing):
             cell = list(self._cells)[turn % len(self._cells)]
             part = str(rng.choice(list(self._parts)))
             known = self._known(cell, part)
-            described, nominal = world_of(known, stratum, rng)
-            simulation = Simulation(described, nominal, known.ignored, self._folder)
+            described, nominal = world_of(known, rng)
+            simulation = Simulation(described, nominal, known.ignored, self._folder, not stratum.silent)
             twins = Twins(simulation, self._seed, known.is_clear)
             guard = self._guard(cell, part)
             patience = self._mutation.patience * guard.settings.max_age

@@ -111,8 +111,9 @@ class _SlowIsRest(Guard):
         return [found for found in super()._hypotheses() if np.abs(found.rates).max() > _SLOW]
 
 
-def _by_hand(stratum: Stratum) -> bool:
-    return stratum.operation is Operation.MANUAL
+def _identified(stratum: Stratum) -> bool:
+    """Whether the guard identifies jogs by measured states."""
+    return stratum.operation is Operation.MANUAL and stratum.silent
 
 
 MUTATIONS: dict[str, Mutation] = {
@@ -124,6 +125,6 @@ MUTATIONS: dict[str, Mutation] = {
     "double-age": Mutation(patience=2.0),
     "stale-answers": Mutation(link=_Credulous),
     "no-clearance": Mutation(_NoClearance, strata=lambda _: True),
-    "no-table-rate": Mutation(_NoTable, strata=_by_hand),
-    "slow-is-rest": Mutation(_SlowIsRest, strata=lambda stratum: _by_hand(stratum) and stratum.decade < 2),
+    "no-table-rate": Mutation(_NoTable, strata=_identified),
+    "slow-is-rest": Mutation(_SlowIsRest, strata=lambda stratum: _identified(stratum) and stratum.decade < 2),
 }

@@ -1,6 +1,6 @@
 """A search for the worst moment, in a cell at the limits of what its guard assumes.
 
-By hand: a person jogs towards a contact.  The guarded run shows which state is the last that the guard permits to go on
+By hand: a person jogs towards a contact; the controller does not show its jogs.  The guarded run shows which state is the last that the guard permits to go on
 from.  The start is shifted towards the contact as far as it remains the last one.  Then the run is repeated with a link
 that dies just after this state, with a person who goes on, and with one who turns there to where the bodies approach
 fastest.  In automatic operation: moves whose first contact is that of a given
@@ -88,7 +88,7 @@ class Search(Closing):
         nominal = nominal_cell(limits.assumed, part)
         ignored = () if mutation.ignored is None else (mutation.ignored,)
         guard = mutation.guard(nominal, limits.assumed.robot, mutation.assumed(limits.settings), ignored)
-        self._simulation = Simulation(limits.true, nominal)
+        self._simulation = Simulation(limits.true, nominal, shows_jogs=False)
         self._guarded = GuardedRuns(self._simulation, guard, mutation.patience * limits.max_age, mutation.link)
         self._tool, self._seed = Tool(nominal), seed
 

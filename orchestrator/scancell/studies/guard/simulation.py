@@ -106,6 +106,8 @@ class Simulation(Closing):
         Pairs of bodies that may touch.
     folder
         For the files of the FMU; None: where the system keeps temporary files.
+    shows_jogs
+        Whether the controller shows a jog to the guard before it moves.
     """
 
     def __init__(
@@ -114,8 +116,9 @@ class Simulation(Closing):
         nominal: NominalCell,
         ignored: Collection[tuple[str, str]] = (),
         folder: Path | None = None,
+        shows_jogs: bool = True,
     ) -> None:
-        self.description, self.nominal = cell, nominal
+        self.description, self.nominal, self._shows_jogs = cell, nominal, shows_jogs
         self._ignored = [frozenset(pair) for pair in ignored]
         self._cycle_us = cell.world.controller_cycle_us
         # Where nothing but the controller moves the bodies, one step of the dynamics in a sample is enough. Of the
@@ -177,7 +180,7 @@ class Simulation(Closing):
         `rough` course, which has no contacts.
         """
         cell = self._started(scenario.start, not rough)
-        guarded = GuardedCell(cell, self._cycle_us, link() if link else None, max_age)
+        guarded = GuardedCell(cell, self._cycle_us, link() if link else None, max_age, self._shows_jogs)
         operator = Operator(cell, scenario, self.cycle, Path(self._files.name))
         truth = cell.real_group(cell.axis_names("truth."))
         samples = SAMPLES if scenario.speed > _FAST and not rough else 1

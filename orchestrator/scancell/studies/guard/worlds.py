@@ -21,13 +21,11 @@ from scancell.jobs.guard_job import settings_of
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.proximity.cell_scene import arm_chain, cell_scene
 from scancell.proximity.scene import ProximityScene
-from scancell.studies.guard.strata import Stratum
 
 Array = NDArray[np.float64]
 
 _MAX_FACES = 400  # of the guard's meshes
 _MOTORS = "default with motors"
-_SHOWS_JOGS = "shows_jogs"
 _MARGIN = 0.5e-3  # m between the guard's clearances and those of a start
 _TRUE = 0.25  # share of the worlds that are as described
 
@@ -104,17 +102,6 @@ def with_motors(described: CellDescription) -> CellDescription:
     return described.model_copy(update={"robot": described.robot.model_copy(update={"drive": "dynamic"})})
 
 
-def can_be_silent(described: CellDescription) -> bool:
-    """Whether the description says that its controller shows jogs before it moves."""
-    return _SHOWS_JOGS in type(described.robot.motion).model_fields
-
-
-def silent(described: CellDescription) -> CellDescription:
-    """The cell with a controller that does not show jogs before it moves."""
-    motion = described.robot.motion.model_copy(update={_SHOWS_JOGS: False})
-    return described.model_copy(update={"robot": described.robot.model_copy(update={"motion": motion})})
-
-
 def with_encoders(described: CellDescription, rng: np.random.Generator) -> CellDescription:
     """The cell with encoders whose noise and steps together are those of the guard's settings, or as described."""
     if rng.random() < _TRUE:
@@ -169,9 +156,6 @@ def _inflated(mesh: Mesh, by: float) -> Mesh:
     return Mesh(mesh.vertices + by * normals[same], mesh.faces, mesh.source)
 
 
-def world_of(known: KnownWorld, stratum: Stratum, rng: np.random.Generator) -> tuple[CellDescription, NominalCell]:
-    """The cell of a stratum as it is: with its controller and encoders, and true bodies."""
-    described = with_encoders(known.described, rng)
-    if stratum.silent and can_be_silent(described):
-        described = silent(described)
-    return described, true_world(known, rng)
+def world_of(known: KnownWorld, rng: np.random.Generator) -> tuple[CellDescription, NominalCell]:
+    """The cell as it is: with its encoders, and true bodies."""
+    return with_encoders(known.described, rng), true_world(known, rng)
