@@ -1,9 +1,9 @@
 """A search for the worst moment, in a cell at the limits of what its guard assumes.
 
-By hand: a person jogs towards a contact; the controller does not show its jogs.  The guarded run shows which state is the last that the guard permits to go on
-from.  The start is shifted towards the contact as far as it remains the last one.  Then the run is repeated with a link
-that dies just after this state, with a person who goes on, and with one who turns there to where the bodies approach
-fastest.  In automatic operation: moves whose first contact is that of a given
+By hand: a person jogs towards a contact; the controller does not show its jogs.  The guarded run shows which state is
+the last that the guard permits to go on from.  The start is shifted towards the contact as far as it remains the last
+one.  Then the run is repeated with a link that dies just after this state, with a person who goes on, and with one who
+turns there to where the bodies approach fastest.  In automatic operation: moves whose first contact is that of a given
 pair of bodies.
 """
 
