@@ -140,7 +140,9 @@ class Guard:
         # A stop goes on until the robot rests; then it is the controller that waits for a person's reset.
         self._stopping = decision.stop or (self._stopping and state.moving)
         self._number = (self._number + 1) % 2**32
-        text = decision.text.encode()[:MAX_TEXT].decode(errors="ignore")
+        # The reason of a stop stays on the pendant until it is over.
+        shown = "" if self._stopping and not decision.stop else decision.text
+        text = shown.encode()[:MAX_TEXT].decode(errors="ignore")
         return GuardMessage(
             self._number, state.sequence, state.time, decision.monitor_speed, self._stopping, text, decision.beep
         )

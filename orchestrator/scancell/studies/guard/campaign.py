@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 _SEEN = 0.06  # m: clearances of guarded runs are not looked for beyond
 _KNOWN = 8  # cells with a part that are kept
 _FALSE = 5e-3  # m beyond the stated distance
+_HELD = 0.1  # rate of the path clock: a robot slows down ever more in front of what it must not pass
 _LATER = 1.25  # times as long as its twin takes a motion that its guard slows down on a path to a contact
 _ON_PATH = 5e-3  # m: distance at which a motion on a known path is stopped at most
 
@@ -73,7 +74,7 @@ class RunRow:
     false_stop
         Whether the twin never came near what the guard stopped for.
     halted
-        Whether the robot waits on its path for a monitor speed above 0.
+        Whether the guard holds the robot on its path: at most a tenth of its speed is left.
     warnings, warned_retreating
         Answers with a warning, and those whose pair did not approach.
     twin_arrived_at, arrived_at
@@ -235,7 +236,10 @@ class _Pair:
             stop_at,
             " - ".join(pair),
             stop in ("guard", "refused") and not self._was_near(pair),
-            stop == "" and stratum.operation is Operation.AUTOMATIC and course.rate == 0 and course.arrived_at is None,
+            stop == ""
+            and stratum.operation is Operation.AUTOMATIC
+            and course.rate <= _HELD
+            and course.arrived_at is None,
             len(warnings),
             sum(not approaches for approaches in warnings),
             np.nan if twin.course.arrived_at is None else twin.course.arrived_at,
