@@ -106,7 +106,7 @@ def test_programs_pass_their_points_within_the_limits(known: KnownWorld) -> None
     nominal, cycle = known.nominal, 0.016
     start = np.append(nominal.home, 0.0)
     through = [start, start + 0.3, start - 0.2]
-    for speed in (0.002, 1.0):
+    for speed in (0.01, 1.0):  # the slower one takes less than the longest time of a program
         points = program_points(nominal, through, speed, cycle)
         rates = np.diff(points, axis=0) / cycle
         for point in through:
@@ -182,7 +182,7 @@ def test_the_guard_holds_at_the_limits_of_its_assumptions() -> None:
     found = search(OPTIONS, 7)
     assert (found.runs, found.contact) == (7, "")
     assert found.clearance is not None
-    assert found.clearance < 5e-3  # the search gets near
+    assert found.clearance < 6e-3  # the search gets near
 
 
 @pytest.mark.slow
