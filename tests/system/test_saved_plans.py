@@ -114,5 +114,5 @@ def test_files_that_hold_no_plan_are_refused(saved: Path, tmp_path: Path, change
 
 
 def test_a_missing_or_broken_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DescriptionError, match=r"none\.json: cannot be read as JSON"):
+    with pytest.raises(DescriptionError, match=r"none\.json: no such file"):
         read_plan(tmp_path / "none.json")

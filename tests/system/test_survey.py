@@ -153,7 +153,7 @@ def test_survey_itself_touches_nothing(scanner, monkeypatch) -> None:
 
 
 def test_survey_refuses_wrong_sizes(scanner) -> None:
-    with pytest.raises(DescriptionError, match=r"voxel = 0\.0: expected a positive number"):
+    with pytest.raises(DescriptionError, match=r"voxel = 0\.0: expected a finite number above 0"):
         scanner.survey(PART, voxel=0.0)
     with pytest.raises(DescriptionError, match=r"pitch = 0\.02: expected at most voxel \(0\.01\)"):
         scanner.survey(PART, pitch=0.02)
