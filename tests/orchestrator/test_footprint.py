@@ -11,7 +11,7 @@ from scancell.config.loading import assets_dir
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, load_mesh
 from scancell.geometry.sampling import sample_surface
-from scancell.geometry.shapes import Cylinder, Sphere
+from scancell.geometry.shapes import Cone, Cylinder, Sphere
 from scancell.reconstruction.footprint import footprint_of
 from scancell.reconstruction.reconstruct import Envelope, ProfilePoints, reconstruct_and_count, table_warnings
 
@@ -144,6 +144,17 @@ def test_parts_without_low_upper_sides_have_no_footprint(name: str) -> None:
     part = placed(load_mesh(assets_dir() / "parts" / f"{name}.stl"))
     assert footprint_of(part, TURNED, MARGIN) is None
     assert footprint_of(placed(Sphere(0.01).mesh()), TURNED, MARGIN) is None
+
+
+def test_noise_of_the_table_beside_the_rim_of_a_cone_is_not_the_part() -> None:
+    """There the nominal part is as low as the noise, so that heights tell nothing."""
+    cone = placed(Cone(0.03, 0.01, 0.04).mesh())
+    rng = np.random.default_rng(5)
+    angle, radius = rng.uniform(0, 2 * np.pi, 50_000), rng.uniform(0.0302, 0.033, 50_000)
+    beside = np.stack([radius * np.cos(angle), radius * np.sin(angle), rng.normal(0, NOISE, 50_000)], 1)
+    flags, dropped = kept(cone, beside)
+    assert not flags.any()
+    assert dropped.low == len(beside)
 
 
 def test_large_thin_part_has_a_bounded_grid() -> None:

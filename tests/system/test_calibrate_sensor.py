@@ -197,7 +197,7 @@ def test_views_of_a_board_are_written_and_read(tmp_path) -> None:
     [
         (("sensor", "--poses", "3"), "--poses: does not apply to calibrate sensor"),
         (("sensor", "--engine", "ray-traced"), "--engine: does not apply to calibrate sensor"),
-        (("sensor", "--target", "cube"), "--target cube: expected ball, step, checkered"),
+        (("sensor", "--target", "cube"), "targets[0] = 'cube': expected 'ball', 'step', 'checkered'"),
         (("sensor", "--as-built", "tool.x_mm=1"), "expected a key of the sensor"),
         (("sensor", "--also", "sensor.camera[1].f_number"), "expected one of the keys"),
         (

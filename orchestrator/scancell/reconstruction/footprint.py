@@ -2,8 +2,9 @@
 
 Where the nominal part covers the table, a point cannot be on the table, however low it lies. Only places where the
 upper side of the part is low matter; elsewhere the part has no points near the table. Within a tolerance of places
-where the table is visible both are possible: there a point belongs to the nearer of the two heights. No distance to the
-part is used: the footprint keeps points, it removes none.
+where the table is visible both are possible: there a point belongs to the nearer of the two heights. Where the part is
+too thin to tell them apart, as at the rim of a cone, its nominal place decides too. No distance to the part is used:
+the footprint keeps points, it removes none.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _WALL = 0.1  # vertical component of the normal up to which a face is a wall, which has no footprint
+_THIN = 0.05  # tolerances: height of the part over the table up to which measured heights do not tell them apart
 _CELLS = 4  # of the grid in a tolerance
 _MOST_CELLS = 2000  # along a side
 # Position of the rays in their cells: no symmetry of a part puts all of them on edges, where rays may miss.
@@ -66,7 +68,9 @@ class Footprint:
         height, sure = points_in_table[rows, 2], self.surely_covered[cell]
         top = np.where(sure, self.lowest_top[cell], self.highest_top[cell])
         near = np.isfinite(top)
-        high = near & (height >= (self.base + top) / 2)
+        least = _THIN * self.tolerance
+        thin = top - self.base < least
+        high = near & ((height >= self.base + np.maximum(top - self.base, least) / 2) | (thin & self.covered[cell]))
         kept, ambiguous = np.zeros((2, len(points_in_table)), bool)
         kept[rows] = high | (near & sure)
         ambiguous[rows] = near & (high != self.covered[cell])

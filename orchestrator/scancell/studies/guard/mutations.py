@@ -10,9 +10,9 @@ import numpy as np
 from scancell.cell.controller import Operation
 from scancell.config.robot import RobotDescription
 from scancell.guard.check import ManualCheck
-from scancell.guard.guard import Guard
+from scancell.guard.guard import Decision, Guard
 from scancell.guard.link import Link
-from scancell.guard.messages import GuardMessage, decode
+from scancell.guard.messages import CellState, GuardMessage, decode
 from scancell.guard.motion import Hypothesis, Path
 from scancell.guard.path_check import PathCheck
 from scancell.guard.settings import GuardSettings
@@ -107,8 +107,31 @@ class _NoTable(Guard):
 class _SlowIsRest(Guard):
     """A guard for which slow motion is none: that of version 0.2.0."""
 
-    def _hypotheses(self) -> Sequence[Hypothesis]:
-        return [found for found in super()._hypotheses() if np.abs(found.rates).max() > _SLOW]
+    def _by_hand(self, state: CellState) -> Decision:
+        decision = super()._by_hand(state)
+        known = len(self._states) >= 2 and not np.size(state.ahead)
+        is_slow = known and all(np.abs(found.rates).max() <= _SLOW for found in self._hypotheses())
+        return Decision() if is_slow else decision
+
+
+class _BegunIsPermitted(Guard):
+    """A guard that checks what a jog shows before it begins, and not again."""
+
+    def _by_hand(self, state: CellState) -> Decision:
+        decision = super()._by_hand(state)
+        return Decision() if state.moving and np.size(state.ahead) else decision
+
+
+class _HalfAsFast(Guard):
+    """A guard that takes what a jog shows for a motion of half its speed."""
+
+    def _by_hand(self, state: CellState) -> Decision:
+        return super()._by_hand(replace(state, spacing=2 * state.spacing))
+
+
+def _shown(stratum: Stratum) -> bool:
+    """Whether the guard sees what jogs are about to do."""
+    return stratum.operation is Operation.MANUAL and not stratum.silent
 
 
 def _identified(stratum: Stratum) -> bool:
@@ -127,4 +150,6 @@ MUTATIONS: dict[str, Mutation] = {
     "no-clearance": Mutation(_NoClearance, strata=lambda _: True),
     "no-table-rate": Mutation(_NoTable, strata=_identified),
     "slow-is-rest": Mutation(_SlowIsRest, strata=lambda stratum: _identified(stratum) and stratum.decade < 2),
+    "begun-is-permitted": Mutation(_BegunIsPermitted, strata=_shown),
+    "half-as-fast": Mutation(_HalfAsFast, strata=_shown),
 }

@@ -121,14 +121,15 @@ class Simulation(Closing):
         self.description, self.nominal, self._shows_jogs = cell, nominal, shows_jogs
         self._ignored = [frozenset(pair) for pair in ignored]
         self._cycle_us = cell.world.controller_cycle_us
-        # Where nothing but the controller moves the bodies, one step of the dynamics in a sample is enough. Of the
-        # collision outputs contacts are read, not clearances.
+        # Where nothing but the controller moves the bodies, as in rough courses, one step of the dynamics in a sample
+        # is enough. Of the collision outputs contacts are read, not clearances.
         collision = cell.collision.model_copy(update={"range_mm": _RANGE_MM})
         self._described = {}
         for seen, samples in ((False, 1), (True, SAMPLES)):
-            step_us = self._cycle_us // samples if cell.robot.drive == "kinematic" else cell.world.time_step_us
+            robot = cell.robot if seen else cell.robot.model_copy(update={"drive": "kinematic"})
+            step_us = self._cycle_us // samples if robot.drive == "kinematic" else cell.world.time_step_us
             world = cell.world.model_copy(update={"time_step_us": step_us})
-            stepped = cell.model_copy(update={"world": world, "collision": collision})
+            stepped = cell.model_copy(update={"robot": robot, "world": world, "collision": collision})
             self._described[seen] = cell_json(stepped, nominal, 0, collision_outputs=seen)
         self._cells = {seen: ReusableCell(folder) for seen in self._described}
         self._files = tempfile.TemporaryDirectory(prefix="scancell-programs-", dir=folder)

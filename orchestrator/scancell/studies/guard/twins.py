@@ -26,6 +26,7 @@ NEAR_MISS = 0.05  # m
 _AFTER = 1.0  # s: a person who jogs at random collides later
 _WITHIN_ARM = 0.3  # share of the contacts of two bodies of the arm that is kept: random motion finds many
 _TOUCHING = 1e-3  # m
+_STILL = 1e-6  # m: least change of the clearance of a pair that moves
 _START_OUTSIDE, _START_INSIDE = 0.06, 0.015  # m: least clearances of a random start, to other bodies, within the arm
 _TRIED = 60  # random axes
 _DRAWS = 2000  # scenarios tried for a run
@@ -156,8 +157,12 @@ class Twins:
                 if approach is None:
                     yield None
                     continue
+                # What failed at one speed for want of room or time may succeed at another.
                 for _ in range(4):
-                    yield self._slow(approach, stratum, speed, rng)
+                    found = self._slow(approach, stratum, speed, rng)
+                    yield found
+                    if found is not None:
+                        break
                     speed = stratum.random_speed(rng)
 
     def _possible(self, scenario: Scenario, third: str) -> bool:
@@ -170,16 +175,29 @@ class Twins:
         """Smallest distance (n,), m, of all pairs, within 1 mm, at most `farthest`; within the arm at most 10 mm."""
         bounds = np.where(self._simulation.inner, _ROUGH + 1e-6, farthest)
         found = self._simulation.clearances(axes, bounds, rough=True)
-        return np.asarray(np.where(found < bounds, found, farthest).min(1))
+        return np.asarray(np.where((found < bounds) & ~self._is_rigid, found, farthest).min(1))
+
+    @cached_property
+    def _at_random(self) -> Array:
+        """Clearances (n, pairs), m, at random axes, at most twice the least ones of a start."""
+        rng = np.random.default_rng(0)
+        axes = np.array([self._draws.start(rng) for _ in range(_TRIED)])
+        return self._simulation.clearances(axes, 2 * self._least_apart, rough=True)
+
+    @cached_property
+    def _least_apart(self) -> Array:
+        return np.where(self._simulation.inner, _START_INSIDE, _START_OUTSIDE)
 
     @cached_property
     def _least(self) -> Array:
         """Least clearances (pairs,), m, of a start: smaller for pairs that are always near each other."""
-        least = np.where(self._simulation.inner, _START_INSIDE, _START_OUTSIDE)
-        rng = np.random.default_rng(0)
-        axes = np.array([self._draws.start(rng) for _ in range(_TRIED)])
-        largest = self._simulation.clearances(axes, 2 * least, rough=True).max(0)
-        return np.asarray(np.minimum(least, largest / 2))
+        return np.asarray(np.minimum(self._least_apart, self._at_random.max(0) / 2))
+
+    @cached_property
+    def _is_rigid(self) -> NDArray[np.bool_]:
+        """Which pairs (pairs,) are near each other and stay as they are, such as a gripper and its finger."""
+        found = self._at_random
+        return np.asarray((np.ptp(found, axis=0) < _STILL) & (found[0] < self._least_apart))
 
     def _start(self, rng: np.random.Generator) -> Array:
         while True:
