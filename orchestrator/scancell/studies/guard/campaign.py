@@ -38,13 +38,17 @@ _HELD = 0.1  # rate of the path clock: a robot slows down ever more in front of 
 _LATER = 1.25  # times as long as its twin takes a motion that its guard slows down on a path to a contact
 _ON_PATH = 5e-3  # m: distance at which a motion on a known path is stopped at most
 
-# Speed, m/s, and distance, m, at which a robot that a person jogs against something comes to rest (docs/guard.md).
-_STATED = ((0.0, 0.030), (0.005, 0.030), (0.0125, 0.031), (0.025, 0.033), (0.05, 0.036), (0.125, 0.049), (0.25, 0.072))
+# Speed, m/s, and distance, m, at which a robot that a person jogs against something comes to rest (docs/guard.md),
+# where the controller shows jogs and where it does not.
+_SHOWN = (
+    (0.0, 0.0031), (0.0025, 0.0033), (0.0125, 0.0046), (0.025, 0.0058), (0.0625, 0.011), (0.125, 0.02), (0.25, 0.035),
+)  # fmt: skip
+_SILENT = ((0.0, 0.030), (0.005, 0.030), (0.0125, 0.031), (0.025, 0.033), (0.05, 0.036), (0.125, 0.049), (0.25, 0.072))
 
 
-def stated_distance(speed: float) -> float:
+def stated_distance(speed: float, silent: bool) -> float:
     """Largest distance, m, at which the guard stops a jog of `speed`, m/s; in proportion beyond the last one."""
-    speeds, distances = np.transpose(_STATED)
+    speeds, distances = np.transpose(_SILENT if silent else _SHOWN)
     return float(np.interp(speed, speeds, distances) * max(1.0, speed / speeds[-1]))
 
 
@@ -268,7 +272,8 @@ class _Pair:
         simulation, course = self.block.simulation, self.twin.course
         distance = _ON_PATH
         if self.twin.scenario.operation is Operation.MANUAL:
-            distance = stated_distance(simulation.fastest(course, (pair[0], pair[1])) if pair else 0.0)
+            speed = simulation.fastest(course, (pair[0], pair[1])) if pair else 0.0
+            distance = stated_distance(speed, self.stratum.silent)
         concerned = ~simulation.inner | np.array([found == pair for found in simulation.scene.pairs])
         within = np.where(concerned, distance + _FALSE, 0.0)
         axes = course.axes[course.spaced(1e-3)]
