@@ -76,11 +76,12 @@ def leaves_when_interrupted(within: float) -> Iterator[None]:
     waker.setblocking(False)
 
     def leave_later() -> None:
-        if received.recv(1):
-            time.sleep(within)
-            os._exit(EXIT_INTERRUPTED)
+        with received:
+            if received.recv(1):  # nothing if the other end is closed
+                time.sleep(within)
+                os._exit(EXIT_INTERRUPTED)
 
-    with received, waker:
+    with waker:
         before = signal.set_wakeup_fd(waker.fileno())
         threading.Thread(target=leave_later, name="interrupt", daemon=True).start()
         try:
@@ -93,7 +94,6 @@ def leaves_when_interrupted(within: float) -> Iterator[None]:
             raise
         finally:
             signal.set_wakeup_fd(before)
-            received.shutdown(socket.SHUT_RDWR)
 
 
 class InterruptibleProgress:
