@@ -173,9 +173,12 @@ def test_missing_file(tmp_path, name) -> None:
         read_recording(tmp_path / name)
 
 
-def test_invalid_file_error(tmp_path) -> None:
-    path = tmp_path / "recording.parquet"
-    path.write_bytes(b"PAR1 not really")
+@pytest.mark.parametrize(
+    ("name", "content"), [("recording.parquet", b"PAR1 not really"), ("recording.csv", b"trigger.ind\xd2ex,b\n1,2\n")]
+)
+def test_invalid_file_error(tmp_path, name: str, content: bytes) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
     with pytest.raises(DescriptionError, match="expected a Parquet or CSV table"):
         read_recording(path)
 

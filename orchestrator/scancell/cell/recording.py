@@ -254,7 +254,7 @@ def read_recording(path: Path) -> Recording:
     DescriptionError
         If the file is missing, not a table, lacks a column or holds values that are not finite numbers.
     """
-    table = _read_table(path)
+    table = read_table(path)
     layout = RecordLayout.of(table.column_names)
     wanted = (*INTEGER_COLUMNS, *layout.measured, *layout.truth)
     missing = [name for name in wanted if name not in table.column_names]
@@ -272,15 +272,25 @@ def read_recording(path: Path) -> Recording:
     return Recording(kept)
 
 
-def _read_table(path: Path) -> pa.Table:
+def read_table(path: Path, convert: pyarrow.csv.ConvertOptions | None = None) -> pa.Table:
+    """Table of a CSV or Parquet file; `convert` says what values of CSV are.
+
+    Raises
+    ------
+    DescriptionError
+        If the file is missing or no such table.
+    """
     if not path.is_file():
         raise DescriptionError(f"{path}: no such file")
     try:
-        return pyarrow.csv.read_csv(path) if path.suffix.lower() == ".csv" else pyarrow.parquet.read_table(path)
+        is_csv = path.suffix.lower() == ".csv"
+        table = pyarrow.csv.read_csv(path, convert_options=convert) if is_csv else pyarrow.parquet.read_table(path)
+        _ = table.column_names  # decodes them
     except MemoryError:  # no fault of the file's format
         raise
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise DescriptionError(f"{path}: expected a Parquet or CSV table: {error}") from None
+    return table
 
 
 def _numbers(table: pa.Table, name: str, path: Path) -> NDArray[np.float64]:

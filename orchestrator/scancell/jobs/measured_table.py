@@ -11,6 +11,7 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
+from scancell.cell.recording import read_table
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 
@@ -28,13 +29,8 @@ class MeasuredTable:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        if not path.is_file():
-            raise DescriptionError(f"{path}: no such file")
-        try:
-            is_csv = path.suffix.lower() == ".csv"
-            self._table = _read_csv(path) if is_csv else pyarrow.parquet.read_table(path)
-        except (pa.ArrowException, OSError) as error:
-            raise DescriptionError(f"{path}: expected a Parquet or CSV table: {error}") from None
+        # Only an empty field is none: ``nan`` is a value, which messages show.
+        self._table = read_table(path, pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=False))
         if not len(self):
             raise DescriptionError(f"{path}: holds no rows below its header; expected at least one")
 
@@ -95,12 +91,6 @@ class MeasuredTable:
             return float(value)
         except (ValueError, TypeError):
             self.refuse(row, name, "expected a number")
-
-
-def _read_csv(path: Path) -> Any:
-    """Only an empty field is none: ``nan`` is a value, which messages show."""
-    options = pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=False)
-    return pyarrow.csv.read_csv(path, convert_options=options)
 
 
 def write_measured_table(path: Path, columns: dict[str, Any]) -> None:
