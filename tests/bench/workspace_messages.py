@@ -31,6 +31,7 @@ from scancell.workspace.browser.workspace import WorkspaceSettings
 from tour import hosted
 
 WAITS = 600.0  # s: only a hang takes longer
+AGAIN = 3.0  # s after which an honest browser asks again
 SESSION_LENGTH = 1000  # messages of a connection
 HONEST_EVERY = 500  # messages
 _NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, 0.0, -1.0, 1e4, 2**63 - 1, -(2**63), 0.5, 1, 45.0)
@@ -152,8 +153,8 @@ def _handle(server: Any, client_id: int, label: str) -> Any:
     return next(((uuid, one) for uuid, one in list(inputs.items()) if getattr(one, "label", "") == label), None)
 
 
-def _until(found: Any, what: str) -> Any:
-    end = time.monotonic() + WAITS
+def _until(found: Any, what: str, waits: float = WAITS) -> Any:
+    end = time.monotonic() + waits
     while time.monotonic() < end:
         if (result := found()) is not None:
             return result
@@ -175,17 +176,25 @@ class Honest:
         with connection:
             workspace = self._host.workspace
             assert workspace is not None
-            self._press(connection, number, "Take control")
-            _until(lambda: True if workspace._operators.operator == number else None, "control")
-            self._press(connection, number, "Reset after a stop")
-            _until(lambda: True if workspace.live.state.controller != "emergency stop" else None, "the reset")
             self._turns += 1
             angle = 3.0 if self._turns % 2 else -3.0
-            for label, value in (("speed, %", 100), ("monitor speed, %", 100), ("joint 1, deg", angle)):
-                self._send(connection, number, label, value)
-            at_angle = lambda: abs(np.degrees(workspace.live.state.joints[0]) - angle) < 1e-3 or None  # noqa: E731
+            wanted = (("speed, %", 100), ("monitor speed, %", 100), ("joint 1, deg", angle))
+
+            def at_angle() -> bool | None:
+                return abs(np.degrees(workspace.live.state.joints[0]) - angle) < 1e-3 or None
+
+            def asked() -> bool | None:
+                """A person tries again: messages of the last browser may still take the control, or stop the robot."""
+                self._press(connection, number, "Take control")
+                self._press(connection, number, "Reset after a stop")
+                for label, value in wanted:
+                    self._send(connection, number, label, value)
+                with contextlib.suppress(TimeoutError):
+                    return _until(at_angle, "the angle", AGAIN)
+                return None
+
             try:
-                _until(at_angle, f"joint 1 at {angle} deg")
+                _until(asked, f"joint 1 at {angle} deg")
             except TimeoutError as error:
                 state = workspace.live.state
                 names = (
@@ -198,7 +207,9 @@ class Honest:
                     "joints",
                     "operator_speed",
                 )
-                raise TimeoutError(f"{error}: { ({name: getattr(state, name) for name in names}) }") from None
+                shown = {"operator": workspace._operators.operator == number}
+                shown |= {name: getattr(state, name) for name in names}
+                raise TimeoutError(f"{error}: {shown}") from None
         return time.monotonic() - start
 
     def _press(self, connection: ClientConnection, number: int, label: str) -> None:
