@@ -114,9 +114,7 @@ def main() -> None:
     counts = run(**vars(parser.parse_args()))
     print("| motion | drawn | wrongly judged |\n| --- | --- | --- |")
     print(f"| brings no near pair nearer | {counts.away} | {counts.away_refused} refused |")
-    print(
-        f"| brings one nearer by more than errors of angles feign | {counts.nearer} | {counts.nearer_permitted} permitted |"
-    )
+    print(f"| brings one nearer before a stop | {counts.nearer} | {counts.nearer_permitted} permitted |")
 
 
 if __name__ == "__main__":
