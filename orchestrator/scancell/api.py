@@ -7,7 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scancell.arguments import Count, Length, Points, Repeats, Seed, Share, Threads, checked_arguments, checked_value
+from scancell.arguments import (
+    Count,
+    Length,
+    Points,
+    Pose,
+    Repeats,
+    Seed,
+    Share,
+    Threads,
+    checked_arguments,
+    checked_value,
+)
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Align, CalibrationTarget, Engine, Reconstruction, SensorTarget
 from scancell.config.keys import Assignments, assignments
@@ -63,7 +74,7 @@ def scan(
 @checked_arguments
 def shot(
     part: str | Path | Mesh,
-    pose: Sequence[float],
+    part_from_sensor: Pose,
     *,
     cell: Cell = None,
     sensor: Sensor = None,
@@ -74,7 +85,7 @@ def shot(
 ) -> ShotResult:
     """Expose once from a pose; `options` are those of `Scanner.shot`."""
     with Scanner(cell, sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
-        return scanner.shot(part, pose, **options)
+        return scanner.shot(part, part_from_sensor, **options)
 
 
 @checked_arguments

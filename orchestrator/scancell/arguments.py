@@ -26,6 +26,7 @@ R = TypeVar("R")
 C = TypeVar("C", bound=type)
 
 _LONGEST = 80  # characters of a value in a message
+_ORTHOGONAL = 1e-6  # largest error of the products of the columns of a rotation
 _LONGEST_NAME = 255  # bytes in the name of a file
 
 
@@ -76,13 +77,29 @@ class Shape:
         return array
 
 
+@dataclass(frozen=True)
+class Rigid(Shape):
+    """A pose (4, 4), for ``Annotated``: a rotation and a position, m."""
+
+    lengths: tuple[int | None, ...] = (4, 4)
+
+    def converted(self, value: Any) -> NDArray[Any]:
+        """The value as a pose; a (4, 4) array that is none, such as one with a scale, is refused."""
+        found = super().converted(value)
+        rotation = found[:3, :3]
+        is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < _ORTHOGONAL and np.linalg.det(rotation) > 0
+        if not is_rotation or not np.array_equal(found[3], (0, 0, 0, 1)):
+            raise _RefusedError("a pose (4, 4): a rotation, a position in metres, and (0, 0, 0, 1) below")
+        return found
+
+
 Seed = Annotated[int, Within(0, 2**31 - 1)]
 Threads = Annotated[int, Within(0, 1024)]
 Count = Annotated[int, Within(1)]
 Repeats = Annotated[int, Within(1, 10_000)]
 Length = Annotated[float, Within(0.0, 1e6, above=True)]
 Share = Annotated[float, Within(0.0, 1.0, above=True)]
-Pose = Annotated[NDArray[np.float64], Shape((4, 4))]
+Pose = Annotated[NDArray[np.float64], Rigid()]
 Points = Annotated[NDArray[np.float64], Shape((None, 3))]
 
 _NUMBERS = (bool, int, float)

@@ -20,9 +20,11 @@ from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
 from scancell.geometry.part_surface import PartSurface
 from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
+from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.result import ScanData
 from scancell.scanning.sense import ExposureImages
 from scancell.stopwatch import Stopwatch
+from scancell.values import Result
 from scancell.visibility.measurable import COVERAGE_SAMPLES, MeasurableSurface, cache_folder, measurable_surface
 
 if TYPE_CHECKING:
@@ -32,18 +34,18 @@ Array = NDArray[np.float64]
 
 
 @checked_fields
-@dataclass(frozen=True)
-class ScanResult(ScanData):
+@dataclass(frozen=True, eq=False, repr=False)
+class ScanResult(ScanData, Result):
     """A scan with its evaluation, which is worked out when first asked for.
 
-    See `ScanData` for the attributes. In a notebook it shows a picture and a table.
+    See `ScanData` for the attributes.
     """
 
     part_file: Path | None = None
     recording_file: Path | None = None
     unit: str = "mm"
     threads: int = 0
-    part_surface: PartSurface | None = field(default=None, repr=False)
+    part_surface: PartSurface | None = field(default=None, compare=False)
     estimated_sensor: SensorDescription | None = field(default=None, repr=False)
 
     @cached_property
@@ -107,8 +109,9 @@ class ScanResult(ScanData):
         """Number of points whose normal could not be estimated."""
         return int(np.isnan(self.cloud.normals[:, 0]).sum())
 
+    @property
     def figures(self) -> dict[str, Any]:
-        """Plain figures, lengths in the unit that their names state."""
+        """Counts, deviation and coverage; see `Result.figures`."""
         covered = self.coverage
         return {
             "profiles": len(self.recording),
@@ -121,12 +124,12 @@ class ScanResult(ScanData):
             "stations_s": self.render_seconds,
         }
 
-    def summary(self) -> list[str]:
+    def summary(self) -> str:
         """The figures as lines of text."""
         figures, bare = self.deviation.figures, self.points_without_normal
         signed = "" if self.deviation.is_signed else " (unsigned: the mesh is not closed)"
         um = 1e6
-        return [
+        lines = [
             f"{self.part}: {len(self.recording)} profiles, {len(self.cloud)} points"
             + (f", {bare} of them without a normal (isolated, or seen at grazing incidence)" if bare else ""),
             f"  deviation  mean {figures.mean * um:+.2f} um, RMS {figures.rms * um:.2f} um, "
@@ -137,6 +140,7 @@ class ScanResult(ScanData):
             f"  coverage   {self.coverage.fraction:.1%} of the measurable surface, "
             f"{self.coverage.surface_fraction:.1%} of the whole",
         ]
+        return "\n".join(lines)
 
     @property
     def _kept_low(self) -> str:
@@ -223,39 +227,24 @@ class ScanResult(ScanData):
             )
             return path.read_bytes()
 
-    def _repr_png_(self) -> bytes:
-        return self.picture()
-
-    def _repr_html_(self) -> str:
-        import base64  # noqa: PLC0415
-        import html  # noqa: PLC0415
-
-        figures = self.deviation.figures.as_um()
-        rows: dict[str, Any] = {"profiles": len(self.recording), "points": len(self.cloud), **figures}
-        rows["coverage"] = f"{self.coverage.fraction:.1%}"
-        cells = "".join(
-            f"<tr><th>{html.escape(str(k))}</th><td>{html.escape(_short(v))}</td></tr>" for k, v in rows.items()
+    def __repr__(self) -> str:
+        return (
+            f"ScanResult({self.part!r}, engine={self.engine!r}, seed={self.seed}: {len(self.recording)} profiles, "
+            f"{len(self.cloud)} points)"
         )
-        image = base64.b64encode(self.picture()).decode()
-        return f'<img width="800" src="data:image/png;base64,{image}"><table>{cells}</table>'
-
-    def __str__(self) -> str:
-        return "\n".join(self.summary())
-
-
-def _short(value: Any) -> str:
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
 
 
 @checked_fields
-@dataclass(frozen=True)
-class ShotResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ShotResult(Result):
     """One exposure from a given pose.
 
     Attributes
     ----------
-    profiles
-        Points in the sensor frame with camera, column and row.
+    profile
+        Points in the sensor frame with camera, column, sigma and intensity.
+    rows
+        (m,) image rows of the points, px.
     points_in_part
         (m, 3) the same points in the part frame, m.
     images
@@ -263,16 +252,26 @@ class ShotResult:
     """
 
     part: str
-    profiles: sensor_rt.Profiles
+    profile: ProfilePoints
+    rows: Array
     points_in_part: Array
     images: ExposureImages | None
     sensor: sensor_rt.Sensor
     warnings: tuple[str, ...]
 
     @property
+    def figures(self) -> dict[str, Any]:
+        """Numbers of points."""
+        return {"points": len(self.points_in_part), "by_camera": self.camera_counts}
+
+    def summary(self) -> str:
+        """The number of points as a line of text."""
+        return f"{Path(self.part).name}: {len(self.points_in_part)} points"
+
+    @property
     def camera_counts(self) -> dict[str, int]:
         """Number of points by camera name."""
-        camera = np.asarray(self.profiles.camera)
+        camera = self.profile.camera
         return {one.name: int((camera == k).sum()) for k, one in enumerate(self.sensor.cameras)}
 
     @checked_arguments
@@ -288,5 +287,5 @@ class ShotResult:
         from scancell.output.shot_files import write_shot  # noqa: PLC0415
 
         with RunFolder(Path(folder)) as run:
-            write_shot(run, self.profiles, self.points_in_part, self.images, self.sensor)
+            write_shot(run, self.profile, self.rows, self.points_in_part, self.images, self.sensor)
         return [Path(folder) / name for name in run.names]

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from scancell.arguments import Length, Seed, Share, checked_arguments
+from scancell.arguments import Length, Pose, Seed, Share, checked_arguments
 from scancell.cell.recording import Recording, read_recording
 from scancell.config.choices import Engine
 from scancell.config.estimated import EstimatedDescription
@@ -18,7 +18,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.jobs.calibrating_cell import CalibratingCell
 from scancell.jobs.finishing import Finishing
 from scancell.jobs.guard_job import guard_of
-from scancell.jobs.single_exposure import expose, pose_of
+from scancell.jobs.single_exposure import expose
 from scancell.planning.configuration_map import Judge
 from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
@@ -315,7 +315,7 @@ class Scanner(CalibratingCell):
     def shot(
         self,
         part: str | Path | Mesh,
-        pose: Sequence[float],
+        part_from_sensor: Pose,
         *,
         unit: str = "mm",
         engine: Engine = "ray-traced",
@@ -326,9 +326,9 @@ class Scanner(CalibratingCell):
 
         Parameters
         ----------
-        pose
-            ``part_from_sensor``: x, y, z in mm and the XYZ' angles in degrees. The table turns the part so that the arm
-            reaches it; where it cannot, the arm is left out, and a warning says why.
+        part_from_sensor
+            Pose (4, 4) of the sensor, see `scancell.location`. The table turns the part so that the arm reaches it;
+            where it cannot, the arm is left out, and a warning says why.
 
         Raises
         ------
@@ -337,4 +337,4 @@ class Scanner(CalibratingCell):
         """
         require_sensor_words(assignments(as_built), "a shot is taken from a given pose, without the robot's errors")
         job = self._job(part, unit, as_built, seed)
-        return expose(job, pose_of(pose), engine, self.pipeline.threads)
+        return expose(job, part_from_sensor, engine, self.pipeline.threads)

@@ -8,6 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.values import Value
+
 TriggerKind = Literal["off", "time", "table_angle", "path_distance", "request"]
 
 
@@ -23,8 +25,8 @@ class TriggerRule:
     interval: float = 0.0
 
 
-@dataclass(frozen=True)
-class Segment:
+@dataclass(frozen=True, eq=False, repr=False)
+class Segment(Value):
     """One uninterrupted motion.
 
     Attributes
@@ -56,8 +58,8 @@ class Segment:
     name: str = ""
 
 
-@dataclass(frozen=True)
-class Program:
+@dataclass(frozen=True, eq=False, repr=False)
+class Program(Value):
     """A checked motion from rest to rest; each segment starts where the one before ends.
 
     `stop_and_look` programs request one exposure at the end of every segment whose rule is ``request``,

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 from scancell.geometry import pose
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 
@@ -90,8 +91,8 @@ class RecordLayout:
         )
 
 
-@dataclass(frozen=True)
-class TriggerRecords:
+@dataclass(frozen=True, eq=False, repr=False)
+class TriggerRecords(Value):
     """What a real controller would hand over, one row per exposure (n rows).
 
     `q`, `qd` (n, joints) and `table`, `table_rate` (n,) were latched at mid-exposure `time` (n,) s; `exposure` in s.
@@ -156,8 +157,8 @@ class ExposureTruth:
     world_from_frame: Mapping[str, Array]
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Value):
     """All trigger records of a run, by column name; every column has one row per exposure."""
 
     columns: Mapping[str, NDArray[np.float64] | NDArray[np.int64]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -157,22 +158,22 @@ def shot(
     """Expose once from a given pose: the camera images and one profile."""
 
     def work() -> Outcome:
+        from scancell.geometry.pose import from_euler_xyz  # noqa: PLC0415
         from scancell.scanner import Scanner  # noqa: PLC0415
 
         with Scanner.from_setup(options.setup(), options.threads) as scanner:
+            numbers = _numbers(pose, 6, "--pose")
             result = scanner.shot(
                 part,
-                _numbers(pose, 6, "--pose"),
+                from_euler_xyz([1e-3 * value for value in numbers[:3]], [math.radians(angle) for angle in numbers[3:]]),
                 unit=options.unit,
                 engine=options.engine,
                 as_built=options.as_built or (),
                 seed=options.seed,
             )
         files = [str(path) for path in result.save(out)]
-        points = len(result.points_in_part)
-        lines = [f"{part.name}: {points} points", f"  results    {out}"]
-        figures = {"points": points, "by_camera": result.camera_counts}
-        return Outcome(lines, figures, files, list(result.warnings))
+        lines = [result.summary(), f"  results    {out}"]
+        return Outcome(lines, result.figures, files, list(result.warnings))
 
     run("shot", options.as_json, work)
 

@@ -67,8 +67,8 @@ def acceptance(
                 progress=progress,
             )
         names = ("acceptance.json", "acceptance.csv", "acceptance.html", "manifest.json")
-        figures = {"largest": report.largest, "linearity_percent": report.figures()["linearity_percent"]}
-        lines = [*report.lines(), f"  report     {out / 'acceptance.html'}"]
+        figures = {"largest": report.largest, "linearity_percent": report.figures["linearity_percent"]}
+        lines = [report.summary(), f"  report     {out / 'acceptance.html'}"]
         return Outcome(lines, figures, [str(out / name) for name in names], report.warnings)
 
     run("acceptance", as_json, work)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
@@ -23,6 +23,8 @@ from scancell.config.choices import CalibrationTarget, Engine, SensorTarget
 from scancell.errors import DescriptionError
 
 if TYPE_CHECKING:
+    from scancell.jobs.calibration_report import CalibrationReport
+    from scancell.jobs.sensor_calibration_report import SensorCalibrationReport
     from scancell.progress import Progress
 
 # Parameters of the calibration of a cell alone, and of simulated targets alone.
@@ -103,7 +105,7 @@ def calibrate(
 ) -> None:
     """Scan an artefact, find the deviations of the cell, and write a calibrated cell; or likewise of a sensor."""
 
-    def cell_report(progress: Progress) -> _Report:
+    def cell_report(progress: Progress) -> CalibrationReport | SensorCalibrationReport:
         from scancell.config.loading import load_setup  # noqa: PLC0415
         from scancell.jobs.calibration_job import CalibrationRequest  # noqa: PLC0415
         from scancell.scanner import Scanner  # noqa: PLC0415
@@ -132,7 +134,7 @@ def calibrate(
                 progress=progress,
             )
 
-    def sensor_report(progress: Progress) -> _Report:
+    def sensor_report(progress: Progress) -> CalibrationReport | SensorCalibrationReport:
         from scancell.config.loading import load_setup  # noqa: PLC0415
         from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest  # noqa: PLC0415
         from scancell.scanner import Scanner  # noqa: PLC0415
@@ -155,23 +157,10 @@ def calibrate(
             report = sensor_report(progress) if what == "sensor" else cell_report(progress)
         files = report.save(out)
         written = next(file for file in files if file.name.startswith("calibrated"))
-        lines = [*report.lines(), f"  calibrated {'sensor' if what == 'sensor' else 'cell  '}  {written}"]
-        return Outcome(lines, report.figures(), [str(file) for file in files], report.warnings)
+        lines = [report.summary(), f"  calibrated {'sensor' if what == 'sensor' else 'cell  '}  {written}"]
+        return Outcome(lines, report.figures, [str(file) for file in files], report.warnings)
 
     run_command("calibrate", as_json, work)
-
-
-class _Report(Protocol):
-    """Report of a calibration."""
-
-    @property
-    def warnings(self) -> list[str]: ...
-
-    def lines(self) -> list[str]: ...
-
-    def figures(self) -> dict[str, Any]: ...
-
-    def save(self, folder: str | Path) -> list[Path]: ...
 
 
 def _refuse(context: typer.Context, what: str, names: Sequence[str]) -> None:

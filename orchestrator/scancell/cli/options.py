@@ -100,9 +100,9 @@ class CloudOptions(CellOptions):
             if images is not None:
                 images.finish()
             result.save_into(folder, formats, frame=self.frame)
-        lines = [*result.summary(), f"  results    {out}"]
+        lines = [result.summary(), f"  results    {out}"]
         files = [str(out / name) for name in folder.names]
-        return Outcome(lines, result.figures(), files, list(result.warnings), result.timings)
+        return Outcome(lines, result.figures, files, list(result.warnings), result.timings)
 
 
 def with_options(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]:

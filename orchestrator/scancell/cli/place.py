@@ -52,11 +52,7 @@ def place(
         setup = load_setup(cell, sensor, scan, set_ or [])
         with show_progress(as_json) as progress, Scanner.from_setup(setup, threads) as scanner:
             found = scanner.place(part, share, unit=unit, progress=progress)
-        lines = [
-            f"{part.name}: {found.rests} stable resting poses; {100 * found.accessible:.1f} % of the surface is"
-            " measurable in one of them",
-            _verdict(len(found.chosen), found.best_single, found.reached, share),
-        ]
+        lines = [f"{part.name}: {found.summary()}"]
         files = []
         for number, one in enumerate(found.chosen, start=1):
             title = f"set-up {number}: " if len(found.chosen) > 1 else ""
@@ -70,17 +66,7 @@ def place(
             lines += one.toml.splitlines()
             if out is not None:
                 files += _write(one, setup.cell, out if number == 1 else out.with_stem(f"{out.stem}_{number}"))
-        figures = {
-            "accessible": found.accessible,
-            "reached": found.reached,
-            "best_single": found.best_single,
-            "resting_poses": found.rests,
-            "set_ups": [
-                {"scanned": one.scanned, "measurable": one.measurable, "time_s": one.time, "toml": one.toml}
-                for one in found.chosen
-            ],
-        }
-        return Outcome(lines, figures, files)
+        return Outcome(lines, found.figures, files)
 
     run("place", as_json, work)
 
@@ -98,15 +84,3 @@ def _write(one: SetUp, cell: CellDescription, file: Path) -> list[str]:
         written.append(str(riser))
     one.in_cell(cell, str(riser)).to_toml(file)
     return written
-
-
-def _verdict(count: int, single: float, together: float, share: float) -> str:
-    if count == 1 and together >= share:
-        return f"  one set-up scans {100 * together:.1f} % of that"
-    if count == 1:
-        return f"  the best set-up scans {100 * together:.1f} % of that, less than the {100 * share:g} % asked for"
-    short = "" if together >= share else f", less than the {100 * share:g} % asked for"
-    return (
-        f"  two set-ups are needed: the best single one scans {100 * single:.1f} % of that, these two together"
-        f" {100 * together:.1f} %{short}"
-    )

@@ -83,13 +83,7 @@ def plan(
                 file = _numbered(picture, number, made)
                 files += _draw(placed, str(told[-1]["branch"]), file, all_branches)
         if out is not None:
-            from scancell.files import atomic_write  # noqa: PLC0415
-            from scancell.output.run_files import write_json  # noqa: PLC0415
-            from scancell.planning.plan_file import plan_json  # noqa: PLC0415
-
-            with atomic_write(out) as temporary:
-                write_json(temporary, plan_json(made))
-            files.append(str(out))
+            files.append(str(made.save(out)))
         warnings = list(made.warnings)
         if picture is not None and not made.paths:
             warnings.append(

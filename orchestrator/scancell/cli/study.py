@@ -166,8 +166,6 @@ def _reported(report: StudyReport, timings: dict[str, float], warnings: list[str
     from scancell.studies.run_record import mixed_build_warnings  # noqa: PLC0415
 
     failed = [f"{len(report.analysis['failed'])} trials failed"] if report.analysis["failed"] else []
-    figures = {key: report.analysis[key] for key in ("name", "trials", "failed", "notes", "engines")}
-    figures["missing"] = len(report.collected.missing)
     builds = mixed_build_warnings(row.get("scancell") for row in report.collected.timings)
     every = [*warnings, *builds, *report.analysis["notes"], *failed]
-    return Outcome(report.lines(), figures, report.files, every, timings)
+    return Outcome(report.summary().splitlines(), report.figures, report.files, every, timings)

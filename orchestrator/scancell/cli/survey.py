@@ -72,7 +72,6 @@ def survey(
                 progress=progress,
             )
         file = result.save(out)
-        figures = {"exposures": result.exposures, "points": result.points, "volumes_m3": result.volumes}
-        return Outcome([f"{part.name}: {result.summary()[0]}", *result.summary()[1:]], figures, [str(file)])
+        return Outcome([f"{part.name}: {result.summary()}"], result.figures, [str(file)])
 
     run("survey", as_json, work)

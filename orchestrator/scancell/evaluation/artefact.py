@@ -26,19 +26,21 @@ from scancell.evaluation.mesh_evaluation import alignment_json
 from scancell.geometry import pose
 from scancell.geometry.sampling import sample_surface
 from scancell.geometry.shapes import ShapeGroup
+from scancell.values import Result
 
 Array = NDArray[np.float64]
 
 REACH = 2e-3  # m
 GUARD = 1e-3  # m
+_SHOWN = 40  # characteristics in the summary
 _LEAST_POINTS = 20  # of a face with figures of its own
 _SAMPLES = 20_000  # of the artefact's surface, for missing points
 _TOLERANCE = 1e-3  # m: a sample with no point within is missing
 _COARSE = 100e-6  # m: chord error of the surface that is sampled
 
 
-@dataclass(frozen=True)
-class ArtefactEvaluation:
+@dataclass(frozen=True, eq=False, repr=False)
+class ArtefactEvaluation(Result):
     """Comparison of n points with an artefact.
 
     Attributes
@@ -53,7 +55,7 @@ class ArtefactEvaluation:
         Faces with enough points, and their fits.
     unfitted
         Faces with points that do not determine them, and why.
-    figures
+    statistics
         Statistics of the signed distances of the points that belong to a face.
     outlier_rate
         Share of the points that lie farther than the reach from every shape.
@@ -74,7 +76,7 @@ class ArtefactEvaluation:
     faces: tuple[FittedFace, ...]
     unfitted: dict[str, str]
     characteristics: tuple[Characteristic, ...]
-    figures: DeviationFigures
+    statistics: DeviationFigures
     outlier_rate: float
     missing_rate: dict[str, float]
     reach: float
@@ -82,8 +84,9 @@ class ArtefactEvaluation:
     datum: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
-    def as_json(self) -> dict[str, Any]:
-        """Plain data for ``evaluation.json``."""
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Alignment, statistics and rows, as in ``evaluation.json``."""
         return {
             "artefact": self.artefact.source,
             "what": "figures in the style of VDI/VDE 2634-2 and -3, ISO 10360-8 and -13; least-squares elements; "
@@ -91,13 +94,23 @@ class ArtefactEvaluation:
             "alignment": alignment_json(self.align, self.artefact_from_cloud, self.datum),
             "reach_mm": 1e3 * self.reach,
             "edge_guard_mm": 1e3 * self.guard,
-            "all": self.figures.as_um(),
+            "all": self.statistics.as_um(),
             "outlier_rate": self.outlier_rate,
             "missing_rate": {name: rate if rate >= 0 else None for name, rate in self.missing_rate.items()},
             "unfitted": self.unfitted,
             "points": {one.face.name: len(one.points) for one in self.faces},
             "characteristics": self.rows(),
         }
+
+    def summary(self) -> str:
+        """Statistics, datum faces and characteristics as lines of text."""
+        lines = [self.statistics.text()]
+        if self.datum:
+            lines.append(f"  datum faces: {', '.join(self.datum)}")
+        lines += [_line(one.as_row()) for one in self.characteristics[:_SHOWN]]
+        if len(self.characteristics) > _SHOWN:
+            lines.append(f"  … {len(self.characteristics) - _SHOWN} more in evaluation.csv")
+        return "\n".join(lines)
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each characteristic, for JSON and CSV."""
@@ -161,7 +174,7 @@ def evaluate_against_artefact(
         faces=tuple(measured),
         unfitted=unfitted,
         characteristics=tuple(characteristics(measured)),
-        figures=DeviationFigures.of(np.concatenate([one.signed for one in measured])),
+        statistics=DeviationFigures.of(np.concatenate([one.signed for one in measured])),
         outlier_rate=float(assigned.outlier.mean()),
         missing_rate=_missing(aligned, artefact, faces, measured, guard),
         reach=reach,
@@ -237,3 +250,16 @@ def _missing(
         own = owner == names.index(one.face.name)
         rates[one.face.name] = float(far[own].mean()) if own.any() else float("nan")
     return rates
+
+
+def _line(row: dict[str, Any]) -> str:
+    """A characteristic with its error and uncertainty; a form deviation has no error beside its value."""
+    shown = {name: value for name, value in row.items() if name not in ("of", "name") and value is not None}
+    if not any(value for name, value in shown.items() if name.startswith("nominal_")):
+        shown = {name: value for name, value in shown.items() if not name.startswith(("nominal_", "error_"))}
+    words = [name.split("_") for name in shown]
+    parts = [
+        f"{what} {value:.{3 if unit == 'um' else 5}f} {unit}"
+        for (what, unit), value in zip(words, shown.values(), strict=True)
+    ]
+    return f"  {row['of']}: {row['name']}: {', '.join(parts)}"

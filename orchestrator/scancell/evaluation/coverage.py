@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.geometry import pose
+from scancell.values import Value
 from scancell.visibility.measurable import MeasurableSurface
 
 Array = NDArray[np.float64]
@@ -31,8 +32,8 @@ _MOST_PAIRS = 200  # of successive exposures of which the spacing is the median
 _HULL_POINTS = 2000
 
 
-@dataclass(frozen=True)
-class Coverage:
+@dataclass(frozen=True, eq=False, repr=False)
+class Coverage(Value):
     """Coverage of one cloud.
 
     Attributes

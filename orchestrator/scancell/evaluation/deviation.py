@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.part_surface import PartSurface
 from scancell.reconstruction.cloud import Cloud
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 
@@ -56,6 +57,13 @@ class DeviationFigures:
             minimum=minimum,
         )
 
+    def text(self) -> str:
+        """A line of text."""
+        return (
+            f"  {self.count} compared, mean {1e6 * self.mean:.1f} um, RMS {1e6 * self.rms:.1f} um,"
+            f" D95 % {1e6 * self.d95:.1f} um"
+        )
+
     def as_um(self) -> dict[str, int | float | None]:
         """Figures in µm, by names with the suffix ``_um``, for JSON; None instead of NaN."""
         plain = asdict(self)
@@ -64,8 +72,8 @@ class DeviationFigures:
         return {"count": count, **figures}
 
 
-@dataclass(frozen=True)
-class Deviation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Deviation(Value):
     """Signed distance (n,) of each point of a cloud, in m, the mesh face nearest to it, and the figures.
 
     Distances to a mesh that is not closed are absolute; `is_signed` says so. `is_exact`: they are distances to the

@@ -22,6 +22,7 @@ from scancell.geometry.regions import Regions, smooth_regions
 from scancell.geometry.sampling import sample_surface
 from scancell.geometry.shapes import ShapeMesh
 from scancell.sensor import MeshSurface
+from scancell.values import Result
 
 Array = NDArray[np.float64]
 
@@ -37,10 +38,11 @@ _UNIT_PAIRS = tuple(permutations(METRES_PER_UNIT, 2))
 _COVERAGE_SAMPLES = 20_000
 _COVERAGE_TOLERANCE = 1e-3  # m
 _LISTED = 100  # regions with figures of their own
+_SHOWN = 12  # of them in the summary
 
 
-@dataclass(frozen=True)
-class MeshEvaluation:
+@dataclass(frozen=True, eq=False, repr=False)
+class MeshEvaluation(Result):
     """Comparison of n points with a mesh.
 
     Attributes
@@ -51,7 +53,7 @@ class MeshEvaluation:
         (4, 4) alignment.
     signed, face
         (n,) distance, m, positive outside (absolute for an open mesh), and nearest face.
-    figures, by_region
+    statistics, by_region
         Statistics of all points, and of those nearest to each of the largest regions.
     coverage
         Share of the surface, and (k,) of each region, with a point within `tolerance` (m).
@@ -67,7 +69,7 @@ class MeshEvaluation:
     mesh: Mesh
     signed: Array
     face: NDArray[np.int32]
-    figures: DeviationFigures
+    statistics: DeviationFigures
     regions: Regions
     by_region: dict[int, DeviationFigures]
     coverage: float
@@ -77,17 +79,33 @@ class MeshEvaluation:
     datum: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
 
-    def as_json(self) -> dict[str, Any]:
-        """Plain data for ``evaluation.json``."""
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Alignment, statistics and rows, as in ``evaluation.json``."""
         return {
             "mesh": self.mesh.source,
             "what": "distance from each point to the nearest point of the part, "
             + ("positive outside" if self.is_signed else "unsigned because the mesh is not closed"),
             "alignment": alignment_json(self.align, self.part_from_cloud, self.datum),
-            "all": self.figures.as_um(),
+            "all": self.statistics.as_um(),
             "coverage": {"fraction": self.coverage, "tolerance_mm": 1e3 * self.tolerance},
             "regions": self.rows(),
         }
+
+    def summary(self) -> str:
+        """Statistics, coverage, datum regions, and the largest regions with their frames, as lines of text."""
+        lines = [
+            self.statistics.text(),
+            f"  {100 * self.coverage:.1f} % of the surface covered, {len(self.regions)} regions",
+            *(f"  datum face: region {number}: {region_text(self.regions, number)}" for number in self.datum),
+        ]
+        shown = list(self.by_region.items())[:_SHOWN]
+        for number, of_region in shown:
+            text = region_text(self.regions, number)
+            lines.append(f"  region {number}: {text}: {of_region.count} points, RMS {1e6 * of_region.rms:.1f} um")
+        if len(self.by_region) > len(shown):
+            lines.append(f"  … {len(self.by_region) - len(shown)} more in evaluation.csv")
+        return "\n".join(lines)
 
     def rows(self) -> list[dict[str, Any]]:
         """One row of figures for each listed region, for JSON and CSV."""
@@ -153,7 +171,7 @@ def evaluate_against_mesh(
         mesh=mesh,
         signed=signed,
         face=face.astype(np.int32),
-        figures=DeviationFigures.of(signed),
+        statistics=DeviationFigures.of(signed),
         regions=regions,
         by_region={number: listed[number] for number in sorted(listed)[:_LISTED]},
         coverage=covered,

@@ -16,6 +16,7 @@ from scancell.errors import MeshError
 from scancell.geometry import orientation, pose
 from scancell.geometry.mesh_files import FORMATS, Vertices, read_mesh, weld
 from scancell.geometry.orientation import Orientation, Winding
+from scancell.values import Value
 
 __all__ = [
     "FORMATS",
@@ -42,8 +43,8 @@ _BLOCK = 1 << 14  # faces worked on at a time, which stay in the cache
 
 
 @checked_fields
-@dataclass(frozen=True)
-class Mesh:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh(Value):
     """Vertices (n, 3) in metres, faces (m, 3) of vertex numbers; `source` is the file or a name.
 
     `warnings` are sentences for people about what was found, and repaired, when the file was read.

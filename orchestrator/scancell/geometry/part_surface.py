@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,10 +26,13 @@ class PartSurface:
     """
 
     def __init__(self, part: Mesh) -> None:
-        self._mesh = MeshSurface(part.vertices, part.faces)
+        self._part, self._mesh = part, MeshSurface(part.vertices, part.faces)
         self._shapes = part.shapes if isinstance(part, ShapeMesh) else None
         self.is_exact = self._shapes is not None
         self.is_signed = self.is_exact or part.is_closed
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PartSurface, (self._part,)
 
     def distances(self, points: Array, threads: int = 0) -> tuple[Array, NDArray[np.uint32]]:
         """Distance (n,), m, positive outside, and nearest face of the mesh (n,) of points (n, 3) in the part frame.

@@ -298,7 +298,7 @@ class ShapeGroup:
         return ShapeMesh(whole.vertices, whole.faces, self.source, shapes=self)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ShapeMesh(Mesh):
     """Tessellation of shapes, which it holds for ray tracing and measurement."""
 

@@ -24,6 +24,7 @@ from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
 from scancell.planning.plan_file import plan_json
+from scancell.values import Result
 
 _DOUBTFUL = 3.0  # times the stated noise of points, from which a warning says so
 # Pose errors from exposure to exposure from which a warning says so: of a position (m) and an orientation (rad).
@@ -46,8 +47,8 @@ class Row:
         return None if self.true is None else self.value - self.true
 
 
-@dataclass(frozen=True)
-class CalibrationReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibrationReport(Result):
     """A calibration of a described cell.
 
     Attributes
@@ -117,6 +118,7 @@ class CalibrationReport:
             )
         return found
 
+    @property
     def figures(self) -> dict[str, Any]:
         """Plain figures, in the units that their names state."""
         result = self.result
@@ -141,7 +143,7 @@ class CalibrationReport:
             "size_errors_um": (1e6 * result.sizes).tolist(),
         }
 
-    def lines(self) -> list[str]:
+    def summary(self) -> str:
         """The figures as lines of text."""
         result = self.result
         percent = f"{100 * self.probability:g} %"
@@ -157,7 +159,7 @@ class CalibrationReport:
         for row in self.rows:
             text = f"  {row.name + ' ' + row.unit:24} {row.value:10.5f} +- {row.half_width:12.5f} "
             lines.append(text + comparison_text(row.true, row.value, row.half_width))
-        return lines
+        return "\n".join(lines)
 
     def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
         """Write ``calibrated.toml``, ``calibration.json``, ``points.parquet``, ``residuals.png`` and the manifest.
@@ -171,7 +173,7 @@ class CalibrationReport:
             if self.calibration.plan is not None:
                 write_json(run.path("plan.json"), plan_json(self.calibration.plan))
             self.cell.to_toml(run.path("calibrated.toml"))
-            write_json(run.path("calibration.json"), self.figures())
+            write_json(run.path("calibration.json"), self.figures)
             write_points(self.calibration.problem.observations, run.path("points.parquet"))
             residual_picture(run.path("residuals.png"), self.result.residuals, self.result.frame)
             run.path("resolved.toml").write_text(resolved_toml(self.setup, self.run))

@@ -23,6 +23,7 @@ from scancell.output.manifest import command_words, manifest
 from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
+from scancell.values import Result
 
 _DOUBTFUL = 3.0  # times the stated noise of peaks, from which a warning says so
 _MANY = 0.02  # share of discarded residuals, likewise
@@ -58,8 +59,8 @@ class RangeError:
     aligned: bool
 
 
-@dataclass(frozen=True)
-class SensorCalibrationReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class SensorCalibrationReport(Result):
     """A calibration of a described sensor.
 
     Attributes
@@ -128,6 +129,7 @@ class SensorCalibrationReport:
             )
         return found
 
+    @property
     def figures(self) -> dict[str, Any]:
         """Plain figures, in the units that their names state."""
         result, error = self.result, self.range_error
@@ -146,7 +148,7 @@ class SensorCalibrationReport:
             else {"before": 1e6 * error.before, "after": 1e6 * error.after, "aligned": error.aligned},
         }
 
-    def lines(self) -> list[str]:
+    def summary(self) -> str:
         """The figures as lines of text."""
         result, error = self.result, self.range_error
         interval = f"{100 * self.probability:g} % interval"
@@ -163,7 +165,7 @@ class SensorCalibrationReport:
         if error is not None:
             how = " after alignment" if error.aligned else ""
             lines.append(f"  range error{how}: {1e6 * error.before:.2f} um before, {1e6 * error.after:.2f} um after")
-        return lines
+        return "\n".join(lines)
 
     def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
         """Write ``calibrated_sensor.toml``, ``calibration.json``, ``distances.png``, the peaks and the manifest.
@@ -175,7 +177,7 @@ class SensorCalibrationReport:
         """
         with RunFolder(Path(folder)) as run:
             self.sensor.to_toml(run.path("calibrated_sensor.toml"))
-            write_json(run.path("calibration.json"), self.figures())
+            write_json(run.path("calibration.json"), self.figures)
             write_exposures(self.exposures, run.path("peaks.parquet"))
             residual_picture(run.path("distances.png"), self.result.distances, self.result.exposure)
             entries = {**self.run, "command_line": command_words(command_line)}

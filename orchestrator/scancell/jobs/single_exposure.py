@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.config.choices import Engine
 from scancell.config.units import si_value
-from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import PlacedPose, Placer
@@ -37,26 +34,12 @@ def expose(job: Job, part_from_sensor: Array, engine: Engine, threads: int) -> S
     exposure, warnings = _posture(cell, job, part_from_sensor)
     result = sense.expose(loaded.scene, sensors, exposure, engine, threads, images=True)
     images = ExposureImages.of(result, 0, trigger=1)
-    points = pose.transform_points(part_from_sensor, np.asarray(result.profiles.points_in_sensor, float))
+    profile = sense.points_of(result.profiles, sensors.nominal, engine)
+    points = pose.transform_points(part_from_sensor, np.array(profile.points_in_sensor, float))
     if not len(points):
         warnings = (*warnings, "the sensor sees nothing from this pose")
-    return ShotResult(loaded.nominal.part.source, result.profiles, points, images, sensors.nominal, warnings)
-
-
-def pose_of(values: Sequence[float]) -> Array:
-    """Pose (4, 4) of x, y, z in mm and XYZ' angles in degrees.
-
-    Raises
-    ------
-    DescriptionError
-        If these are not 6 finite numbers.
-    """
-    numbers = np.asarray(values, float)
-    if numbers.shape != (6,) or not np.isfinite(numbers).all():
-        raise DescriptionError(
-            f"pose = {list(values)}: expected 6 finite numbers: x, y, z in mm, rx, ry, rz in degrees"
-        )
-    return pose.from_euler_xyz(numbers[:3] * 1e-3, np.radians(numbers[3:]))
+    rows = np.array(result.profiles.row, float)
+    return ShotResult(loaded.nominal.part.source, profile, rows, points, images, sensors.nominal, warnings)
 
 
 def _posture(cell: PlanningCell, job: Job, part_from_sensor: Array) -> tuple[sensor_rt.Exposures, tuple[str, ...]]:

@@ -26,6 +26,7 @@ from scancell.nominal.gripper import finger_mesh, gripper_from_finger, housing_m
 from scancell.nominal.parts import load_part
 from scancell.nominal.patches import Patch, part_patches
 from scancell.nominal.poses import lay_down, pose_matrix, tool_matrix
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 
@@ -34,8 +35,8 @@ _PLACEHOLDER = box_mesh((0.01, 0.01, 0.01), "no part")
 OCCUPIED = "occupied["  # begins the names of bodies that are measured space; no description can have such a name
 
 
-@dataclass(frozen=True)
-class Body:
+@dataclass(frozen=True, eq=False, repr=False)
+class Body(Value):
     """A rigid thing that can occlude, be lit, or be hit.
 
     `moves_with` names the frame that carries it: ``world``, ``link[1]`` …, ``sensor``, ``table``, ``part``
@@ -87,8 +88,8 @@ class FurtherPart:
     carrier_from_part: Array
 
 
-@dataclass(frozen=True)
-class NominalCell:
+@dataclass(frozen=True, eq=False, repr=False)
+class NominalCell(Value):
     """Nominal geometry of arm, tool, table and part; poses are (4, 4) ``target_from_source``, metres.
 
     `flange_from_finger` (2, 4, 4) holds the gripper's fingers as they start, where the cell has one. An estimated cell

@@ -24,7 +24,7 @@ def write_evaluation(evaluation: MeshEvaluation | ArtefactEvaluation, folder: Ru
     OutputError
         If a file cannot be written.
     """
-    write_json(folder.path("evaluation.json"), evaluation.as_json())
+    write_json(folder.path("evaluation.json"), evaluation.figures)
     write_csv(folder.path("evaluation.csv"), columns_of(evaluation.rows()))
     path = folder.path("evaluation.png")
     if isinstance(evaluation, MeshEvaluation):
@@ -34,7 +34,7 @@ def write_evaluation(evaluation: MeshEvaluation | ArtefactEvaluation, folder: Ru
 
 
 def _draw_mesh(evaluation: MeshEvaluation, path: Path) -> None:
-    deviation = Deviation(evaluation.signed, evaluation.face, evaluation.figures, {}, {}, evaluation.is_signed)
+    deviation = Deviation(evaluation.signed, evaluation.face, evaluation.statistics, {}, {}, evaluation.is_signed)
     name = Path(evaluation.mesh.source).stem
     deviation_picture(path, evaluation.points_in_part, deviation, evaluation.mesh, name=name)
 
@@ -51,5 +51,5 @@ def draw_artefact(evaluation: ArtefactEvaluation, path: Path) -> None:
     shown = np.flatnonzero(evaluation.face >= 0)
     points = evaluation.points_in_artefact[shown]
     face = PartSurface(mesh).distances(points)[1].astype(np.int32)
-    deviation = Deviation(evaluation.signed[shown], face, evaluation.figures, {}, {})
+    deviation = Deviation(evaluation.signed[shown], face, evaluation.statistics, {}, {})
     deviation_picture(path, points, deviation, mesh, name=Path(evaluation.artefact.source).stem)

@@ -9,26 +9,28 @@ from scancell import sensor as sensor_rt
 from scancell.output.frames import FrameFiles, draw_stripes
 from scancell.output.run_folder import RunFolder
 from scancell.output.tables import write_profile_csv
+from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.sense import ExposureImages
 
 
 def write_shot(
     folder: RunFolder,
-    profiles: sensor_rt.Profiles,
+    profile: ProfilePoints,
+    rows: NDArray[np.float64],
     points_in_part: NDArray[np.float64],
     images: ExposureImages | None,
     sensor: sensor_rt.Sensor,
 ) -> None:
     """Write ``profile.csv`` and, with images, one PNG per camera and ``stripes.png``.
 
-    `points_in_part` (n, 3) are the points of `profiles` in the part frame, m.
+    `rows` (n,) are the image rows of the points, px, and `points_in_part` (n, 3) the points in the part frame, m.
 
     Raises
     ------
     OutputError
         If a file cannot be written.
     """
-    write_profile_csv(folder.path("profile.csv"), profiles, points_in_part)
+    write_profile_csv(folder.path("profile.csv"), profile, rows, points_in_part)
     if images is None:
         return
     files = FrameFiles(folder, "", [camera.name for camera in sensor.cameras])

@@ -4,30 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.reconstruction.reconstruct import PointsInSensor
+
 _ROWS = 1 << 16  # written at a time
 _MM = 1e3
-
-
-class ProfileColumns(Protocol):
-    """Profiles as the sensor library hands them over: arrays of m rows."""
-
-    @property
-    def camera(self) -> NDArray[Any]: ...
-    @property
-    def column(self) -> NDArray[Any]: ...
-    @property
-    def row(self) -> NDArray[Any]: ...
-    @property
-    def points_in_sensor(self) -> NDArray[Any]: ...
-    @property
-    def sigma(self) -> NDArray[Any]: ...
-    @property
-    def intensity(self) -> NDArray[Any]: ...
 
 
 def write_csv(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
@@ -75,18 +60,23 @@ def _column(values: Sequence[Any]) -> Any:
     return np.array([np.nan if value is None else float(value) for value in values])
 
 
-def write_profile_csv(path: Path, profiles: ProfileColumns, points_in_part: NDArray[np.float64]) -> None:
-    """Points of one exposure in pixels and, in mm, in the frames of sensor and part; `points_in_part` is (m, 3), m."""
-    in_sensor, in_part = np.asarray(profiles.points_in_sensor) * _MM, points_in_part * _MM
+def write_profile_csv(
+    path: Path, profile: PointsInSensor, rows: NDArray[np.float64], points_in_part: NDArray[np.float64]
+) -> None:
+    """Points of one exposure in pixels, with image rows (m,), and in mm in the frames of sensor and part.
+
+    `points_in_part` is (m, 3), m.
+    """
+    in_sensor, in_part = np.asarray(profile.points_in_sensor) * _MM, points_in_part * _MM
     write_csv(
         path,
         {
-            "camera": np.asarray(profiles.camera),
-            "column_px": np.asarray(profiles.column),
-            "row_px": np.asarray(profiles.row, float),
+            "camera": np.asarray(profile.camera),
+            "column_px": np.asarray(profile.column),
+            "row_px": np.asarray(rows, float),
             **{f"{axis}_sensor_mm": in_sensor[:, i] for i, axis in enumerate("xyz")},
             **{f"{axis}_part_mm": in_part[:, i] for i, axis in enumerate("xyz")},
-            "sigma_mm": np.asarray(profiles.sigma, float) * _MM,
-            "intensity_dn": np.asarray(profiles.intensity, float),
+            "sigma_mm": np.asarray(profile.sigma, float) * _MM,
+            "intensity_dn": np.asarray(profile.intensity, float),
         },
     )

@@ -32,6 +32,7 @@ from scancell.planning.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Judge
 from scancell.planning.surface import Surface
 from scancell.planning.views import Pass, Sweep, exposure_counts
 from scancell.planning.work import WorkLimitError
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -48,8 +49,8 @@ _SEED = 0
 CHOICE_SHARE = 0.7  # of the limit of work, after which no further views are chosen
 
 
-@dataclass(frozen=True)
-class CoverageReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class CoverageReport(Value):
     """What the chosen views see of the measurable surface, and how good the choice is.
 
     Attributes

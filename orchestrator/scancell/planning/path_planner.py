@@ -19,6 +19,7 @@ from scancell.planning.ray_shooting import shoot
 from scancell.planning.reasons import describe
 from scancell.planning.table_motion import CostWeights, Lattice, TableMotion
 from scancell.planning.timing import slowdown
+from scancell.values import Value
 
 if TYPE_CHECKING:
     from scancell.planning.sensor_paths import SensorPath
@@ -36,8 +37,8 @@ _SLOWER = (1.0, 0.5, 0.25)  # shares of the speed that are tried
 _PROBES = 24  # columns and rows at which a branch is tried before its map is
 
 
-@dataclass(frozen=True)
-class PlacedPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlacedPath(Value):
     """A path with its motion.
 
     Attributes

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.cell.program import Program
 from scancell.planning.coverage import CoverageReport
 from scancell.planning.path_planner import PlacedPath
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Value):
     """A program and its exposures.
 
     Attributes
@@ -49,4 +52,32 @@ class Plan:
     paths: tuple[PlacedPath, ...] = ()
     report: CoverageReport | None = None
     reduced: tuple[str, ...] = ()
-    source: str = ""
+    source: str = field(default="", compare=False)
+
+    @checked_arguments
+    def save(self, path: str | Path) -> Path:
+        """Write program and exposures (JSON), for `load` and `Scanner.scan`; what else the plan holds is not kept.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
+        from scancell.planning.plan_file import write_plan  # noqa: PLC0415  (imports this module)
+
+        write_plan(Path(path), self)
+        return Path(path)
+
+    @staticmethod
+    @checked_arguments
+    def load(path: str | Path) -> Plan:
+        """The plan of a file; `Scanner.scan` checks it again.
+
+        Raises
+        ------
+        DescriptionError
+            If the file cannot be read or holds no plan, naming key, value and what was expected.
+        """
+        from scancell.planning.plan_file import read_plan  # noqa: PLC0415  (imports this module)
+
+        return read_plan(Path(path))

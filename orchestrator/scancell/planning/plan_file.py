@@ -13,6 +13,7 @@ from scancell.cell.program import Program, Segment, TriggerKind, TriggerRule
 from scancell.cell.program_file import program_data
 from scancell.config.description import Description, Finite, NonNegative, validate
 from scancell.errors import DescriptionError
+from scancell.files import atomic_write
 from scancell.planning.plan import Plan
 
 _Row = tuple[Finite, ...]
@@ -81,6 +82,18 @@ def plan_json(plan: Plan) -> dict[str, Any]:
         "units": _UNITS,
         "exposures": {"segment": plan.segment.tolist(), "q": plan.q.tolist(), "table": plan.table.tolist()},
     }
+
+
+def write_plan(file: Path, plan: Plan) -> None:
+    """Write a plan (JSON), whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    with atomic_write(file) as temporary:
+        temporary.write_text(json.dumps(plan_json(plan)) + "\n", encoding="utf-8")
 
 
 def read_plan(file: Path) -> Plan:

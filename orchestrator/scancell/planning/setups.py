@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from scancell.planning.sight import Sight
 from scancell.planning.verification import check_part
 from scancell.planning.work import Work, WorkLimitError
 from scancell.progress import Progress
+from scancell.values import Result, Value
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 
 Flags = NDArray[np.bool_]
@@ -39,8 +41,8 @@ _WORTH = 0.005  # share of the surface that a riser or an offset must add
 _FOOT = 2e-4  # m: height over the lowest point up to which the part is supported
 
 
-@dataclass(frozen=True)
-class SetUp:
+@dataclass(frozen=True, eq=False, repr=False)
+class SetUp(Value):
     """A placement of the part and what is scanned there.
 
     Attributes
@@ -81,8 +83,8 @@ class SetUp:
         return cell.replace(part=self.part, further_part=(*cell.further_part, riser))
 
 
-@dataclass(frozen=True)
-class SetUps:
+@dataclass(frozen=True, eq=False, repr=False)
+class SetUps(Result):
     """One set-up, or two where one does not reach the asked share.
 
     Attributes
@@ -107,6 +109,36 @@ class SetUps:
     best_single: float
     accessible: float
     rests: int
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Shares, the number of resting poses, and the set-ups with their sections for the cell (TOML)."""
+        return {
+            "accessible": self.accessible,
+            "reached": self.reached,
+            "best_single": self.best_single,
+            "resting_poses": self.rests,
+            "set_ups": [
+                {"scanned": one.scanned, "measurable": one.measurable, "time_s": one.time, "toml": one.toml}
+                for one in self.chosen
+            ],
+        }
+
+    def summary(self) -> str:
+        """Resting poses, and what one set-up or two scan, as lines of text."""
+        reached, short = f"{100 * self.reached:.1f} %", f", less than the {100 * self.asked:g} % asked for"
+        short = short if self.reached < self.asked else ""
+        if len(self.chosen) > 1:
+            verdict = (
+                f"two set-ups are needed: the best single one scans {100 * self.best_single:.1f} % of that,"
+                f" these two together {reached}{short}"
+            )
+        else:
+            verdict = f"{'the best' if short else 'one'} set-up scans {reached} of that{short}"
+        return (
+            f"{self.rests} stable resting poses; {100 * self.accessible:.1f} % of the surface is measurable in one of"
+            f" them\n  {verdict}"
+        )
 
 
 class SetUpPlanner:

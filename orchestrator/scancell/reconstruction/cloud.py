@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from scancell.arguments import Pose, Shape, checked_arguments, checked_fields
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 
@@ -20,8 +22,8 @@ _NUMBERS, _INTEGERS = Shape((None,), finite=False), Shape((None,), int)
 
 
 @checked_fields
-@dataclass(frozen=True)
-class Cloud:
+@dataclass(frozen=True, eq=False, repr=False)
+class Cloud(Value):
     """Point cloud of n points in the part frame (the coordinate system of the mesh file), m and s.
 
     Attributes
@@ -66,11 +68,22 @@ class Cloud:
             if length != len(self):
                 raise DescriptionError(f"{field.name}: {length} rows: expected {len(self)}, one for each point")
 
+    def __repr__(self) -> str:
+        return f"Cloud({len(self)} points of {len(np.unique(self.profile))} profiles)"
+
     def __len__(self) -> int:
         return len(self.points_in_part)
 
-    def __getitem__(self, chosen: NDArray[Any] | slice) -> Self:
-        """The cloud of the points selected by a mask, index array or slice."""
+    def __getitem__(self, chosen: NDArray[Any] | Sequence[int] | Sequence[bool] | slice) -> Self:
+        """The cloud of the points selected by a mask, indices or a slice.
+
+        Raises
+        ------
+        DescriptionError
+            If it is the index of a single point.
+        """
+        if np.ndim(chosen) == 0 and not isinstance(chosen, slice):  # type: ignore[arg-type]
+            raise DescriptionError(f"cloud[{chosen!r}]: expected a mask, a list of indices or a slice")
         return type(self)(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
 
     @checked_arguments
@@ -78,6 +91,36 @@ class Cloud:
         """The cloud in another frame: points and normals moved by a pose (4, 4)."""
         points = pose.transform_points(target_from_source, self.points_in_part)
         return replace(self, points_in_part=points, normals=self.normals @ target_from_source[:3, :3].T)
+
+    @checked_arguments
+    def save(self, path: str | Path) -> Path:
+        """Write the cloud, mm, in the format that the suffix names: ply, npz, laz, e57, pcd, xyz.
+
+        Raises
+        ------
+        DescriptionError
+            If there is no such format.
+        OutputError
+            If the file cannot be written.
+        """
+        from scancell.reconstruction.cloud_files import write_cloud  # noqa: PLC0415  (imports this module)
+
+        write_cloud(Path(path), self)
+        return Path(path)
+
+    @staticmethod
+    @checked_arguments
+    def load(path: str | Path) -> Cloud:
+        """The cloud of a PLY file that `save` or a scan has written.
+
+        Raises
+        ------
+        MeshError
+            If the file is missing or not a cloud of scancell.
+        """
+        from scancell.reconstruction.cloud_files import read_ply  # noqa: PLC0415  (imports this module)
+
+        return read_ply(Path(path))
 
     @classmethod
     @checked_arguments

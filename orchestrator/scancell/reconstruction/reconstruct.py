@@ -18,6 +18,7 @@ from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.footprint import Footprint
 from scancell.reconstruction.foreign import TOLERANCE, Neighbours, foreign_points
 from scancell.reconstruction.normals import estimate_normals
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 
@@ -67,8 +68,8 @@ class Triggers(Protocol):
     def table_rate(self) -> Array: ...
 
 
-@dataclass(frozen=True)
-class ProfilePoints:
+@dataclass(frozen=True, eq=False, repr=False)
+class ProfilePoints(Value):
     """Profile points in the sensor frame, one array row per point.
 
     Attributes

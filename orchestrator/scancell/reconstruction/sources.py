@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,23 +16,30 @@ from scancell.reconstruction.cloud_files.points import read_points
 Array = NDArray[np.float64]
 
 
-def points_of(cloud: str | Path | Cloud | Array) -> Array:
-    """Points (n, 3), m, of a cloud, a cloud file in mm, or a run folder.
+class HasCloud(Protocol):
+    """Something with a cloud, such as a `ScanResult`."""
+
+    @property
+    def cloud(self) -> Cloud: ...
+
+
+def points_of(cloud: str | Path | HasCloud | Cloud | Array) -> Array:
+    """Points (n, 3), m, of a scan, a cloud, a cloud file in mm, or a run folder.
 
     Raises
     ------
     DescriptionError
         If the file is missing, of another kind, broken or without points.
     """
-    if isinstance(cloud, Cloud):
-        return cloud.points_in_part
     if isinstance(cloud, np.ndarray):
         return np.asarray(cloud, float)
-    return read_points(_file(Path(cloud)))
+    if isinstance(cloud, str | Path):
+        return read_points(_file(Path(cloud)))
+    return cloud_of(cloud).points_in_part
 
 
-def cloud_of(run: str | Path | Cloud) -> Cloud:
-    """Cloud of a run folder, or of a PLY file that scancell has written.
+def cloud_of(run: str | Path | HasCloud | Cloud) -> Cloud:
+    """Cloud of a scan, of a run folder, or of a PLY file that scancell has written.
 
     Raises
     ------
@@ -40,7 +48,9 @@ def cloud_of(run: str | Path | Cloud) -> Cloud:
     DescriptionError
         If the folder holds no ``cloud.ply``.
     """
-    return run if isinstance(run, Cloud) else read_ply(_file(Path(run)))
+    if isinstance(run, str | Path):
+        return read_ply(_file(Path(run)))
+    return run if isinstance(run, Cloud) else run.cloud
 
 
 def _file(path: Path) -> Path:

@@ -14,12 +14,13 @@ from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.exposures import exposures_from_truth, readout_time
 from scancell.scanning.pipeline import LoadedCell
 from scancell.scanning.sense import ExposureImages, Sensors, expose, points_of
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ProfileResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ProfileResult(Value):
     """The profile of one instant.
 
     Attributes

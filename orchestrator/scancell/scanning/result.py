@@ -17,12 +17,13 @@ from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import Dropped, ProfilePoints
 from scancell.scanning.sense import ExposureImages, Sensors
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ScanData:
+@dataclass(frozen=True, eq=False, repr=False)
+class ScanData(Value):
     """Inputs, recording and cloud of a scan.
 
     Attributes
@@ -73,8 +74,8 @@ class ScanData:
     cloud: Cloud
     dropped: Dropped
     sample_images: tuple[ExposureImages, ...] = ()
-    render_seconds: dict[str, float] = field(default_factory=dict)
-    timings: dict[str, float] = field(default_factory=dict)
+    render_seconds: dict[str, float] = field(default_factory=dict, compare=False)
+    timings: dict[str, float] = field(default_factory=dict, compare=False)
     warnings: tuple[str, ...] = ()
     fmu_token: str = ""
 

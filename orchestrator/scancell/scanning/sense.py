@@ -22,13 +22,14 @@ from scancell.nominal.cell import Body, Lamp
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.exposures import exposures_from_truth, readout_time
+from scancell.values import Value
 
 # Exposures per call: enough to use all cores, few enough for responsive interrupts and progress.
 _BATCH = 64
 
 
-@dataclass(frozen=True)
-class ExposureImages:
+@dataclass(frozen=True, eq=False, repr=False)
+class ExposureImages(Value):
     """Camera images of one exposure.
 
     Attributes

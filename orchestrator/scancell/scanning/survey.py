@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ from scancell.scanning.drive import DriveRequest
 from scancell.scanning.pipeline import LoadedCell, ScanPipeline
 from scancell.scanning.sense import Sensors
 from scancell.scanning.sensor_range import sensor_range
+from scancell.values import Result
 
 Array = NDArray[np.float64]
 
@@ -88,8 +90,8 @@ class SurveyRegion:
 
 
 @checked_fields
-@dataclass(frozen=True)
-class SurveyResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class SurveyResult(Result):
     """What a survey found.
 
     Attributes
@@ -140,11 +142,16 @@ class SurveyResult:
         write_voxels(Path(path), self.grids, state=state, state_names=np.array(["unseen", "free", "occupied"]))
         return Path(path)
 
-    def summary(self) -> list[str]:
-        """Lines for people."""
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Counts of exposures and points, and the volumes of the space."""
+        return {"exposures": self.exposures, "points": self.points, "volumes_m3": self.volumes}
+
+    def summary(self) -> str:
+        """Counts and volumes as lines of text."""
         litres = ", ".join(f"{1e3 * volume:.2f} l {name}" for name, volume in self.volumes.items())
         left_out = f", {self.left_out} poses left out" if self.left_out else ""
-        return [f"{self.exposures} exposures{left_out}, {self.points} points", f"  space      {litres}"]
+        return f"{self.exposures} exposures{left_out}, {self.points} points\n  space      {litres}"
 
 
 class Survey:

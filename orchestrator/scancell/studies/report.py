@@ -18,20 +18,27 @@ from scancell.studies.control_scans import factors_without_effect
 from scancell.studies.results import results_table, timings_table, write_table
 from scancell.studies.study import Collected, Study, collect
 from scancell.studies.task import ExecutionTarget
+from scancell.values import Result
 
 _MOST_CONTRIBUTORS = 3
 
 
-@dataclass(frozen=True)
-class StudyReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyReport(Result):
     """The analysis of a study, the rows behind it, and the files written."""
 
     analysis: dict[str, Any]
     collected: Collected
     files: list[str]
 
-    def lines(self) -> list[str]:
-        """Text for the terminal."""
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Name, trials, failures, notes, missing trials, and sensitivities by engine."""
+        figures = {key: self.analysis[key] for key in ("name", "trials", "failed", "notes", "engines")}
+        return {**figures, "missing": len(self.collected.missing)}
+
+    def summary(self) -> str:
+        """Trials, the largest contributions to each figure, failures and files, as lines of text."""
         made, missing = self.analysis["trials"], len(self.collected.missing)
         lines = [f"{self.analysis['name']}: {made} trials" + (f", {missing} missing" if missing else "")]
         for engine, said in self.analysis["engines"].items():
@@ -40,7 +47,7 @@ class StudyReport:
         lines.extend(
             f"  failed     trial {f['trial']} (seed {f['seed']}): {f['message']}" for f in self.analysis["failed"][:5]
         )
-        return [*lines, *(f"  {file}" for file in self.files)]
+        return "\n".join([*lines, *(f"  {file}" for file in self.files)])
 
 
 def write_report(

@@ -39,6 +39,7 @@ from scancell.errors import OutputError
 from scancell.files import atomic_write
 from scancell.nominal.cell import NominalCell
 from scancell.progress import NullProgress, Progress
+from scancell.values import Value
 from scancell.visibility.sensor_field import SensorField
 from scancell.visibility.surface_search import SurfaceSearch
 
@@ -48,8 +49,8 @@ Flags = NDArray[np.bool_]
 COVERAGE_SAMPLES = 20_000
 
 
-@dataclass(frozen=True)
-class MeasurableSurface:
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasurableSurface(Value):
     """Surface samples of a part and which of them the sensor could measure (see the module).
 
     Attributes

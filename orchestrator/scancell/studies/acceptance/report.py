@@ -31,6 +31,7 @@ from scancell.studies.acceptance.sweeps import SensorSweeps, sensor_sweeps
 from scancell.studies.designs import trial_seed
 from scancell.studies.factors import Factors, Inputs
 from scancell.studies.population import population_of
+from scancell.values import Result
 
 Array = NDArray[np.float64]
 
@@ -60,8 +61,8 @@ class AcceptanceRequest:
     factors: Path | None = None
 
 
-@dataclass(frozen=True)
-class AcceptanceReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class AcceptanceReport(Result):
     """Results of an acceptance test.
 
     Attributes
@@ -96,6 +97,7 @@ class AcceptanceReport:
         scans = self.request.programme.repeats
         return [f"{what} ({count} of {scans} repeats)" for what, count in self.failures.items()]
 
+    @property
     def figures(self) -> dict[str, Any]:
         """Plain data for ``acceptance.json``."""
         sensor = self.setup.sensor
@@ -122,7 +124,7 @@ class AcceptanceReport:
             "not_measured": dict(self.failures),
         }
 
-    def lines(self) -> list[str]:
+    def summary(self) -> str:
         """The largest errors over the range, as text."""
         lines = [f"{self.setup.sensor.name} in {self.setup.cell.name}: {len(self.rows)} figures"]
         for row in self.largest:
@@ -133,7 +135,7 @@ class AcceptanceReport:
                 lines.append(
                     f"  {row['artefact']:9} {row['name']:18} {row['mean']:9.3g}{plus} {row['unit']:3} ({where})"
                 )
-        return lines
+        return "\n".join(lines)
 
     def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
         """Write the report, whole or not at all; the page needs the extra ``studies``.
@@ -149,7 +151,7 @@ class AcceptanceReport:
 
         inputs = [] if self.request.factors is None else [self.request.factors]
         words = command_words(command_line)
-        figures = self.figures()
+        figures = self.figures
         with RunFolder(Path(folder)) as run:
             write_json(run.path("acceptance.json"), {**figures, "versions": versions()})
             write_csv(run.path("acceptance.csv"), columns_of([_csv_row(row) for row in self.rows]))
