@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 from scancell.arguments import (
     Count,
@@ -33,6 +33,15 @@ from scancell.jobs.calibration_report import CalibrationReport
 from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest
 from scancell.jobs.sensor_calibration_report import SensorCalibrationReport
 from scancell.nominal.parts import load_artefact, load_part
+from scancell.options import (
+    BatchOptions,
+    CalibrateOptions,
+    CalibrateSensorOptions,
+    RenderOptions,
+    ScanOptions,
+    ShotOptions,
+    SurveyOptions,
+)
 from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
@@ -47,6 +56,7 @@ if TYPE_CHECKING:
     from scancell.evaluation.mesh_evaluation import MeshEvaluation
     from scancell.output.run_folder import RunReport
     from scancell.studies.acceptance.report import AcceptanceReport
+    from scancell.studies.batch import BatchResult
     from scancell.studies.report import StudyReport
 
 Cell = str | Path | CellDescription | None
@@ -64,7 +74,7 @@ def scan(
     settings: Assignments = (),
     ideal: bool = False,
     threads: Threads = 0,
-    **options: Any,
+    **options: Unpack[ScanOptions],
 ) -> ScanResult:
     """Scan a part once; `options` are those of `Scanner.scan`, the other parameters those of `Scanner`."""
     with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
@@ -81,7 +91,7 @@ def shot(
     settings: Assignments = (),
     ideal: bool = False,
     threads: Threads = 0,
-    **options: Any,
+    **options: Unpack[ShotOptions],
 ) -> ShotResult:
     """Expose once from a pose; `options` are those of `Scanner.shot`."""
     with Scanner(cell, sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
@@ -98,7 +108,7 @@ def render(
     settings: Assignments = (),
     ideal: bool = False,
     threads: Threads = 0,
-    **options: Any,
+    **options: Unpack[RenderOptions],
 ) -> ScanResult:
     """Images and a cloud from a recording; `options` are those of `Scanner.render`."""
     with Scanner(cell, sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
@@ -149,7 +159,7 @@ def calibrate(
     settings: Assignments = (),
     ideal: bool = False,
     threads: Threads = 0,
-    **options: Any,
+    **options: Unpack[CalibrateOptions],
 ) -> CalibrationReport:
     """Find the deviations of a cell; `options` are those of `Scanner.calibrate`, the other parameters `Scanner`'s."""
     with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
@@ -164,7 +174,7 @@ def calibrate_sensor(
     settings: Assignments = (),
     ideal: bool = False,
     threads: Threads = 0,
-    **options: Any,
+    **options: Unpack[CalibrateSensorOptions],
 ) -> SensorCalibrationReport:
     """Find the deviations of a sensor; `options` are those of `Scanner.calibrate_sensor`."""
     with Scanner(sensor=sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
@@ -181,7 +191,7 @@ def survey(
     settings: Assignments = (),
     ideal: bool = False,
     threads: Threads = 0,
-    **options: Any,
+    **options: Unpack[SurveyOptions],
 ) -> SurveyResult:
     """Find what stands around the table; `options` are those of `Scanner.survey`, the other parameters `Scanner`'s."""
     with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
@@ -229,7 +239,7 @@ def extract(
 
 @checked_arguments
 def evaluate(
-    cloud: str | Path | Cloud | Points,
+    cloud: str | Path | ScanResult | Cloud | Points,
     *,
     mesh: str | Path | Mesh | None = None,
     artefact: str | Path | ShapeGroup | None = None,
@@ -244,9 +254,10 @@ def evaluate(
     Parameters
     ----------
     cloud
-        Cloud file (mm), run folder, `Cloud` or points (n, 3), m, in the frame of the part.
+        A scan, cloud file (mm), run folder, `Cloud` or points (n, 3), m, in the frame of the part.
     mesh, artefact
-        What to compare with; one of them. A mesh file in `unit`; an artefact description (TOML).
+        What to compare with; one of them. A mesh file in `unit`; an artefact description (TOML). By default the part
+        of the scan.
     align
         What is done before: nothing, the best fit (least squares), or the fit to datum planes.
     datum
@@ -262,6 +273,8 @@ def evaluate(
     from scancell.evaluation.artefact import evaluate_against_artefact  # noqa: PLC0415
     from scancell.evaluation.mesh_evaluation import evaluate_against_mesh  # noqa: PLC0415
 
+    if mesh is artefact is None and isinstance(cloud, ScanResult):
+        mesh = cloud.nominal.part
     if (mesh is None) == (artefact is None):
         raise DescriptionError("evaluate: expected either a mesh or an artefact to compare with")
     points = checked_value("cloud", points_of(cloud), Points)
@@ -286,7 +299,7 @@ def evaluate(
 
 @checked_arguments
 def mesh(
-    run: str | Path | Cloud,
+    run: str | Path | ScanResult | Cloud,
     out: str | Path | None = None,
     *,
     method: Reconstruction = "poisson",
@@ -297,7 +310,7 @@ def mesh(
     Parameters
     ----------
     run
-        Run folder, cloud file of scancell (PLY), or a `Cloud` with normals.
+        A scan, run folder, cloud file of scancell (PLY, NPZ), or a `Cloud` with normals.
     out
         STL, PLY or OBJ file, mm, which `scan` accepts as a part.
     method
@@ -425,9 +438,9 @@ def batch(
     variants: Count | None = None,
     workers: Threads = 0,
     progress: Progress | ProgressCallback | None = None,
-    **options: Any,
-) -> list[dict[str, Any]]:
-    """Scan many parts in many variants and return a row per scan, as the index holds it.
+    **options: Unpack[BatchOptions],
+) -> BatchResult:
+    """Scan many parts in many variants.
 
     Parameters
     ----------
@@ -436,7 +449,7 @@ def batch(
     config
         Batch description (TOML).
     options
-        Keys of the batch description: engine, formats, images, truth, seed, unit, cell, sensor, scan, ideal.
+        Keys of the batch description in place of those of `config`.
 
     Raises
     ------
@@ -453,4 +466,4 @@ def batch(
     opened.begin(folder)
     opened.check_same(folder)
     made = opened.run(folder, ExecutionTarget(workers=workers), as_progress(progress))
-    return write_index(opened, folder, made.failed).rows
+    return write_index(opened, folder, made.failed)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, Unpack, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,31 +117,38 @@ def checked_arguments(function: Callable[P, R], owner: type | None = None) -> Ca
     """Hold the callers of a function to its annotations, or to those of the dataclass `owner` that it makes.
 
     Numbers of NumPy become plain ones. An argument of another type raises a `DescriptionError` that names the argument,
-    its value and what was expected. Arguments that do not fit the signature raise a TypeError, as without the check.
+    its value and what was expected. Arguments that do not fit the signature raise a TypeError, as without the check;
+    options of an ``Unpack[TypedDict]`` belong to it.
     """
     signature = inspect.signature(function)
+    variadic = next((one.name for one in signature.parameters.values() if one.kind is one.VAR_KEYWORD), "")
 
     @functools.cache
     def hints() -> dict[str, Any]:
         if owner is not None:
             return get_type_hints(owner, include_extras=True)
         # Of the parameters only: a return type may be known to type checkers alone.
-        variadic = {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
         given = {
             name: one.annotation
             for name, one in signature.parameters.items()
-            if one.kind not in variadic and one.annotation is not one.empty
+            if one.kind is not one.VAR_POSITIONAL and one.annotation is not one.empty
         }
-        return get_type_hints(
+        found = get_type_hints(
             types.SimpleNamespace(__annotations__=given), vars(sys.modules[function.__module__]), include_extras=True
         )
+        if get_origin(options := found.pop(variadic, None)) is Unpack:
+            found.update(get_type_hints(get_args(options)[0], include_extras=True))
+        return found
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         bound = signature.bind(*args, **kwargs)
-        for name, value in bound.arguments.items():
-            if name in hints():
-                bound.arguments[name] = checked_value(name, value, hints()[name])
+        options = bound.arguments.get(variadic, {})
+        if unknown := options.keys() - hints().keys():
+            raise TypeError(f"{function.__name__}() got an unexpected keyword argument '{min(unknown)}'")
+        for given in (bound.arguments, options):
+            for name in given.keys() & hints().keys():
+                given[name] = checked_value(name, given[name], hints()[name])
         return function(*bound.args, **bound.kwargs)
 
     return call

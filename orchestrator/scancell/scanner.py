@@ -269,7 +269,7 @@ class Scanner(CalibratingCell):
         PlanningError
             If no resting pose is stable, fits on the table and can be scanned.
         """
-        setup, mesh = self.setup, self.mesh(part, unit)
+        setup, mesh = self.setup, self.load_part(part, unit)
         range_ = sensor_range(make_sensors(setup.sensor, (), 0).nominal)
         cycle = setup.cell.world.controller_cycle_us * 1e-6
         heard = as_progress(progress)

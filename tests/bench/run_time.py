@@ -46,7 +46,7 @@ from scancell.config.loading import load_setup
 from scancell.scanner import Scanner
 setup = load_setup(overrides=["scan.max_profiles=20"])
 with Scanner(setup=setup, threads=1) as scanner:
-    part = scanner.mesh({str(FREE_FORM)!r})
+    part = scanner.load_part({str(FREE_FORM)!r})
     times = []
     for seed in range(12):
         wall, start = time.perf_counter(), time.process_time()

@@ -84,7 +84,7 @@ def make_line(part: str | Path, *overrides: str, ideal: bool = True, seed: int =
     """The line for a part of the assets (by name) or a mesh file in mm."""
     scanner = scancell.Scanner.from_setup(load_setup(overrides=overrides, ideal=ideal))
     path = part if isinstance(part, Path) else PARTS / f"{part}.stl"
-    loaded = scanner.pipeline.load(scanner.setup.cell, scanner.mesh(path))
+    loaded = scanner.pipeline.load(scanner.setup.cell, scanner.load_part(path))
     sensors = make_sensors(scanner.setup.sensor, (), seed)
     return Line(scanner, loaded, sensors, scanner.pipeline.plan(loaded, scanner.setup, sensors.nominal), seed)
 

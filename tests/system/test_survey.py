@@ -92,7 +92,7 @@ def test_space_above_the_platter_is_also_blocked_where_the_table_turns_it(found)
 
 def distance_to_post(scanner: Scanner, *plans: Plan) -> float:
     """Smallest distance of arm and sensor from the post over all set-points, m, up to 50 mm."""
-    true = scanner.pipeline.load(scanner.setup.cell, scanner.mesh(PART)).true
+    true = scanner.pipeline.load(scanner.setup.cell, scanner.load_part(PART)).true
     scene = cell_scene(true, {body.name: body.mesh for body in true.bodies})
     of_post = np.array(["post" in pair for pair in scene.pairs])
     segments = [segment for plan in plans for segment in plan.program.segments]
@@ -102,7 +102,7 @@ def distance_to_post(scanner: Scanner, *plans: Plan) -> float:
 
 def collisions_in_fmu(scanner: Scanner, plan: Plan) -> int:
     """Largest number of pairs of bodies that collide at a time while the FMU executes the plan."""
-    loaded = scanner.pipeline.load(scanner.setup.cell, scanner.mesh(PART))
+    loaded = scanner.pipeline.load(scanner.setup.cell, scanner.load_part(PART))
     request = DriveRequest(scanner.setup, loaded.nominal, loaded.for_fmu(0, collision_outputs=True))
     cell = scanner.pipeline.runner.start(request)
     pairs = [0]

@@ -37,6 +37,8 @@ class PreparedCell(Closing):
         threads: Threads = 0,
         setup: Setup | None = None,
     ) -> None:
+        if setup is not None and not (cell is sensor is scan is None and not settings and not ideal):
+            raise DescriptionError("setup: expected no cell, sensor, scan, settings or ideal beside it")
         self.setup = setup or load_setup(cell, sensor, scan, assignments(settings), ideal)
         self._pipeline: ScanPipeline | None = ScanPipeline(threads)
         self._parts = PartCache()
@@ -61,7 +63,7 @@ class PreparedCell(Closing):
         return self
 
     @checked_arguments
-    def mesh(self, part: str | Path | Mesh, unit: str = "mm") -> Mesh:
+    def load_part(self, part: str | Path | Mesh, unit: str = "mm") -> Mesh:
         """The mesh of a part in metres, see `load_part`; a file is read again only when it has changed.
 
         Raises
@@ -85,7 +87,7 @@ class PreparedCell(Closing):
         setup, words = setup or self.setup, tuple(assignments(as_built))
         if part is None and setup.cell.part.fixture == "free":
             raise DescriptionError('part.fixture = "free": there is no part; expected its mesh, or "clamped"')
-        loaded = self.pipeline.load(setup.cell, None if part is None else self.mesh(part, unit))
+        loaded = self.pipeline.load(setup.cell, None if part is None else self.load_part(part, unit))
         sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
         file = Path(part) if isinstance(part, str | Path) else None
         return Job(setup, loaded, sensors, words, seed, file, unit, estimated_sensor=estimated_sensor)

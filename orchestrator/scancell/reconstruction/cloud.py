@@ -111,16 +111,16 @@ class Cloud(Value):
     @staticmethod
     @checked_arguments
     def load(path: str | Path) -> Cloud:
-        """The cloud of a PLY file that `save` or a scan has written.
+        """The cloud of a PLY or NPZ file that `save` or a scan has written; PLY rounds what is no position or time.
 
         Raises
         ------
         MeshError
             If the file is missing or not a cloud of scancell.
         """
-        from scancell.reconstruction.cloud_files import read_ply  # noqa: PLC0415  (imports this module)
+        from scancell.reconstruction.cloud_files import read_cloud  # noqa: PLC0415  (imports this module)
 
-        return read_ply(Path(path))
+        return read_cloud(Path(path))
 
     @classmethod
     @checked_arguments

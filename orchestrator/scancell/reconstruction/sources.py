@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scancell.errors import DescriptionError
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files import read_ply
+from scancell.reconstruction.cloud_files import read_cloud
 from scancell.reconstruction.cloud_files.points import read_points
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ def cloud_of(run: str | Path | HasCloud | Cloud) -> Cloud:
         If the folder holds no ``cloud.ply``.
     """
     if isinstance(run, str | Path):
-        return read_ply(_file(Path(run)))
+        return read_cloud(_file(Path(run)))
     return run if isinstance(run, Cloud) else run.cloud
 
 

@@ -30,6 +30,9 @@ from scancell.studies.run_record import DESCRIPTION
 from scancell.studies.scan_worker import ScanWorker
 from scancell.studies.series import ScanSeries
 from scancell.studies.task import OpenWorker, Task
+from scancell.values import Result
+
+_SHOWN = 5  # failures in the summary
 
 INDEX = "index.parquet"
 
@@ -159,20 +162,47 @@ def _part_seed(seed: int, name: str) -> int:
     return int.from_bytes(hashlib.sha256(f"scancell {seed} part {name}".encode()).digest()[:8], "big") >> 33
 
 
-@dataclass(frozen=True)
-class Collected:
-    """Rows of the scans that are finished, or that failed for good, and names of those that are missing."""
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchResult(Result):
+    """Scans of a batch that are finished.
+
+    Attributes
+    ----------
+    rows
+        One mapping for each scan that is finished, or failed for good, as the index holds it.
+    missing
+        Names of the scans that are neither.
+    folder
+        Folder of the batch, with its index and the folders of the scans.
+    """
 
     rows: list[dict[str, Any]]
     missing: list[str]
+    folder: Path
 
     @property
     def failed(self) -> list[dict[str, Any]]:
         """Rows of the scans that failed."""
         return [row for row in self.rows if row["status"] != "ok"]
 
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Numbers of parts, scans, failures and points."""
+        return {
+            "parts": len({row["mesh"] for row in self.rows}),
+            "scans": len(self.rows),
+            "failed": len(self.failed),
+            "points": sum(row["figures"].get("points", 0) for row in self.rows),
+        }
 
-def write_index(batch: Batch, out: Path, failed: Mapping[str, str]) -> Collected:
+    def summary(self) -> str:
+        """The number of scans and the first failures as lines of text."""
+        made = self.figures
+        lines = [f"{made['scans'] - made['failed']} scans of {made['parts']} parts in {self.folder}"]
+        return "\n".join([*lines, *(f"  failed     {row['scan']}: {row['message']}" for row in self.failed[:_SHOWN])])
+
+
+def write_index(batch: Batch, out: Path, failed: Mapping[str, str]) -> BatchResult:
     """Collect the finished scans in the index. Those of `failed` tasks (by name, with message) get rows that say so.
 
     Raises
@@ -192,7 +222,7 @@ def write_index(batch: Batch, out: Path, failed: Mapping[str, str]) -> Collected
         else:
             missing.append(task.name)
     write_table(index_table(rows, batch.description.labels, batch.folder), out / INDEX)
-    collected = Collected(rows, missing)
+    collected = BatchResult(rows, missing, out)
     if rows and not missing and len(collected.failed) == len(rows):
         # Nothing is finished that another request could spoil: a mended one may begin here.
         (out / DESCRIPTION).unlink(missing_ok=True)

@@ -59,6 +59,19 @@ def write_cloud(
         write(temporary, cloud, comments)
 
 
+def read_cloud(path: Path) -> Cloud:
+    """The cloud of a file that scancell has written: PLY, or NPZ at full precision.
+
+    Raises
+    ------
+    MeshError
+        If the file is missing or not a cloud of scancell.
+    """
+    from scancell.reconstruction.cloud_files import plain  # noqa: PLC0415
+
+    return plain.read_npz(path) if path.suffix.lower() == ".npz" else read_ply(path)
+
+
 def parse_formats(text: str, option: str) -> tuple[str, ...]:
     """Distinct formats of a comma-separated list such as ``ply,laz``.
 

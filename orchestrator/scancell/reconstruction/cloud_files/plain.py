@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
+from scancell.errors import DescriptionError, MeshError
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files.record import MM, RECORD, UNITS, record_of
 
@@ -15,17 +17,41 @@ _PCD_NAMES = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
 _DECIMALS = {"x": "%.6f", "y": "%.6f", "z": "%.6f", "time": "%.9f"}
 
 
+_SAME = ("normals", "intensity", "quality", "camera", "column", "segment", "profile")
+
+
 def write_npz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
     """Write a compressed archive: ``points_in_part_mm``, ``normals`` (n, 3), ``sigma_mm`` (n,), …, ``comments``."""
-    same = ("normals", "intensity", "quality", "camera", "column", "segment", "profile")
     np.savez_compressed(
         path,
         points_in_part_mm=cloud.points_in_part * MM,
         sigma_mm=cloud.sigma * MM,
         time_s=cloud.time,
         comments=np.array([UNITS, *comments]),
-        **{name: getattr(cloud, name) for name in same},
+        **{name: getattr(cloud, name) for name in _SAME},
     )
+
+
+def read_npz(path: Path) -> Cloud:
+    """The cloud of an archive of `write_npz`.
+
+    Raises
+    ------
+    MeshError
+        If the file is missing or no such archive.
+    """
+    try:
+        with np.load(path) as archive:
+            return Cloud(
+                points_in_part=archive["points_in_part_mm"] / MM,
+                sigma=archive["sigma_mm"] / MM,
+                time=archive["time_s"],
+                **{name: archive[name] for name in _SAME},
+            )
+    except FileNotFoundError:
+        raise MeshError(f"{path}: no such file") from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, BadZipFile, DescriptionError) as error:
+        raise MeshError(f"{path}: not a cloud of scancell: {error}") from None
 
 
 def write_pcd(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
