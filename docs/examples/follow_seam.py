@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scancell.geometry import pose
-from scancell.workspace.robot import Robot, deg, location, mm
+from scancell import Robot, deg, location, mm, pose
 
 START = location(420 * mm, 0, 207 * mm, rx=180 * deg)  # above one end of the groove
 STANDOFF = 100 * mm  # of the sensor from the bottom of the groove

@@ -14,16 +14,21 @@ from pathlib import Path
 
 import numpy as np
 
-from scancell.cell.controller import Frame, Mode, Operation
-from scancell.cell.fmu_file import cell_json, make_temporary_fmu
-from scancell.cell.instance import CellInstance
-from scancell.config.loading import load_setup
-from scancell.geometry.mesh import box_mesh
-from scancell.guard.guarded_cell import GuardedCell
-from scancell.guard.link import Link
-from scancell.guard.settings import GuardSettings
-from scancell.guard.transport import UdpTransport
-from scancell.nominal.cell import nominal_cell
+from scancell import (
+    CellInstance,
+    Frame,
+    GuardedCell,
+    GuardSettings,
+    Link,
+    Mode,
+    Operation,
+    UdpTransport,
+    box_mesh,
+    cell_json,
+    load_setup,
+    make_temporary_fmu,
+    nominal_cell,
+)
 
 DOWN = np.array([0.0, 0, -1, 0, 0, 0])  # of the world, full speed
 EMERGENCY_STOP = 3  # controller.state

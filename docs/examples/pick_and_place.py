@@ -16,13 +16,18 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell import Scanner, ScanResult
-from scancell.cell.session import CellSession
-from scancell.cell.signals import SignalLog
-from scancell.config.loading import Setup, assets_dir, load_setup
-from scancell.errors import ScancellError
-from scancell.geometry import pose
-from scancell.nominal.cell import NominalCell
+from scancell import (
+    CellSession,
+    NominalCell,
+    ScancellError,
+    Scanner,
+    ScanResult,
+    Setup,
+    SignalLog,
+    assets_dir,
+    load_setup,
+    pose,
+)
 
 Array = NDArray[np.float64]
 
@@ -196,7 +201,7 @@ def main() -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     away, turn = placing_error(task)
-    print(*result.summary(), sep="\n")
+    print(result.summary())
     print(f"the part lies {away * 1e6:.1f} µm and {np.degrees(turn) * 60:.2f} arcmin off its nominal place")
     print(f"signals of the devices: {given.out / 'devices.png'}")
     return 0

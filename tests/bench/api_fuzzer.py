@@ -87,7 +87,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         self.closed.close()
         self.plan = self.scanner.plan(self.part)
         self.result = self.scanner.scan(self.part, engine="geometric", plan=self.plan)
-        self.exposure = self.scanner.shot(self.part, [0, 0, 130, 180, 0, 0])
+        self.exposure = self.scanner.shot(self.part, scancell.location(0.0, 0.0, 0.13, rx=np.pi))
         self.space = self.scanner.survey(self.part, radius=0.05, height=0.05, voxel=0.02, pitch=0.02)
         # Calls may write over what lies in the current folder: valid arguments are read from another one.
         for folder in ("inputs", "."):
@@ -253,7 +253,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         return [
             Target("Scanner", scancell.Scanner, {**setup, "setup": None}),
             Target("Scanner.from_setup", scancell.Scanner.from_setup, {"setup": scanner.setup, "threads": 1}),
-            Target("Scanner.mesh", scanner.mesh, {"part": "inputs/part.obj", "unit": "mm"}),
+            Target("Scanner.load_part", scanner.load_part, {"part": "inputs/part.obj", "unit": "mm"}),
             Target("Scanner.scan", scanner.scan, scan),
             Target("Scanner.scan closed", self.closed.scan, scan, is_refused=True),
             Target("Scanner.render", scanner.render, {**render, **estimated, "on_images": None, "progress": None}),

@@ -65,7 +65,7 @@ def test_budget_adds_up_and_names_the_main_contributor(kind, trials) -> None:
 def test_command_states_the_interval_of_every_share_and_uncertainty_that_it_prints(kind) -> None:
     study = study_of(kind, 40)
     rows = rows_of(study)
-    lines = StudyReport(analyse(study, NAMES, rows), Collected(rows, [], []), []).lines()
+    lines = StudyReport(analyse(study, NAMES, rows), Collected(rows, [], []), []).summary().splitlines()
     (line,) = (line for line in lines if line.split()[0] == "b")
     number = r"[\d.e+-]+"
     if kind == "morris":

@@ -41,12 +41,11 @@ def test_profile_csv_contains_sensor_and_part_frames(tmp_path):
     profiles = SimpleNamespace(
         camera=np.arange(5, dtype=np.int32),
         column=np.arange(5) + 100,
-        row=np.linspace(0, 1, 5),
         points_in_sensor=points,
         sigma=np.full(5, 2e-6, np.float32),
         intensity=np.full(5, 99.5, np.float32),
     )
-    write_profile_csv(tmp_path / "profile.csv", profiles, points + 1.0)
+    write_profile_csv(tmp_path / "profile.csv", profiles, np.linspace(0, 1, 5), points + 1.0)
     with (tmp_path / "profile.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     axes = [f"{axis}_{frame}_mm" for frame in ("sensor", "part") for axis in "xyz"]

@@ -42,7 +42,7 @@ def test_turned_sheet_shows_in_bias_over_range_and_step_height() -> None:
     alpha, baseline, source = np.radians(0.05), 55.0, -61.25
     steps = Programme(("step",), ("middle",), repeats=1, profiles=60, points=8000, exposures=2, steps=5)
     good, bad = report_of(steps), report_of(steps, ["sensor.laser.turn_y_deg=0.05"])
-    over_range = bad.figures()["sweeps"][0]
+    over_range = bad.figures["sweeps"][0]
     assert over_range["name"] == "range"
     for row in over_range["rows"]:
         expected = 1e3 * alpha * (row["value"] - source) * row["value"] / baseline

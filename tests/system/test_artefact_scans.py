@@ -61,7 +61,7 @@ def test_bias_of_ideal_ray_traced_scan_is_small(scanner, name) -> None:
 
 
 def test_public_interface_takes_an_artefact(scanner) -> None:
-    shot = scanner.shot(SPHERE, (0.0, 0.0, 180.0, 180.0, 0.0, 0.0), engine="geometric")
+    shot = scanner.shot(SPHERE, scancell.location(0.0, 0.0, 0.18, rx=np.pi), engine="geometric")
     part = scanner.load_part(SPHERE)
     assert len(shot.points_in_part) > 100
     assert np.abs(part.shapes.nearest(shot.points_in_part)[0]).max() < ROUNDING

@@ -159,9 +159,9 @@ def test_points_of_a_file_give_the_same_calibration(scanner, tmp_path) -> None:
     away["z_mm"][-40:] = [value - 30 for value in away["z_mm"][-40:]]
     pyarrow.csv.write_csv(pyarrow.table(away), tmp_path / "more.csv")
     more = scanner.calibrate("tool", from_points=tmp_path / "more.csv")
-    assert more.figures()["points"] == len(table) + 40
-    assert more.figures()["points_on_artefact"] <= len(table)
-    assert more.lines()[0].startswith(f"{len(more.result.residuals)} of {len(table) + 40} points")
+    assert more.figures["points"] == len(table) + 40
+    assert more.figures["points_on_artefact"] <= len(table)
+    assert more.summary().startswith(f"{len(more.result.residuals)} of {len(table) + 40} points")
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +235,7 @@ def test_shift_of_an_artefact_without_its_supports_is_stated(scanner, plate_poin
     assert "coordinates are shifted by (0.0, 0.0, -32.5) mm" in said
     report = scanner.calibrate(CalibrationRequest("all", passes=2, poses=12), artefact)
     assert any("shifted by (0.0, 0.0, -32.5) mm" in warning for warning in report.warnings)
-    assert "origin of the artefact's coordinates on the table: (0.000, 0.000, -32.500) mm" in report.lines()[1]
+    assert "origin of the artefact's coordinates on the table: (0.000, 0.000, -32.500) mm" in report.summary()
 
 
 def test_wrong_points_are_refused(scanner, tmp_path) -> None:

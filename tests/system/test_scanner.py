@@ -121,7 +121,7 @@ def test_sheet_no_thicker_than_the_table_margin_is_measured_without_bias(scanner
     assert abs(result.deviation.mean) < 1e-9
     assert (np.ptp(result.cloud.points_in_part[:, :2], axis=0) > (0.0598, 0.0398)).all()
     assert dropped.kept_low > 0.4 * len(result.cloud)
-    assert 0 < dropped.low == result.figures()["points_on_table"]
+    assert 0 < dropped.low == result.figures["points_on_table"]
     assert f"dropped    {dropped.low} points on the table; {dropped.kept_low} as low are on" in str(result)
     assert not any("table_margin_mm" in warning for warning in result.warnings)
     lost = result.recording.without_truth()

@@ -1,6 +1,6 @@
 """Exercise 4: stop the belt so that the front of the part is 60 mm past the light barrier."""
 
-from scancell.workspace.robot import Robot, mm
+from scancell import Robot, mm
 
 SPEED = 50 * mm  # per second
 DECELERATION = 1.0  # m/s2, of the belt

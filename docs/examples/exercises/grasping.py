@@ -1,6 +1,6 @@
 """Exercise 2: pick up the part in the middle of the table and put it down 40 mm further, turned by 90 degrees."""
 
-from scancell.workspace.robot import Robot, deg, location, mm
+from scancell import Robot, deg, location, mm
 
 FINGERS = 45 * mm  # length: from between the pads' upper ends to the tips
 TABLE = 100 * mm  # height

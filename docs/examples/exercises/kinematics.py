@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scancell.workspace.robot import Robot, deg, mm
+from scancell import Robot, deg, mm
 
 A = np.array([75, 270, -90, 0, 0, 0]) * mm
 D = np.array([335, 0, 0, 295, 0, 80]) * mm

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scancell.workspace.robot import Robot, deg, location, mm
+from scancell import Robot, deg, location, mm
 
 START = location(432 * mm, 0, 260 * mm, rx=180 * deg)  # 90 mm above the top
 LENGTH = 36 * mm

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scancell.workspace.robot import Robot, deg, location, mm
+from scancell import Robot, deg, location, mm
 
 START = location(415 * mm, -15 * mm, 210 * mm, rx=180 * deg)
 STANDOFF = 95 * mm  # of the sensor from the edge

@@ -1,6 +1,6 @@
 """Exercise 3: length and height of the part on the belt, from a light barrier and a distance sensor."""
 
-from scancell.workspace.robot import Robot, mm
+from scancell import Robot, mm
 
 SPEED = 50 * mm  # per second
 BARRIER = 2 * mm  # thickness of the light barrier along the belt

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ProfileResult(Value):
+class Profile(Value):
     """The profile of one instant.
 
     Attributes
@@ -44,7 +44,7 @@ class ProfileResult(Value):
 
 def measure_profile(
     loaded: LoadedCell, recording: Recording, sensors: Sensors, engine: Engine, threads: int
-) -> ProfileResult:
+) -> Profile:
     """The profile of a recording of one exposure.
 
     Raises
@@ -60,7 +60,7 @@ def measure_profile(
     profile = points_of(result.profiles, sensors.nominal, engine)
     points = np.array(profile.points_in_sensor, float)
     base_from_world = pose.inverse(cell.arm.world_from_base)
-    return ProfileResult(
+    return Profile(
         replace(profile, frame=np.zeros(len(points), np.int32)),
         np.array(result.profiles.row),
         pose.transform_points(base_from_world @ cell.world_from_sensor(measured.q[0]), points),

@@ -19,7 +19,7 @@ from scancell.progress import NullProgress, Progress
 from scancell.reconstruction.cloud import Cloud
 from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline
-from scancell.scanning.profile import ProfileResult, measure_profile
+from scancell.scanning.profile import Profile, measure_profile
 
 Array = NDArray[np.float64]
 
@@ -120,7 +120,7 @@ class ScanSession(CellSession):
         """Duration of the exposures of the description, s."""
         return si_value(self.job.setup.sensor.detector, "exposure_ms")
 
-    def profile(self, engine: Engine = "ray-traced") -> ProfileResult:
+    def profile(self, engine: Engine = "ray-traced") -> Profile:
         """What the sensor measures now; the cell is not stepped, and may be moving.
 
         Raises

@@ -20,7 +20,7 @@ from scancell.config.keys import Assignments, assignments
 from scancell.config.loading import require_sensor_words, sensor_words
 from scancell.errors import ScancellError
 from scancell.scanning.job import Job
-from scancell.scanning.profile import ProfileResult, measure_profile
+from scancell.scanning.profile import Profile, measure_profile
 from scancell.scanning.sense import ExposureImages, Sensors, make_sensors
 from scancell.scanning.session import ScanSession
 from scancell.workspace.live import LiveCell
@@ -239,7 +239,7 @@ def _for_display(images: ExposureImages) -> NDArray[np.uint8]:
     return _read_only((images.images >> max(0, images.bit_depth - 8)).astype(np.uint8))
 
 
-def _stripes(found: ProfileResult, cameras: int) -> tuple[Array, ...]:
+def _stripes(found: Profile, cameras: int) -> tuple[Array, ...]:
     positions = np.column_stack([found.profile.column, found.rows])
     return tuple(_read_only(positions[found.profile.camera == camera]) for camera in range(cameras))
 

@@ -32,7 +32,7 @@ from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
-from scancell.scanning.profile import ProfileResult
+from scancell.scanning.profile import Profile
 from scancell.scanning.session import ScanSession
 
 Array = NDArray[np.float64]
@@ -223,7 +223,7 @@ class Robot:
 
     # Measurement
 
-    def profile(self) -> ProfileResult:
+    def profile(self) -> Profile:
         """The profile that the sensor measures now."""
         with self._step("profile"):
             return self._session.profile(self._engine)

@@ -1,0 +1,115 @@
+"""The public names of scancell, by subject. Type checkers read this file; at run time it says what is imported."""
+
+
+# Calls that do one piece of work
+from .api import acceptance as acceptance
+from .api import batch as batch
+from .api import calibrate as calibrate
+from .api import calibrate_sensor as calibrate_sensor
+from .api import evaluate as evaluate
+from .api import extract as extract
+from .api import mesh as mesh
+from .api import place as place
+from .api import plan as plan
+from .api import render as render
+from .api import scan as scan
+from .api import shot as shot
+from .api import study as study
+from .api import survey as survey
+
+# The cell, and what is kept between calls
+from .scanner import Scanner as Scanner
+from .scanning.session import ScanSession as ScanSession
+from .workspace.live import LiveCell as LiveCell
+from .workspace.robot import Robot as Robot
+from .workspace.robot import deg as deg
+from .workspace.robot import location as location
+from .workspace.robot import mm as mm
+
+# Descriptions
+from .config.cell import CellDescription as CellDescription
+from .config.sensor import SensorDescription as SensorDescription
+from .config.scan import ScanDescription as ScanDescription
+from .config.estimated import EstimatedDescription as EstimatedDescription
+from .config.loading import Setup as Setup
+from .config.loading import load_setup as load_setup
+from .config.files import assets_dir as assets_dir
+from .jobs.calibration import CalibrationOptions as CalibrationOptions
+from .jobs.calibration_job import CalibrationRequest as CalibrationRequest
+from .jobs.sensor_calibration_job import SensorCalibrationRequest as SensorCalibrationRequest
+
+# Data
+from .geometry.mesh import Mesh as Mesh
+from .geometry.mesh import box_mesh as box_mesh
+from .nominal.parts import load_part as load_part
+from .nominal.parts import load_artefact as load_artefact
+from .geometry.shapes import ShapeGroup as ShapeGroup
+from .geometry import pose as pose
+from .planning.plan import Plan as Plan
+from .cell.recording import Recording as Recording
+from .cell.recording import read_recording as read_recording
+from .reconstruction.cloud import Cloud as Cloud
+from .scanning.profile import Profile as Profile
+from .scanning.sense import ExposureImages as ExposureImages
+
+# Results
+from .results import ScanResult as ScanResult
+from .results import ShotResult as ShotResult
+from .scanning.survey import SurveyResult as SurveyResult
+from .planning.setups import SetUps as SetUps
+from .evaluation.deviation import Deviation as Deviation
+from .evaluation.coverage import Coverage as Coverage
+from .evaluation.mesh_evaluation import MeshEvaluation as MeshEvaluation
+from .evaluation.artefact import ArtefactEvaluation as ArtefactEvaluation
+from .jobs.calibration_report import CalibrationReport as CalibrationReport
+from .jobs.sensor_calibration_report import SensorCalibrationReport as SensorCalibrationReport
+from .output.run_folder import RunReport as RunReport
+from .studies.acceptance.report import AcceptanceReport as AcceptanceReport
+from .studies.batch import BatchResult as BatchResult
+from .studies.report import StudyReport as StudyReport
+
+# The running cell: its controller, its guard, its signals
+from .cell.controller import Frame as Frame
+from .cell.controller import Mode as Mode
+from .cell.controller import Operation as Operation
+from .cell.instance import CellInstance as CellInstance
+from .cell.session import CellSession as CellSession
+from .cell.signals import SignalLog as SignalLog
+from .cell.fmu_file import build_fmu as build_fmu
+from .cell.fmu_file import cell_json as cell_json
+from .cell.fmu_file import make_temporary_fmu as make_temporary_fmu
+from .nominal.cell import NominalCell as NominalCell
+from .nominal.cell import nominal_cell as nominal_cell
+from .guard.guard import Guard as Guard
+from .guard.guarded_cell import GuardedCell as GuardedCell
+from .guard.link import Link as Link
+from .guard.settings import GuardSettings as GuardSettings
+from .guard.transport import InProcess as InProcess
+from .guard.transport import TcpTransport as TcpTransport
+from .guard.transport import UdpTransport as UdpTransport
+from .jobs.guard_job import guard_of as guard_of
+
+# Progress
+from .progress import Progress as Progress
+
+# Errors
+from .errors import CalibrationError as CalibrationError
+from .errors import CancelledError as CancelledError
+from .errors import CellError as CellError
+from .errors import CommandError as CommandError
+from .errors import DescriptionError as DescriptionError
+from .errors import EmptyScanError as EmptyScanError
+from .errors import EngineError as EngineError
+from .errors import FitError as FitError
+from .errors import ImageError as ImageError
+from .errors import LinkError as LinkError
+from .errors import MeshError as MeshError
+from .errors import MessageError as MessageError
+from .errors import MissingExtraError as MissingExtraError
+from .errors import OutputError as OutputError
+from .errors import PlanningError as PlanningError
+from .errors import ProgramError as ProgramError
+from .errors import ScancellError as ScancellError
+from .errors import SensorError as SensorError
+
+__version__: str
