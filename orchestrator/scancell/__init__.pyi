@@ -1,6 +1,5 @@
 """The public names of scancell, by subject. Type checkers read this file; at run time it says what is imported."""
 
-
 # Calls that do one piece of work
 from .api import acceptance as acceptance
 from .api import batch as batch
@@ -34,7 +33,6 @@ from .config.estimated import EstimatedDescription as EstimatedDescription
 from .config.loading import Setup as Setup
 from .config.loading import load_setup as load_setup
 from .config.files import assets_dir as assets_dir
-from .jobs.calibration import CalibrationOptions as CalibrationOptions
 from .jobs.calibration_job import CalibrationRequest as CalibrationRequest
 from .jobs.sensor_calibration_job import SensorCalibrationRequest as SensorCalibrationRequest
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import datetime
 import faulthandler
+import shutil
 import tempfile
 import time
 import traceback
@@ -70,6 +71,9 @@ class Outcome:
     slowest: float = 0.0
 
 
+ABOVE = scancell.location(0.0, 0.0, 0.13, rx=np.pi)  # pose of the sensor over the part
+
+
 class Fuzzer(AbstractContextManager["Fuzzer"]):
     """Targets that share a scanner, a scan and a folder, which is the current one meanwhile."""
 
@@ -87,12 +91,18 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         self.closed.close()
         self.plan = self.scanner.plan(self.part)
         self.result = self.scanner.scan(self.part, engine="geometric", plan=self.plan)
-        self.exposure = self.scanner.shot(self.part, scancell.location(0.0, 0.0, 0.13, rx=np.pi))
+        self.exposure = self.scanner.shot(self.part, ABOVE)
         self.space = self.scanner.survey(self.part, radius=0.05, height=0.05, voxel=0.02, pitch=0.02)
         # Calls may write over what lies in the current folder: valid arguments are read from another one.
         for folder in ("inputs", "."):
             self._write_files(Path(folder))
-        self.targets = [*self._descriptions(), *self._data(), *self._scanner_calls(), *self._functions()]
+        self.targets = [
+            *self._descriptions(),
+            *self._data(),
+            *self._scanner_calls(),
+            *self._functions(),
+            *self._running_cell(),
+        ]
 
     def _write_files(self, folder: Path) -> None:
         self.result.save(folder / "run")
@@ -214,6 +224,13 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("Cloud.concatenate", scancell.Cloud.concatenate, {"clouds": [cloud, cloud]}),
             Target("Mesh", scancell.Mesh, _fields(self.part)),
             Target("Mesh.transformed", self.part.transformed, {"target_from_part": np.eye(4)}),
+            Target("Plan", scancell.Plan, _fields(self.plan)),
+            Target("Plan.save", self.plan.save, {"path": "plan.json"}),
+            Target("Cloud.save", cloud.save, {"path": "cloud.ply"}),
+            Target("Cloud.load", scancell.Cloud.load, {"path": "inputs/run/cloud.ply"}),
+            Target("Coverage", scancell.Coverage, _fields(result.coverage)),
+            Target("Deviation", scancell.Deviation, _fields(result.deviation)),
+            Target("Recording", scancell.Recording, _fields(result.recording)),
             Target("ScanResult", scancell.ScanResult, _fields(result)),
             Target("ScanResult.save", result.save, {"folder": "saved", "formats": ["ply"], "frame": "part"}),
             Target("ScanResult.evaluate", result.evaluate, {"progress": cancels}, takes_long=True),
@@ -249,7 +266,13 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         plan = {"part": part, "unit": "mm", "setup": None, "judges": (), "progress": None}
         place = {"part": part, "share": 0.9, "unit": "mm", "progress": cancels}
         sensor = {"request": "ball", **of_sensor, "progress": cancels}
-        shot = {"part": part, "pose": [0, 0, 130, 180, 0, 0], "unit": "mm", "engine": "geometric", **of_sensor}
+        shot = {
+            "part": part,
+            "part_from_sensor": ABOVE,
+            "unit": "mm",
+            "engine": "geometric",
+            **of_sensor,
+        }
         return [
             Target("Scanner", scancell.Scanner, {**setup, "setup": None}),
             Target("Scanner.from_setup", scancell.Scanner.from_setup, {"setup": scanner.setup, "threads": 1}),
@@ -264,13 +287,70 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("Scanner.shot", scanner.shot, shot),
             Target("Scanner.calibrate", scanner.calibrate, calibrate, takes_long=True),
             Target("Scanner.calibrate_sensor", scanner.calibrate_sensor, sensor, takes_long=True),
-            Target("calibrate.Request", CalibrationRequest, _fields(CalibrationRequest())),
-            Target("calibrate_sensor.Request", SensorCalibrationRequest, _fields(SensorCalibrationRequest())),
+            Target("CalibrationRequest", CalibrationRequest, _fields(CalibrationRequest())),
+            Target("SensorCalibrationRequest", SensorCalibrationRequest, _fields(SensorCalibrationRequest())),
         ]
 
     def _session(self, **arguments: Any) -> None:
         with self.scanner.session(**arguments):
             pass
+
+    def _running_cell(self) -> list[Target]:
+        """Names that read and build things, and those of the running cell and its guard."""
+        setup, part = self.scanner.setup, self.part
+        nominal = scancell.nominal_cell(setup.cell, part)
+        described = scancell.cell_json(setup.cell, nominal, 0)
+        instance = self._stack.enter_context(scancell.CellInstance(scancell.make_temporary_fmu(described, Path("fmu"))))
+        session = self._stack.enter_context(self.scanner.session(part))
+        guard = scancell.guard_of(setup.cell, part)
+        link = scancell.Link(scancell.InProcess(guard), 0.1)
+        cycle_us = setup.cell.world.controller_cycle_us
+        files: Arguments = {"unit": "mm"}
+        live: Arguments = {"session": session, "hold_time": 0.3}
+        address: Arguments = {"host": "127.0.0.1", "port": 9}
+        return [
+            Target("assets_dir", scancell.assets_dir, {}),
+            Target("box_mesh", scancell.box_mesh, {"size": (0.1, 0.1, 0.1), "source": "box"}),
+            Target("location", scancell.location, {"x": 0.1, "y": 0.0, "z": 0.2, "rx": 0.1, "ry": 0.0, "rz": 0.0}),
+            Target("load_part", scancell.load_part, {"path": "inputs/part.obj", **files}),
+            Target("load_artefact", scancell.load_artefact, {"path": scancell.assets_dir() / "artefacts/sphere.toml"}),
+            Target(
+                "load_setup",
+                scancell.load_setup,
+                {"cell": None, "sensor": None, "scan": self.scan, "overrides": (), "ideal": False},
+            ),
+            Target("read_recording", scancell.read_recording, {"path": Path("inputs/run/recording.parquet")}),
+            Target("nominal_cell", scancell.nominal_cell, {"cell": setup.cell, "part": part}),
+            Target("cell_json", scancell.cell_json, {"cell": setup.cell, "nominal": nominal, "seed": 0}),
+            Target("build_fmu", scancell.build_fmu, {"description": described, "path": Path("cell.fmu"), "version": 2}),
+            Target(
+                "make_temporary_fmu",
+                lambda description, folder: shutil.rmtree(scancell.make_temporary_fmu(description, folder)),
+                {"description": described, "folder": Path("unpacked")},
+            ),
+            Target("guard_of", scancell.guard_of, {"cell": setup.cell, "part": part, "scan": None, **files}),
+            Target("GuardSettings", scancell.GuardSettings, _fields(guard.settings)),
+            Target("Guard", scancell.Guard, {"nominal": nominal, "robot": setup.cell.robot, "settings": None}),
+            Target("InProcess", scancell.InProcess, {"answerer": guard, "compute_time": 0.004}),
+            Target("Link", scancell.Link, {"transport": scancell.InProcess(guard), "age_limit": 0.1}),
+            Target("UdpTransport", lambda **given: scancell.UdpTransport(**given).close(), address),
+            Target("TcpTransport", lambda **given: scancell.TcpTransport(**given).close(), address, is_refused=True),
+            Target(
+                "GuardedCell",
+                scancell.GuardedCell,
+                {"cell": instance, "cycle_us": cycle_us, "link": link, "max_age": 0.1},
+            ),
+            Target("CellInstance", lambda fmu: scancell.CellInstance(fmu).close(), {"fmu": Path("fmu").absolute()}),
+            Target("CellSession", scancell.CellSession, {"cell": instance, "nominal": nominal, "cycle_us": cycle_us}),
+            Target(
+                "ScanSession",
+                scancell.ScanSession,
+                {"instance": instance, "job": session.job, "pipeline": session.pipeline, "guard": None},
+            ),
+            Target("SignalLog", scancell.SignalLog, {"cell": instance, "reals": ["measured.table"], "booleans": ()}),
+            Target("Robot", scancell.Robot, {"session": session, "engine": "geometric", "folder": Path()}),
+            Target("LiveCell", scancell.LiveCell, live),
+        ]
 
     def _functions(self) -> list[Target]:
         part, sensor = self.part, self.scanner.setup.sensor
@@ -301,7 +381,13 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         geometric: Arguments = {"engine": "geometric"}
         calibrate = {"request": "tool", "artefact": None, **cell, **run, **built}
         render = {"recording": "inputs/run/recording.parquet", **of_part, **no_scan, **run, **geometric}
-        shot = {**of_part, "pose": [0, 0, 130, 180, 0, 0], **no_scan, **run, **geometric}
+        shot = {
+            **of_part,
+            "part_from_sensor": ABOVE,
+            **no_scan,
+            **run,
+            **geometric,
+        }
         study = {"file": "inputs/study.toml", "out": "study", "settings": {}, "workers": 1}
         survey = {**of_part, **cell, **run, "radius": 0.05, "voxel": 0.02}
         short = [
@@ -354,7 +440,14 @@ def _like(valid: Any) -> list[Any]:  # noqa: PLR0911
         numbers = {key: np.float64(0.01) for key in valid}
         return [numbers, dict.fromkeys(valid, "x"), [f"{key}=0.01" for key in valid], {**valid, "x": 1}]
     if isinstance(valid, np.ndarray):
-        return [valid.tolist(), valid.astype(np.float32), valid[:-1], valid[::-1], np.full(valid.shape, np.nan), -valid]
+        return [
+            valid.tolist(),
+            valid.astype(np.float32),
+            valid[:-1],
+            valid[::-1],
+            np.full(valid.shape, np.nan),
+            valid.T,
+        ]
     if isinstance(valid, list | tuple):
         return [tuple(valid), list(valid), valid[:-1], [*valid, *valid], [*valid, None]]
     return []

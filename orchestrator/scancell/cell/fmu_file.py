@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import scancell.cell
+from scancell.arguments import checked_arguments
 from scancell.cell.arm_dynamics import dynamics_json
 from scancell.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_contents, write_archive, write_unpacked
 from scancell.cell.mesh_json import mesh_json
@@ -19,7 +20,7 @@ from scancell.config.cell import CellDescription, PartDescription
 from scancell.config.devices import RESERVED_NAMES, ConveyorDescription, FurtherPartDescription
 from scancell.config.gripper import GripperDescription
 from scancell.config.units import si_value, to_si
-from scancell.errors import CellError
+from scancell.errors import CellError, OutputError
 from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, mass_properties
@@ -49,6 +50,7 @@ def runtime_dir() -> Path:
     raise CellError("the native robot cell is not installed; run `make setup`")
 
 
+@checked_arguments
 def cell_json(
     cell: CellDescription, nominal: NominalCell, seed: int, *, collision_outputs: bool = True
 ) -> dict[str, Any]:
@@ -181,6 +183,7 @@ def _contact_bodies_json(cell: CellDescription, nominal: NominalCell) -> list[di
     ]
 
 
+@checked_arguments
 def build_fmu(
     description: Mapping[str, Any], path: Path, version: FmiVersion, options: FmuOptions | None = None
 ) -> None:
@@ -198,6 +201,7 @@ def build_fmu(
         write_archive(temporary, contents)
 
 
+@checked_arguments
 def make_temporary_fmu(description: Mapping[str, Any], folder: Path, version: FmiVersion = 2) -> Path:
     """Unpacked FMU of a cell (`cell_json`) in the new folder `folder`, for `CellInstance` in this process.
 
@@ -207,6 +211,12 @@ def make_temporary_fmu(description: Mapping[str, Any], folder: Path, version: Fm
     ------
     CellError
         If the native part is missing or refuses the description.
+    OutputError
+        If the folder cannot be written.
     """
-    write_unpacked(folder, runtime_dir(), json.dumps(description), version)
+    contents = json.dumps(description)
+    try:
+        write_unpacked(folder, runtime_dir(), contents, version)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
     return folder

@@ -19,6 +19,7 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave
 from numpy.typing import NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.closing import Closing
 from scancell.errors import CellError, DescriptionError
 
@@ -67,9 +68,10 @@ class CellInstance(Closing):
         If the FMU cannot be loaded or refuses a call, with the message that it logged.
     """
 
+    @checked_arguments
     def __init__(
         self,
-        fmu: Path,
+        fmu: str | Path,
         cell_file: Path | None = None,
         parameters: Parameters | None = None,
         folder: Path | None = None,
@@ -81,14 +83,15 @@ class CellInstance(Closing):
         self._unpacked: Path | None = None
         self._time_us = 0
         try:
-            self.folder = fmu if fmu.is_dir() else self._unpack(fmu, folder)
+            file = Path(fmu).absolute()
+            self.folder = file if file.is_dir() else self._unpack(file, folder)
             self._load(self.folder)
             self._initialise(cell_file, parameters(self.units()) if parameters else {})
         except BaseException as error:  # an interrupt, too, must leave no unpacked files
             self._remove_unpacked()
             if isinstance(error, DescriptionError) or not isinstance(error, Exception):
                 raise
-            raise CellError(self._explain(f"the cell cannot be started from {fmu.name}", error)) from error
+            raise CellError(self._explain(f"the cell cannot be started from {Path(fmu).name}", error)) from error
 
     def _unpack(self, fmu: Path, folder: Path | None) -> Path:
         self._unpacked = Path(tempfile.mkdtemp(prefix="scancell-fmu-", dir=folder))

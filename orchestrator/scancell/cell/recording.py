@@ -16,6 +16,7 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 from scancell.geometry import pose
@@ -247,6 +248,7 @@ def write_recording(recording: Recording, path: Path) -> None:
             pyarrow.parquet.write_table(table, temporary)
 
 
+@checked_arguments
 def read_recording(path: Path) -> Recording:
     """Read Parquet or CSV; rows without a new trigger (same or zero ``trigger.index``) are passed over.
 

@@ -21,6 +21,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.cell.commands import CellCommands
 from scancell.cell.controller import Frame, Mode, Operation, refusal, state_in_words
 from scancell.cell.driver import TRIGGER_MODES, DriveOptions, Driver
@@ -51,6 +52,7 @@ class CellSession(CellCommands):
         The controller's cycle, the grain of a session: commands are taken and answers looked at once a cycle.
     """
 
+    @checked_arguments
     def __init__(self, cell: CellInstance, nominal: NominalCell, cycle_us: int) -> None:
         super().__init__(cell, nominal)
         self._cycle_us = cycle_us

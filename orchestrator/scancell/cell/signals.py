@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.cell.instance import CellInstance
 
 Array = NDArray[np.float64]
@@ -21,6 +22,7 @@ class SignalLog:
         If the cell has no such variable.
     """
 
+    @checked_arguments
     def __init__(self, cell: CellInstance, reals: Sequence[str], booleans: Sequence[str] = ()) -> None:
         self._cell = cell
         self._reals, self._booleans = tuple(reals), tuple(booleans)

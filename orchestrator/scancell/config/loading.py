@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from scancell.arguments import checked_fields
+from scancell.arguments import checked_arguments, checked_fields
 from scancell.config.cell import CellDescription
 from scancell.config.description import FileDescription, checked, validate
 from scancell.config.files import FILE_KEYS, assets_dir, plain_data, read_description, read_toml
@@ -58,6 +58,7 @@ class Setup:
     scan: ScanDescription
 
 
+@checked_arguments
 def load_setup(
     cell: CellDescription | str | Path | None = None,
     sensor: SensorDescription | str | Path | None = None,

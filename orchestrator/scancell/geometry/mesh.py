@@ -139,7 +139,8 @@ class Mesh(Value):
         return Mesh(shell.vertices, np.where(inward[:, None], faces[:, ::-1], faces).astype(np.int64), self.source)
 
 
-def box_mesh(size: ArrayLike, source: str = "box") -> Mesh:
+@checked_arguments
+def box_mesh(size: Annotated[ArrayLike, Shape((3,))], source: str = "box") -> Mesh:
     """A box with edges `size` (3,) along its axes, centred on the origin, metres."""
     corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     # Two triangles for each of the sides -x, -y, -z, +z, +y, +x; corner 4 i + 2 j + k has signs i, j, k.

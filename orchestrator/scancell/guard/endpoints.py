@@ -10,7 +10,7 @@ from __future__ import annotations
 import secrets
 from collections import Counter, deque
 from enum import StrEnum
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from scancell.errors import MessageError
 from scancell.guard.messages import CellState, GuardMessage, Packet, decode
@@ -43,6 +43,7 @@ REJECTED = "rejected by the guard"  # accepted, but not a state of the guard's c
 FAILED = "not answered: error of the guard"  # accepted, but the guard raised an exception
 
 
+@runtime_checkable
 class Answerer(Protocol):
     """A guard."""
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.cell.controller import Operation
 from scancell.config.robot import RobotDescription
 from scancell.errors import MessageError
@@ -82,6 +83,7 @@ class Guard:
         The last one.
     """
 
+    @checked_arguments
     def __init__(
         self,
         nominal: NominalCell,

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from scancell.arguments import checked_arguments
 from scancell.cell.controller import Mode, Operation
 from scancell.cell.instance import CellInstance
 from scancell.guard.link import Link
@@ -41,6 +42,7 @@ class GuardedCell:
         Whether a person holds the emergency stop pressed, whatever the guard says.
     """
 
+    @checked_arguments
     def __init__(
         self, cell: CellInstance, cycle_us: int, link: Link | None, max_age: float, shows_jogs: bool = True
     ) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from scancell.arguments import checked_arguments
 from scancell.config.channel import LinkDescription
 from scancell.guard.channel import Channel
 from scancell.guard.endpoints import CellEndpoint
@@ -53,6 +54,7 @@ class Link:
         Of the controller; then the times are true ones.
     """
 
+    @checked_arguments
     def __init__(self, transport: Transport, age_limit: float, faults: CellFaults | None = None) -> None:
         self._transport, self._faults = transport, faults
         self._endpoint = CellEndpoint(age_limit)

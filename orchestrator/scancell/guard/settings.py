@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scancell.arguments import checked_fields
 
+
+@checked_fields
 @dataclass(frozen=True)
 class GuardSettings:
     """Worst case for which stops are proved.

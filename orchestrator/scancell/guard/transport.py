@@ -7,8 +7,9 @@ import itertools
 import socket
 from collections import deque
 from collections.abc import Iterator
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
+from scancell.arguments import checked_arguments
 from scancell.errors import LinkError, MessageError
 from scancell.guard.channel import Arrival, Channel
 from scancell.guard.endpoints import Answerer, GuardEndpoint
@@ -19,6 +20,7 @@ _MAX_UNSENT = 16 * MAX_PACKET
 _MAX_RECEIVED = 64  # packets at once, so that a flood does not hold up the cell
 
 
+@runtime_checkable
 class Transport(Protocol):
     """Carries packets to the guard, and its packets back."""
 
@@ -71,6 +73,7 @@ class InProcess:
         Of an answer, s. Of the states that arrive meanwhile, the newest is the next to be answered.
     """
 
+    @checked_arguments
     def __init__(self, answerer: Answerer, compute_time: float = 0.0) -> None:
         self.endpoint = GuardEndpoint(answerer)
         self._compute_time = compute_time
@@ -141,6 +144,7 @@ class UdpTransport:
         If the address is none.
     """
 
+    @checked_arguments
     def __init__(self, host: str, port: int) -> None:
         self._socket = _connected(host, port, socket.SOCK_DGRAM)
 
@@ -178,6 +182,7 @@ class TcpTransport:
         If there is no server.
     """
 
+    @checked_arguments
     def __init__(self, host: str, port: int) -> None:
         self._address = host, port
         self._open()
@@ -252,5 +257,8 @@ def resolved(host: str, port: int, kind: socket.SocketKind) -> tuple[socket.Addr
     """Family and address of a host; `OSError` if there is none."""
     if not 0 <= port <= 65535:  # getaddrinfo takes it modulo 65536
         raise OSError("expected a port from 0 to 65535")
-    family, _, _, _, address = socket.getaddrinfo(host, port, type=kind)[0]
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=kind)[0]
+    except UnicodeError:  # a name that no host can have
+        raise OSError("expected the name or address of a host") from None
     return family, address

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scancell.arguments import checked_arguments
 from scancell.config.cell import CellDescription, TableDescription
 from scancell.config.loading import load_setup
 from scancell.config.robot import JointDescription
@@ -45,6 +46,7 @@ def settings_of(cell: CellDescription) -> GuardSettings:
     )
 
 
+@checked_arguments
 def guard_of(
     cell: str | Path | CellDescription | None = None,
     part: str | Path | Mesh | None = None,

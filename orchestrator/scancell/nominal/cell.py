@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.config.cell import CellDescription, PartDescription
 from scancell.config.devices import FurtherPartDescription
 from scancell.config.gripper import GripperDescription
@@ -170,6 +171,7 @@ class NominalCell(Value):
         return np.stack([frames[body.moves_with] for body in self.bodies], -3)
 
 
+@checked_arguments
 def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
     """Assemble the nominal cell around a part whose mesh (metres) is in its own coordinate system.
 

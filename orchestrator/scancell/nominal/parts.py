@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from scancell.arguments import checked_arguments
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.units import to_si
 from scancell.errors import MeshError
@@ -37,6 +38,7 @@ def shape_group(artefact: ArtefactDescription, source: str | None = None) -> Sha
     return ShapeGroup(tuple(shapes), source or artefact.name)
 
 
+@checked_arguments
 def load_part(path: str | Path, unit: str = "mm") -> Mesh:
     """Read a part: an STL, OBJ or PLY file in `unit` (mm, m or inch), or an artefact (TOML), whose keys have units.
 
@@ -57,6 +59,7 @@ def load_part(path: str | Path, unit: str = "mm") -> Mesh:
     return load_artefact(path).mesh()
 
 
+@checked_arguments
 def load_artefact(path: str | Path) -> ShapeGroup:
     """Read the shapes of an artefact (TOML), in the part frame, m.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.cell.controller import Operation
 from scancell.cell.instance import CellInstance
 from scancell.cell.session import CellSession
@@ -38,6 +39,7 @@ class ScanSession(CellSession):
         Receives what is measured, and may end it by raising.
     """
 
+    @checked_arguments
     def __init__(
         self,
         instance: CellInstance,

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from typing import TypeVar
 
+from scancell.arguments import checked_arguments
 from scancell.errors import CommandError
 from scancell.progress import NullProgress
 from scancell.scanning.session import ScanSession
@@ -47,6 +48,7 @@ class LiveCell:
         Number of cycles from one `state` to the next.
     """
 
+    @checked_arguments
     def __init__(
         self,
         session: ScanSession,

@@ -26,6 +26,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.cell.readings import Tool
 from scancell.config.choices import Engine
 from scancell.errors import CommandError
@@ -53,6 +54,7 @@ class Step:
     end: float
 
 
+@checked_arguments
 def location(x: float, y: float, z: float, *, rx: float = 0.0, ry: float = 0.0, rz: float = 0.0) -> Array:
     """Pose (4, 4) at a position, m, with XYZ' Euler angles (intrinsic X, then Y, then Z'), rad."""
     return pose.from_euler_xyz((x, y, z), (rx, ry, rz))
@@ -81,6 +83,7 @@ class Robot:
         That `save` has written.
     """
 
+    @checked_arguments
     def __init__(
         self,
         session: ScanSession,
