@@ -16,7 +16,7 @@ import numpy as np
 
 from scancell import (
     CellInstance,
-    Frame,
+    JogFrame,
     GuardedCell,
     GuardSettings,
     Link,
@@ -47,9 +47,9 @@ def main(host: str, port: int) -> None:
         guarded = GuardedCell(cell, setup.cell.world.controller_cycle_us, link, max_age)
         cell.set_integer("command.operation", Operation.MANUAL)
         guarded.run(0.5, lambda: link.counts.total() > 0)  # until the guard answers
-        cell.set_integer("command.jog_frame", Frame.WORLD)
+        cell.set_integer("command.jog_frame", JogFrame.WORLD)
         cell.set(cell.real_group([f"command.jog[{i + 1}]" for i in range(6)]), DOWN)
-        cell.set_integer("command.mode", Mode.TOOL_JOG)
+        cell.set_integer("command.mode", Mode.CARTESIAN_JOG)
         said = ""
 
         def watch() -> bool:

@@ -67,7 +67,7 @@ from .studies.batch import BatchResult as BatchResult
 from .studies.report import StudyReport as StudyReport
 
 # The running cell: its controller, its guard, its signals
-from .cell.controller import Frame as Frame
+from .cell.controller import JogFrame as JogFrame
 from .cell.controller import Mode as Mode
 from .cell.controller import Operation as Operation
 from .cell.instance import CellInstance as CellInstance

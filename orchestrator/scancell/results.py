@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.arguments import Count, checked_arguments, checked_fields
-from scancell.config.choices import Frame
+from scancell.config.choices import CloudFrame
 from scancell.config.files import plain_data
 from scancell.config.sensor import SensorDescription
 from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
@@ -153,7 +153,7 @@ class ScanResult(ScanData, Result):
         folder: str | Path,
         formats: Sequence[str] = ("ply",),
         *,
-        frame: Frame = "part",
+        frame: CloudFrame = "part",
         command_line: Sequence[str] | None = None,
     ) -> list[Path]:
         """Write the run folder, whole or not at all, and return its files.
@@ -183,7 +183,7 @@ class ScanResult(ScanData, Result):
         folder: RunFolder,
         formats: Sequence[str],
         *,
-        frame: Frame = "part",
+        frame: CloudFrame = "part",
         command_line: Sequence[str] | None = None,
     ) -> None:
         """Write the files of the run into an open `RunFolder`."""

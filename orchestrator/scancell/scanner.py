@@ -19,7 +19,7 @@ from scancell.jobs.calibrating_cell import CalibratingCell
 from scancell.jobs.finishing import Finishing
 from scancell.jobs.guard_job import guard_of
 from scancell.jobs.single_exposure import expose
-from scancell.planning.configuration_map import Judge
+from scancell.planning.configuration_map import QualityFactor
 from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
 from scancell.planning.plan_file import read_plan
@@ -180,7 +180,7 @@ class Scanner(CalibratingCell):
         *,
         unit: str = "mm",
         setup: Setup | None = None,
-        judges: Sequence[Judge] = (),
+        judges: Sequence[QualityFactor] = (),
         progress: Progress | ProgressCallback | None = None,
     ) -> Plan:
         """The checked program of the scan of a part, which `scan` takes.
@@ -202,7 +202,7 @@ class Scanner(CalibratingCell):
         heard = as_progress(progress)
         heard.stage("planning", 1, "plan")
         job = self._job(part, unit, setup=setup)
-        made = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, judges=judges, progress=heard)
+        made = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, quality_factors=judges, progress=heard)
         heard.advance(1)
         return made
 

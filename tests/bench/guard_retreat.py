@@ -62,7 +62,7 @@ def run(poses: int, seed: int) -> Counts:
             reached = round(SETTINGS.reaction / CYCLE)
             lost_at_once = float((begin - later[:reached])[:, near].max())
             free = (later[:, ~near] > _CLEARANCE + _ROOM / 2).all()
-            mode = Mode.TOOL_JOG if operation is Operation.MANUAL else Mode.JOINT_MOVE
+            mode = Mode.CARTESIAN_JOG if operation is Operation.MANUAL else Mode.JOINT_MOVE
             guard.reset()
             answer = guard.answer(CellState(1, 1.0, operation, mode, False, axes, 0.0, ahead, CYCLE, 0.5))
             permitted = not answer.emergency_stop and answer.monitor_speed == 1

@@ -65,7 +65,7 @@ class _Session:
     ) -> tuple[GuardMessage, float]:
         """The answer to a state measured with noise, and the processor time that it took, s."""
         measured = axes + NOISE * self.rng.standard_normal(axes.shape)
-        mode = Mode.TOOL_JOG if operation is Operation.MANUAL else Mode.JOINT_MOVE
+        mode = Mode.CARTESIAN_JOG if operation is Operation.MANUAL else Mode.JOINT_MOVE
         spacing = POLL if len(ahead) else 0.0
         state = CellState(next(self._sequence), poll * POLL, operation, mode, True, measured, rate, ahead, spacing)
         began = time.process_time()

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.cell import CellDescription
-from scancell.config.choices import Mode
+from scancell.config.choices import ScanMode
 from scancell.config.loading import load_setup
 from scancell.config.path import PathDescription
 from scancell.config.scan import RasterDescription, ScanDescription, SweepDescription
@@ -127,7 +127,7 @@ def run_case(case: dict[str, Any]) -> Row:
     )
 
 
-def run_scan(part: str, mode: Mode) -> Row:
+def run_scan(part: str, mode: ScanMode) -> Row:
     """The plan of the default scan of a part, and its checks."""
     cell = planning_cell({"part": part})
     start = time.process_time()

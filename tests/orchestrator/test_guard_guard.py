@@ -38,7 +38,7 @@ def guard_of(cell: NominalCell) -> Guard:
 
 
 def state_of(number: int, axes: np.ndarray, moving: bool = True) -> CellState:
-    return CellState(number, POLL * number, Operation.MANUAL, Mode.TOOL_JOG, moving, axes)
+    return CellState(number, POLL * number, Operation.MANUAL, Mode.CARTESIAN_JOG, moving, axes)
 
 
 def answers(guard: Guard, states: Sequence[CellState]) -> list[tuple[GuardMessage, Decision]]:

@@ -40,7 +40,7 @@ def gap_of(cell, scene, axes: np.ndarray) -> float:
 
 def shown(number: int, axes: np.ndarray, rates: np.ndarray, moving: bool, operation=Operation.MANUAL) -> CellState:
     ahead = axes + CYCLE * np.arange(1.0, ROWS + 1)[:, None] * rates
-    mode = Mode.TOOL_JOG if operation is Operation.MANUAL else Mode.JOINT_MOVE
+    mode = Mode.CARTESIAN_JOG if operation is Operation.MANUAL else Mode.JOINT_MOVE
     return CellState(number, POLL * number, operation, mode, moving, axes, 0.0, ahead, CYCLE, POLL * (number - 1))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scancell import Scanner
-from scancell.cell.controller import Frame, Mode, Operation
+from scancell.cell.controller import JogFrame, Mode, Operation
 from scancell.config.loading import load_setup
 from scancell.errors import CommandError
 from scancell.geometry import pose
@@ -164,7 +164,7 @@ def test_move_into_table_is_slowed_and_held(operator: Operator) -> None:
 def test_jog_into_table_is_warned_then_stopped(operator: Operator) -> None:
     operator.at()
     operator.live.submit(ChangeOperation(Operation.MANUAL))
-    down = Jog(Mode.TOOL_JOG, [0, 0, -1, 0, 0, 0])
+    down = Jog(Mode.CARTESIAN_JOG, [0, 0, -1, 0, 0, 0])
     operator.until(lambda state: state.controller == "emergency stop", down)
     texts = [state.guard_text for state in operator.states]
     warned = next(i for i, text in enumerate(texts) if "contact in" in text)
@@ -198,7 +198,7 @@ def test_frozen_clock_of_jog_is_the_operators_not_the_cells(operator: Operator) 
     """Simulated time may be faster than the wall clock: the hold time is one of the wall clock."""
     operator.live.submit(ChangeOperation(Operation.MANUAL))
     operator.cycle(12)
-    operator.live.submit(Jog(Mode.TOOL_JOG, [0.2, 0, 0, 0, 0, 0], Frame.TOOL))
+    operator.live.submit(Jog(Mode.CARTESIAN_JOG, [0.2, 0, 0, 0, 0, 0], JogFrame.SENSOR))
     begin = operator.clock.now
     for _ in range(60):
         operator.cycle()
@@ -266,7 +266,7 @@ def test_devices_and_wrong_commands(operator: Operator) -> None:
     "make",
     [
         lambda: Jog(Mode.JOINT_JOG, [2.0, 0]),
-        lambda: Jog(Mode.TOOL_JOG, [0.0, 0, 0]),
+        lambda: Jog(Mode.CARTESIAN_JOG, [0.0, 0, 0]),
         lambda: Jog(Mode.SERVO, [0.0] * 6),
         lambda: Jog(Mode.JOINT_JOG, [np.nan] * 7),
         lambda: MoveJoints("home"),

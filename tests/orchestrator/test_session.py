@@ -10,7 +10,7 @@ import pytest
 from cells import ball
 from fmu_cells import CYCLE_US, moves_with_stops, turn_of_table
 
-from scancell.cell.controller import Frame, Operation
+from scancell.cell.controller import JogFrame, Operation
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.fmu_package.contents import FmiVersion
 from scancell.cell.instance import CellInstance
@@ -147,15 +147,15 @@ def test_jog_and_move_require_matching_mode(start: Start) -> None:
     np.testing.assert_allclose(session.joints, begin, atol=1e-12)
 
 
-@pytest.mark.parametrize("frame", list(Frame))
-def test_jog_moves_along_tool_axis(start: Start, frame: Frame) -> None:
+@pytest.mark.parametrize("frame", list(JogFrame))
+def test_jog_moves_along_tool_axis(start: Start, frame: JogFrame) -> None:
     session = start()
     session.set_operation(Operation.MANUAL)
     begin = session.world_from_tool()
     session.jog_tool([0, 0, 0.4, 0, 0, 0], 0.4, frame)
     end = session.world_from_tool()
     travel = (end - begin)[:3, 3]
-    axis = np.array([0, 0, 1]) if frame == Frame.WORLD else begin[:3, 2]
+    axis = np.array([0, 0, 1]) if frame == JogFrame.WORLD else begin[:3, 2]
     assert travel @ axis > 0.01
     np.testing.assert_allclose(travel, (travel @ axis) * axis, atol=1e-6)
     np.testing.assert_allclose(end[:3, :3], begin[:3, :3], atol=1e-6)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scancell.cell.controller import Frame, Grip, Mode, Operation
+from scancell.cell.controller import GripperMode, JogFrame, Mode, Operation
 from scancell.cell.instance import CellInstance
 from scancell.cell.readings import CellReadings, Tool
 from scancell.errors import CommandError
@@ -42,7 +42,7 @@ class CellCommands(CellReadings):
         self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
         self._start(Mode.LINE_MOVE, speed)
 
-    def set_jog(self, mode: Mode, deflections: ArrayLike, frame: Frame = Frame.WORLD) -> None:
+    def set_jog(self, mode: Mode, deflections: ArrayLike, frame: JogFrame = JogFrame.WORLD) -> None:
         """Jog in joint or Cartesian mode: `deflections` (at most joints + 1,) -1 to 1, the others are 0.
 
         Raises
@@ -50,7 +50,7 @@ class CellCommands(CellReadings):
         CommandError
             If the arm has fewer joints than a Cartesian jog needs.
         """
-        if mode is Mode.TOOL_JOG and self._jog.count <= 6:
+        if mode is Mode.CARTESIAN_JOG and self._jog.count <= 6:
             raise CommandError(f"jog_tool: the arm has {self._jog.count - 1} joints, expected at least 6")
         values = np.zeros(self._jog.count)
         values[: np.size(deflections)] = deflections
@@ -97,12 +97,12 @@ class CellCommands(CellReadings):
     def set_gripper_width(self, width: float) -> None:
         """Begin to bring the pads `width` apart, m."""
         self._cell.set(self._cell.real_group(["command.gripper.width"]), np.array([width]))
-        self._cell.set_integer("command.gripper.mode", Grip.WIDTH)
+        self._cell.set_integer("command.gripper.mode", GripperMode.WIDTH)
 
     def set_gripper_force(self, force: float) -> None:
         """Begin to close the fingers with `force`, N each."""
         self._cell.set(self._cell.real_group(["command.gripper.force"]), np.array([force]))
-        self._cell.set_integer("command.gripper.mode", Grip.FORCE)
+        self._cell.set_integer("command.gripper.mode", GripperMode.FORCE)
 
     def _start(self, mode: Mode, speed: float) -> None:
         self._cell.set(self._cell.real_group(["command.speed"]), np.array([speed]))

@@ -15,7 +15,7 @@ class Mode(IntEnum):
     JOINT_MOVE = 2
     LINE_MOVE = 3
     JOINT_JOG = 4
-    TOOL_JOG = 5
+    CARTESIAN_JOG = 5
     PROGRAM = 6
 
 
@@ -26,14 +26,14 @@ class Operation(IntEnum):
     AUTOMATIC = 1
 
 
-class Frame(IntEnum):
+class JogFrame(IntEnum):
     """Numbers of ``command.jog_frame``: whose axes a Cartesian jog follows."""
 
     WORLD = 0
-    TOOL = 1
+    SENSOR = 1
 
 
-class Grip(IntEnum):
+class GripperMode(IntEnum):
     """Numbers of ``command.gripper.mode``: go on as before, bring the pads apart, close with a force."""
 
     KEEP = 0

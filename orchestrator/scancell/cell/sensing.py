@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from scancell.cell.mesh_json import mesh_json
 from scancell.config.cell import CellDescription
-from scancell.config.sensing import SensorDescription
+from scancell.config.sensing import CellSensorDescription
 from scancell.config.units import si_value, to_si
 from scancell.errors import CellError
 from scancell.geometry.decimation import decimated, deviation
@@ -20,7 +20,7 @@ from scancell.proximity.cell_scene import cell_scene
 SENSOR_KEYS = tuple(
     name
     for name, field in CellDescription.model_fields.items()
-    if any(isinstance(item, type) and issubclass(item, SensorDescription) for item in get_args(field.annotation))
+    if any(isinstance(item, type) and issubclass(item, CellSensorDescription) for item in get_args(field.annotation))
 )
 
 
@@ -105,7 +105,7 @@ def _watched(nominal: NominalCell, meshes: dict[str, Mesh]) -> list[tuple[str, s
     return [(a, b) for a, b in pairs if {frame[a], frame[b]} != {"finger", "part"}]
 
 
-def _sensor_json(cell: CellDescription, sensor: SensorDescription) -> dict[str, Any]:
+def _sensor_json(cell: CellDescription, sensor: CellSensorDescription) -> dict[str, Any]:
     """The mount, and all other keys of a sensor in SI units."""
     period_us = round(sensor.period_ms * 1e3)
     if period_us <= 0 or period_us % cell.world.time_step_us or abs(sensor.period_ms * 1e3 - period_us) > 1e-6:
@@ -118,5 +118,5 @@ def _sensor_json(cell: CellDescription, sensor: SensorDescription) -> dict[str, 
         "frame": sensor.moves_with,
         "frame_from_sensor": pose_json(pose_matrix(sensor.pose)),
         "period_us": period_us,
-        **to_si(sensor.model_dump(exclude=set(SensorDescription.model_fields))),
+        **to_si(sensor.model_dump(exclude=set(CellSensorDescription.model_fields))),
     }

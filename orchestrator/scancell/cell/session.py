@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.cell.commands import CellCommands
-from scancell.cell.controller import Frame, Mode, Operation, refusal, state_in_words
+from scancell.cell.controller import JogFrame, Mode, Operation, refusal, state_in_words
 from scancell.cell.driver import TRIGGER_MODES, DriveOptions, Driver
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program
@@ -139,7 +139,7 @@ class CellSession(CellCommands):
         """
         self._run_jog(Mode.JOINT_JOG, "jog_joints", deflections, duration)
 
-    def jog_tool(self, deflections: ArrayLike, duration: float, frame: Frame = Frame.WORLD) -> None:
+    def jog_tool(self, deflections: ArrayLike, duration: float, frame: JogFrame = JogFrame.WORLD) -> None:
         """Jog the sensor along and about the axes of `frame` for `duration`, then come to rest; needs manual operation.
 
         `deflections` (6,) are along x, y, z and about x, y, z, -1 to 1 of the speeds that the description allows.
@@ -149,7 +149,7 @@ class CellSession(CellCommands):
         CommandError
             If the arm has fewer than six joints, or the controller refuses; stopping before a limit is no error.
         """
-        self._run_jog(Mode.TOOL_JOG, "jog_tool", deflections, duration, frame)
+        self._run_jog(Mode.CARTESIAN_JOG, "jog_tool", deflections, duration, frame)
 
     def run_program(self, program: Program, exposure: float, batches: RecordBatches | None = None) -> Recording:
         """Run a program, which must start where the axes are, with exposures of `exposure` seconds.
@@ -322,7 +322,7 @@ class CellSession(CellCommands):
                 )
 
     def _run_jog(
-        self, mode: Mode, command: str, deflections: ArrayLike, duration: float, frame: Frame = Frame.WORLD
+        self, mode: Mode, command: str, deflections: ArrayLike, duration: float, frame: JogFrame = JogFrame.WORLD
     ) -> None:
         self.set_jog(mode, deflections, frame)
         end = self._end(duration)

@@ -37,7 +37,7 @@ from scancell.cli.robot import robot_app
 from scancell.cli.study import study_app
 from scancell.cli.survey import survey
 from scancell.cli.workspace import workspace
-from scancell.config.choices import Mode
+from scancell.config.choices import ScanMode
 
 # Typer brings a copy of click along; its error for a wrong command line is the base of one that typer exports.
 _UsageError = cast(type[Any], typer.BadParameter.__base__)
@@ -81,7 +81,7 @@ def scan(
         Path | None, typer.Option("--plan", help="plan.json of `scancell plan --out` or a run, in place of a new plan")
     ] = None,
     mode: Annotated[
-        Mode | None, typer.Option("--mode", help="how the sensor is moved; overrides the scan description")
+        ScanMode | None, typer.Option("--mode", help="how the sensor is moved; overrides the scan description")
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("out/scan"),
 ) -> None:

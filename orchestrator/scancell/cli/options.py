@@ -22,7 +22,7 @@ from scancell.cli.common import (
     ThreadsOption,
     UnitOption,
 )
-from scancell.config.choices import Engine, Frame
+from scancell.config.choices import CloudFrame, Engine
 from scancell.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -70,7 +70,8 @@ class CloudOptions(CellOptions):
         ),
     ] = None
     frame: Annotated[
-        Frame, typer.Option("--frame", help="frame of the points in the cloud files; table, base and world: table at 0")
+        CloudFrame,
+        typer.Option("--frame", help="frame of the points in the cloud files; table, base and world: table at 0"),
     ] = "part"
 
     def run_into(

@@ -8,14 +8,14 @@ from pydantic import Field, model_validator
 
 from scancell.config.description import Description, Fraction, NonNegative, PoseDescription, Positive
 
-Frame = Annotated[str, Field(pattern=r"^(world|sensor|table|part|link\[[1-8]\])$")]
+LampFrame = Annotated[str, Field(pattern=r"^(world|sensor|table|part|link\[[1-8]\])$")]
 
 
 class LightDescription(Description):
     """A lamp: a point radiates uniformly in all directions, an area like a Lambertian surface along +z of its pose."""
 
     kind: Literal["point", "rectangle", "disc"] = Field(description="shape of the lamp")
-    frame: Frame = Field(default="world", description="frame that the lamp moves with")
+    frame: LampFrame = Field(default="world", description="frame that the lamp moves with")
     pose: PoseDescription = Field(default=PoseDescription(), description="frame_from_lamp: pose in that frame")
     power_mw: NonNegative = Field(description="radiant power over the whole spectrum and all directions, mW")
     width_mm: Positive | None = Field(default=None, description="size of a rectangle along x, mm")

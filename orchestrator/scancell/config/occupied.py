@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from scancell.config.choices import Frame
+from scancell.config.choices import CloudFrame
 from scancell.config.description import Description, NonNegative, Positive
 
 
@@ -12,7 +12,7 @@ class OccupiedDescription(Description):
     """Space that planning keeps clear of, from a file: voxels of `scancell survey`, or a point cloud."""
 
     file: str = Field(description="voxels (NPZ) of `scancell survey`, or a point cloud (ply, npz, xyz, pcd, laz, e57)")
-    frame: Frame = Field(
+    frame: CloudFrame = Field(
         default="part",
         description="frame of the points of a cloud, as --frame of the scan that made it; points in the frames of part"
         " and table turn with the table",

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.choices import Mode
+from scancell.config.choices import ScanMode
 from scancell.config.description import (
     Description,
     FileDescription,
@@ -83,7 +83,7 @@ class ScanDescription(FileDescription):
     kind: ClassVar[str] = "scan"
     shipped: ClassVar[str] = "scans/default.toml"
 
-    mode: Mode = Field(
+    mode: ScanMode = Field(
         default="dynamic",
         description="dynamic: exposures while moving; stop-and-look: the cell is at rest during every exposure",
     )

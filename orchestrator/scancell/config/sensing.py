@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from scancell.config.description import Description, NonNegative, PoseDescription, Positive
 
-Frame = Annotated[str, Field(pattern=r"^(world|sensor|table|link\[[1-8]\]|part\[[1-9][0-9]*\]|finger\[[12]\])$")]
+DeviceFrame = Annotated[str, Field(pattern=r"^(world|sensor|table|link\[[1-8]\]|part\[[1-9][0-9]*\]|finger\[[12]\])$")]
 FramedPose = Field(
     default=PoseDescription(), description="frame_from_sensor: pose of the sensor in the frame that it moves with"
 )
@@ -16,16 +16,16 @@ MovesWith = Field(default="world", description="frame that the sensor moves with
 Period = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
 
 
-class SensorDescription(Description):
+class CellSensorDescription(Description):
     """What all sensors have in common. The FMU reads the further keys of a sensor in SI units, by the same names."""
 
     name: str = Field(description="name of the sensor")
-    moves_with: Frame = MovesWith
+    moves_with: DeviceFrame = MovesWith
     pose: PoseDescription = FramedPose
     period_ms: Period = Field(default=1.0, description="time between two readings, ms")
 
 
-class PresenceSensorDescription(SensorDescription):
+class PresenceSensorDescription(CellSensorDescription):
     """A box that detects whether any body intersects it. The origin of its frame is the box's centre."""
 
     x_size_mm: Positive = Field(description="size of the box along its x, mm")
@@ -33,7 +33,7 @@ class PresenceSensorDescription(SensorDescription):
     z_size_mm: Positive = Field(description="size of the box along its z, mm")
 
 
-class DistanceSensorDescription(SensorDescription):
+class DistanceSensorDescription(CellSensorDescription):
     """Triangulating distance sensor: a ray along its z axis, and a lens beside the origin that sees the spot.
 
     A reading is invalid when the path from spot to lens is occluded or the spot is out of range.
@@ -52,7 +52,7 @@ class DistanceSensorDescription(SensorDescription):
         return self
 
 
-class LightCurtainDescription(SensorDescription):
+class LightCurtainDescription(CellSensorDescription):
     """Parallel beams between two posts. The first beam runs along z from the origin, the others beside it along x."""
 
     width_mm: Positive = Field(description="distance between the posts along z, mm")

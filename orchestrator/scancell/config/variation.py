@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from scancell.config.description import Description, Finite, NonNegative, Positive
 
-Mode = Literal["additive", "relative", "absolute"]
+VariationMode = Literal["additive", "relative", "absolute"]
 _Count = Annotated[int, Field(ge=1, le=10_000_000)]
 _Levels = Annotated[int, Field(ge=2, le=1000)]
 _MODE: Any = Field(
@@ -75,7 +75,7 @@ class FactorDescription(Description):
 
     path: str = Field(description="like --set and --as-built: cell.part.reflectance, as_built.tool.x_mm")
     name: str | None = Field(default=None, description="label in tables and reports; the path unless given")
-    mode: Mode = _MODE
+    mode: VariationMode = _MODE
     distribution: DistributionDescription = Field(description="distribution of x, see mode")
 
     @model_validator(mode="after")
@@ -96,7 +96,7 @@ class BlockDescription(Description):
     """Correlated normally distributed factors: give covariance, or std and correlation."""
 
     paths: Annotated[tuple[str, ...], Field(min_length=2, description="paths as in [[factor]]")]
-    mode: Mode = _MODE
+    mode: VariationMode = _MODE
     mean: tuple[Finite, ...] | None = Field(default=None, description="means; 0 unless given")
     covariance: tuple[tuple[Finite, ...], ...] | None = Field(default=None, description="covariance matrix, row by row")
     std: tuple[Positive, ...] | None = Field(default=None, description="standard deviations")

@@ -16,7 +16,7 @@ _LASER: dict[str, Laser] = {"on": "on", "off": "off"}
 
 
 @dataclass(frozen=True)
-class Frame:
+class ImageEntry:
     """One image: exposure, camera, laser state, and file name relative to the folder of the index."""
 
     exposure: str
@@ -25,15 +25,15 @@ class Frame:
     file: str
 
 
-def write_index(frames: Sequence[Frame], path: Path) -> None:
+def write_index(frames: Sequence[ImageEntry], path: Path) -> None:
     """Write the index as CSV."""
     with path.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, [column.name for column in fields(Frame)])
+        writer = csv.DictWriter(stream, [column.name for column in fields(ImageEntry)])
         writer.writeheader()
         writer.writerows(asdict(frame) for frame in frames)
 
 
-def read_index(path: Path) -> list[Frame]:
+def read_index(path: Path) -> list[ImageEntry]:
     """Frames of an index written by `write_index`.
 
     Raises
@@ -41,7 +41,7 @@ def read_index(path: Path) -> list[Frame]:
     ImageError
         If the file cannot be read or is invalid, naming line and value.
     """
-    columns = [column.name for column in fields(Frame)]
+    columns = [column.name for column in fields(ImageEntry)]
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
@@ -55,5 +55,5 @@ def read_index(path: Path) -> list[Frame]:
         laser = _LASER.get(row["laser"])
         if laser is None:
             raise ImageError(f"{path}: line {line}: laser = {row['laser']!r}: expected on or off")
-        frames.append(Frame(row["exposure"], row["camera"], laser, row["file"]))
+        frames.append(ImageEntry(row["exposure"], row["camera"], laser, row["file"]))
     return frames

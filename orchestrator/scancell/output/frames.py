@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.errors import OutputError
-from scancell.output.frame_index import INDEX, Frame, Laser, write_index
+from scancell.output.frame_index import INDEX, ImageEntry, Laser, write_index
 from scancell.output.run_folder import RunFolder
 from scancell.output.stripe_picture import stripe_picture
 from scancell.scanning.sense import ExposureImages
@@ -32,7 +32,7 @@ class FrameFiles:
         self._folder = folder
         self._prefix = f"{subfolder}/" if subfolder else ""
         self._cameras = cameras
-        self._frames: list[Frame] = []
+        self._frames: list[ImageEntry] = []
 
     def add(self, exposure: str, images: NDArray[np.uint16], laser: Laser = "on", name: str | None = None) -> None:
         """Write one PNG per camera of images (cameras, H, W): 8 bits if all values fit, else 16 bits.
@@ -50,7 +50,7 @@ class FrameFiles:
             plane = image.astype(np.uint8) if image.max(initial=0) < 256 else image
             if not cv2.imwrite(str(path), plane):
                 raise OutputError(f"{self._folder.target / self._prefix / file}: cannot be written")
-            self._frames.append(Frame(exposure, camera, laser, file))
+            self._frames.append(ImageEntry(exposure, camera, laser, file))
 
     def finish(self) -> None:
         """Write the index, if any image was added."""

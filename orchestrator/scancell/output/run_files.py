@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from scancell.cell.recording import write_recording
-from scancell.config.choices import Frame
+from scancell.config.choices import CloudFrame
 from scancell.evaluation.coverage import Coverage
 from scancell.evaluation.deviation import Deviation
 from scancell.geometry.mesh import Mesh
@@ -44,7 +44,7 @@ class RunRecord:
     inputs: Sequence[Path]
     run: dict[str, Any]
     formats: Sequence[str] = ("ply",)
-    frame: Frame = "part"
+    frame: CloudFrame = "part"
 
 
 def write_run(

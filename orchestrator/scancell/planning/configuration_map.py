@@ -31,7 +31,7 @@ ROTATION_LENGTH = 0.3  # m: weighs rotations against translations in singularity
 CAUSES = ("free", "reach", "joint range", "singularity", "joint speed", "clearance", "user")
 FREE, REACH, JOINT_RANGE, SINGULARITY, JOINT_SPEED, CLEARANCE, USER = range(len(CAUSES))
 
-Judge = Callable[[Array, Array], Array]
+QualityFactor = Callable[[Array, Array], Array]
 """User constraint: joints (n, joints) and table angles (n,), rad, to factors (n,) in [0, 1]."""
 
 
@@ -61,7 +61,7 @@ class StaticConstraints:
     joint_range_power: float = 1.0
     clearance_power: float = 1.0
     printed: bool = False
-    user: Sequence[Judge] = ()
+    user: Sequence[QualityFactor] = ()
 
 
 def singularity_distance(inverse_jacobian: ArrayLike) -> Array:
@@ -203,7 +203,7 @@ class ConfigurationMap:
             (SINGULARITY, lambda at: self._singularity_and_rates(column[at], row[at], angle[at], q[at])),
             (JOINT_SPEED, lambda at: self._some_rate(column[at], row[at])),
             (CLEARANCE, lambda at: self._clearance(column[at], angle[at], q[at])),
-            *((USER, _judge(user, q, angle)) for user in self._static.user),
+            *((USER, _user_factor(user, q, angle)) for user in self._static.user),
         ]
         for number, judge in judges:
             at = np.flatnonzero(quality > 0)
@@ -263,7 +263,7 @@ class ConfigurationMap:
         return np.asarray(constraints.clearance(distance, limits[:, 0], limits[:, 1], power, printed).prod(-1))
 
 
-def _judge(user: Judge, q: Array, angle: Array) -> Callable[[Indices], Array]:
+def _user_factor(user: QualityFactor, q: Array, angle: Array) -> Callable[[Indices], Array]:
     return lambda at: np.asarray(user(q[at], angle[at]), float)
 
 

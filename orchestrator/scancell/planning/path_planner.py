@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scancell.geometry import pose
 from scancell.planning import constraints, trajectory
 from scancell.planning.blocked import why_blocked
-from scancell.planning.configuration_map import ConfigurationMap, Judge, StaticConstraints
+from scancell.planning.configuration_map import ConfigurationMap, QualityFactor, StaticConstraints
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import LIMIT_FRACTION, PATH_ACCELERATION
 from scancell.planning.ray_shooting import shoot
@@ -97,12 +97,12 @@ class PathPlanner:
         Nominal cell.
     clearance
         Smallest allowed distance between bodies, m.
-    judges
+    quality_factors
         Further constraints.
     """
 
-    def __init__(self, cell: PlanningCell, clearance: float, judges: Sequence[Judge] = ()) -> None:
-        self._judges = judges
+    def __init__(self, cell: PlanningCell, clearance: float, quality_factors: Sequence[QualityFactor] = ()) -> None:
+        self._quality_factors = quality_factors
         self._cell = cell
         self._ranges = cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH)
         self._motions = cell.motion_check(clearance)
@@ -149,7 +149,7 @@ class PathPlanner:
             quality.joint_range_power,
             quality.clearance_power,
             quality.equations == "printed",
-            self._judges,
+            self._quality_factors,
         )
         for branch in self._branches(timing):
             map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, static)

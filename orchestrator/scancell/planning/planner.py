@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scancell.errors import PlanningError
 from scancell.planning import surface
 from scancell.planning.assembly import Assembly
-from scancell.planning.configuration_map import Judge
+from scancell.planning.configuration_map import QualityFactor
 from scancell.planning.coverage import CHOICE_SHARE, CoveragePlanner
 from scancell.planning.default_views import default_views
 from scancell.planning.model import PlanningCell
@@ -26,10 +26,13 @@ from scancell.planning.views import seen_by
 Array = NDArray[np.float64]
 
 
-def plan(cell: PlanningCell, options: ScanOptions, sight: Sight | None = None, judges: Sequence[Judge] = ()) -> Plan:
+def plan(
+    cell: PlanningCell, options: ScanOptions, sight: Sight | None = None, quality_factors: Sequence[QualityFactor] = ()
+) -> Plan:
     """Plan a scan.
 
-    `sight` judges coverage-driven views, which need it; `judges` are further constraints of motions along sensor paths.
+    `sight` judges coverage-driven views, which need it; `quality_factors` are further constraints of motions along
+    sensor paths.
 
     Raises
     ------
@@ -43,7 +46,7 @@ def plan(cell: PlanningCell, options: ScanOptions, sight: Sight | None = None, j
     if len(options.poses):
         _plan_poses(cell, options, placer, assembly)
         return verified(cell, options, Plan(*assembly.finish(), None, (), reduced=_reductions(cell)))
-    along = _place_paths(cell, options, judges)
+    along = _place_paths(cell, options, quality_factors)
     needed = sum(len(item.exposures) for item in along)
     if needed > options.max_profiles:
         raise PlanningError(
@@ -93,7 +96,9 @@ def _plan_poses(cell: PlanningCell, options: ScanOptions, placer: Placer, assemb
             assembly.add_pose(item)
 
 
-def _place_paths(cell: PlanningCell, options: ScanOptions, judges: Sequence[Judge]) -> list[PlacedPath]:
+def _place_paths(
+    cell: PlanningCell, options: ScanOptions, quality_factors: Sequence[QualityFactor]
+) -> list[PlacedPath]:
     """Motions for the sensor paths of the description; `PlanningError` with all reasons where one has none."""
     if not options.paths:
         return []
@@ -103,7 +108,7 @@ def _place_paths(cell: PlanningCell, options: ScanOptions, judges: Sequence[Judg
     found = [
         path for item in options.paths for path in sensor_paths(item, cell.nominal.part, cell.nominal.table_from_part)
     ]
-    planner = PathPlanner(cell, options.clearance, judges)
+    planner = PathPlanner(cell, options.clearance, quality_factors)
     placed = []
     for number, path in enumerate(found, start=1):
         cell.work.doing = f"placing path {number} of {len(found)} ({path.name})"

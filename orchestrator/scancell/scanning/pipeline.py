@@ -33,7 +33,7 @@ from scancell.geometry.part_surface import PartSurface
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.nominal.estimated import estimated_cell
 from scancell.planning.assembly import approach
-from scancell.planning.configuration_map import Judge
+from scancell.planning.configuration_map import QualityFactor
 from scancell.planning.model import PlanningCell
 from scancell.planning.occupancy import with_occupied_space
 from scancell.planning.options import pair_clearances, scan_options
@@ -139,14 +139,13 @@ class ScanPipeline(Closing):
         setup: Setup,
         sensor: sensor_rt.Sensor,
         saved: Plan | None = None,
-        judges: Sequence[Judge] = (),
+        quality_factors: Sequence[QualityFactor] = (),
         progress: Progress | None = None,
     ) -> Plan:
         """The plan of the scan description, or a `saved` one checked again.
 
-        It is cached by a digest of all inputs, unless there are `judges`, see `planner.plan`. Any thread may call;
-        one that asks for the same plan meanwhile waits for it. `progress` may
-        cancel; its steps are not counted.
+        It is cached by a digest of all inputs, unless there are `quality_factors`, see `planner.plan`. Any thread may
+        call; one that asks for the same plan meanwhile waits for it. `progress` may cancel; its steps are not counted.
 
         Raises
         ------
@@ -168,9 +167,9 @@ class ScanPipeline(Closing):
 
         def make() -> Plan:
             here, options = _with_torques(cell, setup), scan_options(setup.scan)
-            return plan(here, options, sight, judges) if saved is None else recheck(here, saved, options)
+            return plan(here, options, sight, quality_factors) if saved is None else recheck(here, saved, options)
 
-        if judges:
+        if quality_factors:
             return make()
 
         with self._planning:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.cell.recording import Recording
-from scancell.config.choices import Engine, Frame
+from scancell.config.choices import CloudFrame, Engine
 from scancell.config.loading import Setup
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
@@ -92,7 +92,7 @@ class ScanData(Value):
         return [camera.name for camera in self.sensors.nominal.cameras]
 
     @checked_arguments
-    def frame_from_part(self, frame: Frame, table_angle: float = 0.0) -> Array:
+    def frame_from_part(self, frame: CloudFrame, table_angle: float = 0.0) -> Array:
         """Estimated pose (4, 4) of the part in a frame, with the table at `table_angle` (rad).
 
         Raises
@@ -112,6 +112,6 @@ class ScanData(Value):
                 return np.asarray(pose.inverse(cell.arm.world_from_base) @ cell.world_from_part(table_angle))
 
     @checked_arguments
-    def points_in(self, frame: Frame, table_angle: float = 0.0) -> Array:
+    def points_in(self, frame: CloudFrame, table_angle: float = 0.0) -> Array:
         """Points (n, 3) of the cloud in a frame, m, with the table at `table_angle` rad; see `frame_from_part`."""
         return pose.transform_points(self.frame_from_part(frame, table_angle), self.cloud.points_in_part)

@@ -21,7 +21,7 @@ from scancell.config.description import validate
 from scancell.config.loading import FILE_KEYS, Setup, as_built_sensor, load_setup, parse_assignment, split_path
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
-from scancell.config.variation import DiscreteDescription, Mode, VaryingScansDescription
+from scancell.config.variation import DiscreteDescription, VariationMode, VaryingScansDescription
 from scancell.errors import DescriptionError
 from scancell.studies.designs import design
 from scancell.studies.distributions import correlated_normal, extremes, middles
@@ -72,7 +72,7 @@ class Factors:
         singles = [(factor.path, factor.mode) for factor in study.factor]
         blocks = [(path, block.mode) for block in study.block for path in block.paths]
         self.labels = study.labels
-        self._paths: list[tuple[str, Mode]] = singles + blocks
+        self._paths: list[tuple[str, VariationMode]] = singles + blocks
         self._nominals = [self._nominal(path) for path, _ in self._paths]
 
     @property
@@ -140,7 +140,7 @@ class Factors:
             except DescriptionError as error:
                 raise DescriptionError(f"{self._source}: factor {path}: {error}") from None
 
-    def _check_nominal(self, mode: Mode, nominal: Any, j: int) -> None:
+    def _check_nominal(self, mode: VariationMode, nominal: Any, j: int) -> None:
         if mode == "absolute":
             return
         if isinstance(nominal, bool) or not isinstance(nominal, int | float):
@@ -195,7 +195,7 @@ class Factors:
         )
 
 
-def _changed(nominal: Any, mode: Mode, value: Any) -> Value:
+def _changed(nominal: Any, mode: VariationMode, value: Any) -> Value:
     result: Value = nominal + value if mode == "additive" else nominal * (1 + value)
     return result
 

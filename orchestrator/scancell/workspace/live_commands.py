@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.cell.controller import Frame, Mode, Operation
+from scancell.cell.controller import JogFrame, Mode, Operation
 from scancell.cell.readings import Tool
 from scancell.errors import CommandError
 
@@ -20,13 +20,13 @@ class Jog:
 
     mode: Mode
     deflections: ArrayLike
-    frame: Frame = Frame.WORLD
+    frame: JogFrame = JogFrame.WORLD
 
     def __post_init__(self) -> None:
         values = _array("jog", "deflections", self.deflections, (None,))
-        if self.mode not in (Mode.JOINT_JOG, Mode.TOOL_JOG):
+        if self.mode not in (Mode.JOINT_JOG, Mode.CARTESIAN_JOG):
             raise CommandError(f"jog: mode = {self.mode!r}: expected JOINT_JOG or TOOL_JOG")
-        if np.abs(values).max(initial=0.0) > 1.0 or (self.mode is Mode.TOOL_JOG and len(values) != 6):
+        if np.abs(values).max(initial=0.0) > 1.0 or (self.mode is Mode.CARTESIAN_JOG and len(values) != 6):
             raise CommandError(f"jog: deflections = {values}: expected numbers from -1 to 1, 6 for the tool")
 
 

@@ -9,7 +9,7 @@ from typing import Any, get_args
 import numpy as np
 
 from scancell.config.artefact import ArtefactDescription
-from scancell.config.choices import Mode
+from scancell.config.choices import ScanMode
 from scancell.config.description import validate
 from scancell.config.files import assets_dir, plain_data
 from scancell.config.loading import Setup
@@ -18,7 +18,7 @@ from scancell.geometry.shapes import ShapeGroup
 from scancell.nominal.parts import shape_group
 
 ALL_ROUND = "all round"
-MODES: tuple[Mode, ...] = get_args(Mode)
+MODES: tuple[ScanMode, ...] = get_args(ScanMode)
 
 _TURNED = ("sphere", "ball_bar", "cylinder")  # artefacts that are also scanned from all sides
 _ALL_ROUND_PROFILES = 4  # times those of passes alone
@@ -71,7 +71,7 @@ class Station:
     artefact: str
     position: str
     standoff: float
-    mode: Mode
+    mode: ScanMode
 
     def setup(self, setup: Setup, profiles: int) -> Setup:
         """The descriptions with the views of this station: passes over the top, and for `ALL_ROUND` sweeps, too.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Frame, Mode, Operation
+from scancell.cell.controller import JogFrame, Mode, Operation
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 from scancell.studies.guard.programs import program_points
@@ -29,7 +29,7 @@ class Jog:
 
     mode: Mode
     values: Array
-    frame: Frame
+    frame: JogFrame
 
 
 class Draws:
@@ -61,8 +61,8 @@ class Draws:
         """Of one axis or several, of joints, of the tool in both frames, of the table, or of arm and table together."""
         joints = len(self._nominal.home)
         values = np.zeros(joints + 1)
-        mode = Mode.TOOL_JOG if self._cartesian and rng.random() < 0.5 else Mode.JOINT_JOG
-        axes = 6 if mode is Mode.TOOL_JOG else joints
+        mode = Mode.CARTESIAN_JOG if self._cartesian and rng.random() < 0.5 else Mode.JOINT_JOG
+        axes = 6 if mode is Mode.CARTESIAN_JOG else joints
         count = 1 if rng.random() < 0.5 else int(rng.integers(2, axes + 1))
         turns = rng.random()
         if turns > 0.15:  # else the table alone
@@ -70,7 +70,7 @@ class Draws:
             values[chosen] = rng.choice([-1.0, 1.0], count) * rng.choice([np.ones(count), rng.uniform(0.1, 1.0, count)])
         if turns < 0.35:
             values[-1] = rng.choice([-1.0, 1.0])
-        return Jog(mode, values / np.abs(values).max(), Frame(int(rng.integers(2))))
+        return Jog(mode, values / np.abs(values).max(), JogFrame(int(rng.integers(2))))
 
     def person(self, start: Array, speed: float, duration: float, rng: np.random.Generator) -> Scenario:
         """A person who jogs one way after the other, at `speed` or down to a tenth of it."""

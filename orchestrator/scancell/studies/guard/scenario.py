@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Frame, Mode, Operation
+from scancell.cell.controller import JogFrame, Mode, Operation
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program, Segment
 from scancell.cell.program_file import program_data
 
 Array = NDArray[np.float64]
 
-JOGS = (Mode.JOINT_JOG, Mode.TOOL_JOG)
+JOGS = (Mode.JOINT_JOG, Mode.CARTESIAN_JOG)
 _EMERGENCY_STOP = 3  # of controller.state
 _RESET_CYCLES = 3  # of the controller, from a reset to the next command
 _LINE = [f"command.target.{name}" for name in (*(f"position[{i}]" for i in (1, 2, 3)),
@@ -42,7 +42,7 @@ class Command:
     time: float
     mode: Mode
     values: Array
-    frame: Frame = Frame.WORLD
+    frame: JogFrame = JogFrame.WORLD
     speed: float = 1.0
 
 
@@ -171,7 +171,7 @@ def pressed(
     start: Array,
     mode: Mode,
     values: Array,
-    frame: Frame,
+    frame: JogFrame,
     duration: float,
     presses: Iterable[tuple[float, float]] = (),
     speed: float = 1.0,

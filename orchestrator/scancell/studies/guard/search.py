@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Frame, Mode
+from scancell.cell.controller import JogFrame, Mode
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
 from scancell.config.channel import ChannelDescription, LinkDescription
@@ -164,7 +164,7 @@ class Search(Closing):
         tool, jacobian = self._tool.poses(axes[None, :-1])
         if not self._tool.moves_straight(jacobian[0]):
             return command.values
-        turn = tool[0, :3, :3] if command.frame is Frame.TOOL else np.eye(3)
+        turn = tool[0, :3, :3] if command.frame is JogFrame.SENSOR else np.eye(3)
         twists = np.asarray(np.kron(np.eye(2), turn.T), np.float64)  # rows: unit twists of the jog's frame, world axes
         rates = self._tool.rates(np.repeat(jacobian, 6, 0), twists)
         wanted = -(rates @ slope[:-1])

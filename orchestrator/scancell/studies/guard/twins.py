@@ -251,7 +251,7 @@ class Twins:
         motion, limits = robot.motion, to_si(robot.motion.model_dump())
         turned = np.abs(np.diff(axes, axis=0))
         line = command is not None and command.mode is Mode.LINE_MOVE
-        if line or (jog and jog.mode is Mode.TOOL_JOG and jog.values[:6].any()):
+        if line or (jog and jog.mode is Mode.CARTESIAN_JOG and jog.values[:6].any()):
             sensor = nominal.world_from_sensor(axes[:, :-1])
             moved = np.linalg.norm(np.diff(sensor[:, :3, 3], axis=0), axis=1)
             change = np.swapaxes(sensor[:-1, :3, :3], -1, -2) @ sensor[1:, :3, :3]

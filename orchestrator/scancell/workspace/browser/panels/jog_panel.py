@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from scancell.cell.controller import Frame, Mode
+from scancell.cell.controller import JogFrame, Mode
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.live_commands import Jog
 from scancell.workspace.live_state import LiveState
 
 _RATE = 10.0  # Hz, at which a held button renews its jog
-_FRAMES = {"base": Frame.WORLD, "tool": Frame.TOOL}
+_FRAMES = {"base": JogFrame.WORLD, "tool": JogFrame.SENSOR}
 _TOOL_AXES = ("x", "y", "z", "about x", "about y", "about z")
 
 
@@ -54,7 +54,7 @@ class JogPanel:
             is_joint = number < self._first_tool_axis
             deflections = np.zeros(self._first_tool_axis if is_joint else len(_TOOL_AXES))
             deflections[number if is_joint else number - self._first_tool_axis] = sign * self._deflection.value / 100
-            mode = Mode.JOINT_JOG if is_joint else Mode.TOOL_JOG
+            mode = Mode.JOINT_JOG if is_joint else Mode.CARTESIAN_JOG
             self._desk.submit(Jog(mode, deflections, _FRAMES[self._frame.value]))
 
         return jog
