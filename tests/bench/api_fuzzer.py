@@ -220,7 +220,6 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         cloud, result = self.result.cloud, self.result
         return [
             Target("Cloud", scancell.Cloud, _fields(cloud)),
-            Target("Cloud.transformed", cloud.transformed, {"target_from_source": np.eye(4)}),
             Target("Cloud.concatenate", scancell.Cloud.concatenate, {"clouds": [cloud, cloud]}),
             Target("Mesh", scancell.Mesh, _fields(self.part)),
             Target("Mesh.transformed", self.part.transformed, {"target_from_part": np.eye(4)}),

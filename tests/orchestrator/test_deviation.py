@@ -75,7 +75,7 @@ def test_offset_points_have_that_deviation(search: Search, offset: float) -> Non
     moved = points[inner] + offset * BOX.normals[face[inner]]
     deviation = search(cloud_of(moved), BOX)
     assert inner.sum() > 250
-    assert np.abs(deviation.signed - offset).max() < 1e-12
+    assert np.abs(deviation.distance - offset).max() < 1e-12
     assert deviation.figures.mean == pytest.approx(offset, abs=1e-12)
     assert deviation.figures.standard_deviation < 1e-12
 
@@ -85,7 +85,18 @@ def test_distance_from_edges_and_corners(search: Search) -> None:
     corner = np.array([0.04, 0.03, 0.02])
     away = np.array([[3.0, 4.0, 0.0], [2.0, 3.0, 6.0]]) * 1e-5  # over an edge, over a corner
     deviation = search(cloud_of(corner + away), BOX)
-    assert deviation.signed == pytest.approx([5e-5, 7e-5], abs=1e-12)
+    assert deviation.distance == pytest.approx([5e-5, 7e-5], abs=1e-12)
+
+
+def test_distances_from_open_mesh_are_absolute() -> None:
+    points, face = sample_surface(BOX, 100, seed=1)
+    inside = cloud_of(points - 1e-5 * BOX.normals[face])
+    is_side = np.abs(BOX.normals[:, 2]) < 0.5
+    sides = Mesh(BOX.vertices, BOX.faces[is_side], "without top and bottom")
+    rows = np.flatnonzero(is_side[face])
+    closed, opened = (deviation_from_mesh(inside[rows], mesh) for mesh in (BOX, sides))
+    assert closed.is_signed and not opened.is_signed
+    assert (closed.distance < 0).all() and (opened.distance > 0).all()
 
 
 @pytest.mark.parametrize("search", SEARCHES)
@@ -94,7 +105,7 @@ def test_sign_of_deviation(search: Search) -> None:
     direction = rng.normal(size=(60, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     radius = rng.choice([0.024, 0.026], 60)
-    signed = search(cloud_of(radius[:, None] * direction), BALL).signed
+    signed = search(cloud_of(radius[:, None] * direction), BALL).distance
     assert (np.sign(signed) == np.sign(radius - 0.025)).all()
     assert np.abs(signed - (radius - 0.025)).max() < 60e-6  # facets of 1.7 mm lie up to 60 µm inside the sphere
 
@@ -104,8 +115,8 @@ def test_native_search_matches_brute_force() -> None:
     brute = by_brute_force(cloud_of(points), BALL)
     native = deviation_from_mesh(cloud_of(points), BALL)
     prepared = deviation_from_mesh(cloud_of(points), PartSurface(BALL), threads=1)
-    assert np.array_equal(native.signed, prepared.signed) and np.array_equal(native.face, prepared.face)
-    assert np.abs(brute.signed - native.signed).max() < 1e-12
+    assert np.array_equal(native.distance, prepared.distance) and np.array_equal(native.face, prepared.face)
+    assert np.abs(brute.distance - native.distance).max() < 1e-12
 
 
 @pytest.mark.parametrize("count", [1, 2, 20, 4001, 5000])

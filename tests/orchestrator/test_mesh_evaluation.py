@@ -57,7 +57,7 @@ def test_distances_agree_with_an_independent_computation(free_form: Mesh) -> Non
     found = evaluate_against_mesh(points, free_form)
     solid = trimesh.Trimesh(1e3 * free_form.vertices, free_form.faces, process=False)
     _, distance, _ = trimesh.proximity.closest_point_naive(solid, 1e3 * points)
-    assert np.abs(np.abs(found.signed) - 1e-3 * distance).max() < 1e-8
+    assert np.abs(np.abs(found.distance) - 1e-3 * distance).max() < 1e-8
 
 
 def test_motions_that_a_surface_leaves_free_stay_zero() -> None:
@@ -116,7 +116,7 @@ def test_figures_and_coverage_by_region() -> None:
     assert found.by_region[region].mean == pytest.approx(7e-6, abs=1e-8)
     assert found.region_coverage[region] > 0.99
     assert 48 / 208 <= found.coverage <= (48 + 0.2 * 28 * 1.1) / 208  # and 2 mm of the sides below the edges
-    assert sum(figures.count for figures in found.by_region.values()) == len(found.signed)
+    assert sum(figures.count for figures in found.by_region.values()) == len(found.distance)
 
 
 def test_unknown_alignments_and_empty_clouds_are_refused() -> None:

@@ -77,7 +77,7 @@ class Line:
 
     def signed(self, cloud: Cloud) -> np.ndarray:
         """Signed distance (n,) of every point of the cloud to the mesh, m."""
-        return deviation_from_mesh(cloud, self.nominal.part).signed
+        return deviation_from_mesh(cloud, self.nominal.part).distance
 
 
 def make_line(part: str | Path, *overrides: str, ideal: bool = True, seed: int = 0) -> Line:

@@ -27,7 +27,7 @@ def test_ideal_scan_accuracy_and_coverage(planned, part, mode, engine, rms, d99_
     dynamic = mode == "dynamic"
     line = planned(part, *((RENDERED if engine == "ray-traced" else DYNAMIC) if dynamic else STOP_AND_LOOK))
     result = line.scanner.scan(line.nominal.part, engine=engine, seed=line.seed)
-    cloud, signed = result.cloud, result.deviation.signed
+    cloud, signed = result.cloud, result.deviation.distance
     found = figures_um(signed)
     reported = result.coverage.fraction
     by_line = covered_share(result, CLOSE_BY, INCIDENCE_LIMIT)

@@ -73,7 +73,7 @@ def test_points_handed_over_are_those_of_saved_cloud(session: ScanSession, tmp_p
     assert len(rig.chunks) > 4
     assert len(cloud) > 2000
     np.testing.assert_allclose(joined(rig.chunks, "points_in_part"), cloud.points_in_part, atol=1e-12)
-    np.testing.assert_allclose(joined(rig.chunks, "deviation"), result.deviation.signed, atol=1e-12)
+    np.testing.assert_allclose(joined(rig.chunks, "deviation"), result.deviation.distance, atol=1e-12)
     for name in ("intensity", "quality", "sigma", "camera", "time"):
         np.testing.assert_allclose(joined(rig.chunks, name), getattr(cloud, name), rtol=1e-6)
     state = rig.scan.state

@@ -91,7 +91,7 @@ def test_points_are_those_of_the_cloud(messages, run) -> None:
     xyz = np.column_stack([points[name] for name in "xyz"])
     np.testing.assert_allclose(xyz, cloud.points_in_part, atol=1e-7)
     np.testing.assert_allclose(points["quality"], cloud.quality, rtol=1e-6)
-    deviation = deviation_from_mesh(cloud, run.cell.part).signed
+    deviation = deviation_from_mesh(cloud, run.cell.part).distance
     np.testing.assert_allclose(points["deviation"], deviation, atol=1e-8)
     joined = np.concatenate([columns(message) for _, message in chunks])
     np.testing.assert_array_equal(joined, points)

@@ -15,7 +15,7 @@ from scancell.cell.recording import read_recording
 from scancell.errors import OutputError
 from scancell.geometry import pose
 from scancell.planning.plan_file import read_plan
-from scancell.reconstruction.cloud_files import read_ply, write_ply
+from scancell.reconstruction.cloud_files import read_ply, write_cloud
 from scancell.workspace import pictures, video
 from scancell.workspace.coloured_cloud import coloured_by
 from scancell.workspace.motion import RunMotion
@@ -156,7 +156,7 @@ def test_cloud_file_in_another_frame_shows_the_same_points(folder, run, tmp_path
     other = tmp_path / "world"
     shutil.copytree(folder, other)
     world_from_part = run.cell.world_from_part(0.0)
-    write_ply(other / "cloud.ply", read_ply(folder / "cloud.ply").transformed(world_from_part), ("frame world",))
+    write_cloud(other / "cloud.ply", read_ply(folder / "cloud.ply"), ("frame world",), world_from_part)
     moved = open_run(other, most_points=20_000)
     np.testing.assert_allclose(moved.cloud.points_in_part, run.cloud.points_in_part, atol=1e-9)
 

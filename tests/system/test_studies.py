@@ -211,7 +211,7 @@ def test_tool_offset_error_matches_first_order_theory(tmp_path) -> None:
 def _slope(scan, offset: np.ndarray) -> float:
     """The sensor is farther along its own axes by `offset` (3,) m than nominal: points shift the other way."""
     cloud, measured = scan.cloud, scan.recording.measured
-    signed = deviation_from_mesh(cloud, scan.nominal.part).signed
+    signed = deviation_from_mesh(cloud, scan.nominal.part).distance
     chosen = thinned(cloud)
     chosen = chosen[smooth_points(scan, cloud.points_in_part[chosen])]
     points, row = cloud.points_in_part[chosen], np.searchsorted(measured.index, cloud.profile[chosen])

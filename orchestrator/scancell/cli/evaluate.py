@@ -39,7 +39,7 @@ def evaluate(
             cloud, mesh=mesh, artefact=artefact, align=align, datum=words, out=out, unit=unit, threads=threads
         )
         files = [str(out / f"evaluation.{suffix}") for suffix in ("json", "csv", "png")]
-        lines = [f"{cloud}: {len(found.signed)} points", found.summary()]
+        lines = [f"{cloud}: {len(found.distance)} points", found.summary()]
         return Outcome(lines, found.figures, files, list(found.warnings))
 
     run("evaluate", as_json, work)

@@ -49,8 +49,8 @@ class ArtefactEvaluation(Result):
         (n, 3) aligned points, m.
     artefact_from_cloud
         (4, 4) alignment.
-    face, signed
-        (n,) number of the measured face, -1 for none, and signed distance from the nominal artefact, m.
+    face, distance
+        (n,) number of the measured face, -1 for none, and distance from the nominal artefact, m, positive outside.
     faces
         Faces with enough points, and their fits.
     unfitted
@@ -72,7 +72,7 @@ class ArtefactEvaluation(Result):
     artefact_from_cloud: Array
     align: Align
     face: NDArray[np.int64]
-    signed: Array
+    distance: Array
     faces: tuple[FittedFace, ...]
     unfitted: dict[str, str]
     characteristics: tuple[Characteristic, ...]
@@ -163,14 +163,14 @@ def evaluate_against_artefact(
             f"{artefact.source}: no face has {_LEAST_POINTS} points within {1e3 * reach:g} mm; "
             "is the cloud in the frame of the artefact?"
         )
-    signed = artefact.nearest(aligned)[0]
+    distance = artefact.nearest(aligned)[0]
     return ArtefactEvaluation(
         artefact=artefact,
         points_in_artefact=aligned,
         artefact_from_cloud=moved,
         align=align,
         face=assigned.face,
-        signed=signed,
+        distance=distance,
         faces=tuple(measured),
         unfitted=unfitted,
         characteristics=tuple(characteristics(measured)),

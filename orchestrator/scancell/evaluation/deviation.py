@@ -1,4 +1,4 @@
-"""Deviation of a cloud from the CAD mesh or the exact shapes of the part: signed distances and their statistics."""
+"""Deviation of a cloud from the CAD mesh or the exact shapes of the part: distances and their statistics."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DeviationFigures:
-    """Statistics of `count` signed distances, m; positive outside the material.
+    """Statistics of `count` distances, m; signed ones are positive outside the material.
 
     `d95`, `d99_9` and `max_abs` are the 95 % and 99.9 % quantiles and the maximum of the absolute distance;
     `standard_deviation` is about the mean, `rms` about zero.
@@ -36,17 +36,17 @@ class DeviationFigures:
     minimum: float
 
     @classmethod
-    def of(cls, signed: Array) -> DeviationFigures:
-        """Statistics of signed distances (n,), m; NaN without points."""
-        if len(signed) == 0:
+    def of(cls, distance: Array) -> DeviationFigures:
+        """Statistics of distances (n,), m; NaN without points."""
+        if len(distance) == 0:
             return cls(0, *([float("nan")] * 8))
-        mean, maximum, minimum = float(signed.mean()), float(signed.max()), float(signed.min())
-        work = signed - mean
+        mean, maximum, minimum = float(distance.mean()), float(distance.max()), float(distance.min())
+        work = distance - mean
         # No BLAS: its sums depend on the number of threads.
         variance = float(np.square(work, out=work).mean())
-        d95, d99_9 = _upper_quantiles(np.abs(signed, out=work), (0.95, 0.999))
+        d95, d99_9 = _upper_quantiles(np.abs(distance, out=work), (0.95, 0.999))
         return cls(
-            count=len(signed),
+            count=len(distance),
             mean=mean,
             standard_deviation=variance**0.5,
             rms=(variance + mean**2) ** 0.5,
@@ -74,13 +74,13 @@ class DeviationFigures:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Deviation(Value):
-    """Signed distance (n,) of each point of a cloud, in m, the mesh face nearest to it, and the figures.
+    """Distance (n,) of each point of a cloud, in m, the mesh face nearest to it, and the figures.
 
-    Distances to a mesh that is not closed are absolute; `is_signed` says so. `is_exact`: they are distances to the
-    exact shapes of the part, of which the mesh is a tessellation.
+    Distances are positive outside the material where `is_signed`, and absolute otherwise: a mesh that is not closed
+    has no inside. `is_exact`: they are distances to the exact shapes of the part, of which the mesh is a tessellation.
     """
 
-    signed: Array
+    distance: Array
     face: NDArray[np.int32]
     figures: DeviationFigures
     by_camera: dict[int, DeviationFigures]
@@ -92,30 +92,30 @@ class Deviation(Value):
     def of(
         cls,
         cloud: Cloud,
-        signed: Array,
+        distance: Array,
         face: NDArray[np.integer[Any]],
         is_signed: bool = True,
         is_exact: bool = False,
     ) -> Deviation:
         """From the distance (n,) of each point of the cloud and its nearest face (n,)."""
         return cls(
-            signed=signed,
+            distance=distance,
             face=face.astype(np.int32),
-            figures=DeviationFigures.of(signed),
-            by_camera=figures_by_label(signed, cloud.camera),
-            by_segment=figures_by_label(signed, cloud.segment),
+            figures=DeviationFigures.of(distance),
+            by_camera=figures_by_label(distance, cloud.camera),
+            by_segment=figures_by_label(distance, cloud.segment),
             is_signed=is_signed,
             is_exact=is_exact,
         )
 
     @property
     def mean(self) -> float:
-        """Mean signed distance, m."""
+        """Mean distance, m."""
         return self.figures.mean
 
     @property
     def rms(self) -> float:
-        """Root mean square of the signed distances, m."""
+        """Root mean square of the distances, m."""
         return self.figures.rms
 
     @property
@@ -165,10 +165,10 @@ def _upper_quantiles(values: Array, shares: tuple[float, ...]) -> list[float]:
     return [float(value) for value in np.interp(places - first, np.arange(len(largest)), largest)]
 
 
-def figures_by_label(signed: Array, label: NDArray[np.integer[Any]]) -> dict[int, DeviationFigures]:
+def figures_by_label(distance: Array, label: NDArray[np.integer[Any]]) -> dict[int, DeviationFigures]:
     """Figures of the points of each label (n,), by rising label."""
     if not len(label):
         return {}
     lowest = int(label.min())
     present = np.flatnonzero(np.bincount(label - lowest)) + lowest
-    return {int(key): DeviationFigures.of(signed[label == key]) for key in present}
+    return {int(key): DeviationFigures.of(distance[label == key]) for key in present}

@@ -51,7 +51,7 @@ class MeshEvaluation(Result):
         (n, 3) aligned points, m.
     part_from_cloud
         (4, 4) alignment.
-    signed, face
+    distance, face
         (n,) distance, m, positive outside (absolute for an open mesh), and nearest face.
     statistics, by_region
         Statistics of all points, and of those nearest to each of the largest regions.
@@ -67,7 +67,7 @@ class MeshEvaluation(Result):
     part_from_cloud: Array
     align: Align
     mesh: Mesh
-    signed: Array
+    distance: Array
     face: NDArray[np.int32]
     statistics: DeviationFigures
     regions: Regions
@@ -160,18 +160,18 @@ def evaluate_against_mesh(
     surface, regions = PartSurface(mesh), smooth_regions(mesh)
     moved, chosen, warnings = _alignment(points, mesh, surface, regions, align, datum, threads)
     aligned = points if align == "none" else pose.transform_points(moved, points)
-    signed, face = surface.distances(aligned, threads)
+    distance, face = surface.distances(aligned, threads)
     of_point = regions.of_face[face]
-    listed = figures_by_label(signed, of_point)
+    listed = figures_by_label(distance, of_point)
     covered, region_coverage = _coverage(aligned, mesh, regions, tolerance)
     return MeshEvaluation(
         points_in_part=aligned,
         part_from_cloud=moved,
         align=align,
         mesh=mesh,
-        signed=signed,
+        distance=distance,
         face=face.astype(np.int32),
-        statistics=DeviationFigures.of(signed),
+        statistics=DeviationFigures.of(distance),
         regions=regions,
         by_region={number: listed[number] for number in sorted(listed)[:_LISTED]},
         coverage=covered,

@@ -57,9 +57,9 @@ def deviation_picture(
     view = SurfaceView(
         mesh,
         points_in_part,
-        deviation.signed,
+        deviation.distance,
         deviation.face,
-        lambda signed: deviation_colours(1e6 * signed, limit),
+        lambda distance: deviation_colours(1e6 * distance, limit),
     )
     width = (_RIGHT - _LEFT) // len(_VIEWS)
     for number, (azimuth, elevation) in enumerate(_VIEWS):
@@ -135,17 +135,17 @@ def colour_limit_um(d95: float) -> float:
 
 
 def _draw_histogram(sheet: Sheet, deviation: Deviation, limit: float) -> None:
-    signed, width = deviation.signed, 2.0 * limit
-    counts, edges = np.histogram(signed, bins=_BINS, range=(-1e-6 * width, 1e-6 * width))
+    distance, width = deviation.distance, 2.0 * limit
+    counts, edges = np.histogram(distance, bins=_BINS, range=(-1e-6 * width, 1e-6 * width))
     edges *= 1e6
-    below, above = int(np.sum(signed < -1e-6 * width)), int(np.sum(signed > 1e-6 * width))
+    below, above = int(np.sum(distance < -1e-6 * width)), int(np.sum(distance > 1e-6 * width))
     counts[0] += below
     counts[-1] += above
-    share = 100.0 * counts / max(len(signed), 1)
+    share = 100.0 * counts / max(len(distance), 1)
     top = 1.05 * max(float(share.max()), 1e-9)
     x = _LEFT + (edges + width) / (2 * width) * (_RIGHT - _LEFT)
     y = _PLOT_BOTTOM - share / top * (_PLOT_BOTTOM - _PLOT_TOP)
-    for value, label in ticks(0.0, top, 6) if len(signed) else ():
+    for value, label in ticks(0.0, top, 6) if len(distance) else ():
         at = _PLOT_BOTTOM - value / top * (_PLOT_BOTTOM - _PLOT_TOP)
         sheet.line([(_LEFT, at), (_RIGHT, at)], "#e4e6ea")
         sheet.line([(_LEFT - 6, at), (_LEFT, at)], INK)

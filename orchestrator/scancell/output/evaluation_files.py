@@ -34,7 +34,7 @@ def write_evaluation(evaluation: MeshEvaluation | ArtefactEvaluation, folder: Ru
 
 
 def _draw_mesh(evaluation: MeshEvaluation, path: Path) -> None:
-    deviation = Deviation(evaluation.signed, evaluation.face, evaluation.statistics, {}, {}, evaluation.is_signed)
+    deviation = Deviation(evaluation.distance, evaluation.face, evaluation.statistics, {}, {}, evaluation.is_signed)
     name = Path(evaluation.mesh.source).stem
     deviation_picture(path, evaluation.points_in_part, deviation, evaluation.mesh, name=name)
 
@@ -51,5 +51,5 @@ def draw_artefact(evaluation: ArtefactEvaluation, path: Path) -> None:
     shown = np.flatnonzero(evaluation.face >= 0)
     points = evaluation.points_in_artefact[shown]
     face = PartSurface(mesh).distances(points)[1].astype(np.int32)
-    deviation = Deviation(evaluation.signed[shown], face, evaluation.statistics, {}, {})
+    deviation = Deviation(evaluation.distance[shown], face, evaluation.statistics, {}, {})
     deviation_picture(path, points, deviation, mesh, name=Path(evaluation.artefact.source).stem)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.arguments import Pose, Shape, checked_arguments, checked_fields
+from scancell.arguments import Shape, checked_arguments, checked_fields
 from scancell.errors import DescriptionError
-from scancell.geometry import pose
 from scancell.values import Value
 
 Array = NDArray[np.float64]
@@ -85,12 +84,6 @@ class Cloud(Value):
         if np.ndim(chosen) == 0 and not isinstance(chosen, slice):  # type: ignore[arg-type]
             raise DescriptionError(f"cloud[{chosen!r}]: expected a mask, a list of indices or a slice")
         return type(self)(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
-
-    @checked_arguments
-    def transformed(self, target_from_source: Pose) -> Self:
-        """The cloud in another frame: points and normals moved by a pose (4, 4)."""
-        points = pose.transform_points(target_from_source, self.points_in_part)
-        return replace(self, points_in_part=points, normals=self.normals @ target_from_source[:3, :3].T)
 
     @checked_arguments
     def save(self, path: str | Path) -> Path:

@@ -84,11 +84,11 @@ class ColouredCloud:
 
 
 def coloured_by(cloud: Cloud, total: int, mesh: Mesh, what: ColourBy, threads: int = 0) -> ColouredCloud:
-    """Colour a cloud, of `total` points before thinning, by its signed distance from the mesh or by its intensity."""
+    """Colour a cloud, of `total` points before thinning, by its distance from the mesh or by its intensity."""
     if what == "deviation":
         deviation = deviation_from_mesh(cloud, mesh, threads)
         limit = colour_limit_um(deviation.figures.d95)
-        values, limits, title = 1e6 * deviation.signed, (-limit, limit), "deviation, µm"
+        values, limits, title = 1e6 * deviation.distance, (-limit, limit), "deviation, µm"
     else:
         values, title = np.asarray(cloud.intensity, float), "intensity, DN"
         limits = (0.0, max(float(np.quantile(values, 0.99)) if len(values) else 0.0, 1e-9))

@@ -253,7 +253,7 @@ class LiveScan:
         loaded = finishing.job.loaded
         found = deviation_from_mesh(cloud, loaded.part_surface, finishing.pipeline.threads)
         return LiveChunk(
-            cloud.points_in_part, cloud.intensity, cloud.quality, cloud.sigma, cloud.camera, found.signed, cloud.time
+            cloud.points_in_part, cloud.intensity, cloud.quality, cloud.sigma, cloud.camera, found.distance, cloud.time
         )
 
     def _finish(self, session: ScanSession, plan: Plan, finishing: Finishing) -> None:

@@ -57,7 +57,7 @@ def _write_cloud(run: RecordedRun, file: McapFile, threads: int) -> int:
     columns = {
         "intensity": np.asarray(cloud.intensity),
         "quality": np.asarray(cloud.quality),
-        "deviation": deviation_from_mesh(cloud, part, threads).signed,
+        "deviation": deviation_from_mesh(cloud, part, threads).distance,
     }
     number = np.floor(cloud.time / _CHUNK)
     bounds = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(cloud)]

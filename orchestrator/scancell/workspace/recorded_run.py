@@ -15,7 +15,7 @@ from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstac
 from scancell.nominal.parts import load_part
 from scancell.planning.plan_file import read_plan
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files import read_ply, read_ply_comments
+from scancell.reconstruction.cloud_files import read_ply, read_ply_comments, transformed_columns
 from scancell.workspace.motion import RunMotion
 
 
@@ -95,5 +95,5 @@ def _cloud(path: Path, cell: NominalCell, most: int) -> tuple[Cloud | None, int]
     cloud = whole[:: max(1, -(-len(whole) // most))]
     cloud = cloud[np.argsort(cloud.time, kind="stable")]
     if frame != "part":
-        cloud = cloud.transformed(pose.inverse(cell.world_from_part(0.0)) @ world_from_frame[frame])
+        cloud = transformed_columns(cloud, pose.inverse(cell.world_from_part(0.0)) @ world_from_frame[frame])
     return cloud, len(whole)

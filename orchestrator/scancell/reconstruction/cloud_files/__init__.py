@@ -16,6 +16,7 @@ xyz     all fields as text, names in the first line; positions rounded to 1 nm
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
+from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files.ply import read_ply, read_ply_comments, write_ply
 
@@ -30,7 +32,15 @@ from scancell.reconstruction.cloud_files.ply import read_ply, read_ply_comments,
 _Write = Callable[[Path, Cloud, Sequence[str]], None]
 FORMATS = ("ply", "npz", "laz", "e57", "pcd", "xyz")
 
-__all__ = ["FORMATS", "parse_formats", "read_ply", "read_ply_comments", "write_cloud", "write_ply"]
+__all__ = [
+    "FORMATS",
+    "parse_formats",
+    "read_ply",
+    "read_ply_comments",
+    "transformed_columns",
+    "write_cloud",
+    "write_ply",
+]
 
 
 def write_cloud(
@@ -54,7 +64,7 @@ def write_cloud(
     """
     write = _writer(parse_formats(path.suffix.removeprefix(".").lower(), str(path))[0])
     if frame_from_part is not None and not np.array_equal(frame_from_part, np.eye(4)):
-        cloud = cloud.transformed(frame_from_part)
+        cloud = transformed_columns(cloud, frame_from_part)
     with atomic_write(path) as temporary:
         write(temporary, cloud, comments)
 
@@ -70,6 +80,12 @@ def read_cloud(path: Path) -> Cloud:
     from scancell.reconstruction.cloud_files import plain  # noqa: PLC0415
 
     return plain.read_npz(path) if path.suffix.lower() == ".npz" else read_ply(path)
+
+
+def transformed_columns(cloud: Cloud, target_from_source: NDArray[np.float64]) -> Cloud:
+    """Columns of a cloud file in another frame, for reading and writing: a `Cloud` itself is in the part frame."""
+    points = pose.transform_points(target_from_source, cloud.points_in_part)
+    return replace(cloud, points_in_part=points, normals=cloud.normals @ target_from_source[:3, :3].T)
 
 
 def parse_formats(text: str, option: str) -> tuple[str, ...]:
