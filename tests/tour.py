@@ -106,13 +106,13 @@ def moves(page: Any, host: Host, act: Callable[[], None]) -> None:
     """Act, and wait until the robot is where that leads."""
     assert host.workspace is not None
     live = host.workspace.live
-    before = live.state.target_joints
+    before = live.state.destination[:-1]
     act()
-    waits(page, lambda: not np.array_equal(live.state.target_joints, before), "the motion")
+    waits(page, lambda: not np.array_equal(live.state.destination[:-1], before), "the motion")
 
     def is_there() -> bool:
         state = live.state
-        return not state.moving and bool(np.abs(state.joints - state.target_joints).max() < _NEAR)
+        return not state.moving and bool(np.abs(state.joints - state.destination[:-1]).max() < _NEAR)
 
     waits(page, is_there, "the end of the motion")
 
@@ -128,7 +128,7 @@ def walk(page: Any, host: Host, shoot: Shoot = lambda _: None) -> None:
     shoot("profile")
 
     tab(page, "Jog")
-    choose(page, "axis", "tool z")
+    choose(page, "axis", "sensor z")
     page.get_by_role("button", name="Hold to jog -").hover()
     page.mouse.down()
     says(page, "guard:")

@@ -26,8 +26,8 @@ DEEPEST, FLATTEST = 1.5 * mm, 0.2 * mm  # depth of a groove at least; points of 
 
 def main(robot: Robot) -> None:
     """Follow the groove step by step and print its places."""
-    robot.move(START)
-    robot.speed(0.2)
+    robot.move_tool(START)
+    robot.set_speed(0.2)
     places = [groove(robot)]
     heading = np.array([1.0, 0.0, 0.0])
     for _ in range(STEPS):
@@ -51,7 +51,7 @@ def groove(robot: Robot) -> np.ndarray:
     depth = distance - np.maximum(left, right)
     deepest = int(np.argmax(depth))
     if depth[deepest] < DEEPEST:
-        raise RuntimeError(f"no groove in the profile at {text(robot.here[:3, 3])} mm")
+        raise RuntimeError(f"no groove in the profile at {text(robot.world_from_tool()[:3, 3])} mm")
     near = np.abs(along - along[deepest]) < WIDEST
     bottom = near & (np.abs(distance - distance[deepest]) < FLATTEST)
     ends = points[bottom][[0, -1]]

@@ -80,10 +80,10 @@ class PickAndPlace:
         """
         self.stage(session, "belt")
         session.open_gripper(OPEN)
-        session.run_belt(1, BELT_SPEED)
-        session.wait_until(lambda: session.present(1), "a part at the gate", timeout=20.0)
+        session.run_conveyor(1, BELT_SPEED)
+        session.wait_until(lambda: session.presence(1), "a part at the gate", timeout=20.0)
         seen = session.value("conveyor[1].travel")
-        session.run_belt(1, 0.0)
+        session.run_conveyor(1, 0.0)
         session.wait_until(lambda: session.value("conveyor[1].speed") == 0.0, "the belt at rest", timeout=5.0)
         overrun = session.value("conveyor[1].travel") - seen
 
@@ -99,7 +99,7 @@ class PickAndPlace:
         grip = self.above(session, world_from_part[:3, 3])
         session.move_joints(session.joints_for(lifted(grip), "gripper"), speed=0.5)
         session.move_line(grip, "gripper", speed=0.1)
-        session.grip(GRIP_FORCE)
+        session.close_gripper(GRIP_FORCE)
         session.move_line(lifted(grip), "gripper", speed=0.1)
         return grip
 

@@ -19,7 +19,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import without_bodies
 from scancell.workspace.live import LiveCell
-from scancell.workspace.live_commands import MoveJoints, MoveTool, RunBelt, SetGripper
+from scancell.workspace.live_commands import MoveJoints, MoveTool, OpenGripper, RunConveyor
 from scancell.workspace.robot import deg, location, mm
 
 viser = pytest.importorskip("viser")
@@ -54,11 +54,11 @@ def live(setup: Setup) -> Iterator[LiveCell]:
     with Scanner.from_setup(setup, threads=1) as scanner, scanner.session(block(0.04, 0.03, 0.02)) as session:
         live = LiveCell(session)
         live.true = session.true  # type: ignore[attr-defined]
-        live.submit(MoveJoints(live.state.joints + np.array([0.3, 0.1, -0.1, 0.4, 0.2, 0.5]), table=0.7, speed=0.5))
-        live.submit(RunBelt(1, 0.05))
-        live.submit(SetGripper(0.03))
+        live.submit(MoveJoints(live.state.joints + np.array([0.3, 0.1, -0.1, 0.4, 0.2, 0.5]), 0.7, 0.5))
+        live.submit(RunConveyor(1, 0.05))
+        live.submit(OpenGripper(0.03))
         for _ in range(40):
-            live.cycle()
+            live.step()
         yield live
 
 
@@ -102,7 +102,7 @@ def test_bodies_are_shown_where_they_truly_are(server, scene, live) -> None:
 def test_frames_without_a_body_follow_nominal_kinematics(server, live, setup) -> None:
     bare = without_bodies(live.true, ["sensor", "link[5]"])
     CellScene(server, bare, setup.sensor, setup.cell).show(live.state)
-    nominal = bare.frame_poses(live.state.joints, np.array(live.state.table))
+    nominal = bare.frame_poses(live.state.joints, np.array(live.state.table_angle))
     for name in ("sensor", "link[5]"):
         np.testing.assert_allclose(shown_at(node(server, f"/frames/{name}")), nominal[name], atol=POSE)
 
@@ -146,12 +146,12 @@ def test_ghost_shows_the_target_of_what_is_not_there_yet(server, scene, live) ->
     for name in ("link1", "link6", "sensor", "gripper"):
         ghost = node(server, f"/ghost/{name}")
         assert ghost.visible
-        np.testing.assert_allclose(shown_at(ghost), state.ghost_from_body[name], atol=POSE)
+        np.testing.assert_allclose(shown_at(ghost), state.world_from_body_at_destination[name], atol=POSE)
     scene.options.ghost = False
     assert not node(server, "/ghost/link6").visible
     scene.options.ghost = True
     assert node(server, "/ghost/link6").visible
-    scene.show(replace(state, ghost_from_body=state.world_from_body))
+    scene.show(replace(state, world_from_body_at_destination=state.world_from_body))
     assert scene.ghosts == ()
 
 
@@ -167,7 +167,7 @@ def test_ghost_shows_the_target_of_what_is_not_there_yet(server, scene, live) ->
 def test_ghost_is_hidden_within_a_tenth_of_a_millimetre_and_a_hundredth_of_a_degree(scene, live, off, shown) -> None:
     target = dict(live.state.world_from_body)
     target["link3"] = target["link3"] @ off
-    scene.show(replace(live.state, ghost_from_body=target))
+    scene.show(replace(live.state, world_from_body_at_destination=target))
     assert scene.ghosts == (("link3",) if shown else ())
 
 
@@ -181,7 +181,7 @@ def test_ghost_of_fingers_is_as_wide_as_the_gripper_is(server, scene, live) -> N
 def test_preview_shows_any_axes_and_leaves_the_ghost_of_the_target(server, scene, live) -> None:
     scene.show(live.state)
     ghosts = scene.ghosts
-    axes = np.append(live.state.joints + 0.5, live.state.table + 0.4)
+    axes = np.append(live.state.joints + 0.5, live.state.table_angle + 0.4)
     scene.show_preview(axes)
     nominal = dict(zip([b.name for b in live.true.bodies], live.true.body_poses(axes[:-1], axes[-1]), strict=True))
     for name in ("link2", "link6", "sensor"):
@@ -248,7 +248,7 @@ def test_line_between_nearest_bodies_is_as_long_as_the_cell_says(server) -> None
         scene = CellScene(server, session.true, setup.sensor, setup.cell)
         live.submit(MoveTool(location(450 * mm, 0, 131 * mm, rx=180 * deg)))
         for _ in range(200):
-            live.cycle()
+            live.step()
         state = live.state
     assert state.nearest is not None
     *names, distance = state.nearest
@@ -283,7 +283,7 @@ def test_marks_move_with_the_belt_and_stay_on_it(server, scene, live, setup) -> 
     first = None
     travelled = []
     for travel in np.linspace(0.0, 0.3, 61):
-        scene.show(replace(live.state, belts=((0.1, float(travel)),)))
+        scene.show(replace(live.state, conveyors=((0.1, float(travel)),)))
         marks = belt_marks(server)
         assert (np.abs(marks[:, :2]) <= half + 1e-6).all()
         first = marks if first is None else first
@@ -304,7 +304,7 @@ def test_belt_frame_is_that_of_the_description(server, scene, setup) -> None:
 def test_presence_sensor_has_the_colour_of_its_state(server, scene, live) -> None:
     volume = node(server, "/frames/world/presence/gate")
     for present, colour in ((True, DETECTED), (False, FREE)):
-        scene.show(replace(live.state, present=(present,)))
+        scene.show(replace(live.state, presence=(present,)))
         assert tuple(volume.color) == colour
     np.testing.assert_allclose(volume.dimensions, (0.12, 0.002, 0.006))
     np.testing.assert_allclose(volume.position, (0.37, -0.29, 0.11), atol=POSE)
@@ -313,13 +313,13 @@ def test_presence_sensor_has_the_colour_of_its_state(server, scene, live) -> Non
 def test_ray_of_a_distance_sensor_is_as_long_as_its_reading(server, scene, live) -> None:
     name = "/frames/world/distance/height"
     ray, label, spot = (node(server, f"{name}/{part}") for part in ("ray", "reading", "spot"))
-    scene.show(replace(live.state, distances=(0.1234,)))
+    scene.show(replace(live.state, distance=(0.1234,)))
     world_from_ray = shown_at(node(server, name))
     ends = pose.transform_points(world_from_ray, np.asarray(ray.points, float)[0])
     np.testing.assert_allclose(ends, [(0.37, -0.4, 0.3), (0.37, -0.4, 0.3 - 0.1234)], atol=POSE)
     assert label.text == "height: 123.4 mm"
     assert spot.visible
-    scene.show(replace(live.state, distances=(None,)))
+    scene.show(replace(live.state, distance=(None,)))
     assert np.ptp(ray.points[0], axis=0)[2] == pytest.approx(0.3)  # its range
     assert label.text == "height: -"
     assert not spot.visible
@@ -387,7 +387,7 @@ def test_trace_is_broken_where_the_arm_cannot_have_gone(server) -> None:
 def test_sensor_leaves_a_trace(server, scene, live) -> None:
     states = [live.state]
     for _ in range(10):
-        live.cycle()
+        live.step()
         states.append(live.state)
     for state in states:
         scene.show(state)

@@ -63,7 +63,7 @@ class Desk:
 
 
 def state(joints: np.ndarray) -> Any:
-    return SimpleNamespace(joints=joints, table=0.0, moving=False)
+    return SimpleNamespace(joints=joints, table_angle=0.0, moving=False)
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_value_that_is_shown_over_before_its_callback_comes_is_kept(rig: Any) ->
     slider.call_back()
     rig.now.time = 1.0
     rig.panel.show(state(HOME))
-    np.testing.assert_allclose(np.degrees(rig.desk.submitted[0].q), [35.0, 20.0])
+    np.testing.assert_allclose(np.degrees(rig.desk.submitted[0].joints), [35.0, 20.0])
 
 
 def test_sliders_follow_the_robot_and_return_to_it_where_a_motion_is_refused(rig: Any) -> None:

@@ -16,7 +16,7 @@ from scancell.scanning.session import ScanSession
 from scancell.workspace import live_camera
 from scancell.workspace.live import LiveCell
 from scancell.workspace.live_camera import CameraFeed, CameraFrame
-from scancell.workspace.live_commands import MoveTool
+from scancell.workspace.live_commands import MoveLine
 from scancell.workspace.robot import deg, location, mm
 
 PART = assets_dir() / "parts" / "step_block.stl"
@@ -105,13 +105,13 @@ def test_frames_are_made_when_wanted_and_something_changed(rig: Rig) -> None:
     first = rig.frame()
     rig.cycles(40)
     assert rig.feed.frame is first
-    rig.live.submit(MoveTool(rig.above @ pose.translation((10 * mm, 0, 0)), straight=True))
+    rig.live.submit(MoveLine(rig.above @ pose.translation((10 * mm, 0, 0))))
     moved = rig.frame(lambda frame: frame.number > 2)
     assert moved.time > first.time
     rig.feed.wanted = False
     rig.cycles(20)
     count = len(rig.frames)
-    rig.live.submit(MoveTool(rig.above, straight=True))
+    rig.live.submit(MoveLine(rig.above))
     rig.cycles(40)
     assert len(rig.frames) == count
 

@@ -9,22 +9,25 @@ import numpy as np
 import pytest
 
 from scancell import Scanner
-from scancell.cell.controller import JogFrame, Mode, Operation
+from scancell.cell.controller import JogFrame, Operation
 from scancell.config.loading import load_setup
 from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.stopwatch import Pace
 from scancell.workspace.live import LiveCell
 from scancell.workspace.live_commands import (
-    ChangeOperation,
+    CloseGripper,
     Command,
-    Jog,
+    JogJoints,
+    JogSensor,
     MoveJoints,
+    MoveLine,
     MoveTool,
+    OpenGripper,
     Reset,
-    RunBelt,
-    SetGripper,
+    RunConveyor,
     SetMonitorSpeed,
+    SetOperation,
 )
 from scancell.workspace.live_state import LiveState
 from scancell.workspace.robot import deg, location, mm
@@ -57,7 +60,7 @@ class Operator:
         for _ in range(count):
             for command in commands:
                 self.live.submit(command)
-            self.live.cycle()
+            self.live.step()
             self.clock.now += self.period
             self.states.append(self.live.state)
         return self.live.state
@@ -100,14 +103,14 @@ def operator(scanner: Scanner) -> Iterator[Operator]:
 def test_moves_run_one_after_another(operator: Operator) -> None:
     start = operator.live.state.joints
     first, second = start + 0.1, start + np.array([0.2, 0, 0.1, 0, 0, 0])
-    operator.live.submit(MoveJoints(first, table=0.5))
+    operator.live.submit(MoveJoints(first, table_angle=0.5))
     operator.live.submit(MoveJoints(second))
     operator.cycle(4)
-    np.testing.assert_array_equal(operator.live.state.target_joints, first)
-    operator.until(lambda state: np.array_equal(state.target_joints, second))
+    np.testing.assert_array_equal(operator.live.state.destination[:-1], first)
+    operator.until(lambda state: np.array_equal(state.destination[:-1], second))
     state = operator.rests()
     np.testing.assert_allclose(state.joints, second, atol=1e-9)
-    assert state.table == pytest.approx(0.5, abs=1e-9)
+    assert state.table_angle == pytest.approx(0.5, abs=1e-9)
     passed = min(np.abs(state.joints - first).max() for state in operator.states)
     assert passed < 1e-9
 
@@ -116,7 +119,7 @@ def test_tool_pose_round_trip_and_straight_line(operator: Operator) -> None:
     operator.at()
     operator.states.clear()
     end = ABOVE @ pose.from_euler_xyz((0.05, -0.03, -0.02), (0.1, -0.05, 0.2))
-    operator.live.submit(MoveTool(end, straight=True, speed=0.5))
+    operator.live.submit(MoveLine(end, speed=0.5))
     operator.rests()
     operator.rests()
     sensor = np.array([state.world_from_body["sensor"] for state in operator.states])
@@ -125,7 +128,7 @@ def test_tool_pose_round_trip_and_straight_line(operator: Operator) -> None:
     fraction = (sensor[:, :3, 3] - ABOVE[:3, 3]) @ along / (along @ along)
     straight = pose.interpolate_straight(ABOVE, end, fraction)
     np.testing.assert_allclose(sensor, straight, atol=1e-5)
-    np.testing.assert_allclose(operator.live.state.ghost_from_body["sensor"], end, atol=1e-6)
+    np.testing.assert_allclose(operator.live.state.world_from_body_at_destination["sensor"], end, atol=1e-6)
 
 
 def test_unreachable_target_leaves_the_arm_where_it_is(operator: Operator) -> None:
@@ -135,7 +138,7 @@ def test_unreachable_target_leaves_the_arm_where_it_is(operator: Operator) -> No
     state = operator.cycle(20)
     assert "the sensor cannot be brought to (3000.0, 0.0, 0.0) mm" in state.message
     np.testing.assert_allclose(state.joints, start, atol=1e-12)
-    operator.live.submit(MoveTool(pose.translation((0, 0, 2.0)) @ state.world_from_body["sensor"], straight=True))
+    operator.live.submit(MoveLine(pose.translation((0, 0, 2.0)) @ state.world_from_body["sensor"]))
     operator.cycle(20)
     assert "out of reach" in operator.live.state.refusal
     np.testing.assert_allclose(operator.live.state.joints, start, atol=1e-12)
@@ -143,18 +146,18 @@ def test_unreachable_target_leaves_the_arm_where_it_is(operator: Operator) -> No
 
 def test_move_into_table_is_slowed_and_held(operator: Operator) -> None:
     operator.at()
-    operator.live.submit(MoveTool(pose.translation((0, 0, -0.2)) @ ABOVE, straight=True))
+    operator.live.submit(MoveLine(pose.translation((0, 0, -0.2)) @ ABOVE))
     operator.cycle(4)
     state = operator.until(lambda state: state.guard_text.startswith("slowed to 0%"))
     assert "sensor - table" in state.guard_text
     state = operator.cycle(60)
-    assert state.monitor_speed == 0
+    assert (state.monitor_speed, state.monitor_speed_in_force) == (1.0, 0.0)
     assert state.nearest is not None
     assert set(state.nearest[:2]) == {"sensor", "table"}
     assert state.nearest[2] > 0
     assert 0 < state.progress < 1
     assert not operator.touched
-    operator.live.stop()
+    operator.live.emergency_stop()
     operator.rests()
     operator.live.submit(Reset())
     operator.at()
@@ -163,8 +166,8 @@ def test_move_into_table_is_slowed_and_held(operator: Operator) -> None:
 
 def test_jog_into_table_is_warned_then_stopped(operator: Operator) -> None:
     operator.at()
-    operator.live.submit(ChangeOperation(Operation.MANUAL))
-    down = Jog(Mode.CARTESIAN_JOG, [0, 0, -1, 0, 0, 0])
+    operator.live.submit(SetOperation(Operation.MANUAL))
+    down = JogSensor([0, 0, -1, 0, 0, 0])
     operator.until(lambda state: state.controller == "emergency stop", down)
     texts = [state.guard_text for state in operator.states]
     warned = next(i for i, text in enumerate(texts) if "contact in" in text)
@@ -178,9 +181,9 @@ def test_jog_into_table_is_warned_then_stopped(operator: Operator) -> None:
 
 def test_jog_that_is_not_renewed_stops(operator: Operator) -> None:
     """Within the hold time, and the controller's time to brake."""
-    operator.live.submit(ChangeOperation(Operation.MANUAL))
+    operator.live.submit(SetOperation(Operation.MANUAL))
     operator.cycle(12)
-    jog = Jog(Mode.JOINT_JOG, [0.5, 0, 0, 0, 0, 0, 0])
+    jog = JogJoints([0.5, 0, 0, 0, 0, 0, 0])
     operator.cycle(60, jog)
     renewed = operator.live.state
     assert renewed.controller == "moving"
@@ -196,9 +199,9 @@ def test_jog_that_is_not_renewed_stops(operator: Operator) -> None:
 
 def test_frozen_clock_of_jog_is_the_operators_not_the_cells(operator: Operator) -> None:
     """Simulated time may be faster than the wall clock: the hold time is one of the wall clock."""
-    operator.live.submit(ChangeOperation(Operation.MANUAL))
+    operator.live.submit(SetOperation(Operation.MANUAL))
     operator.cycle(12)
-    operator.live.submit(Jog(Mode.CARTESIAN_JOG, [0.2, 0, 0, 0, 0, 0], JogFrame.SENSOR))
+    operator.live.submit(JogSensor([0.2, 0, 0, 0, 0, 0], JogFrame.SENSOR))
     begin = operator.clock.now
     for _ in range(60):
         operator.cycle()
@@ -209,14 +212,14 @@ def test_frozen_clock_of_jog_is_the_operators_not_the_cells(operator: Operator) 
 
 
 def test_jog_needs_manual_operation(operator: Operator) -> None:
-    state = operator.cycle(5, Jog(Mode.JOINT_JOG, [1.0, 0, 0, 0, 0, 0, 0]))
-    assert state.message == "jog: the cell is in automatic operation: change to manual operation first"
+    state = operator.cycle(5, JogJoints([1.0, 0, 0, 0, 0, 0, 0]))
+    assert state.message == "jog_joints: the cell is in automatic operation: change to manual operation first"
     assert state.controller == "at rest"
     operator.live.submit(MoveJoints(state.joints + 0.3, speed=0.2))
     operator.cycle(20)
-    operator.live.submit(ChangeOperation(Operation.MANUAL))
+    operator.live.submit(SetOperation(Operation.MANUAL))
     operator.until(lambda state: state.operation is Operation.MANUAL)
-    operator.until(lambda state: state.controller == "moving", Jog(Mode.JOINT_JOG, [0, 0.2, 0, 0, 0, 0, 0]))
+    operator.until(lambda state: state.controller == "moving", JogJoints([0, 0.2, 0, 0, 0, 0, 0]))
 
 
 def test_stop_drops_what_was_submitted(operator: Operator) -> None:
@@ -226,7 +229,7 @@ def test_stop_drops_what_was_submitted(operator: Operator) -> None:
     assert moving.controller == "moving"
     operator.live.submit(MoveJoints(start))
     operator.live.submit(SetMonitorSpeed(0.5))
-    operator.live.stop()
+    operator.live.emergency_stop()
     stopped = operator.rests()
     assert stopped.controller == "emergency stop"
     assert np.abs(stopped.joints - start).max() < 0.55
@@ -251,35 +254,36 @@ def test_monitor_speed_acts_on_running_move(operator: Operator) -> None:
 
 
 def test_devices_and_wrong_commands(operator: Operator) -> None:
-    operator.live.submit(RunBelt(1, 0.1))
+    operator.live.submit(RunConveyor(1, 0.1))
     state = operator.cycle(30)
-    speed, travel = state.belts[0]
+    speed, travel = state.conveyors[0]
     assert speed == pytest.approx(0.1)
     assert travel > 0.02
-    assert "number = 2: expected 1 to 1" in operator.cycle(1, RunBelt(2, 0.1)).message
-    assert operator.cycle(1, SetGripper(width=0.02)).message == "the cell has no gripper"
+    assert "run_conveyor: conveyor = 2: expected 1 to 1" in operator.cycle(1, RunConveyor(2, 0.1)).message
+    for command in (OpenGripper(0.02), CloseGripper(5.0)):
+        assert operator.cycle(1, command).message == "the cell has no gripper"
     assert "expected 6 angles" in operator.cycle(1, MoveJoints([0.0, 1.0])).message
-    assert operator.cycle(1, RunBelt(1, 0.0)).message == ""
+    assert operator.cycle(1, RunConveyor(1, 0.0)).message == ""
 
 
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Jog(Mode.JOINT_JOG, [2.0, 0]),
-        lambda: Jog(Mode.CARTESIAN_JOG, [0.0, 0, 0]),
-        lambda: Jog(Mode.SERVO, [0.0] * 6),
-        lambda: Jog(Mode.JOINT_JOG, [np.nan] * 7),
+        lambda: JogJoints([2.0, 0]),
+        lambda: JogSensor([0.0, 0, 0]),
+        lambda: JogJoints([np.nan] * 7),
         lambda: MoveJoints("home"),
         lambda: MoveJoints([0.0] * 6, speed=0.0),
-        lambda: MoveJoints([0.0] * 6, table=np.inf),
+        lambda: MoveJoints([0.0] * 6, table_angle=np.inf),
         lambda: MoveTool(np.eye(3)),
         lambda: MoveTool(2 * np.eye(4)),
-        lambda: MoveTool(np.diag([1.0, 1, -1, 1])),
+        lambda: MoveLine(np.diag([1.0, 1, -1, 1])),
+        lambda: MoveLine(np.eye(4), speed=1.1),
         lambda: SetMonitorSpeed(1.1),
         lambda: SetMonitorSpeed("1"),
-        SetGripper,
-        lambda: SetGripper(width=0.1, force=3.0),
-        lambda: RunBelt(1, float("nan")),
+        lambda: OpenGripper(-0.01),
+        lambda: CloseGripper(float("inf")),
+        lambda: RunConveyor(1, float("nan")),
     ],
 )
 def test_malformed_command_is_refused_where_it_is_made(make: Callable[[], Command]) -> None:
@@ -316,7 +320,7 @@ def test_commands_from_other_threads(scanner: Scanner) -> None:
         start, ended, arrived = live.state.joints, threading.Event(), threading.Event()
 
         def check() -> bool:
-            if live.state.progress == 1 and live.state.target_joints[0] > start[0]:
+            if live.state.progress == 1 and live.state.destination[0] > start[0]:
                 arrived.set()
             return ended.is_set()
 

@@ -20,7 +20,7 @@ from scancell.geometry import pose
 from scancell.scanning.session import ScanSession
 from scancell.workspace import live as live_module
 from scancell.workspace.live import LiveCell
-from scancell.workspace.live_commands import Cancel, ChangeOperation, MoveJoints, Reset, SetMonitorSpeed
+from scancell.workspace.live_commands import Cancel, MoveJoints, Reset, SetMonitorSpeed, SetOperation
 from scancell.workspace.live_jobs import JobStopped
 from scancell.workspace.live_state import LiveState
 from scancell.workspace.program import ProgramRun, run_program
@@ -34,7 +34,7 @@ def main(robot):
         try:
             robot.wait(1)
         except Exception:
-            robot.home()
+            robot.move_home()
 """
 AWAY = np.array([0.6, 0, 0, 0, 0, 0])
 
@@ -55,7 +55,7 @@ class Watched:
 
     def cycles(self, count: int = 1) -> LiveState:
         for _ in range(count):
-            self.live.cycle()
+            self.live.step()
         return self.live.state
 
     def after(self, count: int, event: Callable[[], object]) -> None:
@@ -110,7 +110,7 @@ def test_job_commands_session_and_states_are_read_in_each_cycle(cell: Watched) -
 
 def test_stop_ends_job_and_reset_lets_the_next_one_run(cell: Watched) -> None:
     start = cell.live.state.joints
-    done = cell.stop_in(40, go(), cell.live.stop)
+    done = cell.stop_in(40, go(), cell.live.emergency_stop)
     with pytest.raises(JobStopped, match="stopped"):
         done.result(0)
     state = cell.rests()
@@ -131,7 +131,7 @@ def test_stop_ends_job_and_reset_lets_the_next_one_run(cell: Watched) -> None:
 
 def test_emergency_stop_stays_pressed_until_it_is_released(cell: Watched) -> None:
     """The guard, which answers every other cycle, does not release the button of the operator."""
-    cell.live.stop()
+    cell.live.emergency_stop()
     cell.cycles(20)
     assert cell.session.cell.get_boolean("command.emergency_stop")
     cell.live.submit(Reset())
@@ -201,7 +201,7 @@ def test_monitor_speed_acts_on_job_and_other_commands_are_refused(cell: Watched)
     paused = [state.joints[0] for state in cell.states[first + 55 : first + 64]]
     np.testing.assert_allclose(paused, paused[0], atol=1e-9)
     assert 0.01 < paused[0] - start[0] < 0.55
-    assert cell.states[first + 63].message == "move: a move runs: cancel it first"
+    assert cell.states[first + 63].message == "move_joints: a move runs: cancel it first"
     np.testing.assert_allclose(cell.live.state.joints, start + AWAY, atol=1e-9)
 
 
@@ -220,7 +220,7 @@ def test_job_waits_for_moves_and_excludes_others(cell: Watched) -> None:
 
 
 def test_waiting_job_is_cancelled(cell: Watched) -> None:
-    for end in (lambda: cell.live.submit(Cancel()), cell.live.stop):
+    for end in (lambda: cell.live.submit(Cancel()), cell.live.emergency_stop):
         cell.live.submit(MoveJoints(cell.live.state.joints + 0.3))
         job = cell.live.perform(go())
         cell.cycles(3)
@@ -231,9 +231,9 @@ def test_waiting_job_is_cancelled(cell: Watched) -> None:
 
 
 def test_job_starts_after_change_of_operation(cell: Watched) -> None:
-    cell.live.submit(ChangeOperation(Operation.MANUAL))
+    cell.live.submit(SetOperation(Operation.MANUAL))
     cell.cycles(20)
-    cell.live.submit(ChangeOperation(Operation.AUTOMATIC))
+    cell.live.submit(SetOperation(Operation.AUTOMATIC))
     done = cell.live.perform(go())
     cell.cycles(20)
     assert done.result(0) is None
@@ -270,7 +270,7 @@ def test_records_of_an_ended_program_do_not_reach_the_next_one(cell: Watched) ->
     fired = cell.session.cell.get_integer("trigger.count")
     assert fired > 0
 
-    cell.live.perform(lambda session: session.move_table(0.0))
+    cell.live.perform(lambda session: session.turn_table(0.0))
     cell.cycles(2)
     assert cell.session.cell.get_integer("trigger.count") == fired
     begin = cell.live.state.time
@@ -289,15 +289,15 @@ def test_program_with_a_mistake_states_its_line(cell: Watched, tmp_path: Path) -
         cell.cycles(2)
         return done
 
-    mistake = run("def main(robot):\n    robot.wait(0.1)\n    robot.speed(2)\n")
+    mistake = run("def main(robot):\n    robot.wait(0.1)\n    robot.set_speed(2)\n")
     assert isinstance(mistake.exception(0), ProgramError)
-    assert "program.py:4: speed: share = 2" in cell.live.state.message
+    assert "program.py:4: set_speed: share = 2" in cell.live.state.message
     cell.after(20, lambda: cell.live.submit(Cancel()))
     with pytest.raises(JobStopped, match=r"program\.py:6: cancelled"):
         run(STUBBORN).result(0)
     assert cell.live.state.message.endswith("program.py:6: cancelled")
-    fine = run("def main(robot):\n    robot.move(location(450 * mm, 0, 300 * mm, rx=180 * deg))\n")
-    assert [step.command for _, step in fine.result(0).steps] == ["move"]
+    fine = run("def main(robot):\n    robot.move_tool(location(450 * mm, 0, 300 * mm, rx=180 * deg))\n")
+    assert [step.command for _, step in fine.result(0).steps] == ["move_tool"]
 
 
 def test_program_that_only_looks_is_stopped(scanner: Scanner, tmp_path: Path) -> None:
@@ -312,7 +312,7 @@ def test_program_that_only_looks_is_stopped(scanner: Scanner, tmp_path: Path) ->
         try:
             while not done.running():
                 ended.wait(0.01)
-            live.stop()
+            live.emergency_stop()
             assert isinstance(done.exception(60), JobStopped)
         finally:
             ended.set()
@@ -331,12 +331,12 @@ def test_second_stop_interrupts_program_that_neither_steps_nor_looks(scanner: Sc
         try:
             while not done.running():
                 ended.wait(0.01)
-            live.stop()
-            live.stop()
+            live.emergency_stop()
+            live.emergency_stop()
             with pytest.raises(TimeoutError):
                 done.result(0.2)
             now[0] += 2.0
-            live.stop()
+            live.emergency_stop()
             with pytest.raises(JobStopped, match=r"program\.py:[23]: stopped"):
                 done.result(60)
             live.submit(Reset())

@@ -51,7 +51,7 @@ class Rig:
 
     @property
     def axes(self) -> np.ndarray:
-        return np.append(self.live.state.joints, self.live.state.table)
+        return np.append(self.live.state.joints, self.live.state.table_angle)
 
 
 @pytest.fixture(scope="module")

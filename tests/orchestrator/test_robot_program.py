@@ -26,7 +26,7 @@ ABOVE = location(450 * mm, 0, 300 * mm, rx=180 * deg)
 WORDS = "from scancell.workspace.robot import Robot, deg, location, mm\n"
 INTO_TABLE = """
 def main(robot):
-    robot.move(location(450 * mm, 0, 300 * mm, rx=180 * deg))
+    robot.move_tool(location(450 * mm, 0, 300 * mm, rx=180 * deg))
     robot.move_line(location(450 * mm, 0, 50 * mm, rx=180 * deg))
 """
 Run = Callable[[str, ScanSession], ProgramRun]
@@ -76,17 +76,17 @@ def test_cell_goes_on_after_guard_stop(scanner: Scanner, run: Run) -> None:
     with scanner.session(guarded=True) as session:
         with pytest.raises(ProgramError):
             run(INTO_TABLE, session)
-        Robot(session).move(ABOVE)
+        Robot(session).move_tool(ABOVE)
         np.testing.assert_allclose(session.world_from_tool(), ABOVE, atol=1e-9)
 
 
 def test_guard_stops_jog_before_table(scanner: Scanner) -> None:
     with scanner.session(guarded=True) as session:
-        Robot(session).move(ABOVE)
+        Robot(session).move_tool(ABOVE)
         seen = contacts(session)
         session.set_operation(Operation.MANUAL)
-        with pytest.raises(CommandError, match=r"jog_tool: stop: sensor - table: \d+ mm; an emergency stop"):
-            session.jog_tool([0, 0, -1, 0, 0, 0], 10.0)
+        with pytest.raises(CommandError, match=r"jog_sensor: stop: sensor - table: \d+ mm; an emergency stop"):
+            session.jog_sensor([0, 0, -1, 0, 0, 0], 10.0)
         session.wait(1.0)
         assert max(seen) == 0
 
@@ -96,7 +96,7 @@ def test_operator_cannot_exceed_monitor_speed_of_guard(scanner: Scanner) -> None
 
     def course(share: float | None) -> list[float]:
         with scanner.session(guarded=True) as session:
-            Robot(session).move(ABOVE)
+            Robot(session).move_tool(ABOVE)
             speeds: list[float] = []
             session.cell.on_step(lambda: speeds.append(session.value("command.monitor_speed")))
             if share is not None:
@@ -122,15 +122,15 @@ def test_moves_reach_pose_and_report_steps(scanner: Scanner, run: Run) -> None:
 def main(robot: Robot) -> None:
     target = location(450 * mm, 20 * mm, 260 * mm, rx=170 * deg, ry=5 * deg, rz=30 * deg)
     robot.approach(target, 40 * mm)
-    robot.speed(0.5)
+    robot.set_speed(0.5)
     robot.move_line(target)
     robot.turn_table(30 * deg)
 """
     with scanner.session(guarded=True) as session:
         done = run(text, session)
         target = location(450 * mm, 20 * mm, 260 * mm, rx=170 * deg, ry=5 * deg, rz=30 * deg)
-        np.testing.assert_allclose(Robot(session).here, target, atol=1e-9)
-        assert session.table == pytest.approx(30 * deg, abs=1e-9)
+        np.testing.assert_allclose(Robot(session).world_from_tool(), target, atol=1e-9)
+        assert session.table_angle == pytest.approx(30 * deg, abs=1e-9)
     assert [(line, step.command) for line, step in done.steps] == [
         (5, "approach"),
         (7, "move_line"),
@@ -145,9 +145,9 @@ def test_depart_is_straight_along_tool(scanner: Scanner) -> None:
     with scanner.session(guarded=True) as session:
         robot = Robot(session)
         start = location(430 * mm, 30 * mm, 260 * mm, rx=165 * deg, ry=8 * deg)
-        robot.move(start)
+        robot.move_tool(start)
         path: list[np.ndarray] = []
-        session.cell.on_step(lambda: path.append(pose.inverse(start) @ robot.here))
+        session.cell.on_step(lambda: path.append(pose.inverse(start) @ robot.world_from_tool()))
         robot.depart(60 * mm)
         poses = np.array(path)
     np.testing.assert_allclose(poses[:, :2, 3], 0, atol=1e-6)
@@ -159,9 +159,9 @@ def test_depart_is_straight_along_tool(scanner: Scanner) -> None:
 def test_scan_measures_surface_of_part(scanner: Scanner, run: Run) -> None:
     text = """
 def main(robot):
-    robot.move(location(420 * mm, 0, 190 * mm, rx=180 * deg))
-    robot.speed(0.2)
-    cloud = robot.scan(robot.here @ location(60 * mm, 0, 0), spacing=1 * mm)
+    robot.move_tool(location(420 * mm, 0, 190 * mm, rx=180 * deg))
+    robot.set_speed(0.2)
+    cloud = robot.scan_line(robot.world_from_tool() @ location(60 * mm, 0, 0), spacing=1 * mm)
     robot.save(cloud, "pass.npz")
 """
     with scanner.session(PART, guarded=True) as session:
@@ -183,17 +183,20 @@ def main(robot):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("def main(robot):\n    robot.move(\n", r"program\.py:3: '\(' was never closed"),
-        ("def main(robot):\n    robot.speed(1 / 0)\n", r"program\.py:3: ZeroDivisionError: division by zero"),
-        ("def main(robot):\n    robot.speed(2)\n", r"program\.py:3: speed: share = 2: expected above 0, at most 1"),
+        ("def main(robot):\n    robot.move_tool(\n", r"program\.py:3: '\(' was never closed"),
+        ("def main(robot):\n    robot.set_speed(1 / 0)\n", r"program\.py:3: ZeroDivisionError: division by zero"),
+        (
+            "def main(robot):\n    robot.set_speed(2)\n",
+            r"program\.py:3: set_speed: share = 2: expected above 0",
+        ),
         ("def main(robot):\n    raise SystemExit(3)\n", r"program\.py:3: SystemExit: 3"),
         ("go = 1\n", r"program\.py: has no function main: expected def main\(robot\)"),
         ("import nothing_here\n", r"program\.py:2: ModuleNotFoundError"),
         (
-            "def far(robot):\n    robot.move(location(3, 0, 0))\ndef main(robot):\n    far(robot)\n",
+            "def far(robot):\n    robot.move_tool(location(3, 0, 0))\ndef main(robot):\n    far(robot)\n",
             r"program\.py:3: the sensor cannot be brought to \(3000\.0, 0\.0, 0\.0\) mm",
         ),
-        ("def main(robot):\n    robot.tool('gripper')\n", r"program\.py:3: the cell has no gripper"),
+        ("def main(robot):\n    robot.set_tool('gripper')\n", r"program\.py:3: the cell has no gripper"),
         (
             "def main(robot):\n    robot.wait_until(lambda: False, 'nothing', 0.1)\n",
             r"program\.py:3: timed out after 0\.1 s waiting for nothing",
@@ -215,7 +218,7 @@ def test_guard_does_not_know_parts_that_a_gripper_can_move(fixture: str, run: Ru
         other.session(PART, guarded=True) as session,
     ):
         robot = Robot(session)
-        robot.move(ABOVE)
+        robot.move_tool(ABOVE)
         if fixture == "free":
             robot.move_line(through)
         else:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from enum import IntEnum
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 from cells import ball
 from fmu_cells import CYCLE_US, moves_with_stops, turn_of_table
 
-from scancell.cell.controller import JogFrame, Operation
+from scancell.cell.controller import GripperMode, JogFrame, Mode, Operation
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.fmu_package.contents import FmiVersion
 from scancell.cell.instance import CellInstance
@@ -80,17 +82,35 @@ def start(cell) -> Iterator[Start]:
         instance.close()
 
 
+@pytest.mark.parametrize(
+    ("enumeration", "variable"),
+    [
+        (Mode, "command.mode"),
+        (JogFrame, "command.jog_frame"),
+        (Operation, "command.operation"),
+        (GripperMode, "command.gripper.mode"),
+    ],
+)
+def test_enumerations_have_numbers_and_words_of_fmu(cell, enumeration: type[IntEnum], variable: str) -> None:
+    description = fmpy.read_model_description(str(cell[1][3]))
+    declared = next(one.declaredType for one in description.modelVariables if one.name == variable)
+    words = {int(item.value): item.name for item in declared.items}
+    assert {one.value: one.name.lower() for one in enumeration} == words
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_move_joints_reaches_target(start: Start, version: int) -> None:
     session = start(version)
     goal = session.joints + np.radians([10, 5, -5, 20, -10, 30])
     session.move_joints(goal, 0.5, speed=0.5)
     np.testing.assert_allclose(session.joints, goal, atol=1e-12)
-    assert session.table == pytest.approx(0.5, abs=1e-12)
-    np.testing.assert_array_equal(session.destination[0], goal)
-    session.move_table(0.1)
+    assert session.table_angle == pytest.approx(0.5, abs=1e-12)
+    np.testing.assert_array_equal(session.destination, [*goal, 0.5])
+    with pytest.raises(CommandError, match=r"move_joints: joints = .*: expected 6 angles"):
+        session.move_joints([*goal, 0.5])
+    session.turn_table(0.1)
     np.testing.assert_allclose(session.joints, goal, atol=1e-12)
-    assert session.table == pytest.approx(0.1, abs=1e-12)
+    assert session.table_angle == pytest.approx(0.1, abs=1e-12)
 
 
 def test_speed_scales_move_duration(start: Start, cell) -> None:
@@ -122,6 +142,9 @@ def test_ik_selects_nearest_branch(start: Start) -> None:
     session.move_joints(q)
     target = session.world_from_tool("gripper")
     np.testing.assert_allclose(session.joints_for(target, "gripper"), q, atol=1e-9)
+    session.move_joints(q + 0.1)
+    session.move_tool(target, "gripper")
+    np.testing.assert_allclose(session.joints, q, atol=1e-9)
     with pytest.raises(CommandError, match=r"the gripper cannot be brought to \(5\d\d\d\."):
         session.joints_for(pose.translation((5, 0, 0)) @ target, "gripper")
 
@@ -137,7 +160,7 @@ def test_jog_and_move_require_matching_mode(start: Start) -> None:
     moved = session.joints - begin
     assert moved[0] > 0.01
     np.testing.assert_allclose(moved[1:], 0, atol=1e-12)
-    assert session.table < -0.01
+    assert session.table_angle < -0.01
     with pytest.raises(CommandError, match=r"move_joints: .*manual operation.*change to automatic"):
         session.move_joints(begin)
     with pytest.raises(CommandError, match=r"run_program: .*manual operation"):
@@ -152,7 +175,7 @@ def test_jog_moves_along_tool_axis(start: Start, frame: JogFrame) -> None:
     session = start()
     session.set_operation(Operation.MANUAL)
     begin = session.world_from_tool()
-    session.jog_tool([0, 0, 0.4, 0, 0, 0], 0.4, frame)
+    session.jog_sensor([0, 0, 0.4, 0, 0, 0], 0.4, frame)
     end = session.world_from_tool()
     travel = (end - begin)[:3, 3]
     axis = np.array([0, 0, 1]) if frame == JogFrame.WORLD else begin[:3, 2]
@@ -208,19 +231,21 @@ def test_presence_sensor_detects_part_on_belt(start: Start, version: int) -> Non
     session = start(version)
     assert session.distance(1) is None  # before the first reading
     session.wait(0.1)
-    assert not session.present(1)
+    assert not session.presence(1)
     assert session.distance(1) == pytest.approx(0.220, abs=1e-9)  # the belt
     begin = session.time
-    session.run_belt(1, 0.1)
+    session.run_conveyor(1, 0.1)
     session.wait_until(lambda: session.distance(1) == pytest.approx(0.200, abs=1e-5), "the block below the eye", 5.0)
-    session.wait_until(lambda: session.present(1), "the block at the gate", 5.0)
+    session.wait_until(lambda: session.presence(1), "the block at the gate", 5.0)
     # Its front travels from -80 mm to +49 mm at 0.1 m/s, accelerated for 0.1 s; polled once per cycle.
     assert 0 <= session.time - begin - (1.29 + 0.05) < 3 * CYCLE_US * 1e-6
-    session.run_belt(1, 0.0)
+    # After the ramp of 0.1 s; the command takes effect within a cycle.
+    assert session.conveyor_travel(1) == pytest.approx(0.1 * (session.time - begin - 0.05), abs=0.1 * CYCLE_US * 1e-6)
+    session.run_conveyor(1, 0.0)
     session.wait(0.5)
     assert session.value("conveyor[1].speed") == 0
     with pytest.raises(CommandError, match=r"timed out after 0\.2 s waiting for another block; "):
-        session.wait_until(lambda: not session.present(1), "another block", 0.2)
+        session.wait_until(lambda: not session.presence(1), "another block", 0.2)
 
 
 def test_gripper_opens_and_reports_empty_grip(start: Start) -> None:
@@ -230,7 +255,7 @@ def test_gripper_opens_and_reports_empty_grip(start: Start) -> None:
     with pytest.raises(CommandError, match=r"pads 80\.0 mm apart"):
         session.open_gripper(0.08, timeout=1.0)
     with pytest.raises(CommandError, match=r"something between the pads"):
-        session.grip(10.0, timeout=2.0)
+        session.close_gripper(10.0, timeout=2.0)
 
 
 def test_program_runs_between_commands(start: Start) -> None:
@@ -238,8 +263,8 @@ def test_program_runs_between_commands(start: Start) -> None:
     session.move_joints(session.joints + 0.1)
     recording = session.run_program(turn_of_table(session.joints, "table_angle", np.radians(1.0)), 2e-3)
     assert len(recording) == 20
-    session.move_table(0.0)
-    assert session.table == pytest.approx(0.0, abs=1e-12)
+    session.turn_table(0.0)
+    assert session.table_angle == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["table_angle", "request"])
@@ -271,7 +296,7 @@ def test_snapshot_matches_exposure_record(start: Start, moving: bool) -> None:
     session = start()
     cell = session.cell
     if moving:
-        session.run_belt(1, 0.1)
+        session.run_conveyor(1, 0.1)
         cell.set(cell.real_group(["command.table"]), np.array([1.0]))
         cell.set_integer("command.mode", 1)
     session.wait(0.1)

@@ -38,9 +38,9 @@ OVER_PART = """
 from scancell.workspace.robot import Robot, deg, location, mm
 
 def main(robot: Robot) -> None:
-    robot.move(location(450 * mm, 0, 215 * mm, rx=180 * deg))
+    robot.move_tool(location(450 * mm, 0, 215 * mm, rx=180 * deg))
     print("over the part:", len(robot.profile().points_in_part) > 100)
-    robot.save(robot.scan(robot.here @ location(5 * mm, 0, 0), 1 * mm), "pass.ply")
+    robot.save(robot.scan_line(robot.world_from_tool() @ location(5 * mm, 0, 0), 1 * mm), "pass.ply")
 """
 
 
@@ -49,7 +49,7 @@ def test_run_reports_steps_and_files(tmp_path) -> None:
     done = scancell_here("run", "over_part.py", "--part", PART, *QUICK, "--out", "made", "--json", cwd=tmp_path)
     report = succeeded(done, "run")
     steps = report["figures"]["steps"]
-    assert [step["command"] for step in steps] == ["move", "profile", "scan", "save"]
+    assert [step["command"] for step in steps] == ["move_tool", "profile", "scan_line", "save"]
     assert [step["line"] for step in steps] == [5, 6, 7, 7]
     assert report["figures"]["contacts"] == []
     assert "over the part: True" in done.err

@@ -16,7 +16,7 @@ from scancell.geometry import pose
 from scancell.results import ScanResult
 from scancell.scanning.session import ScanSession
 from scancell.workspace.live import LiveCell
-from scancell.workspace.live_commands import Cancel, ChangeOperation, MoveJoints, MoveTool, Reset
+from scancell.workspace.live_commands import Cancel, MoveJoints, MoveLine, Reset, SetOperation
 from scancell.workspace.live_scan import LiveChunk, LiveScan
 from scancell.workspace.recorded_run import open_run
 from scancell.workspace.robot import deg, location, mm
@@ -41,7 +41,7 @@ class Rig:
 
     def cycles(self, count: int) -> None:
         for _ in range(count):
-            self.live.cycle()
+            self.live.step()
 
     def run(self) -> ScanResult:
         self.scan.start(self.live)
@@ -103,11 +103,11 @@ def test_result_is_that_of_a_scan_without_view(scanner: Scanner, session: ScanSe
 
 def test_scan_starts_from_where_the_arm_was_stopped(session: ScanSession) -> None:
     rig = Rig(session, engine="geometric")
-    rig.live.submit(MoveJoints(session.joints + np.array([0.5, 0.1, 0, 0, 0.2, 0]), table=2.0, speed=0.2))
+    rig.live.submit(MoveJoints(session.joints + np.array([0.5, 0.1, 0, 0, 0.2, 0]), table_angle=2.0, speed=0.2))
     rig.cycles(25)
     rig.live.submit(Cancel())
     rig.cycles(20)
-    rig.live.submit(ChangeOperation(Operation.MANUAL))
+    rig.live.submit(SetOperation(Operation.MANUAL))
     rig.cycles(20)
     away = np.abs(session.joints - session.home).max()
     assert 0.01 < away < 0.45
@@ -132,7 +132,7 @@ def test_stop_ends_scan_keeps_what_was_measured_and_cell_takes_commands(session:
     def stop() -> None:
         state = rig.scan.state
         if state.stage == stage and (stage == "planning" or state.taken > 30):
-            rig.live.stop()
+            rig.live.emergency_stop()
 
     session.cell.on_cycle(16_000, stop)
     if stage == "planning":
@@ -152,7 +152,7 @@ def test_stop_ends_scan_keeps_what_was_measured_and_cell_takes_commands(session:
     rig.live.submit(Reset())
     rig.cycles(5)
     raised = session.world_from_tool() + np.array([0, 0, 0.02, 0])[:, None] * [0, 0, 0, 1]
-    rig.live.submit(MoveTool(raised, straight=True))
+    rig.live.submit(MoveLine(raised))
     rig.cycles(250)
     np.testing.assert_allclose(session.world_from_tool(), raised, atol=1e-3)
 

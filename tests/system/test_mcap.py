@@ -128,7 +128,7 @@ def test_session_is_recorded_as_it_goes(tmp_path) -> None:
         live.submit(MoveJoints(session.joints + 0.1))
         live.submit(MoveJoints([0.0, 1.0]))
         for _ in range(60):
-            live.cycle()
+            live.step()
             recorder.state(live.state)
             recorder.state(live.state)
             states.append(live.state)

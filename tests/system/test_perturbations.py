@@ -253,7 +253,7 @@ def test_deviation_acts_in_its_documented_frame_order_and_side(group: str, turne
     given = {f"{group}{mark}{key}": value for key, value in GROUPS[group].items()}
     delta = {split_unit(key)[0]: value * split_unit(key)[1] for key, value in GROUPS[group].items()}
     with turned_cell.session(as_built=given) as session:
-        session.move_table(TABLE_ANGLE)
+        session.turn_table(TABLE_ANGLE)
         record = session.snapshot(session.exposure)
         assert record.measured.table == pytest.approx([TABLE_ANGLE], abs=1e-9)
         sensor, platter = documented_poses(session.nominal, record.measured.q[0], group, delta)

@@ -37,7 +37,7 @@ INTO_TABLE = """from scancell.workspace.robot import Robot, deg, location, mm
 
 
 def main(robot: Robot) -> None:
-    robot.move(location(450 * mm, 0, 260 * mm, rx=180 * deg))
+    robot.move_tool(location(450 * mm, 0, 260 * mm, rx=180 * deg))
     robot.move_line(location(450 * mm, 0, 95 * mm, rx=180 * deg))
 """
 WAITS = 600.0  # s: only a hang takes longer, on a busy machine, too
@@ -185,7 +185,7 @@ def test_jog_into_the_table_is_warned_then_stopped(opened: Opened) -> None:
     opened.moves_to(ABOVE_TABLE)
     page = opened.page().page
     page.get_by_role("tab", name="Jog").click()
-    choose(page, "axis", "tool z")
+    choose(page, "axis", "sensor z")
     button = page.get_by_role("button", name="Hold to jog -")
     button.hover()
     page.mouse.down()
@@ -359,7 +359,7 @@ def test_program_into_the_table_is_slowed_then_stopped(opened: Opened) -> None:
     ended = opened.until(lambda state: state.message != "", "the end of the program")
     assert "into_table.py:6: move_line: held by the guard" in ended.message
     page.get_by_text("held by the guard").wait_for()
-    speeds = [state.monitor_speed for state in opened.states]
+    speeds = [state.monitor_speed_in_force for state in opened.states]
     assert any(0.05 < speed < 0.95 for speed in speeds)
     assert not any(state.colliding for state in opened.states)
     assert 100 * mm < opened.nominal.world_from_sensor(ended.joints)[2, 3] < 150 * mm

@@ -10,11 +10,11 @@ BARRIER = 2 * mm  # thickness of the light barrier along the belt: it sees the f
 
 def main(robot: Robot) -> None:
     """Brake so early that the belt stops at the goal."""
-    robot.run_belt(SPEED)
-    robot.wait_signal(1)
-    front = robot.belt_travel() + BARRIER / 2
+    robot.run_conveyor(1, SPEED)
+    robot.wait_for_presence(1)
+    front = robot.conveyor_travel(1) + BARRIER / 2
     braking = SPEED**2 / (2 * DECELERATION)
-    robot.wait_until(lambda: robot.belt_travel() >= front + GOAL - braking, "the place to brake")
-    robot.run_belt(0)
+    robot.wait_until(lambda: robot.conveyor_travel(1) >= front + GOAL - braking, "the place to brake")
+    robot.run_conveyor(1, 0)
     robot.wait(1.0)
-    print(f"the front is {(robot.belt_travel() - front) / mm:.1f} mm past the barrier")
+    print(f"the front is {(robot.conveyor_travel(1) - front) / mm:.1f} mm past the barrier")

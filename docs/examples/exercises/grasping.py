@@ -14,14 +14,14 @@ FORCE = 30.0  # N
 
 def main(robot: Robot) -> None:
     """Approach from above, grip, lift, put down, leave."""
-    robot.tool("gripper")
-    robot.speed(0.3)
-    robot.open(OPEN)
+    robot.set_tool("gripper")
+    robot.set_speed(0.3)
+    robot.open_gripper(OPEN)
     robot.approach(PART, 80 * mm)
     robot.move_line(PART)
-    robot.close(FORCE)
+    robot.close_gripper(FORCE)
     robot.depart(80 * mm)
     robot.approach(GOAL, 80 * mm)
     robot.move_line(GOAL)
-    robot.open(OPEN)
+    robot.open_gripper(OPEN)
     robot.depart(80 * mm)

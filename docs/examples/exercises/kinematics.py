@@ -29,8 +29,8 @@ def flange(q: np.ndarray) -> np.ndarray:
 def main(robot: Robot) -> None:
     """The sensor sits at the same pose on the flange, wherever the arm is."""
     robot.move_joints(HOME)
-    flange_from_sensor = np.linalg.inv(flange(robot.joints)) @ robot.here
+    flange_from_sensor = np.linalg.inv(flange(robot.joints)) @ robot.world_from_tool()
     for q in OTHERS:
         robot.move_joints(q)
-        error = flange(robot.joints) @ flange_from_sensor - robot.here
+        error = flange(robot.joints) @ flange_from_sensor - robot.world_from_tool()
         print(f"error: {np.abs(error[:3, 3]).max() / mm:.6f} mm")

@@ -24,8 +24,8 @@ def edge(robot: Robot) -> np.ndarray:
 
 def main(robot: Robot) -> None:
     """Each edge point says where the next profile is measured."""
-    robot.move(START)
-    robot.speed(0.2)
+    robot.move_tool(START)
+    robot.set_speed(0.2)
     places = [edge(robot)]
     heading = np.array([1.0, 0, 0])
     for _ in range(STEPS):

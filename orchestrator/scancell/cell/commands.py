@@ -28,35 +28,48 @@ class CellCommands(CellReadings):
 
     # Motion
 
-    def start_joints(self, q: ArrayLike, table: float | None = None, speed: float = 1.0) -> None:
-        """Begin to move all joints to `q` (joints,) and the table to `table` (where given), rad."""
-        end = self.destination[1] if table is None else table
-        self._cell.set(self._targets, np.append(np.asarray(q, float), end))
-        self._start(Mode.JOINT_MOVE, speed)
-
-    def start_line(self, world_from_tool: ArrayLike, tool: Tool = "sensor", speed: float = 1.0) -> None:
-        """Begin to move a tool straight to a pose (4, 4); the table rests."""
-        flange = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from(tool))
-        sensor = flange @ self._nominal.flange_from_sensor
-        self._cell.set(self._targets, np.append(*self.destination))
-        self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
-        self._start(Mode.LINE_MOVE, speed)
-
-    def set_jog(self, mode: Mode, deflections: ArrayLike, frame: JogFrame = JogFrame.WORLD) -> None:
-        """Jog in joint or Cartesian mode: `deflections` (at most joints + 1,) -1 to 1, the others are 0.
+    def start_move_joints(self, joints: ArrayLike, table_angle: float | None = None, *, speed: float = 1.0) -> None:
+        """Begin to move all joints to `joints` (joints,) and the table to `table_angle` (where given), rad.
 
         Raises
         ------
         CommandError
-            If the arm has fewer joints than a Cartesian jog needs.
+            If there are more or fewer angles than joints.
         """
-        if mode is Mode.CARTESIAN_JOG and self._jog.count <= 6:
-            raise CommandError(f"jog_tool: the arm has {self._jog.count - 1} joints, expected at least 6")
-        values = np.zeros(self._jog.count)
-        values[: np.size(deflections)] = deflections
+        if np.shape(joints) != (self._targets.count - 1,):
+            raise CommandError(f"move_joints: joints = {joints!r}: expected {self._targets.count - 1} angles")
+        end = self.destination[-1] if table_angle is None else table_angle
+        self._cell.set(self._targets, np.append(np.asarray(joints, float), end))
+        self._start(Mode.JOINT_MOVE, speed)
+
+    def start_move_tool(self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0) -> None:
+        """Begin to move a tool to a pose (4, 4), all joints together; the table rests."""
+        self.start_move_joints(self.joints_for(world_from_tool, tool), speed=speed)
+
+    def start_move_line(self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0) -> None:
+        """Begin to move a tool straight to a pose (4, 4); the table rests."""
+        flange = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
+        sensor = flange @ self._nominal.flange_from_sensor
+        self._cell.set(self._targets, self.destination)
+        self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
+        self._start(Mode.LINE_MOVE, speed)
+
+    def start_jog_joints(self, deflections: ArrayLike) -> None:
+        """Begin to jog joints and table: `deflections` (at most joints + 1,) -1 to 1, the others are 0."""
+        self._start_jog(Mode.JOINT_JOG, deflections)
+
+    def start_jog_sensor(self, deflections: ArrayLike, frame: JogFrame = JogFrame.WORLD) -> None:
+        """Begin to jog the sensor: `deflections` (6,) along x, y, z and about x, y, z of `frame`, -1 to 1.
+
+        Raises
+        ------
+        CommandError
+            If the arm has fewer than six joints.
+        """
+        if self._jog.count <= 6:
+            raise CommandError(f"jog_sensor: the arm has {self._jog.count - 1} joints: expected at least 6")
         self._cell.set_integer("command.jog_frame", frame)
-        self._cell.set(self._jog, values)
-        self._cell.set_integer("command.mode", mode)
+        self._start_jog(Mode.CARTESIAN_JOG, deflections)
 
     def renew_heartbeat(self) -> None:
         """Tell the controller's watchdog that a jog is still wanted."""
@@ -69,7 +82,7 @@ class CellCommands(CellReadings):
 
     # Operation and emergency stop
 
-    def change_operation(self, operation: Operation) -> None:
+    def request_operation(self, operation: Operation) -> None:
         """Change between manual and automatic operation; whatever moves comes to rest."""
         self.hold()
         self._cell.set_integer("command.operation", operation)
@@ -90,19 +103,25 @@ class CellCommands(CellReadings):
 
     # Devices
 
-    def run_belt(self, conveyor: int, speed: float) -> None:
+    def run_conveyor(self, conveyor: int, speed: float) -> None:
         """Give conveyor number `conveyor` (from 1) another speed, m/s; its belt accelerates while the cell steps."""
         self._cell.set(self._cell.real_group([f"command.conveyor[{conveyor}].speed"]), np.array([speed]))
 
-    def set_gripper_width(self, width: float) -> None:
+    def start_open_gripper(self, width: float) -> None:
         """Begin to bring the pads `width` apart, m."""
         self._cell.set(self._cell.real_group(["command.gripper.width"]), np.array([width]))
         self._cell.set_integer("command.gripper.mode", GripperMode.WIDTH)
 
-    def set_gripper_force(self, force: float) -> None:
-        """Begin to close the fingers with `force`, N each."""
+    def start_close_gripper(self, force: float) -> None:
+        """Begin to close the gripper with `force`, N each finger."""
         self._cell.set(self._cell.real_group(["command.gripper.force"]), np.array([force]))
         self._cell.set_integer("command.gripper.mode", GripperMode.FORCE)
+
+    def _start_jog(self, mode: Mode, deflections: ArrayLike) -> None:
+        values = np.zeros(self._jog.count)
+        values[: np.size(deflections)] = deflections
+        self._cell.set(self._jog, values)
+        self._cell.set_integer("command.mode", mode)
 
     def _start(self, mode: Mode, speed: float) -> None:
         self._cell.set(self._cell.real_group(["command.speed"]), np.array([speed]))

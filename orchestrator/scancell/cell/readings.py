@@ -1,4 +1,4 @@
-"""What sensors and encoders of a running cell say, in Python's words."""
+"""Readings of the sensors and encoders of a running cell."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class CellReadings:
         return self._cell.get(self._position)[:-1].copy()
 
     @property
-    def table(self) -> float:
+    def table_angle(self) -> float:
         """Measured angle of the table, rad."""
         return float(self._cell.get(self._position)[-1])
 
@@ -56,21 +56,20 @@ class CellReadings:
         return self._cell.get(self._commanded).copy()
 
     @property
-    def destination(self) -> tuple[Array, float]:
-        """Joint angles (joints,) and table angle to which the motion in force, or the last one, leads; rad."""
-        values = self._cell.get(self._destination)
-        return values[:-1].copy(), float(values[-1])
+    def destination(self) -> Array:
+        """Joints and table angle (joints + 1,) to which the motion in force, or the last one, leads, rad."""
+        return self._cell.get(self._destination).copy()
 
     def world_from_tool(self, tool: Tool = "sensor") -> Array:
         """Pose (4, 4) of a tool by the measured joints and the nominal geometry."""
-        return np.asarray(self._nominal.arm.fk(self.joints) @ self.flange_from(tool))
+        return np.asarray(self._nominal.arm.fk(self.joints) @ self.flange_from_tool(tool))
 
-    def present(self, sensor: int) -> bool:
-        """Whether presence sensor number `sensor` (from 1) sees a body."""
+    def presence(self, sensor: int) -> bool:
+        """Whether presence sensor number `sensor` (from 1) detects a body."""
         return self._cell.get_boolean(f"presence[{sensor}].detected")
 
     def distance(self, sensor: int) -> float | None:
-        """What distance sensor number `sensor` (from 1) reads, m; None where its measurement was discarded."""
+        """Reading of distance sensor number `sensor` (from 1), m; None where its measurement was discarded."""
         if not self._cell.get_boolean(f"distance[{sensor}].valid"):
             return None
         return self.value(f"distance[{sensor}].value")
@@ -79,6 +78,10 @@ class CellReadings:
     def gripper_width(self) -> float:
         """Distance between the pads, m."""
         return self.value("measured.gripper.width")
+
+    def conveyor_travel(self, conveyor: int) -> float:
+        """Signed distance that the belt of conveyor number `conveyor` (from 1) has travelled since the start, m."""
+        return self.value(f"conveyor[{conveyor}].travel")
 
     def value(self, name: str) -> float:
         """Value of a real variable of the FMU, SI units.
@@ -114,7 +117,7 @@ class CellReadings:
             If no branch, or not that of the configuration, reaches the pose within the joint limits.
         """
         reference = self.joints if near is None else np.asarray(near, float)
-        target = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from(tool))
+        target = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
         branches, names = self._nominal.arm.ik(target, reference)[0], self._nominal.arm.branch_names
         if configuration is not None:
             if configuration not in names:
@@ -129,7 +132,7 @@ class CellReadings:
             )
         return np.asarray(found[np.argmin(np.abs(found - reference).max(-1))])
 
-    def flange_from(self, tool: Tool) -> Array:
+    def flange_from_tool(self, tool: Tool) -> Array:
         """Pose (4, 4) of a tool on the flange; the gripper's origin lies between the pads."""
         if tool == "sensor":
             return self._nominal.flange_from_sensor

@@ -4,11 +4,11 @@
 
     with CellInstance(fmu) as cell:
         session = CellSession(cell, nominal, cycle_us)
-        session.run_belt(1, 0.1)
-        session.wait_until(lambda: session.present(1), "part in front of presence sensor 1", timeout=10)
-        session.run_belt(1, 0.0)
-        session.move_joints(session.joints_for(world_from_gripper, tool="gripper"))
-        session.grip(20.0)
+        session.run_conveyor(1, 0.1)
+        session.wait_until(lambda: session.presence(1), "part in front of presence sensor 1", timeout=10)
+        session.run_conveyor(1, 0.0)
+        session.move_tool(world_from_gripper, "gripper")
+        session.close_gripper(20.0)
 
 Times are simulated seconds, everything else SI units and radians. What sensors and encoders say is all that a session
 knows of the cell.
@@ -62,9 +62,9 @@ class CellSession(CellCommands):
     # Motion
 
     def move_joints(
-        self, q: ArrayLike, table: float | None = None, *, speed: float = 1.0, timeout: float = 60.0
+        self, joints: ArrayLike, table_angle: float | None = None, *, speed: float = 1.0, timeout: float = 60.0
     ) -> None:
-        """Move all joints to `q` (joints,) and the table to `table` (where given), all axes from start to end together.
+        """Move all joints to `joints` (joints,) and the table to `table_angle` (where given), rad, all axes together.
 
         `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
 
@@ -73,12 +73,26 @@ class CellSession(CellCommands):
         CommandError
             If the controller refuses or stops the move, or it takes longer than `timeout`.
         """
-        self.start_joints(q, table, speed)
+        self.start_move_joints(joints, table_angle, speed=speed)
         self._finish_move("move_joints", timeout)
 
-    def move_table(self, angle: float, *, speed: float = 1.0, timeout: float = 60.0) -> None:
-        """Turn the table to `angle` (not wrapped); errors as in `move_joints`."""
-        self.move_joints(self.destination[0], angle, speed=speed, timeout=timeout)
+    def turn_table(self, table_angle: float, *, speed: float = 1.0, timeout: float = 60.0) -> None:
+        """Turn the table to `table_angle` (not wrapped), rad; errors as in `move_joints`."""
+        self.start_move_joints(self.destination[:-1], table_angle, speed=speed)
+        self._finish_move("turn_table", timeout)
+
+    def move_tool(
+        self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0, timeout: float = 60.0
+    ) -> None:
+        """Move a tool to a pose (4, 4), all joints together: not on a straight line; the table rests.
+
+        Raises
+        ------
+        CommandError
+            As in `joints_for` and `move_joints`.
+        """
+        self.start_move_tool(world_from_tool, tool, speed=speed)
+        self._finish_move("move_tool", timeout)
 
     def move_line(
         self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0, timeout: float = 60.0
@@ -93,7 +107,7 @@ class CellSession(CellCommands):
         CommandError
             If the controller refuses or stops the move, or it takes longer than `timeout`.
         """
-        self.start_line(world_from_tool, tool, speed)
+        self.start_move_line(world_from_tool, tool, speed=speed)
         self._finish_move("move_line", timeout)
 
     def record_line(
@@ -137,9 +151,10 @@ class CellSession(CellCommands):
         CommandError
             If the controller refuses; stopping before a limit is no error.
         """
-        self._run_jog(Mode.JOINT_JOG, "jog_joints", deflections, duration)
+        self.start_jog_joints(deflections)
+        self._finish_jog(Mode.JOINT_JOG, "jog_joints", duration)
 
-    def jog_tool(self, deflections: ArrayLike, duration: float, frame: JogFrame = JogFrame.WORLD) -> None:
+    def jog_sensor(self, deflections: ArrayLike, duration: float, frame: JogFrame = JogFrame.WORLD) -> None:
         """Jog the sensor along and about the axes of `frame` for `duration`, then come to rest; needs manual operation.
 
         `deflections` (6,) are along x, y, z and about x, y, z, -1 to 1 of the speeds that the description allows.
@@ -149,7 +164,8 @@ class CellSession(CellCommands):
         CommandError
             If the arm has fewer than six joints, or the controller refuses; stopping before a limit is no error.
         """
-        self._run_jog(Mode.CARTESIAN_JOG, "jog_tool", deflections, duration, frame)
+        self.start_jog_sensor(deflections, frame)
+        self._finish_jog(Mode.CARTESIAN_JOG, "jog_sensor", duration)
 
     def run_program(self, program: Program, exposure: float, batches: RecordBatches | None = None) -> Recording:
         """Run a program, which must start where the axes are, with exposures of `exposure` seconds.
@@ -199,7 +215,7 @@ class CellSession(CellCommands):
 
     def set_operation(self, operation: Operation) -> None:
         """Change between manual and automatic operation, and wait until whatever moves rests."""
-        self.change_operation(operation)
+        self.request_operation(operation)
         self._wait_for_rest("set_operation")
 
     def come_to_rest(self) -> NDArray[np.float64]:
@@ -228,25 +244,25 @@ class CellSession(CellCommands):
     # Devices
 
     def open_gripper(self, width: float, *, timeout: float = 5.0) -> None:
-        """Bring the pads `width` apart.
+        """Bring the pads of the gripper `width` apart, m.
 
         Raises
         ------
         CommandError
             If they do not get there (the stroke is too short, or something is in between).
         """
-        self.set_gripper_width(width)
+        self.start_open_gripper(width)
         self.wait_until(lambda: abs(self.gripper_width - width) < 1e-4, f"pads {width * 1e3:.1f} mm apart", timeout)
 
-    def grip(self, force: float, *, timeout: float = 5.0) -> None:
-        """Close the fingers with `force` (N, each) until they hold something.
+    def close_gripper(self, force: float, *, timeout: float = 5.0) -> None:
+        """Close the gripper with `force` (N, each finger) until it holds something.
 
         Raises
         ------
         CommandError
             If they close on nothing.
         """
-        self.set_gripper_force(force)
+        self.start_close_gripper(force)
         self.wait_until(
             lambda: self._cell.get_boolean("measured.gripper.gripped"), "something between the pads", timeout
         )
@@ -268,8 +284,8 @@ class CellSession(CellCommands):
         for _ in range(max(1, round(duration * 1e6 / self._cycle_us))):
             self.step()
 
-    def wait_until(self, condition: Callable[[], bool], what: str, timeout: float) -> None:
-        """Step on until `condition` holds, looked at once a cycle; `what` names it.
+    def wait_until(self, condition: Callable[[], bool], what: str, timeout: float = 60.0) -> None:
+        """Step on until `condition`, evaluated in every controller cycle, holds; `what` names it.
 
         Raises
         ------
@@ -321,10 +337,7 @@ class CellSession(CellCommands):
                     f"{monitor:g}); {state_in_words(self._cell)}"
                 )
 
-    def _run_jog(
-        self, mode: Mode, command: str, deflections: ArrayLike, duration: float, frame: JogFrame = JogFrame.WORLD
-    ) -> None:
-        self.set_jog(mode, deflections, frame)
+    def _finish_jog(self, mode: Mode, command: str, duration: float) -> None:
         end = self._end(duration)
         try:
             while self._cell.time_us < end:

@@ -14,9 +14,9 @@ from scancell.errors import CommandError
 from scancell.progress import NullProgress
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Pace
-from scancell.workspace.live_commands import NAMES, Cancel, Command, SetMonitorSpeed
+from scancell.workspace.live_commands import Cancel, Command, SetMonitorSpeed, name_of
 from scancell.workspace.live_control import LiveControl
-from scancell.workspace.live_jobs import CLOSED, Handed, JobStopped, Work, interrupt, withdraw_interrupt
+from scancell.workspace.live_jobs import CLOSED, JobStopped, SubmittedJob, Work, interrupt, withdraw_interrupt
 from scancell.workspace.live_state import LiveState, StateReader
 
 T = TypeVar("T")
@@ -27,9 +27,10 @@ _LOST = 1.0  # s without taking commands, from which on a job can be interrupted
 class LiveCell:
     """Steps a running cell in whole controller cycles, and takes commands between them.
 
-    `submit`, `perform`, `between_cycles`, `stop` and `state` may be used from any thread; `cycle` and `run` from one
-    alone, which owns the cell. All motion goes through the cell's controller. Moves wait for the one that runs; other
-    commands take effect in the next cycle. A stop comes before everything that was submitted, and drops it.
+    `submit`, `perform`, `between_cycles`, `emergency_stop` and `state` may be used from any thread; `step` and `run`
+    from one alone, which owns the cell. All motion goes through the cell's controller. Moves wait for the one that
+    runs; other commands take effect in the next cycle. A stop comes before everything that was submitted, and drops
+    it.
 
     A job commands the session as a script does. However it steps the cell, at the end of each controller cycle the
     state is read, the pace is kept, and a stop or `Cancel` ends the job out of its step. A job that goes on
@@ -61,7 +62,7 @@ class LiveCell:
         self._cycles = 0
         self._lock = threading.Lock()
         self._submitted: deque[Command | Work] = deque()
-        self._looks: deque[Work] = deque()
+        self._callbacks: deque[Work] = deque()
         self._stop_pressed = False
         self._job: Work | None = None  # runs, or waits until nothing else moves the robot
         self._running = False
@@ -102,20 +103,20 @@ class LiveCell:
         name
             For `LiveState.job` and messages.
         """
-        handed = Handed(name, job)
+        handed = SubmittedJob(name, job)
         with self._lock:
             self._submitted.append(handed)
         return handed.future
 
     def between_cycles(self, work: Callable[[ScanSession], T]) -> Future[T]:
         """Have `work` done at the end of the present cycle, also while a job runs; it must not step the cell."""
-        handed = Handed("between_cycles", work)
+        handed = SubmittedJob("between_cycles", work)
         with self._lock:
-            self._looks.append(handed)
+            self._callbacks.append(handed)
         return handed.future
 
-    def stop(self) -> None:
-        """Stop the robot in an emergency stop, end the job, and drop all that was submitted; `Reset` ends the stop."""
+    def emergency_stop(self) -> None:
+        """Press the emergency stop, end the job, and drop all that was submitted; `Reset` ends the stop."""
         with self._lock:
             dropped, self._submitted = self._submitted, deque()
             if self._stop_pressed and self._running and self._clock() - self._heard > _LOST:
@@ -139,16 +140,16 @@ class LiveCell:
         self._pace, self._ended = Pace(self._session.cycle) if realtime else None, ended
         try:
             while not ended():
-                self.cycle()
+                self.step()
         finally:
             self._pace, self._ended = None, lambda: False
             with self._lock:
-                dropped, self._submitted, self._looks = [*self._submitted, *self._looks], deque(), deque()
+                dropped, self._submitted, self._callbacks = [*self._submitted, *self._callbacks], deque(), deque()
             _cancel(dropped)
             self._end_job(CLOSED)
 
-    def cycle(self) -> None:
-        """Obey commands, then step one controller cycle, or run a job to its end."""
+    def step(self) -> None:
+        """Apply commands, then step one controller cycle, or run a job to its end."""
         self._take_commands()
         try:
             self._control.begin_cycle()
@@ -165,11 +166,11 @@ class LiveCell:
             stopped, self._stop_pressed = self._stop_pressed, False
             self._heard = self._clock()
         if stopped:
-            self._control.press_stop()
+            self._control.press_emergency_stop()
             self._end_job("stopped")
         for command in commands:
             try:
-                self._obey(command)
+                self._apply(command)
                 self._message = ""
             except CommandError as error:
                 self._message = str(error)
@@ -186,7 +187,7 @@ class LiveCell:
             self._cycles += 1
             if self._cycles % self._state_cycles == 0:
                 self._read()
-            self._do_looks()
+            self._run_callbacks()
         finally:
             self._between_cycles = False
         if self._pace is not None:
@@ -194,11 +195,11 @@ class LiveCell:
         if self._ending:
             raise JobStopped(self._ending)
 
-    def _do_looks(self) -> None:
+    def _run_callbacks(self) -> None:
         with self._lock:
-            looks, self._looks = self._looks, deque()
-        for look in looks:
-            look.run(self._session)
+            callbacks, self._callbacks = self._callbacks, deque()
+        for callback in callbacks:
+            callback.run(self._session)
 
     def _read(self) -> None:
         self._state = self._reader.read(self._message, None if self._job is None else self._job.name)
@@ -219,7 +220,7 @@ class LiveCell:
             self._read()
 
     def _attend_job(self) -> None:
-        """Obey commands in a cycle of a job, and see whether it has to end."""
+        """Apply commands in a cycle of a job, and check whether it has to end."""
         if self._ending:  # the job goes on although it was ended
             self._session.press_emergency_stop()
         self._take_commands()
@@ -241,7 +242,7 @@ class LiveCell:
         self._attend_job()
         self._between_cycles = True
         try:
-            self._do_looks()
+            self._run_callbacks()
         finally:
             self._between_cycles = False
         if self._ending:
@@ -254,16 +255,16 @@ class LiveCell:
             raise error
         self._job = job
 
-    def _obey(self, command: Command | Work) -> None:
-        if isinstance(command, Handed):
+    def _apply(self, command: Command | Work) -> None:
+        if isinstance(command, SubmittedJob):
             self._take_job(command)
         elif isinstance(command, Cancel):
             self._end_job("cancelled")
-            self._control.obey(command)
+            self._control.apply(command)
         elif self._job is not None and not isinstance(command, SetMonitorSpeed):
-            raise CommandError(f"{NAMES[type(command)]}: {self._job.name} runs: cancel it first")
+            raise CommandError(f"{name_of(command)}: {self._job.name} runs: cancel it first")
         else:
-            self._control.obey(command)
+            self._control.apply(command)
 
 
 class _StoppableProgress(NullProgress):
@@ -279,5 +280,5 @@ class _StoppableProgress(NullProgress):
 
 def _cancel(dropped: Iterable[Command | Work]) -> None:
     for one in dropped:
-        if isinstance(one, Handed):
+        if isinstance(one, SubmittedJob):
             one.future.cancel()

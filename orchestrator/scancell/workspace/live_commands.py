@@ -1,13 +1,17 @@
-"""Commands of operators to a `LiveCell`; each checks its values where it is made."""
+"""Commands of operators to a `LiveCell`; each checks its values where it is made.
+
+Each is named like the command of a session that does the same, with its parameters.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.cell.controller import JogFrame, Mode, Operation
+from scancell.cell.controller import JogFrame, Operation
 from scancell.cell.readings import Tool
 from scancell.errors import CommandError
 
@@ -15,52 +19,62 @@ _RIGID = 1e-6  # by which a rotation matrix may deviate from one
 
 
 @dataclass(frozen=True, eq=False)
-class Jog:
-    """Jog by hand for as long as it is renewed: `deflections` -1 to 1, joints and table, or x, y, z and about them."""
+class JogJoints:
+    """Jog joints and table by hand for as long as it is renewed: `deflections` (at most joints + 1,), -1 to 1."""
 
-    mode: Mode
+    deflections: ArrayLike
+
+    def __post_init__(self) -> None:
+        _deflections(self, (None,))
+
+
+@dataclass(frozen=True, eq=False)
+class JogSensor:
+    """Jog the sensor along and about the axes of `frame` for as long as it is renewed: `deflections` (6,), -1 to 1."""
+
     deflections: ArrayLike
     frame: JogFrame = JogFrame.WORLD
 
     def __post_init__(self) -> None:
-        values = _array("jog", "deflections", self.deflections, (None,))
-        if self.mode not in (Mode.JOINT_JOG, Mode.CARTESIAN_JOG):
-            raise CommandError(f"jog: mode = {self.mode!r}: expected JOINT_JOG or TOOL_JOG")
-        if np.abs(values).max(initial=0.0) > 1.0 or (self.mode is Mode.CARTESIAN_JOG and len(values) != 6):
-            raise CommandError(f"jog: deflections = {values}: expected numbers from -1 to 1, 6 for the tool")
+        _deflections(self, (6,))
 
 
 @dataclass(frozen=True, eq=False)
 class MoveJoints:
-    """Move all joints to `q` (joints,), rad, and the table to `table`, where given."""
+    """Move all joints to `joints` (joints,), rad, and the table to `table_angle`, where given."""
 
-    q: ArrayLike
-    table: float | None = None
+    joints: ArrayLike
+    table_angle: float | None = None
     speed: float = 1.0
 
     def __post_init__(self) -> None:
-        _array("move", "q", self.q, (None,))
-        _number("move", "speed", self.speed, 1e-6, 1.0)
-        if self.table is not None:
-            _number("move", "table", self.table, -1e4, 1e4)
+        _array(self, "joints", (None,))
+        _number(self, "speed", 1e-6, 1.0)
+        if self.table_angle is not None:
+            _number(self, "table_angle", -1e4, 1e4)
 
 
 @dataclass(frozen=True, eq=False)
-class MoveTool:
-    """Move a tool to a pose (4, 4): straight, or all joints together."""
-
+class _PoseCommand:
     world_from_tool: ArrayLike
     tool: Tool = "sensor"
-    straight: bool = False
     speed: float = 1.0
 
     def __post_init__(self) -> None:
-        target = _array("move", "world_from_tool", self.world_from_tool, (4, 4))
+        target = _array(self, "world_from_tool", (4, 4))
         rotation = target[:3, :3]
         is_pose = np.abs(rotation @ rotation.T - np.eye(3)).max() < _RIGID and np.linalg.det(rotation) > 0
         if not is_pose or not np.array_equal(target[3], [0, 0, 0, 1]):
-            raise CommandError(f"move: world_from_tool = {target.tolist()}: expected a rigid transform")
-        _number("move", "speed", self.speed, 1e-6, 1.0)
+            raise CommandError(f"{name_of(self)}: world_from_tool = {target.tolist()}: expected a rigid transform")
+        _number(self, "speed", 1e-6, 1.0)
+
+
+class MoveTool(_PoseCommand):
+    """Move a tool to a pose (4, 4), all joints together."""
+
+
+class MoveLine(_PoseCommand):
+    """Move a tool straight to a pose (4, 4)."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +84,11 @@ class SetMonitorSpeed:
     share: float
 
     def __post_init__(self) -> None:
-        _number("monitor speed", "share", self.share, 0.0, 1.0)
+        _number(self, "share", 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class ChangeOperation:
+class SetOperation:
     """Come to rest, then change between manual and automatic operation."""
 
     operation: Operation
@@ -91,57 +105,77 @@ class Reset:
 
 
 @dataclass(frozen=True)
-class SetGripper:
-    """Bring the pads `width` (m) apart, or close them with `force` (N, each finger); one of the two."""
+class OpenGripper:
+    """Bring the pads of the gripper `width` apart, m."""
 
-    width: float | None = None
-    force: float | None = None
+    width: float
 
     def __post_init__(self) -> None:
-        if (self.width is None) == (self.force is None):
-            raise CommandError("gripper: expected either width or force")
-        for name in ("width", "force"):
-            if (value := getattr(self, name)) is not None:
-                _number("gripper", name, value, 0.0, 1e4)
+        _number(self, "width", 0.0, 1e4)
 
 
 @dataclass(frozen=True)
-class RunBelt:
-    """Give a conveyor, numbered from 1, another speed, m/s."""
+class CloseGripper:
+    """Close the gripper with `force`, N each finger."""
 
-    number: int
+    force: float
+
+    def __post_init__(self) -> None:
+        _number(self, "force", 0.0, 1e4)
+
+
+@dataclass(frozen=True)
+class RunConveyor:
+    """Give conveyor number `conveyor` (from 1) another speed, m/s."""
+
+    conveyor: int
     speed: float
 
     def __post_init__(self) -> None:
-        _number("conveyor", "speed", self.speed, -10.0, 10.0)
+        _number(self, "speed", -10.0, 10.0)
 
 
-# For messages to persons.
-NAMES: dict[type, str] = {
-    Jog: "jog",
-    MoveJoints: "move",
-    MoveTool: "move",
-    ChangeOperation: "change of operation",
-    Reset: "reset",
-    SetGripper: "gripper",
-    RunBelt: "conveyor",
-}
+Command = (
+    JogJoints
+    | JogSensor
+    | MoveJoints
+    | MoveTool
+    | MoveLine
+    | SetMonitorSpeed
+    | SetOperation
+    | Cancel
+    | Reset
+    | OpenGripper
+    | CloseGripper
+    | RunConveyor
+)
 
-Command = Jog | MoveJoints | MoveTool | SetMonitorSpeed | ChangeOperation | Cancel | Reset | SetGripper | RunBelt
+
+def name_of(command: object) -> str:
+    """Name of a command in messages, as of a session's: ``move_joints``."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", type(command).__name__).lower()
 
 
-def _number(command: str, name: str, value: float, low: float, high: float) -> None:
+def _deflections(command: JogJoints | JogSensor, shape: tuple[int | None, ...]) -> None:
+    values = _array(command, "deflections", shape)
+    if np.abs(values).max(initial=0.0) > 1.0:
+        raise CommandError(f"{name_of(command)}: deflections = {values}: expected numbers from -1 to 1")
+
+
+def _number(command: object, name: str, low: float, high: float) -> None:
+    value = getattr(command, name)
     if not (isinstance(value, int | float) and low <= value <= high):
-        raise CommandError(f"{command}: {name} = {value!r}: expected a number from {low:g} to {high:g}")
+        raise CommandError(f"{name_of(command)}: {name} = {value!r}: expected a number from {low:g} to {high:g}")
 
 
-def _array(command: str, name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+def _array(command: object, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+    value = getattr(command, name)
     expected = " x ".join("n" if size is None else str(size) for size in shape)
     try:
         array = np.asarray(value, float)
     except (TypeError, ValueError) as error:
-        raise CommandError(f"{command}: {name} = {value!r}: expected {expected} numbers") from error
+        raise CommandError(f"{name_of(command)}: {name} = {value!r}: expected {expected} numbers") from error
     fits = array.ndim == len(shape) and all(s in (None, n) for s, n in zip(shape, array.shape, strict=True))
     if not (fits and np.isfinite(array).all()):
-        raise CommandError(f"{command}: {name} = {value!r}: expected {expected} finite numbers")
+        raise CommandError(f"{name_of(command)}: {name} = {value!r}: expected {expected} finite numbers")
     return array

@@ -1,26 +1,28 @@
-"""What the commands of operators make of a running cell, from cycle to cycle."""
+"""Carries out the commands of operators to a running cell, from cycle to cycle."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
 
-import numpy as np
-
 from scancell.cell.controller import Operation
 from scancell.errors import CommandError
 from scancell.scanning.session import SEEN, ScanSession
 from scancell.workspace.live_commands import (
     Cancel,
-    ChangeOperation,
+    CloseGripper,
     Command,
-    Jog,
+    JogJoints,
+    JogSensor,
     MoveJoints,
+    MoveLine,
     MoveTool,
+    OpenGripper,
     Reset,
-    RunBelt,
-    SetGripper,
+    RunConveyor,
     SetMonitorSpeed,
+    SetOperation,
+    name_of,
 )
 
 _SEEN_US = round(SEEN * 1e6)
@@ -35,22 +37,22 @@ class LiveControl:
     def __init__(self, session: ScanSession, hold_time: float, clock: Callable[[], float]) -> None:
         self._session, self._cell = session, session.cell
         self._hold_time, self._clock = hold_time, clock
-        self._moves: deque[MoveJoints | MoveTool] = deque()
+        self._moves: deque[MoveJoints | MoveTool | MoveLine] = deque()
         self._jog_until: float | None = None
-        self._at_rest: ChangeOperation | Reset | None = None  # what waits until the robot rests
+        self._at_rest: SetOperation | Reset | None = None  # what waits until the robot rests
         self._settled_us = 0
         self._moving = False  # a move that was begun has not ended
-        self._belts = sum(name.startswith("command.conveyor[") for name in self._cell.names)
+        self._conveyors = sum(name.startswith("command.conveyor[") for name in self._cell.names)
 
-    def give_up(self) -> None:
-        """Forget what was to move the robot, and let it come to rest."""
+    def cancel_motion(self) -> None:
+        """Drop all moves and jogs; the robot comes to rest."""
         self._moves.clear()
         self._jog_until, self._at_rest, self._moving = None, None, False
         self._session.hold()
 
-    def press_stop(self) -> None:
-        """Give up and press the emergency stop."""
-        self.give_up()
+    def press_emergency_stop(self) -> None:
+        """Cancel the motion and press the emergency stop."""
+        self.cancel_motion()
         self._session.press_emergency_stop()
 
     @property
@@ -59,8 +61,8 @@ class LiveControl:
         waits = self._moves or self._moving or self._jog_until is not None or self._is_settling
         return not waits and not self._cell.get_boolean("controller.moving")
 
-    def obey(self, command: Command) -> None:
-        """Take a command.
+    def apply(self, command: Command) -> None:
+        """Carry out a command, or queue it.
 
         Raises
         ------
@@ -69,27 +71,27 @@ class LiveControl:
         """
         session = self._session
         match command:
-            case Jog():
+            case JogJoints() | JogSensor():
                 self._jog(command)
-            case MoveJoints() | MoveTool():
+            case MoveJoints() | MoveTool() | MoveLine():
                 self._moves.append(command)
             case SetMonitorSpeed():
                 session.set_monitor_speed(command.share)
-            case ChangeOperation() | Reset():
-                self.give_up()
+            case SetOperation() | Reset():
+                self.cancel_motion()
                 self._at_rest = command
-            case SetGripper(width=None):
-                session.flange_from("gripper")
-                session.set_gripper_force(command.force or 0.0)
-            case SetGripper():
-                session.flange_from("gripper")
-                session.set_gripper_width(command.width or 0.0)
-            case RunBelt():
-                if not 1 <= command.number <= self._belts:
-                    raise CommandError(f"conveyor: number = {command.number}: expected 1 to {self._belts}")
-                session.run_belt(command.number, command.speed)
+            case OpenGripper():
+                session.flange_from_tool("gripper")
+                session.start_open_gripper(command.width)
+            case CloseGripper():
+                session.flange_from_tool("gripper")
+                session.start_close_gripper(command.force)
+            case RunConveyor():
+                if not 1 <= command.conveyor <= self._conveyors:
+                    raise CommandError(f"run_conveyor: conveyor = {command.conveyor}: expected 1 to {self._conveyors}")
+                session.run_conveyor(command.conveyor, command.speed)
             case Cancel():
-                self.give_up()
+                self.cancel_motion()
 
     def begin_cycle(self) -> None:
         """Command what is due in the next cycle.
@@ -107,14 +109,18 @@ class LiveControl:
         """See whether a move has ended."""
         self._moving = self._moving and not self._move_ended()
 
-    def _jog(self, command: Jog) -> None:
+    def _jog(self, command: JogJoints | JogSensor) -> None:
         """Begin or renew a jog; not before the guard has seen the robot rest in manual operation."""
         operation = Operation(self._cell.get_integer("command.operation"))
         if self._is_settling:
             return
         if operation is not Operation.MANUAL:
-            raise CommandError("jog: the cell is in automatic operation: change to manual operation first")
-        self._session.set_jog(command.mode, command.deflections, command.frame)
+            reason = "the cell is in automatic operation: change to manual operation first"
+            raise CommandError(f"{name_of(command)}: {reason}")
+        if isinstance(command, JogSensor):
+            self._session.start_jog_sensor(command.deflections, command.frame)
+        else:
+            self._session.start_jog_joints(command.deflections)
         self._jog_until = self._clock() + self._hold_time
 
     def _keep_jog(self) -> None:
@@ -134,7 +140,7 @@ class LiveControl:
             self._session.release_emergency_stop()
             self._settled_us = self._cell.time_us + 1  # the controller resets in its next cycle
         else:
-            self._session.change_operation(self._at_rest.operation)
+            self._session.request_operation(self._at_rest.operation)
             self._settled_us = self._cell.time_us + _SEEN_US
         self._at_rest = None
 
@@ -154,17 +160,15 @@ class LiveControl:
             raise
         self._moving = True
 
-    def _start(self, move: MoveJoints | MoveTool) -> None:
+    def _start(self, move: MoveJoints | MoveTool | MoveLine) -> None:
         session = self._session
         match move:
             case MoveJoints():
-                if np.size(move.q) != len(session.joints):
-                    raise CommandError(f"move: q = {move.q!r}: expected {len(session.joints)} angles")
-                session.start_joints(move.q, move.table, move.speed)
-            case MoveTool(straight=True):
-                session.start_line(move.world_from_tool, move.tool, move.speed)
+                session.start_move_joints(move.joints, move.table_angle, speed=move.speed)
             case MoveTool():
-                session.start_joints(session.joints_for(move.world_from_tool, move.tool), speed=move.speed)
+                session.start_move_tool(move.world_from_tool, move.tool, speed=move.speed)
+            case MoveLine():
+                session.start_move_line(move.world_from_tool, move.tool, speed=move.speed)
 
     def _move_ended(self) -> bool:
         """Whether a move is done or was refused; a refused one takes those with it that wait."""

@@ -40,7 +40,7 @@ def withdraw_interrupt(thread: int) -> None:
     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), None)
 
 
-class Handed(Generic[T]):
+class SubmittedJob(Generic[T]):
     """Work with its result, which another thread may wait for."""
 
     def __init__(self, name: str, work: Callable[[ScanSession], T]) -> None:
@@ -74,7 +74,7 @@ class Handed(Generic[T]):
         return ""
 
 
-Work = Handed[Any]
+Work = SubmittedJob[Any]
 
 
 def ready_to_move(session: ScanSession) -> NDArray[np.float64]:

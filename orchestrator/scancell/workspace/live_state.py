@@ -31,14 +31,14 @@ class LiveState:
     ----------
     time
         Simulated, s.
-    joints, table
+    joints, table_angle
         Measured angles (joints,) and of the table, rad.
     world_from_body
         True pose (4, 4) of each body by name.
-    target_joints, target_table
-        Where the motion in force, or the last one, leads, rad.
-    ghost_from_body
-        Nominal pose (4, 4) of each body in the world at that target.
+    destination
+        Joints and table angle (joints + 1,) to which the motion in force, or the last one, leads, rad.
+    world_from_body_at_destination
+        Nominal pose (4, 4) of each body there.
     controller, mode, operation
         Of the controller; `controller` in words.
     moving
@@ -49,19 +49,19 @@ class LiveState:
         Why the last command was not carried out, or the last job failed; empty after one that was.
     job
         Name of the job that runs, or waits for the robot to rest; None without one.
-    progress, monitor_speed
-        Share of the motion that is done, and monitor speed in force, 0 to 1.
-    operator_speed
-        Monitor speed that the operator has chosen; a guard may allow less.
+    progress
+        Share of the motion that is done, 0 to 1.
+    monitor_speed, monitor_speed_in_force
+        Of the operator, 0 to 1, and what a guard allows of it.
     pendant_text, pendant_beep, guard_text
         What the pendant shows, and what the guard says.
-    present
-        Whether each presence sensor sees a body.
-    distances
-        What each distance sensor reads, m; None where its measurement was discarded.
+    presence
+        Whether each presence sensor detects a body.
+    distance
+        Reading of each distance sensor, m; None where its measurement was discarded.
     gripper_width
         m; None without a gripper.
-    belts
+    conveyors
         Speed (m/s) and travel (m) of each conveyor.
     colliding
         Bodies of the deepest collision; None without one.
@@ -71,11 +71,10 @@ class LiveState:
 
     time: float
     joints: Array
-    table: float
+    table_angle: float
     world_from_body: Poses
-    target_joints: Array
-    target_table: float
-    ghost_from_body: Poses
+    destination: Array
+    world_from_body_at_destination: Poses
     controller: str
     moving: bool
     mode: Mode
@@ -85,14 +84,14 @@ class LiveState:
     job: str | None
     progress: float
     monitor_speed: float
-    operator_speed: float
+    monitor_speed_in_force: float
     pendant_text: str
     pendant_beep: bool
     guard_text: str
-    present: tuple[bool, ...]
-    distances: tuple[float | None, ...]
+    presence: tuple[bool, ...]
+    distance: tuple[float | None, ...]
     gripper_width: float | None
-    belts: tuple[tuple[float, float], ...]
+    conveyors: tuple[tuple[float, float], ...]
     colliding: tuple[str, str] | None
     nearest: tuple[str, str, float] | None
 
@@ -125,29 +124,28 @@ class StateReader:
             for i in range(1, size + 1)
         )
         self._presence, self._distance = number("presence[{}].detected"), number("distance[{}].value")
-        self._belts = self._cell.real_group(
+        self._conveyors = self._cell.real_group(
             f"conveyor[{i}].{name}" for i in range(1, number("conveyor[{}].speed") + 1) for name in ("speed", "travel")
         )
         self._scalars = self._cell.real_group(
             ["controller.progress", "command.monitor_speed", "truth.clearance.distance"]
         )
         self._has_gripper = "measured.gripper.width" in names
-        self._target, self._ghost = np.empty(0), _frozen({})
+        self._destination, self._poses_there = np.empty(0), _frozen({})
 
     def read(self, message: str = "", job: str | None = None) -> LiveState:
         """The present state."""
         cell, session = self._cell, self._session
-        belts = cell.get(self._belts).reshape(-1, 2).tolist() if self._belts.count else []
-        target, target_table = session.destination
-        progress, monitor_speed, clearance = cell.get(self._scalars).tolist()
+        conveyors = cell.get(self._conveyors).reshape(-1, 2).tolist() if self._conveyors.count else []
+        destination = _read_only(session.destination)
+        progress, monitor_speed_in_force, clearance = cell.get(self._scalars).tolist()
         return LiveState(
             time=session.time,
             joints=_read_only(session.joints),
-            table=session.table,
+            table_angle=session.table_angle,
             world_from_body=self._world_from_body(),
-            target_joints=_read_only(target),
-            target_table=target_table,
-            ghost_from_body=self._ghost_at(np.append(target, target_table)),
+            destination=destination,
+            world_from_body_at_destination=self._poses_at(destination),
             controller=_STATES[cell.get_integer("controller.state")],
             moving=cell.get_boolean("controller.moving"),
             mode=Mode(cell.get_integer("controller.mode")),
@@ -156,15 +154,15 @@ class StateReader:
             message=message,
             job=job,
             progress=progress,
-            monitor_speed=monitor_speed,
-            operator_speed=session.monitor_speed,
+            monitor_speed=session.monitor_speed,
+            monitor_speed_in_force=monitor_speed_in_force,
             pendant_text=cell.get_string("pendant.text"),
             pendant_beep=cell.get_boolean("pendant.beep"),
             guard_text=cell.get_string("command.pendant.text"),
-            present=tuple(session.present(i + 1) for i in range(self._presence)),
-            distances=tuple(session.distance(i + 1) for i in range(self._distance)),
+            presence=tuple(session.presence(i + 1) for i in range(self._presence)),
+            distance=tuple(session.distance(i + 1) for i in range(self._distance)),
             gripper_width=session.gripper_width if self._has_gripper else None,
-            belts=tuple((speed, travel) for speed, travel in belts),
+            conveyors=tuple((speed, travel) for speed, travel in conveyors),
             colliding=self._colliding(),
             nearest=self._nearest(clearance),
         )
@@ -175,12 +173,12 @@ class StateReader:
         frames["world"] = np.eye(4)
         return _frozen({body.name: frames[body.fmu_frame] for body in self._true.bodies})
 
-    def _ghost_at(self, axes: Array) -> Poses:
-        if not np.array_equal(axes, self._target):
+    def _poses_at(self, axes: Array) -> Poses:
+        if not np.array_equal(axes, self._destination):
             poses = self._nominal.body_poses(axes[:-1], axes[-1])
             named = zip(self._nominal.bodies, poses, strict=True)
-            self._target, self._ghost = axes, _frozen({body.name: pose_ for body, pose_ in named})
-        return self._ghost
+            self._destination, self._poses_there = axes, _frozen({body.name: pose_ for body, pose_ in named})
+        return self._poses_there
 
     def _colliding(self) -> tuple[str, str] | None:
         pairs, first, second = self._cell.get_integers(_COLLISION)

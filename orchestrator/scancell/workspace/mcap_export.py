@@ -95,7 +95,7 @@ class SessionRecorder(Closing):
             return
         self._file.transforms(state.time, state.world_from_body)
         names = [*(f"joint {i + 1}" for i in range(len(state.joints))), "table"]
-        self._file.joints(state.time, names, np.append(state.joints, state.table))
+        self._file.joints(state.time, names, np.append(state.joints, state.table_angle))
         for name in ("controller", "message", "refusal", "guard_text", "job"):
             text = getattr(state, name) or ""
             if text != (("" if last is None else getattr(last, name)) or ""):

@@ -1,4 +1,4 @@
-"""The words of robot programs.
+"""Commands of robot programs.
 
 A program is a Python file with a function `main`::
 
@@ -7,9 +7,9 @@ A program is a Python file with a function `main`::
 
     def main(robot: Robot) -> None:
         over = location(450 * mm, 0, 230 * mm, rx=180 * deg)
-        robot.speed(0.5)
-        robot.move(over)
-        cloud = robot.scan(over @ location(20 * mm, 0, 0), spacing=0.5 * mm)
+        robot.set_speed(0.5)
+        robot.move_tool(over)
+        cloud = robot.scan_line(over @ location(20 * mm, 0, 0), spacing=0.5 * mm)
         robot.save(cloud, "pass.ply")
 
 Everything is in metres, radians and seconds: a number with a unit is multiplied by `mm` or `deg`. Poses are (4, 4)
@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 mm = 1e-3
 deg = float(np.pi / 180)
 
-_PATIENCE = 60.0  # s, for signals
+_TIMEOUT = 60.0  # s
 
 
 @dataclass(frozen=True)
@@ -112,110 +112,110 @@ class Robot:
     @property
     def table_angle(self) -> float:
         """Measured angle of the table, rad."""
-        return self._now.table
+        return self._now.table_angle
 
-    @property
-    def here(self) -> Array:
-        """Pose (4, 4) of the tool by the measured joints and the nominal geometry."""
-        return self._now.world_from_tool(self._tool)
+    def world_from_tool(self, tool: Tool | None = None) -> Array:
+        """Pose (4, 4) of a tool, by default that of `set_tool`, by the measured joints and the nominal geometry."""
+        return self._now.world_from_tool(tool or self._tool)
 
     @property
     def _now(self) -> ScanSession:
-        """The session; a program that only looks, and never lets time pass, can be ended here."""
+        """The session; a program that only reads, and never lets time pass, can be ended here."""
         self._session.progress.advance(0.0)
         return self._session
 
     # How motions are made
 
-    def speed(self, share: float) -> None:
+    def set_speed(self, share: float) -> None:
         """Speed of the following motions: a share, above 0 to 1, of the full one."""
         if not 0.0 < share <= 1.0:
-            raise CommandError(f"speed: share = {share:g}: expected above 0, at most 1")
+            raise CommandError(f"set_speed: share = {share:g}: expected above 0, at most 1")
         self._speed = share
 
-    def tool(self, name: Tool) -> None:
-        """What the following poses are of: ``sensor`` or ``gripper``."""
-        self._session.flange_from(name)
-        self._tool = name
+    def set_tool(self, tool: Tool) -> None:
+        """Tool of the following poses: ``sensor`` or ``gripper``."""
+        self._session.flange_from_tool(tool)
+        self._tool = tool
 
     # Motion
 
-    def home(self) -> None:
+    def move_home(self) -> None:
         """Move all joints to the home position of the description; the table does not turn."""
-        with self._step("home"):
+        with self._step("move_home"):
             self._session.move_joints(self._session.home, speed=self._speed)
 
-    def move_joints(self, q: ArrayLike, table: float | None = None) -> None:
-        """Move all joints to `q` (joints,) and the table to `table`, where given, together."""
-        with self._step("move_joints", f"({_numbers(np.asarray(q, float) / deg)}) deg"):
-            self._session.move_joints(q, table, speed=self._speed)
+    def move_joints(self, joints: ArrayLike, table_angle: float | None = None) -> None:
+        """Move all joints to `joints` (joints,) and the table to `table_angle`, where given, together."""
+        with self._step("move_joints", f"({_numbers(np.asarray(joints, float) / deg)}) deg"):
+            self._session.move_joints(joints, table_angle, speed=self._speed)
 
-    def move(self, target: ArrayLike) -> None:
+    def move_tool(self, world_from_tool: ArrayLike) -> None:
         """Move the tool to a pose (4, 4), all joints together: not on a straight line."""
-        with self._step("move", _place(target)):
-            self._session.move_joints(self._session.joints_for(target, self._tool), speed=self._speed)
+        with self._step("move_tool", _position(world_from_tool)):
+            self._session.move_tool(world_from_tool, self._tool, speed=self._speed)
 
-    def move_line(self, target: ArrayLike) -> None:
+    def move_line(self, world_from_tool: ArrayLike) -> None:
         """Move the tool to a pose (4, 4) on a straight line."""
-        with self._step("move_line", _place(target)):
-            self._session.move_line(target, self._tool, speed=self._speed)
+        with self._step("move_line", _position(world_from_tool)):
+            self._session.move_line(world_from_tool, self._tool, speed=self._speed)
 
-    def approach(self, target: ArrayLike, distance: float) -> None:
-        """Move as `move` to `distance` in front of a pose (4, 4), against the tool's z."""
-        with self._step("approach", f"{_place(target)}, {distance / mm:.1f} mm in front"):
-            before = np.asarray(target, float) @ pose.translation((0.0, 0.0, -distance))
-            self._session.move_joints(self._session.joints_for(before, self._tool), speed=self._speed)
+    def approach(self, world_from_tool: ArrayLike, distance: float) -> None:
+        """Move as `move_tool` to `distance` in front of a pose (4, 4), against the tool's z."""
+        with self._step("approach", f"{_position(world_from_tool)}, {distance / mm:.1f} mm in front"):
+            before = np.asarray(world_from_tool, float) @ pose.translation((0.0, 0.0, -distance))
+            self._session.move_tool(before, self._tool, speed=self._speed)
 
     def depart(self, distance: float) -> None:
         """Move straight back by `distance`, against the tool's z."""
         with self._step("depart", f"{distance / mm:.1f} mm"):
-            back = self.here @ pose.translation((0.0, 0.0, -distance))
+            back = self.world_from_tool() @ pose.translation((0.0, 0.0, -distance))
             self._session.move_line(back, self._tool, speed=self._speed)
 
-    def turn_table(self, angle: float) -> None:
-        """Turn the table to `angle` (not wrapped)."""
-        with self._step("turn_table", f"{angle / deg:.2f} deg"):
-            self._session.move_table(angle, speed=self._speed)
+    def turn_table(self, table_angle: float) -> None:
+        """Turn the table to `table_angle` (not wrapped)."""
+        with self._step("turn_table", f"{table_angle / deg:.2f} deg"):
+            self._session.turn_table(table_angle, speed=self._speed)
 
-    # Gripper and belts
+    # Gripper and conveyors
 
-    def open(self, width: float) -> None:
+    def open_gripper(self, width: float) -> None:
         """Bring the pads of the gripper `width` apart."""
-        with self._step("open", f"{width / mm:.1f} mm"):
+        with self._step("open_gripper", f"{width / mm:.1f} mm"):
             self._session.open_gripper(width)
 
-    def close(self, force: float) -> None:
+    def close_gripper(self, force: float) -> None:
         """Close the gripper with `force` (N, each finger) on something."""
-        with self._step("close", f"{force:g} N"):
-            self._session.grip(force)
+        with self._step("close_gripper", f"{force:g} N"):
+            self._session.close_gripper(force)
 
-    def run_belt(self, speed: float, number: int = 1) -> None:
-        """Give a conveyor, numbered from 1, another speed, m/s; it accelerates while the program goes on."""
-        with self._step("run_belt", f"{number}: {speed / mm:.1f} mm/s"):
-            self._session.run_belt(number, speed)
+    def run_conveyor(self, conveyor: int, speed: float) -> None:
+        """Give conveyor number `conveyor` (from 1) another speed, m/s; it accelerates while the program goes on."""
+        with self._step("run_conveyor", f"{conveyor}: {speed / mm:.1f} mm/s"):
+            self._session.run_conveyor(conveyor, speed)
 
-    def belt_travel(self, number: int = 1) -> float:
-        """Distance that a belt has travelled, m."""
-        return self._now.value(f"conveyor[{number}].travel")
+    def conveyor_travel(self, conveyor: int) -> float:
+        """Signed distance that the belt of conveyor number `conveyor` (from 1) has travelled, m."""
+        return self._now.conveyor_travel(conveyor)
 
-    # Signals and time
+    # Sensors and time
 
-    def signal(self, number: int = 1) -> bool:
-        """Whether a presence sensor, numbered from 1, sees a body."""
-        return self._now.present(number)
+    def presence(self, sensor: int) -> bool:
+        """Whether presence sensor number `sensor` (from 1) detects a body."""
+        return self._now.presence(sensor)
 
-    def distance(self, number: int = 1) -> float | None:
-        """What a distance sensor, numbered from 1, reads, m; None where it measures nothing."""
-        return self._now.distance(number)
+    def distance(self, sensor: int) -> float | None:
+        """Reading of distance sensor number `sensor` (from 1), m; None where its measurement was discarded."""
+        return self._now.distance(sensor)
 
-    def wait_signal(self, number: int = 1, *, state: bool = True, timeout: float = _PATIENCE) -> None:
-        """Wait until a presence sensor, numbered from 1, sees a body, or none (`state` False)."""
-        with self._step("wait_signal", f"{number} {'on' if state else 'off'}"):
-            what = f"signal {number} to be {'on' if state else 'off'}"
-            self._session.wait_until(lambda: self.signal(number) == state, what, timeout)
+    def wait_for_presence(self, sensor: int, detected: bool = True, *, timeout: float = _TIMEOUT) -> None:
+        """Wait until presence sensor number `sensor` (from 1) detects a body, or none (`detected` False)."""
+        expected = "something" if detected else "nothing"
+        with self._step("wait_for_presence", f"{sensor}: {expected}"):
+            what = f"{expected} at presence sensor {sensor}"
+            self._session.wait_until(lambda: self.presence(sensor) == detected, what, timeout)
 
-    def wait_until(self, condition: Callable[[], bool], what: str, timeout: float = _PATIENCE) -> None:
-        """Wait until `condition`, looked at in every controller cycle, holds; `what` names it."""
+    def wait_until(self, condition: Callable[[], bool], what: str, timeout: float = _TIMEOUT) -> None:
+        """Wait until `condition`, evaluated in every controller cycle, holds; `what` names it."""
         with self._step("wait_until", what):
             self._session.wait_until(condition, what, timeout)
 
@@ -231,13 +231,13 @@ class Robot:
         with self._step("profile"):
             return self._session.profile(self._engine)
 
-    def scan(self, target: ArrayLike, spacing: float) -> Cloud:
+    def scan_line(self, world_from_sensor: ArrayLike, spacing: float) -> Cloud:
         """Move the sensor straight to a pose (4, 4) and measure a profile every `spacing` of its path.
 
         The cloud is in the frame of the part.
         """
-        with self._step("scan", f"{_place(target)}, every {spacing / mm:g} mm"):
-            return self._session.scan_line(target, spacing, speed=self._speed, engine=self._engine)
+        with self._step("scan_line", f"{_position(world_from_sensor)}, every {spacing / mm:g} mm"):
+            return self._session.scan_line(world_from_sensor, spacing, speed=self._speed, engine=self._engine)
 
     def save(self, cloud: Cloud, name: str) -> None:
         """Write a cloud, in mm, to the folder of results; the ending of the name gives the format."""
@@ -256,5 +256,5 @@ def _numbers(values: Array) -> str:
     return ", ".join(f"{value:.1f}" for value in values)
 
 
-def _place(target: ArrayLike) -> str:
-    return f"({_numbers(np.asarray(target, float)[:3, 3] / mm)}) mm"
+def _position(world_from_tool: ArrayLike) -> str:
+    return f"({_numbers(np.asarray(world_from_tool, float)[:3, 3] / mm)}) mm"

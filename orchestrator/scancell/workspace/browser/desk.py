@@ -1,4 +1,4 @@
-"""What one browser may ask of the cell."""
+"""Commands of one browser to the cell."""
 
 from __future__ import annotations
 
@@ -15,7 +15,15 @@ from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.messages import said_to_person, say
 from scancell.workspace.browser.operators import Operators
 from scancell.workspace.live import LiveCell
-from scancell.workspace.live_commands import ChangeOperation, Command, Jog, MoveJoints, MoveTool
+from scancell.workspace.live_commands import (
+    Command,
+    JogJoints,
+    JogSensor,
+    MoveJoints,
+    MoveLine,
+    MoveTool,
+    SetOperation,
+)
 
 if TYPE_CHECKING:
     import viser
@@ -68,7 +76,7 @@ class Desk:
         if wanted is not None and wanted is not state.operation:
             if state.moving:
                 return
-            self._live.submit(ChangeOperation(wanted))
+            self._live.submit(SetOperation(wanted))
         self._live.submit(command)
 
     def as_operator(self, act: Callable[[], object]) -> None:
@@ -95,15 +103,15 @@ class Desk:
         near = self._live.state.joints
         return self._session.joints_for(world_from_tool, tool, near, configuration)
 
-    def world_from_tool(self, tool: Tool, q: Array) -> Array:
+    def world_from_tool(self, tool: Tool, joints: Array) -> Array:
         """Pose (4, 4) of a tool by nominal geometry."""
-        return np.asarray(self.nominal.arm.fk(q) @ self._session.flange_from(tool))
+        return np.asarray(self.nominal.arm.fk(joints) @ self._session.flange_from_tool(tool))
 
-    def world_from_frame(self, name: str, table: float) -> Array:
+    def world_from_frame(self, name: str, table_angle: float) -> Array:
         """Pose (4, 4) of ``base`` or ``table``."""
         if name == "base":
             return self.nominal.arm.world_from_base
-        return self.nominal.frame_poses(self.nominal.home, table)[name]
+        return self.nominal.frame_poses(self.nominal.home, table_angle)[name]
 
     def say(self, text: str) -> None:
         """Show a message in this browser for a while."""
@@ -152,9 +160,9 @@ class Settled:
 
 def _operation_for(command: Command) -> Operation | None:
     match command:
-        case Jog():
+        case JogJoints() | JogSensor():
             return Operation.MANUAL
-        case MoveJoints() | MoveTool():
+        case MoveJoints() | MoveTool() | MoveLine():
             return Operation.AUTOMATIC
         case _:
             return None

@@ -105,8 +105,8 @@ class CellScene:
             self._bodies.move(frames)
             self._trace.add(frames["sensor"][:3, 3])
             self._pairs.show(state)
-            self._devices.read(state.present, state.distances)
-            for marks, (_, travel) in zip(self._belts, state.belts, strict=True):
+            self._devices.read(state.presence, state.distance)
+            for marks, (_, travel) in zip(self._belts, state.conveyors, strict=True):
                 marks.show(travel)
             self._show_ghost()
         self._server.flush()  # viser waits for more otherwise, and sends 30 times a second
@@ -189,7 +189,7 @@ class CellScene:
         """Poses (4, 4) of all frames: true where a body shows them, else nominal at the measured angles."""
         frames = {name: state.world_from_body[body] for name, body in self._carried.items() if body is not None}
         if len(frames) < len(self._carried):
-            nominal = self._cell.frame_poses(state.joints, np.array(state.table))
+            nominal = self._cell.frame_poses(state.joints, np.array(state.table_angle))
             frames = {name: np.asarray(world) for name, world in nominal.items()} | frames
         return {**frames, "world": np.eye(4)}
 
@@ -198,7 +198,7 @@ class CellScene:
         if self._state is None or not self.options.ghost or self._state.controller == "emergency stop":
             self._ghost.hide()
         else:
-            self._ghost.show(self._state.ghost_from_body, self._state.world_from_body)
+            self._ghost.show(self._state.world_from_body_at_destination, self._state.world_from_body)
         if self._preview is None:
             return
         if self._state is None or self._preview_from_body is None:

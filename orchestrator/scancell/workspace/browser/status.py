@@ -59,7 +59,7 @@ def state_html(state: LiveState) -> str:
     if state.job is not None:
         lines.append(f"<b>{escape(state.job)}</b> runs")
     if state.moving:
-        lines.append(f"{state.progress:.0%} of the motion, monitor speed {state.monitor_speed:.0%}")
+        lines.append(f"{state.progress:.0%} of the motion, monitor speed {state.monitor_speed_in_force:.0%}")
     if state.colliding:
         lines.append(f'<b style="color:{_ALARM}">collision: {escape(" - ".join(state.colliding))}</b>')
     if state.nearest:
@@ -69,9 +69,9 @@ def state_html(state: LiveState) -> str:
         if text:
             lines.append(f'<b style="color:{_WARNING}">{name}: {escape(text)}</b>')
     lines += [escape(text) for text in (state.refusal, state.message) if text]
-    for number, present in enumerate(state.present, start=1):
-        lines.append(f"presence sensor {number}: {'something' if present else 'nothing'}")
-    for number, read in enumerate(state.distances, start=1):
+    for number, detected in enumerate(state.presence, start=1):
+        lines.append(f"presence sensor {number}: {'something' if detected else 'nothing'}")
+    for number, read in enumerate(state.distance, start=1):
         lines.append(f"distance sensor {number}: {'-' if read is None else f'{1e3 * read:.1f} mm'}")
     if state.gripper_width is not None:
         lines.append(f"gripper: {1e3 * state.gripper_width:.1f} mm")

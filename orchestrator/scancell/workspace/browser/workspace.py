@@ -107,7 +107,7 @@ class Workspace:
         self._operators, self._lock = Operators(), Lock()
         self._views: dict[int, ClientView] = {}
         server.gui.set_panel_label(f"scancell: {part or 'empty table'}")
-        self._status = Status(server.gui, self.live.stop)
+        self._status = Status(server.gui, self.live.emergency_stop)
         add_view_options(server.gui, self.scene)
         base = session.nominal.arm.world_from_base
         self._cameras = CameraView(server, self.scene, self.feed, setup.sensor, base)

@@ -8,11 +8,11 @@ from typing import Any
 from scancell.cell.controller import Operation
 from scancell.workspace.browser.desk import Desk
 from scancell.workspace.browser.handles import Follower
-from scancell.workspace.live_commands import ChangeOperation, RunBelt, SetGripper, SetMonitorSpeed
+from scancell.workspace.live_commands import CloseGripper, OpenGripper, RunConveyor, SetMonitorSpeed, SetOperation
 from scancell.workspace.live_state import LiveState
 
 _OPERATIONS = {"automatic": Operation.AUTOMATIC, "manual": Operation.MANUAL}
-_MOST_WIDTH_MM, _MOST_FORCE, _MOST_BELT_MM = 200.0, 200.0, 500.0
+_MOST_WIDTH_MM, _MOST_FORCE, _MOST_SPEED_MM = 200.0, 200.0, 500.0
 
 
 class CellPanel:
@@ -24,14 +24,16 @@ class CellPanel:
         self._shown_operation = Follower(self._operation)
         self._monitor = gui.add_slider("monitor speed, %", 0, 100, 1, 100)
         self._shown_monitor = Follower(self._monitor)
-        self._operation.on_update(desk.by_person(self._change_operation))
+        self._operation.on_update(desk.by_person(self._set_operation))
         self._monitor.on_update(desk.by_person(lambda: desk.submit(SetMonitorSpeed(self._monitor.value / 100))))
         desk.add_inputs([self._operation, self._monitor])
         if state.gripper_width is not None:
             self._add_gripper(gui, state.gripper_width)
-        for number, (speed, _) in enumerate(state.belts, start=1):
-            slider = gui.add_slider(f"conveyor {number}, mm/s", -_MOST_BELT_MM, _MOST_BELT_MM, 1.0, round(1e3 * speed))
-            slider.on_update(desk.by_person(partial(self._run_belt, number, slider)))
+        for number, (speed, _) in enumerate(state.conveyors, start=1):
+            slider = gui.add_slider(
+                f"conveyor {number}, mm/s", -_MOST_SPEED_MM, _MOST_SPEED_MM, 1.0, round(1e3 * speed)
+            )
+            slider.on_update(desk.by_person(partial(self._run_conveyor, number, slider)))
             desk.add_inputs([slider])
         self.show(state)
 
@@ -39,18 +41,18 @@ class CellPanel:
         """Show the operation and the monitor speed that were chosen."""
         name = next(name for name, value in _OPERATIONS.items() if value is state.operation)
         self._shown_operation.show(name)
-        self._shown_monitor.show(round(100 * state.operator_speed))
+        self._shown_monitor.show(round(100 * state.monitor_speed))
 
-    def _change_operation(self) -> None:
-        self._desk.submit(ChangeOperation(_OPERATIONS[self._operation.value]))
+    def _set_operation(self) -> None:
+        self._desk.submit(SetOperation(_OPERATIONS[self._operation.value]))
 
     def _add_gripper(self, gui: Any, width: float) -> None:
         self._width = gui.add_number("gripper width, mm", round(1e3 * width, 1), min=0.0, max=_MOST_WIDTH_MM, step=1.0)
         self._force = gui.add_number("gripper force, N", 20.0, min=0.0, max=_MOST_FORCE, step=1.0)
-        opened, closed = gui.add_button("Bring the pads apart"), gui.add_button("Close with this force")
-        opened.on_click(self._desk.by_person(lambda: self._desk.submit(SetGripper(width=1e-3 * self._width.value))))
-        closed.on_click(self._desk.by_person(lambda: self._desk.submit(SetGripper(force=self._force.value))))
+        opened, closed = gui.add_button("Open the gripper"), gui.add_button("Close the gripper")
+        opened.on_click(self._desk.by_person(lambda: self._desk.submit(OpenGripper(1e-3 * self._width.value))))
+        closed.on_click(self._desk.by_person(lambda: self._desk.submit(CloseGripper(self._force.value))))
         self._desk.add_inputs([self._width, self._force, opened, closed])
 
-    def _run_belt(self, number: int, slider: Any) -> None:
-        self._desk.submit(RunBelt(number, 1e-3 * slider.value))
+    def _run_conveyor(self, conveyor: int, slider: Any) -> None:
+        self._desk.submit(RunConveyor(conveyor, 1e-3 * slider.value))

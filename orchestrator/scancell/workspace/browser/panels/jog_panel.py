@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from scancell.cell.controller import JogFrame, Mode
+from scancell.cell.controller import JogFrame
 from scancell.workspace.browser.desk import Desk
-from scancell.workspace.live_commands import Jog
+from scancell.workspace.live_commands import JogJoints, JogSensor
 from scancell.workspace.live_state import LiveState
 
 _RATE = 10.0  # Hz, at which a held button renews its jog
-_FRAMES = {"base": JogFrame.WORLD, "tool": JogFrame.SENSOR}
-_TOOL_AXES = ("x", "y", "z", "about x", "about y", "about z")
+_FRAMES = {"world": JogFrame.WORLD, "sensor": JogFrame.SENSOR}
+_SENSOR_AXES = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class JogPanel:
@@ -25,11 +25,11 @@ class JogPanel:
     def __init__(self, gui: Any, desk: Desk, state: LiveState) -> None:
         self._desk = desk
         joints = [f"joint {i}" for i in range(1, len(state.joints) + 1)]
-        self._tool_axes = _TOOL_AXES if len(joints) >= len(_TOOL_AXES) else ()
-        self._axes = (*joints, "table", *(f"tool {axis}" for axis in self._tool_axes))
-        self._first_tool_axis = len(joints) + 1
+        self._sensor_axes = _SENSOR_AXES if len(joints) >= len(_SENSOR_AXES) else ()
+        self._axes = (*joints, "table", *(f"sensor {axis}" for axis in self._sensor_axes))
+        self._first_sensor_axis = len(joints) + 1
         self._axis = gui.add_dropdown("axis", self._axes)
-        self._frame = gui.add_dropdown("tool along the axes of", tuple(_FRAMES))
+        self._frame = gui.add_dropdown("sensor along the axes of", tuple(_FRAMES))
         self._deflection = gui.add_slider("deflection, %", 1, 100, 1, 50)
         minus = gui.add_button("Hold to jog -", icon="minus", hint="or hold the key J")
         plus = gui.add_button("Hold to jog +", icon="plus", hint="or hold the key K")
@@ -51,10 +51,11 @@ class JogPanel:
     def _jog(self, sign: int) -> Any:
         def jog() -> None:
             number = self._axes.index(self._axis.value)
-            is_joint = number < self._first_tool_axis
-            deflections = np.zeros(self._first_tool_axis if is_joint else len(_TOOL_AXES))
-            deflections[number if is_joint else number - self._first_tool_axis] = sign * self._deflection.value / 100
-            mode = Mode.JOINT_JOG if is_joint else Mode.CARTESIAN_JOG
-            self._desk.submit(Jog(mode, deflections, _FRAMES[self._frame.value]))
+            share = sign * self._deflection.value / 100
+            if number < self._first_sensor_axis:
+                self._desk.submit(JogJoints(share * np.eye(self._first_sensor_axis)[number]))
+            else:
+                deflections = share * np.eye(len(_SENSOR_AXES))[number - self._first_sensor_axis]
+                self._desk.submit(JogSensor(deflections, _FRAMES[self._frame.value]))
 
         return jog

@@ -51,12 +51,12 @@ class JointPanel:
 
     def _shown(self, state: LiveState) -> list[float]:
         joints = np.clip(np.degrees(state.joints), *self._limits)
-        table = np.clip(np.degrees(state.table), -_TABLE_DEG, _TABLE_DEG)
+        table = np.clip(np.degrees(state.table_angle), -_TABLE_DEG, _TABLE_DEG)
         return [round(value, 1) for value in (*joints.tolist(), float(table))]
 
     def _move_home(self) -> None:
         self._move(self._desk.nominal.home, None)
 
-    def _move(self, q: Any, table: float | None) -> None:
-        inside = np.clip(q, *self._desk.nominal.arm.limits)  # a slider rounds beyond a limit
-        self._desk.submit(MoveJoints(inside, table, self._speed.value / 100))
+    def _move(self, joints: Any, table_angle: float | None) -> None:
+        inside = np.clip(joints, *self._desk.nominal.arm.limits)  # a slider rounds beyond a limit
+        self._desk.submit(MoveJoints(inside, table_angle, self._speed.value / 100))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.workspace.browser.desk import Desk
-from scancell.workspace.live_commands import MoveJoints, MoveTool
+from scancell.workspace.live_commands import MoveJoints, MoveLine
 from scancell.workspace.live_state import LiveState
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ class PosePanel:
     def _reference(self) -> Array:
         if self._relative_to.value == _TOOL:
             return self._present()
-        return self._desk.world_from_frame(self._relative_to.value, self._state.table)
+        return self._desk.world_from_frame(self._relative_to.value, self._state.table_angle)
 
     def _typed_pose(self) -> Array:
         position, angles = np.array(self._position.value) * 1e-3, np.radians(self._angles.value)
@@ -100,11 +100,11 @@ class PosePanel:
         return True
 
     def _move(self, target: Array) -> None:
-        q, speed = self._joints(target), self._speed.value / 100
+        joints, speed = self._joints(target), self._speed.value / 100
         if self._straight.value:
-            self._desk.submit(MoveTool(target, self._tool.value, straight=True, speed=speed))
+            self._desk.submit(MoveLine(target, self._tool.value, speed))
         else:
-            self._desk.submit(MoveJoints(q, speed=speed))
+            self._desk.submit(MoveJoints(joints, speed=speed))
 
 
 def _coloured(colour: str, text: str) -> str:
