@@ -82,10 +82,10 @@ class PickAndPlace:
         session.open_gripper(OPEN)
         session.run_conveyor(1, BELT_SPEED)
         session.wait_until(lambda: session.presence(1), "a part at the gate", timeout=20.0)
-        seen = session.value("conveyor[1].travel")
+        seen = session.conveyor_travel(1)
         session.run_conveyor(1, 0.0)
         session.wait_until(lambda: session.value("conveyor[1].speed") == 0.0, "the belt at rest", timeout=5.0)
-        overrun = session.value("conveyor[1].travel") - seen
+        overrun = session.conveyor_travel(1) - seen
 
         cell = self.setup.cell
         gate, belt = cell.presence_sensor[0], cell.conveyor[0]
@@ -97,7 +97,7 @@ class PickAndPlace:
     def pick(self, session: CellSession, world_from_part: Array) -> Array:
         """Grip the part and lift it; returns the gripper's pose (4, 4) when it closed."""
         grip = self.above(session, world_from_part[:3, 3])
-        session.move_joints(session.joints_for(lifted(grip), "gripper"), speed=0.5)
+        session.move_tool(lifted(grip), "gripper", speed=0.5)
         session.move_line(grip, "gripper", speed=0.1)
         session.close_gripper(GRIP_FORCE)
         session.move_line(lifted(grip), "gripper", speed=0.1)
@@ -106,7 +106,7 @@ class PickAndPlace:
     def place(self, session: CellSession, part_from_gripper: Array) -> None:
         """Put the part where the scan expects it."""
         goal = pose.translation((0, 0, DROP)) @ self.nominal.world_from_part(0.0) @ part_from_gripper
-        session.move_joints(session.joints_for(lifted(goal), "gripper"), speed=0.3)
+        session.move_tool(lifted(goal), "gripper", speed=0.3)
         session.move_line(goal, "gripper", speed=0.05)
         session.open_gripper(OPEN)
         session.move_line(lifted(goal), "gripper", speed=0.1)

@@ -205,7 +205,7 @@ class Honest:
                     "refusal",
                     "guard_text",
                     "joints",
-                    "operator_speed",
+                    "monitor_speed",
                 )
                 shown = {"operator": workspace._operators.operator == number}
                 shown |= {name: getattr(state, name) for name in names}

@@ -30,7 +30,7 @@ class Rig:
         self.session, self.live = session, LiveCell(session)
         self.above = location(450 * mm, 0, 0.0, rx=180 * deg)
         self.above[:3, 3] = session.nominal.world_from_table[:3, 3] + [0, 0, 170 * mm]
-        session.move_joints(session.joints_for(self.above))
+        session.move_tool(self.above)
         self._ended, self._new = threading.Event(), threading.Condition()
         self.frames: list[CameraFrame] = []
         self._thread = threading.Thread(target=self.live.run, args=(self._ended.is_set,))

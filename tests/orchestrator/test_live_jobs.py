@@ -178,7 +178,7 @@ def test_job_that_goes_on_after_its_end_meets_emergency_stop(cell: Watched) -> N
 
 def test_guard_stops_job_before_table(cell: Watched) -> None:
     def into_table(session: ScanSession) -> None:
-        session.move_joints(session.joints_for(ABOVE))
+        session.move_tool(ABOVE)
         session.move_line(pose.translation((0, 0, -0.2)) @ ABOVE)
 
     done = cell.live.perform(into_table)

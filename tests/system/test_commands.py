@@ -62,7 +62,7 @@ def test_failed_program_states_line_and_exits_1(tmp_path) -> None:
     done = scancell("run", "down.py", *QUICK, "--json", cwd=tmp_path)
     assert done.code == 1
     assert done.last_line["error"]["kind"] == "ProgramError"
-    assert done.message.startswith("down.py:5: move_joints: held by the guard")
+    assert done.message.startswith("down.py:5: move_tool: held by the guard")
     assert done.message.endswith("sensor - table")
 
 

@@ -170,7 +170,7 @@ def test_missing_path_to_the_start_is_reported(scanner: Scanner) -> None:
     """Without a guard the sensor may be brought into the table, from where no motion is free."""
     with scanner.session(PART) as session:
         rig = Rig(session, engine="geometric")
-        session.move_joints(session.joints_for(location(450 * mm, 0, 20 * mm, rx=180 * deg)))
+        session.move_tool(location(450 * mm, 0, 20 * mm, rx=180 * deg))
         with pytest.raises(PlanningError, match="no collision-free path to the start of the program: link5 hits part"):
             rig.run()
         assert "no collision-free path" in rig.live.state.message

@@ -1,4 +1,4 @@
-"""The robot controller of a running cell in Python's words: its modes, and why it does not do what it was told."""
+"""The robot controller of a running cell: its modes, and the reason for rejecting a command."""
 
 from __future__ import annotations
 
