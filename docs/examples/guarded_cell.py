@@ -16,9 +16,9 @@ import numpy as np
 
 from scancell import (
     CellInstance,
-    JogFrame,
     GuardedCell,
     GuardSettings,
+    JogFrame,
     Link,
     Mode,
     Operation,

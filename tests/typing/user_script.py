@@ -1,4 +1,4 @@
-"""A script as users write them: it passes type checkers in strict mode. Lines with ``error:`` are deliberate mistakes."""
+"""A script as users write them, for type checkers in strict mode; lines with ``error:`` are deliberate mistakes."""
 
 from __future__ import annotations
 
