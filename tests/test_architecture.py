@@ -14,7 +14,7 @@ PACKAGE = ROOT / "orchestrator" / "scancell"
 
 # A package may import packages of earlier tiers, and itself.
 TIERS = [
-    {"arguments", "closing", "errors", "extras", "files", "progress", "stopwatch", "geometry", "sensor"},
+    {"arguments", "closing", "errors", "extras", "files", "progress", "stopwatch", "values", "geometry", "sensor"},
     {"config"},
     {"nominal"},
     {"proximity", "reconstruction", "visibility"},
@@ -25,6 +25,7 @@ TIERS = [
     {"output"},
     {"results"},
     {"jobs"},
+    {"options"},
     {"scanner"},
     {"studies"},
     {"api"},
@@ -36,6 +37,7 @@ TIER_OF = {name: level for level, names in enumerate(TIERS) for name in names}
 # All other packages work with measured and nominal values only.
 MAY_USE_TRUTH = {
     *("config", "cell", "scanning", "evaluation", "output", "results", "scanner", "studies", "api", "workspace", "cli"),
+    "options",
 }
 
 # What each folder of sensor_rt may include besides itself.

@@ -122,6 +122,7 @@ def checked_arguments(function: Callable[P, R], owner: type | None = None) -> Ca
     """
     signature = inspect.signature(function)
     variadic = next((one.name for one in signature.parameters.values() if one.kind is one.VAR_KEYWORD), "")
+    is_spelled_out = variadic != "" and "Unpack[" in str(signature.parameters[variadic].annotation)
 
     @functools.cache
     def hints() -> dict[str, Any]:
@@ -136,15 +137,14 @@ def checked_arguments(function: Callable[P, R], owner: type | None = None) -> Ca
         found = get_type_hints(
             types.SimpleNamespace(__annotations__=given), vars(sys.modules[function.__module__]), include_extras=True
         )
-        if get_origin(options := found.pop(variadic, None)) is Unpack:
-            found.update(get_type_hints(get_args(options)[0], include_extras=True))
-        return found
+        options = found.pop(variadic, None)
+        return found | (get_type_hints(get_args(options)[0], include_extras=True) if is_spelled_out else {})
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         bound = signature.bind(*args, **kwargs)
         options = bound.arguments.get(variadic, {})
-        if unknown := options.keys() - hints().keys():
+        if is_spelled_out and (unknown := options.keys() - hints().keys()):
             raise TypeError(f"{function.__name__}() got an unexpected keyword argument '{min(unknown)}'")
         for given in (bound.arguments, options):
             for name in given.keys() & hints().keys():

@@ -188,7 +188,7 @@ def test_alignment_recovers_the_pose_of_the_artefact(align: str) -> None:
     datum = ("block:+z", "block:+x", "block:+y") if align == "datum" else ()
     found = evaluate_against_artefact(points, box, align, datum)  # type: ignore[arg-type]
     assert np.abs(found.artefact_from_cloud @ moved - np.eye(4)).max() < 1e-9
-    assert found.figures.max_abs < 1e-9
+    assert found.statistics.max_abs < 1e-9
 
 
 def test_datum_faces_without_points_are_named() -> None:

@@ -37,7 +37,7 @@ def test_best_fit_recovers_the_pose_of_a_free_form(free_form: Mesh) -> None:
     points = pose.transform_points(MOVED, sample_surface(free_form, 20_000, 1)[0])
     found = evaluate_against_mesh(points, free_form, "best-fit")
     assert np.abs(found.part_from_cloud @ MOVED - np.eye(4)).max() < 1e-9
-    assert found.figures.max_abs < 1e-8
+    assert found.statistics.max_abs < 1e-8
 
 
 def test_best_fit_averages_noise_and_ignores_outliers(free_form: Mesh) -> None:
@@ -142,7 +142,7 @@ def test_default_datum_faces_were_measured() -> None:
     assert np.abs(found.part_from_cloud @ MOVED - np.eye(4)).max() < 1e-9
     assert len(found.datum) == 3
     assert all(found.regions.normals[number][2] > -0.5 for number in found.datum)
-    assert found.as_json()["alignment"]["datum"] == list(found.datum)
+    assert found.figures["alignment"]["datum"] == list(found.datum)
     lower = int(np.argmin(found.regions.normals[:, 2]))
     with pytest.raises(FitError, match=rf"region {lower} \(plane, .*, -1.00\).* not measured: .*; measured: region"):
         evaluate_against_mesh(seen_from_above(WEDGE), WEDGE, "datum", (lower, *found.datum[1:]))
@@ -183,7 +183,7 @@ def test_best_fit_finds_a_turned_cloud(turn: list[float]) -> None:
     moved = pose.from_rotation(Rotation.from_rotvec(turn).as_matrix(), [0.03, -0.02, 0.05])
     points = seen_from_above(WEDGE, 4000)
     found = evaluate_against_mesh(pose.transform_points(moved, points), WEDGE, "best-fit")
-    assert found.figures.rms < 1e-8
+    assert found.statistics.rms < 1e-8
     if turn == [0, 0, np.pi]:
         (warning,) = found.warnings
         assert "from another start" in warning
@@ -192,7 +192,7 @@ def test_best_fit_finds_a_turned_cloud(turn: list[float]) -> None:
 
 def test_best_fit_of_a_mirrored_cloud_asks_for_the_axis() -> None:
     found = evaluate_against_mesh(seen_from_above(WEDGE, 4000) * [1, -1, 1], WEDGE, "best-fit")
-    assert found.figures.rms > 0.5e-3
+    assert found.statistics.rms > 0.5e-3
     assert any("mirror image of the cloud fits with" in warning for warning in found.warnings)
 
 
