@@ -28,8 +28,6 @@ _TRIGGER_INPUTS: dict[TriggerKind, str] = {
 # While a requested exposure is awaited: several steps in a controller cycle.
 _REQUEST_STEPS = 4
 
-Progress = Callable[[float], None]
-
 
 @dataclass(frozen=True)
 class DriveOptions:
@@ -60,7 +58,7 @@ class Driver:
         self._records = RecordCollector(cell, options.cycle_us, options.exposure, batches)
         cell.set_integer("command.mode", Mode.PROGRAM)
 
-    def run(self, program: Program, progress: Progress | None = None) -> Recording:
+    def run(self, program: Program, progress: Callable[[float], None] | None = None) -> Recording:
         """Drive `program` from start to end; `progress` gets the seconds of each segment.
 
         Raises

@@ -15,7 +15,7 @@ from scancell.config.variation import VaryingScansDescription, refuse_twins
 from scancell.errors import DescriptionError
 
 
-class SphereDescription(Description):
+class FittedSphereDescription(Description):
     """A sphere of the part whose fitted position, size and form are figures; in the coordinates of the mesh file."""
 
     name: str = Field(default="sphere", description="prefix of the figures")
@@ -71,7 +71,7 @@ class StudyDescription(VaryingScansDescription):
     calibrate: CalibrateDescription | None = Field(
         default=None, description="calibration in every trial, so that figures are those after calibration"
     )
-    sphere: tuple[SphereDescription, ...] = Field(default=(), description="spheres to fit")
+    sphere: tuple[FittedSphereDescription, ...] = Field(default=(), description="spheres to fit")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -17,7 +17,7 @@ import numpy as np
 
 from scancell.config.description import validate
 from scancell.config.loading import Setup
-from scancell.config.study import SphereDescription, StudyDescription
+from scancell.config.study import FittedSphereDescription, StudyDescription
 from scancell.config.units import to_si
 from scancell.errors import FitError
 from scancell.geometry.fits import fit_sphere
@@ -118,7 +118,7 @@ def open_trials(spec: Mapping[str, Any]) -> TrialWorker:
     return TrialWorker(study, setup_of(spec["setup"]), Path(spec["part"]))
 
 
-def _sphere_figures(description: SphereDescription, cloud: Cloud) -> dict[str, Any]:
+def _sphere_figures(description: FittedSphereDescription, cloud: Cloud) -> dict[str, Any]:
     """Displacement of the centre, error of the diameter, form and rms in um of the points near a nominal sphere."""
     si = to_si(description.model_dump(exclude={"name"}))
     lowest = -np.inf if si["above"] is None else si["above"]
