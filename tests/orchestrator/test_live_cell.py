@@ -183,6 +183,7 @@ def test_jog_that_is_not_renewed_stops(operator: Operator) -> None:
     """Within the hold time, and the controller's time to brake."""
     operator.live.submit(SetOperation(Operation.MANUAL))
     operator.cycle(12)
+    assert "expected at most 7 numbers" in operator.cycle(1, JogJoints([0.1] * 8)).message
     jog = JogJoints([0.5, 0, 0, 0, 0, 0, 0])
     operator.cycle(60, jog)
     renewed = operator.live.state

@@ -106,11 +106,32 @@ def test_move_joints_reaches_target(start: Start, version: int) -> None:
     np.testing.assert_allclose(session.joints, goal, atol=1e-12)
     assert session.table_angle == pytest.approx(0.5, abs=1e-12)
     np.testing.assert_array_equal(session.destination, [*goal, 0.5])
-    with pytest.raises(CommandError, match=r"move_joints: joints = .*: expected 6 angles"):
-        session.move_joints([*goal, 0.5])
     session.turn_table(0.1)
     np.testing.assert_allclose(session.joints, goal, atol=1e-12)
     assert session.table_angle == pytest.approx(0.1, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        (lambda session: session.move_joints([0.0] * 7), "move_joints: joints = .*: expected 6 angles"),
+        (
+            lambda session: session.jog_joints([0.1] * 8, 0.1),
+            "jog_joints: deflections = .*: expected at most 7 numbers",
+        ),
+        (lambda session: session.jog_sensor([0.1] * 5, 0.1), "jog_sensor: deflections = .*: expected 6 numbers"),
+        (lambda session: session.move_tool(np.eye(3)), r"world_from_tool = (?s:.*): expected a pose \(4, 4\)"),
+        (lambda session: session.move_line(np.eye(4), "flange"), "tool = 'flange': expected sensor or gripper"),
+    ],
+)
+def test_wrong_argument_of_command_is_named(
+    start: Start, command: Callable[[CellSession], None], expected: str
+) -> None:
+    session = start()
+    begin = session.time
+    with pytest.raises(CommandError, match=expected):
+        command(session)
+    assert session.time == pytest.approx(begin, abs=1e-9)
 
 
 def test_speed_scales_move_duration(start: Start, cell) -> None:

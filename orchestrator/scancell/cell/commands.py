@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from scancell.cell.controller import GripperMode, JogFrame, Mode, Operation
 from scancell.cell.instance import CellInstance
-from scancell.cell.readings import CellReadings, Tool
+from scancell.cell.readings import Array, CellReadings, Tool
 from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
@@ -48,15 +48,23 @@ class CellCommands(CellReadings):
 
     def start_move_line(self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0) -> None:
         """Begin to move a tool straight to a pose (4, 4); the table rests."""
-        flange = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
-        sensor = flange @ self._nominal.flange_from_sensor
+        sensor = self._world_from_flange(world_from_tool, tool) @ self._nominal.flange_from_sensor
         self._cell.set(self._targets, self.destination)
         self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
         self._start(Mode.LINE_MOVE, speed)
 
     def start_jog_joints(self, deflections: ArrayLike) -> None:
-        """Begin to jog joints and table: `deflections` (at most joints + 1,) -1 to 1, the others are 0."""
-        self._start_jog(Mode.JOINT_JOG, deflections)
+        """Begin to jog joints and table: `deflections` (at most joints + 1,) -1 to 1, the others are 0.
+
+        Raises
+        ------
+        CommandError
+            If there are more.
+        """
+        values = np.asarray(deflections, float)
+        if values.ndim != 1 or values.size > self._jog.count:
+            raise CommandError(f"jog_joints: deflections = {deflections!r}: expected at most {self._jog.count} numbers")
+        self._start_jog(Mode.JOINT_JOG, values)
 
     def start_jog_sensor(self, deflections: ArrayLike, frame: JogFrame = JogFrame.WORLD) -> None:
         """Begin to jog the sensor: `deflections` (6,) along x, y, z and about x, y, z of `frame`, -1 to 1.
@@ -64,12 +72,15 @@ class CellCommands(CellReadings):
         Raises
         ------
         CommandError
-            If the arm has fewer than six joints.
+            If the arm has fewer than six joints, or there are not six deflections.
         """
+        values = np.asarray(deflections, float)
+        if values.shape != (6,):
+            raise CommandError(f"jog_sensor: deflections = {deflections!r}: expected 6 numbers")
         if self._jog.count <= 6:
             raise CommandError(f"jog_sensor: the arm has {self._jog.count - 1} joints: expected at least 6")
         self._cell.set_integer("command.jog_frame", frame)
-        self._start_jog(Mode.CARTESIAN_JOG, deflections)
+        self._start_jog(Mode.CARTESIAN_JOG, values)
 
     def renew_heartbeat(self) -> None:
         """Tell the controller's watchdog that a jog is still wanted."""
@@ -117,10 +128,8 @@ class CellCommands(CellReadings):
         self._cell.set(self._cell.real_group(["command.gripper.force"]), np.array([force]))
         self._cell.set_integer("command.gripper.mode", GripperMode.FORCE)
 
-    def _start_jog(self, mode: Mode, deflections: ArrayLike) -> None:
-        values = np.zeros(self._jog.count)
-        values[: np.size(deflections)] = deflections
-        self._cell.set(self._jog, values)
+    def _start_jog(self, mode: Mode, deflections: Array) -> None:
+        self._cell.set(self._jog, np.append(deflections, np.zeros(self._jog.count - deflections.size)))
         self._cell.set_integer("command.mode", mode)
 
     def _start(self, mode: Mode, speed: float) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -117,7 +117,7 @@ class CellReadings:
             If no branch, or not that of the configuration, reaches the pose within the joint limits.
         """
         reference = self.joints if near is None else np.asarray(near, float)
-        target = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
+        target = self._world_from_flange(world_from_tool, tool)
         branches, names = self._nominal.arm.ik(target, reference)[0], self._nominal.arm.branch_names
         if configuration is not None:
             if configuration not in names:
@@ -133,7 +133,15 @@ class CellReadings:
         return np.asarray(found[np.argmin(np.abs(found - reference).max(-1))])
 
     def flange_from_tool(self, tool: Tool) -> Array:
-        """Pose (4, 4) of a tool on the flange; the gripper's origin lies between the pads."""
+        """Pose (4, 4) of a tool on the flange; the gripper's origin lies between the pads.
+
+        Raises
+        ------
+        CommandError
+            If there is no such tool.
+        """
+        if tool not in get_args(Tool):
+            raise CommandError(f"tool = {tool!r}: expected {' or '.join(get_args(Tool))}")
         if tool == "sensor":
             return self._nominal.flange_from_sensor
         fingers = self._nominal.flange_from_finger
@@ -142,3 +150,9 @@ class CellReadings:
         flange_from_gripper = fingers[0].copy()
         flange_from_gripper[:3, 3] = fingers[:, :3, 3].mean(0)
         return np.asarray(flange_from_gripper)
+
+    def _world_from_flange(self, world_from_tool: ArrayLike, tool: Tool) -> Array:
+        target = np.asarray(world_from_tool, float)
+        if target.shape != (4, 4):
+            raise CommandError(f"world_from_tool = {world_from_tool!r}: expected a pose (4, 4)")
+        return np.asarray(target @ pose.inverse(self.flange_from_tool(tool)))
