@@ -99,7 +99,7 @@ class Desk:
         self._operators.take(self._client.client_id)
 
     def joints_for(self, world_from_tool: Array, tool: Tool, configuration: str | None = None) -> Array:
-        """Joint angles (joints,) of a pose (4, 4) of a tool, see `CellReadings.joints_for`."""
+        """Joint angles (joints,) of a pose (4, 4) of a tool, see `ScanSession.joints_for`."""
         near = self._live.state.joints
         return self._session.joints_for(world_from_tool, tool, near, configuration)
 
