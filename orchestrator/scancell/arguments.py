@@ -25,7 +25,6 @@ P = ParamSpec("P")
 R = TypeVar("R")
 C = TypeVar("C", bound=type)
 
-_LONGEST = 80  # characters of a value in a message
 _ORTHOGONAL = 1e-6  # largest error of the products of the columns of a rotation
 _LONGEST_NAME = 255  # bytes in the name of a file
 
@@ -70,10 +69,10 @@ class Shape:
         if array.ndim != len(self.lengths) or any(
             wanted not in (None, length) for wanted, length in zip(self.lengths, array.shape, strict=True)
         ):
-            raise _RefusedError(f"{self}; the shape is {array.shape}")
+            raise _RefusedError(str(self), problem=f"the shape is {array.shape}")
         if self.finite and array.dtype.kind == "f" and not np.isfinite(array).all():
             wrong = np.argwhere(~np.isfinite(array))
-            raise _RefusedError(f"{self}; {len(wrong)} are not finite, the first at {wrong[0].tolist()}")
+            raise _RefusedError(str(self), problem=f"{len(wrong)} are not finite, the first at {wrong[0].tolist()}")
         return array
 
 
@@ -108,9 +107,9 @@ _NUMBERS = (bool, int, float)
 class _RefusedError(Exception):
     """A value, or the item at `path` of it, is not what was `expected`; empty: the whole type was not."""
 
-    def __init__(self, expected: str = "", path: str = "", value: Any = None) -> None:
+    def __init__(self, expected: str = "", path: str = "", value: Any = None, problem: str = "") -> None:
         super().__init__(expected)
-        self.expected, self.path, self.value = expected, path, value
+        self.expected, self.path, self.value, self.problem = expected, path, value, problem
 
 
 def checked_arguments(function: Callable[P, R], owner: type | None = None) -> Callable[P, R]:
@@ -173,17 +172,8 @@ def checked_value(name: str, value: Any, hint: Any) -> Any:
     except _RefusedError as error:
         wrong = error.value if error.path else value
         raise DescriptionError(
-            f"{name}{error.path} = {shown(wrong)}: expected {error.expected or _text(hint)}"
+            error.problem, key=f"{name}{error.path}", value=wrong, expected=error.expected or _text(hint)
         ) from None
-
-
-def shown(value: Any) -> str:
-    """A value in a message, on one line and not too long."""
-    try:
-        text = " ".join(repr(value).split())
-    except Exception:  # of a foreign object
-        text = type(value).__name__
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}… ({type(value).__name__})"
 
 
 def _converted(value: Any, hint: Any) -> Any:  # noqa: PLR0911
@@ -294,7 +284,7 @@ def _item(value: Any, hint: Any, key: object) -> Any:
         return _converted(value, hint)
     except _RefusedError as error:
         wrong = error.value if error.path else value
-        raise _RefusedError(error.expected or _text(hint), f"[{key!r}]{error.path}", wrong) from None
+        raise _RefusedError(error.expected or _text(hint), f"[{key!r}]{error.path}", wrong, error.problem) from None
 
 
 def _text(hint: Any) -> str:  # noqa: PLR0911

@@ -1,15 +1,115 @@
-"""The exception tree: every error that a person can cause or mend derives from `ScancellError`."""
+"""The exception tree: every error that a person can cause or mend derives from `ScancellError`.
+
+Errors about values derive from `ValueError` as well.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping, Sequence
+from copy import copy
+from os import PathLike
+from typing import Any, Self
+
+_ABSENT: Any = object()
+_LONGEST = 80  # characters of a value in a message
 
 
 class ScancellError(Exception):
-    """An error with a message for people: it names the file, the key, the value and what was expected."""
+    """An error for people: ``FILE: KEY = VALUE: PROBLEM; expected EXPECTED``, without the parts that do not apply.
+
+    Parameters
+    ----------
+    problem
+        What is wrong, where key, value and what was expected do not say it. Arguments of functions stand in
+        backticks. A message that names none of the other parts is given as `problem` alone.
+    file, key, value, expected
+        See the attributes; None, or left out, where they do not apply.
+
+    Attributes
+    ----------
+    file : str or None
+        File, or other source, that holds the key.
+    key : str or None
+        Key of a file, or argument of a function.
+    value : object
+        Its value.
+    expected : str or None
+        What was expected in place of the value.
+    problem : str
+        What is wrong.
+    """
+
+    def __init__(
+        self,
+        problem: str = "",
+        *,
+        file: str | PathLike[str] | None = None,
+        key: str | None = None,
+        value: object = _ABSENT,
+        expected: str | None = None,
+    ) -> None:
+        self.problem, self.key, self.expected = problem, key, expected
+        self.file = None if file is None else str(file)
+        self.value = None if value is _ABSENT else value
+        self._subject = [] if key is None else [key] if value is _ABSENT else [key, shown(value)]
+        self._joined: tuple[Self, ...] = ()
+        super().__init__(self._message(" = ".join(self._subject)))
+
+    @classmethod
+    def of_all(cls, errors: Sequence[Self]) -> Self:
+        """One error of several, each on a line of its own; its attributes are those of the first."""
+        if len(errors) == 1:
+            return errors[0]
+        made = cls("\n".join(map(str, errors)))
+        made.__dict__.update(errors[0].__dict__)
+        made._joined = tuple(errors)
+        return made
+
+    def within(self, source: str) -> Self:
+        """The error as of something inside `source`, which its message begins with."""
+        if self._joined:
+            return self.of_all([error.within(source) for error in self._joined])
+        made = copy(self)
+        made.file = source if self.file is None else f"{source}: {self.file}"
+        made.args = (made._message(" = ".join(self._subject)),)
+        return made
+
+    @property
+    def problems(self) -> tuple[Self, ...]:
+        """The errors that this one joins; itself where it joins none."""
+        return self._joined or (self,)
+
+    def in_options(self, options: Mapping[str, str]) -> str:
+        """The message for users of a command, where `options` gives the option of each argument."""
+        if self._joined:
+            return "\n".join(error.in_options(options) for error in self._joined)
+        text = str(self)
+        option = None if self.file is not None or self.key is None else options.get(self.key)
+        if option is not None:
+            value = self.value if isinstance(self.value, str) else "".join(self._subject[1:])
+            text = self._message(f"{option} {value}".strip())
+        return named_by(text, options)
+
+    def _message(self, subject: str) -> str:
+        states_it = self.expected is None or self.problem.endswith(self.expected)
+        said = [self.problem] if states_it else [self.problem, f"expected {self.expected}"]
+        return ": ".join(filter(None, (self.file, subject, "; ".join(filter(None, said)))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        state = dict(self.__dict__)
+        try:
+            pickle.dumps(self.value)
+        except Exception:  # of a foreign object
+            state["value"] = shown(self.value)
+        return type(self), self.args, state
 
 
-class DescriptionError(ScancellError):
+class DescriptionError(ScancellError, ValueError):
     """A cell, sensor or scan description is wrong (unknown key, missing key, value out of bounds)."""
 
 
-class MeshError(ScancellError):
+class MeshError(ScancellError, ValueError):
     """A mesh file is missing, unreadable, empty or broken."""
 
 
@@ -29,7 +129,7 @@ class ProgramError(ScancellError):
     """A robot program failed; the message states its file and line."""
 
 
-class SensorError(ScancellError):
+class SensorError(ScancellError, ValueError):
     """The sensor library refused its input."""
 
 
@@ -37,7 +137,7 @@ class CalibrationError(ScancellError):
     """Measured data do not determine what is to be calibrated; the message states what is missing."""
 
 
-class ImageError(ScancellError):
+class ImageError(ScancellError, ValueError):
     """An image file is missing, unreadable, or not what the sensor's description says."""
 
 
@@ -45,11 +145,11 @@ class OutputError(ScancellError):
     """A result cannot be written."""
 
 
-class EngineError(ScancellError):
-    """Work cannot be distributed, or whoever distributed it is gone."""
+class WorkersError(ScancellError):
+    """Work cannot be distributed, its scheduler is gone, or all of it failed."""
 
 
-class MessageError(ScancellError):
+class MessageError(ScancellError, ValueError):
     """A message between cell and guard is malformed, or holds a value outside its bounds."""
 
 
@@ -57,7 +157,7 @@ class LinkError(ScancellError):
     """No socket can be opened: between cell and guard, or for browsers."""
 
 
-class FitError(ScancellError):
+class FitError(ScancellError, ValueError):
     """Points do not determine a geometric element; the message states what is missing."""
 
 
@@ -71,3 +171,19 @@ class CancelledError(ScancellError):
 
 class MissingExtraError(ScancellError):
     """A package of an optional extra is not installed; the message states the command that installs it."""
+
+
+def named_by(text: str, options: Mapping[str, str]) -> str:
+    """A message for users of a command, with `options` in place of the arguments that stand in backticks."""
+    for argument, option in options.items():
+        text = text.replace(f"`{argument}`", option)
+    return text
+
+
+def shown(value: object) -> str:
+    """A value in a message, on one line and not too long."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # of a foreign object
+        text = type(value).__name__
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}… ({type(value).__name__})"

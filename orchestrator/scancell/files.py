@@ -26,14 +26,14 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     if not path.name:
-        raise OutputError(f"'{path}': expected the name of a file")
+        raise OutputError(file=path, expected="the name of a file")
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
     finally:
         with suppress(OSError):  # the folder may not exist
             temporary.unlink(missing_ok=True)

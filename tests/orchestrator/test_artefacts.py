@@ -197,7 +197,7 @@ def test_wrong_file_is_refused_by_file_key_and_value(tmp_path: Path, text: str, 
 def test_missing_file_and_unknown_unit_are_refused(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"absent\.toml: no such file"):
         load_part(tmp_path / "absent.toml")
-    with pytest.raises(MeshError, match="unit 'cm' is not known"):
+    with pytest.raises(MeshError, match="unit = 'cm': expected"):
         load_part(FOLDER / "sphere.toml", "cm")
 
 

@@ -84,7 +84,7 @@ def test_wrong_descriptions_are_refused(tmp_path, text, fragment) -> None:
 
 
 def test_number_of_variants_is_refused_for_designs_that_fix_it(tmp_path) -> None:
-    with pytest.raises(DescriptionError, match=r"--variants 3: .*full_factorial"):
+    with pytest.raises(DescriptionError, match=r"variants = 3: .*full_factorial"):
         opened(tmp_path, OFFSET + '[design]\nkind = "full_factorial"\n', variants=3)
 
 
@@ -109,7 +109,7 @@ def test_without_factors_variants_differ_in_their_noise(tmp_path) -> None:
 def test_another_batch_is_refused_in_the_same_folder(tmp_path) -> None:
     claim(opened(tmp_path, variants=2), tmp_path / "out")
     claim(opened(tmp_path, variants=7), tmp_path / "out")
-    with pytest.raises(DescriptionError, match=r"batch\.seed was 0, is 4; --out"):
+    with pytest.raises(DescriptionError, match=r"batch\.seed was 0, is 4; `out`"):
         claim(opened(tmp_path, seed=4), tmp_path / "out")
     with pytest.raises(DescriptionError, match=r"setup\.scan\.max_profiles was"):
         claim(opened(tmp_path, set=["scan.max_profiles=9"]), tmp_path / "out")

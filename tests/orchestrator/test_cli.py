@@ -31,7 +31,7 @@ def call(monkeypatch, capsys, *words: str) -> tuple[int, str, str]:
 
 def run(work, as_json: bool) -> int:
     try:
-        common.run("test", as_json, work)
+        common.run("version", as_json, work)
     except common.typer.Exit as ended:
         return int(ended.exit_code)
     return 0
@@ -58,7 +58,7 @@ def test_json_output_is_one_object(capsys) -> None:
     assert run(lambda: DONE, as_json=True) == 0
     streams = capsys.readouterr()
     assert json.loads(streams.out) == {
-        "command": "test",
+        "command": "version",
         "ok": True,
         "figures": {"points": 3},
         "files": ["a file"],
@@ -74,7 +74,7 @@ def test_scancell_errors_exit_with_code_1(capsys, error) -> None:
     streams = capsys.readouterr()
     assert streams.err == "scancell: broken\n"
     report = json.loads(streams.out)
-    assert report == {"command": "test", "ok": False, "error": {"kind": type(error).__name__, "message": "broken"}}
+    assert report == {"command": "version", "ok": False, "error": {"kind": type(error).__name__, "message": "broken"}}
 
 
 def test_interrupt_exits_with_code_130(capsys) -> None:

@@ -153,6 +153,6 @@ def test_open3d_reads_points_and_normals(tmp_path: Path, suffix: str) -> None:
 
 
 def test_unknown_format_is_rejected() -> None:
-    with pytest.raises(DescriptionError, match="--format: 'las': expected ply, npz, laz, e57, pcd or xyz"):
-        parse_formats("ply, las", "--format")
-    assert parse_formats("laz,PLY,laz", "--format") == ("laz", "ply")
+    with pytest.raises(DescriptionError, match="format = 'las': expected ply, npz, laz, e57, pcd or xyz"):
+        parse_formats("ply, las", "format")
+    assert parse_formats("laz,PLY,laz", "format") == ("laz", "ply")

@@ -93,14 +93,14 @@ def test_invalid_override_error(word: str, expected: str) -> None:
         ("sensor.camera[1].half_angle_deg=40", "two_camera_probe.toml", "camera[1]: half_angle_deg (40) must be below"),
         ("cell.robot.joint[2].min_deg=90", "six_axis.toml", "joint[2]: min_deg (90) must be below max_deg (45)"),
         ("cell.robot.home_deg=[0, 90, 0, 0, 0, 0]", "six_axis.toml", "home_deg[2] = 90: expected an angle between"),
-        ("cell.world.controller_cycle_us=1500", "--set", "controller_cycle_us (1500) must be a multiple"),
+        ("cell.world.controller_cycle_us=1500", "`settings`", "controller_cycle_us (1500) must be a multiple"),
     ],
 )
 def test_override_conflict_names_both_sources(word: str, file: str, expected: str) -> None:
     with pytest.raises(DescriptionError) as caught:
         load_setup(overrides=[word])
     assert expected in str(caught.value)
-    assert f"--set {word}" in str(caught.value)
+    assert f"`settings` {word}" in str(caught.value)
     assert file in str(caught.value)
 
 
@@ -118,7 +118,7 @@ def test_wrong_item_alone_in_its_list_is_one_error() -> None:
 
 
 def test_invalid_study_override_error() -> None:
-    with pytest.raises(DescriptionError, match=r"^--set design.trials=-1: design.trials = -1: must be"):
+    with pytest.raises(DescriptionError, match=r"^`settings` design.trials=-1: design.trials = -1: must be"):
         load_study(assets_dir() / "studies/vibration.toml", ["design.trials=-1"])
 
 
@@ -171,7 +171,7 @@ def test_setup_from_descriptions_and_files(tmp_path: Path) -> None:
     assert load_setup(*defaults, overrides=words, ideal=True) == load_setup(
         overrides=words[:2], ideal=True, scan=(ScanDescription.default().replace({"sweep.elevations_deg[2]": 50}))
     )
-    with pytest.raises(DescriptionError, match=r"^--set scan.max_profiles=0: max_profiles = 0"):
+    with pytest.raises(DescriptionError, match=r"^`settings` scan.max_profiles=0: max_profiles = 0"):
         load_setup(*defaults, overrides=["scan.max_profiles=0"])
 
 

@@ -11,7 +11,7 @@ import pytest
 from distributed import LocalCluster
 from engine_work import open_counter
 
-from scancell.errors import EngineError, OutputError
+from scancell.errors import OutputError, WorkersError
 from scancell.progress import NullProgress
 from scancell.studies.engine import run_tasks
 from scancell.studies.task import ExecutionTarget, Job, Task, close_workers
@@ -146,7 +146,7 @@ def test_full_disk_ends_the_run_and_keeps_earlier_results(tmp_path, monkeypatch)
 
 def test_missing_scheduler_is_named(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("scancell.studies.dask_cluster._CONNECT_S", 1)
-    with pytest.raises(EngineError, match=r"tcp://127.0.0.1:1"):
+    with pytest.raises(WorkersError, match=r"tcp://127.0.0.1:1"):
         run_tasks(make_job(tmp_path), make_tasks(2), ExecutionTarget(scheduler="tcp://127.0.0.1:1"), NullProgress())
 
 
@@ -155,7 +155,7 @@ def test_workers_that_do_not_start_are_reported(tmp_path, monkeypatch) -> None:
         raise RuntimeError("Nanny failed to start.")
 
     monkeypatch.setattr("scancell.studies.dask_cluster.LocalCluster", fails)
-    with pytest.raises(EngineError, match="do not start"):
+    with pytest.raises(WorkersError, match="do not start"):
         run_tasks(make_job(tmp_path), make_tasks(1), ExecutionTarget(workers=1), NullProgress())
 
 

@@ -91,7 +91,7 @@ def test_planner_checks_fingers_against_table_and_part() -> None:
     [
         (
             ["cell.gripper.start_mm=60"],
-            "with --set cell.gripper.stroke_mm=50 with --set cell.gripper.start_mm=60: gripper: start_mm",
+            "with `settings` cell.gripper.stroke_mm=50 with `settings` cell.gripper.start_mm=60: gripper: start_mm",
         ),
         (["cell.gripper.stroke_mm=0"], "stroke_mm"),
         (["cell.gripper.housing_mm=[1, 2]"], "housing_mm"),

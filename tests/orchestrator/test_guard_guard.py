@@ -210,7 +210,7 @@ def test_state_of_another_cell_is_refused_and_changes_nothing(joints):
     axes = near_home(rng)
     guard = guard_of(boxes())
     answers(guard, [state_of(k, axes, moving=False) for k in range(2)])
-    with pytest.raises(MessageError, match=f"axes: {joints + 1}: expected 7"):
+    with pytest.raises(MessageError, match=f"axes = {joints + 1}: expected 7"):
         guard.answer(state_of(2, np.zeros(joints + 1)))
     message = guard.answer(state_of(3, axes))
     assert not message.emergency_stop

@@ -101,7 +101,7 @@ def test_missing_files_folders_and_units(tmp_path):
     with pytest.raises(MeshError, match="not a file"):
         load_mesh(tmp_path)
     (tmp_path / "a.stl").write_bytes(b"")
-    with pytest.raises(MeshError, match="unit 'cm' is not known; expected one of mm, m, inch"):
+    with pytest.raises(MeshError, match="unit = 'cm': expected one of mm, m, inch"):
         load_mesh(tmp_path / "a.stl", "cm")
 
 

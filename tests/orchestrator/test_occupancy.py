@@ -157,7 +157,7 @@ def bad_voxels(tmp_path, **changes):
         ({"world_spacing_mm": None}, "misses the array world_spacing_mm"),
         ({"world_origin_mm": np.array([0.0, np.nan, 0.0])}, "world_origin_mm = .*: expected 3 finite numbers"),
         ({"world_spacing_mm": np.array(-1.0)}, r"world_spacing_mm = -1.0: expected a positive number"),
-        ({"world_occupied": np.ones((2, 2))}, r"world_occupied: float64 of shape \(2, 2\): expected bool with three"),
+        ({"world_occupied": np.ones((2, 2))}, r"world_occupied: float64 of shape \(2, 2\); expected bool with three"),
     ],
 )
 def test_wrong_voxel_file_is_refused_by_name_and_array(tmp_path, changes, message) -> None:

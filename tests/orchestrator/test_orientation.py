@@ -201,9 +201,9 @@ def test_implausible_size_warning(tmp_path, extent, unit, hints):
 @pytest.mark.parametrize(
     ("extent", "unit", "hint"),
     [
-        (0.08, "mm", "the largest extent is 0.08 mm, expected 0.5 mm to 5 m: .*--unit m makes it 80 mm"),
-        (20_000.0, "mm", "the largest extent is 20 m, expected 0.5 mm to 5 m: .*scale the file"),
-        (60.0, "m", "the largest extent is 60 m, .*--unit mm makes it 60 mm; --unit inch makes it 1.52 m"),
+        (0.08, "mm", "the largest extent is 0.08 mm: .*`unit` m makes it 80 mm.*; expected 0.5 mm to 5 m"),
+        (20_000.0, "mm", "the largest extent is 20 m: .*scale the file.*; expected 0.5 mm to 5 m"),
+        (60.0, "m", "the largest extent is 60 m: .*`unit` mm makes it 60 mm; `unit` inch makes it 1.52 m"),
     ],
 )
 def test_impossible_size_is_rejected(tmp_path, extent, unit, hint):

@@ -190,7 +190,7 @@ def main(robot):
             r"program\.py:3: set_speed: share = 2: expected above 0",
         ),
         ("def main(robot):\n    raise SystemExit(3)\n", r"program\.py:3: SystemExit: 3"),
-        ("go = 1\n", r"program\.py: has no function main: expected def main\(robot\)"),
+        ("go = 1\n", r"program\.py: has no function main; expected def main\(robot\)"),
         ("import nothing_here\n", r"program\.py:2: ModuleNotFoundError"),
         (
             "def far(robot):\n    robot.move_tool(location(3, 0, 0))\ndef main(robot):\n    far(robot)\n",
@@ -232,7 +232,7 @@ def test_missing_file_and_missing_part(scanner: Scanner, tmp_path: Path) -> None
     free = load_setup(overrides=['cell.part.fixture="free"'])
     with (
         Scanner.from_setup(free) as other,
-        pytest.raises(DescriptionError, match=r'part\.fixture = "free": there is no part; expected its mesh'),
+        pytest.raises(DescriptionError, match=r"part\.fixture = 'free': there is no part; expected its mesh"),
         other.session(),
     ):
         pass
@@ -248,7 +248,7 @@ def test_program_imports_from_its_folder(scanner: Scanner, run: Run, tmp_path: P
 def test_main_without_the_robot_is_named(scanner: Scanner, run: Run) -> None:
     with (
         scanner.session(None) as session,
-        pytest.raises(ProgramError, match=r"main does not take the robot: expected def"),
+        pytest.raises(ProgramError, match=r"main does not take the robot; expected def"),
     ):
         run("def main() -> int:\n    return 0\n", session)
 

@@ -107,9 +107,9 @@ def test_as_built_changes_sensor_copy() -> None:
 @pytest.mark.parametrize(
     ("word", "fragment"),
     [
-        ("sensor.camera[3].baseline_mm=60", "--as-built .*there are 2"),
+        ("sensor.camera[3].baseline_mm=60", "`as_built` .*there are 2"),
         ("sensor.camera[1].base_mm=60", "base_mm: unknown key"),
-        ("sensor.laser.power_mw=-1", "--as-built sensor.laser.power_mw=-1: laser.power_mw = -1"),
+        ("sensor.laser.power_mw=-1", "`as_built` sensor.laser.power_mw=-1: laser.power_mw = -1"),
         ('sensor.extraction.peak="first"', "sensor.laser, sensor.camera"),
         ("sensor.name=3", "sensor.laser, sensor.camera"),
     ],

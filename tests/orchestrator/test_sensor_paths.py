@@ -82,10 +82,13 @@ def test_recorded_poses_are_read_as_they_are(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x_mm,y_mm\n1,2\n3,4\n", "line 2: column 'z_mm': None, expected a number"),
-        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n0,0,1,0,0,0\n", "1 poses, expected at least two"),
-        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n0,0,1,0,0,0\n0,0,nan,0,0,0\n", "line 3: column 'z_mm': nan, expected a"),
-        ("", "0 poses, expected at least two"),
+        ("x_mm,y_mm\n1,2\n3,4\n", "line 2, column 'z_mm' = None: expected a number"),
+        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n0,0,1,0,0,0\n", "1 poses; expected at least two"),
+        (
+            "x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n0,0,1,0,0,0\n0,0,nan,0,0,0\n",
+            "line 3, column 'z_mm' = 'nan': expected a",
+        ),
+        ("", "0 poses; expected at least two"),
     ],
 )
 def test_bad_recordings_are_refused_with_line_and_column(tmp_path: Path, text: str, message: str) -> None:

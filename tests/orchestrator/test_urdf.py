@@ -244,7 +244,7 @@ def test_joint_beside_chain_is_reported(tmp_path: Path) -> None:
         ('velocity="1.71042266695"', "", "joint 'joint1': no <limit> with a velocity"),
         ('<parent link="link3"/>', '<parent link="link9"/>', "joint 'joint4': parent 'link9' is no link"),
         ('<parent link="link0"/>', '<parent link="flange"/>', "is part of a loop"),
-        ('xyz="0 0.08 0"', 'xyz="0 eight 0"', "xyz='0 eight 0': expected 3 numbers"),
+        ('xyz="0 0.08 0"', 'xyz="0 eight 0"', "xyz = '0 eight 0': expected 3 numbers"),
         ('"flange"', '"hand"', "no link 'flange'; expected one of link0"),
         ("<robot", "<model", "not readable as URDF"),
         ('name="joint3" type="revolute"', 'name="joint3" type="fixed"', "held names 1 joints: expected 0"),

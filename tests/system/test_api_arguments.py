@@ -88,11 +88,14 @@ WRONG: list[tuple[Callable[[Fuzzer], Any], str]] = [
     (lambda f: f.scanner.scan(f.part, seed=-1), "seed = -1: expected"),
     (lambda f: f.scanner.scan(f.part, as_built=[("tool.x_mm", 0.1)]), r"as_built\[0\] ="),
     (lambda f: scancell.evaluate(np.full((3, 3), np.nan), mesh=f.part), "cloud = .* 9 are not finite"),
-    (lambda f: scancell.evaluate(np.zeros((3, 2)), mesh=f.part), r"cloud = .* shape \(n, 3\); the shape is \(3, 2\)"),
+    (
+        lambda f: scancell.evaluate(np.zeros((3, 2)), mesh=f.part),
+        r"cloud = .*: the shape is \(3, 2\); expected .* shape \(n, 3\)",
+    ),
     (lambda f: scancell.evaluate(np.zeros((0, 3)), mesh=f.part), "cloud: holds no points"),
     (lambda f: scancell.evaluate(np.zeros((3, 3)), mesh=f.part, align="bestfit"), "align = 'bestfit': expected"),
     (lambda _: scancell.ScanDescription(mode="sideways"), "ScanDescription: mode = 'sideways': must be"),
-    (lambda f: f.scanner.survey(f.part, voxel=1.0), "survey: voxel = 1: expected at most"),
+    (lambda f: f.scanner.survey(f.part, voxel=1.0), "survey: voxel = 1.0: expected at most"),
     (lambda _: scancell.extract([], "out"), "images: expected at least one"),
     (lambda f: f.result.cloud[0], "points_in_part = "),
 ]
@@ -179,8 +182,8 @@ def test_missing_plan_file_is_named(fuzzer: Fuzzer) -> None:
     ("rows", "message"),
     [
         ("", r"points\.csv: holds no rows below its header"),
-        ("1,nan\n", r"points\.csv: column 'b', row 1: is nan: expected a finite number"),
-        ("1,\n", r"points\.csv: column 'b', row 1: is empty: expected a finite number"),
+        ("1,nan\n", r"points\.csv: column 'b', row 1: is nan; expected a finite number"),
+        ("1,\n", r"points\.csv: column 'b', row 1: is empty; expected a finite number"),
     ],
 )
 def test_table_without_rows_and_value_that_is_no_number_are_named(tmp_path: Path, rows: str, message: str) -> None:

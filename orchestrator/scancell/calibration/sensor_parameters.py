@@ -147,7 +147,7 @@ def _tolerance(name: str) -> float:
     key = name.rsplit(".", 1)[-1]
     found = _TOLERANCES.get(key) or _TOLERANCES.get(re.sub(r"\[\d+\]$", "", key))
     if found is None:
-        raise CalibrationError(f"free parameter '{name}': expected one of the keys {', '.join(_TOLERANCES)}")
+        raise CalibrationError(key=f"free parameter '{name}'", expected=f"one of the keys {', '.join(_TOLERANCES)}")
     return found
 
 

@@ -115,7 +115,7 @@ def _assigned(problem: CalibrationProblem, state: _State) -> CalibrationProblem:
     usable = data.shape >= 0
     if usable.sum() < _LEAST_POINTS * len(problem.free):
         raise CalibrationError(
-            f"{usable.sum()} points lie on the artefact: expected {_LEAST_POINTS * len(problem.free)} or more"
+            f"{usable.sum()} points lie on the artefact", expected=f"{_LEAST_POINTS * len(problem.free)} or more"
         )
     return replace(problem, observations=data.chosen(usable))
 
@@ -138,7 +138,7 @@ def _check(problem: CalibrationProblem) -> None:
     names = problem.kinematics.names
     unknown = [name for name in problem.free if name not in names]
     if unknown:
-        raise CalibrationError(f"'{unknown[0]}' is no deviation of the cell; expected one of {', '.join(names)}")
+        raise CalibrationError(f"'{unknown[0]}' is no deviation of the cell", expected=f"one of {', '.join(names)}")
     used = np.bincount(problem.observations.frame, minlength=len(problem.observations.readings))
     exposures = int((used >= _LEAST_POINTS).sum())
     wanted = -(-len(problem.free) // 3) + (0 if problem.artefact.is_pose_known else 1)

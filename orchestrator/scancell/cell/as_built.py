@@ -36,15 +36,17 @@ def _parse(word: str, units: Mapping[str, str | None]) -> tuple[str, float]:
     if variable not in units:
         known = ", ".join(sorted(expected_keys(units)))
         raise DescriptionError(
-            f"--as-built {word}: unknown perturbation '{key}'; known: {known}, and keys of the sensor: sensor.*"
+            f"unknown perturbation '{key}'; known: {known}, and keys of the sensor: sensor.*",
+            key="as_built",
+            value=word,
         )
     suffixes = _SUFFIXES_OF_UNIT.get(units[variable] or "", ("",))
     if not any(suffix and key.endswith(suffix) for suffix in suffixes) and suffixes != ("",):
         raise DescriptionError(
-            f"--as-built {word}: expected a unit in the key: {' or '.join(name + s for s in suffixes)}"
+            key="as_built", value=word, expected=f"a unit in the key: {' or '.join(name + s for s in suffixes)}"
         )
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise DescriptionError(f"--as-built {word}: expected a finite number, got {value!r}")
+        raise DescriptionError(key="as_built", value=word, expected=f"a finite number, got {value!r}")
     return variable, float(value) * scale
 
 

@@ -56,7 +56,7 @@ class FmuInfo:
         found = [variable for variable in self.variables if variable.name.startswith(prefix)]
         if not found:
             groups = ", ".join(dict.fromkeys(group_of(variable.name) for variable in self.variables))
-            raise CellError(f"{self.path}: no variable starts with '{prefix}'; groups of variables: {groups}")
+            raise CellError(f"no variable starts with '{prefix}'; groups of variables: {groups}", file=self.path)
         return found
 
     def lines(self, prefix: str = "") -> list[str]:
@@ -142,12 +142,12 @@ def describe_fmu(path: Path) -> FmuInfo:
         If the file is missing or no FMU.
     """
     if not path.exists():
-        raise CellError(f"{path}: no such file")
+        raise CellError("no such file", file=path)
     try:
         description = fmpy.read_model_description(str(path), validate=False)
         platforms = fmpy.supported_platforms(str(path))
     except Exception as error:  # FMPy raises plain exceptions of many kinds
-        raise CellError(f"{path}: not a readable FMU: {error}") from error
+        raise CellError(f"not a readable FMU: {error}", file=path) from error
     experiment = description.defaultExperiment
     return FmuInfo(
         path=str(path),

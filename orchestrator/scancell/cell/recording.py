@@ -262,7 +262,7 @@ def read_recording(path: Path) -> Recording:
     wanted = (*INTEGER_COLUMNS, *layout.measured, *layout.truth)
     missing = [name for name in wanted if name not in table.column_names]
     if missing:
-        raise DescriptionError(f"{path}: {len(missing)} columns are missing, the first is '{missing[0]}'")
+        raise DescriptionError(f"{len(missing)} columns are missing, the first is '{missing[0]}'", file=path)
     columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
     for name in wanted:
         columns[name] = _numbers(table, name, path)
@@ -271,7 +271,7 @@ def read_recording(path: Path) -> Recording:
     kept = {name: values[fresh] for name, values in columns.items()}
     kept.update({name: kept[name].astype(np.int64) for name in INTEGER_COLUMNS})
     if not len(kept["trigger.index"]):
-        raise DescriptionError(f"{path}: holds no trigger (trigger.index is 0 in all {len(index)} rows)")
+        raise DescriptionError(f"holds no trigger (trigger.index is 0 in all {len(index)} rows)", file=path)
     return Recording(kept)
 
 
@@ -284,7 +284,7 @@ def read_table(path: Path, convert: pyarrow.csv.ConvertOptions | None = None) ->
         If the file is missing or no such table.
     """
     if not path.is_file():
-        raise DescriptionError(f"{path}: no such file")
+        raise DescriptionError("no such file", file=path)
     try:
         is_csv = path.suffix.lower() == ".csv"
         table = pyarrow.csv.read_csv(path, convert_options=convert) if is_csv else pyarrow.parquet.read_table(path)
@@ -292,7 +292,7 @@ def read_table(path: Path, convert: pyarrow.csv.ConvertOptions | None = None) ->
     except MemoryError:  # no fault of the file's format
         raise
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise DescriptionError(f"{path}: expected a Parquet or CSV table: {error}") from None
+        raise DescriptionError(str(error), file=path, expected="a Parquet or CSV table") from None
     return table
 
 
@@ -300,8 +300,10 @@ def _numbers(table: pa.Table, name: str, path: Path) -> NDArray[np.float64]:
     try:
         values = np.asarray(table.column(name).to_numpy(), float)
     except (ValueError, TypeError):
-        raise DescriptionError(f"{path}: column '{name}' holds values that are not numbers") from None
+        raise DescriptionError("holds values that are not numbers", file=path, key=f"column '{name}'") from None
     if not name.startswith(_TRUTH) and not np.isfinite(values).all():
         row = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise DescriptionError(f"{path}: column '{name}', row {row + 1}: {values[row]} is not a finite number")
+        raise DescriptionError(
+            file=path, key=f"column '{name}', row {row + 1}", value=float(values[row]), expected="a finite number"
+        )
     return values

@@ -110,8 +110,10 @@ def _sensor_json(cell: CellDescription, sensor: CellSensorDescription) -> dict[s
     period_us = round(sensor.period_ms * 1e3)
     if period_us <= 0 or period_us % cell.world.time_step_us or abs(sensor.period_ms * 1e3 - period_us) > 1e-6:
         raise CellError(
-            f"{sensor.name}: period_ms = {sensor.period_ms:g}: expected a multiple of world.time_step_us "
-            f"({cell.world.time_step_us})"
+            file=sensor.name,
+            key="period_ms",
+            value=sensor.period_ms,
+            expected=f"a multiple of world.time_step_us ({cell.world.time_step_us})",
         )
     return {
         "name": sensor.name,

@@ -162,7 +162,7 @@ def shot(
         from scancell.scanner import Scanner  # noqa: PLC0415
 
         with Scanner.from_setup(options.setup(), options.threads) as scanner:
-            numbers = _numbers(pose, 6, "--pose")
+            numbers = _numbers(pose, 6, "pose")
             result = scanner.shot(
                 part,
                 from_euler_xyz([1e-3 * value for value in numbers[:3]], [math.radians(angle) for angle in numbers[3:]]),
@@ -280,7 +280,7 @@ def version(as_json: JsonOption = False) -> None:
     run("version", as_json, work)
 
 
-def _numbers(text: str, count: int, option: str) -> tuple[float, ...]:
+def _numbers(text: str, count: int, argument: str) -> tuple[float, ...]:
     from scancell.errors import DescriptionError  # noqa: PLC0415
 
     try:
@@ -288,7 +288,7 @@ def _numbers(text: str, count: int, option: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if len(values) != count or not all(abs(value) < float("inf") for value in values):
-        raise DescriptionError(f"{option} {text}: expected {count} finite numbers with commas between them")
+        raise DescriptionError(key=argument, value=text, expected=f"{count} finite numbers with commas between them")
     return values
 
 

@@ -77,7 +77,7 @@ def batch(
 
         given: dict[str, Any] = {key: value for key, value in changes.items() if value is not None}
         if format_ is not None:
-            given["formats"] = parse_formats(format_, "--format")
+            given["formats"] = parse_formats(format_, "format")
         description = load_batch(config, given, variants)
         added = {"set": (*description.set, *(set_ or [])), "as_built": (*description.as_built, *(as_built or []))}
         opened = open_batch(description.model_copy(update=added), config, parts, out)
@@ -91,7 +91,7 @@ def batch(
 
 
 def _run(opened: Batch, out: Path, target: ExecutionTarget, as_json: bool, warnings: list[str]) -> Outcome:
-    from scancell.errors import EngineError  # noqa: PLC0415
+    from scancell.errors import WorkersError  # noqa: PLC0415
     from scancell.studies.batch import INDEX, write_index  # noqa: PLC0415
     from scancell.studies.run_record import mixed_build_warnings  # noqa: PLC0415
 
@@ -104,7 +104,7 @@ def _run(opened: Batch, out: Path, target: ExecutionTarget, as_json: bool, warni
     failed = collected.failed
     messages = [f"{row['scan']}: {row['message']}" for row in failed[:_MAX_LISTED]]
     if failed and len(failed) == len(collected.rows):
-        raise EngineError(f"all {len(failed)} scans failed, see {out / INDEX}; the first: {messages[0]}")
+        raise WorkersError(f"all {len(failed)} scans failed, see {out / INDEX}; the first: {messages[0]}")
     figures: dict[str, Any] = {
         "parts": len(opened.parts),
         "scans": len(collected.rows),

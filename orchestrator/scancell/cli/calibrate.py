@@ -168,5 +168,4 @@ def _refuse(context: typer.Context, what: str, names: Sequence[str]) -> None:
     for name in names:
         source = context.get_parameter_source(name)
         if source is not None and source.name == "COMMANDLINE":
-            option = "--" + name.replace("_", "-")
-            raise DescriptionError(f"{option}: does not apply to calibrate {what}")
+            raise DescriptionError(f"does not apply to calibrate {what}", key=name)

@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from scancell.cli.interrupts import EXIT_INTERRUPTED, InterruptibleProgress
-from scancell.errors import ScancellError
+from scancell.errors import ScancellError, named_by
 from scancell.progress import NullProgress, Progress
 
 if TYPE_CHECKING:
     from scancell.output.run_folder import RunReport
 
 EXIT_ERROR = 1
+# Arguments of Python functions whose options have other names.
+_RENAMED = {"settings": "set_", "targets": "target", "formats": "format_", "is_size_known": "unknown_size"}
 
 CellOption = Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")]
 SensorOption = Annotated[Path | None, typer.Option("--sensor", help="sensor description (TOML)")]
@@ -66,17 +68,31 @@ def run(command: str, as_json: bool, work: Callable[[], Outcome]) -> None:
     try:
         outcome = work()
     except ScancellError as error:
-        _fail(command, as_json, str(error), type(error).__name__, EXIT_ERROR)
+        _fail(command, as_json, error.in_options(_options(command)), type(error).__name__, EXIT_ERROR)
     except KeyboardInterrupt:
         _fail(command, as_json, "interrupted", "KeyboardInterrupt", EXIT_INTERRUPTED)
     else:
         for line in outcome.text:
             print(line, file=sys.stderr if as_json else sys.stdout)
+        options = _options(command) if outcome.warnings else {}
+        outcome.warnings = [named_by(warning, options) for warning in outcome.warnings]
         for warning in outcome.warnings:
             print(f"warning: {warning}", file=sys.stderr)
         if as_json:
             fields = {name: getattr(outcome, name) for name in ("figures", "files", "warnings", "timings")}
             print(json.dumps({"command": command, "ok": True, **fields}))
+
+
+def _options(command: str) -> dict[str, str]:
+    """Options of a command by the arguments of the Python functions that they give."""
+    from scancell.cli import app  # noqa: PLC0415  (it imports this module)
+
+    found: Any = typer.main.get_command(app)
+    for word in command.split():
+        found = found.commands[word]
+    options = {item.name: item.opts[-1] for item in found.params if item.param_type_name == "option"}
+    renamed = {argument: options[name] for argument, name in _RENAMED.items() if name in options}
+    return {name.removesuffix("_"): option for name, option in options.items()} | renamed
 
 
 def _fail(command: str, as_json: bool, message: str, kind: str, code: int) -> None:

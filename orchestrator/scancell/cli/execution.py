@@ -38,7 +38,7 @@ def execution_target(workers: int, scheduler: str | None, shard: str | None) -> 
         return ExecutionTarget(workers, scheduler)
     first, slash, count = shard.partition("/")
     if not (slash and first.isdigit() and count.isdigit() and 1 <= int(first) <= int(count)):
-        raise DescriptionError(f"--shard {shard}: expected i/n with 1 <= i <= n, for example 3/8")
+        raise DescriptionError(key="shard", value=shard, expected="i/n with 1 <= i <= n, for example 3/8")
     return ExecutionTarget(shard=(int(first), int(count)))
 
 

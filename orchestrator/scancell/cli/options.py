@@ -83,7 +83,7 @@ class CloudOptions(CellOptions):
         from scancell.output.run_folder import RunFolder  # noqa: PLC0415
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
-        formats = parse_formats(self.format_, "--format")
+        formats = parse_formats(self.format_, "format")
         given: dict[str, Any] = {
             "unit": self.unit,
             "engine": self.engine,
@@ -94,7 +94,9 @@ class CloudOptions(CellOptions):
             given["estimated_sensor"] = SensorDescription.from_toml(self.estimated_sensor)
         with RunFolder(out) as folder:
             if self.images and self.engine == "geometric":
-                raise DescriptionError("--images: the geometric engine makes no images; expected --engine ray-traced")
+                raise DescriptionError(
+                    "the geometric engine makes no images", key="images", expected="--engine ray-traced"
+                )
             cameras = [camera.name for camera in setup.sensor.camera]
             images = ImageWriter(folder, cameras) if self.images else None
             result = scan({**given, "on_images": images, "progress": progress}).evaluate(progress)

@@ -150,8 +150,8 @@ def _size(text: str) -> tuple[int, int]:
 
     words = text.lower().split("x")
     if len(words) != 2 or not all(word.isascii() and word.isdigit() for word in words):
-        raise DescriptionError(f"--size {text}: expected WIDTHxHEIGHT in pixels, such as 1280x720")
+        raise DescriptionError(key="size", value=text, expected="WIDTHxHEIGHT in pixels, such as 1280x720")
     width, height = map(int, words)
     if not (64 <= width <= 7680 and 64 <= height <= 7680):
-        raise DescriptionError(f"--size {text}: expected 64 to 7680 pixels each way")
+        raise DescriptionError(key="size", value=text, expected="64 to 7680 pixels each way")
     return width, height

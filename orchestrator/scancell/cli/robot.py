@@ -43,7 +43,7 @@ def from_urdf(
         try:
             angles = [float(word) for word in (home or "").split(",") if word.strip()]
         except ValueError:
-            raise DescriptionError(f"--home {home}: expected angles with commas between them") from None
+            raise DescriptionError(key="home", value=home, expected="angles with commas between them") from None
         made = robot_from_urdf(urdf, tip, out, angles, hold or ())
         lines = [
             f"{made.description.name}: {len(made.description.joint)} joints",

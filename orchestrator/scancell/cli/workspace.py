@@ -62,7 +62,7 @@ def workspace(
             from scancell.workspace.browser.workspace import WorkspaceSettings  # noqa: PLC0415
 
             if program is not None and not program.is_file():
-                raise ProgramError(f"{program}: no such file")
+                raise ProgramError("no such file", file=program)
             settings = WorkspaceSettings(out, options.engine, program)
             setup = with_path(options.setup(scan), path)
             _run_cell(target, setup, options, host, port, not no_guard, settings, started)

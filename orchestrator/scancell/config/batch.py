@@ -56,6 +56,8 @@ def load_batch(path: Path | None, changes: Mapping[str, Any], variants: int | No
     design = raw.setdefault("design", {"kind": "monte_carlo", "trials": 1})
     if variants is not None and isinstance(design, dict):
         if design.get("kind") in _COUNTED:
-            raise DescriptionError(f"--variants {variants}: {source}: a {design['kind']} design fixes their number")
+            raise DescriptionError(
+                f"{source}: a {design['kind']} design fixes their number", key="variants", value=variants
+            )
         design["trials"] = variants
     return validate(BatchDescription, raw, source)

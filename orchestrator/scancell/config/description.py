@@ -32,9 +32,7 @@ class Description(BaseModel):
             try:
                 super().__init__(**values)
             except ValidationError as error:
-                raise DescriptionError(
-                    "\n".join(_messages(type(self), values, error, type(self).__name__, ()))
-                ) from None
+                raise DescriptionError.of_all(_problems(type(self), values, error, type(self).__name__, ())) from None
 
         # Tables inside a description are made as by BaseModel's own, which joins their errors to those of the whole.
         __init__.__pydantic_base_init__ = True
@@ -157,14 +155,14 @@ def validate(model: type[Model], data: Any, source: str, origins: Sequence[Origi
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise DescriptionError("\n".join(_messages(model, data, error, source, origins))) from None
+        raise DescriptionError.of_all(_problems(model, data, error, source, origins)) from None
 
 
-def _messages(
+def _problems(
     model: type[Description], data: Any, error: ValidationError, source: str, origins: Sequence[Origin]
-) -> list[str]:
-    """One line per wrong key, where the alternatives of a key with several types are joined."""
-    expected: dict[str, list[str]] = {}
+) -> list[DescriptionError]:
+    """One error per wrong key, where the alternatives of a key with several types are joined."""
+    said: dict[str, tuple[dict[str, Any], list[str]]] = {}
     found = error.errors()
     for item in found:
         # A list whose only item is wrong counts as too short as well.
@@ -173,12 +171,18 @@ def _messages(
             continue
         path = _path_in(data, item["loc"], item["type"] == "missing")
         name, hidden = _origin(path, source, origins, item["msg"])
-        key = join_path(path[hidden:])
+        subject: dict[str, Any] = {"file": name, "key": join_path(path[hidden:]) or None}
         named = item["type"] in ("extra_forbidden", "missing") or isinstance(item["input"], dict | list | tuple)
-        value = key if named else f"{key} = {item['input']!r}"
-        subject = f"{name}: {value}" if key else name
-        expected.setdefault(subject, []).append(_expectation(model, item))
-    return [f"{subject}: {' or '.join(dict.fromkeys(texts))}" for subject, texts in expected.items()]
+        if subject["key"] and not named:
+            subject["value"] = item["input"]
+        said.setdefault(repr(subject), (subject, []))[1].append(_expectation(model, item))
+    return [_joined(subject, list(dict.fromkeys(texts))) for subject, texts in said.values()]
+
+
+def _joined(subject: Mapping[str, Any], texts: Sequence[str]) -> DescriptionError:
+    must = "must be "
+    expected = " or ".join(text.removeprefix(must) for text in texts) if texts[0].startswith(must) else None
+    return DescriptionError(" or ".join(texts) if expected is None else must + expected, **subject, expected=expected)
 
 
 def _expectation(model: type[Description], item: Any) -> str:

@@ -50,11 +50,11 @@ def read_toml(path: Path) -> dict[str, Any]:
         with path.open("rb") as stream:
             return tomllib.load(stream)
     except FileNotFoundError:
-        raise DescriptionError(f"{path}: no such file") from None
+        raise DescriptionError("no such file", file=path) from None
     except OSError as error:
-        raise DescriptionError(f"{path}: cannot be read: {error.strerror}") from None
+        raise DescriptionError(f"cannot be read: {error.strerror}", file=path) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DescriptionError(f"{path}: not valid TOML: {error}") from None
+        raise DescriptionError(f"not valid TOML: {error}", file=path) from None
 
 
 def read_description(kind: str, path: Path) -> tuple[dict[str, Any], str, list[Origin]]:
@@ -73,11 +73,11 @@ def read_description(kind: str, path: Path) -> tuple[dict[str, Any], str, list[O
     found = [section for section in _SECTIONS if isinstance(data.get(section), dict)]
     if found:
         if kind not in found:
-            raise DescriptionError(f"{path}: holds [{'], ['.join(found)}]; expected a section [{kind}]")
+            raise DescriptionError(f"holds [{'], ['.join(found)}]", file=path, expected=f"a section [{kind}]")
         data, source = data[kind], f"{path} [{kind}]"
     origins = []
     if kind == "cell" and isinstance(data.get("robot"), str):
-        robot = _existing(data["robot"], _folders(kind, path), f"{source}: robot")
+        robot = _existing(data["robot"], _folders(kind, path), source, "robot")
         data["robot"] = read_toml(robot)
         resolve_files(data["robot"], lambda _: str(robot), _folders("robot", robot))
         origins.append(Origin(("robot",), str(robot), hidden=1))
@@ -94,7 +94,7 @@ def resolve_files(data: Any, source: Callable[[KeyPath], str], folders: Sequence
         Naming the `source` of the path's key, the key, the value and every place where the file was expected.
     """
     for owner, key, path in file_entries(data):
-        owner[key] = str(_existing(owner[key], folders, f"{source(path)}: {join_path(path)}"))
+        owner[key] = str(_existing(owner[key], folders, source(path), join_path(path)))
 
 
 def toml_text(data: Mapping[str, Any], folder: Path | None = None) -> str:
@@ -125,12 +125,12 @@ def _folders(kind: str, path: Path) -> list[Path]:
     return [path.parent, assets_dir() / _FOLDERS[kind]]
 
 
-def _existing(name: str, folders: Sequence[Path], key: str) -> Path:
+def _existing(name: str, folders: Sequence[Path], source: str, key: str) -> Path:
     places = list(dict.fromkeys((folder / name).resolve() for folder in folders))
     for place in places:
         if place.exists():
             return place
-    raise DescriptionError(f"{key} = {name!r}: no such file; tried {' and '.join(map(str, places))}")
+    raise DescriptionError(f"no such file; tried {' and '.join(map(str, places))}", file=source, key=key, value=name)
 
 
 def file_entries(node: Any, path: KeyPath = ()) -> Iterator[tuple[dict[str, Any], str, KeyPath]]:

@@ -25,7 +25,7 @@ class Origin:
     path
         Table, list item or value; everything below it has the same source.
     source
-        Name for messages: another file, or a command-line word such as ``--set cell.part.x_mm=20``.
+        Name for messages: another file, or an argument in backticks and its ``key=value`` word.
     hidden
         Number of leading parts of `path` that messages leave out, because `source` implies them.
     """
@@ -44,7 +44,7 @@ def assignments(given: Assignments) -> list[str]:
         If a single word is given in place of a list.
     """
     if isinstance(given, str):
-        raise DescriptionError(f"'{given}': expected a mapping or a list of key=value words")
+        raise DescriptionError(repr(given), expected="a mapping or a list of key=value words")
     if isinstance(given, Mapping):
         return [f"{key}={_toml_value(value)}" for key, value in given.items()]
     return list(given)
@@ -72,7 +72,7 @@ def parse_assignment(word: str) -> tuple[str, Any]:
     """
     key, equals, text = word.partition("=")
     if not equals or not key.strip():
-        raise DescriptionError(f"'{word}': expected key=value, for example cell.part.x_mm=20")
+        raise DescriptionError(f"'{word}'", expected="key=value, for example cell.part.x_mm=20")
     try:
         value = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -95,7 +95,7 @@ def split_path(key: str) -> list[str | int]:
         if bracket:
             digits = rest.removesuffix("]")
             if not rest.endswith("]") or not digits.isdigit() or int(digits) < 1:
-                raise DescriptionError(f"'{key}': expected an index like [1], counting from 1, in '{piece}'")
+                raise DescriptionError(f"'{key}'", expected=f"an index like [1], counting from 1, in '{piece}'")
             parts.append(int(digits) - 1)
     return parts
 
@@ -106,8 +106,8 @@ def join_path(path: Sequence[str | int]) -> str:
     return text.removeprefix(".")
 
 
-def override(raw: dict[str, Any], word: str, option: str) -> Origin:
-    """Change plain data by the ``key=value`` word of a command-line option; the key is not checked against a schema.
+def override(raw: dict[str, Any], word: str, argument: str) -> Origin:
+    """Change plain data by a ``key=value`` word of an argument; the key is not checked against a schema.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def override(raw: dict[str, Any], word: str, option: str) -> Origin:
         If the key leads through something that is neither a table nor an item of a list.
     """
     key, value = parse_assignment(word)
-    source = f"{option} {word}"
+    source = f"`{argument}` {word}"
     return Origin(set_value(raw, split_path(key), value, source), source)
 
 
@@ -138,9 +138,9 @@ def set_value(raw: dict[str, Any], path: Sequence[str | int], value: Any, source
         if isinstance(part, int):
             count = len(node) if isinstance(node, list) else 0
             if part >= count:
-                raise DescriptionError(f"{source}: index [{part + 1}] does not exist, there are {count}")
+                raise DescriptionError(f"index [{part + 1}] does not exist, there are {count}", file=source)
         elif not isinstance(node, dict):
-            raise DescriptionError(f"{source}: '{part}' is not inside a table")
+            raise DescriptionError(f"'{part}' is not inside a table", file=source)
         elif part not in node and position + 1 < len(path):
             node[part] = [] if isinstance(path[position + 1], int) else {}
             changed = min(changed, position + 1)

@@ -85,7 +85,7 @@ def load_setup(
     """
     read = [_raw(model, item) for model, item in zip(_MODELS, (cell, sensor, scan), strict=True)]
     raw = {section: data for section, (data, _, _) in zip(_SECTIONS, read, strict=True)}
-    words = [_apply_override(raw, word, "--set") for word in overrides]
+    words = [_apply_override(raw, word, "settings") for word in overrides]
     if ideal:
         _switch_off_noise(raw)
     sections = {}
@@ -127,7 +127,7 @@ def load_resolved(path: str | Path) -> tuple[Setup, dict[str, Any]]:
     """
     run = read_toml(Path(path)).get("run")
     if not isinstance(run, dict):
-        raise DescriptionError(f"{path}: expected a section [run], as in the resolved.toml of a run folder")
+        raise DescriptionError(file=path, expected="a section [run], as in the resolved.toml of a run folder")
     return load_setup(path, path, path), run
 
 
@@ -156,19 +156,19 @@ def as_built_sensor(nominal: SensorDescription, words: Sequence[str]) -> SensorD
     for word in words:
         section = str(split_path(parse_assignment(word)[0])[1])
         if section not in _BUILT:
-            raise DescriptionError(f"--as-built {word}: expected a key of sensor.{', sensor.'.join(_BUILT)}")
-        changed = _apply_override(raw, word, "--as-built")
+            raise DescriptionError(key="as_built", value=word, expected=f"a key of sensor.{', sensor.'.join(_BUILT)}")
+        changed = _apply_override(raw, word, "as_built")
         origins.append(Origin(changed.path[1:], changed.source))
-    return validate(SensorDescription, raw["sensor"], "--as-built: sensor", origins)
+    return validate(SensorDescription, raw["sensor"], "`as_built`: sensor", origins)
 
 
 def sensor_words(as_built: Sequence[str]) -> list[str]:
-    """Those of the ``--as-built`` words that change the sensor; the others change the cell."""
+    """Those of the ``as_built`` words that change the sensor; the others change the cell."""
     return [word for word in as_built if word.startswith("sensor.")]
 
 
 def require_sensor_words(as_built: Sequence[str], why: str) -> None:
-    """Refuse ``--as-built`` words of the cell where only those of the sensor apply; `why` explains it.
+    """Refuse ``as_built`` words of the cell where only those of the sensor apply; `why` explains it.
 
     Raises
     ------
@@ -177,14 +177,19 @@ def require_sensor_words(as_built: Sequence[str], why: str) -> None:
     """
     for word in as_built:
         if word not in sensor_words([word]):
-            raise DescriptionError(f"--as-built {word}: {why}; expected a key of the sensor (sensor.…)")
+            raise DescriptionError(why, key="as_built", value=word, expected="a key of the sensor (sensor.…)")
 
 
-def _apply_override(raw: dict[str, Any], word: str, option: str) -> Origin:
+def _apply_override(raw: dict[str, Any], word: str, argument: str) -> Origin:
     parts = split_path(parse_assignment(word)[0])
     if parts[0] not in _SECTIONS or len(parts) < 2:
-        raise DescriptionError(f"{option} {word}: the key must begin with one of {', '.join(_SECTIONS)}")
-    return override(raw, word, option)
+        raise DescriptionError(
+            f"the key must begin with one of {', '.join(_SECTIONS)}",
+            key=argument,
+            value=word,
+            expected=f"one of {', '.join(_SECTIONS)}",
+        )
+    return override(raw, word, argument)
 
 
 def _switch_off_noise(raw: dict[str, Any]) -> None:

@@ -69,7 +69,9 @@ def robot_from_urdf(
     """
     arm, out = read_urdf(urdf, tip), Path(out)
     if not 4 <= len(arm.joints) <= MAX_JOINTS:
-        raise DescriptionError(f"{urdf}: {len(arm.joints)} joints from the root to '{tip}'; expected 4 to {MAX_JOINTS}")
+        raise DescriptionError(
+            f"{len(arm.joints)} joints from the root to '{tip}'", file=urdf, expected=f"4 to {MAX_JOINTS}"
+        )
     chain, last_from_tip = dh_from_axes(arm.points, arm.axes, arm.tip)
     rows = [(1e3 * one.a, 1e3 * one.d, np.degrees(one.alpha), np.degrees(one.theta)) for one in chain.joints]
     keys = ("a_mm", "d_mm", "alpha_deg", "theta_deg")

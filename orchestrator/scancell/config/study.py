@@ -92,11 +92,13 @@ def load_study(path: Path, overrides: Sequence[str] = ()) -> StudyDescription:
         Naming file, key, value and what was expected.
     """
     raw = read_toml(path)
-    origins = [override(raw, word, "--set") for word in overrides]
+    origins = [override(raw, word, "settings") for word in overrides]
     study = validate(StudyDescription, raw, str(path), origins)
     if study.calibrate is None or study.calibrate.artefact is None:
         return study
     artefact = (path.parent / study.calibrate.artefact).resolve()
     if not artefact.is_file():
-        raise DescriptionError(f"{path}: calibrate.artefact = {study.calibrate.artefact!r}: no such file ({artefact})")
+        raise DescriptionError(
+            f"no such file ({artefact})", file=path, key="calibrate.artefact", value=study.calibrate.artefact
+        )
     return study.replace({"calibrate.artefact": str(artefact)})

@@ -85,11 +85,11 @@ class _Reader:
         try:
             root = ET.parse(path).getroot()
         except FileNotFoundError:
-            raise DescriptionError(f"{path}: no such file") from None
+            raise DescriptionError("no such file", file=path) from None
         except (OSError, ET.ParseError) as error:
-            raise DescriptionError(f"{path}: not readable as URDF: {error}") from None
+            raise DescriptionError(f"not readable as URDF: {error}", file=path) from None
         if root.tag != "robot":
-            raise DescriptionError(f"{path}: <{root.tag}>: expected <robot>, as in a URDF file")
+            raise DescriptionError(f"<{root.tag}>", file=path, expected="<robot>, as in a URDF file")
         self._name = root.get("name", path.stem)
         self._links = {str(link.get("name")): link for link in root.findall("link")}
         self._joints = list(root.findall("joint"))
@@ -134,7 +134,7 @@ class _Reader:
 
     def _chain(self, tip: str) -> list[ET.Element]:
         if tip not in self._links:
-            raise DescriptionError(f"{self._path}: no link '{tip}'; expected one of {', '.join(self._links)}")
+            raise DescriptionError(f"no link '{tip}'", file=self._path, expected=f"one of {', '.join(self._links)}")
         chain: list[ET.Element] = []
         link = tip
         while link in self._above:
@@ -188,7 +188,7 @@ class _Reader:
             inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             if not (mass > 0 and np.isfinite(inertia).all()):
                 raise DescriptionError(
-                    f"{self._path}: link '{name}': <inertial>: expected a mass above 0 and an inertia"
+                    "<inertial>", file=self._path, key=f"link '{name}'", expected="a mass above 0 and an inertia"
                 )
             body.masses.append((float(mass), frame[:3, 3], frame[:3, :3] @ inertia @ frame[:3, :3].T))
         for visual in link.findall("visual") or link.findall("collision"):
@@ -212,7 +212,7 @@ class _Reader:
             made = trimesh.creation.icosphere(3, self._numbers(shape, "radius", "nan", 1)[0])
         else:
             raise DescriptionError(
-                f"{self._path}: link '{link}': geometry '{kind}'; expected mesh, box, cylinder or sphere"
+                f"geometry '{kind}'", file=self._path, key=f"link '{link}'", expected="mesh, box, cylinder or sphere"
             )
         return np.asarray(made.vertices, float), np.asarray(made.faces, np.int64)
 
@@ -224,13 +224,13 @@ class _Reader:
             places = [folder / rest if folder.name == package else folder / package / rest for folder in folders]
         else:
             places = [folders[0] / name.removeprefix("file://")]
-        subject = f"{self._path}: link '{link}': mesh '{name}'"
+        key = f"link '{link}': mesh '{name}'"
         for place in places:
             if place.is_file():
                 if place.suffix.lower() not in FORMATS:
-                    raise DescriptionError(f"{subject}: expected a file of {', '.join(FORMATS)}")
+                    raise DescriptionError(file=self._path, key=key, expected=f"a file of {', '.join(FORMATS)}")
                 return place
-        raise DescriptionError(f"{subject}: no such file; tried {' and '.join(map(str, places[:4]))}")
+        raise DescriptionError(f"no such file; tried {' and '.join(map(str, places[:4]))}", file=self._path, key=key)
 
     def _numbers(self, element: ET.Element | None, key: str, default: str, count: int) -> Array:
         text = default if element is None else element.get(key, default)
@@ -239,7 +239,7 @@ class _Reader:
         except ValueError:
             values = np.zeros(0)
         if len(values) != count:
-            raise DescriptionError(f"{self._path}: {key}='{text}': expected {count} numbers")
+            raise DescriptionError(file=self._path, key=key, value=text, expected=f"{count} numbers")
         return values
 
     def _end(self, joint: ET.Element, which: str) -> str:
@@ -250,4 +250,4 @@ class _Reader:
         return str(link)
 
     def _fault(self, joint: ET.Element, text: str) -> DescriptionError:
-        return DescriptionError(f"{self._path}: joint '{joint.get('name')}': {text}")
+        return DescriptionError(text, file=self._path, key=f"joint '{joint.get('name')}'")

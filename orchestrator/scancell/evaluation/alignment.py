@@ -51,9 +51,9 @@ class DatumPlane:
 def check_request(points: Array, align: str) -> None:
     """Raise `DescriptionError` for an unknown alignment, or without points."""
     if align not in get_args(Align):
-        raise DescriptionError(f"align = {align!r}: expected {', '.join(get_args(Align))}")
+        raise DescriptionError(key="align", value=align, expected=", ".join(get_args(Align)))
     if not len(points):
-        raise DescriptionError("cloud: holds no points; expected at least one")
+        raise DescriptionError("holds no points", key="cloud", expected="at least one")
 
 
 def best_fit_of_starts(points: Array, distances: Distances, bounds: Array) -> tuple[Array, list[str]]:

@@ -160,8 +160,8 @@ def evaluate_against_artefact(
                 unfitted[face.name] = str(error)
     if not measured:
         raise FitError(
-            f"{artefact.source}: no face has {_LEAST_POINTS} points within {1e3 * reach:g} mm; "
-            "is the cloud in the frame of the artefact?"
+            f"no face has {_LEAST_POINTS} points within {1e3 * reach:g} mm; is the cloud in the frame of the artefact?",
+            file=artefact.source,
         )
     distance = artefact.nearest(aligned)[0]
     return ArtefactEvaluation(
@@ -199,7 +199,7 @@ def _alignment(
     known = [face.name for face in faces]
     unknown = [name for name in datum if name not in known]
     if unknown:
-        raise FitError(f"datum: {artefact.source} has no face {unknown[0]}; expected {', '.join(known)}")
+        raise FitError(f"{artefact.source} has no face {unknown[0]}", key="datum", expected=", ".join(known))
     bounds = artefact.mesh(_COARSE).bounds
     start, warnings = best_fit_of_starts(points, lambda at: artefact.nearest(at)[:2], bounds)
     if align == "best-fit":

@@ -325,7 +325,7 @@ def _size_warnings(points: Array, mesh: Mesh) -> list[str]:
     return [
         f"{mesh.source}: the largest extent of the mesh is {1e3 * part:.3g} mm, that of the cloud {1e3 * cloud:.3g} mm"
         + (f", which differ as {explained} do" if same else "")
-        + ": is the unit of the mesh (--unit) right?"
+        + ": is the unit of the mesh (`unit`) right?"
     ]
 
 

@@ -33,7 +33,7 @@ def decimated(mesh: Mesh, max_faces: int) -> Mesh:
         corners[first], number[mesh.faces].astype(np.int32), target_count=max_faces
     )
     if len(faces) == 0:
-        raise MeshError(f"{mesh.source}: cannot be simplified from {len(mesh.faces)} to {max_faces} triangles")
+        raise MeshError(f"cannot be simplified from {len(mesh.faces)} to {max_faces} triangles", file=mesh.source)
     return Mesh(np.asarray(vertices, np.float64) * 1e-3 + centre, np.asarray(faces, np.int64), mesh.source)
 
 

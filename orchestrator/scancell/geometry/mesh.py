@@ -129,7 +129,7 @@ class Mesh(Value):
         try:
             hull = ConvexHull(points, qhull_options=options)
         except (QhullError, ValueError) as error:
-            raise MeshError(f"{self.source}: all vertices lie in one plane, the part has no volume") from error
+            raise MeshError("all vertices lie in one plane, the part has no volume", file=self.source) from error
         corner = np.sort(hull.vertices)
         faces = np.searchsorted(corner, hull.simplices)
         shell = Mesh(points[corner], faces.astype(np.int64), self.source)
@@ -196,7 +196,7 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     """
     path = Path(path)
     if unit not in METRES_PER_UNIT:
-        raise MeshError(f"{path}: unit {unit!r} is not known; expected one of {', '.join(METRES_PER_UNIT)}")
+        raise MeshError(key="unit", value=unit, expected=f"one of {', '.join(METRES_PER_UNIT)}")
     vertices, faces = read_mesh(path)
     _check_mesh(vertices, faces, str(path))
     first, number = weld(vertices)
@@ -216,20 +216,21 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
 def _check_mesh(vertices: Vertices, faces: NDArray[np.int64], source: str) -> None:
     """Raise `MeshError` unless the mesh is a finite, non-empty set of faces of which at least one has an area."""
     if len(vertices) == 0 or len(faces) == 0:
-        raise MeshError(f"{source}: no triangles ({len(vertices)} vertices, {len(faces)} faces)")
+        raise MeshError(f"no triangles ({len(vertices)} vertices, {len(faces)} faces)", file=source)
     if faces.min() < 0 or faces.max() >= len(vertices):
         face = int(np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(1))[0])
         raise MeshError(
-            f"{source}: face {face} uses vertex {faces[face].tolist()}, but the vertices are 0 to {len(vertices) - 1}"
+            f"face {face} uses vertex {faces[face].tolist()}, but the vertices are 0 to {len(vertices) - 1}",
+            file=source,
         )
     finite = np.isfinite(vertices)
     if not finite.all():
         wrong = np.flatnonzero(~finite.all(1))
         row = int(wrong[0])
-        raise MeshError(f"{source}: vertex {row} is {vertices[row].tolist()}; {len(wrong)} are NaN or infinite")
+        raise MeshError(f"vertex {row} is {vertices[row].tolist()}; {len(wrong)} are NaN or infinite", file=source)
     blocks = (vertices[faces[start : start + _BLOCK]].astype(float) for start in range(0, len(faces), _BLOCK))
     if not any(np.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]).any() for b in blocks):
-        raise MeshError(f"{source}: all {len(faces)} triangles are degenerate (no area)")
+        raise MeshError(f"all {len(faces)} triangles are degenerate (no area)", file=source)
 
 
 def _first_of_equal_faces(faces: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -254,15 +255,15 @@ def _size_remarks(extent: float, unit: str, source: str) -> tuple[str, ...]:
         return ()
     in_unit = extent / METRES_PER_UNIT[unit]
     others = [
-        f"--unit {other} makes it {_length(in_unit * metres)}"
+        f"`unit` {other} makes it {_length(in_unit * metres)}"
         for other, metres in METRES_PER_UNIT.items()
         if _EXPECTED[0] <= in_unit * metres <= _EXPECTED[1]
     ]
     hint = f"is its unit really {unit}? ({'; '.join(others) or 'scale the file'})"
-    found = f"{source}: the largest extent is {_length(extent)}"
+    found = f"the largest extent is {_length(extent)}"
     if not _USABLE[0] <= extent <= _USABLE[1]:
-        raise MeshError(f"{found}, expected {_length(_USABLE[0])} to {_length(_USABLE[1])}: {hint}")
-    return (f"{found}: {hint}",)
+        raise MeshError(f"{found}: {hint}", file=source, expected=f"{_length(_USABLE[0])} to {_length(_USABLE[1])}")
+    return (f"{source}: {found}: {hint}",)
 
 
 def _length(metres: float) -> str:

@@ -30,10 +30,10 @@ def read_mesh(path: Path) -> tuple[Vertices, Faces]:
         If the file is missing, empty, of an unknown format, or broken.
     """
     if not path.is_file():
-        raise MeshError(f"{path}: {'is not a file' if path.exists() else 'no such file'}")
+        raise MeshError("is not a file" if path.exists() else "no such file", file=path)
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
-        raise MeshError(f"{path}: {suffix or 'no suffix'} is not a mesh format: expected {', '.join(FORMATS)}")
+        raise MeshError(f"{suffix or 'no suffix'} is not a mesh format", file=path, expected=", ".join(FORMATS))
     if suffix == ".obj":
         return _read_obj(path)
     if suffix == ".stl":
@@ -109,7 +109,7 @@ def _read_binary_stl(path: Path) -> Vertices | None:
 def _read_with_trimesh(path: Path, suffix: str) -> tuple[Vertices, Faces]:
     """Vertices and faces of a PLY or text STL file; any exception of the reader becomes a `MeshError`."""
     if path.stat().st_size == 0:
-        raise MeshError(f"{path}: the file is empty")
+        raise MeshError("the file is empty", file=path)
     import trimesh  # noqa: PLC0415  (half a second, which binary STL files need not pay)
 
     try:
@@ -118,9 +118,9 @@ def _read_with_trimesh(path: Path, suffix: str) -> tuple[Vertices, Faces]:
         vertices = np.asarray(mesh.vertices, float).reshape(-1, 3)
         faces = np.asarray(mesh.faces).reshape(-1, 3).astype(np.int64)
     except Exception as error:  # the type depends on how the file is broken
-        raise MeshError(f"{path}: not a readable {suffix[1:].upper()} mesh") from error
+        raise MeshError(f"not a readable {suffix[1:].upper()} mesh", file=path) from error
     if len(vertices) == 0 and len(faces) == 0:
-        raise MeshError(f"{path}: holds no {suffix[1:].upper()} mesh: no triangles")
+        raise MeshError(f"holds no {suffix[1:].upper()} mesh: no triangles", file=path)
     return vertices, faces
 
 
@@ -139,10 +139,10 @@ def _read_obj(path: Path) -> tuple[Vertices, Faces]:
                 polygons.append([i - 1 if i >= 0 else len(vertex_lines) + i for i in indices])
         vertices = np.array([line.split()[1:4] for line in vertex_lines], dtype=float)
     except ValueError as error:
-        raise MeshError(f"{path}: not a readable OBJ mesh ({error})") from error
+        raise MeshError(f"not a readable OBJ mesh ({error})", file=path) from error
     if not vertex_lines and not polygons:
-        raise MeshError(f"{path}: not an OBJ mesh: no vertices and no faces")
+        raise MeshError("not an OBJ mesh: no vertices and no faces", file=path)
     triangles = [(p[0], p[i], p[i + 1]) for p in polygons for i in range(1, len(p) - 1)]
     if vertices.shape[1:] != (3,) and len(vertices):
-        raise MeshError(f"{path}: not a readable OBJ mesh (a vertex has fewer than three coordinates)")
+        raise MeshError("not a readable OBJ mesh (a vertex has fewer than three coordinates)", file=path)
     return vertices.reshape(-1, 3), np.array(triangles, dtype=np.int64).reshape(-1, 3)

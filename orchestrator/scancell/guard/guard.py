@@ -132,7 +132,7 @@ class Guard:
             If the state is that of another cell.
         """
         if (axes := np.size(state.axes)) != self._axes:
-            raise MessageError(f"axes: {axes}: expected {self._axes}, the cell's joints and table")
+            raise MessageError(key="axes", value=axes, expected=f"{self._axes}, the cell's joints and table")
         if state.operation is not self._operation:
             self._states.clear()
             self._speeds = deque([(state.time, 1.0)])  # what was allowed before is not known

@@ -238,7 +238,7 @@ def _decoded_answer(sequence: int, body: bytes) -> GuardMessage:
     try:
         words = text.decode()
     except UnicodeDecodeError:
-        raise MessageError(f"text = {text.hex()}: expected UTF-8") from None
+        raise MessageError(key="text", value=text.hex(), expected="UTF-8") from None
     stop, beep = _flag("emergency_stop", stop), _flag("beep", beep)
     return GuardMessage(sequence, state_sequence, state_time, speed, stop, words, beep)
 
@@ -262,4 +262,4 @@ def _within(values: Array, bound: float) -> bool:
 
 def _require(holds: bool, name: str, value: object, expected: str) -> None:
     if not holds:
-        raise MessageError(f"{name} = {value}: expected {expected}")
+        raise MessageError(key=name, value=value, expected=expected)

@@ -141,7 +141,7 @@ def artefact_of(nominal: NominalCell, options: CalibrationOptions) -> Artefact:
     sizes: tuple[int, ...] = ()
     if not options.is_size_known:
         if not isinstance(part, ShapeMesh):
-            raise CalibrationError(f"{part.source}: a mesh has no unknown size: expected an artefact description")
+            raise CalibrationError("a mesh has no unknown size", file=part.source, expected="an artefact description")
         sizes = tuple(number for number, one in enumerate(part.shapes.shapes) if one.role == "measured")
     return Artefact(surface_of(part), nominal.table_from_part, options.is_pose_known, sizes)
 
@@ -261,8 +261,9 @@ class CalibrationScan:
         seen = np.flatnonzero(np.bincount(frame, minlength=len(found.q)) >= _LEAST_POINTS)
         if len(seen) < options.poses:
             raise CalibrationError(
-                f"{self._part.source}: {len(seen)} of {len(found.q)} random views show {_LEAST_POINTS} points of it, "
-                f"{options.poses} poses were asked for: place it where the sensor sees more of it"
+                f"{len(seen)} of {len(found.q)} random views show {_LEAST_POINTS} points of it, {options.poses} poses"
+                " were asked for: place it where the sensor sees more of it",
+                file=self._part.source,
             )
         if not options.designed:
             return Candidates(found.q[seen[: options.poses]], found.table[seen[: options.poses]])

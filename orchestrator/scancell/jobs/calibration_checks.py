@@ -95,7 +95,7 @@ def wrong_sizes(problem: CalibrationProblem, part: Mesh) -> str:
     more = [f"and {len(named) - _MOST_NAMED} more"] if len(named) > _MOST_NAMED else []
     return (
         f"the measured diameter differs from the described one, of {', '.join(named[:_MOST_NAMED] + more)}: correct"
-        " diameter_mm, use --unknown-size, or calibrate the sensor first"
+        " diameter_mm, give the sizes as unknown (`is_size_known`), or calibrate the sensor first"
     )
 
 

@@ -77,15 +77,17 @@ def read_points(path: Path, joints: int) -> Observations:
         if len(away) and away.max() > _SAME:
             row = int(away.argmax())
             raise DescriptionError(
-                f"{path}: row {row + 1}: {name} differs from that in the first row of exposure {number[frame[row]]:g}:"
-                " expected equal readings in all rows of an exposure"
+                f"{name} differs from that in the first row of exposure {number[frame[row]]:g}",
+                file=path,
+                key=f"row {row + 1}",
+                expected="equal readings in all rows of an exposure",
             )
         readings[name] = np.radians(values[first])
     direction = np.column_stack([table.numbers(f"error_{axis}", float(axis == "z")) for axis in "xyz"])
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     sigma = table.numbers("sigma_um", _DEFAULT_SIGMA_UM)
     if (sigma <= 0).any() or (length == 0).any():
-        raise DescriptionError(f"{path}: sigma_um and the length of error_x, error_y, error_z must be above 0")
+        raise DescriptionError("sigma_um and the length of error_x, error_y, error_z must be above 0", file=path)
     points = [table.numbers("x_mm", 0.0), table.numbers("y_mm"), table.numbers("z_mm")]
     return Observations(
         AxisReadings(**readings),

@@ -70,8 +70,9 @@ def candidates(
             break
     if not total:
         raise CalibrationError(
-            f"{cell.nominal.part.source}: the arm reaches no view of it without coming within {1e3 * clearance:g} mm of"
-            " something: place it elsewhere (cell.part.x_mm, cell.part.y_mm)"
+            f"the arm reaches no view of it without coming within {1e3 * clearance:g} mm of something:"
+            " place it elsewhere (cell.part.x_mm, cell.part.y_mm)",
+            file=cell.nominal.part.source,
         )
     return Candidates(np.concatenate(found_q)[:count], np.concatenate(found_table)[:count])
 
@@ -139,7 +140,9 @@ def passes(cell: PlanningCell, count: int, rng: np.random.Generator, options: Sc
                 placed += [one, other]
         if len(placed) >= count:
             return placed
-    raise CalibrationError(f"{cell.nominal.part.source}: {len(placed)} passes over it are feasible, expected {count}")
+    raise CalibrationError(
+        f"{len(placed)} passes over it are feasible", file=cell.nominal.part.source, expected=str(count)
+    )
 
 
 def _pass(part_from_sensor: Array, number: int) -> Pass:

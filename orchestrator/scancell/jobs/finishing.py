@@ -118,7 +118,7 @@ class Finishing:
         """Profiles, and the images of the exposures in `rows`; `on_images` receives the images of all."""
         on_images = self.on_images
         if on_images is not None and self.engine == "geometric":
-            raise DescriptionError("engine = geometric: makes no images to keep; expected ray-traced")
+            raise DescriptionError("makes no images to keep", key="engine", value="geometric", expected="ray-traced")
         chosen = set(recording.measured.index[rows].tolist())
         kept: list[ExposureImages] = []
 

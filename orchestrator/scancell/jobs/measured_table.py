@@ -32,7 +32,7 @@ class MeasuredTable:
         # Only an empty field is none: ``nan`` is a value, which messages show.
         self._table = read_table(path, pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=False))
         if not len(self):
-            raise DescriptionError(f"{path}: holds no rows below its header; expected at least one")
+            raise DescriptionError("holds no rows below its header", file=path, expected="at least one")
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
@@ -47,7 +47,7 @@ class MeasuredTable:
         """
         if name not in self._table.column_names:
             if default is None and (where is None or where.any()):
-                raise DescriptionError(f"{self.path}: column '{name}' is missing")
+                raise DescriptionError("is missing", file=self.path, key=f"column '{name}'")
             return np.full(len(self), np.nan if default is None else default)
         column = self._table.column(name)
         if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
@@ -57,7 +57,7 @@ class MeasuredTable:
         needed = np.ones(len(self), bool) if where is None else where
         wrong = np.flatnonzero(~np.isfinite(values) & (needed | np.isinf(values)))
         if len(wrong):
-            self.refuse(int(wrong[0]), name, "expected a finite number")
+            self.refuse(int(wrong[0]), name, "a finite number")
         return values
 
     def words(self, name: str, default: str | None = None) -> list[str]:
@@ -70,15 +70,15 @@ class MeasuredTable:
         """
         if name not in self._table.column_names:
             if default is None:
-                raise DescriptionError(f"{self.path}: column '{name}' is missing")
+                raise DescriptionError("is missing", file=self.path, key=f"column '{name}'")
             return [default] * len(self)
         return ["" if value is None else str(value) for value in self._list(name)]
 
     def refuse(self, row: int, name: str, expected: str) -> NoReturn:
         """Raise a `DescriptionError` on a value; `row` counts from 0."""
         found = self._list(name)[row] if name in self._table.column_names else None
-        shown = "is empty" if found is None or found == "" else f"is {found}"
-        raise DescriptionError(f"{self.path}: column '{name}', row {row + 1}: {shown}: {expected}")
+        problem = "is empty" if found is None or found == "" else f"is {found}"
+        raise DescriptionError(problem, file=self.path, key=f"column '{name}', row {row + 1}", expected=expected)
 
     def _list(self, name: str) -> list[Any]:
         found: list[Any] = self._table.column(name).to_pylist()
@@ -90,7 +90,7 @@ class MeasuredTable:
         try:
             return float(value)
         except (ValueError, TypeError):
-            self.refuse(row, name, "expected a number")
+            self.refuse(row, name, "a number")
 
 
 def write_measured_table(path: Path, columns: dict[str, Any]) -> None:

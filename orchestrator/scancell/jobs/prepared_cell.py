@@ -54,7 +54,7 @@ class PreparedCell(Closing):
         """The steps of scans and what they keep; `ScancellError` after `close`."""
         if self._pipeline is None:
             raise ScancellError(
-                "the scanner is closed: expected a new one, or calls before the end of its `with` block"
+                "the scanner is closed", expected="a new one, or calls before the end of its `with` block"
             )
         return self._pipeline
 
@@ -86,7 +86,9 @@ class PreparedCell(Closing):
         """The part, or an empty table, in the scanner's cell or in that of `setup`."""
         setup, words = setup or self.setup, tuple(assignments(as_built))
         if part is None and setup.cell.part.fixture == "free":
-            raise DescriptionError('part.fixture = "free": there is no part; expected its mesh, or "clamped"')
+            raise DescriptionError(
+                "there is no part", key="part.fixture", value="free", expected='its mesh, or "clamped"'
+            )
         loaded = self.pipeline.load(setup.cell, None if part is None else self.load_part(part, unit))
         sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
         file = Path(part) if isinstance(part, str | Path) else None

@@ -77,10 +77,12 @@ def calibrate_described(
         targets = tuple(dict.fromkeys(request.targets))
         for target in targets:
             if target not in get_args(SensorTarget):
-                raise DescriptionError(f"--target {target}: expected {', '.join(get_args(SensorTarget))}")
+                raise DescriptionError(key="targets", value=target, expected=", ".join(get_args(SensorTarget)))
         measured = MeasuredExposures(measure(sensor, words, targets, away, seed, threads, progress), ())
     elif words:
-        raise DescriptionError(f"--as-built {words[0]}: {file} holds peaks of a sensor as it is built; expected none")
+        raise DescriptionError(
+            f"{file} holds peaks of a sensor as it is built", key="as_built", value=words[0], expected="none"
+        )
     else:
         built, measured = None, read_exposures(file, sensor)
     progress.stage("solving", 1, "solution")

@@ -120,7 +120,7 @@ def _corner_points(table: MeasuredTable) -> Array:
     half = np.flatnonzero(np.isfinite(corner).any(1) & ~np.isfinite(corner).all(1))
     if len(half):
         missing = _CORNER[int(np.flatnonzero(~np.isfinite(corner[half[0]]))[0])]
-        table.refuse(int(half[0]), missing, "expected both coordinates of the corner, or none")
+        table.refuse(int(half[0]), missing, "both coordinates of the corner, or none")
     return corner
 
 
@@ -129,16 +129,16 @@ def _peaks(table: MeasuredTable, sensor: SensorDescription) -> StripePeaks:
     camera, sigma = table.numbers("camera"), table.numbers("row_sigma_px")
     count = len(sensor.camera)
     if (wrong := np.flatnonzero(~np.isin(camera, np.arange(count)))).size:
-        table.refuse(int(wrong[0]), "camera", f"expected a number from 0 to {count - 1}")
+        table.refuse(int(wrong[0]), "camera", f"a number from 0 to {count - 1}")
     if (wrong := np.flatnonzero(sigma <= 0.0)).size:
-        table.refuse(int(wrong[0]), "row_sigma_px", "expected a positive standard deviation, px")
+        table.refuse(int(wrong[0]), "row_sigma_px", "a positive standard deviation, px")
     index = camera.astype(np.int32)
     pixels = []
     for name, size in (("column_px", "width_px"), ("row_px", "height_px")):
         values = table.numbers(name)
         limit = np.array([getattr(one, size) for one in sensor.camera], float)[index] - 0.5
         if (wrong := np.flatnonzero((values < -0.5) | (values > limit))).size:
-            table.refuse(int(wrong[0]), name, f"expected a pixel of the image, 0 to {limit[wrong[0]] - 0.5:g}")
+            table.refuse(int(wrong[0]), name, f"a pixel of the image, 0 to {limit[wrong[0]] - 0.5:g}")
         pixels.append(values)
     return StripePeaks(index, pixels[0], pixels[1], sigma)
 
@@ -172,11 +172,11 @@ def _targets(
         file = table.path.parent / name
         if not name or not file.is_file():
             words = ", ".join(_SURFACES)
-            table.refuse(row, "target", f"expected {words}, or the file of an artefact beside the table")
+            table.refuse(row, "target", f"{words}, or the file of an artefact beside the table")
         found[name] = load_artefact(file)
         files.append(file)
         if not found[name].measured:
-            raise DescriptionError(f"{file}: has no shape with role measured")
+            raise DescriptionError("has no shape with role measured", file=file)
     return found, files
 
 

@@ -312,9 +312,9 @@ def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescri
     """A free part that rolls, tips over or falls would not be where the plan has it."""
     hint = 'turn it with part.rx_deg, part.ry_deg, part.rz_deg, or clamp it (part.fixture = "clamped")'
     if description.z_mm != 0.0:
-        raise CellError(f"part.z_mm = {description.z_mm:g}: a free part must touch the table (0); {hint}")
+        raise CellError(f"a free part must touch the table (0); {hint}", key="part.z_mm", value=description.z_mm)
     if not is_stable_pose(part, table_from_part):
-        raise CellError(f"{part.source}: does not stand by itself in this pose; {hint}")
+        raise CellError(f"does not stand by itself in this pose; {hint}", file=part.source)
 
 
 def _joint_fields(joint: dict[str, float]) -> dict[str, float]:

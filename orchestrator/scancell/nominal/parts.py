@@ -55,7 +55,7 @@ def load_part(path: str | Path, unit: str = "mm") -> Mesh:
     if path.suffix.lower() != ".toml":
         return load_mesh(path, unit)
     if unit not in METRES_PER_UNIT:
-        raise MeshError(f"{path}: unit {unit!r} is not known; expected one of {', '.join(METRES_PER_UNIT)}")
+        raise MeshError(key="unit", value=unit, expected=f"one of {', '.join(METRES_PER_UNIT)}")
     return load_artefact(path).mesh()
 
 

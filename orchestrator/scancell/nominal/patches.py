@@ -34,7 +34,9 @@ def part_patches(part: Mesh, description: PartDescription) -> tuple[Patch, ...]:
     regions = description.material_region
     if isinstance(part, ShapeMesh):
         if regions or description.face_materials is not None:
-            raise CellError(f"{part.source}: part.material_region: an artefact has one material, that of the part")
+            raise CellError(
+                "an artefact has one material, that of the part", file=part.source, key="part.material_region"
+            )
         return ()
     number = np.zeros(len(part.faces), np.int64)
     middle_mm = part.vertices[part.faces].mean(axis=1) * 1e3
@@ -58,9 +60,11 @@ def _read_numbers(path: Path, faces: int, regions: int) -> NDArray[np.int64]:
     try:
         values = np.load(path) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=1)
     except (OSError, ValueError) as error:
-        raise CellError(f"{path}: part.face_materials: cannot be read as numbers: {error}") from None
+        raise CellError(f"cannot be read as numbers: {error}", file=path, key="part.face_materials") from None
     if values.shape != (faces,):
-        raise CellError(f"{path}: part.face_materials: {values.size} numbers for a mesh of {faces} faces")
+        raise CellError(f"{values.size} numbers for a mesh of {faces} faces", file=path, key="part.face_materials")
     if not np.isin(values, np.arange(regions + 1)).all():
-        raise CellError(f"{path}: part.face_materials: expected 0 or the number of a material_region, 1 to {regions}")
+        raise CellError(
+            file=path, key="part.face_materials", expected=f"0 or the number of a material_region, 1 to {regions}"
+        )
     return values.astype(np.int64)

@@ -53,7 +53,7 @@ def dataset_file(path: Path) -> Iterator[h5py.File]:
         with h5py.File(path, "w", libver="earliest") as file:
             yield file
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
 
 
 class ImageStack:

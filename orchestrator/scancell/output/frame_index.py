@@ -46,14 +46,16 @@ def read_index(path: Path) -> list[ImageEntry]:
         with path.open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ImageError(f"{path}: cannot be read: {error}") from None
+        raise ImageError(f"cannot be read: {error}", file=path) from None
     frames = []
     for line, row in enumerate(rows, start=2):
         missing = [name for name in columns if not row.get(name)]
         if missing:
-            raise ImageError(f"{path}: line {line}: has no {missing[0]}; expected the columns {', '.join(columns)}")
+            raise ImageError(
+                f"has no {missing[0]}", file=path, key=f"line {line}", expected=f"the columns {', '.join(columns)}"
+            )
         laser = _LASER.get(row["laser"])
         if laser is None:
-            raise ImageError(f"{path}: line {line}: laser = {row['laser']!r}: expected on or off")
+            raise ImageError(file=path, key=f"line {line}: laser", value=row["laser"], expected="on or off")
         frames.append(ImageEntry(row["exposure"], row["camera"], laser, row["file"]))
     return frames

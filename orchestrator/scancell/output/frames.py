@@ -49,7 +49,7 @@ class FrameFiles:
             path = self._folder.path(self._prefix + file)
             plane = image.astype(np.uint8) if image.max(initial=0) < 256 else image
             if not cv2.imwrite(str(path), plane):
-                raise OutputError(f"{self._folder.target / self._prefix / file}: cannot be written")
+                raise OutputError("cannot be written", file=self._folder.target / self._prefix / file)
             self._frames.append(ImageEntry(exposure, camera, laser, file))
 
     def finish(self) -> None:

@@ -66,14 +66,14 @@ class ImageSet:
         for path, camera, exposure in _classified(given, cameras, laser, ignored):
             others = found.setdefault(exposure, {})
             if camera in others:
-                raise ImageError(f"{path}: exposure '{exposure}' of camera '{camera}' is {others[camera]} already")
+                raise ImageError(f"exposure '{exposure}' of camera '{camera}' is {others[camera]} already", file=path)
             others[camera] = path
         names = sorted(found, key=_natural)
         for name in names:
             for camera in cameras:
                 if camera not in found[name]:
                     other = next(iter(found[name].values()))
-                    raise ImageError(f"{other}: exposure '{name}' has no image of camera '{camera}'")
+                    raise ImageError(f"exposure '{name}' has no image of camera '{camera}'", file=other)
         files = tuple(tuple(found[name][camera] for camera in cameras) for name in names)
         return cls(tuple(names), files, tuple(ignored))
 
@@ -88,7 +88,7 @@ class ImageSet:
         files = dict(zip(others.names, others.files, strict=True))
         for name, (first, *_) in zip(self.names, self.files, strict=True):
             if name not in files:
-                raise ImageError(f"{first}: exposure '{name}' has no image of that name with the laser off")
+                raise ImageError(f"exposure '{name}' has no image of that name with the laser off", file=first)
         return ImageSet(self.names, tuple(files[name] for name in self.names), others.ignored_files)
 
 
@@ -114,20 +114,20 @@ def read_images(sets: ImageSet, rows: range, sensor: sensor_rt.Sensor, bit_depth
 def _read(path: Path, size: tuple[int, int], camera: str, bit_depth: int) -> NDArray[np.uint16]:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise ImageError(f"{path}: cannot be read as an image")
+        raise ImageError("cannot be read as an image", file=path)
     if image.dtype not in (np.uint8, np.uint16):
-        raise ImageError(f"{path}: expected 8 or 16 bits per pixel, found {image.dtype}")
+        raise ImageError(f"found {image.dtype}", file=path, expected="8 or 16 bits per pixel")
     if image.ndim == 3:  # grey values stored as colours
         colours = image[:, :, :3]
         if (colours != colours[:, :, :1]).any():
-            raise ImageError(f"{path}: expected a grey image, found colours")
+            raise ImageError("found colours", file=path, expected="a grey image")
         image = colours[:, :, 0]
     if image.shape != size:
         found, expected = (f"{shape[1]} x {shape[0]}" for shape in (image.shape, size))
-        raise ImageError(f"{path}: is {found} pixels, camera '{camera}' has {expected}")
+        raise ImageError(f"is {found} pixels, camera '{camera}' has {expected}", file=path, expected=expected)
     highest, limit = int(image.max()), (1 << bit_depth) - 1
     if highest > limit:
-        raise ImageError(f"{path}: holds the value {highest}, but detector.bit_depth = {bit_depth} ends at {limit}")
+        raise ImageError(f"holds the value {highest}, but detector.bit_depth = {bit_depth} ends at {limit}", file=path)
     return np.asarray(image, np.uint16)
 
 
@@ -145,25 +145,25 @@ def _classified(
                 yield from frames
                 continue
             if not inside:
-                raise ImageError(f"{path}: holds no image ({', '.join(SUFFIXES)})")
+                raise ImageError(f"holds no image ({', '.join(SUFFIXES)})", file=path)
             yield from ((file, *_camera_and_exposure(file, cameras)) for file in inside)
         elif path.is_file():
             yield path, *_camera_and_exposure(path, cameras)
         else:
-            raise ImageError(f"{path}: no such file")
+            raise ImageError("no such file", file=path)
 
 
 def _indexed(index: Path, cameras: Sequence[str], laser: Laser) -> Iterator[tuple[Path, str, str]]:
     """File, camera and exposure of the frames in an index with the given laser state."""
     frames = [frame for frame in read_index(index) if frame.laser == laser]
     if not frames:
-        raise ImageError(f"{index}: lists no image with the laser {laser}")
+        raise ImageError(f"lists no image with the laser {laser}", file=index)
     for frame in frames:
         if frame.camera not in cameras:
-            raise ImageError(f"{index}: camera '{frame.camera}' is none of the sensor's ({', '.join(cameras)})")
+            raise ImageError(f"camera '{frame.camera}' is none of the sensor's ({', '.join(cameras)})", file=index)
         file = index.parent / frame.file
         if not file.is_file():
-            raise ImageError(f"{index}: lists {frame.file}: no such file")
+            raise ImageError(f"lists {frame.file}: no such file", file=index)
         yield file, frame.camera, frame.exposure
 
 
@@ -175,7 +175,7 @@ def _camera_and_exposure(path: Path, cameras: Sequence[str]) -> tuple[str, str]:
     named = [(camera, match) for camera, match in matches if match]
     if len(named) != 1:
         reason = "names several cameras" if named else "names no camera"
-        raise ImageError(f"{path}: {reason}; expected one of the words {', '.join(cameras)} in the name")
+        raise ImageError(reason, file=path, expected=f"one of the words {', '.join(cameras)} in the name")
     camera, match = named[0]
     return camera, (path.stem[: match.start()] + path.stem[match.end() :]).strip("_-. ")
 

@@ -73,14 +73,14 @@ class RunFolder:
     def __enter__(self) -> Self:
         try:
             if self.target.exists() and not self.target.is_dir():
-                raise OutputError(f"{self.target}: expected a folder, found a file")
+                raise OutputError("is a file", file=self.target, expected="a folder")
             self._make_parents()
             self._staging.mkdir()
             if self.target.exists() and not os.access(self.target, os.W_OK):
                 raise PermissionError(13, "Permission denied")
         except OSError as error:
             self._clear()
-            raise OutputError(f"{self.target}: cannot be written: {error.strerror}") from None
+            raise OutputError(f"cannot be written: {error.strerror}", file=self.target) from None
         return self
 
     def __exit__(
@@ -116,4 +116,4 @@ class RunFolder:
                 item.replace(destination)
                 self.names.append(item.name)
         except OSError as error:
-            raise OutputError(f"{self.target}: cannot be written: {error.strerror}") from None
+            raise OutputError(f"cannot be written: {error.strerror}", file=self.target) from None

@@ -64,8 +64,10 @@ def _refuse_loops(origin: Array, target: Array, contour: ContourDescription) -> 
     if (forward < 0).any():
         x, y = 1e3 * target[int(np.argmin(forward)), :2]
         raise PlanningError(
-            f"contour at height_mm = {contour.height_mm:g}: at ({x:.0f}, {y:.0f}) mm it is more concave than the"
-            " stand-off allows; expected a larger smoothing_mm or a smaller standoff_mm"
+            f"at ({x:.0f}, {y:.0f}) mm it is more concave than the stand-off allows",
+            key="contour at height_mm",
+            value=contour.height_mm,
+            expected="a larger smoothing_mm or a smaller standoff_mm",
         )
 
 

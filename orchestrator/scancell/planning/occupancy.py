@@ -75,7 +75,7 @@ def _grids(item: OccupiedDescription, nominal: NominalCell) -> dict[str, VoxelGr
             frame: VoxelGrid.around(transform_points(frame_from_points, points), si_value(item, "voxel_mm"), inflation)
         }
     except ValueError as error:
-        raise DescriptionError(f"{path}: {error}") from None
+        raise DescriptionError(str(error), file=path) from None
 
 
 def write_voxels(path: Path, grids: Mapping[str, VoxelGrid], **more: NDArray[np.generic]) -> None:
@@ -100,9 +100,9 @@ def _holds_voxels(path: Path) -> bool:
         with np.load(path) as arrays:
             return "kind" in arrays
     except FileNotFoundError:
-        raise DescriptionError(f"{path}: no such file") from None
+        raise DescriptionError("no such file", file=path) from None
     except (OSError, ValueError, BadZipFile) as error:
-        raise DescriptionError(f"{path}: not a file of voxels or points (NPZ): {error}") from None
+        raise DescriptionError(f"not a file of voxels or points (NPZ): {error}", file=path) from None
 
 
 def read_voxels(path: Path) -> dict[str, VoxelGrid]:
@@ -115,10 +115,10 @@ def read_voxels(path: Path) -> dict[str, VoxelGrid]:
     """
     with np.load(path) as arrays:
         if str(arrays["kind"]) != _KIND:
-            raise DescriptionError(f"{path}: kind = '{arrays['kind']}': expected '{_KIND}'")
+            raise DescriptionError(file=path, key="kind", value=str(arrays["kind"]), expected=f"'{_KIND}'")
         found = [frame for frame in _FRAMES if f"{frame}_occupied" in arrays]
         if not found:
-            raise DescriptionError(f"{path}: expected an array world_occupied, table_occupied or fixed_occupied")
+            raise DescriptionError(file=path, expected="an array world_occupied, table_occupied or fixed_occupied")
         return {frame: _grid(path, frame, arrays) for frame in found}
 
 
@@ -126,13 +126,13 @@ def _grid(path: Path, frame: str, arrays: Mapping[str, NDArray[np.generic]]) -> 
     names = [f"{frame}_{key}" for key in ("origin_mm", "spacing_mm", "occupied")]
     missing = [name for name in names if name not in arrays]
     if missing:
-        raise DescriptionError(f"{path}: misses the array {missing[0]}")
+        raise DescriptionError(f"misses the array {missing[0]}", file=path)
     origin, spacing, occupied = (arrays[name] for name in names)
     if origin.shape != (3,) or not np.isfinite(np.asarray(origin, float)).all():
-        raise DescriptionError(f"{path}: {names[0]} = {origin}: expected 3 finite numbers")
+        raise DescriptionError(file=path, key=names[0], value=origin.tolist(), expected="3 finite numbers")
     if spacing.shape != () or not 0.0 < float(spacing) < np.inf:
-        raise DescriptionError(f"{path}: {names[1]} = {spacing}: expected a positive number")
+        raise DescriptionError(file=path, key=names[1], value=spacing.tolist(), expected="a positive number")
     if occupied.ndim != 3 or occupied.dtype != np.bool_:
         shape = f"{occupied.dtype} of shape {occupied.shape}"
-        raise DescriptionError(f"{path}: {names[2]}: {shape}: expected bool with three dimensions")
+        raise DescriptionError(shape, file=path, key=names[2], expected="bool with three dimensions")
     return VoxelGrid(np.asarray(origin, float) / 1e3, float(spacing) / 1e3, np.asarray(occupied, bool))

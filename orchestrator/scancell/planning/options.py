@@ -101,7 +101,9 @@ def pair_clearances(scan: ScanDescription, nominal: NominalCell) -> dict[frozens
     for number, pair in enumerate(scan.pair_clearance, start=1):
         if not set(pair.bodies) <= set(names) or len(set(pair.bodies)) < 2:
             raise DescriptionError(
-                f"scan.pair_clearance[{number}].bodies = {list(pair.bodies)}: expected two of {', '.join(names)}"
+                key=f"scan.pair_clearance[{number}].bodies",
+                value=list(pair.bodies),
+                expected=f"two of {', '.join(names)}",
             )
     return {frozenset(pair.bodies): si_value(pair, "clearance_mm") for pair in scan.pair_clearance}
 

@@ -105,11 +105,11 @@ def read_plan(file: Path) -> Plan:
         If the file cannot be read or holds no plan, naming key, value and what was expected.
     """
     if not file.is_file():
-        raise DescriptionError(f"{file}: no such file")
+        raise DescriptionError("no such file", file=file)
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise DescriptionError(f"{file}: cannot be read as JSON: {error}") from None
+        raise DescriptionError(f"cannot be read as JSON: {error}", file=file) from None
     read = validate(_PlanFile, data, str(file))
     segments = tuple(
         Segment(

@@ -50,8 +50,8 @@ def plan(
     needed = sum(len(item.exposures) for item in along)
     if needed > options.max_profiles:
         raise PlanningError(
-            f"the paths need {needed} exposures; max_profiles = {options.max_profiles} is too few: expected a larger"
-            " pitch_mm of the paths or a larger scan.max_profiles"
+            f"the paths need {needed} exposures; max_profiles = {options.max_profiles} is too few",
+            expected="a larger pitch_mm of the paths or a larger scan.max_profiles",
         )
     left = options.max_profiles - needed
     part, report = surface.sample(cell.nominal.part, cell.nominal.table_from_part), None

@@ -153,7 +153,7 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
             description.quality,
         )
         if path.length < path.pitch:
-            raise PlanningError(f"{name}: {1e3 * path.length:g} mm long, expected at least its pitch")
+            raise PlanningError(f"{1e3 * path.length:g} mm long", key=name, expected="at least its pitch")
         made.append(path)
     return made
 
@@ -170,9 +170,9 @@ def recorded_poses(file: Path) -> Array:
         with file.open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise DescriptionError(f"{file}: cannot be read as CSV: {error}") from None
+        raise DescriptionError(f"cannot be read as CSV: {error}", file=file) from None
     if len(rows) < 2:
-        raise DescriptionError(f"{file}: {len(rows)} poses, expected at least two")
+        raise DescriptionError(f"{len(rows)} poses", file=file, expected="at least two")
     poses = []
     for number, row in enumerate(rows, start=2):
         values = {}
@@ -181,10 +181,12 @@ def recorded_poses(file: Path) -> Array:
                 values[name] = float(row[name])
             except (KeyError, TypeError, ValueError):
                 raise DescriptionError(
-                    f"{file}, line {number}: column '{name}': {row.get(name)!r}, expected a number"
+                    file=file, key=f"line {number}, column '{name}'", value=row.get(name), expected="a number"
                 ) from None
             if not np.isfinite(values[name]):
-                raise DescriptionError(f"{file}, line {number}: column '{name}': {row[name]}, expected a finite number")
+                raise DescriptionError(
+                    file=file, key=f"line {number}, column '{name}'", value=row[name], expected="a finite number"
+                )
         poses.append(pose_matrix(PoseDescription(**values)))
     return np.stack(poses)
 
@@ -194,7 +196,7 @@ def _apart(poses: Array, name: str) -> Array:
     step = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     kept = poses[np.concatenate([[True], step > _LEAST_STEP])]
     if len(kept) < 2:
-        raise PlanningError(f"{name}: all poses are at one place; expected a path")
+        raise PlanningError("all poses are at one place", key=name, expected="a path")
     return np.asarray(kept)
 
 

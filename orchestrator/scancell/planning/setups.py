@@ -186,7 +186,7 @@ class SetUpPlanner:
         self._coverage = replace(self._coverage, share=(1 + share) / 2)
         all_rests = resting_poses(part)
         if not all_rests:
-            raise PlanningError(f'{part.source}: rests stably in no pose; clamp it (part.fixture = "clamped")')
+            raise PlanningError('rests stably in no pose; clamp it (part.fixture = "clamped")', file=part.source)
         progress.stage("resting poses", min(len(all_rests), _MOST_RESTS), "poses")
         rests, seen, reasons = [], [], []
         for number, rest in enumerate(all_rests[:_MOST_RESTS], start=1):
@@ -204,7 +204,7 @@ class SetUpPlanner:
             raise PlanningError(join_reasons("no resting pose of the part is feasible", sorted(set(reasons))))
         accessible = np.any(seen, axis=0)
         if not accessible.any():
-            raise PlanningError(f"{part.source}: nothing of its surface is measurable in any resting pose")
+            raise PlanningError("nothing of its surface is measurable in any resting pose", file=part.source)
         best = int(np.argmax([flags.sum() for flags in seen]))
         made = [self._best_placement(part, rests[best], progress)]
         alone = _share(made[0][1], accessible)

@@ -32,12 +32,14 @@ def check_part(cell: PlanningCell) -> None:
     radius = float(np.hypot(on_table[:, 0], on_table[:, 1]).max())
     if radius > nominal.table_radius + 1e-9:
         raise PlanningError(
-            f"{nominal.part.source}: too large for the table: it extends to {1e3 * radius:.1f} mm from the axis, "
-            f"{1e3 * (radius - nominal.table_radius):.1f} mm beyond the table's radius"
+            f"too large for the table: it extends to {1e3 * radius:.1f} mm from the axis,"
+            f" {1e3 * (radius - nominal.table_radius):.1f} mm beyond the table's radius",
+            file=nominal.part.source,
         )
     if on_table[:, 2].min() < -1e-6:
         raise PlanningError(
-            f"{nominal.part.source}: its lowest point is {-1e3 * on_table[:, 2].min():.3f} mm below the table's top"
+            f"its lowest point is {-1e3 * on_table[:, 2].min():.3f} mm below the table's top",
+            file=nominal.part.source,
         )
     hit = cell.contacts(nominal.home[None], np.array([cell.table_start]))
     if hit:
@@ -63,7 +65,7 @@ def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
             raise PlanningError(f"{where}: {segment.q.shape[1]} joints, the arm has {len(nominal.home)}")
         if np.abs(np.diff(segment.times, prepend=-cell.cycle) - cell.cycle).max() > 1e-9:
             raise PlanningError(
-                f"{where}: expected a set-point every {1e3 * cell.cycle:g} ms from 0, the controller's cycle"
+                f"{where}", expected=f"a set-point every {1e3 * cell.cycle:g} ms from 0, the controller's cycle"
             )
         points = np.column_stack([segment.q, segment.table])
         gap = float(np.abs(points[0] - at).max())

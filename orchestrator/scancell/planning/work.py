@@ -49,8 +49,8 @@ class Work:
         self._progress.advance(0.0)
         if self.spent > self.limit:
             raise WorkLimitError(
-                f"planning reached its limit of work, scan.max_planning_work = {self.limit:g}, while {self.doing};"
-                " expected a larger limit, or a scan with fewer views"
+                f"planning reached its limit of work, scan.max_planning_work = {self.limit:g}, while {self.doing}",
+                expected="a larger limit, or a scan with fewer views",
             )
 
     def stage(self, name: str, total: float, unit: str) -> None:

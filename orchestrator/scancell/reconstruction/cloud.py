@@ -65,7 +65,7 @@ class Cloud(Value):
         for field in fields(self):
             length = len(getattr(self, field.name))
             if length != len(self):
-                raise DescriptionError(f"{field.name}: {length} rows: expected {len(self)}, one for each point")
+                raise DescriptionError(f"{length} rows", key=field.name, expected=f"{len(self)}, one for each point")
 
     def __repr__(self) -> str:
         return f"Cloud({len(self)} points of {len(np.unique(self.profile))} profiles)"
@@ -120,6 +120,6 @@ class Cloud(Value):
     def concatenate(cls, clouds: Sequence[Cloud]) -> Self:
         """Concatenation of several clouds."""
         if not clouds:
-            raise DescriptionError("clouds: expected at least one")
+            raise DescriptionError(key="clouds", expected="at least one")
         names = [field.name for field in fields(cls)]
         return cls(**{name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in names})

@@ -57,5 +57,5 @@ def _file(path: Path) -> Path:
     if not path.is_dir():
         return path
     if not (path / "cloud.ply").is_file():
-        raise DescriptionError(f"{path}: holds no cloud.ply; expected a run folder with one, or a cloud file")
+        raise DescriptionError("holds no cloud.ply", file=path, expected="a run folder with one, or a cloud file")
     return path / "cloud.ply"

@@ -80,7 +80,7 @@ def write_surface(surface: Mesh, path: Path) -> None:
     import trimesh  # noqa: PLC0415  (takes a while to import)
 
     if path.suffix.lower() not in FORMATS:
-        raise MeshError(f"{path}: expected a file name that ends in {', '.join(FORMATS)}")
+        raise MeshError(file=path, expected=f"a file name that ends in {', '.join(FORMATS)}")
     solid = trimesh.Trimesh(_MM * surface.vertices, surface.faces, process=False)
     with atomic_write(path) as temporary:
         solid.export(temporary, file_type=path.suffix.lower().removeprefix("."))

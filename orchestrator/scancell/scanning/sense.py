@@ -141,8 +141,9 @@ def _require_same_images(nominal: SensorDescription, estimated: SensorDescriptio
     sizes, expected = ([f"{one.width_px} x {one.height_px}" for one in each.camera] for each in (estimated, nominal))
     if sizes != expected:
         raise DescriptionError(
-            f"estimated sensor '{estimated.name}': cameras of {', '.join(sizes)} px cannot interpret the images of"
-            f" '{nominal.name}'; expected {', '.join(expected)} px"
+            f"cameras of {', '.join(sizes)} px cannot interpret the images of '{nominal.name}'",
+            key=f"estimated sensor '{estimated.name}'",
+            expected=f"{', '.join(expected)} px",
         )
 
 

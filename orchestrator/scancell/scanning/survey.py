@@ -77,15 +77,21 @@ class SurveyRegion:
         """
         for name in ("radius", "height", "voxel", "pitch"):
             if not 0.0 < getattr(self, name) < np.inf:
-                raise DescriptionError(f"survey: {name} = {getattr(self, name)}: expected a positive number of metres")
+                raise DescriptionError(
+                    file="survey", key=name, value=getattr(self, name), expected="a positive number of metres"
+                )
         if not 0.0 <= self.inflation < np.inf:
-            raise DescriptionError(f"survey: inflation = {self.inflation}: expected 0 or a positive number of metres")
+            raise DescriptionError(
+                file="survey", key="inflation", value=self.inflation, expected="0 or a positive number of metres"
+            )
         if self.pitch > self.voxel:
-            raise DescriptionError(f"survey: pitch = {self.pitch}: expected at most voxel ({self.voxel})")
+            raise DescriptionError(
+                file="survey", key="pitch", value=self.pitch, expected=f"at most voxel ({self.voxel})"
+            )
         count = 4 * self.radius**2 * self.height / self.voxel**3
         if count > MAX_VOXELS:
             raise DescriptionError(
-                f"survey: voxel = {self.voxel}: {count:.2g} voxels, at most {MAX_VOXELS:.0e} allowed"
+                f"{count:.2g} voxels, at most {MAX_VOXELS:.0e} allowed", file="survey", key="voxel", value=self.voxel
             )
 
 
@@ -188,7 +194,10 @@ class Survey:
         largest = 0.9 * min(self._range.far - self._range.near, 2 * self._range.half_near)
         if region.voxel > largest:
             raise DescriptionError(
-                f"survey: voxel = {region.voxel:g}: expected at most {largest:.3g} m, by the measuring range"
+                file="survey",
+                key="voxel",
+                value=region.voxel,
+                expected=f"at most {largest:.3g} m, by the measuring range",
             )
         self._request = DriveRequest(setup, loaded.nominal, loaded.for_fmu(seed), as_built)
         nominal = loaded.nominal

@@ -69,7 +69,7 @@ class Batch(ScanSeries):
     def check(self) -> None:
         """Also requires the packages that write the files, before hours of scans."""
         require("h5py", "formats")
-        parse_formats(",".join(self.description.formats), f"{self.source}: formats")
+        parse_formats(",".join(self.description.formats), "formats", self.source)
         if self.description.labels or self.description.as_built:
             super().check()
 
@@ -107,7 +107,9 @@ def open_batch(description: BatchDescription, file: Path | None, given: Sequence
     setup = nominal_setup(description, Path() if file is None else file.parent, source)
     taken = [label for label in description.labels if label in INDEX_KEYS]
     if taken:
-        raise DescriptionError(f"{source}: factor {taken[0]}: the index has a column of this name; set another `name`")
+        raise DescriptionError(
+            "the index has a column of this name; set another name", file=source, key=f"factor {taken[0]}"
+        )
     return Batch(source, description, setup, find_parts(given, out))
 
 
@@ -124,7 +126,7 @@ def find_parts(given: Sequence[Path], out: Path) -> tuple[Part, ...]:
         for name, mesh in _meshes(path, out.resolve()):
             other = meshes.setdefault(name, mesh)
             if other != mesh:
-                raise DescriptionError(f"{mesh}: has the same name '{name}' as {other}; rename one of the two")
+                raise DescriptionError(f"has the same name '{name}' as {other}; rename one of the two", file=mesh)
     return tuple(Part(name, mesh, _checksum(mesh)) for name, mesh in meshes.items())
 
 
@@ -132,7 +134,7 @@ def _meshes(path: Path, out: Path) -> list[tuple[str, Path]]:
     if path.is_file():
         return [(_name(path.name), path.resolve())]
     if not path.is_dir():
-        raise DescriptionError(f"{path}: no such file or folder")
+        raise DescriptionError("no such file or folder", file=path)
     files = [file for file in sorted(path.rglob("*")) if file.suffix.lower() in FORMATS and file.is_file()]
     inside = [(file.relative_to(path), file.resolve()) for file in files]
     wanted = [
@@ -141,7 +143,7 @@ def _meshes(path: Path, out: Path) -> list[tuple[str, Path]]:
         if out not in file.parents and not any(piece.startswith(".") for piece in short.parts)
     ]
     if not wanted:
-        raise DescriptionError(f"{path}: holds no mesh ({', '.join(FORMATS)})")
+        raise DescriptionError(f"holds no mesh ({', '.join(FORMATS)})", file=path)
     return wanted
 
 

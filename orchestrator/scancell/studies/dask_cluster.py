@@ -13,7 +13,7 @@ import dask
 from distributed import Client, KilledWorker, LocalCluster, WorkerPlugin, wait
 from distributed.client import FutureCancelledError
 
-from scancell.errors import EngineError
+from scancell.errors import WorkersError
 from scancell.studies.task import ExecutionTarget, Job, Task, TaskReport, run_here
 
 # Tasks known to the scheduler at a time: enough to keep many workers busy, few enough for a million tasks in all.
@@ -57,7 +57,7 @@ def run_on_dask(
 
     Raises
     ------
-    EngineError
+    WorkersError
         If the scheduler does not answer, or the connection is lost.
     """
     with dask.config.set(_SETTINGS), _quiet(), _client(target) as client:
@@ -104,8 +104,8 @@ def _report(client: Client, future: Any, task: Task) -> TaskReport:
     return report
 
 
-def _lost(client: Client) -> EngineError:
-    return EngineError(f"lost the scheduler {client.scheduler.address}; resume to continue")
+def _lost(client: Client) -> WorkersError:
+    return WorkersError(f"lost the scheduler {client.scheduler.address}; resume to continue")
 
 
 @contextmanager
@@ -114,7 +114,7 @@ def _client(target: ExecutionTarget) -> Iterator[Client]:
         try:
             client = Client(target.scheduler, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
-            raise EngineError(f"--scheduler {target.scheduler}: no Dask scheduler answers: {error}") from None
+            raise WorkersError(f"no Dask scheduler answers: {error}", key="scheduler", value=target.scheduler) from None
         with client:
             yield client
         return
@@ -140,7 +140,7 @@ def _local_cluster(target: ExecutionTarget) -> LocalCluster:
             silence_logs=logging.CRITICAL,
         )
     except (RuntimeError, OSError, TimeoutError) as error:  # a worker was killed while it started, for example
-        raise EngineError(f"the workers do not start: {error} Resume to continue") from error
+        raise WorkersError(f"the workers do not start: {error} Resume to continue") from error
 
 
 @contextmanager

@@ -79,7 +79,7 @@ def run_tasks(
 
     Raises
     ------
-    EngineError
+    WorkersError
         If the scheduler does not answer, or the connection is lost.
     OutputError
         If results cannot be written; earlier results stay.
@@ -141,7 +141,7 @@ def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise OutputError(f"cannot be written: {error.strerror}", file=folder) from None
 
 
 def chunks(count: int, size: int) -> Iterable[range]:

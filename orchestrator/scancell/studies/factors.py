@@ -58,7 +58,7 @@ def nominal_setup(described: VaryingScansDescription, folder: Path, source: str)
     try:
         return load_setup(**found, overrides=described.set, ideal=described.ideal)
     except DescriptionError as error:
-        raise DescriptionError(f"{source}: {error}") from None
+        raise error.within(source) from None
 
 
 class Factors:
@@ -138,7 +138,7 @@ class Factors:
                     result = value if mode == "absolute" else _changed(nominal, mode, value)
                     self._check_result(path, result, units)
             except DescriptionError as error:
-                raise DescriptionError(f"{self._source}: factor {path}: {error}") from None
+                raise error.within(f"{self._source}: factor {path}") from None
 
     def _check_nominal(self, mode: VariationMode, nominal: Any, j: int) -> None:
         if mode == "absolute":
@@ -177,7 +177,9 @@ class Factors:
         section, *keys = split_path(path)
         if section not in _SECTIONS or not keys:
             raise DescriptionError(
-                f"{self._source}: factor {path}: expected a path that begins with cell., sensor., scan. or as_built."
+                file=self._source,
+                key=f"factor {path}",
+                expected="a path that begins with cell., sensor., scan. or as_built.",
             )
         return _value_at(self._raw[str(section)], keys)
 
@@ -230,8 +232,8 @@ def _with(section: dict[str, Any], keys: Sequence[str | int], value: Value, path
 def _step(node: Any, key: str | int, path: str, missing: bool = False) -> Any:
     if isinstance(node, list) and isinstance(key, int):
         if key >= len(node):
-            raise DescriptionError(f"{path}: index [{key + 1}] does not exist, there are {len(node)}")
+            raise DescriptionError(f"index [{key + 1}] does not exist, there are {len(node)}", key=path)
         return node[key]
     if isinstance(node, dict) and isinstance(key, str):
         return None if missing else node[key]
-    raise DescriptionError(f"{path}: '{key}' is not inside a table")
+    raise DescriptionError(f"'{key}' is not inside a table", key=path)

@@ -71,7 +71,7 @@ def write_report(
 
     collected = collect(study, out, failed)
     if not collected.rows:
-        raise OutputError(f"{out}: contains no finished trial yet")
+        raise OutputError("contains no finished trial yet", file=out)
     analysis = analyse(study.description, study.factors.labels, collected.rows)
     _note_effects(study, out, collected, analysis, target)
     write_table(results_table(collected.rows, study.factors.labels), out / "results.parquet")

@@ -71,7 +71,7 @@ def checksums(files: Iterable[str | Path]) -> dict[str, str]:
         try:
             found[file] = sha256(Path(file))
         except OSError as error:
-            raise DescriptionError(f"{file}: cannot be read: {error.strerror}") from None
+            raise DescriptionError(f"cannot be read: {error.strerror}", file=file) from None
     return found
 
 
@@ -145,9 +145,9 @@ def _read(record: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:
-        raise DescriptionError(f"{record}: cannot be read: {error}") from None
+        raise DescriptionError(f"cannot be read: {error}", file=record) from None
     if not isinstance(content, dict):
-        raise DescriptionError(f"{record}: cannot be read: expected a table")
+        raise DescriptionError("cannot be read", file=record, expected="a table")
     return content
 
 

@@ -134,11 +134,12 @@ class ScanSeries(ABC):
         try:
             found = compare_with_record(self.request, self.ignored_keys, out)
         except FileNotFoundError:
-            raise DescriptionError(f"{out}: no {self.kind} was begun in this folder") from None
+            raise DescriptionError(f"no {self.kind} was begun in this folder", file=out) from None
         if found.differences:
             raise DescriptionError(
-                f"{self.source}: differs from the {self.kind} in {found.record}: {found}{self._hint(found)}; "
-                "--out names another folder"
+                f"differs from the {self.kind} in {found.record}: {found}{self._hint(found)};"
+                " `out` names another folder",
+                file=self.source,
             )
         return found
 

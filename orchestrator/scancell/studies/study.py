@@ -58,7 +58,10 @@ class Study(ScanSeries):
         count = len(values)
         if described.ray_traced_trials > count:
             raise DescriptionError(
-                f"{self.source}: ray_traced_trials = {described.ray_traced_trials}: the design has {count} trials"
+                f"the design has {count} trials",
+                file=self.source,
+                key="ray_traced_trials",
+                value=described.ray_traced_trials,
             )
         trials = [Trial(n, self._seed(n), described.engine, row) for n, row in enumerate(values, 1)]
         again = trials[: described.ray_traced_trials]
@@ -101,7 +104,7 @@ def open_study(path: Path, overrides: Sequence[str] = ()) -> Study:
     setup = nominal_setup(description, path.parent, str(path))
     part = (path.parent / description.part).resolve()
     if not part.is_file():
-        raise DescriptionError(f"{path}: part = {description.part!r}: no such file ({part})")
+        raise DescriptionError(f"no such file ({part})", file=path, key="part", value=description.part)
     return Study(str(path), description, setup, part)
 
 
@@ -114,7 +117,7 @@ def begin_new(study: Study, out: Path) -> None:
         If the folder holds a study already, or cannot be written.
     """
     if (out / DESCRIPTION).exists():
-        raise OutputError(f"{out}: holds a study already; `study resume` continues it, --out names another folder")
+        raise OutputError("holds a study already; `study resume` continues it, `out` names another folder", file=out)
     study.begin(out)
 
 
@@ -127,7 +130,12 @@ def replay(study: Study, number: int) -> tuple[dict[str, Any], Stopwatch]:
         If there is no such trial.
     """
     if not 1 <= number <= len(study.trials):
-        raise DescriptionError(f"--trial {number}: {study.source} has trials 1 to {len(study.trials)}")
+        raise DescriptionError(
+            f"{study.source} has trials 1 to {len(study.trials)}",
+            key="trial",
+            value=number,
+            expected=f"1 to {len(study.trials)}",
+        )
     watch = Stopwatch()
     with closing(study.worker()) as worker:
         return worker.row(study.trials[number - 1], watch), watch

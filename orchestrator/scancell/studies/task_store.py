@@ -87,7 +87,7 @@ class TaskStore:
             fault = disk_error(error)
             if fault is None:
                 raise
-            raise OutputError(f"{self.path(name)}: cannot be written: {fault.strerror}") from error
+            raise OutputError(f"cannot be written: {fault.strerror}", file=self.path(name)) from error
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 

@@ -123,7 +123,7 @@ def _require_true_poses(recording: Recording, frames: Iterable[str]) -> None:
         raise DescriptionError(f"the recording holds no poses of {missing[0]}, which the cell has")
     for name, values in recording.columns.items():
         if not np.isfinite(values).all():
-            raise DescriptionError(f"column {name}: not all values are finite; pictures show the true poses")
+            raise DescriptionError("not all values are finite; pictures show the true poses", key=f"column {name}")
 
 
 def _nearest_times(times: Array, planned: Array, measured: Array) -> Array:

@@ -94,7 +94,7 @@ def picture(
     """
     at = float(run.motion.times[-1]) if time is None else time
     if not run.motion.start <= at <= run.motion.duration:
-        raise DescriptionError(f"--time {at:g}: expected {run.motion.start:g} to {run.motion.duration:g} s")
+        raise DescriptionError(key="time", value=at, expected=f"{run.motion.start:g} to {run.motion.duration:g} s")
     Sheet.of(run_pictures(run, view, size, colour, threads).at(at)).write(out)
     return at
 
@@ -125,7 +125,7 @@ def animate(
         If an option is wrong, or the file cannot be written.
     """
     if seconds is not None and speed is not None:
-        raise DescriptionError(f"--seconds {seconds:g} and --speed {speed:g}: expected one of them")
+        raise DescriptionError("`seconds` and `speed` exclude each other", expected="one of them")
     progress = NullProgress() if progress is None else progress
     start, length = run.motion.start, run.motion.duration - run.motion.start
     wanted = length / speed if speed is not None else _SECONDS if seconds is None else seconds

@@ -104,13 +104,14 @@ def run_program(
 def _require_main(module: ModuleType, program: Path) -> None:
     main = getattr(module, "main", None)
     if not callable(main):
-        raise ProgramError(f"{program}: has no function main: expected def main(robot)")
+        raise ProgramError("has no function main", file=program, expected="def main(robot)")
     try:
         inspect.signature(main).bind(None)
     except TypeError:
         raise ProgramError(
-            f"{program}: main does not take the robot: expected def main(robot); a script that makes a cell of its own "
-            "is run by Python itself"
+            "main does not take the robot",
+            file=program,
+            expected="def main(robot); a script that makes a cell of its own is run by Python itself",
         ) from None
 
 
@@ -120,7 +121,7 @@ def _loaded(program: Path, printed: Callable[[str], None] | None) -> Iterator[Mo
     try:
         source = program.read_bytes()
     except OSError as error:
-        raise ProgramError(f"{program}: cannot be read: {error.strerror}; expected a Python file") from error
+        raise ProgramError(f"cannot be read: {error.strerror}", file=program, expected="a Python file") from error
     module = ModuleType(_MODULE)
     module.__file__ = str(program)
     if printed is not None:

@@ -62,7 +62,7 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
     """
     folder = Path(folder)
     if not (folder / "resolved.toml").is_file():
-        raise DescriptionError(f"{folder}: expected a run folder with resolved.toml and recording.parquet")
+        raise DescriptionError(file=folder, expected="a run folder with resolved.toml and recording.parquet")
     setup, made = load_resolved(folder / "resolved.toml")
     file = Path(made["part"])
     beside = folder / file.name
@@ -73,7 +73,7 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
     try:
         motion = RunMotion(cell, recording, None if plan is None else plan.program)
     except DescriptionError as error:
-        raise DescriptionError(f"{folder / 'recording.parquet'}: {error}") from None
+        raise DescriptionError(str(error), file=folder / "recording.parquet") from None
     cloud, count = _cloud(folder / "cloud.ply", cell, most_points)
     return RecordedRun(Path(made["part"]).name, setup, cell, motion, cloud, count)
 
@@ -90,7 +90,7 @@ def _cloud(path: Path, cell: NominalCell, most: int) -> tuple[Cloud | None, int]
         "world": np.eye(4),
     }
     if frame not in world_from_frame:
-        raise DescriptionError(f"{path}: frame {frame}: expected {', '.join(world_from_frame)}")
+        raise DescriptionError(file=path, key="frame", value=frame, expected=", ".join(world_from_frame))
     whole = read_ply(path)
     cloud = whole[:: max(1, -(-len(whole) // most))]
     cloud = cloud[np.argsort(cloud.time, kind="stable")]

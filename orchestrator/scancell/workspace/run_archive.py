@@ -61,11 +61,11 @@ def open_archive(content: bytes, name: str, most_bytes: int = MOST_BYTES) -> Rec
             with zipfile.ZipFile(io.BytesIO(content)) as archive:
                 _unpack(archive, name, Path(folder), most_bytes)
         except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:  # the last two: encrypted
-            raise DescriptionError(f"{name}: expected a zip file of a run folder: {error}") from None
+            raise DescriptionError(str(error), file=name, expected="a zip file of a run folder") from None
         require_readable(Path(folder), name)
         run = open_run(folder)
     if (faces := len(run.cell.part.faces)) > MOST_FACES:
-        raise DescriptionError(f"{name}: a part of {faces} faces: expected at most {MOST_FACES}")
+        raise DescriptionError(f"a part of {faces} faces", file=name, expected=f"at most {MOST_FACES}")
     return run
 
 
@@ -86,7 +86,7 @@ def require_readable(folder: Path, name: str, seconds: int = MOST_SECONDS, memor
     if said.startswith("scancell: "):
         raise DescriptionError(said.removeprefix("scancell: ").replace(f"{folder}/", f"{name}: "))
     raise DescriptionError(
-        f"{name}: it cannot be read within {seconds} s of the processor and {memory / 1e6:.0f} MB of memory"
+        f"it cannot be read within {seconds} s of the processor and {memory / 1e6:.0f} MB of memory", file=name
     )
 
 
@@ -94,7 +94,7 @@ def _unpack(archive: zipfile.ZipFile, name: str, folder: Path, most: int) -> Non
     entries = [entry for entry in archive.infolist() if not entry.is_dir()]
     starts = [PurePosixPath(entry.filename) for entry in entries if PurePosixPath(entry.filename).name == _START]
     if len(starts) != 1:
-        raise DescriptionError(f"{name}: expected the zip file of one run folder, found {len(starts)} {_START}")
+        raise DescriptionError(f"found {len(starts)} {_START}", file=name, expected="the zip file of one run folder")
     wanted = {}
     for entry in entries:
         path = PurePosixPath(entry.filename)
@@ -102,11 +102,13 @@ def _unpack(archive: zipfile.ZipFile, name: str, folder: Path, most: int) -> Non
             wanted[path.name] = entry
     size = sum(entry.file_size for entry in wanted.values())
     if size > most:
-        raise DescriptionError(f"{name}: {size / 1e6:.0f} MB unpacked: expected at most {most / 1e6:.0f} MB")
+        raise DescriptionError(f"{size / 1e6:.0f} MB unpacked", file=name, expected=f"at most {most / 1e6:.0f} MB")
     packed = sum(entry.compress_size for entry in wanted.values())
     if size > _ANY_RATIO + MOST_RATIO * packed:
         raise DescriptionError(
-            f"{name}: {size / 1e6:.1f} MB in {packed / 1e6:.1f} MB: expected at most {MOST_RATIO} times as much"
+            f"{size / 1e6:.1f} MB in {packed / 1e6:.1f} MB",
+            file=name,
+            expected=f"at most {MOST_RATIO} times as much",
         )
     for file, entry in wanted.items():
         (folder / file).write_bytes(archive.read(entry))  # at most `file_size`, else an error

@@ -45,9 +45,9 @@ def video_writer(path: str | Path, size: tuple[int, int], fps: float) -> Iterato
     path = Path(path)
     writers = {".webm": _webm_writer, ".webp": _webp_writer}
     if path.suffix.lower() not in writers:
-        raise DescriptionError(f"--out {path}: expected a file name that ends in .webm or .webp")
+        raise DescriptionError(key="out", value=str(path), expected="a file name that ends in .webm or .webp")
     if path.suffix.lower() == ".webm" and (size[0] % 2 or size[1] % 2):
-        raise DescriptionError(f"--size {size[0]}x{size[1]}: expected even numbers for a video")
+        raise DescriptionError(key="size", value=f"{size[0]}x{size[1]}", expected="even numbers for a video")
     with atomic_write(path) as temporary:
         temporary.touch()  # OpenCV does not say why a file cannot be written
         count = 0
@@ -62,7 +62,7 @@ def video_writer(path: str | Path, size: tuple[int, int], fps: float) -> Iterato
 
             yield add
         if not count or not temporary.stat().st_size:
-            raise OutputError(f"{path}: no frame could be written; is the disk full?")
+            raise OutputError("no frame could be written; is the disk full?", file=path)
 
 
 @contextmanager
@@ -71,8 +71,9 @@ def _webm_writer(path: Path, temporary: Path, size: tuple[int, int], fps: float)
         writer = cv2.VideoWriter(str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*_CODEC), fps, size)
     if not writer.isOpened():
         raise OutputError(
-            f"{path}: the installed OpenCV cannot encode VP9; expected one with FFmpeg, such as that of"
-            " pip install opencv-python-headless"
+            "the installed OpenCV cannot encode VP9",
+            file=path,
+            expected="one with FFmpeg, such as that of pip install opencv-python-headless",
         )
     try:
         yield lambda frame: writer.write(np.ascontiguousarray(frame[..., ::-1]))
@@ -86,7 +87,9 @@ def _webp_writer(path: Path, temporary: Path, size: tuple[int, int], fps: float)
 
     def write(frame: Image) -> None:
         if (len(frames) + 1) * frame.nbytes > _MOST_BYTES:
-            raise OutputError(f"{path}: more than 1 GB of frames: choose a smaller --size, --fps or --seconds, or WebM")
+            raise OutputError(
+                "more than 1 GB of frames: choose a smaller `size`, `fps` or `seconds`, or WebM", file=path
+            )
         frames.append(Picture.fromarray(frame))
 
     yield write

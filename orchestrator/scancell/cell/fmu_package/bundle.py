@@ -55,7 +55,7 @@ def read_bundle(runtime: Path) -> Bundle:
     try:
         listing = json.loads(file.read_text())
     except OSError as error:
-        raise CellError(f"{file}: cannot be read: {error.strerror}; run `make setup`") from error
+        raise CellError(f"cannot be read: {error.strerror}; run `make setup`", file=file) from error
     return Bundle(tuple(Component(**entry) for entry in listing["components"]), listing["needs"])
 
 

@@ -62,7 +62,7 @@ def write_cloud(
     OutputError
         If the file cannot be written.
     """
-    write = _writer(parse_formats(path.suffix.removeprefix(".").lower(), str(path))[0])
+    write = _writer(parse_formats(path.suffix.removeprefix(".").lower(), "format", path)[0])
     if frame_from_part is not None and not np.array_equal(frame_from_part, np.eye(4)):
         cloud = transformed_columns(cloud, frame_from_part)
     with atomic_write(path) as temporary:
@@ -88,20 +88,22 @@ def transformed_columns(cloud: Cloud, target_from_source: NDArray[np.float64]) -
     return replace(cloud, points_in_part=points, normals=cloud.normals @ target_from_source[:3, :3].T)
 
 
-def parse_formats(text: str, option: str) -> tuple[str, ...]:
+def parse_formats(text: str, key: str, file: str | Path | None = None) -> tuple[str, ...]:
     """Distinct formats of a comma-separated list such as ``ply,laz``.
 
     Raises
     ------
     DescriptionError
-        Naming `option`, the unknown word and the known ones.
+        Naming `file` and `key`, the unknown word and the known ones.
     MissingExtraError
         If the package that writes a format is not installed.
     """
     words = tuple(dict.fromkeys(word.strip().lower() for word in text.split(",")))
     for word in words:
         if word not in FORMATS:
-            raise DescriptionError(f"{option}: '{word}': expected {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
+            raise DescriptionError(
+                file=file, key=key, value=word, expected=f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
+            )
         _writer(word)
     return words
 

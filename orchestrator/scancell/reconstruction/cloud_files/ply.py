@@ -40,15 +40,15 @@ def read_ply(path: str | Path) -> Cloud:
     """
     path = Path(path)
     if not path.is_file():
-        raise MeshError(f"{path}: no such file")
+        raise MeshError("no such file", file=path)
     with path.open("rb") as stream:
         count, known = _read_header(stream.read(_HEADER))
         if count is None:
-            raise MeshError(f"{path}: expected a binary point cloud written by scancell")
+            raise MeshError(file=path, expected="a binary point cloud written by scancell")
         stream.seek(known)
         record = np.fromfile(stream, RECORD, count)
     if len(record) < count:
-        raise MeshError(f"{path}: file is truncated: {len(record)} of {count} points")
+        raise MeshError(f"file is truncated: {len(record)} of {count} points", file=path)
     return cloud_of_record(record)
 
 
@@ -62,7 +62,7 @@ def read_ply_comments(path: str | Path) -> list[str]:
     """
     path = Path(path)
     if not path.is_file():
-        raise MeshError(f"{path}: no such file")
+        raise MeshError("no such file", file=path)
     with path.open("rb") as stream:
         lines = stream.read(_HEADER).partition(b"end_header\n")[0].decode("utf-8", errors="replace").splitlines()
     return [line.removeprefix("comment ") for line in lines if line.startswith("comment ")]

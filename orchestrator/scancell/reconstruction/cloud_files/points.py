@@ -30,18 +30,20 @@ def read_points(path: Path) -> Array:
     """
     kind = path.suffix.lower()
     if kind not in _READERS:
-        raise DescriptionError(f"{path}: expected a point cloud: {', '.join(_READERS)}")
+        raise DescriptionError(file=path, expected=f"a point cloud: {', '.join(_READERS)}")
     if not path.is_file():
-        raise DescriptionError(f"{path}: no such file")
+        raise DescriptionError("no such file", file=path)
     try:
         points = np.asarray(_READERS[kind](path), float)
     except (OSError, ValueError, KeyError, IndexError, RuntimeError) as error:
-        raise DescriptionError(f"{path}: not a point cloud that can be read: {error}") from None
+        raise DescriptionError(f"not a point cloud that can be read: {error}", file=path) from None
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        raise DescriptionError(f"{path}: holds no points")
+        raise DescriptionError("holds no points", file=path)
     wrong = ~np.isfinite(points).all(1)
     if wrong.any():
-        raise DescriptionError(f"{path}: point {int(np.argmax(wrong)) + 1} is not finite: {points[np.argmax(wrong)]}")
+        raise DescriptionError(
+            f"point {int(np.argmax(wrong)) + 1} is not finite: {points[np.argmax(wrong)]}", file=path
+        )
     return points
 
 

@@ -37,7 +37,7 @@ class RowFile:
         reader = csv.DictReader(text[: text.rfind("\n") + 1].splitlines())
         names = [field.name for field in fields(RunRow)]
         if reader.fieldnames != names:
-            raise DescriptionError(f"{self._path}: columns {reader.fieldnames}: expected {names}")
+            raise DescriptionError(file=self._path, key="columns", value=reader.fieldnames, expected=str(names))
         for read in reader:
             yield RunRow(**{field.name: _READ[str(field.type)](read[field.name]) for field in fields(RunRow)})
 

@@ -98,7 +98,7 @@ def run_campaign(
     folder.mkdir(parents=True, exist_ok=True)
     described = folder / "campaign.json"
     if described.exists() and json.loads(described.read_text()) != asdict(options):
-        raise DescriptionError(f"{described}: another campaign: expected another folder or {asdict(options)}")
+        raise DescriptionError("another campaign", file=described, expected=f"another folder or {asdict(options)}")
     described.write_text(json.dumps(asdict(options), indent=1))
     file = RowFile(folder / "rows.csv")
     done = {row.number for row in file.rows}
@@ -165,7 +165,7 @@ def search(options: CampaignOptions, runs: int, error: str = "", pair: tuple[str
     """
     known = MUTATIONS | ({IGNORED: Mutation(ignored=pair)} if pair else {})
     if error and error not in known:
-        raise DescriptionError(f"error '{error}': expected one of {', '.join(known)}")
+        raise DescriptionError(key="error", value=error, expected=f"one of {', '.join(known)}")
     mutation = known[error] if error else None
     if mutation and mutation.strata:
         return _search_campaign(options, runs, error, mutation)
