@@ -182,7 +182,7 @@ def test_missing_plan_file_is_named(fuzzer: Fuzzer) -> None:
     ("rows", "message"),
     [
         ("", r"points\.csv: holds no rows below its header"),
-        ("1,nan\n", r"points\.csv: column 'b', row 1: is nan; expected a finite number"),
+        ("1,nan\n", r"points\.csv: column 'b', row 1 = nan: expected a finite number"),
         ("1,\n", r"points\.csv: column 'b', row 1: is empty; expected a finite number"),
     ],
 )

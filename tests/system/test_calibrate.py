@@ -241,8 +241,8 @@ def test_shift_of_an_artefact_without_its_supports_is_stated(scanner, plate_poin
 def test_wrong_points_are_refused(scanner, tmp_path) -> None:
     good = "exposure,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,table_deg,y_mm,z_mm\n1,0,0,0,0,0,0,0,1,100\n"
     cases = {
-        "missing": (good.replace("table_deg", "turn"), "column 'table_deg' is missing"),
-        "words": (good.replace(",1,100", ",left,100"), "column 'y_mm', row 1: is left: expected a number"),
+        "missing": (good.replace("table_deg", "turn"), "column 'table_deg': is missing"),
+        "words": (good.replace(",1,100", ",left,100"), "column 'y_mm', row 1 = 'left': expected a number"),
         "unequal": (good + "1,5,0,0,0,0,0,0,1,100\n", "row 2: q differs from that in the first row of exposure 1"),
         "few": (good, "0 exposures show the artefact with 5 points or more: 6 unknowns need 3 at least"),
     }

@@ -124,14 +124,14 @@ GOOD = {
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"camera": 2}, "column 'camera', row 2: is 2: expected a number from 0 to 1"),
-        ({"column_px": 1300}, "column 'column_px', row 2: is 1300: expected a pixel of the image, 0 to 1279"),
-        ({"row_px": ""}, "column 'row_px', row 2: is empty: expected a finite number"),
-        ({"row_px": "left"}, "column 'row_px', row 2: is left: expected a number"),
-        ({"row_sigma_px": 0}, "column 'row_sigma_px', row 2: is 0.0: expected a positive standard deviation"),
-        ({"target": "cube"}, "column 'target', row 2: is cube: expected ball, step, checkered, or the file"),
-        ({"z_mm": 140, "exposure": 1}, "column 'z_mm', row 2: is 140: expected the value of row 1"),
-        ({"rx_deg": ""}, "column 'rx_deg', row 2: is empty: expected a finite number"),
+        ({"camera": 2}, "column 'camera', row 2 = 2: expected a number from 0 to 1"),
+        ({"column_px": 1300}, "column 'column_px', row 2 = 1300: expected a pixel of the image, 0 to 1279"),
+        ({"row_px": ""}, "column 'row_px', row 2: is empty; expected a finite number"),
+        ({"row_px": "left"}, "column 'row_px', row 2 = 'left': expected a number"),
+        ({"row_sigma_px": 0}, "column 'row_sigma_px', row 2 = 0.0: expected a positive standard deviation"),
+        ({"target": "cube"}, "column 'target', row 2 = 'cube': expected ball, step, checkered, or the file"),
+        ({"z_mm": 140, "exposure": 1}, "column 'z_mm', row 2 = 140: expected the value of row 1"),
+        ({"rx_deg": ""}, "column 'rx_deg', row 2: is empty; expected a finite number"),
     ],
 )
 def test_wrong_peaks_are_refused(tmp_path, changes, message) -> None:
@@ -152,7 +152,7 @@ def test_missing_columns_and_too_few_peaks_are_refused(tmp_path) -> None:
     with pytest.raises(CalibrationError, match="do not determine"):
         scancell.calibrate_sensor(SensorCalibrationRequest(from_points=file))
     file.write_text("exposure,camera\n1,0\n")
-    with pytest.raises(DescriptionError, match="column 'row_sigma_px' is missing"):
+    with pytest.raises(DescriptionError, match="column 'row_sigma_px': is missing"):
         scancell.calibrate_sensor(SensorCalibrationRequest(from_points=file))
 
 

@@ -243,13 +243,13 @@ def test_cancelled_animation_leaves_no_file(run, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("picture", "RUN", "--time", "1e6"), "--time 1e+06: expected 0 to"),
+        (("picture", "RUN", "--time", "1e6"), "--time 1000000.0: expected 0 to"),
         (("picture", "RUN", "--size", "wide"), "--size wide: expected WIDTHxHEIGHT"),
         (("picture", "RUN", "--size", "10x10"), "--size 10x10: expected 64 to 7680"),
         (("picture", "nowhere"), "nowhere: expected a run folder"),
         (("animate", "RUN", "--out", "scan.avi"), "--out scan.avi: expected a file name that ends in .webm or .webp"),
         (("animate", "RUN", "--size", "101x100"), "--size 101x100: expected even numbers"),
-        (("animate", "RUN", "--seconds", "1", "--speed", "2"), "--seconds 1 and --speed 2: expected one of them"),
+        (("animate", "RUN", "--seconds", "1", "--speed", "2"), "--seconds 1 and --speed 2; expected one of them"),
         (("animate", "RUN", "--out", "taken/scan.webm"), "taken/scan.webm: cannot be written"),
     ],
 )

@@ -77,8 +77,10 @@ class MeasuredTable:
     def refuse(self, row: int, name: str, expected: str) -> NoReturn:
         """Raise a `DescriptionError` on a value; `row` counts from 0."""
         found = self._list(name)[row] if name in self._table.column_names else None
-        problem = "is empty" if found is None or found == "" else f"is {found}"
-        raise DescriptionError(problem, file=self.path, key=f"column '{name}', row {row + 1}", expected=expected)
+        key = f"column '{name}', row {row + 1}"
+        if found is None or found == "":
+            raise DescriptionError("is empty", file=self.path, key=key, expected=expected)
+        raise DescriptionError(file=self.path, key=key, value=found, expected=expected)
 
     def _list(self, name: str) -> list[Any]:
         found: list[Any] = self._table.column(name).to_pylist()

@@ -145,7 +145,7 @@ def _peaks(table: MeasuredTable, sensor: SensorDescription) -> StripePeaks:
 
 def _require_equal(table: MeasuredTable, rows: Rows, columns: Sequence[tuple[str, Array]], names: list[str]) -> None:
     """Refuse an exposure whose rows differ in what belongs to the exposure."""
-    expected = f"expected the value of row {rows[0] + 1}, which is of the same exposure"
+    expected = f"the value of row {rows[0] + 1}, which is of the same exposure"
     for name, values in columns:
         own = values[rows]
         other = np.flatnonzero(~((own == own[0]) | (np.isnan(own) & np.isnan(own[0]))))

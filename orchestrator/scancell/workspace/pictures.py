@@ -125,7 +125,7 @@ def animate(
         If an option is wrong, or the file cannot be written.
     """
     if seconds is not None and speed is not None:
-        raise DescriptionError("`seconds` and `speed` exclude each other", expected="one of them")
+        raise DescriptionError(f"`seconds` {seconds:g} and `speed` {speed:g}", expected="one of them")
     progress = NullProgress() if progress is None else progress
     start, length = run.motion.start, run.motion.duration - run.motion.start
     wanted = length / speed if speed is not None else _SECONDS if seconds is None else seconds
