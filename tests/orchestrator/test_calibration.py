@@ -301,7 +301,9 @@ def test_unknown_names_are_rejected() -> None:
     rng = np.random.default_rng(15)
     case = SphereCase()
     observed = case.observe(at_rest(rng, 12), rng)
-    with pytest.raises(CalibrationError, match=r"'tool\.yaw' is no deviation of the cell; expected one of tool\.x"):
+    with pytest.raises(
+        CalibrationError, match=r"also = 'tool\.yaw': is no deviation of the cell; expected one of tool\.x"
+    ):
         solve(case.problem(observed, ("tool.yaw",)))
 
 

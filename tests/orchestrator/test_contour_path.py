@@ -76,7 +76,7 @@ def test_a_contour_too_concave_for_the_stand_off_is_refused_with_its_place() -> 
 
 
 def test_a_height_beside_the_part_is_refused() -> None:
-    with pytest.raises(PlanningError, match=r"height_mm = 50: the part has no closed contour there .* 0 to 40 mm"):
+    with pytest.raises(PlanningError, match=r"height_mm = 50.0: the part has no closed contour there .* 0 to 40 mm"):
         contour_poses(ContourDescription(height_mm=50.0), standing_cylinder(), STANDOFF)
 
 

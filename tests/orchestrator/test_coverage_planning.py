@@ -152,7 +152,7 @@ def test_exposures_are_thinned_to_the_largest_number() -> None:
     part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
     views, _ = CoveragePlanner(cell, sight, options_of()).choose(part, 100)
     assert sum(count for _, count in views) <= 100
-    with pytest.raises(PlanningError, match="max_profiles = 3 is too few"):
+    with pytest.raises(PlanningError, match=r"scan\.max_profiles = 3: \d+ views need two exposures each"):
         CoveragePlanner(cell, sight, options_of()).choose(part, 3)
 
 

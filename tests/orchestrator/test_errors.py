@@ -111,7 +111,7 @@ def test_message_is_composed_of_what_the_error_carries(parts, message) -> None:
             lambda _: CellState(0, 0.0, Operation.MANUAL, Mode.TOOL_JOG, False, np.zeros(7), rate=2.0),
             (None, "rate", 2.0, "0 to 1"),
         ),
-        (lambda _: fit_sphere(np.zeros(3)), (None, "fit of a sphere", None, "finite points of shape (n, 3)")),
+        (lambda _: fit_sphere(np.zeros(3)), (None, None, None, "finite points of shape (n, 3)")),
     ],
 )
 def test_errors_carry_file_key_value_and_what_was_expected(tmp_path, work, carried) -> None:

@@ -188,5 +188,5 @@ def test_budget_thins_all_views_uniformly():
     thinned = exposure_counts(views, Spacing(np.radians(1), 0.0005), 1300)
     ratios = np.array(free) / np.array(thinned)
     assert ratios.max() / ratios.min() < 1.05
-    with pytest.raises(PlanningError, match="max_profiles = 5 is too few"):
+    with pytest.raises(PlanningError, match=r"scan\.max_profiles = 5: 5 views need two exposures each"):
         exposure_counts(views, Spacing(1.0, 1.0), 5)

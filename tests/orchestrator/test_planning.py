@@ -211,7 +211,7 @@ def test_given_poses_are_reached_exactly():
     [
         ({}, {"x_mm": 110.0}, r"part\.stl: too large for the table: .* 135\.0 mm from the axis, 15\.0 mm beyond"),
         ({}, {"z_mm": -3.0}, r"lowest point is 3\.000 mm below"),
-        ({"max_profiles": 3}, {}, "max_profiles = 3 is too few"),
+        ({"max_profiles": 3}, {}, "scan.max_profiles = 3: 6 views need two exposures each; expected at least 12"),
         (
             {"pose": [{"rx_deg": 180.0, "z_mm": 130.0}, {"z_mm": 3000.0}]},
             {},
@@ -223,7 +223,7 @@ def test_given_poses_are_reached_exactly():
         (
             {"max_profiles": 1, "pose": [{"z_mm": 130.0}, {"z_mm": 130.0}]},
             {},
-            "2 poses are given, max_profiles allows 1",
+            "scan.max_profiles = 1: 2 poses are given; expected at least 2",
         ),
     ],
 )

@@ -53,6 +53,6 @@ def test_a_path_with_more_exposures_than_allowed_is_refused() -> None:
     )
     with (
         scancell.Scanner.from_setup(setup) as scanner,
-        pytest.raises(PlanningError, match=r"need \d+ exposures; max_profiles = 50"),
+        pytest.raises(PlanningError, match=r"max_profiles = 50: the paths need \d+ exposures"),
     ):
         scanner.plan(PART)

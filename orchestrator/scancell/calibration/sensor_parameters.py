@@ -98,7 +98,7 @@ class SensorParameters:
 
     def __init__(self, start: SensorDescription, names: Sequence[str]) -> None:
         if len(set(names)) < len(names):
-            raise CalibrationError(f"free parameters: a name is given twice in {', '.join(names)}")
+            raise CalibrationError("a name is given twice", key="also", value=tuple(names))
         self.names = tuple(names)
         self.start = _complete(start)
         self.scales = np.array([_tolerance(name) for name in names])
@@ -139,7 +139,7 @@ class SensorParameters:
             try:
                 node = node[part]  # type: ignore[index]
             except (KeyError, IndexError, TypeError):
-                raise CalibrationError(f"free parameter '{name}': the sensor has no such key") from None
+                raise CalibrationError("the sensor has no such key", key="also", value=name) from None
         return float(node)  # type: ignore[arg-type]
 
 
@@ -147,7 +147,7 @@ def _tolerance(name: str) -> float:
     key = name.rsplit(".", 1)[-1]
     found = _TOLERANCES.get(key) or _TOLERANCES.get(re.sub(r"\[\d+\]$", "", key))
     if found is None:
-        raise CalibrationError(key=f"free parameter '{name}'", expected=f"one of the keys {', '.join(_TOLERANCES)}")
+        raise CalibrationError(key="also", value=name, expected=f"one of the keys {', '.join(_TOLERANCES)}")
     return found
 
 

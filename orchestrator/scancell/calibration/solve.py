@@ -138,7 +138,9 @@ def _check(problem: CalibrationProblem) -> None:
     names = problem.kinematics.names
     unknown = [name for name in problem.free if name not in names]
     if unknown:
-        raise CalibrationError(f"'{unknown[0]}' is no deviation of the cell", expected=f"one of {', '.join(names)}")
+        raise CalibrationError(
+            "is no deviation of the cell", key="also", value=unknown[0], expected=f"one of {', '.join(names)}"
+        )
     used = np.bincount(problem.observations.frame, minlength=len(problem.observations.readings))
     exposures = int((used >= _LEAST_POINTS).sum())
     wanted = -(-len(problem.free) // 3) + (0 if problem.artefact.is_pose_known else 1)

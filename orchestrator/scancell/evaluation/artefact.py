@@ -211,8 +211,9 @@ def _alignment(
     if missing:
         measured = [face.name for number, face in enumerate(faces) if (assigned == number).sum() >= _LEAST_POINTS]
         raise FitError(
-            f"datum: {counts[missing[0]]} points lie on {missing[0]} of {artefact.source}; measured: "
-            f"{', '.join(measured) or 'no face'}"
+            f"{counts[missing[0]]} points lie on {missing[0]} of {artefact.source}; measured: "
+            f"{', '.join(measured) or 'no face'}",
+            key="datum",
         )
     used = tuple(name for name in (known[k] for k in chosen) if counts[name])
     if len(chosen) == 3 and all(faces[number].kind == "plane" for number in chosen):

@@ -98,7 +98,9 @@ class TrueWorld:
         self, recording: Recording, bodies: Sequence[Body | Lamp], sensor: SensorDescription, seed: int, threads: int
     ) -> None:
         if sensor.detector.shutter == "rolling":
-            raise SensorError(f'sensor "{sensor.name}": shutter = "rolling": ground truth needs a global shutter')
+            raise SensorError(
+                "ground truth needs a global shutter", file=sensor.name, key="detector.shutter", value="rolling"
+            )
         rays = min(_MAX_RAYS, _RAYS_PER_COLUMN * max(camera.width_px for camera in sensor.camera))
         exact = {
             "render": RenderDescription(noise=False),

@@ -252,12 +252,13 @@ class _DatumFaces:
         planes = {}
         for number in numbers:
             if not 0 <= number < len(self.regions) or not self.regions.is_plane[number]:
-                raise FitError(f"datum: region {number} of {self.mesh.source} is not one of its plane regions")
+                raise FitError(f"region {number} of {self.mesh.source} is not one of its plane regions", key="datum")
             planes[number] = self._plane(number)
             if measured_area(planes[number][1]) < _DATUM_AREA:
                 raise FitError(
-                    f"datum: {self._text(number)} of {self.mesh.source} was not measured: {len(planes[number][1])} "
-                    f"points lie on it; {self._measured_text()}"
+                    f"{self._text(number)} of {self.mesh.source} was not measured: {len(planes[number][1])} "
+                    f"points lie on it; {self._measured_text()}",
+                    key="datum",
                 )
         return planes
 
@@ -273,7 +274,7 @@ class _DatumFaces:
             if len(planes) == 3:
                 break
         if not planes:
-            raise FitError(f"datum: no plane face of {self.mesh.source} was measured; use best-fit")
+            raise FitError(f"no plane face of {self.mesh.source} was measured; use best-fit", key="datum")
         return planes
 
     def _measured(self) -> list[int]:

@@ -96,7 +96,7 @@ def starts(arm: SixJoints) -> tuple[Start, ...]:
     rng = np.random.default_rng(0)
     singular_values = np.linalg.svd(arm.flange(_random_angles(rng, 1))[2][0], compute_uv=False)
     if singular_values[-1] < 1e-9 * singular_values[0]:
-        raise DescriptionError("robot.joint: inverse kinematics needs joints that are independent at some pose")
+        raise DescriptionError("inverse kinematics needs joints that are independent at some pose", key="robot.joint")
     found = [_monodromy(arm, rng)]
     count = found[0].theta.shape[1]
     while len(found) < _STARTS:

@@ -268,7 +268,7 @@ def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
             made.close()
             raise
     except OSError as error:
-        raise LinkError(str(error), key=f"{host}:{port}", expected="an address to listen on") from None
+        raise LinkError(f"{host}:{port}: {error}", expected="an address to listen on") from None
     made.setblocking(False)
     return made
 

@@ -249,7 +249,7 @@ def _connected(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
             made.close()
             raise
     except OSError as error:
-        raise LinkError(str(error), key=f"{host}:{port}", expected="a guard that listens there") from None
+        raise LinkError(f"{host}:{port}: {error}", expected="a guard that listens there") from None
     return made
 
 

@@ -84,7 +84,7 @@ class Finishing:
             progress.advance(1)
         if not len(cloud):
             reasons = why_empty(dropped, envelope_of(estimated, job.setup))
-            raise EmptyScanError(f"{job.part}: the scan gave no point: {'; '.join(reasons)}")
+            raise EmptyScanError(f"the scan gave no point: {'; '.join(reasons)}", file=job.part)
         return ScanResult(
             part=job.part,
             setup=job.setup,

@@ -127,7 +127,7 @@ def _camera_warnings(sensor: SensorDescription) -> list[str]:
         hint = "check its tilt_deg, half_angle_deg, baseline_mm and height_mm, and sensor.range"
         name = f"sensor.camera[{number}] '{described.name}'"
         if share == 0.0:
-            raise DescriptionError(f"{name}: sees the laser line nowhere {seen}; {hint}")
+            raise DescriptionError(f"sees the laser line nowhere {seen}; {hint}", key=name)
         warnings.append(f"{name}: sees the laser line in {share:.0%} {seen}; {hint}")
     return warnings
 

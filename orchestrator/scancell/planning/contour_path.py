@@ -79,8 +79,9 @@ def _outermost(part: Mesh, height: float) -> Array:
     if not loops:
         low, high = 1e3 * part.bounds[:, 2]
         raise PlanningError(
-            f"contour at height_mm = {1e3 * height:g}: the part has no closed contour there (it extends from {low:g} to"
-            f" {high:g} mm)"
+            f"the part has no closed contour there (it extends from {low:g} to {high:g} mm)",
+            key="contour at height_mm",
+            value=float(f"{1e3 * height:g}"),
         )
     areas = [_area(loop) for loop in loops]
     largest = int(np.argmax(np.abs(areas)))

@@ -50,7 +50,9 @@ def plan(
     needed = sum(len(item.exposures) for item in along)
     if needed > options.max_profiles:
         raise PlanningError(
-            f"the paths need {needed} exposures; max_profiles = {options.max_profiles} is too few",
+            f"the paths need {needed} exposures",
+            key="scan.max_profiles",
+            value=options.max_profiles,
             expected="a larger pitch_mm of the paths or a larger scan.max_profiles",
         )
     left = options.max_profiles - needed
@@ -85,7 +87,12 @@ def _reductions(cell: PlanningCell) -> tuple[str, ...]:
 
 def _plan_poses(cell: PlanningCell, options: ScanOptions, placer: Placer, assembly: Assembly) -> None:
     if len(options.poses) > options.max_profiles:
-        raise PlanningError(f"{len(options.poses)} poses are given, max_profiles allows {options.max_profiles}")
+        raise PlanningError(
+            f"{len(options.poses)} poses are given",
+            key="scan.max_profiles",
+            value=options.max_profiles,
+            expected=f"at least {len(options.poses)}",
+        )
     cell.work.doing = f"placing {len(options.poses)} poses"
     found = placer.poses(options.poses)
     reasons = [item.reason for item in found if isinstance(item, Infeasible)]

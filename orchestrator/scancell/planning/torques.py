@@ -108,7 +108,7 @@ def _skeleton(cell: CellDescription) -> Any:
 
     for number, joint in enumerate(cell.robot.joint, start=1):
         if joint.inertia is None and joint.mesh is None:
-            raise CellError(f"robot.joint[{number}]: torques need an inertia, or a mesh to compute it from")
+            raise CellError("torques need an inertia, or a mesh to compute it from", key=f"robot.joint[{number}]")
     arm = arm_of(cell.robot)
     frames = arm.link_poses(np.zeros(len(arm.joints)))
     skeleton = dartpy.dynamics.Skeleton(cell.robot.name)

@@ -144,7 +144,12 @@ def exposure_counts(views: Sequence[View], spacing: Spacing, max_profiles: int) 
         return [max(2, int(np.ceil(r / factor - 1e-9))) for r in requested]
 
     if 2 * len(views) > max_profiles:
-        raise PlanningError(f"{len(views)} views need two exposures each; max_profiles = {max_profiles} is too few")
+        raise PlanningError(
+            f"{len(views)} views need two exposures each",
+            key="scan.max_profiles",
+            value=max_profiles,
+            expected=f"at least {2 * len(views)}",
+        )
     factor = max(1.0, sum(counts(1.0)) / max_profiles)
     while sum(counts(factor)) > max_profiles:
         factor *= 1.005

@@ -49,7 +49,9 @@ class Work:
         self._progress.advance(0.0)
         if self.spent > self.limit:
             raise WorkLimitError(
-                f"planning reached its limit of work, scan.max_planning_work = {self.limit:g}, while {self.doing}",
+                f"planning reached its limit of work while {self.doing}",
+                key="scan.max_planning_work",
+                value=self.limit,
                 expected="a larger limit, or a scan with fewer views",
             )
 

@@ -142,7 +142,8 @@ def _require_same_images(nominal: SensorDescription, estimated: SensorDescriptio
     if sizes != expected:
         raise DescriptionError(
             f"cameras of {', '.join(sizes)} px cannot interpret the images of '{nominal.name}'",
-            key=f"estimated sensor '{estimated.name}'",
+            key="estimated_sensor",
+            value=estimated.name,
             expected=f"{', '.join(expected)} px",
         )
 

@@ -114,7 +114,7 @@ def _fitted(
     given = np.asarray(points, float)
     kind = start.__name__
     if given.ndim != 2 or given.shape[1] != 3 or not np.isfinite(given).all():
-        raise FitError(f"got {given.shape}", key=f"fit of a {kind}", expected="finite points of shape (n, 3)")
+        raise FitError(f"fit of a {kind}: shape {given.shape}", expected="finite points of shape (n, 3)")
     if len(given) < dimensions + 1:
         raise FitError(f"fit of a {kind}: {len(given)} points; at least {dimensions + 1} are needed")
     centre = given.mean(0)
