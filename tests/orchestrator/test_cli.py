@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,6 +76,25 @@ def test_scancell_errors_exit_with_code_1(capsys, error) -> None:
     assert streams.err == "scancell: broken\n"
     report = json.loads(streams.out)
     assert report == {"command": "version", "ok": False, "error": {"kind": type(error).__name__, "message": "broken"}}
+
+
+def test_errors_and_warnings_name_the_options_of_the_command(monkeypatch, capsys) -> None:
+    """Each command has its own options: one without `--unit` leaves the argument's name as it is."""
+    code, _, err = call(monkeypatch, capsys, "place", "part.stl", "--set", "scan.max_profiles=0")
+    assert code == 1
+    assert err.startswith("scancell: --set scan.max_profiles=0: max_profiles = 0: must be")
+    doubtful = common.Outcome(warnings=["2 mm: `unit` m makes it 2 m"])
+    for command, said in (("scan", "--unit"), ("version", "`unit`")):
+        common.run(command, False, lambda: doubtful)
+        assert capsys.readouterr().err == f"warning: 2 mm: {said} m makes it 2 m\n"
+
+
+def test_every_command_has_options_to_name() -> None:
+    files = Path(cli.__file__).parent.glob("*.py")
+    commands = [name for file in files for name in re.findall(r'\brun(?:_command)?\("([\w -]+)"', file.read_text())]
+    assert "study resume" in commands
+    for command in commands:
+        assert common.options_by_argument(command)["as_json"] == "--json"
 
 
 def test_interrupt_exits_with_code_130(capsys) -> None:

@@ -187,9 +187,9 @@ def test_shipped_meshes_are_consistent():
 @pytest.mark.parametrize(
     ("extent", "unit", "hints"),
     [
-        (2.0, "mm", ["2 mm", "--unit inch makes it 50.8 mm"]),
+        (2.0, "mm", ["2 mm", "`unit` inch makes it 50.8 mm"]),
         (3000.0, "mm", ["3 m", "is its unit really mm? (scale the file)"]),
-        (100.0, "inch", ["2.54 m", "--unit mm makes it 100 mm"]),
+        (100.0, "inch", ["2.54 m", "`unit` mm makes it 100 mm"]),
     ],
 )
 def test_implausible_size_warning(tmp_path, extent, unit, hints):

@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -68,14 +68,15 @@ def run(command: str, as_json: bool, work: Callable[[], Outcome]) -> None:
     try:
         outcome = work()
     except ScancellError as error:
-        _fail(command, as_json, error.in_options(_options(command)), type(error).__name__, EXIT_ERROR)
+        _fail(command, as_json, error.in_options(options_by_argument(command)), type(error).__name__, EXIT_ERROR)
     except KeyboardInterrupt:
         _fail(command, as_json, "interrupted", "KeyboardInterrupt", EXIT_INTERRUPTED)
     else:
         for line in outcome.text:
             print(line, file=sys.stderr if as_json else sys.stdout)
-        options = _options(command) if outcome.warnings else {}
-        outcome.warnings = [named_by(warning, options) for warning in outcome.warnings]
+        if outcome.warnings:
+            options = options_by_argument(command)
+            outcome = replace(outcome, warnings=[named_by(warning, options) for warning in outcome.warnings])
         for warning in outcome.warnings:
             print(f"warning: {warning}", file=sys.stderr)
         if as_json:
@@ -83,7 +84,7 @@ def run(command: str, as_json: bool, work: Callable[[], Outcome]) -> None:
             print(json.dumps({"command": command, "ok": True, **fields}))
 
 
-def _options(command: str) -> dict[str, str]:
+def options_by_argument(command: str) -> dict[str, str]:
     """Options of a command by the arguments of the Python functions that they give."""
     from scancell.cli import app  # noqa: PLC0415  (it imports this module)
 
