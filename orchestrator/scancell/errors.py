@@ -180,10 +180,10 @@ def named_by(text: str, options: Mapping[str, str]) -> str:
     return text
 
 
-def shown(value: object) -> str:
-    """A value in a message, on one line and not too long."""
+def shown(value: Any) -> str:
+    """A value in a message, on one line and not too long; a scalar of NumPy as the plain number."""
     try:
-        text = " ".join(repr(value).split())
+        text = " ".join(repr(value.item() if getattr(value, "shape", None) == () else value).split())
     except Exception:  # of a foreign object
         text = type(value).__name__
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}… ({type(value).__name__})"

@@ -123,6 +123,11 @@ def test_errors_carry_file_key_value_and_what_was_expected(tmp_path, work, carri
         assert part is None or part in str(error)
 
 
+@pytest.mark.parametrize("value", [np.float64(0.5), np.array(0.5), 0.5])
+def test_scalars_of_numpy_are_shown_as_plain_numbers(value) -> None:
+    assert str(DescriptionError(key="k", value=value, expected="1")) == "k = 0.5: expected 1"
+
+
 def test_errors_about_values_are_value_errors() -> None:
     assert {one.__name__ for one in TREE if issubclass(one, ValueError)} == ABOUT_VALUES
 
