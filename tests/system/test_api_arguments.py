@@ -140,7 +140,9 @@ def test_planning_ends_at_its_limit_of_work_and_states_what_it_reached(fuzzer: F
     with scancell.Scanner(settings=limits) as scanner:
         messages = []
         for _ in range(2):
-            with pytest.raises(PlanningError, match=r"scan\.max_planning_work = 0\.001: .* limit of work while ") as caught:
+            with pytest.raises(
+                PlanningError, match=r"scan\.max_planning_work = 0\.001: .* limit of work while "
+            ) as caught:
                 scanner.plan(fuzzer.part)
             messages.append(str(caught.value))
     assert messages[0] == messages[1], "work is counted, not timed"
