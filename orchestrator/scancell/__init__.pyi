@@ -97,7 +97,6 @@ from .errors import CellError as CellError
 from .errors import CommandError as CommandError
 from .errors import DescriptionError as DescriptionError
 from .errors import EmptyScanError as EmptyScanError
-from .errors import EngineError as EngineError
 from .errors import FitError as FitError
 from .errors import ImageError as ImageError
 from .errors import LinkError as LinkError
@@ -109,5 +108,6 @@ from .errors import PlanningError as PlanningError
 from .errors import ProgramError as ProgramError
 from .errors import ScancellError as ScancellError
 from .errors import SensorError as SensorError
+from .errors import WorkersError as WorkersError
 
 __version__: str

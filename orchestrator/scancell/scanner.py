@@ -180,14 +180,14 @@ class Scanner(CalibratingCell):
         *,
         unit: str = "mm",
         setup: Setup | None = None,
-        judges: Sequence[QualityFactor] = (),
+        quality_factors: Sequence[QualityFactor] = (),
         progress: Progress | ProgressCallback | None = None,
     ) -> Plan:
         """The checked program of the scan of a part, which `scan` takes.
 
         Parameters
         ----------
-        judges
+        quality_factors
             Constraints of your own for motions along sensor paths: functions of joints (n, joints) and table angles
             (n,), rad, that return factors (n,) in [0, 1], by which the quality is multiplied; 0 forbids.
         progress
@@ -202,7 +202,9 @@ class Scanner(CalibratingCell):
         heard = as_progress(progress)
         heard.stage("planning", 1, "plan")
         job = self._job(part, unit, setup=setup)
-        made = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, quality_factors=judges, progress=heard)
+        made = self.pipeline.plan(
+            job.loaded, job.setup, job.sensors.nominal, quality_factors=quality_factors, progress=heard
+        )
         heard.advance(1)
         return made
 

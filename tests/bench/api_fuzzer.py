@@ -262,7 +262,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             **of_sensor,
             **estimated,
         }
-        plan = {"part": part, "unit": "mm", "setup": None, "judges": (), "progress": None}
+        plan = {"part": part, "unit": "mm", "setup": None, "quality_factors": (), "progress": None}
         place = {"part": part, "share": 0.9, "unit": "mm", "progress": cancels}
         sensor = {"request": "ball", **of_sensor, "progress": cancels}
         shot = {

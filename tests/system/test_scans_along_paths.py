@@ -40,7 +40,7 @@ def test_a_constraint_of_ones_own_keeps_the_table_out_of_a_range() -> None:
         def elsewhere(q: np.ndarray, table: np.ndarray) -> np.ndarray:
             return (np.cos(table - middles[0]) < 0.5).astype(float)
 
-        made = scanner.plan(PART, judges=[elsewhere])
+        made = scanner.plan(PART, quality_factors=[elsewhere])
         result = scanner.scan(PART, engine="geometric", plan=made)
     assert (np.cos(free.table - middles[0]) > 0.5).any()
     assert (np.cos(made.table - middles[0]) < 0.5 + 0.02).all()

@@ -64,7 +64,7 @@ def _require_own_address(host: str) -> None:
             with socket.socket(family, kind, protocol) as probe:
                 probe.bind(place)
     except (OSError, UnicodeError) as error:
-        raise LinkError(f"--host {host}: expected an address of this machine ({error})") from None
+        raise LinkError(str(error), key="host", value=host, expected="an address of this machine") from None
 
 
 def is_own_page(headers: Mapping[str, str], host: str) -> bool:
