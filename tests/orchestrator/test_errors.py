@@ -108,7 +108,7 @@ def test_message_is_composed_of_what_the_error_carries(parts, message) -> None:
         ),
         (lambda _: read_index(Path("no.csv")), ("no.csv", None, None, None)),
         (
-            lambda _: CellState(0, 0.0, Operation.MANUAL, Mode.TOOL_JOG, False, np.zeros(7), rate=2.0),
+            lambda _: CellState(0, 0.0, Operation.MANUAL, Mode.CARTESIAN_JOG, False, np.zeros(7), rate=2.0),
             (None, "rate", 2.0, "0 to 1"),
         ),
         (lambda _: fit_sphere(np.zeros(3)), (None, None, None, "finite points of shape (n, 3)")),
