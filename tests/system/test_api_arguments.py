@@ -106,7 +106,7 @@ WRONG: list[tuple[Callable[[Fuzzer], Any], str]] = [
     (lambda _: scancell.ScanDescription(mode="sideways"), "ScanDescription: mode = 'sideways': must be"),
     (lambda f: f.scanner.survey(f.part, voxel=1.0), "survey: voxel = 1.0: expected at most"),
     (lambda _: scancell.extract([], "out"), "images: expected at least one"),
-    (lambda f: f.result.cloud[0], "points_in_part = "),
+    (lambda f: f.result.cloud[0], r"cloud\[0\]: expected a mask"),
 ]
 
 
@@ -136,7 +136,7 @@ def test_settings_take_arrays_and_text_with_quotes() -> None:
 def test_closed_scanner_refuses(fuzzer: Fuzzer) -> None:
     closed = fuzzer.closed
     closed.close()
-    for call in (closed.scan, closed.plan, closed.place, closed.survey, closed.mesh, closed.calibrate):
+    for call in (closed.scan, closed.plan, closed.place, closed.survey, closed.load_part, closed.calibrate):
         with pytest.raises(ScancellError, match="the scanner is closed"):
             call(fuzzer.part) if call != closed.calibrate else call("tool")
     with pytest.raises(ScancellError, match="the scanner is closed"), closed:
