@@ -324,7 +324,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("build_fmu", scancell.build_fmu, {"description": described, "path": Path("cell.fmu"), "version": 2}),
             Target(
                 "make_temporary_fmu",
-                lambda description, folder: shutil.rmtree(scancell.make_temporary_fmu(description, folder)),
+                lambda description, folder: shutil.rmtree(scancell.make_temporary_fmu(description, folder), True),
                 {"description": described, "folder": Path("unpacked")},
             ),
             Target("guard_of", scancell.guard_of, {"cell": setup.cell, "part": part, "scan": None, **files}),

@@ -106,6 +106,7 @@ WRONG: list[tuple[Callable[[Fuzzer], Any], str]] = [
     (lambda _: scancell.ScanDescription(mode="sideways"), "ScanDescription: mode = 'sideways': must be"),
     (lambda f: f.scanner.survey(f.part, voxel=1.0), "survey: voxel = 1.0: expected at most"),
     (lambda _: scancell.extract([], "out"), "images: expected at least one"),
+    (lambda _: scancell.build_fmu({"a": object()}, Path("cell.fmu"), 2), "description = .*expected numbers, text"),
     (lambda f: f.result.cloud[0], r"cloud\[0\]: expected a mask"),
 ]
 

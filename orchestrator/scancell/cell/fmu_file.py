@@ -20,7 +20,7 @@ from scancell.config.cell import CellDescription, PartDescription
 from scancell.config.devices import RESERVED_NAMES, ConveyorDescription, FurtherPartDescription
 from scancell.config.gripper import GripperDescription
 from scancell.config.units import si_value, to_si
-from scancell.errors import CellError, OutputError
+from scancell.errors import CellError, DescriptionError, OutputError
 from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, mass_properties
@@ -183,6 +183,17 @@ def _contact_bodies_json(cell: CellDescription, nominal: NominalCell) -> list[di
     ]
 
 
+def _json(description: Mapping[str, Any], indent: int | None = None) -> str:
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.generic | np.ndarray):
+            return value.tolist()
+        raise DescriptionError(
+            key="description", value=value, expected="numbers, text, lists and mappings, as `cell_json` makes them"
+        )
+
+    return json.dumps(description, indent=indent, default=plain)
+
+
 @checked_arguments
 def build_fmu(
     description: Mapping[str, Any], path: Path, version: FmiVersion, options: FmuOptions | None = None
@@ -196,7 +207,7 @@ def build_fmu(
     OutputError
         If the file cannot be written.
     """
-    contents = fmu_contents(runtime_dir(), json.dumps(description, indent=1), version, options or FmuOptions())
+    contents = fmu_contents(runtime_dir(), _json(description, indent=1), version, options or FmuOptions())
     with atomic_write(path) as temporary:
         write_archive(temporary, contents)
 
@@ -214,7 +225,7 @@ def make_temporary_fmu(description: Mapping[str, Any], folder: Path, version: Fm
     OutputError
         If the folder cannot be written.
     """
-    contents = json.dumps(description)
+    contents = _json(description)
     try:
         write_unpacked(folder, runtime_dir(), contents, version)
     except OSError as error:
