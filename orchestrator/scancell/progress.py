@@ -16,10 +16,24 @@ ProgressCallback = Callable[[str, float, float], object]
 
 @runtime_checkable
 class Progress(Protocol):
-    """Receives the stages of a piece of work and the steps done in them."""
+    """Receives the stages of a piece of work and the steps done in them.
+
+    Any object with these two methods will do, and so will a function ``callback(stage, done, total)``. What a method
+    raises ends the work; a callback cancels it by returning False.
+
+    Examples
+    --------
+    >>> class Stages:
+    ...     def stage(self, name, total, unit):
+    ...         print(name)
+    ...     def advance(self, steps):
+    ...         pass
+    >>> plan = scancell.plan("part.stl", progress=Stages())
+    planning
+    """
 
     def stage(self, name: str, total: float, unit: str) -> None:
-        """Begin a stage of `total` steps of `unit`."""
+        """Begin the stage `name` of `total` steps of `unit`."""
 
     def advance(self, steps: float) -> None:
         """Add `steps` to the current stage."""

@@ -8,7 +8,32 @@ from scancell.cell.instance import CellInstance
 
 
 class Mode(IntEnum):
-    """Numbers of ``command.mode`` and ``controller.mode``."""
+    """Numbers of ``command.mode`` and ``controller.mode``: what moves the robot.
+
+    Attributes
+    ----------
+    HOLD
+        Nothing: the axes brake and rest.
+    SERVO
+        Streamed set-points of the axes.
+    JOINT_MOVE
+        All axes together from start to end.
+    LINE_MOVE
+        The sensor straight to a pose.
+    JOINT_JOG
+        Axes by hand.
+    CARTESIAN_JOG
+        The sensor by hand, along and about the axes of a `JogFrame`.
+    PROGRAM
+        A segment of a program.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     session.move_joints(session.home)
+    ...     scancell.Mode(session.cell.get_integer("controller.mode"))
+    <Mode.JOINT_MOVE: 2>
+    """
 
     HOLD = 0
     SERVO = 1
@@ -20,14 +45,50 @@ class Mode(IntEnum):
 
 
 class Operation(IntEnum):
-    """Numbers of ``command.operation``: by hand jogs alone move the robot, in automatic operation programs alone do."""
+    """Numbers of ``command.operation``: what may move the robot.
+
+    Attributes
+    ----------
+    MANUAL
+        Jogs alone.
+    AUTOMATIC
+        Moves and programs alone; so a cell begins.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     session.set_operation(scancell.Operation.MANUAL)
+    ...     session.move_joints(session.home)
+    Traceback (most recent call last):
+        ...
+    scancell.errors.CommandError: move_joints: the cell is in manual operation, ...
+    """
 
     MANUAL = 0
     AUTOMATIC = 1
 
 
 class JogFrame(IntEnum):
-    """Numbers of ``command.jog_frame``: whose axes a Cartesian jog follows."""
+    """Numbers of ``command.jog_frame``: whose axes a Cartesian jog follows.
+
+    Attributes
+    ----------
+    WORLD
+        The axes of the world.
+    SENSOR
+        The axes of the sensor; its z is the direction of the laser.
+
+    Examples
+    --------
+    At home the sensor looks down:
+
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     session.set_operation(scancell.Operation.MANUAL)
+    ...     start = session.world_from_tool()[2, 3]
+    ...     session.jog_sensor([0, 0, 0.5, 0, 0, 0], duration=0.2, frame=scancell.JogFrame.SENSOR)
+    ...     bool(session.world_from_tool()[2, 3] < start)
+    True
+    """
 
     WORLD = 0
     SENSOR = 1

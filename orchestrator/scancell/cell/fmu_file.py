@@ -58,11 +58,23 @@ def cell_json(
 
     Parameters
     ----------
+    cell
+        Description of the cell (`load_setup`).
     nominal
-        With the obstacles that are unknown to planning, see `with_unknown_obstacles`.
+        Its geometry with the part (`nominal_cell`).
+    seed
+        Of the noise of encoders and sensors.
     collision_outputs
         False leaves out the outputs of collisions and clearances even where the cell describes them: nothing in a scan
         reads them, and their meshes and distance queries cost most of a run.
+
+    Examples
+    --------
+    >>> setup = scancell.load_setup()
+    >>> nominal = scancell.nominal_cell(setup.cell, scancell.load_part("part.stl"))
+    >>> description = scancell.cell_json(setup.cell, nominal, seed=0)
+    >>> len(description["robot"]["joints"]), description["controller_cycle_us"]
+    (6, 16000)
     """
     robot = [to_si(joint.model_dump(exclude={"mesh", "drive", "inertia"})) for joint in cell.robot.joint]
     for joint, start in zip(robot, nominal.home, strict=True):
@@ -196,9 +208,21 @@ def _json(description: Mapping[str, Any], indent: int | None = None) -> str:
 
 @checked_arguments
 def build_fmu(
-    description: Mapping[str, Any], path: Path, version: FmiVersion, options: FmuOptions | None = None
+    description: Mapping[str, Any], path: str | Path, version: FmiVersion, options: FmuOptions | None = None
 ) -> None:
-    """Write the FMU of a cell (`cell_json`) to `path`; it appears whole or not at all.
+    """Write the FMU of a cell to `path`; it appears whole or not at all.
+
+    Parameters
+    ----------
+    description
+        Of the cell, as `cell_json` makes it.
+    path
+        File of the FMU.
+    version
+        Of FMI: 2 or 3.
+    options
+        Variants of the model description: a clock, arrays in place of scalars, integers in place of enumerations; None:
+        none of them.
 
     Raises
     ------
@@ -206,17 +230,34 @@ def build_fmu(
         If the native part is missing or refuses the description, or the cell cannot make its reference trajectory.
     OutputError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> setup = scancell.load_setup()
+    >>> nominal = scancell.nominal_cell(setup.cell, scancell.load_part("part.stl"))
+    >>> scancell.build_fmu(scancell.cell_json(setup.cell, nominal, seed=0), "cell.fmu", version=3)
+    >>> with scancell.CellInstance("cell.fmu") as cell:
+    ...     cell.step_to(1000)
     """
     contents = fmu_contents(runtime_dir(), _json(description, indent=1), version, options or FmuOptions())
-    with atomic_write(path) as temporary:
+    with atomic_write(Path(path)) as temporary:
         write_archive(temporary, contents)
 
 
 @checked_arguments
-def make_temporary_fmu(description: Mapping[str, Any], folder: Path, version: FmiVersion = 2) -> Path:
-    """Unpacked FMU of a cell (`cell_json`) in the new folder `folder`, for `CellInstance` in this process.
+def make_temporary_fmu(description: Mapping[str, Any], folder: str | Path, version: FmiVersion = 2) -> Path:
+    """Write the unpacked FMU of a cell, for a `CellInstance` on this machine; the folder.
 
     It holds what an instance needs and no documentation; its libraries are a link to those of this installation.
+
+    Parameters
+    ----------
+    description
+        Of the cell, as `cell_json` makes it.
+    folder
+        New folder of the FMU.
+    version
+        Of FMI: 2 or 3.
 
     Raises
     ------
@@ -224,8 +265,17 @@ def make_temporary_fmu(description: Mapping[str, Any], folder: Path, version: Fm
         If the native part is missing or refuses the description.
     OutputError
         If the folder cannot be written.
+
+    Examples
+    --------
+    >>> setup = scancell.load_setup()
+    >>> nominal = scancell.nominal_cell(setup.cell, scancell.load_part("part.stl"))
+    >>> fmu = scancell.make_temporary_fmu(scancell.cell_json(setup.cell, nominal, seed=0), "fmu")
+    >>> with scancell.CellInstance(fmu) as cell:
+    ...     cell.get(cell.real_group(["truth.table.position[3]"])).round(3)
+    array([...])
     """
-    contents = _json(description)
+    contents, folder = _json(description), Path(folder)
     try:
         write_unpacked(folder, runtime_dir(), contents, version)
     except OSError as error:

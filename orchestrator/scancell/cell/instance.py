@@ -51,7 +51,8 @@ class CellInstance(Closing):
     cell_file
         Description of the cell (JSON) to use in place of the FMU's own, with as many devices of each kind.
     parameters
-        Chooses values of fixed parameters.
+        Function that gets the units of the ``as_built.*`` parameters by name (see `units`) and returns the values, SI,
+        of those fixed parameters that are to be set.
     folder
         Where an FMU file is unpacked; the system's folder for temporary files if not given.
 
@@ -65,7 +66,21 @@ class CellInstance(Closing):
     Raises
     ------
     CellError
-        If the FMU cannot be loaded or refuses a call, with the message that it logged.
+        If the FMU cannot be loaded or refuses a call, with the message that it logged. After an error of the FMU the
+        instance takes no more calls but `reset` and `close`.
+
+    Examples
+    --------
+    >>> setup = scancell.load_setup()
+    >>> nominal = scancell.nominal_cell(setup.cell, None)
+    >>> fmu = scancell.make_temporary_fmu(scancell.cell_json(setup.cell, nominal, seed=0), "fmu")
+    >>> with scancell.CellInstance(fmu) as cell:
+    ...     table = cell.real_group(["command.table", "measured.table"])
+    ...     cell.set(cell.real_group(["command.table"]), np.array([0.01]))
+    ...     cell.set_integer("command.mode", scancell.Mode.SERVO)
+    ...     cell.step_to(500_000)
+    ...     cell.get(table).round(3)
+    array([0.01, 0.01])
     """
 
     @checked_arguments
@@ -120,7 +135,7 @@ class CellInstance(Closing):
         )
 
     def axis_names(self, prefix: str) -> list[str]:
-        """Names of the variables of all axes after a prefix such as ``measured.``: joints, then table."""
+        """Names of the variables of all axes after a `prefix` such as ``measured.``: joints, then table."""
         joints = sum(name.startswith("measured.q[") for name in self._variables)
         return [*(f"{prefix}q[{i}]" for i in range(1, joints + 1)), f"{prefix}table"]
 
@@ -129,9 +144,16 @@ class CellInstance(Closing):
         self._enter(cell_file, parameters)
 
     def reset(self, cell_file: Path | None = None, parameters: Mapping[str, float] | None = None) -> None:
-        """Begin anew at time 0, with another cell (its JSON) or other fixed parameters, without loading again.
+        """Begin anew at time 0, without loading again.
 
         Nothing listens to the steps of the new run.
+
+        Parameters
+        ----------
+        cell_file
+            Description of another cell (JSON); None: the last one.
+        parameters
+            Values of fixed parameters by name, SI.
 
         Raises
         ------
@@ -179,14 +201,14 @@ class CellInstance(Closing):
 
     def _set_parameters(self, parameters: Mapping[str, float]) -> None:
         for name, value in parameters.items():
-            variable = self._variables[name]
+            reference, variable = self._reference(name), self._variables[name]
             setter = self._fmu.setReal if self._is_fmi2 else self._fmu.setFloat64
             if variable.type.startswith("Int"):
                 setter = self._fmu.setInteger if self._is_fmi2 else self._fmu.setInt32
-            setter([variable.valueReference], [value])
+            setter([reference], [value])
 
     def units(self) -> dict[str, str | None]:
-        """Unit of every ``as_built.*`` parameter."""
+        """Unit of every ``as_built.*`` parameter by name; None where it has none."""
         return {
             name: v.declaredType.unit if v.declaredType is not None else v.unit
             for name, v in self._variables.items()
@@ -199,7 +221,13 @@ class CellInstance(Closing):
         return list(self._variables)
 
     def real_group(self, names: Iterable[str]) -> RealGroup:
-        """A group of real variables for `get` and `set`, in the order of `names`."""
+        """A group of real variables for `get` and `set`, in the order of `names`.
+
+        Raises
+        ------
+        CellError
+            If the FMU has no such variable.
+        """
         return RealGroup([self._reference(name) for name in names])
 
     def _reference(self, name: str) -> int:
@@ -208,21 +236,33 @@ class CellInstance(Closing):
         return int(self._variables[name].valueReference)
 
     def get(self, group: RealGroup) -> NDArray[np.float64]:
-        """Values of the group; the array is overwritten by the next call."""
+        """Values (n,) of a `group` of `real_group`, SI; the array is overwritten by the next call.
+
+        Raises
+        ------
+        CellError
+            If one of the variables is not real.
+        """
         self._call(self._get_reals, group)
         return group.values
 
     def set(self, group: RealGroup, values: NDArray[np.float64]) -> None:
-        """Set the inputs of the group."""
+        """Set the inputs of a `group` of `real_group` to `values` (n,), SI.
+
+        Raises
+        ------
+        CellError
+            If one of them is no input, or a value is not finite.
+        """
         group.values[:] = values
         self._call(self._set_reals, group)
 
     def get_integer(self, name: str) -> int:
-        """Value of an integer or enumeration variable."""
+        """Value of the integer or enumeration variable `name`; `CellError` if there is none."""
         return self.get_integers([name])[0]
 
     def get_integers(self, names: Iterable[str]) -> list[int]:
-        """Values of integer and enumeration variables."""
+        """Values of the integer and enumeration variables `names`; `CellError` if one does not exist."""
         names = tuple(names)
         if names not in self._integer_getters:
             access = {self._integer_access("get", name) for name in names}
@@ -232,11 +272,11 @@ class CellInstance(Closing):
         return list(self._call(*getter)) if getter else [self.get_integer(name) for name in names]
 
     def get_boolean(self, name: str) -> bool:
-        """Value of a Boolean variable."""
+        """Value of the Boolean variable `name`; `CellError` if there is none."""
         return bool(self._call(self._fmu.getBoolean, [self._reference(name)])[0])
 
     def set_integer(self, name: str, value: int) -> None:
-        """Set an integer or enumeration input."""
+        """Set the integer or enumeration input `name` to `value`; `CellError` if there is no such input."""
         self._call(getattr(self._fmu, self._integer_access("set", name)), [self._reference(name)], [value])
 
     def _integer_access(self, verb: str, name: str) -> str:
@@ -246,20 +286,20 @@ class CellInstance(Closing):
         return verb + ("Integer" if self._is_fmi2 else "Int64" if enumeration else "Int32")
 
     def set_boolean(self, name: str, value: bool) -> None:
-        """Set a Boolean input."""
+        """Set the Boolean input `name` to `value`; `CellError` if there is no such input."""
         self._call(self._fmu.setBoolean, [self._reference(name)], [value])
 
     def set_string(self, name: str, value: str) -> None:
-        """Set a string input."""
+        """Set the string input `name` to `value`; `CellError` if there is no such input."""
         self._call(self._fmu.setString, [self._reference(name)], [value])
 
     def get_string(self, name: str) -> str:
-        """Value of a string variable."""
+        """Value of the string variable `name`; `CellError` if there is none."""
         value = self._call(self._fmu.getString, [self._reference(name)])[0]
         return value.decode() if isinstance(value, bytes) else str(value)
 
     def on_step(self, listener: Callable[[], object]) -> Callable[[], None]:
-        """Call `listener` after every communication step, until the returned function is called."""
+        """Call `listener`, without arguments, after every communication step, until the returned function is called."""
         self._listeners.append(listener)
 
         def end() -> None:
@@ -268,7 +308,7 @@ class CellInstance(Closing):
         return end
 
     def on_cycle(self, cycle_us: int, listener: Callable[[], object]) -> None:
-        """Call `listener` after every communication step that reaches or passes the end of a cycle."""
+        """Call `listener` after every communication step that reaches or passes the end of a cycle of `cycle_us` µs."""
         done = self._time_us // cycle_us
 
         def look() -> None:
@@ -281,11 +321,17 @@ class CellInstance(Closing):
 
     @property
     def time_us(self) -> int:
-        """Simulated time."""
+        """Simulated time, µs."""
         return self._time_us
 
     def step_to(self, time_us: int) -> None:
-        """Advance to `time_us` in one communication step."""
+        """Advance to `time_us`, later than now, in one communication step.
+
+        Raises
+        ------
+        CellError
+            If the FMU reports an error.
+        """
         start, size = self._time_us * 1e-6, (time_us - self._time_us) * 1e-6
         self._call(self._fmu.doStep, start, size)
         self._time_us = time_us

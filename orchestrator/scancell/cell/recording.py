@@ -160,7 +160,25 @@ class ExposureTruth:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Value):
-    """All trigger records of a run, by column name; every column has one row per exposure."""
+    """All trigger records of a run.
+
+    Attributes
+    ----------
+    columns
+        Values (n,) by the FMU's variable names, SI, one row per exposure.
+
+    Examples
+    --------
+    >>> start = scancell.location(0.45, 0.0, 0.23, rx=np.pi)
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     session.move_tool(start)
+    ...     recording = session.record_line(start @ scancell.location(0.02, 0, 0), spacing=1e-3, exposure=5e-4)
+    >>> len(recording), recording.measured.q.shape
+    (21, (21, 6))
+    >>> true_x = recording.truth_at_middle("sensor")[:, 0, 3]
+    >>> bool(np.allclose(np.diff(true_x), 1e-3, atol=1e-5))
+    True
+    """
 
     columns: Mapping[str, NDArray[np.float64] | NDArray[np.int64]]
 
@@ -169,7 +187,12 @@ class Recording(Value):
 
     @property
     def measured(self) -> TriggerRecords:
-        """The part of the recording that reconstruction may use."""
+        """The part of the recording that reconstruction may use.
+
+        Arrays of n rows: ``time`` of the middle of each exposure and its duration ``exposure``, s, ``index`` and
+        ``segment`` of the program, angles ``q`` (n, joints) and ``table``, rad, and their rates ``qd`` and
+        ``table_rate``, rad/s.
+        """
         joints = RecordLayout.of(self.columns).joints
         return TriggerRecords(
             index=self.columns["trigger.index"].astype(np.int64),
@@ -184,18 +207,26 @@ class Recording(Value):
 
     @property
     def truth(self) -> ExposureTruth:
-        """The part of the recording that the renderer uses, with a global shutter."""
+        """The part of the recording that the renderer uses, with a global shutter.
+
+        ``duration`` (n,), s, and ``world_from_frame``, the poses (n, 2, 4, 4) at start and end of each exposure by the
+        name of the frame.
+        """
         return self.truth_for_rows(0.0)
 
     def truth_at_middle(self, frame: str) -> Array:
-        """``world_from_frame`` (n, 4, 4) of one of the moving frames in the middle of every exposure."""
+        """Poses ``world_from_frame`` (n, 4, 4) of `frame` in the middle of every exposure.
+
+        `frame` is ``link[1]`` …, ``sensor``, ``table``, ``part[1]`` … or ``finger[1]``, ``finger[2]``; of another one
+        there is a `KeyError`.
+        """
         position, orientation = (
             self._stack(_indexed(f"{_TRUTH}{frame}.{part}", count)) for part, count in _PARTS_OF_POSE[:2]
         )
         return np.asarray(pose.from_rotation(pose.rotation_from_quaternion(orientation), position))
 
     def truth_for_rows(self, readout: float) -> ExposureTruth:
-        """The same for a rolling shutter, whose last row is exposed `readout` seconds after the first one."""
+        """`truth` for a rolling shutter, whose last row is exposed `readout` seconds after the first one."""
         duration = self._stack(["trigger.exposure"])[:, 0]
         frames = RecordLayout.of(self.columns).frames
         return ExposureTruth(duration, {frame: self._poses(frame, duration + readout) for frame in frames})
@@ -218,7 +249,7 @@ class Recording(Value):
 
     @classmethod
     def joined(cls, parts: Sequence[Recording]) -> Recording:
-        """The rows of recordings with the same columns, one after another."""
+        """The rows of the recordings `parts`, at least one, with the same columns, one after another."""
         return cls({name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns})
 
     def since(self, time: float) -> Recording:
@@ -249,14 +280,27 @@ def write_recording(recording: Recording, path: Path) -> None:
 
 
 @checked_arguments
-def read_recording(path: Path) -> Recording:
-    """Read Parquet or CSV; rows without a new trigger (same or zero ``trigger.index``) are passed over.
+def read_recording(path: str | Path) -> Recording:
+    """Read trigger records from the file `path`: CSV by its ending, else Parquet.
+
+    Any FMI tool can write it. Rows without a new trigger (same or zero ``trigger.index``) are passed over.
 
     Raises
     ------
     DescriptionError
         If the file is missing, not a table, lacks a column or holds values that are not finite numbers.
+
+    Examples
+    --------
+    A saved scan holds its recording:
+
+    >>> settings = {"scan.sweep.angle_step_deg": 20, "scan.raster.pitch_mm": 10}
+    >>> files = scancell.scan("part.stl", engine="geometric", settings=settings).save("run")
+    >>> recording = scancell.read_recording("run/recording.parquet")
+    >>> bool(np.all(np.diff(recording.measured.time) > 0))
+    True
     """
+    path = Path(path)
     table = read_table(path)
     layout = RecordLayout.of(table.column_names)
     wanted = (*INTEGER_COLUMNS, *layout.measured, *layout.truth)

@@ -14,12 +14,31 @@ Array = NDArray[np.float64]
 
 
 class SignalLog:
-    """Listens to a cell from now on; Boolean variables count 0 and 1.
+    """Values of variables from now on, at every communication step.
+
+    Parameters
+    ----------
+    cell
+        Running instance (`CellSession.cell`).
+    reals
+        Names of real variables.
+    booleans
+        Names of Boolean variables, which count 0 and 1.
 
     Raises
     ------
     CellError
         If the cell has no such variable.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     log = scancell.SignalLog(session.cell, ["measured.table"], ["controller.moving"])
+    ...     session.turn_table(0.5)
+    >>> log["measured.table"][[0, -1]].round(3)
+    array([0. , 0.5])
+    >>> bool(np.all(np.diff(log["measured.table"]) >= 0)), int(log["controller.moving"].max())
+    (True, 1)
     """
 
     @checked_arguments
@@ -41,6 +60,9 @@ class SignalLog:
         return np.array([row[0] for row in self._rows])
 
     def __getitem__(self, name: str) -> Array:
-        """Values (n,) of a variable, SI."""
-        column = 1 + (*self._reals, *self._booleans).index(name)
+        """Values (n,) of the variable `name` at the instants of `time`, SI; `KeyError` where it is not logged."""
+        names = (*self._reals, *self._booleans)
+        if name not in names:
+            raise KeyError(name)
+        column = 1 + names.index(name)
         return np.array([row[column] for row in self._rows])

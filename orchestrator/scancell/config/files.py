@@ -32,7 +32,13 @@ _FOLDERS = {kind: f"{kind}s" for kind in ("cell", "robot", "sensor", "scan", "pa
 
 
 def assets_dir() -> Path:
-    """Folder of the shipped descriptions and meshes: beside the package in a checkout, inside it in a wheel."""
+    """Folder of the shipped descriptions and meshes: beside the package in a checkout, inside it in a wheel.
+
+    Examples
+    --------
+    >>> sorted(file.name for file in (scancell.assets_dir() / "cells").glob("*.toml"))
+    ['default.toml', 'offset_wrist.toml', 'pick_and_place.toml', 'seven_axis.toml']
+    """
     package = Path(__file__).resolve().parents[1]
     inside = package / "assets"
     return inside if inside.is_dir() else package.parents[1] / "assets"

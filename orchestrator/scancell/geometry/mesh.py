@@ -45,9 +45,34 @@ _BLOCK = 1 << 14  # faces worked on at a time, which stay in the cache
 @checked_fields
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh(Value):
-    """Vertices (n, 3) in metres, faces (m, 3) of vertex numbers; `source` is the file or a name.
+    """Triangle mesh, as `load_part` reads it or of your own arrays.
 
-    `warnings` are sentences for people about what was found, and repaired, when the file was read.
+    Attributes
+    ----------
+    vertices
+        Positions (n, 3), m.
+    faces
+        Numbers of vertices (m, 3), from 0; anticlockwise as seen from outside.
+    source
+        File or name, for messages.
+    warnings
+        What was found, and repaired, when the file was read.
+
+    Raises
+    ------
+    DescriptionError
+        If an array has another shape, or `faces` are no integers. Numbers of vertices are checked where the mesh is
+        used, see `usable`.
+
+    Examples
+    --------
+    >>> corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+    >>> mesh = scancell.Mesh(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]), "corner")
+    >>> mesh.is_closed, mesh.orientation
+    (True, 'outward')
+    >>> print(mesh.transformed(scancell.pose.translation((0.5, 0, 0))).bounds.round(3))
+    [[0.5 0.  0. ]
+     [0.6 0.1 0.1]]
     """
 
     vertices: Annotated[Array, Shape((None, 3), finite=False)]
@@ -63,7 +88,7 @@ class Mesh(Value):
 
     @cached_property
     def bounds(self) -> Array:
-        """(2, 3) lower and upper corner of the vertices that faces use."""
+        """(2, 3) lower and upper corner of the vertices that faces use, m."""
         used = self._used_vertices
         return np.stack([used.min(0), used.max(0)])
 
@@ -110,7 +135,7 @@ class Mesh(Value):
 
     @checked_arguments
     def transformed(self, target_from_part: Annotated[ArrayLike, Shape((4, 4))]) -> Mesh:
-        """The mesh in another frame."""
+        """The mesh in the frame to which `target_from_part`, a pose (4, 4), leads."""
         return Mesh(pose.transform_points(target_from_part, self.vertices), self.faces, self.source, self.warnings)
 
     @cached_property
@@ -141,7 +166,14 @@ class Mesh(Value):
 
 @checked_arguments
 def box_mesh(size: Annotated[ArrayLike, Shape((3,))], source: str = "box") -> Mesh:
-    """A box with edges `size` (3,) along its axes, centred on the origin, metres."""
+    """A box with edges `size` (3,) along its axes, m, centred on the origin; `source` is its name in messages.
+
+    Examples
+    --------
+    >>> print(scancell.box_mesh((0.04, 0.03, 0.02)).bounds)
+    [[-0.02  -0.015 -0.01 ]
+     [ 0.02   0.015  0.01 ]]
+    """
     corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     # Two triangles for each of the sides -x, -y, -z, +z, +y, +x; corner 4 i + 2 j + k has signs i, j, k.
     quads = [(0, 1, 3, 2), (0, 4, 5, 1), (0, 2, 6, 4), (1, 5, 7, 3), (2, 3, 7, 6), (4, 6, 7, 5)]

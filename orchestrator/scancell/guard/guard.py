@@ -12,12 +12,12 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.cell.controller import Operation
 from scancell.config.robot import RobotDescription
-from scancell.errors import MessageError
+from scancell.errors import DescriptionError, MessageError
 from scancell.geometry.reduction import reduced
 from scancell.guard.check import Contact, ManualCheck, Verdict
 from scancell.guard.identify import Identifier
@@ -62,25 +62,35 @@ class Decision:
 
 
 class Guard:
-    """Guards the robot of one cell.
+    """Guards the robot of one cell; `guard_of` makes one of descriptions.
 
     Parameters
     ----------
     nominal
-        The cell as the guard knows it, measured space included.
+        The cell as the guard knows it, measured space included (`nominal_cell`).
     robot
-        Description of the robot: the limits of jogging.
+        Description of the robot (``CellDescription.robot``): the limits of jogging.
     settings
-        The worst case.
+        The worst case; None: the defaults of `GuardSettings`.
     ignored
-        Pairs of bodies, in either order, that are not compared.
+        Pairs of names of bodies, in either order, that are not compared.
 
     Attributes
     ----------
     settings
         The worst case.
     decision
-        The last one.
+        The last one: ``stop``, ``monitor_speed`` (0 to 1), ``text`` and ``beep`` for the pendant, and the ``pair`` of
+        bodies that is its reason.
+
+    Examples
+    --------
+    >>> setup = scancell.load_setup()
+    >>> nominal = scancell.nominal_cell(setup.cell, scancell.load_part("part.stl"))
+    >>> guard = scancell.Guard(nominal, setup.cell.robot)
+    >>> home = np.append(nominal.home, 0.0)  # joints and table
+    >>> guard.check([home, home + 0.1]) is None
+    True
     """
 
     @checked_arguments
@@ -119,12 +129,34 @@ class Guard:
         self._stopping = False
         self.decision = Decision()
 
-    def check(self, points: Array) -> MotionClash | None:
-        """None if the motion through set-points (n, joints + 1), rad, is proved free of contact, else a place of it."""
-        return self._motions.clash_along(np.asarray(points, float))
+    def check(self, points: ArrayLike) -> MotionClash | None:
+        """None if a motion is proved free of contact, else a place where it is not.
+
+        Parameters
+        ----------
+        points
+            Set-points of joints and table (n, joints + 1), rad.
+
+        Returns
+        -------
+        MotionClash or None
+            Names ``body_a`` and ``body_b``, their ``distance`` and the ``clearance`` that they need, m, and the set-point
+            ``index``, or the motion from there on.
+
+        Raises
+        ------
+        DescriptionError
+            If `points` have another shape, or are not finite.
+        """
+        points = np.asarray(points, float)
+        if points.ndim != 2 or points.shape[1] != self._axes or not np.isfinite(points).all():
+            raise DescriptionError(
+                f"the shape is {points.shape}", key="points", expected=f"finite angles of shape (n, {self._axes})"
+            )
+        return self._motions.clash_along(points)
 
     def answer(self, state: CellState) -> GuardMessage:
-        """The permission that follows from a state, or an emergency stop.
+        """The permission that follows from a `state` (`GuardedCell.state`), or an emergency stop.
 
         Raises
         ------

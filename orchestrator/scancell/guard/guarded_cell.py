@@ -26,7 +26,7 @@ class GuardedCell:
     cell
         A running instance at a multiple of the controller's cycle.
     cycle_us
-        The controller's cycle.
+        The controller's cycle, µs.
     link
         To the guard; None: without a guard.
     max_age
@@ -40,6 +40,20 @@ class GuardedCell:
         Of the operator, 0 to 1; the lower one of this and the guard's is in force.
     stop_pressed
         Whether a person holds the emergency stop pressed, whatever the guard says.
+
+    Examples
+    --------
+    >>> guard = scancell.guard_of(part="part.stl")
+    >>> link = scancell.Link(scancell.InProcess(guard, compute_time=0.003), guard.settings.max_age)
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     guarded = scancell.GuardedCell(session.cell, 16_000, link, guard.settings.max_age)
+    ...     guarded.attach()
+    ...     session.move_tool(scancell.location(0.45, 0.0, 0.05, rx=np.pi))
+    Traceback (most recent call last):
+        ...
+    scancell.errors.CommandError: move_tool: held by the guard ...: slowed to 0%: sensor - part
+
+    `Scanner.session` with ``guarded=True`` does the same.
     """
 
     @checked_arguments
@@ -71,13 +85,20 @@ class GuardedCell:
         self._cell.on_cycle(self._cycle_us, self.poll)
 
     def set_monitor_speed(self, share: float) -> None:
-        """Change the operator's monitor speed; at once, but never beyond what the guard allows. It scales no jog."""
+        """Change the operator's monitor speed to `share`, 0 to 1.
+
+        It acts at once, but never beyond what the guard allows, and scales no jog.
+        """
         self.monitor_speed = share
         manual = self._cell.get_integer("command.operation") == Operation.MANUAL
         self._cell.set(self._monitor_speed, np.array([self._allowed if manual else min(share, self._allowed)]))
 
     def poll(self) -> list[GuardMessage]:
-        """Send the state where a query is due, and obey the answers that have arrived; to be called once a cycle."""
+        """Send the state where a query is due, and obey the answers that have arrived; to be called once a cycle.
+
+        The answers are returned: ``monitor_speed``, ``emergency_stop``, ``text``, ``beep`` and ``state_time``, s, of the
+        state that each is about.
+        """
         if self._link is None:
             return []
         time = self._cell.time_us * 1e-6
@@ -98,7 +119,7 @@ class GuardedCell:
         return answers
 
     def run(self, seconds: float, act: Callable[[], bool]) -> None:
-        """Run in real time for `seconds`, or until `act`, which is called once a cycle, returns true.
+        """Run in real time for `seconds` of the cell, or until `act`, which is called once a cycle, returns true.
 
         A machine that is too slow makes the cell's clock slow, which is that of the ages: see `Pace`.
         """

@@ -47,11 +47,21 @@ class Link:
     Parameters
     ----------
     transport
-        Carries the packets.
+        Carries the packets: `InProcess`, `UdpTransport` or `TcpTransport`.
     age_limit
         Answers to states older than that are refused, s.
     faults
-        Of the controller; then the times are true ones.
+        Of the controller; then the times are true ones. None: no faults.
+
+    Examples
+    --------
+    >>> guard = scancell.guard_of()
+    >>> link = scancell.Link(scancell.InProcess(guard, compute_time=0.003), guard.settings.max_age)
+    >>> with scancell.Scanner() as scanner, scanner.session() as session:
+    ...     guarded = scancell.GuardedCell(session.cell, 16_000, link, guard.settings.max_age)
+    ...     guarded.attach()
+    ...     session.wait(0.8)
+    ...     print(f"{link.counts['accepted']} answers, the last one to a state {link.age(session.time):.3f} s old")
     """
 
     @checked_arguments
@@ -61,11 +71,11 @@ class Link:
 
     @property
     def counts(self) -> Counter[str]:
-        """Packets received, by `Outcome`."""
+        """Numbers of packets received, by what became of them: ``accepted``, ``stale``, ``duplicate`` …"""
         return self._endpoint.counts
 
     def send(self, state: CellState, time: float) -> None:
-        """Send a state at `time`, s."""
+        """Send a `state` of the cell (`GuardedCell.state`) at `time`, s."""
         sent = self._faults.queried(state) if self._faults else state
         self._transport.send(self._endpoint.packet(sent), time)
 

@@ -37,6 +37,13 @@ class GuardSettings:
         Time for which a motion by hand is predicted for warnings, s.
     threads
         Threads of the checks of motions before they begin; 0 uses all cores. An answer takes one.
+
+    Examples
+    --------
+    >>> settings = scancell.GuardSettings(max_age=0.2, position_error=0.002)
+    >>> print(f"{settings.reaction:.3f} s")
+    0.232 s
+    >>> guard = scancell.guard_of(part="part.stl", settings=settings)
     """
 
     max_age: float = 0.12

@@ -68,9 +68,19 @@ class InProcess:
     Parameters
     ----------
     answerer
-        The guard.
+        The guard: a `Guard`, or another object with ``answer(state)`` and ``reset()``.
     compute_time
         Of an answer, s. Of the states that arrive meanwhile, the newest is the next to be answered.
+
+    Examples
+    --------
+    >>> guard = scancell.guard_of()
+    >>> link = scancell.Link(scancell.InProcess(guard, compute_time=0.003), guard.settings.max_age)
+    >>> with scancell.Scanner() as scanner, scanner.session() as session:
+    ...     guarded = scancell.GuardedCell(session.cell, 16_000, link, guard.settings.max_age)
+    ...     link.send(guarded.state(), 0.0)
+    >>> len(link.poll(0.002)), len(link.poll(0.004))
+    (0, 1)
     """
 
     @checked_arguments
@@ -83,7 +93,7 @@ class InProcess:
         self._numbers = itertools.count()
 
     def send(self, packet: bytes, time: float) -> None:
-        """Hand a packet to the guard at `time`, s."""
+        """Hand a `packet` to the guard at `time`, s."""
         self._waiting.append((time, packet))
 
     def receive(self, time: float) -> list[Arrival]:
@@ -136,12 +146,24 @@ class FaultyTransport:
 
 
 class UdpTransport:
-    """Datagrams to a server.
+    """Datagrams to a guard's server (``scancell guard serve``).
+
+    Parameters
+    ----------
+    host, port
+        Name or address of the server's machine, and its port. Whether it is there shows in its answers.
 
     Raises
     ------
     LinkError
         If the address is none.
+
+    Examples
+    --------
+    >>> link = scancell.Link(scancell.UdpTransport("127.0.0.1", 4000), age_limit=0.12)
+    >>> link.age(0.0)  # without an answer so far
+    inf
+    >>> link.close()
     """
 
     @checked_arguments
@@ -149,12 +171,12 @@ class UdpTransport:
         self._socket = _connected(host, port, socket.SOCK_DGRAM)
 
     def send(self, packet: bytes, time: float) -> None:
-        """Send a datagram; it is lost if there is no server or no room."""
+        """Send `packet` as a datagram; it is lost if there is no server or no room. `time` has no effect."""
         with contextlib.suppress(OSError):
             self._socket.send(packet)
 
     def receive(self, time: float) -> list[Arrival]:
-        """Datagrams that have arrived."""
+        """Datagrams that have arrived, with `time`, s, as that of their arrival."""
         arrived: list[Arrival] = []
         for number in range(_MAX_RECEIVED):
             try:
@@ -174,12 +196,26 @@ class UdpTransport:
 
 
 class TcpTransport:
-    """A connection to a server; once it is broken, nothing is sent or received until `reset`.
+    """A connection to a guard's server (``scancell guard serve --transport tcp``).
+
+    Once it is broken, nothing is sent or received until `reset`.
+
+    Parameters
+    ----------
+    host, port
+        Name or address of the server's machine, and its port.
 
     Raises
     ------
     LinkError
         If there is no server.
+
+    Examples
+    --------
+    >>> scancell.TcpTransport("127.0.0.1", 9)
+    Traceback (most recent call last):
+        ...
+    scancell.errors.LinkError: 127.0.0.1:9: ...; expected a guard that listens there
     """
 
     @checked_arguments
@@ -192,7 +228,10 @@ class TcpTransport:
         self._stream, self._unsent = PacketStream(), bytearray()
 
     def send(self, packet: bytes, time: float) -> None:
-        """Send a packet, or as much of it as there is room for, and the remainder with the next ones."""
+        """Send `packet`, or as much of it as there is room for, and the remainder with the next ones.
+
+        `time` has no effect.
+        """
         self._unsent += packet
         try:
             del self._unsent[: self._socket.send(self._unsent)]
@@ -204,7 +243,7 @@ class TcpTransport:
             self.close()
 
     def receive(self, time: float) -> list[Arrival]:
-        """Packets that have arrived completely."""
+        """Packets that have arrived completely, with `time`, s, as that of their arrival."""
         packets: list[bytes] = []
         try:
             received = self._socket.recv(_MAX_RECEIVED * MAX_PACKET)

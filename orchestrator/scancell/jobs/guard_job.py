@@ -56,7 +56,7 @@ def guard_of(
     settings: GuardSettings | None = None,
     max_age: float | None = None,
 ) -> Guard:
-    """A guard that knows a cell's bodies, the part on its table, and the space that a scan says is occupied.
+    """Make a guard that knows a cell's bodies, the part on its table, and the space that a scan says is occupied.
 
     It does not know free parts that a belt or a gripper can move, and lets fingers touch parts.
 
@@ -65,7 +65,9 @@ def guard_of(
     cell, scan
         Descriptions or their files; None: the shipped default.
     part
-        Mesh (m), mesh file (`unit`) or artefact; None: the table is empty.
+        Mesh (m), mesh file or artefact; None: the table is empty.
+    unit
+        Of a mesh file: ``mm``, ``m`` or ``inch``.
     settings
         The worst case; None: that of the description.
     max_age
@@ -75,6 +77,16 @@ def guard_of(
     ------
     ScancellError
         Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    A motion of joints and table to a pose of the sensor in the part:
+
+    >>> guard = scancell.guard_of(part="part.stl")
+    >>> home = np.radians([35, -60, 185, 0, 55, 0, 0])
+    >>> clash = guard.check([home, [0.0, -0.73, 3.57, 0.0, 0.3, -3.14, 0.0]])
+    >>> clash.body_a, clash.body_b
+    ('sensor', 'part')
     """
     setup = load_setup(cell, None, scan)
     mesh = load_part(part, unit) if isinstance(part, str | Path) else part

@@ -91,11 +91,52 @@ class FurtherPart:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NominalCell(Value):
-    """Nominal geometry of arm, tool, table and part; poses are (4, 4) ``target_from_source``, metres.
+    """Nominal geometry of arm, tool, table and part, made by `nominal_cell`.
 
-    `flange_from_finger` (2, 4, 4) holds the gripper's fingers as they start, where the cell has one. An estimated cell
-    also has an `eccentricity` of the platter (x, y), a `wobble` of the axis (rx_cos, rx_sin, ry_cos, ry_sin), see
-    `EstimatedTableDescription`, and a `trigger_latency`, s.
+    Poses are (4, 4) ``target_from_source``, metres.
+
+    Attributes
+    ----------
+    arm
+        Kinematics of the arm: forward (``arm.fk``), inverse (``arm.ik``), and the limits of its joints.
+    flange_from_sensor
+        Pose (4, 4) of the sensor on the flange.
+    world_from_table
+        Pose (4, 4) of the table at angle 0; it turns about its z.
+    table_from_part
+        Pose (4, 4) of the part on the table.
+    home
+        Joint angles (joints,) of the home position, rad.
+    table_radius
+        Of the platter, m.
+    table_max_speed, table_max_acceleration, table_max_jerk
+        Limits of the table, rad/s, rad/s², rad/s³.
+    part
+        Mesh of the part, in its own frame; a small box where there is none.
+    bodies
+        What can occlude, be lit, or be hit: each has a ``name``, a ``mesh`` (m), and ``moves_with``, the name of the
+        frame of this mesh (see `frame_poses`).
+    lamps
+        External lights.
+    further_parts
+        Parts beside the one that is scanned.
+    flange_from_finger
+        Poses (2, 4, 4) of the gripper's fingers as they start; None without a gripper.
+    eccentricity
+        Of the platter (x, y), m, in an estimated cell.
+    wobble
+        Of the table's axis (rx_cos, rx_sin, ry_cos, ry_sin), rad, in an estimated cell.
+    trigger_latency
+        Time by which exposures are later than the angles that are latched for them, s, in an estimated cell.
+
+    Examples
+    --------
+    >>> setup = scancell.load_setup()
+    >>> nominal = scancell.nominal_cell(setup.cell, scancell.load_part("part.stl"))
+    >>> print(nominal.world_from_sensor(nominal.home)[:3, 3].round(3))
+    [0.412 0.289 0.313]
+    >>> nominal.part_from_sensor(np.tile(nominal.home, (4, 1)), np.linspace(0, np.pi, 4)).shape
+    (4, 4, 4)
     """
 
     arm: Arm
@@ -127,11 +168,11 @@ class NominalCell(Value):
         return np.append(self.arm.max_acceleration, self.table_max_acceleration)
 
     def world_from_sensor(self, q: ArrayLike) -> Array:
-        """(..., 4, 4) for joint angles q (..., joints)."""
+        """Pose (..., 4, 4) of the sensor for joint angles `q` (..., joints), rad."""
         return np.asarray(self.arm.fk(q) @ self.flange_from_sensor)
 
     def world_from_platter(self, table: ArrayLike) -> Array:
-        """(..., 4, 4) for table angles (...,): the frame that turns with the table."""
+        """Pose (..., 4, 4) of the frame that turns with the table, for its angles `table` (...,), rad."""
         angle = np.asarray(table, float)
         axis = self.world_from_table
         if any(self.wobble):
@@ -143,15 +184,19 @@ class NominalCell(Value):
         return np.asarray(axis @ turn @ pose.translation((*self.eccentricity, 0.0)))
 
     def world_from_part(self, table: ArrayLike) -> Array:
-        """(..., 4, 4) for table angles (...,)."""
+        """Pose (..., 4, 4) of the part for angles of the `table` (...,), rad."""
         return np.asarray(self.world_from_platter(table) @ self.table_from_part)
 
     def part_from_sensor(self, q: ArrayLike, table: ArrayLike) -> Array:
-        """(..., 4, 4) for joint angles q (..., joints) and table angles (...,)."""
+        """Pose (..., 4, 4) of the sensor in the frame of the part, for `q` (..., joints) and `table` (...,), rad."""
         return np.asarray(pose.inverse(self.world_from_part(table)) @ self.world_from_sensor(q))
 
     def frame_poses(self, q: ArrayLike, table: ArrayLike) -> dict[str, Array]:
-        """``world_from_frame`` (..., 4, 4) of every frame that a body can move with."""
+        """Poses ``world_from_frame`` (..., 4, 4) by name of every frame that a body can move with.
+
+        For joint angles `q` (..., joints) and angles of the `table` (...,), rad. The frames are ``world``,
+        ``link[1]`` …, ``sensor``, ``table``, ``part``, ``part[2]`` … of further parts, ``finger[1]`` and ``finger[2]``.
+        """
         links = self.arm.link_poses(q)
         frames = {f"link[{i}]": links[..., i, :, :] for i in range(1, links.shape[-3])}
         frames["world"] = np.broadcast_to(np.eye(4), (*links.shape[:-3], 4, 4))
@@ -166,16 +211,22 @@ class NominalCell(Value):
         return frames
 
     def body_poses(self, q: ArrayLike, table: ArrayLike) -> Array:
-        """(..., bodies, 4, 4) in the order of `bodies`."""
+        """Poses (..., bodies, 4, 4) in the world, in the order of `bodies`, for `q` and `table` as in `frame_poses`."""
         frames = self.frame_poses(q, table)
         return np.stack([frames[body.moves_with] for body in self.bodies], -3)
 
 
 @checked_arguments
 def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
-    """Assemble the nominal cell around a part whose mesh (metres) is in its own coordinate system.
+    """Assemble the nominal cell around a part.
 
-    Without a part there is no body of it, and a small box in its place where a mesh is required.
+    Parameters
+    ----------
+    cell
+        Description of the cell (`load_setup`).
+    part
+        Mesh in its own frame, m (`load_part`); None: the table is empty, and a small box stands for the part where a
+        mesh is required.
 
     Raises
     ------
@@ -183,6 +234,12 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
         If a mesh that the description names cannot be used.
     CellError
         If the part is to stand freely and would not stay as it lies.
+
+    Examples
+    --------
+    >>> nominal = scancell.nominal_cell(scancell.load_setup().cell, scancell.load_part("part.stl"))
+    >>> [body.name for body in nominal.bodies][-4:]
+    ['sensor', 'table', 'table_base', 'part']
     """
     robot = cell.robot
     is_empty, part = part is None, part or _PLACEHOLDER

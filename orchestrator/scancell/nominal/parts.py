@@ -40,9 +40,19 @@ def shape_group(artefact: ArtefactDescription, source: str | None = None) -> Sha
 
 @checked_arguments
 def load_part(path: str | Path, unit: str = "mm") -> Mesh:
-    """Read a part: an STL, OBJ or PLY file in `unit` (mm, m or inch), or an artefact (TOML), whose keys have units.
+    """Read a part.
 
-    The mesh of an artefact is a `ShapeMesh`: a tessellation that holds the exact shapes.
+    Parameters
+    ----------
+    path
+        An STL, OBJ or PLY file, or an artefact (TOML).
+    unit
+        Of the coordinates in a mesh file: ``mm``, ``m`` or ``inch``. The keys of an artefact have units of their own.
+
+    Returns
+    -------
+    Mesh
+        In metres. That of an artefact is a tessellation that holds the exact shapes.
 
     Raises
     ------
@@ -50,6 +60,16 @@ def load_part(path: str | Path, unit: str = "mm") -> Mesh:
         With the file and the fault, see `load_mesh`.
     DescriptionError
         Naming the file of an artefact, key, value and what was expected.
+
+    Examples
+    --------
+    >>> part = scancell.load_part("part.stl", unit="mm")
+    >>> print(np.ptp(part.bounds, axis=0).round(4))
+    [0.09  0.05  0.027]
+    >>> scancell.load_part("prat.stl")
+    Traceback (most recent call last):
+        ...
+    scancell.errors.MeshError: prat.stl: no such file
     """
     path = Path(path)
     if path.suffix.lower() != ".toml":
@@ -61,12 +81,18 @@ def load_part(path: str | Path, unit: str = "mm") -> Mesh:
 
 @checked_arguments
 def load_artefact(path: str | Path) -> ShapeGroup:
-    """Read the shapes of an artefact (TOML), in the part frame, m.
+    """Read the shapes of an artefact from the TOML file `path`; they are in the part frame, m.
 
     Raises
     ------
     DescriptionError
         Naming file, key, value and what was expected.
+
+    Examples
+    --------
+    >>> artefact = scancell.load_artefact(scancell.assets_dir() / "artefacts" / "sphere.toml")
+    >>> [(shape.name, shape.role) for shape in artefact.shapes]
+    [('ball', 'measured'), ('stem', 'support'), ('foot', 'support')]
     """
     return shape_group(ArtefactDescription.from_toml(Path(path)), str(path))
 

@@ -41,6 +41,15 @@ class Plan(Value):
         Bodies whose meshes were reduced for the distance queries, and by how much: added to their clearances.
     source
         File that a saved plan was read from.
+
+    Examples
+    --------
+    >>> plan = scancell.plan("part.stl")
+    >>> f"{len(plan.q)} exposures, {plan.coverage:.0%} of the surface"
+    '1299 exposures, 71% of the surface'
+    >>> file = plan.save("plan.json")
+    >>> bool(np.array_equal(scancell.Plan.load("plan.json").q, plan.q))
+    True
     """
 
     program: Program
@@ -56,7 +65,9 @@ class Plan(Value):
 
     @checked_arguments
     def save(self, path: str | Path) -> Path:
-        """Write program and exposures (JSON), for `load` and `Scanner.scan`; what else the plan holds is not kept.
+        """Write program and exposures to the file `path` (JSON), for `load` and `Scanner.scan`.
+
+        What else the plan holds is not kept.
 
         Raises
         ------
@@ -71,7 +82,7 @@ class Plan(Value):
     @staticmethod
     @checked_arguments
     def load(path: str | Path) -> Plan:
-        """The plan of a file; `Scanner.scan` checks it again.
+        """The plan of the file `path`; `Scanner.scan` checks it again.
 
         Raises
         ------

@@ -101,6 +101,17 @@ class SetUps(Result):
         Accessible share of the whole surface.
     rests
         Number of stable resting poses.
+
+    Examples
+    --------
+    >>> found = scancell.place(scancell.box_mesh((0.03, 0.02, 0.01)), 0.3)
+    >>> found.rests, len(found.chosen), found.reached > 0.3
+    (6, 1, True)
+    >>> print(found.chosen[0].toml)
+    [part]
+    fixture = "free"
+    x_mm = 0.0
+    ...
     """
 
     chosen: tuple[SetUp, ...]

@@ -29,14 +29,31 @@ SEEN = 0.1  # s, in which a guard surely gets a state and answers it
 
 
 class ScanSession(CellSession):
-    """A `CellSession` that also measures, and that a guard may watch in every cycle.
+    """A `CellSession` that also measures, and that a guard may watch in every cycle; made by `Scanner.session`.
+
+    Parameters
+    ----------
+    instance
+        Running instance of the cell.
+    job, pipeline
+        The part in the cell with its sensors, and what measures.
+    guard
+        Watches the robot; None: no guard.
 
     Attributes
     ----------
     job, pipeline
-        The part in the cell with its sensors, and what measures.
+        As above.
     progress
         Receives what is measured, and may end it by raising.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     session.move_tool(scancell.location(0.45, 0.0, 0.23, rx=np.pi))
+    ...     profile = session.profile("geometric")
+    >>> print(f"The part is {1e3 * profile.points_in_part[:, 2].max():.1f} mm high here.")
+    The part is 15.0 mm high here.
     """
 
     @checked_arguments
@@ -74,7 +91,7 @@ class ScanSession(CellSession):
         return self.value("command.monitor_speed") if self._guarded is None else self._guarded.monitor_speed
 
     def set_monitor_speed(self, share: float) -> None:
-        """As of a `CellSession`, but never beyond what the guard allows."""
+        """As of a `CellSession`, but with a guard `share` (0 to 1) is in force only as far as it allows."""
         if self._guarded is None:
             super().set_monitor_speed(share)
         else:
@@ -93,7 +110,7 @@ class ScanSession(CellSession):
         super().release_emergency_stop()
 
     def set_operation(self, operation: Operation) -> None:
-        """As of a `CellSession`; a guard sees the robot at rest before it moves in the new operation."""
+        """As of a `CellSession`; a guard sees the robot at rest before it moves in the new `operation`."""
         super().set_operation(operation)
         if self._guarded is not None:
             self.wait(SEEN)
@@ -101,9 +118,23 @@ class ScanSession(CellSession):
     def scan_line(
         self, world_from_sensor: ArrayLike, spacing: float, *, speed: float = 1.0, engine: Engine = "ray-traced"
     ) -> Cloud:
-        """Move the sensor straight to a pose (4, 4), and measure a profile every `spacing` metres of its path.
+        """Move the sensor straight to a pose, and measure profiles on the way.
 
-        The cloud has no point where the sensor saw nothing of the part.
+        Parameters
+        ----------
+        world_from_sensor
+            Pose (4, 4) at the end.
+        spacing
+            Length of the sensor's path from one profile to the next, m.
+        speed
+            Share of the line speed of the robot's description.
+        engine
+            ``ray-traced`` renders images, ``geometric`` intersects rays with surfaces.
+
+        Returns
+        -------
+        Cloud
+            In the frame of the part. It has no point where the sensor saw nothing of the part.
 
         Raises
         ------
@@ -123,7 +154,7 @@ class ScanSession(CellSession):
         return si_value(self.job.setup.sensor.detector, "exposure_ms")
 
     def profile(self, engine: Engine = "ray-traced") -> Profile:
-        """What the sensor measures now; the cell is not stepped, and may be moving.
+        """What the sensor measures now, by the `engine`, see `scan_line`; the cell is not stepped, and may be moving.
 
         Raises
         ------

@@ -104,12 +104,25 @@ class SurveyResult(Result):
     ----------
     space
         Voxels in the frame of the table at angle 0.
+    region
+        The surveyed cylinder about the table's axis, m.
     table_radius
         Radius of the platter, m: what stands above it may turn with it.
     exposures, left_out
         Number of exposures, and of poses that the arm cannot reach through space known to be free.
     points
         Number of measured points.
+
+    Examples
+    --------
+    The scan takes the occupied space into account:
+
+    >>> found = scancell.survey("part.stl", radius=0.05, height=0.04, pitch=0.01)
+    >>> print(found)
+    40 exposures, ... points
+      space      0.15 l free, 0.00 l occupied, 0.00 l unseen
+    >>> file = found.save("survey.npz")
+    >>> plan = scancell.plan("part.stl", settings=["scan.occupied=[{ file = 'survey.npz' }]"])
     """
 
     space: SpaceMap
@@ -136,7 +149,7 @@ class SurveyResult(Result):
 
     @checked_arguments
     def save(self, path: str | Path) -> Path:
-        """Write the voxels for ``[[occupied]]`` of a scan (NPZ).
+        """Write the voxels to the file `path` (NPZ), for ``[[occupied]]`` of a scan.
 
         Raises
         ------

@@ -44,9 +44,21 @@ class LiveCell:
     hold_time
         Time for which a jog goes on without being renewed, s of `clock`.
     clock
-        s; that of the machine.
+        Function that returns the time, s; by default that of the machine.
     state_cycles
         Number of cycles from one `state` to the next.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl", guarded=True) as session:
+    ...     live = scancell.LiveCell(session)
+    ...     done = live.perform(lambda session: session.turn_table(0.5), "turn the table")
+    ...     live.run(done.done, realtime=False)
+    ...     print(f"{live.state.controller}, table at {live.state.table_angle:.2f} rad")
+    at rest, table at 0.50 rad
+
+    With another thread for ``live.run(ended.is_set)``, where ``ended`` is a ``threading.Event``, the cell goes on while
+    this one commands it.
     """
 
     @checked_arguments
@@ -82,11 +94,14 @@ class LiveCell:
 
     @property
     def state(self) -> LiveState:
-        """As it was read last."""
+        """The cell as it was read last: angles, poses of all bodies, controller, sensors, messages; read-only."""
         return self._state
 
     def submit(self, command: Command) -> None:
-        """Hand over a command; what becomes of it is in `LiveState.refusal` and `message`."""
+        """Hand over a `command` (`MoveJoints`, `JogSensor` … of ``scancell.workspace.live_commands``).
+
+        It may also be handed over from other threads. What becomes of it is in ``state.refusal`` and ``state.message``.
+        """
         with self._lock:
             self._submitted.append(command)
 
@@ -94,14 +109,19 @@ class LiveCell:
         """Hand over a job, which runs in the thread that owns the cell when nothing else moves the robot.
 
         Until it has ended, other commands than `SetMonitorSpeed` and `Cancel` are refused, and so are other jobs. Its
-        errors are in the result and in `LiveState.message`; a stop or `Cancel` ends it with `JobStopped`.
+        errors are in the result and in ``state.message``; a stop or `Cancel` ends it with `JobStopped`.
 
         Parameters
         ----------
         job
-            Commands the session; it must not keep it.
+            Function that gets the session and commands it; it must not keep it.
         name
-            For `LiveState.job` and messages.
+            For ``state.job`` and messages.
+
+        Returns
+        -------
+        Future
+            Of what `job` returns.
         """
         handed = SubmittedJob(name, job)
         with self._lock:
@@ -109,7 +129,10 @@ class LiveCell:
         return handed.future
 
     def between_cycles(self, work: Callable[[ScanSession], T]) -> Future[T]:
-        """Have `work` done at the end of the present cycle, also while a job runs; it must not step the cell."""
+        """Have `work` done at the end of the present cycle, also while a job runs; the future of what it returns.
+
+        `work` gets the session, and must not step the cell.
+        """
         handed = SubmittedJob("between_cycles", work)
         with self._lock:
             self._callbacks.append(handed)
@@ -127,10 +150,16 @@ class LiveCell:
     # From the thread that owns the cell
 
     def run(self, ended: Callable[[], bool], realtime: bool = True) -> None:
-        """Run cycle by cycle until `ended`, by the wall clock or as fast as possible.
+        """Run cycle by cycle.
 
-        A machine that is too slow makes the cell's time slow. At the end a job is stopped, and what was handed over and
-        not begun is cancelled.
+        At the end a job is stopped, and what was handed over and not begun is cancelled.
+
+        Parameters
+        ----------
+        ended
+            Function that is called in every cycle; the end is when it returns True.
+        realtime
+            Run by the wall clock, else as fast as possible. A machine that is too slow makes the cell's time slow.
 
         Raises
         ------

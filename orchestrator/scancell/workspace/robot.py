@@ -2,7 +2,7 @@
 
 A program is a Python file with a function `main`::
 
-    from scancell.workspace.robot import Robot, deg, location, mm
+    from scancell import Robot, deg, location, mm
 
 
     def main(robot: Robot) -> None:
@@ -56,31 +56,67 @@ class Step:
 
 @checked_arguments
 def location(x: float, y: float, z: float, *, rx: float = 0.0, ry: float = 0.0, rz: float = 0.0) -> Array:
-    """Pose (4, 4) at a position, m, with XYZ' Euler angles (intrinsic X, then Y, then Z'), rad."""
+    """Pose (4, 4) at a position, with a rotation by Euler angles.
+
+    Parameters
+    ----------
+    x, y, z
+        Position, m.
+    rx, ry, rz
+        Intrinsic rotations about x, then y, then z, rad.
+
+    Raises
+    ------
+    DescriptionError
+        If one of them is no finite number.
+
+    Examples
+    --------
+    The constants `mm` and `deg` convert to metres and radians. Poses are joined by ``@``:
+
+    >>> from scancell import deg, location, mm
+    >>> over = location(450 * mm, 0, 230 * mm, rx=180 * deg)
+    >>> print((over @ location(20 * mm, 10 * mm, 50 * mm))[:3, 3].round(3))
+    [ 0.47 -0.01  0.18]
+    """
     return pose.from_euler_xyz((x, y, z), (rx, ry, rz))
 
 
 class Robot:
-    """The robot of a running cell, with its devices.
+    """The robot of a running cell, with its devices, as robot programs see it.
 
     Every command returns when it is done, and raises `CommandError` where the controller refuses it or the guard stops
-    it.
+    it. Lengths are in metres, angles in radians, times in simulated seconds; poses (4, 4) are ``world_from_tool``.
+    Devices are numbered from 1; `CellError` where the cell has no such device.
 
     Parameters
     ----------
     session
         Of the running cell.
     engine
-        How profiles are measured.
+        How profiles are measured: ``ray-traced`` renders images, ``geometric`` intersects rays with surfaces.
     folder
-        Where `save` writes.
+        Where `save` writes; the working folder if not given.
     on_step
-        Receives each command that was carried out.
+        Receives each command that was carried out: its name ``command``, what it was about (``about``), and times
+        ``begin`` and ``end``, s.
 
     Attributes
     ----------
     files
         That `save` has written.
+
+    Examples
+    --------
+    >>> from scancell import deg, location, mm
+    >>> start = location(450 * mm, 0, 230 * mm, rx=180 * deg)
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl", guarded=True) as session:
+    ...     robot = scancell.Robot(session, "geometric")
+    ...     robot.move_tool(start)
+    ...     cloud = robot.scan_line(start @ location(20 * mm, 0, 0), spacing=1 * mm)
+    ...     robot.save(cloud, "pass.ply")
+    >>> cloud, robot.files
+    (Cloud(... points of 21 profiles), [PosixPath('pass.ply')])
     """
 
     @checked_arguments
@@ -88,10 +124,10 @@ class Robot:
         self,
         session: ScanSession,
         engine: Engine = "ray-traced",
-        folder: Path | None = None,
+        folder: str | Path | None = None,
         on_step: Callable[[Step], None] = lambda _: None,
     ) -> None:
-        self._session, self._engine, self._folder = session, engine, folder or Path()
+        self._session, self._engine, self._folder = session, engine, Path(folder or ".")
         self._on_step = on_step
         self._speed = 1.0
         self._tool: Tool = "sensor"
@@ -115,7 +151,7 @@ class Robot:
         return self._now.table_angle
 
     def world_from_tool(self, tool: Tool | None = None) -> Array:
-        """Pose (4, 4) of a tool, by default that of `set_tool`, by the measured joints and the nominal geometry."""
+        """Pose (4, 4) of `tool`, by default that of `set_tool`, by the measured joints and the nominal geometry."""
         return self._now.world_from_tool(tool or self._tool)
 
     @property
@@ -127,13 +163,13 @@ class Robot:
     # How motions are made
 
     def set_speed(self, share: float) -> None:
-        """Speed of the following motions: a share, above 0 to 1, of the full one."""
+        """Set the speed of the following motions to `share`, above 0 to 1, of the full one."""
         if not 0.0 < share <= 1.0:
             raise CommandError(f"set_speed: share = {share:g}: expected above 0, at most 1")
         self._speed = share
 
     def set_tool(self, tool: Tool) -> None:
-        """Tool of the following poses: ``sensor`` or ``gripper``."""
+        """Set the `tool` of the following poses: ``sensor``, as at the start, or ``gripper``."""
         self._session.flange_from_tool(tool)
         self._tool = tool
 
@@ -145,41 +181,41 @@ class Robot:
             self._session.move_joints(self._session.home, speed=self._speed)
 
     def move_joints(self, joints: ArrayLike, table_angle: float | None = None) -> None:
-        """Move all joints to `joints` (joints,) and the table to `table_angle`, where given, together."""
+        """Move all joints to `joints` (joints,), rad, and the table to `table_angle`, rad, where given, together."""
         with self._step("move_joints", f"({_numbers(np.asarray(joints, float) / deg)}) deg"):
             self._session.move_joints(joints, table_angle, speed=self._speed)
 
     def move_tool(self, world_from_tool: ArrayLike) -> None:
-        """Move the tool to a pose (4, 4), all joints together: not on a straight line."""
+        """Move the tool to the pose `world_from_tool` (4, 4), all joints together: not on a straight line."""
         with self._step("move_tool", _position(world_from_tool)):
             self._session.move_tool(world_from_tool, self._tool, speed=self._speed)
 
     def move_line(self, world_from_tool: ArrayLike) -> None:
-        """Move the tool to a pose (4, 4) on a straight line."""
+        """Move the tool to the pose `world_from_tool` (4, 4) on a straight line."""
         with self._step("move_line", _position(world_from_tool)):
             self._session.move_line(world_from_tool, self._tool, speed=self._speed)
 
     def approach(self, world_from_tool: ArrayLike, distance: float) -> None:
-        """Move as `move_tool` to `distance` in front of a pose (4, 4), against the tool's z."""
+        """Move as `move_tool` to `distance` (m) in front of `world_from_tool` (4, 4), against the tool's z."""
         with self._step("approach", f"{_position(world_from_tool)}, {distance / mm:.1f} mm in front"):
             before = np.asarray(world_from_tool, float) @ pose.translation((0.0, 0.0, -distance))
             self._session.move_tool(before, self._tool, speed=self._speed)
 
     def depart(self, distance: float) -> None:
-        """Move straight back by `distance`, against the tool's z."""
+        """Move straight back by `distance`, m, against the tool's z."""
         with self._step("depart", f"{distance / mm:.1f} mm"):
             back = self.world_from_tool() @ pose.translation((0.0, 0.0, -distance))
             self._session.move_line(back, self._tool, speed=self._speed)
 
     def turn_table(self, table_angle: float) -> None:
-        """Turn the table to `table_angle` (not wrapped)."""
+        """Turn the table to `table_angle` (not wrapped), rad."""
         with self._step("turn_table", f"{table_angle / deg:.2f} deg"):
             self._session.turn_table(table_angle, speed=self._speed)
 
     # Gripper and conveyors
 
     def open_gripper(self, width: float) -> None:
-        """Bring the pads of the gripper `width` apart."""
+        """Bring the pads of the gripper `width` apart, m."""
         with self._step("open_gripper", f"{width / mm:.1f} mm"):
             self._session.open_gripper(width)
 
@@ -189,7 +225,7 @@ class Robot:
             self._session.close_gripper(force)
 
     def run_conveyor(self, conveyor: int, speed: float) -> None:
-        """Give conveyor number `conveyor` (from 1) another speed, m/s; it accelerates while the program goes on."""
+        """Give conveyor number `conveyor` (from 1) the `speed`, m/s; it accelerates while the program goes on."""
         with self._step("run_conveyor", f"{conveyor}: {speed / mm:.1f} mm/s"):
             self._session.run_conveyor(conveyor, speed)
 
@@ -208,19 +244,31 @@ class Robot:
         return self._now.distance(sensor)
 
     def wait_for_presence(self, sensor: int, detected: bool = True, *, timeout: float = _TIMEOUT) -> None:
-        """Wait until presence sensor number `sensor` (from 1) detects a body, or none (`detected` False)."""
+        """Wait until presence sensor number `sensor` (from 1) detects a body, or none (`detected` False).
+
+        Raises
+        ------
+        CommandError
+            If it does not within `timeout`, s.
+        """
         expected = "something" if detected else "nothing"
         with self._step("wait_for_presence", f"{sensor}: {expected}"):
             what = f"{expected} at presence sensor {sensor}"
             self._session.wait_until(lambda: self.presence(sensor) == detected, what, timeout)
 
     def wait_until(self, condition: Callable[[], bool], what: str, timeout: float = _TIMEOUT) -> None:
-        """Wait until `condition`, evaluated in every controller cycle, holds; `what` names it."""
+        """Wait until `condition`, evaluated in every controller cycle, holds; `what` names it in messages.
+
+        Raises
+        ------
+        CommandError
+            If it does not hold within `timeout`, s.
+        """
         with self._step("wait_until", what):
             self._session.wait_until(condition, what, timeout)
 
     def wait(self, duration: float) -> None:
-        """Wait for `duration`, s."""
+        """Wait for `duration`, s, at least one controller cycle."""
         with self._step("wait", f"{duration:g} s"):
             self._session.wait(duration)
 
@@ -232,15 +280,21 @@ class Robot:
             return self._session.profile(self._engine)
 
     def scan_line(self, world_from_sensor: ArrayLike, spacing: float) -> Cloud:
-        """Move the sensor straight to a pose (4, 4) and measure a profile every `spacing` of its path.
+        """Move the sensor straight to `world_from_sensor` (4, 4) and measure a profile every `spacing` (m) of its path.
 
-        The cloud is in the frame of the part.
+        The cloud is in the frame of the part, m.
         """
         with self._step("scan_line", f"{_position(world_from_sensor)}, every {spacing / mm:g} mm"):
             return self._session.scan_line(world_from_sensor, spacing, speed=self._speed, engine=self._engine)
 
     def save(self, cloud: Cloud, name: str) -> None:
-        """Write a cloud, in mm, to the folder of results; the ending of the name gives the format."""
+        """Write `cloud`, in mm, to the file `name` in the folder of results; its ending gives the format.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
         with self._step("save", f"{name}: {len(cloud)} points"):
             write_cloud(self._folder / name, cloud)
             self.files.append(self._folder / name)
@@ -257,4 +311,7 @@ def _numbers(values: Array) -> str:
 
 
 def _position(world_from_tool: ArrayLike) -> str:
-    return f"({_numbers(np.asarray(world_from_tool, float)[:3, 3] / mm)}) mm"
+    target = np.asarray(world_from_tool, float)
+    if target.shape != (4, 4):
+        raise CommandError(f"world_from_tool = {world_from_tool!r}: expected a pose (4, 4)")
+    return f"({_numbers(target[:3, 3] / mm)}) mm"
