@@ -31,23 +31,43 @@ class CellCommands(CellReadings):
     def start_move_joints(self, joints: ArrayLike, table_angle: float | None = None, *, speed: float = 1.0) -> None:
         """Begin to move all joints to `joints` (joints,) and the table to `table_angle` (where given), rad.
 
+        `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
+
         Raises
         ------
         CommandError
-            If there are more or fewer angles than joints.
+            If there are more or fewer angles than joints, one is not finite, or `speed` is out of its range.
         """
-        if np.shape(joints) != (self._targets.count - 1,):
+        if np.shape(joints) != (self._targets.count - 1,) or not np.isfinite(joints).all():
             raise CommandError(f"move_joints: joints = {joints!r}: expected {self._targets.count - 1} angles")
         end = self.destination[-1] if table_angle is None else table_angle
+        if not np.isfinite(end):
+            raise CommandError(f"move_joints: table_angle = {end!r}: expected an angle")
         self._cell.set(self._targets, np.append(np.asarray(joints, float), end))
         self._start(Mode.JOINT_MOVE, speed)
 
     def start_move_tool(self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0) -> None:
-        """Begin to move a tool to a pose (4, 4), all joints together; the table rests."""
+        """Begin to move `tool` to the pose `world_from_tool` (4, 4), all joints together; the table rests.
+
+        `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
+
+        Raises
+        ------
+        CommandError
+            As of `joints_for` and `start_move_joints`.
+        """
         self.start_move_joints(self.joints_for(world_from_tool, tool), speed=speed)
 
     def start_move_line(self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0) -> None:
-        """Begin to move a tool straight to a pose (4, 4); the table rests."""
+        """Begin to move `tool` straight to the pose `world_from_tool` (4, 4); the table rests.
+
+        `speed` is the share (above 0, at most 1) of the line speed of the robot's description.
+
+        Raises
+        ------
+        CommandError
+            If there is no such tool, `world_from_tool` is no pose, or `speed` is out of its range.
+        """
         sensor = self._world_from_flange(world_from_tool, tool) @ self._nominal.flange_from_sensor
         self._cell.set(self._targets, self.destination)
         self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
@@ -59,10 +79,10 @@ class CellCommands(CellReadings):
         Raises
         ------
         CommandError
-            If there are more.
+            If there are more, or one is not finite.
         """
         values = np.asarray(deflections, float)
-        if values.ndim != 1 or values.size > self._jog.count:
+        if values.ndim != 1 or values.size > self._jog.count or not np.isfinite(values).all():
             raise CommandError(f"jog_joints: deflections = {deflections!r}: expected at most {self._jog.count} numbers")
         self._start_jog(Mode.JOINT_JOG, values)
 
@@ -72,10 +92,10 @@ class CellCommands(CellReadings):
         Raises
         ------
         CommandError
-            If the arm has fewer than six joints, or there are not six deflections.
+            If the arm has fewer than six joints, or there are not six finite deflections.
         """
         values = np.asarray(deflections, float)
-        if values.shape != (6,):
+        if values.shape != (6,) or not np.isfinite(values).all():
             raise CommandError(f"jog_sensor: deflections = {deflections!r}: expected 6 numbers")
         if self._jog.count <= 6:
             raise CommandError(f"jog_sensor: the arm has {self._jog.count - 1} joints: expected at least 6")
@@ -94,12 +114,12 @@ class CellCommands(CellReadings):
     # Operation and emergency stop
 
     def request_operation(self, operation: Operation) -> None:
-        """Change between manual and automatic operation; whatever moves comes to rest."""
+        """Change to manual or automatic `operation`; whatever moves comes to rest."""
         self.hold()
         self._cell.set_integer("command.operation", operation)
 
     def set_monitor_speed(self, share: float) -> None:
-        """Scale the speed of moves and programs by a share (0 to 1) while they run, on their paths; 0 pauses them."""
+        """Scale the speed of moves and programs by `share` (0 to 1) while they run, on their paths; 0 pauses them."""
         self._cell.set(self._cell.real_group(["command.monitor_speed"]), np.array([share]))
 
     def press_emergency_stop(self) -> None:
@@ -115,7 +135,7 @@ class CellCommands(CellReadings):
     # Devices
 
     def run_conveyor(self, conveyor: int, speed: float) -> None:
-        """Give conveyor number `conveyor` (from 1) another speed, m/s; its belt accelerates while the cell steps."""
+        """Give conveyor number `conveyor` (from 1) the `speed`, m/s; its belt accelerates while the cell steps."""
         self._cell.set(self._cell.real_group([f"command.conveyor[{conveyor}].speed"]), np.array([speed]))
 
     def start_open_gripper(self, width: float) -> None:
@@ -133,6 +153,8 @@ class CellCommands(CellReadings):
         self._cell.set_integer("command.mode", mode)
 
     def _start(self, mode: Mode, speed: float) -> None:
+        if not 0.0 < speed <= 1.0:
+            raise CommandError(f"{mode.name.lower()}: speed = {speed!r}: expected a number above 0, at most 1")
         self._cell.set(self._cell.real_group(["command.speed"]), np.array([speed]))
         self._cell.set_integer("command.mode", mode)
         self._cell.set_integer("command.start", self._next("command.start"))

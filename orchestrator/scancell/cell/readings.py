@@ -61,7 +61,7 @@ class CellReadings:
         return self._cell.get(self._destination).copy()
 
     def world_from_tool(self, tool: Tool = "sensor") -> Array:
-        """Pose (4, 4) of a tool by the measured joints and the nominal geometry."""
+        """Pose (4, 4) of `tool` (``sensor`` or ``gripper``) by the measured joints and the nominal geometry."""
         return np.asarray(self._nominal.arm.fk(self.joints) @ self.flange_from_tool(tool))
 
     def presence(self, sensor: int) -> bool:
@@ -84,7 +84,7 @@ class CellReadings:
         return self.value(f"conveyor[{conveyor}].travel")
 
     def value(self, name: str) -> float:
-        """Value of a real variable of the FMU, SI units.
+        """Value of the real variable `name` of the FMU, SI.
 
         Raises
         ------
@@ -106,10 +106,19 @@ class CellReadings:
         near: ArrayLike | None = None,
         configuration: str | None = None,
     ) -> Array:
-        """Joint angles (joints,) that bring a tool to a pose (4, 4): of all branches those nearest to `near`.
+        """Joint angles (joints,), rad, that bring a tool to a pose.
 
-        Without `near` (joints,) the nearest to the present joints count; nearness is the largest difference of a joint.
-        With a `configuration`, one of `Arm.branch_names`, only its branch counts.
+        Parameters
+        ----------
+        world_from_tool
+            Pose (4, 4).
+        tool
+            ``sensor`` or ``gripper``, whose origin lies between the pads.
+        near
+            Angles (joints,), rad: of all branches the one counts whose largest difference from them is smallest. None:
+            the present joints.
+        configuration
+            Name of the only branch that counts (``NominalCell.arm.branch_names``); None: all of them.
 
         Raises
         ------
@@ -133,12 +142,12 @@ class CellReadings:
         return np.asarray(found[np.argmin(np.abs(found - reference).max(-1))])
 
     def flange_from_tool(self, tool: Tool) -> Array:
-        """Pose (4, 4) of a tool on the flange; the gripper's origin lies between the pads.
+        """Pose (4, 4) of `tool` on the flange: ``sensor``, or ``gripper``, whose origin lies between the pads.
 
         Raises
         ------
         CommandError
-            If there is no such tool.
+            If the cell has no such tool.
         """
         if tool not in get_args(Tool):
             raise CommandError(f"tool = {tool!r}: expected {' or '.join(get_args(Tool))}")
@@ -153,6 +162,6 @@ class CellReadings:
 
     def _world_from_flange(self, world_from_tool: ArrayLike, tool: Tool) -> Array:
         target = np.asarray(world_from_tool, float)
-        if target.shape != (4, 4):
+        if target.shape != (4, 4) or not np.isfinite(target).all():
             raise CommandError(f"world_from_tool = {world_from_tool!r}: expected a pose (4, 4)")
         return np.asarray(target @ pose.inverse(self.flange_from_tool(tool)))

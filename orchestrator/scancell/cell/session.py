@@ -42,6 +42,10 @@ _MOST_HELD_US = 1_000_000  # without progress, before a move that a guard holds 
 class CellSession(CellCommands):
     """A running cell that takes one command after another.
 
+    Each command steps the cell until it is done; those that begin with ``start_`` do not step it. Lengths are in
+    metres, angles in radians, times in simulated seconds. Devices are numbered from 1; `CellError` where the cell has
+    no such device. `Scanner.session` makes a session that also measures.
+
     Parameters
     ----------
     cell
@@ -49,7 +53,28 @@ class CellSession(CellCommands):
     nominal
         Its nominal geometry.
     cycle_us
-        The controller's cycle, the grain of a session: commands are taken and answers looked at once a cycle.
+        The controller's cycle, µs, the grain of a session: commands are taken and answers looked at once a cycle.
+
+    Examples
+    --------
+    >>> setup = scancell.load_setup()
+    >>> nominal = scancell.nominal_cell(setup.cell, None)
+    >>> fmu = scancell.make_temporary_fmu(scancell.cell_json(setup.cell, nominal, seed=0), "fmu")
+    >>> with scancell.CellInstance(fmu) as cell:
+    ...     session = scancell.CellSession(cell, nominal, setup.cell.world.controller_cycle_us)
+    ...     session.move_joints(session.home + 0.1, table_angle=0.5, speed=0.5)
+    ...     print(f"joint 1 moved by {session.joints[0] - session.home[0]:.2f} rad")
+    joint 1 moved by 0.10 rad
+
+    A part comes on the belt:
+
+    >>> cell = scancell.assets_dir() / "cells" / "pick_and_place.toml"
+    >>> with scancell.Scanner(cell) as scanner, scanner.session("part.stl") as session:
+    ...     session.run_conveyor(1, 0.15)
+    ...     session.wait_until(lambda: session.presence(1), "a part at the gate", timeout=10)
+    ...     session.run_conveyor(1, 0.0)
+    ...     print(f"after {session.time:.1f} s and {session.conveyor_travel(1):.2f} m")
+    after 1.9 s and 0.27 m
     """
 
     @checked_arguments
@@ -64,27 +89,45 @@ class CellSession(CellCommands):
     def move_joints(
         self, joints: ArrayLike, table_angle: float | None = None, *, speed: float = 1.0, timeout: float = 60.0
     ) -> None:
-        """Move all joints to `joints` (joints,) and the table to `table_angle` (where given), rad, all axes together.
+        """Move all joints, and the table, together.
 
-        `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
+        Parameters
+        ----------
+        joints
+            Angles (joints,), rad.
+        table_angle
+            Of the table (not wrapped), rad; None: it rests.
+        speed
+            Share (above 0, at most 1) of the full speed of the slowest axis.
+        timeout
+            Longest duration, s.
 
         Raises
         ------
         CommandError
-            If the controller refuses or stops the move, or it takes longer than `timeout`.
+            If the controller refuses or stops the move, a guard holds it for 1 s, or it takes longer than `timeout`.
         """
         self.start_move_joints(joints, table_angle, speed=speed)
         self._finish_move("move_joints", timeout)
 
     def turn_table(self, table_angle: float, *, speed: float = 1.0, timeout: float = 60.0) -> None:
-        """Turn the table to `table_angle` (not wrapped), rad; errors as in `move_joints`."""
+        """Turn the table to `table_angle` (not wrapped), rad; `speed`, `timeout` and errors as of `move_joints`."""
         self.start_move_joints(self.destination[:-1], table_angle, speed=speed)
         self._finish_move("turn_table", timeout)
 
     def move_tool(
         self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0, timeout: float = 60.0
     ) -> None:
-        """Move a tool to a pose (4, 4), all joints together: not on a straight line; the table rests.
+        """Move a tool to a pose, all joints together: not on a straight line; the table rests.
+
+        Parameters
+        ----------
+        world_from_tool
+            Pose (4, 4).
+        tool
+            ``sensor`` or ``gripper``, whose origin lies between the pads.
+        speed, timeout
+            As of `move_joints`.
 
         Raises
         ------
@@ -97,15 +140,26 @@ class CellSession(CellCommands):
     def move_line(
         self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0, timeout: float = 60.0
     ) -> None:
-        """Move a tool straight to a pose (4, 4), turning evenly, by the arm's nominal geometry; the table rests.
+        """Move a tool straight to a pose, turning evenly, by the arm's nominal geometry; the table rests.
 
         The controller leads the sensor along a straight line; the gripper's way is straight as long as it keeps its
-        orientation. `speed` is the share of the line speed of the robot's description.
+        orientation.
+
+        Parameters
+        ----------
+        world_from_tool
+            Pose (4, 4).
+        tool
+            ``sensor`` or ``gripper``, whose origin lies between the pads.
+        speed
+            Share (above 0, at most 1) of the line speed of the robot's description.
+        timeout
+            Longest duration, s.
 
         Raises
         ------
         CommandError
-            If the controller refuses or stops the move, or it takes longer than `timeout`.
+            As of `move_joints`.
         """
         self.start_move_line(world_from_tool, tool, speed=speed)
         self._finish_move("move_line", timeout)
@@ -119,9 +173,18 @@ class CellSession(CellCommands):
         speed: float = 1.0,
         timeout: float = 60.0,
     ) -> Recording:
-        """Move the sensor as in `move_line`, with exposures of `exposure` seconds every `spacing` metres of its path.
+        """Move the sensor as in `move_line`, with exposures on the way; the first one begins at the start.
 
-        The first exposure begins at the start; the path is that in the frame of the table.
+        Parameters
+        ----------
+        world_from_sensor
+            Pose (4, 4) at the end.
+        spacing
+            Length of the path, in the frame of the table, from one exposure to the next, m.
+        exposure
+            Duration of each, s.
+        speed, timeout
+            As of `move_line`.
 
         Raises
         ------
@@ -142,9 +205,10 @@ class CellSession(CellCommands):
         return collector.finish()
 
     def jog_joints(self, deflections: ArrayLike, duration: float) -> None:
-        """Jog joints and table by hand for `duration`, then come to rest; needs manual operation.
+        """Jog joints and table by hand for `duration`, s, then come to rest; needs manual operation.
 
-        `deflections` (joints + 1,) are -1 to 1 of the speed that the description allows each axis by hand.
+        `deflections`, at most (joints + 1,), are -1 to 1 of the speed that the description allows each axis by hand;
+        those that are missing are 0.
 
         Raises
         ------
@@ -155,7 +219,9 @@ class CellSession(CellCommands):
         self._finish_jog(Mode.JOINT_JOG, "jog_joints", duration)
 
     def jog_sensor(self, deflections: ArrayLike, duration: float, frame: JogFrame = JogFrame.WORLD) -> None:
-        """Jog the sensor along and about the axes of `frame` for `duration`, then come to rest; needs manual operation.
+        """Jog the sensor along and about the axes of `frame` for `duration`, s, then come to rest.
+
+        It needs manual operation.
 
         `deflections` (6,) are along x, y, z and about x, y, z, -1 to 1 of the speeds that the description allows.
 
@@ -168,10 +234,18 @@ class CellSession(CellCommands):
         self._finish_jog(Mode.CARTESIAN_JOG, "jog_sensor", duration)
 
     def run_program(self, program: Program, exposure: float, batches: RecordBatches | None = None) -> Recording:
-        """Run a program, which must start where the axes are, with exposures of `exposure` seconds.
+        """Run a program, which must start where the axes are.
 
-        `batches` receives the records while they come.
         The monitor speed in force scales its speed, and may change while it runs (`on_step` of the instance).
+
+        Parameters
+        ----------
+        program
+            Of a plan (``Plan.program``).
+        exposure
+            Duration of the exposures, s.
+        batches
+            Receives the records while they come; None: they are only returned.
 
         Raises
         ------
@@ -186,7 +260,7 @@ class CellSession(CellCommands):
         return recording
 
     def check_start(self, program: Program) -> None:
-        """Raise `CommandError` where the controller would not run a program from where the axes are."""
+        """Raise `CommandError` where the controller would not run `program` from where the axes are."""
         self._cell.set_integer("command.mode", Mode.PROGRAM)
         self.wait(0.0)
         self._refuse("run_program")
@@ -214,7 +288,7 @@ class CellSession(CellCommands):
     # Operation and emergency stop
 
     def set_operation(self, operation: Operation) -> None:
-        """Change between manual and automatic operation, and wait until whatever moves rests."""
+        """Change to manual or automatic `operation`, and wait until whatever moves rests."""
         self.request_operation(operation)
         self._wait_for_rest("set_operation")
 
@@ -249,7 +323,7 @@ class CellSession(CellCommands):
         Raises
         ------
         CommandError
-            If they do not get there (the stroke is too short, or something is in between).
+            If they do not get there within `timeout`, s (the stroke is too short, or something is in between).
         """
         self.start_open_gripper(width)
         self.wait_until(lambda: abs(self.gripper_width - width) < 1e-4, f"pads {width * 1e3:.1f} mm apart", timeout)
@@ -260,7 +334,7 @@ class CellSession(CellCommands):
         Raises
         ------
         CommandError
-            If they close on nothing.
+            If they hold nothing within `timeout`, s.
         """
         self.start_close_gripper(force)
         self.wait_until(
@@ -280,17 +354,17 @@ class CellSession(CellCommands):
         self._step_to((started + 1) * self._cycle_us)
 
     def wait(self, duration: float) -> None:
-        """Step on for `duration`, at least one cycle."""
+        """Step on for `duration`, s, at least one cycle."""
         for _ in range(max(1, round(duration * 1e6 / self._cycle_us))):
             self.step()
 
     def wait_until(self, condition: Callable[[], bool], what: str, timeout: float = 60.0) -> None:
-        """Step on until `condition`, evaluated in every controller cycle, holds; `what` names it.
+        """Step on until `condition`, evaluated in every controller cycle, holds; `what` names it in messages.
 
         Raises
         ------
         CommandError
-            If it does not hold within `timeout`.
+            If it does not hold within `timeout`, s.
         """
         end = self._end(timeout)
         while not condition():

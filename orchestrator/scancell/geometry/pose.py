@@ -1,6 +1,33 @@
 """Rigid transforms as homogeneous matrices ``(..., 4, 4)``, named ``target_from_source``.
 
 All functions broadcast over leading axes. Positions are in metres, angles in radians, quaternions w, x, y, z.
+
+Examples
+--------
+Poses are joined by ``@``, so that the names of the frames meet:
+
+>>> pose = scancell.pose
+>>> world_from_table = pose.translation((0.5, 0.0, 0.1))
+>>> table_from_part = pose.from_rotation(pose.rotation_about(2, np.pi / 2), (0.0, 0.0, 0.02))
+>>> world_from_part = world_from_table @ table_from_part
+>>> print(pose.transform_points(world_from_part, [[0.03, 0.0, 0.0]]).round(3))
+[[0.5  0.03 0.12]]
+>>> bool(np.allclose(pose.inverse(world_from_part) @ world_from_part, np.eye(4)))
+True
+
+Rotations as Euler angles and as quaternions:
+
+>>> down = pose.rotation_from_euler_xyz((np.pi, 0.0, 0.0))
+>>> print(np.abs(pose.quaternion_from_rotation(down)).round(3))
+[0. 1. 0. 0.]
+>>> turned = pose.rotation_about(2, np.radians([0, 45, 90]))
+>>> print(np.degrees(pose.log_rotation(turned)[:, 2]).round(3))
+[ 0. 45. 90.]
+
+Half of the way between two poses:
+
+>>> print(pose.interpolate_straight(world_from_table, world_from_part, [0.5])[0, :3, 3].round(3))
+[0.5  0.   0.11]
 """
 
 from __future__ import annotations
@@ -16,7 +43,7 @@ _BLOCK = 1 << 14  # points that are transformed at a time
 
 
 def from_rotation(rotation: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Pose (..., 4, 4) of a rotation matrix (..., 3, 3) and a position (..., 3) in metres."""
+    """Pose (..., 4, 4) of the matrix `rotation` (..., 3, 3) and a `position` (..., 3), m."""
     rotation = np.asarray(rotation, float)
     position = np.asarray(position, float)
     shape = np.broadcast_shapes(rotation.shape[:-2], position.shape[:-1])
@@ -28,17 +55,17 @@ def from_rotation(rotation: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0)) ->
 
 
 def translation(position: ArrayLike) -> Array:
-    """Pose (..., 4, 4) of identity rotation at `position` (..., 3)."""
+    """Pose (..., 4, 4) of identity rotation at `position` (..., 3), m."""
     return from_rotation(np.eye(3), position)
 
 
 def pose(position: ArrayLike, quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Array:
-    """Pose (..., 4, 4) from a position (..., 3) and a quaternion (..., 4), see `rotation_from_quaternion`."""
+    """Pose (..., 4, 4) from `position` (..., 3), m, and `quaternion` (..., 4), see `rotation_from_quaternion`."""
     return from_rotation(rotation_from_quaternion(quaternion), position)
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) of quaternions (..., 4), which are normalized first.
+    """Rotation matrices (..., 3, 3) of `quaternion` (..., 4) as w, x, y, z, which is normalized first.
 
     Raises
     ------
@@ -59,7 +86,7 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> Array:
-    """Quaternions (..., 4) with w >= 0 of rotation matrices (..., 3, 3).
+    """Quaternions (..., 4), w, x, y, z with w >= 0, of the matrices `rotation` (..., 3, 3).
 
     Shepperd's method: the one of four equivalent forms with the largest divisor, accurate at every angle.
     """
@@ -85,7 +112,7 @@ def quaternion_from_rotation(rotation: ArrayLike) -> Array:
 
 
 def rotation_about(axis: int, angle: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) by `angle` (...,) about coordinate axis 0, 1 or 2."""
+    """Rotation matrices (..., 3, 3) by `angle` (...,), rad, about the coordinate `axis` 0, 1 or 2."""
     angle = np.asarray(angle, float)
     result = np.zeros((*angle.shape, 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -97,7 +124,10 @@ def rotation_about(axis: int, angle: ArrayLike) -> Array:
 
 
 def looking_from(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
-    """Rotations (..., 3, 3) of a sensor whose z points against the direction at these angles (rad); its x is level."""
+    """Rotations (..., 3, 3) of a sensor that looks at the origin from a direction; its x is level.
+
+    The direction, against which the sensor's z points, has `azimuth` and `elevation` (...,), rad.
+    """
     c, s = np.broadcast_arrays(np.cos(elevation), np.sin(elevation))
     zero, one = np.zeros_like(c), np.ones_like(c)
     rows = [np.stack([zero, -s, -c], -1), np.stack([-one, zero, zero], -1), np.stack([zero, c, -s], -1)]
@@ -105,13 +135,16 @@ def looking_from(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
 
 
 def rotation_from_euler_xyz(angles: ArrayLike) -> Array:
-    """Rotations (..., 3, 3) of intrinsic X, Y', Z'' angles (..., 3): R = Rx(a) Ry(b) Rz(c)."""
+    """Rotations (..., 3, 3) of intrinsic X, Y', Z'' `angles` (..., 3), rad: R = Rx(a) Ry(b) Rz(c)."""
     a = np.asarray(angles, float)
     return rotation_about(0, a[..., 0]) @ rotation_about(1, a[..., 1]) @ rotation_about(2, a[..., 2])
 
 
 def euler_xyz_from_rotation(rotation: ArrayLike) -> Array:
-    """Intrinsic X, Y', Z'' angles (..., 3) of rotations (..., 3, 3); the last is 0 where the middle one is ±90 deg."""
+    """Intrinsic X, Y', Z'' angles (..., 3), rad, of `rotation` (..., 3, 3).
+
+    The last angle is 0 where the middle one is ±90 deg.
+    """
     r = np.asarray(rotation, float)
     cosine = np.hypot(r[..., 0, 0], r[..., 0, 1])
     lost = cosine < 1e-9
@@ -121,25 +154,25 @@ def euler_xyz_from_rotation(rotation: ArrayLike) -> Array:
 
 
 def rotation_from_euler_zyz(angles: ArrayLike) -> Array:
-    """Rotations (..., 3, 3) of intrinsic Z, Y', Z'' angles (..., 3) (yaw, pitch, roll): R = Rz(a) Ry(b) Rz(c)."""
+    """Rotations (..., 3, 3) of intrinsic Z, Y', Z'' `angles` (..., 3), rad: R = Rz(a) Ry(b) Rz(c)."""
     a = np.asarray(angles, float)
     return rotation_about(2, a[..., 0]) @ rotation_about(1, a[..., 1]) @ rotation_about(2, a[..., 2])
 
 
 def from_euler_xyz(position: ArrayLike, angles: ArrayLike) -> Array:
-    """Pose (..., 4, 4) from a position (..., 3) and intrinsic X, Y', Z'' angles (..., 3)."""
+    """Pose (..., 4, 4) from `position` (..., 3), m, and intrinsic X, Y', Z'' `angles` (..., 3), rad."""
     return from_rotation(rotation_from_euler_xyz(angles), position)
 
 
 def inverse(target_from_source: ArrayLike) -> Array:
-    """Inverse ``source_from_target`` (..., 4, 4) of rigid poses (..., 4, 4)."""
+    """Inverse ``source_from_target`` (..., 4, 4) of the rigid poses `target_from_source` (..., 4, 4)."""
     t = np.asarray(target_from_source, float)
     rotation = np.swapaxes(t[..., :3, :3], -1, -2)
     return from_rotation(rotation, -(rotation @ t[..., :3, 3:])[..., 0])
 
 
 def transform_points(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Array:
-    """Points (..., n, 3) in the target frame of points (..., n, 3) in the source frame; poses (..., 4, 4)."""
+    """Points (..., n, 3) in the target frame, of `points_in_source` (..., n, 3) by `target_from_source` (..., 4, 4)."""
     t = np.asarray(target_from_source, float)
     points = np.asarray(points_in_source, float)
     rotation, shift = np.swapaxes(t[..., :3, :3], -1, -2), t[..., None, :3, 3]
@@ -154,7 +187,7 @@ def transform_points(target_from_source: ArrayLike, points_in_source: ArrayLike)
 
 
 def transform_each(target_from_source: ArrayLike, points_in_source: ArrayLike) -> Array:
-    """Points (n, 3) in the target frames, point i transformed by pose i of (n, 4, 4)."""
+    """Points (n, 3) in the target frames: `points_in_source` (n, 3), each by its own `target_from_source` (n, 4, 4)."""
     t, points = np.asarray(target_from_source, float), np.asarray(points_in_source, float)
     return np.asarray(np.einsum("nij,nj->ni", t[:, :3, :3], points) + t[:, :3, 3])
 
@@ -167,7 +200,7 @@ def _skew(vector: Array) -> Array:
 
 
 def exp_rotation(vector: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), by Rodrigues' formula."""
+    """Rotation matrices (..., 3, 3) of the rotation vectors `vector` (..., 3), rad, by Rodrigues' formula."""
     vector = np.asarray(vector, float)
     a, b = _rodrigues_coefficients(np.linalg.norm(vector, axis=-1))
     k = _skew(vector)
@@ -175,7 +208,7 @@ def exp_rotation(vector: ArrayLike) -> Array:
 
 
 def log_rotation(rotation: ArrayLike) -> Array:
-    """Rotation vectors (..., 3), of length in [0, pi], of rotation matrices (..., 3, 3)."""
+    """Rotation vectors (..., 3), rad, of length in [0, pi], of the matrices `rotation` (..., 3, 3)."""
     r = np.asarray(rotation, float)
     cosine = (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1) / 2
     if (cosine > 0).all():  # away from half turns the part that changes its sign with the turn is accurate, and faster
@@ -192,7 +225,7 @@ def log_rotation(rotation: ArrayLike) -> Array:
 
 
 def interpolate_straight(start: ArrayLike, end: ArrayLike, fraction: ArrayLike) -> Array:
-    """Poses (n, 4, 4) at `fraction` (n,) from `start` to `end` (4, 4): straight line, constant rate of rotation.
+    """Poses (n, 4, 4) at `fraction` (n,) of the way from `start` to `end` (4, 4): straight, turning evenly.
 
     Fractions outside [0, 1] extrapolate.
     """

@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.arguments import checked_arguments
+from scancell.arguments import Shape, checked_arguments, checked_value
 from scancell.cell.controller import Operation
 from scancell.config.robot import RobotDescription
-from scancell.errors import DescriptionError, MessageError
+from scancell.errors import MessageError
 from scancell.geometry.reduction import reduced
 from scancell.guard.check import Contact, ManualCheck, Verdict
 from scancell.guard.identify import Identifier
@@ -140,20 +141,16 @@ class Guard:
         Returns
         -------
         MotionClash or None
-            Names ``body_a`` and ``body_b``, their ``distance`` and the ``clearance`` that they need, m, and the set-point
-            ``index``, or the motion from there on.
+            Two bodies (``body_a``, ``body_b``), their ``distance`` and the ``clearance`` that they need, m, at the
+            set-point ``index``, or in the motion from there on.
 
         Raises
         ------
         DescriptionError
             If `points` have another shape, or are not finite.
         """
-        points = np.asarray(points, float)
-        if points.ndim != 2 or points.shape[1] != self._axes or not np.isfinite(points).all():
-            raise DescriptionError(
-                f"the shape is {points.shape}", key="points", expected=f"finite angles of shape (n, {self._axes})"
-            )
-        return self._motions.clash_along(points)
+        checked = checked_value("points", points, Annotated[Array, Shape((None, self._axes))])
+        return self._motions.clash_along(np.asarray(checked, float))
 
     def answer(self, state: CellState) -> GuardMessage:
         """The permission that follows from a `state` (`GuardedCell.state`), or an emergency stop.

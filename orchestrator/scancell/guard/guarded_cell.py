@@ -96,8 +96,7 @@ class GuardedCell:
     def poll(self) -> list[GuardMessage]:
         """Send the state where a query is due, and obey the answers that have arrived; to be called once a cycle.
 
-        The answers are returned: ``monitor_speed``, ``emergency_stop``, ``text``, ``beep`` and ``state_time``, s, of the
-        state that each is about.
+        The answers are returned, see `Link.poll`.
         """
         if self._link is None:
             return []

@@ -62,6 +62,7 @@ class Link:
     ...     guarded.attach()
     ...     session.wait(0.8)
     ...     print(f"{link.counts['accepted']} answers, the last one to a state {link.age(session.time):.3f} s old")
+    25 answers, the last one to a state 0.032 s old
     """
 
     @checked_arguments
@@ -80,7 +81,11 @@ class Link:
         self._transport.send(self._endpoint.packet(sent), time)
 
     def poll(self, time: float) -> list[GuardMessage]:
-        """New answers at `time`, s, in the order of their numbers; the last one counts."""
+        """New answers at `time`, s, in the order of their numbers; the last one counts.
+
+        Each has ``monitor_speed`` (0 to 1), ``emergency_stop``, ``text`` and ``beep`` for the pendant, and the time
+        ``state_time``, s, of the state that it answers.
+        """
         received = [
             self._endpoint.receive(arrival.packet, self._clock(time)) for arrival in self._transport.receive(time)
         ]

@@ -100,7 +100,7 @@ class LiveCell:
     def submit(self, command: Command) -> None:
         """Hand over a `command` (`MoveJoints`, `JogSensor` … of ``scancell.workspace.live_commands``).
 
-        It may also be handed over from other threads. What becomes of it is in ``state.refusal`` and ``state.message``.
+        What becomes of it is in ``state.refusal`` and ``state.message``.
         """
         with self._lock:
             self._submitted.append(command)
