@@ -122,6 +122,14 @@ def test_move_joints_reaches_target(start: Start, version: int) -> None:
         (lambda session: session.jog_sensor([0.1] * 5, 0.1), "jog_sensor: deflections = .*: expected 6 numbers"),
         (lambda session: session.move_tool(np.eye(3)), r"world_from_tool = (?s:.*): expected a pose \(4, 4\)"),
         (lambda session: session.move_line(np.eye(4), "flange"), "tool = 'flange': expected sensor or gripper"),
+        (lambda session: session.move_joints([np.nan] * 6), "move_joints: joints = .*: expected 6 angles"),
+        (lambda session: session.turn_table(np.inf), "table_angle = .*: expected an angle"),
+        (lambda session: session.move_tool(np.full((4, 4), np.nan)), r"(?s:.*): expected a pose \(4, 4\)"),
+        (lambda session: session.move_joints(session.home, speed=0.0), "move_joints: speed = 0.0: expected .* above 0"),
+        (lambda session: session.move_line(session.world_from_tool(), speed=2), "move_line: speed = 2: expected"),
+        (lambda session: session.jog_sensor([np.nan] * 6, 0.1), "jog_sensor: deflections = .*: expected 6 numbers"),
+        (lambda session: session.open_gripper(np.nan), "open_gripper: width = nan: expected a finite number"),
+        (lambda session: session.set_monitor_speed(np.nan), "set_monitor_speed: share = nan: expected a finite number"),
     ],
 )
 def test_wrong_argument_of_command_is_named(
@@ -132,6 +140,7 @@ def test_wrong_argument_of_command_is_named(
     with pytest.raises(CommandError, match=expected):
         command(session)
     assert session.time == pytest.approx(begin, abs=1e-9)
+    session.step()  # the cell goes on
 
 
 def test_speed_scales_move_duration(start: Start, cell) -> None:

@@ -12,6 +12,8 @@ from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 
+_STARTED_BY = {Mode.JOINT_MOVE: "move_joints", Mode.LINE_MOVE: "move_line"}
+
 
 class CellCommands(CellReadings):
     """Sets the inputs of a cell; the controller looks at them at the beginning of its next cycle."""
@@ -120,7 +122,7 @@ class CellCommands(CellReadings):
 
     def set_monitor_speed(self, share: float) -> None:
         """Scale the speed of moves and programs by `share` (0 to 1) while they run, on their paths; 0 pauses them."""
-        self._cell.set(self._cell.real_group(["command.monitor_speed"]), np.array([share]))
+        self._set_number("command.monitor_speed", share, "set_monitor_speed: share")
 
     def press_emergency_stop(self) -> None:
         """Press the button; the stop stays in force until `release_emergency_stop` when all axes rest."""
@@ -136,17 +138,24 @@ class CellCommands(CellReadings):
 
     def run_conveyor(self, conveyor: int, speed: float) -> None:
         """Give conveyor number `conveyor` (from 1) the `speed`, m/s; its belt accelerates while the cell steps."""
-        self._cell.set(self._cell.real_group([f"command.conveyor[{conveyor}].speed"]), np.array([speed]))
+        self._set_number(f"command.conveyor[{conveyor}].speed", speed, "run_conveyor: speed")
 
     def start_open_gripper(self, width: float) -> None:
         """Begin to bring the pads `width` apart, m."""
-        self._cell.set(self._cell.real_group(["command.gripper.width"]), np.array([width]))
+        self._set_number("command.gripper.width", width, "open_gripper: width")
         self._cell.set_integer("command.gripper.mode", GripperMode.WIDTH)
 
     def start_close_gripper(self, force: float) -> None:
         """Begin to close the gripper with `force`, N each finger."""
-        self._cell.set(self._cell.real_group(["command.gripper.force"]), np.array([force]))
+        self._set_number("command.gripper.force", force, "close_gripper: force")
         self._cell.set_integer("command.gripper.mode", GripperMode.FORCE)
+
+    def _set_number(self, variable: str, value: float, name: str) -> None:
+        """Set a real input; a value that is not finite would end the FMU."""
+        group = self._cell.real_group([variable])
+        if not np.isfinite(value):
+            raise CommandError(f"{name} = {value!r}: expected a finite number")
+        self._cell.set(group, np.array([value]))
 
     def _start_jog(self, mode: Mode, deflections: Array) -> None:
         self._cell.set(self._jog, np.append(deflections, np.zeros(self._jog.count - deflections.size)))
@@ -154,8 +163,8 @@ class CellCommands(CellReadings):
 
     def _start(self, mode: Mode, speed: float) -> None:
         if not 0.0 < speed <= 1.0:
-            raise CommandError(f"{mode.name.lower()}: speed = {speed!r}: expected a number above 0, at most 1")
-        self._cell.set(self._cell.real_group(["command.speed"]), np.array([speed]))
+            raise CommandError(f"{_STARTED_BY[mode]}: speed = {speed!r}: expected a number above 0, at most 1")
+        self._set_number("command.speed", speed, f"{_STARTED_BY[mode]}: speed")
         self._cell.set_integer("command.mode", mode)
         self._cell.set_integer("command.start", self._next("command.start"))
 
