@@ -17,7 +17,14 @@ from scancell.stopwatch import Stopwatch
 
 @dataclass
 class RunReport:
-    """Outcome of a command: figures, lines of text, warnings, files, and wall time (s) by step."""
+    """Outcome of a command: figures, lines of text, warnings, files, and `timings`, the wall time (s) by step.
+
+    Examples
+    --------
+    >>> report = scancell.RunReport({"exposures": 1}, ["1 exposures: 2520 points"])
+    >>> report.figures["exposures"], report.warnings
+    (1, [])
+    """
 
     figures: dict[str, Any]
     lines: list[str]
