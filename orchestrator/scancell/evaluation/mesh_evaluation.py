@@ -68,6 +68,8 @@ class MeshEvaluation(Evaluation):
     --------
     >>> part = scancell.load_part("part.stl")
     >>> evaluation = scancell.evaluate(part.vertices + [0, 0, 1e-4], mesh=part, align="best-fit")
+    >>> evaluation
+    MeshEvaluation(... compared, mean ... um, RMS ... um, ...)
     >>> round(float(evaluation.part_from_cloud[2, 3]), 6)
     -0.0001
     """
