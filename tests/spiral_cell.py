@@ -18,4 +18,4 @@ def spiral_setup(folder: Path) -> Setup:
     trimesh.creation.box((20.0, 20.0, 300.0)).export(file)
     pose = "{ x_mm = 450.0, y_mm = 200.0, z_mm = 150.0 }"
     post = f'cell.obstacle=[{{ name = "post", mesh = "{file}", pose = {pose} }}]'
-    return with_path(load_setup(ideal=True, overrides=[post]), _SPIRAL)
+    return with_path(load_setup(ideal=True, settings=[post]), _SPIRAL)

@@ -195,7 +195,7 @@ def main() -> int:
     parser.add_argument("--engine", choices=["ray-traced", "geometric"], default="ray-traced")
     given = parser.parse_args()
     try:
-        setup = load_setup(assets_dir() / "cells/pick_and_place.toml", overrides=given.set)
+        setup = load_setup(assets_dir() / "cells/pick_and_place.toml", settings=given.set)
         result, task = run(assets_dir() / "parts/step_block.stl", given.out, setup, given.engine)
     except ScancellError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -1,4 +1,7 @@
-"""Functions for single calls: each opens what it needs, does one piece of work, and closes it."""
+"""Functions for single calls: each opens what it needs, does one piece of work, and closes it.
+
+Parameters of the same name mean the same everywhere: `Scanner` and `Scanner.scan` state them.
+"""
 
 from __future__ import annotations
 
@@ -76,7 +79,13 @@ def scan(
     threads: Threads = 0,
     **options: Unpack[ScanOptions],
 ) -> ScanResult:
-    """Scan a part once; `options` are those of `Scanner.scan`, the other parameters those of `Scanner`."""
+    """Scan a part once; parameters as of `Scanner` and `Scanner.scan`.
+
+    Examples
+    --------
+    >>> scancell.scan("part.stl", engine="geometric", as_built={"tool.x_mm": 0.1}, seed=3)
+    ScanResult('part.stl', engine='geometric', seed=3: ... profiles, ... points)
+    """
     with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
         return scanner.scan(part, **options)
 
@@ -93,7 +102,15 @@ def shot(
     threads: Threads = 0,
     **options: Unpack[ShotOptions],
 ) -> ShotResult:
-    """Expose once from a pose; `options` are those of `Scanner.shot`."""
+    """Expose once from a pose of the sensor in the part frame; parameters as of `Scanner` and `Scanner.shot`.
+
+    Examples
+    --------
+    >>> above = scancell.location(0, 0, 0.1, rx=180 * scancell.deg)  # looks down, 100 mm above the origin of the part
+    >>> shot = scancell.shot("part.stl", above)
+    >>> shot.images.images.shape
+    (2, 1024, 1280)
+    """
     with Scanner(cell, sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
         return scanner.shot(part, part_from_sensor, **options)
 
@@ -110,7 +127,15 @@ def render(
     threads: Threads = 0,
     **options: Unpack[RenderOptions],
 ) -> ScanResult:
-    """Images and a cloud from a recording; `options` are those of `Scanner.render`."""
+    """Images and a cloud from a recording; parameters as of `Scanner` and `Scanner.render`.
+
+    Examples
+    --------
+    >>> coarse = {"scan.max_profiles": 20}
+    >>> files = scancell.scan("part.stl", settings=coarse, engine="geometric").save("run")
+    >>> scancell.render("run/recording.parquet", "part.stl", engine="geometric")
+    ScanResult('part.stl', engine='geometric', seed=0: ... profiles, ... points)
+    """
     with Scanner(cell, sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
         return scanner.render(recording, part, **options)
 
@@ -126,7 +151,14 @@ def plan(
     unit: str = "mm",
     progress: Progress | ProgressCallback | None = None,
 ) -> Plan:
-    """The checked program of the scan of a part, see `Scanner.plan`."""
+    """The checked program of the scan of a part; parameters as of `Scanner` and `Scanner.plan`.
+
+    Examples
+    --------
+    >>> plan = scancell.plan("part.stl", settings={"scan.mode": "stop-and-look", "scan.max_profiles": 40})
+    >>> plan.q.shape == (len(plan.segment), 6)
+    True
+    """
     with Scanner(cell, sensor, scan, settings=settings) as scanner:
         return scanner.plan(part, unit=unit, progress=progress)
 
@@ -143,7 +175,15 @@ def place(
     unit: str = "mm",
     progress: Progress | ProgressCallback | None = None,
 ) -> SetUps:
-    """How a free part is best set up for scanning, see `Scanner.place`."""
+    """How a free part is best set up for scanning; parameters as of `Scanner` and `Scanner.place`.
+
+    Examples
+    --------
+    >>> set_ups = scancell.place(scancell.box_mesh((0.06, 0.04, 0.02)), 0.8)
+    >>> print(set_ups)
+    6 stable resting poses; 100.0 % of the surface is measurable in one of them
+      one set-up scans ... % of that
+    """
     with Scanner(cell, sensor, scan, settings=settings) as scanner:
         return scanner.place(part, share, unit=unit, progress=progress)
 
@@ -161,7 +201,14 @@ def calibrate(
     threads: Threads = 0,
     **options: Unpack[CalibrateOptions],
 ) -> CalibrationReport:
-    """Find the deviations of a cell; `options` are those of `Scanner.calibrate`, the other parameters `Scanner`'s."""
+    """Find the deviations of a cell; parameters as of `Scanner` and `Scanner.calibrate`.
+
+    Examples
+    --------
+    >>> report = scancell.calibrate("tool", as_built={"tool.x_mm": 1.0})
+    >>> round(report.estimated.tool.x_mm, 1)
+    1.0
+    """
     with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
         return scanner.calibrate(request, artefact, **options)
 
@@ -176,7 +223,14 @@ def calibrate_sensor(
     threads: Threads = 0,
     **options: Unpack[CalibrateSensorOptions],
 ) -> SensorCalibrationReport:
-    """Find the deviations of a sensor; `options` are those of `Scanner.calibrate_sensor`."""
+    """Find the deviations of a sensor; parameters as of `Scanner` and `Scanner.calibrate_sensor`.
+
+    Examples
+    --------
+    >>> report = scancell.calibrate_sensor("ball", as_built={"sensor.camera[1].tilt_deg": 29.4})
+    >>> round(report.sensor.camera[0].tilt_deg, 1)
+    29.4
+    """
     with Scanner(sensor=sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
         return scanner.calibrate_sensor(request, **options)
 
@@ -193,7 +247,14 @@ def survey(
     threads: Threads = 0,
     **options: Unpack[SurveyOptions],
 ) -> SurveyResult:
-    """Find what stands around the table; `options` are those of `Scanner.survey`, the other parameters `Scanner`'s."""
+    """Find what stands around the table; parameters as of `Scanner` and `Scanner.survey`.
+
+    Examples
+    --------
+    >>> survey = scancell.survey("part.stl", radius=0.05, height=0.1)
+    >>> survey.exposures > 0
+    True
+    """
     with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
         return scanner.survey(part, **options)
 
@@ -212,6 +273,8 @@ def extract(
 ) -> RunReport:
     """Measure the stripe in images of a sensor, real or simulated, and write profiles into the folder `out`.
 
+    The other parameters are those of `Scanner`.
+
     Parameters
     ----------
     images, laser_off
@@ -225,6 +288,14 @@ def extract(
     ------
     ScancellError
         Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> shot = scancell.shot("part.stl", scancell.location(0, 0, 0.1, rx=180 * scancell.deg))
+    >>> files = shot.save("shot")
+    >>> report = scancell.extract(["shot/image_plus.png", "shot/image_minus.png"], "profiles")
+    >>> report.figures["exposures"]
+    1
     """
     from scancell.config.loading import load_setup  # noqa: PLC0415
     from scancell.output.extract_images import ExtractionRequest, extract_to_folder  # noqa: PLC0415
@@ -264,11 +335,20 @@ def evaluate(
         Datum faces of the artefact, or numbers of plane regions of the mesh, in order of precedence.
     out
         Folder for figures (JSON, CSV) and a picture.
+    threads
+        Threads of the distance queries; 0 uses all cores.
 
     Raises
     ------
     ScancellError
         Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> result = scancell.scan("part.stl", engine="geometric", settings={"scan.max_profiles": 40})
+    >>> evaluation = scancell.evaluate(result, align="best-fit")
+    >>> evaluation.statistics.rms < 2e-6
+    True
     """
     from scancell.evaluation.artefact import evaluate_against_artefact  # noqa: PLC0415
     from scancell.evaluation.mesh_evaluation import evaluate_against_mesh  # noqa: PLC0415
@@ -289,11 +369,7 @@ def evaluate(
         group = artefact if isinstance(artefact, ShapeGroup) else load_artefact(artefact)
         found = evaluate_against_artefact(points, group, align, [str(name) for name in datum])
     if out is not None:
-        from scancell.output.evaluation_files import write_evaluation  # noqa: PLC0415
-        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
-
-        with RunFolder(Path(out)) as folder:
-            write_evaluation(found, folder)
+        found.save(out)
     return found
 
 
@@ -322,6 +398,12 @@ def mesh(
     ------
     ScancellError
         Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> result = scancell.scan("part.stl", engine="geometric", settings={"scan.max_profiles": 100})
+    >>> scancell.mesh(result, "surface.stl", spacing_mm=2)
+    Mesh(vertices=<float64 (..., 3)>, faces=<int64 (..., 3)>, source='surface', ...)
     """
     from scancell.reconstruction.surface import reconstruct_surface, write_surface  # noqa: PLC0415
 
@@ -356,6 +438,8 @@ def acceptance(
 ) -> AcceptanceReport:
     """Acceptance test of a sensor in the simulated cell: artefacts over its measuring range, in both scan modes.
 
+    The other parameters are those of `Scanner` and `Scanner.scan`.
+
     Parameters
     ----------
     scan
@@ -373,6 +457,12 @@ def acceptance(
     ------
     ScancellError
         Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> report = scancell.acceptance(quick=True, repeats=1)
+    >>> max(row["mean"] for row in report.rows if row["name"] == "flatness") < 30  # um
+    True
     """
     from scancell.studies.acceptance.programme import QUICK, Programme  # noqa: PLC0415
     from scancell.studies.acceptance.report import AcceptanceRequest, run_acceptance  # noqa: PLC0415
@@ -407,13 +497,34 @@ def study(
     ----------
     file
         Study description (TOML).
+    out
+        Folder of the study; trials that it holds are kept.
+    settings
+        Changes of the description, ``{"design.trials": 20}``.
     workers
         Worker processes; 0 for one per core.
+    progress
+        Receives (stage, done, total); returning False cancels, and `out` keeps what is finished.
 
     Raises
     ------
     ScancellError
         Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> study = '''
+    ... name = "tool_x"
+    ... part = "part.stl"
+    ... set = ["scan.max_profiles=20"]
+    ... engine = "geometric"
+    ... design = { kind = "latin_hypercube", trials = 4 }
+    ... factor = [{ path = "as_built.tool.x_mm", distribution = { kind = "normal", std = 0.05 } }]
+    ... '''
+    >>> with open("study.toml", "w") as file:
+    ...     _ = file.write(study)
+    >>> scancell.study("study.toml", "trials", workers=1).figures["trials"]
+    4
     """
     from scancell.studies.report import write_report  # noqa: PLC0415
     from scancell.studies.run_record import DESCRIPTION  # noqa: PLC0415
@@ -446,8 +557,14 @@ def batch(
     ----------
     parts
         Mesh files, folders of them, or artefact files.
+    out
+        Folder of the batch; scans that it holds are kept.
     config
         Batch description (TOML).
+    variants
+        Scans of each part, in place of the number in the description.
+    workers, progress
+        As of `study`.
     options
         Keys of the batch description in place of those of `config`.
 
@@ -455,6 +572,12 @@ def batch(
     ------
     ScancellError
         Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> result = scancell.batch(["part.stl"], "clouds", engine="geometric", formats=["npz"], workers=1)
+    >>> result.figures["scans"]
+    1
     """
     from scancell.config.batch import load_batch  # noqa: PLC0415
     from scancell.studies.batch import open_batch, write_index  # noqa: PLC0415

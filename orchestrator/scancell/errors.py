@@ -38,6 +38,14 @@ class ScancellError(Exception):
         What was expected in place of the value.
     problem : str
         What is wrong.
+
+    Examples
+    --------
+    >>> try:
+    ...     scancell.scan("part.stl", settings={"scan.max_profiles": 0})
+    ... except scancell.ScancellError as error:
+    ...     error.key, error.value, error.expected
+    ('max_profiles', 0, 'greater than or equal to 1')
     """
 
     def __init__(
@@ -106,71 +114,204 @@ class ScancellError(Exception):
 
 
 class DescriptionError(ScancellError, ValueError):
-    """A cell, sensor or scan description is wrong (unknown key, missing key, value out of bounds)."""
+    """A cell, sensor or scan description is wrong (unknown key, missing key, value out of bounds).
+
+    Examples
+    --------
+    >>> scancell.ScanDescription(max_profiles=0)
+    Traceback (most recent call last):
+        ...
+    scancell.errors.DescriptionError: ScanDescription: max_profiles = 0: must be greater than or equal to 1
+    """
 
 
 class MeshError(ScancellError, ValueError):
-    """A mesh file is missing, unreadable, empty or broken."""
+    """A mesh file is missing, unreadable, empty or broken.
+
+    Examples
+    --------
+    >>> scancell.load_part("missing.stl")
+    Traceback (most recent call last):
+        ...
+    scancell.errors.MeshError: missing.stl: no such file
+    """
 
 
 class PlanningError(ScancellError):
-    """A scan cannot be carried out: unreachable, outside limits, or colliding poses."""
+    """A scan cannot be carried out: unreachable, outside limits, or colliding poses.
+
+    Examples
+    --------
+    >>> scancell.plan("part.stl", settings={"cell.part.x_mm": 1000})
+    Traceback (most recent call last):
+        ...
+    scancell.errors.PlanningError: part.stl: too large for the table: ...
+    """
 
 
 class CellError(ScancellError):
-    """The FMU refused a call or reported an error."""
+    """The FMU refused a call or reported an error.
+
+    Examples
+    --------
+    >>> scancell.CellInstance("missing.fmu")
+    Traceback (most recent call last):
+        ...
+    scancell.errors.CellError: the cell cannot be started from missing.fmu: ...
+    """
 
 
 class CommandError(CellError):
-    """The cell's controller refused a command, stopped it, or did not finish it in time."""
+    """The cell's controller refused a command, stopped it, or did not finish it in time.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session() as session:
+    ...     session.move_joints(np.full(6, 9.0))
+    Traceback (most recent call last):
+        ...
+    scancell.errors.CommandError: move_joints: the target of joint 1 is outside its limits
+    """
 
 
 class ProgramError(ScancellError):
-    """A robot program failed; the message states its file and line."""
+    """A robot program failed; the message states its file and line.
+
+    Examples
+    --------
+    >>> issubclass(scancell.ProgramError, scancell.ScancellError)
+    True
+    """
 
 
 class SensorError(ScancellError, ValueError):
-    """The sensor library refused its input."""
+    """The sensor library refused its input.
+
+    Examples
+    --------
+    >>> issubclass(scancell.SensorError, ValueError)
+    True
+    """
 
 
 class CalibrationError(ScancellError):
-    """Measured data do not determine what is to be calibrated; the message states what is missing."""
+    """Measured data do not determine what is to be calibrated; the message states what is missing.
+
+    Examples
+    --------
+    >>> scancell.calibrate_sensor(scancell.SensorCalibrationRequest(also=("sensor.lens",)))
+    Traceback (most recent call last):
+        ...
+    scancell.errors.CalibrationError: also = 'sensor.lens': expected one of the keys baseline_mm, ...
+    """
 
 
 class ImageError(ScancellError, ValueError):
-    """An image file is missing, unreadable, or not what the sensor's description says."""
+    """An image file is missing, unreadable, or not what the sensor's description says.
+
+    Examples
+    --------
+    >>> scancell.extract(["part.stl"], "profiles")
+    Traceback (most recent call last):
+        ...
+    scancell.errors.ImageError: part.stl: names no camera; ...
+    """
 
 
 class OutputError(ScancellError):
-    """A result cannot be written."""
+    """A result cannot be written.
+
+    Examples
+    --------
+    >>> result = scancell.scan("part.stl", engine="geometric", settings={"scan.max_profiles": 20})
+    >>> result.save("part.stl")
+    Traceback (most recent call last):
+        ...
+    scancell.errors.OutputError: part.stl: is a file; expected a folder
+    """
 
 
 class WorkersError(ScancellError):
-    """Work cannot be distributed, its scheduler is gone, or all of it failed."""
+    """Work cannot be distributed, its scheduler is gone, or all of it failed.
+
+    Examples
+    --------
+    >>> issubclass(scancell.WorkersError, scancell.ScancellError)
+    True
+    """
 
 
 class MessageError(ScancellError, ValueError):
-    """A message between cell and guard is malformed, or holds a value outside its bounds."""
+    """A message between cell and guard is malformed, or holds a value outside its bounds.
+
+    Examples
+    --------
+    >>> issubclass(scancell.MessageError, ValueError)
+    True
+    """
 
 
 class LinkError(ScancellError):
-    """No socket can be opened: between cell and guard, or for browsers."""
+    """No socket can be opened: between cell and guard, or for browsers.
+
+    Examples
+    --------
+    >>> scancell.TcpTransport("127.0.0.1", 1)
+    Traceback (most recent call last):
+        ...
+    scancell.errors.LinkError: 127.0.0.1:1: ...; expected a guard that listens there
+    """
 
 
 class FitError(ScancellError, ValueError):
-    """Points do not determine a geometric element; the message states what is missing."""
+    """Points do not determine a geometric element; the message states what is missing.
+
+    Examples
+    --------
+    >>> scancell.evaluate(np.zeros((3, 3)), mesh="part.stl", align="best-fit")
+    Traceback (most recent call last):
+        ...
+    scancell.errors.FitError: best fit: 3 points; at least 6 are needed
+    """
 
 
 class EmptyScanError(ScancellError):
-    """A scan gave no point of the part; the message states the cause and the key to change."""
+    """A scan gave no point of the part; the message states the cause and the key to change.
+
+    Examples
+    --------
+    >>> scancell.scan(scancell.box_mesh((1e-4, 1e-4, 1e-4)), engine="geometric")
+    Traceback (most recent call last):
+        ...
+    scancell.errors.EmptyScanError: box: the scan gave no point: ... lower scan.table_margin_mm
+    """
 
 
 class CancelledError(ScancellError):
-    """The progress callback asked to stop."""
+    """The progress callback asked to stop.
+
+    Examples
+    --------
+    >>> scancell.scan("part.stl", progress=lambda stage, done, total: False)
+    Traceback (most recent call last):
+        ...
+    scancell.errors.CancelledError: cancelled while loading (0 of 1)
+    """
 
 
 class MissingExtraError(ScancellError):
-    """A package of an optional extra is not installed; the message states the command that installs it."""
+    """A package of an optional extra is not installed; the message states the command that installs it.
+
+    Examples
+    --------
+    >>> try:
+    ...     scancell.acceptance(quick=True, repeats=1, seed=-1, out="report")
+    ... except scancell.MissingExtraError as error:
+    ...     print(error)
+    ... except scancell.DescriptionError:
+    ...     print("the extra is there")
+    the extra is there
+    """
 
 
 def named_by(text: str, options: Mapping[str, str]) -> str:

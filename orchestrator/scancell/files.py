@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from scancell.errors import OutputError
 
@@ -37,6 +38,14 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # the folder may not exist
             temporary.unlink(missing_ok=True)
+
+
+def bytes_written(write: Callable[[Path], object], suffix: str = ".png") -> bytes:
+    """What `write` writes into the file of the path that it receives."""
+    with TemporaryDirectory(prefix="scancell-") as folder:
+        path = Path(folder) / f"file{suffix}"
+        write(path)
+        return path.read_bytes()
 
 
 def name_for_file(text: str) -> str:

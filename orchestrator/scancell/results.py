@@ -18,6 +18,7 @@ from scancell.config.files import plain_data
 from scancell.config.sensor import SensorDescription
 from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
+from scancell.files import bytes_written
 from scancell.geometry.part_surface import PartSurface
 from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
 from scancell.reconstruction.reconstruct import ProfilePoints
@@ -38,7 +39,46 @@ Array = NDArray[np.float64]
 class ScanResult(ScanData, Result):
     """A scan with its evaluation, which is worked out when first asked for.
 
-    See `ScanData` for the attributes.
+    Attributes
+    ----------
+    part, part_file, unit
+        Name of the part, its file if it was one, and the unit of the file.
+    setup
+        Nominal descriptions.
+    engine, seed, as_built
+        Engine, random seed, and deviations of the true cell as ``key=value`` words.
+    nominal, estimated
+        The nominal cell, and the calibrated one that reconstruction used; equal without calibration.
+    sensors, estimated_sensor
+        The sensors that rendered and interpreted the images, and the calibrated description, if there was one.
+    plan
+        None when an existing recording was rendered.
+    recording, recording_file
+        Trigger records, measured and, apart from these, true; and their file, if it was one.
+    profiles
+        All points in the sensor frame.
+    cloud
+        Points of the part in the part frame, m.
+    dropped
+        Counts of the measured points that are not the part's: table, neighbours, beyond the envelope.
+    sample_images
+        Images of a few exposures; ray-traced engine only.
+    render_seconds, timings
+        Processor time of the ray tracer and wall time, by step, s.
+    warnings
+        About descriptions, meshes and the plan.
+    fmu_token
+        Instantiation token of the FMU; empty when an existing recording was rendered.
+    threads, part_surface
+        Of the evaluation, and the mesh prepared for its distance queries.
+
+    Examples
+    --------
+    >>> result = scancell.scan("part.stl", engine="geometric", settings={"scan.max_profiles": 40})
+    >>> print(result)
+    part.stl: 34 profiles, ... points...
+      deviation  mean ... um, RMS ... um, ...
+    >>> files = result.save("run", formats=["ply", "e57"])
     """
 
     part_file: Path | None = None
@@ -164,6 +204,8 @@ class ScanResult(ScanData, Result):
             Formats of the cloud: ply, npz, laz, e57, pcd, xyz.
         frame
             Frame of the points in the cloud files: part, table, base or world (with the table at 0).
+        command_line
+            Words that the manifest keeps; by default those of this process.
 
         Raises
         ------
@@ -186,7 +228,7 @@ class ScanResult(ScanData, Result):
         frame: CloudFrame = "part",
         command_line: Sequence[str] | None = None,
     ) -> None:
-        """Write the files of the run into an open `RunFolder`."""
+        """Write the files of `ScanResult.save` into an open `folder`, and leave it open."""
         from scancell.output.manifest import command_words  # noqa: PLC0415
         from scancell.output.run_files import RunRecord, write_run  # noqa: PLC0415
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
@@ -211,21 +253,12 @@ class ScanResult(ScanData, Result):
 
     def picture(self) -> bytes:
         """The deviation picture as PNG."""
-        import tempfile  # noqa: PLC0415
-
         from scancell.output.deviation_picture import deviation_picture  # noqa: PLC0415
 
-        with tempfile.TemporaryDirectory(prefix="scancell-") as folder:
-            path = Path(folder) / "deviation.png"
-            deviation_picture(
-                path,
-                self.cloud.points_in_part,
-                self.deviation,
-                self.nominal.part,
-                name=self.part,
-                coverage_fraction=self.coverage.fraction,
-            )
-            return path.read_bytes()
+        cloud, part, share = self.cloud.points_in_part, self.nominal.part, self.coverage.fraction
+        return bytes_written(
+            lambda path: deviation_picture(path, cloud, self.deviation, part, name=self.part, coverage_fraction=share)
+        )
 
     def __repr__(self) -> str:
         return (
@@ -249,6 +282,14 @@ class ShotResult(Result):
         (m, 3) the same points in the part frame, m.
     images
         Camera images, ray-traced engine only.
+    sensor, warnings
+        The native sensor model, and what is doubtful.
+
+    Examples
+    --------
+    >>> shot = scancell.shot("part.stl", scancell.location(0, 0, 0.1, rx=180 * scancell.deg), engine="geometric")
+    >>> shot.camera_counts
+    {'plus': ..., 'minus': ...}
     """
 
     part: str
@@ -273,6 +314,15 @@ class ShotResult(Result):
         """Number of points by camera name."""
         camera = self.profile.camera
         return {one.name: int((camera == k).sum()) for k, one in enumerate(self.sensor.cameras)}
+
+    def picture(self) -> bytes | None:
+        """The images with the stripe that was found, as PNG; None of the geometric engine."""
+        from scancell.output.frames import draw_stripes  # noqa: PLC0415
+
+        images = self.images
+        if images is None:
+            return None
+        return bytes_written(lambda path: draw_stripes(images.images, self.sensor, path, "shot", images.background))
 
     @checked_arguments
     def save(self, folder: str | Path) -> list[Path]:

@@ -61,9 +61,11 @@ class Scanner(CalibratingCell):
 
     Examples
     --------
-    >>> with Scanner() as scanner:
-    ...     result = scanner.scan("part.stl", engine="geometric", as_built={"tool.x_mm": 0.1}, seed=3)
-    >>> result.deviation.figures.rms
+    >>> with scancell.Scanner() as scanner:
+    ...     ideal = scanner.scan("part.stl", engine="geometric")
+    ...     tilted = scanner.scan("part.stl", engine="geometric", as_built={"tool.rx_deg": 0.1})
+    >>> tilted.deviation.rms > 10 * ideal.deviation.rms
+    True
     """
 
     @checked_arguments
@@ -155,7 +157,7 @@ class Scanner(CalibratingCell):
         on_images: OnImages | None = None,
         progress: Progress | ProgressCallback | None = None,
     ) -> ScanResult:
-        """Images and a cloud from trigger records that any FMI tool wrote; see `scan` for the parameters.
+        """Images and a cloud from trigger records that any FMI tool wrote; parameters as of `Scanner.scan`.
 
         Raises
         ------
@@ -183,7 +185,7 @@ class Scanner(CalibratingCell):
         quality_factors: Sequence[QualityFactor] = (),
         progress: Progress | ProgressCallback | None = None,
     ) -> Plan:
-        """The checked program of the scan of a part, which `scan` takes.
+        """The checked program of the scan of a part, which `scan` takes; other parameters as of `Scanner.scan`.
 
         Parameters
         ----------
@@ -225,6 +227,8 @@ class Scanner(CalibratingCell):
     ) -> SurveyResult:
         """Find what stands around the table beside the known bodies, by the geometric engine.
 
+        The other parameters are those of `Scanner.scan`.
+
         Parameters
         ----------
         part
@@ -261,6 +265,8 @@ class Scanner(CalibratingCell):
     ) -> SetUps:
         """How a free part is best set up: resting pose, position on the table and height; two set-ups where needed.
 
+        The other parameters are those of `Scanner.scan`.
+
         Parameters
         ----------
         share
@@ -293,7 +299,8 @@ class Scanner(CalibratingCell):
     ) -> Iterator[ScanSession]:
         """The running cell with a part, or an empty table: commands to its controller, and profiles at any time.
 
-        A `guarded` one has a collision guard in force (docs/guard.md) in every cycle.
+        A `guarded` one has a collision guard in force (docs/guard.md) in every cycle. The other parameters are those of
+        `Scanner.scan`.
 
         Raises
         ------
@@ -302,9 +309,11 @@ class Scanner(CalibratingCell):
 
         Examples
         --------
-        >>> with scanner.session("part.stl") as session:
-        ...     session.move_joints(q)
-        ...     points = session.profile("geometric").points_in_base
+        >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+        ...     session.turn_table(30 * scancell.deg)
+        ...     profile = session.profile("geometric")
+        >>> profile.points_in_base.shape[1]
+        3
         """
         job = self._job(part, unit, as_built, seed)
         mesh = None if part is None else job.loaded.nominal.part
@@ -324,7 +333,7 @@ class Scanner(CalibratingCell):
         as_built: Assignments = (),
         seed: Seed = 0,
     ) -> ShotResult:
-        """One exposure of the whole cell from a pose.
+        """One exposure of the whole cell from a pose; the other parameters are those of `Scanner.scan`.
 
         Parameters
         ----------

@@ -72,7 +72,10 @@ def _brief(value: Any) -> str:
 
 
 class Result(Value):
-    """Base of what the public functions return: figures, their summary, and a table of them in a notebook."""
+    """Base of what the public functions return: figures, their summary, and a table of them in a notebook.
+
+    The representation holds the first line of the summary.
+    """
 
     if TYPE_CHECKING:
 
@@ -91,6 +94,9 @@ class Result(Value):
 
     def __str__(self) -> str:
         return self.summary()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.summary().partition(chr(10))[0].strip()})"
 
     def _repr_png_(self) -> bytes | None:
         return self.picture()

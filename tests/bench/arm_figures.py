@@ -34,7 +34,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 def default_cell(*overrides: str) -> dict[str, Any]:
     """The shipped cell with a block on the table and ideal encoders, as the FMU reads it."""
-    setup = load_setup(overrides=["cell.collision.outputs=false", *overrides], ideal=True)
+    setup = load_setup(settings=["cell.collision.outputs=false", *overrides], ideal=True)
     return cell_json(setup.cell, nominal_cell(setup.cell, box_mesh((0.04, 0.03, 0.02))), 0)
 
 

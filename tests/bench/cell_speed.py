@@ -80,7 +80,7 @@ def _three_parts(folder: Path, *words: str) -> dict[str, Any]:
     file = folder / "cell.toml"
     shipped = (assets_dir() / "cells" / "default.toml").read_text()
     file.write_text(shipped.replace("../", f"{assets_dir()}/") + _THREE_PARTS)
-    setup = load_setup(file, overrides=["cell.part.fixture=free", "cell.part.x_mm=50", *words])
+    setup = load_setup(file, settings=["cell.part.fixture=free", "cell.part.x_mm=50", *words])
     return cell_json(setup.cell, nominal_cell(setup.cell, meshes["left"]), seed=0)
 
 

@@ -44,7 +44,7 @@ TRIAL = f"""
 import json, time
 from scancell.config.loading import load_setup
 from scancell.scanner import Scanner
-setup = load_setup(overrides=["scan.max_profiles=20"])
+setup = load_setup(settings=["scan.max_profiles=20"])
 with Scanner(setup=setup, threads=1) as scanner:
     part = scanner.load_part({str(FREE_FORM)!r})
     times = []

@@ -38,7 +38,7 @@ FAITHFUL_DETECTOR = (
 
 def sensor_description(overrides: Sequence[str] = ()) -> dict[str, Any]:
     """Resolved SI description of the default sensor."""
-    return sensor_json(load_setup(overrides=overrides).sensor, seed=0)
+    return sensor_json(load_setup(settings=overrides).sensor, seed=0)
 
 
 def make_sensor(overrides: Sequence[str] = ()) -> sensor_rt.Sensor:

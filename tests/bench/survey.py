@@ -69,7 +69,7 @@ def main(trials: int = 25, pitch_mm: float = 5.0) -> None:
             body = random_body(kind, rng)
             file = Path(folder) / f"body_{trial}.stl"
             body.export(file)
-            setup = load_setup(overrides=[f'cell.obstacle=[{{ name = "unknown", mesh = "{file}", known = false }}]'])
+            setup = load_setup(settings=[f'cell.obstacle=[{{ name = "unknown", mesh = "{file}", known = false }}]'])
             with Scanner.from_setup(setup) as scanner:
                 found = scanner.survey(PART, pitch=pitch_mm / 1e3)
             shares[kind].append(unblocked(body, found, rng))

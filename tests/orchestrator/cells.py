@@ -35,4 +35,4 @@ def block(x: float, y: float, z: float) -> Mesh:
 
 def planning_cell(part: Mesh, **placement_mm_deg: float) -> PlanningCell:
     words = [f"cell.part.{key}={value}" for key, value in placement_mm_deg.items()]
-    return PlanningCell(nominal_cell(load_setup(overrides=words).cell, part), RANGE, CYCLE)
+    return PlanningCell(nominal_cell(load_setup(settings=words).cell, part), RANGE, CYCLE)

@@ -49,7 +49,7 @@ def test_link_masses_from_meshes_and_tools() -> None:
         "cell.gripper.pose={ x_mm = 60.0, z_mm = 50.0 }", "cell.gripper.stroke_mm=50",
         "cell.gripper.finger_length_mm=40", "cell.gripper.finger_width_mm=16", "cell.gripper.housing_mm=[70, 40, 45]",
     ]  # fmt: skip
-    setup = load_setup(overrides=[*DYNAMIC, *gripper])
+    setup = load_setup(settings=[*DYNAMIC, *gripper])
     dynamics = cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0)["robot"]["dynamics"]
     links, joints = dynamics["links"], setup.cell.robot.joint
     alone = [mass_properties(load_mesh(Path(str(joint.mesh))), DENSITY).mass for joint in joints]
@@ -62,7 +62,7 @@ def test_link_masses_from_meshes_and_tools() -> None:
 
 def test_described_inertia_overrides_mesh() -> None:
     inertia = "{ mass_kg = 3.0, centre_of_mass_mm = [10, 0, -20], inertia_kg_m2 = [0.01, 0.02, 0.03] }"
-    setup = load_setup(overrides=[*DYNAMIC, f"cell.robot.joint[2].inertia={inertia}"])
+    setup = load_setup(settings=[*DYNAMIC, f"cell.robot.joint[2].inertia={inertia}"])
     link = cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0)["robot"]["dynamics"]["links"][1]
     assert link["mass"] == 3.0
     np.testing.assert_allclose(link["centre_of_mass"], [0.01, 0, -0.02])
@@ -80,13 +80,13 @@ def test_dynamic_robot_requires_drives(tmp_path) -> None:
 @pytest.mark.parametrize("word", ['cell.robot.drive="hydraulic"', "cell.robot.joint[1].drive.max_torque_n_m=-1"])
 def test_invalid_drive_is_rejected(word: str) -> None:
     with pytest.raises(DescriptionError, match="drive"):
-        load_setup(overrides=[word])
+        load_setup(settings=[word])
 
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_default_arm_sags_under_gravity(tmp_path, version) -> None:
     """Deflection of joint 2 at rest: gravity moment over gear stiffness, plus half the backlash."""
-    setup = load_setup(overrides=DYNAMIC, ideal=True)
+    setup = load_setup(settings=DYNAMIC, ideal=True)
     nominal = nominal_cell(setup.cell, ball())
     description = cell_json(setup.cell, nominal, 0)
     with CellInstance(make_temporary_fmu(description, tmp_path / "fmu", version)) as cell:
@@ -112,7 +112,7 @@ def test_default_arm_sags_under_gravity(tmp_path, version) -> None:
 
 def test_contact_shapes_only_where_something_moves_by_forces() -> None:
     def shapes(*words: str) -> set[str]:
-        setup = load_setup(overrides=[f"cell.{word}" for word in words])
+        setup = load_setup(settings=[f"cell.{word}" for word in words])
         contact = cell_json(setup.cell, nominal_cell(setup.cell, box_mesh((0.05, 0.05, 0.05))), 0)["contact"]
         return {body["name"] for body in contact["bodies"]}
 
@@ -128,7 +128,7 @@ def test_table_under_the_sensor_stops_it(tmp_path, response: bool) -> None:
     """Jogged down with dynamic drives, the sensor comes to rest on the table; without response it passes through."""
     table_height = 0.25
     setup = load_setup(
-        overrides=[
+        settings=[
             *DYNAMIC,
             f"cell.table.pose={{ x_mm = 292, y_mm = 228, z_mm = {1e3 * table_height} }}",
             "cell.table.radius_mm=600",

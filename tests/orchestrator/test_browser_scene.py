@@ -45,7 +45,7 @@ POSE = 3e-5  # viser leaves out changes of 1e-5 of a value
 
 @pytest.fixture(scope="module")
 def setup() -> Setup:
-    return load_setup(assets_dir() / "cells" / "pick_and_place.toml", overrides=DEVICES)
+    return load_setup(assets_dir() / "cells" / "pick_and_place.toml", settings=DEVICES)
 
 
 @pytest.fixture(scope="module")

@@ -39,7 +39,7 @@ def cell(tmp_path, more: str = "", part: Mesh = BLOCK, *overrides: str) -> Nomin
     trimesh.Trimesh(BLOCK.vertices * 1e3, BLOCK.faces).export(tmp_path / "neighbour.stl")
     default = (assets_dir() / "cells" / "default.toml").read_text().replace("../", f"{assets_dir()}/")
     (tmp_path / "cell.toml").write_text(default + more)
-    return nominal_cell(load_setup(tmp_path / "cell.toml", overrides=overrides).cell, part)
+    return nominal_cell(load_setup(tmp_path / "cell.toml", settings=overrides).cell, part)
 
 
 @pytest.mark.parametrize("file", sorted((assets_dir() / "cells").glob("*.toml")), ids=lambda file: file.stem)

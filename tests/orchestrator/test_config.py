@@ -80,7 +80,7 @@ def test_all_sensor_keys_with_units_are_converted() -> None:
 )
 def test_invalid_override_error(word: str, expected: str) -> None:
     with pytest.raises(DescriptionError) as caught:
-        load_setup(overrides=["cell.part.y_mm=1", word])
+        load_setup(settings=["cell.part.y_mm=1", word])
     message = str(caught.value)
     assert expected in message
     assert word.partition("=")[0] in message
@@ -98,7 +98,7 @@ def test_invalid_override_error(word: str, expected: str) -> None:
 )
 def test_override_conflict_names_both_sources(word: str, file: str, expected: str) -> None:
     with pytest.raises(DescriptionError) as caught:
-        load_setup(overrides=[word])
+        load_setup(settings=[word])
     assert expected in str(caught.value)
     assert f"`settings` {word}" in str(caught.value)
     assert file in str(caught.value)
@@ -106,15 +106,15 @@ def test_override_conflict_names_both_sources(word: str, file: str, expected: st
 
 def test_wrong_item_alone_in_its_list_is_one_error() -> None:
     with pytest.raises(DescriptionError) as caught:
-        load_setup(sensor=assets_dir() / "sensors/short_range_25.toml", overrides=["sensor.camera[1].tilt_deg=1"])
+        load_setup(sensor=assets_dir() / "sensors/short_range_25.toml", settings=["sensor.camera[1].tilt_deg=1"])
     assert "must be below tilt_deg (1)" in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
     with pytest.raises(DescriptionError) as caught:
-        load_setup(sensor=assets_dir() / "sensors/short_range_25.toml", overrides=["sensor.camera[1].tilt_deg='steep'"])
+        load_setup(sensor=assets_dir() / "sensors/short_range_25.toml", settings=["sensor.camera[1].tilt_deg='steep'"])
     assert "must be a valid number" in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
     with pytest.raises(DescriptionError, match="at least 1 item"):
-        load_setup(overrides=["sensor.camera=[]"])
+        load_setup(settings=["sensor.camera=[]"])
 
 
 def test_invalid_study_override_error() -> None:
@@ -168,11 +168,11 @@ def test_ideal_disables_noise_only() -> None:
 def test_setup_from_descriptions_and_files(tmp_path: Path) -> None:
     words = ["cell.table.radius_mm=100", "sensor.camera[2].tilt_deg=29.5", "scan.sweep.elevations_deg[2]=50"]
     defaults = (CellDescription.default(), SensorDescription.default(), ScanDescription.default())
-    assert load_setup(*defaults, overrides=words, ideal=True) == load_setup(
-        overrides=words[:2], ideal=True, scan=(ScanDescription.default().replace({"sweep.elevations_deg[2]": 50}))
+    assert load_setup(*defaults, settings=words, ideal=True) == load_setup(
+        settings=words[:2], ideal=True, scan=(ScanDescription.default().replace({"sweep.elevations_deg[2]": 50}))
     )
     with pytest.raises(DescriptionError, match=r"^`settings` scan.max_profiles=0: max_profiles = 0"):
-        load_setup(*defaults, overrides=["scan.max_profiles=0"])
+        load_setup(*defaults, settings=["scan.max_profiles=0"])
 
 
 def test_replace_returns_validated_copy() -> None:
@@ -284,7 +284,7 @@ def test_resolved_file_round_trips(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         "cell.light=[{kind='point', power_mw=3, in_band=0.5}]",
         "scan.pose=[{z_mm=100.1}]",
     ]
-    setup = load_setup(assets_dir() / "cells/pick_and_place.toml", overrides=words, ideal=True)
+    setup = load_setup(assets_dir() / "cells/pick_and_place.toml", settings=words, ideal=True)
     (tmp_path / "out").mkdir()
     file = tmp_path / "out" / "resolved.toml"
     file.write_text(resolved_toml(setup, RUN))

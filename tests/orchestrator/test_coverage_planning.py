@@ -41,13 +41,13 @@ def table_shape() -> Mesh:
 
 
 def sight_of(part: Mesh, *words: str, samples: int = SAMPLES) -> tuple[PlanningCell, Sight]:
-    setup = load_setup(overrides=words)
+    setup = load_setup(settings=words)
     cell = PlanningCell(nominal_cell(setup.cell, part), RANGE, CYCLE)
     return cell, Sight(cell.nominal, setup.sensor, lambda n, s: measurable_surface(n, s, samples))
 
 
 def options_of(*words: str) -> ScanOptions:
-    return scan_options(load_setup(overrides=("scan.coverage.enabled=true", *words)).scan)
+    return scan_options(load_setup(settings=("scan.coverage.enabled=true", *words)).scan)
 
 
 def overhead(length: float, height: float = 0.13) -> Pass:

@@ -118,7 +118,7 @@ def test_recorded_part_poses_move_bodies(cell_file, tmp_path) -> None:
 )
 def test_invalid_devices_are_rejected(cell_file, words, said) -> None:
     with pytest.raises(DescriptionError, match=said):
-        load_setup(cell_file, overrides=words)
+        load_setup(cell_file, settings=words)
 
 
 ARRIVAL = """

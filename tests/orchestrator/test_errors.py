@@ -78,11 +78,11 @@ def test_message_is_composed_of_what_the_error_carries(parts, message) -> None:
             ("{}/scan.toml", "max_profiles", 0, "greater than or equal to 1"),
         ),
         (
-            lambda _: load_setup(overrides=["scan.max_profiles=0"]),
+            lambda _: load_setup(settings=["scan.max_profiles=0"]),
             ("`settings` scan.max_profiles=0", "max_profiles", 0, "greater than or equal to 1"),
         ),
         (
-            lambda _: load_setup(overrides=["robot.x=0"]),
+            lambda _: load_setup(settings=["robot.x=0"]),
             (None, "settings", "robot.x=0", "one of cell, sensor, scan"),
         ),
         (
@@ -143,7 +143,7 @@ def test_all_wrong_keys_of_a_description_are_carried(tmp_path) -> None:
 
 
 def test_source_of_an_error_is_named_before_it() -> None:
-    inner = raised(lambda: load_setup(overrides=["scan.max_profiles=0", "scan.mode=1"]))
+    inner = raised(lambda: load_setup(settings=["scan.max_profiles=0", "scan.mode=1"]))
     outer = inner.within("study.toml")
     assert [str(one) for one in outer.problems] == [f"study.toml: {one}" for one in inner.problems]
     assert (outer.key, outer.value) == (inner.key, inner.value)
@@ -163,7 +163,7 @@ def test_copied_and_pickled_errors_are_the_same(kind, again) -> None:
 
 
 def test_joined_errors_can_be_pickled() -> None:
-    error = raised(lambda: load_setup(overrides=["scan.max_profiles=0", "scan.mode=1"]))
+    error = raised(lambda: load_setup(settings=["scan.max_profiles=0", "scan.mode=1"]))
     twin = pickle.loads(pickle.dumps(error))
     assert list(map(str, twin.problems)) == list(map(str, error.problems))
     assert twin.in_options({"settings": "--set"}) == error.in_options({"settings": "--set"})

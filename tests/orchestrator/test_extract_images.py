@@ -32,7 +32,7 @@ def write_pair(folder, name, row, suffix=".png", **shape):
 
 
 def run(images, out, *overrides, peaks=False, laser_off=()):
-    setup = load_setup(overrides=overrides)
+    setup = load_setup(settings=overrides)
     return extract_to_folder(ExtractionRequest(images, setup.sensor, peaks, 1, laser_off), out)
 
 

@@ -129,7 +129,7 @@ def cell() -> tuple[sensor_rt.Scene, sensor_rt.Exposures]:
 
 def sensor_with(words: Sequence[str]) -> sensor_rt.Sensor:
     overrides = [f"sensor.{word}".replace("camera.", "camera[1].") for word in words]
-    return make_sensor(load_setup(overrides=overrides).sensor, 1)
+    return make_sensor(load_setup(settings=overrides).sensor, 1)
 
 
 def scanned(words: Sequence[str], as_built: Sequence[str] = ()) -> bytes:
@@ -170,5 +170,5 @@ def test_every_key_counts_or_is_refused_or_is_listed(key: str) -> None:
 def test_keys_without_effect_are_named_where_they_are_not_at_their_defaults() -> None:
     assert ignored_by_geometric_engine(load_setup().sensor) == []
     words = ["sensor.extraction.max_residual=0.2", "sensor.laser.source_length_mm=1", "sensor.extraction.end_columns=2"]
-    found = ignored_by_geometric_engine(load_setup(overrides=words).sensor)
+    found = ignored_by_geometric_engine(load_setup(settings=words).sensor)
     assert found == ["sensor.laser.source_length_mm", "sensor.extraction.max_residual"]

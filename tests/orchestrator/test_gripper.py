@@ -29,7 +29,7 @@ GRIPPER = [
 
 
 def test_gripper_json_is_in_si_units() -> None:
-    setup = load_setup(overrides=GRIPPER)
+    setup = load_setup(settings=GRIPPER)
     gripper = cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)["gripper"]
     assert gripper["flange_from_gripper"]["position"] == [0.06, 0.0, 0.05]
     expected = {"stroke": 0.05, "start": 0.03, "finger_length": 0.04, "finger_thickness": 0.01, "max_speed": 0.1}
@@ -45,7 +45,7 @@ def test_gripper_is_optional() -> None:
 
 
 def test_finger_poses_match_description(tmp_path) -> None:
-    setup = load_setup(overrides=GRIPPER, ideal=True)
+    setup = load_setup(settings=GRIPPER, ideal=True)
     nominal = nominal_cell(setup.cell, BLOCK)
     fmu = make_temporary_fmu(cell_json(setup.cell, nominal, 0), tmp_path / "fmu", 3)
     times = np.arange(12) * 0.016
@@ -67,7 +67,7 @@ def test_finger_poses_match_description(tmp_path) -> None:
 
 def test_planner_checks_fingers_against_table_and_part() -> None:
     """A finger inside the table is a collision; tools on the same flange are not checked against each other."""
-    setup = load_setup(overrides=GRIPPER)
+    setup = load_setup(settings=GRIPPER)
     cell = PlanningCell(nominal_cell(setup.cell, BLOCK), RANGE, CYCLE)
     pairs = {frozenset(pair) for pair in cell.proximity.pairs}
     for around in ("table", "part", "base"):
@@ -100,4 +100,4 @@ def test_planner_checks_fingers_against_table_and_part() -> None:
 )
 def test_invalid_gripper_is_rejected(words, said) -> None:
     with pytest.raises(DescriptionError, match=said):
-        load_setup(overrides=[*GRIPPER, *words])
+        load_setup(settings=[*GRIPPER, *words])

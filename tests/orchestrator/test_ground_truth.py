@@ -48,7 +48,7 @@ def test_depth_discontinuity_is_not_crossed() -> None:
 def test_rolling_shutter_is_rejected() -> None:
     words = ['sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=10"]
     with pytest.raises(SensorError, match="ground truth needs a global shutter"):
-        TrueWorld(Recording({}), [], load_setup(overrides=words).sensor, 0, 1)
+        TrueWorld(Recording({}), [], load_setup(settings=words).sensor, 0, 1)
 
 
 def test_the_true_row_between_columns_lies_between_theirs() -> None:

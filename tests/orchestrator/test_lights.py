@@ -23,7 +23,7 @@ DISC: dict[str, Any] = {"kind": "disc", "power_mw": 500.0, "diameter_mm": 40.0, 
 
 def test_lamps_are_added_in_si_units() -> None:
     light = 'cell.light=[{kind="disc", frame="table", pose={z_mm=300}, power_mw=500, diameter_mm=40, in_band=0.25}]'
-    cell = nominal_cell(load_setup(overrides=[light]).cell, ball())
+    cell = nominal_cell(load_setup(settings=[light]).cell, ball())
     (lamp,) = cell.lamps
     assert (lamp.moves_with, lamp.kind, lamp.in_band, lamp.spectrum) == ("table", "disc", 0.25, None)
     assert_allclose([*lamp.size, lamp.power], [0.04, 0.04, 0.5])
@@ -52,7 +52,7 @@ def test_incomplete_lamps_are_rejected(change: dict[str, Any], message: str) -> 
 
 def test_filter_defaults_to_laser_wavelength() -> None:
     for words, centre in (([], 660e-9), (["sensor.band_pass.centre_nm=655"], 655e-9)):
-        data = sensor_json(load_setup(overrides=words).sensor, seed=0)
+        data = sensor_json(load_setup(settings=words).sensor, seed=0)
         assert data["band_pass"] == pytest.approx({"centre": centre, "width": 20e-9})
 
 

@@ -28,7 +28,7 @@ def test_values_override_preset() -> None:
 
 def test_materials_of_part_table_and_robot() -> None:
     overrides = ["cell.part.material.preset=polished_steel", "cell.table.material.preset=black_rubber"]
-    cell = nominal_cell(load_setup(overrides=overrides).cell, ball())
+    cell = nominal_cell(load_setup(settings=overrides).cell, ball())
     material = {body.name: body.material for body in cell.bodies}
     assert material["part"] == PRESETS["polished_steel"]
     assert material["table"] == PRESETS["black_rubber"]
@@ -47,4 +47,4 @@ def test_materials_of_part_table_and_robot() -> None:
 )
 def test_invalid_materials_are_rejected(override: str, complaint: str) -> None:
     with pytest.raises(DescriptionError, match=complaint):
-        load_setup(overrides=[override])
+        load_setup(settings=[override])

@@ -25,7 +25,7 @@ BLOCK = block(0.06, 0.04, 0.02)
 
 
 def cell_of(part: Mesh, *words: str) -> NominalCell:
-    return nominal_cell(load_setup(overrides=words).cell, part)
+    return nominal_cell(load_setup(settings=words).cell, part)
 
 
 def on_table(nominal: NominalCell, surface: MeasurableSurface) -> tuple[np.ndarray, np.ndarray]:
@@ -35,7 +35,7 @@ def on_table(nominal: NominalCell, surface: MeasurableSurface) -> tuple[np.ndarr
 
 
 def changed(*words: str) -> SensorDescription:
-    return load_setup(overrides=words).sensor
+    return load_setup(settings=words).sensor
 
 
 def test_only_underside_of_block_is_not_measurable() -> None:

@@ -33,7 +33,7 @@ def in_folder_of_post(tmp_path, monkeypatch):
 
 
 def cell_with(obstacle: str):
-    return load_setup(overrides=[f"cell.obstacle=[{obstacle}]"]).cell
+    return load_setup(settings=[f"cell.obstacle=[{obstacle}]"]).cell
 
 
 def test_known_obstacle_is_a_body_at_its_pose() -> None:
@@ -69,7 +69,7 @@ def test_pair_has_a_clearance_of_its_own() -> None:
         'scan.pair_clearance=[{ bodies = ["table", "sensor"], clearance_mm = 20.0 },'
         ' { bodies = ["sensor", "link3"], clearance_mm = 10.0 }]',
     ]
-    setup = load_setup(overrides=words)
+    setup = load_setup(settings=words)
     nominal = nominal_cell(setup.cell, BLOCK)
     cell = PlanningCell(nominal, RANGE, CYCLE, pair_clearance=pair_clearances(setup.scan, nominal))
     names = list(map(frozenset, cell.proximity.pairs))
@@ -83,7 +83,7 @@ def test_pair_has_a_clearance_of_its_own() -> None:
 def test_wrong_pair_is_refused(bodies) -> None:
     words = f'scan.pair_clearance=[{{ bodies = ["{bodies[0]}", "{bodies[1]}"], clearance_mm = 20.0 }}]'
     message = rf"pair_clearance\[1\].bodies = .*{bodies[1]}.*: expected two of base"
-    with Scanner.from_setup(load_setup(overrides=[words])) as scanner, pytest.raises(DescriptionError, match=message):
+    with Scanner.from_setup(load_setup(settings=[words])) as scanner, pytest.raises(DescriptionError, match=message):
         scanner.plan(BLOCK)
 
 
@@ -101,7 +101,7 @@ def test_motion_15_mm_above_a_post_is_free_unless_the_post_needs_30_mm() -> None
 
 
 def test_unknown_obstacle_is_in_scene_and_fmu_but_not_in_planning() -> None:
-    setup = load_setup(overrides=[f"cell.obstacle=[{POST.replace('}', '}, known = false', 1)}]"])
+    setup = load_setup(settings=[f"cell.obstacle=[{POST.replace('}', '}, known = false', 1)}]"])
     with Scanner.from_setup(setup) as scanner:
         loaded = scanner.pipeline.load(setup.cell, BLOCK)
     assert "post" not in [body.name for body in loaded.nominal.bodies]
@@ -125,7 +125,7 @@ def test_free_part_pushed_by_the_turning_table_stops_at_an_obstacle(tmp_path) ->
     post = f'{{ name = "post", mesh = "post.stl", pose = {beside} }}'
     turned = {}
     for name, words in (("free", []), ("stopped", [f"cell.obstacle=[{post}]"])):
-        cell = load_setup(overrides=['cell.part.fixture="free"', "cell.part.x_mm=50", *words], ideal=True).cell
+        cell = load_setup(settings=['cell.part.fixture="free"', "cell.part.x_mm=50", *words], ideal=True).cell
         nominal = nominal_cell(cell, BLOCK)
         fmu = make_temporary_fmu(cell_json(cell, nominal, 0), tmp_path / name)
         n = 120
@@ -141,7 +141,7 @@ def test_free_part_pushed_by_the_turning_table_stops_at_an_obstacle(tmp_path) ->
 
 
 def test_obstacle_that_reaches_into_the_table_is_refused() -> None:
-    setup = load_setup(overrides=[f"cell.obstacle=[{POST.replace('300.0', '450.0').replace('150.0', '0.0')}]"])
+    setup = load_setup(settings=[f"cell.obstacle=[{POST.replace('300.0', '450.0').replace('150.0', '0.0')}]"])
     with Scanner.from_setup(setup) as scanner, pytest.raises(CellError, match=r"'table.*' and 'post' intersect"):
         scanner.plan(BLOCK)
 

@@ -92,7 +92,7 @@ def test_points_of_every_cloud_file_are_read(tmp_path, kind) -> None:
 def test_cloud_becomes_a_body_in_its_frame(tmp_path, frame, moves_with) -> None:
     points = np.random.default_rng(6).uniform(-0.02, 0.02, (50, 3)) + np.array([0.1, 0.2, 0.3])
     write_cloud(tmp_path / "cloud.ply", cloud_of(points))
-    setup = load_setup(overrides=[occupied(tmp_path / "cloud.ply", frame=f'"{frame}"', voxel_mm=2)])
+    setup = load_setup(settings=[occupied(tmp_path / "cloud.ply", frame=f'"{frame}"', voxel_mm=2)])
     nominal = nominal_cell(setup.cell, BLOCK)
     body = with_occupied_space(nominal, setup.scan.occupied).bodies[-1]
     assert (body.name, body.moves_with) == ("occupied[1]", moves_with)
@@ -106,7 +106,7 @@ def test_cloud_in_the_frame_of_the_part_lies_on_the_part(tmp_path) -> None:
     points = ball().vertices
     write_cloud(tmp_path / "cloud.npz", cloud_of(points))
     words = [occupied(tmp_path / "cloud.npz", voxel_mm=1), "cell.part.x_mm=40"]
-    setup = load_setup(overrides=words)
+    setup = load_setup(settings=words)
     body = with_occupied_space(nominal_cell(setup.cell, ball()), setup.scan.occupied).bodies[-1]
     np.testing.assert_allclose(body.mesh.bounds.mean(0), [0.04, 0.0, 0.025], atol=1e-3)
     assert body.moves_with == "table"
@@ -117,7 +117,7 @@ def test_motion_keeps_clear_of_a_measured_post(tmp_path) -> None:
     rng = np.random.default_rng(7)
     post = rng.uniform([0.30, 0.39, 0.1], [0.32, 0.41, 0.35], (5000, 3))
     write_cloud(tmp_path / "cloud.xyz", cloud_of(post))
-    setup = load_setup(overrides=[occupied(tmp_path / "cloud.xyz", frame='"world"', inflate_mm=3)])
+    setup = load_setup(settings=[occupied(tmp_path / "cloud.xyz", frame='"world"', inflate_mm=3)])
     nominal = nominal_cell(setup.cell, BLOCK)
     start = np.append(nominal.home, 0.0)
     end = start + np.radians([35.0, 0, 0, 0, 0, 0, 0])
@@ -131,7 +131,7 @@ def test_motion_keeps_clear_of_a_measured_post(tmp_path) -> None:
 def test_space_around_the_whole_arm_is_not_excepted(tmp_path) -> None:
     """Pairs that always intersect are left out by construction; measured space never is, but for the arm's base."""
     write_voxels(tmp_path / "v.npz", {"world": VoxelGrid(np.full(3, -0.15), 0.05, np.ones((6, 6, 20), bool))})
-    setup = load_setup(overrides=[occupied(tmp_path / "v.npz")])
+    setup = load_setup(settings=[occupied(tmp_path / "v.npz")])
     cell = PlanningCell(with_occupied_space(nominal_cell(setup.cell, BLOCK), setup.scan.occupied), RANGE, CYCLE)
     with_space = {pair[0] for pair in cell.proximity.pairs if pair[1] == "occupied[1]"}
     assert with_space == {*(f"link{i}" for i in range(1, 7)), "sensor"}
@@ -162,7 +162,7 @@ def bad_voxels(tmp_path, **changes):
 )
 def test_wrong_voxel_file_is_refused_by_name_and_array(tmp_path, changes, message) -> None:
     bad_voxels(tmp_path, **changes)
-    setup = load_setup(overrides=[occupied(tmp_path / "bad.npz")])
+    setup = load_setup(settings=[occupied(tmp_path / "bad.npz")])
     with Scanner.from_setup(setup) as scanner, pytest.raises(DescriptionError, match=message) as caught:
         scanner.plan(BLOCK)
     assert str(tmp_path / "bad.npz") in str(caught.value)
@@ -184,7 +184,7 @@ def test_wrong_voxel_file_is_refused_by_name_and_array(tmp_path, changes, messag
 @pytest.mark.filterwarnings("ignore:loadtxt")
 def test_wrong_cloud_is_refused_by_name(tmp_path, name, content, message) -> None:
     (tmp_path / name).write_text(content)
-    setup = load_setup(overrides=[occupied(tmp_path / name)])
+    setup = load_setup(settings=[occupied(tmp_path / name)])
     with Scanner.from_setup(setup) as scanner, pytest.raises(DescriptionError, match=message) as caught:
         scanner.plan(BLOCK)
     assert str(tmp_path / name) in str(caught.value)
@@ -192,4 +192,4 @@ def test_wrong_cloud_is_refused_by_name(tmp_path, name, content, message) -> Non
 
 def test_missing_file_of_occupied_space_is_refused_by_key() -> None:
     with pytest.raises(DescriptionError, match=r"occupied\[1\].file = 'nothing.npz': no such file"):
-        load_setup(overrides=[occupied("nothing.npz")])
+        load_setup(settings=[occupied("nothing.npz")])

@@ -23,7 +23,7 @@ CLEARANCE = 0.8 * 5e-3  # m: what connections keep of the default clearance
 
 def planned(name: str, *overrides: str) -> tuple[PlanningCell, Plan]:
     """The scan of the default part as it is described, in a shipped cell."""
-    setup = load_setup(assets_dir() / "cells" / f"{name}.toml", overrides=overrides)
+    setup = load_setup(assets_dir() / "cells" / f"{name}.toml", settings=overrides)
     assert setup_warnings(setup) == []
     cell = PlanningCell(nominal_cell(setup.cell, load_mesh(assets_dir() / "parts" / "free_form.stl")), RANGE, CYCLE)
     return cell, plan(cell, scan_options(setup.scan))

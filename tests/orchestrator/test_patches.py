@@ -38,7 +38,7 @@ def stripe(edge: float, ratio: float) -> tuple[NDArray[np.float64], NDArray[np.f
     description = PartDescription.model_validate({"reflectance": 0.6, "material_region": [step]})
     mesh = plate(edge)
     scene = build_scene([Body("part", "part", mesh, Material(0.6), part_patches(mesh, description))])
-    sensor = sensor_rt.Sensor(json.dumps(sensor_json(load_setup(overrides=QUIET).sensor, seed=0)))
+    sensor = sensor_rt.Sensor(json.dumps(sensor_json(load_setup(settings=QUIET).sensor, seed=0)))
     part = np.eye(4)
     part[2, 3] = Z
     exposures = sensor_rt.Exposures(np.eye(4)[None, None], part[None, None, None], np.array([5e-4]), np.array([1]))
@@ -56,7 +56,7 @@ def test_reflectance_step_shifts_stripe_by_closed_form(offset: float, ratio: flo
     share = norm.cdf(offset) + ratio * norm.sf(offset)
     shift = -sigma * (1 - ratio) * norm.pdf(offset) / share
     np.testing.assert_allclose(rest / light, share, rtol=5e-3)
-    (camera, *_) = sensor_rt.Sensor(json.dumps(sensor_json(load_setup(overrides=QUIET).sensor, seed=0))).cameras
+    (camera, *_) = sensor_rt.Sensor(json.dumps(sensor_json(load_setup(settings=QUIET).sensor, seed=0))).cameras
     rows = camera.project(np.array([[shift, 0, Z], [0, 0, Z]]))[:, 1]
     np.testing.assert_allclose(np.mean(pulled - even), rows[0] - rows[1], rtol=0.02)
 

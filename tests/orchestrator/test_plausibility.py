@@ -17,7 +17,7 @@ from scancell.nominal.plausibility import setup_warnings
 
 
 def warnings(*words: str) -> list[str]:
-    return setup_warnings(load_setup(overrides=words))
+    return setup_warnings(load_setup(settings=words))
 
 
 @pytest.mark.parametrize("name", ["default", "pick_and_place"])

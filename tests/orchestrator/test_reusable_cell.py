@@ -18,7 +18,7 @@ from scancell.nominal.cell import nominal_cell
 
 
 def description(mesh=None, *overrides: str, **options):
-    setup = load_setup(overrides=list(overrides))
+    setup = load_setup(settings=list(overrides))
     return cell_json(setup.cell, nominal_cell(setup.cell, mesh or ball()), 0, **options)
 
 

@@ -211,7 +211,7 @@ def test_error_states_file_and_line(scanner: Scanner, run: Run, text: str, messa
 @pytest.mark.parametrize("fixture", ["free", "clamped"])
 def test_guard_does_not_know_parts_that_a_gripper_can_move(fixture: str, run: Run) -> None:
     """The sensor goes through a free part, whose place nobody knows, but not through a clamped one."""
-    setup = load_setup(WITH_GRIPPER, overrides=[f'cell.part.fixture="{fixture}"'], ideal=True)
+    setup = load_setup(WITH_GRIPPER, settings=[f'cell.part.fixture="{fixture}"'], ideal=True)
     through = location(450 * mm, 0, 122 * mm, rx=180 * deg)
     with (
         Scanner.from_setup(setup, threads=1) as other,
@@ -229,7 +229,7 @@ def test_guard_does_not_know_parts_that_a_gripper_can_move(fixture: str, run: Ru
 def test_missing_file_and_missing_part(scanner: Scanner, tmp_path: Path) -> None:
     with scanner.session() as session, pytest.raises(ProgramError, match=r"none\.py: cannot be read: No such file"):
         run_program(tmp_path / "none.py", session)
-    free = load_setup(overrides=['cell.part.fixture="free"'])
+    free = load_setup(settings=['cell.part.fixture="free"'])
     with (
         Scanner.from_setup(free) as other,
         pytest.raises(DescriptionError, match=r"part\.fixture = 'free': there is no part; expected its mesh"),

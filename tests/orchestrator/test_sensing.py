@@ -48,7 +48,7 @@ def setup_of(folder, text: str, *words: str):
     default = (assets_dir() / "cells" / "default.toml").read_text()
     file = folder / "cell.toml"
     file.write_text(default.replace("../", f"{assets_dir()}/") + text)
-    return load_setup(file, overrides=list(words))
+    return load_setup(file, settings=list(words))
 
 
 def opened(setup, folder):

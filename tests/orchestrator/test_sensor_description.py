@@ -15,7 +15,7 @@ from scancell.sensor import Sensor
 
 
 def sensor(*words: str) -> Sensor:
-    return Sensor(json.dumps(sensor_json(load_setup(overrides=words).sensor, seed=1)))
+    return Sensor(json.dumps(sensor_json(load_setup(settings=words).sensor, seed=1)))
 
 
 def irradiance(made: Sensor, angles: Sequence[float], radius: float = 0.12, x: float = 0.0) -> np.ndarray:
@@ -71,11 +71,11 @@ def test_straightness_displaces_line_ends() -> None:
 )
 def test_invalid_sensor_values_are_rejected(words: list[str], fragment: str) -> None:
     with pytest.raises(DescriptionError, match=fragment):
-        load_setup(overrides=[f"sensor.{word}" for word in words])
+        load_setup(settings=[f"sensor.{word}" for word in words])
 
 
 def test_diffraction_width() -> None:
-    resolved = sensor_json(load_setup(overrides=['sensor.camera[2].psf_sigma_px="diffraction"']).sensor, seed=1)
+    resolved = sensor_json(load_setup(settings=['sensor.camera[2].psf_sigma_px="diffraction"']).sensor, seed=1)
     assert [camera["psf_sigma_px"] for camera in resolved["cameras"]] == [0.0, pytest.approx(0.42 * 0.66 * 11 / 5)]
     assert [camera["focus"] for camera in resolved["cameras"]] == [0.0, 0.0]
 
@@ -140,4 +140,4 @@ def test_row_readout_time_is_in_seconds() -> None:
 )
 def test_inconsistent_shutter_is_rejected(words: Sequence[str], complaint: str) -> None:
     with pytest.raises(DescriptionError, match=complaint):
-        load_setup(overrides=words)
+        load_setup(settings=words)

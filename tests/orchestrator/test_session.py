@@ -52,7 +52,7 @@ def cell(tmp_path_factory) -> tuple[NominalCell, dict[int, Path]]:
     x, y, z = BLOCK_MM
     block = box_mesh((x, y, z)).transformed(pose.translation((0.0, 0.0, z / 2)))
     part.write_text(stl(block.vertices[block.faces]))
-    setup = load_setup(overrides=words(part), ideal=True)
+    setup = load_setup(settings=words(part), ideal=True)
     nominal = nominal_cell(setup.cell, ball())
     description = cell_json(setup.cell, nominal, 0)
     versions: tuple[FmiVersion, ...] = (2, 3)

@@ -78,7 +78,7 @@ def test_riser_reaches_from_the_table_to_the_feet() -> None:
     plate = trimesh.creation.box((0.08, 0.06, 0.01), pose.translation((0, 0, 0.015)))
     part = mesh_of(trimesh.boolean.union([*feet, plate], engine="manifold"))
     assert riser_for(nominal_cell(load_setup().cell, part)) is None
-    lifted = nominal_cell(load_setup(overrides=["cell.part.z_mm=30", "cell.part.x_mm=10"]).cell, part)
+    lifted = nominal_cell(load_setup(settings=["cell.part.z_mm=30", "cell.part.x_mm=10"]).cell, part)
     riser = riser_for(lifted)
     assert riser is not None
     assert riser.bounds == pytest.approx(np.array([[-0.015, -0.02, 0.0], [0.035, 0.02, 0.03]]))
@@ -110,8 +110,8 @@ def test_part_out_of_reach_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_command_writes_a_cell_with_riser_that_can_be_scanned(tmp_path: Path) -> None:
     part = block(0.05, 0.04, 0.03)
-    lifted = nominal_cell(load_setup(overrides=["cell.part.z_mm=30"]).cell, part)
-    one = setups.SetUp(load_setup(overrides=["cell.part.z_mm=30"]).cell.part, riser_for(lifted), 0.5, 0.8, 0.8, 10.0)
+    lifted = nominal_cell(load_setup(settings=["cell.part.z_mm=30"]).cell, part)
+    one = setups.SetUp(load_setup(settings=["cell.part.z_mm=30"]).cell.part, riser_for(lifted), 0.5, 0.8, 0.8, 10.0)
     file = tmp_path / "placed.toml"
     written = _write(one, load_setup().cell, file)
     assert written == [str(file), str(tmp_path / "placed_riser.stl")]

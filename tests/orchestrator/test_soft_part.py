@@ -14,7 +14,7 @@ BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
 
 
 def test_springs_json_is_in_si_units() -> None:
-    setup = load_setup(overrides=['cell.part.fixture="free"', "cell.part.soft={stiffness_n_mm=0.5, longest_edge_mm=8}"])
+    setup = load_setup(settings=['cell.part.fixture="free"', "cell.part.soft={stiffness_n_mm=0.5, longest_edge_mm=8}"])
     part = cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)["parts"][0]
     assert part["soft"] == pytest.approx({"stiffness": 500.0, "damping_ratio": 1.0, "longest_edge": 0.008})
 
@@ -35,4 +35,4 @@ def test_part_is_rigid_by_default() -> None:
 )
 def test_invalid_springs_are_rejected(words: list[str], said: str) -> None:
     with pytest.raises(DescriptionError, match=said):
-        load_setup(overrides=words)
+        load_setup(settings=words)

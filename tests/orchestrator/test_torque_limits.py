@@ -24,7 +24,7 @@ END = np.radians([60.0, 90.0, -60.0, 40.0, -30.0, 90.0])
 
 def weakened(share: float) -> CellDescription:
     """The shipped cell, the motors of its wrist with a share of their torque."""
-    cell = load_setup(overrides=['cell.robot.drive="dynamic"']).cell
+    cell = load_setup(settings=['cell.robot.drive="dynamic"']).cell
     joints = []
     for number, joint in enumerate(cell.robot.joint, start=1):
         assert joint.drive is not None

@@ -34,7 +34,7 @@ TILTS = [(0, 0), (0, 20), (0, -35), (20, 0), (-20, 15), (35, -10)]
 
 
 def make_sensor(*overrides: str) -> sensor_rt.Sensor:
-    setup = load_setup(overrides=overrides, ideal=True)
+    setup = load_setup(settings=overrides, ideal=True)
     return sensor_rt.Sensor(json.dumps(sensor_json(setup.sensor, 0)))
 
 

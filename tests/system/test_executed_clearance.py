@@ -39,7 +39,7 @@ def visited(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[np.ndarray]]:
 def test_executed_clearances_are_those_planned_within_a_fifth_of_a_millimetre(
     kind: str, visited: list[np.ndarray]
 ) -> None:
-    setup = load_setup(overrides=["scan.max_profiles=200"], ideal=True)
+    setup = load_setup(settings=["scan.max_profiles=200"], ideal=True)
     if kind == "path":
         spiral = SpiralDescription(turns=-1.0, elevation_deg=(35.0, 55.0))
         setup = with_path(setup, PathDescription(pitch_mm=4.0, speed_mm_s=100.0, spiral=spiral))

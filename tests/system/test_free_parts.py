@@ -42,7 +42,7 @@ def test_it_would_slip_at_the_limits_of_the_table(monkeypatch: pytest.MonkeyPatc
 def test_limits_follow_from_the_distance_to_the_axis() -> None:
     from scancell.geometry.mesh import box_mesh  # noqa: PLC0415
 
-    setup = load_setup(overrides=['cell.part.fixture="free"', "cell.part.friction=0.01"])
+    setup = load_setup(settings=['cell.part.fixture="free"', "cell.part.friction=0.01"])
     at = np.eye(4)
     at[0, 3] = 0.07
     speed, acceleration = table_limits(setup.cell, box_mesh((0.02, 0.0002, 0.02), "bar"), at)

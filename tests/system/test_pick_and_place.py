@@ -29,7 +29,7 @@ def example():
 @pytest.fixture(scope="module")
 def ran(example, tmp_path_factory):
     """What became of it: the task with its signals, and the folder of results."""
-    setup = load_setup(assets_dir() / "cells/pick_and_place.toml", overrides=SPARSE, ideal=True)
+    setup = load_setup(assets_dir() / "cells/pick_and_place.toml", settings=SPARSE, ideal=True)
     out = tmp_path_factory.mktemp("pick") / "out"
     _, task = example.run(assets_dir() / "parts/step_block.stl", out, setup, "geometric")
     return task, out

@@ -25,7 +25,7 @@ def line(planned):
 
 @pytest.fixture(scope="module")
 def rolling():
-    return make_sensor(load_setup(overrides=ROLLING, ideal=True).sensor, 0)
+    return make_sensor(load_setup(settings=ROLLING, ideal=True).sensor, 0)
 
 
 def figures(line, recording: Recording, nominal, true, engine: str = "ray-traced") -> dict[str, float]:

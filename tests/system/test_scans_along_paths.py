@@ -16,7 +16,7 @@ PART = assets_dir() / "parts" / "free_form.stl"
 @pytest.mark.parametrize("mode", ["dynamic", "stop-and-look"])
 def test_points_along_a_path_lie_on_the_mesh(mode: str) -> None:
     spiral = PathDescription(pitch_mm=4.0, spiral=SpiralDescription(turns=0.5, elevation_deg=(45.0, 50.0)))
-    setup = with_path(load_setup(overrides=[f'scan.mode="{mode}"'], ideal=True), spiral)
+    setup = with_path(load_setup(settings=[f'scan.mode="{mode}"'], ideal=True), spiral)
     with scancell.Scanner.from_setup(setup) as scanner:
         result = scanner.scan(PART, engine="geometric")
     measured = result.recording.measured
@@ -49,7 +49,7 @@ def test_a_constraint_of_ones_own_keeps_the_table_out_of_a_range() -> None:
 
 def test_a_path_with_more_exposures_than_allowed_is_refused() -> None:
     setup = with_path(
-        load_setup(overrides=["scan.max_profiles=50"]), PathDescription(pitch_mm=1.0, spiral=SpiralDescription())
+        load_setup(settings=["scan.max_profiles=50"]), PathDescription(pitch_mm=1.0, spiral=SpiralDescription())
     )
     with (
         scancell.Scanner.from_setup(setup) as scanner,

@@ -23,7 +23,7 @@ TOUR = Path(__file__).resolve().parents[2] / "docs" / "workspace.md"
 def test_first_time_user_scans_a_part(tmp_path: Path) -> None:
     """Every step succeeds, its picture is in the docs, and the run that is saved in the end opens."""
     shown: list[str] = []
-    setup = load_setup(overrides=["scan.max_profiles=120", "scan.sweep.enabled=false"])
+    setup = load_setup(settings=["scan.max_profiles=120", "scan.sweep.enabled=false"])
     with (
         Scanner.from_setup(setup) as scanner,
         chromium() as browser,

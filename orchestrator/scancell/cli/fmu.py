@@ -44,7 +44,7 @@ def fmu_build(
         from scancell.nominal.cell import nominal_cell, with_unknown_obstacles  # noqa: PLC0415
         from scancell.nominal.parts import load_part  # noqa: PLC0415
 
-        setup = load_setup(cell, overrides=set_ or [])
+        setup = load_setup(cell, settings=set_ or [])
         mesh = load_part(part, unit) if part else load_part(assets_dir() / "parts" / "step_block.stl")
         nominal = with_unknown_obstacles(nominal_cell(setup.cell, mesh), setup.cell)
         description = cell_json(setup.cell, nominal, seed)

@@ -48,11 +48,11 @@ class CellOptions:
     threads: ThreadsOption = 0
     as_json: JsonOption = False
 
-    def setup(self, scan: Path | None = None, overrides: list[str] | None = None) -> Setup:
+    def setup(self, scan: Path | None = None, settings: list[str] | None = None) -> Setup:
         """The descriptions that the options name."""
         from scancell.config.loading import load_setup  # noqa: PLC0415
 
-        return load_setup(self.cell, self.sensor, scan, [*(self.set_ or []), *(overrides or [])], self.ideal)
+        return load_setup(self.cell, self.sensor, scan, [*(self.set_ or []), *(settings or [])], self.ideal)
 
 
 @dataclass(frozen=True)

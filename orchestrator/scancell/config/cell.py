@@ -196,6 +196,13 @@ class CellDescription(FileDescription):
 
     Paths of files are relative to the file that names them; what does not exist there is looked up in the folder
     of the shipped descriptions (cells, robots), so that a copied sample works in any folder.
+
+    Examples
+    --------
+    >>> cell = scancell.load_setup().cell
+    >>> moved = cell.replace({"part.x_mm": 20, "table.pose.z_mm": 320})
+    >>> moved.part.x_mm, cell.part.x_mm
+    (20.0, 0.0)
     """
 
     kind: ClassVar[str] = "cell"

@@ -10,6 +10,7 @@ from pydantic import Field
 from scancell.config.description import Description, Finite, validate
 from scancell.config.robot import MAX_JOINTS
 from scancell.config.units import split_unit, to_si
+from scancell.errors import DescriptionError
 
 _DIGITS = 9  # of numbers in mm, deg and ms
 
@@ -78,6 +79,12 @@ class EstimatedDescription(Description):
     """Deviations that `scancell calibrate` found, named like those of ``--as-built``.
 
     Reconstruction applies them. The simulated cell, which has true deviations of its own, does not.
+
+    Examples
+    --------
+    >>> estimated = scancell.EstimatedDescription.of({"tool.x": 1e-3}, joints=6)
+    >>> estimated.tool.x_mm
+    1.0
     """
 
     tool: EstimatedToolDescription = Field(default=EstimatedToolDescription(), description="pose of the sensor")
@@ -108,7 +115,7 @@ class EstimatedDescription(Description):
         rows = [group(EstimatedJointDescription, f"dh[{number}]") for number in range(1, joints + 1)]
         groups["dh"] = rows if any(any(row.values()) for row in rows) else []
         if left:
-            raise ValueError(f"unknown deviations: {', '.join(left)}")
+            raise DescriptionError(key="deviations", value=[*left], expected="names of as-built parameters")
         return validate(cls, groups, "estimated")
 
     def deviations(self) -> dict[str, float]:

@@ -11,7 +11,7 @@ from scancell.arguments import checked_arguments, checked_fields
 from scancell.config.cell import CellDescription
 from scancell.config.description import FileDescription, checked, validate
 from scancell.config.files import FILE_KEYS, assets_dir, plain_data, read_description, read_toml
-from scancell.config.keys import Origin, override, parse_assignment, split_path
+from scancell.config.keys import Assignments, Origin, assignments, override, parse_assignment, split_path
 from scancell.config.path import PathDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
@@ -51,6 +51,12 @@ class Setup:
         Laser, cameras, detector, extraction.
     scan
         Views, spacing and speed.
+
+    Examples
+    --------
+    >>> setup = scancell.load_setup()
+    >>> setup.cell.name, setup.sensor.name
+    ('scan_cell', 'two_camera_probe')
     """
 
     cell: CellDescription
@@ -63,7 +69,7 @@ def load_setup(
     cell: CellDescription | str | Path | None = None,
     sensor: SensorDescription | str | Path | None = None,
     scan: ScanDescription | str | Path | None = None,
-    overrides: Sequence[str] = (),
+    settings: Assignments = (),
     ideal: bool = False,
 ) -> Setup:
     """Read, override and check the descriptions.
@@ -72,20 +78,26 @@ def load_setup(
     ----------
     cell, sensor, scan
         A description, or the path of a file of that kind or of a run's ``resolved.toml``; None: the shipped default.
-    overrides
-        Words like ``cell.part.x_mm=20`` or ``sensor.camera[1].tilt_deg=29.4``; the value is read as TOML. Paths of
-        files are relative to the current folder.
+    settings
+        Changes, ``{"cell.part.x_mm": 20}`` or ``["sensor.camera[1].tilt_deg=29.4"]``. Paths are relative to the
+        current folder.
     ideal
         Switch off all noise of sensor and encoders.
 
     Raises
     ------
     DescriptionError
-        Naming the file or the override, key, value and what was expected.
+        Naming the file or the setting, key, value and what was expected.
+
+    Examples
+    --------
+    >>> setup = scancell.load_setup(settings={"scan.max_profiles": 40})
+    >>> setup.scan.max_profiles
+    40
     """
     read = [_raw(model, item) for model, item in zip(_MODELS, (cell, sensor, scan), strict=True)]
     raw = {section: data for section, (data, _, _) in zip(_SECTIONS, read, strict=True)}
-    words = [_apply_override(raw, word, "settings") for word in overrides]
+    words = [_apply_override(raw, word, "settings") for word in assignments(settings)]
     if ideal:
         _switch_off_noise(raw)
     sections = {}

@@ -78,7 +78,13 @@ class CoverageDescription(Description):
 
 
 class ScanDescription(FileDescription):
-    """Views of a scan: with `pose` these poses only, otherwise planned sweeps and passes around the part."""
+    """Views of a scan: with `pose` these poses only, otherwise planned sweeps and passes around the part.
+
+    Examples
+    --------
+    >>> scancell.scan("part.stl", scan=scancell.ScanDescription(max_profiles=40), engine="geometric")
+    ScanResult('part.stl', engine='geometric', seed=0: 34 profiles, ... points)
+    """
 
     kind: ClassVar[str] = "scan"
     shipped: ClassVar[str] = "scans/default.toml"

@@ -7,27 +7,32 @@ from typing import Any
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.batch import BatchDescription
 from scancell.config.cell import CellDescription
+from scancell.config.description import Description
 from scancell.config.path import PathDescription
 from scancell.config.robot import RobotDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.config.study import StudyDescription
 
+_MODELS: dict[str, type[Description]] = {
+    "cell": CellDescription,
+    "robot": RobotDescription,
+    "sensor": SensorDescription,
+    "scan": ScanDescription,
+    "path": PathDescription,
+    "artefact": ArtefactDescription,
+    "batch": BatchDescription,
+    "study": StudyDescription,
+}
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
     """Schemas by kind of file, such as ``cell`` and ``robot``."""
-    schemas = {
-        "cell": CellDescription.model_json_schema(),
-        "robot": RobotDescription.model_json_schema(),
-        "sensor": SensorDescription.model_json_schema(),
-        "scan": ScanDescription.model_json_schema(),
-        "path": PathDescription.model_json_schema(),
-        "artefact": ArtefactDescription.model_json_schema(),
-        "batch": BatchDescription.model_json_schema(),
-        "study": StudyDescription.model_json_schema(),
-    }
+    schemas = {kind: model.model_json_schema() for kind, model in _MODELS.items()}
+    for schema in schemas.values():
+        for one in (schema, *schema["$defs"].values()):  # described by docstrings, whose examples are for Python
+            one["description"] = one["description"].partition("\n\nExamples\n")[0]
     # A cell file may name a robot file instead of holding the robot.
     robot = schemas["cell"]["properties"]["robot"]
     schemas["cell"]["properties"]["robot"] = {

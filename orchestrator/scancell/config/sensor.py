@@ -346,7 +346,14 @@ IMAGE_ONLY_KEYS = (
 
 
 class SensorDescription(FileDescription):
-    """A laser profile sensor with one or more cameras."""
+    """A laser profile sensor with one or more cameras.
+
+    Examples
+    --------
+    >>> sensor = scancell.load_setup(settings={"sensor.laser.power_mw": 5.0}).sensor
+    >>> sensor.laser.power_mw
+    5.0
+    """
 
     kind: ClassVar[str] = "sensor"
     shipped: ClassVar[str] = "sensors/two_camera_probe.toml"

@@ -83,8 +83,8 @@ class StudyDescription(VaryingScansDescription):
         return self
 
 
-def load_study(path: Path, overrides: Sequence[str] = ()) -> StudyDescription:
-    """Read and check a study; `overrides` are words like ``design.trials=20``.
+def load_study(path: Path, settings: Sequence[str] = ()) -> StudyDescription:
+    """Read and check a study; `settings` are words like ``design.trials=20``.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def load_study(path: Path, overrides: Sequence[str] = ()) -> StudyDescription:
         Naming file, key, value and what was expected.
     """
     raw = read_toml(path)
-    origins = [override(raw, word, "settings") for word in overrides]
+    origins = [override(raw, word, "settings") for word in settings]
     study = validate(StudyDescription, raw, str(path), origins)
     if study.calibrate is None or study.calibrate.artefact is None:
         return study

@@ -21,12 +21,12 @@ from scancell.evaluation.alignment import (
 )
 from scancell.evaluation.characteristics import Characteristic, FittedFace, characteristics, fitted_face
 from scancell.evaluation.deviation import DeviationFigures
+from scancell.evaluation.evaluation import Evaluation
 from scancell.evaluation.faces import Face, assign, faces_of
 from scancell.evaluation.mesh_evaluation import alignment_json
 from scancell.geometry import pose
 from scancell.geometry.sampling import sample_surface
 from scancell.geometry.shapes import ShapeGroup
-from scancell.values import Result
 
 Array = NDArray[np.float64]
 
@@ -40,15 +40,15 @@ _COARSE = 100e-6  # m: chord error of the surface that is sampled
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ArtefactEvaluation(Result):
+class ArtefactEvaluation(Evaluation):
     """Comparison of n points with an artefact.
 
     Attributes
     ----------
     points_in_artefact
         (n, 3) aligned points, m.
-    artefact_from_cloud
-        (4, 4) alignment.
+    artefact_from_cloud, align
+        (4, 4) alignment, and what was done.
     face, distance
         (n,) number of the measured face, -1 for none, and distance from the nominal artefact, m, positive outside.
     faces
@@ -59,12 +59,23 @@ class ArtefactEvaluation(Result):
         Statistics of the signed distances of the points that belong to a face.
     outlier_rate
         Share of the points that lie farther than the reach from every shape.
+    reach, guard
+        Distance from a shape up to which points belong to it, and from its edges within which they do not, m.
     missing_rate
         Share of each face (by name) without a point within 1 mm, away from edges.
     datum
         Names of the datum faces.
     warnings
         What is doubtful about the alignment.
+
+    Examples
+    --------
+    >>> sphere = scancell.assets_dir() / "artefacts" / "sphere.toml"
+    >>> result = scancell.scan(sphere, engine="geometric", settings={"scan.max_profiles": 100})
+    >>> evaluation = scancell.evaluate(result, artefact=sphere)
+    >>> size = evaluation.characteristics[0]
+    >>> size.name, abs(size.error) < 2e-6
+    ('probing size', True)
     """
 
     artefact: ShapeGroup

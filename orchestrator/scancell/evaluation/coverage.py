@@ -48,6 +48,12 @@ class Coverage(Value):
         Of the whole part, m².
     tolerance
         Largest distance between a sample and a point that covers it, m.
+
+    Examples
+    --------
+    >>> result = scancell.scan("part.stl", engine="geometric", settings={"scan.max_profiles": 40})
+    >>> 0 < result.coverage.surface_fraction < result.coverage.fraction < 1
+    True
     """
 
     samples_in_part: Array

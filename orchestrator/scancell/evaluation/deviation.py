@@ -78,6 +78,15 @@ class Deviation(Value):
 
     Distances are positive outside the material where `is_signed`, and absolute otherwise: a mesh that is not closed
     has no inside. `is_exact`: they are distances to the exact shapes of the part, of which the mesh is a tessellation.
+    `by_camera` and `by_segment` are the figures by index of the camera and by segment of the plan.
+
+    Examples
+    --------
+    >>> result = scancell.scan("part.stl", engine="geometric", settings={"scan.max_profiles": 40})
+    >>> len(result.deviation.distance) == len(result.cloud)
+    True
+    >>> result.deviation.rms < 2e-6
+    True
     """
 
     distance: Array
@@ -97,7 +106,7 @@ class Deviation(Value):
         is_signed: bool = True,
         is_exact: bool = False,
     ) -> Deviation:
-        """From the distance (n,) of each point of the cloud and its nearest face (n,)."""
+        """From the distance (n,) of each point of the cloud and its nearest face (n,); flags as of `Deviation`."""
         return cls(
             distance=distance,
             face=face.astype(np.int32),

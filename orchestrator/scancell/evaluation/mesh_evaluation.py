@@ -15,6 +15,7 @@ from scancell.config.choices import Align
 from scancell.errors import FitError
 from scancell.evaluation.alignment import DatumPlane, best_fit_of_starts, check_request, datum_fit
 from scancell.evaluation.deviation import DeviationFigures, figures_by_label
+from scancell.evaluation.evaluation import Evaluation
 from scancell.geometry import pose
 from scancell.geometry.mesh import METRES_PER_UNIT, Mesh
 from scancell.geometry.part_surface import PartSurface
@@ -22,7 +23,6 @@ from scancell.geometry.regions import Regions, smooth_regions
 from scancell.geometry.sampling import sample_surface
 from scancell.geometry.shapes import ShapeMesh
 from scancell.sensor import MeshSurface
-from scancell.values import Result
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ _SHOWN = 12  # of them in the summary
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeshEvaluation(Result):
+class MeshEvaluation(Evaluation):
     """Comparison of n points with a mesh.
 
     Attributes
@@ -55,12 +55,23 @@ class MeshEvaluation(Result):
         (n,) distance, m, positive outside (absolute for an open mesh), and nearest face.
     statistics, by_region
         Statistics of all points, and of those nearest to each of the largest regions.
-    coverage
+    coverage, region_coverage
         Share of the surface, and (k,) of each region, with a point within `tolerance` (m).
+    align, is_signed
+        What was done before; whether the mesh is closed, so that distances have a sign.
     datum
         Numbers of the datum regions in order of precedence.
     warnings
         What is doubtful about mesh, cloud and alignment.
+
+    Examples
+    --------
+    >>> part = scancell.load_part("part.stl")
+    >>> evaluation = scancell.evaluate(part.vertices + [0, 0, 1e-4], mesh=part, align="best-fit")
+    >>> evaluation
+    MeshEvaluation(... compared, mean ... um, RMS ... um, ...)
+    >>> round(float(evaluation.part_from_cloud[2, 3]), 6)
+    -0.0001
     """
 
     points_in_part: Array

@@ -35,10 +35,25 @@ class CalibrationRequest:
         platter if the artefact's pose is known, by the tool as it is. latency: of the trigger. all: these together.
     also
         Further deviations to find, such as ``dh[3].theta``, by the names of as-built parameters.
+    poses, passes
+        Number of exposures at rest, and of passes in motion.
+    is_pose_known, is_size_known
+        Whether pose and size of the artefact are exact; else they are found, too.
+    designed
+        Whether poses are chosen for the information that they give; else at random.
+    robot_noise
+        Where random errors of the robot are expected: none, joints, or flange.
     wobble
         Whether to find the wobble of the table axis, too.
     pose_seed
         Random seed of the views among which poses are chosen.
+
+    Examples
+    --------
+    >>> request = scancell.CalibrationRequest("tool", also=("dh[3].theta",))
+    >>> report = scancell.calibrate(request, as_built={"dh[3].theta_deg": 0.05})
+    >>> [row.name for row in report.rows][-1]
+    'dh[3].theta'
     """
 
     what: CalibrationTarget = "all"
@@ -54,7 +69,7 @@ class CalibrationRequest:
 
     @classmethod
     def of(cls, described: CalibrateDescription) -> Self:
-        """That of a study."""
+        """The request that a study has `described`."""
         plain = described.model_dump(exclude={"artefact", "pose"})
         return cls(**plain, is_pose_known=None if described.pose is None else described.pose == "described")
 

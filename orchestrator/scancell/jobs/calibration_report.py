@@ -15,6 +15,7 @@ from scancell.calibration.result import CalibrationResult
 from scancell.config.cell import CellDescription
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import Setup
+from scancell.files import bytes_written
 from scancell.geometry.mesh import Mesh
 from scancell.jobs.calibration import Calibration
 from scancell.jobs.calibration_checks import implausible, shift_text, wrong_sizes
@@ -53,10 +54,25 @@ class CalibrationReport(Result):
 
     Attributes
     ----------
+    calibration
+        Observations, unknowns and solution.
+    setup, artefact
+        With the description that the calibration started from, and the artefact's mesh.
     true
         True deviations by name, SI, where the cell is simulated.
+    inputs, run
+        Files and settings for the manifest.
     probability
         Of the intervals.
+
+    Examples
+    --------
+    >>> report = scancell.calibrate("latency", as_built={"trigger.latency_ms": 0.5})
+    >>> for row in report.rows:
+    ...     print(row.name, round(row.value, 2), row.unit)
+    trigger.latency 0.5 ms
+    >>> files = report.save("calibration")
+    >>> result = scancell.scan("part.stl", cell="calibration/calibrated.toml", engine="geometric")
     """
 
     calibration: Calibration
@@ -161,8 +177,14 @@ class CalibrationReport(Result):
             lines.append(text + comparison_text(row.true, row.value, row.half_width))
         return "\n".join(lines)
 
+    def picture(self) -> bytes:
+        """Distances of the points from the measured surface by exposure, as PNG."""
+        return bytes_written(lambda path: residual_picture(path, self.result.residuals, self.result.frame))
+
     def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
         """Write ``calibrated.toml``, ``calibration.json``, ``points.parquet``, ``residuals.png`` and the manifest.
+
+        `command_line`: words that the manifest keeps; by default those of this process.
 
         Raises
         ------

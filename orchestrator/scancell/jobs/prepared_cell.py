@@ -46,7 +46,7 @@ class PreparedCell(Closing):
     @classmethod
     @checked_arguments
     def from_setup(cls, setup: Setup, threads: Threads = 0) -> Self:
-        """A scanner for checked descriptions."""
+        """A scanner for checked descriptions, a `setup`; `threads` as of `Scanner`."""
         return cls(threads=threads, setup=setup)
 
     @property
@@ -64,7 +64,7 @@ class PreparedCell(Closing):
 
     @checked_arguments
     def load_part(self, part: str | Path | Mesh, unit: str = "mm") -> Mesh:
-        """The mesh of a part in metres, see `load_part`; a file is read again only when it has changed.
+        """The mesh of a part in metres, see `load_part`: a file in `unit` is read again only when it has changed.
 
         Raises
         ------

@@ -42,6 +42,11 @@ class SensorCalibrationRequest:
         Whether the balls' radius is exact; else it is found, too.
     also
         Further keys to find: ``sensor.camera[1].distortion[2]``.
+
+    Examples
+    --------
+    >>> request = scancell.SensorCalibrationRequest(("ball",), is_pose_known=False)
+    >>> report = scancell.calibrate_sensor(request)
     """
 
     targets: tuple[SensorTarget, ...] = ("ball",)

@@ -16,6 +16,7 @@ from scancell.calibration.sensor_parameters import FRAME, SensorParameters
 from scancell.calibration.sensor_problem import TargetExposure
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
+from scancell.files import bytes_written
 from scancell.jobs.calibration_report import comparison_text
 from scancell.jobs.sensor_calibration import poses_known, range_error
 from scancell.jobs.sensor_points import write_exposures
@@ -65,6 +66,8 @@ class SensorCalibrationReport(Result):
 
     Attributes
     ----------
+    result, exposures
+        The solution, and the measured peaks of the target's exposures.
     setup
         With the description that the calibration started from.
     built
@@ -73,6 +76,13 @@ class SensorCalibrationReport(Result):
         Files and settings for the manifest.
     probability
         Of the intervals.
+
+    Examples
+    --------
+    >>> report = scancell.calibrate_sensor("ball", as_built={"sensor.laser.turn_y_deg": 0.1})
+    >>> round(report.sensor.laser.turn_y_deg, 2)
+    0.1
+    >>> files = report.save("sensor")
     """
 
     result: SensorCalibration
@@ -167,8 +177,14 @@ class SensorCalibrationReport(Result):
             lines.append(f"  range error{how}: {1e6 * error.before:.2f} um before, {1e6 * error.after:.2f} um after")
         return "\n".join(lines)
 
+    def picture(self) -> bytes:
+        """Distances of the points from the measured surface by exposure, as PNG."""
+        return bytes_written(lambda path: residual_picture(path, self.result.distances, self.result.exposure))
+
     def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
         """Write ``calibrated_sensor.toml``, ``calibration.json``, ``distances.png``, the peaks and the manifest.
+
+        `command_line`: words that the manifest keeps; by default those of this process.
 
         Raises
         ------

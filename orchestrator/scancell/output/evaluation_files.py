@@ -8,6 +8,7 @@ import numpy as np
 
 from scancell.evaluation.artefact import ArtefactEvaluation
 from scancell.evaluation.deviation import Deviation
+from scancell.evaluation.evaluation import Evaluation
 from scancell.evaluation.mesh_evaluation import MeshEvaluation
 from scancell.geometry.part_surface import PartSurface
 from scancell.output.deviation_picture import deviation_picture
@@ -16,21 +17,33 @@ from scancell.output.run_folder import RunFolder
 from scancell.output.tables import columns_of, write_csv
 
 
-def write_evaluation(evaluation: MeshEvaluation | ArtefactEvaluation, folder: RunFolder) -> None:
-    """Write ``evaluation.json``, ``evaluation.csv`` (one row per characteristic or region) and ``evaluation.png``.
+def save_evaluation(evaluation: Evaluation, out: Path) -> list[Path]:
+    """Write ``evaluation.json``, ``.csv`` (one row per characteristic or region) and ``.png``, all or none.
 
     Raises
     ------
     OutputError
         If a file cannot be written.
     """
-    write_json(folder.path("evaluation.json"), evaluation.figures)
-    write_csv(folder.path("evaluation.csv"), columns_of(evaluation.rows()))
-    path = folder.path("evaluation.png")
+    with RunFolder(out) as folder:
+        write_json(folder.path("evaluation.json"), evaluation.figures)
+        write_csv(folder.path("evaluation.csv"), columns_of(evaluation.rows()))
+        draw_evaluation(evaluation, folder.path("evaluation.png"))
+    return [out / name for name in folder.names]
+
+
+def draw_evaluation(evaluation: Evaluation, path: Path) -> None:
+    """Picture (PNG) of the deviations on the mesh, or on the measured faces of the artefact.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
     if isinstance(evaluation, MeshEvaluation):
         _draw_mesh(evaluation, path)
-    else:
-        draw_artefact(evaluation, path)
+    elif isinstance(evaluation, ArtefactEvaluation):
+        _draw_artefact(evaluation, path)
 
 
 def _draw_mesh(evaluation: MeshEvaluation, path: Path) -> None:
@@ -39,14 +52,7 @@ def _draw_mesh(evaluation: MeshEvaluation, path: Path) -> None:
     deviation_picture(path, evaluation.points_in_part, deviation, evaluation.mesh, name=name)
 
 
-def draw_artefact(evaluation: ArtefactEvaluation, path: Path) -> None:
-    """Picture (PNG) of the deviation of the points on measured faces.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
+def _draw_artefact(evaluation: ArtefactEvaluation, path: Path) -> None:
     mesh = evaluation.artefact.mesh()
     shown = np.flatnonzero(evaluation.face >= 0)
     points = evaluation.points_in_artefact[shown]

@@ -13,17 +13,31 @@ from typing import Any, Self
 
 from scancell.errors import OutputError
 from scancell.stopwatch import Stopwatch
+from scancell.values import Result
 
 
-@dataclass
-class RunReport:
-    """Outcome of a command: figures, lines of text, warnings, files, and wall time (s) by step."""
+@dataclass(eq=False, repr=False)
+class RunReport(Result):
+    """Outcome of a command: figures, lines of text, warnings, files, and `timings`, the wall time (s) by step.
+
+    Examples
+    --------
+    >>> report = scancell.RunReport({"exposures": 1}, ["1 exposures: 2520 points"])
+    >>> report
+    RunReport(1 exposures: 2520 points)
+    >>> report.figures["exposures"]
+    1
+    """
 
     figures: dict[str, Any]
     lines: list[str]
     warnings: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     timings: dict[str, float] = field(default_factory=dict)
+
+    def summary(self) -> str:
+        """The lines of text."""
+        return "\n".join(self.lines)
 
 
 def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], RunReport]) -> RunReport:

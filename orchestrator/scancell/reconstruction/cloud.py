@@ -41,6 +41,14 @@ class Cloud(Value):
         (n,) image column, px; the nearest one for points at a fractional column.
     profile, segment, time
         (n,) index, segment and mid-exposure time (s) of the trigger.
+
+    Examples
+    --------
+    >>> cloud = scancell.scan("part.stl", engine="geometric", settings={"scan.max_profiles": 40}).cloud
+    >>> sure = cloud[cloud.sigma < 2e-6]
+    >>> path = sure.save("cloud.npz")
+    >>> len(scancell.Cloud.load(path)) == len(sure)
+    True
     """
 
     points_in_part: Annotated[Array, _VECTORS]
@@ -87,7 +95,7 @@ class Cloud(Value):
 
     @checked_arguments
     def save(self, path: str | Path) -> Path:
-        """Write the cloud, mm, in the format that the suffix names: ply, npz, laz, e57, pcd, xyz.
+        """Write the cloud, mm, in the format that the suffix of `path` names: ply, npz, laz, e57, pcd, xyz.
 
         Raises
         ------
@@ -104,7 +112,9 @@ class Cloud(Value):
     @staticmethod
     @checked_arguments
     def load(path: str | Path) -> Cloud:
-        """The cloud of a PLY or NPZ file that `save` or a scan has written; PLY rounds what is no position or time.
+        """The cloud of the PLY or NPZ file `path` that `save` or a scan has written.
+
+        Files hold mm, so positions may differ in the last digit; PLY rounds what is no position or time.
 
         Raises
         ------

@@ -33,6 +33,13 @@ class Profile(Value):
         (m, 3) the same points by measured joints and nominal or estimated geometry, m.
     images
         Camera images, ray-traced engine only.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     profile = session.profile("geometric")
+    >>> profile.points_in_part.shape == profile.points_in_base.shape
+    True
     """
 
     profile: ProfilePoints

@@ -24,41 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScanData(Value):
-    """Inputs, recording and cloud of a scan.
-
-    Attributes
-    ----------
-    part
-        Name of the part: its file, or the name of its mesh.
-    setup
-        Nominal descriptions.
-    engine, seed, as_built
-        Rendering engine, random seed, and perturbations as ``key=value`` words.
-    nominal, estimated
-        Nominal cell, SI units, and the estimated (calibrated) cell used for reconstruction; equal without calibration.
-    sensors
-        The sensors that interpret and render the images.
-    plan
-        The plan; None when an existing recording was rendered.
-    recording
-        Trigger records: measured and, separately, true values.
-    profiles
-        All points in the sensor frame.
-    cloud
-        Points of the part in the part frame.
-    dropped
-        Counts of the measured points that are not the part's: table, neighbours, beyond the envelope.
-    sample_images
-        Images of a few exposures; ray-traced engine only.
-    render_seconds
-        Processor time of the ray tracer by step, s.
-    timings
-        Wall time by pipeline step, s; evaluation adds to it later.
-    warnings
-        Warnings about descriptions, meshes and the plan.
-    fmu_token
-        Instantiation token of the FMU; empty when an existing recording was rendered.
-    """
+    """Inputs, recording and cloud of a scan; see `ScanResult` for the attributes."""
 
     part: str
     setup: Setup

@@ -42,6 +42,12 @@ class ExposureImages(Value):
         Laser-off images of the same shape to subtract; None unless the sensor takes them.
     bit_depth
         Bit depth of the digital numbers.
+
+    Examples
+    --------
+    >>> shot = scancell.shot("part.stl", scancell.location(0, 0, 0.1, rx=180 * scancell.deg))
+    >>> shot.images
+    ExposureImages(trigger=1, images=<uint16 (2, 1024, 1280)>, background=None, bit_depth=...)
     """
 
     trigger: int
@@ -56,7 +62,7 @@ class ExposureImages(Value):
 
     @classmethod
     def of(cls, result: sensor_rt.ScanResult, row: int, trigger: int, bit_depth: int = 16) -> Self | None:
-        """Of one exposure of a result; None where it keeps no images."""
+        """Images of row `row` of a result, of which `trigger` and `bit_depth` are known; None where it keeps none."""
         if result.images is None:
             return None
         background = None if result.background is None else result.background[row]

@@ -176,6 +176,10 @@ class BatchResult(Result):
         Names of the scans that are neither.
     folder
         Folder of the batch, with its index and the folders of the scans.
+
+    Examples
+    --------
+    See the example of `batch`.
     """
 
     rows: list[dict[str, Any]]

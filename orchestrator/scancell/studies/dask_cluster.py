@@ -140,7 +140,9 @@ def _local_cluster(target: ExecutionTarget) -> LocalCluster:
             silence_logs=logging.CRITICAL,
         )
     except (RuntimeError, OSError, TimeoutError) as error:  # a worker was killed while it started, for example
-        raise WorkersError(f"the workers do not start: {error} Resume to continue") from error
+        # Each worker imports the script that starts it.
+        guarded = 'a call under `if __name__ == "__main__":`, where a script makes it'
+        raise WorkersError(f"the workers do not start: {error}", expected=guarded) from error
 
 
 @contextmanager

@@ -56,7 +56,7 @@ def nominal_setup(described: VaryingScansDescription, folder: Path, source: str)
     names = {kind: getattr(described, kind) for kind in _SECTIONS}
     found = {kind: folder / name if name is not None else None for kind, name in names.items()}
     try:
-        return load_setup(**found, overrides=described.set, ideal=described.ideal)
+        return load_setup(**found, settings=described.set, ideal=described.ideal)
     except DescriptionError as error:
         raise error.within(source) from None
 

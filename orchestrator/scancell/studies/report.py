@@ -25,7 +25,12 @@ _MOST_CONTRIBUTORS = 3
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StudyReport(Result):
-    """The analysis of a study, the rows behind it, and the files written."""
+    """The `analysis` of a study, the rows `collected` for it, and the `files` written.
+
+    Examples
+    --------
+    See the example of `study`.
+    """
 
     analysis: dict[str, Any]
     collected: Collected

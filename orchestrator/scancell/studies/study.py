@@ -92,7 +92,7 @@ class Study(ScanSeries):
         return [Task(f"trial-{group[0] + 1:07d}", [plain[n] for n in group]) for group in chunks(len(plain), size)]
 
 
-def open_study(path: Path, overrides: Sequence[str] = ()) -> Study:
+def open_study(path: Path, settings: Sequence[str] = ()) -> Study:
     """Read a study and all that it names, and refuse what is wrong before anything runs.
 
     Raises
@@ -100,7 +100,7 @@ def open_study(path: Path, overrides: Sequence[str] = ()) -> Study:
     ScancellError
         Naming file, key, value and what was expected.
     """
-    description = load_study(path, overrides)
+    description = load_study(path, settings)
     setup = nominal_setup(description, path.parent, str(path))
     part = (path.parent / description.part).resolve()
     if not part.is_file():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -17,7 +16,6 @@ from scancell.config.loading import Setup
 from scancell.config.study import StudyDescription, load_study
 from scancell.errors import FitError
 from scancell.evaluation.artefact import ArtefactEvaluation
-from scancell.output.evaluation_files import draw_artefact
 from scancell.output.manifest import command_words, manifest, versions
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
@@ -67,12 +65,26 @@ class AcceptanceReport(Result):
 
     Attributes
     ----------
+    setup, request
+        Descriptions, and what was asked for.
     rows
         Statistics of each characteristic at each position, in each mode (see `statistics.figure_rows`).
     budgets
         Contributions to the variance of each characteristic.
-    scale
-        Size of the artefacts in proportion to the shipped ones.
+    sweeps
+        Noise and linearity of the sensor over its range.
+    failures
+        What could not be measured, with the number of repeats.
+    pictured
+        An evaluation of each artefact.
+    points, scale
+        Mean number of points of a scan; size of the artefacts in proportion to the shipped ones.
+    labels
+        Names of the factors that were drawn.
+
+    Examples
+    --------
+    See the example of `acceptance`.
     """
 
     setup: Setup
@@ -140,6 +152,8 @@ class AcceptanceReport(Result):
     def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
         """Write the report, whole or not at all; the page needs the extra ``studies``.
 
+        `command_line`: words that the manifest keeps; by default those of this process.
+
         Raises
         ------
         OutputError
@@ -161,13 +175,7 @@ class AcceptanceReport(Result):
 
     def pictures(self) -> dict[str, bytes]:
         """Picture (PNG) of the deviation of each artefact, by its name."""
-        with tempfile.TemporaryDirectory() as folder:
-            drawn = {}
-            for name, evaluation in self.pictured.items():
-                path = Path(folder) / f"{name}.png"
-                draw_artefact(evaluation, path)
-                drawn[name] = path.read_bytes()
-        return drawn
+        return {name: evaluation.picture() for name, evaluation in self.pictured.items()}
 
 
 _HEADLINES = (
