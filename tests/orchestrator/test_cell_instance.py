@@ -85,6 +85,8 @@ def test_perturbations_have_units(fmu) -> None:
 def test_unknown_variable_error(fmu) -> None:
     with CellInstance(fmu) as cell, pytest.raises(CellError, match=r"no variable 'command\.warp'"):
         cell.set_integer("command.warp", 9)
+    with pytest.raises(CellError, match=r"no variable 'as_built\.warp'"):
+        CellInstance(fmu, parameters=lambda _: {"as_built.warp": 1.0})
 
 
 def test_fmu_error_includes_message(fmu) -> None:

@@ -15,7 +15,7 @@ from bench.guard_packets import extreme_states
 from guard_motions import NOISE, POLL, cartesian
 from scancell.cell.controller import Mode, Operation
 from scancell.config.loading import load_setup
-from scancell.errors import MessageError
+from scancell.errors import DescriptionError, MessageError
 from scancell.guard.guard import Decision, Guard
 from scancell.guard.messages import CellState, GuardMessage
 from scancell.guard.settings import GuardSettings
@@ -238,6 +238,18 @@ def test_motion_is_checked_before_it_is_sent():
                 free += 1
     assert refused >= 8
     assert free >= 5
+
+
+@pytest.mark.parametrize("points", [np.zeros(7), np.zeros((2, 6)), np.full((2, 7), np.nan)])
+def test_motion_of_another_shape_is_refused(points):
+    with pytest.raises(DescriptionError, match=r"points = .*; expected finite numbers of shape"):
+        guard_of(boxes()).check(points)
+
+
+@pytest.mark.parametrize(("name", "value"), [("max_age", 0.0), ("angle_error", (0.0, -1e-3)), ("position_error", -1.0)])
+def test_worst_case_that_cannot_be_is_refused(name, value):
+    with pytest.raises(DescriptionError, match=f"{name}.* = .*: expected"):
+        GuardSettings(**{name: value})
 
 
 def test_states_anywhere_in_their_bounds_are_answered():

@@ -85,7 +85,7 @@ def test_rows_without_trigger_are_skipped(tmp_path) -> None:
     before = {name: np.zeros(3, values.dtype) for name, values in fired.columns.items()}
     path = tmp_path / "log.parquet"
     write_recording(Recording({name: np.concatenate([before[name], twice[name]]) for name in twice}), path)
-    read = read_recording(path)
+    read = read_recording(str(path))
     assert len(read) == COUNT
     assert np.array_equal(read.measured.time, fired.measured.time)
 

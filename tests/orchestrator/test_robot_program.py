@@ -226,6 +226,14 @@ def test_guard_does_not_know_parts_that_a_gripper_can_move(fixture: str, run: Ru
                 robot.move_line(through)
 
 
+def test_argument_that_is_no_pose_is_named(scanner: Scanner) -> None:
+    with scanner.session(PART) as session:
+        robot = Robot(session, folder="out")
+        for command in (robot.move_tool, robot.move_line, lambda target: robot.approach(target, 0.1)):
+            with pytest.raises(CommandError, match=r"world_from_tool = .*(?s:.*)expected a pose \(4, 4\)"):
+                command(np.eye(3))
+
+
 def test_missing_file_and_missing_part(scanner: Scanner, tmp_path: Path) -> None:
     with scanner.session() as session, pytest.raises(ProgramError, match=r"none\.py: cannot be read: No such file"):
         run_program(tmp_path / "none.py", session)

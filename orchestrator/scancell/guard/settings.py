@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from scancell.arguments import checked_fields
+from scancell.arguments import Length, Threads, Within, checked_fields
+
+_Positive = Length
+_NotNegative = Annotated[float, Within(0.0)]
 
 
 @checked_fields
@@ -38,6 +42,11 @@ class GuardSettings:
     threads
         Threads of the checks of motions before they begin; 0 uses all cores. An answer takes one.
 
+    Raises
+    ------
+    DescriptionError
+        If a value is negative, or 0 where there is no such worst case.
+
     Examples
     --------
     >>> settings = scancell.GuardSettings(max_age=0.2, position_error=0.002)
@@ -46,16 +55,16 @@ class GuardSettings:
     >>> guard = scancell.guard_of(part="part.stl", settings=settings)
     """
 
-    max_age: float = 0.12
-    cycle: float = 0.016
-    noise: float = float(np.radians(0.005))
-    angle_error: float | tuple[float, ...] = float(np.radians(0.025))
-    latency: float = 0.0
-    position_error: float = 1e-3
-    mesh_error: float = 1e-3
-    deceleration: float = 0.95
-    horizon: float = 1.0
-    threads: int = 1
+    max_age: _Positive = 0.12
+    cycle: _Positive = 0.016
+    noise: _Positive = float(np.radians(0.005))
+    angle_error: _NotNegative | tuple[_NotNegative, ...] = float(np.radians(0.025))
+    latency: _NotNegative = 0.0
+    position_error: _NotNegative = 1e-3
+    mesh_error: _NotNegative = 1e-3
+    deceleration: _Positive = 0.95
+    horizon: _Positive = 1.0
+    threads: Threads = 1
 
     @property
     def reaction(self) -> float:
