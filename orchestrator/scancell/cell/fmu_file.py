@@ -61,7 +61,8 @@ def cell_json(
     cell
         Description of the cell (`load_setup`).
     nominal
-        Its geometry with the part (`nominal_cell`).
+        Its geometry with the part (`nominal_cell`). Only its bodies are in the FMU: obstacles with ``known = false``
+        have to be added (`ScanSession.true`).
     seed
         Of the noise of encoders and sensors.
     collision_outputs

@@ -9,6 +9,7 @@ import numpy as np
 from scancell.arguments import checked_arguments
 from scancell.cell.controller import Mode, Operation
 from scancell.cell.instance import CellInstance
+from scancell.errors import CommandError
 from scancell.guard.link import Link
 from scancell.guard.messages import CellState, GuardMessage
 from scancell.stopwatch import Pace
@@ -88,7 +89,14 @@ class GuardedCell:
         """Change the operator's monitor speed to `share`, 0 to 1.
 
         It acts at once, but never beyond what the guard allows, and scales no jog.
+
+        Raises
+        ------
+        CommandError
+            If it is not finite.
         """
+        if not np.isfinite(share):
+            raise CommandError(f"set_monitor_speed: share = {share!r}: expected a finite number")
         self.monitor_speed = share
         manual = self._cell.get_integer("command.operation") == Operation.MANUAL
         self._cell.set(self._monitor_speed, np.array([self._allowed if manual else min(share, self._allowed)]))
