@@ -5,20 +5,38 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
+from typing import Self
 
-from scancell.arguments import Length, Pose, Seed, Share, checked_arguments
+from scancell.arguments import Length, Pose, Seed, Share, Threads, checked_arguments
 from scancell.cell.recording import Recording, read_recording
-from scancell.config.choices import Engine
+from scancell.closing import Closing
+from scancell.config.cell import CellDescription
+from scancell.config.choices import CalibrationTarget, Engine, SensorTarget
 from scancell.config.estimated import EstimatedDescription
+from scancell.config.files import assets_dir
 from scancell.config.keys import Assignments, assignments
-from scancell.config.loading import Setup, require_sensor_words
+from scancell.config.loading import Setup, load_setup, require_sensor_words
+from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
+from scancell.errors import DescriptionError, ScancellError
 from scancell.geometry.mesh import Mesh
-from scancell.jobs.calibrating_cell import CalibratingCell
+from scancell.jobs.calibration import CalibrationScan
+from scancell.jobs.calibration_job import (
+    CalibrationRequest,
+    calibrate_from_points,
+    calibrate_in_cell,
+    start_of,
+)
+from scancell.jobs.calibration_report import CalibrationReport
 from scancell.jobs.finishing import Finishing
 from scancell.jobs.guard_job import guard_of
+from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest, calibrate_described
+from scancell.jobs.sensor_calibration_report import SensorCalibrationReport
 from scancell.jobs.single_exposure import expose
+from scancell.nominal.parts import PartCache
+from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.configuration_map import QualityFactor
 from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
@@ -28,6 +46,8 @@ from scancell.planning.work import Work
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.results import ScanResult, ShotResult
 from scancell.scanning.drive import FmuRunner, PreScanHook
+from scancell.scanning.job import Job
+from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.sense import OnImages, make_sensors
 from scancell.scanning.sensor_range import sensor_range
 from scancell.scanning.session import ScanSession
@@ -35,7 +55,7 @@ from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
 from scancell.stopwatch import Stopwatch
 
 
-class Scanner(CalibratingCell):
+class Scanner(Closing):
     """Scans parts with one simulated cell; a context manager.
 
     The FMU instance, the ray tracing scene and the plan are kept between calls, so that a second scan of the same part
@@ -67,6 +87,50 @@ class Scanner(CalibratingCell):
     >>> tilted.deviation.rms > 10 * ideal.deviation.rms
     True
     """
+
+    @checked_arguments
+    def __init__(
+        self,
+        cell: str | Path | CellDescription | None = None,
+        sensor: str | Path | SensorDescription | None = None,
+        scan: str | Path | ScanDescription | None = None,
+        *,
+        settings: Assignments = (),
+        ideal: bool = False,
+        threads: Threads = 0,
+        setup: Setup | None = None,
+    ) -> None:
+        if setup is not None and not (cell is sensor is scan is None and not settings and not ideal):
+            raise DescriptionError("setup: expected no cell, sensor, scan, settings or ideal beside it")
+        self.setup = setup or load_setup(cell, sensor, scan, assignments(settings), ideal)
+        self._pipeline: ScanPipeline | None = ScanPipeline(threads)
+        self._parts = PartCache()
+        self._calibration: CalibrationScan | None = None  # the last one, whose plan is kept
+
+    @property
+    def pipeline(self) -> ScanPipeline:
+        """The steps of scans and what they keep; `ScancellError` after `close`."""
+        if self._pipeline is None:
+            raise ScancellError(
+                "the scanner is closed", expected="a new one, or calls before the end of its `with` block"
+            )
+        return self._pipeline
+
+    def __enter__(self) -> Self:
+        _ = self.pipeline
+        return self
+
+    @checked_arguments
+    def load_part(self, part: str | Path | Mesh, unit: str = "mm") -> Mesh:
+        """The mesh of a part in metres, see `load_part`: a file in `unit` is read again only when it has changed.
+
+        Raises
+        ------
+        ScancellError
+            If the file is missing, unreadable, empty or broken.
+        """
+        _ = self.pipeline
+        return self._parts.part(part, unit)
 
     @checked_arguments
     def scan(
@@ -349,3 +413,134 @@ class Scanner(CalibratingCell):
         require_sensor_words(assignments(as_built), "a shot is taken from a given pose, without the robot's errors")
         job = self._job(part, unit, as_built, seed)
         return expose(job, part_from_sensor, engine, self.pipeline.threads)
+
+    @checked_arguments
+    def calibrate(
+        self,
+        request: CalibrationRequest | CalibrationTarget = "all",
+        artefact: str | Path | Mesh | None = None,
+        *,
+        unit: str = "mm",
+        engine: Engine = "geometric",
+        as_built: Assignments = (),
+        seed: Seed = 0,
+        setup: Setup | None = None,
+        from_points: str | Path | None = None,
+        progress: Progress | ProgressCallback | None = None,
+    ) -> CalibrationReport:
+        """Scan an artefact and find the deviations of the cell from its description.
+
+        The other parameters are those of `Scanner.scan`.
+
+        Parameters
+        ----------
+        request
+            What to calibrate, and how.
+        artefact
+            Artefact description or mesh of any part, placed by ``cell.part``; default: a sphere or ball plate.
+        setup
+            Descriptions of this calibration in place of the scanner's.
+        from_points
+            Table of measured points and joints of a real cell (docs/calibration.md), in place of a simulated scan.
+
+        Raises
+        ------
+        ScancellError
+            Naming what is wrong and what was expected; `CalibrationError` where the data do not determine the unknowns.
+
+        Examples
+        --------
+        >>> with scancell.Scanner() as scanner:
+        ...     report = scanner.calibrate("tool", as_built={"tool.x_mm": 1.0})
+        ...     result = scanner.scan(
+        ...         "part.stl", engine="geometric", as_built={"tool.x_mm": 1.0}, estimated=report.estimated
+        ...     )
+        >>> result.deviation.rms < 5e-6
+        True
+        """
+        wanted = CalibrationRequest(request) if isinstance(request, str) else request
+        part = assets_dir() / wanted.artefact if artefact is None else artefact
+        job = self._job(part, unit, as_built, seed, setup)
+        scan = self._calibration_scan(self._job(part, unit, setup=setup), wanted)
+        if from_points is not None:
+            return calibrate_from_points(scan, job, wanted, Path(from_points))
+        return calibrate_in_cell(scan, job, wanted, engine, as_progress(progress))
+
+    @checked_arguments
+    def calibrate_sensor(
+        self,
+        request: SensorCalibrationRequest | SensorTarget = "ball",
+        *,
+        as_built: Assignments = (),
+        seed: Seed = 0,
+        progress: Progress | ProgressCallback | None = None,
+    ) -> SensorCalibrationReport:
+        """Find the deviations of the sensor's cameras and laser sheet from its description.
+
+        The other parameters are those of `Scanner.scan`.
+
+        Parameters
+        ----------
+        request
+            Simulated targets, or measurements of a real sensor, and what is known of them.
+
+        Raises
+        ------
+        ScancellError
+            Naming what is wrong and what was expected; `CalibrationError` where the data do not determine the unknowns.
+
+        Examples
+        --------
+        >>> bent = {"sensor.camera[1].tilt_deg": 29.4}
+        >>> with scancell.Scanner() as scanner:
+        ...     report = scanner.calibrate_sensor("ball", as_built=bent)
+        ...     result = scanner.scan("part.stl", engine="geometric", as_built=bent, estimated_sensor=report.sensor)
+        >>> result.deviation.rms < 5e-6
+        True
+        """
+        wanted = SensorCalibrationRequest((request,)) if isinstance(request, str) else request
+        words = assignments(as_built)
+        return calibrate_described(self.setup, wanted, words, seed, self.pipeline.threads, as_progress(progress))
+
+    @cached_property
+    def setup_warnings(self) -> tuple[str, ...]:
+        """What is doubtful about the descriptions, in sentences."""
+        return tuple(setup_warnings(self.setup))
+
+    def close(self) -> None:
+        """Free the FMU, its files and the scenes; the scanner refuses further calls."""
+        if self._pipeline is not None:
+            self._pipeline.close()
+        self._pipeline = None
+        self._parts.clear()
+
+    def _job(
+        self,
+        part: str | Path | Mesh | None,
+        unit: str,
+        as_built: Assignments = (),
+        seed: int = 0,
+        setup: Setup | None = None,
+        estimated_sensor: SensorDescription | None = None,
+    ) -> Job:
+        """The part, or an empty table, in the scanner's cell or in that of `setup`."""
+        setup, words = setup or self.setup, tuple(assignments(as_built))
+        if part is None and setup.cell.part.fixture == "free":
+            raise DescriptionError(
+                "there is no part", key="part.fixture", value="free", expected='its mesh, or "clamped"'
+            )
+        loaded = self.pipeline.load(setup.cell, None if part is None else self.load_part(part, unit))
+        sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
+        file = Path(part) if isinstance(part, str | Path) else None
+        return Job(setup, loaded, sensors, words, seed, file, unit, estimated_sensor=estimated_sensor)
+
+    def _calibration_scan(self, nominal: Job, request: CalibrationRequest) -> CalibrationScan:
+        """The one made last, whose plan is kept, where it is for the same cell and request."""
+        kept, options = self._calibration, request.options
+        if (
+            kept is None
+            or kept.job.loaded is not nominal.loaded
+            or (kept.job.setup, kept.options) != (nominal.setup, options)
+        ):
+            kept = self._calibration = CalibrationScan(self.pipeline, nominal, options, start_of(nominal.setup))
+        return kept

@@ -274,7 +274,6 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         }
         return [
             Target("Scanner", scancell.Scanner, {**setup, "setup": None}),
-            Target("Scanner.from_setup", scancell.Scanner.from_setup, {"setup": scanner.setup, "threads": 1}),
             Target("Scanner.load_part", scanner.load_part, {"part": "inputs/part.obj", "unit": "mm"}),
             Target("Scanner.scan", scanner.scan, scan),
             Target("Scanner.scan closed", self.closed.scan, scan, is_refused=True),

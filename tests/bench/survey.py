@@ -70,7 +70,7 @@ def main(trials: int = 25, pitch_mm: float = 5.0) -> None:
             file = Path(folder) / f"body_{trial}.stl"
             body.export(file)
             setup = load_setup(settings=[f'cell.obstacle=[{{ name = "unknown", mesh = "{file}", known = false }}]'])
-            with Scanner.from_setup(setup) as scanner:
+            with Scanner(setup=setup) as scanner:
                 found = scanner.survey(PART, pitch=pitch_mm / 1e3)
             shares[kind].append(unblocked(body, found, rng))
             print(f"{trial + 1:3} {kind:<14} {100 * shares[kind][-1]:6.2f} % unblocked", flush=True)

@@ -248,7 +248,7 @@ def run(host: Host, server: Any, messages: int, seed: int, counts: Counter[str],
 def workspace(out: Path) -> Iterator[tuple[Host, Any]]:
     """A running cell with an empty table."""
     setup = load_setup(ideal=True, settings=["scan.max_profiles=20", "scan.sweep.enabled=false"])
-    with Scanner.from_setup(setup, threads=1) as scanner, hosted(scanner, None, WorkspaceSettings(out)) as opened:
+    with Scanner(setup=setup, threads=1) as scanner, hosted(scanner, None, WorkspaceSettings(out)) as opened:
         yield opened
 
 

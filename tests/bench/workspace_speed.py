@@ -38,7 +38,7 @@ _POINT = 15  # bytes of a point's position and colour
 
 def workspace_rows() -> Iterator[Row]:
     """Cycles, updates and pairs of images each second while the arm moves, guarded; a scan; a growing cloud."""
-    with Scanner.from_setup(load_setup()) as scanner:
+    with Scanner(setup=load_setup()) as scanner:
         with _opened(scanner, "ray-traced") as (workspace, viewer):
             _sway(workspace)
             yield from _moving_rows(workspace, viewer, "ray-traced cameras", with_pairs=True)

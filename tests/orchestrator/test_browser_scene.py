@@ -51,7 +51,7 @@ def setup() -> Setup:
 @pytest.fixture(scope="module")
 def live(setup: Setup) -> Iterator[LiveCell]:
     """A belt, a gripper and sensors, some of which move."""
-    with Scanner.from_setup(setup, threads=1) as scanner, scanner.session(block(0.04, 0.03, 0.02)) as session:
+    with Scanner(setup=setup, threads=1) as scanner, scanner.session(block(0.04, 0.03, 0.02)) as session:
         live = LiveCell(session)
         live.true = session.true  # type: ignore[attr-defined]
         live.submit(MoveJoints(live.state.joints + np.array([0.3, 0.1, -0.1, 0.4, 0.2, 0.5]), 0.7, 0.5))
@@ -243,7 +243,7 @@ def test_bodies_that_the_guard_names_are_painted_with_a_line_between_them(server
 
 def test_line_between_nearest_bodies_is_as_long_as_the_cell_says(server) -> None:
     setup = load_setup()
-    with Scanner.from_setup(setup, threads=1) as scanner, scanner.session(block(0.04, 0.03, 0.02)) as session:
+    with Scanner(setup=setup, threads=1) as scanner, scanner.session(block(0.04, 0.03, 0.02)) as session:
         live = LiveCell(session)
         scene = CellScene(server, session.true, setup.sensor, setup.cell)
         live.submit(MoveTool(location(450 * mm, 0, 131 * mm, rx=180 * deg)))

@@ -87,7 +87,7 @@ class Operator:
 
 @pytest.fixture(scope="module")
 def scanner() -> Iterator[Scanner]:
-    with Scanner.from_setup(load_setup(settings=[BELT], ideal=True), threads=1) as made:
+    with Scanner(setup=load_setup(settings=[BELT], ideal=True), threads=1) as made:
         yield made
 
 

@@ -79,7 +79,7 @@ class Watched:
 
 @pytest.fixture(scope="module")
 def scanner() -> Iterator[Scanner]:
-    with Scanner.from_setup(load_setup(ideal=True), threads=1) as made:
+    with Scanner(setup=load_setup(ideal=True), threads=1) as made:
         yield made
 
 

@@ -57,7 +57,7 @@ class Rig:
 @pytest.fixture(scope="module")
 def scanner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scanner]:
     """A post beside the table forbids some of the poses."""
-    with Scanner.from_setup(spiral_setup(tmp_path_factory.mktemp("post")), threads=2) as made:
+    with Scanner(setup=spiral_setup(tmp_path_factory.mktemp("post")), threads=2) as made:
         yield made
 
 

@@ -83,7 +83,7 @@ def test_pair_has_a_clearance_of_its_own() -> None:
 def test_wrong_pair_is_refused(bodies) -> None:
     words = f'scan.pair_clearance=[{{ bodies = ["{bodies[0]}", "{bodies[1]}"], clearance_mm = 20.0 }}]'
     message = rf"pair_clearance\[1\].bodies = .*{bodies[1]}.*: expected two of base"
-    with Scanner.from_setup(load_setup(settings=[words])) as scanner, pytest.raises(DescriptionError, match=message):
+    with Scanner(setup=load_setup(settings=[words])) as scanner, pytest.raises(DescriptionError, match=message):
         scanner.plan(BLOCK)
 
 
@@ -102,7 +102,7 @@ def test_motion_15_mm_above_a_post_is_free_unless_the_post_needs_30_mm() -> None
 
 def test_unknown_obstacle_is_in_scene_and_fmu_but_not_in_planning() -> None:
     setup = load_setup(settings=[f"cell.obstacle=[{POST.replace('}', '}, known = false', 1)}]"])
-    with Scanner.from_setup(setup) as scanner:
+    with Scanner(setup=setup) as scanner:
         loaded = scanner.pipeline.load(setup.cell, BLOCK)
     assert "post" not in [body.name for body in loaded.nominal.bodies]
     assert "post" in [body.name for body in loaded.bodies]
@@ -142,7 +142,7 @@ def test_free_part_pushed_by_the_turning_table_stops_at_an_obstacle(tmp_path) ->
 
 def test_obstacle_that_reaches_into_the_table_is_refused() -> None:
     setup = load_setup(settings=[f"cell.obstacle=[{POST.replace('300.0', '450.0').replace('150.0', '0.0')}]"])
-    with Scanner.from_setup(setup) as scanner, pytest.raises(CellError, match=r"'table.*' and 'post' intersect"):
+    with Scanner(setup=setup) as scanner, pytest.raises(CellError, match=r"'table.*' and 'post' intersect"):
         scanner.plan(BLOCK)
 
 

@@ -163,7 +163,7 @@ def bad_voxels(tmp_path, **changes):
 def test_wrong_voxel_file_is_refused_by_name_and_array(tmp_path, changes, message) -> None:
     bad_voxels(tmp_path, **changes)
     setup = load_setup(settings=[occupied(tmp_path / "bad.npz")])
-    with Scanner.from_setup(setup) as scanner, pytest.raises(DescriptionError, match=message) as caught:
+    with Scanner(setup=setup) as scanner, pytest.raises(DescriptionError, match=message) as caught:
         scanner.plan(BLOCK)
     assert str(tmp_path / "bad.npz") in str(caught.value)
 
@@ -185,7 +185,7 @@ def test_wrong_voxel_file_is_refused_by_name_and_array(tmp_path, changes, messag
 def test_wrong_cloud_is_refused_by_name(tmp_path, name, content, message) -> None:
     (tmp_path / name).write_text(content)
     setup = load_setup(settings=[occupied(tmp_path / name)])
-    with Scanner.from_setup(setup) as scanner, pytest.raises(DescriptionError, match=message) as caught:
+    with Scanner(setup=setup) as scanner, pytest.raises(DescriptionError, match=message) as caught:
         scanner.plan(BLOCK)
     assert str(tmp_path / name) in str(caught.value)
 

@@ -34,7 +34,7 @@ Run = Callable[[str, ScanSession], ProgramRun]
 
 @pytest.fixture(scope="module")
 def scanner() -> Iterator[Scanner]:
-    with Scanner.from_setup(load_setup(ideal=True), threads=1) as made:
+    with Scanner(setup=load_setup(ideal=True), threads=1) as made:
         yield made
 
 
@@ -214,7 +214,7 @@ def test_guard_does_not_know_parts_that_a_gripper_can_move(fixture: str, run: Ru
     setup = load_setup(WITH_GRIPPER, settings=[f'cell.part.fixture="{fixture}"'], ideal=True)
     through = location(450 * mm, 0, 122 * mm, rx=180 * deg)
     with (
-        Scanner.from_setup(setup, threads=1) as other,
+        Scanner(setup=setup, threads=1) as other,
         other.session(PART, guarded=True) as session,
     ):
         robot = Robot(session)
@@ -239,7 +239,7 @@ def test_missing_file_and_missing_part(scanner: Scanner, tmp_path: Path) -> None
         run_program(tmp_path / "none.py", session)
     free = load_setup(settings=['cell.part.fixture="free"'])
     with (
-        Scanner.from_setup(free) as other,
+        Scanner(setup=free) as other,
         pytest.raises(DescriptionError, match=r"part\.fixture = 'free': there is no part; expected its mesh"),
         other.session(),
     ):

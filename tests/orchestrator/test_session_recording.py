@@ -46,7 +46,7 @@ class Rig:
 @pytest.fixture(scope="module")
 def rig() -> Iterator[Rig]:
     ended = Event()
-    with Scanner.from_setup(load_setup(ideal=True), threads=1) as scanner, scanner.session(None) as session:
+    with Scanner(setup=load_setup(ideal=True), threads=1) as scanner, scanner.session(None) as session:
         live = LiveCell(session)
         running = Thread(target=lambda: live.run(ended.is_set))
         running.start()

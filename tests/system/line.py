@@ -82,7 +82,7 @@ class Line:
 
 def make_line(part: str | Path, *overrides: str, ideal: bool = True, seed: int = 0) -> Line:
     """The line for a part of the assets (by name) or a mesh file in mm."""
-    scanner = scancell.Scanner.from_setup(load_setup(settings=overrides, ideal=ideal))
+    scanner = scancell.Scanner(setup=load_setup(settings=overrides, ideal=ideal))
     path = part if isinstance(part, Path) else PARTS / f"{part}.stl"
     loaded = scanner.pipeline.load(scanner.setup.cell, scanner.load_part(path))
     sensors = make_sensors(scanner.setup.sensor, (), seed)

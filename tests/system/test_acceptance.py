@@ -27,7 +27,7 @@ SMALL = Programme(("plane",), ("middle",), repeats=1, profiles=60, points=4000, 
 
 def report_of(programme: Programme, as_built: Sequence[str] = (), setup: Setup | None = None) -> AcceptanceReport:
     setup = setup or load_setup(sensor=SENSOR, settings=[STRAIGHT])
-    with Scanner.from_setup(setup) as scanner:
+    with Scanner(setup=setup) as scanner:
         return run_acceptance(scanner, AcceptanceRequest(programme, as_built=tuple(as_built)), NullProgress())
 
 

@@ -32,7 +32,7 @@ def exercise(capsys) -> Iterator[Callable[..., Ran]]:
 
         def solve(name: str, part: str | None = None, cell: str | None = None, *words: str) -> Ran:
             setup = load_setup(SOLUTIONS / cell if cell else None, settings=words)
-            scanner = stack.enter_context(Scanner.from_setup(setup, threads=1))
+            scanner = stack.enter_context(Scanner(setup=setup, threads=1))
             session = stack.enter_context(scanner.session(PARTS / part if part else None, guarded=True))
             done = run_program(SOLUTIONS / name, session, "geometric", Path(stack.enter_context(TemporaryDirectory())))
             assert done.contacts == []
@@ -104,7 +104,7 @@ def test_follow_seam_stays_on_groove(angle: float, offset: float, capsys) -> Non
     words = [f"cell.part.rz_deg={angle}", f"cell.part.y_mm={offset}"]
     visited: list[np.ndarray] = []
     with (
-        Scanner.from_setup(load_setup(settings=words), threads=1) as scanner,
+        Scanner(setup=load_setup(settings=words), threads=1) as scanner,
         scanner.session(PARTS / "step_block.stl", guarded=True) as session,
     ):
 

@@ -43,7 +43,7 @@ def test_executed_clearances_are_those_planned_within_a_fifth_of_a_millimetre(
     if kind == "path":
         spiral = SpiralDescription(turns=-1.0, elevation_deg=(35.0, 55.0))
         setup = with_path(setup, PathDescription(pitch_mm=4.0, speed_mm_s=100.0, spiral=spiral))
-    with scancell.Scanner.from_setup(setup) as scanner:
+    with scancell.Scanner(setup=setup) as scanner:
         result = scanner.scan(PART, engine="geometric")
     assert result.plan is not None
     cell = PlanningCell(result.nominal, sensor_range(result.sensors.nominal), 0.016)

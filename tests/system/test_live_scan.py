@@ -51,7 +51,7 @@ class Rig:
 
 @pytest.fixture(scope="module")
 def scanner() -> Iterator[Scanner]:
-    with Scanner.from_setup(load_setup(settings=COARSE), threads=2) as made:
+    with Scanner(setup=load_setup(settings=COARSE), threads=2) as made:
         yield made
 
 

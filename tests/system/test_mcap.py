@@ -120,7 +120,7 @@ def test_session_is_recorded_as_it_goes(tmp_path) -> None:
     )
     states = []
     with (
-        Scanner.from_setup(load_setup(ideal=True)) as scanner,
+        Scanner(setup=load_setup(ideal=True)) as scanner,
         scanner.session(guarded=True) as session,
         SessionRecorder(tmp_path / "session.mcap", session.true) as recorder,
     ):

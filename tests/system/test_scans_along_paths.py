@@ -17,7 +17,7 @@ PART = assets_dir() / "parts" / "free_form.stl"
 def test_points_along_a_path_lie_on_the_mesh(mode: str) -> None:
     spiral = PathDescription(pitch_mm=4.0, spiral=SpiralDescription(turns=0.5, elevation_deg=(45.0, 50.0)))
     setup = with_path(load_setup(settings=[f'scan.mode="{mode}"'], ideal=True), spiral)
-    with scancell.Scanner.from_setup(setup) as scanner:
+    with scancell.Scanner(setup=setup) as scanner:
         result = scanner.scan(PART, engine="geometric")
     measured = result.recording.measured
     assert len(measured.index) == len(result.plan.q)
@@ -33,7 +33,7 @@ def test_a_constraint_of_ones_own_keeps_the_table_out_of_a_range() -> None:
     spiral = PathDescription(pitch_mm=4.0, spiral=SpiralDescription(turns=0.3, elevation_deg=(45.0, 50.0)))
     setup = with_path(load_setup(), spiral)
     middles = []
-    with scancell.Scanner.from_setup(setup) as scanner:
+    with scancell.Scanner(setup=setup) as scanner:
         free = scanner.plan(PART)
         middles.append(np.median(free.table))
 
@@ -52,7 +52,7 @@ def test_a_path_with_more_exposures_than_allowed_is_refused() -> None:
         load_setup(settings=["scan.max_profiles=50"]), PathDescription(pitch_mm=1.0, spiral=SpiralDescription())
     )
     with (
-        scancell.Scanner.from_setup(setup) as scanner,
+        scancell.Scanner(setup=setup) as scanner,
         pytest.raises(PlanningError, match=r"max_profiles = 50: the paths need \d+ exposures"),
     ):
         scanner.plan(PART)

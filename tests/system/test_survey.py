@@ -36,7 +36,7 @@ def post(tmp_path_factory) -> str:
 
 @pytest.fixture(scope="module")
 def scanner(post) -> Iterator[Scanner]:
-    with Scanner.from_setup(load_setup(settings=[post])) as opened:
+    with Scanner(setup=load_setup(settings=[post])) as opened:
         yield opened
 
 
@@ -49,7 +49,7 @@ def found(scanner) -> SurveyResult:
 def knowing(found, post, tmp_path_factory) -> Iterator[Scanner]:
     """A scanner in the same cell that plans with the survey."""
     file = found.save(tmp_path_factory.mktemp("voxels") / "survey.npz")
-    with Scanner.from_setup(load_setup(settings=[post, f'scan.occupied=[{{ file = "{file}" }}]'])) as opened:
+    with Scanner(setup=load_setup(settings=[post, f'scan.occupied=[{{ file = "{file}" }}]'])) as opened:
         yield opened
 
 
@@ -127,11 +127,11 @@ def test_unknown_clamp_on_the_table_is_avoided_while_the_table_turns(tmp_path) -
     trimesh.creation.box((20.0, 20.0, 99.0)).export(tmp_path / "clamp.stl")
     clamp = f'name = "post", mesh = "{tmp_path / "clamp.stl"}", moves_with = "table", known = false'
     words = [f"cell.obstacle=[{{ {clamp}, pose = {{ x_mm = 95.0, z_mm = 50.0 }} }}]"]
-    with Scanner.from_setup(load_setup(settings=words)) as scanner:
+    with Scanner(setup=load_setup(settings=words)) as scanner:
         file = scanner.survey(PART, pitch=0.01).save(tmp_path / "survey.npz")
         blind = scanner.plan(PART)
         words.append(f'scan.occupied=[{{ file = "{file}" }}]')
-        with Scanner.from_setup(load_setup(settings=words)) as knowing:
+        with Scanner(setup=load_setup(settings=words)) as knowing:
             aware = knowing.plan(PART)
         assert distance_to_post(scanner, blind) == 0.0
         assert distance_to_post(scanner, aware) > 0.004

@@ -116,8 +116,8 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def scanner() -> Iterator[Scanner]:
-    with Scanner.from_setup(
-        load_setup(ideal=True, settings=["scan.max_profiles=120", "scan.sweep.enabled=false"]), threads=1
+    with Scanner(
+        setup=load_setup(ideal=True, settings=["scan.max_profiles=120", "scan.sweep.enabled=false"]), threads=1
     ) as made:
         yield made
 

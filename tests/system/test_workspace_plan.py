@@ -34,7 +34,7 @@ def browser() -> Iterator[Any]:
 @pytest.fixture(scope="module")
 def scanner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scanner]:
     """A post beside the table forbids some of the poses along a spiral."""
-    with Scanner.from_setup(spiral_setup(tmp_path_factory.mktemp("post")), threads=1) as made:
+    with Scanner(setup=spiral_setup(tmp_path_factory.mktemp("post")), threads=1) as made:
         yield made
 
 

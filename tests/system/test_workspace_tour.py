@@ -25,7 +25,7 @@ def test_first_time_user_scans_a_part(tmp_path: Path) -> None:
     shown: list[str] = []
     setup = load_setup(settings=["scan.max_profiles=120", "scan.sweep.enabled=false"])
     with (
-        Scanner.from_setup(setup) as scanner,
+        Scanner(setup=setup) as scanner,
         chromium() as browser,
         hosted(scanner, PART, WorkspaceSettings(tmp_path)) as (host, server),
     ):

@@ -92,7 +92,7 @@ def scan(
         from scancell.scanner import Scanner  # noqa: PLC0415
 
         setup = with_path(options.setup(scan, [f'scan.mode="{mode}"'] if mode else []), path)
-        with show_progress(options.as_json) as progress, Scanner.from_setup(setup, options.threads) as scanner:
+        with show_progress(options.as_json) as progress, Scanner(setup=setup, threads=options.threads) as scanner:
             return options.run_into(out, setup, progress, lambda given: scanner.scan(part, plan=plan, **given))
 
     run("scan", options.as_json, work)
@@ -125,7 +125,7 @@ def rerun(
         part, calibrated = Path(made["part"]), None
         if "estimated_sensor" in made:
             calibrated = validate(SensorDescription, made["estimated_sensor"], f"{resolved}: run.estimated_sensor")
-        with show_progress(as_json) as progress, Scanner.from_setup(setup, threads) as scanner:
+        with show_progress(as_json) as progress, Scanner(setup=setup, threads=threads) as scanner:
             if "recording" in made:
                 recording = Path(made["recording"])
                 return options.run_into(
@@ -161,7 +161,7 @@ def shot(
         from scancell.geometry.pose import from_euler_xyz  # noqa: PLC0415
         from scancell.scanner import Scanner  # noqa: PLC0415
 
-        with Scanner.from_setup(options.setup(), options.threads) as scanner:
+        with Scanner(setup=options.setup(), threads=options.threads) as scanner:
             numbers = _numbers(pose, 6, "pose")
             result = scanner.shot(
                 part,
@@ -193,7 +193,7 @@ def render(
 
         with (
             show_progress(options.as_json) as progress,
-            Scanner.from_setup(options.setup(), options.threads) as scanner,
+            Scanner(setup=options.setup(), threads=options.threads) as scanner,
         ):
             return options.run_into(
                 out, scanner.setup, progress, lambda given: scanner.render(recording, part, **given)

@@ -123,7 +123,7 @@ def calibrate(
             robot_noise=robot_noise,
             pose_seed=seed,
         )
-        with Scanner.from_setup(load_setup(description, sensor, None, set_ or []), threads) as scanner:
+        with Scanner(setup=load_setup(description, sensor, None, set_ or []), threads=threads) as scanner:
             return scanner.calibrate(
                 request,
                 artefact,
@@ -149,7 +149,7 @@ def calibrate(
             is_size_known=not unknown_size,
             also=tuple(also or ()),
         )
-        with Scanner.from_setup(load_setup(None, description, None, set_ or []), threads) as scanner:
+        with Scanner(setup=load_setup(None, description, None, set_ or []), threads=threads) as scanner:
             return scanner.calibrate_sensor(request, as_built=as_built or (), seed=seed, progress=progress)
 
     def work() -> Outcome:

@@ -50,7 +50,7 @@ def place(
         from scancell.scanner import Scanner  # noqa: PLC0415
 
         setup = load_setup(cell, sensor, scan, set_ or [])
-        with show_progress(as_json) as progress, Scanner.from_setup(setup, threads) as scanner:
+        with show_progress(as_json) as progress, Scanner(setup=setup, threads=threads) as scanner:
             found = scanner.place(part, share, unit=unit, progress=progress)
         lines = [f"{part.name}: {found.summary()}"]
         files = []

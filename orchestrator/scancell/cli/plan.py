@@ -58,7 +58,7 @@ def plan(
         from scancell.scanner import Scanner  # noqa: PLC0415
 
         setup = with_path(load_setup(cell, sensor, scan, set_ or []), path)
-        with Scanner.from_setup(setup, threads) as scanner:
+        with Scanner(setup=setup, threads=threads) as scanner:
             made = scanner.plan(part, unit=unit)
         lines = [
             f"{part.name}: {len(made.q)} exposures in {len(made.program.segments)} segments,"

@@ -36,7 +36,7 @@ def run_program(
         printed = contextlib.redirect_stdout(sys.stderr) if options.as_json else contextlib.nullcontext()
         with (
             printed,
-            Scanner.from_setup(options.setup(), options.threads) as scanner,
+            Scanner(setup=options.setup(), threads=options.threads) as scanner,
             scanner.session(part, unit=options.unit, as_built=as_built, seed=options.seed, guarded=guarded) as session,
         ):
             session.cell.on_step(INTERRUPTS.check)

@@ -58,7 +58,7 @@ def survey(
         from scancell.scanner import Scanner  # noqa: PLC0415
 
         setup = load_setup(cell, sensor, scan, set_ or [], ideal)
-        with show_progress(as_json) as progress, Scanner.from_setup(setup, threads) as scanner:
+        with show_progress(as_json) as progress, Scanner(setup=setup, threads=threads) as scanner:
             result = scanner.survey(
                 part,
                 unit=unit,

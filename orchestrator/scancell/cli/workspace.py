@@ -95,7 +95,7 @@ def _run_cell(
     from scancell.workspace.browser.serve import PartFile, serve_workspace  # noqa: PLC0415
 
     as_built = options.as_built or ()
-    with Scanner.from_setup(setup, options.threads) as scanner:
+    with Scanner(setup=setup, threads=options.threads) as scanner:
 
         def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
             path, unit = (None, "mm") if file is None else (file.path, file.unit)

@@ -48,7 +48,7 @@ class ScanWorker:
     def __init__(self, scans: VaryingScansDescription, setup: Setup, part: Mesh, source: str) -> None:
         self._part = part
         self._factors = Factors(scans, setup, source)
-        self._scanner = Scanner.from_setup(setup, threads=1)
+        self._scanner = Scanner(setup=setup, threads=1)
 
     def calibrated(self, trial: Trial, calibrate: CalibrateDescription) -> CalibrationReport:
         """Calibrate the cell of the trial.
