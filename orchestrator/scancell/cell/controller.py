@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Literal
 
 from scancell.cell.instance import CellInstance
+
+Tool = Literal["sensor", "gripper"]  # whose pose moves are given for
 
 
 class Mode(IntEnum):

@@ -17,29 +17,32 @@ knows of the cell.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
-from scancell.cell.commands import CellCommands
-from scancell.cell.controller import JogFrame, Mode, Operation, refusal, state_in_words
+from scancell.cell.controller import GripperMode, JogFrame, Mode, Operation, Tool, refusal, state_in_words
 from scancell.cell.driver import TRIGGER_MODES, DriveOptions, Driver
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program
-from scancell.cell.readings import Tool
 from scancell.cell.recording import Recording
 from scancell.cell.records import RecordBatches, RecordCollector
 from scancell.cell.snapshot import snapshot
 from scancell.errors import CommandError
+from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 
+Array = NDArray[np.float64]
+
+_STARTED_BY = {Mode.JOINT_MOVE: "move_joints", Mode.LINE_MOVE: "move_line"}
 _AT_START = 1e-6  # rad
 _MOST_STOPPING = 5.0  # s; the slowest axis of any sensible cell brakes faster
 _MOST_HELD_US = 1_000_000  # without progress, before a move that a guard holds is given up
 
 
-class CellSession(CellCommands):
+class CellSession:
     """A running cell that takes one command after another.
 
     Each command steps the cell until it is done; those that begin with ``start_`` do not step it. Lengths are in
@@ -79,12 +82,277 @@ class CellSession(CellCommands):
 
     @checked_arguments
     def __init__(self, cell: CellInstance, nominal: NominalCell, cycle_us: int) -> None:
-        super().__init__(cell, nominal)
+        self._cell, self._nominal = cell, nominal
+        self._position = cell.real_group(cell.axis_names("measured."))
+        self._commanded = cell.real_group(cell.axis_names("controller.ahead[1]."))
+        self._destination = cell.real_group(cell.axis_names("controller.destination."))
+        axes = cell.axis_names("command.")
+        self._targets = cell.real_group(axes)
+        self._line = cell.real_group(
+            [*(f"command.target.position[{i}]" for i in (1, 2, 3)),
+             *(f"command.target.orientation[{i}]" for i in (1, 2, 3, 4))]
+        )  # fmt: skip
+        self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, len(axes) + 1)])
         self._cycle_us = cycle_us
         self._snapshots = 0
         self._step_to = cell.step_to
 
-    # Motion
+    # What sensors and encoders say
+
+    @property
+    def cell(self) -> CellInstance:
+        """The running instance."""
+        return self._cell
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self._cell.time_us * 1e-6
+
+    @property
+    def home(self) -> Array:
+        """Joint angles (joints,) of the home position, rad."""
+        return self._nominal.home.copy()
+
+    @property
+    def joints(self) -> Array:
+        """Measured joint angles (joints,), rad."""
+        return self._cell.get(self._position)[:-1].copy()
+
+    @property
+    def table_angle(self) -> float:
+        """Measured angle of the table, rad."""
+        return float(self._cell.get(self._position)[-1])
+
+    @property
+    def commanded(self) -> Array:
+        """Joints and table angle (joints + 1,) that the controller commands while the robot rests, rad."""
+        return self._cell.get(self._commanded).copy()
+
+    @property
+    def destination(self) -> Array:
+        """Joints and table angle (joints + 1,) to which the motion in force, or the last one, leads, rad."""
+        return self._cell.get(self._destination).copy()
+
+    def world_from_tool(self, tool: Tool = "sensor") -> Array:
+        """Pose (4, 4) of `tool` (``sensor`` or ``gripper``) by the measured joints and the nominal geometry."""
+        return np.asarray(self._nominal.arm.fk(self.joints) @ self.flange_from_tool(tool))
+
+    def presence(self, sensor: int) -> bool:
+        """Whether presence sensor number `sensor` (from 1) detects a body."""
+        return self._cell.get_boolean(f"presence[{sensor}].detected")
+
+    def distance(self, sensor: int) -> float | None:
+        """Reading of distance sensor number `sensor` (from 1), m; None where its measurement was discarded."""
+        if not self._cell.get_boolean(f"distance[{sensor}].valid"):
+            return None
+        return self.value(f"distance[{sensor}].value")
+
+    @property
+    def gripper_width(self) -> float:
+        """Distance between the pads, m."""
+        return self.value("measured.gripper.width")
+
+    def conveyor_travel(self, conveyor: int) -> float:
+        """Signed distance that the belt of conveyor number `conveyor` (from 1) has travelled since the start, m."""
+        return self.value(f"conveyor[{conveyor}].travel")
+
+    def value(self, name: str) -> float:
+        """Value of the real variable `name` of the FMU, SI.
+
+        Raises
+        ------
+        CommandError
+            If it is a true value (``truth.*``, ``trigger.truth.*``), which no real cell provides.
+        CellError
+            If there is no such variable.
+        """
+        if "truth" in name.split("."):
+            raise CommandError(
+                f"{name}: a session reads measured values only; true values are in the recording (Recording.truth)"
+            )
+        return float(self._cell.get(self._cell.real_group([name]))[0])
+
+    def joints_for(
+        self,
+        world_from_tool: ArrayLike,
+        tool: Tool = "sensor",
+        near: ArrayLike | None = None,
+        configuration: str | None = None,
+    ) -> Array:
+        """Joint angles (joints,), rad, that bring a tool to a pose.
+
+        Parameters
+        ----------
+        world_from_tool
+            Pose (4, 4).
+        tool
+            ``sensor`` or ``gripper``, whose origin lies between the pads.
+        near
+            Angles (joints,), rad: of all branches the one counts whose largest difference from them is smallest. None:
+            the present joints.
+        configuration
+            Name of the only branch that counts (``NominalCell.arm.branch_names``); None: all of them.
+
+        Raises
+        ------
+        CommandError
+            If no branch, or not that of the configuration, reaches the pose within the joint limits.
+        """
+        reference = self.joints if near is None else np.asarray(near, float)
+        target = self._world_from_flange(world_from_tool, tool)
+        branches, names = self._nominal.arm.ik(target, reference)[0], self._nominal.arm.branch_names
+        if configuration is not None:
+            if configuration not in names:
+                raise CommandError(f"configuration {configuration}: expected one of {', '.join(names)}")
+            branches = branches[[names.index(configuration)]]
+        found = branches[np.isfinite(branches).all(-1)]
+        if not len(found):
+            place = ", ".join(f"{x * 1e3:.1f}" for x in np.asarray(world_from_tool, float)[:3, 3])
+            how = "" if configuration is None else f", configuration {configuration}"
+            raise CommandError(
+                f"the {tool} cannot be brought to ({place}) mm in this orientation within joint limits{how}"
+            )
+        return np.asarray(found[np.argmin(np.abs(found - reference).max(-1))])
+
+    def flange_from_tool(self, tool: Tool) -> Array:
+        """Pose (4, 4) of `tool` on the flange: ``sensor``, or ``gripper``, whose origin lies between the pads.
+
+        Raises
+        ------
+        CommandError
+            If the cell has no such tool.
+        """
+        if tool not in get_args(Tool):
+            raise CommandError(f"tool = {tool!r}: expected {' or '.join(get_args(Tool))}")
+        if tool == "sensor":
+            return self._nominal.flange_from_sensor
+        fingers = self._nominal.flange_from_finger
+        if fingers is None:
+            raise CommandError("the cell has no gripper")
+        flange_from_gripper = fingers[0].copy()
+        flange_from_gripper[:3, 3] = fingers[:, :3, 3].mean(0)
+        return np.asarray(flange_from_gripper)
+
+    # Commands that take effect in the next cycles: nothing here steps the cell
+
+    def start_move_joints(self, joints: ArrayLike, table_angle: float | None = None, *, speed: float = 1.0) -> None:
+        """Begin to move all joints to `joints` (joints,) and the table to `table_angle` (where given), rad.
+
+        `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
+
+        Raises
+        ------
+        CommandError
+            If there are more or fewer angles than joints, one is not finite, or `speed` is out of its range.
+        """
+        if np.shape(joints) != (self._targets.count - 1,) or not np.isfinite(joints).all():
+            raise CommandError(f"move_joints: joints = {joints!r}: expected {self._targets.count - 1} angles")
+        end = self.destination[-1] if table_angle is None else table_angle
+        if not np.isfinite(end):
+            raise CommandError(f"move_joints: table_angle = {end!r}: expected an angle")
+        self._cell.set(self._targets, np.append(np.asarray(joints, float), end))
+        self._start(Mode.JOINT_MOVE, speed)
+
+    def start_move_tool(self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0) -> None:
+        """Begin to move `tool` to the pose `world_from_tool` (4, 4), all joints together; the table rests.
+
+        `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
+
+        Raises
+        ------
+        CommandError
+            As of `joints_for` and `start_move_joints`.
+        """
+        self.start_move_joints(self.joints_for(world_from_tool, tool), speed=speed)
+
+    def start_move_line(self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0) -> None:
+        """Begin to move `tool` straight to the pose `world_from_tool` (4, 4); the table rests.
+
+        `speed` is the share (above 0, at most 1) of the line speed of the robot's description.
+
+        Raises
+        ------
+        CommandError
+            If there is no such tool, `world_from_tool` is no pose, or `speed` is out of its range.
+        """
+        sensor = self._world_from_flange(world_from_tool, tool) @ self._nominal.flange_from_sensor
+        self._cell.set(self._targets, self.destination)
+        self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
+        self._start(Mode.LINE_MOVE, speed)
+
+    def start_jog_joints(self, deflections: ArrayLike) -> None:
+        """Begin to jog joints and table: `deflections` (at most joints + 1,) -1 to 1, the others are 0.
+
+        Raises
+        ------
+        CommandError
+            If there are more, or one is not finite.
+        """
+        values = np.asarray(deflections, float)
+        if values.ndim != 1 or values.size > self._jog.count or not np.isfinite(values).all():
+            raise CommandError(f"jog_joints: deflections = {deflections!r}: expected at most {self._jog.count} numbers")
+        self._start_jog(Mode.JOINT_JOG, values)
+
+    def start_jog_sensor(self, deflections: ArrayLike, frame: JogFrame = JogFrame.WORLD) -> None:
+        """Begin to jog the sensor: `deflections` (6,) along x, y, z and about x, y, z of `frame`, -1 to 1.
+
+        Raises
+        ------
+        CommandError
+            If the arm has fewer than six joints, or there are not six finite deflections.
+        """
+        values = np.asarray(deflections, float)
+        if values.shape != (6,) or not np.isfinite(values).all():
+            raise CommandError(f"jog_sensor: deflections = {deflections!r}: expected 6 numbers")
+        if self._jog.count <= 6:
+            raise CommandError(f"jog_sensor: the arm has {self._jog.count - 1} joints: expected at least 6")
+        self._cell.set_integer("command.jog_frame", frame)
+        self._start_jog(Mode.CARTESIAN_JOG, values)
+
+    def renew_heartbeat(self) -> None:
+        """Tell the controller's watchdog that a jog is still wanted."""
+        self._cell.set_integer("command.heartbeat", self._next("command.heartbeat"))
+
+    def hold(self) -> None:
+        """Let go of a jog, or give up a motion: the axes come to rest."""
+        self._cell.set(self._jog, np.zeros(self._jog.count))
+        self._cell.set_integer("command.mode", Mode.HOLD)
+
+    def request_operation(self, operation: Operation) -> None:
+        """Change to manual or automatic `operation`; whatever moves comes to rest."""
+        self.hold()
+        self._cell.set_integer("command.operation", operation)
+
+    def set_monitor_speed(self, share: float) -> None:
+        """Scale the speed of moves and programs by `share` (0 to 1) while they run, on their paths; 0 pauses them."""
+        self._set_number("command.monitor_speed", share, "set_monitor_speed: share")
+
+    def press_emergency_stop(self) -> None:
+        """Press the button; the stop stays in force until `release_emergency_stop` when all axes rest."""
+        self._cell.set_boolean("command.emergency_stop", True)
+
+    def release_emergency_stop(self) -> None:
+        """Release the button and reset the controller; what was stopped does not go on."""
+        self._cell.set_boolean("command.emergency_stop", False)
+        self.hold()
+        self._cell.set_integer("command.reset", self._next("command.reset"))
+
+    def run_conveyor(self, conveyor: int, speed: float) -> None:
+        """Give conveyor number `conveyor` (from 1) the `speed`, m/s; its belt accelerates while the cell steps."""
+        self._set_number(f"command.conveyor[{conveyor}].speed", speed, "run_conveyor: speed")
+
+    def start_open_gripper(self, width: float) -> None:
+        """Begin to bring the pads `width` apart, m."""
+        self._set_number("command.gripper.width", width, "open_gripper: width")
+        self._cell.set_integer("command.gripper.mode", GripperMode.WIDTH)
+
+    def start_close_gripper(self, force: float) -> None:
+        """Begin to close the gripper with `force`, N each finger."""
+        self._set_number("command.gripper.force", force, "close_gripper: force")
+        self._cell.set_integer("command.gripper.mode", GripperMode.FORCE)
+
+    # Commands that step the cell until they are done
 
     def move_joints(
         self, joints: ArrayLike, table_angle: float | None = None, *, speed: float = 1.0, timeout: float = 60.0
@@ -285,8 +553,6 @@ class CellSession(CellCommands):
         self._snapshots += 1
         return snapshot(self._cell, exposure, self._snapshots)
 
-    # Operation and emergency stop
-
     def set_operation(self, operation: Operation) -> None:
         """Change to manual or automatic `operation`, and wait until whatever moves rests."""
         self.request_operation(operation)
@@ -314,8 +580,6 @@ class CellSession(CellCommands):
         self.release_emergency_stop()
         self.wait(0.0)
         self._refuse("reset")
-
-    # Devices
 
     def open_gripper(self, width: float, *, timeout: float = 5.0) -> None:
         """Bring the pads of the gripper `width` apart, m.
@@ -422,3 +686,30 @@ class CellSession(CellCommands):
         finally:
             self.hold()
         self._wait_for_rest(command)
+
+    def _world_from_flange(self, world_from_tool: ArrayLike, tool: Tool) -> Array:
+        target = np.asarray(world_from_tool, float)
+        if target.shape != (4, 4) or not np.isfinite(target).all():
+            raise CommandError(f"world_from_tool = {world_from_tool!r}: expected a pose (4, 4)")
+        return np.asarray(target @ pose.inverse(self.flange_from_tool(tool)))
+
+    def _set_number(self, variable: str, value: float, name: str) -> None:
+        """Set a real input; a value that is not finite would end the FMU."""
+        group = self._cell.real_group([variable])
+        if not np.isfinite(value):
+            raise CommandError(f"{name} = {value!r}: expected a finite number")
+        self._cell.set(group, np.array([value]))
+
+    def _start_jog(self, mode: Mode, deflections: Array) -> None:
+        self._cell.set(self._jog, np.append(deflections, np.zeros(self._jog.count - deflections.size)))
+        self._cell.set_integer("command.mode", mode)
+
+    def _start(self, mode: Mode, speed: float) -> None:
+        if not 0.0 < speed <= 1.0:
+            raise CommandError(f"{_STARTED_BY[mode]}: speed = {speed!r}: expected a number above 0, at most 1")
+        self._set_number("command.speed", speed, f"{_STARTED_BY[mode]}: speed")
+        self._cell.set_integer("command.mode", mode)
+        self._cell.set_integer("command.start", self._next("command.start"))
+
+    def _next(self, counter: str) -> int:
+        return self._cell.get_integer(counter) + 1

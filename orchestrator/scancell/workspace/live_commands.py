@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.cell.controller import JogFrame, Operation
-from scancell.cell.readings import Tool
+from scancell.cell.controller import JogFrame, Operation, Tool
 from scancell.errors import CommandError
 
 _RIGID = 1e-6  # by which a rotation matrix may deviate from one

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
-from scancell.cell.readings import Tool
+from scancell.cell.controller import Tool
 from scancell.config.choices import Engine
 from scancell.errors import CommandError
 from scancell.geometry import pose

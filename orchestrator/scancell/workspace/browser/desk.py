@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Operation
-from scancell.cell.readings import Tool
+from scancell.cell.controller import Operation, Tool
 from scancell.scanning.session import ScanSession
 from scancell.workspace.browser.messages import said_to_person, say
 from scancell.workspace.browser.operators import Operators
