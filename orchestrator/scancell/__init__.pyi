@@ -85,7 +85,7 @@ from .guard.settings import GuardSettings as GuardSettings
 from .guard.transport import InProcess as InProcess
 from .guard.transport import TcpTransport as TcpTransport
 from .guard.transport import UdpTransport as UdpTransport
-from .jobs.guard_job import guard_of as guard_of
+from .scanning.guard import guard_of as guard_of
 
 # Progress
 from .progress import Progress as Progress

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -11,19 +11,15 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell import sensor as sensor_rt
 from scancell.arguments import Count, checked_arguments, checked_fields
 from scancell.config.choices import CloudFrame
 from scancell.config.files import plain_data
-from scancell.config.sensor import SensorDescription
 from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
 from scancell.files import bytes_written
-from scancell.geometry.part_surface import PartSurface
 from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
-from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.result import ScanData
-from scancell.scanning.sense import ExposureImages
+from scancell.scanning.single_exposure import ShotData
 from scancell.stopwatch import Stopwatch
 from scancell.values import Result
 from scancell.visibility.measurable import COVERAGE_SAMPLES, MeasurableSurface, cache_folder, measurable_surface
@@ -81,12 +77,10 @@ class ScanResult(ScanData, Result):
     >>> files = result.save("run", formats=["ply", "e57"])
     """
 
-    part_file: Path | None = None
-    recording_file: Path | None = None
-    unit: str = "mm"
-    threads: int = 0
-    part_surface: PartSurface | None = field(default=None, compare=False)
-    estimated_sensor: SensorDescription | None = field(default=None, repr=False)
+    @classmethod
+    def of(cls, data: ScanData) -> Self:
+        """The result of `data`, what a scan has measured."""
+        return cls(**{one.name: getattr(data, one.name) for one in fields(data)})
 
     @cached_property
     def deviation(self) -> Deviation:
@@ -269,7 +263,7 @@ class ScanResult(ScanData, Result):
 
 @checked_fields
 @dataclass(frozen=True, eq=False, repr=False)
-class ShotResult(Result):
+class ShotResult(ShotData, Result):
     """One exposure from a given pose.
 
     Attributes
@@ -292,13 +286,10 @@ class ShotResult(Result):
     {'plus': ..., 'minus': ...}
     """
 
-    part: str
-    profile: ProfilePoints
-    rows: Array
-    points_in_part: Array
-    images: ExposureImages | None
-    sensor: sensor_rt.Sensor
-    warnings: tuple[str, ...]
+    @classmethod
+    def of(cls, data: ShotData) -> Self:
+        """The result of `data`, what a shot has measured."""
+        return cls(**{one.name: getattr(data, one.name) for one in fields(data)})
 
     @property
     def figures(self) -> dict[str, Any]:

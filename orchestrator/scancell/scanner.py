@@ -30,11 +30,8 @@ from scancell.jobs.calibration_job import (
     start_of,
 )
 from scancell.jobs.calibration_report import CalibrationReport
-from scancell.jobs.finishing import Finishing
-from scancell.jobs.guard_job import guard_of
 from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest, calibrate_described
 from scancell.jobs.sensor_calibration_report import SensorCalibrationReport
-from scancell.jobs.single_exposure import expose
 from scancell.nominal.parts import PartCache
 from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.configuration_map import QualityFactor
@@ -46,11 +43,14 @@ from scancell.planning.work import Work
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.results import ScanResult, ShotResult
 from scancell.scanning.drive import FmuRunner, PreScanHook
+from scancell.scanning.guard import guard_of
 from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline
+from scancell.scanning.scan import Scan
 from scancell.scanning.sense import OnImages, make_sensors
 from scancell.scanning.sensor_range import sensor_range
 from scancell.scanning.session import ScanSession
+from scancell.scanning.single_exposure import expose
 from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
 from scancell.stopwatch import Stopwatch
 
@@ -194,17 +194,11 @@ class Scanner(Closing):
             heard.stage("loading", 1, "cell")
             job = self._job(part, unit, as_built, seed, setup, estimated_sensor)
             heard.advance(1)
-        with watch.measure("plan"):
-            heard.stage("planning", 1, "plan")
-            saved = read_plan(Path(plan)) if isinstance(plan, str | Path) else plan
-            made = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, saved, progress=heard)
-            heard.advance(1)
-        with watch.measure("drive"):
-            recording = self.pipeline.drive(job.drive_request(hook is not None), made, heard, hook)
+        saved = read_plan(Path(plan)) if isinstance(plan, str | Path) else plan
         # Descriptions of this scan alone are not checked again.
         doubts = self.setup_warnings if job.setup is self.setup else ()
-        finishing = Finishing(self.pipeline, job, engine, estimated, on_images, doubts, normals, samples)
-        return finishing.result(recording, made, heard, watch)
+        scan = Scan(self.pipeline, job, engine, estimated, on_images, doubts, normals, samples)
+        return ScanResult.of(scan.run(saved, heard, watch, hook))
 
     @checked_arguments
     def render(
@@ -236,8 +230,8 @@ class Scanner(Closing):
             if not isinstance(recording, Recording):
                 job = replace(job, recording_file=Path(recording))
                 recording = read_recording(Path(recording))
-        finishing = Finishing(self.pipeline, job, engine, estimated, on_images, self.setup_warnings)
-        return finishing.result(recording, None, heard, watch)
+        scan = Scan(self.pipeline, job, engine, estimated, on_images, self.setup_warnings)
+        return ScanResult.of(scan.of_recording(recording, None, heard, watch))
 
     @checked_arguments
     def plan(
@@ -412,7 +406,7 @@ class Scanner(Closing):
         """
         require_sensor_words(assignments(as_built), "a shot is taken from a given pose, without the robot's errors")
         job = self._job(part, unit, as_built, seed)
-        return expose(job, part_from_sensor, engine, self.pipeline.threads)
+        return ShotResult.of(expose(job, part_from_sensor, engine, self.pipeline.threads))
 
     @checked_arguments
     def calibrate(

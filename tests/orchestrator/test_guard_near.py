@@ -16,7 +16,7 @@ from scancell.guard.messages import CellState
 from scancell.guard.near import NearPairs
 from scancell.guard.settings import GuardSettings
 from scancell.guard.stopping import braking_time
-from scancell.jobs.guard_job import settings_of
+from scancell.scanning.guard import settings_of
 
 ROBOT = load_setup().cell.robot
 CLEARANCE = SETTINGS.position_error

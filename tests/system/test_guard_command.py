@@ -17,7 +17,7 @@ from scancell.config.choices import LOOPBACK
 from scancell.guard.link import Link
 from scancell.guard.messages import CellState
 from scancell.guard.transport import TcpTransport, UdpTransport
-from scancell.jobs.guard_job import guard_of
+from scancell.scanning.guard import guard_of
 
 
 @pytest.mark.parametrize(("protocol", "transport"), [("udp", UdpTransport), ("tcp", TcpTransport)])

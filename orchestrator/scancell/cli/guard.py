@@ -52,7 +52,7 @@ def guard_serve(
 
     def work() -> Outcome:
         from scancell.guard.server import serve  # noqa: PLC0415
-        from scancell.jobs.guard_job import guard_of  # noqa: PLC0415
+        from scancell.scanning.guard import guard_of  # noqa: PLC0415
 
         counts = serve(guard_of(cell, part, scan, unit=unit, max_age=max_age), host, port, transport, started)
         lines = [f"  {number:>10} packets {outcome}" for outcome, number in sorted(counts.items())]

@@ -1,6 +1,6 @@
-"""The scan pipeline: load, plan, drive, sense, reconstruct.
+"""The steps of scans: load, plan, drive, sense, reconstruct; `scan` composes them.
 
-This is the only place that composes these steps. Nominal cells with their ray-tracing scenes, plans and the FMU
+Nominal cells with their ray-tracing scenes, plans and the FMU
 instance are cached between scans.
 """
 

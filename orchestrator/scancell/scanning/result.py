@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,9 @@ from scancell.arguments import checked_arguments
 from scancell.cell.recording import Recording
 from scancell.config.choices import CloudFrame, Engine
 from scancell.config.loading import Setup
+from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
+from scancell.geometry.part_surface import PartSurface
 from scancell.nominal.cell import NominalCell
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud import Cloud
@@ -44,6 +47,12 @@ class ScanData(Value):
     timings: dict[str, float] = field(default_factory=dict, compare=False)
     warnings: tuple[str, ...] = ()
     fmu_token: str = ""
+    part_file: Path | None = None
+    recording_file: Path | None = None
+    unit: str = "mm"
+    threads: int = 0
+    part_surface: PartSurface | None = field(default=None, compare=False)
+    estimated_sensor: SensorDescription | None = None
 
     @property
     def segment_names(self) -> dict[int, str]:

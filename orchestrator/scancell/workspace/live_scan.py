@@ -18,12 +18,12 @@ from scancell.cell.records import RecordBatches
 from scancell.config.choices import Engine
 from scancell.errors import CancelledError, CommandError, EmptyScanError
 from scancell.evaluation.deviation import deviation_from_mesh
-from scancell.jobs.finishing import SAMPLE_IMAGES, Exposed, Finishing
 from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.plan import Plan
 from scancell.progress import NullProgress
 from scancell.reconstruction.cloud import Cloud
 from scancell.results import ScanResult
+from scancell.scanning.scan import SAMPLE_IMAGES, Exposed, Scan
 from scancell.scanning.sense import ExposureImages, SensingResult, sample_rows
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Stopwatch
@@ -212,13 +212,13 @@ class LiveScan:
 
     def _sense_all(self, session: ScanSession, plan: Plan) -> None:
         job = session.job
-        finishing = Finishing(session.pipeline, job, self._engine, None, None, tuple(setup_warnings(job.setup)))
+        scan = Scan(session.pipeline, job, self._engine, setup_warnings=tuple(setup_warnings(job.setup)))
         samples = np.array(sample_rows(self._planned, SAMPLE_IMAGES))
         try:
             while (chunk := self._next()) is not None:
-                self._sense(chunk, finishing, samples)
+                self._sense(chunk, scan, samples)
             if not self._given_up.is_set() and self._parts:
-                self._finish(session, plan, finishing)
+                self._finish(session, plan, scan)
             elif self._ended_by:
                 self._fail(CancelledError(f"the scan was ended: {self._ended_by}"), "stopped")
         except Exception as error:
@@ -234,40 +234,40 @@ class LiveScan:
                     break
         return None
 
-    def _sense(self, chunk: Recording, finishing: Finishing, samples: NDArray[np.int64]) -> None:
+    def _sense(self, chunk: Recording, scan: Scan, samples: NDArray[np.int64]) -> None:
         rows = samples[(samples >= self._sensed) & (samples < self._sensed + len(chunk))] - self._sensed
         with self._watch.measure("sense"):
-            sensed, images = finishing.sense(chunk, NullProgress(), rows.tolist())
+            sensed, images = scan.sense(chunk, NullProgress(), rows.tolist())
         self._parts.append((sensed, chunk))
         self._images += images
-        job, pipeline = finishing.job, finishing.pipeline
+        job, pipeline = scan.job, scan.pipeline
         with self._watch.measure("reconstruct"):
             cloud = pipeline.reconstruct(job.loaded.estimated, chunk, sensed.profiles, job.setup, normals=False)[0]
-            points = self._chunk(cloud, finishing)
+            points = self._chunk(cloud, scan)
         self._sensed += len(chunk)
         if len(cloud):
             self._points += len(cloud)
             self._on_points(points)
 
-    def _chunk(self, cloud: Cloud, finishing: Finishing) -> LiveChunk:
-        loaded = finishing.job.loaded
-        found = deviation_from_mesh(cloud, loaded.part_surface, finishing.pipeline.threads)
+    def _chunk(self, cloud: Cloud, scan: Scan) -> LiveChunk:
+        loaded = scan.job.loaded
+        found = deviation_from_mesh(cloud, loaded.part_surface, scan.pipeline.threads)
         return LiveChunk(
             cloud.points_in_part, cloud.intensity, cloud.quality, cloud.sigma, cloud.camera, found.distance, cloud.time
         )
 
-    def _finish(self, session: ScanSession, plan: Plan, finishing: Finishing) -> None:
+    def _finish(self, session: ScanSession, plan: Plan, scan: Scan) -> None:
         parts, self._parts = self._parts, []
         chunks = [chunk for _, chunk in parts]
         sensed = SensingResult.joined([part for part, _ in parts], [len(chunk) for chunk in chunks])
         if self._ended_by:
             warning = f"stopped after {self._sensed} of {self._planned} exposures: {self._ended_by}"
-            finishing = replace(finishing, setup_warnings=(*finishing.setup_warnings, warning))
+            scan = replace(scan, setup_warnings=(*scan.setup_warnings, warning))
         exposed = Exposed(Recording.joined(chunks), sensed, tuple(self._images), session.cell.token)
         try:
-            result = finishing.of_profiles(exposed, plan, NullProgress(), self._watch)
+            result = scan.of_profiles(exposed, plan, NullProgress(), self._watch)
         except EmptyScanError as error:
             self._fail(error, "stopped" if self._ended_by else "failed")
             return
         self._stage = "stopped" if self._ended_by else "done"
-        self.result.set_result(result)
+        self.result.set_result(ScanResult.of(result))

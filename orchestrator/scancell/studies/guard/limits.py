@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from scancell.config.cell import CellDescription
 from scancell.guard.settings import GuardSettings
-from scancell.jobs.guard_job import settings_of
+from scancell.scanning.guard import settings_of
 
 _WEAKER = 0.05  # accelerations of the axes, of those described
 _PLACID = 0.1  # accelerations of jogs, of those described

@@ -1,4 +1,7 @@
-"""From recorded exposures to the result of a scan: sense, reconstruct, and refuse an empty cloud."""
+"""A scan: plan, drive, sense, reconstruct.
+
+Nothing else composes these steps: `Scanner`, studies, calibration and the live cell scan by `Scan`.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,10 @@ from scancell.nominal.estimated import estimated_cell
 from scancell.planning.plan import Plan
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import table_warnings, why_empty
-from scancell.results import ScanResult
+from scancell.scanning.drive import PreScanHook
 from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline, envelope_of
+from scancell.scanning.result import ScanData
 from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, sample_rows
 from scancell.stopwatch import Stopwatch
 
@@ -34,8 +38,8 @@ class Exposed:
 
 
 @dataclass(frozen=True)
-class Finishing:
-    """Makes results of recordings.
+class Scan:
+    """A scan of a part in the cell.
 
     Attributes
     ----------
@@ -43,23 +47,36 @@ class Finishing:
         Deviations of the cell that reconstruction assumes, in place of those of its description.
     on_images
         Receives the images of every exposure.
-    normals, samples
-        Whether to estimate normals, and to keep the images of a few exposures.
     setup_warnings
         What is doubtful about the descriptions.
+    normals, samples
+        Whether to estimate normals, and to keep the images of a few exposures.
     """
 
     pipeline: ScanPipeline
     job: Job
     engine: Engine
-    estimated: EstimatedDescription | None
-    on_images: OnImages | None
-    setup_warnings: tuple[str, ...]
+    estimated: EstimatedDescription | None = None
+    on_images: OnImages | None = None
+    setup_warnings: tuple[str, ...] = ()
     normals: bool = True
     samples: bool = True
 
-    def result(self, recording: Recording, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanResult:
-        """The result of a recording, whose `plan` may be unknown.
+    def run(
+        self, saved: Plan | None, progress: Progress, watch: Stopwatch, hook: PreScanHook | None = None
+    ) -> ScanData:
+        """Plan, or check the `saved` plan again, drive, sense and reconstruct; see `Scanner.scan` for errors."""
+        job = self.job
+        with watch.measure("plan"):
+            progress.stage("planning", 1, "plan")
+            plan = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, saved, progress=progress)
+            progress.advance(1)
+        with watch.measure("drive"):
+            recording = self.pipeline.drive(job.drive_request(hook is not None), plan, progress, hook)
+        return self.of_recording(recording, plan, progress, watch)
+
+    def of_recording(self, recording: Recording, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanData:
+        """Sense and reconstruct a recording, whose `plan` may be unknown.
 
         Raises
         ------
@@ -71,8 +88,8 @@ class Finishing:
             sensed, kept = self.sense(recording, progress, rows)
         return self.of_profiles(Exposed(recording, sensed, kept, self.pipeline.runner.token), plan, progress, watch)
 
-    def of_profiles(self, exposed: Exposed, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanResult:
-        """The result of exposures that are sensed; see `result`."""
+    def of_profiles(self, exposed: Exposed, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanData:
+        """Reconstruct exposures that are sensed; see `of_recording`."""
         job, loaded = self.job, self.job.loaded
         recording, sensed = exposed.recording, exposed.sensed
         estimated = loaded.estimated
@@ -85,7 +102,7 @@ class Finishing:
         if not len(cloud):
             reasons = why_empty(dropped, envelope_of(estimated, job.setup))
             raise EmptyScanError(f"the scan gave no point: {'; '.join(reasons)}", file=job.part)
-        return ScanResult(
+        return ScanData(
             part=job.part,
             setup=job.setup,
             engine=self.engine,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,17 +13,31 @@ from scancell.config.units import si_value
 from scancell.geometry import pose
 from scancell.planning.model import PlanningCell
 from scancell.planning.placement import PlacedPose, Placer
-from scancell.results import ShotResult
+from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning import sense
 from scancell.scanning.exposures import still_exposure
 from scancell.scanning.job import Job
 from scancell.scanning.sense import ExposureImages
 from scancell.scanning.sensor_range import sensor_range
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 
 
-def expose(job: Job, part_from_sensor: Array, engine: Engine, threads: int) -> ShotResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ShotData(Value):
+    """What one exposure from a given pose has measured; see `ShotResult` for the attributes."""
+
+    part: str
+    profile: ProfilePoints
+    rows: Array
+    points_in_part: Array
+    images: ExposureImages | None
+    sensor: sensor_rt.Sensor
+    warnings: tuple[str, ...]
+
+
+def expose(job: Job, part_from_sensor: Array, engine: Engine, threads: int) -> ShotData:
     """The exposure from a pose (4, 4), see `Scanner.shot`.
 
     Raises
@@ -39,7 +55,7 @@ def expose(job: Job, part_from_sensor: Array, engine: Engine, threads: int) -> S
     if not len(points):
         warnings = (*warnings, "the sensor sees nothing from this pose")
     rows = np.array(result.profiles.row, float)
-    return ShotResult(loaded.nominal.part.source, profile, rows, points, images, sensors.nominal, warnings)
+    return ShotData(loaded.nominal.part.source, profile, rows, points, images, sensors.nominal, warnings)
 
 
 def _posture(cell: PlanningCell, job: Job, part_from_sensor: Array) -> tuple[sensor_rt.Exposures, tuple[str, ...]]:
