@@ -181,6 +181,28 @@ def text_violations(root: Path) -> list[str]:
     return found
 
 
+def composing_scans(package: Path) -> list[str]:
+    """Calls outside of ``scanning`` of the steps that a scan is composed of."""
+    steps = {"drive", "sense", "reconstruct"}
+    return [
+        f"{path}: calls {ast.unparse(node.func)}"
+        for name, path, tree in python_files(package)
+        for node in ast.walk(tree)
+        if name != "scanning" and isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+        if node.func.attr in steps and ast.unparse(node.func.value).endswith("pipeline")
+    ]
+
+
+def test_scanning_alone_composes_scans() -> None:
+    assert composing_scans(PACKAGE) == []
+
+
+def test_planted_composition_is_found(tmp_path: Path) -> None:
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "trial.py").write_text("recording = self.pipeline.drive(request, plan, progress)\n")
+    assert len(composing_scans(tmp_path)) == 1
+
+
 def test_imports_point_to_lower_tiers() -> None:
     assert layer_violations(PACKAGE) == []
 

@@ -34,6 +34,7 @@ from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline
+from scancell.scanning.scan import Scan
 from scancell.scanning.sense import expose, points_of
 from scancell.scanning.sensor_range import sensor_range
 
@@ -199,10 +200,8 @@ class CalibrationScan:
         self._cell = replace(self._cell, work=Work(self.job.setup.scan.max_planning_work, progress))
         plan = self.plan
         progress.advance(1)
-        recording = self.pipeline.drive(job.drive_request(), plan, progress)
-        sensed = self.pipeline.sense(job.loaded, recording, job.sensors, engine, progress)
-        measured = recording.measured
-        readings = readings_of(measured)
+        recording, sensed = Scan(self.pipeline, job, engine).measure(plan, progress)
+        readings = readings_of(recording.measured)
         progress.stage("solving", 1, "solution")
         found = self.solve(observations_of(sensed.profiles, readings, job.sensors.nominal), plan)
         progress.advance(1)

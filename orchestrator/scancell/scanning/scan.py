@@ -16,6 +16,7 @@ from scancell.errors import DescriptionError, EmptyScanError
 from scancell.nominal.estimated import estimated_cell
 from scancell.planning.plan import Plan
 from scancell.progress import Progress
+from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import table_warnings, why_empty
 from scancell.scanning.drive import PreScanHook
 from scancell.scanning.job import Job
@@ -75,6 +76,11 @@ class Scan:
             recording = self.pipeline.drive(job.drive_request(hook is not None), plan, progress, hook)
         return self.of_recording(recording, plan, progress, watch)
 
+    def measure(self, plan: Plan, progress: Progress) -> tuple[Recording, SensingResult]:
+        """Drive and sense a plan of which no cloud is wanted."""
+        recording = self.pipeline.drive(self.job.drive_request(), plan, progress)
+        return recording, self.sense(recording, progress, [])[0]
+
     def of_recording(self, recording: Recording, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanData:
         """Sense and reconstruct a recording, whose `plan` may be unknown.
 
@@ -128,6 +134,11 @@ class Scan:
             part_surface=loaded.part_surface,
             estimated_sensor=job.estimated_sensor,
         )
+
+    def points_of(self, recording: Recording, sensed: SensingResult) -> Cloud:
+        """The part of the cloud that some of the exposures give, without normals."""
+        job = self.job
+        return self.pipeline.reconstruct(job.loaded.estimated, recording, sensed.profiles, job.setup, normals=False)[0]
 
     def sense(
         self, recording: Recording, progress: Progress, rows: Sequence[int]

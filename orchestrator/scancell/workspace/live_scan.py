@@ -240,9 +240,8 @@ class LiveScan:
             sensed, images = scan.sense(chunk, NullProgress(), rows.tolist())
         self._parts.append((sensed, chunk))
         self._images += images
-        job, pipeline = scan.job, scan.pipeline
         with self._watch.measure("reconstruct"):
-            cloud = pipeline.reconstruct(job.loaded.estimated, chunk, sensed.profiles, job.setup, normals=False)[0]
+            cloud = scan.points_of(chunk, sensed)
             points = self._chunk(cloud, scan)
         self._sensed += len(chunk)
         if len(cloud):
