@@ -11,17 +11,18 @@ import numpy as np
 import pytest
 from commands import PARTS, scancell_here
 
+from bench.guard_search.mutations import MUTATIONS
+from bench.guard_search.outcomes import IGNORED, search
 from scancell.cell.controller import Operation
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import load_mesh
 from scancell.geometry.reduction import protrusion_bound
 from scancell.proximity.cell_scene import arm_chain
 from scancell.studies.guard.campaign import Campaign, RunRow, stated_distance
-from scancell.studies.guard.mutations import MUTATIONS
 from scancell.studies.guard.parts import standing_parts
 from scancell.studies.guard.programs import program_points
 from scancell.studies.guard.rows import RowFile, summary, tables
-from scancell.studies.guard.run import IGNORED, CampaignOptions, run_campaign, search
+from scancell.studies.guard.run import CampaignOptions, run_campaign
 from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, THIRDS, stratum_of
 from scancell.studies.guard.worlds import KnownWorld, described_cells, known_world, true_world
 
@@ -171,7 +172,7 @@ def test_summary_counts_collisions_and_false_stops_by_decade() -> None:
 
 
 def test_a_folder_of_another_campaign_is_refused(tmp_path: Path) -> None:
-    done = scancell_here("guard", "campaign", PARTS / "free_form.stl", "--runs", "1", "--out", "here", cwd=tmp_path)
+    done = scancell_here("guard", "check", PARTS / "free_form.stl", "--runs", "1", "--out", "here", cwd=tmp_path)
     assert done.code == 0
     other = CampaignOptions(None, str(PARTS / "machined.stl"))
     with pytest.raises(DescriptionError, match="another campaign"):

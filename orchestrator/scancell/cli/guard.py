@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict, dataclass
 from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,12 +11,10 @@ import typer
 
 from scancell.cli.common import EXIT_ERROR, JsonOption, Outcome, ScanOption, UnitOption, run
 from scancell.cli.execution import WorkersOption
-from scancell.cli.options import with_options
 from scancell.config.choices import LOOPBACK, TransportProtocol
 
 if TYPE_CHECKING:
     from scancell.studies.guard.campaign import RunRow
-    from scancell.studies.guard.run import CampaignOptions
 
 guard_app = typer.Typer(help="Protect a robot from collisions.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -61,29 +58,14 @@ def guard_serve(
     run("guard serve", as_json, work)
 
 
-@dataclass(frozen=True)
-class GuardedOptions:
-    """Options of commands that run guarded cells."""
-
-    cell: Annotated[
-        Path | None,
-        typer.Option("--cell", help="cell description (TOML); default: all shipped ones in turn, in a search one"),
-    ] = None
-    unit: UnitOption = "mm"
-    seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1
-
-    def of(self, part: Path) -> CampaignOptions:
-        """Of a campaign with a part."""
-        from scancell.studies.guard.run import CampaignOptions  # noqa: PLC0415
-
-        return CampaignOptions(str(self.cell) if self.cell else None, str(part), self.unit, self.seed)
-
-
-@guard_app.command("campaign")
-@with_options(GuardedOptions)
-def guard_campaign(
+@guard_app.command("check")
+def guard_check(
     part: Annotated[Path, typer.Argument(help="mesh of a part on the table; parts that stick out take turns with it")],
-    options: GuardedOptions,
+    cell: Annotated[
+        Path | None, typer.Option("--cell", help="cell description (TOML); default: all shipped ones in turn")
+    ] = None,
+    unit: UnitOption = "mm",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1,
     runs: Annotated[int, typer.Option("--runs", min=1, help="number of runs, each with its twin")] = 180,
     out: Annotated[Path, typer.Option("--out", help="folder of the rows and tables")] = Path("out/guard"),
     workers: WorkersOption = 0,
@@ -98,14 +80,15 @@ def guard_campaign(
 
     def work() -> Outcome:
         nonlocal collisions
-        from scancell.studies.guard.run import run_campaign  # noqa: PLC0415
+        from scancell.studies.guard.run import CampaignOptions, run_campaign  # noqa: PLC0415
 
-        figures = run_campaign(options.of(part), runs, out, workers, None if as_json else _show)
+        options = CampaignOptions(str(cell) if cell else None, str(part), unit, seed)
+        figures = run_campaign(options, runs, out, workers, None if as_json else _show)
         collisions = figures["collisions"]
         lines = [f"  {name:<26} {value}" for name, value in figures.items()]
         return Outcome(lines, figures, [str(out / "rows.csv"), str(out / "tables.md")])
 
-    run("guard campaign", as_json, work)
+    run("guard check", as_json, work)
     if collisions:
         raise typer.Exit(EXIT_ERROR)
 
@@ -116,33 +99,3 @@ def _show(row: RunRow) -> None:
         print(f"run {row.number}: COLLISION of {what}")
     elif row.number % 100 == 99:
         print(f"{row.number + 1} runs", flush=True)
-
-
-@guard_app.command("search")
-@with_options(GuardedOptions)
-def guard_search(
-    part: Annotated[Path, typer.Argument(help="mesh of the part on the table")],
-    options: GuardedOptions,
-    runs: Annotated[int, typer.Option("--runs", min=1, help="largest number of guarded runs of a search")] = 500,
-    error: Annotated[str, typer.Option("--error", help="deliberate error of the guard; 'all': each of them")] = "",
-    workers: WorkersOption = 0,
-    as_json: JsonOption = False,
-) -> None:
-    """Steer a person who jogs, and the network, to the worst moment, at the limits of what the guard assumes.
-
-    The status is 1 if a guard without an error lets the robot collide.
-    """
-    collided = False
-
-    def work() -> Outcome:
-        nonlocal collided
-        from scancell.studies.guard.run import search, search_all, search_table  # noqa: PLC0415
-
-        campaign = options.of(part)
-        found = list(search_all(campaign, runs, workers) if error == "all" else [search(campaign, runs, error)])
-        collided = any(outcome.contact for outcome in found if not outcome.error)
-        return Outcome(list(search_table(found)), {"searches": [asdict(one) for one in found]})
-
-    run("guard search", as_json, work)
-    if collided:
-        raise typer.Exit(EXIT_ERROR)

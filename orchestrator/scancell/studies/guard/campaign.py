@@ -22,8 +22,7 @@ from scancell.config.cell import CellDescription
 from scancell.config.channel import LinkDescription
 from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
-from scancell.studies.guard.guarded import GuardedRuns
-from scancell.studies.guard.mutations import Mutation
+from scancell.studies.guard.guarded import GuardedRuns, Protection
 from scancell.studies.guard.simulation import Course, Simulation
 from scancell.studies.guard.strata import DECADES, FAULTS, Stratum, random_network, stratum_of
 from scancell.studies.guard.twins import Twin, Twins
@@ -129,7 +128,7 @@ class Campaign(Closing):
         Meshes by name, m, one of which is on the table.
     seed
         Of the campaign.
-    mutation
+    protection
         Error of the guard.
     folder
         For the files of the FMU; None: where the system keeps temporary files.
@@ -140,11 +139,11 @@ class Campaign(Closing):
         cells: Mapping[str, CellDescription],
         parts: Mapping[str, Mesh],
         seed: int,
-        mutation: Mutation | None = None,
+        protection: Protection | None = None,
         folder: Path | None = None,
     ) -> None:
         self._cells, self._parts, self._seed, self._folder = cells, parts, seed, folder
-        self._mutation = mutation or Mutation()
+        self._protection = protection or Protection()
         self._known = lru_cache(_KNOWN)(lambda cell, part: known_world(cells[cell], parts[part]))
         self._guard = lru_cache(_KNOWN)(self._made_guard)
         self._block: _Block | None = None
@@ -178,14 +177,14 @@ class Campaign(Closing):
             simulation = Simulation(described, nominal, known.ignored, self._folder, not stratum.silent)
             twins = Twins(simulation, self._seed, known.is_clear)
             guard = self._guard(cell, part)
-            patience = self._mutation.patience * guard.settings.max_age
-            guarded = GuardedRuns(simulation, guard, patience, self._mutation.link)
+            patience = self._protection.patience * guard.settings.max_age
+            guarded = GuardedRuns(simulation, guard, patience, self._protection.link)
             self._block = _Block(stratum.block, cell, part, known, simulation, twins, guarded)
         return self._block
 
     def _made_guard(self, cell: str, part: str) -> Guard:
         known = self._known(cell, part)
-        return known.guard(self._mutation.guard, self._mutation.assumed(known.settings))
+        return known.guard(self._protection.guard, self._protection.assumed(known.settings))
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 from scancell.config.channel import LinkDescription
 from scancell.guard.guard import Decision, Guard
 from scancell.guard.link import Link, faulty_link
 from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.settings import GuardSettings
 from scancell.guard.transport import InProcess
 from scancell.studies.guard.scenario import Scenario
 from scancell.studies.guard.simulation import Course, Simulation
 
 _COMPUTE = 0.004  # s that an answer takes
+
+
+@dataclass(frozen=True)
+class Protection:
+    """How runs are guarded; what is not given is as it should be.
+
+    Attributes
+    ----------
+    guard
+        Type of the guard.
+    assumed
+        What it assumes in place of the true settings.
+    patience
+        Time that the controller waits for answers, of what it should be.
+    link
+        Type of the cell's link.
+    """
+
+    guard: type[Guard] = Guard
+    assumed: Callable[[GuardSettings], GuardSettings] = lambda true: true
+    patience: float = 1.0
+    link: type[Link] = Link
 
 
 class GuardedRuns:

@@ -15,6 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.guard_search.limits import at_limits
+from bench.guard_search.mutations import Mutation
+from bench.guard_search.pair_moves import PairMoves
 from scancell.cell.controller import JogFrame, Mode
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
@@ -23,9 +26,6 @@ from scancell.geometry.mesh import Mesh
 from scancell.guard.tool import Tool
 from scancell.nominal.cell import nominal_cell
 from scancell.studies.guard.guarded import GuardedRuns
-from scancell.studies.guard.limits import at_limits
-from scancell.studies.guard.mutations import Mutation
-from scancell.studies.guard.pair_moves import PairMoves
 from scancell.studies.guard.scenario import Command, Scenario
 from scancell.studies.guard.simulation import SAMPLES, Course, Simulation
 from scancell.studies.guard.twins import Twins

@@ -17,6 +17,7 @@ from scancell.guard.motion import Hypothesis, Path
 from scancell.guard.path_check import PathCheck
 from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import NominalCell
+from scancell.studies.guard.guarded import Protection
 from scancell.studies.guard.strata import Stratum
 
 _POLL = 0.032  # s
@@ -24,29 +25,17 @@ _SLOW = 0.01  # rad/s
 
 
 @dataclass(frozen=True)
-class Mutation:
-    """An error.
+class Mutation(Protection):
+    """An error of how runs are guarded.
 
     Attributes
     ----------
-    guard
-        Another guard.
-    assumed
-        What it assumes in place of the true settings.
-    patience
-        Time that the controller waits for answers, of what it should be.
-    link
-        Another link of the cell.
     ignored
         A pair of bodies that the guard does not compare.
     strata
         Whether runs of a campaign like this one are to find it, not the search at the limits; None: the search is.
     """
 
-    guard: type[Guard] = Guard
-    assumed: Callable[[GuardSettings], GuardSettings] = lambda true: true
-    patience: float = 1.0
-    link: type[Link] = Link
     ignored: tuple[str, str] | None = None
     strata: Callable[[Stratum], bool] | None = None
 

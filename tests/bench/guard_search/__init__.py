@@ -1,0 +1,1 @@
+"""Deliberate errors of the guard, and searches for the worst moment that find them."""
