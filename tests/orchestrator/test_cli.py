@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from scancell import cli
 from scancell.cli import common
+from scancell.cli.groups import GROUPS
 from scancell.config.loading import assets_dir
 from scancell.config.robot import RobotDescription
 from scancell.errors import MeshError, ScancellError
@@ -187,3 +189,12 @@ def test_tip_that_is_no_flange_is_reported(monkeypatch, capsys, tmp_path) -> Non
     tip = flange @ pose.from_euler_xyz(position, angles)
     expected = pose.from_euler_xyz((0.03, 0.0, 0.34 + 0.4 + 0.4 + 0.08 + 0.045), (0, 0, 0.5))
     assert np.abs(tip - expected).max() < 1e-7
+
+
+def test_help_lists_every_command_once(monkeypatch, capsys):
+    listed = [name for names in GROUPS.values() for name in names]
+    assert sorted(listed) == sorted(typer.main.get_command(cli.app).commands)
+    code, text, _ = call(monkeypatch, capsys, "--help")
+    assert code == 0
+    assert re.findall(r"^(\w[\w ]+):$", text, re.MULTILINE) == ["Options", *GROUPS]
+    assert "..." not in text.partition("\nScan:")[2]

@@ -25,6 +25,7 @@ from scancell.cli.common import (
 )
 from scancell.cli.evaluate import evaluate
 from scancell.cli.fmu import fmu_app
+from scancell.cli.groups import GroupedCommands
 from scancell.cli.guard import guard_app
 from scancell.cli.interrupts import INTERRUPTS
 from scancell.cli.mesh import mesh
@@ -43,6 +44,7 @@ from scancell.config.choices import ScanMode
 _UsageError = cast(type[Any], typer.BadParameter.__base__)
 
 app = typer.Typer(
+    cls=GroupedCommands,
     help="A robot cell that scans parts in 3D with a laser profile sensor, simulated end to end.",
     no_args_is_help=True,
     rich_markup_mode=None,  # importing rich takes longer than the rest of the help
