@@ -29,4 +29,4 @@ class GroupedCommands(TyperGroup):
 
 
 def _first_sentence(text: str) -> str:
-    return " ".join(text.split("\n\n")[0].split()).rstrip(".")
+    return " ".join(text.split("\n\n", maxsplit=1)[0].split()).rstrip(".")
