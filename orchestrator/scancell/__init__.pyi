@@ -111,6 +111,10 @@ from .workspace.live_plan import LivePlan as LivePlan
 from .workspace.live_camera import CameraFeed as CameraFeed
 from .workspace.mcap_export import SessionRecorder as SessionRecorder
 
+# Pictures of a run
+from .workspace.pictures import animate as animate
+from .workspace.pictures import picture as picture
+
 # Progress
 from .progress import Progress as Progress
 

@@ -98,7 +98,7 @@ class LiveCell:
         return self._state
 
     def submit(self, command: Command) -> None:
-        """Hand over a `command` (`MoveJoints`, `JogSensor` … of ``scancell.workspace.live_commands``).
+        """Hand over a `command` (`MoveJoints`, `JogSensor` …).
 
         What becomes of it is in ``state.refusal`` and ``state.message``.
         """

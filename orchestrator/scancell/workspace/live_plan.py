@@ -7,11 +7,12 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from time import monotonic
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import Shape, checked_arguments
 from scancell.cell.program import Program
 from scancell.errors import CommandError
 from scancell.planning.blocked import why_forbidden
@@ -22,6 +23,7 @@ from scancell.workspace.live import LiveCell
 from scancell.workspace.live_jobs import ready_to_move, while_stepping
 
 Array = NDArray[np.float64]
+Axes = Annotated[Array, Shape((None,))]
 Stage = Literal["none", "planning", "evaluating", "ready", "failed"]
 
 _PIECES = 24  # in which a map is evaluated
@@ -74,8 +76,22 @@ class LivePlan:
         The running cell; the session gives nominal geometry alone, for `live` steps it.
     has_part
         Whether something stands on the table.
+
+    Examples
+    --------
+    >>> settings = {"scan.max_profiles": 40}
+    >>> with scancell.Scanner(settings=settings) as scanner, scanner.session("part.stl", guarded=True) as session:
+    ...     live = scancell.LiveCell(session)
+    ...     plan = scancell.LivePlan(live, session)
+    ...     plan.start()
+    ...     live.run(lambda: plan.state.stage in ("ready", "failed"), realtime=False)
+    ...     moved = plan.go_to(plan.plan.program.start, "the start")
+    ...     live.run(moved.done, realtime=False)
+    ...     bool(np.allclose(session.joints, plan.plan.program.start[:-1], atol=1e-3))
+    True
     """
 
+    @checked_arguments
     def __init__(self, live: LiveCell, session: ScanSession, has_part: bool = True) -> None:
         self._live, self._session, self._has_part = live, session, has_part
         self._lock = threading.Lock()
@@ -86,7 +102,7 @@ class LivePlan:
 
     @property
     def state(self) -> LivePlanState:
-        """At present."""
+        """How far it is: its ``stage``, for how long (``seconds``), the ``share`` of the map evaluated, and ``error``."""
         return LivePlanState(self._stage, monotonic() - self._since, self._share, self._error)
 
     @property
@@ -107,11 +123,11 @@ class LivePlan:
         self._begin("planning", self._make)
 
     def map_of(self, path: int, branch: int) -> ConfigurationMap | None:
-        """The map of a sensor path in a branch of the arm, where it is evaluated."""
+        """The map of the sensor path number `path` (from 0) in `branch` of the arm, where it is evaluated."""
         return self._maps.get((path, branch))
 
     def evaluate(self, path: int, branch: int) -> None:
-        """Evaluate a map that is not.
+        """Evaluate the map of the sensor path number `path` (from 0) in `branch` of the arm, where it is not.
 
         Raises
         ------
@@ -124,7 +140,9 @@ class LivePlan:
             self._begin("evaluating", lambda: self._evaluate(plan, path, branch))
 
     def judge(self, path: int, branch: int, share: float, angle: float) -> MapPose:
-        """The cell of an evaluated map that is nearest to a share of the way, 0 to 1, and a table angle, rad.
+        """The cell of the map of `path` and `branch` nearest to a `share` of the way, 0 to 1, and a table `angle`, rad.
+
+        It has the ``quality`` of the pose, or the ``reason`` why it is forbidden, and its ``axes``.
 
         Raises
         ------
@@ -142,8 +160,11 @@ class LivePlan:
         quality = float(map_.quality[column, row])
         return MapPose(column / (map_.columns - 1), at, quality, why_forbidden(map_, column, row), axes)
 
-    def go_to(self, axes: Array, purpose: str) -> Future[None]:
-        """Move the robot to joints and a table angle (joints + 1,), rad, on a planned path free of collision.
+    @checked_arguments
+    def go_to(self, axes: Axes, purpose: str) -> Future[None]:
+        """Move the robot to `axes`, joints and table angle (joints + 1,), rad, on a planned path free of collision.
+
+        `purpose` is for messages: ``the start``.
 
         The table takes the shorter way. Where there is no path the job fails with a `PlanningError`, which names the
         bodies that collide, and the robot stays.
