@@ -79,8 +79,8 @@ class LivePlan:
 
     Examples
     --------
-    >>> settings = {"scan.max_profiles": 40}
-    >>> with scancell.Scanner(settings=settings) as scanner, scanner.session("part.stl", guarded=True) as session:
+    >>> settings = {"scan.raster.enabled": False, "scan.sweep.angle_step_deg": 20}
+    >>> with scancell.Scanner(settings=settings) as scanner, scanner.session("part.stl") as session:
     ...     live = scancell.LiveCell(session)
     ...     plan = scancell.LivePlan(live, session)
     ...     plan.start()

@@ -116,8 +116,8 @@ class LiveScan:
     Examples
     --------
     >>> counts = []
-    >>> settings = {"scan.sweep.angle_step_deg": 20, "scan.raster.pitch_mm": 10}
-    >>> with scancell.Scanner(settings=settings) as scanner, scanner.session("part.stl", guarded=True) as session:
+    >>> settings = {"scan.sweep.enabled": False, "scan.raster.pitch_mm": 5}
+    >>> with scancell.Scanner(settings=settings) as scanner, scanner.session("part.stl") as session:
     ...     live = scancell.LiveCell(session)
     ...     scan = scancell.LiveScan("geometric", on_points=lambda chunk: counts.append(len(chunk.points_in_part)))
     ...     scan.start(live)

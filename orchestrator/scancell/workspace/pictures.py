@@ -115,7 +115,7 @@ def picture(
 
     Examples
     --------
-    >>> settings = {"scan.sweep.angle_step_deg": 20, "scan.raster.pitch_mm": 10}
+    >>> settings = {"scan.sweep.enabled": False, "scan.raster.pitch_mm": 5}
     >>> files = scancell.scan("part.stl", engine="geometric", settings=settings).save("run")
     >>> time = scancell.picture("run", "picture.png", view="part", size=(320, 240))
     >>> print(f"at {time / scancell.read_recording('run/recording.parquet').measured.time[-1]:.0%} of the scan")
@@ -165,7 +165,7 @@ def animate(
 
     Examples
     --------
-    >>> settings = {"scan.sweep.angle_step_deg": 20, "scan.raster.pitch_mm": 10}
+    >>> settings = {"scan.sweep.enabled": False, "scan.raster.pitch_mm": 5}
     >>> files = scancell.scan("part.stl", engine="geometric", settings=settings).save("run")
     >>> scancell.animate("run", "scan.webp", size=(160, 120), seconds=0.2, fps=10)
     2
