@@ -32,6 +32,8 @@ from .config.scan import ScanDescription as ScanDescription
 from .config.estimated import EstimatedDescription as EstimatedDescription
 from .config.loading import Setup as Setup
 from .config.loading import load_setup as load_setup
+from .config.channel import ChannelDescription as ChannelDescription
+from .config.channel import LinkDescription as LinkDescription
 from .config.files import assets_dir as assets_dir
 from .jobs.calibration_job import CalibrationRequest as CalibrationRequest
 from .jobs.sensor_calibration_job import SensorCalibrationRequest as SensorCalibrationRequest
@@ -82,6 +84,8 @@ from .nominal.cell import nominal_cell as nominal_cell
 from .guard.guard import Guard as Guard
 from .guard.guarded_cell import GuardedCell as GuardedCell
 from .guard.link import Link as Link
+from .guard.link import faulty_link as faulty_link
+from .guard.server import serve_guard as serve_guard
 from .guard.messages import CellState as CellState
 from .guard.messages import GuardMessage as GuardMessage
 from .guard.settings import GuardSettings as GuardSettings
