@@ -11,6 +11,7 @@ import argparse
 import datetime
 import faulthandler
 import shutil
+import signal
 import tempfile
 import time
 import traceback
@@ -20,6 +21,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, chdir
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
+from enum import Enum
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -206,7 +208,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
     def _descriptions(self) -> list[Target]:
         setup = self.scanner.setup
         made = []
-        for one in (setup.cell, setup.sensor, setup.scan, scancell.LinkDescription(), scancell.ChannelDescription()):
+        for one in (setup.cell, setup.sensor, setup.scan):
             name, kind = type(one).__name__, type(one)
             one.to_toml(f"inputs/{name}.toml")
             made += [
@@ -313,6 +315,9 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         faulty: Arguments = {"transport": scancell.InProcess(guard), "description": scancell.LinkDescription()}
         faulty |= {"age_limit": 0.1, "seed": 1}
 
+        def serve_guard(**given: Any) -> None:
+            scancell.serve_guard(**given, started=lambda _host, _port: signal.raise_signal(signal.SIGTERM))
+
         def build_fmu(**given: Any) -> None:
             scancell.build_fmu(described, "cell.fmu", **given)
 
@@ -358,7 +363,10 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             ),
             Target("SignalLog", scancell.SignalLog, {"cell": instance, "reals": ["measured.table"], "booleans": ()}),
             Target("Robot", scancell.Robot, {"session": session, "engine": "geometric", "folder": Path()}),
+            Target("ChannelDescription", scancell.ChannelDescription, dict(scancell.ChannelDescription())),
+            Target("LinkDescription", scancell.LinkDescription, dict(scancell.LinkDescription())),
             Target("faulty_link", scancell.faulty_link, faulty),
+            Target("serve_guard", serve_guard, {"answerer": guard, "host": "127.0.0.1", "port": 0, "protocol": "udp"}),
             Target("CellState", scancell.CellState, _fields(state)),
             Target("GuardMessage", scancell.GuardMessage, _fields(guard.answer(state))),
             Target("FmuOptions", scancell.FmuOptions, _fields(scancell.FmuOptions())),
@@ -374,10 +382,10 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         view: Arguments = {"view": "part", "size": (64, 64), "colour": "intensity", "threads": 1}
         recorder = self._stack.enter_context(scancell.SessionRecorder("recorded.mcap", cell.true))
         plan = scancell.LivePlan(**of_cell)
+        other = self._stack.enter_context(self.scanner.session(self.part))
         (self.folder / "inputs" / "turn.py").write_text("def main(robot): robot.turn_table(0.1)")
         return [
             Target("LiveCell", scancell.LiveCell, {"session": cell, "hold_time": 0.3, "state_cycles": 1}),
-            Target("LiveState", scancell.LiveState, _fields(live.state)),
             Target("JogJoints", scancell.JogJoints, {"deflections": [0.1, 0.2]}),
             Target("JogSensor", scancell.JogSensor, {"deflections": [0.1] * 6, "frame": scancell.JogFrame.SENSOR}),
             Target("MoveJoints", scancell.MoveJoints, {"joints": cell.home, "table_angle": 0.1, "speed": 0.5}),
@@ -394,6 +402,8 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("LiveScan", scancell.LiveScan, {"engine": "geometric", "plan": None, "batch": 16, "most_behind": 8}),
             Target("LivePlan", scancell.LivePlan, {**of_cell, "has_part": True}),
             Target("LivePlan.go_to", plan.go_to, {"axes": np.zeros(7), "purpose": "the start"}),
+            Target("LivePlan.map_of", plan.map_of, {"path": 0, "branch": 0}),
+            Target("LivePlan.evaluate", plan.evaluate, {"path": 0, "branch": 0}, is_refused=True),
             Target("LivePlan.judge", plan.judge, {"path": 0, "branch": 0, "share": 0.5, "angle": 1.0}, is_refused=True),
             Target(
                 "CameraFeed",
@@ -409,7 +419,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target(
                 "run_program",
                 scancell.run_program,
-                {"program": "inputs/turn.py", "session": cell, "engine": "geometric", "folder": "written"},
+                {"program": "inputs/turn.py", "session": other, "engine": "geometric", "folder": "written"},
             ),
             Target("picture", scancell.picture, {"run": "inputs/run", "out": "picture.png", "time": None, **view}),
             Target(
@@ -499,6 +509,8 @@ def _like(valid: Any) -> list[Any]:  # noqa: PLR0911
     """Values of the type of a valid one, or of NumPy's, right and wrong."""
     if isinstance(valid, bool):
         return [np.bool_(valid), np.array(valid), not valid]
+    if isinstance(valid, Enum):
+        return [int(valid), valid.name, np.int64(valid), type(valid)]
     if isinstance(valid, int | float):
         kind = np.int64 if isinstance(valid, int) else np.float32
         return [kind(valid), np.array(valid), -valid, 2 * valid, type(valid)(1e-3 * valid), 10**6 * valid]

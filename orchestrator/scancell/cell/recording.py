@@ -267,6 +267,7 @@ class Recording(Value):
         return Path(path)
 
     @classmethod
+    @checked_arguments
     def joined(cls, parts: Sequence[Recording]) -> Recording:
         """The rows of the recordings `parts`, at least one, with the same columns, one after another.
 

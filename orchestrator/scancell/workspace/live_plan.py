@@ -12,9 +12,9 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.arguments import Shape, checked_arguments
+from scancell.arguments import Shape, Within, checked_arguments
 from scancell.cell.program import Program
-from scancell.errors import CommandError
+from scancell.errors import CommandError, DescriptionError
 from scancell.planning.blocked import why_forbidden
 from scancell.planning.configuration_map import ConfigurationMap
 from scancell.planning.plan import Plan
@@ -23,6 +23,7 @@ from scancell.workspace.live import LiveCell
 from scancell.workspace.live_jobs import ready_to_move, while_stepping
 
 Array = NDArray[np.float64]
+Index = Annotated[int, Within(0)]
 Axes = Annotated[Array, Shape((None,))]
 Stage = Literal["none", "planning", "evaluating", "ready", "failed"]
 
@@ -122,24 +123,33 @@ class LivePlan:
             raise CommandError("the table is empty: open a part first")
         self._begin("planning", self._make)
 
-    def map_of(self, path: int, branch: int) -> ConfigurationMap | None:
+    @checked_arguments
+    def map_of(self, path: Index, branch: Index) -> ConfigurationMap | None:
         """The map of the sensor path number `path` (from 0) in `branch` of the arm, where it is evaluated."""
         return self._maps.get((path, branch))
 
-    def evaluate(self, path: int, branch: int) -> None:
+    @checked_arguments
+    def evaluate(self, path: Index, branch: Index) -> None:
         """Evaluate the map of the sensor path number `path` (from 0) in `branch` of the arm, where it is not.
 
         Raises
         ------
         CommandError
             If there is no plan, or one is being made.
+        DescriptionError
+            If the plan has no such path, or the arm no such branch.
         """
         if (plan := self._plan) is None:
             raise CommandError(_NO_PLAN)
+        branches = len(self._session.nominal.arm.branch_names)
+        for name, number, count in (("path", path, len(plan.paths)), ("branch", branch, branches)):
+            if number >= count:
+                raise DescriptionError(key=name, value=number, expected=f"a number below {count}")
         if (path, branch) not in self._maps:
             self._begin("evaluating", lambda: self._evaluate(plan, path, branch))
 
-    def judge(self, path: int, branch: int, share: float, angle: float) -> MapPose:
+    @checked_arguments
+    def judge(self, path: Index, branch: Index, share: float, angle: float) -> MapPose:
         """The cell of the map of `path` and `branch` nearest to a `share` of the way, 0 to 1, and a table `angle`, rad.
 
         It has the ``quality`` of the pose, or the ``reason`` why it is forbidden, and its ``axes``.
