@@ -382,6 +382,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         view: Arguments = {"view": "part", "size": (64, 64), "colour": "intensity", "threads": 1}
         recorder = self._stack.enter_context(scancell.SessionRecorder("recorded.mcap", cell.true))
         plan = scancell.LivePlan(**of_cell)
+        self.scanner.scan("inputs/part.obj", engine="geometric").save("inputs/of_file")
         other = self._stack.enter_context(self.scanner.session(self.part))
         (self.folder / "inputs" / "turn.py").write_text("def main(robot): robot.turn_table(0.1)")
         return [
@@ -421,11 +422,11 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
                 scancell.run_program,
                 {"program": "inputs/turn.py", "session": other, "engine": "geometric", "folder": "written"},
             ),
-            Target("picture", scancell.picture, {"run": "inputs/run", "out": "picture.png", "time": None, **view}),
+            Target("picture", scancell.picture, {"run": "inputs/of_file", "out": "picture.png", "time": None, **view}),
             Target(
                 "animate",
                 scancell.animate,
-                {"run": "inputs/run", "out": "run.webp", "fps": 5, "seconds": 0.2, **view, "progress": cancels},
+                {"run": "inputs/of_file", "out": "run.webp", "fps": 5, "seconds": 0.2, **view, "progress": cancels},
                 takes_long=True,
             ),
         ]
