@@ -331,7 +331,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target(
                 "load_setup",
                 scancell.load_setup,
-                {"cell": None, "sensor": None, "scan": self.scan, "overrides": (), "ideal": False},
+                {"cell": None, "sensor": None, "scan": self.scan, "settings": {}, "ideal": False},
             ),
             Target("read_recording", scancell.read_recording, {"path": Path("inputs/run/recording.parquet")}),
             Target("nominal_cell", scancell.nominal_cell, {"cell": setup.cell, "part": part}),
@@ -370,7 +370,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("CellState", scancell.CellState, _fields(state)),
             Target("GuardMessage", scancell.GuardMessage, _fields(guard.answer(state))),
             Target("FmuOptions", scancell.FmuOptions, _fields(scancell.FmuOptions())),
-            Target("build_fmu options", build_fmu, {"version": 3, "options": scancell.FmuOptions()}),
+            Target("build_fmu.options", build_fmu, {"version": 3, "options": scancell.FmuOptions()}),
         ]
 
     def _live_cell(self) -> list[Target]:

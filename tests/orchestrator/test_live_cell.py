@@ -11,7 +11,7 @@ import pytest
 from scancell import Scanner
 from scancell.cell.controller import JogFrame, Operation
 from scancell.config.loading import load_setup
-from scancell.errors import CommandError, DescriptionError
+from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.stopwatch import Pace
 from scancell.workspace.live import LiveCell

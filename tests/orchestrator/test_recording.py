@@ -202,5 +202,5 @@ def test_wrong_arguments_are_named() -> None:
         recording().truth_at_middle("tool")
     other = Recording({"trigger.index": np.arange(3)})
     for parts in ([], [recording(), other]):
-        with pytest.raises(DescriptionError, match="^parts = .*: expected recordings with the same columns$"):
+        with pytest.raises(DescriptionError, match=r"^parts = .*: expected recordings with the same columns$"):
             Recording.joined(parts)

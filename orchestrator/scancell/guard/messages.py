@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from numbers import Integral, Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -176,7 +177,8 @@ class GuardMessage:
         _check_number(self, "state_sequence", 0, 2**32 - 1, Integral)
         _check_number(self, "state_time", -_MAX_TIME, _MAX_TIME)
         _check_number(self, "monitor_speed", 0.0, 1.0)
-        fits = isinstance(self.text, str) and self.text.isprintable() and len(self.text.encode(errors="replace")) <= MAX_TEXT
+        is_text = isinstance(self.text, str) and self.text.isprintable()
+        fits = is_text and len(self.text.encode(errors="replace")) <= MAX_TEXT
         _require(fits, "text", self.text, f"at most {MAX_TEXT} bytes of printable UTF-8")
 
     def encode(self, session: int, guard: int) -> bytes:
@@ -271,8 +273,8 @@ def _flag(name: str, value: int) -> bool:
     return value == 1
 
 
-def _check_number(message: Message, name: str, low: float, high: float, kind: type = Real) -> None:
-    value = getattr(message, name)
+def _check_number(message: Message, name: str, low: float, high: float, kind: Any = Real) -> None:
+    value: Any = getattr(message, name)
     _require(isinstance(value, kind) and low <= value <= high, name, value, f"{low:.10g} to {high:.10g}")
 
 

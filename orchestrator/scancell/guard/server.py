@@ -10,9 +10,9 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from selectors import EVENT_READ, DefaultSelector
-from typing import Annotated, Any, TypeVar
+from typing import Any, TypeVar
 
-from scancell.arguments import Within, checked_arguments
+from scancell.arguments import checked_arguments
 from scancell.config.choices import LOOPBACK, TransportProtocol
 from scancell.errors import LinkError, MessageError
 from scancell.guard.endpoints import FAILED, Answerer, GuardEndpoint
@@ -34,7 +34,7 @@ _UNACKNOWLEDGED = (
 def serve_guard(
     answerer: Answerer,
     host: str = LOOPBACK,
-    port: Annotated[int, Within(0, 65535)] = 0,
+    port: int = 0,
     protocol: TransportProtocol = "udp",
     started: Callable[[str, int], None] = lambda host, port: None,
 ) -> Counter[str]:

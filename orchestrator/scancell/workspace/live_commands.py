@@ -61,7 +61,7 @@ class JogSensor:
     >>> scancell.JogSensor([0, 0, 2, 0, 0, 0])
     Traceback (most recent call last):
         ...
-    scancell.errors.DescriptionError: deflections = [0, 0, 2, 0, 0, 0]: expected finite numbers of shape (6,) from -1 to 1
+    scancell.errors.DescriptionError: deflections = ...: expected finite numbers of shape (6,) from -1 to 1
     """
 
     deflections: Annotated[ArrayLike, Shape((6,), within=_DEFLECTION)]

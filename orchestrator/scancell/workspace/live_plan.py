@@ -103,7 +103,7 @@ class LivePlan:
 
     @property
     def state(self) -> LivePlanState:
-        """How far it is: its ``stage``, for how long (``seconds``), the ``share`` of the map evaluated, and ``error``."""
+        """Its ``stage``, for how long (``seconds``), the ``share`` of the map that is evaluated, and the ``error``."""
         return LivePlanState(self._stage, monotonic() - self._since, self._share, self._error)
 
     @property
