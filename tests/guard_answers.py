@@ -20,7 +20,7 @@ from scancell.cell.controller import Mode, Operation
 from scancell.config.choices import TransportProtocol
 from scancell.errors import MessageError
 from scancell.guard.messages import CellState, GuardMessage
-from scancell.guard.server import serve
+from scancell.guard.server import serve_guard
 
 SLOW_FROM, STOP_FROM = 0.5, 1.0  # rad
 FAILS = -9.0  # rad: there the guard raises an exception
@@ -113,7 +113,7 @@ def until(act: Callable[[], Result | None]) -> Result:
 
 def main() -> None:
     protocol: TransportProtocol = "udp" if sys.argv[1] == "udp" else "tcp"
-    counts = serve(
+    counts = serve_guard(
         JointLimitGuard(),
         port=int(sys.argv[2]),
         protocol=protocol,

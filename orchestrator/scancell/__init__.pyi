@@ -19,7 +19,7 @@ from .api import survey as survey
 # The cell, and what is kept between calls
 from .scanner import Scanner as Scanner
 from .scanning.session import ScanSession as ScanSession
-from .workspace.live import LiveCell as LiveCell
+from .workspace.program import run_program as run_program
 from .workspace.robot import Robot as Robot
 from .workspace.robot import deg as deg
 from .workspace.robot import location as location
@@ -32,6 +32,8 @@ from .config.scan import ScanDescription as ScanDescription
 from .config.estimated import EstimatedDescription as EstimatedDescription
 from .config.loading import Setup as Setup
 from .config.loading import load_setup as load_setup
+from .config.channel import ChannelDescription as ChannelDescription
+from .config.channel import LinkDescription as LinkDescription
 from .config.files import assets_dir as assets_dir
 from .jobs.calibration_job import CalibrationRequest as CalibrationRequest
 from .jobs.sensor_calibration_job import SensorCalibrationRequest as SensorCalibrationRequest
@@ -75,17 +77,47 @@ from .cell.session import CellSession as CellSession
 from .cell.signals import SignalLog as SignalLog
 from .cell.fmu_file import build_fmu as build_fmu
 from .cell.fmu_file import cell_json as cell_json
+from .cell.fmu_package.contents import FmuOptions as FmuOptions
 from .cell.fmu_file import make_temporary_fmu as make_temporary_fmu
 from .nominal.cell import NominalCell as NominalCell
 from .nominal.cell import nominal_cell as nominal_cell
 from .guard.guard import Guard as Guard
 from .guard.guarded_cell import GuardedCell as GuardedCell
 from .guard.link import Link as Link
+from .guard.link import faulty_link as faulty_link
+from .guard.server import serve_guard as serve_guard
+from .guard.messages import CellState as CellState
+from .guard.messages import GuardMessage as GuardMessage
 from .guard.settings import GuardSettings as GuardSettings
 from .guard.transport import InProcess as InProcess
 from .guard.transport import TcpTransport as TcpTransport
 from .guard.transport import UdpTransport as UdpTransport
 from .scanning.guard import guard_of as guard_of
+
+# A live cell: commanded while it runs
+from .workspace.live import LiveCell as LiveCell
+from .workspace.live_state import LiveState as LiveState
+from .workspace.live_commands import JogJoints as JogJoints
+from .workspace.live_commands import JogSensor as JogSensor
+from .workspace.live_commands import MoveJoints as MoveJoints
+from .workspace.live_commands import MoveTool as MoveTool
+from .workspace.live_commands import MoveLine as MoveLine
+from .workspace.live_commands import SetMonitorSpeed as SetMonitorSpeed
+from .workspace.live_commands import SetOperation as SetOperation
+from .workspace.live_commands import Cancel as Cancel
+from .workspace.live_commands import Reset as Reset
+from .workspace.live_commands import OpenGripper as OpenGripper
+from .workspace.live_commands import CloseGripper as CloseGripper
+from .workspace.live_commands import RunConveyor as RunConveyor
+from .workspace.live_jobs import JobStopped as JobStopped
+from .workspace.live_scan import LiveScan as LiveScan
+from .workspace.live_plan import LivePlan as LivePlan
+from .workspace.live_camera import CameraFeed as CameraFeed
+from .workspace.mcap_export import SessionRecorder as SessionRecorder
+
+# Pictures of a run
+from .workspace.pictures import animate as animate
+from .workspace.pictures import picture as picture
 
 # Progress
 from .progress import Progress as Progress

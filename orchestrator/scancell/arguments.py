@@ -11,6 +11,7 @@ import sys
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import EnumType
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
@@ -52,11 +53,12 @@ class Shape:
     lengths: tuple[int | None, ...]
     dtype: type = float
     finite: bool = True
+    within: Within = Within()
 
     def __str__(self) -> str:
         lengths = ", ".join("n" if length is None else str(length) for length in self.lengths)
         kind = "integers" if self.dtype is int else "finite numbers" if self.finite else "numbers"
-        return f"{kind} of shape ({lengths}{',' if len(self.lengths) == 1 else ''})"
+        return f"{kind} of shape ({lengths}{',' if len(self.lengths) == 1 else ''}){self.within}"
 
     def converted(self, value: Any) -> NDArray[Any]:
         """The value as such an array, not copied where it is one."""
@@ -73,6 +75,8 @@ class Shape:
         if self.finite and array.dtype.kind == "f" and not np.isfinite(array).all():
             wrong = np.argwhere(~np.isfinite(array))
             raise _RefusedError(str(self), problem=f"{len(wrong)} are not finite, the first at {wrong[0].tolist()}")
+        if self.within != Within() and not all(value in self.within for value in array.ravel()):
+            raise _RefusedError(str(self))
         return array
 
 
@@ -310,6 +314,8 @@ def _text(hint: Any) -> str:  # noqa: PLR0911
         )
     if origin is np.ndarray:
         return "an array"
+    if isinstance(hint, EnumType):
+        return " or ".join(f"{hint.__name__}.{name}" for name in hint.__members__)
     names = {float: "a finite number", int: "an integer", bool: "True or False", str: "text", Path: "a path"}
     if hint in (None, types.NoneType):
         return "None"

@@ -11,6 +11,7 @@ import argparse
 import datetime
 import faulthandler
 import shutil
+import signal
 import tempfile
 import time
 import traceback
@@ -20,6 +21,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, chdir
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
+from enum import Enum
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -102,6 +104,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             *self._scanner_calls(),
             *self._functions(),
             *self._running_cell(),
+            *self._live_cell(),
         ]
 
     def _write_files(self, folder: Path) -> None:
@@ -230,6 +233,9 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("Coverage", scancell.Coverage, _fields(result.coverage)),
             Target("Deviation", scancell.Deviation, _fields(result.deviation)),
             Target("Recording", scancell.Recording, _fields(result.recording)),
+            Target("Recording.save", result.recording.save, {"path": "recording.csv"}),
+            Target("Recording.joined", scancell.Recording.joined, {"parts": [result.recording, result.recording]}),
+            Target("Recording.truth_at_middle", result.recording.truth_at_middle, {"frame": "sensor"}),
             Target("ScanResult", scancell.ScanResult, _fields(result)),
             Target("ScanResult.save", result.save, {"folder": "saved", "formats": ["ply"], "frame": "part"}),
             Target("ScanResult.evaluate", result.evaluate, {"progress": cancels}, takes_long=True),
@@ -304,7 +310,17 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         link = scancell.Link(scancell.InProcess(guard), 0.1)
         cycle_us = setup.cell.world.controller_cycle_us
         files: Arguments = {"unit": "mm"}
-        live: Arguments = {"session": session, "hold_time": 0.3}
+        axes = np.append(nominal.home, 0.0)
+        state = scancell.CellState(1, 0.0, scancell.Operation.MANUAL, scancell.Mode.HOLD, False, axes)
+        faulty: Arguments = {"transport": scancell.InProcess(guard), "description": scancell.LinkDescription()}
+        faulty |= {"age_limit": 0.1, "seed": 1}
+
+        def serve_guard(**given: Any) -> None:
+            scancell.serve_guard(**given, started=lambda _host, _port: signal.raise_signal(signal.SIGTERM))
+
+        def build_fmu(**given: Any) -> None:
+            scancell.build_fmu(described, "cell.fmu", **given)
+
         address: Arguments = {"host": "127.0.0.1", "port": 9}
         return [
             Target("assets_dir", scancell.assets_dir, {}),
@@ -315,7 +331,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target(
                 "load_setup",
                 scancell.load_setup,
-                {"cell": None, "sensor": None, "scan": self.scan, "overrides": (), "ideal": False},
+                {"cell": None, "sensor": None, "scan": self.scan, "settings": {}, "ideal": False},
             ),
             Target("read_recording", scancell.read_recording, {"path": Path("inputs/run/recording.parquet")}),
             Target("nominal_cell", scancell.nominal_cell, {"cell": setup.cell, "part": part}),
@@ -347,7 +363,72 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             ),
             Target("SignalLog", scancell.SignalLog, {"cell": instance, "reals": ["measured.table"], "booleans": ()}),
             Target("Robot", scancell.Robot, {"session": session, "engine": "geometric", "folder": Path()}),
-            Target("LiveCell", scancell.LiveCell, live),
+            Target("ChannelDescription", scancell.ChannelDescription, dict(scancell.ChannelDescription())),
+            Target("LinkDescription", scancell.LinkDescription, dict(scancell.LinkDescription())),
+            Target("faulty_link", scancell.faulty_link, faulty),
+            Target("serve_guard", serve_guard, {"answerer": guard, "host": "127.0.0.1", "port": 0, "protocol": "udp"}),
+            Target("CellState", scancell.CellState, _fields(state)),
+            Target("GuardMessage", scancell.GuardMessage, _fields(guard.answer(state))),
+            Target("FmuOptions", scancell.FmuOptions, _fields(scancell.FmuOptions())),
+            Target("build_fmu.options", build_fmu, {"version": 3, "options": scancell.FmuOptions()}),
+        ]
+
+    def _live_cell(self) -> list[Target]:
+        """A cell that is commanded while it runs; here nothing steps it."""
+        cell = self._stack.enter_context(self.scanner.session(self.part))
+        live = scancell.LiveCell(cell)
+        of_cell: Arguments = {"live": live, "session": cell}
+        pose: Arguments = {"world_from_tool": ABOVE, "tool": "sensor", "speed": 0.5}
+        view: Arguments = {"view": "part", "size": (64, 64), "colour": "intensity", "threads": 1}
+        recorder = self._stack.enter_context(scancell.SessionRecorder("recorded.mcap", cell.true))
+        plan = scancell.LivePlan(**of_cell)
+        self.scanner.scan("inputs/part.obj", engine="geometric").save("inputs/of_file")
+        other = self._stack.enter_context(self.scanner.session(self.part))
+        (self.folder / "inputs" / "turn.py").write_text("def main(robot): robot.turn_table(0.1)")
+        return [
+            Target("LiveCell", scancell.LiveCell, {"session": cell, "hold_time": 0.3, "state_cycles": 1}),
+            Target("JogJoints", scancell.JogJoints, {"deflections": [0.1, 0.2]}),
+            Target("JogSensor", scancell.JogSensor, {"deflections": [0.1] * 6, "frame": scancell.JogFrame.SENSOR}),
+            Target("MoveJoints", scancell.MoveJoints, {"joints": cell.home, "table_angle": 0.1, "speed": 0.5}),
+            Target("MoveTool", scancell.MoveTool, pose),
+            Target("MoveLine", scancell.MoveLine, pose),
+            Target("SetMonitorSpeed", scancell.SetMonitorSpeed, {"share": 0.5}),
+            Target("SetOperation", scancell.SetOperation, {"operation": scancell.Operation.MANUAL}),
+            Target("Cancel", scancell.Cancel, {}),
+            Target("Reset", scancell.Reset, {}),
+            Target("OpenGripper", scancell.OpenGripper, {"width": 0.02}),
+            Target("CloseGripper", scancell.CloseGripper, {"force": 10.0}),
+            Target("RunConveyor", scancell.RunConveyor, {"conveyor": 1, "speed": 0.1}),
+            Target("JobStopped", scancell.JobStopped, {"why": "stopped"}),
+            Target("LiveScan", scancell.LiveScan, {"engine": "geometric", "plan": None, "batch": 16, "most_behind": 8}),
+            Target("LivePlan", scancell.LivePlan, {**of_cell, "has_part": True}),
+            Target("LivePlan.go_to", plan.go_to, {"axes": np.zeros(7), "purpose": "the start"}),
+            Target("LivePlan.map_of", plan.map_of, {"path": 0, "branch": 0}),
+            Target("LivePlan.evaluate", plan.evaluate, {"path": 0, "branch": 0}, is_refused=True),
+            Target("LivePlan.judge", plan.judge, {"path": 0, "branch": 0, "share": 0.5, "angle": 1.0}, is_refused=True),
+            Target(
+                "CameraFeed",
+                lambda **given: scancell.CameraFeed(**given).close(),
+                {**of_cell, "engine": "geometric", "interval": 0.02},
+            ),
+            Target(
+                "SessionRecorder",
+                lambda **given: scancell.SessionRecorder(**given).close(),
+                {"path": "session.mcap", "cell": cell.true},
+            ),
+            Target("SessionRecorder.state", recorder.state, {"state": live.state}),
+            Target(
+                "run_program",
+                scancell.run_program,
+                {"program": "inputs/turn.py", "session": other, "engine": "geometric", "folder": "written"},
+            ),
+            Target("picture", scancell.picture, {"run": "inputs/of_file", "out": "picture.png", "time": None, **view}),
+            Target(
+                "animate",
+                scancell.animate,
+                {"run": "inputs/of_file", "out": "run.webp", "fps": 5, "seconds": 0.2, **view, "progress": cancels},
+                takes_long=True,
+            ),
         ]
 
     def _functions(self) -> list[Target]:
@@ -429,6 +510,8 @@ def _like(valid: Any) -> list[Any]:  # noqa: PLR0911
     """Values of the type of a valid one, or of NumPy's, right and wrong."""
     if isinstance(valid, bool):
         return [np.bool_(valid), np.array(valid), not valid]
+    if isinstance(valid, Enum):
+        return [int(valid), valid.name, np.int64(valid), type(valid)]
     if isinstance(valid, int | float):
         kind = np.int64 if isinstance(valid, int) else np.float32
         return [kind(valid), np.array(valid), -valid, 2 * valid, type(valid)(1e-3 * valid), 10**6 * valid]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import scancell
 from scancell.errors import MissingExtraError
 from scancell.extras import require
 from scancell.reconstruction.cloud_files import parse_formats
@@ -43,6 +44,14 @@ def test_format_without_its_package_is_refused_before_any_scan(monkeypatch) -> N
     monkeypatch.delitem(sys.modules, "scancell.reconstruction.cloud_files.e57", raising=False)
     with pytest.raises(MissingExtraError, match=r"pye57 .*scancell\[formats\]"):
         parse_formats("ply,e57", "--format")
+
+
+def test_recorder_is_there_without_its_package_until_it_is_used(tmp_path, monkeypatch) -> None:
+    for module in ("mcap_protobuf", "mcap_protobuf.writer"):
+        monkeypatch.setitem(sys.modules, module, None)
+    cell = scancell.nominal_cell(scancell.load_setup().cell, scancell.box_mesh((0.01, 0.01, 0.01)))
+    with pytest.raises(MissingExtraError, match=r"mcap_protobuf .*scancell\[workspace\]"):
+        scancell.SessionRecorder(tmp_path / "session.mcap", cell)
 
 
 def test_modules_import_without_the_extras() -> None:

@@ -22,7 +22,7 @@ from scancell.errors import LinkError
 from scancell.guard.endpoints import FAILED, REJECTED, SUPERSEDED, Outcome
 from scancell.guard.link import Link, faulty_link
 from scancell.guard.messages import CellState, GuardMessage
-from scancell.guard.server import serve
+from scancell.guard.server import serve_guard
 from scancell.guard.transport import TcpTransport, UdpTransport
 
 TRANSPORTS = {"udp": UdpTransport, "tcp": TcpTransport}
@@ -179,7 +179,7 @@ def test_port_in_use_is_refused_while_a_cell_is_served():
         link = link_to("udp", server.port)
         answered(link, state_at(0))
         with pytest.raises(LinkError, match=f"127.0.0.1:{server.port}: .*; expected an address to listen on"):
-            serve(JointLimitGuard(), port=server.port)
+            serve_guard(JointLimitGuard(), port=server.port)
         answered(link, state_at(1))
         link.close()
         assert server.end() == 0
@@ -284,12 +284,12 @@ def test_faults_between_sockets(protocol):
 def test_addresses_that_cannot_be_used():
     with guard_process("tcp") as server:
         with pytest.raises(LinkError, match=f"127.0.0.1:{server.port}: .*; expected an address to listen on"):
-            serve(JointLimitGuard(), port=server.port, protocol="tcp")
+            serve_guard(JointLimitGuard(), port=server.port, protocol="tcp")
         assert server.end() == 0
     with pytest.raises(LinkError, match=f"127.0.0.1:{server.port}: .*; expected a guard that listens there"):
         TcpTransport(LOOPBACK, server.port)
     with pytest.raises(LinkError, match="expected an address to listen on"):
-        serve(JointLimitGuard(), port=70000)
+        serve_guard(JointLimitGuard(), port=70000)
     with pytest.raises(LinkError, match="expected a guard"):
         UdpTransport("no host", 1)
 

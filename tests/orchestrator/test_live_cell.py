@@ -11,7 +11,7 @@ import pytest
 from scancell import Scanner
 from scancell.cell.controller import JogFrame, Operation
 from scancell.config.loading import load_setup
-from scancell.errors import CommandError
+from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.stopwatch import Pace
 from scancell.workspace.live import LiveCell
@@ -288,7 +288,7 @@ def test_devices_and_wrong_commands(operator: Operator) -> None:
     ],
 )
 def test_malformed_command_is_refused_where_it_is_made(make: Callable[[], Command]) -> None:
-    with pytest.raises(CommandError, match="expected"):
+    with pytest.raises(DescriptionError, match="expected"):
         make()
 
 

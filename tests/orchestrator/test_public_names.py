@@ -16,6 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 STUB = ROOT / "orchestrator" / "scancell" / "__init__.pyi"
 USERS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "docs").rglob("*.py"))]
 SCRIPT = ROOT / "tests" / "typing" / "user_script.py"
+MARKDOWN = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "fmu").glob("*.md"))]
+FILE_ENDINGS = {"toml", "sif", "tar"}
 CONSTANTS = {"deg", "mm", "__version__"}
 
 
@@ -57,6 +59,14 @@ def test_docs_and_examples_use_public_names_only(file: Path) -> None:
     imported = re.findall(r"^\s*from scancell import (\([^)]*\)|[^\n]*)", text, re.MULTILINE)
     names = {name for group in imported for name in re.findall(r"\w+", group)}
     assert names <= set(scancell.__all__)
+
+
+@pytest.mark.parametrize("file", MARKDOWN, ids=lambda file: file.name)
+def test_names_in_docs_are_public(file: Path) -> None:
+    """``NAME`` stands for any of them; commands of a shell are left out."""
+    text = re.sub(r"^```(?:sh|console)$.*?^```$", "", file.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    names = set(re.findall(r"(?<![\w./-])scancell\.([A-Za-z_]\w*)", text))
+    assert names <= {*scancell.__all__, "NAME", "__version__"} | FILE_ENDINGS
 
 
 def test_script_of_a_user_passes_the_type_checker_but_for_its_mistakes() -> None:

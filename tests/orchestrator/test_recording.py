@@ -33,7 +33,7 @@ def recording(count: int = COUNT) -> Recording:
 def test_file_round_trip_is_lossless(tmp_path, suffix) -> None:
     written = recording()
     path = tmp_path / f"recording.{suffix}"
-    write_recording(written, path)
+    assert written.save(str(path)) == path
     read = read_recording(path)
     assert set(read.columns) == set(written.columns)
     for name, values in written.columns.items():
@@ -195,3 +195,12 @@ def test_unwritable_path_error(tmp_path) -> None:
     (tmp_path / "taken").write_text("a file")
     with pytest.raises(OutputError, match=r"taken/recording\.csv"):
         write_recording(recording(), tmp_path / "taken" / "recording.csv")
+
+
+def test_wrong_arguments_are_named() -> None:
+    with pytest.raises(DescriptionError, match=r"^frame = 'tool': expected link\[1\], .*, sensor, table, part\[1\]$"):
+        recording().truth_at_middle("tool")
+    other = Recording({"trigger.index": np.arange(3)})
+    for parts in ([], [recording(), other]):
+        with pytest.raises(DescriptionError, match=r"^parts = .*: expected recordings with the same columns$"):
+            Recording.joined(parts)

@@ -36,7 +36,7 @@ def test_random_arguments_return_or_raise_a_scancell_error(fuzzer: Fuzzer) -> No
 MADE = {
     *("AcceptanceReport", "ArtefactEvaluation", "BatchResult", "CalibrationReport", "ExposureImages", "MeshEvaluation"),
     *("NominalCell", "Profile", "RunReport", "SensorCalibrationReport", "SetUps", "ShapeGroup", "StudyReport"),
-    *("EstimatedDescription", "JogFrame", "Mode", "Operation", "Progress", "deg", "mm", "pose"),
+    *("EstimatedDescription", "JogFrame", "LiveState", "Mode", "Operation", "Progress", "deg", "mm", "pose"),
 }
 
 

@@ -222,8 +222,7 @@ def build_fmu(
     version
         Of FMI: 2 or 3.
     options
-        Variants of the model description: a clock, arrays in place of scalars, integers in place of enumerations; None:
-        none of them.
+        Variants of the model description (`FmuOptions`); None: none of them.
 
     Raises
     ------

@@ -217,9 +217,16 @@ class Recording(Value):
     def truth_at_middle(self, frame: str) -> Array:
         """Poses ``world_from_frame`` (n, 4, 4) of `frame` in the middle of every exposure.
 
-        `frame` is ``link[1]`` …, ``sensor``, ``table``, ``part[1]`` … or ``finger[1]``, ``finger[2]``; of another one
-        there is a `KeyError`.
+        `frame` is ``link[1]`` …, ``sensor``, ``table``, ``part[1]`` … or ``finger[1]``, ``finger[2]``.
+
+        Raises
+        ------
+        DescriptionError
+            If the recording has no such frame.
         """
+        frames = RecordLayout.of(self.columns).frames
+        if frame not in frames:
+            raise DescriptionError(key="frame", value=frame, expected=", ".join(frames))
         position, orientation = (
             self._stack(_indexed(f"{_TRUTH}{frame}.{part}", count)) for part, count in _PARTS_OF_POSE[:2]
         )
@@ -247,9 +254,30 @@ class Recording(Value):
     def _stack(self, names: list[str]) -> Array:
         return np.stack([np.asarray(self.columns[name], float) for name in names], -1)
 
+    @checked_arguments
+    def save(self, path: str | Path) -> Path:
+        """Write the file `path` for `read_recording`: CSV by its ending, else Parquet.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
+        write_recording(self, Path(path))
+        return Path(path)
+
     @classmethod
+    @checked_arguments
     def joined(cls, parts: Sequence[Recording]) -> Recording:
-        """The rows of the recordings `parts`, at least one, with the same columns, one after another."""
+        """The rows of the recordings `parts`, at least one, with the same columns, one after another.
+
+        Raises
+        ------
+        DescriptionError
+            If there is none, or the columns differ.
+        """
+        if len({frozenset(part.columns) for part in parts}) != 1:
+            raise DescriptionError(key="parts", value=list(parts), expected="recordings with the same columns")
         return cls({name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns})
 
     def since(self, time: float) -> Recording:

@@ -48,10 +48,10 @@ def guard_serve(
             print("warning: other machines can reach the guard, and packets are not authenticated", file=sys.stderr)
 
     def work() -> Outcome:
-        from scancell.guard.server import serve  # noqa: PLC0415
+        from scancell.guard.server import serve_guard  # noqa: PLC0415
         from scancell.scanning.guard import guard_of  # noqa: PLC0415
 
-        counts = serve(guard_of(cell, part, scan, unit=unit, max_age=max_age), host, port, transport, started)
+        counts = serve_guard(guard_of(cell, part, scan, unit=unit, max_age=max_age), host, port, transport, started)
         lines = [f"  {number:>10} packets {outcome}" for outcome, number in sorted(counts.items())]
         return Outcome(lines or ["  no packets"], {"packets": dict(counts)})
 

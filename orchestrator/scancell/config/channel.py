@@ -8,7 +8,10 @@ from scancell.config.description import Description, Finite, Fraction, NonNegati
 
 
 class ChannelDescription(Description):
-    """One direction of a network; by default a perfect one."""
+    """One direction of a network; by default a perfect one.
+
+    See the example of `faulty_link`.
+    """
 
     delay_ms: NonNegative = Field(default=0.0, description="least delay of a packet, ms")
     jitter_ms: NonNegative = Field(
@@ -32,7 +35,10 @@ class ChannelDescription(Description):
 
 
 class LinkDescription(Description):
-    """Faults of the connection between a cell and its guard; by default none."""
+    """Faults of the connection between a cell and its guard; by default none.
+
+    See the example of `faulty_link`.
+    """
 
     to_guard: ChannelDescription = Field(default=ChannelDescription(), description="network from cell to guard")
     to_cell: ChannelDescription = Field(default=ChannelDescription(), description="network from guard to cell")

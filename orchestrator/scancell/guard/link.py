@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from scancell.arguments import checked_arguments
+from scancell.arguments import Seed, checked_arguments
 from scancell.config.channel import LinkDescription
 from scancell.guard.channel import Channel
 from scancell.guard.endpoints import CellEndpoint
@@ -114,10 +114,34 @@ class Link:
         return self._faults.clock(time) if self._faults else time
 
 
+@checked_arguments
 def faulty_link(
-    transport: Transport, description: LinkDescription, age_limit: float, seed: int, kind: type[Link] = Link
+    transport: Transport, description: LinkDescription, age_limit: float, seed: Seed, kind: type[Link] = Link
 ) -> Link:
-    """A link with faults, those of the same seed the same ones."""
+    """Make a link with faults, those of the same seed the same ones.
+
+    Parameters
+    ----------
+    transport, age_limit
+        As of `Link`.
+    description
+        The faults.
+    seed
+        Of the random numbers.
+    kind
+        Class of the link.
+
+    Examples
+    --------
+    >>> faults = scancell.LinkDescription(to_cell=scancell.ChannelDescription(delay_ms=2, loss=0.5))
+    >>> guard = scancell.guard_of()
+    >>> link = scancell.faulty_link(scancell.InProcess(guard), faults, guard.settings.max_age, seed=1)
+    >>> with scancell.Scanner() as scanner, scanner.session() as session:
+    ...     scancell.GuardedCell(session.cell, 16_000, link, guard.settings.max_age).attach()
+    ...     session.wait(0.8)
+    ...     link.counts["accepted"] < 25
+    True
+    """
     to_guard, to_cell, of_cell = np.random.SeedSequence(seed).spawn(3)
     channels = Channel(description.to_guard, to_guard), Channel(description.to_cell, to_cell)
     return kind(FaultyTransport(transport, *channels), age_limit, CellFaults(description, of_cell))

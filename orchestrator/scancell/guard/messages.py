@@ -11,6 +11,8 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
+from numbers import Integral, Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,6 +79,15 @@ class CellState:
     ------
     MessageError
         If a value is outside the bounds of the format.
+
+    Examples
+    --------
+    >>> setup = scancell.load_setup()
+    >>> nominal = scancell.nominal_cell(setup.cell, scancell.load_part("part.stl"))
+    >>> axes = np.append(nominal.home, 0.0)
+    >>> state = scancell.CellState(1, 0.016, scancell.Operation.AUTOMATIC, scancell.Mode.HOLD, False, axes)
+    >>> scancell.Guard(nominal, setup.cell.robot).answer(state).monitor_speed
+    1.0
     """
 
     sequence: int
@@ -91,15 +102,17 @@ class CellState:
     path_time: float = 0.0
 
     def __post_init__(self) -> None:
-        axes = np.array(self.axes, np.float64)
+        axes = _numbers("axes", self.axes)
         _require(axes.ndim == 1 and 2 <= len(axes) <= MAX_JOINTS + 1, "axes", axes.shape, "2 to 9 angles")
-        ahead = np.array(self.ahead, np.float64)
+        ahead = _numbers("ahead", self.ahead)
         ahead = ahead.reshape(0, len(axes)) if ahead.size == 0 else ahead
         fits = ahead.ndim == 2 and ahead.shape[1] == len(axes) and len(ahead) <= MAX_AHEAD
         _require(fits, "ahead", ahead.shape, f"at most {MAX_AHEAD} rows of {len(axes)} angles")
         _require(_within(axes, _MAX_ANGLE), "axes", axes, f"angles within {_MAX_ANGLE:g} rad")
         _require(_within(ahead, _MAX_ANGLE), "ahead", ahead, f"angles within {_MAX_ANGLE:g} rad")
-        _check_number(self, "sequence", 0, 2**32 - 1)
+        _require(isinstance(self.operation, Operation), "operation", self.operation, "an Operation")
+        _require(isinstance(self.mode, Mode), "mode", self.mode, "a Mode")
+        _check_number(self, "sequence", 0, 2**32 - 1, Integral)
         _check_number(self, "time", -_MAX_TIME, _MAX_TIME)
         _check_number(self, "rate", 0.0, 1.0)
         _check_number(self, "spacing", *(_SPACING if len(ahead) else (0.0, 0.0)))
@@ -110,7 +123,7 @@ class CellState:
             object.__setattr__(self, name, array)
 
     def encode(self, session: int, guard: int) -> bytes:
-        """The packet of a session; `guard` is 0 until the guard's number is known."""
+        """The packet of the session number `session`; `guard` is 0 until the guard's number is known."""
         axes, ahead = np.asarray(self.axes), np.asarray(self.ahead)
         counts = (self.operation, self.mode, bool(self.moving), len(axes) - 1, len(ahead))
         body = _STATE.pack(self.time, self.rate, self.spacing, self.path_time, *counts)
@@ -141,6 +154,14 @@ class GuardMessage:
     ------
     MessageError
         If a value is outside the bounds of the format.
+
+    Examples
+    --------
+    >>> answer = scancell.GuardMessage(1, 7, 0.25, monitor_speed=0.5, emergency_stop=False, text="sensor - table")
+    >>> scancell.GuardMessage(1, 7, 0.25, monitor_speed=2.0, emergency_stop=False)
+    Traceback (most recent call last):
+        ...
+    scancell.errors.MessageError: monitor_speed = 2.0: expected 0 to 1
     """
 
     sequence: int
@@ -152,15 +173,16 @@ class GuardMessage:
     beep: bool = False
 
     def __post_init__(self) -> None:
-        _check_number(self, "sequence", 0, 2**32 - 1)
-        _check_number(self, "state_sequence", 0, 2**32 - 1)
+        _check_number(self, "sequence", 0, 2**32 - 1, Integral)
+        _check_number(self, "state_sequence", 0, 2**32 - 1, Integral)
         _check_number(self, "state_time", -_MAX_TIME, _MAX_TIME)
         _check_number(self, "monitor_speed", 0.0, 1.0)
-        fits = self.text.isprintable() and len(self.text.encode(errors="replace")) <= MAX_TEXT
+        is_text = isinstance(self.text, str) and self.text.isprintable()
+        fits = is_text and len(self.text.encode(errors="replace")) <= MAX_TEXT
         _require(fits, "text", self.text, f"at most {MAX_TEXT} bytes of printable UTF-8")
 
     def encode(self, session: int, guard: int) -> bytes:
-        """The packet of a session."""
+        """The packet of the session number `session` of the guard number `guard`."""
         text = self.text.encode()
         values = (self.state_sequence, self.state_time, self.monitor_speed)
         body = _ANSWER.pack(*values, bool(self.emergency_stop), bool(self.beep), len(text))
@@ -251,9 +273,16 @@ def _flag(name: str, value: int) -> bool:
     return value == 1
 
 
-def _check_number(message: Message, name: str, low: float, high: float) -> None:
-    value = getattr(message, name)
-    _require(low <= value <= high, name, value, f"{low:.10g} to {high:.10g}")
+def _check_number(message: Message, name: str, low: float, high: float, kind: Any = Real) -> None:
+    value: Any = getattr(message, name)
+    _require(isinstance(value, kind) and low <= value <= high, name, value, f"{low:.10g} to {high:.10g}")
+
+
+def _numbers(name: str, values: ArrayLike) -> Array:
+    try:
+        return np.array(values, np.float64)
+    except (TypeError, ValueError):
+        raise MessageError(key=name, value=values, expected="angles") from None
 
 
 def _within(values: Array, bound: float) -> bool:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from selectors import EVENT_READ, DefaultSelector
 from typing import Any, TypeVar
 
+from scancell.arguments import checked_arguments
 from scancell.config.choices import LOOPBACK, TransportProtocol
 from scancell.errors import LinkError, MessageError
 from scancell.guard.endpoints import FAILED, Answerer, GuardEndpoint
@@ -29,7 +30,8 @@ _UNACKNOWLEDGED = (
 )
 
 
-def serve(
+@checked_arguments
+def serve_guard(
     answerer: Answerer,
     host: str = LOOPBACK,
     port: int = 0,
@@ -44,7 +46,8 @@ def serve(
     Parameters
     ----------
     answerer
-        The guard.
+        The guard: a `Guard`, or any object with ``answer(state)``, which takes a `CellState` and returns a
+        `GuardMessage`, and ``reset()``.
     host, port
         Address to listen on; port 0: any free one. Packets are not authenticated: whoever reaches the address can open
         a session, but only when no other one is in use.
@@ -63,6 +66,12 @@ def serve(
     ------
     LinkError
         If the address cannot be listened on.
+
+    Examples
+    --------
+    >>> import signal
+    >>> scancell.serve_guard(scancell.guard_of(), started=lambda host, port: signal.raise_signal(signal.SIGTERM))
+    Counter()
     """
     service = _Service(answerer)
     kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM

@@ -7,9 +7,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
-from scancell.arguments import checked_arguments
+from scancell.arguments import Count, Within, checked_arguments
 from scancell.errors import CommandError
 from scancell.progress import NullProgress
 from scancell.scanning.session import ScanSession
@@ -65,9 +65,9 @@ class LiveCell:
     def __init__(
         self,
         session: ScanSession,
-        hold_time: float = 0.3,
+        hold_time: Annotated[float, Within(0.0)] = 0.3,
         clock: Callable[[], float] = time.monotonic,
-        state_cycles: int = 1,
+        state_cycles: Count = 1,
     ) -> None:
         self._session, self._clock, self._state_cycles = session, clock, state_cycles
         self._control = LiveControl(session, hold_time, clock)
@@ -98,7 +98,7 @@ class LiveCell:
         return self._state
 
     def submit(self, command: Command) -> None:
-        """Hand over a `command` (`MoveJoints`, `JogSensor` … of ``scancell.workspace.live_commands``).
+        """Hand over a `command` (`MoveJoints`, `JogSensor` …).
 
         What becomes of it is in ``state.refusal`` and ``state.message``.
         """

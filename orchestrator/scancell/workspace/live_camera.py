@@ -8,11 +8,12 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as NotDone
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import Within, checked_arguments, checked_value
 from scancell.cell.recording import Recording
 from scancell.closing import Closing
 from scancell.config.choices import Engine
@@ -84,15 +85,27 @@ class CameraFeed(Closing):
         Receives each frame, in the thread of the feed.
     interval
         Least time from one look at the cell to the next, s.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl", guarded=True) as session:
+    ...     session.move_tool(scancell.location(0.45, 0.0, 0.23, rx=np.pi))
+    ...     live = scancell.LiveCell(session)
+    ...     with scancell.CameraFeed(live, session, "geometric") as feed:
+    ...         feed.wanted = True
+    ...         live.run(lambda: feed.frame is not None, realtime=False)
+    >>> len(feed.frame.points_in_base) > 100
+    True
     """
 
+    @checked_arguments
     def __init__(
         self,
         live: LiveCell,
         session: ScanSession,
         engine: Engine = "ray-traced",
         on_frame: Callable[[CameraFrame], object] = lambda _: None,
-        interval: float = 0.02,
+        interval: Annotated[float, Within(0.0, 3600.0)] = 0.02,
     ) -> None:
         self._live, self._job, self._threads = live, session.job, session.pipeline.threads
         self._on_frame, self._interval = on_frame, interval
@@ -127,7 +140,8 @@ class CameraFeed(Closing):
 
     @engine.setter
     def engine(self, value: Engine) -> None:
-        self._setting = _Setting(value, self._setting.as_built, self._setting.sensors)
+        engine = checked_value("engine", value, Engine)
+        self._setting = _Setting(engine, self._setting.as_built, self._setting.sensors)
 
     @property
     def as_built(self) -> tuple[str, ...]:

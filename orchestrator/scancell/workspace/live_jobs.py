@@ -21,9 +21,23 @@ CLOSED = "the cell is closed"  # why a job ends with the cell
 
 
 class JobStopped(BaseException):
-    """Ends a job out of the step in which it is stopped.
+    """Ends a job of a `LiveCell` out of the step in which it is stopped.
 
     It is no `Exception`, so that a program which catches errors of its commands does not go on.
+
+    Parameters
+    ----------
+    why
+        What ended it.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session(guarded=True) as session:
+    ...     live = scancell.LiveCell(session)
+    ...     job = live.perform(lambda session: live.submit(scancell.Cancel()) or session.wait(60), "wait")
+    ...     live.run(job.done, realtime=False)
+    >>> job.exception()
+    JobStopped('cancelled')
     """
 
     def __init__(self, why: str = "stopped") -> None:

@@ -7,13 +7,14 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from time import monotonic
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import Shape, Within, checked_arguments
 from scancell.cell.program import Program
-from scancell.errors import CommandError
+from scancell.errors import CommandError, DescriptionError
 from scancell.planning.blocked import why_forbidden
 from scancell.planning.configuration_map import ConfigurationMap
 from scancell.planning.plan import Plan
@@ -22,6 +23,8 @@ from scancell.workspace.live import LiveCell
 from scancell.workspace.live_jobs import ready_to_move, while_stepping
 
 Array = NDArray[np.float64]
+Index = Annotated[int, Within(0)]
+Axes = Annotated[Array, Shape((None,))]
 Stage = Literal["none", "planning", "evaluating", "ready", "failed"]
 
 _PIECES = 24  # in which a map is evaluated
@@ -74,8 +77,22 @@ class LivePlan:
         The running cell; the session gives nominal geometry alone, for `live` steps it.
     has_part
         Whether something stands on the table.
+
+    Examples
+    --------
+    >>> settings = {"scan.raster.enabled": False, "scan.sweep.angle_step_deg": 20}
+    >>> with scancell.Scanner(settings=settings) as scanner, scanner.session("part.stl") as session:
+    ...     live = scancell.LiveCell(session)
+    ...     plan = scancell.LivePlan(live, session)
+    ...     plan.start()
+    ...     live.run(lambda: plan.state.stage in ("ready", "failed"), realtime=False)
+    ...     moved = plan.go_to(plan.plan.program.start, "the start")
+    ...     live.run(moved.done, realtime=False)
+    ...     bool(np.allclose(session.joints, plan.plan.program.start[:-1], atol=1e-3))
+    True
     """
 
+    @checked_arguments
     def __init__(self, live: LiveCell, session: ScanSession, has_part: bool = True) -> None:
         self._live, self._session, self._has_part = live, session, has_part
         self._lock = threading.Lock()
@@ -86,7 +103,7 @@ class LivePlan:
 
     @property
     def state(self) -> LivePlanState:
-        """At present."""
+        """Its ``stage``, for how long (``seconds``), the ``share`` of the map that is evaluated, and the ``error``."""
         return LivePlanState(self._stage, monotonic() - self._since, self._share, self._error)
 
     @property
@@ -106,25 +123,36 @@ class LivePlan:
             raise CommandError("the table is empty: open a part first")
         self._begin("planning", self._make)
 
-    def map_of(self, path: int, branch: int) -> ConfigurationMap | None:
-        """The map of a sensor path in a branch of the arm, where it is evaluated."""
+    @checked_arguments
+    def map_of(self, path: Index, branch: Index) -> ConfigurationMap | None:
+        """The map of the sensor path number `path` (from 0) in `branch` of the arm, where it is evaluated."""
         return self._maps.get((path, branch))
 
-    def evaluate(self, path: int, branch: int) -> None:
-        """Evaluate a map that is not.
+    @checked_arguments
+    def evaluate(self, path: Index, branch: Index) -> None:
+        """Evaluate the map of the sensor path number `path` (from 0) in `branch` of the arm, where it is not.
 
         Raises
         ------
         CommandError
             If there is no plan, or one is being made.
+        DescriptionError
+            If the plan has no such path, or the arm no such branch.
         """
         if (plan := self._plan) is None:
             raise CommandError(_NO_PLAN)
+        branches = len(self._session.nominal.arm.branch_names)
+        for name, number, count in (("path", path, len(plan.paths)), ("branch", branch, branches)):
+            if number >= count:
+                raise DescriptionError(key=name, value=number, expected=f"a number below {count}")
         if (path, branch) not in self._maps:
             self._begin("evaluating", lambda: self._evaluate(plan, path, branch))
 
-    def judge(self, path: int, branch: int, share: float, angle: float) -> MapPose:
-        """The cell of an evaluated map that is nearest to a share of the way, 0 to 1, and a table angle, rad.
+    @checked_arguments
+    def judge(self, path: Index, branch: Index, share: float, angle: float) -> MapPose:
+        """The cell of the map of `path` and `branch` nearest to a `share` of the way, 0 to 1, and a table `angle`, rad.
+
+        It has the ``quality`` of the pose, or the ``reason`` why it is forbidden, and its ``axes``.
 
         Raises
         ------
@@ -142,8 +170,11 @@ class LivePlan:
         quality = float(map_.quality[column, row])
         return MapPose(column / (map_.columns - 1), at, quality, why_forbidden(map_, column, row), axes)
 
-    def go_to(self, axes: Array, purpose: str) -> Future[None]:
-        """Move the robot to joints and a table angle (joints + 1,), rad, on a planned path free of collision.
+    @checked_arguments
+    def go_to(self, axes: Axes, purpose: str) -> Future[None]:
+        """Move the robot to `axes`, joints and table angle (joints + 1,), rad, on a planned path free of collision.
+
+        `purpose` is for messages: ``the start``.
 
         The table takes the shorter way. Where there is no path the job fails with a `PlanningError`, which names the
         bodies that collide, and the robot stays.

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import Count, checked_arguments
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording
 from scancell.cell.records import RecordBatches
@@ -110,16 +111,29 @@ class LiveScan:
     Attributes
     ----------
     result
-        The scan, as `Scanner.scan` returns it, or what it failed of.
+        Future of the scan, as `Scanner.scan` returns it, or what it failed of.
+
+    Examples
+    --------
+    >>> counts = []
+    >>> settings = {"scan.sweep.enabled": False, "scan.raster.pitch_mm": 5}
+    >>> with scancell.Scanner(settings=settings) as scanner, scanner.session("part.stl") as session:
+    ...     live = scancell.LiveCell(session)
+    ...     scan = scancell.LiveScan("geometric", on_points=lambda chunk: counts.append(len(chunk.points_in_part)))
+    ...     scan.start(live)
+    ...     live.run(scan.result.done, realtime=False)
+    >>> sum(counts) == len(scan.result.result().cloud)
+    True
     """
 
+    @checked_arguments
     def __init__(
         self,
         engine: Engine = "ray-traced",
         on_points: Callable[[LiveChunk], object] = lambda _: None,
         plan: Plan | None = None,
-        batch: int = 16,
-        most_behind: int = 8,
+        batch: Count = 16,
+        most_behind: Count = 8,
     ) -> None:
         self._engine, self._on_points, self._given, self._batch = engine, on_points, plan, batch
         self._chunks: queue.Queue[Recording | None] = queue.Queue(most_behind)
@@ -138,12 +152,13 @@ class LiveScan:
 
     @property
     def state(self) -> LiveScanState:
-        """At present."""
+        """How far it is: ``stage``, numbers of exposures ``planned``, ``taken`` and ``sensed``, and of ``points``."""
         counts = self._planned, self._taken, self._sensed, self._points
         return LiveScanState(self._stage, *counts, self._ended_by)
 
+    @checked_arguments
     def start(self, live: LiveCell) -> None:
-        """Hand the scan over to a live cell, once."""
+        """Hand the scan over to the cell `live`, once."""
         live.perform(self._drive, "a scan").add_done_callback(self._driven)
 
     def _driven(self, driven: Future[None]) -> None:

@@ -67,6 +67,13 @@ class LiveState:
         Bodies of the deepest collision; None without one.
     nearest
         Nearest pair of bodies and their distance, m, up to the range of the description; None beyond.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl", guarded=True) as session:
+    ...     state = scancell.LiveCell(session).state
+    >>> state.controller, state.operation.name, state.world_from_body["sensor"].shape
+    ('at rest', 'AUTOMATIC', (4, 4))
     """
 
     time: float

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scancell.arguments import checked_arguments
 from scancell.closing import Closing
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.files import atomic_write
@@ -70,24 +71,44 @@ def _write_cloud(run: RecordedRun, file: McapFile, threads: int) -> int:
 
 
 class SessionRecorder(Closing):
-    """Records a live cell: hand it states, chunks of scans and camera frames as they come, from any thread.
+    """Records a live cell as MCAP: hand it states, chunks of scans and camera frames as they come, from any thread.
 
-    Topics are those of `export_run` but ``/cloud``, and ``/joints``, ``/camera1`` … and ``/log``.
+    ``/tf`` holds the poses of all bodies, ``/scene`` their meshes, ``/joints`` angles, ``/profiles`` points of scans,
+    ``/camera1`` … images, and ``/log`` texts of the cell.
+
+    Parameters
+    ----------
+    path
+        File to be written.
+    cell
+        The cell with all its bodies (``session.true``).
 
     Raises
     ------
     MissingExtraError
         If the packages of the extra `workspace` are not installed.
-    OSError
-        If the file cannot be written.
+    OutputError
+        If the file cannot be written, or is closed; from all methods.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl", guarded=True) as session:
+    ...     live = scancell.LiveCell(session)
+    ...     with scancell.SessionRecorder("session.mcap", session.true) as recorder:
+    ...         live.submit(scancell.MoveJoints(session.home, table_angle=0.1))
+    ...         while session.time < 0.5:
+    ...             live.step()
+    ...             recorder.state(live.state)
     """
 
+    @checked_arguments
     def __init__(self, path: str | Path, cell: NominalCell) -> None:
         self._file, self._cell = McapFile(Path(path)), cell
         self._last: LiveState | None = None
 
+    @checked_arguments
     def state(self, state: LiveState) -> None:
-        """Record a state, unless it was the last one."""
+        """Record `state` (``live.state``), unless it was the last one."""
         last, self._last = self._last, state
         if last is None:
             self._file.bodies(state.time, self._cell.bodies)
@@ -101,14 +122,16 @@ class SessionRecorder(Closing):
             if text != (("" if last is None else getattr(last, name)) or ""):
                 self._file.note(state.time, text, name)
 
+    @checked_arguments
     def points(self, chunk: LiveChunk) -> None:
-        """Record points of a scan, at the time of the last state."""
+        """Record a `chunk` of points that `LiveScan` handed over, at the time of the last state."""
         columns = {"intensity": chunk.intensity, "quality": chunk.quality, "deviation": chunk.deviation}
         time = 0.0 if self._last is None else self._last.time
         self._file.points("/profiles", time, "part", chunk.points_in_part, columns)
 
+    @checked_arguments
     def cameras(self, frame: CameraFrame) -> None:
-        """Record the images of a frame, where it has any."""
+        """Record the images of a `frame` of `CameraFeed`, where it has any."""
         for number, image in enumerate(() if frame.images is None else frame.images, start=1):
             self._file.image(f"/camera{number}", frame.time, "sensor", image)
 

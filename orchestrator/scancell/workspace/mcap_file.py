@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from scancell.closing import Closing
+from scancell.errors import OutputError
 from scancell.extras import require
 from scancell.geometry import pose
 from scancell.nominal.cell import Body
@@ -31,21 +33,23 @@ class McapFile(Closing):
     ------
     MissingExtraError
         If the packages of the extra `workspace` are not installed.
-    OSError
-        If the file cannot be written.
+    OutputError
+        If the file cannot be written, or is closed; from all methods.
     """
 
     def __init__(self, path: Path) -> None:
         writer = require("mcap_protobuf.writer", "workspace")
-        self._lock = threading.Lock()
-        self._file = path.open("wb")
-        self._writer = writer.Writer(self._file)
+        self._path, self._lock = path, threading.Lock()
+        with self._naming_the_file():
+            self._file = path.open("wb")
+            self._writer = writer.Writer(self._file)
 
     def close(self) -> None:
         """Write the index, without which a file is incomplete."""
-        with self._lock:
-            self._writer.finish()
-            self._file.close()
+        with self._lock, self._naming_the_file():
+            if not self._file.closed:
+                with self._file:
+                    self._writer.finish()
 
     def transforms(self, time: float, world_from_frame: Mapping[str, Array]) -> None:
         """Poses (4, 4) of frames in the world, on ``/tf``."""
@@ -107,8 +111,17 @@ class McapFile(Closing):
 
     def _write(self, topic: str, time: float, message: Any) -> None:
         stamp = _nanoseconds(time)
-        with self._lock:
+        with self._lock, self._naming_the_file():
+            if self._file.closed:
+                raise OutputError("is closed", file=self._path)
             self._writer.write_message(topic, message, log_time=stamp, publish_time=stamp)
+
+    @contextmanager
+    def _naming_the_file(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise OutputError(f"cannot be written: {error.strerror or error}", file=self._path) from error
 
 
 def _message(schema: str, **values: Any) -> Any:

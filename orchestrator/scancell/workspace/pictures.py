@@ -7,24 +7,27 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from os import cpu_count
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import Threads, Within, checked_arguments
 from scancell.errors import DescriptionError
 from scancell.nominal.cell import Body
 from scancell.output.drawing import Sheet
-from scancell.progress import NullProgress, Progress
+from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.workspace.caption import captioned
 from scancell.workspace.coloured_cloud import ColourBy, ColouredCloud, coloured_by
 from scancell.workspace.laser import laser_sheet
-from scancell.workspace.recorded_run import RecordedRun
+from scancell.workspace.recorded_run import RecordedRun, open_run
 from scancell.workspace.renderer import PaintedBody, Renderer
 from scancell.workspace.shading import displayed
 from scancell.workspace.video import video_writer
 from scancell.workspace.views import CameraPath, View, camera_path
 
 Image = NDArray[np.uint8]
+Pixels = Annotated[int, Within(64, 7680)]
 
 _SECONDS = 10.0  # of an animation, unless its length or speed is given
 _ARM, _JOINT = (0.90, 0.905, 0.91), (0.80, 0.815, 0.83)
@@ -75,23 +78,50 @@ def run_pictures(
     return RunPictures(run, Renderer(bodies, float(min(standing, default=0.0)), middle), path, cloud, span)
 
 
+@checked_arguments
 def picture(
-    run: RecordedRun,
+    run: str | Path | RecordedRun,
     out: str | Path,
     *,
     time: float | None = None,
     view: View = "cell",
-    size: tuple[int, int] = (1280, 720),
+    size: tuple[Pixels, Pixels] = (1280, 720),
     colour: ColourBy = "deviation",
-    threads: int = 0,
+    threads: Threads = 0,
 ) -> float:
-    """Write a picture of the cell as PNG, and return its time in the run, s: by default that of the last exposure.
+    """Write a picture of the cell as PNG, and return its time in the run, s.
+
+    Parameters
+    ----------
+    run
+        Folder of a saved scan.
+    out
+        File of the picture.
+    time
+        In the run, s; None: that of the last exposure.
+    view
+        ``cell`` and ``part`` are fixed, ``orbit`` goes once around the cell, ``sensor`` follows the sensor.
+    size
+        Width and height, px.
+    colour
+        What the colours of the cloud show: its ``deviation`` from the mesh, or ``intensity``.
+    threads
+        0: as many as there are cores.
 
     Raises
     ------
     ScancellError
-        If `time` is not in the run, or the file cannot be written.
+        If `time` is not in the run, the run cannot be read, or the file cannot be written.
+
+    Examples
+    --------
+    >>> settings = {"scan.sweep.enabled": False, "scan.raster.pitch_mm": 5}
+    >>> files = scancell.scan("part.stl", engine="geometric", settings=settings).save("run")
+    >>> time = scancell.picture("run", "picture.png", view="part", size=(320, 240))
+    >>> print(f"at {time / scancell.read_recording('run/recording.parquet').measured.time[-1]:.0%} of the scan")
+    at 100% of the scan
     """
+    run = _opened(run)
     at = float(run.motion.times[-1]) if time is None else time
     if not run.motion.start <= at <= run.motion.duration:
         raise DescriptionError(key="time", value=at, expected=f"{run.motion.start:g} to {run.motion.duration:g} s")
@@ -99,45 +129,66 @@ def picture(
     return at
 
 
+@checked_arguments
 def animate(
-    run: RecordedRun,
+    run: str | Path | RecordedRun,
     out: str | Path,
     *,
     view: View = "cell",
-    size: tuple[int, int] = (1280, 720),
-    fps: float = 25.0,
-    seconds: float | None = None,
-    speed: float | None = None,
+    size: tuple[Pixels, Pixels] = (1280, 720),
+    fps: Annotated[float, Within(1.0, 120.0)] = 25.0,
+    seconds: Annotated[float, Within(0.01, 1e4)] | None = None,
+    speed: Annotated[float, Within(1e-3, 1e6)] | None = None,
     colour: ColourBy = "deviation",
-    threads: int = 0,
-    progress: Progress | None = None,
+    threads: Threads = 0,
+    progress: Progress | ProgressCallback | None = None,
 ) -> int:
     """Write an animation of the whole run as WebM (VP9) or animated WebP, and return the number of its frames.
 
     Parameters
     ----------
+    run, view, size, colour, threads
+        As of `picture`.
+    out
+        File that ends in ``.webm`` or ``.webp``.
+    fps
+        Frames per second.
     seconds, speed
         Length of the animation, s, or seconds of the run in one second of it; not both. 10 s by default.
+    progress
+        Receives the frames that are rendered.
 
     Raises
     ------
     ScancellError
-        If an option is wrong, or the file cannot be written.
+        If an option is wrong, the run cannot be read, or the file cannot be written.
+
+    Examples
+    --------
+    >>> settings = {"scan.sweep.enabled": False, "scan.raster.pitch_mm": 5}
+    >>> files = scancell.scan("part.stl", engine="geometric", settings=settings).save("run")
+    >>> scancell.animate("run", "scan.webp", size=(160, 120), seconds=0.2, fps=10)
+    2
     """
+    run = _opened(run)
     if seconds is not None and speed is not None:
         raise DescriptionError(f"`seconds` {seconds:g} and `speed` {speed:g}", expected="one of them")
-    progress = NullProgress() if progress is None else progress
+    heard = as_progress(progress)
     start, length = run.motion.start, run.motion.duration - run.motion.start
     wanted = length / speed if speed is not None else _SECONDS if seconds is None else seconds
     count = max(1, round(wanted * fps))
     times = start + length * np.arange(count) / max(count - 1, 1)
-    progress.stage("rendering", count, "frames")
+    heard.stage("rendering", count, "frames")
     with video_writer(out, size, fps) as add:
         pictures = run_pictures(run, view, size, colour, threads, length / max(count - 1, 1))
         for frame in _in_order(pictures.at, times.tolist(), (np.arange(count) / count).tolist(), threads):
             add(frame)
-            progress.advance(1)
+            heard.advance(1)
     return count
+
+
+def _opened(run: str | Path | RecordedRun) -> RecordedRun:
+    return run if isinstance(run, RecordedRun) else open_run(run)
 
 
 def _in_order(

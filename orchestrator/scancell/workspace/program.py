@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from scancell.arguments import checked_arguments
 from scancell.config.choices import Engine
 from scancell.errors import ProgramError, ScancellError
 from scancell.scanning.session import ScanSession
@@ -45,11 +46,12 @@ class ProgramRun:
     files: list[Path] = field(default_factory=list)
 
 
+@checked_arguments
 def run_program(
-    program: Path,
+    program: str | Path,
     session: ScanSession,
     engine: Engine = "ray-traced",
-    folder: Path | None = None,
+    folder: str | Path | None = None,
     show: Callable[[int, Step], None] = lambda _line, _step: None,
     printed: Callable[[str], None] | None = None,
 ) -> ProgramRun:
@@ -57,16 +59,24 @@ def run_program(
 
     Parameters
     ----------
+    program
+        Python file with a function ``main``, which is handed a `Robot`.
     session
         A running cell, guarded or not.
     engine
         How profiles are measured.
     folder
-        Where the program saves clouds; None: the current one.
+        Where the program saves clouds; None: the current folder.
     show
         Receives each command that was carried out, after the line of the program that gave it.
     printed
         Receives the text that the program prints; None: it goes to standard output.
+
+    Returns
+    -------
+    ProgramRun
+        With ``steps`` (line of the program and command), ``duration`` in simulated time, s, ``contacts`` of bodies, and
+        ``files`` that the program wrote.
 
     Raises
     ------
@@ -75,7 +85,17 @@ def run_program(
         guard, an error of Python.
     JobStopped
         With file and line, where the program ran in a `LiveCell` and was ended.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> length = Path("turn.py").write_text("def main(robot): robot.turn_table(0.5)")
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl", guarded=True) as session:
+    ...     done = scancell.run_program("turn.py", session, "geometric")
+    >>> [(line, step.command, step.about) for line, step in done.steps], done.contacts
+    ([(1, 'turn_table', '28.65 deg')], [])
     """
+    program = Path(program)
     file, run = str(program), ProgramRun()
 
     def on_step(step: Step) -> None:

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import fmpy
 
+from scancell.arguments import checked_fields
 from scancell.cell.fmu_package.bundle import Bundle, dependencies_text, license_text, read_bundle
 from scancell.cell.fmu_package.pages import index_page
 from scancell.cell.fmu_package.reference import Reference, record_reference
@@ -26,6 +27,7 @@ _PLATFORM = {2: "linux64", 3: "x86_64-linux"}
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
+@checked_fields
 @dataclass(frozen=True)
 class FmuOptions:
     """Variants of an FMU.
@@ -40,6 +42,16 @@ class FmuOptions:
         importers read arrays.
     integers
         Describe modes, states and errors as integers instead of enumerations, which libcosim and ecos do not know.
+
+    Examples
+    --------
+    >>> import zipfile
+    >>> setup = scancell.load_setup()
+    >>> nominal = scancell.nominal_cell(setup.cell, scancell.load_part("part.stl"))
+    >>> description = scancell.cell_json(setup.cell, nominal, seed=0)
+    >>> scancell.build_fmu(description, "cell.fmu", version=3, options=scancell.FmuOptions(arrays=True))
+    >>> b'name="measured.q"' in zipfile.ZipFile("cell.fmu").read("modelDescription.xml")
+    True
     """
 
     clock: bool = False

@@ -66,9 +66,9 @@ class SessionRecording(Closing):
             path = first_free(self._out, "session_{}.mcap")
             try:
                 self._out.mkdir(parents=True, exist_ok=True)
-                self._recorder = SessionRecorder(path, self._cell)
             except OSError as error:
-                raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+                raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
+            self._recorder = SessionRecorder(path, self._cell)
             self._path, self._error = path, ""
             self._ending.clear()
             self._thread = Thread(target=self._record, name="record", daemon=True)
@@ -100,8 +100,8 @@ class SessionRecording(Closing):
                     number = frame.number
                     self._recorder.cameras(frame)
                 pace.wait()
-        except OSError as error:
-            self._error = f"{self._path}: cannot be written: {error.strerror or error}"
+        except OutputError as error:
+            self._error = str(error)
         finally:
             with self._lock:
                 recorder, self._recorder = self._recorder, None
@@ -111,5 +111,5 @@ class SessionRecording(Closing):
     def _complete(self, recorder: SessionRecorder) -> None:
         try:
             recorder.close()
-        except OSError as error:
-            self._error = self._error or f"{self._path}: cannot be written: {error.strerror or error}"
+        except OutputError as error:
+            self._error = self._error or str(error)
