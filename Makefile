@@ -24,7 +24,8 @@ SYSTEM_PACKAGES := g++ cmake ninja-build ccache patchelf python3-venv python3-de
 # GoogleTest; an importer in the tests calls unzip; dartpy loads libGL, Open3D libEGL, libusb and libgomp.
 DEV_PACKAGES := libgtest-dev unzip libgl1 libegl1 libusb-1.0-0 libgomp1
 
-NATIVE_SOURCES := CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
+# An installation in place knows the modules of its time: it is made again with new or moved packages, too.
+SOURCES := $(shell find orchestrator -name '__init__.py') CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))
 
 .PHONY: help setup dev scan test test-fast wheel native-tests check format bench peers sanitize clean
@@ -61,7 +62,7 @@ $(STAMPS)/venv: $(STAMPS)/system
 	@$(BIN)/pip install -q --disable-pip-version-check "scikit-build-core>=0.10" "pybind11>=2.12"
 	@touch $@
 
-$(STAMPS)/installed: $(STAMPS)/venv $(NATIVE_SOURCES)
+$(STAMPS)/installed: $(STAMPS)/venv $(SOURCES)
 	@echo "scancell: building and installing (a few minutes the first time)"
 	@$(BIN)/pip install -q --disable-pip-version-check --no-build-isolation -e .
 	@touch $@

@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.kinematics import LATENCY, AxisReadings, CellKinematics
-from scancell.calibration.problem import Artefact, CalibrationProblem, Observations, RobotNoise
+from scancell.calibration.cell.kinematics import LATENCY, AxisReadings, CellKinematics
+from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations, RobotNoise
 from scancell.cell.recording import slopes
 from scancell.config.loading import load_setup
 from scancell.geometry import pose

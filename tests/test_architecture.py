@@ -19,17 +19,20 @@ TIERS = [
     {"nominal"},
     {"proximity", "reconstruction", "visibility"},
     {"cell"},
-    {"planning", "guard", "calibration"},
+    {"planning", "guard"},
     {"scanning"},
     {"evaluation"},
     {"output"},
     {"results"},
-    {"jobs"},
+    {"calibration"},
     {"options"},
     {"scanner"},
     {"studies"},
     {"api"},
-    {"workspace"},
+    {"live"},
+    {"programs"},
+    {"views"},
+    {"browser"},
     {"cli"},
 ]
 # Results of evaluations write and draw themselves: their methods import what does it when they are called.
@@ -38,8 +41,8 @@ TIER_OF = {name: level for level, names in enumerate(TIERS) for name in names}
 
 # All other packages work with measured and nominal values only.
 MAY_USE_TRUTH = {
-    *("config", "cell", "scanning", "evaluation", "output", "results", "scanner", "studies", "api", "workspace", "cli"),
-    "options",
+    *("config", "cell", "scanning", "evaluation", "output", "results", "scanner", "studies", "api"),
+    *("options", "live", "programs", "views", "browser", "cli"),
 }
 
 # What each folder of sensor_rt may include besides itself.

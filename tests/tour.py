@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from scancell import Scanner
+from scancell.browser.server.quiet import quiet_server
+from scancell.browser.server.serve import Host, PartFile
+from scancell.browser.server.workspace import WorkspaceSettings
+from scancell.live.camera import CameraFrame
 from scancell.scanning.session import ScanSession
-from scancell.workspace.browser.quiet import quiet_server
-from scancell.workspace.browser.serve import Host, PartFile
-from scancell.workspace.browser.workspace import WorkspaceSettings
-from scancell.workspace.live_camera import CameraFrame
 
 PART = Path(__file__).resolve().parents[1] / "assets" / "parts" / "free_form.stl"
 POSE = ((450, 0, 250), (180, 0, 0))  # mm, deg

@@ -19,11 +19,11 @@ from .api import survey as survey
 # The cell, and what is kept between calls
 from .scanner import Scanner as Scanner
 from .scanning.session import ScanSession as ScanSession
-from .workspace.program import run_program as run_program
-from .workspace.robot import Robot as Robot
-from .workspace.robot import deg as deg
-from .workspace.robot import location as location
-from .workspace.robot import mm as mm
+from .programs.program import run_program as run_program
+from .programs.robot import Robot as Robot
+from .programs.robot import deg as deg
+from .programs.robot import location as location
+from .programs.robot import mm as mm
 
 # Descriptions
 from .config.cell import CellDescription as CellDescription
@@ -35,8 +35,8 @@ from .config.loading import load_setup as load_setup
 from .config.channel import ChannelDescription as ChannelDescription
 from .config.channel import LinkDescription as LinkDescription
 from .config.files import assets_dir as assets_dir
-from .jobs.calibration_job import CalibrationRequest as CalibrationRequest
-from .jobs.sensor_calibration_job import SensorCalibrationRequest as SensorCalibrationRequest
+from .calibration.cell.request import CalibrationRequest as CalibrationRequest
+from .calibration.sensor.request import SensorCalibrationRequest as SensorCalibrationRequest
 
 # Data
 from .geometry.mesh import Mesh as Mesh
@@ -61,8 +61,8 @@ from .evaluation.deviation import Deviation as Deviation
 from .evaluation.coverage import Coverage as Coverage
 from .evaluation.mesh_evaluation import MeshEvaluation as MeshEvaluation
 from .evaluation.artefact import ArtefactEvaluation as ArtefactEvaluation
-from .jobs.calibration_report import CalibrationReport as CalibrationReport
-from .jobs.sensor_calibration_report import SensorCalibrationReport as SensorCalibrationReport
+from .calibration.cell.report import CalibrationReport as CalibrationReport
+from .calibration.sensor.report import SensorCalibrationReport as SensorCalibrationReport
 from .output.run_folder import RunReport as RunReport
 from .studies.acceptance.report import AcceptanceReport as AcceptanceReport
 from .studies.batch import BatchResult as BatchResult
@@ -95,29 +95,29 @@ from .guard.transport import UdpTransport as UdpTransport
 from .scanning.guard import guard_of as guard_of
 
 # A live cell: commanded while it runs
-from .workspace.live import LiveCell as LiveCell
-from .workspace.live_state import LiveState as LiveState
-from .workspace.live_commands import JogJoints as JogJoints
-from .workspace.live_commands import JogSensor as JogSensor
-from .workspace.live_commands import MoveJoints as MoveJoints
-from .workspace.live_commands import MoveTool as MoveTool
-from .workspace.live_commands import MoveLine as MoveLine
-from .workspace.live_commands import SetMonitorSpeed as SetMonitorSpeed
-from .workspace.live_commands import SetOperation as SetOperation
-from .workspace.live_commands import Cancel as Cancel
-from .workspace.live_commands import Reset as Reset
-from .workspace.live_commands import OpenGripper as OpenGripper
-from .workspace.live_commands import CloseGripper as CloseGripper
-from .workspace.live_commands import RunConveyor as RunConveyor
-from .workspace.live_jobs import JobStopped as JobStopped
-from .workspace.live_scan import LiveScan as LiveScan
-from .workspace.live_plan import LivePlan as LivePlan
-from .workspace.live_camera import CameraFeed as CameraFeed
-from .workspace.mcap_export import SessionRecorder as SessionRecorder
+from .live.cell import LiveCell as LiveCell
+from .live.state import LiveState as LiveState
+from .live.commands import JogJoints as JogJoints
+from .live.commands import JogSensor as JogSensor
+from .live.commands import MoveJoints as MoveJoints
+from .live.commands import MoveTool as MoveTool
+from .live.commands import MoveLine as MoveLine
+from .live.commands import SetMonitorSpeed as SetMonitorSpeed
+from .live.commands import SetOperation as SetOperation
+from .live.commands import Cancel as Cancel
+from .live.commands import Reset as Reset
+from .live.commands import OpenGripper as OpenGripper
+from .live.commands import CloseGripper as CloseGripper
+from .live.commands import RunConveyor as RunConveyor
+from .live.jobs import JobStopped as JobStopped
+from .live.scan import LiveScan as LiveScan
+from .live.plan import LivePlan as LivePlan
+from .live.camera import CameraFeed as CameraFeed
+from .views.mcap_export import SessionRecorder as SessionRecorder
 
 # Pictures of a run
-from .workspace.pictures import animate as animate
-from .workspace.pictures import picture as picture
+from .views.pictures import animate as animate
+from .views.pictures import picture as picture
 
 # Progress
 from .progress import Progress as Progress

@@ -22,6 +22,10 @@ from scancell.arguments import (
     checked_arguments,
     checked_value,
 )
+from scancell.calibration.cell.report import CalibrationReport
+from scancell.calibration.cell.request import CalibrationRequest
+from scancell.calibration.sensor.report import SensorCalibrationReport
+from scancell.calibration.sensor.request import SensorCalibrationRequest
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Align, CalibrationTarget, Engine, Reconstruction, SensorTarget
 from scancell.config.keys import Assignments, assignments
@@ -31,10 +35,6 @@ from scancell.errors import DescriptionError
 from scancell.extras import require
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup
-from scancell.jobs.calibration_job import CalibrationRequest
-from scancell.jobs.calibration_report import CalibrationReport
-from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest
-from scancell.jobs.sensor_calibration_report import SensorCalibrationReport
 from scancell.nominal.parts import load_artefact, load_part
 from scancell.options import (
     BatchOptions,

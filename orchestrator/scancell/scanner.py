@@ -10,6 +10,16 @@ from pathlib import Path
 from typing import Self
 
 from scancell.arguments import Length, Pose, Seed, Share, Threads, checked_arguments
+from scancell.calibration.cell.report import CalibrationReport
+from scancell.calibration.cell.request import (
+    CalibrationRequest,
+    calibrate_from_points,
+    calibrate_in_cell,
+    start_of,
+)
+from scancell.calibration.cell.scan import CalibrationScan
+from scancell.calibration.sensor.report import SensorCalibrationReport
+from scancell.calibration.sensor.request import SensorCalibrationRequest, calibrate_described
 from scancell.cell.recording import Recording, read_recording
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
@@ -22,20 +32,10 @@ from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError, ScancellError
 from scancell.geometry.mesh import Mesh
-from scancell.jobs.calibration import CalibrationScan
-from scancell.jobs.calibration_job import (
-    CalibrationRequest,
-    calibrate_from_points,
-    calibrate_in_cell,
-    start_of,
-)
-from scancell.jobs.calibration_report import CalibrationReport
-from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest, calibrate_described
-from scancell.jobs.sensor_calibration_report import SensorCalibrationReport
 from scancell.nominal.parts import PartCache
 from scancell.nominal.plausibility import setup_warnings
-from scancell.planning.configuration_map import QualityFactor
 from scancell.planning.options import scan_options
+from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.planning.plan_file import read_plan
 from scancell.planning.setups import SetUpPlanner, SetUps

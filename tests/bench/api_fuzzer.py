@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 
 import scancell
+from scancell.calibration.cell.request import CalibrationRequest
+from scancell.calibration.sensor.request import SensorCalibrationRequest
 from scancell.errors import CancelledError
 from scancell.geometry.mesh import box_mesh
-from scancell.jobs.calibration_job import CalibrationRequest
-from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest
 
 Arguments = dict[str, Any]
 

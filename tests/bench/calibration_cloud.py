@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 import scancell
 from scancell import sensor as sensor_rt
-from scancell.calibration.result import CalibrationResult
+from scancell.calibration.cell.request import CalibrationRequest
+from scancell.calibration.cell.result import CalibrationResult
+from scancell.calibration.cell.scan import kinematics_of, readings_of
 from scancell.config.loading import assets_dir
 from scancell.geometry import pose
-from scancell.jobs.calibration import kinematics_of, readings_of
-from scancell.jobs.calibration_job import CalibrationRequest
 from scancell.nominal.estimated import estimated_cell
 from scancell.reconstruction.reconstruct import points_in_part
 from scancell.results import ScanResult

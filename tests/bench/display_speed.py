@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chromium import EXECUTABLE, Watched, chromium
-from scancell.workspace.browser.workspace import Workspace
-from scancell.workspace.live_commands import MoveJoints
+from scancell.browser.server.workspace import Workspace
+from scancell.live.commands import MoveJoints
 
 from .table import Row
 

@@ -14,8 +14,8 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import load_mesh
 from scancell.nominal.cell import Body, nominal_cell
-from scancell.planning.connection import Connector
 from scancell.planning.model import PlanningCell
+from scancell.planning.motion.connection import Connector
 from scancell.scanning.sense import make_sensor
 from scancell.scanning.sensor_range import sensor_range
 

@@ -28,16 +28,16 @@ from scancell.config.path import PathDescription
 from scancell.config.scan import RasterDescription, ScanDescription, SweepDescription
 from scancell.errors import PlanningError
 from scancell.planning.model import PlanningCell
-from scancell.planning.optimum import best_motion
+from scancell.planning.motion.timing import FINER
+from scancell.planning.motion.torques import joint_torques
+from scancell.planning.motion.trajectory import limit_fractions, move
 from scancell.planning.options import scan_options
-from scancell.planning.path_planner import PathPlanner
-from scancell.planning.placement import LIMIT_FRACTION
+from scancell.planning.path_map.optimum import best_motion
+from scancell.planning.path_map.path_planner import PathPlanner
+from scancell.planning.path_map.ray_shooting import shoot
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
-from scancell.planning.ray_shooting import shoot
-from scancell.planning.timing import FINER
-from scancell.planning.torques import joint_torques
-from scancell.planning.trajectory import limit_fractions, move
+from scancell.planning.views.placement import LIMIT_FRACTION
 from scancell.proximity.judge import first_collision
 
 from .planning_cases import CLEARANCE, PARTS, WANTED, make, path_of, planning_cell, read_cases

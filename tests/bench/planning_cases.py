@@ -28,12 +28,12 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh, load_mesh
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell
-from scancell.planning.optimum import best_motion
-from scancell.planning.path_planner import PathPlanner
-from scancell.planning.ray_shooting import shoot
-from scancell.planning.sensor_paths import SensorPath, sensor_paths
-from scancell.planning.table_motion import Lattice
-from scancell.planning.verification import check_part
+from scancell.planning.motion.verification import check_part
+from scancell.planning.path_map.optimum import best_motion
+from scancell.planning.path_map.path_planner import PathPlanner
+from scancell.planning.path_map.ray_shooting import shoot
+from scancell.planning.path_map.table_motion import Lattice
+from scancell.planning.views.sensor_paths import SensorPath, sensor_paths
 from scancell.scanning.sense import make_sensors
 from scancell.scanning.sensor_range import sensor_range
 

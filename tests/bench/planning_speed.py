@@ -13,11 +13,11 @@ from scancell.config.loading import load_setup
 from scancell.config.path import PathDescription
 from scancell.geometry.mesh import load_mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.planning.configuration_map import ConfigurationMap, StaticConstraints
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import scan_options
+from scancell.planning.path_map.configuration_map import ConfigurationMap, StaticConstraints
 from scancell.planning.planner import plan
-from scancell.planning.sensor_paths import sensor_paths
+from scancell.planning.views.sensor_paths import sensor_paths
 from scancell.scanning.sense import make_sensors
 from scancell.scanning.sensor_range import sensor_range
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from chromium import Watched, chromium
 from scancell import Scanner
-from scancell.workspace.browser.quiet import address
-from scancell.workspace.browser.workspace import WorkspaceSettings
+from scancell.browser.server.quiet import address
+from scancell.browser.server.workspace import WorkspaceSettings
 from tour import PART, hosted, walk
 
 _DRAWS_MS = 8000  # until the processor has drawn what is shown

@@ -24,10 +24,10 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from scancell import Scanner
+from scancell.browser.server.quiet import address
+from scancell.browser.server.serve import Host
+from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.config.loading import load_setup
-from scancell.workspace.browser.quiet import address
-from scancell.workspace.browser.serve import Host
-from scancell.workspace.browser.workspace import WorkspaceSettings
 from tour import hosted
 
 WAITS = 600.0  # s: only a hang takes longer

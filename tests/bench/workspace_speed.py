@@ -13,16 +13,16 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from scancell import Scanner
+from scancell.browser.scene.cloud import MOST_POINTS
+from scancell.browser.server.quiet import address, quiet_server
+from scancell.browser.server.serve import Host, PartFile
+from scancell.browser.server.workspace import Workspace, WorkspaceSettings
 from scancell.config.choices import Engine
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
+from scancell.live.commands import Cancel
+from scancell.programs.robot import deg, location, mm
 from scancell.scanning.session import ScanSession
-from scancell.workspace.browser.cloud import MOST_POINTS
-from scancell.workspace.browser.quiet import address, quiet_server
-from scancell.workspace.browser.serve import Host, PartFile
-from scancell.workspace.browser.workspace import Workspace, WorkspaceSettings
-from scancell.workspace.live_commands import Cancel
-from scancell.workspace.robot import deg, location, mm
 
 from .display_speed import display_rows
 from .table import Row

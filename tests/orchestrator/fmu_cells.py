@@ -11,7 +11,7 @@ from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.program import Program, Segment, TriggerKind, TriggerRule
 from scancell.config.loading import load_setup
 from scancell.nominal.cell import NominalCell, nominal_cell
-from scancell.planning import trajectory
+from scancell.planning.motion import trajectory
 
 CYCLE_US = 16_000
 CYCLE = CYCLE_US * 1e-6

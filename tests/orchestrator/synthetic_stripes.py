@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from scancell.calibration.sensor_problem import StripePeaks, TargetExposure
+from scancell.calibration.sensor.problem import StripePeaks, TargetExposure
 from scancell.config.resolved import sensor_json
 from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeGroup

@@ -17,22 +17,22 @@ from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.config.material import PRESETS
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
+from scancell.live.cell import LiveCell
+from scancell.live.commands import MoveJoints, MoveTool, OpenGripper, RunConveyor
 from scancell.nominal.cell import without_bodies
-from scancell.workspace.live import LiveCell
-from scancell.workspace.live_commands import MoveJoints, MoveTool, OpenGripper, RunConveyor
-from scancell.workspace.robot import deg, location, mm
+from scancell.programs.robot import deg, location, mm
 
 viser = pytest.importorskip("viser")
 
-from scancell.workspace.browser import cloud  # noqa: E402
-from scancell.workspace.browser.bodies import MovedNodes  # noqa: E402
-from scancell.workspace.browser.devices import DETECTED, FREE  # noqa: E402
-from scancell.workspace.browser.pairs import COLLIDING, NEAREST  # noqa: E402
-from scancell.workspace.browser.quiet import quiet_server  # noqa: E402
-from scancell.workspace.browser.scene import CellScene  # noqa: E402
-from scancell.workspace.browser.sensor_view import stripe_segments  # noqa: E402
-from scancell.workspace.browser.surfaces import inset, material_colour, split_at_creases  # noqa: E402
-from scancell.workspace.browser.trace import Trace  # noqa: E402
+from scancell.browser.scene import cloud  # noqa: E402
+from scancell.browser.scene.bodies import MovedNodes  # noqa: E402
+from scancell.browser.scene.devices import DETECTED, FREE  # noqa: E402
+from scancell.browser.scene.pairs import COLLIDING, NEAREST  # noqa: E402
+from scancell.browser.scene.scene import CellScene  # noqa: E402
+from scancell.browser.scene.sensor_view import stripe_segments  # noqa: E402
+from scancell.browser.scene.surfaces import inset, material_colour, split_at_creases  # noqa: E402
+from scancell.browser.scene.trace import Trace  # noqa: E402
+from scancell.browser.server.quiet import quiet_server  # noqa: E402
 
 DEVICES = (
     'cell.distance_sensor=[{ name = "height", pose = { x_mm = 370, y_mm = -400, z_mm = 300, rx_deg = 180 },'

@@ -7,7 +7,7 @@ import pytest
 
 from bench.calibration_figures import ALL, ROBOTS, Trial, at_rest, everything, length
 from calibration_data import LARGE
-from scancell.calibration.kinematics import LATENCY, TABLE, TOOL
+from scancell.calibration.cell.kinematics import LATENCY, TABLE, TOOL
 
 SEEDS = 24
 

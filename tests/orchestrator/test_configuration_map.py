@@ -7,8 +7,9 @@ import pytest
 from cells import block, planning_cell
 
 from scancell.geometry import pose
-from scancell.planning import constraints
-from scancell.planning.configuration_map import (
+from scancell.planning.model import PlanningCell
+from scancell.planning.path_map import constraints
+from scancell.planning.path_map.configuration_map import (
     CLEARANCE,
     FREE,
     JOINT_RANGE,
@@ -19,8 +20,7 @@ from scancell.planning.configuration_map import (
     StaticConstraints,
     singularity_distance,
 )
-from scancell.planning.model import PlanningCell
-from scancell.planning.views import sweep_pose
+from scancell.planning.views.views import sweep_pose
 
 PERIOD = 0.05
 ROWS = 24

@@ -10,9 +10,9 @@ from cells import planning_cell
 from scancell.config.path import ContourDescription, PathDescription
 from scancell.errors import PlanningError
 from scancell.geometry.mesh import Mesh
-from scancell.planning.contour_path import contour_poses
-from scancell.planning.path_planner import PathPlanner, PlacedPath
-from scancell.planning.sensor_paths import sensor_paths
+from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
+from scancell.planning.views.contour_path import contour_poses
+from scancell.planning.views.sensor_paths import sensor_paths
 
 STANDOFF = 0.09
 

@@ -19,13 +19,13 @@ from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.planning import surface
-from scancell.planning.coverage import CoveragePlanner, _least_time
-from scancell.planning.legs import legs
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import ScanOptions, scan_options
-from scancell.planning.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Sight
-from scancell.planning.views import Pass, sweep_pose
+from scancell.planning.views import surface
+from scancell.planning.views.coverage import CoveragePlanner, _least_time
+from scancell.planning.views.legs import legs
+from scancell.planning.views.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Sight
+from scancell.planning.views.views import Pass, sweep_pose
 from scancell.scanning.sense import make_sensors
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 

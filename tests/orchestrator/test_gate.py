@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from scancell.browser.panels.messages import report_errors
+from scancell.browser.server.gate import Gate
 from scancell.errors import CommandError
-from scancell.workspace.browser.gate import Gate
-from scancell.workspace.browser.messages import report_errors
 
 INPUTS = {
     "slider": SimpleNamespace(label="joint 1, deg", value=1.0, min=-10.0, max=10.0, step=0.1),

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scancell.workspace.browser.desk import Settled
-from scancell.workspace.browser.panels import joint_panel
-from scancell.workspace.live_commands import MoveJoints
+from scancell.browser.panels import joint_panel
+from scancell.browser.panels.desk import Settled
+from scancell.live.commands import MoveJoints
 
 HOME = np.radians([10.0, 20.0])
 

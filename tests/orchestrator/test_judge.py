@@ -12,7 +12,7 @@ from scancell.config.loading import load_setup
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
-from scancell.planning import verification
+from scancell.planning.motion import verification
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
 from scancell.proximity.judge import first_collision

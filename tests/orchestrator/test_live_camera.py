@@ -12,12 +12,12 @@ from scancell import Scanner
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
+from scancell.live import camera as live_camera
+from scancell.live.camera import CameraFeed, CameraFrame
+from scancell.live.cell import LiveCell
+from scancell.live.commands import MoveLine
+from scancell.programs.robot import deg, location, mm
 from scancell.scanning.session import ScanSession
-from scancell.workspace import live_camera
-from scancell.workspace.live import LiveCell
-from scancell.workspace.live_camera import CameraFeed, CameraFrame
-from scancell.workspace.live_commands import MoveLine
-from scancell.workspace.robot import deg, location, mm
 
 PART = assets_dir() / "parts" / "step_block.stl"
 PATIENCE_S = 120

@@ -13,9 +13,8 @@ from scancell.cell.controller import JogFrame, Operation
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
-from scancell.stopwatch import Pace
-from scancell.workspace.live import LiveCell
-from scancell.workspace.live_commands import (
+from scancell.live.cell import LiveCell
+from scancell.live.commands import (
     CloseGripper,
     Command,
     JogJoints,
@@ -29,8 +28,9 @@ from scancell.workspace.live_commands import (
     SetMonitorSpeed,
     SetOperation,
 )
-from scancell.workspace.live_state import LiveState
-from scancell.workspace.robot import deg, location, mm
+from scancell.live.state import LiveState
+from scancell.programs.robot import deg, location, mm
+from scancell.stopwatch import Pace
 
 ABOVE = location(450 * mm, 0, 260 * mm, rx=180 * deg)
 BELT = (

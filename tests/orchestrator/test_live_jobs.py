@@ -17,14 +17,14 @@ from scancell.cell.controller import Operation
 from scancell.config.loading import load_setup
 from scancell.errors import CellError, CommandError, ProgramError
 from scancell.geometry import pose
+from scancell.live import cell as live_module
+from scancell.live.cell import LiveCell
+from scancell.live.commands import Cancel, MoveJoints, Reset, SetMonitorSpeed, SetOperation
+from scancell.live.jobs import JobStopped
+from scancell.live.state import LiveState
+from scancell.programs.program import ProgramRun, run_program
+from scancell.programs.robot import location, mm
 from scancell.scanning.session import ScanSession
-from scancell.workspace import live as live_module
-from scancell.workspace.live import LiveCell
-from scancell.workspace.live_commands import Cancel, MoveJoints, Reset, SetMonitorSpeed, SetOperation
-from scancell.workspace.live_jobs import JobStopped
-from scancell.workspace.live_state import LiveState
-from scancell.workspace.program import ProgramRun, run_program
-from scancell.workspace.robot import location, mm
 
 ABOVE = location(450 * mm, 0, 260 * mm, rx=np.pi)
 WORDS = "from scancell.workspace.robot import Robot, deg, location, mm\n"

@@ -12,13 +12,13 @@ import pytest
 from scancell import Scanner
 from scancell.config.loading import Setup
 from scancell.errors import CommandError, PlanningError
-from scancell.planning.configuration_map import CLEARANCE, FREE, REACH, ConfigurationMap
+from scancell.live.cell import LiveCell
+from scancell.live.plan import LivePlan, nearest_turn
 from scancell.planning.model import PlanningCell
+from scancell.planning.path_map.configuration_map import CLEARANCE, FREE, REACH, ConfigurationMap
 from scancell.scanning.sensor_range import sensor_range
 from scancell.scanning.session import ScanSession
-from scancell.workspace.live import LiveCell
-from scancell.workspace.live_plan import LivePlan, nearest_turn
-from scancell.workspace.program_motion import ProgramMotion
+from scancell.views.program_motion import ProgramMotion
 from spiral_cell import PART, spiral_setup
 
 PATIENCE_S = 300

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from scancell.output import map_picture
-from scancell.planning.configuration_map import CLEARANCE, ConfigurationMap
-from scancell.planning.table_motion import TableMotion
+from scancell.planning.path_map.configuration_map import CLEARANCE, ConfigurationMap
+from scancell.planning.path_map.table_motion import TableMotion
 
 COLUMNS, ROWS = 40, 360
 

@@ -12,8 +12,8 @@ from scancell.errors import PlanningError
 from scancell.geometry.mesh import load_mesh
 from scancell.nominal.cell import nominal_cell
 from scancell.nominal.plausibility import setup_warnings
-from scancell.planning import trajectory
 from scancell.planning.model import PlanningCell
+from scancell.planning.motion import trajectory
 from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan

@@ -12,8 +12,8 @@ from websockets.asyncio import server as websockets_server
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from scancell.browser.server.quiet import address, is_own_page, quiet_server
 from scancell.errors import LinkError
-from scancell.workspace.browser.quiet import address, is_own_page, quiet_server
 
 
 @pytest.fixture(scope="module")

@@ -18,11 +18,12 @@ from scancell.config.path import (
     WeightsDescription,
 )
 from scancell.nominal.cell import nominal_cell
-from scancell.planning import constraints, trajectory
 from scancell.planning.model import PlanningCell
-from scancell.planning.optimum import best_motion
-from scancell.planning.path_planner import PathPlanner, PlacedPath
-from scancell.planning.sensor_paths import sensor_paths
+from scancell.planning.motion import trajectory
+from scancell.planning.path_map import constraints
+from scancell.planning.path_map.optimum import best_motion
+from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
+from scancell.planning.views.sensor_paths import sensor_paths
 
 CLEARANCE = 0.005
 

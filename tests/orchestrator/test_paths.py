@@ -7,11 +7,11 @@ from cells import RANGE, ball, block, mesh_of
 
 from scancell.errors import PlanningError
 from scancell.geometry import pose
-from scancell.planning import paths, surface
 from scancell.planning.model import SensorRange
 from scancell.planning.options import RasterOptions, Spacing, SweepOptions
-from scancell.planning.sensor_paths import SensorPath
-from scancell.planning.views import Pass, Sweep, exposure_counts, seen_by, sweep_pose
+from scancell.planning.views import paths, surface
+from scancell.planning.views.sensor_paths import SensorPath
+from scancell.planning.views.views import Pass, Sweep, exposure_counts, seen_by, sweep_pose
 
 SWEEP = SweepOptions(tuple(np.radians((30.0, 60.0))), np.radians(105), 0.08, 0.03, np.radians(1), 0.7)
 RASTER = RasterOptions(0.08, 0.0005, 0.004, 0.05)

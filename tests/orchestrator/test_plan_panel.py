@@ -10,17 +10,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from scancell.browser.panels.plan_view import map_html, pose_html, segments_html, state_html
 from scancell.cell.program import Program, Segment, TriggerRule
 from scancell.errors import CommandError
+from scancell.live.plan import LivePlanState, MapPose
 from scancell.output.map_picture import map_pixels
-from scancell.planning.configuration_map import CLEARANCE, ConfigurationMap
+from scancell.planning.path_map.configuration_map import CLEARANCE, ConfigurationMap
 from scancell.planning.plan import Plan
-from scancell.workspace.browser.plan_view import map_html, pose_html, segments_html, state_html
-from scancell.workspace.live_plan import LivePlanState, MapPose
 
 pytest.importorskip("viser")
 
-from scancell.workspace.browser.plans import Plans
+from scancell.browser.panels.plans import Plans
 
 COLUMNS, ROWS = 41, 360
 BRANCH = 3

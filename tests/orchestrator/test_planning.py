@@ -12,12 +12,14 @@ from scancell.config.scan import ScanDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.planning import constraints, surface, trajectory
-from scancell.planning.connection import Connector
 from scancell.planning.model import PlanningCell
+from scancell.planning.motion import trajectory
+from scancell.planning.motion.connection import Connector
 from scancell.planning.options import scan_options
+from scancell.planning.path_map import constraints
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
+from scancell.planning.views import surface
 
 
 def scan(**changes) -> ScanDescription:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scancell.planning import optimum, ray_shooting
-from scancell.planning.configuration_map import ConfigurationMap
-from scancell.planning.table_motion import CostWeights, Lattice, TableMotion
-from scancell.planning.trajectory import Limits, limit_fractions
+from scancell.planning.motion.trajectory import Limits, limit_fractions
+from scancell.planning.path_map import optimum, ray_shooting
+from scancell.planning.path_map.configuration_map import ConfigurationMap
+from scancell.planning.path_map.table_motion import CostWeights, Lattice, TableMotion
 
 SAMPLES, PERIOD = 2, 0.1
 MAX_RATE, MAX_ACCELERATION = 1.0, 2.0

@@ -11,10 +11,10 @@ from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.workspace.camera import PinholeCamera, framing, looking_at
-from scancell.workspace.laser import LaserSheet, laser_sheet
-from scancell.workspace.renderer import FLOOR, NOTHING, PaintedBody, Renderer
-from scancell.workspace.shading import SUN
+from scancell.views.camera import PinholeCamera, framing, looking_at
+from scancell.views.laser import LaserSheet, laser_sheet
+from scancell.views.renderer import FLOOR, NOTHING, PaintedBody, Renderer
+from scancell.views.shading import SUN
 
 SIZE = (320, 200)
 GREY = (0.7, 0.7, 0.7)

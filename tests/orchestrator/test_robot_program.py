@@ -15,10 +15,10 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CommandError, DescriptionError, ProgramError
 from scancell.geometry import pose
 from scancell.geometry.mesh import load_mesh
+from scancell.programs.program import ProgramRun, run_program
+from scancell.programs.robot import Robot, deg, location, mm
 from scancell.scanning.session import ScanSession
 from scancell.sensor import MeshSurface
-from scancell.workspace.program import ProgramRun, run_program
-from scancell.workspace.robot import Robot, deg, location, mm
 
 PART = assets_dir() / "parts" / "step_block.stl"
 WITH_GRIPPER = Path(__file__).parents[2] / "docs" / "examples" / "exercises" / "gripper.toml"

@@ -14,9 +14,9 @@ from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import Body
-from scancell.planning.connection import Connector
 from scancell.planning.model import MOTION_SHARE, PlanningCell
-from scancell.planning.rrt_connect import RrtConnect
+from scancell.planning.motion.connection import Connector
+from scancell.planning.motion.rrt_connect import RrtConnect
 
 CLEARANCE = 0.005
 DOWN = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -18,7 +18,7 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import DescriptionError
 from scancell.files import first_free
 from scancell.output.manifest import resolved_toml
-from scancell.workspace import run_archive
+from scancell.views import run_archive
 
 PART = assets_dir() / "parts" / "step_block.stl"
 UNPACKED = ("resolved.toml", "recording.parquet", "plan.json", "cloud.ply", "my part.STL")

@@ -7,15 +7,15 @@ import pytest
 from synthetic_stripes import exact_exposure, native, noisy
 
 from bench.sensor_calibration import CAMERAS, CASES, SHEET, Case, calibrated, exact, trial
-from scancell.calibration.sensor import solve
-from scancell.calibration.sensor_parameters import RADIUS_OFFSET, SensorParameters, free_parameters
-from scancell.calibration.sensor_problem import Corners, SensorProblem, StripePeaks, TargetExposure
+from scancell.calibration.sensor.parameters import RADIUS_OFFSET, SensorParameters, free_parameters
+from scancell.calibration.sensor.problem import Corners, SensorProblem, StripePeaks, TargetExposure
+from scancell.calibration.sensor.simulated import range_error
+from scancell.calibration.sensor.solve import solve
+from scancell.calibration.sensor.targets import ball, ball_poses, step_block, step_poses
 from scancell.config.loading import as_built_sensor
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
-from scancell.jobs.sensor_calibration import range_error
-from scancell.jobs.sensor_targets import ball, ball_poses, step_block, step_poses
 
 NOMINAL = SensorDescription.default()
 KNOWN = free_parameters(NOMINAL, poses_known=True, checkered=False)

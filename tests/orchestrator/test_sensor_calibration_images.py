@@ -7,16 +7,16 @@ import pytest
 from synthetic_stripes import exact_exposure, native
 
 from scancell import sensor as sensor_rt
-from scancell.calibration.checkered import CheckeredBoard, start_from_corners
-from scancell.calibration.sensor_parameters import free_parameters
-from scancell.calibration.sensor_problem import Corners, TargetExposure
+from scancell.calibration.sensor import targets as sensor_targets
+from scancell.calibration.sensor.checkered import CheckeredBoard, start_from_corners
+from scancell.calibration.sensor.parameters import free_parameters
+from scancell.calibration.sensor.problem import Corners, TargetExposure
+from scancell.calibration.sensor.simulated import calibrate_from, measure, range_error
+from scancell.calibration.sensor.targets import board_poses, step_block
 from scancell.config.loading import as_built_sensor
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
-from scancell.jobs import sensor_targets
-from scancell.jobs.sensor_calibration import calibrate_from, measure, range_error
-from scancell.jobs.sensor_targets import board_poses, step_block
 from scancell.scanning.exposures import still_exposure
 
 NOMINAL = SensorDescription.default()

@@ -11,7 +11,7 @@ from cells import ball, block
 from scancell.config.path import PathDescription, SpiralDescription, WaypointDescription
 from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
-from scancell.planning.sensor_paths import SensorPath, recorded_poses, sensor_paths
+from scancell.planning.views.sensor_paths import SensorPath, recorded_poses, sensor_paths
 
 HERE = np.eye(4)
 

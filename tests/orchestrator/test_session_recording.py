@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from scancell import Scanner
+from scancell.browser.panels.recording import SessionRecording
 from scancell.config.loading import load_setup
 from scancell.errors import OutputError
-from scancell.workspace.browser.recording import SessionRecording
-from scancell.workspace.live import LiveCell
-from scancell.workspace.live_camera import CameraFeed
-from scancell.workspace.live_scan import LiveChunk
+from scancell.live.camera import CameraFeed
+from scancell.live.cell import LiveCell
+from scancell.live.scan import LiveChunk
 
 mcap_reader = pytest.importorskip("mcap.reader")
 

@@ -17,8 +17,9 @@ from scancell.errors import MeshError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.planning import setups, sight
+from scancell.planning import setups
 from scancell.planning.setups import riser_for
+from scancell.planning.views import sight
 from scancell.scanner import Scanner
 
 SWEEPS = {"scan.raster.enabled": False}  # Sweeps alone see all sides of a block, and are chosen sooner.

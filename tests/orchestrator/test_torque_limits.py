@@ -13,10 +13,10 @@ from scancell.config.cell import CellDescription
 from scancell.config.loading import load_setup
 from scancell.errors import PlanningError
 from scancell.nominal.cell import nominal_cell
-from scancell.planning import trajectory
-from scancell.planning.connection import Connector
 from scancell.planning.model import PlanningCell
-from scancell.planning.torques import TorqueLimits
+from scancell.planning.motion import trajectory
+from scancell.planning.motion.connection import Connector
+from scancell.planning.motion.torques import TorqueLimits
 
 START = np.radians([0.0, 45.0, -30.0, 0.0, 30.0, 0.0])
 END = np.radians([60.0, 90.0, -60.0, 40.0, -30.0, 90.0])

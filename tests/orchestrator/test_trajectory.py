@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from scancell.planning import trajectory
-from scancell.planning.trajectory import Limits
+from scancell.planning.motion import trajectory
+from scancell.planning.motion.trajectory import Limits
 
 CYCLE = 0.016
 LIMITS = Limits(np.array([5.7, 5.2, 6.5, 6.5, 6.5, 10.5]), np.full(6, 17.0), np.full(6, 350.0))

@@ -18,7 +18,7 @@ from scancell.config.robot_from_urdf import ConvertedRobot, robot_from_urdf
 from scancell.errors import CellError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import arm_of
-from scancell.planning.torques import joint_torques
+from scancell.planning.motion.torques import joint_torques
 
 RNG = np.random.default_rng(12)
 FOLDER = assets_dir() / "robots" / "seven_axis_urdf"

@@ -9,11 +9,11 @@ from typing import get_args
 
 import pytest
 
+from scancell.live.cell import LiveCell
+from scancell.live.commands import Cancel, Command, name_of
+from scancell.live.state import LiveState
+from scancell.programs.robot import Robot
 from scancell.scanning.session import ScanSession
-from scancell.workspace.live import LiveCell
-from scancell.workspace.live_commands import Cancel, Command, name_of
-from scancell.workspace.live_state import LiveState
-from scancell.workspace.robot import Robot
 
 FACES = (ScanSession, Robot, LiveCell)
 COMMANDS = [command for command in get_args(Command) if command is not Cancel]  # cancels jobs, which a session has not

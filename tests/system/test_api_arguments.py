@@ -12,9 +12,9 @@ import pytest
 import scancell
 from bench.api_fuzzer import Fuzzer, cancels
 from scancell.arguments import Seed, checked_arguments, checked_value
+from scancell.calibration.measured_table import MeasuredTable
 from scancell.config.keys import Assignments
 from scancell.errors import CancelledError, DescriptionError, PlanningError, ScancellError
-from scancell.jobs.measured_table import MeasuredTable
 
 CALLS = 6  # of each target
 

@@ -15,11 +15,11 @@ from commands import scancell_here
 
 import scancell
 from bench.calibration_cloud import AS_BUILT as MISALIGNED
-from scancell.calibration.kinematics import LATENCY
+from scancell.calibration.cell.kinematics import LATENCY
+from scancell.calibration.cell.request import CalibrationRequest
 from scancell.config.cell import CellDescription
 from scancell.config.loading import assets_dir
 from scancell.errors import CalibrationError, DescriptionError
-from scancell.jobs.calibration_job import CalibrationRequest
 
 PART = assets_dir() / "parts" / "sphere_on_foot.stl"
 

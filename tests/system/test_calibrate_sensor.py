@@ -11,13 +11,13 @@ import pytest
 from commands import scancell_here
 
 import scancell
-from scancell.calibration.sensor_problem import PEAK_SPACING, Corners, StripePeaks, TargetExposure
+from scancell.calibration.sensor.points import read_exposures, write_exposures
+from scancell.calibration.sensor.problem import PEAK_SPACING, Corners, StripePeaks, TargetExposure
+from scancell.calibration.sensor.request import SensorCalibrationRequest
+from scancell.calibration.sensor.targets import surface_of
 from scancell.config.loading import assets_dir
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError, DescriptionError
-from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest
-from scancell.jobs.sensor_points import read_exposures, write_exposures
-from scancell.jobs.sensor_targets import surface_of
 
 PART = assets_dir() / "parts" / "sphere_on_foot.stl"
 MISALIGNED = ("sensor.camera[1].tilt_deg=29.35", "sensor.camera[2].roll_deg=0.1", "sensor.laser.turn_y_deg=0.1")

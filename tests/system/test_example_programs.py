@@ -13,9 +13,9 @@ import pytest
 
 from scancell import Scanner
 from scancell.config.loading import assets_dir, load_setup
+from scancell.programs.program import ProgramRun, run_program
+from scancell.programs.robot import Step
 from scancell.scanning.session import ScanSession
-from scancell.workspace.program import ProgramRun, run_program
-from scancell.workspace.robot import Step
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 SOLUTIONS = EXAMPLES / "exercises"

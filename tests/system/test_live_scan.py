@@ -13,13 +13,13 @@ from scancell.cell.controller import Operation
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CancelledError, PlanningError
 from scancell.geometry import pose
+from scancell.live.cell import LiveCell
+from scancell.live.commands import Cancel, MoveJoints, MoveLine, Reset, SetOperation
+from scancell.live.scan import LiveChunk, LiveScan
+from scancell.programs.robot import deg, location, mm
 from scancell.results import ScanResult
 from scancell.scanning.session import ScanSession
-from scancell.workspace.live import LiveCell
-from scancell.workspace.live_commands import Cancel, MoveJoints, MoveLine, Reset, SetOperation
-from scancell.workspace.live_scan import LiveChunk, LiveScan
-from scancell.workspace.recorded_run import open_run
-from scancell.workspace.robot import deg, location, mm
+from scancell.views.recorded_run import open_run
 
 PART = assets_dir() / "parts" / "free_form.stl"
 COARSE = ["scan.max_profiles=120"]

@@ -16,12 +16,12 @@ from scancell import Scanner
 from scancell.config.loading import load_setup
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry import pose
-from scancell.workspace.live import LiveCell
-from scancell.workspace.live_camera import CameraFrame
-from scancell.workspace.live_commands import MoveJoints
-from scancell.workspace.live_scan import LiveChunk
-from scancell.workspace.mcap_export import SessionRecorder
-from scancell.workspace.recorded_run import open_run
+from scancell.live.camera import CameraFrame
+from scancell.live.cell import LiveCell
+from scancell.live.commands import MoveJoints
+from scancell.live.scan import LiveChunk
+from scancell.views.mcap_export import SessionRecorder
+from scancell.views.recorded_run import open_run
 
 Messages = dict[str, list]
 

@@ -15,12 +15,12 @@ import pytest
 from commands import COMMAND, PARTS, PATIENCE_S, QUICK, environment, scancell_here
 
 from chromium import Watched, chromium
-from scancell.workspace.recorded_run import open_run
+from scancell.views.recorded_run import open_run
 
 viser = pytest.importorskip("viser")
 
-from scancell.workspace.browser.playback import Playback, serve_playback  # noqa: E402
-from scancell.workspace.browser.quiet import address, quiet_server  # noqa: E402
+from scancell.browser.panels.playback import Playback, serve_playback  # noqa: E402
+from scancell.browser.server.quiet import address, quiet_server  # noqa: E402
 
 
 @pytest.fixture(scope="module")

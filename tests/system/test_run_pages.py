@@ -15,7 +15,7 @@ from PIL import Image
 
 from chromium import Watched, chromium
 from scancell.geometry import pose
-from scancell.workspace.recorded_run import open_run
+from scancell.views.recorded_run import open_run
 
 
 @pytest.fixture(scope="module")

@@ -16,13 +16,13 @@ from scancell.errors import OutputError
 from scancell.geometry import pose
 from scancell.planning.plan_file import read_plan
 from scancell.reconstruction.cloud_files import read_ply, write_cloud
-from scancell.workspace import pictures, video
-from scancell.workspace.coloured_cloud import coloured_by
-from scancell.workspace.motion import RunMotion
-from scancell.workspace.pictures import _in_order, run_pictures
-from scancell.workspace.recorded_run import open_run
-from scancell.workspace.renderer import Rendered
-from scancell.workspace.views import camera_path
+from scancell.views import pictures, video
+from scancell.views.coloured_cloud import coloured_by
+from scancell.views.motion import RunMotion
+from scancell.views.pictures import _in_order, run_pictures
+from scancell.views.recorded_run import open_run
+from scancell.views.renderer import Rendered
+from scancell.views.viewpoints import camera_path
 
 PART = PARTS / "free_form.stl"
 SMALL = ("--size", "160x96", "--json")

@@ -19,17 +19,17 @@ from websockets.typing import Subprotocol
 from bench.workspace_messages import run
 from chromium import Watched, chromium
 from scancell import Scanner
+from scancell.browser.server.quiet import address
+from scancell.browser.server.serve import Host
+from scancell.browser.server.workspace import Workspace, WorkspaceSettings
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
+from scancell.live.camera import CameraFrame
+from scancell.live.commands import MoveTool
+from scancell.live.state import LiveState
 from scancell.nominal.cell import NominalCell
+from scancell.programs.robot import deg, location, mm
 from scancell.reconstruction.cloud_files import read_ply
-from scancell.workspace.browser.quiet import address
-from scancell.workspace.browser.serve import Host
-from scancell.workspace.browser.workspace import Workspace, WorkspaceSettings
-from scancell.workspace.live_camera import CameraFrame
-from scancell.workspace.live_commands import MoveTool
-from scancell.workspace.live_state import LiveState
-from scancell.workspace.robot import deg, location, mm
 from tour import choose, draws, entry, fill, hosted, waits
 
 PARTS = Path(__file__).resolve().parents[2] / "assets" / "parts"

@@ -17,10 +17,10 @@ from test_workspace import Opened, entry, fill
 
 from chromium import chromium
 from scancell import Scanner
-from scancell.planning.configuration_map import CLEARANCE, FREE, ConfigurationMap
-from scancell.workspace.browser.plans import Plans
-from scancell.workspace.browser.playback import Playback
-from scancell.workspace.browser.workspace import WorkspaceSettings
+from scancell.browser.panels.plans import Plans
+from scancell.browser.panels.playback import Playback
+from scancell.browser.server.workspace import WorkspaceSettings
+from scancell.planning.path_map.configuration_map import CLEARANCE, FREE, ConfigurationMap
 from spiral_cell import PART, spiral_setup
 from tour import hosted, waits
 

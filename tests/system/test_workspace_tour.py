@@ -9,11 +9,11 @@ import pytest
 
 from chromium import Watched, chromium
 from scancell import Scanner
+from scancell.browser.server.quiet import address
+from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.config.loading import load_setup
 from scancell.reconstruction.cloud_files import read_ply
-from scancell.workspace.browser.quiet import address
-from scancell.workspace.browser.workspace import WorkspaceSettings
-from scancell.workspace.recorded_run import open_run
+from scancell.views.recorded_run import open_run
 from tour import PART, hosted, walk
 
 TOUR = Path(__file__).resolve().parents[2] / "docs" / "workspace.md"

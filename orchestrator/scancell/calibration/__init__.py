@@ -1,1 +1,1 @@
-"""Calibration of the cell from measured profiles: pure solvers from a problem to a result with its covariance."""
+"""Calibration of cell and sensor from measured points: problem, solution, report."""

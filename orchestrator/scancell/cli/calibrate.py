@@ -23,8 +23,8 @@ from scancell.config.choices import CalibrationTarget, Engine, SensorTarget
 from scancell.errors import DescriptionError
 
 if TYPE_CHECKING:
-    from scancell.jobs.calibration_report import CalibrationReport
-    from scancell.jobs.sensor_calibration_report import SensorCalibrationReport
+    from scancell.calibration.cell.report import CalibrationReport
+    from scancell.calibration.sensor.report import SensorCalibrationReport
     from scancell.progress import Progress
 
 # Parameters of the calibration of a cell alone, and of simulated targets alone.
@@ -106,8 +106,8 @@ def calibrate(
     """Scan an artefact, find the deviations of the cell, and write a calibrated cell; or likewise of a sensor."""
 
     def cell_report(progress: Progress) -> CalibrationReport | SensorCalibrationReport:
+        from scancell.calibration.cell.request import CalibrationRequest  # noqa: PLC0415
         from scancell.config.loading import load_setup  # noqa: PLC0415
-        from scancell.jobs.calibration_job import CalibrationRequest  # noqa: PLC0415
         from scancell.scanner import Scanner  # noqa: PLC0415
 
         _refuse(context, what, ("target",))
@@ -135,8 +135,8 @@ def calibrate(
             )
 
     def sensor_report(progress: Progress) -> CalibrationReport | SensorCalibrationReport:
+        from scancell.calibration.sensor.request import SensorCalibrationRequest  # noqa: PLC0415
         from scancell.config.loading import load_setup  # noqa: PLC0415
-        from scancell.jobs.sensor_calibration_job import SensorCalibrationRequest  # noqa: PLC0415
         from scancell.scanner import Scanner  # noqa: PLC0415
 
         _refuse(context, what, _OF_CELL)

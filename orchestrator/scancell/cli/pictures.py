@@ -10,7 +10,7 @@ import typer
 from scancell.cli.common import JsonOption, Outcome, ThreadsOption, run, show_progress
 
 if TYPE_CHECKING:
-    from scancell.workspace.recorded_run import RecordedRun
+    from scancell.views.recorded_run import RecordedRun
 
 _LARGE_MB = 20.0
 # The words of scancell.workspace, which is slow to import.
@@ -40,7 +40,7 @@ def picture(
     """Render the cell of a run at one time: arm, sensor, table, part, laser, and the cloud measured until then."""
 
     def work() -> Outcome:
-        from scancell.workspace import pictures  # noqa: PLC0415
+        from scancell.views import pictures  # noqa: PLC0415
 
         options: dict[str, Any] = {"view": view, "size": _size(size), "colour": colour, "threads": threads}
         opened, warnings = _opened(run_folder)
@@ -69,7 +69,7 @@ def animate(
     """Render a whole run as a video (WebM, VP9) or animated WebP: the cloud grows as it is measured."""
 
     def work() -> Outcome:
-        from scancell.workspace import pictures  # noqa: PLC0415
+        from scancell.views import pictures  # noqa: PLC0415
 
         options: dict[str, Any] = {"view": view, "size": _size(size), "colour": colour, "threads": threads}
         opened, warnings = _opened(run_folder)
@@ -95,7 +95,7 @@ def page(
     """Write a run as one HTML file with a time slider, which opens in a browser without a network."""
 
     def work() -> Outcome:
-        from scancell.workspace.page import write_page  # noqa: PLC0415
+        from scancell.views.page import write_page  # noqa: PLC0415
 
         opened, warnings = _opened(run_folder, points)
         megabytes = write_page(opened, out, colour=colour, threads=threads) / 1e6
@@ -123,7 +123,7 @@ def export(
     """Write a run as an MCAP file, which Foxglove and rerun open: poses and meshes of all bodies, and the points."""
 
     def work() -> Outcome:
-        from scancell.workspace.mcap_export import export_run  # noqa: PLC0415
+        from scancell.views.mcap_export import export_run  # noqa: PLC0415
 
         opened, warnings = _opened(run_folder, points)
         with show_progress(as_json) as progress:
@@ -138,7 +138,7 @@ def export(
 
 def _opened(folder: Path, *most_points: int) -> tuple[RecordedRun, list[str]]:
     """The run, and a warning where it has no cloud to show."""
-    from scancell.workspace.recorded_run import open_run  # noqa: PLC0415
+    from scancell.views.recorded_run import open_run  # noqa: PLC0415
 
     opened = open_run(folder, *most_points)
     missing = opened.cloud is None

@@ -22,9 +22,9 @@ from scancell.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from scancell.planning.coverage import CoverageReport
-    from scancell.planning.path_planner import PlacedPath
+    from scancell.planning.path_map.path_planner import PlacedPath
     from scancell.planning.plan import Plan
+    from scancell.planning.views.coverage import CoverageReport
 
 
 def plan(
@@ -116,7 +116,7 @@ def _figures_of(placed: PlacedPath, optimum: bool) -> dict[str, str | float]:
         "evaluated": map_.evaluated / map_.quality.size,
     }
     if optimum:
-        from scancell.planning.optimum import best_motion  # noqa: PLC0415
+        from scancell.planning.path_map.optimum import best_motion  # noqa: PLC0415
 
         best = best_motion(placed.lattice)
         assert best is not None  # the motion that was found is on the lattice

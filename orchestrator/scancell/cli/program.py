@@ -14,7 +14,7 @@ from scancell.cli.interrupts import INTERRUPTS
 from scancell.cli.options import CellOptions, with_options
 
 if TYPE_CHECKING:
-    from scancell.workspace.robot import Step
+    from scancell.programs.robot import Step
 
 
 @with_options(CellOptions)
@@ -28,8 +28,8 @@ def run_program(
     """Run a robot program in the simulated cell, with the collision guard in force (docs/programs.md)."""
 
     def work() -> Outcome:
+        from scancell.programs import program as programs  # noqa: PLC0415
         from scancell.scanner import Scanner  # noqa: PLC0415
-        from scancell.workspace import program as programs  # noqa: PLC0415
 
         guarded, as_built = not no_guard, options.as_built or ()
         # What the program prints is no JSON.

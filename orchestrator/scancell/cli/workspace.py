@@ -17,9 +17,9 @@ from scancell.config.choices import LOOPBACK
 from scancell.errors import ProgramError
 
 if TYPE_CHECKING:
+    from scancell.browser.server.workspace import WorkspaceSettings
     from scancell.config.loading import Setup
     from scancell.scanning.session import ScanSession
-    from scancell.workspace.browser.workspace import WorkspaceSettings
 
 Started = Callable[[str], None]
 
@@ -48,7 +48,7 @@ def workspace(
     """Open the running cell in a browser, or play a recorded run back, until Ctrl-C (docs/workspace.md)."""
 
     def started(address: str) -> None:
-        from scancell.workspace.browser.quiet import is_loopback  # noqa: PLC0415
+        from scancell.browser.server.quiet import is_loopback  # noqa: PLC0415
 
         if not is_loopback(host):
             print("warning: other machines can reach the workspace, and anyone there controls it", file=sys.stderr)
@@ -58,8 +58,8 @@ def workspace(
         if target is not None and target.is_dir():
             _play_back(target, host, port, colour, options.threads, started)
         else:
+            from scancell.browser.server.workspace import WorkspaceSettings  # noqa: PLC0415
             from scancell.config.loading import with_path  # noqa: PLC0415
-            from scancell.workspace.browser.workspace import WorkspaceSettings  # noqa: PLC0415
 
             if program is not None and not program.is_file():
                 raise ProgramError("no such file", file=program)
@@ -75,8 +75,8 @@ def workspace(
 def _play_back(
     folder: Path, host: str, port: int, colour: Literal["deviation", "intensity"], threads: int, started: Started
 ) -> None:
-    from scancell.workspace.browser.playback import serve_playback  # noqa: PLC0415
-    from scancell.workspace.recorded_run import open_run  # noqa: PLC0415
+    from scancell.browser.panels.playback import serve_playback  # noqa: PLC0415
+    from scancell.views.recorded_run import open_run  # noqa: PLC0415
 
     serve_playback(open_run(folder), host=host, port=port, colour=colour, threads=threads, started=started)
 
@@ -91,8 +91,8 @@ def _run_cell(
     settings: WorkspaceSettings,
     started: Started,
 ) -> None:
+    from scancell.browser.server.serve import PartFile, serve_workspace  # noqa: PLC0415
     from scancell.scanner import Scanner  # noqa: PLC0415
-    from scancell.workspace.browser.serve import PartFile, serve_workspace  # noqa: PLC0415
 
     as_built = options.as_built or ()
     with Scanner(setup=setup, threads=options.threads) as scanner:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.output.drawing import INK, SOFT, Sheet, resized, text_width, ticks
-from scancell.planning.configuration_map import CAUSES, ConfigurationMap
-from scancell.planning.table_motion import TableMotion
+from scancell.planning.path_map.configuration_map import CAUSES, ConfigurationMap
+from scancell.planning.path_map.table_motion import TableMotion
 
 Pixels = NDArray[np.uint8]
 

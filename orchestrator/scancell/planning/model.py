@@ -13,8 +13,8 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.reduction import ReducedMesh, reduced
 from scancell.nominal.cell import OCCUPIED, NominalCell
-from scancell.planning.torques import TorqueLimits
-from scancell.planning.trajectory import Limits
+from scancell.planning.motion.torques import TorqueLimits
+from scancell.planning.motion.trajectory import Limits
 from scancell.planning.work import CONFIGURATION, NUMERICAL_POSE, NUMERICAL_ROW, NUMERICAL_STEP, POSE, Work
 from scancell.proximity.cell_scene import arm_chain, cell_scene
 from scancell.proximity.motion_check import MotionCheck

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.cell.program import Program
-from scancell.planning.coverage import CoverageReport
-from scancell.planning.path_planner import PlacedPath
+from scancell.planning.path_map.path_planner import PlacedPath
+from scancell.planning.views.coverage import CoverageReport
 from scancell.values import Value
 
 Array = NDArray[np.float64]

@@ -8,20 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.errors import PlanningError
-from scancell.planning import surface
-from scancell.planning.assembly import Assembly
-from scancell.planning.configuration_map import QualityFactor
-from scancell.planning.coverage import CHOICE_SHARE, CoveragePlanner
-from scancell.planning.default_views import default_views
 from scancell.planning.model import PlanningCell
+from scancell.planning.motion.assembly import Assembly
+from scancell.planning.motion.verification import check_part, verified
 from scancell.planning.options import ScanOptions
-from scancell.planning.path_planner import PathPlanner, PlacedPath
-from scancell.planning.placement import Infeasible, Placed, PlacedSweep, Placer
+from scancell.planning.path_map.configuration_map import QualityFactor
+from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.plan import Plan
 from scancell.planning.reasons import join_reasons
-from scancell.planning.sight import Sight
-from scancell.planning.verification import check_part, verified
-from scancell.planning.views import seen_by
+from scancell.planning.views import surface
+from scancell.planning.views.coverage import CHOICE_SHARE, CoveragePlanner
+from scancell.planning.views.default_views import default_views
+from scancell.planning.views.placement import Infeasible, Placed, PlacedSweep, Placer
+from scancell.planning.views.sight import Sight
+from scancell.planning.views.views import seen_by
 
 Array = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ def _place_paths(
     if not options.paths:
         return []
     # SciPy's splines take a while to import.
-    from scancell.planning.sensor_paths import sensor_paths  # noqa: PLC0415
+    from scancell.planning.views.sensor_paths import sensor_paths  # noqa: PLC0415
 
     found = [
         path for item in options.paths for path in sensor_paths(item, cell.nominal.part, cell.nominal.table_from_part)

@@ -18,13 +18,13 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.resting import RestingPose, resting_poses
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
-from scancell.planning import surface
-from scancell.planning.coverage import CoveragePlanner
 from scancell.planning.model import PlanningCell, SensorRange
+from scancell.planning.motion.verification import check_part
 from scancell.planning.options import CoverageOptions, ScanOptions
 from scancell.planning.reasons import join_reasons
-from scancell.planning.sight import Sight
-from scancell.planning.verification import check_part
+from scancell.planning.views import surface
+from scancell.planning.views.coverage import CoveragePlanner
+from scancell.planning.views.sight import Sight
 from scancell.planning.work import Work, WorkLimitError
 from scancell.progress import Progress
 from scancell.values import Result, Value

@@ -32,16 +32,16 @@ from scancell.geometry.mesh import Mesh
 from scancell.geometry.part_surface import PartSurface
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.nominal.estimated import estimated_cell
-from scancell.planning.assembly import approach
-from scancell.planning.configuration_map import QualityFactor
 from scancell.planning.model import PlanningCell
+from scancell.planning.motion.assembly import approach
+from scancell.planning.motion.torques import TorqueLimits
+from scancell.planning.motion.verification import recheck
 from scancell.planning.occupancy import with_occupied_space
 from scancell.planning.options import pair_clearances, scan_options
+from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
-from scancell.planning.sight import Sight
-from scancell.planning.torques import TorqueLimits
-from scancell.planning.verification import recheck
+from scancell.planning.views.sight import Sight
 from scancell.planning.work import Work
 from scancell.progress import Progress
 from scancell.proximity.cell_check import check_cell

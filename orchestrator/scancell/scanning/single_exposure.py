@@ -12,7 +12,7 @@ from scancell.config.choices import Engine
 from scancell.config.units import si_value
 from scancell.geometry import pose
 from scancell.planning.model import PlanningCell
-from scancell.planning.placement import PlacedPose, Placer
+from scancell.planning.views.placement import PlacedPose, Placer
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning import sense
 from scancell.scanning.exposures import still_exposure

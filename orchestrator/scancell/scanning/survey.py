@@ -22,14 +22,14 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, joined
 from scancell.geometry.voxels import MAX_VOXELS, VoxelGrid
 from scancell.nominal.cell import NominalCell
-from scancell.planning.assembly import Assembly
 from scancell.planning.model import PlanningCell
+from scancell.planning.motion.assembly import Assembly
+from scancell.planning.motion.verification import check_part
 from scancell.planning.occupancy import occupied_bodies, write_voxels
 from scancell.planning.options import scan_options
-from scancell.planning.placement import PlacedPose
 from scancell.planning.plan import Plan
 from scancell.planning.space_map import Profiles, SpaceMap
-from scancell.planning.verification import check_part
+from scancell.planning.views.placement import PlacedPose
 from scancell.planning.work import Work, WorkLimitError
 from scancell.progress import Progress
 from scancell.scanning.drive import DriveRequest

@@ -10,6 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from scancell.calibration.cell.report import CalibrationReport
+from scancell.calibration.cell.request import CalibrationRequest
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
 from scancell.config.description import validate
@@ -20,8 +22,6 @@ from scancell.config.sensor import SensorDescription
 from scancell.config.study import CalibrateDescription
 from scancell.config.variation import VaryingScansDescription
 from scancell.geometry.mesh import Mesh
-from scancell.jobs.calibration_job import CalibrationRequest
-from scancell.jobs.calibration_report import CalibrationReport
 from scancell.nominal.cell import NominalCell
 from scancell.results import ScanResult
 from scancell.scanner import Scanner

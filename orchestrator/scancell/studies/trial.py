@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from scancell.calibration.cell.report import CalibrationReport
 from scancell.config.description import validate
 from scancell.config.loading import Setup
 from scancell.config.study import FittedSphereDescription, StudyDescription
 from scancell.config.units import to_si
 from scancell.errors import FitError
 from scancell.geometry.fits import fit_sphere
-from scancell.jobs.calibration_report import CalibrationReport
 from scancell.nominal.parts import load_part
 from scancell.output.build import build_version
 from scancell.reconstruction.cloud import Cloud

@@ -1,0 +1,109 @@
+"""The panels of one browser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
+
+from scancell.browser.panels.cell_panel import CellPanel
+from scancell.browser.panels.desk import Desk
+from scancell.browser.panels.file_panel import FilePanel, Opener
+from scancell.browser.panels.handles import set_changed
+from scancell.browser.panels.jog_panel import JogPanel
+from scancell.browser.panels.joint_panel import JointPanel
+from scancell.browser.panels.messages import report_errors
+from scancell.browser.panels.plan_panel import PlanPanel
+from scancell.browser.panels.plans import Plans
+from scancell.browser.panels.pose_panel import PosePanel
+from scancell.browser.panels.program_panel import ProgramPanel, RobotProgram
+from scancell.browser.panels.recording import SessionRecording
+from scancell.browser.panels.scan_panel import ScanPanel
+from scancell.browser.panels.scans import Scans
+from scancell.browser.panels.sensor_panel import SensorPanel
+from scancell.config.sensor import SensorDescription
+from scancell.live.camera import CameraFeed
+from scancell.live.commands import Reset
+from scancell.live.state import LiveState
+
+if TYPE_CHECKING:
+    import viser
+
+
+class Panel(Protocol):
+    """Part of a browser's view."""
+
+    def show(self, state: LiveState) -> None:
+        """Show a state; called ten times a second from one thread."""
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What all browsers work with; `program` where the workspace was started with one."""
+
+    plans: Plans
+    scans: Scans
+    feed: CameraFeed
+    recording: SessionRecording
+    sensor: SensorDescription
+    program: RobotProgram | None
+    opener: Opener
+
+
+class ClientView:
+    """Shows the cell's state in one browser, whose inputs work while it is the operator.
+
+    Nothing is kept here that a reload of the page would lose.
+    """
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        desk: Desk,
+        shared: Shared,
+        state: LiveState,
+    ) -> None:
+        gui, self._desk = client.gui, desk
+        self._take = gui.add_button("Take control", hint="another browser controls the cell", visible=False, order=-5)
+        self._take.on_click(desk.by_person(desk.take_control))
+        self._reset = gui.add_button(
+            "Reset after a stop", hint="release the stop; nothing moves", visible=False, order=-6
+        )
+        self._reset.on_click(desk.by_person(lambda: desk.submit(Reset())))
+        desk.add_inputs([self._reset])
+        tabs = gui.add_tab_group(order=0)
+        self._panels: list[Panel] = []
+        with tabs.add_tab("Joints"):
+            self._panels.append(JointPanel(gui, desk, state))
+        with tabs.add_tab("Pose"):
+            self._panels.append(PosePanel(gui, client.scene, desk, state))
+        with tabs.add_tab("Jog"):
+            self._panels.append(JogPanel(gui, desk, state))
+        with tabs.add_tab("Cell"):
+            self._panels.append(CellPanel(gui, desk, state))
+        with tabs.add_tab("Sensor"):
+            self._panels.append(SensorPanel(gui, desk, shared.feed, shared.sensor))
+        with tabs.add_tab("Plan"):
+            self._panels.append(PlanPanel(gui, desk, shared.plans))
+        with tabs.add_tab("Scan"):
+            self._panels.append(ScanPanel(gui, desk, shared.scans))
+        if shared.program is not None:
+            with tabs.add_tab("Program"):
+                self._panels.append(ProgramPanel(gui, desk, shared.program))
+        with tabs.add_tab("File"):
+            self._panels.append(FilePanel(gui, desk, shared.opener, shared.recording))
+        self._said: dict[Panel, str] = {}
+        self.show(state)
+
+    def show(self, state: LiveState) -> None:
+        """Show a state."""
+        set_changed(self._take, "visible", not self._desk.is_operator)
+        set_changed(self._reset, "visible", state.controller == "emergency stop")
+        self._desk.enable()
+        for panel in self._panels:
+            failures: list[str] = []
+            report_errors(partial(panel.show, state), failures.append)
+            text = "".join(failures)
+            if text and text != self._said.get(panel):  # it may fail in every update
+                self._desk.say(text)
+            self._said[panel] = text

@@ -1,0 +1,104 @@
+"""What is opened, and pictures and recordings of it."""
+
+from __future__ import annotations
+
+import io
+from html import escape
+from pathlib import Path, PurePath
+from threading import Lock
+from typing import Any, Protocol
+
+from PIL import Image
+
+from scancell.browser.panels.desk import Desk
+from scancell.browser.panels.handles import Follower, set_changed, small_html
+from scancell.browser.panels.recording import SessionRecording
+from scancell.errors import CommandError, DescriptionError
+from scancell.live.state import LiveState
+from scancell.nominal.parts import PART_FORMATS
+
+_UNITS = ("mm", "m", "inch")
+_PICTURE = (720, 1280)  # px, height and width
+_LONGEST_NAME = 200  # bytes
+
+
+class Opener(Protocol):
+    """Shows something else."""
+
+    def open_part(self, name: str, content: bytes, unit: str) -> None:
+        """Show the cell with the file of a part, by its name, content and unit."""
+
+    def open_run(self, name: str, content: bytes) -> None:
+        """Play back a run, by the name and content of a zip file of its folder."""
+
+
+class FilePanel:
+    """Opens another part or a run, records the session, and saves pictures."""
+
+    _picture = Lock()  # a browser that does not answer keeps one thread of the server, not all
+
+    def __init__(self, gui: Any, desk: Desk, opener: Opener, recording: SessionRecording) -> None:
+        self._desk, self._opener, self._recording = desk, opener, recording
+        self._unit = gui.add_dropdown("unit of the mesh", _UNITS)
+        self._upload = gui.add_upload_button("Open a part (STL, OBJ, PLY, TOML)", mime_type=",".join(PART_FORMATS))
+        self._run = gui.add_upload_button("Open a run (zip of a run folder)", mime_type=".zip,application/zip")
+        self._record = gui.add_checkbox("Record (MCAP)", recording.is_on)
+        self._shown_record = Follower(self._record)
+        self._text = gui.add_html("")
+        picture = gui.add_button("Download a picture")
+        self._upload.on_upload(desk.by_person(lambda: desk.as_operator(self._open)))
+        self._run.on_upload(desk.by_person(lambda: desk.as_operator(self._open_run)))
+        self._record.on_update(desk.by_person(lambda: desk.as_operator(self._switch_recording)))
+        picture.on_click(desk.by_person(self._take_picture))
+        desk.add_inputs([self._unit, self._upload, self._run, self._record])
+
+    def show(self, state: LiveState) -> None:
+        """Show whether and where the session is recorded."""
+        recording = self._recording
+        self._shown_record.show(recording.is_on)
+        said = recording.error
+        if not said and recording.path is not None:
+            said = f"{'recording' if recording.is_on else 'recorded'}: {recording.path}"
+        set_changed(self._text, "content", small_html([escape(said)]))
+
+    def _switch_recording(self) -> None:
+        if self._recording.is_on:
+            self._recording.stop()
+        else:
+            self._start_recording()
+
+    def _start_recording(self) -> None:
+        try:
+            self._recording.start()
+        finally:
+            set_changed(self._record, "value", self._recording.is_on)
+
+    def _open_run(self) -> None:
+        file = self._run.value
+        self._opener.open_run(_checked_name(file), file.content)
+
+    def _open(self) -> None:
+        file = self._upload.value
+        name = _checked_name(file)
+        if Path(name).suffix.lower() not in PART_FORMATS:
+            raise DescriptionError(f"{name}: expected the file of a part, {', '.join(PART_FORMATS)}")
+        self._opener.open_part(name, file.content, self._unit.value)
+
+    def _take_picture(self) -> None:
+        if not self._picture.acquire(blocking=False):
+            raise CommandError("a picture is being made: wait for it")
+        try:
+            pixels = self._desk.render(*_PICTURE)
+        finally:
+            self._picture.release()
+        file = io.BytesIO()
+        Image.fromarray(pixels).save(file, "PNG")
+        self._desk.send_file("scancell.png", file.getvalue())
+
+
+def _checked_name(file: Any) -> str:
+    name = PurePath(file.name).name
+    if not name.isprintable() or not 0 < len(name.encode()) <= _LONGEST_NAME:
+        shown = ascii(name if len(name) <= 60 else f"{name[:40]}...{name[-10:]}")
+        raise DescriptionError(f"{shown}: expected a file name of at most {_LONGEST_NAME} printable characters")
+    return name

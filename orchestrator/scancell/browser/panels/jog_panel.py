@@ -1,0 +1,61 @@
+"""A pendant: the robot moves while a button is held."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from scancell.browser.panels.desk import Desk
+from scancell.cell.controller import JogFrame
+from scancell.live.commands import JogJoints, JogSensor
+from scancell.live.state import LiveState
+
+_RATE = 10.0  # Hz, at which a held button renews its jog
+_FRAMES = {"world": JogFrame.WORLD, "sensor": JogFrame.SENSOR}
+_SENSOR_AXES = ("x", "y", "z", "about x", "about y", "about z")
+
+
+class JogPanel:
+    """Jogs one axis in manual operation; a lost connection lets go of it.
+
+    Digits choose the axis; keys.js makes J and K hold the buttons, and names them as here.
+    """
+
+    def __init__(self, gui: Any, desk: Desk, state: LiveState) -> None:
+        self._desk = desk
+        joints = [f"joint {i}" for i in range(1, len(state.joints) + 1)]
+        self._sensor_axes = _SENSOR_AXES if len(joints) >= len(_SENSOR_AXES) else ()
+        self._axes = (*joints, "table", *(f"sensor {axis}" for axis in self._sensor_axes))
+        self._first_sensor_axis = len(joints) + 1
+        self._axis = gui.add_dropdown("axis", self._axes)
+        self._frame = gui.add_dropdown("sensor along the axes of", tuple(_FRAMES))
+        self._deflection = gui.add_slider("deflection, %", 1, 100, 1, 50)
+        minus = gui.add_button("Hold to jog -", icon="minus", hint="or hold the key J")
+        plus = gui.add_button("Hold to jog +", icon="plus", hint="or hold the key K")
+        for button, sign in ((minus, -1), (plus, 1)):
+            button.on_hold(desk.by_person(self._jog(sign)), callback_hz=_RATE)
+        for key, name in zip("123456789", self._axes, strict=False):
+            gui.add_command(f"Choose {name}", hotkey=key).on_trigger(desk.by_person(self._choose(name)))
+        desk.add_inputs([self._axis, self._frame, self._deflection, minus, plus])
+
+    def show(self, state: LiveState) -> None:
+        """Nothing here depends on the state."""
+
+    def _choose(self, name: str) -> Any:
+        def choose() -> None:
+            self._axis.value = name
+
+        return choose
+
+    def _jog(self, sign: int) -> Any:
+        def jog() -> None:
+            number = self._axes.index(self._axis.value)
+            share = sign * self._deflection.value / 100
+            if number < self._first_sensor_axis:
+                self._desk.submit(JogJoints(share * np.eye(self._first_sensor_axis)[number]))
+            else:
+                deflections = share * np.eye(len(_SENSOR_AXES))[number - self._first_sensor_axis]
+                self._desk.submit(JogSensor(deflections, _FRAMES[self._frame.value]))
+
+        return jog

@@ -1,0 +1,111 @@
+"""Poses of the tool: typed in, or dragged in the scene."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.browser.panels.desk import Desk
+from scancell.errors import CommandError
+from scancell.geometry import pose
+from scancell.live.commands import MoveJoints, MoveLine
+from scancell.live.state import LiveState
+
+Array = NDArray[np.float64]
+
+_NEAREST = "nearest to the present one"
+_BASE, _TABLE, _TOOL = "base", "table", "tool"
+_UNREACHABLE, _REACHABLE = "#d03030", "#2f7d32"
+
+
+class PosePanel:
+    """Moves the sensor or the gripper to a pose relative to the base, the table or the tool itself."""
+
+    def __init__(self, gui: Any, scene: Any, desk: Desk, state: LiveState) -> None:
+        self._desk, self._state = desk, state
+        self._tool = gui.add_dropdown("tool", ("sensor", "gripper") if desk.has_gripper else ("sensor",))
+        self._relative_to = gui.add_dropdown("relative to", (_BASE, _TABLE, _TOOL))
+        self._position = gui.add_vector3("x, y, z, mm", (0.0, 0.0, 0.0), step=0.1)
+        self._angles = gui.add_vector3("XYZ' angles, deg", (0.0, 0.0, 0.0), step=0.01)
+        self._configuration = gui.add_dropdown("configuration", (_NEAREST, *desk.nominal.arm.branch_names))
+        self._straight = gui.add_checkbox("on a straight line", False)
+        self._speed = gui.add_slider("speed, %", 1, 100, 1, 30)
+        move, here = gui.add_button("Move to this pose"), gui.add_button("Read the present pose")
+        self._dragged = gui.add_checkbox("drag the tool in the scene", False)
+        self._verdict = gui.add_html("")
+        self._gizmo = scene.add_transform_controls("/gizmo", scale=0.25, depth_test=False, visible=False)
+        self._is_held = False
+        move.on_click(desk.by_person(lambda: self._move(self._typed_pose())))
+        here.on_click(desk.by_person(self._read))
+        for handle in (self._tool, self._relative_to):
+            handle.on_update(desk.by_person(self._read))
+        for handle in (self._position, self._angles, self._configuration):
+            handle.on_update(desk.by_person(lambda: self._judge(self._typed_pose())))
+        self._gizmo.on_update(lambda event: desk.by_person(lambda: self._drag(event.phase))(event))
+        inputs = (self._tool, self._relative_to, self._position, self._angles, self._configuration, self._straight)
+        desk.add_inputs([*inputs, self._speed, move, here, self._dragged])
+        self._read()
+
+    def show(self, state: LiveState) -> None:
+        """Keep the gizmo at the tool while nobody drags it."""
+        self._state = state
+        shown = self._dragged.value and self._desk.is_operator
+        if self._gizmo.visible != shown:
+            self._gizmo.visible = shown
+        if shown and not self._is_held and not state.moving:
+            world_from_tool = self._present()
+            if not np.allclose(self._gizmo.position, world_from_tool[:3, 3], atol=1e-5):
+                self._gizmo.position = world_from_tool[:3, 3]
+            self._gizmo.wxyz = pose.quaternion_from_rotation(world_from_tool[:3, :3])
+
+    def _drag(self, phase: str) -> None:
+        self._is_held = phase != "end"
+        target = pose.pose(self._gizmo.position, self._gizmo.wxyz)
+        if self._judge(target) and phase == "end":
+            self._move(target)
+
+    def _present(self) -> Array:
+        return self._desk.world_from_tool(self._tool.value, self._state.joints)
+
+    def _reference(self) -> Array:
+        if self._relative_to.value == _TOOL:
+            return self._present()
+        return self._desk.world_from_frame(self._relative_to.value, self._state.table_angle)
+
+    def _typed_pose(self) -> Array:
+        position, angles = np.array(self._position.value) * 1e-3, np.radians(self._angles.value)
+        return np.asarray(self._reference() @ pose.from_euler_xyz(position, angles))
+
+    def _read(self) -> None:
+        relative = pose.inverse(self._reference()) @ self._present()
+        self._position.value = tuple(np.round(1e3 * relative[:3, 3], 2).tolist())
+        angles = np.degrees(pose.euler_xyz_from_rotation(relative[:3, :3]))
+        self._angles.value = tuple(np.round(angles, 3).tolist())
+
+    def _joints(self, target: Array) -> Array:
+        wanted = self._configuration.value
+        return self._desk.joints_for(target, self._tool.value, None if wanted == _NEAREST else wanted)
+
+    def _judge(self, target: Array) -> bool:
+        """Show whether a pose can be reached."""
+        try:
+            self._joints(target)
+        except CommandError as error:
+            self._verdict.content = _coloured(_UNREACHABLE, str(error))
+            return False
+        self._verdict.content = _coloured(_REACHABLE, "within reach and joint limits")
+        return True
+
+    def _move(self, target: Array) -> None:
+        joints, speed = self._joints(target), self._speed.value / 100
+        if self._straight.value:
+            self._desk.submit(MoveLine(target, self._tool.value, speed))
+        else:
+            self._desk.submit(MoveJoints(joints, speed=speed))
+
+
+def _coloured(colour: str, text: str) -> str:
+    return f'<div style="color:{colour};padding:0 0.75em;font-size:0.9em">{escape(text)}</div>'

@@ -1,0 +1,61 @@
+"""Scans of the part: start, progress, colours of the cloud, and what is kept of it."""
+
+from __future__ import annotations
+
+import tempfile
+from html import escape
+from pathlib import Path
+from typing import Any, get_args
+
+from scancell.browser.panels.desk import Desk
+from scancell.browser.panels.handles import Follower, set_changed, small_html
+from scancell.browser.panels.scans import Scans
+from scancell.browser.scene.live_cloud import LIVE_COLOURS
+from scancell.config.choices import Engine
+from scancell.live.commands import Cancel
+from scancell.live.state import LiveState
+from scancell.reconstruction.cloud_files import write_cloud
+
+
+class ScanPanel:
+    """Runs the scan of the descriptions."""
+
+    def __init__(self, gui: Any, desk: Desk, scans: Scans) -> None:
+        self._desk, self._scans = desk, scans
+        self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value=scans.engine)
+        start, cancel = gui.add_button("Scan the part"), gui.add_button("End the scan")
+        self._progress = gui.add_progress_bar(0.0)
+        self._text = gui.add_html("")
+        self._colour = gui.add_dropdown("colours show", LIVE_COLOURS)
+        self._shown_colour = Follower(self._colour)
+        save, download = gui.add_button("Save the run folder"), gui.add_button("Download the cloud (PLY)")
+        start.on_click(desk.by_person(lambda: desk.as_operator(lambda: scans.start(self._engine.value))))
+        cancel.on_click(desk.by_person(lambda: desk.submit(Cancel())))
+        self._colour.on_update(desk.by_person(lambda: scans.cloud.colour_by(self._colour.value)))
+        save.on_click(desk.by_person(lambda: desk.as_operator(lambda: desk.say(f"saved: {scans.save()}"))))
+        download.on_click(desk.by_person(self._download))
+        desk.add_inputs([self._engine, start, cancel, self._colour, save])
+
+    def show(self, state: LiveState) -> None:
+        """Show how far the scan is."""
+        self._shown_colour.show(self._scans.cloud.colour)
+        scan = self._scans.state
+        if scan is None:
+            return
+        share = 100.0 * scan.sensed / scan.planned if scan.planned else 0.0
+        set_changed(self._progress, "value", share)
+        lines = [
+            f"<b>{scan.stage}</b>",
+            f"{scan.sensed} of {scan.planned} profiles, {scan.points} points",
+            escape(self._scans.cloud.legend),
+            escape(scan.ended_by),
+            escape(self._scans.error),
+        ]
+        set_changed(self._text, "content", small_html(lines))
+
+    def _download(self) -> None:
+        cloud = self._scans.result.cloud
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "cloud.ply"
+            write_cloud(file, cloud)
+            self._desk.send_file(file.name, file.read_bytes())

@@ -1,0 +1,154 @@
+"""Camera images and the profile in all browsers, in a panel of their own."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.browser.panels.handles import small_html
+from scancell.browser.scene.scene import CellScene
+from scancell.browser.scene.sensor_view import field_corners
+from scancell.config.sensor import SensorDescription
+from scancell.extras import require
+from scancell.geometry import pose
+from scancell.live.camera import CameraFeed, CameraFrame
+
+if TYPE_CHECKING:
+    import viser
+
+Rgb = NDArray[np.uint8]
+
+_WIDTH = 480  # px, of an image as it is sent
+_STRIPE = (40, 220, 60)
+_PANEL = 360  # px
+_LEAST_ROOM = 0.2  # mm above and below a profile
+_COLOURS = ("#e07820", "#2878d2", "#3ca050", "#a046aa")
+
+
+class CameraView:
+    """Shows frames of a feed: the images with the stripe that was found in them, and the profile.
+
+    Parameters
+    ----------
+    server
+        Of viser.
+    scene
+        Gets the stripe.
+    feed
+        Of the cameras; frames are made while the panel's switch is on.
+    sensor
+        Nominal description.
+    world_from_base
+        (4, 4).
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        scene: CellScene,
+        feed: CameraFeed,
+        sensor: SensorDescription,
+        world_from_base: NDArray[np.float64],
+    ) -> None:
+        self._scene, self._feed, self._world_from_base = scene, feed, world_from_base
+        self._names, self._shown = [camera.name for camera in sensor.camera], 0
+        half = round(1e3 * float(field_corners(sensor)[:, 1].max()), 1)
+        self._width = (-half, half)
+        self._range = (sensor.range.near_mm, sensor.range.far_mm)
+        self._uplot = require("viser.uplot", "workspace")
+        gui = server.gui
+        self._panel = gui.add_panel()
+        with self._panel.add_tab("Sensor"):
+            on = gui.add_checkbox("cameras", True)
+            self._text = gui.add_html("")
+            blank = np.full((2, 2, 3), 40, np.uint8)
+            self._plot = self._add_plot(gui)
+            self._images = [gui.add_image(blank, label=name, format="jpeg") for name in self._names]
+        self._panel.dock_left()
+        self._panel.set_width(_PANEL)
+        on.on_update(lambda _: self._switch(on.value))
+        self._switch(True)
+
+    def show(self) -> None:
+        """Show the last frame, if it is new."""
+        frame = self._feed.frame
+        if frame is None or frame.number == self._shown or not self._feed.wanted:
+            return
+        self._shown = frame.number
+        self._text.content = _summary(frame)
+        if frame.images is not None:
+            for number, handle in enumerate(self._images):
+                handle.image = with_stripe(frame.images[number], frame.stripes[number])
+        self._plot.data = profile_data(frame, len(self._names))
+        self._fit_range(1e3 * frame.points_in_sensor[:, 2])
+        self._scene.show_stripe(pose.transform_points(self._world_from_base, frame.points_in_base))
+
+    def _switch(self, on: bool) -> None:
+        self._feed.wanted = on
+        for handle in (*self._images, self._plot, self._text):
+            handle.visible = on
+        if not on:
+            self._scene.show_stripe(None)
+
+    def _add_plot(self, gui: Any) -> Any:
+        uplot = self._uplot
+        series = [uplot.Series(label="y, mm")]
+        for name, colour in zip(self._names, _COLOURS, strict=False):
+            points = uplot.Series_Points(show=True, size=3, fill=colour, stroke=colour)
+            series.append(uplot.Series(label=f"z, mm: {name}", stroke=colour, width=0, points=points))
+        nothing = np.zeros(1)
+        return gui.add_uplot((nothing, *[nothing] * len(self._names)), tuple(series), scales=self._scales(), height=220)
+
+    def _scales(self) -> dict[str, Any]:
+        """The range axis of the sensor points away from it: near is above."""
+        return {
+            "x": self._uplot.Scale(time=False, range=self._width),
+            "y": self._uplot.Scale(dir=-1, range=self._range),
+        }
+
+    def _fit_range(self, z: NDArray[np.float64]) -> None:
+        """Let the profile fill a good part of the plot; other axes make a new plot, so not every frame changes them."""
+        if not len(z):
+            return
+        low, high = float(z.min()), float(z.max())
+        shown = self._range[1] - self._range[0]
+        room = max(0.5 * (high - low), _LEAST_ROOM)
+        if low < self._range[0] or high > self._range[1] or shown > 4 * (high - low + 2 * room):
+            self._range = (round(low - room, 2), round(high + room, 2))
+            self._plot.scales = self._scales()
+
+
+def with_stripe(image: NDArray[np.uint8], stripe: NDArray[np.float64]) -> Rgb:
+    """An image (height, width) in grey, smaller, with marks at image positions (n, 2), column and row."""
+    scale = min(1.0, _WIDTH / image.shape[1])
+    size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+    # A stripe is narrower than a pixel of the smaller image; its brightest pixels stay.
+    grown = cv2.dilate(image, np.ones((max(1, round(1 / scale)),) * 2, np.uint8))
+    grey = cv2.resize(grown, size, interpolation=cv2.INTER_NEAREST)
+    shown = np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=2)
+    column, row = np.rint((stripe + 0.5) * scale - 0.5).astype(np.int64).T
+    inside = (column >= 0) & (column < size[0]) & (row >= 0) & (row < size[1])
+    shown[row[inside], column[inside]] = _STRIPE
+    return shown
+
+
+def profile_data(frame: CameraFrame, cameras: int) -> tuple[NDArray[np.float64], ...]:
+    """The profile as a plot takes it, mm: y in order, and for each camera z, NaN where the point is another one's."""
+    if not len(frame.points_in_sensor):
+        return (np.zeros(1), *[np.full(1, np.nan)] * cameras)
+    order = np.argsort(frame.points_in_sensor[:, 1])
+    points, camera = 1e3 * frame.points_in_sensor[order], frame.camera[order]
+    return (points[:, 1], *(np.where(camera == number, points[:, 2], np.nan) for number in range(cameras)))
+
+
+def _summary(frame: CameraFrame) -> str:
+    points = frame.points_in_sensor
+    lines = [frame.error] if frame.error else [f"{len(points)} points, {frame.time:.2f} s"]
+    if len(points):
+        z = 1e3 * points[:, 2]
+        lines.append(f"range {z.min():.2f} to {z.max():.2f} mm, mean {z.mean():.3f} mm")
+    return small_html(map(escape, lines))

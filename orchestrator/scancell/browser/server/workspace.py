@@ -1,0 +1,173 @@
+"""A live cell in browsers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event, Lock
+from typing import TYPE_CHECKING
+
+from scancell.browser.panels.client_view import ClientView, Shared
+from scancell.browser.panels.desk import Desk
+from scancell.browser.panels.file_panel import Opener
+from scancell.browser.panels.plans import Plans
+from scancell.browser.panels.program_panel import RobotProgram
+from scancell.browser.panels.recording import SessionRecording
+from scancell.browser.panels.scans import Scans
+from scancell.browser.panels.status import Status
+from scancell.browser.panels.view_options import add_view_options
+from scancell.browser.scene.camera_view import CameraView
+from scancell.browser.scene.live_cloud import LiveCloud
+from scancell.browser.scene.scene import CellScene
+from scancell.browser.server.operators import Operators
+from scancell.config.choices import Engine
+from scancell.live.camera import CameraFeed
+from scancell.live.cell import LiveCell
+from scancell.live.plan import LivePlan
+from scancell.scanning.session import ScanSession
+from scancell.stopwatch import Pace
+
+if TYPE_CHECKING:
+    import viser
+
+_RATE = 40.0  # Hz, of the scene at most
+_CAMERAS = 0.05  # s from one pair of images to the next at least: the cell needs the processor, too
+_PANELS_EVERY = 4  # updates of the scene from one update of the panels to the next
+
+
+@dataclass(frozen=True)
+class WorkspaceSettings:
+    """What a workspace is started with.
+
+    Attributes
+    ----------
+    out
+        Folder for what is saved.
+    engine
+        How profiles are measured at first, in scans and robot programs.
+    program
+        File of a robot program.
+    """
+
+    out: Path = Path("out/workspace")
+    engine: Engine = "ray-traced"
+    program: Path | None = None
+
+
+class Workspace:
+    """Shows a live cell on a server of viser, and hands over what its browsers command.
+
+    Parameters
+    ----------
+    server
+        Of viser.
+    session
+        A running cell that nothing else steps.
+    part
+        File name of the part; None: the table is empty.
+    opener
+        Shows something else instead.
+
+    Attributes
+    ----------
+    live
+        The cell.
+    nominal
+        Its nominal geometry.
+    scene
+        What all browsers see.
+    plans
+        The plan of the scan.
+    scans
+        Scans of the part.
+    feed
+        Of the cameras.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        session: ScanSession,
+        part: str | None,
+        settings: WorkspaceSettings,
+        opener: Opener,
+    ) -> None:
+        self.live, self.nominal = LiveCell(session), session.nominal
+        self._session = session
+        setup, mesh = session.job.setup, session.nominal.part if part is not None else None
+        self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
+        self.feed = CameraFeed(self.live, session, settings.engine, interval=_CAMERAS)
+        self._recording = SessionRecording(self.live, session.true, self.feed, settings.out)
+        self.scans = Scans(
+            self.live, LiveCloud(self.scene), mesh, settings.out, settings.engine, self._recording.points
+        )
+        self.plans = Plans(LivePlan(self.live, session, mesh is not None), self.scene)
+        self._operators, self._lock = Operators(), Lock()
+        self._views: dict[int, ClientView] = {}
+        server.gui.set_panel_label(f"scancell: {part or 'empty table'}")
+        self._status = Status(server.gui, self.live.emergency_stop)
+        add_view_options(server.gui, self.scene)
+        base = session.nominal.arm.world_from_base
+        self._cameras = CameraView(server, self.scene, self.feed, setup.sensor, base)
+        file = settings.program
+        program = None if file is None else RobotProgram(self.live, file, settings.engine, settings.out)
+        self._shared = Shared(self.plans, self.scans, self.feed, self._recording, setup.sensor, program, opener)
+
+    def run(self, ended: Callable[[], bool]) -> None:
+        """Run the cell in real time, and show it, until `ended`.
+
+        Raises
+        ------
+        CellError
+            If the FMU reports an error.
+        """
+        closing, owned = Event(), Lock()
+
+        def step() -> None:
+            with owned:
+                if not closing.is_set():
+                    self.live.run(closing.is_set)
+
+        with self.feed, self._recording, ThreadPoolExecutor(1, "cell") as threads:
+            try:
+                stepping = threads.submit(step)
+                pace, updates = Pace(1 / _RATE), 0
+                while not (ended() or stepping.done()):
+                    self.show(with_panels=updates % _PANELS_EVERY == 0)
+                    updates += 1
+                    pace.wait()
+            finally:
+                closing.set()
+                with owned:  # an interrupt inside submit leaves a thread that the executor does not wait for
+                    pass
+        stepping.result()
+
+    def show(self, with_panels: bool = True) -> None:
+        """Show the present state, in the scene and in the panels."""
+        state = self.live.state
+        self.plans.update()
+        self.scene.show(state)
+        self._cameras.show()
+        if not with_panels:
+            return
+        self._status.show(state)
+        with self._lock:
+            views = list(self._views.values())
+        for view in views:
+            view.show(state)
+
+    def join(self, client: viser.ClientHandle) -> None:
+        """Give a browser its panels; the first one becomes the operator."""
+        self._operators.join(client.client_id)
+        desk = Desk(client, self._operators, self.live, self._session)
+        view = ClientView(client, desk, self._shared, self.live.state)
+        with self._lock:
+            self._views[client.client_id] = view
+
+    def leave(self, client: viser.ClientHandle) -> None:
+        """Forget a browser that is gone."""
+        self._operators.leave(client.client_id)
+        with self._lock:
+            self._views.pop(client.client_id, None)

@@ -1,0 +1,1 @@
+"""Tool, table, trigger and arm, from scans of an artefact."""

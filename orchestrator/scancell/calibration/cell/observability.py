@@ -1,0 +1,101 @@
+"""Observability: which unknowns, alone or together, the exposures determine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.calibration.cell.kinematics import LATENCY
+from scancell.calibration.cell.noise import Moments, normal_equations
+from scancell.calibration.cell.problem import CalibrationProblem
+from scancell.calibration.cell.result import Direction
+from scancell.errors import CalibrationError
+from scancell.geometry import pose
+
+Array = NDArray[np.float64]
+
+_SYMMETRY = 1e-9  # share of the largest information below which the artefact looks the same after a motion
+_LARGEST = 10.0  # mm, mrad, ms: a direction with a larger standard deviation is undetermined
+_DOUBTFUL = 5.0  # times the stated sigma
+_ROUNDING = 1e-13  # share of the largest information
+_LEAST_TURN = np.radians(10.0)  # of the sensor
+_LEAST_TABLE_TURN = np.radians(30.0)
+_LEAST_RATE = 1e-3  # rad/s  # of the sensor
+_LEAST_TABLE_TURN = np.radians(30.0)
+
+
+def determined_basis(moments: Moments, count: int) -> Array:
+    """Basis (unknowns, r) of all unknowns without motions of the artefact that change nothing (a sphere's rotations).
+
+    The first `count` unknowns, the deviations, are all in it.
+    """
+    unknowns = moments.design.shape[-1]
+    if unknowns == count:
+        return np.eye(unknowns)
+    design = moments.design[:, :, count:]
+    k = design.shape[1]
+    own = (design.swapaxes(1, 2) @ moments.second[:, :k, :k] @ design).sum(0)
+    values, vectors = np.linalg.eigh(own)
+    seen = vectors[:, values > _SYMMETRY * values[-1]]
+    basis = np.zeros((unknowns, count + seen.shape[1]))
+    basis[:count, :count] = np.eye(count)
+    basis[count:, count:] = seen
+    return basis
+
+
+def directions(moments: Moments, basis: Array, count: int, log_variances: Array) -> list[Direction]:
+    """Principal directions of the covariance of the first `count` unknowns at some noise, worst first."""
+    information = normal_equations(replace(moments, design=moments.design @ basis), log_variances)[0]
+    reduced, across, others = information[:count, :count], information[:count, count:], information[count:, count:]
+    if len(others):
+        reduced = reduced - across @ np.linalg.pinv(others, 1e-12, True) @ across.T
+    values, vectors = np.linalg.eigh((reduced + reduced.T) / 2)
+    floor = _ROUNDING * max(float(np.diag(information)[:count].max()), 1e-30)
+    deviations, seen = np.full(count, np.inf), values > floor
+    deviations[seen] = 1.0 / np.sqrt(values[seen])
+    return [Direction(vectors[:, i], float(deviations[i])) for i in range(count)]
+
+
+def require_determined(problem: CalibrationProblem, moments: Moments, basis: Array, log_variances: Array) -> None:
+    """Raise `CalibrationError` where a direction is undetermined, with what is missing."""
+    weak = [
+        one
+        for one in directions(moments, basis, len(problem.free), log_variances)
+        if not one.standard_deviation < _LARGEST
+    ]
+    if weak:
+        named = "; ".join(one.text(problem.free) for one in weak)
+        scatter = float(np.exp(0.5 * log_variances[0]))
+        advice = _advice(problem)
+        if scatter > _DOUBTFUL:
+            advice = (
+                f"Their points scatter {scatter:.0f} times as much as their stated sigma: is the artefact the described"
+                " one, and near where the cell description puts it? Faces nearer to each other than the deviations"
+                " to be found are mistaken for one another"
+            )
+        raise CalibrationError(f"the exposures do not determine: {named}. {advice}")
+
+
+def _advice(problem: CalibrationProblem) -> str:
+    """What the exposures lack."""
+    readings = problem.observations.readings
+    readings = readings.rows(np.unique(problem.observations.frame))
+    poses = problem.kinematics.poses(readings, problem.start).platter_from_sensor
+    turns = np.linalg.norm(pose.log_rotation(np.swapaxes(poses[:1, :3, :3], 1, 2) @ poses[:, :3, :3]), axis=1)
+    if turns.max() < _LEAST_TURN:
+        return (
+            f"The orientation of the sensor to the artefact differs by {np.degrees(turns.max()):.1f} deg at most: turn"
+            " the sensor about two axes, by 20 deg or more"
+        )
+    if LATENCY in problem.free and max(np.abs(readings.qd).max(), np.abs(readings.table_rate).max()) < _LEAST_RATE:
+        return "Nothing moves: measure while the sensor passes the artefact in opposite directions"
+    if any(name.startswith(("table.", "platter.")) for name in problem.free):
+        if np.ptp(readings.table) < _LEAST_TABLE_TURN:
+            return "The table hardly turns: measure at three or more table angles, 90 deg apart or more"
+        return (
+            "Measure a sphere off the axis of the table, or an artefact with several spheres at different heights and"
+            " distances from the axis"
+        )
+    return "Free fewer deviations, or add exposures from other directions and distances"

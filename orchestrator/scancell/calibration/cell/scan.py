@@ -1,0 +1,319 @@
+"""Calibration in the simulated cell: design of the poses, scan of the artefact, solution."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.calibration.cell.checks import ABOVE_TABLE, mirrored, shift_of, shift_text, where_points_lie, wrong_sizes
+from scancell.calibration.cell.design import design_poses
+from scancell.calibration.cell.kinematics import TOOL, AxisReadings, CellKinematics
+from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations, RobotNoise, points_on_platter
+from scancell.calibration.cell.result import CalibrationResult
+from scancell.calibration.cell.solve import solve
+from scancell.calibration.cell.sphere_start import sphere_start
+from scancell.calibration.cell.surfaces import surface_of
+from scancell.calibration.cell.views import Candidates, candidates, passes, plan_views
+from scancell.cell.recording import TriggerRecords
+from scancell.config.choices import Engine
+from scancell.errors import CalibrationError
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.shapes import ShapeMesh, Sphere
+from scancell.nominal.cell import NominalCell
+from scancell.planning.model import PlanningCell
+from scancell.planning.options import scan_options
+from scancell.planning.plan import Plan
+from scancell.planning.work import Work
+from scancell.progress import Progress
+from scancell.reconstruction.reconstruct import ProfilePoints
+from scancell.scanning.job import Job
+from scancell.scanning.pipeline import ScanPipeline
+from scancell.scanning.scan import Scan
+from scancell.scanning.sense import expose, points_of
+from scancell.scanning.sensor_range import sensor_range
+
+Array = NDArray[np.float64]
+
+_PER_POSE = 20  # candidates per wanted pose
+_LEAST_CANDIDATES = 400
+_AGREED = 1e-3  # m: rms distance of a sphere's centres up to which they are taken as a start
+_LEAST_POINTS = 30  # of a candidate, on the artefact
+# Expected pose errors of the robot: position (m) and orientation (rad) of the flange.
+_EXPECTED = np.log([1.0, 20e-6**2, np.radians(0.003) ** 2])
+
+
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """How to calibrate.
+
+    Attributes
+    ----------
+    free
+        Deviations to find, see `scancell.calibration.cell.kinematics`.
+    poses, passes
+        Numbers of exposures at rest and of passes in motion.
+    turn_table
+        Whether exposures are at different table angles.
+    is_pose_known
+        Whether the artefact is exactly where the description says; else its pose is found, too.
+    is_size_known
+        Whether its dimensions are exact; else the size of each of its shapes is found, too.
+    designed
+        Whether poses are chosen by their expected covariance, rather than at random.
+    robot_noise
+        See `CalibrationProblem`.
+    pose_seed
+        Random seed of the views among which poses are chosen.
+    """
+
+    free: tuple[str, ...]
+    poses: int = 24
+    passes: int = 0
+    turn_table: bool = True
+    is_pose_known: bool = True
+    is_size_known: bool = True
+    designed: bool = True
+    robot_noise: RobotNoise = "flange"
+    pose_seed: int = 0
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibration with what led to it; without a plan where the points came from a file.
+
+    `measured` is the number of points, those beside the artefact included, which are no part of the problem.
+    `shift` (3,) is that of the artefact's coordinates on the table, see `shift_of`.
+    """
+
+    problem: CalibrationProblem
+    result: CalibrationResult
+    measured: int
+    plan: Plan | None
+    shift: Array
+
+
+def kinematics_of(nominal: NominalCell) -> CellKinematics:
+    """Kinematics of the nominal cell for calibration."""
+    return CellKinematics(nominal.arm, nominal.flange_from_sensor, nominal.world_from_table)
+
+
+def readings_of(measured: TriggerRecords) -> AxisReadings:
+    """What the controller measured at every trigger, with the accelerations between triggers."""
+    return AxisReadings(**{one.name: getattr(measured, one.name) for one in fields(AxisReadings)})
+
+
+def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sensor_rt.Sensor) -> Observations:
+    """Points without warning flags, with the direction in which an error of the row of their peak moves them."""
+    good = profiles.flags == 0
+    points = profiles.points_in_sensor[good]
+    meeting = np.array([_meeting_point(camera) for camera in sensor.cameras])
+    direction = points - meeting[np.clip(profiles.camera[good], 0, None)]
+    return Observations(
+        readings=readings,
+        points_in_sensor=points,
+        sigma=np.asarray(profiles.sigma[good], float),
+        direction=direction / np.linalg.norm(direction, axis=1, keepdims=True),
+        frame=np.asarray(profiles.frame[good], np.intp),
+        time_offset=profiles.time_offset[good],
+    )
+
+
+def _meeting_point(camera: sensor_rt.Camera) -> Array:
+    """Where the lines of constant column in the laser sheet meet: along the camera's rows from its centre."""
+    centre, along = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 1]
+    return np.asarray(centre - along * centre[0] / along[0])
+
+
+def artefact_of(nominal: NominalCell, options: CalibrationOptions) -> Artefact:
+    """The artefact where the description puts it.
+
+    Raises
+    ------
+    CalibrationError
+        If the sizes of a mesh are asked for.
+    """
+    part = nominal.part
+    sizes: tuple[int, ...] = ()
+    if not options.is_size_known:
+        if not isinstance(part, ShapeMesh):
+            raise CalibrationError("a mesh has no unknown size", file=part.source, expected="an artefact description")
+        sizes = tuple(number for number, one in enumerate(part.shapes.shapes) if one.role == "measured")
+    return Artefact(surface_of(part), nominal.table_from_part, options.is_pose_known, sizes)
+
+
+class CalibrationScan:
+    """Measures an artefact in the cell, and calibrates it.
+
+    Parameters
+    ----------
+    job
+        The artefact in the nominal cell.
+    start
+        Deviations to start from, SI, by name; those that are not free stay.
+    """
+
+    def __init__(
+        self,
+        pipeline: ScanPipeline,
+        job: Job,
+        options: CalibrationOptions,
+        start: Mapping[str, float],
+    ) -> None:
+        self.pipeline, self.job = pipeline, job
+        self.options, self._start = options, start
+        self._part, self._scan = job.loaded.nominal.part, scan_options(job.setup.scan)
+        cycle = job.setup.cell.world.controller_cycle_us * 1e-6
+        range_ = sensor_range(job.sensors.nominal)
+        self._cell = PlanningCell(job.loaded.nominal, range_, cycle, threads=pipeline.threads)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """The poses and passes, connected without collision.
+
+        Raises
+        ------
+        CalibrationError
+            If too few views of the artefact are feasible.
+        PlanningError
+            If no collision-free path is found.
+        """
+        rng, options = np.random.default_rng(self.options.pose_seed), self.options
+        still = self._still(rng)
+        moving = passes(self._cell, options.passes, rng, self._scan) if options.passes else []
+        return plan_views(self._cell, self._scan, still, moving)
+
+    def run(self, job: Job, engine: Engine, progress: Progress) -> Calibration:
+        """Drive, sense and solve; `job` is that of the nominal cell with as-built deviations and a seed of its own.
+
+        Raises
+        ------
+        CalibrationError
+            If the artefact cannot be measured, or what was measured does not determine the unknowns.
+        """
+        progress.stage("planning", 1, "plan")
+        self._cell = replace(self._cell, work=Work(self.job.setup.scan.max_planning_work, progress))
+        plan = self.plan
+        progress.advance(1)
+        recording, sensed = Scan(self.pipeline, job, engine).measure(plan, progress)
+        readings = readings_of(recording.measured)
+        progress.stage("solving", 1, "solution")
+        found = self.solve(observations_of(sensed.profiles, readings, job.sensors.nominal), plan)
+        progress.advance(1)
+        return found
+
+    def solve(self, measured: Observations, plan: Plan | None = None) -> Calibration:
+        """Calibrate by measured profiles of the artefact.
+
+        Raises
+        ------
+        CalibrationError
+            If they do not determine the unknowns; the message names what is likely to be the cause.
+        """
+        problem = self.problem(measured)
+        try:
+            shift = shift_of(self.job.loaded.nominal, self.job.setup.cell.part)
+            return Calibration(problem, solve(problem), len(measured.sigma), plan, shift)
+        except CalibrationError as error:
+            raise CalibrationError("; ".join([str(error), *filter(None, self._causes(measured, problem))])) from None
+
+    def _causes(self, measured: Observations, problem: CalibrationProblem) -> Iterator[str]:
+        """What is likely to make the points unusable; the first cause that explains all is the only one."""
+        cause = wrong_sizes(problem, self._part) or mirrored(self.problem, measured)
+        if cause:
+            yield cause
+            return
+        yield where_points_lie(replace(problem, observations=measured), self._part)
+        yield shift_text(shift_of(self.job.loaded.nominal, self.job.setup.cell.part))
+
+    def problem(self, measured: Observations) -> CalibrationProblem:
+        """The problem that measured profiles of the artefact pose."""
+        problem = with_sphere_start(self._problem(measured), self._part)
+        return replace(problem, observations=measured.chosen(on_artefact(problem)))
+
+    def _problem(self, observed: Observations) -> CalibrationProblem:
+        nominal, options = self.job.loaded.nominal, self.options
+        return CalibrationProblem(
+            kinematics=kinematics_of(nominal),
+            observations=observed,
+            artefact=artefact_of(nominal, options),
+            free=options.free,
+            start=self._start,
+            robot_noise=options.robot_noise,
+        )
+
+    def _still(self, rng: np.random.Generator) -> Candidates:
+        """Poses at rest."""
+        options = self.options
+        wanted = max(_PER_POSE * options.poses, _LEAST_CANDIDATES) if options.poses else 0
+        if not wanted:
+            return Candidates(np.zeros((0, len(self._cell.nominal.home))), np.zeros(0))
+        found = candidates(self._cell, wanted, rng, self._scan.clearance, options.turn_table)
+        problem = self._problem(self._expected_observations(found))
+        problem = replace(problem, observations=problem.observations.chosen(on_artefact(problem)))
+        frame = problem.observations.frame
+        seen = np.flatnonzero(np.bincount(frame, minlength=len(found.q)) >= _LEAST_POINTS)
+        if len(seen) < options.poses:
+            raise CalibrationError(
+                f"{len(seen)} of {len(found.q)} random views show {_LEAST_POINTS} points of it, {options.poses} poses"
+                " were asked for: place it where the sensor sees more of it",
+                file=self._part.source,
+            )
+        if not options.designed:
+            return Candidates(found.q[seen[: options.poses]], found.table[seen[: options.poses]])
+        problem = replace(_of_exposures(problem, seen), robot_noise="flange")
+        rows = seen[design_poses(problem, _EXPECTED, options.poses).rows]
+        return Candidates(found.q[rows], found.table[rows])
+
+    def _expected_observations(self, found: Candidates) -> Observations:
+        """What the nominal sensor measures from the candidates in the nominal cell, by ideal rays."""
+        loaded, sensor = self.job.loaded, self.job.sensors.nominal
+        frames = loaded.nominal.frame_poses(found.q, found.table)
+        bodies = np.stack([frames[body.moves_with] for body in loaded.bodies], 1)
+        duration, index = np.full(len(found.q), sensor.exposure), np.arange(len(found.q), dtype=np.int64)
+        exposures = sensor_rt.Exposures(frames["sensor"][:, None], bodies[:, :, None], duration, index)
+        sensors = replace(self.job.sensors, true=sensor)
+        result = expose(loaded.scene, sensors, exposures, "geometric", self.pipeline.threads, images=False)
+        profiles = points_of(result.profiles, sensor, "geometric")
+        return observations_of(profiles, AxisReadings.at_rest(found.q, found.table), sensor)
+
+
+def with_sphere_start(problem: CalibrationProblem, part: Mesh) -> CalibrationProblem:
+    """The problem started from circles in its profiles, where the artefact is one sphere and the tool is unknown."""
+    measured = part.shapes.measured if isinstance(part, ShapeMesh) else ()
+    if len(measured) != 1 or not set(TOOL) <= set(problem.free):
+        return problem
+    artefact, shape, in_artefact = problem.artefact, measured[0].shape, measured[0].frame_from_shape[:3, 3]
+    if not isinstance(shape, Sphere):
+        return problem
+    centre = pose.transform_points(artefact.platter_from_artefact, in_artefact[None])[0]
+    found = sphere_start(problem.kinematics, problem.observations, shape.radius, centre)
+    if found is None or found.rms > _AGREED:
+        return problem
+    if not artefact.is_pose_known:
+        shift = pose.translation(found.centre - centre)
+        artefact = replace(artefact, platter_from_artefact=shift @ artefact.platter_from_artefact)
+    return replace(problem, start={**problem.start, **found.deviations}, artefact=artefact)
+
+
+def on_artefact(problem: CalibrationProblem) -> NDArray[np.bool_]:
+    """Which points (m,) lie on the artefact within its reach and above the table, by the start of the problem."""
+    data, artefact = problem.observations, problem.artefact
+    poses = problem.kinematics.poses(data.readings, problem.start)
+    points = points_on_platter(data, poses)
+    local = pose.transform_points(pose.inverse(artefact.platter_from_artefact), points)
+    return np.asarray((artefact.surface.assign(local) >= 0) & (points[:, 2] > ABOVE_TABLE))
+
+
+def _of_exposures(problem: CalibrationProblem, rows: NDArray[np.intp]) -> CalibrationProblem:
+    """The problem of some of its exposures alone, numbered anew."""
+    data = problem.observations
+    number = np.full(len(data.readings), -1)
+    number[rows] = np.arange(len(rows))
+    kept = data.chosen(number[data.frame] >= 0)
+    return replace(problem, observations=replace(kept, readings=data.readings.rows(rows), frame=number[kept.frame]))

@@ -1,0 +1,179 @@
+"""Views of an artefact for calibration: candidates that the arm reaches, what the sensor sees from them, and a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.calibration.cell.surfaces import measured_meshes
+from scancell.errors import CalibrationError, PlanningError
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.planning.model import PlanningCell
+from scancell.planning.motion.assembly import Assembly
+from scancell.planning.motion.verification import check_part, verified
+from scancell.planning.options import ScanOptions
+from scancell.planning.plan import Plan
+from scancell.planning.views.placement import PlacedPass, PlacedPose, Placer
+from scancell.planning.views.views import Pass
+
+Array = NDArray[np.float64]
+
+_TILT = np.radians(50.0)  # largest angle between the sensor's z and the normal of the surface that it looks at
+_RANGE_MARGIN = 0.15  # share of the measuring range that is left free at both ends
+_LINE_SHARE = 0.5  # of the half laser line, within which the target lies
+_ATTEMPTS = 20  # samples per candidate
+_BLOCK = 512
+_PASS_LENGTH = 0.02  # m
+_PASS_TRIES = 12
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Joints (n, joints) and table angles (n,), rad, at which the sensor looks at the artefact and nothing is near."""
+
+    q: Array
+    table: Array
+
+
+def candidates(
+    cell: PlanningCell, count: int, rng: np.random.Generator, clearance: float, turn_table: bool
+) -> Candidates:
+    """Random views of the measured surfaces of an artefact.
+
+    Raises
+    ------
+    CalibrationError
+        If the arm reaches none.
+    """
+    found_q: list[Array] = []
+    found_table: list[Array] = []
+    total = 0
+    for _ in range(_ATTEMPTS * count // _BLOCK + 1):
+        part_from_sensor = _random_views(cell, _BLOCK, rng)
+        table = rng.uniform(-np.pi, np.pi, _BLOCK) if turn_table else np.zeros(_BLOCK)
+        world_from_sensor = cell.nominal.world_from_part(table) @ part_from_sensor
+        solutions = cell.nominal.arm.ik(world_from_sensor @ pose.inverse(cell.nominal.flange_from_sensor))
+        # A random one of the configurations that reach the view.
+        score = np.where(np.isnan(solutions).any(2), -1.0, rng.uniform(size=solutions.shape[:2]))
+        chosen = solutions[np.arange(_BLOCK), score.argmax(1)]
+        reached = np.flatnonzero(score.max(1) >= 0.0)
+        near = {clash.index for clash in cell.clearance_violations(chosen[reached], table[reached], clearance)}
+        free = reached[[row for row in range(len(reached)) if row not in near]]
+        found_q.append(chosen[free])
+        found_table.append(table[free])
+        total += len(free)
+        if total >= count:
+            break
+    if not total:
+        raise CalibrationError(
+            f"the arm reaches no view of it without coming within {1e3 * clearance:g} mm of something:"
+            " place it elsewhere (cell.part.x_mm, cell.part.y_mm)",
+            file=cell.nominal.part.source,
+        )
+    return Candidates(np.concatenate(found_q)[:count], np.concatenate(found_table)[:count])
+
+
+def _random_views(cell: PlanningCell, count: int, rng: np.random.Generator) -> Array:
+    """``part_from_sensor`` (n, 4, 4) that look at random points of the measured surfaces, at most `_TILT` obliquely."""
+    points, normals = _surface_points(cell.nominal.part, count, rng)
+    tilt, around = _TILT * np.sqrt(rng.uniform(size=count)), rng.uniform(-np.pi, np.pi, count)
+    axis = -_tilted(normals, tilt, around)
+    side = np.cross(axis, rng.normal(size=(count, 3)))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    rotation = np.stack([side, np.cross(axis, side), axis], -1)
+    span = cell.range.far - cell.range.near
+    z = rng.uniform(cell.range.near + _RANGE_MARGIN * span, cell.range.far - _RANGE_MARGIN * span, count)
+    y = rng.uniform(-_LINE_SHARE, _LINE_SHARE, count) * cell.range.half_line(z)
+    offset = np.einsum("nij,nj->ni", rotation, np.column_stack([np.zeros(count), y, z]))
+    return pose.from_rotation(rotation, points - offset)
+
+
+def _surface_points(part: Mesh, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Random points (n, 3) on the measured surfaces, each as likely as the others, and normals (n, 3)."""
+    points, normals = np.empty((count, 3)), np.empty((count, 3))
+    surfaces = measured_meshes(part)
+    which = rng.integers(len(surfaces), size=count)
+    for number, mesh in enumerate(surfaces):
+        rows = np.flatnonzero(which == number)
+        face = rng.choice(len(mesh.faces), len(rows), p=mesh.areas / mesh.areas.sum())
+        weights = rng.dirichlet((1.0, 1.0, 1.0), len(rows))
+        points[rows] = np.einsum("nk,nki->ni", weights, mesh.vertices[mesh.faces[face]])
+        normals[rows] = mesh.normals[face]
+    return points, normals
+
+
+def _tilted(directions: Array, tilt: Array, around: Array) -> Array:
+    """Unit vectors (n, 3) turned by angles `tilt` towards directions at angles `around`, rad."""
+    helper = np.where(np.abs(directions[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    u = np.cross(directions, helper)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(directions, u)
+    sideways = np.cos(around)[:, None] * u + np.sin(around)[:, None] * v
+    return np.asarray(np.cos(tilt)[:, None] * directions + np.sin(tilt)[:, None] * sideways)
+
+
+def passes(cell: PlanningCell, count: int, rng: np.random.Generator, options: ScanOptions) -> list[PlacedPass]:
+    """Passes of the sensor over the artefact along its x, each followed by the same one backwards.
+
+    Raises
+    ------
+    CalibrationError
+        If fewer are feasible.
+    """
+    assert options.raster is not None
+    speed, pitch = options.raster.speed, options.raster.pitch
+    placer = Placer(cell, options.azimuth, options.clearance)
+    placed: list[PlacedPass] = []
+    for _ in range(_PASS_TRIES):
+        there = [_pass(view, len(placed) // 2) for view in _random_views(cell, count, rng)]
+        there = [Pass(one.name, *(cell.nominal.table_from_part @ end for end in (one.start, one.end))) for one in there]
+        back = [Pass(f"{one.name}, back", one.end, one.start) for one in there]
+        views = [view for pair in zip(there, back, strict=True) for view in pair]
+        exposures = [max(2, round(_PASS_LENGTH / pitch)) + 1] * len(views)
+        found = placer.passes(views, exposures, speed, None)
+        for one, other in zip(found[::2], found[1::2], strict=True):
+            if isinstance(one, PlacedPass) and isinstance(other, PlacedPass) and len(placed) < count:
+                placed += [one, other]
+        if len(placed) >= count:
+            return placed
+    raise CalibrationError(
+        f"{len(placed)} passes over it are feasible", file=cell.nominal.part.source, expected=str(count)
+    )
+
+
+def _pass(part_from_sensor: Array, number: int) -> Pass:
+    along = part_from_sensor[:3, 0] * _PASS_LENGTH / 2
+    start, end = part_from_sensor.copy(), part_from_sensor.copy()
+    start[:3, 3] -= along
+    end[:3, 3] += along
+    return Pass(f"calibration pass {number + 1}", start, end)
+
+
+def plan_views(cell: PlanningCell, options: ScanOptions, still: Candidates, moving: Sequence[PlacedPass]) -> Plan:
+    """Collision-free program: one exposure at rest at each of `still`, each time the nearest in time; then the passes.
+
+    Raises
+    ------
+    PlanningError
+        If no collision-free path is found.
+    """
+    check_part(cell)
+    options = replace(options, dynamic=True)
+    assembly = Assembly(cell, options)
+    axes = zip(still.q, still.table.tolist(), strict=True)
+    left = [PlacedPose(f"pose {number}", q, table) for number, (q, table) in enumerate(axes, 1)]
+    skipped: list[str] = []
+    while left:
+        nearest = int(np.argmin([assembly.time_to(np.append(one.q, one.table)) for one in left]))
+        one = left.pop(nearest)
+        try:
+            assembly.add_pose(one)
+        except PlanningError as error:
+            skipped.append(f"{one.name} is left out: {error}")
+    for view in moving:
+        assembly.add_pass(view)
+    return verified(cell, options, Plan(*assembly.finish(), None, tuple(skipped)))

@@ -1,0 +1,1 @@
+"""Cameras and laser sheet, from targets of known shape."""

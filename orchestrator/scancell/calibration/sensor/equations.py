@@ -1,0 +1,206 @@
+"""Linearised residuals of a sensor's calibration: distances of triangulated points from targets, corners in images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.calibration.sensor.parameters import RADIUS_OFFSET, SensorParameters
+from scancell.calibration.sensor.problem import Corners, SensorProblem, TargetExposure
+from scancell.errors import CalibrationError
+from scancell.geometry import pose
+from scancell.geometry.shapes import Plane, ShapeGroup, Sphere
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-3  # of a parameter's tolerance: half the interval of difference quotients
+_ROW_STEP = 0.01  # px
+_POINT_STEP = 1e-6  # m
+# Where the line of sight grazes the surface, row noise moves the point along it, and its distance would seem exact.
+_LEAST_INCIDENCE = 0.2
+
+
+@dataclass(frozen=True)
+class State:
+    """Values (k,) of the free parameters, and the displacement (4, 4) of each mounting in the sensor frame."""
+
+    values: Array
+    displacement: Mapping[int | None, Array]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Residuals of one exposure, or of the exposures of a mounting, in standard deviations.
+
+    Attributes
+    ----------
+    residual
+        (n,)
+    by_parameter
+        (n, k) derivative by the free parameters, per tolerance.
+    by_pose
+        (n, 6) derivative by the displacement: rotation vector (rad) about `Equations.centre`, then translation (m);
+        (n, 0) where the pose is known.
+    distance
+        (n,) signed distance of the point from the target, m; NaN for corners.
+    normal
+        (n, 3) of the target at the point, in the sensor frame; NaN for corners.
+    point
+        (n, 3) triangulated point, m; NaN for corners.
+    exposure
+        (n,) index of the exposure.
+    """
+
+    residual: Array
+    by_parameter: Array
+    by_pose: Array
+    distance: Array
+    normal: Array
+    point: Array
+    exposure: NDArray[np.intp]
+
+    @classmethod
+    def joined(cls, blocks: list[Block]) -> Block:
+        """Of blocks of one mounting."""
+        return cls(*(np.concatenate([getattr(block, one.name) for block in blocks]) for one in fields(cls)))
+
+
+class Equations:
+    """Residuals of a problem as a function of its unknowns."""
+
+    def __init__(self, problem: SensorProblem, parameters: SensorParameters) -> None:
+        self._parameters = parameters
+        self._exposures = problem.exposures
+        self._targets = [ShapeGroup(one.target.measured) for one in problem.exposures]
+        self.mountings = list(dict.fromkeys(one.mounting for one in problem.exposures))
+        limits = problem.sensor.range
+        self.centre = np.array([0.0, 0.0, 1e-3 * (limits.near_mm + limits.far_mm) / 2])
+        peaks = [one.stripe for one in problem.exposures if one.stripe is not None]
+        counts = [0 if one.stripe is None else len(one.stripe.row) for one in problem.exposures]
+        self._first = np.cumsum([0, *counts])
+        self._camera = np.concatenate([np.zeros(0, np.int32), *(one.camera for one in peaks)])
+        self._sigma = np.concatenate([np.zeros(0), *(one.sigma for one in peaks)])
+        self._pixels = np.concatenate([np.zeros((0, 2)), *(np.column_stack([one.column, one.row]) for one in peaks)])
+        if not (self._sigma > 0.0).all():
+            raise CalibrationError("stripe peaks: every row needs a positive standard deviation, px")
+
+    def blocks(self, state: State) -> list[Block]:
+        """Linearised residuals of every mounting, in the order of `mountings`."""
+        base = self._parameters.sensor(state.values)
+        pairs = [self._neighbours(state.values, k) for k in range(len(state.values))]
+        points = self._points(base)
+        per_row = (self._points(base, np.array([0.0, _ROW_STEP])) - points) / _ROW_STEP
+        derivative = np.zeros((len(points), len(pairs), 3))
+        for k, (up, down) in enumerate(pairs):
+            derivative[:, k] = (self._points(up) - self._points(down)) / (2 * _STEP)
+        found: dict[int | None, list[Block]] = {mounting: [] for mounting in self.mountings}
+        for e, exposure in enumerate(self._exposures):
+            rows = slice(int(self._first[e]), int(self._first[e + 1]))
+            if exposure.stripe is not None:
+                block = self._stripe(e, state, points[rows], per_row[rows], derivative[rows], self._sigma[rows])
+                found[exposure.mounting].append(block)
+            if exposure.corners is not None:
+                found[exposure.mounting].append(self._corners(e, exposure.corners, state, base, pairs))
+        return [Block.joined(blocks) for blocks in found.values()]
+
+    def _stripe(self, e: int, state: State, points: Array, per_row: Array, derivative: Array, sigma: Array) -> Block:
+        exposure = self._exposures[e]
+        sensor_from_target = state.displacement[exposure.mounting] @ exposure.sensor_from_target
+        target = self._targets[e]
+        distance, in_target, index = _nearest(target, pose.transform_points(pose.inverse(sensor_from_target), points))
+        normal = in_target @ sensor_from_target[:3, :3].T
+        is_sphere = np.array([isinstance(one.shape, Sphere) for one in target.shapes])[index]
+        distance = distance - is_sphere * self._parameters.radius_offset(state.values)
+        by_parameter = np.einsum("ni,nki->nk", normal, derivative)
+        if RADIUS_OFFSET in self._parameters.names:
+            k = self._parameters.names.index(RADIUS_OFFSET)
+            by_parameter[:, k] = -1e-3 * self._parameters.scales[k] * is_sphere
+        by_pose = -np.hstack([np.cross(points - self.centre, normal), normal])
+        least = _LEAST_INCIDENCE * np.linalg.norm(per_row, axis=1)
+        deviation = sigma * np.maximum(np.abs(np.sum(normal * per_row, 1)), least)
+        return Block(
+            distance / deviation,
+            by_parameter / deviation[:, None],
+            _unless_known(by_pose / deviation[:, None], exposure),
+            distance,
+            normal,
+            points,
+            np.full(len(points), e),
+        )
+
+    def _corners(
+        self,
+        e: int,
+        corners: Corners,
+        state: State,
+        base: sensor_rt.Sensor,
+        pairs: list[tuple[sensor_rt.Sensor, sensor_rt.Sensor]],
+    ) -> Block:
+        exposure = self._exposures[e]
+        sensor_from_target = state.displacement[exposure.mounting] @ exposure.sensor_from_target
+        points = pose.transform_points(sensor_from_target, corners.points_in_target)
+
+        def seen(sensor: sensor_rt.Sensor, points: Array) -> Array:
+            cameras = sensor.cameras
+            return _by_camera(corners.camera, points, 2, lambda camera, rows: cameras[camera].project(rows))
+
+        residual = seen(base, points) - corners.pixels
+        by_parameter = np.zeros((*residual.shape, len(pairs)))
+        for k, (up, down) in enumerate(pairs):
+            by_parameter[:, :, k] = (seen(up, points) - seen(down, points)) / (2 * _STEP)
+        steps = _POINT_STEP * np.eye(3)
+        by_point = np.stack([seen(base, points + one) - seen(base, points - one) for one in steps], 2)
+        by_point /= 2 * _POINT_STEP
+        by_pose = np.concatenate([np.cross((points - self.centre)[:, None], by_point), by_point], 2)
+        count = residual.size
+        return Block(
+            residual.reshape(count) / corners.sigma,
+            by_parameter.reshape(count, -1) / corners.sigma,
+            _unless_known(by_pose.reshape(count, 6) / corners.sigma, exposure),
+            np.full(count, np.nan),
+            np.full((count, 3), np.nan),
+            np.full((count, 3), np.nan),
+            np.full(count, e),
+        )
+
+    def _points(self, sensor: sensor_rt.Sensor, shift: Array | float = 0.0) -> Array:
+        def locate(camera: int, pixels: Array) -> Array:
+            return sensor_rt.triangulate_pixels(pixels, sensor, camera, "sheet")
+
+        return _by_camera(self._camera, self._pixels + shift, 3, locate)
+
+    def _neighbours(self, values: Array, k: int) -> tuple[sensor_rt.Sensor, sensor_rt.Sensor]:
+        step = np.zeros(len(values))
+        step[k] = _STEP * self._parameters.scales[k]
+        return self._parameters.sensor(values + step), self._parameters.sensor(values - step)
+
+
+def _nearest(target: ShapeGroup, points: Array) -> tuple[Array, Array, NDArray[np.intp]]:
+    """As `ShapeGroup.nearest`, but rectangles continue beyond their edges.
+
+    The stripe ends at an edge. A point beyond it is displaced along the surface, which says nothing of its distance.
+    """
+    distance, normal, index = target.nearest(points)
+    for number, placed in enumerate(target.shapes):
+        if isinstance(placed.shape, Plane):
+            own = index == number
+            normal[own] = placed.frame_from_shape[:3, 2]
+            distance[own] = (points[own] - placed.frame_from_shape[:3, 3]) @ placed.frame_from_shape[:3, 2]
+    return distance, normal, index
+
+
+def _unless_known(by_pose: Array, exposure: TargetExposure) -> Array:
+    return by_pose[:, :0] if exposure.mounting is None else by_pose
+
+
+def _by_camera(camera: NDArray[np.int32], rows: Array, width: int, call: Callable[[int, Array], Array]) -> Array:
+    """Results (n, width) of a call for the rows of each camera."""
+    result = np.zeros((len(rows), width))
+    for one in np.unique(camera):
+        own = camera == one
+        result[own] = call(int(one), rows[own])
+    return result

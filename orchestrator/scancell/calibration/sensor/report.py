@@ -1,0 +1,217 @@
+"""Report of a sensor's calibration: parameters with uncertainty, range error, the calibrated sensor, files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+
+from scancell.calibration.cell.report import comparison_text
+from scancell.calibration.sensor.parameters import FRAME, SensorParameters
+from scancell.calibration.sensor.points import write_exposures
+from scancell.calibration.sensor.problem import TargetExposure
+from scancell.calibration.sensor.simulated import poses_known, range_error
+from scancell.calibration.sensor.solve import SensorCalibration
+from scancell.config.loading import Setup
+from scancell.config.sensor import SensorDescription
+from scancell.files import bytes_written
+from scancell.output.manifest import command_words, manifest
+from scancell.output.residual_picture import residual_picture
+from scancell.output.run_files import write_json
+from scancell.output.run_folder import RunFolder
+from scancell.values import Result
+
+_DOUBTFUL = 3.0  # times the stated noise of peaks, from which a warning says so
+_MANY = 0.02  # share of discarded residuals, likewise
+
+
+@dataclass(frozen=True)
+class SensorRow:
+    """A calibrated key: value of the description, value found, half width of its interval, and true value if known."""
+
+    name: str
+    nominal: float
+    value: float
+    half_width: float
+    true: float | None = None
+
+    @property
+    def deviation(self) -> float:
+        """Value minus that of the description."""
+        return self.value - self.nominal
+
+    @property
+    def error(self) -> float | None:
+        """Value minus true value."""
+        return None if self.true is None else self.value - self.true
+
+
+@dataclass(frozen=True)
+class RangeError:
+    """RMS error of points over images and range, m, before and after; `aligned` on the true ones by a rigid motion."""
+
+    before: float
+    after: float
+    aligned: bool
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SensorCalibrationReport(Result):
+    """A calibration of a described sensor.
+
+    Attributes
+    ----------
+    result, exposures
+        The solution, and the measured peaks of the target's exposures.
+    setup
+        With the description that the calibration started from.
+    built
+        The sensor as built, where it is simulated.
+    inputs, run
+        Files and settings for the manifest.
+    probability
+        Of the intervals.
+
+    Examples
+    --------
+    >>> report = scancell.calibrate_sensor("ball", as_built={"sensor.laser.turn_y_deg": 0.1})
+    >>> round(report.sensor.laser.turn_y_deg, 2)
+    0.1
+    >>> files = report.save("sensor")
+    """
+
+    result: SensorCalibration
+    exposures: tuple[TargetExposure, ...]
+    setup: Setup
+    inputs: Sequence[Path]
+    run: Mapping[str, Any]
+    built: SensorDescription | None = None
+    probability: float = 0.95
+
+    @property
+    def sensor(self) -> SensorDescription:
+        """The calibrated description, for `estimated_sensor` of a scan."""
+        return self.result.sensor
+
+    @cached_property
+    def rows(self) -> list[SensorRow]:
+        """The keys that were free, in their units."""
+        result = self.result
+        factor = float(norm.ppf(0.5 + self.probability / 2))
+        nominal = SensorParameters(self.setup.sensor, result.names).start_values
+        true = self._true
+        return [
+            SensorRow(name, float(start), float(value), factor * float(sigma), None if true is None else true[name])
+            for name, start, value, sigma in zip(result.names, nominal, result.values, result.sigma, strict=True)
+        ]
+
+    @cached_property
+    def range_error(self) -> RangeError | None:
+        """Of the simulated sensor by its nominal and by its calibrated description; None of a real one."""
+        if self.built is None:
+            return None
+        align = not poses_known(self.exposures)
+        before, after = (range_error(self.built, used, align) for used in (self.setup.sensor, self.sensor))
+        return RangeError(before, after, align)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is doubtful."""
+        result, found = self.result, []
+        scatter = float(np.sqrt(result.chi_square))
+        if scatter > _DOUBTFUL:
+            found.append(
+                f"points scatter {scatter:.1f} times as much as the stated sigma of their peaks: is the target the"
+                " described one, and does the sensor have other deviations than those to find?"
+            )
+        share = result.discarded / (result.used + result.discarded)
+        if share > _MANY:
+            found.append(f"{100 * share:.1f} % of the measurements do not fit and were discarded")
+        if self.built is not None and self._true is None:
+            found.append(
+                "true values are not listed: with unknown poses the sheet and the first camera define the sensor frame,"
+                " and as built they are elsewhere in it; the range error is compared after alignment"
+            )
+        return found
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Plain figures, in the units that their names state."""
+        result, error = self.result, self.range_error
+        return {
+            "parameters": [{**asdict(row), "deviation": row.deviation, "error": row.error} for row in self.rows],
+            "probability": self.probability,
+            "covariance": result.covariance.tolist(),
+            "covariance_scale": result.covariance_scale,
+            "exposures": len(self.exposures),
+            "residuals_used": result.used,
+            "residuals_discarded": result.discarded,
+            "chi_square": result.chi_square,
+            "rms_um": 1e6 * self._rms,
+            "range_error_um": None
+            if error is None
+            else {"before": 1e6 * error.before, "after": 1e6 * error.after, "aligned": error.aligned},
+        }
+
+    def summary(self) -> str:
+        """The figures as lines of text."""
+        result, error = self.result, self.range_error
+        interval = f"{100 * self.probability:g} % interval"
+        is_known = self.built is not None and self._true is not None
+        lines = [
+            f"{result.used} residuals of {len(self.exposures)} exposures, {result.discarded} discarded, "
+            f"RMS {1e6 * self._rms:.2f} um",
+            f"  {'parameter':34} {'nominal':>10} {'estimate':>10}    {interval:>14}"
+            + (f" {'true':>10} {'error':>10}" if is_known else ""),
+        ]
+        for row in self.rows:
+            text = f"  {row.name:34} {row.nominal:10.5f} {row.value:10.5f} +- {row.half_width:14.5f}"
+            lines.append(text + comparison_text(row.true, row.value, row.half_width))
+        if error is not None:
+            how = " after alignment" if error.aligned else ""
+            lines.append(f"  range error{how}: {1e6 * error.before:.2f} um before, {1e6 * error.after:.2f} um after")
+        return "\n".join(lines)
+
+    def picture(self) -> bytes:
+        """Distances of the points from the measured surface by exposure, as PNG."""
+        return bytes_written(lambda path: residual_picture(path, self.result.distances, self.result.exposure))
+
+    def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
+        """Write ``calibrated_sensor.toml``, ``calibration.json``, ``distances.png``, the peaks and the manifest.
+
+        `command_line`: words that the manifest keeps; by default those of this process.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written.
+        """
+        with RunFolder(Path(folder)) as run:
+            self.sensor.to_toml(run.path("calibrated_sensor.toml"))
+            write_json(run.path("calibration.json"), self.figures)
+            write_exposures(self.exposures, run.path("peaks.parquet"))
+            residual_picture(run.path("distances.png"), self.result.distances, self.result.exposure)
+            entries = {**self.run, "command_line": command_words(command_line)}
+            write_json(run.path("manifest.json"), manifest(self.setup, self.inputs, entries))
+        return [Path(folder) / name for name in run.names]
+
+    @property
+    def _rms(self) -> float:
+        return float(np.sqrt(np.mean(self.result.distances**2)))
+
+    @cached_property
+    def _true(self) -> dict[str, float] | None:
+        """True values by key; None where they are unknown, or in another sensor frame than the calibrated one's."""
+        if self.built is None:
+            return None
+        held = [name for name in FRAME if name not in self.result.names]
+        as_built, described = (SensorParameters(one, held).start_values for one in (self.built, self.setup.sensor))
+        if not np.array_equal(as_built, described):
+            return None
+        values = SensorParameters(self.built, self.result.names).start_values
+        return dict(zip(self.result.names, values.tolist(), strict=True))

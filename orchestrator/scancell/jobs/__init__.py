@@ -1,1 +1,0 @@
-"""Work on one part: what a `Scanner` prepares before it, and what becomes of it."""

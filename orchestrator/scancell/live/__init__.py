@@ -1,0 +1,1 @@
+"""A cell that runs while operators command it."""

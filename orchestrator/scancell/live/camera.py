@@ -1,0 +1,264 @@
+"""Camera images and profile of a live cell, again and again."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
+from concurrent.futures import TimeoutError as NotDone
+from dataclasses import dataclass
+from typing import Annotated, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.arguments import Within, checked_arguments, checked_value
+from scancell.cell.recording import Recording
+from scancell.closing import Closing
+from scancell.config.choices import Engine
+from scancell.config.keys import Assignments, assignments
+from scancell.config.loading import require_sensor_words, sensor_words
+from scancell.errors import ScancellError
+from scancell.live.cell import LiveCell
+from scancell.scanning.job import Job
+from scancell.scanning.profile import Profile, measure_profile
+from scancell.scanning.sense import ExposureImages, Sensors, make_sensors
+from scancell.scanning.session import ScanSession
+
+Array = NDArray[np.float64]
+T = TypeVar("T", bound=np.generic)
+
+_PATIENCE = 0.1  # s, after which a feed that waits looks whether it was closed
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFrame:
+    """What the sensor sees at one instant; arrays are read-only.
+
+    Attributes
+    ----------
+    number
+        Of frames so far, this one included.
+    time
+        Simulated, s.
+    engine, as_built
+        Of the rendering, and the perturbations of the sensor in force.
+    images
+        (cameras, height, width) of 8 bits; None with the geometric engine, which makes none.
+    stripes
+        Of each camera the image positions (k, 2) of its points, column and row, px.
+    points_in_sensor, points_in_base
+        (n, 3) the profile by the nominal sensor, and by measured joints and nominal geometry, m.
+    intensity, camera
+        (n,) of the points, digital numbers; index of the camera.
+    error
+        Why there is no picture; empty where there is one.
+    """
+
+    number: int
+    time: float
+    engine: Engine
+    as_built: tuple[str, ...]
+    images: NDArray[np.uint8] | None
+    stripes: tuple[Array, ...]
+    points_in_sensor: Array
+    points_in_base: Array
+    intensity: NDArray[np.floating]
+    camera: NDArray[np.int32]
+    error: str = ""
+
+
+class CameraFeed(Closing):
+    """Renders what the sensor of a live cell sees, in a thread of its own, while somebody wants it.
+
+    The thread that owns the cell reads its poses between two cycles, nothing more. While neither these nor the settings
+    change no new frame is made: image noise stands still.
+
+    Parameters
+    ----------
+    live, session
+        A live cell that runs, and its session.
+    engine
+        ``ray-traced`` makes images, ``geometric`` points alone.
+    on_frame
+        Receives each frame, in the thread of the feed.
+    interval
+        Least time from one look at the cell to the next, s.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl", guarded=True) as session:
+    ...     session.move_tool(scancell.location(0.45, 0.0, 0.23, rx=np.pi))
+    ...     live = scancell.LiveCell(session)
+    ...     with scancell.CameraFeed(live, session, "geometric") as feed:
+    ...         feed.wanted = True
+    ...         live.run(lambda: feed.frame is not None, realtime=False)
+    >>> len(feed.frame.points_in_base) > 100
+    True
+    """
+
+    @checked_arguments
+    def __init__(
+        self,
+        live: LiveCell,
+        session: ScanSession,
+        engine: Engine = "ray-traced",
+        on_frame: Callable[[CameraFrame], object] = lambda _: None,
+        interval: Annotated[float, Within(0.0, 3600.0)] = 0.02,
+    ) -> None:
+        self._live, self._job, self._threads = live, session.job, session.pipeline.threads
+        self._on_frame, self._interval = on_frame, interval
+        words = tuple(sensor_words(self._job.as_built))
+        self._setting = _Setting(engine, words, self._job.sensors)
+        self._frame: CameraFrame | None = None
+        self._wanted, self._closed = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="cameras", daemon=True)
+        self._thread.start()
+
+    @property
+    def frame(self) -> CameraFrame | None:
+        """The last one; None before the first."""
+        return self._frame
+
+    @property
+    def wanted(self) -> bool:
+        """Whether frames are made; at first they are not."""
+        return self._wanted.is_set()
+
+    @wanted.setter
+    def wanted(self, value: bool) -> None:
+        if value:
+            self._wanted.set()
+        else:
+            self._wanted.clear()
+
+    @property
+    def engine(self) -> Engine:
+        """Of the rendering; may be changed at any time."""
+        return self._setting.engine
+
+    @engine.setter
+    def engine(self, value: Engine) -> None:
+        engine = checked_value("engine", value, Engine)
+        self._setting = _Setting(engine, self._setting.as_built, self._setting.sensors)
+
+    @property
+    def as_built(self) -> tuple[str, ...]:
+        """Perturbations of the sensor in force, as ``key=value`` words."""
+        return self._setting.as_built
+
+    def perturb(self, as_built: Assignments) -> None:
+        """Render by another true sensor from now on; the nominal one interprets the images as before.
+
+        Parameters
+        ----------
+        as_built
+            All perturbations of the sensor, ``{"sensor.laser.turn_y_deg": 0.1}``; those before are dropped.
+
+        Raises
+        ------
+        DescriptionError
+            If a perturbation is unknown, out of bounds or not one of the sensor; those before stay in force.
+        SensorError
+            If the sensor library refuses it.
+        """
+        words = tuple(assignments(as_built))
+        require_sensor_words(words, "the cameras show the cell as it is")
+        made = make_sensors(self._job.setup.sensor, words, self._job.seed)
+        sensors = Sensors(self._job.sensors.nominal, made.true, made.bit_depth)
+        self._setting = _Setting(self._setting.engine, words, sensors)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._closed.set()
+        self._wanted.set()
+        self._thread.join()
+
+    # In the thread of the feed
+
+    def _run(self) -> None:
+        shown: tuple[bytes, _Setting] | None = None
+        number = 0
+        while not self._closed.is_set():
+            if not self._wanted.wait(_PATIENCE):
+                continue
+            began = time.monotonic()
+            recording = self._look()
+            if recording is None:
+                continue
+            setting = self._setting
+            key = (_poses(recording), setting)
+            if key != shown:
+                number += 1
+                self._frame = _made(number, self._job, recording, setting, self._threads)
+                shown = key
+                self._on_frame(self._frame)
+            self._closed.wait(max(0.0, self._interval - (time.monotonic() - began)))
+
+    def _look(self) -> Recording | None:
+        """The poses of the cell between two cycles; None where it does not run, or the feed ends."""
+        asked: Future[Recording] = self._live.between_cycles(lambda session: session.snapshot(session.exposure))
+        while not self._closed.is_set():
+            try:
+                return asked.result(_PATIENCE)
+            except NotDone:
+                continue
+            except (CancelledError, ScancellError):  # the cell was closed
+                self._closed.wait(_PATIENCE)
+                break
+        asked.cancel()
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Setting:
+    engine: Engine
+    as_built: tuple[str, ...]
+    sensors: Sensors
+
+
+def _poses(recording: Recording) -> bytes:
+    """All that the images depend on, but their noise."""
+    moving = [name for name in recording.columns if name.startswith("trigger.truth.")]
+    return np.concatenate([recording.columns[name] for name in moving]).tobytes()
+
+
+def _made(number: int, job: Job, recording: Recording, setting: _Setting, threads: int) -> CameraFrame:
+    try:
+        found = measure_profile(job.loaded, recording, setting.sensors, setting.engine, threads)
+    except ScancellError as error:
+        nothing = np.zeros((0, 3))
+        return CameraFrame(
+            number, float(recording.measured.time[0]), setting.engine, setting.as_built, None, (), nothing, nothing,
+            np.zeros(0), np.zeros(0, np.int32), str(error),
+        )  # fmt: skip
+    profile = found.profile
+    return CameraFrame(
+        number=number,
+        time=float(recording.measured.time[0]),
+        engine=setting.engine,
+        as_built=setting.as_built,
+        images=None if found.images is None else _for_display(found.images),
+        stripes=_stripes(found, len(setting.sensors.nominal.cameras)),
+        points_in_sensor=_read_only(profile.points_in_sensor),
+        points_in_base=_read_only(found.points_in_base),
+        intensity=_read_only(profile.intensity),
+        camera=_read_only(profile.camera),
+    )
+
+
+def _for_display(images: ExposureImages) -> NDArray[np.uint8]:
+    """The upper 8 bits."""
+    return _read_only((images.images >> max(0, images.bit_depth - 8)).astype(np.uint8))
+
+
+def _stripes(found: Profile, cameras: int) -> tuple[Array, ...]:
+    positions = np.column_stack([found.profile.column, found.rows])
+    return tuple(_read_only(positions[found.profile.camera == camera]) for camera in range(cameras))
+
+
+def _read_only(values: NDArray[T]) -> NDArray[T]:
+    copied = values.copy()
+    copied.setflags(write=False)
+    return copied

@@ -1,0 +1,287 @@
+"""A planned scan in a live cell, whose points are handed over while it runs."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.arguments import Count, checked_arguments
+from scancell.cell.program import Program
+from scancell.cell.recording import Recording
+from scancell.cell.records import RecordBatches
+from scancell.config.choices import Engine
+from scancell.errors import CancelledError, CommandError, EmptyScanError
+from scancell.evaluation.deviation import deviation_from_mesh
+from scancell.live.cell import LiveCell
+from scancell.live.jobs import CLOSED, JobStopped, ready_to_move, while_stepping
+from scancell.nominal.plausibility import setup_warnings
+from scancell.planning.plan import Plan
+from scancell.progress import NullProgress
+from scancell.reconstruction.cloud import Cloud
+from scancell.results import ScanResult
+from scancell.scanning.scan import SAMPLE_IMAGES, Exposed, Scan
+from scancell.scanning.sense import ExposureImages, SensingResult, sample_rows
+from scancell.scanning.session import ScanSession
+from scancell.stopwatch import Stopwatch
+
+Stage = Literal["waiting", "planning", "approaching", "scanning", "sensing", "done", "stopped", "failed"]
+
+_PATIENCE = 0.02  # s, after which a scan that waits for its sensing looks whether it has to end
+
+
+@dataclass(frozen=True, eq=False)
+class LiveChunk:
+    """Points (n) of successive exposures, as they are in the cloud of the result, but without normals.
+
+    Attributes
+    ----------
+    points_in_part
+        (n, 3), m.
+    intensity, quality, sigma, camera
+        (n,) as in `Cloud`.
+    deviation
+        (n,) distance from the mesh of the part, m, positive outside; absolute where the mesh is open.
+    time
+        (n,) simulated time since the scan began, s.
+    """
+
+    points_in_part: NDArray[np.float64]
+    intensity: NDArray[np.floating]
+    quality: NDArray[np.floating]
+    sigma: NDArray[np.floating]
+    camera: NDArray[np.int32]
+    deviation: NDArray[np.float64]
+    time: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LiveScanState:
+    """How far a scan is.
+
+    Attributes
+    ----------
+    planned, taken, sensed
+        Numbers of exposures: of the plan (0 before there is one), taken by the cell, and sensed.
+    points
+        Number of points handed over.
+    ended_by
+        Why it was stopped; empty where it was not.
+    """
+
+    stage: Stage
+    planned: int
+    taken: int
+    sensed: int
+    points: int
+    ended_by: str = ""
+
+    @property
+    def behind(self) -> int:
+        """Number of exposures by which sensing is behind the cell."""
+        return self.taken - self.sensed
+
+
+class LiveScan:
+    """Plans and drives the scan of the session's descriptions, and senses it in another thread meanwhile.
+
+    The arm moves from where it rests to the start of the program on a planned path free of collision; manual operation
+    is left before. The cell waits, and its time with it, while sensing is too far behind. Where the scan is stopped, or
+    the controller does not go on with it, what was measured until then is the result, with a warning.
+
+    Parameters
+    ----------
+    engine
+        How exposures are sensed.
+    on_points
+        Receives the points of successive exposures in order, in the thread that senses.
+    plan
+        In place of a new one; it is checked again.
+    batch
+        Number of exposures in a chunk.
+    most_behind
+        Largest number of chunks that wait to be sensed.
+
+    Attributes
+    ----------
+    result
+        Future of the scan, as `Scanner.scan` returns it, or what it failed of.
+
+    Examples
+    --------
+    >>> counts = []
+    >>> settings = {"scan.sweep.enabled": False, "scan.raster.pitch_mm": 5}
+    >>> with scancell.Scanner(settings=settings) as scanner, scanner.session("part.stl") as session:
+    ...     live = scancell.LiveCell(session)
+    ...     scan = scancell.LiveScan("geometric", on_points=lambda chunk: counts.append(len(chunk.points_in_part)))
+    ...     scan.start(live)
+    ...     live.run(scan.result.done, realtime=False)
+    >>> sum(counts) == len(scan.result.result().cloud)
+    True
+    """
+
+    @checked_arguments
+    def __init__(
+        self,
+        engine: Engine = "ray-traced",
+        on_points: Callable[[LiveChunk], object] = lambda _: None,
+        plan: Plan | None = None,
+        batch: Count = 16,
+        most_behind: Count = 8,
+    ) -> None:
+        self._engine, self._on_points, self._given, self._batch = engine, on_points, plan, batch
+        self._chunks: queue.Queue[Recording | None] = queue.Queue(most_behind)
+        self._lock, self._given_up = threading.Lock(), threading.Event()
+        self._stage: Stage = "waiting"
+        self._planned = self._taken = self._sensed = self._points = 0
+        self._parts: list[tuple[SensingResult, Recording]] = []
+        self._ended_by = ""
+        self._images: list[ExposureImages] = []
+        self._begin = 0.0
+        self._watch = Stopwatch()
+        self.result: Future[ScanResult] = Future()
+        self.result.set_running_or_notify_cancel()
+
+    # From any thread
+
+    @property
+    def state(self) -> LiveScanState:
+        """How far it is: ``stage``, numbers of exposures ``planned``, ``taken`` and ``sensed``, and of ``points``."""
+        counts = self._planned, self._taken, self._sensed, self._points
+        return LiveScanState(self._stage, *counts, self._ended_by)
+
+    @checked_arguments
+    def start(self, live: LiveCell) -> None:
+        """Hand the scan over to the cell `live`, once."""
+        live.perform(self._drive, "a scan").add_done_callback(self._driven)
+
+    def _driven(self, driven: Future[None]) -> None:
+        if driven.cancelled():
+            self._fail(CancelledError("the scan was ended: it had not begun"), "stopped")
+        elif (error := driven.exception()) is None:
+            return
+        elif not isinstance(error, JobStopped | CommandError):
+            self._fail(error)
+        elif self._taken and str(error) != CLOSED:
+            self._ended_by = str(error)  # what was taken is still sensed
+        elif isinstance(error, JobStopped):
+            self._fail(CancelledError(f"the scan was ended: {error}"), "stopped")
+        else:
+            self._fail(error)
+
+    def _fail(self, error: BaseException, stage: Stage = "failed") -> None:
+        with self._lock:  # driving and sensing may fail at the same time
+            if not self.result.done():
+                self._stage = stage
+                self.result.set_exception(error)
+        self._given_up.set()
+
+    # In the thread of the cell
+
+    def _drive(self, session: ScanSession) -> None:
+        self._stage = "planning"
+        start = ready_to_move(session)
+        plan, approach = while_stepping(session, lambda: self._plan(session, start))
+        self._stage, self._planned = "approaching", len(plan.segment)
+        if approach is not None:
+            session.run_program(approach, session.exposure)
+        sensing = threading.Thread(target=self._sense_all, args=(session, plan), name="sense", daemon=True)
+        sensing.start()
+        self._stage, self._begin = "scanning", session.time
+        with self._watch.measure("drive"):
+            session.run_program(
+                plan.program, session.exposure, RecordBatches(self._batch, lambda taken: self._take(taken, session))
+            )
+        self._stage = "sensing"
+        self._hand_over(None, session)
+
+    def _plan(self, session: ScanSession, start: NDArray[np.float64]) -> tuple[Plan, Program | None]:
+        job, pipeline = session.job, session.pipeline
+        with self._watch.measure("plan"):
+            plan = pipeline.plan(job.loaded, job.setup, job.sensors.nominal, self._given)
+        goal, purpose = plan.program.start, "the start of the program"
+        return plan, pipeline.approach(job.loaded, job.setup, job.sensors.nominal, start, goal, purpose)
+
+    def _take(self, taken: Recording, session: ScanSession) -> None:
+        self._taken += len(taken)
+        self._hand_over(taken.since(self._begin), session)
+
+    def _hand_over(self, chunk: Recording | None, session: ScanSession) -> None:
+        """Wait until sensing is near enough; a stop or `Cancel` ends the wait."""
+        while True:
+            session.progress.advance(0.0)
+            if self._given_up.is_set():
+                self.result.result(0)  # raises
+            try:
+                return self._chunks.put(chunk, timeout=_PATIENCE)
+            except queue.Full:
+                continue
+
+    # In the thread that senses
+
+    def _sense_all(self, session: ScanSession, plan: Plan) -> None:
+        job = session.job
+        scan = Scan(session.pipeline, job, self._engine, setup_warnings=tuple(setup_warnings(job.setup)))
+        samples = np.array(sample_rows(self._planned, SAMPLE_IMAGES))
+        try:
+            while (chunk := self._next()) is not None:
+                self._sense(chunk, scan, samples)
+            if not self._given_up.is_set() and self._parts:
+                self._finish(session, plan, scan)
+            elif self._ended_by:
+                self._fail(CancelledError(f"the scan was ended: {self._ended_by}"), "stopped")
+        except Exception as error:
+            self._fail(error)
+
+    def _next(self) -> Recording | None:
+        """The next chunk; None at the end, also of a scan that was stopped, and where it was given up."""
+        while not self._given_up.is_set():
+            try:
+                return self._chunks.get(timeout=_PATIENCE)
+            except queue.Empty:
+                if self._ended_by:
+                    break
+        return None
+
+    def _sense(self, chunk: Recording, scan: Scan, samples: NDArray[np.int64]) -> None:
+        rows = samples[(samples >= self._sensed) & (samples < self._sensed + len(chunk))] - self._sensed
+        with self._watch.measure("sense"):
+            sensed, images = scan.sense(chunk, NullProgress(), rows.tolist())
+        self._parts.append((sensed, chunk))
+        self._images += images
+        with self._watch.measure("reconstruct"):
+            cloud = scan.points_of(chunk, sensed)
+            points = self._chunk(cloud, scan)
+        self._sensed += len(chunk)
+        if len(cloud):
+            self._points += len(cloud)
+            self._on_points(points)
+
+    def _chunk(self, cloud: Cloud, scan: Scan) -> LiveChunk:
+        loaded = scan.job.loaded
+        found = deviation_from_mesh(cloud, loaded.part_surface, scan.pipeline.threads)
+        return LiveChunk(
+            cloud.points_in_part, cloud.intensity, cloud.quality, cloud.sigma, cloud.camera, found.distance, cloud.time
+        )
+
+    def _finish(self, session: ScanSession, plan: Plan, scan: Scan) -> None:
+        parts, self._parts = self._parts, []
+        chunks = [chunk for _, chunk in parts]
+        sensed = SensingResult.joined([part for part, _ in parts], [len(chunk) for chunk in chunks])
+        if self._ended_by:
+            warning = f"stopped after {self._sensed} of {self._planned} exposures: {self._ended_by}"
+            scan = replace(scan, setup_warnings=(*scan.setup_warnings, warning))
+        exposed = Exposed(Recording.joined(chunks), sensed, tuple(self._images), session.cell.token)
+        try:
+            result = scan.of_profiles(exposed, plan, NullProgress(), self._watch)
+        except EmptyScanError as error:
+            self._fail(error, "stopped" if self._ended_by else "failed")
+            return
+        self._stage = "stopped" if self._ended_by else "done"
+        self.result.set_result(ScanResult.of(result))

@@ -1,0 +1,1 @@
+"""Collision-free motions and their timing."""

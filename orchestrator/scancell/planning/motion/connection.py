@@ -1,0 +1,135 @@
+"""Motions between views, proved free of collision: direct, by retreat points or home, or by a search of joint space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.errors import PlanningError
+from scancell.geometry import pose
+from scancell.planning.model import PlanningCell
+from scancell.planning.motion import trajectory
+from scancell.planning.motion.rrt_connect import RrtConnect
+from scancell.planning.motion.timing import axis_name
+from scancell.planning.reasons import describe
+from scancell.planning.views.placement import LIMIT_FRACTION
+from scancell.proximity.scene import Clash
+
+Array = NDArray[np.float64]
+
+_RETREAT_DISTANCES = (0.06, 0.12, 0.2)  # m
+_MAX_BRANCH_CHANGE = np.radians(60)  # joint travel to a retreat point; more means another inverse-kinematics branch
+
+
+class Connector:
+    """Finds collision-free motions of joints and table.
+
+    Parameters
+    ----------
+    cell
+        Nominal cell.
+    clearance
+        Distance (m) between bodies to which views were checked; connections keep `MOTION_SHARE` of it.
+    """
+
+    def __init__(self, cell: PlanningCell, clearance: float) -> None:
+        self._cell = cell
+        self._motions = cell.motion_check(clearance)
+        self._limits = cell.axis_limits.scaled(LIMIT_FRACTION)
+
+    def move(self, start: Array, end: Array) -> Array:
+        """Set-points (n, axes), rad, of the straight motion from `start` to `end` (axes,), without collision check.
+
+        Raises
+        ------
+        PlanningError
+            If a motor cannot hold the arm somewhere on the way.
+        """
+        setpoints = trajectory.move(start, end, self._limits, self._cell.cycle)
+        if self._cell.torques is None:
+            return setpoints
+        factor, joint = self._cell.torques.needed_slowdown(setpoints[:, :-1], self._cell.cycle)
+        if not np.isfinite(factor):
+            raise PlanningError(f"the torque limit of {axis_name(self._cell, joint)} is too low to hold the arm")
+        return trajectory.move(start, end, self._limits, self._cell.cycle, max(1.0, factor))
+
+    def connect(self, start: Array, end: Array, purpose: str) -> list[Array]:
+        """Set-points of a collision-free path as rest-to-rest motions.
+
+        Parameters
+        ----------
+        start, end
+            (axes,) joints and table angle, rad.
+        purpose
+            Name of the goal for error messages.
+
+        Returns
+        -------
+        list of (n, axes) arrays
+            One per motion, rad; empty when `start` and `end` coincide.
+
+        Raises
+        ------
+        PlanningError
+            If every candidate path collides and the search finds none, naming `purpose` and the bodies that collide on
+            the direct path.
+        """
+        if np.abs(end - start).max() < 1e-9:
+            return []
+        checked: dict[tuple[bytes, bytes], Clash | None] = {}
+        direct: Clash | None = None
+        for path in self._candidate_paths(start, end):
+            legs = [(a, b) for a, b in pairwise(path) if np.abs(b - a).max() > 0]
+            for a, b in legs:
+                key = (a.tobytes(), b.tobytes())
+                if key not in checked:
+                    (checked[key],) = self._motions.first_clashes(a, b)
+                if checked[key] is not None:
+                    direct = direct or checked[key]
+                    break
+            else:
+                return [self.move(a, b) for a, b in legs]
+        assert direct is not None  # the direct path is the first candidate
+        found = self._search(start, end)
+        if found is not None:
+            return [self.move(a, b) for a, b in pairwise(found)]
+        reason = describe(direct)
+        raise PlanningError(f"no collision-free path to {purpose}: {reason} on the direct path")
+
+    def _search(self, start: Array, end: Array) -> list[Array] | None:
+        """Waypoints (axes,) by RRT-Connect, from either end; the table turns no farther than from start to end."""
+        lower, upper = self._cell.nominal.arm.limits
+        table = np.sort([start[-1], end[-1]])
+        limits = np.append(lower, table[0]), np.append(upper, table[1])
+        search = RrtConnect(self._motions, *limits)
+        found = search.path(start, end)
+        if found is None:  # other samples grow other trees
+            found = search.path(end, start)
+            return None if found is None else found[::-1]
+        return found
+
+    def _candidate_paths(self, start: Array, end: Array) -> Iterator[list[Array]]:
+        """Lists of waypoints (axes,), simplest first: direct, through retreat points at either end, through home."""
+        yield [start, end]
+        starts, ends = self._retreat_points(start), self._retreat_points(end)
+        pairs = sorted(product(range(len(starts)), range(len(ends))), key=sum)
+        yield from ([start, starts[i], ends[k], end] for i, k in pairs)
+        home = self._cell.nominal.home
+        for i, k in pairs:
+            yield [start, starts[i], np.append(home, start[-1]), np.append(home, end[-1]), ends[k], end]
+
+    def _retreat_points(self, at: Array) -> list[Array]:
+        """`at` (axes,) itself, then points with the sensor retracted along its Z or raised along the table's axis."""
+        table_from_sensor = self._cell.table_from_sensor(at[:-1])
+        targets = []
+        for distance in _RETREAT_DISTANCES:
+            targets.append(table_from_sensor @ pose.translation((0.0, 0.0, -distance)))
+            targets.append(pose.translation((0.0, 0.0, distance)) @ table_from_sensor)
+        q = self._cell.ik(np.array(targets), reference=at[:-1])
+        travel = np.nan_to_num(np.abs(q - at[:-1]).max(-1), nan=np.inf)
+        best = np.argmin(travel, axis=1)
+        near = [q[i, k] for i, k in enumerate(best) if travel[i, k] < _MAX_BRANCH_CHANGE]
+        return [at, *(np.append(joints, at[-1]) for joints in near)]

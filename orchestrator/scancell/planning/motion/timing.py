@@ -1,0 +1,64 @@
+"""Slowing motions down until all axes keep their limits of speed, acceleration, jerk and torque.
+
+Limits are checked on a grid ten times as fine as the controller's. A motion that exceeds one lasts longer by a uniform
+factor: its path and with it all clearances stay the same, the speed during exposures stays constant, and no larger
+constant speed along the same joint and table angles keeps the limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.planning.model import PlanningCell
+from scancell.planning.motion import trajectory
+
+Array = NDArray[np.float64]
+
+FINER = 10  # points of the grid on which limits are checked in a cycle of the controller
+_MARGIN = 5e-3  # relative: at another phase of the grid, peaks of jerk measure up to 1 % more
+_LIMITED = ("speed", "acceleration", "jerk")
+
+
+@dataclass(frozen=True)
+class Slowdown:
+    """Factor, at least 1, by which a motion lasts longer, and the limit that asks for it."""
+
+    factor: float
+    limit: str
+
+    def __str__(self) -> str:
+        return f"slowed to {100 / self.factor:.0f} % by the {self.limit}"
+
+
+def slowdown(cell: PlanningCell, positions: Callable[[Array], Array], duration: float) -> Slowdown | str:
+    """The slowdown that a motion from rest to rest needs; or why it is not possible at any speed.
+
+    Parameters
+    ----------
+    positions
+        Joints and table angle (n, joints + 1), rad, at times (n,), s; constant before 0 and after `duration`; NaN
+        where there are none.
+    """
+    period = cell.cycle / FINER
+    fine = positions(np.asarray(period * np.arange(-3, int(np.ceil(duration / period)) + 4), np.float64))
+    if not np.isfinite(fine).all():
+        return "the path leaves the reach or the joint limits"
+    needed = trajectory.needed_slowdown(trajectory.limit_fractions(fine, cell.axis_limits, period))
+    order, axis = (int(i) for i in np.unravel_index(np.argmax(needed), needed.shape))
+    factor, limit = float(needed[order, axis]), f"{_LIMITED[order]} limit of {axis_name(cell, axis)}"
+    if cell.torques is not None:
+        by_torque, joint = cell.torques.needed_slowdown(fine[:, :-1], period)
+        if not np.isfinite(by_torque):
+            return f"the torque limit of {axis_name(cell, joint)} is too low to hold the arm"
+        if by_torque > factor:
+            factor, limit = by_torque, f"torque limit of {axis_name(cell, joint)}"
+    return Slowdown(factor * (1 + _MARGIN), limit) if factor > 1 else Slowdown(1.0, "")
+
+
+def axis_name(cell: PlanningCell, axis: int) -> str:
+    """Name of an axis for people: the table is the one after the joints."""
+    return "the table" if axis == len(cell.nominal.arm.joints) else f"joint {axis + 1}"

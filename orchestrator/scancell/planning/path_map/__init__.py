@@ -1,0 +1,1 @@
+"""Configuration maps of sensor paths, and motions of the table along them."""

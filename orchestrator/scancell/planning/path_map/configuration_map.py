@@ -1,0 +1,304 @@
+"""Configuration map: the quality f(t, θ) of every table angle at every pose of a sensor path, for one arm branch.
+
+A sensor path in the frame of the table leaves one degree of freedom: the table may turn and carry the path along. A
+cell of the map is a pose number t (column) and a table angle θ (row); its quality is the product of the static
+constraints (Dumitrache & Borangiu, Eq. 6). Cells are evaluated when they are asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.geometry import pose
+from scancell.planning.model import PlanningCell
+from scancell.planning.path_map import constraints
+from scancell.planning.reasons import out_of_reach
+from scancell.planning.work import CELL
+from scancell.proximity.scene import Clash, ProximityScene
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+_BLOCK = 4096  # cells between two looks at the work
+ROTATION_LENGTH = 0.3  # m: weighs rotations against translations in singularity distances
+
+# Constraints of a cell, in the order of evaluation; user functions follow.
+CAUSES = ("free", "reach", "joint range", "singularity", "joint speed", "clearance", "user")
+FREE, REACH, JOINT_RANGE, SINGULARITY, JOINT_SPEED, CLEARANCE, USER = range(len(CAUSES))
+
+QualityFactor = Callable[[Array, Array], Array]
+"""User constraint: joints (n, joints) and table angles (n,), rad, to factors (n,) in [0, 1]."""
+
+
+@dataclass(frozen=True)
+class StaticConstraints:
+    """Constraints of the cells of a map; their factors, each in [0, 1], multiply (Eq. 6).
+
+    Attributes
+    ----------
+    joint_range_power
+        Exponent of Eq. 7.
+    singularity
+        Lower and upper bound of the singularity distance, between which its factor rises from 0 to 1; see
+        `singularity_distance`.
+    clearance
+        (pairs, 2) distances of Eq. 8, m: 0 below the first, 1 above the second. In the order of the scene's pairs.
+    clearance_power
+        Exponent of Eq. 8.
+    printed
+        Whether Eq. 8 is taken as printed, see `constraints.clearance`.
+    user
+        Further factors.
+    """
+
+    singularity: tuple[float, float]
+    clearance: Array
+    joint_range_power: float = 1.0
+    clearance_power: float = 1.0
+    printed: bool = False
+    user: Sequence[QualityFactor] = ()
+
+
+def singularity_distance(inverse_jacobian: ArrayLike) -> Array:
+    """Lower bound (...,) of the smallest singular value of Jacobians, from their inverses (..., joints, 6).
+
+    Rotations are weighed by `ROTATION_LENGTH`. The Frobenius norm of an inverse is at least its spectral norm, which is
+    the inverse of the smallest singular value, and at most sqrt(6) times as large.
+    """
+    weighted = np.asarray(inverse_jacobian, float) * np.array([1.0, 1.0, 1.0, *3 * (1 / ROTATION_LENGTH,)])
+    return np.asarray(1 / np.linalg.norm(weighted, axis=(-2, -1)) / ROTATION_LENGTH)
+
+
+class ConfigurationMap:
+    """Lazily evaluated map of one branch.
+
+    Parameters
+    ----------
+    cell
+        Nominal cell; its arm must have named branches.
+    table_from_sensor
+        (n, 4, 4) poses of the sensor along the path, in the frame of the table at angle 0, m.
+    period
+        Time between two poses, s.
+    branch
+        Number of the arm branch.
+    rows
+        Number of table angles in a turn.
+    static
+        Constraints.
+
+    Attributes
+    ----------
+    quality
+        (n, rows) product of all factors, NaN where not evaluated.
+    cause
+        (n, rows) number in `CAUSES` of the constraint that forbids a cell, 0 where it is free or not evaluated.
+    lowest_rate, highest_rate
+        (n, rows) table speeds between which all joints are within their speed limits, rad/s.
+    """
+
+    def __init__(
+        self,
+        cell: PlanningCell,
+        table_from_sensor: Array,
+        period: float,
+        branch: int,
+        rows: int,
+        static: StaticConstraints,
+    ) -> None:
+        self._cell, self._static, self._branch = cell, static, branch
+        self._path, self._period = np.asarray(table_from_sensor, float), period
+        self._velocity = _path_twists(self._path, period)
+        shape = (len(self._path), rows)
+        self.quality = np.full(shape, np.nan, np.float32)
+        self.cause = np.zeros(shape, np.int8)
+        self.lowest_rate = np.full(shape, np.inf, np.float32)
+        self.highest_rate = np.full(shape, -np.inf, np.float32)
+        self._with_table, self._elsewhere = _split(cell, static.clearance)
+        self._clearance_of_column = np.full(len(self._path), np.nan)
+
+    @property
+    def branch(self) -> int:
+        """Number of the arm branch."""
+        return self._branch
+
+    def of_branch(self, branch: int) -> ConfigurationMap:
+        """The map of the same path for another branch, not evaluated."""
+        return ConfigurationMap(self._cell, self._path, self._period, branch, self.rows, self._static)
+
+    @property
+    def columns(self) -> int:
+        """Number of poses."""
+        return self.quality.shape[0]
+
+    @property
+    def rows(self) -> int:
+        """Number of table angles in a turn."""
+        return self.quality.shape[1]
+
+    @property
+    def evaluated(self) -> int:
+        """Number of cells evaluated so far."""
+        return int(np.isfinite(self.quality).sum())
+
+    def angle(self, row: ArrayLike) -> Array:
+        """Table angles (...,), rad, of rows (...,)."""
+        return np.asarray(row, float) * (2 * np.pi / self.rows)
+
+    def require(self, column: ArrayLike, row: ArrayLike) -> None:
+        """Evaluate those of the cells (k,) that are not yet."""
+        column, row = np.broadcast_arrays(np.asarray(column, np.int64), np.asarray(row, np.int64))
+        new = np.isnan(self.quality[column, row])
+        if new.any():
+            # Neighbours in time follow each other, which shortens the distance queries.
+            cells = np.unique(row[new] * self.columns + column[new])
+            for block in np.array_split(cells, -(-len(cells) // _BLOCK)):
+                self._cell.work.spend(CELL * len(block))
+                self._evaluate(block % self.columns, block // self.columns)
+
+    def require_all(self) -> None:
+        """Evaluate the whole map."""
+        column, row = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
+        self.require(column.ravel(), row.ravel())
+
+    def joints(self, column: ArrayLike, angle: ArrayLike) -> Array:
+        """Joints (k, joints), rad, at columns (k,) and table angles (k,); NaN outside reach or limits."""
+        targets = pose.from_rotation(pose.rotation_about(2, angle)) @ self._path[np.asarray(column)]
+        return self._cell.ik(targets)[:, self._branch]
+
+    def worst_clashes(self, column: int, row: Indices) -> list[Clash]:
+        """The pair of bodies (k,) that violates its clearance most at each of the cells (k,) of a column."""
+        if not len(row):
+            return []
+        angle = self.angle(row)
+        poses = self._cell.nominal.body_poses(self.joints(np.full(len(row), column), angle), angle)
+        low, pairs = self._static.clearance[:, 0], self._cell.proximity.pairs
+        distance = self._cell.proximity.distances(poses, low, self._cell.threads)
+        worst = (low - distance).argmax(1)
+        return [
+            Clash(i, pairs[k][0], pairs[k][1], float(distance[i, k]), float(low[k]))
+            for i, k in enumerate(worst.tolist())
+        ]
+
+    def out_of_reach(self, column: int, row: int) -> str:
+        """Why the branch does not reach a cell whose cause is that."""
+        target = pose.from_rotation(pose.rotation_about(2, self.angle(row))) @ self._path[column]
+        return out_of_reach(self._cell, target[None], slice(self._branch, self._branch + 1))
+
+    def _evaluate(self, column: Indices, row: Indices) -> None:
+        angle = self.angle(row)
+        q = self.joints(column, angle)
+        arm = self._cell.nominal.arm
+        quality = np.ones(len(q))
+        cause = np.zeros(len(q), np.int8)
+        # Each constraint judges the cells that all before it allow.
+        judges: list[tuple[int, Callable[[Indices], Array]]] = [
+            (REACH, lambda at: np.isfinite(q[at]).all(-1).astype(float)),
+            (JOINT_RANGE, lambda at: constraints.arm_metric(arm, q[at], self._static.joint_range_power)),
+            (SINGULARITY, lambda at: self._singularity_and_rates(column[at], row[at], angle[at], q[at])),
+            (JOINT_SPEED, lambda at: self._some_rate(column[at], row[at])),
+            (CLEARANCE, lambda at: self._clearance(column[at], angle[at], q[at])),
+            *((USER, _user_factor(user, q, angle)) for user in self._static.user),
+        ]
+        for number, judge in judges:
+            at = np.flatnonzero(quality > 0)
+            if not len(at):
+                break
+            factor = np.nan_to_num(judge(at))
+            quality[at] *= factor
+            cause[at[factor <= 0]] = number
+        self.quality[column, row] = quality
+        self.cause[column, row] = np.where(quality > 0, FREE, cause)
+
+    def _singularity_and_rates(self, column: Indices, row: Indices, angle: Array, q: Array) -> Array:
+        """Factors (k,) of the singularity distance; notes the table speeds that the joints' speed limits allow."""
+        arm, nominal = self._cell.nominal.arm, self._cell.nominal
+        inverse = np.linalg.pinv(arm.jacobian(q)) if len(arm.joints) != 6 else _inverse(arm.jacobian(q))
+        factor = constraints.clearance(singularity_distance(inverse), *self._static.singularity)
+        # The flange as part of a body that turns with the table, and its velocity along the path.
+        turn = nominal.world_from_table[:3, :3] @ pose.rotation_about(2, angle)
+        flange = arm.fk(q)[:, :3, 3]
+        axis, origin = nominal.world_from_table[:3, 2], nominal.world_from_table[:3, 3]
+        turning = np.concatenate([np.cross(axis, flange - origin), np.broadcast_to(axis, flange.shape)], -1)
+        linear = (turn @ self._velocity[column, :3, None])[..., 0]
+        angular = (turn @ self._velocity[column, 3:, None])[..., 0]
+        lever = flange - nominal.world_from_sensor(q)[:, :3, 3]
+        along = np.concatenate([linear + np.cross(angular, lever), angular], -1)
+        by_table = (inverse @ turning[..., None])[..., 0]
+        by_path = (inverse @ along[..., None])[..., 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = (np.stack([-arm.max_speed, arm.max_speed])[:, None] - by_path) / by_table
+            low, high = np.nanmax(ends.min(0), -1), np.nanmin(ends.max(0), -1)
+        still = (np.abs(by_path) <= arm.max_speed) | (np.abs(by_table) > 1e-12)
+        self.lowest_rate[column, row] = np.where(still.all(-1), low, np.inf)
+        self.highest_rate[column, row] = np.where(still.all(-1), high, -np.inf)
+        return factor
+
+    def _some_rate(self, column: Indices, row: Indices) -> Array:
+        """Whether some table speed keeps all joints within their speed limits, (k,)."""
+        return (self.lowest_rate[column, row] <= self.highest_rate[column, row]).astype(float)
+
+    def _clearance(self, column: Indices, angle: Array, q: Array) -> Array:
+        """Factors (k,) of Eq. 8, the product over all pairs."""
+        new = np.unique(column[np.isnan(self._clearance_of_column[column])])
+        if len(new):
+            first = np.array([np.flatnonzero(column == c)[0] for c in new])
+            self._clearance_of_column[new] = self._factor(*self._with_table, q[first], angle[first])
+        factor = self._clearance_of_column[column]
+        open_ = factor > 0
+        factor[open_] *= self._factor(*self._elsewhere, q[open_], angle[open_])
+        return factor
+
+    def _factor(self, scene: ProximityScene, limits: Array, q: Array, angle: Array) -> Array:
+        if not len(q) or not len(scene.pairs):
+            return np.ones(len(q))
+        poses = self._cell.nominal.body_poses(q, angle)
+        distance = scene.distances(poses, limits[:, 1], self._cell.threads)
+        power, printed = self._static.clearance_power, self._static.printed
+        return np.asarray(constraints.clearance(distance, limits[:, 0], limits[:, 1], power, printed).prod(-1))
+
+
+def _user_factor(user: QualityFactor, q: Array, angle: Array) -> Callable[[Indices], Array]:
+    return lambda at: np.asarray(user(q[at], angle[at]), float)
+
+
+def _split(cell: PlanningCell, limits: Array) -> tuple[tuple[ProximityScene, Array], tuple[ProximityScene, Array]]:
+    """Pairs whose distance is the same at every table angle (sensor and table with what they carry), and the others."""
+    scene, nominal = cell.proximity, cell.nominal
+    last = f"link[{len(nominal.arm.joints)}]"
+    on_flange = {
+        b.name for b in nominal.bodies if b.moves_with in ("sensor", last) or b.moves_with.startswith("finger")
+    }
+    here, turned = (nominal.frame_poses(nominal.home, angle) for angle in (0.0, 1.0))
+    on_table = {b.name for b in nominal.bodies if not np.allclose(here[b.moves_with], turned[b.moves_with])}
+    fixed = np.array([bool({a, b} & on_flange) and bool({a, b} & on_table) for a, b in scene.pairs], bool)
+    pairs = np.array([frozenset(pair) for pair in scene.pairs], object)
+    return (
+        (scene.without(set(pairs[~fixed])), limits[fixed]),
+        (scene.without(set(pairs[fixed])), limits[~fixed]),
+    )
+
+
+def _path_twists(path: Array, period: float) -> Array:
+    """Velocities (n, 6) of the sensor's origin and angular velocities along the path, table axes."""
+    if len(path) < 2:
+        return np.zeros((len(path), 6))
+    linear = np.gradient(path[:, :3, 3], period, axis=0)
+    before, after = path[[0, *range(len(path) - 1)]], path[[*range(1, len(path)), -1]]
+    span = np.full(len(path), 2 * period)
+    span[[0, -1]] = period
+    rotation = pose.log_rotation(after[:, :3, :3] @ np.swapaxes(before[:, :3, :3], -1, -2))
+    return np.concatenate([linear, rotation / span[:, None]], -1)
+
+
+def _inverse(jacobian: Array) -> Array:
+    """Inverses (n, 6, 6); infinite at singular configurations."""
+    singular = np.abs(np.linalg.det(jacobian)) < 1e-12
+    inverse = np.full(jacobian.shape, np.inf)
+    inverse[~singular] = np.linalg.inv(jacobian[~singular])
+    return inverse

@@ -1,0 +1,234 @@
+"""Plans sensor paths: a motion of the table by Ray Shooting for each arm branch, and the joints that follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.geometry import pose
+from scancell.planning.model import PlanningCell
+from scancell.planning.motion import trajectory
+from scancell.planning.motion.timing import slowdown
+from scancell.planning.path_map import constraints
+from scancell.planning.path_map.blocked import why_blocked
+from scancell.planning.path_map.configuration_map import ConfigurationMap, QualityFactor, StaticConstraints
+from scancell.planning.path_map.ray_shooting import shoot
+from scancell.planning.path_map.table_motion import CostWeights, Lattice, TableMotion
+from scancell.planning.reasons import describe
+from scancell.planning.views.placement import LIMIT_FRACTION, PATH_ACCELERATION
+from scancell.values import Value
+
+if TYPE_CHECKING:
+    from scancell.planning.views.sensor_paths import SensorPath
+
+Array = NDArray[np.float64]
+
+_ROWS = 360  # table angles of a map in a turn
+_SAMPLES = 4  # poses in a step of the table's motion
+_STEP = 0.2  # s, about the duration of a step
+_MOST_STEPS = 240
+_HIGH = 0.05  # m: distance from which the clearance no longer counts
+_ARM_HIGH = 0.01  # m: the same between bodies of the arm
+_SINGULARITY = (0.01, 0.1)
+_SLOWER = (1.0, 0.5, 0.25)  # shares of the speed that are tried
+_PROBES = 24  # columns and rows at which a branch is tried before its map is
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlacedPath(Value):
+    """A path with its motion.
+
+    Attributes
+    ----------
+    path
+        The path.
+    run
+        Distance along the path by time.
+    at
+        Joints and table angle (n, joints + 1), rad, at times (n,), s.
+    q, table
+        (n, joints), (n,) set-points of each cycle, rad.
+    exposures
+        (m, joints + 1) joints and table angle of each exposure, rad.
+    branch_names
+        Of all arm branches.
+    lattice, motion
+        The lattice on the configuration map where the motion was found, and the motion.
+    note
+        Why it is slower than asked for.
+    """
+
+    path: SensorPath
+    run: trajectory.Run
+    at: Callable[[Array], Array]
+    q: Array
+    table: Array
+    exposures: Array
+    branch_names: tuple[str, ...]
+    lattice: Lattice
+    motion: TableMotion
+    note: str = ""
+
+    @property
+    def branch_name(self) -> str:
+        """Name of the arm branch."""
+        return self.branch_names[self.lattice.map.branch]
+
+
+@dataclass(frozen=True)
+class _Timing:
+    """A run with `count` exposures, and the sensor's poses at the columns of a map, every `period` s."""
+
+    run: trajectory.Run
+    count: int
+    period: float
+    columns: Array
+
+
+class PathPlanner:
+    """Finds motions of arm and table for sensor paths.
+
+    Parameters
+    ----------
+    cell
+        Nominal cell.
+    clearance
+        Smallest allowed distance between bodies, m.
+    quality_factors
+        Further constraints.
+    """
+
+    def __init__(self, cell: PlanningCell, clearance: float, quality_factors: Sequence[QualityFactor] = ()) -> None:
+        self._quality_factors = quality_factors
+        self._cell = cell
+        self._ranges = cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH)
+        self._motions = cell.motion_check(clearance)
+
+    def place(self, path: SensorPath) -> PlacedPath | str:
+        """The path at the speed and in the branch that its weights ask for; or why there is no motion."""
+        if not self._cell.nominal.arm.has_named_branches:
+            return f"{path.name}: paths need an arm whose branches have names, that is a closed form"
+        found: list[tuple[float, PlacedPath]] = []
+        reason = ""
+        shortest = self._timing(path, path.speed).run.duration
+        for share in _SLOWER:
+            timing = self._timing(path, share * path.speed)
+            placed = self._placed_at(path, timing)
+            if isinstance(placed, str):
+                reason = reason or placed
+            elif path.weights.scanning_time is None:
+                return placed
+            else:
+                time = placed.run.duration / shortest
+                found.append((placed.motion.cost + path.weights.scanning_time * time, placed))
+        return min(found, key=lambda item: item[0])[1] if found else f"{path.name}: {reason}"
+
+    def _placed_at(self, path: SensorPath, timing: _Timing) -> PlacedPath | str:
+        """The path with one timing in the first branch that is possible; or why none is."""
+        reason = ""
+        for lattice in self._lattices(path, timing):
+            motion = shoot(lattice)
+            placed = self._blocked(lattice) if motion is None else self._followed(path, timing, lattice, motion)
+            if isinstance(placed, PlacedPath):
+                return placed
+            reason = reason or placed
+        return reason or self._obstacle(timing)
+
+    def lattices(self, path: SensorPath) -> Iterator[Lattice]:
+        """Lattices on the maps of all arm branches that may follow a path at its speed, in the order of `place`."""
+        return self._lattices(path, self._timing(path, path.speed))
+
+    def _lattices(self, path: SensorPath, timing: _Timing) -> Iterator[Lattice]:
+        quality, weights = path.quality, CostWeights(path.weights.table_speed, path.weights.table_acceleration)
+        static = StaticConstraints(
+            _SINGULARITY,
+            self._ranges,
+            quality.joint_range_power,
+            quality.clearance_power,
+            quality.equations == "printed",
+            self._quality_factors,
+        )
+        for branch in self._branches(timing):
+            map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, static)
+            yield self._lattice(map_, timing, weights)
+
+    def _timing(self, path: SensorPath, speed: float) -> _Timing:
+        count = int(path.length / path.pitch + 1e-9) + 1
+        run = trajectory.run(count, path.length / (count - 1), speed, PATH_ACCELERATION, self._cell.cycle)
+        steps = int(np.clip(np.ceil(run.duration / _STEP), 2, _MOST_STEPS))
+        columns = steps * _SAMPLES + 1
+        at = run.at(np.linspace(0.0, run.duration, columns))
+        return _Timing(run, count, run.duration / (columns - 1), path.at(at))
+
+    def _lattice(self, map_: ConfigurationMap, timing: _Timing, weights: CostWeights) -> Lattice:
+        nominal = self._cell.nominal
+        return Lattice(
+            map_,
+            _SAMPLES,
+            timing.period,
+            LIMIT_FRACTION * nominal.table_max_speed,
+            LIMIT_FRACTION * nominal.table_max_acceleration,
+            weights,
+        )
+
+    def _branches(self, timing: _Timing) -> list[int]:
+        """Branches that reach every probed column at some table angle, those with the best joint range first."""
+        columns = np.unique(np.linspace(0, len(timing.columns) - 1, _PROBES).astype(int))
+        angle = np.linspace(0.0, 2 * np.pi, _PROBES, endpoint=False)
+        turns = pose.from_rotation(pose.rotation_about(2, angle))
+        targets = turns[None] @ timing.columns[columns][:, None]
+        q = self._cell.ik(targets.reshape(-1, 4, 4)).reshape(
+            len(columns), len(angle), -1, len(self._cell.nominal.arm.joints)
+        )
+        best = constraints.arm_metric(self._cell.nominal.arm, q).max(1)
+        return [int(b) for b in np.argsort(-best.mean(0), kind="stable") if best[:, b].all()]
+
+    def _followed(self, path: SensorPath, timing: _Timing, lattice: Lattice, motion: TableMotion) -> PlacedPath | str:
+        """Set-points of every cycle, if joints are within reach and all bodies provably keep their clearances."""
+        nominal, cycle = self._cell.nominal, self._cell.cycle
+        window = lattice.window(LIMIT_FRACTION * nominal.table_max_jerk)
+        run = timing.run.rested(window / 2)
+        reference = lattice.map.joints([0], [lattice.map.angle(lattice.row(motion.start))])[0]
+
+        def positions(time: Array) -> Array:
+            table = lattice.angle_at(motion, time - run.rest, window)
+            turns = pose.from_rotation(pose.rotation_about(2, table))
+            q = self._cell.ik(turns @ path.at(run.at(time)), reference)[:, lattice.map.branch]
+            return np.column_stack([q, table])
+
+        needed = slowdown(self._cell, positions, run.duration)
+        if isinstance(needed, str):
+            return needed
+        slow = run.slowed(needed.factor)
+
+        def slow_positions(time: Array, factor: float = needed.factor) -> Array:
+            return positions(time / factor)
+
+        setpoints = slow_positions(trajectory.cycle_times(slow.duration, cycle))
+        clash = self._motions.clash_along(setpoints)
+        if clash is not None:
+            return describe(clash)
+        pitch = path.length / (timing.count - 1)
+        exposures = positions(np.asarray(run.trigger_from + np.arange(timing.count) * pitch / run.speed))
+        names = nominal.arm.branch_names
+        note = f"{path.name}: {needed}" if needed.factor > 1 else ""
+        q, table = setpoints[:, :-1], setpoints[:, -1]
+        return PlacedPath(path, slow, slow_positions, q, table, exposures, names, lattice, motion, note)
+
+    def _blocked(self, lattice: Lattice) -> str:
+        name = self._cell.nominal.arm.branch_names[lattice.map.branch]
+        return f"no motion in branch {name}: {why_blocked(lattice)}"
+
+    def _obstacle(self, timing: _Timing) -> str:
+        columns = timing.columns[np.linspace(0, len(timing.columns) - 1, _PROBES).astype(int)]
+        angle = np.linspace(0.0, 2 * np.pi, _PROBES, endpoint=False)
+        for number, at in enumerate(columns):
+            targets = pose.from_rotation(pose.rotation_about(2, angle)) @ at
+            if not np.isfinite(self._cell.ik(targets)).all(-1).any():
+                where = f"at {100 * number / (len(columns) - 1):.0f} % of the way"
+                return f"{where} the pose is out of the arm's reach at every table angle"
+        return "no arm branch reaches the whole path"

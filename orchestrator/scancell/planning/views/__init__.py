@@ -1,0 +1,1 @@
+"""Views of the part, sensor paths, and what they see."""

@@ -1,0 +1,354 @@
+"""Coverage-driven choice of views: greedy by newly seen area per time, until a share of the measurable surface is seen.
+
+Candidates are sweeps of the table at many elevations and offsets, and straight legs in all directions over what is not
+seen yet. Each is scored by `Sight`: range, incidence, occlusion of the laser and of the cameras, of which one suffices.
+A candidate is chosen only if the arm can make it without collision and get there from its home position.
+
+The seen area is a submodular function of the set of views: a view adds less the more is seen already. Greedy choice
+therefore takes at most ``1 + ln(Q / (Q - f))`` times the least time to see the area Q, f being what is seen before the
+last view (Wolsey, Combinatorica 2 (1982) 385), and sees with a number of views at least 1 - 1/e of the most that as
+many views of equal time see (Nemhauser, Wolsey & Fisher, Mathematical Programming 14 (1978) 265). `least_time` is a
+bound for the instance at hand, usually much closer: whatever set of the candidates is added to those
+chosen so far, it adds no more than the sum of what each would add alone (Leskovec et al., KDD 2007, section 4).
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.errors import PlanningError
+from scancell.planning.model import PlanningCell
+from scancell.planning.motion import trajectory
+from scancell.planning.motion.connection import Connector
+from scancell.planning.options import CoverageOptions, ScanOptions
+from scancell.planning.views.legs import legs
+from scancell.planning.views.paths import sweeps, sweeps_beside_axis
+from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, Placer, sweep_run
+from scancell.planning.views.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Judgements, Sight
+from scancell.planning.views.surface import Surface
+from scancell.planning.views.views import Pass, Sweep, exposure_counts
+from scancell.planning.work import WorkLimitError
+from scancell.values import Value
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+_ELEVATIONS = tuple(np.radians((0.0, 15.0, 30.0, 45.0, 60.0, 75.0)))
+_TARGETS, _LEGS_EACH = 60, 8
+_ROUNDS = 12  # of legs for what is not seen
+_FRUITLESS = 3  # rounds without a gain after which the rest counts as invisible
+_LEAST_GAIN = 2  # samples that a view must add
+_MOST_REFUSED = 60  # infeasible candidates in a row after which the others of a round are not tried
+_TRANSIT = 0.8  # s, about the time from one view to the next
+_SEED = 0
+CHOICE_SHARE = 0.7  # of the limit of work, after which no further views are chosen
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CoverageReport(Value):
+    """What the chosen views see of the measurable surface, and how good the choice is.
+
+    Attributes
+    ----------
+    share
+        Seen share of the measurable surface, 0 … 1.
+    measurable_area
+        m²
+    views, candidates
+        Number of chosen views and of candidates.
+    time
+        Of the chosen views, s, with an estimate of the motions in between.
+    least_time
+        No choice of the candidates sees the same share in less, s.
+    greedy_factor
+        The chosen views take at most so many times the least time (Wolsey's bound).
+    unseen
+        Share of the measurable surface that is not seen, by the reason.
+    """
+
+    share: float
+    measurable_area: float
+    views: int
+    candidates: int
+    time: float
+    least_time: float
+    greedy_factor: float
+    unseen: dict[str, float]
+
+
+@dataclass
+class _Pool:
+    """Candidates: what they see (c, n), their time (c,), and why they are infeasible ("": not known to be)."""
+
+    views: list[Sweep | Pass] = field(default_factory=list)
+    seen: list[Flags] = field(default_factory=list)
+    time: list[float] = field(default_factory=list)
+    obstacle: list[str] = field(default_factory=list)
+
+    def add(self, view: Sweep | Pass, judged: Judgements, time: float) -> None:
+        self.views.append(view)
+        self.seen.append(judged == SEEN)
+        self.time.append(time)
+        self.obstacle.append("")
+
+    @property
+    def has_legs(self) -> bool:
+        """Whether there is any pass."""
+        return any(isinstance(view, Pass) for view in self.views)
+
+    def gains(self, covered: Flags) -> Indices:
+        """(c,) samples that each feasible candidate would add."""
+        possible = np.array([not reason for reason in self.obstacle], bool)
+        return np.asarray((np.array(self.seen) & ~covered).sum(1) * possible)
+
+
+class CoveragePlanner:
+    """Chooses views of a part.
+
+    Parameters
+    ----------
+    cell
+        Nominal cell.
+    sight
+        Judges what views see.
+    options
+        Of the scan; `sweep` and `raster` say which kinds of views are allowed, their speeds and spacing.
+    """
+
+    def __init__(self, cell: PlanningCell, sight: Sight, options: ScanOptions) -> None:
+        assert options.coverage is not None
+        self._cell, self._sight, self._options = cell, sight, options
+        self._wish: CoverageOptions = options.coverage
+        self._connector = Connector(cell, options.clearance)
+        self._placer = Placer(cell, options.azimuth, options.clearance)
+        self._best = np.full(len(sight.points), OUT_OF_RANGE, np.int8)
+        self._pool = _Pool()
+        self._chosen: dict[int, Placed] = {}  # by the number of the candidate
+        self._branch: int | None = None  # that of the first view, which others prefer
+        self.covered = np.zeros(len(sight.points), bool)
+
+    def choose(self, part: Surface, max_profiles: int) -> tuple[list[tuple[Placed, int]], CoverageReport]:
+        """Placed views with their numbers of exposures, at most `max_profiles` in total; see `select`.
+
+        Raises
+        ------
+        PlanningError
+            If there are too few exposures.
+        """
+        report = self.select(part)
+        return self._thinned(max_profiles), report
+
+    def select(self, part: Surface) -> CoverageReport:
+        """Choose views of the part, which lies on the table; `covered` (n,) are the samples of `Sight` that they see.
+
+        Raises
+        ------
+        PlanningError
+            If nothing of the part is measurable, or no view of it is feasible.
+        """
+        if not len(self._sight.points):
+            raise PlanningError("nothing of the part is measurable: no pose that the arm reaches sees its surface")
+        self._cell.work.doing = self._reached("judging sweeps")
+        self._add_sweeps(part)
+        fruitless, rng = 0, np.random.default_rng(_SEED)
+        for _ in range(_ROUNDS if self._options.raster else 1):
+            # Greedy choice is better from candidates that together see enough.
+            is_enough = self._possible().mean() >= self._wish.share
+            wanted = ~self.covered if is_enough or not self._pool.has_legs else ~self._possible()
+            before = int(self._possible().sum() + self.covered.sum())
+            self._cell.work.doing = self._reached("judging passes")
+            self._add_legs(np.flatnonzero(wanted), rng)
+            if self._possible().mean() >= self._wish.share:
+                self._extend()
+            fruitless = fruitless + 1 if self._possible().sum() + self.covered.sum() == before else 0
+            if self._is_done() or fruitless == _FRUITLESS:
+                break
+        self._extend()
+        if not self._chosen:
+            reasons = sorted({reason for reason in self._pool.obstacle if reason})
+            raise PlanningError(f"no feasible view of the part: {reasons[0] if reasons else 'none sees its surface'}")
+        self._drop_redundant()
+        return self._report()
+
+    def _add_sweeps(self, part: Surface) -> None:
+        if self._options.sweep:
+            wide = replace(self._options.sweep, elevations=_ELEVATIONS)
+            nothing = np.zeros(len(part.points), bool)
+            beside = sweeps_beside_axis(part, self._cell.range, wide, nothing)
+            for view in (*sweeps(part, self._cell.range, wide), *beside):
+                self._add(view, self._sight.judge(view))
+
+    def _add_legs(self, wanted: Indices, rng: np.random.Generator) -> None:
+        if self._options.raster and len(wanted):
+            for leg in legs(self._sight, wanted, _TARGETS, _LEGS_EACH, rng):
+                self._add(leg.view, leg.judged)
+
+    def _possible(self) -> Flags:
+        """(n,) samples that some candidate sees that is not known to be infeasible."""
+        feasible = [seen for seen, reason in zip(self._pool.seen, self._pool.obstacle, strict=True) if not reason]
+        return np.asarray(np.any(feasible, axis=0)) if feasible else np.zeros(len(self.covered), bool)
+
+    def _thinned(self, max_profiles: int) -> list[tuple[Placed, int]]:
+        """The chosen views with at most `max_profiles` exposures."""
+        views = [self._pool.views[i] for i in self._chosen]
+        counts = exposure_counts(views, self._options.spacing, max_profiles)
+        result = []
+        for number, view, count in zip(self._chosen, views, counts, strict=True):
+            placed = self._chosen[number] if count == self._count(view) else self._place(view, count)
+            if isinstance(placed, Infeasible):
+                raise PlanningError(f"{placed.reason}, with {count} exposures")
+            result.append((placed, count))
+        return result
+
+    def _drop_redundant(self) -> None:
+        """Drop views without which the share is seen as well, those that take longest first."""
+        seen = np.array([self._pool.seen[i] for i in self._chosen])
+        goal = min(int(np.ceil(self._wish.share * len(self.covered))), int(self.covered.sum()))
+        while True:
+            own = (seen & (seen.sum(0) == 1)).sum(1)
+            kept = int(seen.any(0).sum()) - own
+            dropped = np.flatnonzero(kept >= goal)
+            if len(seen) == 1 or not len(dropped):
+                break
+            least = dropped[np.argmax([self._pool.time[list(self._chosen)[i]] for i in dropped])]
+            del self._chosen[list(self._chosen)[least]]
+            seen = np.delete(seen, least, 0)
+        self.covered = np.asarray(seen.any(0))
+
+    def _add(self, view: Sweep | Pass, judged: Judgements) -> None:
+        self._best = np.maximum(self._best, judged)
+        if (judged == SEEN).any():
+            self._pool.add(view, judged, self._time(view))
+
+    def _time(self, view: Sweep | Pass) -> float:
+        sweep, raster = self._options.sweep, self._options.raster
+        count = self._count(view)
+        if isinstance(view, Sweep):
+            assert sweep is not None
+            run = sweep_run(self._cell, count, sweep.speed)
+        else:
+            assert raster is not None
+            step = view.length / (count - 1)
+            run = trajectory.run(count, step, raster.speed, PATH_ACCELERATION, self._cell.cycle)
+        return _TRANSIT + run.duration
+
+    def _count(self, view: Sweep | Pass) -> int:
+        return exposure_counts([view], self._options.spacing, sys.maxsize)[0]
+
+    def _is_done(self) -> bool:
+        return bool(
+            self.covered.mean() >= self._wish.share
+            or len(self._chosen) >= self._wish.max_views
+            or self._spent() >= self._wish.max_time
+            or (self._chosen and self._is_spent())
+        )
+
+    def _is_spent(self) -> bool:
+        """Whether the work is used up that the choice may take; the rest is for the motions between views."""
+        return self._cell.work.spent > CHOICE_SHARE * self._cell.work.limit
+
+    def _spent(self) -> float:
+        return float(sum(self._pool.time[i] for i in self._chosen))
+
+    def _extend(self) -> None:
+        """Choose candidates until the share is seen, the budget is used, or none adds anything."""
+        time, refused = np.array(self._pool.time), 0
+        while self._pool.views and not self._is_done() and refused < _MOST_REFUSED:
+            gain = self._pool.gains(self.covered)
+            gain[time > self._wish.max_time - self._spent()] = 0
+            # More than what is missing has no value.
+            missing = int(np.ceil(self._wish.share * len(self.covered) - self.covered.sum()))
+            best = int(np.argmax(np.minimum(gain, missing) / time))
+            if gain[best] < min(_LEAST_GAIN, missing):
+                return
+            view = self._pool.views[best]
+            self._cell.work.doing = self._reached(f"trying {view.name}")
+            placed = self._place(view, self._count(view))
+            if isinstance(placed, Infeasible):
+                self._pool.obstacle[best] = placed.reason
+                refused += 1
+                continue
+            refused = 0
+            self._branch = placed.branch if self._branch is None else self._branch
+            self._chosen[best] = placed
+            self.covered |= self._pool.seen[best]
+
+    def _place(self, view: Sweep | Pass, count: int) -> Placed | Infeasible:
+        """The placed view, if the arm also gets there from its home position, and back."""
+        placed: Placed | Infeasible
+        if isinstance(view, Sweep):
+            (placed,) = self._placer.sweeps([view])
+        else:
+            assert self._options.raster is not None
+            (placed,) = self._placer.passes([view], [count], self._options.raster.speed, self._branch)
+        if isinstance(placed, Infeasible):
+            return placed
+        (start, end), home = placed.ends, self._cell.nominal.home
+        try:
+            self._connector.connect(np.append(home, start[-1]), start, view.name)
+            self._connector.connect(end, np.append(home, end[-1]), view.name)
+        except WorkLimitError:
+            raise
+        except PlanningError as error:
+            return Infeasible(str(error))
+        return placed
+
+    def _reached(self, doing: str) -> str:
+        seen = 100 * float(self.covered.mean())
+        return f"{doing}; {len(self._chosen)} views that see {seen:.1f} % of the measurable surface were chosen"
+
+    def _report(self) -> CoverageReport:
+        seen, time = np.array(self._pool.seen), np.array(self._pool.time)
+        possible = np.array([not reason for reason in self._pool.obstacle])
+        goal = int(self.covered.sum())
+        covered = np.zeros(len(self.covered), bool)
+        least, before = 0.0, 0
+        for i in (*self._chosen, None):
+            least = max(
+                least, _least_time((seen & ~covered).sum(1)[possible], time[possible], goal - int(covered.sum()))
+            )
+            if i is None:
+                break
+            before = int(covered.sum())
+            covered |= seen[i]
+        rest = ~self.covered
+        by_others = (seen & ~possible[:, None]).any(0)
+        reasons = {
+            "share reached, budget used, or a view would add too little": rest & (seen & possible[:, None]).any(0),
+            "only from views that collide or are out of reach": rest & by_others,
+            "occluded": rest & (self._best == OCCLUDED),
+            "at grazing incidence": rest & (self._best == GRAZING),
+            "out of range": rest & (self._best == OUT_OF_RANGE),
+        }
+        unseen, told = {}, ~rest
+        for reason, where in reasons.items():
+            if (where & ~told).any():
+                unseen[reason] = float((where & ~told).mean())
+            told = told | where
+        surface = self._sight.surface
+        return CoverageReport(
+            share=float(self.covered.mean()),
+            measurable_area=surface.area * surface.measurable_fraction,
+            views=len(self._chosen),
+            candidates=len(self._pool.views),
+            time=self._spent(),
+            least_time=least,
+            greedy_factor=float(1 + np.log(goal / max(goal - before, 1))),
+            unseen=unseen,
+        )
+
+
+def _least_time(gain: Indices, time: Array, goal: int) -> float:
+    """Least time in which candidates add `goal` samples if none sees what another does: a fractional knapsack."""
+    order = np.argsort(-gain / time)
+    total, spent = np.cumsum(gain[order]), np.cumsum(time[order])
+    if goal <= 0 or not len(total) or total[-1] < goal:
+        return 0.0
+    last = int(np.searchsorted(total, goal))
+    excess = (total[last] - goal) / max(gain[order][last], 1)
+    return float(spent[last] - excess * time[order][last])

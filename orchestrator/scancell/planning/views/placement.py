@@ -1,0 +1,281 @@
+"""Placement of views: azimuth, roll and inverse-kinematics branch, chosen by reach, joint limits and collisions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.geometry import pose
+from scancell.planning.model import PlanningCell
+from scancell.planning.motion import trajectory
+from scancell.planning.motion.timing import slowdown
+from scancell.planning.path_map import constraints
+from scancell.planning.reasons import describe, out_of_reach
+from scancell.planning.views.views import Pass, Sweep
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# Fraction of the speed and acceleration limits of joints and table that planned motions use.
+LIMIT_FRACTION = 0.8
+PATH_ACCELERATION = 0.5  # m/s² along straight passes
+_AZIMUTH_STEP = np.radians(15.0)
+_MIN_METRIC = 1e-3  # product of Eq. 7 below which a pose counts as infeasible: too near to a joint limit
+_TURN_CHECKS = 120  # table angles per turn at which collisions are checked
+_MAX_TRIES = 24
+
+
+@dataclass(frozen=True)
+class PlacedSweep:
+    """A sweep with its joints (joints,), rad, and inverse-kinematics branch."""
+
+    view: Sweep
+    q: Array
+    branch: int
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Joints and table angle (joints + 1,), rad, where it starts and ends."""
+        at = np.append(self.q, 0.0)
+        return at, at
+
+
+@dataclass(frozen=True)
+class PlacedPass:
+    """A pass with its table angle (rad), its run, the joints `q` (n, joints) of each cycle and at its `exposures`.
+
+    `note` says why it is slower than asked for.
+    """
+
+    view: Pass
+    table: float
+    run: trajectory.Run
+    q: Array
+    exposures: Array
+    branch: int
+    note: str = ""
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Joints and table angle (joints + 1,), rad, where it starts and ends."""
+        return np.append(self.q[0], self.table), np.append(self.q[-1], self.table)
+
+
+@dataclass(frozen=True)
+class PlacedPose:
+    """One exposure at rest with joints (joints,) and table angle, rad."""
+
+    name: str
+    q: Array
+    table: float
+
+
+@dataclass(frozen=True)
+class Infeasible:
+    """Why a view is infeasible; `sensor_collides`: the sensor itself does, for any configuration of the arm."""
+
+    reason: str
+    sensor_collides: bool = False
+
+
+Placed = PlacedSweep | PlacedPass
+_T = TypeVar("_T", PlacedSweep, PlacedPass, PlacedPose)
+
+
+def sweep_run(cell: PlanningCell, count: int, speed: float) -> trajectory.Run:
+    """A full turn of the table with `count` exposures at a speed, rad/s, or the highest that is planned."""
+    fastest, acceleration, jerk = cell.axis_limits.scaled(LIMIT_FRACTION).of_axis(-1)
+    return trajectory.run(count, 2 * np.pi / count, min(speed, fastest), acceleration, cell.cycle, jerk)
+
+
+def azimuths(preferred: float) -> Array:
+    """Candidate azimuths (24,), rad: the preferred one, then every 15 degrees alternately on both sides of it."""
+    steps = np.array([0, *(s * k for k in range(1, 12) for s in (-1, 1)), 12])
+    return np.asarray(preferred + steps * _AZIMUTH_STEP)
+
+
+class Placer:
+    """Finds collision-free configurations of arm and table for views.
+
+    Parameters
+    ----------
+    cell
+        Nominal cell.
+    azimuth
+        Preferred azimuth of the sensor in the frame of the table at angle 0, rad.
+    clearance
+        Smallest allowed distance between bodies, m.
+    """
+
+    def __init__(self, cell: PlanningCell, azimuth: float, clearance: float) -> None:
+        self._cell = cell
+        self._azimuth = azimuth
+        self._clearance = clearance
+
+    def sweeps(self, views: Sequence[Sweep]) -> list[PlacedSweep | Infeasible]:
+        """Placed sweeps or why they are infeasible; as many as possible at one azimuth and in one branch."""
+        if not views:
+            return []
+        sides = [(a, roll) for a in azimuths(self._azimuth) for roll in (0.0, np.pi)]
+        targets = np.array([[view.at(a, roll) for a, roll in sides] for view in views])
+        found = self._cell.ik(targets.reshape(-1, 4, 4))
+        branches = found.shape[1]
+        q = found.reshape(len(views), -1, found.shape[-1])
+        metric = constraints.arm_metric(self._cell.nominal.arm, q)
+        usable = metric > _MIN_METRIC
+        # A choice is a side (azimuth and roll) and a branch, numbered side * branches + branch. Choices that serve most
+        # views come first, then those near the preferred azimuth.
+        offset = np.repeat([abs(a - self._azimuth) for a, _ in sides], branches)
+        order = np.lexsort((-metric.mean(0), offset.round(6), -usable.sum(0)))
+        table = np.linspace(0.0, 2 * np.pi, _TURN_CHECKS, endpoint=False)
+        result: list[PlacedSweep | Infeasible] = []
+        for i, view in enumerate(views):
+
+            def attempt(choice: int, i: int = i, view: Sweep = view) -> PlacedSweep | Infeasible:
+                joints = np.repeat(q[i, choice][None], len(table), 0)
+                # Most collisions occur at every table angle: check one first.
+                collision = self._collision(joints[:1], table[:1]) or self._collision(joints, table)
+                return collision or PlacedSweep(view, q[i, choice], choice % branches)
+
+            choices = order[usable[i][order]]
+            # Choices of equal roll have the same pose of the sensor relative to the part.
+            result.append(self._first_feasible(view.name, choices, choices // branches % 2, attempt, targets[i]))
+        return result
+
+    def passes(
+        self, views: Sequence[Pass], counts: Sequence[int], speed: float, branch: int | None
+    ) -> list[PlacedPass | Infeasible]:
+        """Placed passes or why they are infeasible; table and sensor are turned together by a suitable angle.
+
+        Parameters
+        ----------
+        counts
+            Number of exposures of each view.
+        speed
+            Speed of the sensor, m/s.
+        branch
+            Preferred inverse-kinematics branch.
+        """
+        if not views:
+            return []
+        cell = self._cell
+        runs = [
+            trajectory.run(count, view.length / (count - 1), speed, PATH_ACCELERATION, cell.cycle)
+            for view, count in zip(views, counts, strict=True)
+        ]
+        angles = np.radians(np.arange(0.0, 360.0, 15.0))
+        turns = pose.from_rotation(pose.rotation_about(2, angles))
+        knots = [
+            view.at(np.array([*run.at([0.0]), view.length / 2, *run.at([run.duration])]))
+            for view, run in zip(views, runs, strict=True)
+        ]
+        targets = turns[None, :, None] @ np.array(knots)[:, None]
+        found = cell.ik_along(targets.reshape(-1, 3, 4, 4))
+        branches = found.shape[2]
+        q = found.reshape(len(views), len(angles), *found.shape[1:])
+        metric = constraints.arm_metric(cell.nominal.arm, q[:, :, ::2]).min(2).reshape(len(views), -1)
+        usable = metric > _MIN_METRIC
+        other_branch = np.tile(np.arange(branches) != branch, len(angles))
+        order = np.lexsort((-metric.mean(0), other_branch, -usable.sum(0)))
+        result: list[PlacedPass | Infeasible] = []
+        for i, view in enumerate(views):
+
+            def attempt(choice: int, i: int = i, view: Pass = view) -> PlacedPass | Infeasible:
+                turned, number = divmod(choice, branches)
+                middle = q[i, turned, 1, number]
+                return self._try_pass(view, runs[i], counts[i], float(angles[turned]), middle, number)
+
+            choices = order[usable[i][order]]
+            ends = targets[i, :, ::2].reshape(-1, 4, 4)
+            result.append(self._first_feasible(view.name, choices, 0 * choices, attempt, ends))
+        return result
+
+    def poses(self, part_from_sensor: Array) -> list[PlacedPose | Infeasible]:
+        """Placed exposures or why they are infeasible; the table turns the part to a suitable azimuth.
+
+        `part_from_sensor` (n, 4, 4), m.
+        """
+        sides = azimuths(self._azimuth)
+        table_from_sensor = self._cell.nominal.table_from_part @ part_from_sensor
+        origin = table_from_sensor[:, :2, 3]
+        angle = sides - np.arctan2(origin[:, 1], origin[:, 0])[:, None]
+        targets = pose.from_rotation(pose.rotation_about(2, angle)) @ table_from_sensor[:, None]
+        found = self._cell.ik(targets.reshape(-1, 4, 4))
+        branches = found.shape[1]
+        q = found.reshape(len(targets), -1, found.shape[-1])
+        metric = constraints.arm_metric(self._cell.nominal.arm, q)
+        # Azimuths near the preferred one win over a slightly better metric elsewhere.
+        score = metric / (1 + np.repeat(np.abs(sides - self._azimuth), branches))
+        order = np.argsort(-score, axis=1, kind="stable")
+        result: list[PlacedPose | Infeasible] = []
+        for i in range(len(targets)):
+            name = f"pose {i + 1}"
+
+            def attempt(choice: int, i: int = i, name: str = name) -> PlacedPose | Infeasible:
+                table = float(angle[i, choice // branches])
+                return self._collision(q[i, choice][None], np.array([table])) or PlacedPose(name, q[i, choice], table)
+
+            choices = order[i][metric[i][order[i]] > _MIN_METRIC]
+            result.append(self._first_feasible(name, choices, 0 * choices, attempt, targets[i]))
+        return result
+
+    def _first_feasible(
+        self, name: str, choices: Indices, groups: Indices, attempt: Callable[[int], _T | Infeasible], targets: Array
+    ) -> _T | Infeasible:
+        """The first feasible choice; else why the first is infeasible, or why there is no choice at all.
+
+        Once the sensor itself collides for one choice, the others of the same number in `groups` are skipped.
+        """
+        first: Infeasible | None = None
+        excluded: set[int] = set()
+        for choice, group in zip(choices[:_MAX_TRIES].tolist(), groups.tolist(), strict=False):
+            if group in excluded:
+                continue
+            placed = attempt(choice)
+            if not isinstance(placed, Infeasible):
+                return placed
+            first = first or placed
+            if placed.sensor_collides:
+                excluded.add(group)
+        return Infeasible(f"{name}: {first.reason if first else out_of_reach(self._cell, targets)}")
+
+    def _collision(self, q: Array, table: Array) -> Infeasible | None:
+        """The smallest distance below the clearance at joints (n, joints) and table angles (n,), or None."""
+        near = self._cell.clearance_violations(q, table, self._clearance)
+        if not near:
+            return None
+        of_sensor = any({c.body_a, c.body_b} <= {"sensor", "part", "table", "table_base"} for c in near)
+        return Infeasible(describe(min(near, key=lambda c: c.distance - c.clearance)), of_sensor)
+
+    def _try_pass(
+        self, view: Pass, run: trajectory.Run, count: int, table: float, middle: Array, branch: int
+    ) -> PlacedPass | Infeasible:
+        """The pass at one table angle (rad), in one branch, as slow as limits ask for; checks reach and collisions.
+
+        The joints (joints,) in its middle tell the turn of those with several.
+        """
+        cell = self._cell
+        turn = pose.from_rotation(pose.rotation_about(2, table))
+
+        def joints(path: Array) -> Array:
+            # All start with the same pose, by which branches without names are numbered.
+            along = np.concatenate([run.at([0.0]), path])
+            return np.asarray(cell.ik_along(turn @ view.at(along)[None], reference=middle)[0, 1:, branch])
+
+        needed = slowdown(cell, lambda time: _with_table(joints(run.at(time)), table), run.duration)
+        if isinstance(needed, str):
+            return Infeasible(needed)
+        exposures = joints(np.linspace(0.0, view.length, count))
+        slow = run.slowed(needed.factor)
+        moving = joints(slow.at(trajectory.cycle_times(slow.duration, cell.cycle)))
+        collision = self._collision(moving[::4], np.full(len(moving[::4]), table))
+        note = f"{view.name}: {needed}" if needed.factor > 1 else ""
+        return collision or PlacedPass(view, table, slow, moving, exposures, branch, note)
+
+
+def _with_table(q: Array, table: float) -> Array:
+    return np.column_stack([q, np.full(len(q), table)])

@@ -1,0 +1,239 @@
+"""Sensor paths over the part from their descriptions: spirals, straight legs between waypoints, recorded poses."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from scancell.config.description import PoseDescription
+from scancell.config.path import (
+    PathDescription,
+    QualityDescription,
+    SpiralDescription,
+    WaypointDescription,
+    WeightsDescription,
+)
+from scancell.errors import DescriptionError, PlanningError
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.nominal.poses import pose_matrix
+from scancell.planning.options import Spacing
+from scancell.planning.views.contour_path import contour_poses
+
+Array = NDArray[np.float64]
+
+_COLUMNS = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
+_SPIRAL_STEP = np.radians(3.0)
+_CROSSING_STEP = 2e-3  # m along a path at which the distance of points from the laser sheet is evaluated
+_SHEET = 3e-3  # m: surface this near to the laser sheet counts for the stand-off
+_SMOOTHING = 10  # steps of a spiral on either side over which the stand-off is smoothed
+_EXTRA_KNOTS = 6  # beyond either end of a path; what a spline does at a knot decays by 0.27 at each further one
+_LEAST_STEP = 1e-6  # m: poses nearer than this count as one place
+
+
+@dataclass(frozen=True)
+class SensorPath:
+    """A smooth path of the sensor at constant speed.
+
+    Attributes
+    ----------
+    name
+        Name for people.
+    poses
+        (n, 4, 4) ``table_from_sensor`` with the table at angle 0, m, n >= 2.
+    speed
+        Of the sensor's origin relative to the part, m/s.
+    pitch
+        Distance of the sensor's origin between exposures, m.
+    weights, quality
+        How motions along it are judged.
+    """
+
+    name: str
+    poses: Array
+    speed: float
+    pitch: float
+    weights: WeightsDescription = field(default_factory=WeightsDescription)
+    quality: QualityDescription = field(default_factory=QualityDescription)
+
+    @property
+    def knots(self) -> Array:
+        """Distance (n,), m, of each pose from the first one along the straight lines between them."""
+        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1))])
+
+    @property
+    def length(self) -> float:
+        """Distance from the first to the last pose, m."""
+        return float(self.knots[-1])
+
+    def at(self, distance: Array) -> Array:
+        """Poses (k, 4, 4) at distances (k,), m, from the start: splines, continued straight beyond both ends."""
+        position, rotation = self._splines
+        inside = np.clip(distance, position.x[0], position.x[-1])
+        beyond = (distance - inside)[:, None]
+        turned = rotation(inside) * Rotation.from_rotvec(beyond * rotation(inside, 1))
+        return pose.from_rotation(turned.as_matrix(), position(inside) + beyond * position(inside, 1))
+
+    @cached_property
+    def _splines(self) -> tuple[CubicSpline, RotationSpline]:
+        """Splines with a few knots on the straight continuations, too: without them the acceleration would jump."""
+        knots, rotation = self.knots, Rotation.from_matrix(self.poses[:, :3, :3])
+        of_ends = CubicSpline(knots, self.poses[:, :3, 3]), RotationSpline(knots, rotation)
+        ends, steps = knots[[0, -1]], np.array([knots[0] - knots[1], knots[-1] - knots[-2]])
+        number = np.arange(1, _EXTRA_KNOTS + 1)
+        beyond = (steps[:, None] * number)[..., None]
+        position = of_ends[0](ends)[:, None] + beyond * of_ends[0](ends, 1)[:, None]
+        turns = [
+            of_ends[1](end) * Rotation.from_rotvec(by * of_ends[1](end, 1))
+            for end, by in zip(ends, beyond, strict=True)
+        ]
+        x = np.concatenate([(ends[0] + beyond[0, ::-1, 0]), knots, ends[1] + beyond[1, :, 0]])
+        return (
+            CubicSpline(x, np.concatenate([position[0, ::-1], self.poses[:, :3, 3], position[1]])),
+            RotationSpline(x, Rotation.concatenate([turns[0][::-1], rotation, turns[1]])),
+        )
+
+    def exposures(self, spacing: Spacing) -> float:
+        """Number of exposures: a path has a pitch of its own."""
+        return int(self.length / self.pitch + 1e-9) + 1
+
+    def crossings(self, points: Array) -> Array:
+        """``table_from_sensor`` (k, n, 4, 4) where the laser sheet passes over the points, see `View`."""
+        distance = np.linspace(0.0, self.length, max(2, int(np.ceil(self.length / _CROSSING_STEP)) + 1))
+        poses = self.at(distance)
+        beside = np.einsum("ni,mi->mn", points, poses[:, :3, 0]) - (poses[:, :3, 3] * poses[:, :3, 0]).sum(1)[:, None]
+        step, point = np.nonzero((beside[:-1] > 0) != (beside[1:] > 0))
+        before, after = beside[step, point], beside[step + 1, point]
+        at = distance[step] + before / (before - after) * distance[1]
+        # Number of each crossing among those of its point.
+        order = np.argsort(point, kind="stable")
+        number = np.arange(len(point)) - np.searchsorted(point[order], point[order])
+        found = np.full((int(number.max(initial=0)) + 1, len(points), 4, 4), np.nan)
+        found[number, point[order]] = self.at(at[order])
+        return found
+
+
+def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Array) -> list[SensorPath]:
+    """Paths of a description: one, or one for each leg between waypoints.
+
+    Raises
+    ------
+    DescriptionError
+        If a file of recorded poses is missing or malformed, naming file, line and column.
+    PlanningError
+        If a path has no length.
+    """
+    standoff = 1e-3 * description.standoff_mm
+    if description.spiral is not None:
+        legs = [_spiral(description.spiral, part, standoff)]
+    elif description.contour is not None:
+        legs = [contour_poses(description.contour, part, standoff)]
+    elif description.waypoint:
+        stops = [_looking(point, standoff) for point in description.waypoint]
+        legs = [np.stack(ends) for ends in pairwise(stops)]
+    else:
+        legs = [recorded_poses(Path(str(description.recorded)))]
+    made = []
+    for number, leg in enumerate(legs, start=1):
+        name = description.name if len(legs) == 1 else f"{description.name}, leg {number}"
+        path = SensorPath(
+            name,
+            table_from_part @ _apart(leg, name),
+            1e-3 * description.speed_mm_s,
+            1e-3 * description.pitch_mm,
+            description.weights,
+            description.quality,
+        )
+        if path.length < path.pitch:
+            raise PlanningError(f"{1e3 * path.length:g} mm long", key=name, expected="at least its pitch")
+        made.append(path)
+    return made
+
+
+def recorded_poses(file: Path) -> Array:
+    """``part_from_sensor`` (n, 4, 4), m, from a CSV file with the columns x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg.
+
+    Raises
+    ------
+    DescriptionError
+        If the file is missing, lacks a column or holds fewer than two poses, or a value is not a finite number.
+    """
+    try:
+        with file.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DescriptionError(f"cannot be read as CSV: {error}", file=file) from None
+    if len(rows) < 2:
+        raise DescriptionError(f"{len(rows)} poses", file=file, expected="at least two")
+    poses = []
+    for number, row in enumerate(rows, start=2):
+        values = {}
+        for name in _COLUMNS:
+            try:
+                values[name] = float(row[name])
+            except (KeyError, TypeError, ValueError):
+                raise DescriptionError(
+                    file=file, key=f"line {number}, column '{name}'", value=row.get(name), expected="a number"
+                ) from None
+            if not np.isfinite(values[name]):
+                raise DescriptionError(
+                    file=file, key=f"line {number}, column '{name}'", value=row[name], expected="a finite number"
+                )
+        poses.append(pose_matrix(PoseDescription(**values)))
+    return np.stack(poses)
+
+
+def _apart(poses: Array, name: str) -> Array:
+    """The poses without those that lie where the one before does."""
+    step = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    kept = poses[np.concatenate([[True], step > _LEAST_STEP])]
+    if len(kept) < 2:
+        raise PlanningError("all poses are at one place", key=name, expected="a path")
+    return np.asarray(kept)
+
+
+def _looking(point: WaypointDescription, standoff: float) -> Array:
+    looking = pose.looking_from(np.radians(point.azimuth_deg), np.radians(point.elevation_deg))
+    rotation = looking @ pose.rotation_about(2, np.radians(point.roll_deg))
+    target = 1e-3 * np.array([point.x_mm, point.y_mm, point.z_mm])
+    return np.asarray(pose.from_rotation(rotation, target - standoff * rotation[:, 2]))
+
+
+def _spiral(spiral: SpiralDescription, part: Mesh, standoff: float) -> Array:
+    """Poses (n, 4, 4) in the part frame."""
+    turn = 2 * np.pi * spiral.turns
+    fraction = np.linspace(0.0, 1.0, max(2, int(np.ceil(abs(turn) / _SPIRAL_STEP))) + 1)
+    azimuth = np.radians(spiral.start_deg) + turn * fraction
+    elevation = np.radians(np.interp(fraction, [0, 1], spiral.elevation_deg))
+    rotation = pose.looking_from(azimuth, elevation)
+    middle = 1e3 * float(part.bounds[:, 2].mean())
+    height = 1e-3 * np.interp(fraction, [0, 1], spiral.height_mm or (middle, middle))
+    radius = 1e-3 * np.interp(fraction, [0, 1], spiral.radius_mm or (0.0, 0.0))
+    target = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], -1)
+    distance = np.full(len(fraction), standoff)
+    if spiral.radius_mm is None:
+        distance += _smoothed(np.array([_nearest(part, t, r) for t, r in zip(target, rotation, strict=True)]))
+    return pose.from_rotation(rotation, target - distance[:, None] * rotation[:, :, 2])
+
+
+def _nearest(part: Mesh, target: Array, rotation: Array) -> float:
+    """How far the part extends towards the sensor from `target`, near the laser sheet, m."""
+    at = (part.vertices - target) @ rotation
+    in_sheet = np.abs(at[:, 0]) <= _SHEET
+    return float(-at[in_sheet, 2].min(initial=0.0))
+
+
+def _smoothed(depth: Array) -> Array:
+    """Largest of the neighbours, then their mean: never much nearer than the stand-off, without jerks."""
+    window = np.lib.stride_tricks.sliding_window_view
+    largest = window(np.pad(depth, _SMOOTHING, mode="edge"), 2 * _SMOOTHING + 1).max(-1)
+    weights = np.hanning(2 * _SMOOTHING + 3)[1:-1]
+    return np.asarray(window(np.pad(largest, _SMOOTHING, mode="edge"), 2 * _SMOOTHING + 1) @ (weights / weights.sum()))

@@ -1,0 +1,183 @@
+"""Runs robot programs: Python files with a function `main`, which is handed the robot."""
+
+from __future__ import annotations
+
+import inspect
+import io
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from scancell.arguments import checked_arguments
+from scancell.config.choices import Engine
+from scancell.errors import ProgramError, ScancellError
+from scancell.live.contacts import ContactWatch
+from scancell.live.jobs import JobStopped
+from scancell.programs.robot import Robot, Step
+from scancell.scanning.session import ScanSession
+
+_MODULE = "scancell_robot_program"
+
+
+@dataclass
+class ProgramRun:
+    """What a program did.
+
+    Attributes
+    ----------
+    steps
+        Commands that were carried out, with the lines of the program.
+    duration
+        Simulated time, s.
+    contacts
+        Pairs of bodies that came into contact, gripped parts excluded.
+    files
+        Written by the program.
+    """
+
+    steps: list[tuple[int, Step]] = field(default_factory=list)
+    duration: float = 0.0
+    contacts: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
+
+
+@checked_arguments
+def run_program(
+    program: str | Path,
+    session: ScanSession,
+    engine: Engine = "ray-traced",
+    folder: str | Path | None = None,
+    show: Callable[[int, Step], None] = lambda _line, _step: None,
+    printed: Callable[[str], None] | None = None,
+) -> ProgramRun:
+    """Run the program of a file; it runs in this process, with all rights of its user.
+
+    Parameters
+    ----------
+    program
+        Python file with a function ``main``, which is handed a `Robot`.
+    session
+        A running cell, guarded or not.
+    engine
+        How profiles are measured.
+    folder
+        Where the program saves clouds; None: the current folder.
+    show
+        Receives each command that was carried out, after the line of the program that gave it.
+    printed
+        Receives the text that the program prints; None: it goes to standard output.
+
+    Returns
+    -------
+    ProgramRun
+        With ``steps`` (line of the program and command), ``duration`` in simulated time, s, ``contacts`` of bodies, and
+        ``files`` that the program wrote.
+
+    Raises
+    ------
+    ProgramError
+        With file and line, whatever goes wrong in the program: a command that the controller refuses, a stop by the
+        guard, an error of Python.
+    JobStopped
+        With file and line, where the program ran in a `LiveCell` and was ended.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> length = Path("turn.py").write_text("def main(robot): robot.turn_table(0.5)")
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl", guarded=True) as session:
+    ...     done = scancell.run_program("turn.py", session, "geometric")
+    >>> [(line, step.command, step.about) for line, step in done.steps], done.contacts
+    ([(1, 'turn_table', '28.65 deg')], [])
+    """
+    program = Path(program)
+    file, run = str(program), ProgramRun()
+
+    def on_step(step: Step) -> None:
+        lines = [line for frame, line in traceback.walk_stack(None) if frame.f_code.co_filename == file]
+        run.steps.append((lines[0] if lines else 0, step))
+        show(*run.steps[-1])
+
+    watch = ContactWatch(session.cell, [body.name for body in session.true.bodies])
+    robot = Robot(session, engine, folder, on_step)
+    try:
+        with _loaded(program, printed) as module:
+            _require_main(module, program)
+            module.main(robot)
+    except ProgramError:
+        raise
+    except JobStopped as stop:
+        raise JobStopped(f"{_place(stop, file)}: {stop}") from stop
+    except (Exception, SystemExit) as error:
+        raise ProgramError(_message(error, file)) from error
+    finally:
+        watch.end()
+    run.duration, run.contacts, run.files = session.time, list(watch.pairs), robot.files
+    return run
+
+
+def _require_main(module: ModuleType, program: Path) -> None:
+    main = getattr(module, "main", None)
+    if not callable(main):
+        raise ProgramError("has no function main", file=program, expected="def main(robot)")
+    try:
+        inspect.signature(main).bind(None)
+    except TypeError:
+        raise ProgramError(
+            "main does not take the robot",
+            file=program,
+            expected="def main(robot); a script that makes a cell of its own is run by Python itself",
+        ) from None
+
+
+@contextmanager
+def _loaded(program: Path, printed: Callable[[str], None] | None) -> Iterator[ModuleType]:
+    """The program as a module; it may import modules from its folder."""
+    try:
+        source = program.read_bytes()
+    except OSError as error:
+        raise ProgramError(f"cannot be read: {error.strerror}", file=program, expected="a Python file") from error
+    module = ModuleType(_MODULE)
+    module.__file__ = str(program)
+    if printed is not None:
+        module.__dict__["print"] = _printing_to(printed)
+    folder = str(program.resolve().parent)
+    sys.path.insert(0, folder)
+    sys.modules[_MODULE] = module  # dataclasses look their module up
+    try:
+        exec(compile(source, str(program), "exec"), module.__dict__)
+        yield module
+    finally:
+        sys.path.remove(folder)
+        del sys.modules[_MODULE]
+
+
+def _printing_to(printed: Callable[[str], None]) -> Callable[..., None]:
+    """In place of `print`."""
+
+    def print_(*values: object, file: Any = None, **options: Any) -> None:
+        text = io.StringIO()
+        print(*values, file=text if file is None else file, **options)
+        if file is None:
+            printed(text.getvalue().rstrip("\n"))
+
+    return print_
+
+
+def _message(error: BaseException, file: str) -> str:
+    """Of an error that the program raised, with the innermost line of the program."""
+    if isinstance(error, SyntaxError) and error.filename == file:
+        return f"{file}:{error.lineno}: {error.msg}"
+    what = str(error) if isinstance(error, ScancellError) else f"{type(error).__name__}: {error}"
+    return f"{_place(error, file)}: {what}"
+
+
+def _place(error: BaseException, file: str) -> str:
+    """File, and the innermost line of the program where it has one in the trace."""
+    lines = [line for frame, line in traceback.walk_tb(error.__traceback__) if frame.f_code.co_filename == file]
+    return f"{file}:{lines[-1]}" if lines else file

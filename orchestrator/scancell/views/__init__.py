@@ -1,0 +1,1 @@
+"""Pictures, animations, pages and MCAP files of recorded runs."""

@@ -1,0 +1,220 @@
+"""Pictures and animations of a recorded run."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from os import cpu_count
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.arguments import Threads, Within, checked_arguments
+from scancell.errors import DescriptionError
+from scancell.nominal.cell import Body
+from scancell.output.drawing import Sheet
+from scancell.progress import Progress, ProgressCallback, as_progress
+from scancell.views.caption import captioned
+from scancell.views.coloured_cloud import ColourBy, ColouredCloud, coloured_by
+from scancell.views.laser import laser_sheet
+from scancell.views.recorded_run import RecordedRun, open_run
+from scancell.views.renderer import PaintedBody, Renderer
+from scancell.views.shading import displayed
+from scancell.views.video import video_writer
+from scancell.views.viewpoints import CameraPath, View, camera_path
+
+Image = NDArray[np.uint8]
+Pixels = Annotated[int, Within(64, 7680)]
+
+_SECONDS = 10.0  # of an animation, unless its length or speed is given
+_ARM, _JOINT = (0.90, 0.905, 0.91), (0.80, 0.815, 0.83)
+_SENSOR, _GRIPPER = (0.23, 0.26, 0.31), (0.36, 0.40, 0.45)
+_TABLE, _STAND, _PART = (0.56, 0.60, 0.645), (0.42, 0.45, 0.49), (0.86, 0.85, 0.82)
+_OTHER = (0.80, 0.66, 0.40)
+
+
+class RunPictures:
+    """Takes pictures of a run; made by `run_pictures`.
+
+    Parameters
+    ----------
+    size
+        Width and height, px.
+    colour
+        What the colours of the cloud show.
+    span
+        Time of the run between pictures, s; the laser is shown where an exposure falls into it.
+    """
+
+    def __init__(
+        self, run: RecordedRun, renderer: Renderer, path: CameraPath, cloud: ColouredCloud | None, span: float
+    ) -> None:
+        self._run, self._renderer, self._path, self._cloud, self._span = run, renderer, path, cloud, span
+
+    def at(self, time: float, share: float = 0.0) -> Image:
+        """The picture (height, width, 3) at `time` (s), when this share (0 to 1) of the pictures is taken."""
+        run, camera = self._run, self._path(time, share)
+        frames = run.motion.frames(time)
+        laser = laser_sheet(run.setup.sensor, frames["sensor"]) if run.motion.laser_on(time, self._span) else None
+        poses = np.stack([frames[body.moves_with] for body in run.cell.bodies])
+        rendered = self._renderer.render(camera, poses, laser)
+        if self._cloud is not None:
+            self._cloud.draw(rendered, camera, frames["part"], time)
+        return captioned(displayed(rendered.light), run.name, time, self._cloud)
+
+
+def run_pictures(
+    run: RecordedRun, view: View, size: tuple[int, int], colour: ColourBy, threads: int, span: float = 0.0
+) -> RunPictures:
+    """Prepare pictures of a run; see `animate`, and `RunPictures` for `span`."""
+    path = camera_path(view, run, size)
+    cloud = None if run.cloud is None else coloured_by(run.cloud, run.cloud_points, run.cell.part, colour, threads)
+    standing = [body.mesh.bounds[0, 2] for body in run.cell.bodies if body.moves_with == "world"]
+    middle = (run.cell.arm.world_from_base[:3, 3] + run.cell.world_from_table[:3, 3]) / 2
+    bodies = [painted(body, number) for number, body in enumerate(run.cell.bodies)]
+    return RunPictures(run, Renderer(bodies, float(min(standing, default=0.0)), middle), path, cloud, span)
+
+
+@checked_arguments
+def picture(
+    run: str | Path | RecordedRun,
+    out: str | Path,
+    *,
+    time: float | None = None,
+    view: View = "cell",
+    size: tuple[Pixels, Pixels] = (1280, 720),
+    colour: ColourBy = "deviation",
+    threads: Threads = 0,
+) -> float:
+    """Write a picture of the cell as PNG, and return its time in the run, s.
+
+    Parameters
+    ----------
+    run
+        Folder of a saved scan.
+    out
+        File of the picture.
+    time
+        In the run, s; None: that of the last exposure.
+    view
+        ``cell`` and ``part`` are fixed, ``orbit`` goes once around the cell, ``sensor`` follows the sensor.
+    size
+        Width and height, px.
+    colour
+        What the colours of the cloud show: its ``deviation`` from the mesh, or ``intensity``.
+    threads
+        0: as many as there are cores.
+
+    Raises
+    ------
+    ScancellError
+        If `time` is not in the run, the run cannot be read, or the file cannot be written.
+
+    Examples
+    --------
+    >>> settings = {"scan.sweep.enabled": False, "scan.raster.pitch_mm": 5}
+    >>> files = scancell.scan("part.stl", engine="geometric", settings=settings).save("run")
+    >>> time = scancell.picture("run", "picture.png", view="part", size=(320, 240))
+    >>> print(f"at {time / scancell.read_recording('run/recording.parquet').measured.time[-1]:.0%} of the scan")
+    at 100% of the scan
+    """
+    run = _opened(run)
+    at = float(run.motion.times[-1]) if time is None else time
+    if not run.motion.start <= at <= run.motion.duration:
+        raise DescriptionError(key="time", value=at, expected=f"{run.motion.start:g} to {run.motion.duration:g} s")
+    Sheet.of(run_pictures(run, view, size, colour, threads).at(at)).write(out)
+    return at
+
+
+@checked_arguments
+def animate(
+    run: str | Path | RecordedRun,
+    out: str | Path,
+    *,
+    view: View = "cell",
+    size: tuple[Pixels, Pixels] = (1280, 720),
+    fps: Annotated[float, Within(1.0, 120.0)] = 25.0,
+    seconds: Annotated[float, Within(0.01, 1e4)] | None = None,
+    speed: Annotated[float, Within(1e-3, 1e6)] | None = None,
+    colour: ColourBy = "deviation",
+    threads: Threads = 0,
+    progress: Progress | ProgressCallback | None = None,
+) -> int:
+    """Write an animation of the whole run as WebM (VP9) or animated WebP, and return the number of its frames.
+
+    Parameters
+    ----------
+    run, view, size, colour, threads
+        As of `picture`.
+    out
+        File that ends in ``.webm`` or ``.webp``.
+    fps
+        Frames per second.
+    seconds, speed
+        Length of the animation, s, or seconds of the run in one second of it; not both. 10 s by default.
+    progress
+        Receives the frames that are rendered.
+
+    Raises
+    ------
+    ScancellError
+        If an option is wrong, the run cannot be read, or the file cannot be written.
+
+    Examples
+    --------
+    >>> settings = {"scan.sweep.enabled": False, "scan.raster.pitch_mm": 5}
+    >>> files = scancell.scan("part.stl", engine="geometric", settings=settings).save("run")
+    >>> scancell.animate("run", "scan.webp", size=(160, 120), seconds=0.2, fps=10)
+    2
+    """
+    run = _opened(run)
+    if seconds is not None and speed is not None:
+        raise DescriptionError(f"`seconds` {seconds:g} and `speed` {speed:g}", expected="one of them")
+    heard = as_progress(progress)
+    start, length = run.motion.start, run.motion.duration - run.motion.start
+    wanted = length / speed if speed is not None else _SECONDS if seconds is None else seconds
+    count = max(1, round(wanted * fps))
+    times = start + length * np.arange(count) / max(count - 1, 1)
+    heard.stage("rendering", count, "frames")
+    with video_writer(out, size, fps) as add:
+        pictures = run_pictures(run, view, size, colour, threads, length / max(count - 1, 1))
+        for frame in _in_order(pictures.at, times.tolist(), (np.arange(count) / count).tolist(), threads):
+            add(frame)
+            heard.advance(1)
+    return count
+
+
+def _opened(run: str | Path | RecordedRun) -> RecordedRun:
+    return run if isinstance(run, RecordedRun) else open_run(run)
+
+
+def _in_order(
+    take: Callable[[float, float], Image], times: list[float], shares: list[float], threads: int
+) -> Iterator[Image]:
+    """Pictures one after the other, a few of the next ones in work in as many threads."""
+    workers = threads or cpu_count() or 1
+    waiting: deque[Future[Image]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            for time, share in zip(times, shares, strict=True):
+                waiting.append(pool.submit(take, time, share))
+                if len(waiting) > workers:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def painted(body: Body, number: int) -> PaintedBody:
+    """A body in the colour of its kind; links differ a little from their neighbours, by `number`."""
+    frame, name = body.moves_with, body.name
+    if name == "base" or (frame.startswith("link[") and name != "gripper"):
+        colour = (_ARM, _JOINT)[number % 2]
+    else:
+        by_name = {"table_base": _STAND, "sensor": _SENSOR, "table": _TABLE, "part": _PART, "gripper": _GRIPPER}
+        colour = _GRIPPER if frame.startswith("finger[") else by_name.get(name, _OTHER)
+    return PaintedBody(name, body.mesh, colour, lets_laser_pass=frame == "sensor")

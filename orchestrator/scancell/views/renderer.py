@@ -1,0 +1,205 @@
+"""Pictures of rigid bodies by ray tracing: one ray and one shadow ray a pixel, more where colours change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell import sensor as sensor_rt
+from scancell.geometry.mesh import Mesh
+from scancell.views import shading
+from scancell.views.camera import PinholeCamera
+from scancell.views.laser import LaserSheet
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+FLOOR, NOTHING = -2, -1  # in place of the number of a body
+
+_BLOCK_PX = 1 << 15  # pixels worked on at a time, which stay in the cache
+_LIFT = 2e-4  # m off the surface where shadow rays start
+_FAR = 50.0  # m: where a body is put to be out of the way, and beyond any shadow
+_EDGE = 0.05  # step of displayed brightness between neighbours from which on a pixel is traced again
+_SUBPIXELS = np.array([(-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375)])  # rotated grid
+_STRIPE = np.array([1.0, 0.02, 0.02])
+_VEIL = 0.16  # opacity of the sheet of light near its source
+
+
+@dataclass(frozen=True)
+class PaintedBody:
+    """A rigid body: mesh in its own frame, m, and displayed colour (3,), 0 to 1; `lets_laser_pass` for its housing."""
+
+    name: str
+    mesh: Mesh
+    colour: tuple[float, float, float]
+    lets_laser_pass: bool = False
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """Linear light (h, w, 3), number of the body (h, w) or FLOOR or NOTHING, and depth (h, w) along the axis, m.
+
+    `stripe` (h, w), 0 to 1, is the share of the laser's stripe in the light.
+    """
+
+    light: Array
+    stripe: Array
+    body: Index
+    depth: Array
+
+
+class Renderer:
+    """Renders bodies on a floor. Works in the thread that calls, and any number of threads may.
+
+    Parameters
+    ----------
+    floor_z
+        Height of the floor in the world, m.
+    middle
+        World point (3,) around which the floor is visible.
+    """
+
+    def __init__(self, bodies: Sequence[PaintedBody], floor_z: float, middle: Array) -> None:
+        self._bodies, self._floor_z, self._middle = tuple(bodies), floor_z, np.asarray(middle, float)
+        self._scene = sensor_rt.Scene()
+        for body in bodies:
+            self._scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces.astype(np.uint32), 0.5)
+        self._first_face = np.cumsum([0, *(len(body.mesh.faces) for body in bodies)])
+        self._normals = np.concatenate([body.mesh.normals for body in bodies])
+        self._colours = np.stack([shading.linear(body.colour) for body in bodies])
+
+    def render(self, camera: PinholeCamera, world_from_body: Array, laser: LaserSheet | None = None) -> Rendered:
+        """A picture with the bodies at poses (bodies, 4, 4), and the laser if it is on."""
+        view = _View(self, camera, np.asarray(world_from_body, float), laser)
+        width, height = camera.width_px, camera.height_px
+        column, row = np.meshgrid(np.arange(width), np.arange(height))
+        pixels = np.stack([column.ravel(), row.ravel()], -1).astype(float)
+        light, stripe, body, depth = view.trace(pixels)
+        edges = np.flatnonzero(_edges(light.reshape(height, width, 3), body.reshape(height, width)))
+        if len(edges):
+            fine = (pixels[edges][:, None] + _SUBPIXELS).reshape(-1, 2)
+            fine_light, fine_stripe, *_ = view.trace(fine)
+            light[edges] = fine_light.reshape(len(edges), len(_SUBPIXELS), 3).mean(1)
+            stripe[edges] = fine_stripe.reshape(len(edges), len(_SUBPIXELS)).mean(1)
+        shape = (height, width)
+        return Rendered(light.reshape(*shape, 3), stripe.reshape(shape), body.reshape(shape), depth.reshape(shape))
+
+
+class _View:
+    """One picture: camera, poses, laser."""
+
+    def __init__(self, renderer: Renderer, camera: PinholeCamera, poses: Array, laser: LaserSheet | None) -> None:
+        self._camera, self._poses, self._laser = camera, poses, laser
+        self._scene, self._floor_z, self._middle = renderer._scene, renderer._floor_z, renderer._middle
+        self._first_face, self._normals, self._colours = renderer._first_face, renderer._normals, renderer._colours
+        self._laser_poses = poses.copy()
+        passed = [body.lets_laser_pass for body in renderer._bodies]
+        self._laser_poses[passed] = np.eye(4)
+        self._laser_poses[passed, 2, 3] = -_FAR
+        self._shadow_box = _shadow_box(renderer._bodies, poses, self._floor_z)
+
+    def trace(self, pixels: Array) -> tuple[Array, Array, Index, Array]:
+        """Light (n, 3), stripe (n,), body (n,) and depth (n,) of pixels (n, 2); see `Rendered`."""
+        blocks = [self._trace(pixels[start : start + _BLOCK_PX]) for start in range(0, len(pixels), _BLOCK_PX)]
+        light, stripe, body, depth = map(np.concatenate, zip(*blocks, strict=True))
+        return light, stripe, body, depth
+
+    def _trace(self, pixels: Array) -> tuple[Array, Array, Index, Array]:
+        eye, directions = self._camera.centre, self._camera.directions(pixels)
+        length = np.sqrt(np.einsum("ni,ni->n", directions, directions))
+        origins = np.broadcast_to(eye, directions.shape)
+        distance, number, face = sensor_rt.cast_rays(self._scene, self._poses, origins, directions, 1)
+        body, depth = number.astype(np.int64), np.asarray(distance / length)
+        with np.errstate(divide="ignore"):
+            down = np.where(directions[:, 2] < 0, (self._floor_z - eye[2]) / directions[:, 2], np.inf)
+        floor = (down > 0) & (down < depth)
+        body[floor], depth[floor] = FLOOR, down[floor]
+        light = shading.backdrop(len(pixels))
+        rows = np.flatnonzero(body >= 0)
+        light[rows] = self._bodies_light(body[rows], face[rows], depth[rows], directions[rows], length[rows])
+        x, y = (eye[i] + np.where(floor, depth, 0.0) * directions[:, i] - self._middle[i] for i in (0, 1))
+        rows = np.flatnonzero(floor & (x * x + y * y < shading.FLOOR_END**2))
+        light[rows] = self._floor_light(depth[rows], directions[rows])
+        stripe = np.zeros(len(pixels))
+        if self._laser is not None:
+            self._add_laser(self._laser, light, stripe, depth, directions)
+        return light, stripe, body, depth
+
+    def _bodies_light(self, body: Index, face: Index, depth: Array, directions: Array, length: Array) -> Array:
+        points = self._camera.centre + depth[:, None] * directions
+        back = -directions / length[:, None]
+        normals = np.einsum("nij,nj->ni", self._poses[body, :3, :3], self._normals[self._first_face[body] + face])
+        normals[np.einsum("ni,ni->n", normals, back) < 0] *= -1
+        sunlit = np.zeros(len(points))
+        lit = np.flatnonzero(normals @ shading.SUN > 0)
+        sunlit[lit] = ~self._blocked(points[lit] + _LIFT * normals[lit], points[lit] + _FAR * shading.SUN, self._poses)
+        return shading.shade(self._colours[body], normals, back, sunlit)
+
+    def _floor_light(self, depth: Array, directions: Array) -> Array:
+        points = self._camera.centre + depth[:, None] * directions
+        (left, front), (right, rear) = self._shadow_box
+        x, y = points[:, 0], points[:, 1]
+        near = np.flatnonzero((x >= left) & (x <= right) & (y >= front) & (y <= rear))
+        sunlit = np.ones(len(points))
+        start = points[near] + np.array([0.0, 0.0, _LIFT])
+        sunlit[near] = ~self._blocked(start, points[near] + _FAR * shading.SUN, self._poses)
+        return shading.floor_light(points, self._middle, self._floor_pixels(depth, directions), sunlit)
+
+    def _floor_pixels(self, depth: Array, directions: Array) -> tuple[Array, Array]:
+        """Widths (n,) of pixels on the floor along world x and y: how far a step of one pixel moves the point there."""
+        scale, tilt = depth / self._camera.focal_px, directions / directions[:, 2:]
+        right, down, _ = self._camera.world_from_camera[:3, :3].T
+        x, y = (
+            scale * (np.abs(right[i] - right[2] * tilt[:, i]) + np.abs(down[i] - down[2] * tilt[:, i])) for i in (0, 1)
+        )
+        return x, y
+
+    def _add_laser(self, laser: LaserSheet, light: Array, stripe: Array, depth: Array, directions: Array) -> None:
+        eye, source = self._camera.centre, laser.source
+        rows, bright = laser.stripe(eye, directions, depth, self._camera.focal_px)
+        points = eye + depth[rows, None] * directions[rows]
+        # The ray ends before the surface by more than rounding, by less than anyone sees.
+        end = points + 4 * _LIFT * _unit(source - points)
+        bright *= ~self._blocked(np.broadcast_to(source, end.shape), end, self._laser_poses)
+        stripe[rows] = bright
+        light[rows] += bright[:, None] * (_STRIPE - light[rows])
+        rows, points, left = laser.veil(eye, directions, depth)
+        left *= ~self._blocked(np.broadcast_to(source, points.shape), points, self._laser_poses)
+        light[rows] += (_VEIL * left)[:, None] * (_STRIPE - light[rows])
+
+    def _blocked(self, start: Array, end: Array, poses: Array) -> NDArray[np.bool_]:
+        if not len(start):
+            return np.zeros(0, bool)
+        return np.asarray(sensor_rt.occluded(self._scene, poses, start, end, 1))
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def _shadow_box(bodies: Sequence[PaintedBody], poses: Array, floor_z: float) -> tuple[Array, Array]:
+    """Lower and upper corner (2,) of a box on the floor, along world x and y, that holds all shadows."""
+    corners = []
+    for body, pose in zip(bodies, poses, strict=True):
+        low, high = body.mesh.bounds
+        box = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
+        world = box @ pose[:3, :3].T + pose[:3, 3]
+        corners.append(world[:, :2] - (world[:, 2:] - floor_z) / shading.SUN[2] * shading.SUN[:2])
+    every = np.concatenate(corners)
+    return every.min(0), every.max(0)
+
+
+def _edges(light: Array, body: Index) -> NDArray[np.bool_]:
+    """Pixels (h, w) that differ from a neighbour by body or by displayed brightness."""
+    red, green = (np.sqrt(np.clip(light[..., i], 0.0, 1.0)).astype(np.float32) for i in (0, 1))  # tell all there is
+    found = np.zeros(body.shape, bool)
+    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        step = body[one] != body[other]
+        for shown in (red, green):
+            step |= np.abs(shown[one] - shown[other]) > _EDGE
+        found[one] |= step
+        found[other] |= step
+    return found
