@@ -112,11 +112,12 @@ Points triangulate_pixels(const Pixels& pixels, const Sensor& sensor, int camera
     return triangulate_exact(c, sheet, p);
   };
   std::function<Eigen::Vector3d(const Camera&, const Eigen::Vector2d&)> locate;
-  if (form == "exact" || form == "sheet") locate = on_sheet;
+  if (form == "exact" || form == "sheet" || form == "eq5_as_printed") locate = on_sheet;
   if (form == "ray") locate = triangulate_ray;
   if (form == "eq4_as_printed") locate = triangulate_eq4_as_printed;
   if (!locate) {
-    throw std::invalid_argument("form \"" + form + "\": expected exact, sheet, ray or eq4_as_printed");
+    throw std::invalid_argument("form \"" + form +
+                                "\": expected exact, sheet, ray, eq4_as_printed or eq5_as_printed");
   }
   const Camera& optics = camera_of(sensor, camera);
   Points points(pixels.rows(), 3);
@@ -203,7 +204,8 @@ void bind_imaging(py::module_& module) {
   module.def("triangulate_pixels", &triangulate_pixels, py::arg("pixels"), py::arg("sensor"),
              py::arg("camera"), py::arg("form"),
              "Points (n, 3) on the laser sheet, m, seen at pixels (n, 2) = (column, row). form: exact (plane "
-             "X = 0), sheet (as described), ray (exact without the closed form) or eq4_as_printed.");
+             "X = 0), sheet (as described), ray (exact without the closed form), eq4_as_printed or "
+             "eq5_as_printed (exact).");
 }
 
 }  // namespace sensor_rt

@@ -69,7 +69,8 @@ py::array_t<double> laser_irradiance(const Sensor& sensor, const Doubles& points
 Trapezoid trapezoid(const Sensor& sensor, std::size_t camera) {
   if (camera >= sensor.cameras.size())
     throw std::invalid_argument("camera: index " + std::to_string(camera) + " is out of range");
-  return range_trapezoid(sensor.cameras[camera]);
+  const Camera& optics = sensor.cameras[camera];
+  return sensor.range_as_printed ? range_trapezoid_as_printed(optics) : range_trapezoid(optics);
 }
 
 }  // namespace

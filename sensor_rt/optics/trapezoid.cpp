@@ -40,20 +40,31 @@ Trapezoid trapezoid_of_corners(const Camera& camera) {
   return corners;
 }
 
+double half_angle(const Camera& camera) { return std::atan(0.5 * camera.height_px / camera.focal_px); }
+
+/// Returns the trapezoid of Eq. 5 whose half-widths are a `width` / sin(phi ± gamma).
+Trapezoid trapezoid_of_width(const Camera& camera, double width) {
+  const double gamma = half_angle(camera);
+  if (camera.tilt <= gamma) reject_unbounded(camera);
+  const double z_near = camera.height + camera.baseline / std::tan(camera.tilt + gamma);
+  const double z_far = camera.height + camera.baseline / std::tan(camera.tilt - gamma);
+  const double y_near = camera.baseline * width / std::sin(camera.tilt + gamma);
+  const double y_far = camera.baseline * width / std::sin(camera.tilt - gamma);
+  Trapezoid corners;
+  corners << -y_near, z_near, y_near, z_near, y_far, z_far, -y_far, z_far;
+  return corners;
+}
+
 }  // namespace
 
 Trapezoid range_trapezoid(const Camera& camera) {
   if (camera.is_tilted()) return trapezoid_of_corners(camera);
-  const double gamma = std::atan(0.5 * camera.height_px / camera.focal_px);
-  if (camera.tilt <= gamma) reject_unbounded(camera);
   const double aspect = static_cast<double>(camera.width_px) / camera.height_px;
-  const double z_near = camera.height + camera.baseline / std::tan(camera.tilt + gamma);
-  const double z_far = camera.height + camera.baseline / std::tan(camera.tilt - gamma);
-  const double y_near = camera.baseline * aspect * std::sin(gamma) / std::sin(camera.tilt + gamma);
-  const double y_far = camera.baseline * aspect * std::sin(gamma) / std::sin(camera.tilt - gamma);
-  Trapezoid corners;
-  corners << -y_near, z_near, y_near, z_near, y_far, z_far, -y_far, z_far;
-  return corners;
+  return trapezoid_of_width(camera, aspect * std::sin(half_angle(camera)));
+}
+
+Trapezoid range_trapezoid_as_printed(const Camera& camera) {
+  return trapezoid_of_width(camera, std::tan(half_angle(camera)));
 }
 
 }  // namespace sensor_rt

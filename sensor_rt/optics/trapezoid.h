@@ -17,4 +17,8 @@ using Trapezoid = Eigen::Matrix<double, 4, 2>;
 /// is unbounded (phi <= gamma).
 Trapezoid range_trapezoid(const Camera& camera);
 
+/// Eq. 5 as printed, kept for comparison: y = a tan gamma / sin(phi ± gamma), for a square image and an
+/// untilted sensor. Throws as range_trapezoid does.
+Trapezoid range_trapezoid_as_printed(const Camera& camera);
+
 }  // namespace sensor_rt

@@ -153,9 +153,11 @@ void read_extraction(JsonObject json, Sensor& sensor) {
   e.continuity_px = json.positive("continuity_px");
   e.agreement_px = json.positive("agreement_px");
   sensor.triangulation.agreement_px = e.agreement_px;
-  const std::size_t form = json.choice("triangulation", {"exact", "eq4_as_printed", "sheet"});
+  const std::size_t form =
+      json.choice("triangulation", {"exact", "eq4_as_printed", "sheet", "eq5_as_printed"});
   if (form == 1) sensor.triangulation.form = TriangulationForm::kEq4AsPrinted;
   if (form == 2) sensor.triangulation.sheet = sensor.laser.surface();
+  sensor.range_as_printed = form == 3;
   e.threshold_sigma = json.positive("threshold_sigma");
   e.min_amplitude_dn = json.non_negative("min_amplitude_dn");
   e.min_sigma_px = json.positive("min_sigma_px");

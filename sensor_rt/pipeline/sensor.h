@@ -18,6 +18,7 @@ struct Sensor : SensorModel, RenderOptions {
   ExtractionOptions extraction;
   ImageNoise image_noise;
   TriangulationOptions triangulation;
+  bool range_as_printed = false;  ///< the measuring field of a camera is range_trapezoid_as_printed
   bool noise = false;
   bool laser_off_frame = false;  ///< take a background frame (laser off) and subtract it before extraction
   int geometric_rays = 0;        ///< number of laser rays of the geometric engine

@@ -245,7 +245,7 @@ def document() -> Iterator[str]:
     yield "sensor, `sheet` the sheet as `[laser]` describes it (out of place, turned, curved), by Newton's method"
     yield "on its implicit function: points come back within 1e-12 m. A calibrated sensor uses `sheet`"
     yield "(`docs/calibration_sensor.md`); comparisons of cameras (`agreement`, `fusion`) and stated deviations"
-    yield "follow it."
+    yield "follow it. Two further values are equations of a paper as printed ([paper.md](paper.md#errata))."
     yield ""
     yield "What an ideal mirror both lights and shows (laser, mirror, wall, mirror, camera) comes back along its"
     yield "own way: it appears behind the mirror on the sheet, to all cameras in one place, as a wall there would."

@@ -7,7 +7,7 @@ simulator, by passes over a sphere.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,12 +53,12 @@ def settings(mode: str, speed: float) -> dict[str, float | str]:
     }
 
 
-def calibrations(engine: Engine) -> dict[str, EstimatedDescription]:
+def calibrations(engine: Engine, cases: Mapping[str, Mapping[str, float]] = CASES) -> dict[str, EstimatedDescription]:
     """What a calibration of the latency finds in each case."""
     with scancell.Scanner() as scanner:
         return {
-            name: scanner.calibrate("latency", as_built=as_built, seed=7, engine=engine).estimated
-            for name, as_built in CASES.items()
+            name: scanner.calibrate("latency", as_built=dict(as_built), seed=7, engine=engine).estimated
+            for name, as_built in cases.items()
         }
 
 

@@ -12,7 +12,7 @@ import pytest
 from scenes import Array, probe
 from stripe_images import sensor_description
 
-from scancell.sensor import Camera, Sensor
+from scancell.sensor import Camera, Sensor, triangulate_pixels
 
 LENS = [-0.12, 0.05, 0.002, -0.001, 0.03]
 
@@ -136,6 +136,24 @@ def test_trapezoid_matches_image_corners(size: tuple[int, int]) -> None:
         np.testing.assert_allclose(np.sort(np.abs(field[:, 0])), np.sort(np.abs(seen[:, 1])), rtol=1e-12)
         np.testing.assert_allclose(np.sort(field[:, 1]), np.sort(seen[:, 2]), rtol=1e-12)
         assert (np.sign(field[:, 0]) == [-1, 1, 1, -1]).all()
+
+
+@pytest.mark.parametrize("size", [(1280, 1024), (900, 900)])
+def test_printed_equation_5_has_known_error_of_width(size: tuple[int, int]) -> None:
+    """Wider by 1 / cos gamma, and by H / W for its square image; ranges and points are those of the exact form."""
+    width, height = size
+    description = sensor_description(width, height, cameras=2)
+    exact = Sensor(json.dumps(description))
+    description["extraction"]["triangulation"] = "eq5_as_printed"
+    printed = Sensor(json.dumps(description))
+    pixels = np.array([[10.0, 20.0], [width / 3, height / 5], [width - 1.0, height - 1.0]])
+    for number, camera in enumerate(exact.cameras):
+        gamma = np.arctan(height / (2 * camera.focal_px))
+        right, wrong = exact.trapezoid(number), printed.trapezoid(number)
+        np.testing.assert_array_equal(wrong[:, 1], right[:, 1])
+        np.testing.assert_allclose(wrong[:, 0], right[:, 0] * height / width / np.cos(gamma), rtol=1e-12)
+        points = triangulate_pixels(pixels, exact, number, "exact")
+        np.testing.assert_array_equal(triangulate_pixels(pixels, printed, number, "eq5_as_printed"), points)
 
 
 def test_unbounded_field_of_view_is_rejected() -> None:

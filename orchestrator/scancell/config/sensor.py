@@ -280,10 +280,11 @@ class ExtractionDescription(Description):
     agreement_px: Positive = Field(
         default=0.5, description="peak = agreement: largest row difference between cameras beyond noise, px"
     )
-    triangulation: Literal["exact", "sheet", "eq4_as_printed"] = Field(
+    triangulation: Literal["exact", "sheet", "eq4_as_printed", "eq5_as_printed"] = Field(
         default="exact",
         description="exact: on the nominal plane of the laser sheet; sheet: on the sheet as described in [laser], for"
-        " calibrated sensors; eq4_as_printed: the published Eq. 4 of Dumitrache & Borangiu for comparison",
+        " calibrated sensors; eq4_as_printed: the published Eq. 4 of Dumitrache & Borangiu for comparison;"
+        " eq5_as_printed: points as exact, the measuring range by their published Eq. 5",
     )
     fusion: Literal["none", "weighted"] = Field(
         default="none", description="weighted: points seen by two cameras become one, weighted by their variances"

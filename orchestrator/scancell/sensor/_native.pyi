@@ -58,7 +58,8 @@ class Sensor:
     def trapezoid(self, camera: int = 0) -> NDArray[np.float64]:
         """Return the corners (4, 2) = (y, z) of a camera's field in the sheet: near -y, near +y, far +y, far -y, m.
 
-        Dumitrache & Borangiu, Eq. 5, with y corrected. ValueError for an unbounded field of view.
+        Dumitrache & Borangiu, Eq. 5, with y corrected unless triangulation is ``eq5_as_printed``. ValueError for an
+        unbounded field of view.
         """
 
 class Material:
@@ -268,12 +269,15 @@ def triangulate(peaks: Peaks, sensor: Sensor, keep_rejected: bool = False) -> Pr
     """
 
 def triangulate_pixels(
-    pixels: NDArray[np.float64], sensor: Sensor, camera: int, form: Literal["exact", "sheet", "ray", "eq4_as_printed"]
+    pixels: NDArray[np.float64],
+    sensor: Sensor,
+    camera: int,
+    form: Literal["exact", "sheet", "ray", "eq4_as_printed", "eq5_as_printed"],
 ) -> NDArray[np.float64]:
     """Return the points (n, 3) on the laser sheet, m, that a camera sees at pixels (n, 2) = (column, row).
 
     exact: on the plane X = 0; sheet: on the sheet as described, NaN where the ray misses it; ray: exact, without the
-    closed form; eq4_as_printed: the published formula.
+    closed form; eq4_as_printed: the published formula; eq5_as_printed: exact, it is about the measuring range.
     """
 
 class ScanResult:
