@@ -98,8 +98,11 @@ def described_cells(cell: str | None) -> dict[str, CellDescription]:
 
 
 def with_motors(described: CellDescription) -> CellDescription:
-    """The cell with an arm of motors, gears and inertia."""
-    return described.model_copy(update={"robot": described.robot.model_copy(update={"drive": "dynamic"})})
+    """The cell with an arm of motors, gears and inertia.
+
+    Nothing pushes the arm: contact shapes are convex hulls, which meet before the surfaces that guard and judge know.
+    """
+    return described.replace({"robot.drive": "dynamic", "contact.cell_bodies": False})
 
 
 def with_encoders(described: CellDescription, rng: np.random.Generator) -> CellDescription:
