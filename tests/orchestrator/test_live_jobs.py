@@ -27,7 +27,7 @@ from scancell.programs.robot import location, mm
 from scancell.scanning.session import ScanSession
 
 ABOVE = location(450 * mm, 0, 260 * mm, rx=np.pi)
-WORDS = "from scancell.workspace.robot import Robot, deg, location, mm\n"
+WORDS = "from scancell import Robot, deg, location, mm\n"
 STUBBORN = """
 def main(robot):
     while True:

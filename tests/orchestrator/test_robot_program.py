@@ -23,7 +23,7 @@ from scancell.sensor import MeshSurface
 PART = assets_dir() / "parts" / "step_block.stl"
 WITH_GRIPPER = Path(__file__).parents[2] / "docs" / "examples" / "exercises" / "gripper.toml"
 ABOVE = location(450 * mm, 0, 300 * mm, rx=180 * deg)
-WORDS = "from scancell.workspace.robot import Robot, deg, location, mm\n"
+WORDS = "from scancell import Robot, deg, location, mm\n"
 INTO_TABLE = """
 def main(robot):
     robot.move_tool(location(450 * mm, 0, 300 * mm, rx=180 * deg))

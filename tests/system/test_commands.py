@@ -35,7 +35,7 @@ def succeeded(done: Finished, command: str) -> dict:
 # --- robot programs --------------------------------------------------------------------------------------------------
 
 OVER_PART = """
-from scancell.workspace.robot import Robot, deg, location, mm
+from scancell import Robot, deg, location, mm
 
 def main(robot: Robot) -> None:
     robot.move_tool(location(450 * mm, 0, 215 * mm, rx=180 * deg))

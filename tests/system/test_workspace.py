@@ -33,7 +33,7 @@ from scancell.reconstruction.cloud_files import read_ply
 from tour import choose, draws, entry, fill, hosted, waits
 
 PARTS = Path(__file__).resolve().parents[2] / "assets" / "parts"
-INTO_TABLE = """from scancell.workspace.robot import Robot, deg, location, mm
+INTO_TABLE = """from scancell import Robot, deg, location, mm
 
 
 def main(robot: Robot) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from scancell.views.recorded_run import RecordedRun
 
 _LARGE_MB = 20.0
-# The words of scancell.workspace, which is slow to import.
+# The words of scancell.views, which is slow to import.
 _View = Literal["cell", "part", "orbit", "sensor"]
 _Colour = Literal["deviation", "intensity"]
 

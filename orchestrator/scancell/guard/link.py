@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
-from scancell.arguments import Seed, checked_arguments
+from scancell.arguments import Within, checked_arguments
 from scancell.config.channel import LinkDescription
 from scancell.guard.channel import Channel
 from scancell.guard.endpoints import CellEndpoint
@@ -116,7 +117,11 @@ class Link:
 
 @checked_arguments
 def faulty_link(
-    transport: Transport, description: LinkDescription, age_limit: float, seed: Seed, kind: type[Link] = Link
+    transport: Transport,
+    description: LinkDescription,
+    age_limit: float,
+    seed: Annotated[int, Within(0)],
+    kind: type[Link] = Link,
 ) -> Link:
     """Make a link with faults, those of the same seed the same ones.
 

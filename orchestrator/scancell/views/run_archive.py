@@ -26,7 +26,7 @@ limits = resource.RLIMIT_CPU, resource.RLIMIT_DATA
 for limit, most in zip(limits, map(int, sys.argv[2:])):
     resource.setrlimit(limit, (most, most))
 from scancell.errors import ScancellError
-from scancell.workspace.recorded_run import open_run
+from scancell.views.recorded_run import open_run
 try:
     open_run(sys.argv[1])
 except ScancellError as error:
