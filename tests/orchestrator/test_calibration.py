@@ -82,7 +82,7 @@ def test_estimated_description_keeps_deviations() -> None:
     )
     kept = EstimatedDescription.of(deviations, 6).deviations()
     assert {name: value for name, value in kept.items() if value} == pytest.approx(deviations, abs=1e-11)
-    with pytest.raises(ValueError, match="deviations = .*arm.*expected names of as-built parameters"):
+    with pytest.raises(ValueError, match=r"deviations = .*arm.*expected names of as-built parameters"):
         EstimatedDescription.of({"arm.x": 1.0}, 6)
 
 
