@@ -40,10 +40,10 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def bytes_written(write: Callable[[Path], object], suffix: str = ".png") -> bytes:
-    """What `write` writes into the file of the path that it receives."""
+def png_bytes(write: Callable[[Path], object]) -> bytes:
+    """The picture (PNG) that `write` writes into the file of the path that it receives."""
     with TemporaryDirectory(prefix="scancell-") as folder:
-        path = Path(folder) / f"file{suffix}"
+        path = Path(folder) / "picture.png"
         write(path)
         return path.read_bytes()
 

@@ -16,7 +16,7 @@ from scancell.config.choices import CloudFrame
 from scancell.config.files import plain_data
 from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
-from scancell.files import bytes_written
+from scancell.files import png_bytes
 from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
 from scancell.scanning.result import ScanData
 from scancell.scanning.single_exposure import ShotData
@@ -212,7 +212,7 @@ class ScanResult(ScanData, Result):
 
         with RunFolder(Path(folder)) as run:
             self.save_into(run, formats, frame=frame, command_line=command_line)
-        return [Path(folder) / name for name in run.names]
+        return run.paths
 
     def save_into(
         self,
@@ -250,7 +250,7 @@ class ScanResult(ScanData, Result):
         from scancell.output.deviation_picture import deviation_picture  # noqa: PLC0415
 
         cloud, part, share = self.cloud.points_in_part, self.nominal.part, self.coverage.fraction
-        return bytes_written(
+        return png_bytes(
             lambda path: deviation_picture(path, cloud, self.deviation, part, name=self.part, coverage_fraction=share)
         )
 
@@ -313,7 +313,7 @@ class ShotResult(ShotData, Result):
         images = self.images
         if images is None:
             return None
-        return bytes_written(lambda path: draw_stripes(images.images, self.sensor, path, "shot", images.background))
+        return png_bytes(lambda path: draw_stripes(images.images, self.sensor, path, "shot", images.background))
 
     @checked_arguments
     def save(self, folder: str | Path) -> list[Path]:
@@ -329,4 +329,4 @@ class ShotResult(ShotData, Result):
 
         with RunFolder(Path(folder)) as run:
             write_shot(run, self.profile, self.rows, self.points_in_part, self.images, self.sensor)
-        return [Path(folder) / name for name in run.names]
+        return run.paths

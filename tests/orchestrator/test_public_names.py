@@ -63,7 +63,7 @@ def test_docs_and_examples_use_public_names_only(file: Path) -> None:
 
 @pytest.mark.parametrize("file", MARKDOWN, ids=lambda file: file.name)
 def test_names_in_docs_are_public(file: Path) -> None:
-    """``NAME`` stands for any of them; commands of a shell are left out."""
+    """``NAME`` is a placeholder; commands of a shell are left out."""
     text = re.sub(r"^```(?:sh|console)$.*?^```$", "", file.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     names = set(re.findall(r"(?<![\w./-])scancell\.([A-Za-z_]\w*)", text))
     assert names <= {*scancell.__all__, "NAME", "__version__"} | FILE_ENDINGS

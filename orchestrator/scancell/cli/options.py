@@ -104,7 +104,7 @@ class CloudOptions(CellOptions):
                 images.finish()
             result.save_into(folder, formats, frame=self.frame)
         lines = [result.summary(), f"  results    {out}"]
-        files = [str(out / name) for name in folder.names]
+        files = [str(path) for path in folder.paths]
         return Outcome(lines, result.figures, files, list(result.warnings), result.timings)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from scancell.arguments import checked_arguments
-from scancell.files import bytes_written
+from scancell.files import png_bytes
 from scancell.values import Result
 
 
@@ -34,4 +34,4 @@ class Evaluation(Result):
         """The deviations on the part, as PNG."""
         from scancell.output.evaluation_files import draw_evaluation  # noqa: PLC0415
 
-        return bytes_written(lambda path: draw_evaluation(self, path))
+        return png_bytes(lambda path: draw_evaluation(self, path))

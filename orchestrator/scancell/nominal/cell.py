@@ -225,8 +225,8 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
     cell
         Description of the cell (`load_setup`).
     part
-        Mesh in its own frame, m (`load_part`); None: the table is empty, and a small box stands for the part where a
-        mesh is required.
+        Mesh in its own frame, m (`load_part`); None: the table is empty; where a mesh is required, a small box
+        replaces the part.
 
     Raises
     ------

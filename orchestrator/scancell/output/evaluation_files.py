@@ -29,7 +29,7 @@ def save_evaluation(evaluation: Evaluation, out: Path) -> list[Path]:
         write_json(folder.path("evaluation.json"), evaluation.figures)
         write_csv(folder.path("evaluation.csv"), columns_of(evaluation.rows()))
         draw_evaluation(evaluation, folder.path("evaluation.png"))
-    return [out / name for name in folder.names]
+    return folder.paths
 
 
 def draw_evaluation(evaluation: Evaluation, path: Path) -> None:

@@ -51,7 +51,7 @@ def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], RunReport]) -> Ru
     watch = Stopwatch()
     with RunFolder(out) as folder:
         report = work(folder, watch)
-    report.files = [str(out / name) for name in folder.names]
+    report.files = [str(path) for path in folder.paths]
     report.timings = dict(watch.seconds)
     return report
 
@@ -77,6 +77,11 @@ class RunFolder:
         self._staging = target.parent / f".{target.name}.partial-{os.getpid()}"
         self.names: list[str] = []
         self._created: list[Path] = []
+
+    @property
+    def paths(self) -> list[Path]:
+        """Paths of the files and folders moved to `target`."""
+        return [self.target / name for name in self.names]
 
     def path(self, name: str) -> Path:
         """Staging path of the file `name`; its folder exists."""

@@ -18,7 +18,7 @@ from scancell.calibration.cell.scan import Calibration
 from scancell.config.cell import CellDescription
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import Setup
-from scancell.files import bytes_written
+from scancell.files import png_bytes
 from scancell.geometry.mesh import Mesh
 from scancell.output.manifest import command_words, manifest, resolved_toml
 from scancell.output.residual_picture import residual_picture
@@ -179,7 +179,7 @@ class CalibrationReport(Result):
 
     def picture(self) -> bytes:
         """Distances of the points from the measured surface by exposure, as PNG."""
-        return bytes_written(lambda path: residual_picture(path, self.result.residuals, self.result.frame))
+        return png_bytes(lambda path: residual_picture(path, self.result.residuals, self.result.frame))
 
     def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
         """Write ``calibrated.toml``, ``calibration.json``, ``points.parquet``, ``residuals.png`` and the manifest.
@@ -201,7 +201,7 @@ class CalibrationReport(Result):
             run.path("resolved.toml").write_text(resolved_toml(self.setup, self.run))
             entries = {**self.run, "command_line": command_words(command_line)}
             write_json(run.path("manifest.json"), manifest(self.setup, self.inputs, entries))
-        return [Path(folder) / name for name in run.names]
+        return run.paths
 
 
 def comparison_text(true: float | None, value: float, half_width: float) -> str:

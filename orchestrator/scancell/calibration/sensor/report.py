@@ -19,7 +19,7 @@ from scancell.calibration.sensor.simulated import poses_known, range_error
 from scancell.calibration.sensor.solve import SensorCalibration
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
-from scancell.files import bytes_written
+from scancell.files import png_bytes
 from scancell.output.manifest import command_words, manifest
 from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
@@ -179,7 +179,7 @@ class SensorCalibrationReport(Result):
 
     def picture(self) -> bytes:
         """Distances of the points from the measured surface by exposure, as PNG."""
-        return bytes_written(lambda path: residual_picture(path, self.result.distances, self.result.exposure))
+        return png_bytes(lambda path: residual_picture(path, self.result.distances, self.result.exposure))
 
     def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
         """Write ``calibrated_sensor.toml``, ``calibration.json``, ``distances.png``, the peaks and the manifest.
@@ -198,7 +198,7 @@ class SensorCalibrationReport(Result):
             residual_picture(run.path("distances.png"), self.result.distances, self.result.exposure)
             entries = {**self.run, "command_line": command_words(command_line)}
             write_json(run.path("manifest.json"), manifest(self.setup, self.inputs, entries))
-        return [Path(folder) / name for name in run.names]
+        return run.paths
 
     @property
     def _rms(self) -> float:

@@ -171,7 +171,7 @@ class AcceptanceReport(Result):
             write_csv(run.path("acceptance.csv"), columns_of([_csv_row(row) for row in self.rows]))
             run.path("acceptance.html").write_text(acceptance_page(figures, self.pictures(), self.warnings))
             write_json(run.path("manifest.json"), manifest(self.setup, inputs, {"command_line": words}))
-        return [Path(folder) / name for name in run.names]
+        return run.paths
 
     def pictures(self) -> dict[str, bytes]:
         """Picture (PNG) of the deviation of each artefact, by its name."""
