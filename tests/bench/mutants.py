@@ -1,0 +1,204 @@
+"""Mutants, one operator of the product changed at a time: ``python -m bench.mutants [--language C++]``.
+
+PYTHONPATH=tests. A mutant is killed if a test fails or does not end. A mutant in Python meets the tests in the file
+named after its module, then those in files that import the module, or its folder if there are none; one in C++ meets
+the native tests, then the Python tests named after its file or folder, or all of `fmu` or `sensor_rt` if there are
+none. The checkout must be without changes; each file is put back.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+PYTHON = ROOT / "orchestrator" / "scancell"
+CPP = ("fmu", "sensor_rt")
+CHANGED = {
+    **{"+": "-", "-": "+", "*": "/", "/": "*", "//": "/", "%": "*", "**": "*", "@": "*"},
+    **{"<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "=="},
+    **{
+        "and": "or",
+        "or": "and",
+        "&&": "||",
+        "||": "&&",
+        "is": "is not",
+        "is not": "is",
+        "in": "not in",
+        "not in": "in",
+    },
+}
+_LIMIT = 150.0  # s of a mutant's tests
+_BINARY = re.compile(r"(?<= )(\+|-|\*|/|%|<|<=|>|>=|==|!=|&&|\|\|)(?= )")  # clang-format puts no space inside `int*`
+_IMPORT = re.compile(r"^\s*(?:from (scancell[\w.]*) import|import (scancell[\w.]*))", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """An operator at a place (offset in the text of a file) and what stands there instead."""
+
+    path: Path
+    offset: int
+    operator: str
+
+    def text(self) -> str:
+        """Of the changed file."""
+        text = self.path.read_text()
+        end = self.offset + len(self.operator)
+        return text[: self.offset] + CHANGED[self.operator] + text[end:]
+
+    def __str__(self) -> str:
+        line = self.path.read_text().count("\n", 0, self.offset) + 1
+        return f"{self.path.relative_to(ROOT)}:{line}: {self.operator} -> {CHANGED[self.operator]}"
+
+
+def python_mutants(path: Path) -> Iterator[Mutant]:
+    """Of a file in Python: arithmetic, comparisons, and logic."""
+    text = path.read_text()
+    starts = np.cumsum([0, *(len(line) for line in text.splitlines(keepends=True))])
+    encoded = [line.encode() for line in text.splitlines(keepends=True)]
+
+    def offset(line: int, column: int) -> int:
+        return int(starts[line - 1]) + len(encoded[line - 1][:column].decode())
+
+    def between(left: ast.expr, right: ast.expr) -> Iterator[Mutant]:
+        assert left.end_lineno is not None
+        assert left.end_col_offset is not None
+        begin = offset(left.end_lineno, left.end_col_offset)
+        gap = re.sub(r"#.*", lambda found: " " * len(found[0]), text[begin : offset(right.lineno, right.col_offset)])
+        found = re.search(r"not in|is not|\b(?:and|or|is|in)\b|\*\*|//|[<>=!]=|[-+*/%@<>]", gap)
+        if found:
+            yield Mutant(path, begin + found.start(), found[0])
+
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.BinOp) and not isinstance(node.op, ast.BitOr | ast.BitAnd):
+            yield from between(node.left, node.right)
+        elif isinstance(node, ast.Compare):
+            for left, right in zip([node.left, *node.comparators], node.comparators, strict=False):
+                yield from between(left, right)
+        elif isinstance(node, ast.BoolOp):
+            for left, right in zip(node.values, node.values[1:], strict=False):
+                yield from between(left, right)
+
+
+def cpp_mutants(path: Path) -> Iterator[Mutant]:
+    """Of a file in C++: binary operators outside comments, texts and preprocessor lines."""
+    start = 0
+    for line in path.read_text().splitlines(keepends=True):
+        code = re.sub(r'"(?:\\.|[^"\\])*"', lambda found: "_" * len(found[0]), line.partition("//")[0])
+        if not code.lstrip().startswith(("#", "*", "template")):
+            for found in _BINARY.finditer(code):
+                yield Mutant(path, start + found.start(), found[0])
+        start += len(line)
+
+
+def all_mutants(language: str) -> list[Mutant]:
+    """Of all product code in a language, in a fixed order."""
+    if language == "Python":
+        return [one for path in sorted(PYTHON.rglob("*.py")) for one in python_mutants(path)]
+    sources = [
+        path for folder in CPP for path in sorted((ROOT / folder).rglob("*.[ch]*")) if path.suffix in (".cpp", ".h")
+    ]
+    return [one for path in sources if "third_party" not in path.parts for one in cpp_mutants(path)]
+
+
+def python_tests(path: Path) -> list[Path]:
+    """Test files for a module, the most particular ones first."""
+    module = ".".join(("scancell", *path.relative_to(PYTHON).with_suffix("").parts)).removesuffix(".__init__")
+    files = sorted((ROOT / "tests").rglob("test_*.py"))
+    named = [file for file in files if file.stem == f"test_{path.stem}"]
+
+    def imports(file: Path) -> set[str]:
+        return {one or other for one, other in _IMPORT.findall(file.read_text())}
+
+    importing = [file for file in files if module in imports(file)]
+    if not named + importing:
+        package = module.rpartition(".")[0]
+        importing = [file for file in files if any(name.startswith(package) for name in imports(file))]
+    return list(dict.fromkeys(named + importing))
+
+
+def cpp_tests(path: Path) -> list[Path]:
+    """Python test files for a file in C++."""
+    files = sorted((ROOT / "tests").rglob("test_*.py"))
+    named = [file for file in files if path.stem in file.stem]
+    named = named or [file for file in files if path.parent.name in file.stem]
+    return named or [file for file in files if file.parent.name == path.relative_to(ROOT).parts[0]]
+
+
+def succeeds(command: list[str], limit: float) -> bool:
+    """Whether a command ends with status 0 within a time, s."""
+    try:
+        return subprocess.run(command, cwd=ROOT, capture_output=True, check=False, timeout=limit).returncode == 0
+    except subprocess.TimeoutExpired:
+        return False
+
+
+def builds() -> bool:
+    """Whether the native code compiles; a mutant that does not is none."""
+    folder = next((ROOT / "build").glob("cp3*"))
+    return succeeds(["cmake", "--build", str(folder)], 3600.0) and succeeds(["cmake", "--install", str(folder)], 3600.0)
+
+
+def is_killed(mutant: Mutant) -> bool:
+    """Whether a test fails."""
+    pytest = [sys.executable, "-m", "pytest", "-q", "-x", "-n0", "-p", "no:cacheprovider"]
+    if mutant.path.suffix == ".py":
+        files = python_tests(mutant.path)
+    else:
+        folder = next((ROOT / "build").glob("cp3*"))
+        if not succeeds(["ctest", "--test-dir", str(folder), "-j2", "--stop-on-failure"], _LIMIT):
+            return True
+        files = cpp_tests(mutant.path)
+    end = time.monotonic() + _LIMIT
+    for file in files:
+        left = end - time.monotonic()
+        if left <= 0:
+            return False
+        if not succeeds([*pytest, str(file)], 2 * _LIMIT):
+            return True
+    return False
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m bench.mutants", description=__doc__)
+    parser.add_argument("--language", choices=("Python", "C++"), default="Python")
+    parser.add_argument("--count", type=int, default=0, help="0: 200 in Python, 60 in C++")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    if subprocess.run(["git", "status", "--porcelain"], cwd=ROOT, capture_output=True, check=True).stdout:
+        sys.exit("the checkout has changes: commit them first")
+    count = options.count or {"Python": 200, "C++": 60}[options.language]
+    sites = all_mutants(options.language)
+    killed = made = 0
+    for index in np.random.default_rng(options.seed).permutation(len(sites)):
+        if made == count:
+            break
+        mutant = sites[index]
+        name, original = str(mutant), mutant.path.read_bytes()
+        try:
+            mutant.path.write_text(mutant.text())
+            if options.language == "C++" and not builds():
+                continue
+            is_dead = is_killed(mutant)
+        finally:
+            mutant.path.write_bytes(original)
+        made += 1
+        killed += is_dead
+        print(f"{'killed' if is_dead else 'survived'}  {name}", flush=True)
+    if options.language == "C++":
+        builds()
+    print(f"{killed} of {made} killed, of {len(sites)} places")
+
+
+if __name__ == "__main__":
+    main()
