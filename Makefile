@@ -1,6 +1,6 @@
 # `make scan` and `make test` do all the set-up they need, on a bare Debian 12 or newer.
 # Variables: PYTHON (interpreter for the environment), PART (mesh that `make scan` scans), OUT (where results go),
-# CALLS (random calls of `make sanitize`), SLOWEST (rows of the table of the slowest test files).
+# CALLS (random calls of `make sanitize`), RUNS (of the guard's campaign), SLOWEST (rows of the table of the slowest test files).
 
 SHELL := /bin/bash
 .SHELLFLAGS := -o pipefail -c
@@ -10,6 +10,7 @@ PYTHON ?= /usr/bin/python3
 PART ?= assets/parts/free_form.stl
 OUT ?= out/scan
 CALLS ?= 100000
+RUNS ?= 20000
 SLOWEST ?= 15
 
 VENV := .venv
@@ -28,10 +29,10 @@ DEV_PACKAGES := libgtest-dev unzip libgl1 libegl1 libusb-1.0-0 libgomp1
 SOURCES := $(shell find orchestrator -name '__init__.py') CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))
 
-.PHONY: help setup dev scan test test-fast wheel native-tests check format bench peers sanitize clean
+.PHONY: help setup dev scan test test-fast campaign wheel native-tests check format bench peers sanitize clean
 
 help:
-	@echo "make setup | scan [PART=mesh OUT=folder] | test [SLOWEST=n] | test-fast | wheel | check | format | bench | peers | sanitize [CALLS=n] | clean"
+	@echo "make setup | scan [PART=mesh OUT=folder] | test [SLOWEST=n] | test-fast | campaign [RUNS=n] | wheel | check | format | bench | peers | sanitize [CALLS=n] | clean"
 
 setup: $(STAMPS)/installed
 
@@ -91,6 +92,14 @@ native-tests: dev
 	@folder=$$(ls -d build/cp3*) && cmake -S . -B $$folder -DSCANCELL_TESTS=ON >build/native-tests.log \
 	  && cmake --build $$folder >>build/native-tests.log || { tail -n 30 build/native-tests.log; exit 1; }
 	@ctest --test-dir $$(ls -d build/cp3*) -j $$(nproc) --output-on-failure --no-tests=error | tail -n 4
+
+# What takes hours: the guard's campaign, searches with deliberate errors, attacks, and coverage of intervals. Each prints a table.
+campaign: dev
+	@$(BIN)/scancell guard check $(PART) --runs $(RUNS) --out out/campaign
+	@for study in "guard_search $(PART) --error all --runs 2000" guard_retreat guard_packets workspace_messages interrupts \
+	  api_fuzzer calibration_figures study_intervals; do \
+	  echo "scancell: bench.$$study"; PYTHONPATH=tests:tests/orchestrator $(BIN)/python -m bench.$$study || exit 1; \
+	done
 
 # For machines with Python of the same version and pip, but without compiler or libraries: Embree and the engine of the
 # cell travel inside.

@@ -25,7 +25,7 @@ from scancell.browser.server.workspace import Workspace, WorkspaceSettings
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.live.camera import CameraFrame
-from scancell.live.commands import MoveTool
+from scancell.live.commands import Cancel, MoveJoints, MoveTool, Reset, SetMonitorSpeed
 from scancell.live.state import LiveState
 from scancell.nominal.cell import NominalCell
 from scancell.programs.robot import deg, location, mm
@@ -102,6 +102,16 @@ class Opened:
     def rests(self) -> LiveState:
         return self.until(lambda state: not state.moving and state.progress in (0.0, 1.0), "rest")
 
+    def begins_anew(self) -> None:
+        """Bring the robot home, without browsers."""
+        for context in self.browser.contexts:
+            context.close()
+        self.until(lambda _: not self.server.get_clients(), "the end of the browsers")
+        for command in (Cancel(), Reset(), SetMonitorSpeed(1.0), MoveJoints(self.nominal.home, 0.0)):
+            self.workspace.live.submit(command)
+        self.until(lambda state: np.abs(state.joints - self.nominal.home).max() < 1e-6 and not state.moving, "home")
+        self.states.clear()
+
     def moves_to(self, world_from_tool: np.ndarray) -> None:
         self.workspace.live.submit(MoveTool(world_from_tool))
         reached = lambda state: np.allclose(self.nominal.world_from_sensor(state.joints), world_from_tool, atol=1e-6)  # noqa: E731
@@ -122,17 +132,20 @@ def scanner() -> Iterator[Scanner]:
         yield made
 
 
-@pytest.fixture
-def opened(scanner: Scanner, browser: Any, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Opened]:
-    """A workspace with an empty table, and with a robot program where a test gives one."""
-    program = tmp_path / "into_table.py" if hasattr(request, "param") else None
-    if program is not None:
-        program.write_text(request.param)
+@pytest.fixture(scope="module")
+def empty(scanner: Scanner, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
+    """A workspace with an empty table."""
+    out = tmp_path_factory.mktemp("out")
+    with hosted(scanner, None, WorkspaceSettings(out)) as (host, server):
+        yield Opened(host, server, out, browser)
 
-    with hosted(scanner, None, WorkspaceSettings(tmp_path / "out", program=program)) as (host, server):
-        yield Opened(host, server, tmp_path / "out", browser)
-    for context in browser.contexts:
-        context.close()
+
+@pytest.fixture
+def opened(empty: Opened) -> Opened:
+    """The same, with the robot at home, without images, which take the processor that draws the pages, too."""
+    empty.begins_anew()
+    empty.workspace.feed.wanted = False
+    return empty
 
 
 def test_page_makes_no_request_beyond_its_address(opened: Opened) -> None:
@@ -289,6 +302,7 @@ def test_images_and_profile_follow_the_arm_and_the_perturbations(opened: Opened)
     opened.moves_to(ABOVE_TABLE)
     page = opened.page().page
     feed = opened.workspace.feed
+    feed.wanted = True
     picture = page.locator("img[src^='blob:'], img[src^='data:image/jpeg']").first
     at_160 = opened.frame(lambda frame: abs(frame.points_in_sensor[:, 2].mean() - 0.16) < 2e-5)
     before = picture.get_attribute("src")
@@ -308,32 +322,6 @@ def test_images_and_profile_follow_the_arm_and_the_perturbations(opened: Opened)
     assert feed.as_built == ()
 
 
-def test_scan_of_an_opened_part_runs_to_the_planned_cloud(opened: Opened) -> None:
-    """A mesh by the file chooser, a scan of it, its run folder, and the cloud as a download."""
-    page = opened.page().page
-    page.get_by_role("tab", name="File").click()
-    with page.expect_file_chooser() as chooser:
-        page.get_by_role("button", name="Open a part").click()
-    chooser.value.set_files(PARTS / "step_block.stl")
-    page.get_by_text("scancell: step_block.stl").wait_for()
-    page.get_by_role("tab", name="Scan").click()
-    choose(page, "engine", "geometric")
-    page.get_by_role("button", name="Scan the part").click()
-    page.locator("b", has_text=re.compile("^done$")).wait_for()
-    scans = opened.workspace.scans
-    result, state = scans.result, scans.state
-    assert state is not None
-    assert state.sensed == state.planned == len(result.recording)
-    assert scans.cloud.count == len(result.cloud) > 10_000
-    page.get_by_role("button", name="Save the run folder").click()
-    page.locator(".mantine-Notification-root", has_text="saved: ").wait_for()
-    saved = read_ply(opened.out / "scan_1" / "cloud.ply")
-    assert len(saved) == len(result.cloud)
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Download the cloud").click()
-    np.testing.assert_allclose(read_ply(download.value.path()).points_in_part, saved.points_in_part, atol=1e-7)
-
-
 def test_file_that_is_no_mesh_is_refused_and_the_part_stays(opened: Opened, tmp_path: Path) -> None:
     page = opened.page().page
     workspace = opened.workspace
@@ -349,8 +337,15 @@ def test_file_that_is_no_mesh_is_refused_and_the_part_stays(opened: Opened, tmp_
     assert opened.workspace is workspace
 
 
-@pytest.mark.parametrize("opened", [INTO_TABLE], indirect=True)
-def test_program_into_the_table_is_slowed_then_stopped(opened: Opened) -> None:
+def test_program_into_the_table_is_slowed_then_stopped(scanner: Scanner, browser: Any, tmp_path: Path) -> None:
+    program = tmp_path / "into_table.py"
+    program.write_text(INTO_TABLE)
+    with hosted(scanner, None, WorkspaceSettings(tmp_path, program=program)) as (host, server):
+        runs_into_the_table(Opened(host, server, tmp_path, browser))
+
+
+def runs_into_the_table(opened: Opened) -> None:
+    opened.workspace.feed.wanted = False
     page = opened.page().page
     page.get_by_role("tab", name="Program").click()
     page.get_by_role("button", name="Run the program").click()
@@ -393,6 +388,32 @@ def test_dragged_gizmo_moves_the_tool_by_inverse_kinematics(opened: Opened) -> N
     assert moved @ along == pytest.approx(0.1, abs=0.02)
     np.testing.assert_allclose(moved - (moved @ along) * along, 0.0, atol=1e-4)
     np.testing.assert_allclose(sensor[:3, :3], ABOVE_TABLE[:3, :3], atol=1e-4)
+
+
+def test_scan_of_an_opened_part_runs_to_the_planned_cloud(opened: Opened) -> None:
+    """A mesh by the file chooser, a scan of it, its run folder, and the cloud as a download."""
+    page = opened.page().page
+    page.get_by_role("tab", name="File").click()
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Open a part").click()
+    chooser.value.set_files(PARTS / "step_block.stl")
+    page.get_by_text("scancell: step_block.stl").wait_for()
+    page.get_by_role("tab", name="Scan").click()
+    choose(page, "engine", "geometric")
+    page.get_by_role("button", name="Scan the part").click()
+    page.locator("b", has_text=re.compile("^done$")).wait_for()
+    scans = opened.workspace.scans
+    result, state = scans.result, scans.state
+    assert state is not None
+    assert state.sensed == state.planned == len(result.recording)
+    assert scans.cloud.count == len(result.cloud) > 10_000
+    page.get_by_role("button", name="Save the run folder").click()
+    page.locator(".mantine-Notification-root", has_text="saved: ").wait_for()
+    saved = read_ply(opened.out / "scan_1" / "cloud.ply")
+    assert len(saved) == len(result.cloud)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download the cloud").click()
+    np.testing.assert_allclose(read_ply(download.value.path()).points_in_part, saved.points_in_part, atol=1e-7)
 
 
 def pixel(page: Any, camera: Any, point: np.ndarray) -> tuple[float, float]:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
-from scipy.stats import t as t_distribution
+from scipy.special import fdtri, stdtrit
 
 from scancell.calibration.cell.kinematics import UNIT, written_unit
 
@@ -100,11 +99,11 @@ class CalibrationResult:
 
     def half_widths(self, probability: float = 0.95) -> Array:
         """Half widths (p,) of the intervals about `values` that contain the true ones with `probability` each."""
-        factor = t_distribution.ppf(0.5 + probability / 2, self.degrees_of_freedom)
+        factor = stdtrit(self.degrees_of_freedom, 0.5 + probability / 2)
         return np.asarray(factor * self.standard_deviations)
 
     def contains(self, true: Array, probability: float = 0.95) -> bool:
         """Whether the joint confidence region (an ellipsoid) contains the true values (p,)."""
         away, count = true - self.values, len(self.values)
         square = float(away @ np.linalg.solve(self.covariance, away)) / count
-        return bool(square <= f_distribution.ppf(probability, count, float(self.degrees_of_freedom.min())))
+        return bool(square <= fdtri(count, float(self.degrees_of_freedom.min()), probability))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from scancell.calibration.cell.report import comparison_text
 from scancell.calibration.sensor.parameters import FRAME, SensorParameters
@@ -102,7 +102,7 @@ class SensorCalibrationReport(Result):
     def rows(self) -> list[SensorRow]:
         """The keys that were free, in their units."""
         result = self.result
-        factor = float(norm.ppf(0.5 + self.probability / 2))
+        factor = float(ndtri(0.5 + self.probability / 2))
         nominal = SensorParameters(self.setup.sensor, result.names).start_values
         true = self._true
         return [
