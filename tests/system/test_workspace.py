@@ -22,10 +22,11 @@ from scancell import Scanner
 from scancell.browser.server.quiet import address
 from scancell.browser.server.serve import Host
 from scancell.browser.server.workspace import Workspace, WorkspaceSettings
+from scancell.cell.controller import Operation
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.live.camera import CameraFrame
-from scancell.live.commands import Cancel, MoveJoints, MoveTool, Reset, SetMonitorSpeed
+from scancell.live.commands import Cancel, MoveJoints, MoveTool, Reset, SetMonitorSpeed, SetOperation
 from scancell.live.state import LiveState
 from scancell.nominal.cell import NominalCell
 from scancell.programs.robot import deg, location, mm
@@ -107,8 +108,15 @@ class Opened:
         for context in self.browser.contexts:
             context.close()
         self.until(lambda _: not self.server.get_clients(), "the end of the browsers")
-        for command in (Cancel(), Reset(), SetMonitorSpeed(1.0), MoveJoints(self.nominal.home, 0.0)):
-            self.workspace.live.submit(command)
+        submit = self.workspace.live.submit
+        submit(Cancel())
+        if self.until(lambda state: not state.moving, "rest").controller == "emergency stop":
+            submit(Reset())
+            self.until(lambda state: state.controller == "at rest", "the reset")
+        submit(SetOperation(Operation.AUTOMATIC))
+        self.until(lambda state: state.operation is Operation.AUTOMATIC, "automatic operation")
+        submit(SetMonitorSpeed(1.0))
+        submit(MoveJoints(self.nominal.home, 0.0))
         self.until(lambda state: np.abs(state.joints - self.nominal.home).max() < 1e-6 and not state.moving, "home")
         self.states.clear()
 
