@@ -200,6 +200,8 @@ def test_unwritable_path_error(tmp_path) -> None:
 def test_wrong_arguments_are_named() -> None:
     with pytest.raises(DescriptionError, match=r"^frame = 'tool': expected link\[1\], .*, sensor, table, part\[1\]$"):
         recording().truth_at_middle("tool")
+    with pytest.raises(DescriptionError, match=r"^frame = array\(.*: expected "):
+        recording().truth_at_middle(np.zeros(3))  # type: ignore[arg-type]
     other = Recording({"trigger.index": np.arange(3)})
     for parts in ([], [recording(), other]):
         with pytest.raises(DescriptionError, match=r"^parts = .*: expected recordings with the same columns$"):

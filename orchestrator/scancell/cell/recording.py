@@ -214,6 +214,7 @@ class Recording(Value):
         """
         return self.truth_for_rows(0.0)
 
+    @checked_arguments
     def truth_at_middle(self, frame: str) -> Array:
         """Poses ``world_from_frame`` (n, 4, 4) of `frame` in the middle of every exposure.
 
