@@ -53,6 +53,8 @@ def robot_from_urdf(
 ) -> ConvertedRobot:
     """Write the arm between the root and the `tip` link of a URDF file as a robot file, its meshes in a folder beside.
 
+    Raises `DescriptionError` if the URDF file is wrong, see `read_urdf`, or describes no arm of 4 to 8 joints.
+
     Parameters
     ----------
     out
@@ -61,11 +63,6 @@ def robot_from_urdf(
         Joint angles of the home position; default: 0, or the nearest that the limits allow.
     hold
         Numbers of the joints, from 1, that inverse kinematics holds: one for each beyond six.
-
-    Raises
-    ------
-    DescriptionError
-        If the URDF file is wrong, see `read_urdf`, or describes no arm of 4 to 8 joints.
     """
     arm, out = read_urdf(urdf, tip), Path(out)
     if not 4 <= len(arm.joints) <= MAX_JOINTS:

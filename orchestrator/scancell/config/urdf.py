@@ -70,11 +70,8 @@ class UrdfArm:
 def read_urdf(path: str | Path, tip: str) -> UrdfArm:
     """Read the chain from the root of a URDF file to its link `tip`.
 
-    Raises
-    ------
-    DescriptionError
-        Naming the file, the link or joint and what was expected: not URDF, no such link, a joint that is not revolute,
-        missing limits, a mesh that does not exist or cannot be read.
+    Raises `DescriptionError` naming the file, the link or joint and what was expected: not URDF, no such link, a joint
+    that is not revolute, missing limits, a mesh that does not exist or cannot be read.
     """
     return _Reader(Path(path)).arm(tip)
 

@@ -152,6 +152,9 @@ def evaluate_against_mesh(
 ) -> MeshEvaluation:
     """Align points (n, 3), m, and compare them with the mesh.
 
+    Raises `DescriptionError` if `align` is unknown, or there are no points; `FitError` if the points do not determine
+    the alignment.
+
     Parameters
     ----------
     datum
@@ -159,13 +162,6 @@ def evaluate_against_mesh(
         was measured, of three directions.
     tolerance
         Distance within which a point covers the surface, m.
-
-    Raises
-    ------
-    DescriptionError
-        If `align` is unknown, or there are no points.
-    FitError
-        If the points do not determine the alignment.
     """
     check_request(points, align)
     surface, regions = PartSurface(mesh), smooth_regions(mesh)

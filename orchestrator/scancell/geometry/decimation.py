@@ -15,10 +15,7 @@ def decimated(mesh: Mesh, max_faces: int) -> Mesh:
 
     Boundary and non-manifold edges do not collapse: open or non-manifold meshes may keep more triangles.
 
-    Raises
-    ------
-    MeshError
-        If no triangle remains.
+    Raises `MeshError` if no triangle remains.
     """
     if len(mesh.faces) <= max_faces:
         return mesh

@@ -48,10 +48,7 @@ def reduced(mesh: Mesh, max_faces: int, max_error: float) -> ReducedMesh:
 
     Where the error would exceed `max_error` (m), it keeps four times as many, and so on.
 
-    Raises
-    ------
-    MeshError
-        If no triangle remains.
+    Raises `MeshError` if no triangle remains.
     """
     while True:
         light = decimated(mesh, max_faces)

@@ -106,10 +106,7 @@ class PartCache:
     def part(self, part: str | Path | Mesh, unit: str) -> Mesh:
         """The part of a file, see `load_part`, or the mesh itself; a file is read again only when it has changed.
 
-        Raises
-        ------
-        ScancellError
-            If the file is missing, unreadable, empty or broken.
+        Raises `ScancellError` if the file is missing, unreadable, empty or broken.
         """
         if isinstance(part, Mesh):
             return part.usable

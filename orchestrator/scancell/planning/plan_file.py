@@ -87,10 +87,7 @@ def plan_json(plan: Plan) -> dict[str, Any]:
 def write_plan(file: Path, plan: Plan) -> None:
     """Write a plan (JSON), whole or not at all.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     with atomic_write(file) as temporary:
         temporary.write_text(json.dumps(plan_json(plan)) + "\n", encoding="utf-8")
@@ -99,10 +96,7 @@ def write_plan(file: Path, plan: Plan) -> None:
 def read_plan(file: Path) -> Plan:
     """The plan of a file, not yet checked against a cell, see `planner.recheck`.
 
-    Raises
-    ------
-    DescriptionError
-        If the file cannot be read or holds no plan, naming key, value and what was expected.
+    Raises `DescriptionError` if the file cannot be read or holds no plan, naming key, value and what was expected.
     """
     if not file.is_file():
         raise DescriptionError("no such file", file=file)

@@ -34,11 +34,8 @@ def plan(
     `sight` judges coverage-driven views, which need it; `quality_factors` are further constraints of motions along
     sensor paths.
 
-    Raises
-    ------
-    PlanningError
-        If the part does not fit on the table or poses are infeasible, naming them with the distance out of reach, the
-        angle outside the joint limits, or the bodies that collide.
+    Raises `PlanningError` if the part does not fit on the table or poses are infeasible, naming them with the distance
+    out of reach, the angle outside the joint limits, or the bodies that collide.
     """
     check_part(cell)
     placer = Placer(cell, options.azimuth, options.clearance)

@@ -188,10 +188,8 @@ class SetUpPlanner:
     def propose(self, part: Mesh, share: float, progress: Progress) -> SetUps:
         """Set-ups that scan `share` of the surface that is measurable in any stable resting pose.
 
-        Raises
-        ------
-        PlanningError
-            If the part has no stable resting pose, fits on the table in none, or is measurable in none.
+        Raises `PlanningError` if the part has no stable resting pose, fits on the table in none, or is measurable in
+        none.
         """
         # More in each set-up than is asked of both together.
         self._coverage = replace(self._coverage, share=(1 + share) / 2)

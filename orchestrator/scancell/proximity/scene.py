@@ -34,6 +34,9 @@ class ProximityScene:
     Poses (n, bodies, 4, 4) are ``world_from_body`` in the order of `names`. `threads` = 0 uses every core; results do
     not depend on it.
 
+    Raises `ValueError` if a mesh has no faces or is not finite, or a pair names one body twice; `KeyError` if a pair
+    names a body that has no mesh.
+
     Parameters
     ----------
     meshes
@@ -49,13 +52,6 @@ class ProximityScene:
         Names of the bodies compared, in the order of the results.
     native
         The scene of the compiled module.
-
-    Raises
-    ------
-    ValueError
-        If a mesh has no faces or is not finite, or a pair names one body twice.
-    KeyError
-        If a pair names a body that has no mesh.
     """
 
     def __init__(self, meshes: Mapping[str, Mesh], pairs: Sequence[tuple[str, str]]) -> None:
@@ -78,6 +74,8 @@ class ProximityScene:
     def distances(self, poses: ArrayLike, bound: ArrayLike, threads: int = 0) -> Array:
         """Distances (n, pairs), m, exact below the bound and equal to it otherwise; 0 when intersecting.
 
+        Raises `ValueError` if a shape is wrong, a pose is not a rigid transform, or a bound is negative or NaN.
+
         Parameters
         ----------
         poses
@@ -85,11 +83,6 @@ class ProximityScene:
         bound
             One for all pairs, (pairs,) or (n, pairs), m; the smaller, the faster. ``inf`` gives the distance of any
             two bodies.
-
-        Raises
-        ------
-        ValueError
-            If a shape is wrong, a pose is not a rigid transform, or a bound is negative or NaN.
         """
         return self.native.distances(poses, bound, threads)
 
@@ -104,10 +97,7 @@ class ProximityScene:
     def collisions(self, poses: ArrayLike, threads: int = 0) -> NDArray[np.bool_]:
         """Whether surfaces intersect, (n, pairs), at poses (n, bodies, 4, 4): faster than `distances`.
 
-        Raises
-        ------
-        ValueError
-            If the shape is wrong or a pose is not a rigid transform.
+        Raises `ValueError` if the shape is wrong or a pose is not a rigid transform.
         """
         return self.native.collisions(poses, threads)
 

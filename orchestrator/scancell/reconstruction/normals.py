@@ -25,6 +25,8 @@ def estimate_normals(
        every 4th, 16th or 64th point, because points are much denser along a profile than across.
     3. The direction perpendicular to the profile that is nearest to the incident light.
 
+    Raises `ValueError` if a point is not finite, beyond 1000 km, or its frame is not in 0 … n - 1.
+
     Parameters
     ----------
     points
@@ -36,10 +38,5 @@ def estimate_normals(
         (n, 3) origin of the laser light in each frame, m.
     threads
         Number of threads; 0 uses all cores. The result does not depend on it.
-
-    Raises
-    ------
-    ValueError
-        If a point is not finite, beyond 1000 km, or its frame is not in 0 … n - 1.
     """
     return sensor_rt.estimate_normals(points, frame, camera, column, sensor_in_part, threads)

@@ -112,12 +112,8 @@ class ScanPipeline(Closing):
     def load(self, cell: CellDescription, part: Mesh | None) -> LoadedCell:
         """The nominal cell with `part` or an empty table, and its scene; the two used last are cached.
 
-        Raises
-        ------
-        MeshError
-            If a mesh of the description cannot be used.
-        CellError
-            If the description of the cell is inconsistent.
+        Raises `MeshError` if a mesh of the description cannot be used; `CellError` if the description of the cell is
+        inconsistent.
         """
 
         def make() -> tuple[Mesh | None, LoadedCell]:
@@ -147,12 +143,8 @@ class ScanPipeline(Closing):
         It is cached by a digest of all inputs, unless there are `quality_factors`, see `planner.plan`. Any thread may
         call; one that asks for the same plan meanwhile waits for it. `progress` may cancel; its steps are not counted.
 
-        Raises
-        ------
-        DescriptionError
-            If a file of occupied space cannot be used, or a pair with its own clearance does not exist.
-        PlanningError
-            Naming the poses that cannot be reached, or the bodies that collide.
+        Raises `DescriptionError` if a file of occupied space cannot be used, or a pair with its own clearance does not
+        exist; `PlanningError` naming the poses that cannot be reached, or the bodies that collide.
         """
         work = Work(setup.scan.max_planning_work, progress)
         cell = replace(self._planning_cell(loaded, setup, sensor), work=work)
@@ -186,10 +178,7 @@ class ScanPipeline(Closing):
     ) -> Program | None:
         """Motions between joints and table angles (joints + 1,), rad; None from a place to itself.
 
-        Raises
-        ------
-        PlanningError
-            If no path free of collision is found, naming the bodies that collide on the direct one.
+        Raises `PlanningError` if no path free of collision is found, naming the bodies that collide on the direct one.
         """
         cell = _with_torques(self._planning_cell(loaded, setup, sensor), setup)
         return approach(cell, scan_options(setup.scan).clearance, start, goal, purpose)
@@ -212,12 +201,8 @@ class ScanPipeline(Closing):
     ) -> Recording:
         """Recording of the planned program on the simulated cell with its perturbations.
 
-        Raises
-        ------
-        DescriptionError
-            If a perturbation is unknown.
-        CellError
-            If the FMU reports an error, or its controller rejects a command of `hook`.
+        Raises `DescriptionError` if a perturbation is unknown; `CellError` if the FMU reports an error, or its
+        controller rejects a command of `hook`.
         """
         return self.runner.run(request, plan.program, progress, hook)
 

@@ -70,10 +70,7 @@ class ScanData(Value):
     def frame_from_part(self, frame: CloudFrame, table_angle: float = 0.0) -> Array:
         """Estimated pose (4, 4) of the part in a frame, with the table at `table_angle` (rad).
 
-        Raises
-        ------
-        DescriptionError
-            If `frame` is not part, table, base or world.
+        Raises `DescriptionError` if `frame` is not part, table, base or world.
         """
         cell = self.estimated
         match frame:

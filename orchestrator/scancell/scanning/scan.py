@@ -84,10 +84,7 @@ class Scan:
     def of_recording(self, recording: Recording, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanData:
         """Sense and reconstruct a recording, whose `plan` may be unknown.
 
-        Raises
-        ------
-        EmptyScanError
-            When no point of the part is found.
+        Raises `EmptyScanError` when no point of the part is found.
         """
         rows = sample_rows(len(recording), SAMPLE_IMAGES) if self.samples else []
         with watch.measure("sense"):

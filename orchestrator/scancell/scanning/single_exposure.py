@@ -40,10 +40,7 @@ class ShotData(Value):
 def expose(job: Job, part_from_sensor: Array, engine: Engine, threads: int) -> ShotData:
     """The exposure from a pose (4, 4), see `Scanner.shot`.
 
-    Raises
-    ------
-    SensorError
-        If the sensor library reports an error.
+    Raises `SensorError` if the sensor library reports an error.
     """
     loaded, sensors = job.loaded, job.sensors
     cell = PlanningCell(loaded.nominal, sensor_range(sensors.nominal), 1.0, threads=threads)

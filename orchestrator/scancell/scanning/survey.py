@@ -70,10 +70,7 @@ class SurveyRegion:
     def __post_init__(self) -> None:
         """Refuse sizes that are not positive and finite, and more than 5e7 voxels.
 
-        Raises
-        ------
-        DescriptionError
-            Naming the size and its value, m.
+        Raises `DescriptionError` naming the size and its value, m.
         """
         for name in ("radius", "height", "voxel", "pitch"):
             if not 0.0 < getattr(self, name) < np.inf:
@@ -176,6 +173,8 @@ class SurveyResult(Result):
 class Survey:
     """A survey in progress.
 
+    Raises `DescriptionError` if a voxel is larger than 0.9 times the measuring range.
+
     Parameters
     ----------
     setup, loaded, sensors, pipeline
@@ -184,11 +183,6 @@ class Survey:
         Space to survey.
     seed, as_built
         Of the simulated cell, as for a scan.
-
-    Raises
-    ------
-    DescriptionError
-        If a voxel is larger than 0.9 times the measuring range.
     """
 
     def __init__(
@@ -226,12 +220,8 @@ class Survey:
     def run(self, progress: Progress) -> SurveyResult:
         """Survey all layers.
 
-        Raises
-        ------
-        PlanningError
-            If the home position is not free, no exposure is possible, or ``scan.max_planning_work`` is used up.
-        CellError
-            If the FMU reports an error.
+        Raises `PlanningError` if the home position is not free, no exposure is possible, or ``scan.max_planning_work``
+        is used up; `CellError` if the FMU reports an error.
         """
         counts, work = np.zeros(3, np.int64), Work(self._setup.scan.max_planning_work, progress)
         layers = self._layers()

@@ -32,9 +32,6 @@ class Tracer:
     def blocked(self, start: Array, end: Array) -> NDArray[np.bool_]:
         """Whether a surface crosses the segments from `start` (n, 3) to `end` (n, 3), (n,).
 
-        Raises
-        ------
-        ValueError
-            If a segment has zero length or is not finite.
+        Raises `ValueError` if a segment has zero length or is not finite.
         """
         return sensor_rt.occluded(self._scene, self._poses, start, end, self._threads)

@@ -133,10 +133,7 @@ def _meeting_point(camera: sensor_rt.Camera) -> Array:
 def artefact_of(nominal: NominalCell, options: CalibrationOptions) -> Artefact:
     """The artefact where the description puts it.
 
-    Raises
-    ------
-    CalibrationError
-        If the sizes of a mesh are asked for.
+    Raises `CalibrationError` if the sizes of a mesh are asked for.
     """
     part = nominal.part
     sizes: tuple[int, ...] = ()
@@ -176,12 +173,8 @@ class CalibrationScan:
     def plan(self) -> Plan:
         """The poses and passes, connected without collision.
 
-        Raises
-        ------
-        CalibrationError
-            If too few views of the artefact are feasible.
-        PlanningError
-            If no collision-free path is found.
+        Raises `CalibrationError` if too few views of the artefact are feasible; `PlanningError` if no collision-free
+        path is found.
         """
         rng, options = np.random.default_rng(self.options.pose_seed), self.options
         still = self._still(rng)
@@ -191,10 +184,8 @@ class CalibrationScan:
     def run(self, job: Job, engine: Engine, progress: Progress) -> Calibration:
         """Drive, sense and solve; `job` is that of the nominal cell with as-built deviations and a seed of its own.
 
-        Raises
-        ------
-        CalibrationError
-            If the artefact cannot be measured, or what was measured does not determine the unknowns.
+        Raises `CalibrationError` if the artefact cannot be measured, or what was measured does not determine the
+        unknowns.
         """
         progress.stage("planning", 1, "plan")
         self._cell = replace(self._cell, work=Work(self.job.setup.scan.max_planning_work, progress))
@@ -210,10 +201,8 @@ class CalibrationScan:
     def solve(self, measured: Observations, plan: Plan | None = None) -> Calibration:
         """Calibrate by measured profiles of the artefact.
 
-        Raises
-        ------
-        CalibrationError
-            If they do not determine the unknowns; the message names what is likely to be the cause.
+        Raises `CalibrationError` if they do not determine the unknowns; the message names what is likely to be the
+        cause.
         """
         problem = self.problem(measured)
         try:

@@ -116,10 +116,7 @@ def start_from_corners(
     By ``cv2.calibrateCamera`` (Zhang's method) for every camera with three views or more and no tilted image sensor;
     others keep their description. A view's pose is that by the first camera that sees it.
 
-    Raises
-    ------
-    CalibrationError
-        If a view has no corners, or its pose cannot be found.
+    Raises `CalibrationError` if a view has no corners, or its pose cannot be found.
     """
     for camera in range(len(sensor.camera)):
         sensor = _with_intrinsics(sensor, camera, views)

@@ -83,17 +83,14 @@ def free_parameters(sensor: SensorDescription, poses_known: bool, checkered: boo
 class SensorParameters:
     """Chosen keys of a sensor description as a vector, in the units of the keys.
 
+    Raises `CalibrationError` if a name is unknown or given twice.
+
     Parameters
     ----------
     start
         The description whose other values are kept.
     names
         Keys such as ``sensor.camera[1].tilt_deg``, and `RADIUS_OFFSET`.
-
-    Raises
-    ------
-    CalibrationError
-        If a name is unknown or given twice.
     """
 
     def __init__(self, start: SensorDescription, names: Sequence[str]) -> None:
@@ -111,10 +108,7 @@ class SensorParameters:
     def description(self, values: Array) -> SensorDescription:
         """The description with other values (k,), by which points are triangulated on the described sheet.
 
-        Raises
-        ------
-        CalibrationError
-            If a value is outside the bounds of its key.
+        Raises `CalibrationError` if a value is outside the bounds of its key.
         """
         pairs = zip(self.names, values.tolist(), strict=True)
         try:

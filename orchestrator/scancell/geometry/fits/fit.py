@@ -31,16 +31,14 @@ _SPANS = ("at one point", "on one line", "in one plane")
 def fit_line(points: ArrayLike, sigma: ArrayLike | None = None) -> LineFit:
     """Least-squares line through points (n, 3).
 
+    Raises `FitError` if the points do not determine the element; the message states what is missing. This holds for all
+    fits.
+
     Parameters
     ----------
     sigma
         Standard deviation of the points, one or (n,), for the covariance; by default it is estimated from the
         residuals.
-
-    Raises
-    ------
-    FitError
-        If the points do not determine the element; the message states what is missing. This holds for all fits.
     """
     found, residual, covariance = _fitted(points, sigma, "least squares", starts.line, 1)
     distance = np.linalg.norm(residual.reshape(2, -1), axis=0)

@@ -23,10 +23,8 @@ def contour_poses(contour: ContourDescription, part: Mesh, standoff: float) -> A
     The sensor looks at the contour against its outward normal, raised by the elevation. Normals are averaged along the
     contour, so that the sensor turns evenly around edges.
 
-    Raises
-    ------
-    PlanningError
-        If the height is not within the part, or the contour is more concave than the stand-off allows.
+    Raises `PlanningError` if the height is not within the part, or the contour is more concave than the stand-off
+    allows.
     """
     height = 1e-3 * contour.height_mm
     points = _outermost(part, height)

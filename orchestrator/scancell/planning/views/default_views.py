@@ -28,17 +28,15 @@ def default_views(
 
     The warnings name views that were omitted or replaced. What is seen (n,) ignores occlusion.
 
+    Raises `PlanningError` if infeasible views lose more of the surface than `ScanOptions.max_lost_share`, or there are
+    too few exposures.
+
     Parameters
     ----------
     max_profiles
         Largest number of exposures.
     is_needed
         Whether it is an error if no view sees the part.
-
-    Raises
-    ------
-    PlanningError
-        If infeasible views lose more of the surface than `ScanOptions.max_lost_share`, or there are too few exposures.
     """
     turns = paths.sweeps(part, cell.range, options.sweep) if options.sweep else []
     lines = paths.passes(part, cell.range, options.raster) if options.raster else []

@@ -124,12 +124,8 @@ class SensorPath:
 def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Array) -> list[SensorPath]:
     """Paths of a description: one, or one for each leg between waypoints.
 
-    Raises
-    ------
-    DescriptionError
-        If a file of recorded poses is missing or malformed, naming file, line and column.
-    PlanningError
-        If a path has no length.
+    Raises `DescriptionError` if a file of recorded poses is missing or malformed, naming file, line and column;
+    `PlanningError` if a path has no length.
     """
     standoff = 1e-3 * description.standoff_mm
     if description.spiral is not None:
@@ -161,10 +157,8 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
 def recorded_poses(file: Path) -> Array:
     """``part_from_sensor`` (n, 4, 4), m, from a CSV file with the columns x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg.
 
-    Raises
-    ------
-    DescriptionError
-        If the file is missing, lacks a column or holds fewer than two poses, or a value is not a finite number.
+    Raises `DescriptionError` if the file is missing, lacks a column or holds fewer than two poses, or a value is not a
+    finite number.
     """
     try:
         with file.open(newline="", encoding="utf-8") as stream:

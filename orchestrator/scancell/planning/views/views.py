@@ -133,10 +133,7 @@ def sweep_pose(target: Array, elevation: float, distance: float) -> Array:
 def exposure_counts(views: Sequence[View], spacing: Spacing, max_profiles: int) -> list[int]:
     """Number of exposures of each view: at the requested spacing, or thinned by one factor to `max_profiles` in total.
 
-    Raises
-    ------
-    PlanningError
-        If `max_profiles` is less than two per view.
+    Raises `PlanningError` if `max_profiles` is less than two per view.
     """
     requested = [view.exposures(spacing) for view in views]
 
