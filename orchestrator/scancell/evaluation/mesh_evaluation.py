@@ -18,10 +18,9 @@ from scancell.evaluation.deviation import DeviationFigures, figures_by_label
 from scancell.evaluation.evaluation import Evaluation
 from scancell.geometry import pose
 from scancell.geometry.mesh import METRES_PER_UNIT, Mesh
-from scancell.geometry.part_surface import PartSurface
 from scancell.geometry.regions import Regions, smooth_regions
 from scancell.geometry.sampling import sample_surface
-from scancell.geometry.shapes import ShapeMesh
+from scancell.geometry.shapes import PartSurface, ShapeMesh
 from scancell.sensor import MeshSurface
 
 Array = NDArray[np.float64]

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.loading import Setup
-from scancell.config.resolved import sensor_json
 from scancell.config.robot import JointDescription, RobotDescription
-from scancell.config.sensor import CameraDescription, SensorDescription
+from scancell.config.sensor import CameraDescription, SensorDescription, sensor_json
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError
 from scancell.geometry import pose

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.material import Material
-from scancell.config.occupied import OccupiedDescription
+from scancell.config.scan import OccupiedDescription
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write

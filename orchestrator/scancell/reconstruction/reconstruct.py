@@ -17,7 +17,7 @@ from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.footprint import Footprint
 from scancell.reconstruction.foreign import TOLERANCE, Neighbours, foreign_points
-from scancell.reconstruction.normals import estimate_normals
+from scancell.sensor import estimate_normals
 from scancell.values import Value
 
 Array = NDArray[np.float64]

@@ -29,10 +29,10 @@ from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.geometry.part_surface import PartSurface
+from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.nominal.estimated import estimated_cell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.assembly import approach
 from scancell.planning.motion.torques import TorqueLimits
 from scancell.planning.motion.verification import recheck
@@ -52,7 +52,6 @@ from scancell.reconstruction.reconstruct import Dropped, Envelope, ProfilePoints
 from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
 from scancell.scanning.exposures import build_scene, visible_bodies
 from scancell.scanning.sense import OnImages, Sensing, SensingResult, Sensors, sense
-from scancell.scanning.sensor_range import sensor_range
 from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
 
 _MAX_CELLS = 2
@@ -184,10 +183,10 @@ class ScanPipeline(Closing):
         return approach(cell, scan_options(setup.scan).clearance, start, goal, purpose)
 
     def _planning_cell(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor) -> PlanningCell:
-        cycle = setup.cell.world.controller_cycle_us * 1e-6
+        cycle = setup.cell.world.controller_cycle
         nominal = with_occupied_space(loaded.nominal, setup.scan.occupied)
         own = pair_clearances(setup.scan, nominal)
-        return PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads, pair_clearance=own)
+        return PlanningCell(nominal, SensorRange.of(sensor), cycle, threads=self.threads, pair_clearance=own)
 
     def _measurable(self, work: Work, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
         return measurable_surface(nominal, sensor, progress=work, cache=cache_folder(), threads=self.threads)

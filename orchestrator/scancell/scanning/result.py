@@ -14,7 +14,7 @@ from scancell.config.choices import CloudFrame, Engine
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
-from scancell.geometry.part_surface import PartSurface
+from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import NominalCell
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud import Cloud

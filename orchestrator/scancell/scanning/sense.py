@@ -15,8 +15,7 @@ from scancell import sensor as sensor_rt
 from scancell.cell.recording import Recording
 from scancell.config.choices import Engine
 from scancell.config.loading import as_built_sensor
-from scancell.config.resolved import sensor_json
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.errors import DescriptionError, SensorError
 from scancell.nominal.cell import Body, Lamp
 from scancell.progress import Progress

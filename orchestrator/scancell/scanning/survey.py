@@ -22,7 +22,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, joined
 from scancell.geometry.voxels import MAX_VOXELS, VoxelGrid
 from scancell.nominal.cell import NominalCell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.assembly import Assembly
 from scancell.planning.motion.verification import check_part
 from scancell.planning.occupancy import occupied_bodies, write_voxels
@@ -35,7 +35,6 @@ from scancell.progress import Progress
 from scancell.scanning.drive import DriveRequest
 from scancell.scanning.pipeline import LoadedCell, ScanPipeline
 from scancell.scanning.sense import Sensors
-from scancell.scanning.sensor_range import sensor_range
 from scancell.values import Result
 
 Array = NDArray[np.float64]
@@ -196,7 +195,7 @@ class Survey:
         as_built: Sequence[str] = (),
     ) -> None:
         self._setup, self._loaded, self._sensors, self._pipeline = setup, loaded, sensors, pipeline
-        self._region, self._range = region, sensor_range(sensors.nominal)
+        self._region, self._range = region, SensorRange.of(sensors.nominal)
         # Layers and rows overlap by a voxel.
         largest = 0.9 * min(self._range.far - self._range.near, 2 * self._range.half_near)
         if region.voxel > largest:
@@ -276,7 +275,7 @@ class Survey:
         cell = PlanningCell(
             replace(nominal, bodies=(*nominal.bodies, *occupied_bodies(blocked, nominal))),
             self._range,
-            setup.cell.world.controller_cycle_us * 1e-6,
+            setup.cell.world.controller_cycle,
             threads=self._pipeline.threads,
             work=work,
         )

@@ -26,7 +26,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh, Sphere
 from scancell.nominal.cell import NominalCell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
 from scancell.planning.work import Work
@@ -36,7 +36,6 @@ from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.scan import Scan
 from scancell.scanning.sense import expose, points_of
-from scancell.scanning.sensor_range import sensor_range
 
 Array = NDArray[np.float64]
 
@@ -165,8 +164,8 @@ class CalibrationScan:
         self.pipeline, self.job = pipeline, job
         self.options, self._start = options, start
         self._part, self._scan = job.loaded.nominal.part, scan_options(job.setup.scan)
-        cycle = job.setup.cell.world.controller_cycle_us * 1e-6
-        range_ = sensor_range(job.sensors.nominal)
+        cycle = job.setup.cell.world.controller_cycle
+        range_ = SensorRange.of(job.sensors.nominal)
         self._cell = PlanningCell(job.loaded.nominal, range_, cycle, threads=pipeline.threads)
 
     @cached_property

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from scancell.calibration.sensor.parameters import SensorParameters
 from scancell.calibration.sensor.problem import Corners, TargetExposure
-from scancell.config.resolved import focal_length_px
-from scancell.config.sensor import CameraDescription, SensorDescription
+from scancell.config.sensor import CameraDescription, SensorDescription, focal_length_px
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.shapes import PlacedShape, Plane, ShapeGroup

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.config.files import plain_data
 from scancell.config.keys import split_path
-from scancell.config.resolved import sensor_json
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.errors import CalibrationError, DescriptionError
 
 Array = NDArray[np.float64]

@@ -29,8 +29,7 @@ from scancell.planning.views.legs import legs
 from scancell.planning.views.paths import sweeps, sweeps_beside_axis
 from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, Placer, sweep_run
 from scancell.planning.views.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Judgements, Sight
-from scancell.planning.views.surface import Surface
-from scancell.planning.views.views import Pass, Sweep, exposure_counts
+from scancell.planning.views.views import Pass, Surface, Sweep, exposure_counts
 from scancell.planning.work import WorkLimitError
 from scancell.values import Value
 

@@ -11,8 +11,7 @@ from scancell.planning.options import ScanOptions
 from scancell.planning.reasons import join_reasons
 from scancell.planning.views import paths
 from scancell.planning.views.placement import Infeasible, Placed, PlacedSweep, Placer
-from scancell.planning.views.surface import Surface
-from scancell.planning.views.views import Sweep, exposure_counts, seen_by
+from scancell.planning.views.views import Surface, Sweep, exposure_counts, seen_by
 
 Flags = NDArray[np.bool_]
 
